@@ -283,10 +283,10 @@ KERNELS: dict[str, Kernel] = {
 READ_FILES = {
     "authenticate.as_stored",
     "authenticate.check_holds_float32",
+    "authenticate.copy_rest_of_drive",
     "authenticate.drive_numbers",
     "authenticate.drive_records_alone",
     "authenticate.drive_scans",
-    "authenticate.drive_times",
     "authenticate.plain_name",
     "authenticate.picture_path",
     "authenticate.read_carrier",

@@ -39,7 +39,7 @@ def test_a_signed_drive_is_authentic_until_a_point_moves(drive: Path, tmp_path: 
     key, signed = key_file(tmp_path / "sensor.key"), tmp_path / "signed"
     embedded = run("watermark", "embed", str(drive), "--key", str(key), "-o", str(signed), "-q")
     assert embedded.returncode == 0, embedded.stderr
-    shutil.copytree(drive / "oxts", signed / "oxts")
+    assert (signed / "oxts").is_dir()
     page = tmp_path / "alert.html"
     done = run("alert", "run", str(signed), "--key", str(key), "-o", str(page), "--json")
     assert done.returncode == 0, done.stderr

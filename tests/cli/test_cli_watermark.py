@@ -170,6 +170,60 @@ def test_a_drive(key: Path, signed: Path, tmp_path: Path) -> None:
     assert (code, record["verdict"]) == (3, "tampered")
 
 
+def test_a_signed_drive_is_a_drive(key: Path, drive: Path, tmp_path: Path) -> None:
+    """Whatever is beside the scans comes along, with the calibration of the day."""
+    beside = ("oxts/data/0000000000.txt", "image_02/data/0000000000.png", "rigs.json",
+              "tracklet_labels.xml", "velodyne_points/labels/a.label")  # fmt: skip
+    for number, name in enumerate(beside):
+        (drive / name).parent.mkdir(parents=True, exist_ok=True)
+        (drive / name).write_bytes(bytes([number]) * 9)
+    (drive / "image_03").symlink_to(drive / "image_02")
+    (drive / "image_02" / "again").symlink_to(drive)
+    day = ("calib_cam_to_cam.txt", "calib_velo_to_cam.txt", "calib_imu_to_velo.txt")
+    for name in day:
+        (drive.parent / name).write_text(name)
+    (frame_of(drive, 0).parent / "0000000000.bin.wm").write_bytes(b"an old record")
+    out = drive / "signed"
+    assert run("embed", drive, "--key", key, "-o", out, "-q").exit_code == 0
+    for name in (*beside, "velodyne_points/timestamps.txt"):
+        assert (out / name).read_bytes() == (drive / name).read_bytes()
+    for name in day:
+        assert (out / name).read_text() == name
+    assert (out / "image_03" / "data" / "0000000000.png").is_file()
+    assert not list(out.rglob("signed"))
+    assert verify(out, key)[0] == 0
+    bare = tmp_path / "bare"
+    assert run("embed", drive, "--key", key, "-o", bare, "--scans-only").exit_code == 0
+    assert [path.name for path in bare.iterdir()] == ["velodyne_points"]
+
+
+def test_records_bear_the_times_of_the_drive(key: Path, drive: Path, tmp_path: Path) -> None:
+    """By the scans' names: of KITTI's drive 0009 four scans are missing."""
+    frame_of(drive, 1).unlink()
+
+    def times_of(source: Path, name: str) -> list[int]:
+        out = tmp_path / name
+        assert run("embed", source, "--key", key, "-o", out, "-q").exit_code == 0
+        records = sorted(out.rglob("*.wm"))
+        with manip3d.authenticate.KeyFile(key) as secret:
+            marker = manip3d.authenticate.Watermarker(secret)
+            found = [
+                marker.verify(
+                    manip3d.io.read_scan(record.with_suffix("")), record.read_bytes()
+                ).time_ns
+                for record in records
+            ]
+        return [time for time in found if time is not None]
+
+    begin = 1_317_042_145_094_360_375
+    assert times_of(drive, "raw") == [begin + n * 100_000_000 for n in (0, 2, 3)]
+    odometry = tmp_path / "odometry"
+    (odometry / "velodyne").mkdir(parents=True)
+    shutil.copy(frame_of(drive, 2), odometry / "velodyne" / "000001.bin")
+    (odometry / "times.txt").write_text("0.0\n1.038e-01\n")
+    assert times_of(odometry, "flat") == [103_800_000]
+
+
 def test_dropped_swapped_repeated_and_foreign_frames(
     key: Path, signed: Path, drive: Path, tmp_path: Path
 ) -> None:

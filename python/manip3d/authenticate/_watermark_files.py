@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,13 +12,12 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
-from manip3d._util.times import parse_time
 from manip3d.authenticate._picture_files import picture_path, write_carrier
 from manip3d.authenticate._watermark import Watermarked, WatermarkResult, WatermarkVerdict
 from manip3d.errors import InputError
 from manip3d.io import read_scan, write_scan
 from manip3d.io._files import atomic_path, atomic_write, open_regular
-from manip3d.io._scan_files import scan_paths
+from manip3d.io._scan_files import SCAN_SUFFIXES, scan_paths
 from manip3d.io._scan_tables import scan_suffix
 from manip3d.lidar import LidarFrame
 
@@ -34,6 +33,7 @@ _EXACT = (".bin", ".pcd.bin", ".pcd", ".ply")
 
 _WITH_INTENSITY = (".bin", ".pcd.bin")
 
+_CALIBRATIONS = ("calib_cam_to_cam.txt", "calib_velo_to_cam.txt", "calib_imu_to_velo.txt")
 _FOLDERS = (Path("velodyne_points") / "data", Path("velodyne"))
 
 
@@ -297,19 +297,69 @@ def plain_name(scan: str | os.PathLike[str], drive: str | os.PathLike[str]) -> P
 
 
 @checked
-def drive_times(folder: str | os.PathLike[str]) -> list[int] | None:
-    """Return when the scans of a drive were taken, nanoseconds since 1970.
+def copy_rest_of_drive(
+    drive: str | os.PathLike[str],
+    output: str | os.PathLike[str],
+    *,
+    written: Collection[Path] = (),
+) -> list[Path]:
+    """Copy everything of a drive but its scans and their records, byte for byte.
 
-    None where the drive does not say (``velodyne_points/timestamps.txt``) or where the number of
-    its times is not that of its scans.
+    Pictures, positions, times, labels and calibrations come along, also the calibration of the day
+    that KITTI has beside its raw drives: without them a signed drive has no speeds and no cameras.
+
+    Parameters
+    ----------
+    drive, output : path
+        Folders; ``output`` may lie in the drive. Files there are replaced.
+    written : collection of Path
+        Files of ``output`` that are there already, such as pictures that carry records.
+
+    Returns
+    -------
+    list of Path
+        The copies.
+
+    Raises
+    ------
+    InputError
+        The drive has neither ``velodyne_points/data`` nor ``velodyne``.
+    OSError
+        A file cannot be read or written.
     """
-    path = path_of(folder) / "velodyne_points" / "timestamps.txt"
-    try:
-        lines = path.read_text(encoding="ascii").split("\n")
-        times = [parse_time(line) for line in lines if line.strip()]
-    except (OSError, ValueError):
-        return None
-    return times if len(times) == len(drive_scans(folder)) else None
+    source, target = path_of(drive), path_of(output)
+    copies = {file: file.relative_to(source) for file in _rest_of_drive(source, target)}
+    if not (source / _CALIBRATIONS[0]).is_file():
+        day = source.resolve().parent
+        copies |= {day / name: Path(name) for name in _CALIBRATIONS if (day / name).is_file()}
+    done = [(file, target / name) for file, name in copies.items() if target / name not in written]
+    for file, copy in done:
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_path(copy) as temporary:
+            shutil.copyfile(file, temporary)
+    return [copy for _, copy in done]
+
+
+def _rest_of_drive(drive: Path, output: Path) -> list[Path]:
+    """Regular files of a drive that are neither scans nor records, nor below the output."""
+    scans, left_out = _scan_folder(drive).resolve(), output.resolve()
+    found: list[Path] = []
+    for top, folders, names in os.walk(drive, followlinks=True):
+        here = Path(top)
+        above = [here, *(p for p in here.parents if p.is_relative_to(drive))]
+        closed = {left_out, *(folder.resolve() for folder in above)}  # links may lead in circles
+        folders[:] = sorted(name for name in folders if (here / name).resolve() not in closed)
+        is_signed = here.resolve() == scans
+        found += [
+            here / name
+            for name in sorted(names)
+            if (here / name).is_file() and not (is_signed and _is_scan_or_record(Path(name)))
+        ]
+    return found
+
+
+def _is_scan_or_record(path: Path) -> bool:
+    return path.suffix == RECORD_SUFFIX or scan_suffix(path) in SCAN_SUFFIXES
 
 
 def _scan_folder(folder: str | os.PathLike[str]) -> Path:

@@ -150,6 +150,10 @@ def embed(
         ),
     ] = None,
     picture: Picture = "",
+    scans_only: Annotated[
+        bool,
+        typer.Option("--scans-only", help="Leave out what a drive has beside its scans."),
+    ] = False,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -158,8 +162,9 @@ def embed(
 
     The record of each scan is written beside it, as SCAN.wm, or with --picture in the lowest bits
     of the picture, SCAN.png or that of the drive. Points move by at most 1.8 mm (lbm), 1.9 mm (qim)
-    or not at all (detached). Of several drives, each is a session of its own and one piece of work:
-    its frames are chained, and only drives are worked on side by side.
+    or not at all (detached). What else a drive has (pictures, positions, times, labels,
+    calibration) is copied as it is. Of several drives, each is a session of its own and one piece
+    of work: its frames are chained, and only drives are worked on side by side.
 
     Example: manip3d watermark embed drive --key sensor.key -o signed
     """
@@ -176,8 +181,9 @@ def embed(
         authenticate.refuse_existing_record(output, replace=force)
         if picture:
             check_output(authenticate.picture_path(output), (".png",), force=force)
-    times = authenticate.drive_times(source) if drive else None
+    times = _times(source, shell) if drive else {}
     rows = []
+    written: set[Path] = set()
     with (
         authenticate.KeyFile(key) as secret,
         authenticate.Watermarker(
@@ -196,12 +202,14 @@ def embed(
             copied = path if embedding == "detached" else None
             sent = marker.embed(
                 authenticate.as_stored(read_scan(path), target, unchanged=copied),
-                time_ns=None if times is None else times[number],
+                time_ns=times.get(path),
                 is_end=number + 1 == len(scans),
                 picture=None if seen is None else authenticate.read_carrier(seen),
             )
             shown = output / seen.relative_to(source) if drive and seen is not None else None
             authenticate.write_watermarked(sent, target, unchanged=path, picture=shown)
+            if shown is not None:
+                written.add(shown)
             rows.append({"scan": str(target), "frame": sent.number, "points": len(sent.points),
                          "tiles": sent.num_tiles})  # fmt: skip
             if progress is not None:
@@ -209,6 +217,8 @@ def embed(
         record = {"source": source, "output": str(output), "session": marker.session,
                   "key_id": secret.key_id, "embedding": embedding, "num_frames": len(rows),
                   "frames": rows}  # fmt: skip
+    if drive and not scans_only:
+        authenticate.copy_rest_of_drive(source, output, written=written)
     records = "its record" if len(rows) == 1 else "their records"
     carried = " in pictures" if picture and drive else " in a picture" if picture else ""
     shell.say(f"wrote {counted(len(rows), 'scan')} with {records}{carried} to {output}")
@@ -378,6 +388,18 @@ def _scans(source: str, verb: str) -> list[Path]:
     if not Path(source).is_dir():
         return [Path(source)]
     return authenticate.drive_scans(source)
+
+
+def _times(source: str, shell: Terminal) -> dict[Path, int]:
+    """When the scans of a drive were taken, of those of which it says so."""
+    from manip3d import datasets
+
+    drive = datasets.open_kitti(source)
+    times = {frame.scan_path: frame.time_ns for frame in drive if frame.time_ns is not None}
+    if len(times) < len(drive):
+        without = counted(len(drive) - len(times), "scan")
+        shell.say(f"{source}: no time of {without}; their records bear the clock's")
+    return times
 
 
 def _picture_of(scan: Path, source: str, picture: str) -> Path | None:
