@@ -87,6 +87,17 @@ def test_json_output_has_the_same_numbers(drive: Path, tmp_path: Path) -> None:
     assert [f["verdict"] for f in stored["frames"]] == [f["verdict"] for f in printed["frames"]]
 
 
+def test_an_unreadable_scan_is_one_undecidable_frame(drive: Path, tmp_path: Path) -> None:
+    key, signed = key_file(tmp_path / "sensor.key"), tmp_path / "signed"
+    run("watermark", "embed", str(drive), "--key", str(key), "-o", str(signed), "-q")
+    (signed / "velodyne_points" / "data" / "0000000001.bin").write_bytes(b"12345")
+    done = run("alert", "run", str(signed), "--key", str(key), "--json")
+    assert done.returncode == 4, done.stderr
+    frames = json.loads(done.stdout)["frames"]
+    assert [frame["verdict"] for frame in frames] == ["authentic", "undecidable", "authentic"]
+    assert "unreadable" in frames[1]["reason"]
+
+
 def test_bad_input_is_named(drive: Path, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     for arguments, words in (

@@ -332,6 +332,28 @@ def test_a_drive_names_the_scan_that_is_missing(key: Path, signed: Path) -> None
     assert "scan is missing" in frames[1]["reason"]
 
 
+def test_one_unreadable_scan_does_not_silence_the_others(key: Path, signed: Path) -> None:
+    frame_of(signed, 1).write_bytes(b"12345")
+    code, record = verify(signed, key)
+    assert (code, record["verdict"]) == (4, "undecidable")
+    frames = record["frames"]
+    assert isinstance(frames, list)
+    assert [frame["verdict"] for frame in frames] == [
+        "authentic", "undecidable", "authentic", "authentic",
+    ]  # fmt: skip
+    assert frames[1]["reason"].startswith("unreadable")
+    manip3d.LidarFrame(scan(9).points, scan(9).intensity).write(frame_of(signed, 3))
+    assert verify(signed, key)[0] == 3
+    assert run("verify", frame_of(signed, 1), "--key", key).exit_code == 1
+
+
+def test_an_empty_scan_does_not_end_a_session(key: Path, drive: Path, tmp_path: Path) -> None:
+    frame_of(drive, 2).write_bytes(b"")
+    out = tmp_path / "signed"
+    assert run("embed", drive, "--key", key, "-o", out, "-q").exit_code == 0
+    assert verify(out, key)[0] == 0
+
+
 def test_wrong_sources(key: Path, tmp_path: Path) -> None:
     (tmp_path / "empty" / "velodyne").mkdir(parents=True)
     assert run("verify", tmp_path / "empty", "--key", key).exit_code == 1

@@ -351,6 +351,31 @@ class AlertMonitor:
             self._count(alert)
             return alert
 
+    @checked
+    def judge_unread(self, reason: str, *, record: bytes | None = None) -> Alert:
+        """Take a frame whose scan cannot be read: it is undecidable, and the stream goes on.
+
+        Parameters
+        ----------
+        reason : str
+        record : bytes, optional
+            The watermark's record, by which the frame keeps its place in the chain.
+        """
+        with self._lock:
+            told = {name: WitnessReport("undecidable", reason) for name in WITNESSES}
+            found = None
+            if self._marker is not None:
+                found = self._marker.verify_without_scan(record, reason, policy=self._policy)
+                told["watermark"] = WitnessReport(found.verdict, found.reason)
+            verdict, why = told["watermark"].verdict, told["watermark"].reason
+            risk = self._latest  # a frame that nobody saw changes nothing
+            alert = Alert(
+                self._number, verdict, why, ReadOnlyMapping(told), "", (), risk, 0.0, False,
+                watermark=found,
+            )  # fmt: skip
+            self._count(alert)
+            return alert
+
     def skip(self, reason: str = "the frame before took too long") -> Alert:
         """Leave out a frame that cannot be judged in time; it is counted, and is unverified."""
         with self._lock:

@@ -500,7 +500,7 @@ class Watermarker:
         Raises
         ------
         InputError
-            There are no points, or they are not on the grid; coordinates that need float64 with
+            Points are not on the grid; coordinates that need float64 with
             ``qim``, or whose points in float32 are others; the key has expired; a picture that
             cannot carry the record, or one beside a detached scan in float64.
         Error

@@ -18,7 +18,7 @@ from manip3d.cli.many import over_files
 from manip3d.cli.options import MISSED, Force, Json, MostFrames, OptionalOutput, Quiet
 from manip3d.cli.terminal import Terminal, check_output, counted, table
 from manip3d.cli.watermark import key_of
-from manip3d.errors import InputError
+from manip3d.errors import FormatError, InputError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -52,9 +52,12 @@ def _group() -> None:
 
 
 class _Moment(NamedTuple):
-    """What reaches the car at one time: the pictures of one pair, or of several by their names."""
+    """What reaches the car at one time: the pictures of one pair, or of several by their names.
 
-    frame: LidarFrame
+    In place of a scan that cannot be read stands why.
+    """
+
+    frame: LidarFrame | str
     pictures: tuple[Any, Any] | None
     record: bytes | None
     velocity: tuple[float, float, float] | None
@@ -211,6 +214,9 @@ def _judged(
                 continue
         step = 0.0 if last is None or moment.time is None else max(moment.time - last, 0.0)
         last = moment.time
+        if isinstance(moment.frame, str):
+            yield monitor.judge_unread(moment.frame, record=moment.record)
+            continue
         ahead, left, turn = moment.velocity or (speed, 0.0, 0.0)
         pair = moment.pictures or (None, None)
         yield monitor.judge(
@@ -325,9 +331,17 @@ def _recorded(
             seen = {name: frame.pictures(left, right) for name, (_, left, right) in around.items()}
             pairs = {name: both for name, both in seen.items() if both is not None}
             when = _seconds(frame.time_ns)
-            yield _Moment(frame.scan(), pictures, record, frame.velocity(), when, pairs or None)
+            yield _Moment(_scan_of(frame), pictures, record, frame.velocity(), when, pairs or None)
 
     return cameras, moments(), len(chosen)
+
+
+def _scan_of(frame: KittiFrame) -> LidarFrame | str:
+    """The scan, or why it cannot be read."""
+    try:
+        return frame.scan()
+    except (FormatError, OSError) as error:
+        return f"unreadable: {error}"
 
 
 def _front_pair(frames: Sequence[KittiFrame]) -> tuple[int, int] | None:

@@ -16,7 +16,7 @@ from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
 from manip3d.cli.options import Force, Json, Quiet
 from manip3d.cli.terminal import Terminal, check_output, counted, table
-from manip3d.errors import InputError
+from manip3d.errors import FormatError, InputError
 from manip3d.io import SCAN_SUFFIXES
 
 if TYPE_CHECKING:
@@ -321,7 +321,7 @@ def verify(
         for number, path in enumerate(scans):
             seen = _picture_of(path, source, picture)
             beside = authenticate.record_path(path) if record is None else record
-            found = _verified(marker, path, beside, seen, policy)
+            found = _verified(marker, path, beside, seen, policy, in_drive=drive)
             results.append((path.name, replace(found, scan=None)))  # a drive's scans fill memory
             if progress is not None:
                 progress((number + 1) / len(scans), path.name)
@@ -346,23 +346,37 @@ def verify(
 
 
 def _verified(
-    marker: Watermarker, scan: Path, record: Path, picture: Path | None, policy: Policy
+    marker: Watermarker,
+    scan: Path,
+    record: Path,
+    picture: Path | None,
+    policy: Policy,
+    *,
+    in_drive: bool,
 ) -> WatermarkResult:
-    """What the key says of a scan, or of the record of one that is missing."""
+    """What the key says of a scan, or of the record of one that is missing.
+
+    A frame of a drive that cannot be read is undecidable, and those after it are judged.
+    """
     from manip3d import authenticate
     from manip3d.io import read_scan
 
-    shown = None
-    if picture is not None and picture.is_file():
-        shown = authenticate.read_carrier(picture)
-    told = authenticate.read_record(record) if picture is None else None
-    if not scan.exists():
-        return marker.verify_without_scan(told, MISSING, policy=policy, picture=shown)
-    return marker.verify(read_scan(scan), told, policy=policy, picture=shown)
-
-
-MISSING = "the record's scan is missing"
-"""Reason of a frame of which only the record is there."""
+    shown, told = None, None
+    try:
+        if picture is None:
+            told = authenticate.read_record(record)
+        elif picture.is_file():
+            shown = authenticate.read_carrier(picture)
+        read = read_scan(scan) if scan.exists() else None
+    except (FormatError, OSError) as error:
+        if not in_drive:
+            raise
+        why = f"unreadable: {error}"
+        return marker.verify_without_scan(told, why, policy=policy, picture=shown)
+    if read is None:
+        why = "the record's scan is missing"
+        return marker.verify_without_scan(told, why, policy=policy, picture=shown)
+    return marker.verify(read, told, policy=policy, picture=shown)
 
 
 def _verified_scans(source: str, *, has_pictures: bool) -> list[Path]:
