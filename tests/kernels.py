@@ -281,6 +281,7 @@ KERNELS: dict[str, Kernel] = {
 
 
 READ_FILES = {
+    "capture.holds_clouds",
     "authenticate.as_stored",
     "authenticate.check_holds_float32",
     "authenticate.copy_rest_of_drive",

@@ -9,9 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner, Result
 
 from command_line import error_line
 from command_line import manip3d as run
+from manip3d.cli import app
+from velodyne_packets import LOWER, UPPER, block, ethernet, packet, pcap, udp_frame
 from watermark_scans import grid_scan, key_file
 
 
@@ -96,6 +99,54 @@ def test_an_unreadable_scan_is_one_undecidable_frame(drive: Path, tmp_path: Path
     frames = json.loads(done.stdout)["frames"]
     assert [frame["verdict"] for frame in frames] == ["authentic", "undecidable", "authentic"]
     assert "unreadable" in frames[1]["reason"]
+
+
+def in_process(*arguments: object) -> Result:
+    return CliRunner().invoke(app, ["alert", "run", *(str(a) for a in arguments)])
+
+
+def test_a_ros1_bag_of_clouds_is_watched(tmp_path: Path) -> None:
+    rosbag1 = pytest.importorskip("rosbags.rosbag1", reason="the extra 'bags' is not installed")
+    from rosbags import typesys
+
+    from ros_bags import CLOUD, message, points_of
+
+    types = typesys.get_typestore(typesys.Stores.ROS1_NOETIC)
+    image = "sensor_msgs/msg/Image"
+    for name, kinds in (("lidar", (CLOUD, image)), ("camera", (image,))):
+        path = tmp_path / f"{name}.bag"
+        writer = rosbag1.Writer(path)
+        writer.set_compression(rosbag1.Writer.CompressionFormat.BZ2)
+        with writer:
+            made = [writer.add_connection(f"/{n}", k, typestore=types) for n, k in enumerate(kinds)]
+            if name == "lidar":
+                cloud = message(types, points_of(1), ros1=True)
+                writer.write(made[0], 7 * 10**9, types.serialize_ros1(cloud, CLOUD))
+    done = in_process(tmp_path / "lidar.bag", "--json")
+    assert done.exit_code == 4, done.output
+    assert len(json.loads(done.stdout)["frames"]) == 1
+    done = in_process(tmp_path / "camera.bag")
+    assert "is an RGB-D recording" in str(done.exception)
+
+
+def test_packets_of_an_hdl64e_take_their_calibration(tmp_path: Path) -> None:
+    halves = [block(18 * (n // 2), [3000] * 32, flag=(UPPER, LOWER)[n % 2]) for n in range(12)]
+    turns = [halves] + [[(flag, a + 20_000, f) for flag, a, f in halves]] + [halves] * 2
+    recording = tmp_path / "turns.pcap"
+    recording.write_bytes(pcap([ethernet(udp_frame(packet(blocks))) for blocks in turns]))
+    lasers = [
+        {"laser_id": n, "rot_correction": 0.0, "vert_correction": 0.01 * (10 - n),
+         "dist_correction": 1.0, "vert_offset_correction": 0.0, "horiz_offset_correction": 0.0}
+        for n in range(64)
+    ]  # fmt: skip
+    beside = tmp_path / "lasers.yaml"
+    beside.write_text(
+        json.dumps({"lasers": lasers, "num_lasers": 64, "distance_resolution": 0.002})
+    )
+    assert "needs the file of its own sensor" in str(in_process(recording).exception)
+    done = in_process(recording, "--calibration", beside, "--json")
+    assert done.exit_code == 4, (done.output, done.exception)
+    assert json.loads(done.stdout)["frames"]
 
 
 def test_bad_input_is_named(drive: Path, tmp_path: Path) -> None:

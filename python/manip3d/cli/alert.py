@@ -107,7 +107,10 @@ def run(
     output: OptionalOutput = None,
     calibration: Annotated[
         Path | None,
-        typer.Option(help="Calibration of the drive, when not where KITTI has it."),
+        typer.Option(
+            help="Calibration of the drive, when not where KITTI has it; of a recording of an "
+            "HDL-64E the file of its lasers (db.xml)."
+        ),
     ] = None,
     rigs: Annotated[
         Path | None,
@@ -247,8 +250,8 @@ def _opened(
     kind = expect_kind(source, "drive", "packets", verb="alert run")
     if kind == "drive":
         return _recorded(source, calibration, rigs, frames, has_key=has_key)
-    _refuse_files("a recording of a LiDAR", "a KITTI drive", calibration, rigs)
-    return _scans_only(source, frames)
+    _refuse_files("a recording of a LiDAR", "a KITTI drive", None, rigs)
+    return _scans_only(source, calibration, frames)
 
 
 def _refuse_files(got: str, expected: str, calibration: Path | None, rigs: Path | None) -> None:
@@ -257,7 +260,9 @@ def _refuse_files(got: str, expected: str, calibration: Path | None, rigs: Path 
             raise InputError(f"--{name}: expected with {expected}, got {got}")
 
 
-def _scans_only(source: str, frames: int | None) -> tuple[Cameras, Iterator[_Moment], int]:
+def _scans_only(
+    source: str, calibration: Path | None, frames: int | None
+) -> tuple[Cameras, Iterator[_Moment], int]:
     """A recording without cameras, records and speeds."""
     from manip3d import capture
     from manip3d.viewer import scan_address
@@ -267,7 +272,7 @@ def _scans_only(source: str, frames: int | None) -> tuple[Cameras, Iterator[_Mom
         raise InputError(f"{source}: expected a drive or a recording of a LiDAR")
 
     def moments() -> Iterator[_Moment]:
-        with capture.open_lidar(address) as recording:
+        with capture.open_lidar(address, calibration=calibration) as recording:
             for frame in itertools.islice(recording, frames):
                 yield _Moment(frame, None, None, None, _seconds(frame.time_ns))
 
