@@ -289,6 +289,14 @@ class WatermarkResult(Showable):
     session : str
         Hexadecimal; empty where the record could not be used.
     embedding : str
+    time_ns : int or None
+        Time of the frame that the record states, nanoseconds since 1970.
+    is_end : bool
+        The session ends with this frame.
+    scan : LidarFrame or None
+        What was verified.
+    units_per_m : int
+        Steps a metre of the grid whose points carry the bits; 0: none does.
     """
 
     verdict: WatermarkVerdict
@@ -306,6 +314,7 @@ class WatermarkResult(Showable):
     time_ns: int | None = None
     is_end: bool = False
     scan: LidarFrame | None = None
+    units_per_m: int = 0
 
     name = "watermark"
     title = "Keyed watermark"
@@ -898,6 +907,7 @@ def _result(found: Mapping[str, Any], frame: LidarFrame) -> WatermarkResult:
         embedding=EMBEDDINGS[header["embedding"]],
         time_ns=header["time_ns"],
         is_end=header["is_end"],
+        units_per_m=header["units_per_m"],
     )
 
 
