@@ -15,9 +15,10 @@ import numpy as np
 import pytest
 
 import lattice_scans
-from manip3d import LidarFrame
+from manip3d import Box, LidarFrame
 from manip3d.authenticate import (
     AlertMonitor,
+    AttackObservation,
     KeyFile,
     StereoRig,
     Watermarker,
@@ -246,6 +247,42 @@ def test_the_watermark_alone_clears_and_accuses(tmp_path: Path) -> None:
         text = json.dumps(alert.record())
         assert "tampered" in text
         assert key.key_id not in repr(monitor)
+
+
+def test_a_false_alarm_of_the_cameras_hides_no_sector_and_lowers_no_risk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Cameras accuse a far place to the side, the watermark all around the car."""
+    far = Box((2.0, 30.0, 0.0), (1.0, 1.0, 1.0))
+    seen = AttackObservation("rotation", (2.0, 30.0), 1, 1000)
+
+    def compare(*_: Any, **__: Any) -> Any:
+        return SimpleNamespace(verdict="tampered", reason="apart", observation=lambda **_: seen,
+                               boxes=(far,), record=dict)  # fmt: skip
+
+    monkeypatch.setattr(_alert, "stereo_disparity", lambda *_: None)
+    monkeypatch.setattr(_alert, "cross_modal_consistency", compare)
+    alerts = {}
+    for pictures in (None, PICTURE):
+        with KeyFile(key_file(tmp_path / f"key{pictures is None}")) as key:
+            sender, receiver = Watermarker(key), Watermarker(key)
+            monitor = AlertMonitor(receiver, rig=RIG, every_s=math.inf)
+            for number in range(3):
+                sent = sender.embed(grid_scan(4000, seed=number))
+                forged = sent.frame.select(np.arange(100, 4000))
+                # Cameras err in the middle frame only: the place they name must not break the line.
+                shown = pictures if number == 1 else None
+                alert = monitor.judge(
+                    forged, record=sent.record, left=shown, right=shown, speed_mps=10.0
+                )
+                alerts[pictures is None, number] = alert
+    for number in range(3):
+        assert alerts[False, number].risk == alerts[True, number].risk
+    quiet, loud = alerts[True, 1], alerts[False, 1]
+    assert quiet.risk.score > 0.0
+    assert loud.boxes[0] == far
+    assert len(loud.boxes) == 1 + len(quiet.boxes) > 1
+    assert (quiet.attack, loud.attack) == ("modification", "rotation")
 
 
 def test_a_drive_that_was_cut_is_not_authentic(tmp_path: Path) -> None:

@@ -79,10 +79,12 @@ class Alert:
     witnesses : mapping of str to WitnessReport
         ``watermark``, ``cross-modal``, ``forensics``.
     attack : str
-        Type, one of `ATTACK_TYPES`; empty where none was located.
+        Type, one of `ATTACK_TYPES`, by the witness that knows most of it: cameras, then forensics,
+        then the watermark; empty where none was located.
     boxes : tuple of Box
-        Where, in the LiDAR's frame.
+        Where, in the LiDAR's frame, by all witnesses that accuse. The watermark knows sectors.
     risk : Risk
+        By the gravest of what these witnesses saw.
     seconds : float
         From receiving the frame to this verdict.
     is_late : bool
@@ -330,8 +332,8 @@ class AlertMonitor:
             forensics, looked = self._ask_forensics(frame, watermark, now)
             told = {"watermark": sworn, "cross-modal": seen, "forensics": looked}
             verdict, reason = _joined(told, has_key=self._marker is not None)
-            observed = _observation(watermark, cross, forensics, speed_mps, self._risk.parameters)
-            risk = self._risk.update(observed, speed_mps=speed_mps, motion=motion)
+            observed = _observations(watermark, cross, forensics, speed_mps, self._risk.parameters)
+            risk = self._risk.update(None, speed_mps=speed_mps, motion=motion, others=observed)
             self._latest = risk
             seconds = self._clock() - begin
             alert = Alert(
@@ -339,7 +341,7 @@ class AlertMonitor:
                 verdict,
                 reason,
                 ReadOnlyMapping(told),
-                "" if observed is None else observed.type,
+                observed[0].type if observed else "",
                 _boxes(watermark, cross, forensics),
                 risk,
                 seconds,
@@ -587,33 +589,34 @@ def _boxes(
     cross: CrossModalResult | SurroundResult | None,
     forensics: Inspection | None,
 ) -> tuple[Box, ...]:
-    """The narrowest that is known: cameras, else forensics, else the sectors of the watermark."""
+    """Those of all witnesses that accuse, the narrowest first: the watermark knows sectors only."""
+    boxes: tuple[Box, ...] = ()
     if cross is not None and cross.verdict == "tampered":
-        return cross.boxes
-    if forensics is not None and forensics.verdict == "tampered" and forensics.regions:
-        return tuple(region.box for region in forensics.regions)
+        boxes += cross.boxes
+    if forensics is not None and forensics.verdict == "tampered":
+        boxes += tuple(region.box for region in forensics.regions)
     if watermark is not None and watermark.verdict == "tampered":
-        return tuple(region.box for region in watermark.regions)
-    return ()
+        boxes += tuple(region.box for region in watermark.regions)
+    return boxes
 
 
-def _observation(
+def _observations(
     watermark: WatermarkResult | None,
     cross: CrossModalResult | SurroundResult | None,
     forensics: Inspection | None,
     speed_mps: float,
     region: RiskParameters,
-) -> AttackObservation | None:
-    """The attack for the risk, by the witness that knows most of it."""
+) -> list[AttackObservation]:
+    """The attack as each witness that accuses saw it; the one that knows most of it first."""
+    observed = []
     if cross is not None:
-        observed = cross.observation(speed_mps=speed_mps, parameters=region)
-        if observed is not None:
-            return observed
+        by_cameras = cross.observation(speed_mps=speed_mps, parameters=region)
+        observed += [] if by_cameras is None else [by_cameras]
     if forensics is not None and forensics.verdict == "tampered":
-        return _by_forensics(forensics, region, speed_mps)
+        observed.append(_by_forensics(forensics, region, speed_mps))
     if watermark is not None and watermark.verdict == "tampered":
-        return _by_tiles(watermark, region)
-    return None
+        observed.append(_by_tiles(watermark, region))
+    return observed
 
 
 def _by_forensics(found: Inspection, region: RiskParameters, speed_mps: float) -> AttackObservation:
