@@ -288,6 +288,7 @@ READ_FILES = {
     "authenticate.drive_numbers",
     "authenticate.drive_records_alone",
     "authenticate.drive_scans",
+    "authenticate.find_record",
     "authenticate.plain_name",
     "authenticate.picture_path",
     "authenticate.read_carrier",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import lzma
 import shutil
 from pathlib import Path
 
@@ -292,6 +293,30 @@ def test_a_verifier_that_remembers(key: Path, signed: Path, tmp_path: Path) -> N
     assert verify(signed, key, "--state", state)[0] == 0
     assert verify(signed, key, "--state", state)[0] == 3
     assert verify(signed, key)[0] == 0
+
+
+def test_a_scan_that_was_compressed_since_finds_its_record(
+    key: Path, signed: Path, tmp_path: Path
+) -> None:
+    for number in (0, 2):
+        path = frame_of(signed, number)
+        Path(f"{path}.xz").write_bytes(lzma.compress(path.read_bytes()))
+        path.unlink()
+    assert verify(signed, key)[0] == 0
+    loose = tmp_path / "loose"
+    loose.mkdir()
+    for name in ("0000000000.bin.xz", "0000000000.bin.wm"):
+        shutil.copy(frame_of(signed, 0).with_name(name), loose / name)
+    done = run("verify", loose, "--key", key, "--json", "-q", "--jobs", 1)
+    assert done.exit_code == 0, done.output
+    (loose / "0000000000.bin.wm").rename(loose / "0000000000.bin.xz.wm")
+    shutil.copy(frame_of(signed, 1), loose / "other.bin")  # without a record
+    (loose / "0000000000.bin").write_bytes(
+        lzma.decompress((loose / "0000000000.bin.xz").read_bytes())
+    )
+    (loose / "0000000000.bin.xz").unlink()
+    assert verify(loose / "0000000000.bin", key)[0] == 0
+    assert verify(loose / "other.bin", key)[0] == 4
 
 
 def test_what_a_folder_hides_is_undecidable(key: Path, tmp_path: Path) -> None:

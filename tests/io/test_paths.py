@@ -153,6 +153,7 @@ ENTRIES: dict[str, Callable[[str], object]] = {
     "authenticate.drive_numbers folder": authenticate.drive_numbers,
     "authenticate.drive_records_alone folder": authenticate.drive_records_alone,
     "authenticate.drive_scans folder": authenticate.drive_scans,
+    "authenticate.find_record scan": authenticate.find_record,
     "authenticate.copy_rest_of_drive drive": lambda p: authenticate.copy_rest_of_drive(p, "b"),
     "authenticate.copy_rest_of_drive output": lambda p: authenticate.copy_rest_of_drive(".", p),
     "authenticate.plain_name scan": lambda p: authenticate.plain_name(p, "."),

@@ -45,6 +45,17 @@ def record_path(scan: str | os.PathLike[str]) -> Path:
 
 
 @checked
+def find_record(scan: str | os.PathLike[str]) -> Path:
+    """Return the path of the record of a scan, which may have been compressed since.
+
+    `record_path` of the scan; where there is no such file, that of the scan before it was
+    compressed or decompressed, if it is there: ``scan.bin.wm`` of ``scan.bin.xz``.
+    """
+    records = [record_path(each) for each in _same_scans(path_of(scan))]
+    return next((each for each in records if each.is_file()), records[0])
+
+
+@checked
 def read_record(path: str | os.PathLike[str]) -> bytes | None:
     """Return the bytes of a record; None: there is no such file.
 
@@ -77,9 +88,16 @@ def scan_of_record(record: str | os.PathLike[str]) -> Path | None:
     path = path_of(record)
     if path.suffix != RECORD_SUFFIX:
         raise InputError(f"{path}: expected a record, whose name ends in {RECORD_SUFFIX}")
-    scan = path.with_suffix("")
-    names = (scan.name, *(scan.name + suffix for suffix in _COMPRESSED))
-    return next((scan.with_name(name) for name in names if scan.with_name(name).exists()), None)
+    return next((each for each in _same_scans(path.with_suffix("")) if each.exists()), None)
+
+
+def _same_scans(scan: Path) -> list[Path]:
+    """The scan's path, and those that it has when it is compressed or decompressed."""
+    plain = scan.name
+    for suffix in _COMPRESSED:
+        plain = plain.removesuffix(suffix)
+    names = (plain, *(plain + suffix for suffix in _COMPRESSED))
+    return [scan, *(scan.with_name(name) for name in names if name != scan.name)]
 
 
 @checked

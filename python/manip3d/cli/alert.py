@@ -329,7 +329,7 @@ def _recorded(
     def moments() -> Iterator[_Moment]:
         for frame in chosen:
             record = None
-            beside = authenticate.record_path(frame.scan_path)
+            beside = authenticate.find_record(frame.scan_path)
             if has_key and beside.is_file():
                 record = authenticate.read_record(beside)
             pictures = None if pair is None else frame.pictures(*pair)

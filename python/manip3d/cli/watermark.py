@@ -320,7 +320,7 @@ def verify(
     ):
         for number, path in enumerate(scans):
             seen = _picture_of(path, source, picture)
-            beside = authenticate.record_path(path) if record is None else record
+            beside = authenticate.find_record(path) if record is None else record
             found = _verified(marker, path, beside, seen, policy, in_drive=drive)
             results.append((path.name, replace(found, scan=None)))  # a drive's scans fill memory
             if progress is not None:
