@@ -149,6 +149,36 @@ def test_packets_of_an_hdl64e_take_their_calibration(tmp_path: Path) -> None:
     assert json.loads(done.stdout)["frames"]
 
 
+def test_the_verifiers_policy_holds_for_a_drive(drive: Path, tmp_path: Path) -> None:
+    key, signed = key_file(tmp_path / "sensor.key"), tmp_path / "signed"
+    embedding = ["watermark", "embed", str(drive), "--key", str(key), "--sensor", "roof", "--json"]
+    made = CliRunner().invoke(app, [*embedding, "-q", "-o", str(signed)])
+    session = json.loads(made.stdout)["session"]
+
+    def verdict_of(*options: object) -> tuple[int, str]:
+        done = in_process(signed, "--key", key, "--json", *options)
+        return done.exit_code, json.loads(done.stdout)["reason"]
+
+    state = tmp_path / "seen"
+    agreed = ("--sensor", "roof", "--session", session, "--embedding", "lbm", "--state", state)
+    assert verdict_of(*agreed)[0] == 0
+    assert verdict_of("--state", state)[0] == 3  # a replay
+    for option, value, words in (
+        ("--sensor", "bumper", "another sensor"),
+        ("--session", "0" * 32, "another session"),
+        ("--embedding", "qim", "refuses this embedding"),
+        ("--max-age", 60, "too old"),
+        ("--max-points", 2999, "more points than the policy allows"),
+    ):
+        code, reason = verdict_of(option, value)
+        assert code == 4
+        assert words in reason
+    done = in_process(signed, "--sensor", "roof")
+    assert "--sensor: expected with --key" in str(done.exception)
+    verify = ["watermark", "verify", str(signed), "--key", str(key), "--max-points", "2999"]
+    assert CliRunner().invoke(app, verify).exit_code == 4
+
+
 def test_bad_input_is_named(drive: Path, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     for arguments, words in (

@@ -17,7 +17,18 @@ from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
 from manip3d.cli.options import MISSED, Force, Json, MostFrames, OptionalOutput, Quiet
 from manip3d.cli.terminal import Terminal, check_output, counted, table
-from manip3d.cli.watermark import key_of
+from manip3d.cli.watermark import (
+    MOST_POINTS,
+    MaxAge,
+    MaxPoints,
+    OnlyEmbedding,
+    OnlySensor,
+    OnlySession,
+    State,
+    key_of,
+    of_one_only,
+    policy_of,
+)
 from manip3d.errors import FormatError, InputError
 
 if TYPE_CHECKING:
@@ -88,6 +99,7 @@ def _overview(summary: Summary, output: str) -> None:
     writable=lambda: (".html", ".json"),
     otherwise=".html",
     drives=True,
+    prepare=of_one_only,
     depends=key_of,
     finish=_overview,
 )
@@ -104,6 +116,12 @@ def run(
         Path | None,
         typer.Option("--key", help="Key file of the watermark; without one it is not verified."),
     ] = None,
+    embedding: OnlyEmbedding = "",
+    sensor: OnlySensor = "",
+    session: OnlySession = "",
+    max_age: MaxAge = None,
+    max_points: MaxPoints = MOST_POINTS,
+    state: State = None,
     output: OptionalOutput = None,
     calibration: Annotated[
         Path | None,
@@ -163,6 +181,19 @@ def run(
     from manip3d import authenticate, report
 
     shell = Terminal(as_json=as_json, quiet=quiet)
+    if key is None:
+        _refuse_without_key(
+            {"embedding": embedding, "sensor": sensor, "session": session, "max-age": max_age,
+             "state": state}
+        )  # fmt: skip
+    policy = policy_of(
+        embedding=embedding,
+        sensor=sensor,
+        session=session,
+        max_age=max_age,
+        max_points=max_points,
+        order="chain",
+    )
     check_output(output, report.ALERT_KINDS, force=force)
     rig, moments, total = _opened(source, calibration, rigs, frames, has_key=key is not None)
     timeline = report.AlertTimeline(source)
@@ -171,11 +202,11 @@ def run(
         marker = None
         if key is not None:
             secret = stack.enter_context(authenticate.KeyFile(key))
-            marker = stack.enter_context(authenticate.Watermarker(secret))
+            marker = stack.enter_context(authenticate.Watermarker(secret, state=state))
         if budget is None:
             budget = _LIVE_BUDGET if live else math.inf
         monitor = authenticate.AlertMonitor(
-            marker, rig=rig, budget_s=budget, every_s=every, background=live
+            marker, policy=policy, rig=rig, budget_s=budget, every_s=every, background=live
         )
         view = stack.enter_context(_View(shell, source, total))
         for alert in _judged(monitor, moments, speed, live=live):
@@ -196,6 +227,12 @@ def run(
     summary = timeline.summary(verdict, reason, counts)
     shell.result(summary, lambda console: _show(console, summary))
     raise typer.Exit(EXIT_CODES[verdict])
+
+
+def _refuse_without_key(options: Mapping[str, object]) -> None:
+    for name, value in options.items():
+        if value not in ("", None):
+            raise InputError(f"--{name}: expected with --key, without which nothing is verified")
 
 
 def _judged(

@@ -50,6 +50,48 @@ Picture = Annotated[
     ),
 ]
 
+OnlyEmbedding = Annotated[
+    str, typer.Option(help="Accept this embedding only: lbm, qim or detached.")
+]
+OnlySensor = Annotated[str, typer.Option(help="Accept records of this sensor only.")]
+OnlySession = Annotated[
+    str, typer.Option(help="Accept this session only: the 32 digits that embed printed.")
+]
+MaxAge = Annotated[float | None, typer.Option(help="Refuse frames older than this, seconds.")]
+MaxPoints = Annotated[
+    int, typer.Option(min=1, max=2**31 - 1, help="Refuse scans of more points than this.")
+]
+State = Annotated[
+    Path | None,
+    typer.Option(help="File that remembers the frames seen, so that replays are noticed."),
+]
+MOST_POINTS = 10_000_000
+"""Points of a scan that a verifier looks at, unless it says otherwise."""
+
+
+def policy_of(
+    *,
+    embedding: str,
+    sensor: str,
+    session: str,
+    max_age: float | None,
+    max_points: int,
+    order: str,
+    carrier: str = "sidecar",
+) -> Policy:
+    """The verifier's policy that the options of a command say."""
+    from manip3d import authenticate
+
+    return authenticate.Policy(
+        embeddings=(embedding,) if embedding else authenticate.EMBEDDINGS,
+        order=order,
+        sensors=(sensor,) if sensor else (),
+        sessions=(session,) if session else (),
+        max_age_s=max_age,
+        max_points=max_points,
+        carriers=(carrier,),
+    )
+
 
 @app.command("keygen")
 def keygen(
@@ -93,9 +135,10 @@ def key_of(options: Mapping[str, Any]) -> str:
         return f"{stamp} at {time.time_ns()}" if is_timed else stamp
 
 
-def _of_one_only(
+def of_one_only(
     files: Sequence[SourceFile], options: Mapping[str, Any]
 ) -> Mapping[str, Mapping[str, Any]]:
+    """Refuse options that say something of one source."""
     for name in ("record", "state", "report"):
         if options.get(name) is not None:
             raise InputError(f"--{name}: expected with one scan or drive, got several")
@@ -248,7 +291,7 @@ def _without_records(files: list[SourceFile]) -> list[SourceFile]:
 @over_files(
     _verified_suffixes,
     drives=True,
-    prepare=_of_one_only,
+    prepare=of_one_only,
     depends=key_of,
     choose=_without_records,
     skipped_code=EXIT_CODES["undecidable"],
@@ -259,20 +302,12 @@ def verify(
     record: Annotated[
         Path | None, typer.Option(help="Record of a single scan; by default SCAN.wm beside it.")
     ] = None,
-    embedding: Annotated[
-        str, typer.Option(help="Accept this embedding only: lbm, qim or detached.")
-    ] = "",
-    sensor: Annotated[str, typer.Option(help="Accept records of this sensor only.")] = "",
-    session: Annotated[
-        str, typer.Option(help="Accept this session only: the 32 digits that embed printed.")
-    ] = "",
-    max_age: Annotated[
-        float | None, typer.Option(help="Refuse frames older than this, seconds.")
-    ] = None,
-    state: Annotated[
-        Path | None,
-        typer.Option(help="File that remembers the frames seen, so that replays are noticed."),
-    ] = None,
+    embedding: OnlyEmbedding = "",
+    sensor: OnlySensor = "",
+    session: OnlySession = "",
+    max_age: MaxAge = None,
+    max_points: MaxPoints = MOST_POINTS,
+    state: State = None,
     report: Annotated[
         Path | None,
         typer.Option(
@@ -303,13 +338,14 @@ def verify(
         raise InputError("--record: expected with a single scan, got a drive")
     if picture and record is not None:
         raise InputError("--record: expected none with --picture, which carries its own")
-    policy = authenticate.Policy(
-        embeddings=(embedding,) if embedding else authenticate.EMBEDDINGS,
+    policy = policy_of(
+        embedding=embedding,
+        sensor=sensor,
+        session=session,
+        max_age=max_age,
+        max_points=max_points,
         order="chain" if drive else "any",
-        sensors=(sensor,) if sensor else (),
-        sessions=(session,) if session else (),
-        max_age_s=max_age,
-        carriers=("picture",) if picture else ("sidecar",),
+        carrier="picture" if picture else "sidecar",
     )
     scans = _verified_scans(source, has_pictures=bool(picture))
     results = []

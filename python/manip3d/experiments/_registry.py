@@ -103,9 +103,16 @@ def registry() -> Mapping[str, Experiment]:
     return found
 
 
+ALIASES = {"figure-7.9": "figure-7.10", "figure-7.11": "figure-7.12"}
+"""Published figures that the experiment of another one draws: scans before and after embedding, and
+attacks as cameras and LiDAR see them."""
+
+
 @checked
 def select(ids: list[str]) -> list[Experiment]:
     """The experiments of these ids, in the registry's order; all of them for an empty list.
+
+    An id of `ALIASES` is that of the experiment that draws the figure, too.
 
     Raises
     ------
@@ -113,9 +120,10 @@ def select(ids: list[str]) -> list[Experiment]:
         An id is not known.
     """
     known = registry()
-    unknown = [name for name in ids if name not in known]
+    wanted = [ALIASES.get(name, name) for name in ids]
+    unknown = [name for name in wanted if name not in known]
     if unknown:
         raise InputError(
             f"experiment: expected some of {', '.join(known)}, got {', '.join(unknown)}"
         )
-    return [experiment for name, experiment in known.items() if not ids or name in ids]
+    return [experiment for name, experiment in known.items() if not wanted or name in wanted]
