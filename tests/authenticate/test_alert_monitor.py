@@ -6,6 +6,7 @@ import json
 import math
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -17,6 +18,7 @@ import pytest
 import lattice_scans
 from manip3d import Box, LidarFrame
 from manip3d.authenticate import (
+    Alert,
     AlertMonitor,
     AttackObservation,
     KeyFile,
@@ -283,6 +285,62 @@ def test_a_false_alarm_of_the_cameras_hides_no_sector_and_lowers_no_risk(
     assert loud.boxes[0] == far
     assert len(loud.boxes) == 1 + len(quiet.boxes) > 1
     assert (quiet.attack, loud.attack) == ("modification", "rotation")
+
+
+def alert_of(watermark: str, cameras: str, forensics: str = "skipped") -> Alert:
+    told = {
+        name: WitnessReport(verdict, f"{name} says {verdict}")
+        for name, verdict in zip(_alert.WITNESSES, (watermark, cameras, forensics), strict=True)
+    }
+    verdict, reason = _alert._joined(told, has_key=watermark != "absent")
+    return replace(AlertMonitor().skip(), verdict=verdict, reason=reason, witnesses=told)
+
+
+@pytest.mark.parametrize(("frames", "chance", "doubted"), [(154, 4, 5), (1540, 22, 23), (10, 1, 2)])
+def test_cameras_doubt_a_drive_where_they_accuse_more_frames_than_by_chance(
+    frames: int, chance: int, doubted: int
+) -> None:
+    """Of 154 clean frames at 1 of 120: five or more in 0.96 % of drives, one or more in 72 %."""
+
+    def verdict_of(accused: int, watermark: str) -> tuple[str, str]:
+        alerts = [alert_of(watermark, "tampered" if n < accused else "no_trace")
+                  for n in range(frames)]  # fmt: skip
+        assert sum(alert.verdict == "undecidable" for alert in alerts) == accused
+        return verdict_of_alerts(alerts)
+
+    for watermark, calm in (("authentic", "authentic"), ("absent", "no_trace")):
+        assert verdict_of(0, watermark)[0] == calm
+        verdict, reason = verdict_of(chance, watermark)
+        assert verdict == calm
+        assert f"cameras accuse {chance} of {frames} frames, not more than by chance" in reason
+        verdict, reason = verdict_of(doubted, watermark)
+        assert verdict == "undecidable"
+        assert "more than by chance" in reason
+        assert "not more" not in reason
+
+
+def test_chance_excuses_the_cameras_only() -> None:
+    calm = [alert_of("authentic", "no_trace")] * 200
+    for other, verdict in (
+        (alert_of("undecidable", "tampered"), "undecidable"),
+        (alert_of("tampered", "tampered"), "tampered"),
+        (alert_of("authentic", "tampered", "tampered"), "tampered"),
+        (alert_of("authentic", "tampered"), "authentic"),
+        (alert_of("authentic", "absent"), "authentic"),
+    ):
+        assert verdict_of_alerts([*calm, other])[0] == verdict
+    unheard = [alert_of("authentic", "absent")] * 1000  # frames that cameras did not judge
+    some = [alert_of("authentic", "tampered")] * 3
+    assert verdict_of_alerts([*unheard, *some])[0] == "undecidable"
+
+
+@pytest.mark.parametrize(("least", "trials", "rate"), [(0, 5, 0.3), (2, 5, 0.3), (3, 400, 0.01)])
+def test_the_tail_of_the_binomial_distribution(least: int, trials: int, rate: float) -> None:
+    share = sum(
+        math.comb(trials, n) * rate**n * (1 - rate) ** (trials - n)
+        for n in range(least, trials + 1)
+    )
+    assert _alert._binomial_tail(least, trials, rate) == pytest.approx(share, rel=1e-9)
 
 
 def test_a_drive_that_was_cut_is_not_authentic(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 from manip3d._util.checked import checked
 from manip3d._util.mappings import ReadOnlyMapping
 from manip3d.authenticate._cross_modal import (
+    CLEAN_ACCUSED,
     CrossModalParameters,
     CrossModalResult,
     cross_modal_consistency,
@@ -672,6 +673,14 @@ def verdict_of_alerts(alerts: Sequence[Alert], *, whole: bool = False) -> tuple[
     InputError
         No frames.
 
+    Notes
+    -----
+    Cameras accuse one clean frame in 120, so that a drive of some minutes always has frames that
+    they alone doubt. The drive is doubted for these where there are more of them than clean drives
+    of as many frames have in 99 of 100 cases (binomial); else the reason names them, and they count
+    by what the other witnesses say. Neighbouring frames see the same street: false accusations come
+    several in a row, so that more than one clean drive in 100 is doubted.
+
     Examples
     --------
     >>> verdict_of_alerts([AlertMonitor().skip("too late")])
@@ -679,14 +688,62 @@ def verdict_of_alerts(alerts: Sequence[Alert], *, whole: bool = False) -> tuple[
     """
     if len(alerts) == 0:
         raise InputError("alerts: expected at least one, got none")
-    for verdict, *others in (("tampered",), ("undecidable", "skipped")):
-        reasons = [alert.reason for alert in alerts if alert.verdict in (verdict, *others)]
-        if reasons:
-            return verdict, f"{reasons[0]} ({len(reasons)} of {len(alerts)} frames)"
-    if not all(alert.verdict == "authentic" for alert in alerts):
-        return "no_trace", f"{alerts[0].reason} ({len(alerts)} frames)"
-    if whole:
-        stream, reason = verdict_of_stream([a.watermark for a in alerts if a.watermark is not None])
+    is_chance, note = _accused_by_cameras(alerts)
+    told = [_without_cameras(alert) if is_chance else (alert.verdict, alert.reason)
+            for alert in alerts]  # fmt: skip
+    verdict, reason = _gravest(told)
+    if verdict == "authentic" and whole:
+        stream, why = verdict_of_stream([a.watermark for a in alerts if a.watermark is not None])
         if stream != "authentic":
-            return stream, f"watermark: {reason}"
-    return "authentic", f"{alerts[0].reason} ({len(alerts)} frames)"
+            verdict, reason = stream, f"watermark: {why}"
+    return verdict, reason + note
+
+
+def _gravest(told: Sequence[tuple[str, str]]) -> tuple[str, str]:
+    """The gravest verdict of frames, the first reason for it, and of how many frames it is."""
+    for verdict, *others in (("tampered",), ("undecidable", "skipped")):
+        reasons = [reason for said, reason in told if said in (verdict, *others)]
+        if reasons:
+            return verdict, f"{reasons[0]} ({len(reasons)} of {len(told)} frames)"
+    every = all(said == "authentic" for said, _ in told)
+    return "authentic" if every else "no_trace", f"{told[0][1]} ({len(told)} frames)"
+
+
+LEAST_CHANCE = 0.01
+"""Share of clean drives, at most, that are doubted because of the cameras alone."""
+
+
+def _accused_by_cameras(alerts: Sequence[Alert]) -> tuple[bool, str]:
+    """Whether chance explains how many frames the cameras accuse, and a note of these frames."""
+    told = [alert.witnesses["cross-modal"].verdict for alert in alerts]
+    accused, judged = told.count("tampered"), len(told) - sum(map(told.count, _UNHEARD))
+    if not accused:
+        return True, ""
+    of_clean, clean = CLEAN_ACCUSED
+    is_chance = _binomial_tail(accused, judged, of_clean / clean) > LEAST_CHANCE
+    than = "not more than by chance" if is_chance else "more than by chance"
+    return is_chance, (
+        f"; cameras accuse {accused} of {judged} frames, {than} ({of_clean} of {clean} clean ones)"
+    )
+
+
+_UNHEARD = ("absent", "skipped", "undecidable")
+
+
+def _without_cameras(alert: Alert) -> tuple[str, str]:
+    """The verdict as if the cameras had found nothing where they alone accuse, and its reason."""
+    told = alert.witnesses
+    if alert.verdict != "undecidable" or told["cross-modal"].verdict != "tampered":
+        return alert.verdict, alert.reason
+    quiet = WitnessReport("no_trace", "as often as in clean frames")
+    return _joined({**told, "cross-modal": quiet}, has_key=told["watermark"].verdict != "absent")
+
+
+def _binomial_tail(least: int, trials: int, rate: float) -> float:
+    """Probability of at least so many of the trials."""
+
+    def log_share(count: int) -> float:
+        ways = math.lgamma(trials + 1) - math.lgamma(count + 1) - math.lgamma(trials - count + 1)
+        return ways + count * math.log(rate) + (trials - count) * math.log1p(-rate)
+
+    return math.fsum(math.exp(log_share(count)) for count in range(least, trials + 1))

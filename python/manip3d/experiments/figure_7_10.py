@@ -1,5 +1,5 @@
-"""Figures 7.9 and 7.10 and the numbers beside them: how far the watermark moves points, and what of it is
-recovered without an attack."""
+"""Figures 7.9 and 7.10 and the numbers beside them: how far the watermark moves points, and what of
+it is recovered without an attack."""
 
 from __future__ import annotations
 
