@@ -72,7 +72,18 @@ def test_a_signed_drive_is_authentic_until_a_point_moves(drive: Path, tmp_path: 
     assert done.returncode == 3, done.stderr
     assert "tampered: watermark" in done.stdout
     assert "modification" in done.stdout
-    assert "tampered" in page.read_text()
+    html = page.read_text()
+    assert "tampered" in html
+    shown = html[html.index("What was seen") :]  # without cameras: from above, with the sectors
+    assert "data:image/png" not in shown
+    assert "only the LiDAR sees it" not in shown
+    assert "sectors that the watermark finds tampered" in shown
+    assert 1 <= shown.count("class=sector") <= 3  # runs of slices of one tile
+    assert "<polygon" in shown
+    done = in_process(signed, "--key", key, "--json")
+    tiles = [frame["watermark"]["changed_tiles"] for frame in json.loads(done.stdout)["frames"]]
+    assert [len(each) for each in tiles] == [0, 1, 0]
+    assert "suspected" not in done.stdout
 
 
 def test_without_key_and_cameras_nothing_can_be_said(drive: Path) -> None:

@@ -123,7 +123,7 @@ class Alert:
         return replace(self, cross_modal=None, watermark=kept, forensics=None)
 
     def record(self) -> dict[str, Any]:
-        """Return the alert without maps, ready for JSON."""
+        """Return the alert without maps, ready for JSON; the watermark's with its tiles."""
         return {
             "frame": self.number,
             "verdict": self.verdict,
@@ -138,6 +138,7 @@ class Alert:
             "seconds": self.seconds,
             "is_late": self.is_late,
             "cross_modal": None if self.cross_modal is None else self.cross_modal.record(),
+            "watermark": None if self.watermark is None else self.watermark.record(),
         }
 
 
