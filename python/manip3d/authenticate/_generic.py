@@ -398,7 +398,7 @@ def consistency_allowing(
         Where the frame's points lie on the lattice; None: it is read here. With an embedding it is
         read anew: its lattice knows fewer steps.
     units_per_m : int
-        Of the embedding's grid.
+        Steps a metre of the embedding's grid.
     """
     cloud = _points_of(frame, "points")
     limits = _Limits()
