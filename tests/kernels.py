@@ -119,7 +119,9 @@ KERNELS: dict[str, Kernel] = {
         {"front": authenticate.StereoRig(88.0, (47.5, 35.5), 0.5, np.eye(4)[[2, 0, 1, 3]])},
     ),
     "authenticate.stereo_disparity": lambda _: stereo_or_nothing(),
-    "authenticate.verdict_of_alerts": lambda _: authenticate.verdict_of_alerts([("skipped", "")]),
+    "authenticate.verdict_of_alerts": lambda _: authenticate.verdict_of_alerts(
+        [authenticate.AlertMonitor().skip()]
+    ),
     "authenticate.temporal_factor": lambda _: authenticate.temporal_factor([True, False]),
     "authenticate.depth_noise": lambda _: authenticate.depth_noise(DEPTH),
     "authenticate.inter_frame_noise": lambda _: authenticate.inter_frame_noise(walk),
@@ -279,10 +281,14 @@ KERNELS: dict[str, Kernel] = {
 
 
 READ_FILES = {
+    "capture.holds_clouds",
+    "authenticate.as_stored",
     "authenticate.check_holds_float32",
+    "authenticate.copy_rest_of_drive",
     "authenticate.drive_numbers",
+    "authenticate.drive_records_alone",
     "authenticate.drive_scans",
-    "authenticate.drive_times",
+    "authenticate.find_record",
     "authenticate.plain_name",
     "authenticate.picture_path",
     "authenticate.read_carrier",
@@ -291,6 +297,7 @@ READ_FILES = {
     "authenticate.record_path",
     "forge.read_stream_truth",
     "authenticate.refuse_existing_record",
+    "authenticate.scan_of_record",
     "authenticate.write_rigs",
     "authenticate.write_carrier",
     "authenticate.write_watermarked",

@@ -6,6 +6,7 @@ import json
 import math
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,9 +16,11 @@ import numpy as np
 import pytest
 
 import lattice_scans
-from manip3d import LidarFrame
+from manip3d import Box, LidarFrame
 from manip3d.authenticate import (
+    Alert,
     AlertMonitor,
+    AttackObservation,
     KeyFile,
     StereoRig,
     Watermarker,
@@ -192,7 +195,7 @@ def test_a_frame_left_out_is_counted_and_undecided() -> None:
     assert alert.verdict == "skipped"
     assert {told.verdict for told in alert.witnesses.values()} == {"skipped"}
     assert monitor.counts.verdicts == {"skipped": 1}
-    assert verdict_of_alerts([(alert.verdict, alert.reason)])[0] == "undecidable"
+    assert verdict_of_alerts([alert])[0] == "undecidable"
 
 
 @pytest.mark.parametrize(
@@ -246,6 +249,114 @@ def test_the_watermark_alone_clears_and_accuses(tmp_path: Path) -> None:
         text = json.dumps(alert.record())
         assert "tampered" in text
         assert key.key_id not in repr(monitor)
+
+
+def test_a_false_alarm_of_the_cameras_hides_no_sector_and_lowers_no_risk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Cameras accuse a far place to the side, the watermark all around the car."""
+    far = Box((2.0, 30.0, 0.0), (1.0, 1.0, 1.0))
+    seen = AttackObservation("rotation", (2.0, 30.0), 1, 1000)
+
+    def compare(*_: Any, **__: Any) -> Any:
+        return SimpleNamespace(verdict="tampered", reason="apart", observation=lambda **_: seen,
+                               boxes=(far,), record=dict)  # fmt: skip
+
+    monkeypatch.setattr(_alert, "stereo_disparity", lambda *_: None)
+    monkeypatch.setattr(_alert, "cross_modal_consistency", compare)
+    alerts = {}
+    for pictures in (None, PICTURE):
+        with KeyFile(key_file(tmp_path / f"key{pictures is None}")) as key:
+            sender, receiver = Watermarker(key), Watermarker(key)
+            monitor = AlertMonitor(receiver, rig=RIG, every_s=math.inf)
+            for number in range(3):
+                sent = sender.embed(grid_scan(4000, seed=number))
+                forged = sent.frame.select(np.arange(100, 4000))
+                # Cameras err in the middle frame only: the place they name must not break the line.
+                shown = pictures if number == 1 else None
+                alert = monitor.judge(
+                    forged, record=sent.record, left=shown, right=shown, speed_mps=10.0
+                )
+                alerts[pictures is None, number] = alert
+    for number in range(3):
+        assert alerts[False, number].risk == alerts[True, number].risk
+    quiet, loud = alerts[True, 1], alerts[False, 1]
+    assert quiet.risk.score > 0.0
+    assert loud.boxes[0] == far
+    assert len(loud.boxes) == 1 + len(quiet.boxes) > 1
+    assert (quiet.attack, loud.attack) == ("modification", "rotation")
+
+
+def alert_of(watermark: str, cameras: str, forensics: str = "skipped") -> Alert:
+    told = {
+        name: WitnessReport(verdict, f"{name} says {verdict}")
+        for name, verdict in zip(_alert.WITNESSES, (watermark, cameras, forensics), strict=True)
+    }
+    verdict, reason = _alert._joined(told, has_key=watermark != "absent")
+    return replace(AlertMonitor().skip(), verdict=verdict, reason=reason, witnesses=told)
+
+
+@pytest.mark.parametrize(("frames", "chance", "doubted"), [(154, 4, 5), (1540, 22, 23), (10, 1, 2)])
+def test_cameras_doubt_a_drive_where_they_accuse_more_frames_than_by_chance(
+    frames: int, chance: int, doubted: int
+) -> None:
+    """Of 154 clean frames at 1 of 120: five or more in 0.96 % of drives, one or more in 72 %."""
+
+    def verdict_of(accused: int, watermark: str) -> tuple[str, str]:
+        alerts = [alert_of(watermark, "tampered" if n < accused else "no_trace")
+                  for n in range(frames)]  # fmt: skip
+        assert sum(alert.verdict == "undecidable" for alert in alerts) == accused
+        return verdict_of_alerts(alerts)
+
+    for watermark, calm in (("authentic", "authentic"), ("absent", "no_trace")):
+        assert verdict_of(0, watermark)[0] == calm
+        verdict, reason = verdict_of(chance, watermark)
+        assert verdict == calm
+        assert f"cameras accuse {chance} of {frames} frames, not more than by chance" in reason
+        verdict, reason = verdict_of(doubted, watermark)
+        assert verdict == "undecidable"
+        assert "more than by chance" in reason
+        assert "not more" not in reason
+
+
+def test_chance_excuses_the_cameras_only() -> None:
+    calm = [alert_of("authentic", "no_trace")] * 200
+    for other, verdict in (
+        (alert_of("undecidable", "tampered"), "undecidable"),
+        (alert_of("tampered", "tampered"), "tampered"),
+        (alert_of("authentic", "tampered", "tampered"), "tampered"),
+        (alert_of("authentic", "tampered"), "authentic"),
+        (alert_of("authentic", "absent"), "authentic"),
+    ):
+        assert verdict_of_alerts([*calm, other])[0] == verdict
+    unheard = [alert_of("authentic", "absent")] * 1000  # frames that cameras did not judge
+    some = [alert_of("authentic", "tampered")] * 3
+    assert verdict_of_alerts([*unheard, *some])[0] == "undecidable"
+
+
+@pytest.mark.parametrize(("least", "trials", "rate"), [(0, 5, 0.3), (2, 5, 0.3), (3, 400, 0.01)])
+def test_the_tail_of_the_binomial_distribution(least: int, trials: int, rate: float) -> None:
+    share = sum(
+        math.comb(trials, n) * rate**n * (1 - rate) ** (trials - n)
+        for n in range(least, trials + 1)
+    )
+    assert _alert._binomial_tail(least, trials, rate) == pytest.approx(share, rel=1e-9)
+
+
+def test_a_drive_that_was_cut_is_not_authentic(tmp_path: Path) -> None:
+    with KeyFile(key_file(tmp_path / "key")) as key:
+        sender = Watermarker(key)
+        sent = [sender.embed(grid_scan(2000, seed=n), is_end=n == 2) for n in range(3)]
+        monitor = AlertMonitor(Watermarker(key))
+        alerts = [
+            monitor.judge(each.frame, record=each.record, speed_mps=1.0).brief() for each in sent
+        ]
+    assert all(alert.watermark is not None and alert.watermark.scan is None for alert in alerts)
+    assert verdict_of_alerts(alerts, whole=True)[0] == "authentic"
+    verdict, reason = verdict_of_alerts(alerts[:2], whole=True)
+    assert verdict == "undecidable"
+    assert "end are missing" in reason
+    assert verdict_of_alerts(alerts[:2])[0] == "authentic"
 
 
 def test_forensics_take_a_verified_watermark_for_no_edit(tmp_path: Path) -> None:

@@ -433,7 +433,21 @@ def test_a_tampered_frame_does_not_break_the_chain(key: KeyFile) -> None:
     assert [found.verdict for found in results] == ["authentic", "tampered", "authentic"]
     assert verdict_of_stream(results)[0] == "tampered"
     assert verdict_of_stream(results[:1])[0] == "undecidable"  # no end
-    assert verdict_of_stream(results[2:])[0] == "authentic"
+    assert verdict_of_stream(results[2:])[0] == "undecidable"  # no beginning
+    assert verdict_of_stream(results[2:], whole=False)[0] == "authentic"
+
+
+def test_several_sessions_are_no_whole_drive(key: KeyFile) -> None:
+    """A verifier takes a session's first frame wherever the one before it has ended."""
+    single = [marker_of(key).embed(frame(1000, n), is_end=True) for n in range(4)]
+    verifier = Watermarker(key)
+    results = [verifier.verify(single[n].frame, single[n].record) for n in (2, 0, 3)]
+    assert [found.verdict for found in results] == ["authentic"] * 3
+    verdict, reason = verdict_of_stream(results)
+    assert verdict == "undecidable"
+    assert "3 sessions" in reason
+    assert verdict_of_stream(results, whole=False)[0] == "authentic"
+    assert verdict_of_stream(results[:1])[0] == "authentic"
 
 
 def test_the_state_survives_and_cannot_be_forged(key: KeyFile, tmp_path: Path) -> None:
@@ -584,6 +598,7 @@ def test_no_key_in_memory_after_close(tmp_path: Path, how: str) -> None:
 @pytest.mark.parametrize(
     "make",
     [
+        lambda: np.empty((0, 3), np.float32),
         lambda: np.zeros((1, 3), np.float32),
         lambda: np.zeros((500, 3), np.float32),
         lambda: np.full((3000, 3), 1.0, np.float32),
@@ -597,10 +612,33 @@ def test_odd_scans_verify(key: KeyFile, embedding: str, make: Callable[[], Point
     assert verify(key, sent.frame, sent.record).verdict == "authentic"
 
 
+@pytest.mark.parametrize("embedding", ALL)
+def test_an_empty_frame_is_signed_as_empty(key: KeyFile, embedding: str) -> None:
+    marker, verifier = marker_of(key, embedding), Watermarker(key)
+    empty = np.empty((0, 3), np.float32)
+    sent = [marker.embed(points) for points in (grid_scan(900), empty, grid_scan(900, seed=1))]
+    found = [verifier.verify(each.frame, each.record) for each in sent]
+    assert [(each.verdict, each.order) for each in found] == [("authentic", "in order")] * 3
+    for points in (np.float32([[0, 0, 0]]), grid_scan(900)):
+        assert verify(key, LidarFrame(points), sent[1].record).verdict == "tampered"
+    assert verify(key, LidarFrame(empty), sent[0].record).verdict == "tampered"
+
+
+def test_a_frame_without_its_scan_keeps_its_place(key: KeyFile) -> None:
+    marker, verifier = marker_of(key), Watermarker(key)
+    sent = [marker.embed(frame(1000, n), is_end=n == 2) for n in range(3)]
+    assert verifier.verify(sent[0].frame, sent[0].record).verdict == "authentic"
+    found = verifier.verify_without_scan(sent[1].record, "unreadable")
+    assert (found.verdict, found.reason, found.number) == ("undecidable", "unreadable", 1)
+    assert (found.content, found.tiles) == ("unverifiable", ())
+    assert verifier.verify(sent[2].frame, sent[2].record).verdict == "authentic"
+    again = verifier.verify_without_scan(sent[1].record, "unreadable")
+    assert (again.verdict, again.order) == ("tampered", "replay")
+    assert verifier.verify_without_scan(None, "unreadable").verdict == "undecidable"
+
+
 def test_bad_input_is_refused(key: KeyFile) -> None:
     marker = marker_of(key)
-    with pytest.raises(InputError, match="at least one"):
-        marker.embed(np.empty((0, 3), np.float32))
     for bad in (np.nan, np.inf):
         with pytest.raises(InputError, match="finite"):
             marker.embed(np.float32([[1, 2, bad]]))

@@ -12,7 +12,7 @@ import lattice_scans as scans
 from cave_scans import CAVE, ball
 from manip3d import InputError, LidarFrame, authenticate, report
 from manip3d.authenticate import KeyFile, Watermarker, inspect
-from manip3d.authenticate._carriers import ALLOWED, find_carrier, without_bits
+from manip3d.authenticate._carriers import ALLOWED, allowance, find_carrier, without_bits
 from watermark_scans import grid_scan, key_file, reflectances
 
 LATTICE = scans.lattice()
@@ -62,6 +62,22 @@ def test_a_verified_watermark_is_allowed_for(embedding: str, key: KeyFile) -> No
     assert found.power["moved"].share == 1.0
     same = inspect(sent.frame, lattice=LATTICE, watermark=found.watermark)
     assert same.record() == found.record()
+
+
+@pytest.mark.parametrize(("units", "verdict"), [(2000, "no_trace"), (10_000, "no_trace"),
+                                                (200, "processed")])  # fmt: skip
+def test_a_watermark_on_another_grid_is_allowed_for(units: int, verdict: str, key: KeyFile) -> None:
+    """A grid finer than the scanner's is no trace; a coarser one rounds the scan, and is named."""
+    scan = street()
+    points = np.round(scan.points.astype(np.float64) * units) / units
+    signed = Watermarker(key, units_per_m=units).embed(scan.replace(points=np.float32(points)))
+    found = inspect(signed.frame, lattice=LATTICE, watermark=signed.record, key=key)
+    assert found.watermark is not None
+    assert (found.watermark.verdict, found.watermark.units_per_m) == ("authentic", units)
+    assert found.verdict == verdict
+    if verdict == "processed":
+        assert found.processing[0].kind == "rounded"
+        assert found.processing[0].detail == "the watermark's grid has steps of 5 mm"
 
 
 @pytest.mark.parametrize("embedding", EMBEDDINGS)
@@ -176,6 +192,17 @@ def test_the_allowance_is_what_the_embedding_can_have_moved(embedding: str) -> N
     farthest = np.linalg.norm(off[np.any(points != 0, axis=1)], axis=1).max()
     allowed = ALLOWED[embedding].tolerance
     assert 0.75 * allowed < farthest <= allowed + 5e-6  # float32 at 30 m
+
+
+@pytest.mark.parametrize("units", [200, 1000, 2000])
+def test_the_allowance_is_in_steps_of_the_grid(units: int, key: KeyFile) -> None:
+    points = (grid_scan(6000).astype(np.float64) * 1000 // 5 * 5 / 1000).astype(np.float32)
+    marked = Watermarker(key, units_per_m=units).embed(points).frame.points
+    assert find_carrier(marked, units) == "lbm"
+    off = without_bits(marked, "lbm", units).astype(np.float64) - points
+    farthest = np.linalg.norm(off[np.any(points != 0, axis=1)], axis=1).max()
+    allowed = allowance("lbm", units).tolerance
+    assert 0.75 * allowed < farthest <= allowed + 5e-6
 
 
 def test_bits_cover_no_scan_that_was_forged_afterwards() -> None:

@@ -9,9 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner, Result
 
 from command_line import error_line
 from command_line import manip3d as run
+from manip3d.cli import app
+from velodyne_packets import LOWER, UPPER, block, ethernet, packet, pcap, udp_frame
 from watermark_scans import grid_scan, key_file
 
 
@@ -39,7 +42,7 @@ def test_a_signed_drive_is_authentic_until_a_point_moves(drive: Path, tmp_path: 
     key, signed = key_file(tmp_path / "sensor.key"), tmp_path / "signed"
     embedded = run("watermark", "embed", str(drive), "--key", str(key), "-o", str(signed), "-q")
     assert embedded.returncode == 0, embedded.stderr
-    shutil.copytree(drive / "oxts", signed / "oxts")
+    assert (signed / "oxts").is_dir()
     page = tmp_path / "alert.html"
     done = run("alert", "run", str(signed), "--key", str(key), "-o", str(page), "--json")
     assert done.returncode == 0, done.stderr
@@ -53,6 +56,14 @@ def test_a_signed_drive_is_authentic_until_a_point_moves(drive: Path, tmp_path: 
     assert not re.search(r"(src|href)=.?https?:", html)  # it loads nothing
     assert str(tmp_path) not in html.replace(str(signed), "")
 
+    cut = Path(shutil.copytree(signed, tmp_path / "cut"))
+    for last in (cut / "velodyne_points" / "data").glob("0000000002.*"):
+        last.unlink()
+    done = run("alert", "run", str(cut), "--key", str(key))
+    assert done.returncode == 4, done.stderr
+    assert "end are missing" in done.stdout
+    assert run("alert", "run", str(cut), "--key", str(key), "--frames", "2").returncode == 0
+
     victim = signed / "velodyne_points" / "data" / "0000000001.bin"
     rows = np.fromfile(victim, "<f4").reshape(-1, 4)
     rows[5, 0] += 1.0
@@ -61,7 +72,18 @@ def test_a_signed_drive_is_authentic_until_a_point_moves(drive: Path, tmp_path: 
     assert done.returncode == 3, done.stderr
     assert "tampered: watermark" in done.stdout
     assert "modification" in done.stdout
-    assert "tampered" in page.read_text()
+    html = page.read_text()
+    assert "tampered" in html
+    shown = html[html.index("What was seen") :]  # without cameras: from above, with the sectors
+    assert "data:image/png" not in shown
+    assert "only the LiDAR sees it" not in shown
+    assert "sectors that the watermark finds tampered" in shown
+    assert 1 <= shown.count("class=sector") <= 3  # runs of slices of one tile
+    assert "<polygon" in shown
+    done = in_process(signed, "--key", key, "--json")
+    tiles = [frame["watermark"]["changed_tiles"] for frame in json.loads(done.stdout)["frames"]]
+    assert [len(each) for each in tiles] == [0, 1, 0]
+    assert "suspected" not in done.stdout
 
 
 def test_without_key_and_cameras_nothing_can_be_said(drive: Path) -> None:
@@ -77,6 +99,95 @@ def test_json_output_has_the_same_numbers(drive: Path, tmp_path: Path) -> None:
     done = run("alert", "run", str(drive), "-o", str(path), "--json")
     stored, printed = json.loads(path.read_text()), json.loads(done.stdout)
     assert [f["verdict"] for f in stored["frames"]] == [f["verdict"] for f in printed["frames"]]
+
+
+def test_an_unreadable_scan_is_one_undecidable_frame(drive: Path, tmp_path: Path) -> None:
+    key, signed = key_file(tmp_path / "sensor.key"), tmp_path / "signed"
+    run("watermark", "embed", str(drive), "--key", str(key), "-o", str(signed), "-q")
+    (signed / "velodyne_points" / "data" / "0000000001.bin").write_bytes(b"12345")
+    done = run("alert", "run", str(signed), "--key", str(key), "--json")
+    assert done.returncode == 4, done.stderr
+    frames = json.loads(done.stdout)["frames"]
+    assert [frame["verdict"] for frame in frames] == ["authentic", "undecidable", "authentic"]
+    assert "unreadable" in frames[1]["reason"]
+
+
+def in_process(*arguments: object) -> Result:
+    return CliRunner().invoke(app, ["alert", "run", *(str(a) for a in arguments)])
+
+
+def test_a_ros1_bag_of_clouds_is_watched(tmp_path: Path) -> None:
+    rosbag1 = pytest.importorskip("rosbags.rosbag1", reason="the extra 'bags' is not installed")
+    from rosbags import typesys
+
+    from ros_bags import CLOUD, message, points_of
+
+    types = typesys.get_typestore(typesys.Stores.ROS1_NOETIC)
+    image = "sensor_msgs/msg/Image"
+    for name, kinds in (("lidar", (CLOUD, image)), ("camera", (image,))):
+        path = tmp_path / f"{name}.bag"
+        writer = rosbag1.Writer(path)
+        writer.set_compression(rosbag1.Writer.CompressionFormat.BZ2)
+        with writer:
+            made = [writer.add_connection(f"/{n}", k, typestore=types) for n, k in enumerate(kinds)]
+            if name == "lidar":
+                cloud = message(types, points_of(1), ros1=True)
+                writer.write(made[0], 7 * 10**9, types.serialize_ros1(cloud, CLOUD))
+    done = in_process(tmp_path / "lidar.bag", "--json")
+    assert done.exit_code == 4, done.output
+    assert len(json.loads(done.stdout)["frames"]) == 1
+    done = in_process(tmp_path / "camera.bag")
+    assert "is an RGB-D recording" in str(done.exception)
+
+
+def test_packets_of_an_hdl64e_take_their_calibration(tmp_path: Path) -> None:
+    halves = [block(18 * (n // 2), [3000] * 32, flag=(UPPER, LOWER)[n % 2]) for n in range(12)]
+    turns = [halves] + [[(flag, a + 20_000, f) for flag, a, f in halves]] + [halves] * 2
+    recording = tmp_path / "turns.pcap"
+    recording.write_bytes(pcap([ethernet(udp_frame(packet(blocks))) for blocks in turns]))
+    lasers = [
+        {"laser_id": n, "rot_correction": 0.0, "vert_correction": 0.01 * (10 - n),
+         "dist_correction": 1.0, "vert_offset_correction": 0.0, "horiz_offset_correction": 0.0}
+        for n in range(64)
+    ]  # fmt: skip
+    beside = tmp_path / "lasers.yaml"
+    beside.write_text(
+        json.dumps({"lasers": lasers, "num_lasers": 64, "distance_resolution": 0.002})
+    )
+    assert "needs the file of its own sensor" in str(in_process(recording).exception)
+    done = in_process(recording, "--calibration", beside, "--json")
+    assert done.exit_code == 4, (done.output, done.exception)
+    assert json.loads(done.stdout)["frames"]
+
+
+def test_the_verifiers_policy_holds_for_a_drive(drive: Path, tmp_path: Path) -> None:
+    key, signed = key_file(tmp_path / "sensor.key"), tmp_path / "signed"
+    embedding = ["watermark", "embed", str(drive), "--key", str(key), "--sensor", "roof", "--json"]
+    made = CliRunner().invoke(app, [*embedding, "-q", "-o", str(signed)])
+    session = json.loads(made.stdout)["session"]
+
+    def verdict_of(*options: object) -> tuple[int, str]:
+        done = in_process(signed, "--key", key, "--json", *options)
+        return done.exit_code, json.loads(done.stdout)["reason"]
+
+    state = tmp_path / "seen"
+    agreed = ("--sensor", "roof", "--session", session, "--embedding", "lbm", "--state", state)
+    assert verdict_of(*agreed)[0] == 0
+    assert verdict_of("--state", state)[0] == 3  # a replay
+    for option, value, words in (
+        ("--sensor", "bumper", "another sensor"),
+        ("--session", "0" * 32, "another session"),
+        ("--embedding", "qim", "refuses this embedding"),
+        ("--max-age", 60, "too old"),
+        ("--max-points", 2999, "more points than the policy allows"),
+    ):
+        code, reason = verdict_of(option, value)
+        assert code == 4
+        assert words in reason
+    done = in_process(signed, "--sensor", "roof")
+    assert "--sensor: expected with --key" in str(done.exception)
+    verify = ["watermark", "verify", str(signed), "--key", str(key), "--max-points", "2999"]
+    assert CliRunner().invoke(app, verify).exit_code == 4
 
 
 def test_bad_input_is_named(drive: Path, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import lzma
 import shutil
 from pathlib import Path
 
@@ -125,6 +126,38 @@ def test_formats_that_round_are_refused(key: Path, tmp_path: Path) -> None:
         assert not out.exists()
 
 
+@pytest.mark.parametrize("suffix", [".bin", ".pcd.bin", ".pcd", ".ply"])
+@pytest.mark.parametrize("embedding", ["lbm", "detached"])
+def test_organised_scans_and_scans_without_intensity_verify(
+    key: Path, tmp_path: Path, suffix: str, embedding: str
+) -> None:
+    points = scan(1).points.copy()
+    points[[5, 70]] = np.nan
+    rows = "".join(f"{x} {y} {z}\n" for x, y, z in points.tolist())
+    organised = tmp_path / "organised.pcd"
+    organised.write_text(
+        "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 4000\nHEIGHT 2\n"
+        f"VIEWPOINT 0 0 0 1 0 0 0\nPOINTS 8000\nDATA ascii\n{rows}"
+    )
+    assert manip3d.io.read_scan(organised).num_dropped == 2
+    out = tmp_path / f"signed{suffix}"
+    done = run("embed", organised, "--key", key, "-o", out, "--embedding", embedding)
+    assert done.exit_code == 0, done.output
+    assert verify(out, key)[0] == 0
+    same = out.read_bytes() == organised.read_bytes()
+    assert same == (embedding == "detached" and suffix == ".pcd")
+
+
+def test_what_a_format_does_not_give_back_is_not_written(key: Path, tmp_path: Path) -> None:
+    bare = manip3d.LidarFrame(scan(1).points)
+    with manip3d.authenticate.KeyFile(key) as secret:
+        sent = manip3d.authenticate.Watermarker(secret).embed(bare)
+    out = tmp_path / "signed.bin"
+    with pytest.raises(manip3d.InputError, match="does not give the intensities back"):
+        manip3d.authenticate.write_watermarked(sent, out)
+    assert list(tmp_path.glob("signed*")) == []
+
+
 def test_a_drive(key: Path, signed: Path, tmp_path: Path) -> None:
     code, record = verify(signed, key)
     assert (code, record["verdict"]) == (0, "authentic")
@@ -136,6 +169,60 @@ def test_a_drive(key: Path, signed: Path, tmp_path: Path) -> None:
     manip3d.LidarFrame(moved, scan(9).intensity).write(frame_of(signed, 2))
     code, record = verify(signed, key)
     assert (code, record["verdict"]) == (3, "tampered")
+
+
+def test_a_signed_drive_is_a_drive(key: Path, drive: Path, tmp_path: Path) -> None:
+    """Whatever is beside the scans comes along, with the calibration of the day."""
+    beside = ("oxts/data/0000000000.txt", "image_02/data/0000000000.png", "rigs.json",
+              "tracklet_labels.xml", "velodyne_points/labels/a.label")  # fmt: skip
+    for number, name in enumerate(beside):
+        (drive / name).parent.mkdir(parents=True, exist_ok=True)
+        (drive / name).write_bytes(bytes([number]) * 9)
+    (drive / "image_03").symlink_to(drive / "image_02")
+    (drive / "image_02" / "again").symlink_to(drive)
+    day = ("calib_cam_to_cam.txt", "calib_velo_to_cam.txt", "calib_imu_to_velo.txt")
+    for name in day:
+        (drive.parent / name).write_text(name)
+    (frame_of(drive, 0).parent / "0000000000.bin.wm").write_bytes(b"an old record")
+    out = drive / "signed"
+    assert run("embed", drive, "--key", key, "-o", out, "-q").exit_code == 0
+    for name in (*beside, "velodyne_points/timestamps.txt"):
+        assert (out / name).read_bytes() == (drive / name).read_bytes()
+    for name in day:
+        assert (out / name).read_text() == name
+    assert (out / "image_03" / "data" / "0000000000.png").is_file()
+    assert not list(out.rglob("signed"))
+    assert verify(out, key)[0] == 0
+    bare = tmp_path / "bare"
+    assert run("embed", drive, "--key", key, "-o", bare, "--scans-only").exit_code == 0
+    assert [path.name for path in bare.iterdir()] == ["velodyne_points"]
+
+
+def test_records_bear_the_times_of_the_drive(key: Path, drive: Path, tmp_path: Path) -> None:
+    """By the scans' names: of KITTI's drive 0009 four scans are missing."""
+    frame_of(drive, 1).unlink()
+
+    def times_of(source: Path, name: str) -> list[int]:
+        out = tmp_path / name
+        assert run("embed", source, "--key", key, "-o", out, "-q").exit_code == 0
+        records = sorted(out.rglob("*.wm"))
+        with manip3d.authenticate.KeyFile(key) as secret:
+            marker = manip3d.authenticate.Watermarker(secret)
+            found = [
+                marker.verify(
+                    manip3d.io.read_scan(record.with_suffix("")), record.read_bytes()
+                ).time_ns
+                for record in records
+            ]
+        return [time for time in found if time is not None]
+
+    begin = 1_317_042_145_094_360_375
+    assert times_of(drive, "raw") == [begin + n * 100_000_000 for n in (0, 2, 3)]
+    odometry = tmp_path / "odometry"
+    (odometry / "velodyne").mkdir(parents=True)
+    shutil.copy(frame_of(drive, 2), odometry / "velodyne" / "000001.bin")
+    (odometry / "times.txt").write_text("0.0\n1.038e-01\n")
+    assert times_of(odometry, "flat") == [103_800_000]
 
 
 def test_dropped_swapped_repeated_and_foreign_frames(
@@ -176,6 +263,20 @@ def test_dropped_swapped_repeated_and_foreign_frames(
     assert verify(other, key)[0] == 0
 
 
+def test_two_drives_joined_are_not_one(
+    key: Path, signed: Path, drive: Path, tmp_path: Path
+) -> None:
+    other = tmp_path / "other"
+    assert run("embed", drive, "--key", key, "-o", other, "-q").exit_code == 0
+    for number in range(4):
+        for suffix in ("", ".wm"):
+            source = f"{frame_of(other, number)}{suffix}"
+            shutil.copy(source, f"{frame_of(signed, 4 + number)}{suffix}")
+    code, record = verify(signed, key)
+    assert (code, record["verdict"]) == (4, "undecidable")
+    assert "2 sessions" in str(record["reason"])
+
+
 def test_another_key_and_bad_key_files(key: Path, signed: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.key"
     assert run("keygen", other).exit_code == 0
@@ -192,6 +293,90 @@ def test_a_verifier_that_remembers(key: Path, signed: Path, tmp_path: Path) -> N
     assert verify(signed, key, "--state", state)[0] == 0
     assert verify(signed, key, "--state", state)[0] == 3
     assert verify(signed, key)[0] == 0
+
+
+def test_a_scan_that_was_compressed_since_finds_its_record(
+    key: Path, signed: Path, tmp_path: Path
+) -> None:
+    for number in (0, 2):
+        path = frame_of(signed, number)
+        Path(f"{path}.xz").write_bytes(lzma.compress(path.read_bytes()))
+        path.unlink()
+    assert verify(signed, key)[0] == 0
+    loose = tmp_path / "loose"
+    loose.mkdir()
+    for name in ("0000000000.bin.xz", "0000000000.bin.wm"):
+        shutil.copy(frame_of(signed, 0).with_name(name), loose / name)
+    done = run("verify", loose, "--key", key, "--json", "-q", "--jobs", 1)
+    assert done.exit_code == 0, done.output
+    (loose / "0000000000.bin.wm").rename(loose / "0000000000.bin.xz.wm")
+    shutil.copy(frame_of(signed, 1), loose / "other.bin")  # without a record
+    (loose / "0000000000.bin").write_bytes(
+        lzma.decompress((loose / "0000000000.bin.xz").read_bytes())
+    )
+    (loose / "0000000000.bin.xz").unlink()
+    assert verify(loose / "0000000000.bin", key)[0] == 0
+    assert verify(loose / "other.bin", key)[0] == 4
+
+
+def test_what_a_folder_hides_is_undecidable(key: Path, tmp_path: Path) -> None:
+    """A scan that became a mesh, and a record whose scan was taken away."""
+    folder = tmp_path / "signed"
+    folder.mkdir()
+    for number, name in enumerate(("a.ply", "b.bin", "c.bin")):
+        scan(number).write(tmp_path / name)
+        assert run("embed", tmp_path / name, "--key", key, "-o", folder / name).exit_code == 0
+
+    def codes() -> tuple[int, dict[str, int]]:
+        done = run("verify", folder, "--key", key, "--json", "-q", "--jobs", 1)
+        rows = json.loads(done.stdout)
+        return done.exit_code, {Path(row["source"]).name: row["exit_code"] for row in rows}
+
+    assert codes() == (0, {"a.ply": 0, "b.bin": 0, "c.bin": 0})
+    head, body = (folder / "a.ply").read_bytes().split(b"end_header\n", 1)
+    head += b"element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    face = bytes([3]) + np.array([0, 1, 2], "<i4").tobytes()
+    (folder / "a.ply").write_bytes(head + bytes([body[0] ^ 64]) + body[1:] + face)
+    assert codes() == (4, {"a.ply": 4, "b.bin": 0, "c.bin": 0})
+    (folder / "c.bin").unlink()
+    assert codes() == (4, {"a.ply": 4, "b.bin": 0, "c.bin.wm": 4})
+    assert verify(folder / "c.bin.wm", key)[1]["reason"] == "the record's scan is missing"
+    assert run("verify", folder / "b.bin.wm", "--key", key).exit_code == 1
+
+
+def test_a_drive_names_the_scan_that_is_missing(key: Path, signed: Path) -> None:
+    frame_of(signed, 1).unlink()
+    code, record = verify(signed, key)
+    assert (code, record["verdict"]) == (4, "undecidable")
+    frames = record["frames"]
+    assert isinstance(frames, list)
+    assert [frame["verdict"] for frame in frames] == [
+        "authentic", "undecidable", "authentic", "authentic",
+    ]  # fmt: skip
+    assert frames[1]["scan"] == "0000000001.bin"
+    assert "scan is missing" in frames[1]["reason"]
+
+
+def test_one_unreadable_scan_does_not_silence_the_others(key: Path, signed: Path) -> None:
+    frame_of(signed, 1).write_bytes(b"12345")
+    code, record = verify(signed, key)
+    assert (code, record["verdict"]) == (4, "undecidable")
+    frames = record["frames"]
+    assert isinstance(frames, list)
+    assert [frame["verdict"] for frame in frames] == [
+        "authentic", "undecidable", "authentic", "authentic",
+    ]  # fmt: skip
+    assert frames[1]["reason"].startswith("unreadable")
+    manip3d.LidarFrame(scan(9).points, scan(9).intensity).write(frame_of(signed, 3))
+    assert verify(signed, key)[0] == 3
+    assert run("verify", frame_of(signed, 1), "--key", key).exit_code == 1
+
+
+def test_an_empty_scan_does_not_end_a_session(key: Path, drive: Path, tmp_path: Path) -> None:
+    frame_of(drive, 2).write_bytes(b"")
+    out = tmp_path / "signed"
+    assert run("embed", drive, "--key", key, "-o", out, "-q").exit_code == 0
+    assert verify(out, key)[0] == 0
 
 
 def test_wrong_sources(key: Path, tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from manip3d.experiments import (
     figure_7_12,
     registry,
     security,
+    select,
     table_7_1,
     table_7_2,
 )
@@ -50,6 +51,13 @@ def rows(detected: int, accused: int) -> list[Row]:
     assert experiment.gather is not None
     made = [piece(case, detected, accused) for case in experiment.cases(QUICK)]
     return [experiment.complete(row) for row in experiment.gather(made)]
+
+
+def test_figures_that_another_experiment_draws_are_run_by_their_own_numbers() -> None:
+    ids = [each.id for each in select(["figure-7.11", "figure-7.9", "figure-7.10"])]
+    assert sorted(ids) == ["figure-7.10", "figure-7.12"]
+    with pytest.raises(manip3d.InputError, match=r"figure-7\.13"):
+        select(["figure-7.13"])
 
 
 def test_pieces_of_a_drive_are_added_up_and_a_failed_one_is_told() -> None:

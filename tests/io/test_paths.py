@@ -144,10 +144,18 @@ ENTRIES: dict[str, Callable[[str], object]] = {
     "viewer.open_thing source": viewer.open_thing,
     "viewer.open_thing color": lambda p: viewer.open_thing(__file__, color=p),
     "viewer.open_thing calibration": lambda p: viewer.open_thing(__file__, calibration=p),
+    "capture.holds_clouds path": capture.holds_clouds,
+    "authenticate.as_stored path": lambda p: authenticate.as_stored(scan, p),
+    "authenticate.as_stored unchanged": lambda p: authenticate.as_stored(
+        scan, "a.bin", unchanged=p
+    ),
     "authenticate.check_holds_float32 scan": authenticate.check_holds_float32,
     "authenticate.drive_numbers folder": authenticate.drive_numbers,
+    "authenticate.drive_records_alone folder": authenticate.drive_records_alone,
     "authenticate.drive_scans folder": authenticate.drive_scans,
-    "authenticate.drive_times folder": authenticate.drive_times,
+    "authenticate.find_record scan": authenticate.find_record,
+    "authenticate.copy_rest_of_drive drive": lambda p: authenticate.copy_rest_of_drive(p, "b"),
+    "authenticate.copy_rest_of_drive output": lambda p: authenticate.copy_rest_of_drive(".", p),
     "authenticate.plain_name scan": lambda p: authenticate.plain_name(p, "."),
     "authenticate.plain_name drive": lambda p: authenticate.plain_name("a.bin", p),
     "authenticate.picture_path scan": authenticate.picture_path,
@@ -157,6 +165,7 @@ ENTRIES: dict[str, Callable[[str], object]] = {
     ),
     "authenticate.read_record path": authenticate.read_record,
     "authenticate.record_path scan": authenticate.record_path,
+    "authenticate.scan_of_record record": lambda p: authenticate.scan_of_record(p + ".wm"),
     "authenticate.refuse_existing_record scan": authenticate.refuse_existing_record,
     "authenticate.write_watermarked path": lambda p: authenticate.write_watermarked(
         authenticate.Watermarked(scan, b"", 0, 1), p + ".bin"

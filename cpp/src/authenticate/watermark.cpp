@@ -251,7 +251,6 @@ WatermarkedScan WatermarkEmbedder::embed(const PointsView& points, const Waterma
   if (s.is_closed) throw Error("the watermarker is closed");
   if (s.has_ended) throw Error("the session has ended with its last frame");
   check_points(points);
-  if (points.num_points() == 0) throw InputError("points: expected at least one, got none");
   check_exact(points, exact);
   if (frame.picture && frame.context) {
     throw InputError("picture: expected no other context beside it");

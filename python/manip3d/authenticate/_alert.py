@@ -8,12 +8,15 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.mappings import ReadOnlyMapping
 from manip3d.authenticate._cross_modal import (
+    CLEAN_ACCUSED,
     CrossModalParameters,
     CrossModalResult,
     cross_modal_consistency,
@@ -23,6 +26,7 @@ from manip3d.authenticate._risk import ACTIONS, AttackObservation, Risk, RiskPar
 from manip3d.authenticate._stereo import StereoRig, stereo_disparity
 from manip3d.authenticate._surround import SurroundResult
 from manip3d.authenticate._watermark import Policy, Watermarker, WatermarkResult
+from manip3d.authenticate._watermark_files import verdict_of_stream
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame
 
@@ -76,10 +80,12 @@ class Alert:
     witnesses : mapping of str to WitnessReport
         ``watermark``, ``cross-modal``, ``forensics``.
     attack : str
-        Type, one of `ATTACK_TYPES`; empty where none was located.
+        Type, one of `ATTACK_TYPES`, by the witness that knows most of it: cameras, then forensics,
+        then the watermark; empty where none was located.
     boxes : tuple of Box
-        Where, in the LiDAR's frame.
+        Where, in the LiDAR's frame, by all witnesses that accuse. The watermark knows sectors.
     risk : Risk
+        By the gravest of what these witnesses saw.
     seconds : float
         From receiving the frame to this verdict.
     is_late : bool
@@ -103,8 +109,21 @@ class Alert:
     watermark: WatermarkResult | None = field(default=None, repr=False)
     forensics: Inspection | None = field(default=None, repr=False)
 
+    def brief(self) -> Alert:
+        """Return the alert without scans, maps and points, of which a whole drive fits in memory.
+
+        Examples
+        --------
+        >>> AlertMonitor().skip("too late").brief().verdict
+        'skipped'
+        """
+        kept = self.watermark
+        if kept is not None:
+            kept = replace(kept, scan=None, regions=(), suspected=np.empty(0, np.int64))
+        return replace(self, cross_modal=None, watermark=kept, forensics=None)
+
     def record(self) -> dict[str, Any]:
-        """Return the alert without maps, ready for JSON."""
+        """Return the alert without maps, ready for JSON; the watermark's with its tiles."""
         return {
             "frame": self.number,
             "verdict": self.verdict,
@@ -119,6 +138,7 @@ class Alert:
             "seconds": self.seconds,
             "is_late": self.is_late,
             "cross_modal": None if self.cross_modal is None else self.cross_modal.record(),
+            "watermark": None if self.watermark is None else self.watermark.record(),
         }
 
 
@@ -314,8 +334,8 @@ class AlertMonitor:
             forensics, looked = self._ask_forensics(frame, watermark, now)
             told = {"watermark": sworn, "cross-modal": seen, "forensics": looked}
             verdict, reason = _joined(told, has_key=self._marker is not None)
-            observed = _observation(watermark, cross, forensics, speed_mps, self._risk.parameters)
-            risk = self._risk.update(observed, speed_mps=speed_mps, motion=motion)
+            observed = _observations(watermark, cross, forensics, speed_mps, self._risk.parameters)
+            risk = self._risk.update(None, speed_mps=speed_mps, motion=motion, others=observed)
             self._latest = risk
             seconds = self._clock() - begin
             alert = Alert(
@@ -323,7 +343,7 @@ class AlertMonitor:
                 verdict,
                 reason,
                 ReadOnlyMapping(told),
-                "" if observed is None else observed.type,
+                observed[0].type if observed else "",
                 _boxes(watermark, cross, forensics),
                 risk,
                 seconds,
@@ -332,6 +352,31 @@ class AlertMonitor:
                 watermark,
                 forensics,
             )
+            self._count(alert)
+            return alert
+
+    @checked
+    def judge_unread(self, reason: str, *, record: bytes | None = None) -> Alert:
+        """Take a frame whose scan cannot be read: it is undecidable, and the stream goes on.
+
+        Parameters
+        ----------
+        reason : str
+        record : bytes, optional
+            The watermark's record, by which the frame keeps its place in the chain.
+        """
+        with self._lock:
+            told = {name: WitnessReport("undecidable", reason) for name in WITNESSES}
+            found = None
+            if self._marker is not None:
+                found = self._marker.verify_without_scan(record, reason, policy=self._policy)
+                told["watermark"] = WitnessReport(found.verdict, found.reason)
+            verdict, why = told["watermark"].verdict, told["watermark"].reason
+            risk = self._latest  # a frame that nobody saw changes nothing
+            alert = Alert(
+                self._number, verdict, why, ReadOnlyMapping(told), "", (), risk, 0.0, False,
+                watermark=found,
+            )  # fmt: skip
             self._count(alert)
             return alert
 
@@ -546,33 +591,34 @@ def _boxes(
     cross: CrossModalResult | SurroundResult | None,
     forensics: Inspection | None,
 ) -> tuple[Box, ...]:
-    """The narrowest that is known: cameras, else forensics, else the sectors of the watermark."""
+    """Those of all witnesses that accuse, the narrowest first: the watermark knows sectors only."""
+    boxes: tuple[Box, ...] = ()
     if cross is not None and cross.verdict == "tampered":
-        return cross.boxes
-    if forensics is not None and forensics.verdict == "tampered" and forensics.regions:
-        return tuple(region.box for region in forensics.regions)
+        boxes += cross.boxes
+    if forensics is not None and forensics.verdict == "tampered":
+        boxes += tuple(region.box for region in forensics.regions)
     if watermark is not None and watermark.verdict == "tampered":
-        return tuple(region.box for region in watermark.regions)
-    return ()
+        boxes += tuple(region.box for region in watermark.regions)
+    return boxes
 
 
-def _observation(
+def _observations(
     watermark: WatermarkResult | None,
     cross: CrossModalResult | SurroundResult | None,
     forensics: Inspection | None,
     speed_mps: float,
     region: RiskParameters,
-) -> AttackObservation | None:
-    """The attack for the risk, by the witness that knows most of it."""
+) -> list[AttackObservation]:
+    """The attack as each witness that accuses saw it; the one that knows most of it first."""
+    observed = []
     if cross is not None:
-        observed = cross.observation(speed_mps=speed_mps, parameters=region)
-        if observed is not None:
-            return observed
+        by_cameras = cross.observation(speed_mps=speed_mps, parameters=region)
+        observed += [] if by_cameras is None else [by_cameras]
     if forensics is not None and forensics.verdict == "tampered":
-        return _by_forensics(forensics, region, speed_mps)
+        observed.append(_by_forensics(forensics, region, speed_mps))
     if watermark is not None and watermark.verdict == "tampered":
-        return _by_tiles(watermark, region)
-    return None
+        observed.append(_by_tiles(watermark, region))
+    return observed
 
 
 def _by_forensics(found: Inspection, region: RiskParameters, speed_mps: float) -> AttackObservation:
@@ -606,35 +652,99 @@ def _to_ahead(begin_deg: float, end_deg: float) -> float:
 
 
 @checked
-def verdict_of_alerts(alerts: Sequence[tuple[str, str]]) -> tuple[str, str]:
+def verdict_of_alerts(alerts: Sequence[Alert], *, whole: bool = False) -> tuple[str, str]:
     """Return the verdict of several frames, and its reason.
 
     Parameters
     ----------
-    alerts : sequence of (str, str)
-        Verdict and reason of each `Alert`.
+    alerts : sequence of Alert
+        In the order of the stream; also those of `Alert.brief`.
+    whole : bool
+        The frames are to be one whole session of the watermark, from its first frame to the one
+        that says that it is the last, as for `verdict_of_stream`.
 
     Returns
     -------
     (verdict, reason)
-        ``tampered`` if a frame is; else ``undecidable`` if a frame is, or was skipped; else
-        ``authentic`` if every frame is, else ``no_trace``.
+        ``tampered`` if a frame is; else ``undecidable`` if a frame is, or was skipped, or if a
+        whole session is not there; else ``authentic`` if every frame is, else ``no_trace``.
 
     Raises
     ------
     InputError
         No frames.
 
+    Notes
+    -----
+    Cameras accuse one clean frame in 120, so that a drive of some minutes always has frames that
+    they alone doubt. The drive is doubted for these where there are more of them than clean drives
+    of as many frames have in 99 of 100 cases (binomial); else the reason names them, and they count
+    by what the other witnesses say. Neighbouring frames see the same street: false accusations come
+    several in a row, so that more than one clean drive in 100 is doubted.
+
     Examples
     --------
-    >>> verdict_of_alerts([("authentic", "every point holds"), ("skipped", "too late")])
-    ('undecidable', 'too late (1 of 2 frames)')
+    >>> verdict_of_alerts([AlertMonitor().skip("too late")])
+    ('undecidable', 'too late (1 of 1 frames)')
     """
     if len(alerts) == 0:
         raise InputError("alerts: expected at least one, got none")
+    is_chance, note = _accused_by_cameras(alerts)
+    told = [_without_cameras(alert) if is_chance else (alert.verdict, alert.reason)
+            for alert in alerts]  # fmt: skip
+    verdict, reason = _gravest(told)
+    if verdict == "authentic" and whole:
+        stream, why = verdict_of_stream([a.watermark for a in alerts if a.watermark is not None])
+        if stream != "authentic":
+            verdict, reason = stream, f"watermark: {why}"
+    return verdict, reason + note
+
+
+def _gravest(told: Sequence[tuple[str, str]]) -> tuple[str, str]:
+    """The gravest verdict of frames, the first reason for it, and of how many frames it is."""
     for verdict, *others in (("tampered",), ("undecidable", "skipped")):
-        reasons = [reason for said, reason in alerts if said in (verdict, *others)]
+        reasons = [reason for said, reason in told if said in (verdict, *others)]
         if reasons:
-            return verdict, f"{reasons[0]} ({len(reasons)} of {len(alerts)} frames)"
-    every = all(said == "authentic" for said, _ in alerts)
-    return "authentic" if every else "no_trace", f"{alerts[0][1]} ({len(alerts)} frames)"
+            return verdict, f"{reasons[0]} ({len(reasons)} of {len(told)} frames)"
+    every = all(said == "authentic" for said, _ in told)
+    return "authentic" if every else "no_trace", f"{told[0][1]} ({len(told)} frames)"
+
+
+LEAST_CHANCE = 0.01
+"""Share of clean drives, at most, that are doubted because of the cameras alone."""
+
+
+def _accused_by_cameras(alerts: Sequence[Alert]) -> tuple[bool, str]:
+    """Whether chance explains how many frames the cameras accuse, and a note of these frames."""
+    told = [alert.witnesses["cross-modal"].verdict for alert in alerts]
+    accused, judged = told.count("tampered"), len(told) - sum(map(told.count, _UNHEARD))
+    if not accused:
+        return True, ""
+    of_clean, clean = CLEAN_ACCUSED
+    is_chance = _binomial_tail(accused, judged, of_clean / clean) > LEAST_CHANCE
+    than = "not more than by chance" if is_chance else "more than by chance"
+    return is_chance, (
+        f"; cameras accuse {accused} of {judged} frames, {than} ({of_clean} of {clean} clean ones)"
+    )
+
+
+_UNHEARD = ("absent", "skipped", "undecidable")
+
+
+def _without_cameras(alert: Alert) -> tuple[str, str]:
+    """The verdict as if the cameras had found nothing where they alone accuse, and its reason."""
+    told = alert.witnesses
+    if alert.verdict != "undecidable" or told["cross-modal"].verdict != "tampered":
+        return alert.verdict, alert.reason
+    quiet = WitnessReport("no_trace", "as often as in clean frames")
+    return _joined({**told, "cross-modal": quiet}, has_key=told["watermark"].verdict != "absent")
+
+
+def _binomial_tail(least: int, trials: int, rate: float) -> float:
+    """Probability of at least so many of the trials."""
+
+    def log_share(count: int) -> float:
+        ways = math.lgamma(trials + 1) - math.lgamma(count + 1) - math.lgamma(trials - count + 1)
+        return ways + count * math.log(rate) + (trials - count) * math.log1p(-rate)
+
+    return math.fsum(math.exp(log_share(count)) for count in range(least, trials + 1))

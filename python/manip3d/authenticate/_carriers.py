@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -69,17 +70,29 @@ ALLOWED: Mapping[str, Allowance] = ReadOnlyMapping(
         "qim": Allowance(0.00125, 0.0, 0.30),
     }
 )
-"""By embedding; a detached watermark moves nothing."""
+"""By embedding, on the grid of 1 mm (`allowance`); a detached watermark moves nothing."""
+
+MILLIMETRES = 1000
+"""Steps a metre of the grid that scans of an HDL-64E have, and of QIM's."""
 
 
-def find_carrier(points: Points) -> str | None:
+def allowance(embedding: str, units_per_m: int = MILLIMETRES) -> Allowance:
+    """What an embedding of `ALLOWED` may have moved on a grid of so many steps a metre."""
+    found, scale = ALLOWED[embedding], MILLIMETRES / units_per_m
+    return replace(
+        found, tolerance=found.tolerance * scale, azimuth_error=found.azimuth_error * scale
+    )
+
+
+def find_carrier(points: Points, units_per_m: int = MILLIMETRES) -> str | None:
     """Name the watermark whose traces a scan has: lbm, qim or qim-printed; None: none of them.
 
-    LBM writes one bit into the lowest bits of x, y and z in millimetres; QIM puts z at a quarter or
-    three quarters of a cell of 2.5 mm, as printed at a whole or half one.
+    LBM writes one bit into the lowest bits of x, y and z in steps of its grid; QIM puts z at a
+    quarter or three quarters of a cell of 2.5 mm, as printed at a whole or half one.
     """
     some = points[:: max(1, len(points) // 5000)]
-    for name, carries in _CARRIES.items():
+    tests: Mapping[str, _Test] = _OF_CELLS | {"lbm": functools.partial(_carries_lbm, units_per_m)}
+    for name, carries in tests.items():
         if _holds(some, carries) and _holds(points, carries):
             return name
     return None
@@ -107,8 +120,10 @@ def _whole(
     return np.where(wide, nearest, 0.0).astype(np.int64), wide
 
 
-def _carries_lbm(points: NDArray[np.float64]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    units, whole = _whole(points, 1000.0)
+def _carries_lbm(
+    units_per_m: int, points: NDArray[np.float64]
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    units, whole = _whole(points, float(units_per_m))
     lowest = (units & 1).astype(np.bool_)
     equal = (lowest[:, 0] == lowest[:, 1]) & (lowest[:, 0] == lowest[:, 2])
     return equal & whole.all(axis=1), lowest[:, 0]
@@ -124,8 +139,7 @@ def _carries_printed(points: NDArray[np.float64]) -> tuple[NDArray[np.bool_], ND
     return whole & (quarters % 2 == 0), quarters % 4 == 0
 
 
-_CARRIES: Mapping[str, _Test] = {
-    "lbm": _carries_lbm,
+_OF_CELLS: dict[str, _Test] = {
     "qim": _carries_qim,
     "qim-printed": _carries_printed,
 }
@@ -144,11 +158,21 @@ def trace_of(points: Points) -> tuple[Processing, ...]:
     return (Processing("watermarked", detail),)
 
 
-def without_bits(points: Points, embedding: str) -> Points:
+def rounding_of(embedding: str, units_per_m: int) -> tuple[Processing, ...]:
+    """The processing that a grid coarser than whole millimetres is; empty: it is none."""
+    from manip3d.authenticate._verdict import Processing
+
+    if embedding != "lbm" or units_per_m >= MILLIMETRES:
+        return ()
+    step = 1000.0 / units_per_m
+    return (Processing("rounded", f"the watermark's grid has steps of {step:g} mm"),)
+
+
+def without_bits(points: Points, embedding: str, units_per_m: int = MILLIMETRES) -> Points:
     """Put each carrier in the middle of what it may have been before a bit was written into it."""
     if embedding == "lbm":
-        units = np.round(points.astype(np.float64) * 1000.0)
-        middle = (2.0 * np.floor(units / 2.0) + 0.5) / 1000.0
+        units = np.round(points.astype(np.float64) * units_per_m)
+        middle = (2.0 * np.floor(units / 2.0) + 0.5) / units_per_m
         return np.ascontiguousarray(middle, np.float32)
     if embedding == "qim":
         cells = np.floor(np.round(points[:, 2].astype(np.float64) * OF_CELL) / 4.0)

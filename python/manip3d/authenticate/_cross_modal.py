@@ -44,6 +44,10 @@ CALIBRATION = Calibration(
 )
 """Frames on which the parameters were chosen, those at the ends of streets among them."""
 
+CLEAN_ACCUSED = (1, 120)
+"""Clean frames that are accused, and all that were judged, of streets on which no parameter was
+chosen: the stated rate of false accusations of a frame (experiment ``table-7.2-cross-modal``)."""
+
 
 @checked
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from manip3d._util.arrays import rows as as_rows
 from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
 from manip3d._util.showing import Showable
-from manip3d.authenticate._carriers import ALLOWED, allowing
+from manip3d.authenticate._carriers import ALLOWED, MILLIMETRES, allowance, allowing
 from manip3d.authenticate._lattice import SensorLattice, estimate_lattice
 from manip3d.authenticate._verdict import NO_POWER, Calibration, Power, Verdict
 from manip3d.errors import InputError
@@ -384,6 +384,7 @@ def consistency_allowing(
     previous: LidarFrame | ArrayLike | None = None,
     following: LidarFrame | ArrayLike | None = None,
     reading: LatticeReading | None = None,
+    units_per_m: int = MILLIMETRES,
     false_alarm_rate: float = 0.01,
     threads: int = 0,
 ) -> GenericResult:
@@ -396,11 +397,13 @@ def consistency_allowing(
     reading : LatticeReading or None
         Where the frame's points lie on the lattice; None: it is read here. With an embedding it is
         read anew: its lattice knows fewer steps.
+    units_per_m : int
+        Steps a metre of the embedding's grid.
     """
     cloud = _points_of(frame, "points")
     limits = _Limits()
     if embedding in ALLOWED:
-        allowed = ALLOWED[embedding]
+        allowed = allowance(embedding, units_per_m)
         limits = _Limits(
             limits.tolerance + allowed.tolerance,
             allowed.range_incoherence or limits.range_incoherence,

@@ -13,7 +13,14 @@ from manip3d._util.checked import checked
 from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.options import reporting
 from manip3d._util.showing import Showable
-from manip3d.authenticate._carriers import ALLOWED, find_carrier, trace_of, without_bits
+from manip3d.authenticate._carriers import (
+    ALLOWED,
+    MILLIMETRES,
+    find_carrier,
+    rounding_of,
+    trace_of,
+    without_bits,
+)
 from manip3d.authenticate._density import PAPER_DENSITY, DensityResult, density_consistency
 from manip3d.authenticate._generic import (
     EVIDENCE,
@@ -413,8 +420,10 @@ def _inspected(
         if trace := trace_of(scan.points):
             return _carrying(scan, trace)
         embedding = ""
+    units = MILLIMETRES if signed is None or not embedding else signed.units_per_m
     if embedding:
-        scan = scan.replace(points=without_bits(scan.points, embedding), exact=None, format=None)
+        points = without_bits(scan.points, embedding, units)
+        scan = scan.replace(points=points, exact=None, format=None)
     place, source, known = _scanner(scan, asked.origin, asked.lattice, asked.threads)
     told(0.1)
     if place is None:
@@ -425,9 +434,9 @@ def _inspected(
     told(0.3)
     if found.kind == "lattice" and not asked.printed:
         beside = (asked.previous, asked.following)
-        before, after = (_neighbour(other, place, embedding) for other in beside)
+        before, after = (_neighbour(other, place, embedding, units) for other in beside)
         result = _by_lattice(
-            scan, place, source, (found, reading), (before, after), embedding, asked.threads
+            scan, place, source, (found, reading), (before, after), embedding, units, asked.threads
         )
     elif found.kind == "terrestrial" or asked.printed:
         result = _by_angles(scan, place, source, found, asked.printed, asked.threads, told)
@@ -550,12 +559,15 @@ def _stated(scan: LidarFrame, sensor: str, threads: int) -> Sensor:
     return Sensor("unknown", "unknown", "the scan does not stand on the lattice that was stated")
 
 
-def _neighbour(scan: ScanLike | None, place: Place, embedding: str) -> LidarFrame | None:
+def _neighbour(
+    scan: ScanLike | None, place: Place, embedding: str, units_per_m: int
+) -> LidarFrame | None:
     if scan is None:
         return None
     frame = _as_frame(scan)
-    if embedding and find_carrier(frame.points) == embedding:
-        frame = frame.replace(points=without_bits(frame.points, embedding), exact=None, format=None)
+    if embedding and find_carrier(frame.points, units_per_m) == embedding:
+        points = without_bits(frame.points, embedding, units_per_m)
+        frame = frame.replace(points=points, exact=None, format=None)
     return _at_origin(frame, place)
 
 
@@ -566,6 +578,7 @@ def _by_lattice(
     identified: _Identified,
     beside: tuple[LidarFrame | None, LidarFrame | None],
     embedding: str,
+    units_per_m: int,
     threads: int,
 ) -> Inspection:
     """Judge by detector III, with what a verified embedding moved."""
@@ -581,6 +594,7 @@ def _by_lattice(
             lattice=sensor.lattice,
             previous=None if both else before,
             following=None if both else after,
+            units_per_m=units_per_m,
             false_alarm_rate=rate_of("generic"),
             threads=threads,
         )
@@ -593,9 +607,10 @@ def _by_lattice(
             generic = judge(centred.select(kept)).with_rows(kept, centred)
             detail = f"{np.count_nonzero(copies)} points repeat another one"
             repeated = (Processing("repeated", detail),)
-    processing = repeated + find_processing(
-        centred.points, sensor, generic, centred.intensity, reading
-    )
+    coarse = rounding_of(embedding, units_per_m)
+    found = find_processing(centred.points, sensor, generic, centred.intensity, reading)
+    processing = repeated + coarse
+    processing += tuple(step for step in found if not (coarse and step.kind == "rounded"))
     changed = [step for step in processing if step.kind not in COORDINATES_KEPT]
     if generic is not None and changed:
         generic = generic.without(_spoiled(generic, processing))

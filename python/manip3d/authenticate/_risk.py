@@ -249,8 +249,10 @@ ACTIONS: Mapping[str, str] = ReadOnlyMapping(
 
 
 class _Past(NamedTuple):
-    place: tuple[float, float] | None  # in the frame of the first, None: clean
-    polar: tuple[float, float] | None  # (d, theta) as the frame itself saw it
+    """What the witnesses of one frame saw; empty: it is clean."""
+
+    places: tuple[tuple[float, float], ...]  # in the frame of the first
+    polars: tuple[tuple[float, float], ...]  # (d, theta) as the frame itself saw them
 
 
 class RiskTracker:
@@ -296,6 +298,7 @@ class RiskTracker:
         *,
         speed_mps: float,
         motion: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        others: Sequence[AttackObservation] = (),
     ) -> Risk:
         """Take the next frame and return the risk after it.
 
@@ -308,6 +311,9 @@ class RiskTracker:
         motion : (float, float, float)
             How the car moved since the frame before: metres ahead and to the left, and radians
             counter-clockwise. Zeros where it is not known.
+        others : sequence of AttackObservation
+            What further witnesses saw in the frame. The gravest counts, so that no witness can make
+            the risk smaller than it is by what another one saw.
 
         Raises
         ------
@@ -319,25 +325,23 @@ class RiskTracker:
             raise InputError(f"motion: expected finite numbers, got {motion}")
         with self._lock:
             self._pose = _moved(self._pose, motion)
-            self._past.append(_seen(attack, self._pose))
+            attacks = [*([] if attack is None else [attack]), *others]
+            self._past.append(_seen(attacks, self._pose))
             count = self.parameters.frames(speed_mps)
             past = list(self._past)[-(count + 1) :]
-        return self._risk(attack, past, count, speed_mps)
+        return self._risk(attacks, past, count, speed_mps)
 
     def _risk(
-        self, attack: AttackObservation | None, past: Sequence[_Past], count: int, speed_mps: float
+        self,
+        attacks: Sequence[AttackObservation],
+        past: Sequence[_Past],
+        count: int,
+        speed_mps: float,
     ) -> Risk:
         p = self.parameters
-        factors = {}
-        if attack is not None:
-            safe = p.safe_distance(speed_mps)
-            factors = {
-                "distance": max(0.0, (safe - attack.distance) / safe) if safe > 0.0 else 0.0,
-                "number": attack.changed / attack.cells if attack.cells else 0.0,
-                "angle": max(0.0, math.cos(attack.angle_rad)),
-                "type": ATTACK_TYPES[attack.type],
-            }
-        attacked = [frame.place is not None for frame in past[-count:]]
+        safe = p.safe_distance(speed_mps)
+        factors = max((_factors(each, safe) for each in attacks), key=_gravity, default={})
+        attacked = [bool(frame.places) for frame in past[-count:]]
         factors["space"] = _spatial(past, count, p)
         factors["time"] = temporal_factor(attacked, frames=count)
         product = math.prod(factors.values())
@@ -352,6 +356,21 @@ class RiskTracker:
             count,
             sum(attacked),
         )
+
+
+def _factors(attack: AttackObservation, safe: float) -> dict[str, float]:
+    """The factors of a frame by itself."""
+    return {
+        "distance": max(0.0, (safe - attack.distance) / safe) if safe > 0.0 else 0.0,
+        "number": attack.changed / attack.cells if attack.cells else 0.0,
+        "angle": max(0.0, math.cos(attack.angle_rad)),
+        "type": ATTACK_TYPES[attack.type],
+    }
+
+
+def _gravity(factors: Mapping[str, float]) -> tuple[float, float]:
+    """Orders attacks; where one factor is 0, by the others."""
+    return math.prod(factors.values()), sum(factors.values())
 
 
 @checked
@@ -389,28 +408,26 @@ def _spatial(past: Sequence[_Past], count: int, p: RiskParameters) -> float:
     """f_s, the mean over X_n pairs of neighbouring frames; 0 where either is clean."""
     total = 0.0
     for before, after in itertools.pairwise(past):
-        if before.place is None or after.place is None:
-            continue
         if p.paper_literal:
             # Pearson's correlation of two 2-vectors is the sign of the product of differences.
-            assert before.polar is not None
-            assert after.polar is not None
-            slope = (before.polar[0] - before.polar[1]) * (after.polar[0] - after.polar[1])
-            total += float(slope > 0.0) - float(slope < 0.0)
+            pairs = itertools.product(before.polars, after.polars)
+            slopes = [(one[0] - one[1]) * (two[0] - two[1]) for one, two in pairs]
+            total += max((float(s > 0.0) - float(s < 0.0) for s in slopes), default=0.0)
         else:
-            squared = math.dist(before.place, after.place) ** 2
+            places = itertools.product(before.places, after.places)
+            squared = min((math.dist(*pair) ** 2 for pair in places), default=math.inf)
             total += math.exp(-squared / (2.0 * p.sigma_m * p.sigma_m))
     return total / count
 
 
-def _seen(attack: AttackObservation | None, pose: tuple[float, float, float]) -> _Past:
-    if attack is None:
-        return _Past(None, None)
+def _seen(attacks: Sequence[AttackObservation], pose: tuple[float, float, float]) -> _Past:
     x, y, yaw = pose
     cosine, sine = math.cos(yaw), math.sin(yaw)
-    ahead, left = attack.position
-    place = (x + cosine * ahead - sine * left, y + sine * ahead + cosine * left)
-    return _Past(place, (attack.distance, attack.angle_rad))
+    places = tuple(
+        (x + cosine * ahead - sine * left, y + sine * ahead + cosine * left)
+        for ahead, left in (attack.position for attack in attacks)
+    )
+    return _Past(places, tuple((attack.distance, attack.angle_rad) for attack in attacks))
 
 
 def _moved(

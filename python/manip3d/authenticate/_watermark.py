@@ -289,6 +289,14 @@ class WatermarkResult(Showable):
     session : str
         Hexadecimal; empty where the record could not be used.
     embedding : str
+    time_ns : int or None
+        Time of the frame that the record states, nanoseconds since 1970.
+    is_end : bool
+        The session ends with this frame.
+    scan : LidarFrame or None
+        What was verified.
+    units_per_m : int
+        Steps a metre of the grid whose points carry the bits; 0: none does.
     """
 
     verdict: WatermarkVerdict
@@ -306,6 +314,7 @@ class WatermarkResult(Showable):
     time_ns: int | None = None
     is_end: bool = False
     scan: LidarFrame | None = None
+    units_per_m: int = 0
 
     name = "watermark"
     title = "Keyed watermark"
@@ -500,7 +509,7 @@ class Watermarker:
         Raises
         ------
         InputError
-            There are no points, or they are not on the grid; coordinates that need float64 with
+            Points are not on the grid; coordinates that need float64 with
             ``qim``, or whose points in float32 are others; the key has expired; a picture that
             cannot carry the record, or one beside a detached scan in float64.
         Error
@@ -636,6 +645,40 @@ class Watermarker:
         if self._since_checkpoint >= CHECKPOINT_FRAMES:
             self._checkpoint()
         return result
+
+    def verify_without_scan(
+        self,
+        record: bytes | None,
+        reason: str,
+        *,
+        policy: Policy | None = None,
+        picture: ArrayLike | None = None,
+    ) -> WatermarkResult:
+        """Take the record of a frame whose scan is missing or cannot be read.
+
+        The frame is ``undecidable`` (``tampered``, if it was seen before), but keeps its place in
+        the chain, so that those after it are judged as if it were there.
+
+        Parameters
+        ----------
+        record, policy, picture
+            As for `verify`.
+        reason : str
+            Why there is no scan.
+
+        Raises
+        ------
+        InputError, Error
+            As `verify`.
+        """
+        empty = LidarFrame(np.empty((0, 3), np.float32))
+        found = self.verify(empty, record, policy=policy, picture=picture)
+        verdict: WatermarkVerdict = "tampered" if found.order == "replay" else "undecidable"
+        if found.order == "replay":
+            reason = f"{reason}, and the frame was seen before, or comes after a later one"
+        return replace(
+            found, verdict=verdict, reason=reason, content="unverifiable", tiles=(), regions=()
+        )
 
     def reset(self) -> None:
         """Forget the frames that were verified."""
@@ -864,6 +907,7 @@ def _result(found: Mapping[str, Any], frame: LidarFrame) -> WatermarkResult:
         embedding=EMBEDDINGS[header["embedding"]],
         time_ns=header["time_ns"],
         is_end=header["is_end"],
+        units_per_m=header["units_per_m"],
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,13 +12,12 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
-from manip3d._util.times import parse_time
 from manip3d.authenticate._picture_files import picture_path, write_carrier
 from manip3d.authenticate._watermark import Watermarked, WatermarkResult, WatermarkVerdict
 from manip3d.errors import InputError
 from manip3d.io import read_scan, write_scan
 from manip3d.io._files import atomic_path, atomic_write, open_regular
-from manip3d.io._scan_files import scan_paths
+from manip3d.io._scan_files import SCAN_SUFFIXES, scan_paths
 from manip3d.io._scan_tables import scan_suffix
 from manip3d.lidar import LidarFrame
 
@@ -26,10 +25,15 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 MAX_RECORD_BYTES = 16384
+RECORD_SUFFIX = ".wm"
 
 _SAME_M = 1e-8  # metres: as far apart as float64 of a national grid may be, and no grid's step
+_COMPRESSED = (".xz", ".gz")
 _EXACT = (".bin", ".pcd.bin", ".pcd", ".ply")
 
+_WITH_INTENSITY = (".bin", ".pcd.bin")
+
+_CALIBRATIONS = ("calib_cam_to_cam.txt", "calib_velo_to_cam.txt", "calib_imu_to_velo.txt")
 _FOLDERS = (Path("velodyne_points") / "data", Path("velodyne"))
 
 
@@ -37,7 +41,18 @@ _FOLDERS = (Path("velodyne_points") / "data", Path("velodyne"))
 def record_path(scan: str | os.PathLike[str]) -> Path:
     """Return the path of the record beside a scan: ``scan.bin.wm`` for ``scan.bin``."""
     path = path_of(scan)
-    return path.with_name(path.name + ".wm")
+    return path.with_name(path.name + RECORD_SUFFIX)
+
+
+@checked
+def find_record(scan: str | os.PathLike[str]) -> Path:
+    """Return the path of the record of a scan, which may have been compressed since.
+
+    `record_path` of the scan; where there is no such file, that of the scan before it was
+    compressed or decompressed, if it is there: ``scan.bin.wm`` of ``scan.bin.xz``.
+    """
+    records = [record_path(each) for each in _same_scans(path_of(scan))]
+    return next((each for each in records if each.is_file()), records[0])
 
 
 @checked
@@ -59,6 +74,30 @@ def read_record(path: str | os.PathLike[str]) -> bytes | None:
             return file.read(MAX_RECORD_BYTES + 1)
     except FileNotFoundError:
         return None
+
+
+@checked
+def scan_of_record(record: str | os.PathLike[str]) -> Path | None:
+    """Return the scan beside which a record stands, which may be compressed; None: it is missing.
+
+    Raises
+    ------
+    InputError
+        The name does not end in ``.wm``.
+    """
+    path = path_of(record)
+    if path.suffix != RECORD_SUFFIX:
+        raise InputError(f"{path}: expected a record, whose name ends in {RECORD_SUFFIX}")
+    return next((each for each in _same_scans(path.with_suffix("")) if each.exists()), None)
+
+
+def _same_scans(scan: Path) -> list[Path]:
+    """The scan's path, and those that it has when it is compressed or decompressed."""
+    plain = scan.name
+    for suffix in _COMPRESSED:
+        plain = plain.removesuffix(suffix)
+    names = (plain, *(plain + suffix for suffix in _COMPRESSED))
+    return [scan, *(scan.with_name(name) for name in names if name != scan.name)]
 
 
 @checked
@@ -92,6 +131,52 @@ def check_holds_float32(scan: str | os.PathLike[str]) -> None:
 
 
 @checked
+def as_stored(
+    frame: LidarFrame,
+    path: str | os.PathLike[str],
+    *,
+    unchanged: str | os.PathLike[str] | None = None,
+) -> LidarFrame:
+    """Return a scan as a file will give it back, which is what has to be signed.
+
+    Points without coordinates, which organised scans have, are not written, so that none is missing
+    from the file; KITTI's and nuScenes' formats have an intensity, 0 where the scan has none.
+
+    Parameters
+    ----------
+    frame : LidarFrame
+    path : path
+        Where it will be written.
+    unchanged : path, optional
+        File that will be copied there if it has the same format, as `write_watermarked` does with
+        detached watermarks: the frame stays as it is then.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import LidarFrame
+    >>> organised = LidarFrame(np.ones((2, 3), np.float32), num_dropped=7)
+    >>> stored = as_stored(organised, "scan.bin")
+    >>> stored.num_dropped, stored.intensity.tolist()
+    (0, [0.0, 0.0])
+    """
+    target = path_of(path)
+    if unchanged is not None and _is_same_format(path_of(unchanged), target):
+        return frame
+    intensity = frame.intensity
+    if intensity is None and scan_suffix(target) in _WITH_INTENSITY:
+        intensity = np.zeros(frame.num_points, np.float32)
+    return frame.replace(num_dropped=0, intensity=intensity)
+
+
+def _is_same_format(one: Path, other: Path) -> bool:
+    def packed(path: Path) -> str:
+        return path.suffix if path.suffix in _COMPRESSED else ""
+
+    return scan_suffix(one) == scan_suffix(other) and packed(one) == packed(other)
+
+
+@checked
 def write_watermarked(
     sent: Watermarked,
     path: str | os.PathLike[str],
@@ -116,26 +201,25 @@ def write_watermarked(
     Raises
     ------
     InputError, FormatError, OSError
-        As `manip3d.io.write_scan`; the format cannot hold the points as they are.
+        As `manip3d.io.write_scan`; the format cannot hold the points as they are: what was written
+        is read again before it gets its name (see `as_stored`).
     """
     target = path_of(path)
     source = None if unchanged is None else path_of(unchanged)
     shown = picture_path(target) if picture is None else path_of(picture)
     if picture is not None and sent.picture is None:
         raise InputError("picture: expected none for a watermark whose record no picture carries")
-    copies = source is not None and sent.is_detached and source.suffix == target.suffix
+    copies = source is not None and sent.is_detached and _is_same_format(source, target)
     exact = sent.frame.exact is not None and not sent.is_detached
     if not copies and not exact:
         check_holds_float32(target)
     target.parent.mkdir(parents=True, exist_ok=True)
-    if source is not None and copies:
-        if source.resolve() != target.resolve():
-            with atomic_path(target) as temporary:
-                shutil.copyfile(source, temporary)
-    elif exact:
-        _write_exact(sent.frame, target)
-    else:
-        write_scan(sent.frame, target)
+    with atomic_path(target) as temporary:
+        if source is not None and copies:
+            shutil.copyfile(source, temporary)
+        else:
+            write_scan(sent.frame, temporary)
+        _check_reads_back(read_scan(temporary), sent.frame, target)
     if sent.picture is None:
         atomic_write(record_path(target), sent.record)
         return
@@ -143,19 +227,36 @@ def write_watermarked(
     write_carrier(sent.picture, shown)
 
 
-def _write_exact(frame: LidarFrame, target: Path) -> None:
-    """Write coordinates in float64, if the format gives them back as they are."""
-    with atomic_path(target) as temporary:
-        write_scan(frame, temporary)
-        read = read_scan(temporary).exact
-        if read is None or frame.exact is None or not _are_same(read, frame.exact):
+def _check_reads_back(read: LidarFrame, sent: LidarFrame, target: Path) -> None:
+    """Refuse a file from which the record could not be verified."""
+    if not _are_same(read.exact, sent.exact):
+        raise InputError(
+            f"{target}: expected a format that keeps coordinates of float64 as they are, such "
+            "as the one that they were read from"
+        )
+    is_float32 = sent.exact is None
+    pairs = {
+        "coordinates": not is_float32 or np.array_equal(read.points, sent.points),
+        "intensities": _are_equal(read.intensity, sent.intensity),
+        "number of points without coordinates": read.num_dropped == sent.num_dropped,
+    }
+    for name, is_kept in pairs.items():
+        if not is_kept:
             raise InputError(
-                f"{target}: expected a format that keeps coordinates of float64 as they are, such "
-                "as the one that they were read from"
+                f"{target}: the format does not give the {name} back that were signed; sign the "
+                "scan that manip3d.authenticate.as_stored returns"
             )
 
 
-def _are_same(read: NDArray[np.float64], written: NDArray[np.float64]) -> bool:
+def _are_equal(read: NDArray[np.float32] | None, sent: NDArray[np.float32] | None) -> bool:
+    if read is None or sent is None:
+        return read is sent
+    return np.array_equal(read, sent)
+
+
+def _are_same(read: NDArray[np.float64] | None, written: NDArray[np.float64] | None) -> bool:
+    if read is None or written is None:
+        return read is written
     return read.shape == written.shape and bool((np.abs(read - written) <= _SAME_M).all())
 
 
@@ -172,6 +273,19 @@ def drive_scans(folder: str | os.PathLike[str]) -> list[Path]:
     if not scans:
         raise InputError(f"{os.fspath(folder)}: expected scans, found none")
     return scans
+
+
+@checked
+def drive_records_alone(folder: str | os.PathLike[str]) -> list[Path]:
+    """Return the records of a drive whose scans are missing, in their order.
+
+    Raises
+    ------
+    InputError
+        The folder has neither ``velodyne_points/data`` nor ``velodyne``.
+    """
+    records = _scan_folder(folder).glob(f"*{RECORD_SUFFIX}")
+    return sorted(path for path in records if scan_of_record(path) is None)
 
 
 @checked
@@ -195,25 +309,75 @@ def plain_name(scan: str | os.PathLike[str], drive: str | os.PathLike[str]) -> P
     """Return where a drive's scan belongs in another folder: without a compression's suffix."""
     relative = path_of(scan).relative_to(path_of(drive))
     name = relative.name
-    for suffix in (".xz", ".gz"):
+    for suffix in _COMPRESSED:
         name = name.removesuffix(suffix)
     return relative.with_name(name)
 
 
 @checked
-def drive_times(folder: str | os.PathLike[str]) -> list[int] | None:
-    """Return when the scans of a drive were taken, nanoseconds since 1970.
+def copy_rest_of_drive(
+    drive: str | os.PathLike[str],
+    output: str | os.PathLike[str],
+    *,
+    written: Collection[Path] = (),
+) -> list[Path]:
+    """Copy everything of a drive but its scans and their records, byte for byte.
 
-    None where the drive does not say (``velodyne_points/timestamps.txt``) or where the number of
-    its times is not that of its scans.
+    Pictures, positions, times, labels and calibrations come along, also the calibration of the day
+    that KITTI has beside its raw drives: without them a signed drive has no speeds and no cameras.
+
+    Parameters
+    ----------
+    drive, output : path
+        Folders; ``output`` may lie in the drive. Files there are replaced.
+    written : collection of Path
+        Files of ``output`` that are there already, such as pictures that carry records.
+
+    Returns
+    -------
+    list of Path
+        The copies.
+
+    Raises
+    ------
+    InputError
+        The drive has neither ``velodyne_points/data`` nor ``velodyne``.
+    OSError
+        A file cannot be read or written.
     """
-    path = path_of(folder) / "velodyne_points" / "timestamps.txt"
-    try:
-        lines = path.read_text(encoding="ascii").split("\n")
-        times = [parse_time(line) for line in lines if line.strip()]
-    except (OSError, ValueError):
-        return None
-    return times if len(times) == len(drive_scans(folder)) else None
+    source, target = path_of(drive), path_of(output)
+    copies = {file: file.relative_to(source) for file in _rest_of_drive(source, target)}
+    if not (source / _CALIBRATIONS[0]).is_file():
+        day = source.resolve().parent
+        copies |= {day / name: Path(name) for name in _CALIBRATIONS if (day / name).is_file()}
+    done = [(file, target / name) for file, name in copies.items() if target / name not in written]
+    for file, copy in done:
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_path(copy) as temporary:
+            shutil.copyfile(file, temporary)
+    return [copy for _, copy in done]
+
+
+def _rest_of_drive(drive: Path, output: Path) -> list[Path]:
+    """Regular files of a drive that are neither scans nor records, nor below the output."""
+    scans, left_out = _scan_folder(drive).resolve(), output.resolve()
+    found: list[Path] = []
+    for top, folders, names in os.walk(drive, followlinks=True):
+        here = Path(top)
+        above = [here, *(p for p in here.parents if p.is_relative_to(drive))]
+        closed = {left_out, *(folder.resolve() for folder in above)}  # links may lead in circles
+        folders[:] = sorted(name for name in folders if (here / name).resolve() not in closed)
+        is_signed = here.resolve() == scans
+        found += [
+            here / name
+            for name in sorted(names)
+            if (here / name).is_file() and not (is_signed and _is_scan_or_record(Path(name)))
+        ]
+    return found
+
+
+def _is_scan_or_record(path: Path) -> bool:
+    return path.suffix == RECORD_SUFFIX or scan_suffix(path) in SCAN_SUFFIXES
 
 
 def _scan_folder(folder: str | os.PathLike[str]) -> Path:
@@ -237,13 +401,15 @@ def verdict_of_stream(
     results : sequence of WatermarkResult
         In the order of the stream.
     whole : bool
-        The frames are to be a whole session, whose last frame says that it is the last.
+        The frames are to be one whole session, from its first frame to the one that says that it
+        is the last.
 
     Returns
     -------
     (verdict, reason)
-        ``tampered`` if a frame is; else ``undecidable`` if a frame is, or the end is missing; else
-        ``authentic``.
+        ``tampered`` if a frame is; else ``undecidable`` if a frame is, if the frames are of several
+        sessions (what was between these nobody knows), or if the beginning or the end is missing;
+        else ``authentic``.
     """
     if len(results) == 0:
         raise InputError("results: expected at least one, got none")
@@ -252,8 +418,23 @@ def verdict_of_stream(
         if found:
             one = f" ({len(found)} of {len(results)} frames)" if len(results) > 1 else ""
             return verdict, found[0].reason + one
-    if whole and not results[-1].is_end:
-        return "undecidable", "every frame holds, but the frames at the end are missing"
+    missing = _missing_of_whole(results) if whole else ""
+    if missing:
+        return "undecidable", f"every frame holds, but {missing}"
     return "authentic", results[-1].reason if len(results) == 1 else (
         f"every point of {len(results)} frames is the one that was signed"
     )
+
+
+def _missing_of_whole(results: Sequence[WatermarkResult]) -> str:
+    """Why frames that hold are not one whole session; empty: they are.
+
+    A verifier takes the first frame of a session wherever the one before has ended, so that several
+    sessions in any order, some of them left out, look like a chain.
+    """
+    sessions = len({result.session for result in results})
+    if sessions > 1:
+        return f"they are of {sessions} sessions, and none says which belong together, or how many"
+    if results[0].number != 0:
+        return "the frames at the beginning are missing"
+    return "" if results[-1].is_end else "the frames at the end are missing"

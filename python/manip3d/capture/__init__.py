@@ -16,6 +16,7 @@ Drivers of RGB-D cameras, each where its library was at build time, and what it 
 
 from __future__ import annotations
 
+from manip3d.capture._bag import holds_clouds
 from manip3d.capture._joints import ExportedJoints, export_joints
 from manip3d.capture._lidar import DEFAULT_PORT, RETURN_TYPES, LidarSource, open_lidar
 from manip3d.capture._rgbd import (
@@ -42,6 +43,7 @@ __all__ = [
     "VelodyneCalibration",
     "export_joints",
     "from_frames",
+    "holds_clouds",
     "open",
     "open_lidar",
     "open_rgbd",

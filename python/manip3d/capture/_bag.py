@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import os
 import subprocess
 import sys
 import threading
@@ -13,8 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from manip3d._util.checked import checked
+from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError, MissingExtraError
-from manip3d.io._files import check_regular
+from manip3d.io._files import check_regular, open_regular
 from manip3d.io._scan_tables import Table, frame_of_table
 from manip3d.lidar import LidarFrame
 
@@ -25,6 +28,53 @@ _KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"
 _MOST_POINTS = 1 << 28
 _FIXED_FRAMES = ("base", "map", "odom", "world", "earth", "utm")
 """How frames are called in which the scanner is somewhere else than at the origin (REP 105)."""
+
+
+_ROS1 = b"#ROSBAG V2.0\n"
+_CLOUD = b"type=sensor_msgs/PointCloud2"
+_IMAGE = b"type=sensor_msgs/Image"
+_MOST_INDEX = 1 << 24  # bytes of the connections that are looked at
+
+
+@checked
+def holds_clouds(path: str | os.PathLike[str]) -> bool:
+    """Whether a ROS 1 bag is a LiDAR's, and no recording of an RGB-D camera, which has images.
+
+    The types of its connections say so, which stand at the end of the bag, uncompressed; a bag
+    without that index, which a recorder did not close, is not told to be a LiDAR's.
+
+    Parameters
+    ----------
+    path : path
+
+    Raises
+    ------
+    FormatError
+        It is a pipe or a device.
+    OSError
+        It cannot be read.
+
+    Examples
+    --------
+    >>> from manip3d import capture
+    >>> with open("realsense.bag", "wb") as bag:
+    ...     _ = bag.write(b"#ROSBAG V2.0")
+    >>> capture.holds_clouds("realsense.bag")
+    False
+    """
+    with open_regular(path_of(path)) as file:
+        head = file.read(4096)
+        name = head.find(b"index_pos=")
+        if not head.startswith(_ROS1) or name < 0:
+            return False
+        index = int.from_bytes(head[name + 10 : name + 18], "little")
+        if not 0 < index < 1 << 62:
+            return False
+        file.seek(index)
+        connections = file.read(_MOST_INDEX)
+    if _CLOUD in connections:
+        return True
+    return b"type=" in connections and _IMAGE not in connections
 
 
 class BagRecording:

@@ -17,8 +17,19 @@ from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
 from manip3d.cli.options import MISSED, Force, Json, MostFrames, OptionalOutput, Quiet
 from manip3d.cli.terminal import Terminal, check_output, counted, table
-from manip3d.cli.watermark import key_of
-from manip3d.errors import InputError
+from manip3d.cli.watermark import (
+    MOST_POINTS,
+    MaxAge,
+    MaxPoints,
+    OnlyEmbedding,
+    OnlySensor,
+    OnlySession,
+    State,
+    key_of,
+    of_one_only,
+    policy_of,
+)
+from manip3d.errors import FormatError, InputError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -52,9 +63,12 @@ def _group() -> None:
 
 
 class _Moment(NamedTuple):
-    """What reaches the car at one time: the pictures of one pair, or of several by their names."""
+    """What reaches the car at one time: the pictures of one pair, or of several by their names.
 
-    frame: LidarFrame
+    In place of a scan that cannot be read stands why.
+    """
+
+    frame: LidarFrame | str
     pictures: tuple[Any, Any] | None
     record: bytes | None
     velocity: tuple[float, float, float] | None
@@ -85,6 +99,7 @@ def _overview(summary: Summary, output: str) -> None:
     writable=lambda: (".html", ".json"),
     otherwise=".html",
     drives=True,
+    prepare=of_one_only,
     depends=key_of,
     finish=_overview,
 )
@@ -101,10 +116,19 @@ def run(
         Path | None,
         typer.Option("--key", help="Key file of the watermark; without one it is not verified."),
     ] = None,
+    embedding: OnlyEmbedding = "",
+    sensor: OnlySensor = "",
+    session: OnlySession = "",
+    max_age: MaxAge = None,
+    max_points: MaxPoints = MOST_POINTS,
+    state: State = None,
     output: OptionalOutput = None,
     calibration: Annotated[
         Path | None,
-        typer.Option(help="Calibration of the drive, when not where KITTI has it."),
+        typer.Option(
+            help="Calibration of the drive, when not where KITTI has it; of a recording of an "
+            "HDL-64E the file of its lasers (db.xml)."
+        ),
     ] = None,
     rigs: Annotated[
         Path | None,
@@ -146,7 +170,9 @@ def run(
     every frame (under --live where there is time), and forensics are asked once a second (under
     --live beside the frames, so that their word comes some frames later). The
     output is a timeline with maps and boxes (.html) or the numbers (.json). The exit code is 0 when
-    nothing was found, 3 when a frame was tampered with, and 4 when nothing can be said of a frame.
+    nothing was found, 3 when a frame was tampered with, and 4 when nothing can be said of a frame
+    or when the drive is not one whole session of a watermark (with --frames and --live a part of
+    one will do).
     Of several drives, each is watched by itself, and the output is a folder with the page of each
     and one of all vehicles, overview.html.
 
@@ -155,31 +181,45 @@ def run(
     from manip3d import authenticate, report
 
     shell = Terminal(as_json=as_json, quiet=quiet)
+    if key is None:
+        _refuse_without_key(
+            {"embedding": embedding, "sensor": sensor, "session": session, "max-age": max_age,
+             "state": state}
+        )  # fmt: skip
+    policy = policy_of(
+        embedding=embedding,
+        sensor=sensor,
+        session=session,
+        max_age=max_age,
+        max_points=max_points,
+        order="chain",
+    )
     check_output(output, report.ALERT_KINDS, force=force)
     rig, moments, total = _opened(source, calibration, rigs, frames, has_key=key is not None)
     timeline = report.AlertTimeline(source)
-    told: list[tuple[str, str]] = []
+    told: list[Alert] = []
     with ExitStack() as stack:
         marker = None
         if key is not None:
             secret = stack.enter_context(authenticate.KeyFile(key))
-            marker = stack.enter_context(authenticate.Watermarker(secret))
+            marker = stack.enter_context(authenticate.Watermarker(secret, state=state))
         if budget is None:
             budget = _LIVE_BUDGET if live else math.inf
         monitor = authenticate.AlertMonitor(
-            marker, rig=rig, budget_s=budget, every_s=every, background=live
+            marker, policy=policy, rig=rig, budget_s=budget, every_s=every, background=live
         )
         view = stack.enter_context(_View(shell, source, total))
         for alert in _judged(monitor, moments, speed, live=live):
             timeline.add(alert)
             view.show(alert)
-            told.append((alert.verdict, alert.reason))
+            told.append(alert.brief())
         last = monitor.finish()
-        if last is not None and last.verdict == "tampered":
-            told.append((last.verdict, f"forensics: {last.reason}"))
     if not told:
         raise InputError(f"{source}: expected frames, found none")
-    verdict, reason = authenticate.verdict_of_alerts(told)
+    whole = key is not None and frames is None and not live
+    verdict, reason = authenticate.verdict_of_alerts(told, whole=whole)
+    if last is not None and last.verdict == "tampered" and verdict != "tampered":
+        verdict, reason = "tampered", f"forensics: {last.reason}"
     counts = monitor.counts
     if output is not None:
         timeline.write(output, verdict=verdict, reason=reason, counts=counts)
@@ -187,6 +227,12 @@ def run(
     summary = timeline.summary(verdict, reason, counts)
     shell.result(summary, lambda console: _show(console, summary))
     raise typer.Exit(EXIT_CODES[verdict])
+
+
+def _refuse_without_key(options: Mapping[str, object]) -> None:
+    for name, value in options.items():
+        if value not in ("", None):
+            raise InputError(f"--{name}: expected with --key, without which nothing is verified")
 
 
 def _judged(
@@ -208,6 +254,9 @@ def _judged(
                 continue
         step = 0.0 if last is None or moment.time is None else max(moment.time - last, 0.0)
         last = moment.time
+        if isinstance(moment.frame, str):
+            yield monitor.judge_unread(moment.frame, record=moment.record)
+            continue
         ahead, left, turn = moment.velocity or (speed, 0.0, 0.0)
         pair = moment.pictures or (None, None)
         yield monitor.judge(
@@ -238,8 +287,8 @@ def _opened(
     kind = expect_kind(source, "drive", "packets", verb="alert run")
     if kind == "drive":
         return _recorded(source, calibration, rigs, frames, has_key=has_key)
-    _refuse_files("a recording of a LiDAR", "a KITTI drive", calibration, rigs)
-    return _scans_only(source, frames)
+    _refuse_files("a recording of a LiDAR", "a KITTI drive", None, rigs)
+    return _scans_only(source, calibration, frames)
 
 
 def _refuse_files(got: str, expected: str, calibration: Path | None, rigs: Path | None) -> None:
@@ -248,7 +297,9 @@ def _refuse_files(got: str, expected: str, calibration: Path | None, rigs: Path 
             raise InputError(f"--{name}: expected with {expected}, got {got}")
 
 
-def _scans_only(source: str, frames: int | None) -> tuple[Cameras, Iterator[_Moment], int]:
+def _scans_only(
+    source: str, calibration: Path | None, frames: int | None
+) -> tuple[Cameras, Iterator[_Moment], int]:
     """A recording without cameras, records and speeds."""
     from manip3d import capture
     from manip3d.viewer import scan_address
@@ -258,7 +309,7 @@ def _scans_only(source: str, frames: int | None) -> tuple[Cameras, Iterator[_Mom
         raise InputError(f"{source}: expected a drive or a recording of a LiDAR")
 
     def moments() -> Iterator[_Moment]:
-        with capture.open_lidar(address) as recording:
+        with capture.open_lidar(address, calibration=calibration) as recording:
             for frame in itertools.islice(recording, frames):
                 yield _Moment(frame, None, None, None, _seconds(frame.time_ns))
 
@@ -315,16 +366,24 @@ def _recorded(
     def moments() -> Iterator[_Moment]:
         for frame in chosen:
             record = None
-            beside = authenticate.record_path(frame.scan_path)
+            beside = authenticate.find_record(frame.scan_path)
             if has_key and beside.is_file():
                 record = authenticate.read_record(beside)
             pictures = None if pair is None else frame.pictures(*pair)
             seen = {name: frame.pictures(left, right) for name, (_, left, right) in around.items()}
             pairs = {name: both for name, both in seen.items() if both is not None}
             when = _seconds(frame.time_ns)
-            yield _Moment(frame.scan(), pictures, record, frame.velocity(), when, pairs or None)
+            yield _Moment(_scan_of(frame), pictures, record, frame.velocity(), when, pairs or None)
 
     return cameras, moments(), len(chosen)
+
+
+def _scan_of(frame: KittiFrame) -> LidarFrame | str:
+    """The scan, or why it cannot be read."""
+    try:
+        return frame.scan()
+    except (FormatError, OSError) as error:
+        return f"unreadable: {error}"
 
 
 def _front_pair(frames: Sequence[KittiFrame]) -> tuple[int, int] | None:

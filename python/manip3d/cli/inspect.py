@@ -207,7 +207,7 @@ def _record_of(source: str, record: Path | None, key: Path | None) -> bytes | No
     if record is None and key is None:
         return None
     if record is None:
-        return authenticate.read_record(authenticate.record_path(source)) or b""
+        return authenticate.read_record(authenticate.find_record(source)) or b""
     found = authenticate.read_record(record)
     if found is None:
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(record))
@@ -287,7 +287,7 @@ class Drive:
             yield (
                 None
                 if path is None
-                else authenticate.read_record(authenticate.record_path(path)) or b""
+                else authenticate.read_record(authenticate.find_record(path)) or b""
             )
 
 

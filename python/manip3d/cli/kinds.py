@@ -61,7 +61,11 @@ def kind_of(source: str) -> str:
     suffix = _suffix(path)
     if suffix in (".pcap", ".pcapng", ".mcap", ".db3"):
         return "packets"
-    if suffix in (".mkv", ".bag"):
+    if suffix == ".bag":
+        from manip3d.capture import holds_clouds
+
+        return "packets" if holds_clouds(path) else "recording"
+    if suffix == ".mkv":
         return "recording"
     if suffix == ".ply":
         return _kind_of_ply(path)

@@ -95,6 +95,8 @@ def over_files(
     has_to: bool = True,
     depends: Callable[[Mapping[str, Any]], str] = lambda options: "",
     finish: Callable[[Summary, str], object] = lambda summary, output: None,
+    choose: Callable[[list[SourceFile]], list[SourceFile]] = list,
+    skipped_code: int = 0,
 ) -> Callable[[Verb], Verb]:
     """Make a verb of one file (and ``output``) a verb of many.
 
@@ -116,6 +118,10 @@ def over_files(
         What else results depend on, so that stored ones are not taken for others.
     finish : callable(summary, output)
         Called at the end, where there is an output.
+    choose : callable(files) -> files
+        Leaves out files that are no sources of their own.
+    skipped_code : int
+        Exit code of a file that is skipped because it is of a kind the verb does not take.
     """
 
     def decorate(verb: Verb) -> Verb:
@@ -133,11 +139,12 @@ def over_files(
                 _one(verb, argument, sources[0], given)
                 return
             many = _kind_of_many(drives)(suffixes(), to, writable(), otherwise)
-            files = many.files(sources)
+            files = choose(many.files(sources))
             each = {} if prepare is None else prepare(files, given)
             also = depends(given)
             files = [replace(file, stamp=f"{file.stamp} {also}".rstrip()) for file in files]
-            work = {"module": verb.__module__, "verb": verb.__name__, "argument": argument}
+            work = {"module": verb.__module__, "verb": verb.__name__, "argument": argument,
+                    "skipped_code": skipped_code}  # fmt: skip
             output = given.get("output")
             summary = _many(work, files, given, many, each, table=table, dask=dask, jobs=jobs)
             if output is not None:
@@ -243,7 +250,7 @@ def _one(verb: Verb, argument: str, source: str, given: dict[str, Any]) -> None:
 
 
 def _many(
-    work: Mapping[str, str],
+    work: Mapping[str, Any],
     files: Sequence[SourceFile],
     given: dict[str, Any],
     many: Many,
@@ -291,6 +298,7 @@ def on_file(
     options: Mapping[str, Any],
     named: bool,
     more: Mapping[str, Any],
+    skipped_code: int = 0,
 ) -> dict[str, Any]:
     """Run a verb on one file of many; returns what it prints under ``--json``, and its exit code.
 
@@ -312,7 +320,7 @@ def on_file(
         except kinds.OtherKindError as error:
             if named:
                 raise
-            return {"skipped": error.kind, "exit_code": 0}
+            return {"skipped": error.kind, "exit_code": skipped_code}
     record = results[0] if results else {}
     paths = (str(source), str(output))
     return {k: v for k, v in record.items() if v not in paths} | {"exit_code": code}

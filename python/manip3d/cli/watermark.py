@@ -16,12 +16,13 @@ from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
 from manip3d.cli.options import Force, Json, Quiet
 from manip3d.cli.terminal import Terminal, check_output, counted, table
-from manip3d.errors import InputError
+from manip3d.errors import FormatError, InputError
 from manip3d.io import SCAN_SUFFIXES
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from manip3d.authenticate import Policy, Watermarker, WatermarkResult
     from manip3d.batch import SourceFile
 
 app = typer.Typer(
@@ -48,6 +49,48 @@ Picture = Annotated[
         "drive the folder of its pictures, such as image_02."
     ),
 ]
+
+OnlyEmbedding = Annotated[
+    str, typer.Option(help="Accept this embedding only: lbm, qim or detached.")
+]
+OnlySensor = Annotated[str, typer.Option(help="Accept records of this sensor only.")]
+OnlySession = Annotated[
+    str, typer.Option(help="Accept this session only: the 32 digits that embed printed.")
+]
+MaxAge = Annotated[float | None, typer.Option(help="Refuse frames older than this, seconds.")]
+MaxPoints = Annotated[
+    int, typer.Option(min=1, max=2**31 - 1, help="Refuse scans of more points than this.")
+]
+State = Annotated[
+    Path | None,
+    typer.Option(help="File that remembers the frames seen, so that replays are noticed."),
+]
+MOST_POINTS = 10_000_000
+"""Points of a scan that a verifier looks at, unless it says otherwise."""
+
+
+def policy_of(
+    *,
+    embedding: str,
+    sensor: str,
+    session: str,
+    max_age: float | None,
+    max_points: int,
+    order: str,
+    carrier: str = "sidecar",
+) -> Policy:
+    """The verifier's policy that the options of a command say."""
+    from manip3d import authenticate
+
+    return authenticate.Policy(
+        embeddings=(embedding,) if embedding else authenticate.EMBEDDINGS,
+        order=order,
+        sensors=(sensor,) if sensor else (),
+        sessions=(session,) if session else (),
+        max_age_s=max_age,
+        max_points=max_points,
+        carriers=(carrier,),
+    )
 
 
 @app.command("keygen")
@@ -92,9 +135,10 @@ def key_of(options: Mapping[str, Any]) -> str:
         return f"{stamp} at {time.time_ns()}" if is_timed else stamp
 
 
-def _of_one_only(
+def of_one_only(
     files: Sequence[SourceFile], options: Mapping[str, Any]
 ) -> Mapping[str, Mapping[str, Any]]:
+    """Refuse options that say something of one source."""
     for name in ("record", "state", "report"):
         if options.get(name) is not None:
             raise InputError(f"--{name}: expected with one scan or drive, got several")
@@ -149,6 +193,10 @@ def embed(
         ),
     ] = None,
     picture: Picture = "",
+    scans_only: Annotated[
+        bool,
+        typer.Option("--scans-only", help="Leave out what a drive has beside its scans."),
+    ] = False,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -157,8 +205,9 @@ def embed(
 
     The record of each scan is written beside it, as SCAN.wm, or with --picture in the lowest bits
     of the picture, SCAN.png or that of the drive. Points move by at most 1.8 mm (lbm), 1.9 mm (qim)
-    or not at all (detached). Of several drives, each is a session of its own and one piece of work:
-    its frames are chained, and only drives are worked on side by side.
+    or not at all (detached). What else a drive has (pictures, positions, times, labels,
+    calibration) is copied as it is. Of several drives, each is a session of its own and one piece
+    of work: its frames are chained, and only drives are worked on side by side.
 
     Example: manip3d watermark embed drive --key sensor.key -o signed
     """
@@ -175,8 +224,9 @@ def embed(
         authenticate.refuse_existing_record(output, replace=force)
         if picture:
             check_output(authenticate.picture_path(output), (".png",), force=force)
-    times = authenticate.drive_times(source) if drive else None
+    times = _times(source, shell) if drive else {}
     rows = []
+    written: set[Path] = set()
     with (
         authenticate.KeyFile(key) as secret,
         authenticate.Watermarker(
@@ -191,15 +241,18 @@ def embed(
     ):
         for number, path in enumerate(scans):
             seen = _picture_of(path, source, picture)
+            target = output / authenticate.plain_name(path, source) if drive else output
+            copied = path if embedding == "detached" else None
             sent = marker.embed(
-                read_scan(path),
-                time_ns=None if times is None else times[number],
+                authenticate.as_stored(read_scan(path), target, unchanged=copied),
+                time_ns=times.get(path),
                 is_end=number + 1 == len(scans),
                 picture=None if seen is None else authenticate.read_carrier(seen),
             )
-            target = output / authenticate.plain_name(path, source) if drive else output
             shown = output / seen.relative_to(source) if drive and seen is not None else None
             authenticate.write_watermarked(sent, target, unchanged=path, picture=shown)
+            if shown is not None:
+                written.add(shown)
             rows.append({"scan": str(target), "frame": sent.number, "points": len(sent.points),
                          "tiles": sent.num_tiles})  # fmt: skip
             if progress is not None:
@@ -207,34 +260,54 @@ def embed(
         record = {"source": source, "output": str(output), "session": marker.session,
                   "key_id": secret.key_id, "embedding": embedding, "num_frames": len(rows),
                   "frames": rows}  # fmt: skip
+    if drive and not scans_only:
+        authenticate.copy_rest_of_drive(source, output, written=written)
     records = "its record" if len(rows) == 1 else "their records"
     carried = " in pictures" if picture and drive else " in a picture" if picture else ""
     shell.say(f"wrote {counted(len(rows), 'scan')} with {records}{carried} to {output}")
     shell.result(record, lambda console: console.print(f"session {record['session']}"))
 
 
+def _verified_suffixes() -> tuple[str, ...]:
+    """Scans, and records, of which those without a scan are told."""
+    from manip3d import authenticate
+
+    return (*SCAN_SUFFIXES, authenticate.RECORD_SUFFIX)
+
+
+def _without_records(files: list[SourceFile]) -> list[SourceFile]:
+    """Leave out records whose scans are there."""
+    from manip3d import authenticate
+
+    return [
+        file
+        for file in files
+        if Path(file.name).suffix != authenticate.RECORD_SUFFIX
+        or authenticate.scan_of_record(file.name) is None
+    ]
+
+
 @app.command("verify")
-@over_files(lambda: SCAN_SUFFIXES, drives=True, prepare=_of_one_only, depends=key_of)
+@over_files(
+    _verified_suffixes,
+    drives=True,
+    prepare=of_one_only,
+    depends=key_of,
+    choose=_without_records,
+    skipped_code=EXIT_CODES["undecidable"],
+)
 def verify(
     source: Source,
     key: Key,
     record: Annotated[
         Path | None, typer.Option(help="Record of a single scan; by default SCAN.wm beside it.")
     ] = None,
-    embedding: Annotated[
-        str, typer.Option(help="Accept this embedding only: lbm, qim or detached.")
-    ] = "",
-    sensor: Annotated[str, typer.Option(help="Accept records of this sensor only.")] = "",
-    session: Annotated[
-        str, typer.Option(help="Accept this session only: the 32 digits that embed printed.")
-    ] = "",
-    max_age: Annotated[
-        float | None, typer.Option(help="Refuse frames older than this, seconds.")
-    ] = None,
-    state: Annotated[
-        Path | None,
-        typer.Option(help="File that remembers the frames seen, so that replays are noticed."),
-    ] = None,
+    embedding: OnlyEmbedding = "",
+    sensor: OnlySensor = "",
+    session: OnlySession = "",
+    max_age: MaxAge = None,
+    max_points: MaxPoints = MOST_POINTS,
+    state: State = None,
     report: Annotated[
         Path | None,
         typer.Option(
@@ -250,12 +323,13 @@ def verify(
 
     The exit code is 0 when everything is authentic, 3 when something was tampered with, and 4 when
     nothing can be said. Frames that are missing in a drive, also at its end, are noticed; a single
-    scan is judged by its content, wherever its frame was.
+    scan is judged by its content, wherever its frame was. Of a folder, records whose scans are
+    missing and files that hold no scan are undecidable; what was taken away with its record is
+    noticed in a drive only.
 
     Example: manip3d watermark verify signed --key sensor.key
     """
     from manip3d import authenticate
-    from manip3d.io import read_scan
 
     shell = Terminal(as_json=as_json, quiet=quiet)
     check_output(report, (".json",), force=force)
@@ -264,15 +338,16 @@ def verify(
         raise InputError("--record: expected with a single scan, got a drive")
     if picture and record is not None:
         raise InputError("--record: expected none with --picture, which carries its own")
-    policy = authenticate.Policy(
-        embeddings=(embedding,) if embedding else authenticate.EMBEDDINGS,
+    policy = policy_of(
+        embedding=embedding,
+        sensor=sensor,
+        session=session,
+        max_age=max_age,
+        max_points=max_points,
         order="chain" if drive else "any",
-        sensors=(sensor,) if sensor else (),
-        sessions=(session,) if session else (),
-        max_age_s=max_age,
-        carriers=("picture",) if picture else ("sidecar",),
+        carrier="picture" if picture else "sidecar",
     )
-    scans = _scans(source, "watermark verify")
+    scans = _verified_scans(source, has_pictures=bool(picture))
     results = []
     with (
         authenticate.KeyFile(key) as secret,
@@ -281,14 +356,8 @@ def verify(
     ):
         for number, path in enumerate(scans):
             seen = _picture_of(path, source, picture)
-            if seen is None:
-                beside = authenticate.record_path(path) if record is None else record
-                found = marker.verify(
-                    read_scan(path), authenticate.read_record(beside), policy=policy
-                )
-            else:
-                shown = authenticate.read_carrier(seen) if seen.is_file() else None
-                found = marker.verify(read_scan(path), None, policy=policy, picture=shown)
+            beside = authenticate.find_record(path) if record is None else record
+            found = _verified(marker, path, beside, seen, policy, in_drive=drive)
             results.append((path.name, replace(found, scan=None)))  # a drive's scans fill memory
             if progress is not None:
                 progress((number + 1) / len(scans), path.name)
@@ -312,6 +381,55 @@ def verify(
     raise typer.Exit(EXIT_CODES[verdict])
 
 
+def _verified(
+    marker: Watermarker,
+    scan: Path,
+    record: Path,
+    picture: Path | None,
+    policy: Policy,
+    *,
+    in_drive: bool,
+) -> WatermarkResult:
+    """What the key says of a scan, or of the record of one that is missing.
+
+    A frame of a drive that cannot be read is undecidable, and those after it are judged.
+    """
+    from manip3d import authenticate
+    from manip3d.io import read_scan
+
+    shown, told = None, None
+    try:
+        if picture is None:
+            told = authenticate.read_record(record)
+        elif picture.is_file():
+            shown = authenticate.read_carrier(picture)
+        read = read_scan(scan) if scan.exists() else None
+    except (FormatError, OSError) as error:
+        if not in_drive:
+            raise
+        why = f"unreadable: {error}"
+        return marker.verify_without_scan(told, why, policy=policy, picture=shown)
+    if read is None:
+        why = "the record's scan is missing"
+        return marker.verify_without_scan(told, why, policy=policy, picture=shown)
+    return marker.verify(read, told, policy=policy, picture=shown)
+
+
+def _verified_scans(source: str, *, has_pictures: bool) -> list[Path]:
+    """The scans, with those of which only the record beside them is left."""
+    from manip3d import authenticate
+
+    path = Path(source)
+    if path.suffix == authenticate.RECORD_SUFFIX and path.is_file():
+        if authenticate.scan_of_record(path) is not None:
+            raise InputError(f"{source}: expected the scan, got its record")
+        return [path.with_suffix("")]
+    scans = _scans(source, "watermark verify")
+    if path.is_dir() and not has_pictures:
+        scans += [record.with_suffix("") for record in authenticate.drive_records_alone(source)]
+    return sorted(scans, key=lambda scan: scan.name)
+
+
 def _scans(source: str, verb: str) -> list[Path]:
     """The scan, or those of the drive in their order."""
     from manip3d import authenticate
@@ -320,6 +438,18 @@ def _scans(source: str, verb: str) -> list[Path]:
     if not Path(source).is_dir():
         return [Path(source)]
     return authenticate.drive_scans(source)
+
+
+def _times(source: str, shell: Terminal) -> dict[Path, int]:
+    """When the scans of a drive were taken, of those of which it says so."""
+    from manip3d import datasets
+
+    drive = datasets.open_kitti(source)
+    times = {frame.scan_path: frame.time_ns for frame in drive if frame.time_ns is not None}
+    if len(times) < len(drive):
+        without = counted(len(drive) - len(times), "scan")
+        shell.say(f"{source}: no time of {without}; their records bear the clock's")
+    return times
 
 
 def _picture_of(scan: Path, source: str, picture: str) -> Path | None:

@@ -104,6 +104,11 @@ def registry() -> Mapping[str, Experiment]:
     return found
 
 
+ALIASES = {"figure-7.9": "figure-7.10", "figure-7.11": "figure-7.12"}
+"""Published figures that the experiment of another one draws: scans before and after embedding, and
+attacks as cameras and LiDAR see them."""
+
+
 @checked
 def _nearest(name: str, known: Iterable[str]) -> str:
     found = difflib.get_close_matches(name, list(known), n=3, cutoff=0.0)
@@ -113,16 +118,19 @@ def _nearest(name: str, known: Iterable[str]) -> str:
 def select(ids: list[str]) -> list[Experiment]:
     """The experiments of these ids, in the registry's order; all of them for an empty list.
 
+    An id of `ALIASES` is that of the experiment that draws the figure, too.
+
     Raises
     ------
     InputError
         An id is not known.
     """
     known = registry()
-    unknown = [name for name in ids if name not in known]
+    wanted = [ALIASES.get(name, name) for name in ids]
+    unknown = [name for name in wanted if name not in known]
     if unknown:
         raise InputError(
             f"experiment: expected an id such as {_nearest(unknown[0], known)} ('manip3d reproduce "
             f"--list' prints all of them), got {', '.join(unknown)}"
         )
-    return [experiment for name, experiment in known.items() if not ids or name in ids]
+    return [experiment for name, experiment in known.items() if not wanted or name in wanted]

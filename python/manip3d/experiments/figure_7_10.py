@@ -1,5 +1,5 @@
-"""Figure 7.10 and the numbers beside it: how far the watermark moves points, and what of it is
-recovered without an attack."""
+"""Figures 7.9 and 7.10 and the numbers beside them: how far the watermark moves points, and what of
+it is recovered without an attack."""
 
 from __future__ import annotations
 
@@ -27,6 +27,8 @@ _MOST = {
     "keyed lbm": 3.0**0.5 / 1000.0, "keyed qim": 0.001875, "keyed detached": 0.0,
 }  # fmt: skip
 """What an embedding may move a point by, metres."""
+_DRAWN = {"lbm": "LBM", "qim-printed": "QIM"}
+"""Embeddings whose scans figures 7.9 and 7.10 show."""
 _FLOAT = 4e-6  # metres: coordinates of up to 128 m as float32, rounded twice
 _SHOWN = 20_000  # points of the picture
 
@@ -120,7 +122,7 @@ def _figures(rows: Sequence[Row]) -> dict[str, Figure]:
 
     figures = {}
     for row in rows:
-        if row["method"] != "qim-printed":
+        if row["method"] not in _DRAWN:
             continue
         figure = Figure(figsize=(11.0, 4.6), layout="constrained")
         for place, (title, name) in enumerate((("original", "before"), ("watermarked", "after"))):
@@ -129,7 +131,7 @@ def _figures(rows: Sequence[Row]) -> dict[str, Figure]:
             axes.scatter(points[:, 0], points[:, 1], c=points[:, 2], s=0.3, vmin=-2.0, vmax=3.0)
             axes.set(title=title, xlabel="x, m", ylabel="y, m", xlim=(-30, 50), ylim=(-30, 30),
                      aspect="equal")  # fmt: skip
-        figures[f"Before and after QIM ({row['model']})"] = figure
+        figures[f"Before and after {_DRAWN[row['method']]} ({row['model']})"] = figure
     return figures
 
 

@@ -92,7 +92,7 @@ def _folder_beside(target: Path, path: str | os.PathLike[str]) -> Iterator[Path]
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield an empty temporary file that becomes ``path`` when the block ends.
 
-    It has the suffix of ``path``, and its mode if that is there. When the block raises, it is
+    It has the name of ``path``, and its mode if that is there. When the block raises, it is
     removed and ``path`` stays as it was; what a killed process leaves is removed by the next write
     to that folder.
 
@@ -105,7 +105,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     """
     target = Path(os.path.realpath(path_of(path)))
     with _folder_beside(target, path) as folder:
-        file = folder / f"new{target.suffix}"
+        file = folder / target.name
         file.touch()
         with contextlib.suppress(FileNotFoundError, PermissionError):  # a file system without modes
             file.chmod(stat.S_IMODE(target.stat().st_mode))

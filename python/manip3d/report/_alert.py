@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from manip3d.authenticate import Alert, AlertCounts, CrossModalResult, SurroundResult
+    from manip3d.lidar import LidarFrame
 
 ALERT_KINDS = (".html", ".json")
 """Suffixes that `AlertTimeline.write` knows."""
@@ -79,12 +80,12 @@ class AlertTimeline:
         self._records.append(alert.record())
         news = alert.verdict != self._last or alert.verdict == "tampered"
         self._last = alert.verdict
-        if alert.cross_modal is not None and news and len(self._scenes) < _MOST_SCENES:
+        if _scan_of(alert) is not None and news and len(self._scenes) < _MOST_SCENES:
             self._scenes.append(
                 _Scene(
                     alert.number,
                     f"Frame {alert.number}: {alert.reason}",
-                    _all_maps(alert.cross_modal),
+                    "" if alert.cross_modal is None else _all_maps(alert.cross_modal),
                     _from_above(alert),
                 )
             )
@@ -153,7 +154,7 @@ class AlertTimeline:
             + _facts(self.source, counts)
             + "<h2>Timeline</h2>"
             + _timeline(self._records)
-            + (f"<h2>What was seen</h2>{_LEGEND}{scenes}" if scenes else "")
+            + (f"<h2>What was seen</h2>{_legend(self._scenes)}{scenes}" if scenes else "")
             + _table(self._records)
             + "<p class=fine>A watermark protects a scan from where it is embedded to where it is "
             "verified. Cameras judge only what both they and the LiDAR see; where they contradict "
@@ -196,11 +197,19 @@ _MEANING = {
     "skipped": "skipped: no time, or not due",
     "absent": "no such witness",
 }
-_LEGEND = (
-    "<ul class=legend><li><b style='background:#c62828'></b>added: only the LiDAR sees it"
+_OF_MAPS = (
+    "<li><b style='background:#c62828'></b>added: only the LiDAR sees it"
     "<li><b style='background:#1565c0'></b>missing: only the cameras see it"
-    "<li><b style='background:#b7e1b7'></b>judged, no contradiction</ul>"
+    "<li><b style='background:#b7e1b7'></b>judged, no contradiction"
 )
+_OF_SECTORS = "<li><b style='background:#f0b8b8'></b>sectors that the watermark finds tampered"
+
+
+def _legend(scenes: Sequence[_Scene]) -> str:
+    """What the colours of the pictures mean that are shown."""
+    items = _OF_MAPS if any(scene.maps for scene in scenes) else ""
+    items += _OF_SECTORS if any(_SECTOR in scene.above for scene in scenes) else ""
+    return f"<ul class=legend>{items}</ul>" if items else ""
 
 
 def _facts(source: str, counts: AlertCounts) -> str:
@@ -350,13 +359,22 @@ def _png(pixels: NDArray[np.uint8]) -> str:
     return base64.b64encode(png(pixels)).decode()
 
 
+def _scan_of(alert: Alert) -> LidarFrame | None:
+    """The scan as one of the witnesses has it."""
+    witnesses = (alert.cross_modal, alert.watermark, alert.forensics)
+    return next(
+        (each.scan for each in witnesses if each is not None and each.scan is not None), None
+    )
+
+
 def _from_above(alert: Alert) -> str:
-    """The scan ahead of the car, or around it, with the boxes; the car drives upwards."""
+    """The scan ahead of the car, or around it, with sectors and boxes; the car drives upwards."""
     dots = ""
-    result = alert.cross_modal
-    behind = _REACH if hasattr(result, "pairs") else 0.0
-    if result is not None and result.scan is not None:
-        points = result.scan.points
+    ahead_only = alert.cross_modal is not None and not hasattr(alert.cross_modal, "pairs")
+    behind = 0.0 if ahead_only else _REACH
+    scan = _scan_of(alert)
+    if scan is not None:
+        points = scan.points
         x, y, z = points[:, 0], points[:, 1], points[:, 2]
         ahead = (x >= -behind) & (x < _REACH) & (abs(y) < _SIDE) & (z > -1.4) & (z < 2.5)
         some = points[ahead][:: max(1, int(ahead.sum()) // _DOTS)]
@@ -370,11 +388,33 @@ def _from_above(alert: Alert) -> str:
         f"<figure><svg viewBox='{-_SIDE} {-_REACH} {2 * _SIDE} {_REACH + max(behind, 3)}' "
         "role=img "
         "aria-label='view from above'>"
+        f"{_sectors(alert)}"
         f"<path d='{dots}' stroke='#78909c' stroke-width=.22 stroke-linecap=round fill=none>"
         "</path><path d='M-.9 2L0 -2L.9 2Z' fill='#263238'></path>"
         f"{shapes}</svg><figcaption>from above, {_REACH:.0f} m ahead{' and behind' * (behind > 0)}"
         "</figcaption></figure>"
     )
+
+
+_SECTOR = "class=sector"
+
+
+def _sectors(alert: Alert) -> str:
+    """Wedges of the tiles that the watermark finds tampered, as far as the picture reaches."""
+    found = alert.watermark
+    if found is None:
+        return ""
+    reach = 2.0 * _REACH
+    wedges = []
+    for number in found.changed_tiles:
+        for begin, end in found.tiles[number].azimuths_deg:
+            steps = np.radians(np.linspace(begin, end, 2 + int((end - begin) // 10)))
+            edge = "".join(
+                f"L{-reach * math.sin(angle):.1f} {-reach * math.cos(angle):.1f}"
+                for angle in steps.tolist()
+            )
+            wedges.append(f"<path {_SECTOR} d='M0 0{edge}Z' fill='#c62828' opacity=.3></path>")
+    return "".join(wedges)
 
 
 def _corners(box: Any) -> str:

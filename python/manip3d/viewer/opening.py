@@ -86,10 +86,15 @@ def scan_address(source: str) -> str | None:
     if scan_suffix(source) in _PACKETS:
         return f"pcap:{source}"
     path = Path(source)
-    if scan_suffix(source) in _BAGS or (path / "metadata.yaml").is_file():
+    is_bag = scan_suffix(source) in _BAGS or (path / "metadata.yaml").is_file()
+    if is_bag or (_is_ros1(path) and capture.holds_clouds(path)):
         return f"bag:{source}"
     is_drive = (path / "velodyne").is_dir() or (path / "velodyne_points").is_dir()
     return f"kitti:{source}" if is_drive else None
+
+
+def _is_ros1(path: Path) -> bool:
+    return path.suffix.lower() == ".bag" and path.is_file()
 
 
 @checked

@@ -135,7 +135,7 @@ class WatermarkEmbedder {
   /// nothing (detached), and sqrt(3)/2 units more where points are rounded onto the grid.
   /// @param exact  Coordinates in float64, for LBM: they carry the bits, and `points` is not looked
   ///               at but for its intensities. One within 2^-13 units of a point of the grid is it.
-  /// @throws InputError  no points, values that are not finite, points off the grid, a picture that
+  /// @throws InputError  values that are not finite, points off the grid, a picture that
   ///                     cannot carry the record.
   /// @throws Error  closed, or the session has ended.
   WatermarkedScan embed(const PointsView& points, const WatermarkFrame& frame = {},
