@@ -431,7 +431,7 @@ def is_cut_below(points: NDArray[np.float64], firings: Firings | None) -> bool:
 def _ends_in_a_face(height: NDArray[np.float64], firings: Firings | None) -> bool:
     """Whether more points lie next to the highest one than a whole frame leaves there."""
     top = float(height.max())
-    count = np.count_nonzero(height > top - FACE)
+    count = int(np.count_nonzero(height > top - FACE))
     if abs(top - ROUND_HEIGHT * round(top / ROUND_HEIGHT)) < OFF_ROUND:
         return count > MOST_ON_FACE
     return firings is not None and count > MOST_ANYWHERE
