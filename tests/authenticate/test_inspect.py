@@ -26,7 +26,7 @@ from manip3d.authenticate._processing import (
     Firings,
     ends_in_silence,
     firings_of,
-    is_cut_at_height,
+    is_cut_below,
 )
 from manip3d.authenticate._verdict import FALSE_ALARM_RATE, RATE_SHARES, rate_of
 
@@ -223,27 +223,81 @@ def test_more_pasted_points_than_scanned_ones_do_not_hide_the_scanner() -> None:
 
 
 def street_above(cut: float) -> tuple[np.ndarray, Firings]:
-    """Heights of a street above a cut, as if that were at a round height, and its firings."""
+    """Points of a street above a cut, and its firings."""
     points = street()
     points = points[points[:, 2] >= cut]
-    height = points[:, 2].astype(np.float64)
-    return height - height.min() - 1.8, firings_of(LATTICE.read(points), len(LATTICE.slope))
+    firings = firings_of(LATTICE.read(points), len(LATTICE.slope))
+    assert firings is not None
+    return points.astype(np.float64), firings
 
 
 def test_a_street_that_ends_at_a_round_height_is_not_cropped() -> None:
-    height, firings = street_above(-9.0)
-    height = np.maximum(height, np.sort(height)[500])  # its lowest place is flat
-    height -= height.min() + 1.8
-    assert np.count_nonzero(height < -1.75) > 500
-    assert is_cut_at_height(-height, None)  # which firings answered is what tells
-    assert not is_cut_at_height(-height, firings)
+    points, firings = street_above(-9.0)
+    lowest = np.sort(points[:, 2])[500]
+    points[:, 2] = np.maximum(points[:, 2], lowest) - lowest - 1.8  # its lowest place is flat
+    assert np.count_nonzero(points[:, 2] < -1.75) > 500
+    assert is_cut_below(points, None)  # which firings answered is what tells
+    assert not is_cut_below(points, firings)
 
 
-@pytest.mark.parametrize("cut", [-1.7, -1.0, 0.0, 0.5])
-def test_a_crop_at_a_round_height_leaves_firings_silent(cut: float) -> None:
-    height, firings = street_above(cut)
-    assert np.count_nonzero(height < -1.75) > 200
-    assert is_cut_at_height(-height, firings)
+@pytest.mark.parametrize("cut", [-1.7, -1.55, -1.0, 0.0, 0.53])
+def test_a_crop_from_below_leaves_firings_silent(cut: float) -> None:
+    points, firings = street_above(cut)
+    assert np.count_nonzero(points[:, 2] < cut + 0.05) > 200
+    assert is_cut_below(points, firings)
+
+
+def silenced(firings: Firings, cells: np.ndarray) -> Firings:
+    """The firings as if some of them had got no return; their points stay."""
+    return firings._replace(answered=firings.answered & ~cells)
+
+
+def flat_street() -> tuple[np.ndarray, Firings]:
+    """A street whose lowest third is flat, 1.77 m below the scanner, at no round height."""
+    points, firings = street_above(-9.0)
+    flat = np.quantile(points[:, 2], 0.3)
+    points[:, 2] = np.maximum(points[:, 2], flat) - flat - 1.77
+    return points, firings
+
+
+def lowest_of(points: np.ndarray) -> np.ndarray:
+    """Which points are within 5 cm of the lowest."""
+    lowest: np.ndarray = points[:, 2] < points[:, 2].min() + 0.05
+    return lowest
+
+
+def silent_beside(firings: Firings, rows: np.ndarray, lower: int, on: int) -> Firings:
+    """The firings as if neighbours of some points had got no return."""
+    answered = firings.answered.copy()
+    rows = rows[firings.firing[rows] >= 0]
+    columns = (firings.firing[rows] + on) % answered.shape[1]
+    answered[np.clip(firings.ring[rows] + lower, 0, 63), columns] = False
+    return firings._replace(answered=answered)
+
+
+@pytest.mark.parametrize("where", ["far", "near"])
+def test_silence_in_far_hollows_and_beside_the_own_car_is_no_crop(where: str) -> None:
+    points, firings = flat_street()
+    away = np.hypot(points[:, 0], points[:, 1])
+    assert not is_cut_below(points, firings)
+    there = away > 21.0 if where == "far" else away < 8.0
+    rows = np.flatnonzero(lowest_of(points) & there)
+    silent = silent_beside(silent_beside(firings, rows, 0, 1), rows, -1, 0)
+    assert not is_cut_below(points, silent)
+    rows = np.flatnonzero(lowest_of(points) & (away > 9.0) & (away < 19.0))
+    assert is_cut_below(points, silent_beside(firings, rows, 0, 1))
+
+
+def test_a_dark_car_above_the_lowest_points_is_no_crop() -> None:
+    points, firings = flat_street()
+    away = np.hypot(points[:, 0], points[:, 1])
+    candidates = lowest_of(points) & (away > 9.0) & (away < 19.0)
+    ring = np.bincount(firings.ring[candidates]).argmax()
+    points[firings.ring != ring, 2] += 0.2
+    rows = np.flatnonzero(candidates & (firings.ring == ring))
+    assert len(rows) > 200
+    assert not is_cut_below(points, silent_beside(firings, rows, -1, 0))
+    assert is_cut_below(points, silent_beside(firings, rows, 1, 0))
 
 
 def closed_in() -> np.ndarray:

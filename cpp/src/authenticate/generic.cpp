@@ -67,11 +67,19 @@ class Examination {
         options_(options),
         progress_(progress),
         reading_(std::move(reading)),
-        cells_((lattice.num_rings() + kCellRings - 1) / kCellRings, kCellColumns, Strength{}) {
+        cells_((lattice.num_rings() + kCellRings - 1) / kCellRings, kCellColumns, Strength{}),
+        voxels_(cells_.rings(), cells_.columns()),
+        voxel_of_point_(static_cast<std::size_t>(points.num_points()), -1) {
     result_.flags.assign(points.num_points(), 0);
     num_read_ = (reading_.ring.array() >= 0).count();
     for (std::int32_t i = 0; i < points.num_points(); ++i) {
-      if (reading_.ring(i) >= 0) ++sectors_[sector(i)];
+      if (reading_.ring(i) < 0) continue;
+      ++sectors_[sector(i)];
+      voxels_.add(voxel_of(i));
+    }
+    voxels_.number();
+    for (std::int32_t i = 0; i < points.num_points(); ++i) {
+      if (reading_.ring(i) >= 0) voxel_of_point_[i] = voxels_(voxel_of(i));
     }
     if (options.azimuth_error > 0.0 && lattice.steps > 0) forget_uncertain_counts();
   }
@@ -253,12 +261,11 @@ class Examination {
     const auto incoherent = [&](std::int32_t i) {
       return std::abs(reading_.range_error(i)) > quarter;
     };
-    RangeVoxels<RangeTally> tallies(cells_.rings(), cells_.columns(), {});
+    std::vector<RangeTally> tallies(voxels_.size());
     SectorTally off_by_sector{};
     for (std::int32_t i = 0; i < points_.num_points(); ++i) {
       if (reading_.ring(i) < 0) continue;
-      const int layer = range_layer(points_.points.row(i).squaredNorm());
-      RangeTally& tally = tallies(cell_row(i), cell_column(reading_.azimuth(i)), layer);
+      RangeTally& tally = tallies[voxel_of_point_[i]];
       const int off = incoherent(i) ? 1 : 0;
       ++tally.points;
       tally.incoherent += off;
@@ -271,15 +278,15 @@ class Examination {
       report(Evidence::kRange).dropped = Dropped::kContradicted;
       return;
     }
-    const auto windows = incoherent_windows(tallies, clean, kWindowThreshold);
+    const auto windows = incoherent_windows(voxels_, tallies, clean, kWindowThreshold);
+    if (std::none_of(windows.begin(), windows.end(), [](float e) { return e > 0.0F; })) return;
     for (std::int32_t i = 0; i < points_.num_points(); ++i) {
       if (reading_.ring(i) < 0 || !incoherent(i)) continue;
-      const int column = cell_column(reading_.azimuth(i));
-      const float exponent =
-          windows(cell_row(i), column, range_layer(points_.points.row(i).squaredNorm()));
+      const float exponent = windows[voxel_of_point_[i]];
       if (!(exponent > 0.0F)) continue;
       flag(i, Evidence::kRange);
-      double& strength = cells_(cell_row(i), column)[index_of(Evidence::kRange)];
+      const RangeVoxel& at = voxels_.voxels()[voxel_of_point_[i]];
+      double& strength = cells_(at.row, at.column)[index_of(Evidence::kRange)];
       strength = std::max<double>(strength, exponent);
     }
   }
@@ -289,25 +296,20 @@ class Examination {
     float error = 0.0F;  // metres, summed
     float doubt = 0.0F;  // what the line may be off, summed: all points of a laser share it
   };
-  struct Voxel {
-    int row, column, layer;
-  };
-  struct DriftVoxels {
-    RangeVoxels<DriftTally> tallies;
-    std::vector<Voxel> occupied;  // in the order of their first points
-  };
 
   void examine_drift() {
     const double step = lattice_.coordinate_step;
     const bool known = step > 0.0 && options_.tolerance <= 2.001 * step;
     if (!usable(Evidence::kDrift, known, {Evidence::kLine, Evidence::kGrid})) return;
-    const RangeVoxels<float> deviations = drift_deviations(drift_voxels(), kRoundingShare * step);
+    const std::vector<float> deviations = drift_deviations(drift_tallies(), kRoundingShare * step);
+    const auto drifts = [](float deviation) { return std::abs(deviation) > kDriftThreshold; };
+    if (std::none_of(deviations.begin(), deviations.end(), drifts)) return;
     std::vector<std::int32_t> drifting;
     for (std::int32_t i = 0; i < points_.num_points(); ++i) {
       if (!is_near_line(i)) continue;
-      const Voxel at = voxel_of(i);
-      const float deviation = deviations(at.row, at.column, at.layer);
-      if (!(std::abs(deviation) > kDriftThreshold)) continue;
+      const float deviation = deviations[voxel_of_point_[i]];
+      if (!drifts(deviation)) continue;
+      const RangeVoxel& at = voxels_.voxels()[voxel_of_point_[i]];
       double& strength = cells_(at.row, at.column)[index_of(Evidence::kDrift)];
       strength = std::max<double>(strength, std::abs(deviation));
       if ((reading_.line_error(i) > 0.0F) == (deviation > 0.0F)) drifting.push_back(i);
@@ -326,69 +328,72 @@ class Examination {
     return reading_.ring(i) >= 0 && std::abs(reading_.line_error(i)) < kDriftGate;
   }
 
-  [[nodiscard]] Voxel voxel_of(std::int32_t i) const {
+  [[nodiscard]] RangeVoxel voxel_of(std::int32_t i) const {
     return {cell_row(i), cell_column(reading_.azimuth(i)),
             range_layer(points_.points.row(i).squaredNorm())};
   }
 
   // Errors by direction and distance, less the mean of each laser.
-  [[nodiscard]] DriftVoxels drift_voxels() const {
+  [[nodiscard]] std::vector<DriftTally> drift_tallies() const {
     std::vector<std::int32_t> points(lattice_.rings.size(), 0);
-    std::vector<double> errors(lattice_.rings.size(), 0.0);
+    std::vector<double> means(lattice_.rings.size(), 0.0);
     for (std::int32_t i = 0; i < points_.num_points(); ++i) {
       if (!is_near_line(i)) continue;
       ++points[static_cast<std::size_t>(reading_.ring(i))];
-      errors[static_cast<std::size_t>(reading_.ring(i))] += reading_.line_error(i);
+      means[static_cast<std::size_t>(reading_.ring(i))] += reading_.line_error(i);
     }
-    DriftVoxels voxels{{cells_.rings(), cells_.columns(), DriftTally{}}, {}};
+    for (std::size_t ring = 0; ring < means.size(); ++ring) {
+      means[ring] /= std::max(points[ring], 1);
+    }
+    std::vector<DriftTally> tallies(voxels_.size());
     for (std::int32_t i = 0; i < points_.num_points(); ++i) {
       if (!is_near_line(i)) continue;
       const auto ring = static_cast<std::size_t>(reading_.ring(i));
       const Eigen::RowVector2d p = points_.points.row(i).head<2>().cast<double>();
-      const Voxel at = voxel_of(i);
-      DriftTally& tally = voxels.tallies(at.row, at.column, at.layer);
-      if (tally.points++ == 0) voxels.occupied.push_back(at);
-      tally.error += static_cast<float>(reading_.line_error(i) - errors[ring] / points[ring]);
+      DriftTally& tally = tallies[voxel_of_point_[i]];
+      ++tally.points;
+      tally.error += static_cast<float>(reading_.line_error(i) - means[ring]);
       // The lattice states 4 deviations.
       tally.doubt += static_cast<float>(
           0.25 * lattice_.rings[ring].uncertainty(std::sqrt(p.x() * p.x() + p.y() * p.y())));
     }
-    return voxels;
+    return tallies;
   }
 
   // Deviations of the mean of the window around each voxel, in units of their common spread where
   // that is larger than rounding explains; 0 where few windows hold enough points.
-  [[nodiscard]] static RangeVoxels<float> drift_deviations(const DriftVoxels& voxels,
-                                                           double rounding) {
-    RangeVoxels<float> deviations(voxels.tallies.rows(), voxels.tallies.columns(), 0.0F);
+  [[nodiscard]] std::vector<float> drift_deviations(const std::vector<DriftTally>& tallies,
+                                                    double rounding) const {
+    std::vector<float> deviations(voxels_.size(), 0.0F);
     std::vector<float> sizes;
-    std::vector<float*> judged;
-    for (const Voxel& at : voxels.occupied) {
-      const DriftTally sum = drift_window(voxels.tallies, at);
+    for (std::size_t k = 0; k < voxels_.size(); ++k) {
+      if (tallies[k].points == 0) continue;
+      const DriftTally sum = drift_window(tallies, voxels_.voxels()[k]);
       if (sum.points < kFewestDrifting) continue;
       const double doubt = sum.doubt;
       const double spread = std::sqrt(sum.points * rounding * rounding + doubt * doubt);
-      float& deviation = deviations(at.row, at.column, at.layer);
-      deviation = static_cast<float>(sum.error / spread);
-      sizes.push_back(std::abs(deviation));
-      judged.push_back(&deviation);
+      deviations[k] = static_cast<float>(sum.error / spread);
+      sizes.push_back(std::abs(deviations[k]));
     }
     const bool enough = sizes.size() >= kFewestDriftWindows;
     const double common = enough ? std::max(1.0, kNormalMad * median(std::span(sizes))) : 0.0;
-    for (float* deviation : judged) {
-      *deviation = enough ? static_cast<float>(*deviation / common) : 0.0F;
+    for (float& deviation : deviations) {
+      deviation = enough ? static_cast<float>(deviation / common) : 0.0F;
     }
     return deviations;
   }
 
-  [[nodiscard]] static DriftTally drift_window(const RangeVoxels<DriftTally>& tallies,
-                                               const Voxel& at) {
+  [[nodiscard]] DriftTally drift_window(const std::vector<DriftTally>& tallies,
+                                        const RangeVoxel& at) const {
     DriftTally sum;
-    const int columns = tallies.columns();
+    const int columns = voxels_.columns();
     for (int r = std::max(0, at.row - kDriftRows);
-         r <= std::min(tallies.rows() - 1, at.row + kDriftRows); ++r) {
+         r <= std::min(voxels_.rows() - 1, at.row + kDriftRows); ++r) {
       for (int d = -kDriftColumns; d <= kDriftColumns; ++d) {
-        const DriftTally& tally = tallies(r, (at.column + d + columns) % columns, at.layer);
+        const int column = (at.column + d + columns) % columns;
+        const auto [first, last] = voxels_.numbers(r, column, at.layer, at.layer);
+        if (first == last) continue;
+        const DriftTally& tally = tallies[static_cast<std::size_t>(first)];
         sum.points += tally.points;
         sum.error += tally.error;
         sum.doubt += tally.doubt;
@@ -587,6 +592,8 @@ class Examination {
   const Progress& progress_;
   LatticeReading reading_;
   RingImage<Strength> cells_;
+  RangeVoxels voxels_;
+  std::vector<std::int32_t> voxel_of_point_;  // number; -1: the point was not read
   FiringSchedule schedule_;
   std::vector<Void> voids_;
   std::int64_t num_read_ = 0;

@@ -35,28 +35,30 @@ double chernoff(const RangeTally& tally, double p) {
 // A window around a voxel; columns go around the horizon, rows and layers end.
 class Window {
  public:
-  template <typename Value>
-  Window(const RangeVoxels<Value>& voxels, int row, int column, int layer, const Extent& extent)
-      : columns_(voxels.columns()),
-        top_(std::max(0, row - extent.rows)),
-        bottom_(std::min(voxels.rows() - 1, row + extent.rows)),
-        left_(column - std::min(extent.columns, columns_ / 2)),
-        right_(column + std::min(extent.columns, (columns_ - 1) / 2)),
-        near_(std::max(0, layer - 1)),
-        far_(std::min(RangeVoxels<Value>::kLayers - 1, layer + 1)) {}
+  Window(const RangeVoxels& voxels, const RangeVoxel& at, const Extent& extent)
+      : voxels_(voxels),
+        top_(std::max(0, at.row - extent.rows)),
+        bottom_(std::min(voxels.rows() - 1, at.row + extent.rows)),
+        left_(at.column - std::min(extent.columns, voxels.columns() / 2)),
+        right_(at.column + std::min(extent.columns, (voxels.columns() - 1) / 2)),
+        near_(std::max(0, at.layer - 1)),
+        far_(std::min(RangeVoxels::kLayers - 1, at.layer + 1)) {}
 
+  // Visits the numbers of the voxels that hold points.
   template <typename Visit>
   void each(const Visit& visit) const {
+    const int columns = voxels_.columns();
     for (int row = top_; row <= bottom_; ++row) {
-      for (int c = left_; c <= right_; ++c) {
-        const int column = (c + columns_) % columns_;
-        for (int layer = near_; layer <= far_; ++layer) visit(row, column, layer);
+      for (int column = left_; column <= right_; ++column) {
+        const auto [first, last] = voxels_.numbers(row, (column + columns) % columns, near_, far_);
+        for (std::int32_t k = first; k < last; ++k) visit(static_cast<std::size_t>(k));
       }
     }
   }
 
  private:
-  int columns_, top_, bottom_, left_, right_, near_, far_;
+  const RangeVoxels& voxels_;
+  int top_, bottom_, left_, right_, near_, far_;
 };
 
 }  // namespace
@@ -65,37 +67,44 @@ int range_layer(float squared_range) {
   // Exponent and first bit of the mantissa: two layers per octave of the square.
   constexpr int kNearestOctave = 250;  // of 0.25
   const auto octaves = static_cast<int>(std::bit_cast<std::uint32_t>(squared_range) >> 22U);
-  return std::clamp(octaves - kNearestOctave, 0, RangeVoxels<float>::kLayers - 1);
+  return std::clamp(octaves - kNearestOctave, 0, RangeVoxels::kLayers - 1);
 }
 
-RangeVoxels<float> incoherent_windows(const RangeVoxels<RangeTally>& voxels, double incoherence,
+void RangeVoxels::number() {
+  voxels_.clear();
+  for (int row = 0; row < rows_; ++row) {
+    for (int column = 0; column < columns_; ++column) {
+      Cell& at = cells_[cell(row, column)];
+      at.first = static_cast<std::int32_t>(voxels_.size());
+      for (std::uint32_t layers = at.layers; layers != 0; layers &= layers - 1U) {
+        voxels_.push_back({row, column, std::countr_zero(layers)});
+      }
+    }
+  }
+}
+
+std::vector<float> incoherent_windows(const RangeVoxels& voxels,
+                                      const std::vector<RangeTally>& tallies, double incoherence,
                                       double threshold) {
-  RangeVoxels<float> strongest(voxels.rows(), voxels.columns(), 0.0F);
-  const auto examine = [&](int row, int column, int layer) {
+  std::vector<float> strongest(voxels.size(), 0.0F);
+  const auto examine = [&](const RangeVoxel& at) {
     for (const Extent& extent : kWindows) {
-      const Window window(voxels, row, column, layer, extent);
+      const Window window(voxels, at, extent);
       RangeTally sum;
-      window.each([&](int r, int c, int l) {
-        sum.points += voxels(r, c, l).points;
-        sum.incoherent += voxels(r, c, l).incoherent;
+      window.each([&](std::size_t k) {
+        sum.points += tallies[k].points;
+        sum.incoherent += tallies[k].incoherent;
       });
       if (sum.incoherent < kLeastShare * sum.points) return;  // the larger ones hold fewer still
       if (sum.incoherent < kFewestIncoherent) continue;
       const auto exponent = static_cast<float>(chernoff(sum, incoherence));
       if (exponent < threshold) continue;
-      window.each([&](int r, int c, int l) {
-        if (voxels(r, c, l).points > 0) strongest(r, c, l) = std::max(strongest(r, c, l), exponent);
-      });
+      window.each([&](std::size_t k) { strongest[k] = std::max(strongest[k], exponent); });
     }
   };
-  for (int row = 0; row < voxels.rows(); ++row) {
-    for (int column = 0; column < voxels.columns(); ++column) {
-      for (int layer = 0; layer < RangeVoxels<RangeTally>::kLayers; ++layer) {
-        const RangeTally& tally = voxels(row, column, layer);
-        if (tally.incoherent > 1 && 4 * tally.incoherent > tally.points)
-          examine(row, column, layer);
-      }
-    }
+  for (std::size_t k = 0; k < voxels.size(); ++k) {
+    const RangeTally& tally = tallies[k];
+    if (tally.incoherent > 1 && 4 * tally.incoherent > tally.points) examine(voxels.voxels()[k]);
   }
   return strongest;
 }

@@ -142,10 +142,6 @@ class ReflectanceView {
   RingImage<std::int32_t> nearest_;
 };
 
-struct ShareVoxel {
-  int row, column, layer;
-};
-
 struct ReflectanceTally {
   int points = 0;
   double first = 0.0;   // kEven: log likelihood ratio; kChanged: energy of E
@@ -163,13 +159,16 @@ class ReflectanceSearch {
         progress_(progress),
         scale_(points),
         reading_(std::move(reading)),
-        rows_((lattice.num_rings() + kShareRings - 1) / kShareRings),
+        voxels_((lattice.num_rings() + kShareRings - 1) / kShareRings, kShareColumns),
         ranges_(static_cast<std::size_t>(points.num_points()), 0.0) {
     for (Eigen::Index i = 0; i < points.num_points(); ++i) {
       if (reading_.ring(i) < 0 || !scale_.holds(points.intensity(i))) continue;
       const double range = range_of(points, i);
-      if (range > options.nearest && range < options.farthest) ranges_[index(i)] = range;
+      if (!(range > options.nearest && range < options.farthest)) continue;
+      ranges_[index(i)] = range;
+      voxels_.add(voxel_of(i));
     }
+    voxels_.number();
   }
 
   [[nodiscard]] std::vector<ReflectanceRegion> run(const ReflectanceTurn* previous,
@@ -181,20 +180,19 @@ class ReflectanceSearch {
   }
 
  private:
-  using Tallies = RangeVoxels<ReflectanceTally>;
+  using Tallies = std::vector<ReflectanceTally>;  // of each voxel
 
   static std::size_t index(Eigen::Index i) { return static_cast<std::size_t>(i); }
 
   [[nodiscard]] bool is_judged(Eigen::Index i) const { return ranges_[index(i)] > 0.0; }
 
-  [[nodiscard]] ShareVoxel voxel_of(Eigen::Index i) const {
+  [[nodiscard]] RangeVoxel voxel_of(Eigen::Index i) const {
     return {reading_.ring(i) / kShareRings, share_column(reading_.azimuth(i), kShareColumns),
             range_layer(points_.points.row(i).squaredNorm())};
   }
 
   ReflectanceTally& tally_of(Tallies& tallies, Eigen::Index i) const {
-    const ShareVoxel at = voxel_of(i);
-    return tallies(at.row, at.column, at.layer);
+    return tallies[index(voxels_(voxel_of(i)))];
   }
 
   // The rows of each laser, by azimuth.
@@ -249,7 +247,7 @@ class ReflectanceSearch {
       const double even = std::max(kEvenShare, clean + 0.05);
       ratios.push_back({natural_log((1.0 - even) / (1.0 - clean)), natural_log(even / clean)});
     }
-    Tallies tallies(rows_, kShareColumns, {});
+    Tallies tallies(voxels_.size());
     for (const Pair& pair : pairs) {
       ReflectanceTally& tally = tally_of(tallies, pair.row);
       ++tally.points;
@@ -265,7 +263,7 @@ class ReflectanceSearch {
         ReflectanceView(previous, lattice_, gains, options_.num_threads, progress_),
         ReflectanceView(following, lattice_, gains, options_.num_threads, progress_)};
     Ticker ticker(progress_);
-    Tallies tallies(rows_, kShareColumns, {});
+    Tallies tallies(voxels_.size());
     for (Eigen::Index i = 0; i < points_.num_points(); ++i) {
       ticker.tick();
       if (!is_judged(i)) continue;
@@ -289,15 +287,17 @@ class ReflectanceSearch {
   }
 
   // The sum over a voxel and the 26 around it.
-  [[nodiscard]] static ReflectanceTally window_around(const Tallies& tallies,
-                                                      const ShareVoxel& at) {
+  [[nodiscard]] ReflectanceTally window_around(const Tallies& tallies, const RangeVoxel& at) const {
     ReflectanceTally sum;
-    const int columns = tallies.columns();
-    for (int r = std::max(0, at.row - 1); r <= std::min(tallies.rows() - 1, at.row + 1); ++r) {
+    const int columns = voxels_.columns();
+    const int near = std::max(0, at.layer - 1);
+    const int far = std::min(RangeVoxels::kLayers - 1, at.layer + 1);
+    for (int r = std::max(0, at.row - 1); r <= std::min(voxels_.rows() - 1, at.row + 1); ++r) {
       for (int d = -1; d <= 1; ++d) {
-        for (int layer = std::max(0, at.layer - 1);
-             layer <= std::min(Tallies::kLayers - 1, at.layer + 1); ++layer) {
-          const ReflectanceTally& tally = tallies(r, (at.column + d + columns) % columns, layer);
+        const auto [first, last] =
+            voxels_.numbers(r, (at.column + d + columns) % columns, near, far);
+        for (std::int32_t k = first; k < last; ++k) {
+          const ReflectanceTally& tally = tallies[static_cast<std::size_t>(k)];
           sum.points += tally.points;
           sum.first += tally.first;
           sum.second += tally.second;
@@ -322,29 +322,25 @@ class ReflectanceSearch {
 
   void add_regions(ReflectanceEvidence kind, const Tallies& tallies,
                    std::vector<ReflectanceRegion>& regions) const {
-    RingImage<std::uint8_t> suspect(rows_, kShareColumns, 0);
-    RangeVoxels<float> strengths(rows_, kShareColumns, 0.0F);
-    for (int row = 0; row < rows_; ++row) {
-      for (int column = 0; column < kShareColumns; ++column) {
-        for (int layer = 0; layer < Tallies::kLayers; ++layer) {
-          const ReflectanceTally& own = tallies(row, column, layer);
-          if (own.points == 0) continue;
-          const double strength =
-              strength_of(kind, own, window_around(tallies, {row, column, layer}));
-          if (!(strength > 0.0)) continue;
-          strengths(row, column, layer) = static_cast<float>(strength);
-          suspect(row, column) = 1;
-        }
-      }
+    RingImage<std::uint8_t> suspect(voxels_.rows(), voxels_.columns(), 0);
+    std::vector<float> strengths(voxels_.size(), 0.0F);
+    for (std::size_t k = 0; k < voxels_.size(); ++k) {
+      if (tallies[k].points == 0) continue;
+      const RangeVoxel& at = voxels_.voxels()[k];
+      const double strength = strength_of(kind, tallies[k], window_around(tallies, at));
+      if (!(strength > 0.0)) continue;
+      strengths[k] = static_cast<float>(strength);
+      suspect(at.row, at.column) = 1;
     }
     const std::size_t first = regions.size();
-    RingImage<std::int32_t> region_of(rows_, kShareColumns, -1);
+    RingImage<std::int32_t> region_of(voxels_.rows(), voxels_.columns(), -1);
     for (const auto& component : connected_components(suspect)) {
       ReflectanceRegion found{kind, 0.0, {}};
       for (const auto& [row, column] : component) {
         region_of(row, column) = static_cast<std::int32_t>(regions.size());
-        for (int layer = 0; layer < Tallies::kLayers; ++layer) {
-          found.strength += strengths(row, column, layer);
+        const auto [begin, end] = voxels_.numbers(row, column, 0, RangeVoxels::kLayers - 1);
+        for (std::int32_t k = begin; k < end; ++k) {
+          found.strength += strengths[static_cast<std::size_t>(k)];
         }
       }
       regions.push_back(std::move(found));
@@ -352,8 +348,8 @@ class ReflectanceSearch {
     if (regions.size() == first) return;
     for (Eigen::Index i = 0; i < points_.num_points(); ++i) {
       if (!is_judged(i)) continue;
-      const ShareVoxel at = voxel_of(i);
-      if (!(strengths(at.row, at.column, at.layer) > 0.0F)) continue;
+      const RangeVoxel at = voxel_of(i);
+      if (!(strengths[index(voxels_(at))] > 0.0F)) continue;
       regions[static_cast<std::size_t>(region_of(at.row, at.column))].rows.push_back(
           static_cast<std::int32_t>(i));
     }
@@ -365,7 +361,7 @@ class ReflectanceSearch {
   const Progress& progress_;
   ReflectanceScale scale_;
   LatticeReading reading_;
-  int rows_;
+  RangeVoxels voxels_;
   std::vector<double> ranges_;  // metres; 0: not judged
 };
 
