@@ -18,18 +18,18 @@ from manip3d._util.memory import bytes_of, written_size
 from manip3d.simplify import StopReason, _memory, _parts
 
 ONE_RUN = """
-import json, resource, sys
+import json, sys
 sys.path[:0] = [sys.argv[1], sys.argv[1] + "/.."]
 from test_memory import hills
 from manip3d import simplify
-from manip3d._util.memory import release_unused, resident_bytes
+from manip3d._util.memory import most_resident_bytes, release_unused, resident_bytes
 from manip3d.simplify import _memory
 mesh = hills(300)
 release_unused()
 memory = resident_bytes() + int(sys.argv[3])
 plan = _memory._plan(mesh, sys.argv[2], memory, mesh.num_faces // 10)
 result = simplify.simplify(mesh, sys.argv[2], ratio=0.1, memory=memory)
-peak = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+peak = most_resident_bytes()
 result.mesh.write(sys.argv[4])
 print(json.dumps([memory, peak, plan.depth, result.mesh.num_faces, str(result.stop)]))
 """

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import os
 import re
-import sys
 from pathlib import Path
 
 from manip3d.errors import InputError
@@ -26,12 +25,17 @@ def resident_bytes() -> int | None:
     return pages * os.sysconf("SC_PAGE_SIZE")
 
 
-def most_resident_bytes() -> int:
-    """The most that this process has held so far."""
-    import resource
+def most_resident_bytes() -> int | None:
+    """The most that this process has held so far; ``None`` where the system does not say.
 
-    unit = 1 if sys.platform == "darwin" else 1024
-    return unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    (``getrusage`` would count what the parent held when it started this process.)
+    """
+    try:
+        status = Path("/proc/self/status").read_text(encoding="ascii")
+    except (OSError, ValueError):
+        return None
+    match = re.search(r"^VmHWM:\s*(\d+) kB$", status, re.MULTILINE)
+    return None if match is None else 1024 * int(match[1])
 
 
 def release_unused() -> None:

@@ -95,10 +95,11 @@ def simplify_file(
             )
         return _simplify_scene(scene, source, output, order, terminal, progress)
     mesh = open_mesh(source, terminal)
-    if order.memory is not None and most_resident_bytes() > order.memory:
+    held = most_resident_bytes() or 0
+    if order.memory is not None and held > order.memory:
         raise InputError(
-            f"--memory: expected at least {written_size(most_resident_bytes())}, which reading "
-            f"{source} took, got {written_size(order.memory)}"
+            f"--memory: expected at least {written_size(held)}, which reading {source} took, "
+            f"got {written_size(order.memory)}"
         )
     record: dict[str, Any] = {"input": source, "output": str(output), "method": order.method}
     record["faces_before"] = mesh.num_faces
