@@ -9,6 +9,7 @@
 #include "manip3d/geometry/nearest_neighbours.hpp"
 #include "manip3d/geometry/shading.hpp"
 #include "manip3d/geometry/summary.hpp"
+#include "manip3d/geometry/topology.hpp"
 #include "mesh.hpp"
 #include "modules.hpp"
 #include "points.hpp"
@@ -74,6 +75,15 @@ void bind_geometry(py::module_& m) {
         const BorrowedMesh borrowed(mesh);
         check_mesh(borrowed.view());
         return corners(bounding_box(borrowed.view()));
+      },
+      py::arg("mesh"));
+  m.def(
+      "count_components",
+      [](const py::object& mesh) {
+        const BorrowedMesh borrowed(mesh);
+        const py::gil_scoped_release nogil;
+        check_mesh(borrowed.view());
+        return find_components(borrowed.view().faces, borrowed.view().num_vertices()).count;
       },
       py::arg("mesh"));
   m.def(

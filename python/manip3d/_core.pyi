@@ -94,6 +94,7 @@ __all__: list[str] = [
     "compare_turns",
     "composite",
     "copy_transform_paste",
+    "count_components",
     "deform",
     "density_levels",
     "depth_coverage",
@@ -1951,6 +1952,7 @@ def copy_transform_paste(
     paper: bool,
     threads: typing.SupportsInt | typing.SupportsIndex,
 ) -> tuple[typing.Any, ...]: ...
+def count_components(mesh: typing.Any) -> int: ...
 def deform(
     points: numpy.typing.NDArray[numpy.float32],
     intensity: numpy.typing.NDArray[numpy.float32],

@@ -1203,12 +1203,14 @@ class FastSimplifier {
     Vector2d best = table_.texcoords[wedge];
     Vector2d low = best, high = best;
     double most_inside = -std::numeric_limits<double>::infinity();
+    std::optional<Vector2d> own;  // of a locked vertex: rounding would part it from its neighbours
     for (const std::int32_t from : {v, t}) {
       const Vector3d origin = position_of(vertices_[from]).cast<double>();
       for_each_face(from, [&](std::uint32_t f, std::uint32_t c, std::int32_t a, std::int32_t b) {
         const Triple& w = wedges_[f];
         if (continued(w[c], pairs) != wedge || remap_[a] == remap_[b]) return;
         const Vector2d uv = table_.texcoords[w[c]];
+        if (is_locked(from)) own = uv;
         const Vector2d ua = table_.texcoords[wedge_into_[w[c == 2 ? 0 : c + 1]]];
         const Vector2d ub = table_.texcoords[wedge_into_[w[c == 0 ? 2 : c - 1]]];
         for (const Vector2d& s : {uv, ua, ub}) {
@@ -1228,7 +1230,7 @@ class FastSimplifier {
         best = uv + share_a * (ua - uv) + share_b * (ub - uv);
       });
     }
-    return best.cwiseMax(low).cwiseMin(high);
+    return own ? *own : best.cwiseMax(low).cwiseMin(high);
   }
 
   /// Corners of t get the normal of v that is nearest to theirs.

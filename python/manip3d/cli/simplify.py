@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+from manip3d._util.memory import bytes_of, most_resident_bytes, written_size
 from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
 from manip3d.cli.options import (
@@ -30,6 +31,8 @@ from manip3d.io import READABLE, WRITABLE
 
 if TYPE_CHECKING:
     from manip3d.io import Scene
+    from manip3d.mesh import Mesh
+    from manip3d.simplify import QualityResult, SimplifyResult
 
 Box = tuple[float, float, float, float, float, float]
 
@@ -46,6 +49,7 @@ class Order:
     clean: bool
     lock_box: Box | None
     options: dict[str, Any]
+    memory: int | None = None  # bytes of the whole process
 
     def __post_init__(self) -> None:
         targets = (self.faces, self.ratio, self.max_error, self.max_distance)
@@ -84,13 +88,25 @@ def simplify_file(
 
     scene = open_scene(source, output, terminal)
     if scene is not None:
+        if order.memory is not None:
+            raise InputError(
+                f"--memory: expected a file of one mesh, got a scene of {len(scene.nodes)} nodes; "
+                "'manip3d convert' to .ply makes one mesh of it"
+            )
         return _simplify_scene(scene, source, output, order, terminal, progress)
     mesh = open_mesh(source, terminal)
+    held = most_resident_bytes() or 0
+    if order.memory is not None and held > order.memory:
+        raise InputError(
+            f"--memory: expected at least {written_size(held)}, which reading {source} took, "
+            f"got {written_size(order.memory)}"
+        )
     record: dict[str, Any] = {"input": source, "output": str(output), "method": order.method}
     record["faces_before"] = mesh.num_faces
     started = time.perf_counter()
-    # The fast mode does its own cleaning, which costs next to nothing.
-    cleaned = simplify.clean(mesh).mesh if order.clean and order.method != "fast" else mesh
+    # The fast mode does its own cleaning, which costs next to nothing; a copy costs memory.
+    cleans = order.clean and order.method != "fast" and order.memory is None
+    cleaned = simplify.clean(mesh).mesh if cleans else mesh
     record["faces_cleaned"] = cleaned.num_faces
     target = order.target(mesh.num_faces)
     limits: dict[str, Any] = {"target_faces": target, **order.limits()}
@@ -100,12 +116,7 @@ def simplify_file(
         terminal.say(
             f"--lock-box holds {counted(int(limits['locked'].sum()), 'vertex', 'vertices')}"
         )
-    own: dict[str, Callable[..., simplify.QualityResult | simplify.SimplifyResult]] = {
-        "quality": simplify.quality,
-        "fast": simplify.fast,
-    }
-    method = own.get(order.method) or simplify.METHODS[order.method]
-    result = method(cleaned, progress=progress, **limits, **order.options)
+    result = _run(cleaned, order, limits, progress)
     seconds = time.perf_counter() - started
     record |= _outcome(result, result, target, seconds, result.mesh.num_faces)
     if result.mesh.num_faces == 0:
@@ -114,6 +125,22 @@ def simplify_file(
         result.mesh.write(output)
     terminal.say(_sentence(record))
     return record
+
+
+def _run(
+    mesh: Mesh, order: Order, limits: dict[str, Any], progress: Progress | None
+) -> QualityResult | SimplifyResult:
+    from manip3d import simplify
+
+    if order.memory is not None:
+        mode: Any = order.method
+        return simplify.simplify(mesh, mode, memory=order.memory, progress=progress, **limits)
+    own: dict[str, Callable[..., QualityResult | SimplifyResult]] = {
+        "quality": simplify.quality,
+        "fast": simplify.fast,
+    }
+    method = own.get(order.method) or simplify.METHODS[order.method]
+    return method(mesh, progress=progress, **limits, **order.options)
 
 
 def _simplify_scene(
@@ -207,6 +234,13 @@ def _headset_faces(headset: tuple[float, float], faces: int | None) -> int:
     return budget
 
 
+def _ceiling(memory: str) -> int:
+    try:
+        return bytes_of(memory)
+    except InputError as error:
+        raise InputError(f"--memory: {error}") from None
+
+
 class Mode(StrEnum):
     """What a simplification is for."""
 
@@ -293,6 +327,14 @@ def simplify(
             help="Vertices between these two corners stay where they are.",
         ),
     ] = None,
+    memory: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SIZE",
+            help="Ceiling of the memory of the process, such as 2GiB, for --mode quality and fast: "
+            "a larger mesh is first reduced in parts. Reading the file counts, too.",
+        ),
+    ] = None,
     no_clean: Annotated[
         bool, typer.Option("--no-clean", help="Do not clean the mesh first.")
     ] = False,
@@ -326,10 +368,22 @@ def simplify(
         options["seam_mode"] = str(seam_mode)
     if lock_box is not None and name not in (Mode.quality, Mode.fast):
         raise InputError(f"--lock-box: expected --mode quality or fast, got {name}")
+    if memory is not None and name not in (Mode.quality, Mode.fast):
+        raise InputError(f"--memory: expected --mode quality or fast, got {name}")
     if headset is not None:
         faces = _headset_faces(headset, faces)
         shell.say(f"--headset: {counted(faces, 'face')}")
-    order = Order(str(name), faces, ratio, max_error, max_distance, not no_clean, lock_box, options)
+    order = Order(
+        str(name),
+        faces,
+        ratio,
+        max_error,
+        max_distance,
+        not no_clean,
+        lock_box,
+        options,
+        memory=None if memory is None else _ceiling(memory),
+    )
     expect_kind(source, "mesh", verb="simplify")
     check_output(output, WRITABLE, force=force)
     with shell.progress("simplify") as progress:

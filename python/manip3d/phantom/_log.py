@@ -7,10 +7,10 @@ import os
 import time
 from collections.abc import Mapping
 from datetime import datetime
-from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
 
+from manip3d._util.memory import resident_bytes
 from manip3d._util.paths import path_of
 from manip3d.phantom._session import LiveSession
 from manip3d.serve import LocalServer
@@ -71,8 +71,5 @@ class SessionLog:
 
 def memory_mib() -> float | None:
     """Resident memory of this process; None where the system does not say."""
-    try:
-        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
-    except (OSError, ValueError, IndexError):
-        return None
-    return round(pages * os.sysconf("SC_PAGE_SIZE") / 2**20, 1)
+    size = resident_bytes()
+    return None if size is None else round(size / 2**20, 1)

@@ -57,8 +57,9 @@ from manip3d.simplify._lod import (
     polygon_budget,
     share_budget,
 )
+from manip3d.simplify._modes import Mode, simplify
 from manip3d.simplify._pixel_maps import confidence_of_levels
-from manip3d.simplify._quality import Mode, QualityResult, fast, quality, simplify
+from manip3d.simplify._quality import QualityResult, fast, quality
 from manip3d.simplify._relief import (
     Effort,
     Relief,

@@ -1,9 +1,9 @@
-"""Fewer faces for the same shape, as users want it: the least error on any real mesh."""
+"""Fewer faces for the same shape, on any real mesh: with the least error, or fast."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,25 +12,15 @@ from manip3d._util.checked import checked
 from manip3d._util.options import reporting
 from manip3d._util.showing import Showable
 from manip3d.errors import InputError
-from manip3d.simplify._collapse import SimplifyResult, StopReason, _target, clean, qem4vr
+from manip3d.simplify._collapse import StopReason, _target, clean
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import ArrayLike, NDArray
 
     from manip3d._util.options import Progress
     from manip3d.mesh import Mesh
 
-__all__ = ["Mode", "QualityResult", "fast", "quality", "simplify"]
-
-Mode = Literal["quality", "published", "fast"]
-
-_MODES_WITH: dict[str, tuple[Mode, ...]] = {
-    "max_distance": ("quality", "published"),
-    "locked": ("quality", "fast"),
-    "importance": ("quality",),
-}
+__all__ = ["QualityResult", "fast", "quality"]
 
 
 @dataclass(frozen=True)
@@ -92,7 +82,7 @@ def _follow(first: NDArray[np.int32], second: NDArray[np.int32]) -> NDArray[np.i
     return np.where(first < 0, gone, second[first])
 
 
-def _locked(mesh: Mesh, locked: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
+def locked_of(mesh: Mesh, locked: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
     """One of each vertex."""
     if locked is None:
         return None
@@ -217,7 +207,7 @@ def quality(
     options.boundary_weight = boundary_weight
     options.seam_weight = seam_weight
     options.texture_weight = texture_weight
-    chosen = _locked(mesh, locked)
+    chosen = locked_of(mesh, locked)
     weights = _importance(mesh, importance)
     cleaned = clean(mesh)
     stays = cleaned.vertex_map >= 0
@@ -314,94 +304,10 @@ def fast(
     options.boundary_weight = boundary_weight
     options.seam_weight = seam_weight
     options.num_threads = threads
-    chosen = _locked(mesh, locked)
+    chosen = locked_of(mesh, locked)
     if chosen is not None:
         options.locked = chosen.tolist()
     with reporting(progress, "simplify") as report:
         fields = _core.simplify_fast(mesh, options, report)
     fields["stop"] = StopReason(fields["stop"].name.lower())
     return QualityResult(**fields)
-
-
-@checked
-def simplify(
-    mesh: Mesh,
-    mode: Mode = "quality",
-    *,
-    target_faces: int | None = None,
-    ratio: float | None = None,
-    max_error: float | None = None,
-    max_distance: float | None = None,
-    locked: NDArray[np.bool_] | None = None,
-    importance: ArrayLike | None = None,
-    progress: Progress = None,
-) -> QualityResult | SimplifyResult:
-    """Simplify a mesh: the function to start with.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        Not changed.
-    mode : 'quality', 'published' or 'fast'
-        The least error on any mesh (:func:`quality`), the published method with its rules and
-        numbers, whose vertices are vertices of the input (:func:`qem4vr`), or speed, at a larger
-        error (:func:`fast`).
-    target_faces : int, optional
-        Stop at this many faces or fewer.
-    ratio : float in [0, 1], optional
-        The fraction of the input's faces that stays.
-    max_error : float, optional
-        No step with a larger error, in the file's unit; each mode says what it measures.
-    max_distance : float, optional
-        The two-sided Hausdorff distance between the surfaces, boundaries included, in the file's
-        unit, does not exceed it. 0 (exactly coplanar collapses) is for ``mode='published'``;
-        ``mode='fast'`` has no such limit.
-        Targets combine; the first one reached stops. One is needed.
-    locked : (V,) bool, optional
-        Vertices that stay where they are; for ``mode='quality'`` and ``mode='fast'``.
-    importance : (V,) float > 0, optional
-        How many times as much as elsewhere it costs to change the surface at a vertex; for
-        ``mode='quality'``.
-    progress : None, True or callable
-        ``True`` shows a bar; a callable gets ``(fraction, message)``, at most ten times a second.
-
-    Returns
-    -------
-    QualityResult or SimplifyResult
-
-    Raises
-    ------
-    InputError
-        No target, an option out of its range, or an unknown mode.
-
-    Examples
-    --------
-    >>> import manip3d
-    >>> square = manip3d.Mesh(
-    ...     [[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [1, 1, 0]],
-    ...     [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]],
-    ... )
-    >>> manip3d.simplify.simplify(square, ratio=0.5).mesh
-    <manip3d.Mesh: 4 vertices, 2 faces>
-    """
-    if mode not in get_args(Mode):
-        raise InputError(f"mode: expected 'quality', 'published' or 'fast', got {mode!r}")
-    limits: dict[str, Any] = {
-        "target_faces": target_faces,
-        "ratio": ratio,
-        "max_error": max_error,
-    }
-    more = {"max_distance": max_distance, "locked": locked, "importance": importance}
-    for name, value in more.items():
-        if value is None:
-            continue
-        if mode not in _MODES_WITH[name]:
-            modes = " or ".join(repr(m) for m in _MODES_WITH[name])
-            raise InputError(f"{name}: expected mode={modes}, got mode={mode!r}")
-        limits[name] = value
-    methods: dict[str, Callable[..., QualityResult | SimplifyResult]] = {
-        "quality": quality,
-        "published": qem4vr,
-        "fast": fast,
-    }
-    return methods[mode](mesh, progress=progress, **limits)

@@ -15,6 +15,7 @@ from manip3d.io import Scene
 from manip3d.mesh import Material, Mesh
 from manip3d.simplify._collapse import METHODS, SimplifyResult, StopReason, clean
 from manip3d.simplify._lod import check_options, lod_chain
+from manip3d.simplify._parts import compact_rows
 from manip3d.simplify._quality import QualityResult, fast, quality
 
 if TYPE_CHECKING:
@@ -133,18 +134,6 @@ def _largest_instance(places: NDArray[np.float64]) -> NDArray[np.float64]:
     place[:3, :3] *= size if size > 0.0 else 1.0
     place[:3, 3] = places[int(np.argmax(singular[:, 0])), :3, 3]
     return place
-
-
-def _compact(
-    table: NDArray[Any] | None, index: NDArray[np.int32] | None
-) -> tuple[NDArray[Any] | None, NDArray[np.int32] | None]:
-    """The rows that an index names, and the index of them; -1 stays -1."""
-    if table is None or index is None or not (index >= 0).any():
-        return None, None
-    used = np.unique(index[index >= 0])
-    rows = np.full(len(table) + 1, -1, dtype=np.int32)  # the last one: of -1
-    rows[used] = np.arange(len(used), dtype=np.int32)
-    return table[used], rows[index]
 
 
 def _turned(normals: NDArray[Any], linear: NDArray[Any]) -> NDArray[np.float64]:
@@ -276,13 +265,13 @@ class _Placed:
         def corners(table: NDArray[np.int32] | None) -> NDArray[np.int32] | None:
             return None if table is None else np.ascontiguousarray(table[chosen][:, turn])
 
-        used, faces = _compact(np.arange(mesh.num_vertices), corners(mesh.faces))
+        used, faces = compact_rows(np.arange(mesh.num_vertices), corners(mesh.faces))
         assert used is not None
         assert faces is not None
         assert mesh.face_material is not None
         vertices = (mesh.vertices[used] - place[:3, 3]) @ np.linalg.inv(place[:3, :3]).T
-        texcoords, face_texcoords = _compact(mesh.texcoords, corners(mesh.face_texcoords))
-        normals, face_normals = _compact(mesh.normals, corners(mesh.face_normals))
+        texcoords, face_texcoords = compact_rows(mesh.texcoords, corners(mesh.face_texcoords))
+        normals, face_normals = compact_rows(mesh.normals, corners(mesh.face_normals))
         if normals is not None:
             normals = _turned(normals, np.linalg.inv(place[:3, :3]))
         materials = np.array([m for _, m in self._pairs], dtype=np.int32)[

@@ -1,0 +1,351 @@
+"""Simplification under a ceiling of memory: first in parts, then all that is left of them."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d import _core
+from manip3d._util.memory import release_unused, resident_bytes, written_size
+from manip3d._util.options import reporting
+from manip3d.errors import InputError
+from manip3d.simplify._collapse import _target
+from manip3d.simplify._parts import (
+    CROSSING,
+    blocks,
+    join,
+    part_of_faces,
+    part_of_vertices,
+    take_faces,
+)
+from manip3d.simplify._quality import QualityResult, fast, locked_of, quality
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from manip3d._util.options import Progress
+    from manip3d.mesh import Mesh
+
+_TABLES = ("vertices", "faces", "texcoords", "face_texcoords", "normals", "face_normals",
+           "colors", "face_material")  # fmt: skip
+
+# Bytes, measured on lattices with all of these tables, welded and not, of one piece and of as many
+# pieces as faces: for each face, face of a mesh in pieces, vertex as stored, vertex that a closed
+# surface would not have, face with texture, texture coordinate, face with normals, normal, coloured
+# vertex.
+_BYTES = {
+    "fast": (125, 215, 12, 300, 20, 45, 25, 10, 15),
+    "quality": (450, 200, 12, 480, 30, 230, 30, 50, 30),
+}
+_MARGIN = 1.1
+_CONSTANT = 16 << 20
+
+_SLACK = 1.25  # faces that the chosen mode starts with at least, for each that it is to leave
+_FEWEST = 20_000  # faces of a part: more of them would be at its borders otherwise
+_DEEPEST = 12
+_PART_EXCESS = 1.25  # parts are not equally large
+_CUTS = (0.5, 0.35, 0.6)  # each round cuts elsewhere, so that no border stays
+
+
+def _storage(mesh: Mesh) -> int:
+    tables = (getattr(mesh, name) for name in _TABLES)
+    return sum(table.nbytes for table in tables if table is not None)
+
+
+def _num_places(mesh: Mesh) -> float:
+    """About how many places the vertices have, from those whose coordinates hash to 0 of 64."""
+    found = []
+    factors = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
+    for rows in blocks(mesh.num_vertices):
+        places = mesh.vertices[rows] + 0.0  # -0.0 lies where 0.0 does
+        hashes = (places.view(np.uint64) * factors).sum(axis=1, dtype=np.uint64)
+        hashes ^= hashes >> np.uint64(29)
+        found.append(places[(hashes * factors[0]) >> np.uint64(58) == 0])
+    sample = np.concatenate(found)
+    if len(sample) < 100:
+        return float(mesh.num_vertices)
+    return mesh.num_vertices * len(np.unique(sample, axis=0)) / len(sample)
+
+
+def bytes_per_face(mesh: Mesh, mode: str) -> float:
+    """What a mode takes at most for each face of a mesh, beside the mesh."""
+    faces = mesh.num_faces
+    in_pieces = faces if _core.count_components(mesh) > 1 else 0
+    excess = max(0.0, _num_places(mesh) - faces / 2)
+    textured = 0 if mesh.texcoords is None else len(mesh.texcoords)
+    normals = 0 if mesh.normals is None else len(mesh.normals)
+    colored = 0 if mesh.colors is None else mesh.num_vertices
+    counts = (faces, in_pieces, mesh.num_vertices, excess, faces * (textured > 0), textured,
+              faces * (normals > 0), normals, colored)  # fmt: skip
+    return _MARGIN * sum(a * b for a, b in zip(_BYTES[mode], counts, strict=True)) / faces
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """How a mesh comes below the ceiling."""
+
+    direct: bool  # the mode takes the mesh as it is
+    faces: int = 0  # left by the first stage
+    depth: int = 0  # 2^depth parts; 0: in one piece
+
+
+def _plan(mesh: Mesh, mode: str, memory: int, target: int) -> _Plan:
+    release_unused()
+    held = resident_bytes()
+    if held is None:
+        raise InputError("memory: this system does not say how much memory a process holds")
+    free = memory - held - _CONSTANT
+    num_faces = mesh.num_faces
+    mode_bytes, fast_bytes = bytes_per_face(mesh, mode), bytes_per_face(mesh, "fast")
+    if mode_bytes * num_faces <= free:
+        return _Plan(direct=True)
+    stored = _storage(mesh) / num_faces
+    maps = 4 * (mesh.num_vertices + num_faces)
+    fewest = min(num_faces, math.ceil(_SLACK * target) + 1000)
+    left = min(num_faces, int((free - maps) / (mode_bytes + stored)))
+    rows = max(len(table) for name in _TABLES if (table := getattr(mesh, name)) is not None)
+    index = 2 * (mesh.num_vertices + num_faces) + 6 * rows
+    part_bytes = fast_bytes + stored + 40
+
+    def first_stage(faces: int, size: float) -> float:
+        return maps + index + 2 * stored * faces + part_bytes * size
+
+    if maps + stored * left + fast_bytes * num_faces <= free and left >= fewest:
+        return _Plan(direct=False, faces=left, depth=0)
+    for depth in range(1, _DEEPEST + 1):
+        size = _PART_EXCESS * num_faces / 2**depth
+        if size < _FEWEST:
+            break
+        if left >= fewest and first_stage(left, size) <= free:
+            return _Plan(direct=False, faces=left, depth=depth)
+    needed = (
+        held
+        + _CONSTANT
+        + max(maps + (mode_bytes + stored) * fewest, first_stage(fewest, 2 * _FEWEST))
+    )
+    raise InputError(
+        f"memory: expected at least {written_size(math.ceil(needed))} to bring {num_faces} faces "
+        f"to {target} with mode={mode!r}, got {written_size(memory)}; the process holds "
+        f"{written_size(held)} already"
+    )
+
+
+@dataclass
+class _Stage:
+    """What became of the mesh so far."""
+
+    mesh: Mesh
+    vertex_map: NDArray[np.int32] | None = None  # None: all is where it was
+    face_map: NDArray[np.int32] | None = None
+    max_error: float = 0.0
+    rejected: Counter[str] = field(default_factory=Counter)
+    removed_pieces: int = 0
+    relaxed_collapses: int = 0
+    dropped_faces: int = 0
+
+    def count(self, result: QualityResult) -> None:
+        """Add what a run on a part did."""
+        self.rejected.update(result.rejected)
+        self.removed_pieces += result.removed_pieces
+        self.relaxed_collapses += result.relaxed_collapses
+        self.dropped_faces += result.dropped_faces
+
+    def follow(self, vertex_map: NDArray[np.int32], face_map: NDArray[np.int32]) -> None:
+        """Go on to where these maps lead; -1 stays -1."""
+        if self.vertex_map is None or self.face_map is None:
+            self.vertex_map, self.face_map = vertex_map, face_map
+            return
+        for own, following in ((self.vertex_map, vertex_map), (self.face_map, face_map)):
+            after = np.append(following, np.int32(-1))  # for -1
+            for rows in blocks(len(own)):
+                own[rows] = after[own[rows]]
+
+
+def _locked_now(stage: _Stage, locked: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
+    """The locked vertices of the mesh as it is now."""
+    if locked is None or stage.vertex_map is None:
+        return locked
+    now = np.zeros(stage.mesh.num_vertices + 1, dtype=np.bool_)
+    now[stage.vertex_map[locked]] = True
+    return now[:-1]
+
+
+def _from(
+    report: Callable[[float], object], low: float, high: float
+) -> Callable[[float, str], object]:
+    """What tells `report` of a part of the work."""
+    return lambda fraction, _: report(low + (high - low) * fraction)
+
+
+def _reduce_whole(
+    stage: _Stage,
+    faces: int,
+    max_error: float,
+    locked: NDArray[np.bool_] | None,
+    report: Callable[[float], object],
+) -> None:
+    result = fast(
+        stage.mesh, target_faces=faces, max_error=max_error, locked=_locked_now(stage, locked),
+        progress=_from(report, 0.0, 1.0),
+    )  # fmt: skip
+    stage.count(result)
+    stage.max_error += result.max_error
+    stage.follow(result.vertex_map, result.face_map)
+    stage.mesh = result.mesh
+
+
+def _reduce_in_parts(
+    stage: _Stage,
+    faces: int,
+    depth: int,
+    share: float,
+    max_error: float,
+    locked: NDArray[np.bool_] | None,
+    report: Callable[[float], object],
+) -> None:
+    """Each part by itself; faces between parts stay as they are."""
+    mesh = stage.mesh
+    fixed = _locked_now(stage, locked)
+    part = part_of_vertices(mesh, depth, share)
+    of_face = part_of_faces(mesh, part)
+    crossing = np.flatnonzero(of_face == CROSSING)
+    corners = mesh.faces[crossing]
+    is_border = np.zeros(mesh.num_vertices, dtype=np.bool_)
+    is_border[corners.reshape(-1)] = True
+    share_left = max(0.0, (faces - len(crossing)) / max(1, mesh.num_faces - len(crossing)))
+    vertex_map = np.full(mesh.num_vertices, -1, dtype=np.int32)
+    face_map = np.full(mesh.num_faces, -1, dtype=np.int32)
+    parts: list[Mesh] = []
+    all_faces: list[NDArray[np.int32]] = []
+    num_vertices, num_faces, error = 0, 0, 0.0
+    for number in range(2**depth):
+        own = np.flatnonzero(of_face == number)
+        beside = crossing[(part[corners] == number).any(axis=1)]
+        if len(own) + len(beside) == 0:
+            continue
+        here, used = take_faces(mesh, np.concatenate([own, beside]))
+        stays = is_border[used] if fixed is None else is_border[used] | fixed[used]
+        done = fast(
+            here,
+            target_faces=round(share_left * len(own)) + len(beside),
+            max_error=max_error,
+            locked=stays,
+            progress=_from(report, number / 2**depth, (number + 1) / 2**depth),
+        )
+        del here
+        stage.count(done)
+        error = max(error, done.max_error)
+        inside = part[used] == number
+        to = done.vertex_map[inside]
+        vertex_map[used[inside]] = np.where(to < 0, to, to + np.int32(num_vertices))
+        is_own = np.ones(done.mesh.num_faces + 1, dtype=np.bool_)
+        is_own[done.face_map[len(own) :]] = False
+        is_own[-1] = False  # for faces that are gone
+        row_of = np.where(is_own, np.cumsum(is_own) - 1 + num_faces, -1).astype(np.int32)
+        face_map[own] = row_of[done.face_map[: len(own)]]
+        parts.append(_with_faces(done.mesh, is_own[:-1]))
+        all_faces.append(parts[-1].faces + np.int32(num_vertices))
+        num_vertices += parts[-1].num_vertices
+        num_faces += parts[-1].num_faces
+        del done
+    between = vertex_map[corners]
+    has_area = (between >= 0).all(axis=1)  # others have no area: two corners at one place
+    face_map[crossing[has_area]] = num_faces + np.arange(int(has_area.sum()), dtype=np.int32)
+    last = take_faces(mesh, crossing[has_area])[0] if has_area.any() else None
+    stage.mesh = join(parts, np.concatenate([*all_faces, between[has_area]]), last)
+    stage.dropped_faces += int((~has_area).sum())
+    stage.max_error += error
+    stage.follow(vertex_map, face_map)
+
+
+def _with_faces(mesh: Mesh, chosen: NDArray[np.bool_]) -> Mesh:
+    """Some of the faces; the vertices and other tables stay whole."""
+    names = ("faces", "face_texcoords", "face_normals", "face_material")
+    tables = {name: table for name in names if (table := getattr(mesh, name)) is not None}
+    return mesh.replace(**{name: table[chosen] for name, table in tables.items()})
+
+
+def simplify_within(
+    mesh: Mesh,
+    mode: str,
+    memory: int,
+    *,
+    target_faces: int | None = None,
+    ratio: float | None = None,
+    max_error: float | None = None,
+    progress: Progress = None,
+    **options: Any,
+) -> QualityResult:
+    """Simplify while the process holds at most `memory` bytes; see :func:`simplify`."""
+    run: Callable[..., QualityResult] = quality if mode == "quality" else fast
+    target, error_limit, _ = _target(
+        mesh, target_faces, ratio, max_error, options.get("max_distance")
+    )
+    plan = _plan(mesh, mode, memory, target)
+    if plan.direct:
+        return run(
+            mesh, target_faces=target_faces, ratio=ratio, max_error=max_error, progress=progress,
+            **options,
+        )  # fmt: skip
+    for name in ("max_distance", "importance"):
+        if options.get(name) is not None:
+            raise InputError(
+                f"{name}: expected no ceiling of memory below what the whole mesh takes in one "
+                f"run, about {written_size(math.ceil(bytes_per_face(mesh, mode) * mesh.num_faces))}"
+                f" beside what the process holds, got memory={memory}"
+            )
+    locked = locked_of(mesh, options.get("locked"))
+    stage = _Stage(mesh)
+    with reporting(progress, "simplify") as report:
+        tell = report or (lambda _: None)
+        _reduce(stage, plan, 0.5 * error_limit, locked, lambda done: tell(0.5 * done))
+        if stage.mesh.num_faces > plan.faces:
+            raise InputError(
+                f"memory: expected more than {written_size(memory)}: {stage.mesh.num_faces} faces "
+                f"are left in parts, where {plan.faces} would fit"
+            )
+        release_unused()
+        done = run(
+            stage.mesh,
+            target_faces=target,
+            max_error=error_limit - stage.max_error,
+            locked=_locked_now(stage, locked),
+            progress=_from(tell, 0.5, 1.0),
+        )
+    stage.count(done)
+    stage.follow(done.vertex_map, done.face_map)
+    assert stage.vertex_map is not None
+    assert stage.face_map is not None
+    return replace(
+        done,
+        max_error=stage.max_error + done.max_error,
+        vertex_map=stage.vertex_map,
+        face_map=stage.face_map,
+        rejected=dict(stage.rejected),
+        removed_pieces=stage.removed_pieces,
+        relaxed_collapses=stage.relaxed_collapses,
+        dropped_faces=stage.dropped_faces,
+    )
+
+
+def _reduce(
+    stage: _Stage,
+    plan: _Plan,
+    max_error: float,
+    locked: NDArray[np.bool_] | None,
+    report: Callable[[float], object],
+) -> None:
+    """The first stage: rounds of the fast mode, until the chosen mode has room."""
+    if plan.depth == 0:
+        _reduce_whole(stage, plan.faces, max_error, locked, report)
+        return
+    for share in _CUTS:
+        if stage.mesh.num_faces <= plan.faces:
+            return
+        limit = max_error - stage.max_error
+        _reduce_in_parts(stage, plan.faces, plan.depth, share, limit, locked, report)

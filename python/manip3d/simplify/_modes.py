@@ -1,0 +1,130 @@
+"""Fewer faces for the same shape: the function to start with."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal, get_args
+
+from manip3d._util.checked import checked
+from manip3d.errors import InputError
+from manip3d.simplify._collapse import SimplifyResult, qem4vr
+from manip3d.simplify._memory import simplify_within
+from manip3d.simplify._quality import QualityResult, fast, quality
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy as np
+    from numpy.typing import ArrayLike, NDArray
+
+    from manip3d._util.options import Progress
+    from manip3d.mesh import Mesh
+
+__all__ = ["Mode", "simplify"]
+
+Mode = Literal["quality", "published", "fast"]
+
+_MODES_WITH: dict[str, tuple[Mode, ...]] = {
+    "max_distance": ("quality", "published"),
+    "locked": ("quality", "fast"),
+    "importance": ("quality",),
+    "memory": ("quality", "fast"),
+}
+
+
+@checked
+def simplify(
+    mesh: Mesh,
+    mode: Mode = "quality",
+    *,
+    target_faces: int | None = None,
+    ratio: float | None = None,
+    max_error: float | None = None,
+    max_distance: float | None = None,
+    locked: NDArray[np.bool_] | None = None,
+    importance: ArrayLike | None = None,
+    memory: int | None = None,
+    progress: Progress = None,
+) -> QualityResult | SimplifyResult:
+    """Simplify a mesh: the function to start with.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Not changed.
+    mode : 'quality', 'published' or 'fast'
+        The least error on any mesh (:func:`quality`), the published method with its rules and
+        numbers, whose vertices are vertices of the input (:func:`qem4vr`), or speed, at a larger
+        error (:func:`fast`).
+    target_faces : int, optional
+        Stop at this many faces or fewer.
+    ratio : float in [0, 1], optional
+        The fraction of the input's faces that stays.
+    max_error : float, optional
+        No step with a larger error, in the file's unit; each mode says what it measures.
+    max_distance : float, optional
+        The two-sided Hausdorff distance between the surfaces, boundaries included, in the file's
+        unit, does not exceed it. 0 (exactly coplanar collapses) is for ``mode='published'``;
+        ``mode='fast'`` has no such limit.
+        Targets combine; the first one reached stops. One is needed.
+    locked : (V,) bool, optional
+        Vertices that stay where they are; for ``mode='quality'`` and ``mode='fast'``.
+    importance : (V,) float > 0, optional
+        How many times as much as elsewhere it costs to change the surface at a vertex; for
+        ``mode='quality'``.
+    memory : int, bytes, optional
+        Ceiling of the resident memory of this process, the mesh and all else that it holds
+        included; for ``mode='quality'`` and ``mode='fast'``. A mesh too large for the mode below
+        this ceiling is first brought to as many faces as fit, by :func:`fast`, in parts where the
+        whole does not fit either; then the mode goes on to the target. The two stages share
+        `max_error`, and the result's is their sum.
+    progress : None, True or callable
+        ``True`` shows a bar; a callable gets ``(fraction, message)``, at most ten times a second.
+
+    Returns
+    -------
+    QualityResult or SimplifyResult
+
+    Raises
+    ------
+    InputError
+        No target, an option out of its range, an unknown mode, or a ceiling that is too low: the
+        message says how much memory is needed.
+
+    Examples
+    --------
+    >>> import manip3d
+    >>> square = manip3d.Mesh(
+    ...     [[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [1, 1, 0]],
+    ...     [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]],
+    ... )
+    >>> manip3d.simplify.simplify(square, ratio=0.5).mesh
+    <manip3d.Mesh: 4 vertices, 2 faces>
+    """
+    if mode not in get_args(Mode):
+        raise InputError(f"mode: expected 'quality', 'published' or 'fast', got {mode!r}")
+    limits: dict[str, Any] = {
+        "target_faces": target_faces,
+        "ratio": ratio,
+        "max_error": max_error,
+    }
+    more = {
+        "max_distance": max_distance,
+        "locked": locked,
+        "importance": importance,
+        "memory": memory,
+    }
+    for name, value in more.items():
+        if value is None:
+            continue
+        if mode not in _MODES_WITH[name]:
+            modes = " or ".join(repr(m) for m in _MODES_WITH[name])
+            raise InputError(f"{name}: expected mode={modes}, got mode={mode!r}")
+        limits[name] = value
+    if memory is not None:
+        return simplify_within(mesh, mode, progress=progress, **limits)
+    methods: dict[str, Callable[..., QualityResult | SimplifyResult]] = {
+        "quality": quality,
+        "published": qem4vr,
+        "fast": fast,
+    }
+    return methods[mode](mesh, progress=progress, **limits)
