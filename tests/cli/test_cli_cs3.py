@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,31 @@ def frame(scene: simulated.DepthScene, tmp_path: Path) -> Path:
     path = tmp_path / "depth.png"
     Image.fromarray(scene.capture(rng=1).depth).save(path)
     return path
+
+
+def _every_second_row(depth: np.ndarray) -> np.ndarray:
+    return np.where(np.arange(len(depth))[:, None] % 2 == 1, depth, 0)
+
+
+@pytest.mark.parametrize(
+    ("make", "method", "reason"),
+    [
+        (lambda depth: 0 * depth, "relief", "no measured pixel"),
+        (lambda depth: 0 * depth, "cs3", "no measured pixel"),
+        (lambda depth: 0 * depth, "poisson", "no measured pixel"),
+        (_every_second_row, "relief", "576 measured pixels, of which no three meet"),
+    ],
+)
+def test_an_image_without_a_surface_writes_nothing_and_says_why(
+    make: Callable[[np.ndarray], np.ndarray], method: str, reason: str, tmp_path: Path
+) -> None:
+    Image.fromarray(make(np.full((24, 48), 2000, np.uint16))).save(tmp_path / "depth.png")
+    output = tmp_path / "out.glb"
+    options = ("--points", "100", "--intrinsics", "40,40,23.5,11.5", "--method", method)
+    done = manip3d("depth", tmp_path / "depth.png", "-o", output, "--unit", "mm", *options)
+    assert done.returncode == 1
+    assert reason in error_line(done)
+    assert not output.exists()
 
 
 @pytest.fixture

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "manip3d/error.hpp"
+#include "simplify/relief_boundary.hpp"
 #include "simplify/relief_collapse.hpp"
 #include "simplify/relief_coverage.hpp"
 #include "simplify/relief_refine.hpp"
@@ -29,6 +30,9 @@ using relief_detail::Vec3;
 /// fourth.
 constexpr std::int64_t kSparse = 32;
 
+/// A surface of every second pixel that lacks more of the dense triangles than this is too thin.
+constexpr double kThin = 0.1;
+
 /// What an effort spends. Measured on the Stanford scans; each step pays for itself.
 struct Budget {
   double start;       ///< Bisections of the first triangulation per target point.
@@ -38,22 +42,25 @@ struct Budget {
   float flip_floor;  ///< Pairs of triangles below this many mean errors are not looked at.
   int move_rounds;   ///< Rounds of moves and flips.
   int radius;        ///< Farthest move, pixels.
+  int boundary_sweeps;
+  /// If positive: from kSparse on every second pixel is triangulated, with so many bisections.
+  double half_start;
 };
 
 Budget budget_of(ReliefEffort effort) {
   switch (effort) {
     case ReliefEffort::kLive:
-      return {0.4, 2, 0.4F, 1, 1.0F, 0, 0};
+      return {0.4, 2, 0.4F, 1, 1.0F, 0, 0, 2, 2.0};
     case ReliefEffort::kFast:
-      return {0.7, 1, 0.3F, 3, 0.3F, 0, 0};
+      return {0.7, 1, 0.3F, 3, 0.3F, 0, 0, 4, 4.0};
     case ReliefEffort::kBalanced:
-      return {1.0, 1, 0.2F, 3, 0.3F, 1, 1};
+      return {1.0, 1, 0.2F, 3, 0.3F, 1, 1, 4, 0.0};
     case ReliefEffort::kFine:
-      return {3.0, 1, 0.2F, 4, 0.3F, 2, 1};
+      return {3.0, 1, 0.2F, 4, 0.3F, 2, 1, 4, 0.0};
     case ReliefEffort::kBest:
       break;
   }
-  return {1e9, 1, 0.1F, 8, 0.3F, 4, 2};
+  return {1e9, 1, 0.1F, 8, 0.3F, 4, 2, 4, 0.0};
 }
 
 void check_options(const ReliefOptions& options) {
@@ -149,6 +156,9 @@ std::vector<Triangle> triangles_of(const Surface& surface, const PointGridView& 
 
 struct Relief::Memory {
   Surface surface;
+  Surface half;                      ///< Every second pixel of it.
+  const Surface* worked = &surface;  ///< What is triangulated: one of both.
+  relief_detail::BoundaryMover boundary;
   relief_detail::StartMesh start;
   Triangulation mesh;
   relief_detail::Collapser collapser;
@@ -167,10 +177,12 @@ struct Relief::Memory {
   std::vector<Keep> keep;             ///< By pixel of the surface; or empty.
   std::vector<Triangulation> levels;  ///< The smaller meshes, smallest first.
 
+  void choose_surface(ReliefEffort effort, std::int64_t target);
+  void move_boundary(int sweeps);
   void recall(const PointGridView& grid, const ReliefOptions& options);
   void select(const ReliefOptions& options, std::int64_t target, ReliefResult& result);
   void refine(const Budget& budget);
-  void build_meshes(const ReliefOptions& options, ReliefResult& result);
+  void build_meshes(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
   void fix_vertices();
   [[nodiscard]] bool holds(const Triangulation& smaller);
   void find_sight(const ReliefOptions& options);
@@ -180,48 +192,66 @@ struct Relief::Memory {
   void move_points(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
 };
 
+/// Every second pixel is a quarter of the work. Of 0.4, 1, 2 and 4 bisections per target point, 2
+/// leaves less error than all pixels did on four of five images at 1 % of the points, in no more
+/// time.
+void Relief::Memory::choose_surface(ReliefEffort effort, std::int64_t target) {
+  worked = &surface;
+  if (budget_of(effort).half_start == 0.0 || target > surface.num_used() / kSparse) return;
+  if (!levels.empty()) return;  // theirs may be between
+  half.assign_half(surface);
+  const auto below = 4.0 * static_cast<double>(half.num_faces());
+  if (below >= (1.0 - kThin) * static_cast<double>(surface.num_faces())) worked = &half;
+}
+
+void Relief::Memory::move_boundary(int sweeps) {
+  if (worked != &surface) mesh.change_surface(half, surface);
+  // What the frame before had was moved then; of every second pixel it is not known which.
+  const std::span<const Keep> kept = worked == &surface ? keep : std::span<const Keep>();
+  boundary.run(surface, mesh, kept, sweeps);
+}
+
 void Relief::Memory::recall(const PointGridView& grid, const ReliefOptions& options) {
   keep.clear();
   if (!(options.stability > 1.0)) before.clear();
   if (!(options.stability > 1.0) || previous.empty()) return;
-  keep.assign(surface.num_pixels(), Keep::kFree);
+  keep.assign(worked->num_pixels(), Keep::kFree);
   for (const std::int64_t pixel : previous) {
-    const std::int64_t u = pixel % grid.cols - surface.input_u(0);
-    const std::int64_t v = pixel / grid.cols - surface.input_v(0);
-    if (u < 0 || v < 0 || u >= surface.cols() || v >= surface.rows()) continue;
-    const auto at = static_cast<std::int32_t>(v * surface.cols() + u);
-    if (surface.is_used(at)) keep[at] = Keep::kPrefer;
+    const std::int32_t at = worked->pixel_at(pixel % grid.cols, pixel / grid.cols);
+    if (at >= 0 && worked->is_used(at)) keep[at] = Keep::kPrefer;
   }
 }
 
 void Relief::Memory::select(const ReliefOptions& options, std::int64_t target,
                             ReliefResult& result) {
   const Budget budget = budget_of(options.effort);
-  const std::int64_t used = surface.num_used();
-  const double wanted = budget.start * static_cast<double>(target);
+  const std::int64_t used = worked->num_used();
+  const double share = worked == &surface ? budget.start : budget.half_start;
+  const double wanted = share * static_cast<double>(target);
   auto splits = static_cast<std::int64_t>(std::min(wanted, static_cast<double>(used)));
-  int finest = target <= used / kSparse ? budget.finest : 1;
+  int finest = worked == &surface && target <= used / kSparse ? budget.finest : 1;
   if (used <= target) splits = used, finest = 1;
-  mesh.assign(surface, start.build(surface, splits, finest, keep));
+  mesh.assign(*worked, start.build(*worked, splits, finest, keep));
   while (mesh.num_vertices() < target && (splits < used || finest > 1)) {
     splits = std::min(2 * splits, used);
     if (splits == used) finest = 1;
-    mesh.assign(surface, start.build(surface, splits, finest, keep));
+    mesh.assign(*worked, start.build(*worked, splits, finest, keep));
   }
   result.stop = used <= target ? ReliefStop::kAllPoints : ReliefStop::kTarget;
   result.dropped_pixels = 0;
   if (mesh.num_vertices() <= target) return;
-  collapser.assign(surface, mesh, keep, static_cast<float>(options.stability));
-  result.dropped_pixels = collapser.run(surface, mesh, target, budget.round_share);
+  collapser.assign(*worked, mesh, keep, static_cast<float>(options.stability));
+  const std::int64_t area = worked == &surface ? 1 : 4;  // of a pixel
+  result.dropped_pixels = area * collapser.run(*worked, mesh, target, budget.round_share);
   if (result.dropped_pixels > 0) result.stop = ReliefStop::kSmallPieces;
 }
 
 void Relief::Memory::refine(const Budget& budget) {
   refiner.assign(mesh);
-  refiner.flip_edges(surface, mesh, budget.flip_sweeps, budget.flip_floor, before);
+  refiner.flip_edges(*worked, mesh, budget.flip_sweeps, budget.flip_floor, before);
   for (int round = 0; round < budget.move_rounds; ++round) {
-    const int moved = refiner.move_vertices(surface, mesh, budget.radius, keep);
-    if (moved + refiner.flip_edges(surface, mesh, budget.flip_sweeps, budget.flip_floor, before) ==
+    const int moved = refiner.move_vertices(*worked, mesh, budget.radius, keep);
+    if (moved + refiner.flip_edges(*worked, mesh, budget.flip_sweeps, budget.flip_floor, before) ==
         0)
       break;
   }
@@ -243,20 +273,24 @@ bool Relief::Memory::holds(const Triangulation& smaller) {
   return std::ranges::includes(number, order, {}, pixel_in(mesh), pixel_in(smaller));
 }
 
-void Relief::Memory::build_meshes(const ReliefOptions& options, ReliefResult& result) {
+void Relief::Memory::build_meshes(const PointGridView& grid, const ReliefOptions& options,
+                                  ReliefResult& result) {
   const Budget budget = budget_of(options.effort);
   for (auto size = options.levels.rbegin();; ++size) {
     const bool last = size == options.levels.rend();
     const std::int64_t target = last ? options.target_points : *size;
+    choose_surface(options.effort, target);
+    recall(grid, options);
+    if (!levels.empty()) fix_vertices();
     select(options, target, result);
     refine(budget);
+    move_boundary(budget.boundary_sweeps);
     // So close to the size before that its vertices were in the way of what is legal.
     if (!levels.empty() && (mesh.num_vertices() > target || !holds(levels.back()))) {
       mesh = levels.back();
       if (mesh.num_vertices() < target) result.stop = ReliefStop::kSmallerLevel;
     }
     if (last) return;
-    fix_vertices();
     levels.push_back(mesh);
   }
 }
@@ -374,8 +408,7 @@ void Relief::run(const PointGridView& grid, const ReliefOptions& options, Relief
     result.stop = ReliefStop::kAllPoints;
     result.dropped_pixels = 0;
   } else {
-    m.recall(grid, options);
-    m.build_meshes(options, result);
+    m.build_meshes(grid, options, result);
   }
   m.write(grid, options, result);
   result.cover =

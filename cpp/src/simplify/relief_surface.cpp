@@ -28,6 +28,24 @@ std::uint8_t cell_of(CellCut cut) {  // corners 0 to 3 are a, b, d, c
   return kCells[static_cast<std::size_t>(cut)];
 }
 
+/// The triangles of a cell of two by two cells, as far as theirs cover them.
+/// @param parts   at a, b, c and d.
+/// @param turned  a whole one is cut from b to c.
+std::uint8_t cell_of_four(const std::array<std::uint8_t, 4>& parts, bool turned) {
+  const auto is_whole = [&](int i) { return (parts[i] & kFull) == kFull; };
+  if (is_whole(0) && is_whole(1) && is_whole(2) && is_whole(3)) {
+    return turned ? std::uint8_t{kCutFromBToC | kFull} : std::uint8_t{kFull};
+  }
+  // Half of the parts that the cut goes through is enough.
+  const auto has = [&](int i, std::uint8_t half) { return is_whole(i) || parts[i] == half; };
+  if (is_whole(1) && has(0, kFirst) && has(3, kFirst)) return kFirst;
+  if (is_whole(2) && has(0, kSecond) && has(3, kSecond)) return kSecond;
+  constexpr std::uint8_t kABC = kCutFromBToC | kFirst, kBDC = kCutFromBToC | kSecond;
+  if (is_whole(0) && has(1, kABC) && has(2, kABC)) return kABC;
+  if (is_whole(3) && has(1, kBDC) && has(2, kBDC)) return kBDC;
+  return 0;
+}
+
 /// Hands out the rows of a buffer, one after the other.
 template <typename Item>
 class Rooms {
@@ -412,6 +430,7 @@ void Surface::weigh(const PointGridView& grid, std::span<const float> confidence
 
 void Surface::assign(const PointGridView& grid, const DenseRule& rule,
                      std::span<const float> confidence, int num_threads) {
+  step_ = 1;
   num_faces_ = num_used_ = 0;
   if (!crop(grid)) return;
   cols_ = padded(used_cols_);
@@ -420,6 +439,51 @@ void Surface::assign(const PointGridView& grid, const DenseRule& rule,
   cut_cells(rule, num_threads);
   add_areas();
   weigh(grid, confidence);
+}
+
+void Surface::assign_half(const Surface& whole) {
+  step_ = 2;
+  u0_ = whole.u0_ + (whole.u0_ & 1);
+  v0_ = whole.v0_ + (whole.v0_ & 1);
+  used_cols_ = (whole.used_cols_ - (u0_ - whole.u0_) + 1) / 2;
+  used_rows_ = (whole.used_rows_ - (v0_ - whole.v0_) + 1) / 2;
+  unit_ = whole.unit_;
+  center_ = whole.center_;
+  num_faces_ = num_used_ = 0;
+  if (used_cols_ < 1 || used_rows_ < 1) return;
+  cols_ = padded(used_cols_);
+  rows_ = padded(used_rows_);
+  const auto size = static_cast<std::size_t>(cols_) * static_cast<std::size_t>(rows_);
+  samples_.assign(size, {});
+  confidence_.assign(whole.has_confidence() ? size : 0, 0.0F);
+  cells_.assign(size, 0);
+  const auto pixel_of_whole = [&](int u, int v) {
+    return (2 * v + v0_ - whole.v0_) * whole.cols_ + 2 * u + u0_ - whole.u0_;
+  };
+  for (int v = 0; v < used_rows_; ++v) {
+    const std::int32_t to = v * cols_, from = pixel_of_whole(0, v);
+    for (int u = 0; u < used_cols_; ++u) samples_[to + u] = whole.samples_[from + 2 * u];
+    if (!has_confidence()) continue;
+    for (int u = 0; u < used_cols_; ++u) confidence_[to + u] = whole.confidence_[from + 2 * u];
+  }
+  for (int v = 0; v + 1 < used_rows_; ++v) {
+    for (int u = 0; u + 1 < used_cols_; ++u) {
+      const std::int32_t a = v * cols_ + u;
+      const Vec3 ad = samples_[a + cols_ + 1].point() - samples_[a].point();
+      const Vec3 bc = samples_[a + cols_].point() - samples_[a + 1].point();
+      const std::uint8_t* const cell = whole.cells_.data() + pixel_of_whole(u, v);
+      cells_[a] = cell_of_four({cell[0], cell[1], cell[whole.cols_], cell[whole.cols_ + 1]},
+                               bc.squaredNorm() < ad.squaredNorm());
+    }
+  }
+  add_areas();
+  for (std::size_t p = 0; p < confidence_.size(); ++p) samples_[p].weight *= confidence_[p];
+}
+
+std::int32_t Surface::pixel_at(std::int64_t input_u, std::int64_t input_v) const {
+  const std::int64_t du = input_u - u0_, dv = input_v - v0_;
+  if (du < 0 || dv < 0 || du / step_ >= cols_ || dv / step_ >= rows_) return -1;
+  return static_cast<std::int32_t>(dv / step_ * cols_ + du / step_);
 }
 
 Vec3 Surface::mean_normal() const {

@@ -54,6 +54,9 @@ class Surface {
   /// @param confidence  by pixel of the grid, 0 to 1; may be empty: all are 1.
   void assign(const PointGridView& grid, const DenseRule& rule, std::span<const float> confidence,
               int num_threads);
+  /// Every second pixel in both directions of another surface, those at even columns and rows of
+  /// its input, and triangles where all of that surface's below them are there.
+  void assign_half(const Surface& whole);
 
   [[nodiscard]] bool empty() const { return num_faces_ == 0; }
   [[nodiscard]] int cols() const { return cols_; }
@@ -73,11 +76,15 @@ class Surface {
   /// Pixels that some dense triangle uses.
   [[nodiscard]] std::int64_t num_used() const { return num_used_; }
   /// Column and row of the input.
-  [[nodiscard]] std::int32_t input_u(std::int32_t pixel) const { return u(pixel) + u0_; }
-  [[nodiscard]] std::int32_t input_v(std::int32_t pixel) const { return v(pixel) + v0_; }
+  [[nodiscard]] std::int32_t input_u(std::int32_t pixel) const { return step_ * u(pixel) + u0_; }
+  [[nodiscard]] std::int32_t input_v(std::int32_t pixel) const { return step_ * v(pixel) + v0_; }
+  /// The pixel here of a pixel of the input, or of the one before it where that is not here; -1
+  /// outside.
+  [[nodiscard]] std::int32_t pixel_at(std::int64_t input_u, std::int64_t input_v) const;
   /// A pixel of the input as one number, for sizes up to 65 536.
   [[nodiscard]] std::uint32_t place(int u, int v) const {
-    return static_cast<std::uint32_t>(v + v0_) << 16 | static_cast<std::uint32_t>(u + u0_);
+    return static_cast<std::uint32_t>(step_ * v + v0_) << 16 |
+           static_cast<std::uint32_t>(step_ * u + u0_);
   }
   /// Unit sum of the dense triangles' normals times their areas; (0, 0, 1) if that is nothing.
   [[nodiscard]] Vec3 mean_normal() const;
@@ -107,6 +114,7 @@ class Surface {
 
   int cols_ = 0, rows_ = 0;            ///< Padded.
   int u0_ = 0, v0_ = 0;                ///< The crop's corner in the input.
+  int step_ = 1;                       ///< Pixels of the input from one pixel to the next.
   int used_cols_ = 0, used_rows_ = 0;  ///< Shape of the crop.
   double unit_ = 1.0;                  ///< Input units per unit here.
   Eigen::Vector3d center_ = Eigen::Vector3d::Zero();

@@ -51,6 +51,8 @@ class Triangulation {
   void assign(const Surface& surface, std::span<const Triangle> faces);
 
   void clear();
+  /// The same mesh over the pixels of another surface of the same input, which has all of them.
+  void change_surface(const Surface& from, const Surface& to);
   /// Removes triangles that have no neighbours but each other.
   void remove_piece(std::span<const std::int32_t> faces);
 
@@ -64,6 +66,13 @@ class Triangulation {
   /// Vertices by pixel.
   void sorted_vertices(std::vector<std::int32_t>& out) const;
   [[nodiscard]] const Vertex& vertex(std::int32_t v) const { return vertices_[v]; }
+  /// How many vertices a pixel has, one for each fan.
+  [[nodiscard]] int num_at(std::int32_t pixel) const { return num_at_[pixel]; }
+  /// The first neighbour of a vertex around its fan: on the boundary, as v is.
+  [[nodiscard]] std::int32_t first_neighbor(std::int32_t v) const {
+    const std::int32_t t = vertices_[v].triangle;
+    return faces_[t].corners[next_corner(corner(faces_[t].corners, v))];
+  }
   [[nodiscard]] std::int32_t num_face_slots() const {
     return static_cast<std::int32_t>(faces_.size());
   }
@@ -122,7 +131,7 @@ class Triangulation {
   /// Replaces the side bc by ad: triangle t becomes abd, the other one adc.
   void flip(std::int32_t t, int i);
 
-  /// Moves an interior vertex to another pixel.
+  /// Moves a vertex to another pixel.
   void move(std::int32_t v, const Surface& surface, std::int32_t pixel);
   /// Puts a vertex beside its pixel's point.
   void slide(std::int32_t v, const Surface& surface, const Vec3& offset) {
@@ -145,10 +154,6 @@ class Triangulation {
   void split_fans(const Surface& surface, std::span<const Triangle> faces);
   void relink(std::int32_t t, std::int32_t from, std::int32_t to);
   void find_first(std::int32_t v, std::int32_t t);
-  [[nodiscard]] std::int32_t first_neighbor(std::int32_t v) const {
-    const std::int32_t t = vertices_[v].triangle;
-    return faces_[t].corners[next_corner(corner(faces_[t].corners, v))];
-  }
   void remove_vertex(std::int32_t v);
 
   std::vector<Vertex> vertices_;

@@ -320,7 +320,8 @@ def simplify_depth_file(
     InputError
         A depth image without ``intrinsics``, or an option that does not go with the source.
     FormatError, OSError, MissingExtraError
-        As `manip3d.io.read_depth_guessing`, `manip3d.io.read_range_grid` and `write_mesh`.
+        As `manip3d.io.read_depth_guessing`, `manip3d.io.read_range_grid` and `write_mesh`. A
+        FormatError also where the mesh would have no face: nothing is written then.
 
     Examples
     --------
@@ -395,10 +396,10 @@ def _from_image(path: Path, output: Path, options: DepthOptions, maps: _Maps) ->
             mesh = mesh.replace(vertices=mesh.vertices * np.array([1.0, -1.0, -1.0]))
         return _Made(found, mesh, uncut.num_faces - found.num_faces, seconds)
 
-    made = _write(make, output, options)
+    measured = int(np.count_nonzero(depth > 0))
+    made = _write(make, path, output, options, measured)
     return _result(
-        path, output, options, made, int(np.count_nonzero(depth > 0)),
-        depth=words, unit=reading.unit,
+        path, output, options, made, measured, depth=words, unit=reading.unit
     )  # fmt: skip
 
 
@@ -413,12 +414,15 @@ class _Made:
     num_bytes: int | None = None
 
 
-def _write(make: Callable[[int], _Made], output: Path, options: DepthOptions) -> _Made:
+def _write(
+    make: Callable[[int], _Made], source: Path, output: Path, options: DepthOptions, measured: int
+) -> _Made:
     """Make a mesh of the points that are asked for or that the bytes allow, and write it."""
     allowance = options.max_bytes
     if allowance is None:
         assert options.points is not None
         made = make(options.points)
+        _expect_faces(made, source, options, measured)
         write_mesh(made.mesh, output)
         return made
     seconds, least = 0.0, 0
@@ -429,6 +433,7 @@ def _write(make: Callable[[int], _Made], output: Path, options: DepthOptions) ->
             trial = Path(folder, str(points), output.name)
             trial.parent.mkdir(exist_ok=True)
             made = make(points)
+            _expect_faces(made, source, options, measured)
             seconds += made.seconds
             write_mesh(made.mesh, trial)
             least = sum(path.stat().st_size for path in trial.parent.iterdir())
@@ -450,6 +455,24 @@ def _write(make: Callable[[int], _Made], output: Path, options: DepthOptions) ->
         )
     write_mesh(fitting.mesh, output)
     return replace(fitting, seconds=seconds)
+
+
+def _expect_faces(made: _Made, source: Path, options: DepthOptions, measured: int) -> None:
+    """An empty mesh is never written: nobody would look for the reason."""
+    if made.mesh.num_faces > 0:
+        return
+    if measured == 0:
+        found = "found no measured pixel (of those that the mask leaves)"
+    elif made.faces_cut > 0:
+        found = f"found depth steps across all {made.faces_cut} faces: see depth_step"
+    elif options.method == "relief":
+        found = (
+            f"found {measured} measured pixels, of which no three meet in a square of two by two "
+            "without a longer edge than max_edge or a depth step; method cs3 joins single pixels"
+        )
+    else:
+        found = f"found {measured} measured pixels, but no face between those that were chosen"
+    raise FormatError(f"expected a surface, {found}", file=str(source))
 
 
 def _read(path: Path, options: DepthOptions) -> tuple[DepthReading, str]:
@@ -490,7 +513,9 @@ def _from_scan(path: Path, output: Path, options: DepthOptions, maps: _Maps) -> 
         found = function(grid.points, valid, points, **asked)
         return _Made(found, found.mesh, 0, time.perf_counter() - started)
 
-    return _result(path, output, options, _write(make, output, options), int(valid.sum()))
+    measured = int(valid.sum())
+    made = _write(make, path, output, options, measured)
+    return _result(path, output, options, made, measured)
 
 
 def _result(

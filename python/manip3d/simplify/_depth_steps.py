@@ -88,6 +88,7 @@ def _crosses_step(
 ) -> NDArray[np.bool_]:
     """For each pair of pixels: whether the depth along the line between them has a step."""
     length = np.abs(end - begin).max(axis=1)
+    longest_of_all = length.max(initial=0)  # without faces there are no lines
     crosses = np.zeros(len(begin), np.bool_)
     longest = 1
     while True:  # lines of about one length together
@@ -95,7 +96,7 @@ def _crosses_step(
         for first in range(0, len(alike), _BLOCK // longest):
             block = alike[first : first + _BLOCK // longest]
             crosses[block] = _has_step(_along(begin[block], end[block], image, longest + 1), step)
-        if longest >= length.max():
+        if longest >= longest_of_all:
             return crosses
         longest *= 2
 
