@@ -126,6 +126,7 @@ KERNELS: dict[str, Kernel] = {
     "authenticate.depth_noise": lambda _: authenticate.depth_noise(DEPTH),
     "authenticate.inter_frame_noise": lambda _: authenticate.inter_frame_noise(walk),
     "authenticate.inspect_stream": lambda _: authenticate.inspect_stream(walk),
+    "authenticate.judged_frames": lambda _: authenticate.judged_frames(walk),
     "forge.background_plate": lambda _: forge.background_plate(walk),
     "forge.without_people": lambda _: forge.without_people(walk[0], walk[1]),
     "forge.stream": lambda _: [f.frame.depth for f in forge.stream(walk, walk[0], kind=1).frames()],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -131,6 +131,22 @@ def test_what_codecs_and_filters_repeat_is_not_accused(change: Any) -> None:
     found = authenticate.inspect_stream(change(frames))
     assert found.verdict == "processed"
     assert "never changes" in found.reason
+
+
+def test_of_a_long_recording_runs_are_judged_and_no_more_are_kept() -> None:
+    class Recording:
+        num_frames = 200
+
+        def __iter__(self) -> Iterator[RgbdFrame]:
+            return (sensed(number) for number in range(200))
+
+    numbers = [frame.number for frame in authenticate.judged_frames(Recording())]
+    assert numbers == [f.number for f in authenticate.judged_frames(stream(200))]
+    assert len(numbers) == 60
+    assert (numbers[:7], numbers[-1]) == ([0, 1, 2, 3, 4, 5, 21], 199)
+    assert [f.number for f in authenticate.judged_frames(iter(stream(99)))] == list(range(60))
+    with pytest.raises(InputError, match="frames"):
+        authenticate.judged_frames([1])  # type: ignore[list-item]
 
 
 def test_somebody_who_was_put_into_a_few_frames_only_is_found() -> None:

@@ -125,7 +125,47 @@ def test_without_a_skeleton_the_persons_pixels_are_taken() -> None:
     assert not one(stream).mask.any()
     assert stream.missed == 1
     with pytest.raises(InputError, match="expected a skeleton or people's pixels"):
-        one(forge.stream([replace(source, body_index=None)], wall(), kind=1))
+        list(forge.stream([replace(source, body_index=None)], wall(), kind=1))
+
+
+def test_frames_without_anybody_show_the_background() -> None:
+    there = person()
+    gone = replace(there, skeletons=(), body_index=None)
+    for kind, motion in ((1, None), (2, [there])):
+        stream = forge.stream([gone, there, gone], wall(), kind=kind, pose=motion)
+        assert [bool(f.mask.any()) for f in stream.frames()] == [False, True, False]
+        assert stream.missed == 2
+
+
+def test_one_person_is_followed_among_others() -> None:
+    first = person()
+    (own_body,) = first.skeletons
+    aside = np.add(own_body.positions, np.float32([0.9, 0, 0]))
+    other = replace(own_body, positions=aside, id=own_body.id + 1)
+    alone = replace(first, skeletons=(other,), body_index=None)
+    both = replace(first, skeletons=(other, own_body))
+    own = replace(first, skeletons=(replace(own_body, id=99),))  # found again
+    masks = [f.mask for f in forge.stream([first, both, alone, own], wall(), kind=1).frames()]
+    assert masks[0].sum() > 500
+    np.testing.assert_array_equal(masks[1], masks[0])
+    assert not masks[2].any()
+    np.testing.assert_array_equal(masks[3], masks[0])
+
+
+def test_backgrounds_of_other_sizes_are_refused() -> None:
+    scene = wall()
+    camera = replace(scene.calibration.depth, width=100)
+    small = RgbdFrame(np.ascontiguousarray(scene.depth[:, :100]), RgbdCalibration(camera))
+    with pytest.raises(InputError, match="background: expected images of"):
+        list(forge.stream([person()] * 2, [scene, small], kind=1))
+
+
+def test_the_plate_is_told_by_skeletons_where_there_are_no_pixels_of_people() -> None:
+    frames = [replace(person(), body_index=None)] * 3
+    plate = forge.background_plate(frames)
+    hidden = np.asarray(person().body_index == 0)
+    change = np.abs(plate.depth.astype(int) - person().depth)[hidden]
+    assert (change > 200).mean() > 0.9
 
 
 def test_consumers_and_recorders_read_it(tmp_path: Path) -> None:

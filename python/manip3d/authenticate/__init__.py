@@ -87,6 +87,7 @@ from manip3d.authenticate._streams import (
     depth_noise,
     inspect_stream,
     inter_frame_noise,
+    judged_frames,
 )
 from manip3d.authenticate._surround import SurroundResult, surround_consistency
 from manip3d.authenticate._turns import TurnRegion, TurnResult, turn_consistency
@@ -226,6 +227,7 @@ __all__ = [
     "inspect_drive",
     "inspect_stream",
     "inter_frame_noise",
+    "judged_frames",
     "kitti_lattice",
     "likelihood_ratio",
     "measure_power",

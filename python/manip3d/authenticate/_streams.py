@@ -258,8 +258,7 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
     which a part repeats exactly behind a camera's own silhouettes, are ``processed``: codecs and
     filters over time do that, too. No verdict says that a stream is authentic.
     """
-    some = _chosen(frames)
-    check_frames("frames", some)
+    some = judged_frames(frames)
     if not some:
         raise InputError("frames: expected one at least, got none")
     if any(frame.depth.shape != some[0].depth.shape for frame in some):
@@ -304,15 +303,45 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
     return StreamInspection(edges.verdict, edges.reason, edges.score, **base)
 
 
-def _chosen(frames: Iterable[RgbdFrame]) -> list[RgbdFrame]:
-    """All frames, or runs of six that are spread over a longer sequence."""
-    if not isinstance(frames, Sequence):
-        return list(islice(frames, MOST_FRAMES))
-    if len(frames) <= MOST_FRAMES:
-        return [frames[i] for i in range(len(frames))]
-    run = 6
-    starts = np.linspace(0, len(frames) - run, MOST_FRAMES // run).astype(int)
-    return [frames[int(start) + i] for start in starts for i in range(run)]
+@checked
+def judged_frames(frames: Iterable[RgbdFrame]) -> list[RgbdFrame]:
+    """Return the frames of a stream that `inspect_stream` judges.
+
+    All of up to `MOST_FRAMES`; of more, runs of six spread over a sequence or a recording that
+    knows its length, of which no others are kept in memory; the first ones of other iterables.
+
+    Parameters
+    ----------
+    frames : iterable of RgbdFrame
+
+    Returns
+    -------
+    list of RgbdFrame
+
+    Raises
+    ------
+    InputError
+        Something is no frame.
+
+    Examples
+    --------
+    >>> from manip3d import authenticate, simulate
+    >>> body = simulate.BodySimulator(seed=0, color="none")
+    >>> len(authenticate.judged_frames(body.frame(n / 30) for n in range(3)))
+    3
+    """
+    length = len(frames) if isinstance(frames, Sequence) else getattr(frames, "num_frames", None)
+    if length is None:
+        some = list(islice(frames, MOST_FRAMES))
+    elif length <= MOST_FRAMES:
+        some = list(frames)
+    else:
+        run = 6
+        starts = np.linspace(0, length - run, MOST_FRAMES // run).astype(int)
+        wanted = {int(start) + i for start in starts for i in range(run)}
+        some = [frame for number, frame in enumerate(frames) if number in wanted]
+    check_frames("frames", some)
+    return some
 
 
 def _box(mask: Mask) -> tuple[int, int, int, int]:

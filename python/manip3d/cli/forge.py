@@ -444,6 +444,11 @@ def forge_frames(
         return found
 
     people = read(source)
+    if not background and not any(f.skeletons or f.body_index is not None for f in people):
+        raise InputError(
+            f"{source}: expected people's pixels or skeletons, which tell the scene behind them; "
+            "got neither, and no --background"
+        )
     scenes = read(background) if background else [forge.background_plate(people)]
     if not background:
         terminal.say("background: the scene behind the person, from the source's own frames")
@@ -469,16 +474,27 @@ def forge_frames(
     }
 
 
+def _step(frames: Sequence[RgbdFrame]) -> float:
+    """Time between two frames, nanoseconds; 0: there is one alone."""
+    times = [frame.time for frame in frames]
+    return float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+
+
 def _motion(
     pose: str, people: Sequence[RgbdFrame], read: Callable[[str], list[RgbdFrame]]
 ) -> Sequence[RgbdFrame | Skeleton]:
     """The poses of a motion file at the rate of the people's frames, or of any source."""
+    step = _step(people)
     if not pose.lower().endswith(".bvh"):
-        return read(pose)
+        found = read(pose)
+        own = _step(found)
+        if not (step > 0 and own > 0):
+            return found
+        # At the pace at which they were recorded.
+        return [found[int(at + 0.5)] for at in np.arange(0.0, len(found) - 0.5, step / own)]
     from manip3d.io import read_bvh
     from manip3d.modify import skeletons_from_motion
 
-    step = float(np.median(np.diff([frame.time for frame in people]))) if len(people) > 1 else 0.0
     return skeletons_from_motion(read_bvh(pose), rate=1e9 / step if step > 0 else 30.0)
 
 

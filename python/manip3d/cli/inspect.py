@@ -392,7 +392,11 @@ def inspect_recording(source: str, output: Path | None, shell: Terminal) -> str:
     from manip3d.cli.capture import open_source
 
     with open_source(source, shell) as opened:
-        frames = list(itertools.islice(opened, _MOST_LIVE if opened.is_live else None))
+        if opened.is_live or opened.num_frames is None:
+            every = list(itertools.islice(opened, _MOST_LIVE if opened.is_live else None))
+            frames = authenticate.judged_frames(every)
+        else:
+            frames = authenticate.judged_frames(opened)
     with shell.progress("inspect") as progress:
         found = authenticate.inspect_stream(frames, progress=progress)
     if output is not None:

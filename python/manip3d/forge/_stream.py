@@ -138,8 +138,8 @@ def background_plate(frames: Iterable[RgbdFrame]) -> RgbdFrame:
     Parameters
     ----------
     frames : iterable of RgbdFrame
-        With ``body_index`` where there are people. Colour is kept where it has the depth image's
-        pixels.
+        With ``body_index`` or skeletons where there are people. Colour is kept where it has the
+        depth image's pixels.
 
     Returns
     -------
@@ -188,9 +188,12 @@ its depth there, and colour runs over the edge."""
 
 def _nobody(frame: RgbdFrame) -> Mask:
     """Pixels that show the scene for sure: nobody within `_MARGIN` of them."""
-    if frame.body_index is None:
-        return np.ones(frame.depth.shape, np.bool_)
-    somebody = np.asarray(frame.body_index != NO_BODY)
+    if frame.body_index is not None:
+        somebody = np.asarray(frame.body_index != NO_BODY)
+    else:  # around the skeletons
+        somebody = np.zeros(frame.depth.shape, np.bool_)
+        for person in frame.skeletons:
+            somebody |= _labels(frame, person) > 0
     for axis in (0, 1):
         padding = [(_MARGIN, _MARGIN) if a == axis else (0, 0) for a in (0, 1)]
         windows = sliding_window_view(np.pad(somebody, padding), 2 * _MARGIN + 1, axis)
@@ -226,7 +229,7 @@ def without_people(frame: RgbdFrame, plate: RgbdFrame) -> RgbdFrame:
     Parameters
     ----------
     frame : RgbdFrame
-        With ``body_index``; without it nothing is replaced.
+        With ``body_index`` or skeletons; without them nothing is replaced.
     plate : RgbdFrame
         The scene behind, of the same camera and size.
 
@@ -367,6 +370,7 @@ class StreamForger:
             self._scenes = _endless(self._background)
             self._poses = _endless(self._pose) if self._pose is not None else None
             self._own, self._other = JointSmoother(), JointSmoother()
+            self._person, self._model = _Followed(), _Followed()
 
     def skip(self) -> None:
         """Leave a frame out: background and poses go on, and nothing is smoothed across it."""
@@ -387,7 +391,7 @@ class StreamForger:
         Raises
         ------
         InputError
-            A frame without people's pixels, images whose sizes do not agree.
+            Images whose sizes do not agree.
         """
         check_frames("source", [frame])
         with self._lock:
@@ -395,10 +399,17 @@ class StreamForger:
             scene, pose = self._next()
             if scene is None or (self._poses is not None and pose is None):
                 return None
-            person = _first_skeleton(frame)
+            camera = self.calibration.depth
+            if scene.depth.shape != (camera.height, camera.width):
+                height, width = scene.depth.shape
+                raise InputError(
+                    f"background: expected images of {camera.width} x {camera.height} pixels, "
+                    f"got {width} x {height}"
+                )
+            person = self._person.of(frame)
             if self._options.smooths and person is not None:
                 person = self._own.add(person)
-            target = _first_skeleton(pose) if isinstance(pose, RgbdFrame) else pose
+            target = self._model.of(pose) if isinstance(pose, RgbdFrame) else pose
             if self._options.smooths and target is not None:
                 target = self._other.add(target)
             watch.done("smoothing")
@@ -435,14 +446,18 @@ class ForgedStream:
         self.missed, self._bits, self._numbers = 0, [], []
         forger = copy(self._forger)  # each iteration begins again, whatever another one does
         forger.reset()
+        is_told = False  # where people are
         for frame in self._source:
             forged = forger.process(frame)
             if forged is None:
                 return
+            is_told = is_told or bool(frame.skeletons) or frame.body_index is not None
             self.missed += not forged.mask.any()
             self._bits.append(np.packbits(forged.mask))
             self._numbers.append(forged.frame.number)
             yield forged
+        if self._numbers and not is_told:
+            raise InputError("source: expected a skeleton or people's pixels, got frames without")
 
     @property
     def truth(self) -> StreamTruth:
@@ -587,8 +602,32 @@ def _endless(things: Any) -> Any:
     return lambda _: next(iterator, None)
 
 
-def _first_skeleton(frame: RgbdFrame) -> Skeleton | None:
-    return frame.skeletons[0] if frame.skeletons else None
+class _Followed:
+    """One person of a recording: the first, as long as they can be told from others."""
+
+    _NEAR = 0.5  # metres in a frame; a tracker may lose somebody and find them as another one
+    _PATIENCE = 30  # frames without them, after which the next person is followed
+
+    def __init__(self) -> None:
+        self._last: Skeleton | None = None
+        self._absent = 0
+
+    def of(self, frame: RgbdFrame) -> Skeleton | None:
+        """Their skeleton in the next frame; None: they are not there."""
+        last = self._last
+        if last is None or self._absent > self._PATIENCE:
+            found = frame.skeletons[0] if frame.skeletons else None
+        else:
+            middle = last.positions[0]
+            near = {
+                float(np.linalg.norm(one.positions[0] - middle)): one for one in frame.skeletons
+            }
+            found = next((one for one in frame.skeletons if one.id == last.id), None)
+            if found is None and near and min(near) < self._NEAR:
+                found = near[min(near)]
+        self._absent = 0 if found is not None else self._absent + 1
+        self._last = found or last
+        return found
 
 
 def _labels(frame: RgbdFrame, person: Skeleton | None) -> NDArray[np.uint8]:
@@ -602,8 +641,8 @@ def _labels(frame: RgbdFrame, person: Skeleton | None) -> NDArray[np.uint8]:
             body_index=frame.body_index,
         )
         return found.labels
-    if frame.body_index is None:
-        raise InputError("source: expected a skeleton or people's pixels, got a frame with neither")
+    if frame.body_index is None:  # nobody is seen
+        return np.zeros(frame.depth.shape, np.uint8)
     return np.where(frame.body_index != NO_BODY, np.uint8(_EVERYBODY), np.uint8(0))
 
 
