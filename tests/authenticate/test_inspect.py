@@ -26,6 +26,7 @@ from manip3d.authenticate._processing import (
     Firings,
     ends_in_silence,
     firings_of,
+    first_azimuth,
     is_cut_below,
 )
 from manip3d.authenticate._verdict import FALSE_ALARM_RATE, RATE_SHARES, rate_of
@@ -220,6 +221,26 @@ def test_more_pasted_points_than_scanned_ones_do_not_hide_the_scanner() -> None:
     found = street_with(paste)
     assert (found.verdict, found.processing) == ("tampered", ())
     np.testing.assert_allclose(found.regions[0].box.center, [12.0, -4.0, -1.0], atol=0.2)
+
+
+@pytest.mark.parametrize("degrees", [2.0, 4.0])
+def test_silence_straight_ahead_does_not_turn_a_frame(degrees: float) -> None:
+    def drop(points: np.ndarray) -> np.ndarray:
+        azimuth = np.degrees(np.arctan2(points[:, 1], points[:, 0]))
+        return points[(azimuth < 0.0) | (azimuth > degrees)]
+
+    def turn(points: np.ndarray) -> np.ndarray:
+        azimuth = np.degrees(np.arctan2(points[:, 1], points[:, 0])) % 360.0
+        ring = LATTICE.read(points).ring
+        return points[np.lexsort(((azimuth - degrees) % 360.0, ring))]
+
+    def turned(points: np.ndarray) -> float:
+        reading = LATTICE.read(points.astype(np.float32))
+        return first_azimuth(reading.ring, reading.azimuth)
+
+    assert abs(turned(street())) < 1.0
+    assert turned(drop(street())) < 1.0
+    assert turned(turn(street())) == pytest.approx(degrees, abs=0.3)
 
 
 def street_above(cut: float) -> tuple[np.ndarray, Firings]:

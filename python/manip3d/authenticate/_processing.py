@@ -283,7 +283,7 @@ def _of_extent(
         found.append(Processing("cropped", f"no points below a height of {z.min():.2f} m"))
     if firings is not None:
         found += _of_thinning(firings, whole=gap <= WIDEST_GAP)
-    first = _first_azimuth(reading.ring, reading.azimuth)
+    first = first_azimuth(reading.ring, reading.azimuth)
     if gap <= WIDEST_GAP and abs(first) > FIRST_AZIMUTH and "order" not in generic.contradicted:
         found.append(Processing("turned", f"the rings begin at {first:.0f} degrees of azimuth"))
     return found
@@ -298,18 +298,25 @@ def _lowest_are_silent(reading: LatticeReading, lattice: SensorLattice) -> bool:
     return bool(returns.min(initial=fired) < LEAST_OF_LOWEST * fired)
 
 
-def _first_azimuth(ring: NDArray[np.int32], azimuth: NDArray[np.float32]) -> float:
+def first_azimuth(ring: NDArray[np.int32], azimuth: NDArray[np.float32]) -> float:
     """Degrees in (-180, 180] at which the rings of the file begin, in the median.
 
-    A ring begins where the file first has it: points that were appended say nothing of it.
+    A ring begins where the file first has it: points that were appended say nothing of it. Where
+    nothing of the ring lies between straight ahead and its first point, it begins straight ahead:
+    the laser had no return there, from a dark car for example.
     """
     rings = int(ring.max(initial=-1)) + 1
     first = np.full(rings + 1, -1)
     first[ring[::-1]] = np.arange(len(ring) - 1, -1, -1)  # the last to be written is the first row
-    starts = first[1:rings][first[1:rings] >= 0]
-    if len(starts) < 8:
+    least = np.full(rings + 1, np.inf)
+    np.minimum.at(least, ring, azimuth)
+    numbers = 1 + np.flatnonzero(first[1:rings] >= 0)
+    if len(numbers) < 8:
         return 0.0
-    return float(np.median(180.0 - np.mod(180.0 - np.degrees(azimuth[starts]), 360.0)))
+    starts = azimuth[first[numbers]]
+    begins = 180.0 - np.mod(180.0 - np.degrees(starts), 360.0)
+    begins[starts <= least[numbers]] = 0.0
+    return float(np.median(begins))
 
 
 def _of_thinning(firings: Firings, *, whole: bool) -> list[Processing]:
