@@ -622,6 +622,22 @@ def test_bytes_that_are_no_obj_are_an_error(tmp_path: Path) -> None:
     assert io.read_mesh(path).num_faces == 0
 
 
+@pytest.mark.parametrize("suffix", ["obj", "off"])
+def test_byte_order_marks_are_left_out_or_named(suffix: str, tmp_path: Path) -> None:
+    """The mark of UTF-8 used to cost the first vertex, that of UTF-16 was no statement."""
+    text = OBJ_TRIANGLE if suffix == "obj" else "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+    path = tmp_path / f"marked.{suffix}"
+    path.write_bytes(text.encode("utf-8-sig"))
+    mesh = io.read_mesh(path)
+    assert mesh.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+    assert mesh.faces.tolist() == [[0, 1, 2]]
+    for encoding in ("utf-16", "utf-16-be"):
+        mark = "" if encoding == "utf-16" else "\ufeff"
+        path.write_bytes((mark + text).encode(encoding))
+        with pytest.raises(FormatError, match="line 1: expected ASCII or UTF-8, got the byte ord"):
+            io.read_mesh(path)
+
+
 OBJ_TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 
 

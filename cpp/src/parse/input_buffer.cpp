@@ -41,6 +41,13 @@ bool InputBuffer::fill() {
   return got > 0;
 }
 
+void InputBuffer::remove_mark(std::string_view& line) const {
+  if (line.starts_with("\xEF\xBB\xBF")) line.remove_prefix(3);  // UTF-8
+  if (line.starts_with("\xFF\xFE") || line.starts_with("\xFE\xFF")) {
+    fail_at_line("expected ASCII or UTF-8, got the byte order mark of UTF-16");
+  }
+}
+
 bool InputBuffer::next_line(std::string_view& line) {
   std::size_t searched = 0;
   const char* end_of_line = nullptr;
@@ -66,6 +73,7 @@ bool InputBuffer::next_line(std::string_view& line) {
   begin_ += taken;
   offset_ += static_cast<std::int64_t>(taken);
   line_ = ++lines_read_;
+  if (line_ == 1) remove_mark(line);
   return true;
 }
 

@@ -18,7 +18,9 @@ class InputBuffer {
  public:
   explicit InputBuffer(ByteSource& source, Progress progress = {});
 
-  /// The next line without its end (LF or CRLF); false at the end. Valid until the next call.
+  /// The next line without its end (LF or CRLF); false at the end. Valid until the next call. A
+  /// byte order mark before the first one is left out.
+  /// @throws FormatError  the mark is that of UTF-16.
   bool next_line(std::string_view& line);
   /// As next_line, but for lines ending in a backslash, which the next line continues.
   /// Lines starting with '#' do not continue.
@@ -50,6 +52,7 @@ class InputBuffer {
   void check_expansion(std::uint64_t table_bytes) const;
 
  private:
+  void remove_mark(std::string_view& line) const;
   bool fill();  // more bytes behind the unread ones; false at the end
 
   ByteSource& source_;

@@ -42,6 +42,7 @@ _BYTES = {
     "fast": (125, 215, 12, 300, 20, 45, 25, 10, 15),
     "quality": (450, 200, 12, 480, 30, 230, 30, 50, 30),
 }
+_BYTES_LEFT = {"fast": 60, "quality": 210}  # more for each face of the result
 _MARGIN = 1.1
 _CONSTANT = 16 << 20
 
@@ -99,8 +100,9 @@ def _plan(mesh: Mesh, mode: str, memory: int, target: int) -> _Plan:
     held = resident_bytes()
     if held is None:
         raise InputError("memory: this system does not say how much memory a process holds")
-    free = memory - held - _CONSTANT
     num_faces = mesh.num_faces
+    sure = held + _CONSTANT + math.ceil(_MARGIN * _BYTES_LEFT[mode] * min(target, num_faces))
+    free = memory - sure
     mode_bytes, fast_bytes = bytes_per_face(mesh, mode), bytes_per_face(mesh, "fast")
     if mode_bytes * num_faces <= free:
         return _Plan(direct=True)
@@ -123,11 +125,7 @@ def _plan(mesh: Mesh, mode: str, memory: int, target: int) -> _Plan:
             break
         if left >= fewest and first_stage(left, size) <= free:
             return _Plan(direct=False, faces=left, depth=depth)
-    needed = (
-        held
-        + _CONSTANT
-        + max(maps + (mode_bytes + stored) * fewest, first_stage(fewest, 2 * _FEWEST))
-    )
+    needed = sure + max(maps + (mode_bytes + stored) * fewest, first_stage(fewest, 2 * _FEWEST))
     raise InputError(
         f"memory: expected at least {written_size(math.ceil(needed))} to bring {num_faces} faces "
         f"to {target} with mode={mode!r}, got {written_size(memory)}; the process holds "
