@@ -30,6 +30,10 @@ using relief_detail::Vec3;
 /// fourth.
 constexpr std::int64_t kSparse = 32;
 
+/// Pixels per vertex from which on every second pixel is enough for an effort that takes a share of
+/// the time.
+constexpr std::int64_t kHalf = 64;
+
 /// A surface of every second pixel that lacks more of the dense triangles than this is too thin.
 constexpr double kThin = 0.1;
 
@@ -43,7 +47,7 @@ struct Budget {
   int move_rounds;   ///< Rounds of moves and flips.
   int radius;        ///< Farthest move, pixels.
   int boundary_sweeps;
-  /// If positive: from kSparse on every second pixel is triangulated, with so many bisections.
+  /// If positive: from kHalf on every second pixel is triangulated, with so many bisections.
   double half_start;
 };
 
@@ -52,7 +56,7 @@ Budget budget_of(ReliefEffort effort) {
     case ReliefEffort::kLive:
       return {0.4, 2, 0.4F, 1, 1.0F, 0, 0, 2, 2.0};
     case ReliefEffort::kFast:
-      return {0.7, 1, 0.3F, 3, 0.3F, 0, 0, 4, 4.0};
+      return {0.7, 1, 0.3F, 3, 0.3F, 0, 0, 4, 0.0};
     case ReliefEffort::kBalanced:
       return {1.0, 1, 0.2F, 3, 0.3F, 1, 1, 4, 0.0};
     case ReliefEffort::kFine:
@@ -197,7 +201,7 @@ struct Relief::Memory {
 /// time.
 void Relief::Memory::choose_surface(ReliefEffort effort, std::int64_t target) {
   worked = &surface;
-  if (budget_of(effort).half_start == 0.0 || target > surface.num_used() / kSparse) return;
+  if (budget_of(effort).half_start == 0.0 || target > surface.num_used() / kHalf) return;
   if (!levels.empty()) return;  // theirs may be between
   half.assign_half(surface);
   const auto below = 4.0 * static_cast<double>(half.num_faces());
@@ -283,8 +287,10 @@ void Relief::Memory::build_meshes(const PointGridView& grid, const ReliefOptions
     recall(grid, options);
     if (!levels.empty()) fix_vertices();
     select(options, target, result);
+    // Edges are flipped around the boundary's last places; a quarter of the pixels is quicker.
+    if (worked == &surface) move_boundary(budget.boundary_sweeps);
     refine(budget);
-    move_boundary(budget.boundary_sweeps);
+    if (worked != &surface) move_boundary(budget.boundary_sweeps);
     // So close to the size before that its vertices were in the way of what is legal.
     if (!levels.empty() && (mesh.num_vertices() > target || !holds(levels.back()))) {
       mesh = levels.back();

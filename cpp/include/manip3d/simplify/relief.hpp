@@ -72,6 +72,8 @@ struct ReliefResult {
 ///    met. Edges collapse onto one of their ends, priced by how much sqrt(area x quadric) grows: an
 ///    estimate of area times distance, what the mean measures, where quadrics alone
 ///    [Garland & Heckbert 1997] measure squares.
+///    Vertices on the boundary then move pixel by pixel to where the surface ends. kLive does all
+///    but that with every second pixel, where there are 64 or more to a vertex.
 /// 3. Edges are flipped and vertices moved to other measured points nearby while that lowers the
 ///    sum of distances between the pixels and the planes of their triangles [cf. Dyn, Levin &
 ///    Rippa 1990, data dependent triangulations].
