@@ -53,7 +53,7 @@ class Participant:
     clips : bool
         Whether they consented to clips of anomalies.
     number : int
-        Of its row, by which copies name it; 0: it was not read from a diary.
+        Number of its row, by which copies name it; 0: it was not read from a diary.
     """
 
     identifier: str
@@ -95,7 +95,7 @@ class DiaryGame:
     tracked : float or None
         Share of the frames in which the phantom limb was followed.
     number : int
-        Of its row, by which copies name it; 0: it was not read from a diary.
+        Number of its row, by which copies name it; 0: it was not read from a diary.
     """
 
     at: datetime
@@ -134,7 +134,7 @@ class Rating:
     when : str
         ``before`` the first game or touch cue of a session began, ``after`` that, or ``other``.
     number : int
-        Of its row, by which copies name it; 0: it was not read from a diary.
+        Number of its row, by which copies name it; 0: it was not read from a diary.
     """
 
     at: datetime
@@ -210,7 +210,7 @@ class McGill:
     ranks : tuple of 20 int
     score : McGillScore
     number : int
-        Of its row, by which copies name it; 0: it was not read from a diary.
+        Number of its row, by which copies name it; 0: it was not read from a diary.
     """
 
     at: datetime
@@ -280,7 +280,7 @@ class AdverseEvent:
         ``pain`` (2 or more above the rating before the session), ``sickness`` or ``other``.
     text : str
     number : int
-        Of its row, by which copies name it; 0: it was not read from a diary.
+        Number of its row, by which copies name it; 0: it was not read from a diary.
     """
 
     at: datetime
