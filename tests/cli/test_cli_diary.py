@@ -57,6 +57,40 @@ def test_a_study_from_enrolment_to_deletion(path: str, tmp_path: Path) -> None:
     assert "nobody is enrolled" in ran("list", path)
 
 
+def test_exports_are_listed_and_removed_with_a_participant(path: str, tmp_path: Path) -> None:
+    ran("enrol", path, "P02")
+    for words in (["-o", str(tmp_path / "tables")],
+                  ["-o", str(tmp_path / "P01.json"), "--participant", "P01"],
+                  ["-o", str(tmp_path / "P01.html"), "--participant", "P01"],
+                  ["-o", str(tmp_path / "P02.html"), "--participant", "P02"]):  # fmt: skip
+        ran("export", path, *words)
+    (tmp_path / "P01.html").write_text("somebody wrote into it")
+    (tmp_path / "tables" / "events.csv").unlink()
+    asked = run("delete", path, "P01", entered="n\n")
+    assert f"exported: {tmp_path / 'P01.html'} (changed)" in asked.stderr
+    assert f"exported: {tmp_path / 'P01.json'} (unchanged)" in asked.stderr
+    assert f"{tmp_path / 'tables' / 'events.csv'} (gone)" in asked.stderr
+    assert (tmp_path / "P01.json").exists()
+    found = json.loads(ran("delete", path, "P01", "--yes", "--exports", "--json"))
+    assert found["left"] == [str(tmp_path / "P01.html")]
+    assert str(tmp_path / "P01.json") in found["removed"]
+    assert len(found["removed"]) == 9
+    left = sorted(str(one.relative_to(tmp_path)) for one in tmp_path.rglob("*") if one.is_file())
+    assert left == ["P01.html", "P02.html", "study.diary"]
+    found = json.loads(ran("delete", path, "P02", "--yes", "--json"))
+    assert (found["removed"], found["left"]) == ([], [str(tmp_path / "P02.html")])
+
+
+def test_the_audit_is_shown(path: str) -> None:
+    ran("rate", path, "P01", "--pain", "6")
+    found = json.loads(ran("audit", path, "--json"))
+    assert [(row["action"], row["participant"]) for row in found] == [
+        ("enrol", "P01"), ("rating", "P01"),
+    ]  # fmt: skip
+    ran("delete", path, "P01", "--yes")
+    assert ran("audit", path).split()[-1] == "delete"
+
+
 def test_an_encrypted_diary(tmp_path: Path) -> None:
     key, path = str(tmp_path / "study.key"), str(tmp_path / "study.diary")
     ran("keygen", key)

@@ -356,24 +356,69 @@ def delete(
     is_sure: Annotated[
         bool, typer.Option("--yes", help="Delete without asking; nothing brings it back.")
     ] = False,
+    with_exports: Annotated[
+        bool,
+        typer.Option("--exports", help="Remove the exported files too that are as they were."),
+    ] = False,
     key: Key = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Delete a participant: no byte of them remains in the diary.
 
-    Copies and exports are not reached, nor what the disk itself keeps of overwritten files.
+    Files of exports are listed, tables of several participants too; --exports removes those that
+    nobody has changed. Other copies are not reached, nor what the disk itself keeps of overwritten
+    files.
 
     Example: manip3d diary delete study.diary P01 --yes
     """
     shell = Terminal(as_json=as_json, quiet=quiet)
     with _opened(path, key) as diary:
-        diary.participant(participant)  # who is not there is said before asking
+        exports = diary.exports(participant)  # who is not there is said before asking
+        for one in exports:
+            shell.say(f"exported: {one.path} ({one.state})")
         if not is_sure and not typer.confirm(f"Delete all of {participant} from {path}?", err=True):
             raise InputError("nothing deleted")
+        removed = [one.path for one in exports if with_exports and one.state == "unchanged"]
+        for file in removed:
+            file.unlink()
+        left = [one.path for one in exports if one.state != "gone"]
         diary.delete(participant)
     shell.say(f"deleted {participant} from {path}")
-    shell.result({"diary": str(path), "deleted": participant})
+    if removed:
+        shell.say(f"removed {counted(len(removed), 'exported file')}")
+    for file in left:
+        shell.say(f"still holds data of {participant}: {file}")
+    shell.result(
+        {
+            "diary": str(path),
+            "deleted": participant,
+            "removed": [str(file) for file in removed],
+            "left": [str(file) for file in left],
+        }
+    )
+
+
+@app.command("audit")
+def audit(path: File, key: Key = None, as_json: Json = False) -> None:
+    """List what was done to a diary, by time: enrolments, sessions, exports, deletions ...
+
+    Whose it was is empty for participants who were deleted.
+
+    Example: manip3d diary audit study.diary
+    """
+    with _opened(path, key) as diary:
+        rows = diary.audit()
+
+    def show(console: Console) -> None:
+        cells = [[at.strftime("%Y-%m-%d %H:%M:%S"), action, whose] for at, action, whose in rows]
+        table(console, cells, ("when", "what", "whose"))
+
+    Terminal(as_json=as_json).result(
+        [{"at": at.isoformat(), "action": action, "participant": whose}
+         for at, action, whose in rows],
+        show,
+    )  # fmt: skip
 
 
 @app.command("analyse")

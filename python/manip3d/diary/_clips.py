@@ -205,4 +205,5 @@ def export_clips(
             name = f"{identifier}-{clip.at:%Y-%m-%d-%H%M}-{clip.game}-{number:03d}.webp"
             (folder / name).write_bytes(film(clip))
             names.append(target / name)
+    diary.note_files(identifier, names)
     return names

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import os
 import secrets
 import sqlite3
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from datetime import date, datetime
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self, get_args
 
@@ -21,6 +23,7 @@ from manip3d.diary._records import (
     AdverseEvent,
     DiaryGame,
     DiarySession,
+    ExportedFile,
     FeltRecord,
     McGill,
     Moment,
@@ -212,18 +215,29 @@ class Diary:
             connection.execute(sql.delete(schema.CLIPS).where(schema.CLIPS.c.participant == number))
 
     def _write_consent(self, connection: sql.Connection, identifier: str, clips: bool) -> None:
+        number = self._change_participant(connection, identifier, lambda _: {"clips": clips})
+        self._note(connection, "consent" if clips else "no consent", number)
+
+    def _change_participant(
+        self,
+        connection: sql.Connection,
+        identifier: str,
+        change: Callable[[Mapping[str, Any]], Mapping[str, Any]],
+    ) -> int:
+        """Set some of the fields of a participant, given all; return their number."""
         number, key = self._find(connection, identifier)
         table = schema.PARTICIPANTS
         payload = connection.execute(
             sql.select(table.c.payload).where(table.c.id == number)
         ).scalar_one()
-        fields = unseal_fields(key, payload, _about(number)) | {"clips": clips}
+        fields = unseal_fields(key, payload, _about(number))
+        fields |= change(fields)
         connection.execute(
             sql.update(table)
             .where(table.c.id == number)
             .values(payload=seal_fields(key, fields, _about(number)))
         )
-        self._note(connection, "consent" if clips else "no consent", number)
+        return number
 
     def start_session(self, identifier: str, *, at: datetime | None = None) -> int:
         """Begin a sitting.
@@ -626,12 +640,61 @@ class Diary:
         with self._engine.begin() as connection:
             self._note(connection, "export", self._find(connection, identifier)[0])
 
+    def note_files(self, identifier: str, files: Sequence[str | os.PathLike[str]]) -> None:
+        """Keep which files an export wrote, so that they can be found when a participant withdraws.
+
+        Parameters
+        ----------
+        identifier : str
+        files : sequence of path
+
+        Raises
+        ------
+        InputError
+            No such participant.
+        OSError
+            A file cannot be read.
+        """
+        found = {}
+        for file in files:
+            path = path_of(file, "files").absolute()
+            found[str(path)] = hashlib.sha256(path.read_bytes()).hexdigest()
+        with self._engine.begin() as connection:
+            self._change_participant(
+                connection,
+                identifier,
+                lambda fields: {"exports": {**fields.get("exports", {}), **found}},
+            )
+
+    def exports(self, identifier: str) -> list[ExportedFile]:
+        """List the files with data of a participant that exports wrote.
+
+        Parameters
+        ----------
+        identifier : str
+
+        Returns
+        -------
+        list of ExportedFile
+            By path; a table of several participants is among the files of each of them.
+
+        Raises
+        ------
+        InputError
+            No such participant.
+        """
+        with self._engine.begin() as connection:
+            number, _ = self._find(connection, identifier)
+            fields = next(found for one, _, found in self._all(connection) if one == number)
+        kept = fields.get("exports", {})
+        return [ExportedFile(Path(path), kept[path]) for path in sorted(kept)]
+
     def delete(self, identifier: str) -> None:
         """Delete a participant so that no byte of them remains in the file or beside it.
 
         The rows are overwritten with zeros, the file is written anew without them, and its
-        write-ahead log is removed. Copies, exports and what the disk itself keeps of overwritten
-        files are not reached: encrypt the disk too.
+        write-ahead log is removed. Copies, exports (see `exports`) and what the disk itself keeps
+        of overwritten files are not reached: encrypt the disk too.
 
         Parameters
         ----------

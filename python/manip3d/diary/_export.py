@@ -109,6 +109,8 @@ def export_csv(
             writer.writerow(columns)
             writer.writerows([[_cell(value) for value in row] for row in rows])
             (folder / f"{name}.csv").write_text(text.getvalue(), encoding="utf-8", newline="")
+    for identifier in chosen:
+        diary.note_files(identifier, [target / f"{name}.csv" for name in tables])
 
 
 def _chosen(diary: Diary, participants: Sequence[str] | None) -> list[str]:
@@ -215,6 +217,7 @@ def export_fhir(
     bundle = fhir_bundle(diary, identifier)
     diary.note_export(identifier)
     atomic_write(target, json.dumps(bundle, indent=1) + "\n")
+    diary.note_files(identifier, [target])
 
 
 @checked

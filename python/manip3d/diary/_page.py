@@ -109,6 +109,7 @@ def write_page(
     )
     diary.note_export(identifier)
     atomic_write(target, text)
+    diary.note_files(identifier, [target])
 
 
 def _day(moment: datetime) -> str:

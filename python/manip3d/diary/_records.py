@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from datetime import datetime
+from pathlib import Path
 from typing import Literal
 
 from manip3d.diary._mcgill import McGillScore
@@ -121,6 +123,33 @@ class DiaryGame:
     def is_simulated(self) -> bool:
         """Whether nobody played: the person before the camera was a simulated one."""
         return self.source.startswith("sim:")
+
+
+@dataclass(frozen=True)
+class ExportedFile:
+    """A copy that somebody took.
+
+    Attributes
+    ----------
+    path : Path
+    sha256 : str
+        SHA-256 of what it held.
+    """
+
+    path: Path
+    sha256: str
+
+    @property
+    def state(self) -> Literal["unchanged", "changed", "gone"]:
+        """Whether the file is there and holds what was written."""
+        try:
+            with self.path.open("rb") as file:
+                now = hashlib.file_digest(file, "sha256").hexdigest()
+        except FileNotFoundError:
+            return "gone"
+        except OSError:
+            return "changed"
+        return "unchanged" if now == self.sha256 else "changed"
 
 
 @dataclass(frozen=True)
