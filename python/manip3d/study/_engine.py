@@ -19,15 +19,15 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d.errors import FormatError, InputError
-from manip3d.serve import Kind, LocalServer, Page, StreamClient, bundled_pages, read_message
+from manip3d.serve import Kind, Limits, LocalServer, Page, StreamClient, bundled_pages, read_message
 from manip3d.study._definition import Common
 from manip3d.study._steps import Field, Step, Stimulus, Value, px_per_degree
 from manip3d.study._store import Answer, Session, StudyFolder
 
 LOG = logging.getLogger("manip3d.study")
 
-MOST_MESSAGE = 40_000
-"""Characters of an answer."""
+MOST_MESSAGE = 150_000
+"""Characters of an answer: of as many texts as a step may ask for, each sign of which is escaped."""
 
 _TYPES = {
     ".png": ("image", "image/png"),
@@ -145,6 +145,25 @@ def study_pages(study: Study) -> dict[str, Page]:
         media = _TYPES[file.suffix.lower()][1]
         pages[address_of(study.common.seed, name)] = Page(media, file)
     return pages
+
+
+def study_server(
+    study: Study, folder: StudyFolder, participant: str | None = None, port: int = 0
+) -> LocalServer:
+    """Return a server of a study that takes answers of any length that the page lets through.
+
+    Raises
+    ------
+    RenderError
+        The script is not built.
+    InputError
+        A stimulus is of a kind that a page does not show.
+    MissingExtraError
+        aiohttp is not installed.
+    """
+    limits = Limits(message_bytes=4 * MOST_MESSAGE)  # UTF-8 has up to four bytes a character
+    conductor = Conductor(study, folder, participant)
+    return LocalServer(study_pages(study), conductor.hear, port=port, limits=limits)
 
 
 class Conductor:
@@ -386,9 +405,8 @@ def run_study(
     missing = [file for file in study.files().values() if not file.is_file()]
     if missing:
         raise InputError(f"{missing[0]}: expected a stimulus, found none ({len(missing)} missing)")
-    conductor = Conductor(study, folder, participant)
+    server = study_server(study, folder, participant, port)
     # Ctrl-C is how it ends.
-    server = LocalServer(study_pages(study), conductor.hear, port=port)
     with server, contextlib.suppress(KeyboardInterrupt):
         if on_start is not None:
             on_start(server.new_url())
