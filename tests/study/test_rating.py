@@ -198,6 +198,37 @@ def test_confusion_and_the_published_share_beside_it(tmp_path: Path) -> None:
     assert math.isclose(both["kappa"], fleiss_kappa([[1, 0, 1], [0, 2, 0]]))
 
 
+@pytest.mark.parametrize("rated", [1, 3, 39])
+def test_kappa_is_of_those_who_have_finished(rated: int, tmp_path: Path) -> None:
+    items = [
+        (truth, "color", "image", "full", "", "0") for truth in ("real", "type1") for _ in range(20)
+    ]
+    folder_of(tmp_path / "stimuli", items)
+    study, _ = read_study(template(tmp_path, "any"))
+    assert isinstance(study, RatingStudy)
+    rng = np.random.default_rng(4)
+    sessions = [Session(f"P{number}", number) for number in range(10)]
+    counts = {item.file: [0, 0, 0] for item in study.items}
+    for session in sessions:
+        for step in study.steps(session):
+            values = study.simulate(session, step, rng)
+            session.answers.append(Answer(step.id, step.condition, values))
+            place = ("real", "manipulated", "undecidable").index(str(values["verdict"]))
+            counts[str(step.condition["file"])][place] += 1
+    *_, whole = study.summary(sessions)
+    assert (whole["raters"], whole["items"]) == (10, 40)
+    assert math.isclose(whole["kappa"], fleiss_kappa(list(counts.values())))
+    early = Session("P10", 10)
+    for step in study.steps(early)[:rated]:
+        early.answers.append(Answer(step.id, step.condition, {"verdict": "real", "reason": None}))
+    *_, row = study.summary([*sessions, early])
+    for name in ("raters", "items", "kappa", "kappa_low", "kappa_high"):
+        assert row[name] == whole[name]
+    assert row["real"] == whole["real"] + rated  # their answers count where single ones do
+    *_, alone = study.summary([early])
+    assert (alone["raters"], alone["items"], alone["kappa"]) == (0, 0, None)
+
+
 def test_results_without_the_stimuli(tmp_path: Path) -> None:
     folder_of(tmp_path / "stimuli", published_items())
     study, content = read_study(template(tmp_path))

@@ -294,7 +294,8 @@ _NOTES = {
         "Unable: undecidable or wrong. Published, for low-resolution colour videos: unable to "
         "identify the difference 76 % of the time, by six people; the text does not say whether "
         "wrong answers count, so compare both undecidable and unable. Intervals are Wilson's, for "
-        "independent answers; those of one person are not."
+        "independent answers; those of one person are not. Kappa is of those who have rated every "
+        "stimulus of the study."
     ),
     "jnd": (
         "JND: difference in polygon counts, percent of the original, of which 70.7 % of the "
