@@ -470,6 +470,20 @@ def test_definitions_are_read_strictly(old: str, new: str, message: str, definit
         read_study(definition)
 
 
+@pytest.mark.parametrize(
+    "name", ["record_id", "state", "card_px", "distance_cm", "positive", "d1_session", "d2_finding"]
+)
+def test_no_two_columns_of_the_results_have_one_name(name: str, definition: Path) -> None:
+    text = definition.read_text()
+    definition.write_text(text.replace('name = "age"', f'name = "{name}"', 1))
+    message = rf"demographics\[0\].name: expected a name that no other column .* got '{name}'"
+    with pytest.raises(FormatError, match=message):
+        read_study(definition)
+    definition.write_text(text.replace('name = "finding"', 'name = "session"', 1))
+    with pytest.raises(FormatError, match="names that differ in the results, got d1_session twice"):
+        read_study(definition)
+
+
 def test_json_is_as_good_as_toml(definition: Path, tmp_path: Path) -> None:
     _, content = read_study(definition)
     file = tmp_path / "study.json"

@@ -27,7 +27,7 @@ from manip3d.study._store import Answer, Session, StudyFolder
 LOG = logging.getLogger("manip3d.study")
 
 MOST_MESSAGE = 150_000
-"""Characters of an answer: 30 texts of `MOST_TEXT` with each of their signs escaped, and the rest."""
+"""Characters of an answer: 30 texts of `MOST_TEXT`, each sign of them escaped, and the rest."""
 
 _TYPES = {
     ".png": ("image", "image/png"),

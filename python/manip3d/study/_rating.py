@@ -271,9 +271,8 @@ class RatingStudy(Study):
         list of dict
             Answers by verdict; percent right, undecidable, and not right with their 95 % intervals
             (Wilson; answers of one person depend on each other, which these do not know); then, in
-            the rows with truth ``all``, Fleiss' kappa with the numbers of raters and of items that it
-            is of, and the published percentage. Raters are those who have rated every stimulus of
-            the study: an item that somebody else has rated too says no more than the others.
+            the rows with truth ``all``, Fleiss' kappa with its numbers of raters and of items, and
+            the published percentage. Raters are those who have rated every stimulus of the study.
         """
         answers = [
             answer

@@ -9,7 +9,7 @@ from typing import Any
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
-from manip3d.errors import InputError
+from manip3d.errors import FormatError, InputError
 from manip3d.io._files import atomic_write
 from manip3d.study._definition import Section, read_table
 from manip3d.study._display import DisplayStudy
@@ -41,7 +41,8 @@ def read_study(path: str | os.PathLike[str]) -> tuple[Study, dict[str, Any]]:
     Raises
     ------
     FormatError
-        It is no definition, or something in it is missing, unknown or out of range.
+        It is no definition, something in it is missing, unknown or out of range, or two columns of
+        the results would have the same name.
     OSError
         It cannot be read.
 
@@ -57,6 +58,7 @@ def read_study(path: str | os.PathLike[str]) -> tuple[Study, dict[str, Any]]:
     file = path_of(path)
     definition = read_table(file)
     study = _study(definition, file.parent, str(file))
+    _check_names(study, str(file))
     if isinstance(study, RatingStudy):  # the answers need what the stimuli were
         items = [{k: v for k, v in vars(item).items() if v != ""} for item in study.items]
         definition["rating"] = definition["rating"] | {"items": items}
@@ -94,6 +96,28 @@ def _study(definition: Mapping[str, Any], base: Path | None, file: str) -> Study
     top = Section(definition, "", file)
     kind = top.word("kind", tuple(_KINDS))
     return _KINDS[kind].read(Section(definition, "", file), base)  # type: ignore[attr-defined, no-any-return]
+
+
+_RESERVED = ("record_id", "state", "group", "card_px", "distance_cm")
+"""Columns of the results that all studies have, or any may have."""
+
+
+def _check_names(study: Study, file: str) -> None:
+    """Refuse a name that two columns of the results would have."""
+    names = [*_RESERVED, *(field.name for _, field in study.variables())]
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise FormatError(
+            f"{study.common.kind}: expected names that differ in the results, got {twice[0]} twice",
+            file=file,
+        )
+    for number, field in enumerate(study.common.demographics):
+        if field.name in names:
+            raise FormatError(
+                f"demographics[{number}].name: expected a name that no other column of the "
+                f"results has, got {field.name!r}",
+                file=file,
+            )
 
 
 _CONSENT = 'consent = ["This is a trial run with made-up questions; its answers mean nothing."]'
