@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import csv
 import json
 import os
 import pickle
@@ -411,6 +412,61 @@ def test_results_replace_nothing_that_is_not_theirs(definition: Path, tmp_path: 
         with pytest.raises(InputError, match="expected a folder of results"):
             write_results(study, folder, tmp_path / "r", overwrite=True)
         assert (tmp_path / "r" / "mine.txt").read_text() == "kept"
+
+
+ABOUT = """
+[[demographics]]
+name = "hand"
+label = "Your hand"
+type = "choice"
+choices = ["left | both", "right, mostly"]
+
+[[demographics]]
+name = "height"
+label = "Height above the ground in micrometres"
+type = "number"
+low = -1234567.125
+high = 0
+
+[[demographics]]
+name = "tiny"
+label = "A small number"
+type = "number"
+low = 0.0000001
+high = 100000000
+"""
+
+
+def test_redcap_gets_what_was_typed_and_what_may_be(definition: Path, tmp_path: Path) -> None:
+    definition.write_text(definition.read_text().replace("[display]\n", f"{ABOUT}\n[display]\n", 1))
+    study, content = read_study(definition)
+    with StudyFolder(tmp_path / "a", content) as folder:
+        conductor, client = Conductor(study, folder), Client()
+        step = say(conductor, client, type="begin", participant="P1")
+        while step["type"] == "step":
+            told = reply(step)
+            if step["id"] == "about":
+                told["answer.hand"] = "left | both"
+            if step["id"] == "comments":
+                told |= {"answer.positive": "- none", "answer.negative": "=1+1"}
+            step = say(conductor, client, **told)
+        write_results(study, folder, tmp_path / "r")
+
+    def rows(name: str) -> list[dict[str, str]]:
+        with (tmp_path / "r" / name).open(newline="", encoding="utf-8") as stream:
+            return list(csv.DictReader(stream))
+
+    entries = {row["Variable / Field Name"]: row for row in rows("redcap_dictionary.csv")}
+    choices = entries["hand"]["Choices, Calculations, OR Slider Labels"]
+    assert choices == "1, left / both | 2, right, mostly"
+    ends = ("Text Validation Min", "Text Validation Max")
+    assert [entries["height"][end] for end in ends] == ["-1234567.125", "0"]
+    assert [entries["tiny"][end] for end in ends] == ["0.0000001", "100000000"]
+    assert [entries["age"][end] for end in ends] == ["18", "120"]
+    (person,) = rows("participants.csv")
+    assert (person["hand"], person["positive"], person["negative"]) == ("1", "- none", "=1+1")
+    given = {row["question"]: row["answer"] for row in rows("answers.csv")}
+    assert (given["positive"], given["negative"]) == ("'- none", "'=1+1")  # for spreadsheets
 
 
 # --- definitions ----------------------------------------------------------------------------------
