@@ -142,6 +142,31 @@ def test_codes_that_differ_in_case_alone_are_refused(conductor: Conductor) -> No
     assert "differs from another code only in case" in answer["problem"]
 
 
+@pytest.mark.parametrize("code", ["sim-001", "SIM-001", "sim-P1"])
+def test_people_get_no_codes_of_simulated_participants(conductor: Conductor, code: str) -> None:
+    answer = say(conductor, Client(), type="begin", participant=code)
+    assert "participant: expected a code that does not begin with sim-" in answer["problem"]
+    assert conductor.folder.sessions == {}
+
+
+def test_simulated_participants_and_people_do_not_mix(definition: Path, tmp_path: Path) -> None:
+    study, content = read_study(definition)
+    for code in ("P1", "sim-001"):  # codes like the latter were taken once
+        with StudyFolder(tmp_path / code, content) as folder:
+            folder.begin(code)
+            folder.store(code, Answer("consent", {}, {"agree": "yes"}, elapsed_ms=900.0))
+            with pytest.raises(InputError, match=f"but simulated ones, found {code}; simulate"):
+                simulate_participants(study, folder, 3)
+            assert list(folder.sessions) == [code]
+            assert [a.step for a in folder.sessions[code].answers] == ["consent"]
+    with StudyFolder(tmp_path / "trial", content) as folder:
+        simulate_participants(study, folder, 2)
+        simulate_participants(study, folder, 3)  # more of them
+        assert len(folder.sessions) == 3
+        with pytest.raises(InputError, match="found sim-000; people need another folder"):
+            run_study(study, folder, seconds=0.1)
+
+
 def test_one_participant_alone_where_one_is_named(conductor: Conductor) -> None:
     conductor.participant = "P7"
     client = Client()

@@ -218,6 +218,8 @@ def study_simulate(
 ) -> None:
     """Let simulated participants answer, to try a study before people do.
 
+    A folder that holds answers of people is refused.
+
     Example: manip3d study simulate study.toml -o answers --participants 6
     """
     from manip3d.study import StudyFolder, read_study, simulate_participants

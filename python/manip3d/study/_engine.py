@@ -22,7 +22,7 @@ from manip3d.errors import FormatError, InputError
 from manip3d.serve import Kind, Limits, LocalServer, Page, StreamClient, bundled_pages, read_message
 from manip3d.study._definition import Common
 from manip3d.study._steps import Field, Step, Stimulus, Value, px_per_degree
-from manip3d.study._store import Answer, Session, StudyFolder
+from manip3d.study._store import SIMULATED, Answer, Session, StudyFolder
 
 LOG = logging.getLogger("manip3d.study")
 
@@ -216,6 +216,7 @@ class Conductor:
         if self.participant is not None and code != self.participant:
             raise FormatError(f"participant: expected {self.participant}")
         try:
+            _check_code(code)
             session = self.folder.begin(code)
         except InputError as error:
             client.say(_message("who", title=self.study.common.title, problem=str(error)))
@@ -272,6 +273,15 @@ class Conductor:
         message = step.message(px_per_degree=scale_of(session))
         progress = round(self.study.progress(session), 4)
         client.say(json.dumps(message | {"progress": progress, "participant": session.participant}))
+
+
+def _check_code(code: str) -> None:
+    """Keep people out of the codes of simulated participants."""
+    if code.lower().startswith(SIMULATED):
+        raise InputError(
+            f"participant: expected a code that does not begin with {SIMULATED}, which simulated "
+            f"participants have, got {code}"
+        )
 
 
 def scale_of(session: Session) -> float | None:
@@ -394,7 +404,8 @@ def run_study(
     Raises
     ------
     InputError
-        An argument is out of range, or a stimulus is missing.
+        An argument is out of range, a stimulus is missing, or the folder holds simulated
+        participants, which people must not mix with.
     RenderError
         The page is not built.
     MissingExtraError
@@ -402,6 +413,12 @@ def run_study(
     """
     if seconds is not None and not seconds > 0:
         raise InputError(f"seconds: expected > 0, got {seconds}")
+    simulated = [code for code, session in folder.sessions.items() if session.is_simulated]
+    if simulated:
+        raise InputError(
+            f"{folder.path}: expected no simulated participants, found {simulated[0]}; "
+            "people need another folder"
+        )
     missing = [file for file in study.files().values() if not file.is_file()]
     if missing:
         raise InputError(f"{missing[0]}: expected a stimulus, found none ({len(missing)} missing)")
@@ -431,6 +448,7 @@ def simulate_participants(
     ----------
     study : Study
     folder : StudyFolder
+        Without answers of people, which simulated ones must not mix with.
     count : int
     seed : int
 
@@ -442,7 +460,7 @@ def simulate_participants(
     Raises
     ------
     InputError
-        ``count`` is out of range.
+        ``count`` is out of range, or the folder holds other participants.
     OSError
         An answer could not be written.
 
@@ -461,7 +479,13 @@ def simulate_participants(
     if not 1 <= count <= 10_000:
         raise InputError(f"count: expected 1 to 10000, got {count}")
     rng = np.random.default_rng([seed, study.common.seed])
-    codes = [f"sim-{number:03d}" for number in range(count)]
+    people = [code for code, session in folder.sessions.items() if not session.is_simulated]
+    if people:
+        raise InputError(
+            f"{folder.path}: expected no participants but simulated ones, found {people[0]}; "
+            "simulate into another folder"
+        )
+    codes = [f"{SIMULATED}{number:03d}" for number in range(count)]
     for number, code in enumerate(codes):
         session = folder.begin(code)
         while (step := study.step(session)) is not None:

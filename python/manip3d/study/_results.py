@@ -290,7 +290,7 @@ rect{fill:#1c62b9}text{font:9px sans-serif;fill:#566274}.quiet{color:#566274}
 def _page(study: Study, sessions: Sequence[Session], rows: Sequence[Mapping[str, Any]]) -> str:
     states = [state_of(study, session) for session in sessions]
     told = f"{len(sessions)} participants, {states.count('finished')} of them to the end."
-    simulated = sum(session.participant.startswith("sim-") for session in sessions)
+    simulated = sum(session.is_simulated for session in sessions)
     if simulated:
         told += f" {simulated} of them are simulated: their numbers say nothing about people."
     body = _histograms(rows) if study.common.kind == "display" else _table(rows)

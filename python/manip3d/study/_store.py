@@ -23,6 +23,9 @@ from manip3d.study._steps import Value
 CODE = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}")
 """Codes of participants: pseudonyms, which are also file names."""
 
+SIMULATED = "sim-"
+"""With which the codes of simulated participants begin, and nobody else's."""
+
 _DEFINITION = "study.json"
 _PARTICIPANTS = "participants"
 
@@ -77,6 +80,12 @@ class Session:
     def answer(self, step: str) -> Answer | None:
         """The answer to a step."""
         return next((each for each in self.answers if each.step == step), None)
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether nobody has answered: by its code, and by the time that no answer took."""
+        timed = any(answer.elapsed_ms > 0 for answer in self.answers)
+        return self.participant.startswith(SIMULATED) and not timed
 
     @property
     def group(self) -> str:
