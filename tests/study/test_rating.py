@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import hashlib
+import json
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -246,6 +248,37 @@ def test_results_without_the_stimuli(tmp_path: Path) -> None:
     assert 0 < float(low["undecidable_percent"]) < 100  # measured: of 36 simulated answers
     page = (results / "summary.html").read_text()
     assert "6 of them are simulated" in page
+
+
+def test_stimuli_that_change_between_participants_are_told(tmp_path: Path) -> None:
+    folder_of(tmp_path / "stimuli", [("real", "depth", "image", "full", "", "0")] * 3)
+    file, stimulus = template(tmp_path, "any"), tmp_path / "stimuli" / "s001.png"
+    before = stimulus.read_bytes()
+    _, content = read_study(file)
+    with StudyFolder(tmp_path / "a", content):
+        pass
+    stored = json.loads((tmp_path / "a" / "study.json").read_text())
+    assert stored["sha256"]["s001.png"] == hashlib.sha256(before).hexdigest()
+    assert len(stored["sha256"]) == 3
+    # Nobody has seen it yet.
+    stimulus.write_bytes(before + b"x")
+    with StudyFolder(tmp_path / "a", read_study(file)[1]) as folder:
+        folder.begin("P1")
+    stimulus.write_bytes(before)
+    with pytest.raises(InputError, match=r"holds answers to another file s001\.png, of SHA-256"):
+        StudyFolder(tmp_path / "a", content)
+    stimulus.write_bytes(before + b"x")
+    with StudyFolder(tmp_path / "a", read_study(file)[1]) as folder:
+        assert list(folder.sessions) == ["P1"]
+        study_of(folder.definition)
+    # A study of before there were checksums goes on.
+    del stored["sha256"]
+    (tmp_path / "a" / "study.json").write_text(json.dumps(stored))
+    with StudyFolder(tmp_path / "a", content) as folder:
+        assert "sha256" not in folder.definition
+    (tmp_path / "a" / "study.json").write_text(json.dumps(stored | {"sha256": [1]}))
+    with pytest.raises(FormatError, match="expected an object"):
+        StudyFolder(tmp_path / "a", content)
 
 
 def test_stimuli_of_the_package_are_of_their_kinds(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,6 +17,7 @@ from manip3d.study._display import DisplayStudy
 from manip3d.study._engine import Study
 from manip3d.study._jnd import JndStudy
 from manip3d.study._rating import RatingStudy
+from manip3d.study._store import CHECKSUMS
 
 _KINDS = {"rating": RatingStudy, "jnd": JndStudy, "display": DisplayStudy}
 
@@ -36,7 +38,8 @@ def read_study(path: str | os.PathLike[str]) -> tuple[Study, dict[str, Any]]:
     -------
     study : Study
     definition : dict
-        As it stands in the file, for `StudyFolder`; with the stimuli of a rating.
+        As it stands in the file, for `StudyFolder`; with the stimuli of a rating, and with the
+        checksums of all stimuli that are there, by which a changed one is noticed.
 
     Raises
     ------
@@ -62,6 +65,9 @@ def read_study(path: str | os.PathLike[str]) -> tuple[Study, dict[str, Any]]:
     if isinstance(study, RatingStudy):  # the answers need what the stimuli were
         items = [{k: v for k, v in vars(item).items() if v != ""} for item in study.items]
         definition["rating"] = definition["rating"] | {"items": items}
+    checksums = {n: _checksum(f) for n, f in study.files().items() if f.is_file()}
+    if checksums:
+        definition[CHECKSUMS] = checksums
     return study, definition
 
 
@@ -93,9 +99,16 @@ def study_of(definition: Mapping[str, Any]) -> Study:
 
 
 def _study(definition: Mapping[str, Any], base: Path | None, file: str) -> Study:
+    if base is None:  # stored with answers
+        definition = {key: value for key, value in definition.items() if key != CHECKSUMS}
     top = Section(definition, "", file)
     kind = top.word("kind", tuple(_KINDS))
     return _KINDS[kind].read(Section(definition, "", file), base)  # type: ignore[attr-defined, no-any-return]
+
+
+def _checksum(file: Path) -> str:
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 _RESERVED = ("record_id", "state", "group", "card_px", "distance_cm")

@@ -26,6 +26,9 @@ CODE = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}")
 SIMULATED = "sim-"
 """With which the codes of simulated participants begin, and nobody else's."""
 
+CHECKSUMS = "sha256"
+"""In a definition that is stored with its answers: SHA-256 of each stimulus by its name."""
+
 _DEFINITION = "study.json"
 _PARTICIPANTS = "participants"
 
@@ -109,8 +112,8 @@ class StudyFolder:
     path : path-like
         Made if it is absent.
     definition : mapping, optional
-        Stored with the first answer folder; a folder that holds answers to another definition is
-        refused. Without it the folder must be there.
+        Stored with the first answer folder; a folder that holds answers to another definition, or
+        to stimuli whose files have changed since, is refused. Without it the folder must be there.
     read_only : bool
         Read the answers that are stored at this moment, also while another process runs the study.
         Nothing can be stored.
@@ -118,7 +121,7 @@ class StudyFolder:
     Raises
     ------
     InputError
-        The folder holds another definition, or is in use.
+        The folder holds another definition or answers to other stimuli, or is in use.
     FormatError
         A file in it is damaged.
     OSError
@@ -178,17 +181,30 @@ class StudyFolder:
                 stored = json.loads(regular_bytes(file))
             except ValueError as error:
                 raise FormatError(f"expected JSON: {error}", file=str(file)) from None
-            if not isinstance(stored, dict):
+            if not isinstance(stored, dict) or not isinstance(stored.get(CHECKSUMS, {}), dict):
                 raise FormatError("expected an object", file=str(file))
-            if definition is not None and _canonical(definition) != _canonical(stored):
+            if definition is None:
+                return stored
+            if _canonical(_without_checksums(definition)) != _canonical(_without_checksums(stored)):
                 raise InputError(
                     f"{self.path}: holds answers to another definition; a study that has changed "
                     "needs another folder"
                 )
-            return stored
+            if any((self.path / _PARTICIPANTS).glob("*.jsonl")):
+                self._check_stimuli(stored.get(CHECKSUMS, {}), definition.get(CHECKSUMS, {}))
+                return stored
         assert definition is not None
         atomic_write(file, _canonical(definition) + "\n")
         return dict(definition)
+
+    def _check_stimuli(self, stored: Mapping[str, Any], given: Mapping[str, Any]) -> None:
+        """Refuse stimuli that have changed; a study of before there were checksums has none."""
+        for name in sorted(stored.keys() & given.keys()):
+            if stored[name] != given[name]:
+                raise InputError(
+                    f"{self.path}: holds answers to another file {name}, of SHA-256 "
+                    f"{stored[name]}; stimuli that have changed need another folder"
+                )
 
     def begin(self, participant: str) -> Session:
         """Return the session of a participant: a new one, or the one that was interrupted.
@@ -302,6 +318,10 @@ class StudyFolder:
 
 def _canonical(definition: Mapping[str, Any]) -> str:
     return json.dumps(definition, sort_keys=True, ensure_ascii=False, indent=1)
+
+
+def _without_checksums(definition: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in definition.items() if key != CHECKSUMS}
 
 
 def _line(record: Mapping[str, Any]) -> str:
