@@ -346,6 +346,44 @@ def test_a_damaged_journal_is_told_by_its_line(conductor: Conductor) -> None:
         StudyFolder(folder.path)  # the lock was given back
 
 
+def test_a_damaged_journal_keeps_nobody_else_from_the_results(
+    definition: Path, tmp_path: Path
+) -> None:
+    study, content = read_study(definition)
+    with StudyFolder(tmp_path / "a", content) as folder:
+        simulate_participants(study, folder, 3)
+    file = tmp_path / "a" / "participants" / "sim-001.jsonl"
+    damaged = file.read_bytes().replace(b"consent", b"consenu", 1)
+    file.write_bytes(damaged)
+    with StudyFolder(tmp_path / "a", read_only=True) as folder:
+        assert sorted(folder.sessions) == ["sim-000", "sim-002"]
+        assert list(folder.damaged) == ["sim-001"]
+        assert "sim-001.jsonl: line 2: damaged" in folder.damaged["sim-001"]
+        write_results(study, folder, tmp_path / "r")
+    rows = (tmp_path / "r" / "participants.csv").read_text().splitlines()
+    assert [row[:7] for row in rows[1:]] == ["sim-000", "sim-002"]
+    told = (tmp_path / "r" / "summary.html").read_text()
+    assert "Without those whose journals are damaged: sim-001." in told
+    assert file.read_bytes() == damaged
+
+
+@pytest.mark.parametrize(
+    ("code", "message"),
+    [
+        ("a b", "participant: expected letters, digits"),
+        ("", "participant: expected letters, digits"),
+        ("p1", "participant: p1 differs from another code only in case"),
+        ("sim-7", "participant: expected a code that does not begin with sim-"),
+    ],
+)
+def test_no_study_is_run_for_somebody_who_cannot_begin(
+    code: str, message: str, conductor: Conductor
+) -> None:
+    conductor.folder.begin("P1")
+    with pytest.raises(InputError, match=message):
+        run_study(conductor.study, conductor.folder, participant=code, seconds=0.1)
+
+
 def test_a_full_disk_loses_nothing_that_was_acknowledged(
     conductor: Conductor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -616,6 +654,8 @@ def test_missing_stimuli_and_wrong_times_are_told(tmp_path: Path) -> None:
     study, content = read_study(write_template("jnd-textured", tmp_path / "s.toml", example=True))
     with StudyFolder(tmp_path / "a", content) as folder:
         with pytest.raises(InputError, match=r"head\.glb: expected a stimulus, found none"):
+            run_study(study, folder)
+        with pytest.raises(InputError, match="'manip3d study stimuli' makes them"):
             run_study(study, folder)
         with pytest.raises(InputError, match="seconds: expected > 0"):
             run_study(study, folder, seconds=0.0)

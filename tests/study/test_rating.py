@@ -161,6 +161,11 @@ def test_lists_of_stimuli_are_read_strictly(
         read_study(template(tmp_path, "any"))
 
 
+def test_a_missing_list_of_stimuli_says_what_makes_it(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"expected a list of stimuli, .*'manip3d study stimuli'"):
+        read_study(template(tmp_path))
+
+
 def test_orders_differ_between_participants_and_not_between_runs(tmp_path: Path) -> None:
     folder_of(tmp_path / "stimuli", published_items())
     study, _ = read_study(template(tmp_path))

@@ -216,7 +216,7 @@ class Conductor:
         if self.participant is not None and code != self.participant:
             raise FormatError(f"participant: expected {self.participant}")
         try:
-            _check_code(code)
+            _refuse_simulated(code)
             session = self.folder.begin(code)
         except InputError as error:
             client.say(_message("who", title=self.study.common.title, problem=str(error)))
@@ -275,7 +275,7 @@ class Conductor:
         client.say(json.dumps(message | {"progress": progress, "participant": session.participant}))
 
 
-def _check_code(code: str) -> None:
+def _refuse_simulated(code: str) -> None:
     """Keep people out of the codes of simulated participants."""
     if code.lower().startswith(SIMULATED):
         raise InputError(
@@ -389,7 +389,7 @@ def run_study(
     folder : StudyFolder
         Where answers go; who was interrupted continues by giving the same code.
     participant : str, optional
-        The only one who may take part.
+        Code of the only one who may take part.
     port : int
         0: one that is free.
     seconds : float, optional
@@ -413,6 +413,9 @@ def run_study(
     """
     if seconds is not None and not seconds > 0:
         raise InputError(f"seconds: expected > 0, got {seconds}")
+    if participant is not None:
+        _refuse_simulated(participant)
+        folder.check_code(participant)
     simulated = [code for code, session in folder.sessions.items() if session.is_simulated]
     if simulated:
         raise InputError(
@@ -421,7 +424,10 @@ def run_study(
         )
     missing = [file for file in study.files().values() if not file.is_file()]
     if missing:
-        raise InputError(f"{missing[0]}: expected a stimulus, found none ({len(missing)} missing)")
+        raise InputError(
+            f"{missing[0]}: expected a stimulus, found none ({len(missing)} missing); "
+            "'manip3d study stimuli' makes them"
+        )
     server = study_server(study, folder, participant, port)
     # Ctrl-C is how it ends.
     with server, contextlib.suppress(KeyboardInterrupt):

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from manip3d.errors import FormatError
+from manip3d.errors import FormatError, InputError
 from manip3d.io._files import regular_bytes
 from manip3d.study._agreement import fleiss_kappa_interval, share_interval
 from manip3d.study._definition import Common, Section
@@ -79,12 +79,18 @@ def read_items(folder: Path) -> tuple[Item, ...]:
 
     Raises
     ------
+    InputError
+        There is no such list.
     FormatError
         A line is wrong, or names a file that is not in the folder.
     OSError
         It cannot be read.
     """
     path = folder / MANIFEST
+    if not path.is_file():
+        raise InputError(
+            f"{path}: expected a list of stimuli, found none; 'manip3d study stimuli' makes both"
+        )
     try:
         rows = list(csv.reader(regular_bytes(path).decode("utf-8-sig").splitlines(), strict=True))
     except (ValueError, csv.Error) as error:

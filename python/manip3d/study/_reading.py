@@ -46,6 +46,8 @@ def read_study(path: str | os.PathLike[str]) -> tuple[Study, dict[str, Any]]:
     FormatError
         It is no definition, something in it is missing, unknown or out of range, or two columns of
         the results would have the same name.
+    InputError
+        A rating has no stimuli.
     OSError
         It cannot be read.
 

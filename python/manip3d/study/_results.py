@@ -65,7 +65,7 @@ def write_results(
     ----------
     study : Study
     folder : StudyFolder
-        The answers.
+        The answers. Where journals were damaged (`StudyFolder.damaged`), ``summary.html`` tells it.
     output : path-like
         A folder to be made: ``answers.csv`` (a row for each answer, with its truth),
         ``participants.csv`` (a row for each participant, in the variables of
@@ -118,7 +118,7 @@ def write_results(
         "participants.csv": _wide(study, sessions),
         "redcap_dictionary.csv": csv_of(REDCAP_COLUMNS, _dictionary(study), verbatim=True),
         "summary.csv": csv_of(*_as_table(rows)),
-        "summary.html": _page(study, sessions, rows),
+        "summary.html": _page(study, sessions, rows, folder.damaged),
     }
     with atomic_folder(target) as new:
         for name, content in contents.items():
@@ -287,12 +287,19 @@ rect{fill:#1c62b9}text{font:9px sans-serif;fill:#566274}.quiet{color:#566274}
 """
 
 
-def _page(study: Study, sessions: Sequence[Session], rows: Sequence[Mapping[str, Any]]) -> str:
+def _page(
+    study: Study,
+    sessions: Sequence[Session],
+    rows: Sequence[Mapping[str, Any]],
+    damaged: Iterable[str],
+) -> str:
     states = [state_of(study, session) for session in sessions]
     told = f"{len(sessions)} participants, {states.count('finished')} of them to the end."
     simulated = sum(session.is_simulated for session in sessions)
     if simulated:
         told += f" {simulated} of them are simulated: their numbers say nothing about people."
+    if lost := ", ".join(sorted(damaged)):
+        told += f" Without those whose journals are damaged: {html.escape(lost)}."
     body = _histograms(rows) if study.common.kind == "display" else _table(rows)
     title = html.escape(study.common.title)
     return (

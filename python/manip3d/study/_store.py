@@ -116,7 +116,14 @@ class StudyFolder:
         to stimuli whose files have changed since, is refused. Without it the folder must be there.
     read_only : bool
         Read the answers that are stored at this moment, also while another process runs the study.
-        Nothing can be stored.
+        Nothing can be stored, and a damaged journal is passed over.
+
+    Attributes
+    ----------
+    sessions : dict of str to Session
+        By the codes of participants.
+    damaged : dict of str to str
+        What is wrong with journals that were passed over, by code.
 
     Raises
     ------
@@ -147,12 +154,17 @@ class StudyFolder:
         try:
             self.definition = self._agreed(definition)
             self.sessions: dict[str, Session] = {}
+            self.damaged: dict[str, str] = {}
             for file in sorted((self.path / _PARTICIPANTS).glob("*.jsonl")):
                 try:
                     self.sessions[file.stem] = self._read(file)
                 except FileNotFoundError:
                     if not read_only:  # somebody has withdrawn meanwhile
                         raise
+                except FormatError as error:
+                    if not read_only:
+                        raise
+                    self.damaged[file.stem] = str(error)
         except BaseException:
             self.close()
             raise
@@ -215,21 +227,32 @@ class StudyFolder:
             The code is no code, or differs from another only in its letters' case; the folder was
             opened for reading only.
         """
-        if not CODE.fullmatch(participant):
-            raise InputError(
-                "participant: expected letters, digits, - and _, at most 32, "
-                f"got {participant[:40]!r}"
-            )
+        self.check_code(participant)
         if participant in self.sessions:
             return self.sessions[participant]
         self._refuse_if_read_only()
-        if participant.lower() in (code.lower() for code in self.sessions):
-            raise InputError(f"participant: {participant} differs from another code only in case")
         number = 1 + max((s.number for s in self.sessions.values()), default=-1)
         file = self._file(participant)
         atomic_write(file, _line({"participant": participant, "number": number}))
         self.sessions[participant] = Session(participant, number)
         return self.sessions[participant]
+
+    def check_code(self, participant: str) -> None:
+        """Refuse a code with which nobody could begin.
+
+        Raises
+        ------
+        InputError
+            It is no code, or differs from another only in its letters' case.
+        """
+        if not CODE.fullmatch(participant):
+            raise InputError(
+                "participant: expected letters, digits, - and _, at most 32, "
+                f"got {participant[:40]!r}"
+            )
+        others = (code.lower() for code in self.sessions if code != participant)
+        if participant.lower() in others:
+            raise InputError(f"participant: {participant} differs from another code only in case")
 
     def store(self, participant: str, answer: Answer) -> Answer:
         """Append an answer; when this returns, it is on the disk.
