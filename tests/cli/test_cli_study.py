@@ -67,6 +67,24 @@ def test_from_simulated_people_to_results(definition: Path, tmp_path: Path) -> N
     assert run("study", "results", answers, "-o", tables, "--force").returncode == 0
 
 
+def test_what_is_damaged_is_told_beside_the_results(definition: Path, tmp_path: Path) -> None:
+    answers, tables = tmp_path / "answers", tmp_path / "tables"
+    run("study", "simulate", definition, "-o", answers, "--participants", "3", "-q")
+    journal = answers / "participants" / "sim-001.jsonl"
+    journal.write_bytes(journal.read_bytes().replace(b"consent", b"consenu", 1))
+    done = run("study", "results", answers, "-o", tables, "--json")
+    assert done.returncode == 0
+    assert "left out sim-001: " in done.stderr
+    assert list(json.loads(done.stdout)["damaged"]) == ["sim-001"]
+
+
+def test_a_code_that_nobody_can_have_is_refused(definition: Path, tmp_path: Path) -> None:
+    words = ["study", "display", definition, "-o", tmp_path / "a", "--no-open", "--seconds", "1"]
+    done = run(*words, "--participant", "a b")
+    assert done.returncode == 1
+    assert "--participant: expected letters, digits, - and _" in done.stderr
+
+
 def test_power_is_a_table(tmp_path: Path) -> None:
     pytest.importorskip("scipy")
     done = run("study", "power", "0.5", "--comparisons", "1", "--json")

@@ -14,7 +14,7 @@ import pytest
 from manip3d import RenderError
 from manip3d.serve import LocalServer
 from manip3d.study import Study, StudyFolder
-from manip3d.study._engine import Conductor, study_pages
+from manip3d.study._engine import study_server
 from manip3d.viewer import _chromium
 from manip3d.viewer.page import BUNDLE
 
@@ -43,7 +43,7 @@ def wait_for(condition: Callable[[], Any], what: str = "") -> Any:
 @contextmanager
 def served(study: Study, folder: StudyFolder, port: int = 0) -> Iterator[LocalServer]:
     """A study on a server."""
-    with LocalServer(study_pages(study), Conductor(study, folder).hear, port=port) as server:
+    with study_server(study, folder, port=port) as server:
         yield server
 
 

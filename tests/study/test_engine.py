@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import csv
 import json
 import os
 import pickle
@@ -139,6 +140,31 @@ def test_codes_that_differ_in_case_alone_are_refused(conductor: Conductor) -> No
     say(conductor, Client(), type="begin", participant="P1")
     answer = say(conductor, Client(), type="begin", participant="p1")
     assert "differs from another code only in case" in answer["problem"]
+
+
+@pytest.mark.parametrize("code", ["sim-001", "SIM-001", "sim-P1"])
+def test_people_get_no_codes_of_simulated_participants(conductor: Conductor, code: str) -> None:
+    answer = say(conductor, Client(), type="begin", participant=code)
+    assert "participant: expected a code that does not begin with sim-" in answer["problem"]
+    assert conductor.folder.sessions == {}
+
+
+def test_simulated_participants_and_people_do_not_mix(definition: Path, tmp_path: Path) -> None:
+    study, content = read_study(definition)
+    for code in ("P1", "sim-001"):  # codes like the latter were taken once
+        with StudyFolder(tmp_path / code, content) as folder:
+            folder.begin(code)
+            folder.store(code, Answer("consent", {}, {"agree": "yes"}, elapsed_ms=900.0))
+            with pytest.raises(InputError, match=f"but simulated ones, found {code}; simulate"):
+                simulate_participants(study, folder, 3)
+            assert list(folder.sessions) == [code]
+            assert [a.step for a in folder.sessions[code].answers] == ["consent"]
+    with StudyFolder(tmp_path / "trial", content) as folder:
+        simulate_participants(study, folder, 2)
+        simulate_participants(study, folder, 3)  # more of them
+        assert len(folder.sessions) == 3
+        with pytest.raises(InputError, match="found sim-000; people need another folder"):
+            run_study(study, folder, seconds=0.1)
 
 
 def test_one_participant_alone_where_one_is_named(conductor: Conductor) -> None:
@@ -320,6 +346,44 @@ def test_a_damaged_journal_is_told_by_its_line(conductor: Conductor) -> None:
         StudyFolder(folder.path)  # the lock was given back
 
 
+def test_a_damaged_journal_keeps_nobody_else_from_the_results(
+    definition: Path, tmp_path: Path
+) -> None:
+    study, content = read_study(definition)
+    with StudyFolder(tmp_path / "a", content) as folder:
+        simulate_participants(study, folder, 3)
+    file = tmp_path / "a" / "participants" / "sim-001.jsonl"
+    damaged = file.read_bytes().replace(b"consent", b"consenu", 1)
+    file.write_bytes(damaged)
+    with StudyFolder(tmp_path / "a", read_only=True) as folder:
+        assert sorted(folder.sessions) == ["sim-000", "sim-002"]
+        assert list(folder.damaged) == ["sim-001"]
+        assert "sim-001.jsonl: line 2: damaged" in folder.damaged["sim-001"]
+        write_results(study, folder, tmp_path / "r")
+    rows = (tmp_path / "r" / "participants.csv").read_text().splitlines()
+    assert [row[:7] for row in rows[1:]] == ["sim-000", "sim-002"]
+    told = (tmp_path / "r" / "summary.html").read_text()
+    assert "Without those whose journals are damaged: sim-001." in told
+    assert file.read_bytes() == damaged
+
+
+@pytest.mark.parametrize(
+    ("code", "message"),
+    [
+        ("a b", "participant: expected letters, digits"),
+        ("", "participant: expected letters, digits"),
+        ("p1", "participant: p1 differs from another code only in case"),
+        ("sim-7", "participant: expected a code that does not begin with sim-"),
+    ],
+)
+def test_no_study_is_run_for_somebody_who_cannot_begin(
+    code: str, message: str, conductor: Conductor
+) -> None:
+    conductor.folder.begin("P1")
+    with pytest.raises(InputError, match=message):
+        run_study(conductor.study, conductor.folder, participant=code, seconds=0.1)
+
+
 def test_a_full_disk_loses_nothing_that_was_acknowledged(
     conductor: Conductor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -413,6 +477,61 @@ def test_results_replace_nothing_that_is_not_theirs(definition: Path, tmp_path: 
         assert (tmp_path / "r" / "mine.txt").read_text() == "kept"
 
 
+ABOUT = """
+[[demographics]]
+name = "hand"
+label = "Your hand"
+type = "choice"
+choices = ["left | both", "right, mostly"]
+
+[[demographics]]
+name = "height"
+label = "Height above the ground in micrometres"
+type = "number"
+low = -1234567.125
+high = 0
+
+[[demographics]]
+name = "tiny"
+label = "A small number"
+type = "number"
+low = 0.0000001
+high = 100000000
+"""
+
+
+def test_redcap_gets_what_was_typed_and_what_may_be(definition: Path, tmp_path: Path) -> None:
+    definition.write_text(definition.read_text().replace("[display]\n", f"{ABOUT}\n[display]\n", 1))
+    study, content = read_study(definition)
+    with StudyFolder(tmp_path / "a", content) as folder:
+        conductor, client = Conductor(study, folder), Client()
+        step = say(conductor, client, type="begin", participant="P1")
+        while step["type"] == "step":
+            told = reply(step)
+            if step["id"] == "about":
+                told["answer.hand"] = "left | both"
+            if step["id"] == "comments":
+                told |= {"answer.positive": "- none", "answer.negative": "=1+1"}
+            step = say(conductor, client, **told)
+        write_results(study, folder, tmp_path / "r")
+
+    def rows(name: str) -> list[dict[str, str]]:
+        with (tmp_path / "r" / name).open(newline="", encoding="utf-8") as stream:
+            return list(csv.DictReader(stream))
+
+    entries = {row["Variable / Field Name"]: row for row in rows("redcap_dictionary.csv")}
+    choices = entries["hand"]["Choices, Calculations, OR Slider Labels"]
+    assert choices == "1, left / both | 2, right, mostly"
+    ends = ("Text Validation Min", "Text Validation Max")
+    assert [entries["height"][end] for end in ends] == ["-1234567.125", "0"]
+    assert [entries["tiny"][end] for end in ends] == ["0.0000001", "100000000"]
+    assert [entries["age"][end] for end in ends] == ["18", "120"]
+    (person,) = rows("participants.csv")
+    assert (person["hand"], person["positive"], person["negative"]) == ("1", "- none", "=1+1")
+    given = {row["question"]: row["answer"] for row in rows("answers.csv")}
+    assert (given["positive"], given["negative"]) == ("'- none", "'=1+1")  # for spreadsheets
+
+
 # --- definitions ----------------------------------------------------------------------------------
 
 
@@ -470,6 +589,20 @@ def test_definitions_are_read_strictly(old: str, new: str, message: str, definit
         read_study(definition)
 
 
+@pytest.mark.parametrize(
+    "name", ["record_id", "state", "card_px", "distance_cm", "positive", "d1_session", "d2_finding"]
+)
+def test_no_two_columns_of_the_results_have_one_name(name: str, definition: Path) -> None:
+    text = definition.read_text()
+    definition.write_text(text.replace('name = "age"', f'name = "{name}"', 1))
+    message = rf"demographics\[0\].name: expected a name that no other column .* got '{name}'"
+    with pytest.raises(FormatError, match=message):
+        read_study(definition)
+    definition.write_text(text.replace('name = "finding"', 'name = "session"', 1))
+    with pytest.raises(FormatError, match="names that differ in the results, got d1_session twice"):
+        read_study(definition)
+
+
 def test_json_is_as_good_as_toml(definition: Path, tmp_path: Path) -> None:
     _, content = read_study(definition)
     file = tmp_path / "study.json"
@@ -521,6 +654,8 @@ def test_missing_stimuli_and_wrong_times_are_told(tmp_path: Path) -> None:
     study, content = read_study(write_template("jnd-textured", tmp_path / "s.toml", example=True))
     with StudyFolder(tmp_path / "a", content) as folder:
         with pytest.raises(InputError, match=r"head\.glb: expected a stimulus, found none"):
+            run_study(study, folder)
+        with pytest.raises(InputError, match="'manip3d study stimuli' makes them"):
             run_study(study, folder)
         with pytest.raises(InputError, match="seconds: expected > 0"):
             run_study(study, folder, seconds=0.0)

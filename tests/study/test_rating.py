@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import hashlib
+import json
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -159,6 +161,11 @@ def test_lists_of_stimuli_are_read_strictly(
         read_study(template(tmp_path, "any"))
 
 
+def test_a_missing_list_of_stimuli_says_what_makes_it(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"expected a list of stimuli, .*'manip3d study stimuli'"):
+        read_study(template(tmp_path))
+
+
 def test_orders_differ_between_participants_and_not_between_runs(tmp_path: Path) -> None:
     folder_of(tmp_path / "stimuli", published_items())
     study, _ = read_study(template(tmp_path))
@@ -198,6 +205,37 @@ def test_confusion_and_the_published_share_beside_it(tmp_path: Path) -> None:
     assert math.isclose(both["kappa"], fleiss_kappa([[1, 0, 1], [0, 2, 0]]))
 
 
+@pytest.mark.parametrize("rated", [1, 3, 39])
+def test_kappa_is_of_those_who_have_finished(rated: int, tmp_path: Path) -> None:
+    items = [
+        (truth, "color", "image", "full", "", "0") for truth in ("real", "type1") for _ in range(20)
+    ]
+    folder_of(tmp_path / "stimuli", items)
+    study, _ = read_study(template(tmp_path, "any"))
+    assert isinstance(study, RatingStudy)
+    rng = np.random.default_rng(4)
+    sessions = [Session(f"P{number}", number) for number in range(10)]
+    counts = {item.file: [0, 0, 0] for item in study.items}
+    for session in sessions:
+        for step in study.steps(session):
+            values = study.simulate(session, step, rng)
+            session.answers.append(Answer(step.id, step.condition, values))
+            place = ("real", "manipulated", "undecidable").index(str(values["verdict"]))
+            counts[str(step.condition["file"])][place] += 1
+    *_, whole = study.summary(sessions)
+    assert (whole["raters"], whole["items"]) == (10, 40)
+    assert math.isclose(whole["kappa"], fleiss_kappa(list(counts.values())))
+    early = Session("P10", 10)
+    for step in study.steps(early)[:rated]:
+        early.answers.append(Answer(step.id, step.condition, {"verdict": "real", "reason": None}))
+    *_, row = study.summary([*sessions, early])
+    for name in ("raters", "items", "kappa", "kappa_low", "kappa_high"):
+        assert row[name] == whole[name]
+    assert row["real"] == whole["real"] + rated  # their answers count where single ones do
+    *_, alone = study.summary([early])
+    assert (alone["raters"], alone["items"], alone["kappa"]) == (0, 0, None)
+
+
 def test_results_without_the_stimuli(tmp_path: Path) -> None:
     folder_of(tmp_path / "stimuli", published_items())
     study, content = read_study(template(tmp_path))
@@ -215,6 +253,37 @@ def test_results_without_the_stimuli(tmp_path: Path) -> None:
     assert 0 < float(low["undecidable_percent"]) < 100  # measured: of 36 simulated answers
     page = (results / "summary.html").read_text()
     assert "6 of them are simulated" in page
+
+
+def test_stimuli_that_change_between_participants_are_told(tmp_path: Path) -> None:
+    folder_of(tmp_path / "stimuli", [("real", "depth", "image", "full", "", "0")] * 3)
+    file, stimulus = template(tmp_path, "any"), tmp_path / "stimuli" / "s001.png"
+    before = stimulus.read_bytes()
+    _, content = read_study(file)
+    with StudyFolder(tmp_path / "a", content):
+        pass
+    stored = json.loads((tmp_path / "a" / "study.json").read_text())
+    assert stored["sha256"]["s001.png"] == hashlib.sha256(before).hexdigest()
+    assert len(stored["sha256"]) == 3
+    # Nobody has seen it yet.
+    stimulus.write_bytes(before + b"x")
+    with StudyFolder(tmp_path / "a", read_study(file)[1]) as folder:
+        folder.begin("P1")
+    stimulus.write_bytes(before)
+    with pytest.raises(InputError, match=r"holds answers to another file s001\.png, of SHA-256"):
+        StudyFolder(tmp_path / "a", content)
+    stimulus.write_bytes(before + b"x")
+    with StudyFolder(tmp_path / "a", read_study(file)[1]) as folder:
+        assert list(folder.sessions) == ["P1"]
+        study_of(folder.definition)
+    # A study of before there were checksums goes on.
+    del stored["sha256"]
+    (tmp_path / "a" / "study.json").write_text(json.dumps(stored))
+    with StudyFolder(tmp_path / "a", content) as folder:
+        assert "sha256" not in folder.definition
+    (tmp_path / "a" / "study.json").write_text(json.dumps(stored | {"sha256": [1]}))
+    with pytest.raises(FormatError, match="expected an object"):
+        StudyFolder(tmp_path / "a", content)
 
 
 def test_stimuli_of_the_package_are_of_their_kinds(tmp_path: Path) -> None:

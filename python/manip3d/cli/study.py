@@ -218,6 +218,8 @@ def study_simulate(
 ) -> None:
     """Let simulated participants answer, to try a study before people do.
 
+    A folder that holds answers of people is refused.
+
     Example: manip3d study simulate study.toml -o answers --participants 6
     """
     from manip3d.study import StudyFolder, read_study, simulate_participants
@@ -240,7 +242,8 @@ def study_results(
 ) -> None:
     """Write answers as CSV with a REDCap data dictionary, and a summary beside what is published.
 
-    Also while the study is run: answers that are stored by then are taken.
+    Also while the study is run: answers that are stored by then are taken. A damaged journal is
+    told, and the others are written.
 
     Example: manip3d study results answers -o tables
     """
@@ -251,9 +254,12 @@ def study_results(
     with StudyFolder(answers, read_only=True) as folder, naming_options("output"):
         study = study_of(folder.definition)
         written = write_results(study, folder, output, overwrite=force)
+        damaged = folder.damaged
     names = sorted(file.name for file in written.iterdir())
     shell.say(f"wrote {output}: {', '.join(names)}")
-    shell.result({"output": str(output), "files": names})
+    for code, problem in damaged.items():
+        shell.say(f"left out {code}: {problem}")
+    shell.result({"output": str(output), "files": names, "damaged": damaged})
 
 
 @app.command("withdraw")

@@ -19,15 +19,15 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d.errors import FormatError, InputError
-from manip3d.serve import Kind, LocalServer, Page, StreamClient, bundled_pages, read_message
+from manip3d.serve import Kind, Limits, LocalServer, Page, StreamClient, bundled_pages, read_message
 from manip3d.study._definition import Common
 from manip3d.study._steps import Field, Step, Stimulus, Value, px_per_degree
-from manip3d.study._store import Answer, Session, StudyFolder
+from manip3d.study._store import SIMULATED, Answer, Session, StudyFolder
 
 LOG = logging.getLogger("manip3d.study")
 
-MOST_MESSAGE = 40_000
-"""Characters of an answer."""
+MOST_MESSAGE = 150_000
+"""Characters of an answer: 30 texts of `MOST_TEXT`, each sign of them escaped, and the rest."""
 
 _TYPES = {
     ".png": ("image", "image/png"),
@@ -147,6 +147,25 @@ def study_pages(study: Study) -> dict[str, Page]:
     return pages
 
 
+def study_server(
+    study: Study, folder: StudyFolder, participant: str | None = None, port: int = 0
+) -> LocalServer:
+    """Return a server of a study that takes answers of any length that the page lets through.
+
+    Raises
+    ------
+    RenderError
+        The script is not built.
+    InputError
+        A stimulus is of a kind that a page does not show.
+    MissingExtraError
+        aiohttp is not installed.
+    """
+    limits = Limits(message_bytes=4 * MOST_MESSAGE)  # UTF-8 has up to four bytes a character
+    conductor = Conductor(study, folder, participant)
+    return LocalServer(study_pages(study), conductor.hear, port=port, limits=limits)
+
+
 class Conductor:
     """Answers what pages say: who they are, and what they answer to the step they see.
 
@@ -197,6 +216,7 @@ class Conductor:
         if self.participant is not None and code != self.participant:
             raise FormatError(f"participant: expected {self.participant}")
         try:
+            _refuse_simulated(code)
             session = self.folder.begin(code)
         except InputError as error:
             client.say(_message("who", title=self.study.common.title, problem=str(error)))
@@ -253,6 +273,15 @@ class Conductor:
         message = step.message(px_per_degree=scale_of(session))
         progress = round(self.study.progress(session), 4)
         client.say(json.dumps(message | {"progress": progress, "participant": session.participant}))
+
+
+def _refuse_simulated(code: str) -> None:
+    """Keep people out of the codes of simulated participants."""
+    if code.lower().startswith(SIMULATED):
+        raise InputError(
+            f"participant: expected a code that does not begin with {SIMULATED}, which simulated "
+            f"participants have, got {code}"
+        )
 
 
 def scale_of(session: Session) -> float | None:
@@ -360,7 +389,7 @@ def run_study(
     folder : StudyFolder
         Where answers go; who was interrupted continues by giving the same code.
     participant : str, optional
-        The only one who may take part.
+        Code of the only one who may take part.
     port : int
         0: one that is free.
     seconds : float, optional
@@ -375,7 +404,8 @@ def run_study(
     Raises
     ------
     InputError
-        An argument is out of range, or a stimulus is missing.
+        An argument is out of range, a stimulus is missing, or the folder holds simulated
+        participants, which people must not mix with.
     RenderError
         The page is not built.
     MissingExtraError
@@ -383,12 +413,23 @@ def run_study(
     """
     if seconds is not None and not seconds > 0:
         raise InputError(f"seconds: expected > 0, got {seconds}")
+    if participant is not None:
+        _refuse_simulated(participant)
+        folder.check_code(participant)
+    simulated = [code for code, session in folder.sessions.items() if session.is_simulated]
+    if simulated:
+        raise InputError(
+            f"{folder.path}: expected no simulated participants, found {simulated[0]}; "
+            "people need another folder"
+        )
     missing = [file for file in study.files().values() if not file.is_file()]
     if missing:
-        raise InputError(f"{missing[0]}: expected a stimulus, found none ({len(missing)} missing)")
-    conductor = Conductor(study, folder, participant)
+        raise InputError(
+            f"{missing[0]}: expected a stimulus, found none ({len(missing)} missing); "
+            "'manip3d study stimuli' makes them"
+        )
+    server = study_server(study, folder, participant, port)
     # Ctrl-C is how it ends.
-    server = LocalServer(study_pages(study), conductor.hear, port=port)
     with server, contextlib.suppress(KeyboardInterrupt):
         if on_start is not None:
             on_start(server.new_url())
@@ -413,6 +454,7 @@ def simulate_participants(
     ----------
     study : Study
     folder : StudyFolder
+        Without answers of people, which simulated ones must not mix with.
     count : int
     seed : int
 
@@ -424,7 +466,7 @@ def simulate_participants(
     Raises
     ------
     InputError
-        ``count`` is out of range.
+        ``count`` is out of range, or the folder holds other participants.
     OSError
         An answer could not be written.
 
@@ -443,7 +485,13 @@ def simulate_participants(
     if not 1 <= count <= 10_000:
         raise InputError(f"count: expected 1 to 10000, got {count}")
     rng = np.random.default_rng([seed, study.common.seed])
-    codes = [f"sim-{number:03d}" for number in range(count)]
+    people = [code for code, session in folder.sessions.items() if not session.is_simulated]
+    if people:
+        raise InputError(
+            f"{folder.path}: expected no participants but simulated ones, found {people[0]}; "
+            "simulate into another folder"
+        )
+    codes = [f"{SIMULATED}{number:03d}" for number in range(count)]
     for number, code in enumerate(codes):
         session = folder.begin(code)
         while (step := study.step(session)) is not None:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from manip3d.errors import FormatError
+from manip3d.errors import FormatError, InputError
 from manip3d.io._files import regular_bytes
 from manip3d.study._agreement import fleiss_kappa_interval, share_interval
 from manip3d.study._definition import Common, Section
@@ -79,12 +79,18 @@ def read_items(folder: Path) -> tuple[Item, ...]:
 
     Raises
     ------
+    InputError
+        There is no such list.
     FormatError
         A line is wrong, or names a file that is not in the folder.
     OSError
         It cannot be read.
     """
     path = folder / MANIFEST
+    if not path.is_file():
+        raise InputError(
+            f"{path}: expected a list of stimuli, found none; 'manip3d study stimuli' makes both"
+        )
     try:
         rows = list(csv.reader(regular_bytes(path).decode("utf-8-sig").splitlines(), strict=True))
     except (ValueError, csv.Error) as error:
@@ -246,6 +252,10 @@ class RatingStudy(Study):
             for name, value in answer.values.items()
         }
 
+    def _has_rated_all(self, session: Session) -> bool:
+        rated = {a.condition["file"] for a in session.answers if "truth" in a.condition}
+        return rated >= {item.file for item in self._asked()}
+
     def simulate(self, session: Session, step: Step, rng: np.random.Generator) -> dict[str, Value]:
         if not step.fields:
             return {}
@@ -267,8 +277,8 @@ class RatingStudy(Study):
         list of dict
             Answers by verdict; percent right, undecidable, and not right with their 95 % intervals
             (Wilson; answers of one person depend on each other, which these do not know); then, in
-            the rows with truth ``all``, Fleiss' kappa of those who have finished, and the published
-            percentage.
+            the rows with truth ``all``, Fleiss' kappa with its numbers of raters and of items, and
+            the published percentage. Raters are those who have rated every stimulus of the study.
         """
         answers = [
             answer
@@ -276,6 +286,7 @@ class RatingStudy(Study):
             for answer in session.answers
             if "truth" in answer.condition
         ]
+        finished = [answer for s in sessions if self._has_rated_all(s) for answer in s.answers]
         arms = sorted({_arm(answer.condition) for answer in answers})
         rows = []
         for arm in arms:
@@ -285,7 +296,9 @@ class RatingStudy(Study):
                 chosen = [a for a in own if truth in ("all", a.condition["truth"])]
                 row = dict(zip(("form", "modality", "resolution"), arm, strict=True))
                 rows.append(row | {"truth": truth} | _counted(chosen))
-            rows[-1] |= _agreement(own)
+            rows[-1] |= _agreement(
+                [a for a in finished if "truth" in a.condition and _arm(a.condition) == arm]
+            )
             is_published = arm == ("clip", "color", "low")
             rows[-1]["published_unable_percent"] = (
                 PUBLISHED_UNABLE_PERCENT if is_published else None
@@ -338,24 +351,19 @@ def _counted(answers: Sequence[Any]) -> dict[str, Any]:
 
 
 def _agreement(answers: Sequence[Any]) -> dict[str, Any]:
-    """Fleiss' kappa over the items that as many people have rated as any."""
+    """Fleiss' kappa of people who have all rated the same items."""
     names = [name for name, _ in VERDICTS]
     by_item: dict[str, Counter[str]] = {}
     for answer in answers:
         by_item.setdefault(str(answer.condition["file"]), Counter())[
             str(answer.values["verdict"])
         ] += 1
-    raters = max(counts.total() for counts in by_item.values())
-    table = [[c[name] for name in names] for c in by_item.values() if c.total() == raters]
+    raters = max((counts.total() for counts in by_item.values()), default=0)
+    row: dict[str, Any] = {"raters": raters, "items": len(by_item)}
     if raters < 2:
-        return {"raters": raters, "kappa": None, "kappa_low": None, "kappa_high": None}
-    found = fleiss_kappa_interval(table)
-    return {
-        "raters": raters,
-        "kappa": found.value,
-        "kappa_low": found.low,
-        "kappa_high": found.high,
-    }
+        return row | {"kappa": None, "kappa_low": None, "kappa_high": None}
+    found = fleiss_kappa_interval([[c[name] for name in names] for c in by_item.values()])
+    return row | {"kappa": found.value, "kappa_low": found.low, "kappa_high": found.high}
 
 
 def _check_composition(items: Sequence[Item], folder: Path) -> None:

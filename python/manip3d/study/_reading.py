@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -9,13 +10,14 @@ from typing import Any
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
-from manip3d.errors import InputError
+from manip3d.errors import FormatError, InputError
 from manip3d.io._files import atomic_write
 from manip3d.study._definition import Section, read_table
 from manip3d.study._display import DisplayStudy
 from manip3d.study._engine import Study
 from manip3d.study._jnd import JndStudy
 from manip3d.study._rating import RatingStudy
+from manip3d.study._store import CHECKSUMS
 
 _KINDS = {"rating": RatingStudy, "jnd": JndStudy, "display": DisplayStudy}
 
@@ -36,12 +38,16 @@ def read_study(path: str | os.PathLike[str]) -> tuple[Study, dict[str, Any]]:
     -------
     study : Study
     definition : dict
-        As it stands in the file, for `StudyFolder`; with the stimuli of a rating.
+        As it stands in the file, for `StudyFolder`; with the stimuli of a rating, and with the
+        checksums of all stimuli that are there, by which a changed one is noticed.
 
     Raises
     ------
     FormatError
-        It is no definition, or something in it is missing, unknown or out of range.
+        It is no definition, something in it is missing, unknown or out of range, or two columns of
+        the results would have the same name.
+    InputError
+        A rating has no stimuli.
     OSError
         It cannot be read.
 
@@ -57,9 +63,13 @@ def read_study(path: str | os.PathLike[str]) -> tuple[Study, dict[str, Any]]:
     file = path_of(path)
     definition = read_table(file)
     study = _study(definition, file.parent, str(file))
+    _check_names(study, str(file))
     if isinstance(study, RatingStudy):  # the answers need what the stimuli were
         items = [{k: v for k, v in vars(item).items() if v != ""} for item in study.items]
         definition["rating"] = definition["rating"] | {"items": items}
+    checksums = {n: _checksum(f) for n, f in study.files().items() if f.is_file()}
+    if checksums:
+        definition[CHECKSUMS] = checksums
     return study, definition
 
 
@@ -91,9 +101,38 @@ def study_of(definition: Mapping[str, Any]) -> Study:
 
 
 def _study(definition: Mapping[str, Any], base: Path | None, file: str) -> Study:
+    if base is None:  # stored with answers
+        definition = {key: value for key, value in definition.items() if key != CHECKSUMS}
     top = Section(definition, "", file)
     kind = top.word("kind", tuple(_KINDS))
     return _KINDS[kind].read(Section(definition, "", file), base)  # type: ignore[attr-defined, no-any-return]
+
+
+def _checksum(file: Path) -> str:
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+_RESERVED = ("record_id", "state", "group", "card_px", "distance_cm")
+"""Columns of the results that all studies have, or any may have."""
+
+
+def _check_names(study: Study, file: str) -> None:
+    """Refuse a name that two columns of the results would have."""
+    names = [*_RESERVED, *(field.name for _, field in study.variables())]
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise FormatError(
+            f"{study.common.kind}: expected names that differ in the results, got {twice[0]} twice",
+            file=file,
+        )
+    for number, field in enumerate(study.common.demographics):
+        if field.name in names:
+            raise FormatError(
+                f"demographics[{number}].name: expected a name that no other column of the "
+                f"results has, got {field.name!r}",
+                file=file,
+            )
 
 
 _CONSENT = 'consent = ["This is a trial run with made-up questions; its answers mean nothing."]'

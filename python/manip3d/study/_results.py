@@ -7,6 +7,7 @@ import html
 import io
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -64,12 +65,14 @@ def write_results(
     ----------
     study : Study
     folder : StudyFolder
-        The answers.
+        The answers. Where journals were damaged (`StudyFolder.damaged`), ``summary.html`` tells it.
     output : path-like
         A folder to be made: ``answers.csv`` (a row for each answer, with its truth),
         ``participants.csv`` (a row for each participant, in the variables of
         ``redcap_dictionary.csv``, ready to be imported), ``summary.csv`` and ``summary.html``
-        (beside what is published). Those who did not agree have no row.
+        (beside what is published). Those who did not agree have no row. Texts stand in the two
+        files for REDCap as they were typed; in ``answers.csv`` and ``summary.csv`` those that a
+        spreadsheet would take for a formula have an apostrophe before them.
     overwrite : bool
         Replace it if it is there.
 
@@ -113,9 +116,9 @@ def write_results(
     contents = {
         "answers.csv": csv_of(_ANSWER_COLUMNS, _answers(sessions)),
         "participants.csv": _wide(study, sessions),
-        "redcap_dictionary.csv": csv_of(REDCAP_COLUMNS, _dictionary(study)),
+        "redcap_dictionary.csv": csv_of(REDCAP_COLUMNS, _dictionary(study), verbatim=True),
         "summary.csv": csv_of(*_as_table(rows)),
-        "summary.html": _page(study, sessions, rows),
+        "summary.html": _page(study, sessions, rows, folder.damaged),
     }
     with atomic_folder(target) as new:
         for name, content in contents.items():
@@ -175,7 +178,7 @@ def _wide(study: Study, sessions: Sequence[Session]) -> str:
         for name in (*names, *own):
             row.append(_coded(fields[name], values.get(name)))
         rows.append(row)
-    return csv_of(columns, rows)
+    return csv_of(columns, rows, verbatim=True)
 
 
 def _coded(field: Field, value: Value) -> object:
@@ -197,7 +200,8 @@ def _dictionary(study: Study) -> Iterable[Sequence[str]]:
         header = part if part != last else ""
         last = part
         if field.type == "choice":
-            coded = " | ".join(f"{n}, {label}" for n, (_, label) in enumerate(field.choices, 1))
+            labels = (_choice_label(label) for _, label in field.choices)
+            coded = " | ".join(f"{n}, {label}" for n, label in enumerate(labels, 1))
             yield _entry(field.name, form, header, "radio", field.label, coded)
         elif field.type == "scale":
             scores = range(int(field.low), int(field.high) + 1)
@@ -207,8 +211,20 @@ def _dictionary(study: Study) -> Iterable[Sequence[str]]:
         elif field.type == "text":
             yield _entry(field.name, form, header, "notes", field.label)
         else:
-            low, high = (f"{field.low:g}", f"{field.high:g}") if field.high else ("", "")
+            has_bounds = (field.low, field.high) != (0.0, 0.0)
+            low, high = (_exact(field.low), _exact(field.high)) if has_bounds else ("", "")
             yield _entry(field.name, form, header, "text", field.label, "", "number", low, high)
+
+
+def _choice_label(label: str) -> str:
+    """A label as REDCap can hold it: bars and line ends part its choices from each other."""
+    return " ".join(label.replace("|", "/").split())
+
+
+def _exact(number: float) -> str:
+    """All digits of a number, without an exponent, which REDCap does not read."""
+    text = format(Decimal(repr(number + 0.0)), "f")  # never -0
+    return text.rstrip("0").rstrip(".") if "." in text else text
 
 
 def _entry(
@@ -226,24 +242,28 @@ def _entry(
     return row + [""] * (len(REDCAP_COLUMNS) - len(row))
 
 
-def csv_of(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+def csv_of(
+    columns: Sequence[str], rows: Iterable[Sequence[object]], *, verbatim: bool = False
+) -> str:
     """Return a table as CSV [RFC 4180].
 
-    A text that a spreadsheet would take for a formula gets an apostrophe before it: participants
-    type texts, and researchers open them.
+    A text that a spreadsheet would take for a formula gets an apostrophe before it, unless it is to
+    stand verbatim, for another program to import: participants type texts, and researchers open
+    them.
     """
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\r\n")
     writer.writerow(columns)
     for row in rows:
-        writer.writerow([_harmless(cell) for cell in row])
+        cells = ["" if cell is None else cell for cell in row]
+        writer.writerow(cells if verbatim else [_harmless(cell) for cell in cells])
     return stream.getvalue()
 
 
 def _harmless(cell: object) -> object:
     if isinstance(cell, str) and cell[:1] in ("=", "+", "-", "@", "\t", "\r"):
         return f"'{cell}"
-    return "" if cell is None else cell
+    return cell
 
 
 def _as_table(rows: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[list[object]]]:
@@ -267,12 +287,19 @@ rect{fill:#1c62b9}text{font:9px sans-serif;fill:#566274}.quiet{color:#566274}
 """
 
 
-def _page(study: Study, sessions: Sequence[Session], rows: Sequence[Mapping[str, Any]]) -> str:
+def _page(
+    study: Study,
+    sessions: Sequence[Session],
+    rows: Sequence[Mapping[str, Any]],
+    damaged: Iterable[str],
+) -> str:
     states = [state_of(study, session) for session in sessions]
     told = f"{len(sessions)} participants, {states.count('finished')} of them to the end."
-    simulated = sum(session.participant.startswith("sim-") for session in sessions)
+    simulated = sum(session.is_simulated for session in sessions)
     if simulated:
         told += f" {simulated} of them are simulated: their numbers say nothing about people."
+    if lost := ", ".join(sorted(damaged)):
+        told += f" Without those whose journals are damaged: {html.escape(lost)}."
     body = _histograms(rows) if study.common.kind == "display" else _table(rows)
     title = html.escape(study.common.title)
     return (
@@ -294,7 +321,8 @@ _NOTES = {
         "Unable: undecidable or wrong. Published, for low-resolution colour videos: unable to "
         "identify the difference 76 % of the time, by six people; the text does not say whether "
         "wrong answers count, so compare both undecidable and unable. Intervals are Wilson's, for "
-        "independent answers; those of one person are not."
+        "independent answers; those of one person are not. Kappa is of those who have rated every "
+        "stimulus of the study."
     ),
     "jnd": (
         "JND: difference in polygon counts, percent of the original, of which 70.7 % of the "

@@ -23,6 +23,12 @@ from manip3d.study._steps import Value
 CODE = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}")
 """Codes of participants: pseudonyms, which are also file names."""
 
+SIMULATED = "sim-"
+"""With which the codes of simulated participants begin, and nobody else's."""
+
+CHECKSUMS = "sha256"
+"""In a definition that is stored with its answers: SHA-256 of each stimulus by its name."""
+
 _DEFINITION = "study.json"
 _PARTICIPANTS = "participants"
 
@@ -79,6 +85,12 @@ class Session:
         return next((each for each in self.answers if each.step == step), None)
 
     @property
+    def is_simulated(self) -> bool:
+        """Whether nobody has answered: by its code, and by the time that no answer took."""
+        timed = any(answer.elapsed_ms > 0 for answer in self.answers)
+        return self.participant.startswith(SIMULATED) and not timed
+
+    @property
     def group(self) -> str:
         """The group that they said they belong to; empty where nobody asked."""
         about = self.answer("about")
@@ -100,16 +112,23 @@ class StudyFolder:
     path : path-like
         Made if it is absent.
     definition : mapping, optional
-        Stored with the first answer folder; a folder that holds answers to another definition is
-        refused. Without it the folder must be there.
+        Stored with the first answer folder; a folder that holds answers to another definition, or
+        to stimuli whose files have changed since, is refused. Without it the folder must be there.
     read_only : bool
         Read the answers that are stored at this moment, also while another process runs the study.
-        Nothing can be stored.
+        Nothing can be stored, and a damaged journal is passed over.
+
+    Attributes
+    ----------
+    sessions : dict of str to Session
+        By the codes of participants.
+    damaged : dict of str to str
+        What is wrong with journals that were passed over, by code.
 
     Raises
     ------
     InputError
-        The folder holds another definition, or is in use.
+        The folder holds another definition or answers to other stimuli, or is in use.
     FormatError
         A file in it is damaged.
     OSError
@@ -135,12 +154,17 @@ class StudyFolder:
         try:
             self.definition = self._agreed(definition)
             self.sessions: dict[str, Session] = {}
+            self.damaged: dict[str, str] = {}
             for file in sorted((self.path / _PARTICIPANTS).glob("*.jsonl")):
                 try:
                     self.sessions[file.stem] = self._read(file)
                 except FileNotFoundError:
                     if not read_only:  # somebody has withdrawn meanwhile
                         raise
+                except FormatError as error:
+                    if not read_only:
+                        raise
+                    self.damaged[file.stem] = str(error)
         except BaseException:
             self.close()
             raise
@@ -169,17 +193,30 @@ class StudyFolder:
                 stored = json.loads(regular_bytes(file))
             except ValueError as error:
                 raise FormatError(f"expected JSON: {error}", file=str(file)) from None
-            if not isinstance(stored, dict):
+            if not isinstance(stored, dict) or not isinstance(stored.get(CHECKSUMS, {}), dict):
                 raise FormatError("expected an object", file=str(file))
-            if definition is not None and _canonical(definition) != _canonical(stored):
+            if definition is None:
+                return stored
+            if _canonical(_without_checksums(definition)) != _canonical(_without_checksums(stored)):
                 raise InputError(
                     f"{self.path}: holds answers to another definition; a study that has changed "
                     "needs another folder"
                 )
-            return stored
+            if any((self.path / _PARTICIPANTS).glob("*.jsonl")):
+                self._check_stimuli(stored.get(CHECKSUMS, {}), definition.get(CHECKSUMS, {}))
+                return stored
         assert definition is not None
         atomic_write(file, _canonical(definition) + "\n")
         return dict(definition)
+
+    def _check_stimuli(self, stored: Mapping[str, Any], given: Mapping[str, Any]) -> None:
+        """Refuse stimuli that have changed; a study of before there were checksums has none."""
+        for name in sorted(stored.keys() & given.keys()):
+            if stored[name] != given[name]:
+                raise InputError(
+                    f"{self.path}: holds answers to another file {name}, of SHA-256 "
+                    f"{stored[name]}; stimuli that have changed need another folder"
+                )
 
     def begin(self, participant: str) -> Session:
         """Return the session of a participant: a new one, or the one that was interrupted.
@@ -190,21 +227,32 @@ class StudyFolder:
             The code is no code, or differs from another only in its letters' case; the folder was
             opened for reading only.
         """
-        if not CODE.fullmatch(participant):
-            raise InputError(
-                "participant: expected letters, digits, - and _, at most 32, "
-                f"got {participant[:40]!r}"
-            )
+        self.check_code(participant)
         if participant in self.sessions:
             return self.sessions[participant]
         self._refuse_if_read_only()
-        if participant.lower() in (code.lower() for code in self.sessions):
-            raise InputError(f"participant: {participant} differs from another code only in case")
         number = 1 + max((s.number for s in self.sessions.values()), default=-1)
         file = self._file(participant)
         atomic_write(file, _line({"participant": participant, "number": number}))
         self.sessions[participant] = Session(participant, number)
         return self.sessions[participant]
+
+    def check_code(self, participant: str) -> None:
+        """Refuse a code with which nobody could begin.
+
+        Raises
+        ------
+        InputError
+            It is no code, or differs from another only in its letters' case.
+        """
+        if not CODE.fullmatch(participant):
+            raise InputError(
+                "participant: expected letters, digits, - and _, at most 32, "
+                f"got {participant[:40]!r}"
+            )
+        others = (code.lower() for code in self.sessions if code != participant)
+        if participant.lower() in others:
+            raise InputError(f"participant: {participant} differs from another code only in case")
 
     def store(self, participant: str, answer: Answer) -> Answer:
         """Append an answer; when this returns, it is on the disk.
@@ -293,6 +341,10 @@ class StudyFolder:
 
 def _canonical(definition: Mapping[str, Any]) -> str:
     return json.dumps(definition, sort_keys=True, ensure_ascii=False, indent=1)
+
+
+def _without_checksums(definition: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in definition.items() if key != CHECKSUMS}
 
 
 def _line(record: Mapping[str, Any]) -> str:

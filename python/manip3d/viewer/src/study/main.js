@@ -3,6 +3,7 @@
 import { Turntable } from "./turntable.js";
 
 const AGAIN_MS = 1000;
+const REFUSED = [1007, 1008, 1009]; // the server has read what was sent, and does not take it
 const CARD_RATIO = 53.98 / 85.6; // of a bank card [ISO/IEC 7810, ID-1]
 
 /**
@@ -47,6 +48,8 @@ let shown = null;
 /** @type {Turntable | null} */
 let turntable = null;
 let generation = 0; // of what is shown
+let isHeard = false; // whether the server has said anything on this connection
+let refusal = ""; // why the last answer was not taken
 
 /** @param {string} tag @param {object} attributes @param {(Node | string)[]} children */
 function make(tag, attributes = {}, ...children) {
@@ -68,16 +71,31 @@ function tell(text) {
 
 function connect() {
   socket = new WebSocket(`ws://${location.host}/stream`);
+  isHeard = false;
   socket.addEventListener("open", () => {
-    tell("");
+    tell(refusal);
     const participant = sessionStorage.getItem("participant");
     send(participant ? { type: "begin", participant } : { type: "hello" });
   });
-  socket.addEventListener("message", ({ data }) => take(JSON.parse(data)));
-  socket.addEventListener("close", () => {
-    tell("No connection. Your answers are kept; the study goes on when it is back.");
+  socket.addEventListener("message", ({ data }) => {
+    isHeard = true;
+    take(JSON.parse(data));
+  });
+  socket.addEventListener("close", ({ code, reason }) => {
+    if (REFUSED.includes(code)) refuse(reason);
+    else tell("No connection. Your answers are kept; the study goes on when it is back.");
     setTimeout(connect, AGAIN_MS);
   });
+}
+
+/** What was refused once is refused again: it is not sent again. @param {string} reason */
+function refuse(reason) {
+  if (pending) {
+    refusal = `Your answer was not taken. Please change it, then go on. (${reason || "too long"})`;
+  }
+  pending = null;
+  if (!isHeard) sessionStorage.removeItem("participant"); // the code itself
+  tell(refusal);
 }
 
 /** @param {any} message */
@@ -95,8 +113,13 @@ function take(message) {
       return;
     }
     pending = null;
-    if (shown?.id === message.id) unlock(); // what is typed stays
-    else showStep(message);
+    if (shown?.id === message.id) {
+      unlock(); // what is typed stays
+      return;
+    }
+    refusal = "";
+    tell("");
+    showStep(message);
   }
 }
 
@@ -210,7 +233,7 @@ function lock(form, locked) {
 function unlock() {
   const form = document.getElementById("form");
   if (form?.dataset.began) lock(form, false);
-  tell("");
+  tell(refusal);
 }
 
 /** @param {Field} field @returns {Node[]} */
@@ -218,7 +241,9 @@ function question(field) {
   if (field.type === "choice" || field.type === "scale") return [options(field)];
   const label = make("label", {}, field.label + (field.optional ? " (may be left empty)" : ""));
   if (field.type === "text") {
-    label.append(make("textarea", { name: field.name, maxLength: 2000, required: !field.optional }));
+    const area = make("textarea", { name: field.name, maxLength: 2000, required: !field.optional });
+    area.addEventListener("input", () => area.setCustomValidity(""));
+    label.append(area);
   } else if (field.type === "number") {
     const input = make("input", { name: field.name, type: "number", required: !field.optional });
     Object.assign(input, { min: field.low, max: field.high, step: "any", inputMode: "decimal" });
@@ -321,10 +346,34 @@ function picture({ address, type }, pane) {
   });
 }
 
+/** A text as the server takes it: without control characters and halves of characters. */
+function plain(/** @type {string} */ text) {
+  return text
+    .replace(/\r\n?/g, "\n")
+    .replace(/[\u0000-\u0009\u000b-\u001f\u007f-\u009f]/g, " ")
+    .replace(/[\ud800-\udfff]/gu, "");
+}
+
+/**
+ * Clean what was typed; a text that is asked for needs more than spaces.
+ * @param {Step} step @param {HTMLElement} form
+ */
+function clean(step, form) {
+  const optional = new Set(step.fields.filter((field) => field.optional).map(({ name }) => name));
+  for (const area of form.querySelectorAll("textarea")) {
+    area.value = plain(area.value);
+    const isMissing = !optional.has(area.name) && !area.value.trim();
+    area.setCustomValidity(isMissing ? "Please write something." : "");
+  }
+}
+
 /** @param {Step} step @param {HTMLFormElement} form @param {Record<string, string>} chosen */
 function answer(step, form, chosen = {}) {
   if (pending || !form.dataset.began) return;
+  clean(step, form);
   if (!form.reportValidity()) return;
+  refusal = "";
+  tell("");
   const given = new FormData(form);
   /** @type {Record<string, string | number>} */
   const message = {
