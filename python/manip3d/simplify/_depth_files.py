@@ -428,7 +428,7 @@ def _write(
     seconds, least = 0.0, 0
     with tempfile.TemporaryDirectory() as folder:
 
-        def measured(points: int) -> tuple[_Made, int, int]:
+        def written(points: int) -> tuple[_Made, int, int]:
             nonlocal seconds, least
             trial = Path(folder, str(points), output.name)
             trial.parent.mkdir(exist_ok=True)
@@ -440,7 +440,7 @@ def _write(
             return replace(made, num_bytes=least), made.found.num_vertices, least
 
         fitting = fit_bytes(
-            measured,
+            written,
             most_points=_MOST_POINTS if options.points is None else options.points,
             allowance=allowance,
             guess=allowance / _BYTES_PER_POINT,
