@@ -28,9 +28,9 @@ SAMPLES = 200_000
 def run(mode: simplify.Mode, num_faces: int, mebibytes: int, output: Path) -> dict[str, Any]:
     """One run in this process; 0 MiB: without a ceiling."""
     mesh = relief_lattice(num_faces)
-    ceiling = mebibytes * tables.MIB if mebibytes else None
+    memory = mebibytes * tables.MIB if mebibytes else None
     target = int(RATIO * mesh.num_faces)
-    result, cost = measure(simplify.simplify, mesh, mode, target_faces=target, memory=ceiling)
+    result, cost = measure(simplify.simplify, mesh, mode, target_faces=target, memory=memory)
     result.mesh.write(output)
     left = result.mesh.num_faces
     return {"target": target, "left": left, "cpu_s": cost.cpu_s, "peak": cost.peak_bytes}

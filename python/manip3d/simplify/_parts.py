@@ -113,7 +113,7 @@ def join(parts: Sequence[Mesh], faces: NDArray[np.int32], last: Mesh | None) -> 
     parts : sequence of Mesh
         Vertices and what belongs to corners and faces; their own `faces` are not looked at.
     faces : (F, 3) int32
-        Faces of all parts, one after the other, and of `last`.
+        The faces of all parts, one after the other, then those of `last`.
     last : Mesh or None
         Faces between parts: its vertices are those of the parts.
     """
