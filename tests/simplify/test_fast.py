@@ -276,3 +276,24 @@ def test_rocker_arm_is_below_meshoptimizer(real_mesh: Callable[[str], Mesh]) -> 
     mesh = real_mesh("rockerArm")
     result = simplify.fast(mesh, target_faces=8174)
     assert metrics.metro(mesh, result.mesh, sampling="area").mean <= 0.9 * 0.118e-3
+
+
+def test_many_pieces_do_not_take_a_pass_each() -> None:
+    """Of separate triangles nothing can collapse: the cheapest go together."""
+    rng = np.random.default_rng(0)
+    number = 5000
+    corners = rng.random((number, 1, 3)) + 0.01 * rng.random((number, 3, 3))
+    areas = np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    faces = np.arange(3 * number, dtype=np.int32).reshape(-1, 3)
+    mesh = Mesh(corners.reshape(-1, 3).astype(np.float32), faces)
+    told: list[float] = []
+    found = simplify.simplify(
+        mesh, "fast", target_faces=1000, progress=lambda done, _: told.append(done)
+    )
+    assert found.mesh.num_faces == 1000
+    assert len(told) < 100
+    left = found.mesh.vertices[found.mesh.faces]
+    kept = np.linalg.norm(np.cross(left[:, 1] - left[:, 0], left[:, 2] - left[:, 0]), axis=1)
+    assert kept.mean() > 1.5 * areas.mean()  # small ones went

@@ -6,7 +6,9 @@
 #include <bit>
 #include <cmath>
 #include <cstdint>
+#include <functional>
 #include <optional>
+#include <queue>
 #include <span>
 #include <string>
 #include <utility>
@@ -597,34 +599,42 @@ class FastSimplifier {
   /// Which pieces remove_pieces() takes.
   enum class Choice : std::uint8_t {
     kCheap,     // those below the limit that do not go beyond the target
-    kCheapest,  // the same, but one at least
-    kAny,       // one at least, even if less is left than the target asks for
+    kCheapest,  // the cheapest, whatever they cost, that do not go beyond the target
+    kAny,       // one, even if less is left than the target asks for
   };
 
   /// Takes away the pieces that cost least; how many faces that were.
   std::int64_t remove_pieces(double limit, Choice choice) {
     if (!pieces_) return 0;
-    const bool at_least_one = choice != Choice::kCheap;
+    const bool is_forced = choice != Choice::kCheap;
     std::vector<std::int64_t> count(pieces_->size(), 0);
     for (const Triple& face : faces_) ++count[piece_of(face)];
-    std::vector<std::pair<double, std::int32_t>> queue;
+    using Priced = std::pair<double, std::int32_t>;
+    std::priority_queue<Priced, std::vector<Priced>, std::greater<>> queue;
     for (std::int32_t i = 0; i < pieces_->size(); ++i) {
       pieces_->remove_faces(i, pieces_->num_faces(i) - count[i]);
       if (!pieces_->is_there(i) || is_kept_[i] != 0) continue;
       const double price = piece_price(i);
-      if (std::isfinite(price) && (price <= limit || at_least_one)) queue.emplace_back(price, i);
+      if (std::isfinite(price) && (price <= limit || is_forced)) queue.emplace(price, i);
     }
-    std::sort(queue.begin(), queue.end());
     std::int64_t gone = 0;
     std::vector<std::uint8_t> is_gone(pieces_->size(), 0);
-    for (const auto& [price, i] : queue) {
+    while (!queue.empty()) {
+      const std::int32_t i = queue.top().second;
+      queue.pop();
       const std::int64_t needed = num_faces() - gone - options_.target_faces;
       if (needed <= 0) break;
       if (count[i] > needed && choice != Choice::kAny) continue;
-      if (price > limit && gone > 0) break;
       pieces_->refresh(i);
       const double now = piece_price(i);
-      if (!std::isfinite(now) || (now > limit && !(at_least_one && gone == 0))) continue;
+      if (!std::isfinite(now)) continue;
+      if (now > limit) {
+        if (!is_forced || (choice == Choice::kAny && gone > 0)) continue;
+        if (!queue.empty() && now > queue.top().first) {  // what lay beside it is gone
+          queue.emplace(now, i);
+          continue;
+        }
+      }
       const double error = scale_ * pieces_->mean_distance(i);
       if (error > options_.max_error) {
         ++result_.rejected[static_cast<std::size_t>(Rejection::kErrorLimit)];
