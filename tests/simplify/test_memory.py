@@ -85,12 +85,13 @@ def small_process(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(_memory, "resident_bytes", lambda: 0)
 
 
-@pytest.mark.parametrize(("mode", "room"), [("quality", 40 << 20), ("fast", 36 << 20)])
+@pytest.mark.parametrize(("mode", "room"), [("quality", 48 << 20), ("fast", 36 << 20)])
 def test_the_process_stays_below_its_ceiling(mode: str, room: int, tmp_path: Path) -> None:
     """Parts of 180 000 textured faces, which in one run need about 100 MiB (`quality`)."""
     written = tmp_path / "few.ply"
     command = [sys.executable, "-c", ONE_RUN, str(Path(__file__).parent), mode, str(room)]
-    done = subprocess.run([*command, str(written)], check=True, capture_output=True, text=True)
+    done = subprocess.run([*command, str(written)], check=False, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
     memory, peak, depth, left, stop = json.loads(done.stdout)
     assert peak <= memory
     assert stop == "target_reached"
