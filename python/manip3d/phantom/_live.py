@@ -185,14 +185,14 @@ def run_live(
     began = time.monotonic()
     plays_legs = game in GAMES and GAMES[game].limbs == "legs"  # type: ignore[index]
     limb = affected or (limb_of(source) if source else "right_leg" if plays_legs else "right_arm")
+    if source is None or source.startswith("sim:"):
+        require("live")
     recorder = None
     if diary is not None:
         recorder = DiaryRecorder(diary, str(participant), diary_key, source or "sim:")
         if affected is None and recorder.limb in LIMBS:
             limb = recorder.limb
     address = source or simulated_patient(limb, game)
-    if address.startswith("sim:"):
-        require("live")
     session = LiveSession(
         limb,  # type: ignore[arg-type]
         game=game,
