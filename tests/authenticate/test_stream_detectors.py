@@ -130,7 +130,7 @@ def test_what_codecs_and_filters_repeat_is_not_accused(change: Any) -> None:
         frame.depth[wall] = frame.depth[wall] + np.uint16(200 * (number % 2))
     found = authenticate.inspect_stream(change(frames))
     assert found.verdict == "processed"
-    assert "never changes" in found.reason
+    assert ("never changes" if change is skipped_blocks else "from frame to frame") in found.reason
 
 
 def test_of_a_long_recording_runs_are_judged_and_no_more_are_kept() -> None:

@@ -375,6 +375,9 @@ def _processing(frames: Sequence[RgbdFrame]) -> tuple[Processing, ...]:
     if tiny > _MOST_TINY:
         detail = f"{tiny:.2%} of the pixels are nearer than {_LEAST_DEPTH} mm: holes were smeared"
         found.append(Processing("lossily coded", detail))
+    if _is_held(frames):
+        detail = f"no pixel changes by less than {_SMALL} mm from frame to frame, and many by more"
+        found.append(Processing("filtered", detail))
     doubled = max(float(np.mean([_doubled(image) for image in pair])) for pair in zip(
         *((f.depth, f.depth.T) for f in some), strict=True
     ))  # fmt: skip
@@ -383,6 +386,30 @@ def _processing(frames: Sequence[RgbdFrame]) -> tuple[Processing, ...]:
     return tuple(found)
 
 
+def _is_held(frames: Sequence[RgbdFrame]) -> bool:
+    """Whether pixels keep their value until they change by much, as filters against flicker do.
+
+    Where neighbours on a surface differ by little, so do a camera's pixels from frame to frame.
+    """
+    pairs = [(a.depth, b.depth) for a, b in pairwise(frames) if b.number == a.number + 1]
+    over_time = np.array([_changes(a, b) for a, b in pairs[:: max(1, len(pairs) // 6)]])
+    in_space = np.array([_changes(f.depth[:, 1:], f.depth[:, :-1]) for f in frames[::10]])
+    if not len(over_time):
+        return False
+    (small, all_), (small_beside, all_beside) = over_time.sum(axis=0), in_space.sum(axis=0)
+    is_much = all_ >= _LEAST_CHANGED * over_time.shape[0] * frames[0].depth.size
+    return bool(is_much and small < 0.02 * all_ and small_beside > 0.2 * all_beside)
+
+
+def _changes(one: Depth, other: Depth) -> tuple[int, int]:
+    """How many pixels differ by less than `_SMALL`, and by less than ten times as much."""
+    change = np.abs(one.astype(np.int32) - other)[(one > 0) & (other > 0)]
+    change = change[(change > 0) & (change < 10 * _SMALL)]
+    return int((change < _SMALL).sum()), len(change)
+
+
+_SMALL = 15  # mm
+_LEAST_CHANGED = 0.001  # of the pixels, from frame to frame
 _LEAST_DEPTH = 150  # mm; no depth camera measures nearer
 _MOST_DOUBLED = 0.2
 
