@@ -161,7 +161,7 @@ std::vector<Triangle> triangles_of(const Surface& surface, const PointGridView& 
 struct Relief::Memory {
   Surface surface;
   Surface half;                      ///< Every second pixel of it.
-  const Surface* worked = &surface;  ///< What is triangulated: one of both.
+  const Surface* worked = &surface;  ///< The surface that is triangulated: `surface` or `half`.
   relief_detail::BoundaryMover boundary;
   relief_detail::StartMesh start;
   Triangulation mesh;
@@ -210,7 +210,8 @@ void Relief::Memory::choose_surface(ReliefEffort effort, std::int64_t target) {
 
 void Relief::Memory::move_boundary(int sweeps) {
   if (worked != &surface) mesh.change_surface(half, surface);
-  // What the frame before had was moved then; of every second pixel it is not known which.
+  // Vertices of the frame before stay: they were moved then. With every second pixel it is not
+  // known which vertices those are.
   const std::span<const Keep> kept = worked == &surface ? keep : std::span<const Keep>();
   boundary.run(surface, mesh, kept, sweeps);
 }

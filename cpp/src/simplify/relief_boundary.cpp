@@ -61,15 +61,17 @@ bool is_linked(const Surface& surface, PixelPlace p, PixelPlace q) {
   return (cell(std::min(p[0], q[0]), p[1]) & kFull) == kFull;
 }
 
-/// What it is worth that the outer side from a to b, with the mesh on its left, becomes that from a
-/// to `to`, or that from `to` to b: one of both ends moves by `step`, and pixels are covered that
-/// were not, or not any more.
+/// Change of the covered surface, in pixels, when a boundary vertex moves by a pixel, seen at one
+/// of its two boundary edges: `from` and `to` are its places, `end` is the edge's other end, and
+/// the mesh lies on the left of the edge, which begins at the vertex where `starts` is true. A
+/// covered pixel without surface counts -kFalseFactor.
 int worth(const Surface& surface, const PixelPlace& from, const PixelPlace& to,
           const PixelPlace& end, bool starts) {
   const std::int64_t turn = starts ? doubled_area(from, end, to) : doubled_area(end, from, to);
   if (turn == 0) return 0;
   const bool gains = turn < 0;
-  // What stays covered lies on the old side where pixels are won, on the new one where lost.
+  // Pixels of the old edge are covered already when pixels are won, those of the new edge stay
+  // covered when pixels are lost: neither counts.
   const PixelPlace& kept = gains ? from : to;
   std::array<PixelPlace, 3> t = {from, end, to};
   if (doubled_area(t[0], t[1], t[2]) < 0) std::swap(t[1], t[2]);
@@ -162,7 +164,7 @@ bool BoundaryMover::move(const Surface& surface, Triangulation& mesh, std::int32
   Triangulation::Fan fan;
   if (!mesh.fan(v, fan)) return false;
   const std::int32_t first = fan.neighbors[0], last = fan.neighbors[fan.num_neighbors - 1];
-  // Where fans of others touch this one, they could be covered unseen.
+  // A pixel with several vertices joins several fans; a move could cover the others unnoticed.
   for (const std::int32_t at : {v, first, last}) {
     if (mesh.num_at(mesh.vertex(at).pixel) > 1) return false;
   }

@@ -1,4 +1,4 @@
-"""What this process holds in memory, and sizes as people write them."""
+"""Resident memory of this process, and sizes as people write them."""
 
 from __future__ import annotations
 

@@ -77,7 +77,7 @@ MILLIMETRES = 1000
 
 
 def allowance(embedding: str, units_per_m: int = MILLIMETRES) -> Allowance:
-    """What an embedding of `ALLOWED` may have moved on a grid of so many steps a metre."""
+    """The displacement that an embedding of `ALLOWED` causes on a grid of so many steps a metre."""
     found, scale = ALLOWED[embedding], MILLIMETRES / units_per_m
     return replace(
         found, tolerance=found.tolerance * scale, azimuth_error=found.azimuth_error * scale

@@ -249,7 +249,7 @@ ACTIONS: Mapping[str, str] = ReadOnlyMapping(
 
 
 class _Past(NamedTuple):
-    """What the witnesses of one frame saw; empty: it is clean."""
+    """Places of the attacks that the witnesses of one frame saw; empty: the frame is clean."""
 
     places: tuple[tuple[float, float], ...]  # in the frame of the first
     polars: tuple[tuple[float, float], ...]  # (d, theta) as the frame itself saw them

@@ -63,9 +63,9 @@ def _group() -> None:
 
 
 class _Moment(NamedTuple):
-    """What reaches the car at one time: the pictures of one pair, or of several by their names.
+    """Scan and pictures of one time: those of one stereo pair, or of several by their names.
 
-    In place of a scan that cannot be read stands why.
+    Where the scan cannot be read, the reason stands in its place.
     """
 
     frame: LidarFrame | str

@@ -390,7 +390,7 @@ def _verified(
     *,
     in_drive: bool,
 ) -> WatermarkResult:
-    """What the key says of a scan, or of the record of one that is missing.
+    """Verify a scan, or the record of a scan that is missing.
 
     A frame of a drive that cannot be read is undecidable, and those after it are judged.
     """

@@ -161,7 +161,7 @@ def judge_rating(ratings: Sequence[Rating], pain: int, at: datetime, *, when: Mo
 
 
 PAIN = "The pain rose. Please stop for today and tell your therapist."
-"""Where an adverse event does not say from what to what."""
+"""Reason that is shown for an adverse event of pain without its two ratings."""
 
 SICKNESS = "You feel sick. Please stop for today and tell your therapist."
 """What the page says after the patient said so."""

@@ -173,8 +173,8 @@ class Rating:
 
 
 def first_pain(ratings: Iterable[Rating]) -> int | None:
-    """What the ratings of a session, by time, are compared with: the first one, or what it was
-    corrected to at once."""
+    """The rating that later ones of a session, ordered by time, are compared with: the first one,
+    or its correction if that came at once."""
     first: Rating | None = None
     pain = None
     for rating in ratings:
