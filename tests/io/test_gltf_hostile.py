@@ -19,6 +19,10 @@ from manip3d.io import read_mesh_bytes
 
 Changes = dict[str, Any]
 
+# A fifth of a second on an idle machine. What grows with the square of the file's size takes
+# minutes, so that a busy machine may take its time.
+MOST_SECONDS = 5.0
+
 
 def accessors(**changes: Any) -> Changes:
     """Of the positions."""
@@ -238,7 +242,7 @@ def test_the_zoo(name: str) -> None:
     begin = time.process_time()
     with pytest.raises(manip3d.FormatError, match=message) as caught:
         read_mesh_bytes(content, "gltf")
-    assert time.process_time() - begin < 1
+    assert time.process_time() - begin < MOST_SECONDS
     assert caught.value.byte_offset is not None
 
 
@@ -320,7 +324,7 @@ def test_what_a_compressed_mebibyte_may_become_is_bounded(content: bytes | None)
     begin = time.process_time()
     with pytest.raises(manip3d.FormatError):
         read_mesh_bytes(small, "glb")
-    assert time.process_time() - begin < 1
+    assert time.process_time() - begin < MOST_SECONDS
 
 
 HOSTILE: dict[str, bytes] = {
@@ -351,7 +355,7 @@ def test_a_mebibyte_takes_little_memory_and_time(tmp_path: Path, name: str) -> N
         [sys.executable, "-c", program, str(path)], check=True, capture_output=True, text=True
     ).stdout
     seconds, kibibytes = map(float, output.split())
-    assert seconds < 1
+    assert seconds < MOST_SECONDS
     assert kibibytes < 256 * 1024
 
 

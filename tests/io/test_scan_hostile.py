@@ -102,4 +102,4 @@ def test_hostile_mebibyte_stays_small_and_quick(tmp_path: Path, name: str) -> No
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     peak, seconds = map(float, done.stdout.split())
     assert peak <= 256 * MIB
-    assert seconds <= 3.0  # a second on an idle machine; this one may be busy
+    assert seconds <= 5.0  # a second on an idle machine; this one may be busy
