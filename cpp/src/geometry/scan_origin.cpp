@@ -122,10 +122,12 @@ double unevenness(const std::vector<Patch>& patches, const Vector3d& origin, int
 }
 
 // The position that makes the patches most even: the best of a coarse block around the densest
-// surfaces, which are the nearest, then by halving steps.
+// surfaces, which are the nearest, then by halving steps. A cloud that nobody scanned may fall for
+// ever without a lowest place, so that each step makes a limited number of sweeps.
 Vector3d even_position(const std::vector<Patch>& patches, int axis, const Progress& progress) {
   constexpr int kSide = 9;
   constexpr int kStarts = 6;
+  constexpr int kSweeps = 16;              // with one step, which then is too small for the way
   constexpr double kSmallest = 0.002;      // metres
   constexpr double kSmallestShare = 1e-5;  // or of the extent
   std::vector<double> densities;
@@ -169,15 +171,17 @@ Vector3d even_position(const std::vector<Patch>& patches, int axis, const Progre
   for (int s = 0; s < kStarts; ++s) {
     Vector3d p = place(costs[s].second);
     double height = costs[s].first;
-    for (Vector3d step = extent / 8.0; step.maxCoeff() > smallest;) {
-      bool better = false;
-      for (int move = 0; move < 6; ++move) {
-        Vector3d next = p;
-        next[move / 2] += move % 2 == 0 ? step[move / 2] : -step[move / 2];
-        const double other = cost(next);
-        if (other < height) p = next, height = other, better = true;
+    for (Vector3d step = extent / 8.0; step.maxCoeff() > smallest; step /= 2.0) {
+      bool better = true;
+      for (int sweep = 0; better && sweep < kSweeps; ++sweep) {
+        better = false;
+        for (int move = 0; move < 6; ++move) {
+          Vector3d next = p;
+          next[move / 2] += move % 2 == 0 ? step[move / 2] : -step[move / 2];
+          const double other = cost(next);
+          if (other < height) p = next, height = other, better = true;
+        }
       }
-      if (!better) step /= 2.0;
     }
     if (height < lowest) best = p, lowest = height;
   }
