@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from manip3d.errors import FormatError
+
 
 def upper(
     source: Path, output: Path | None, *, log: str = "", seconds: float = 0.0, die: str = ""
@@ -39,3 +41,10 @@ def running(log: Path) -> list[int]:
     lines = [line.split() for line in log.read_text().splitlines()] if log.exists() else []
     ended = {tuple(rest) for word, *rest in lines if word == "end"}
     return [int(rest[1]) for word, *rest in lines if word == "begin" and tuple(rest) not in ended]
+
+
+def clashing(source: Path, output: Path | None) -> dict[str, Any]:
+    """Return values under the names of a batch's own columns; a bad text is a `FormatError`."""
+    if "bad" in source.read_text():
+        raise FormatError("expected a good text", file=str(source), line=3)
+    return {"source": "mine", "error": "mine", "task_seconds": -1.0, "seconds": 60.0}

@@ -96,6 +96,24 @@ class FormatError(Error, ValueError):
         return _format_error, (self.reason, self.file, self.line, self.byte_offset)
 
 
+def error_details(error: BaseException) -> dict[str, object]:
+    """Return the fields of any error for programs: ``code``, ``message``, and what more it has.
+
+    Examples
+    --------
+    >>> error_details(FileNotFoundError(2, "No such file or directory", "a.obj"))["code"]
+    'file'
+    """
+    if isinstance(error, Error):
+        return dict(error.details())
+    if isinstance(error, OSError):
+        return {"code": "file", "message": str(error), "file": error.filename}
+    return {
+        "code": "memory" if isinstance(error, MemoryError) else "internal",
+        "message": str(error),
+    }
+
+
 def _format_error(reason: str, file: str, line: int | None, byte_offset: int | None) -> FormatError:
     return FormatError(reason, file=file, line=line, byte_offset=byte_offset)
 

@@ -18,7 +18,7 @@ import pytest
 from manip3d import LidarFrame, Material, Mesh, Texture, batch, io, read_mesh
 from manip3d.errors import Error, FormatError, InputError
 from manip3d.io import read_scan
-from toy_work import running, upper
+from toy_work import clashing, running, upper
 
 TESTS = Path(__file__).parents[1]
 
@@ -307,6 +307,23 @@ def test_readers_and_writers_take_urls(memory: str) -> None:
     scan = read_scan(f"{memory}/s.bin")
     assert np.array_equal(scan.points, points)
     assert scan.source == f"{memory}/s.bin"
+
+
+def test_a_row_says_of_an_error_what_programs_need(texts: Path) -> None:
+    (texts / "b.txt").write_text("bad")
+    fine, bad = batch.run(clashing, texts, suffixes=[".txt"], jobs=1).rows[:2]
+    assert (fine["source"], fine["error"], fine["seconds"]) == (str(texts / "a.txt"), "", 60.0)
+    assert fine["task_seconds"] >= 0.0
+    name = str(texts / "b.txt")
+    assert bad["error"] == f"FormatError: {name}: line 3: expected a good text"
+    assert bad["error_details"] == {
+        "code": "format",
+        "message": f"{name}: line 3: expected a good text",
+        "reason": "expected a good text",
+        "file": name,
+        "line": 3,
+        "byte_offset": None,
+    }
 
 
 def test_errors_of_remote_files_name_the_url(memory: str) -> None:

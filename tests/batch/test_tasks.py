@@ -68,4 +68,5 @@ def test_errors_are_outcomes() -> None:
     tasks = {1: (double, (1,)), 2: (fail, (2,))}
     found = dict(run_tasks(tasks, 1))
     assert found[1] == Outcome(2)
-    assert found[2] == Outcome(error="ValueError: no 2")
+    details = {"code": "internal", "message": "no 2"}
+    assert found[2] == Outcome(error="ValueError: no 2", details=details)

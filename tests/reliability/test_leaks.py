@@ -102,7 +102,11 @@ LIGHT: dict[str, kernels.Kernel] = {
 }
 """Smaller inputs, with which hundreds of calls take seconds and not minutes."""
 
-SLOW = {"authenticate.estimate_lattice"}
+SLOW = {
+    "authenticate.estimate_lattice",
+    "authenticate.estimate_origin",
+    "authenticate.turn_consistency",
+}
 """As slow with any input that it accepts: a tenth of the calls, except at night."""
 
 

@@ -128,7 +128,7 @@ def tables(i: int) -> Callable[[Any], object]:
 def signed_frames() -> list[authenticate.Watermarked]:
     """Three frames of one session, each embedded after the other."""
     marker = authenticate.Watermarker(KEY)
-    return [marker.embed(grid_scan(2000, seed=seed)) for seed in range(3)]
+    return [marker.embed(grid_scan(900, seed=seed)) for seed in range(3)]
 
 
 def said(result: authenticate.WatermarkResult) -> tuple[object, ...]:

@@ -15,12 +15,12 @@ from collections.abc import Callable, Generator, Hashable, Iterator, Mapping
 from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice
 from queue import SimpleQueue
 from typing import Any, TypeVar
 
-from manip3d.errors import MissingExtraError
+from manip3d.errors import MissingExtraError, error_details
 
 _Key = TypeVar("_Key", bound=Hashable)
 Task = tuple[Callable[..., Any], tuple[Any, ...]]
@@ -34,10 +34,11 @@ _log = logging.getLogger("manip3d")
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a task returned, or the error it ended with (``""``: none)."""
+    """What a task returned, or the error it ended with (``""``: none) and its `error_details`."""
 
     value: Any = None
     error: str = ""
+    details: Mapping[str, object] = field(default_factory=dict)
 
 
 def run_tasks(
@@ -121,7 +122,7 @@ def _outcomes(
         elif window > 1:
             given_up[key] = task
         else:
-            yield key, Outcome(error=f"{type(error).__name__}: {error}")
+            yield key, _failure(error)
     if lost:
         yield from _outcomes(submit, iter(lost.items()), running, window, attempts - 1)
     if given_up:
@@ -138,7 +139,11 @@ def _attempt(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Outcom
         return Outcome(function(*arguments))
     except Exception as error:  # part of the outcome, never lost
         _log.debug("%s", traceback.format_exc())
-        return Outcome(error=f"{type(error).__name__}: {error}")
+        return _failure(error)
+
+
+def _failure(error: BaseException) -> Outcome:
+    return Outcome(error=f"{type(error).__name__}: {error}", details=error_details(error))
 
 
 def _isolated(task: Task) -> Outcome:
@@ -147,7 +152,8 @@ def _isolated(task: Task) -> Outcome:
             future: Future[Outcome] = executor.submit(_attempt, *task)
             return future.result()
     except BrokenProcessPool:
-        return Outcome(error="the process that ran it died (out of memory, or a crash)")
+        line = "the process that ran it died (out of memory, or a crash)"
+        return Outcome(error=line, details={"code": "process", "message": line})
 
 
 @contextmanager

@@ -24,7 +24,7 @@ from manip3d.batch._rows import Rows
 from manip3d.batch._sources import SourceFile, find_files
 from manip3d.batch._stored import Row, run_stored
 from manip3d.batch._table import TABLE_SUFFIXES, write_table
-from manip3d.errors import InputError
+from manip3d.errors import FormatError, InputError
 from manip3d.io._remote import is_url, local_copy, local_output
 
 if TYPE_CHECKING:
@@ -41,7 +41,9 @@ class Summary:
     ----------
     rows : list of dict
         One for each file, in the order of their names: ``source``, ``output``, ``error`` (empty
-        where there is none), ``seconds``, ``output_bytes``, and what the function returned.
+        where there is none), ``output_bytes``, ``task_seconds``, and what the function returned
+        under other names than these. A file that failed has ``error_details`` instead: ``code``,
+        ``message``, and where the error has them ``file``, ``line`` and ``byte_offset``.
     resumed : int
         Rows that an earlier run had made.
     failed : int
@@ -166,7 +168,12 @@ def run(
     rows = [
         found.done[key]
         if key in found.done
-        else {"source": name, "output": targets[name], "error": found.failed[key]}
+        else {
+            "source": name,
+            "output": targets[name],
+            "error": found.failed[key],
+            "error_details": dict(found.details[key]),
+        }
         for key, name in names.items()
     ]
     if place is not None:
@@ -189,16 +196,24 @@ def one_file(function: Work, source: str, output: str | None, options: Mapping[s
                 part.replace(str(local), source) if isinstance(part, str) else part
                 for part in error.args
             )
+            if isinstance(error, FormatError) and error.file == str(local):
+                error.file = source
             raise
         num_bytes = None if written is None else _bytes_of(written)
         names = {str(local): source} | ({str(written): output} if written is not None else {})
-    fixed = {"source": source, "output": output, "error": "", "output_bytes": num_bytes}
-    row = fixed | {"seconds": round(time.perf_counter() - started, 4)}
-    plain: Row = finite(json.loads(json.dumps(row | columns, default=_plain)))
-    return {
+    fixed = {
+        "source": source,
+        "output": output,
+        "error": "",
+        "output_bytes": num_bytes,
+        "task_seconds": round(time.perf_counter() - started, 4),
+    }
+    plain: Row = finite(json.loads(json.dumps(columns, default=_plain)))
+    own = {
         key: names.get(value, value) if isinstance(value, str) else value
         for key, value in plain.items()
     }
+    return fixed | own | fixed
 
 
 def _bytes_of(output: Path) -> int | None:

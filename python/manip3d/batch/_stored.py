@@ -31,12 +31,15 @@ class Finished:
     done : dict of str to dict
     failed : dict of str to str
         Errors. They are not stored: the next run tries these tasks again.
+    details : dict of str to mapping
+        The same errors' `manip3d.errors.error_details`.
     resumed : int
         Number of rows that an earlier run had stored.
     """
 
     done: dict[str, Row] = field(default_factory=dict)
     failed: dict[str, str] = field(default_factory=dict)
+    details: dict[str, Mapping[str, object]] = field(default_factory=dict)
     resumed: int = 0
 
 
@@ -77,7 +80,7 @@ def run_stored(
     with closing(run_tasks(waiting, jobs, dask=dask)) as outcomes:
         for key, outcome in outcomes:
             if outcome.error:
-                found.failed[key] = outcome.error
+                found.failed[key], found.details[key] = outcome.error, outcome.details
                 on_error(key, outcome.error)
             else:
                 found.done[key] = store.save(key, outcome.value)

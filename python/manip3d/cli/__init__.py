@@ -172,10 +172,13 @@ def _fail(error: BaseException, message: str, as_json: bool) -> NoReturn:
         import traceback
 
         traceback.print_exception(error)
+    from manip3d.errors import Error, error_details
+
     line = " ".join(message.split())
     with contextlib.suppress(OSError):
         if as_json and not _has_answered():
-            print(json.dumps({"error": _details(error, line)}))
+            own = {} if isinstance(error, Error) else {"message": line}
+            print(json.dumps({"error": error_details(error) | own}))
             _flush(sys.stdout)
     with contextlib.suppress(OSError):  # also where stdout has failed
         print("manip3d: error: " + line, file=sys.stderr)
@@ -188,14 +191,3 @@ def _has_answered() -> bool:
     from manip3d.cli.terminal import Terminal
 
     return Terminal.has_answered
-
-
-def _details(error: BaseException, line: str) -> dict[str, object]:
-    """Fields of an error for programs: its code first."""
-    from manip3d.errors import Error
-
-    if isinstance(error, Error):
-        return dict(error.details())
-    if isinstance(error, OSError):
-        return {"code": "file", "message": line, "file": error.filename}
-    return {"code": "memory" if isinstance(error, MemoryError) else "internal", "message": line}
