@@ -179,3 +179,12 @@ def test_nobody_else_in_the_package_writes_the_pinhole_s_formula() -> None:
         if formula.search(line)
     }
     assert set(found) == allowed, found
+
+
+@pytest.mark.parametrize("factor", [0.25, 0.5, 3.0])
+def test_a_resized_camera_looks_along_the_same_lines(factor: float) -> None:
+    """The image's edge is half a pixel beyond its first pixel's centre, at any size."""
+    small = BENT.resized(round(factor * BENT.width), round(factor * BENT.height))
+    points = np.array([[0.1, -0.2, 1.0], [-0.3, 0.25, 1.4]])
+    edges = BENT.project(points) + 0.5
+    np.testing.assert_allclose(small.project(points) + 0.5, factor * edges, atol=1e-9)

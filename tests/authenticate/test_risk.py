@@ -160,3 +160,19 @@ def test_any_speed_has_a_window(speed: float) -> None:
 def test_bad_input_is_named(make: object, words: str) -> None:
     with pytest.raises(InputError, match=words):
         make()  # type: ignore[operator]
+
+
+def test_the_height_of_a_roof_is_still_ahead() -> None:
+    parameters = RiskParameters()
+    heights = [parameters.top_m, parameters.top_m + 1e-6, parameters.bottom_m]
+    places = [(20.0, 0.0, height) for height in heights]
+    assert parameters.contains(places, 50 / 3.6).tolist() == [True, False, True]
+
+
+def test_the_oldest_frame_of_the_longest_window_is_compared_with_the_one_before() -> None:
+    """At 1.3 m/s the window has 720 frames, which are 720 pairs with the frame before it."""
+    tracker = RiskTracker()
+    for _ in range(730):
+        risk = tracker.update(attack(), speed_mps=1.0)
+    assert risk.frames == 720
+    assert risk.factors["space"] == pytest.approx(1.0, abs=1e-12)

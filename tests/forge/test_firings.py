@@ -16,6 +16,7 @@ from manip3d import Box, InputError, LidarFrame, forge
 from manip3d.authenticate import generic_consistency
 from manip3d.cli import app
 from manip3d.forge import Forgery
+from manip3d.forge._firings import _noise_of
 
 LATTICE = scans.lattice()
 STREET = scans.scan(np.random.default_rng(3))
@@ -167,3 +168,11 @@ def test_a_box_around_everything_leaves_the_scan_as_it_is() -> None:
     forged = forge.lattice_remove(FRAME, everything, lattice=LATTICE)
     assert not len(forged.moved)
     assert forged.points.tobytes() == STREET.tobytes()
+
+
+def test_the_noise_of_ranges_is_that_of_single_shots() -> None:
+    """Along a wall, whose slope and offset the differences of second order do not see."""
+    random = np.random.default_rng(0)
+    place = np.arange(20_000)
+    seen = 10.0 + 0.003 * place + 0.02 * random.standard_normal(len(place))
+    assert _noise_of(seen, place) == pytest.approx(0.02, rel=0.03)

@@ -11,6 +11,7 @@ import pytest
 
 from capsule_body import SMALL, frame, pose
 from manip3d import FormatError, InputError, RgbdCalibration, RgbdFrame, capture, forge
+from manip3d.forge._stream import _median_seen
 from manip3d.rgbd import NO_BODY
 
 HANDS_UP = {
@@ -247,3 +248,9 @@ def test_single_lost_pixels_of_a_moved_person_are_filled() -> None:
         for d in (source.depth, depth)
     )
     assert (whole ^ speckled).sum() <= 2
+
+
+def test_the_median_of_what_was_seen_is_a_depth_that_was_seen() -> None:
+    seen = {(0, 0, 0): 0, (0, 0, 7): 7, (9, 0, 4): 4, (9, 5, 4): 5}
+    depths = np.array(list(seen), np.uint16).T.reshape(3, 1, 4)
+    assert _median_seen(depths).tolist() == [list(seen.values())]

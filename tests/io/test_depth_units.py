@@ -126,3 +126,12 @@ def test_every_recorded_image_is_guessed_rightly(realdata: RealData) -> None:
     assert len(depth) > 500
     wrong = [path for path in depth if read_depth_guessing(path).unit != truth(path)]
     assert wrong == []
+
+
+def test_millimetres_that_end_where_disparities_do_are_no_disparities(tmp_path: Path) -> None:
+    """A desk at 0.5 to 1 m, a tenth of the image farther, and one pixel of 2047 mm."""
+    millimetres = np.linspace(500, 1000, 4800).astype(np.uint16).reshape(60, 80)
+    millimetres[:6] = np.linspace(1200, 2047, 480).reshape(6, 80)
+    np.save(tmp_path / "desk.npy", millimetres)
+    assert millimetres.max() == 2047
+    assert read_depth_guessing(tmp_path / "desk.npy").unit == "mm"

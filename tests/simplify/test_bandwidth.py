@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from frame_reader import read_frame
 from manip3d import InputError, Intrinsics, read_mesh, simplify
 from manip3d.simplify import DepthOptions, ReliefStream
+from manip3d.simplify._bandwidth import fit_bytes
 
 CAMERA = Intrinsics(120, 90, 110.0, 110.0, 59.5, 44.5)
 V, U = np.mgrid[0:90, 0:120]
@@ -165,3 +166,13 @@ def test_a_scan_and_a_picture_that_is_too_large(tmp_path: Path) -> None:
         DepthOptions(None)
     with pytest.raises(InputError, match=r"options\.points: expected a number"):
         simplify.simplify_depth(frames(1)[0], CAMERA, DepthOptions(None, bandwidth=1e5, rate=9.0))
+
+
+def test_what_fills_its_share_to_the_byte_is_sent() -> None:
+    def make(points: int) -> tuple[int, int, int]:
+        return points, points, 10 * points
+
+    found = fit_bytes(
+        make, most_points=40, allowance=400, guess=40, bytes_per_point=10, least_share=0.9
+    )
+    assert found == 40

@@ -265,3 +265,32 @@ def test_results_have_a_threshold_for_each_staircase(tmp_path: Path) -> None:
     )
     assert len(lines) == 3
     assert "shown_deg" in (results / "answers.csv").read_text().splitlines()[0]
+
+
+def by_hand(trials: list[tuple[int, bool]]) -> list[float]:
+    """The posterior's 2.5 %, 50 % and 97.5 % points of the threshold, summed point by point."""
+    step, cells = 0.5, []
+    for number in range(200):
+        threshold, total = (number + 0.5) * step, 0.0
+        for slope in np.geomspace(0.5, 12.0, 36):
+            prior = math.exp(-0.5 * (2.0 * math.log(slope / 3.0) / math.log(3.0)) ** 2)
+            for lapse, weight in [(0.0, 0.35), (0.015, 0.3), (0.03, 0.2), (0.06, 0.15)]:
+                most = 0.5 - lapse
+                c = -math.log(1.0 - (math.sqrt(0.5) - 0.5) / most)
+                likelihood = prior * weight
+                for level, is_right in trials:
+                    share = 0.5 + most * (1.0 - math.exp(-c * (level / threshold) ** slope))
+                    share = min(max(share, 1e-6), 1.0 - 1e-6)
+                    likelihood *= share if is_right else 1.0 - share
+                total += likelihood
+        cells.append(total)
+    heaped = np.concatenate([[0.0], np.cumsum(cells)])
+    edges = step * np.arange(len(heaped))
+    return [float(np.interp(p, heaped / heaped[-1], edges)) for p in (0.025, 0.5, 0.975)]
+
+
+def test_the_posterior_is_the_sum_over_slopes_and_lapses() -> None:
+    """Few answers, among them a slip at the largest difference: priors matter."""
+    trials = [(100, False), (40, True), (40, True), (30, True), (20, False), (25, True)]
+    found = estimate_threshold(trials)
+    assert [found.low, found.threshold, found.high] == pytest.approx(by_hand(trials), rel=1e-9)

@@ -1,0 +1,111 @@
+"""Changes the code in one place at a time, and reports which changes no test notices.
+
+``python tests/mutation/mutate.py`` runs all of ``mutants.toml``; words choose those whose file holds
+one of them. Mutants of C++ are built in ``build/mutants``, one file after the other. Exit code 1:
+some survived.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+import tomllib
+from pathlib import Path
+from typing import Any
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
+BUILD = ROOT / "build" / "mutants"
+SECONDS = 600
+"""A mutant that makes the tests run for longer is noticed: they hang."""
+
+
+def mutants() -> list[dict[str, Any]]:
+    """Return the list: each with ``file``, ``old``, ``new`` and ``tests``."""
+    found: list[dict[str, Any]] = tomllib.loads((HERE / "mutants.toml").read_text())["mutant"]
+    return found
+
+
+def module_of(file: str) -> str:
+    """Return the name under which a file of the package is imported."""
+    parts = Path(file).with_suffix("").relative_to("python").parts
+    return ".".join(part for part in parts if part != "__init__")
+
+
+def verdict(mutant: dict[str, Any], about: dict[str, str]) -> str:
+    """Run the tests of a mutant: ``killed``, ``survived`` or why they could not run."""
+    environment = {k: v for k, v in os.environ.items() if k != "MANIP3D_DATA"}
+    environment |= {"MANIP3D_MUTANT": json.dumps(about), "PYTHONPATH": str(HERE)}
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-n", "0", "-p", "mutating",
+               "-p", "no:cacheprovider", *mutant["tests"].split()]  # fmt: skip
+    try:
+        done = subprocess.run(
+            command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=SECONDS
+        )
+    except subprocess.TimeoutExpired:
+        return "killed"
+    if done.returncode == 0:
+        return "survived"
+    if done.returncode == 1 and " failed" in done.stdout + done.stderr:
+        return "killed"
+    return "not run: " + " ".join((done.stdout + done.stderr).split())[-300:]
+
+
+def built(mutant: dict[str, Any]) -> str:
+    """Build the core with the change; return where it is."""
+    source = BUILD / "source"
+    if not (BUILD / "build.ninja").exists():
+        for folder in ("cpp", "packaging"):
+            shutil.copytree(ROOT / folder, source / folder, dirs_exist_ok=True)
+        for name in ("CMakeLists.txt", "LICENSE", "README.md"):
+            shutil.copy(ROOT / name, source / name)
+        run("cmake", "-S", source, "-B", BUILD, "-G", "Ninja", "-DCMAKE_BUILD_TYPE=Release",
+            "-DMANIP3D_PYTHON=ON", f"-DPython_EXECUTABLE={sys.executable}")  # fmt: skip
+        run("cmake", "--build", BUILD, "--target", "_core")
+    changed = source / mutant["file"]
+    text = (ROOT / mutant["file"]).read_text()
+    changed.write_text(text.replace(mutant["old"], mutant["new"]))
+    try:
+        run("cmake", "--build", BUILD, "--target", "_core")
+        (library,) = BUILD.glob("_core*.so")
+        kept = BUILD / "mutant" / library.name
+        kept.parent.mkdir(exist_ok=True)
+        shutil.copy(library, kept)
+    finally:
+        changed.write_text(text)
+    return str(kept)
+
+
+def run(*command: object) -> None:
+    """Run a command that must succeed."""
+    subprocess.run([str(word) for word in command], check=True, stdout=subprocess.DEVNULL)
+
+
+def main() -> int:
+    """Run the chosen mutants, one line each."""
+    words = sys.argv[1:]
+    chosen = [m for m in mutants() if not words or any(word in m["file"] for word in words)]
+    counts: dict[str, int] = {}
+    for mutant in chosen:
+        started = time.monotonic()
+        if mutant["file"].startswith("python/"):
+            about = {key: mutant[key] for key in ("old", "new")}
+            about |= {"module": module_of(mutant["file"]), "path": str(ROOT / mutant["file"])}
+        else:
+            about = {"module": "manip3d._core", "library": built(mutant)}
+        found = verdict(mutant, about)
+        word = found.split(":")[0]
+        counts[word] = counts.get(word, 0) + 1
+        seconds = time.monotonic() - started
+        print(f"{found}: {mutant['file']}: {mutant['old']} -> {mutant['new']} ({seconds:.0f} s)",
+              flush=True)  # fmt: skip
+    print(", ".join(f"{number} {word}" for word, number in sorted(counts.items())))
+    return 0 if set(counts) <= {"killed"} else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
