@@ -1,8 +1,8 @@
 """Changes the code in one place at a time, and reports which changes no test notices.
 
 ``python tests/mutation/mutate.py`` runs all of ``mutants.toml``; words choose those whose file
-holds one of them. Mutants of C++ are built in ``build/mutants``, one file after the other. Exit code 1:
-some survived.
+holds one of them. Mutants of C++ are built in ``build/mutants``, one file after the other. Exit
+code 1: some survived.
 """
 
 from __future__ import annotations
