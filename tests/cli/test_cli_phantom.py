@@ -72,3 +72,24 @@ def test_what_is_refused(tmp_path: Path) -> None:
     assert "expected frames, found none" in empty
     assert "unknown option" in message("sim:body?speed=3", "-o", tmp_path / "x")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_verbs_of_one_recording_take_several(tmp_path: Path) -> None:
+    """Tables, motions, films and forgeries of a folder of recordings, by one command each."""
+    rec = tmp_path / "rec"
+    rec.mkdir()
+    for name in "ab":
+        run("capture", "record", "sim:body?frames=3&amputated=right-arm", "-o", rec / f"{name}.mkv")
+    told = json.loads(run("capture", "info", rec, "--json").stdout)
+    assert [row["frames"] for row in told] == [3, 3]
+    for verb, suffix in {
+        ("capture", "export"): ".csv",
+        ("forge", "stream", "--type", "1", "--still"): ".mkv",
+        ("phantom", "render", "--frames", "2"): ".mp4",
+    }.items():
+        output = tmp_path / verb[1]
+        run(*verb, rec, "-o", output)
+        assert sorted(file.name for file in output.glob(f"*{suffix}")) == [
+            f"a{suffix}",
+            f"b{suffix}",
+        ]

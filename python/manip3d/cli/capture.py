@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+from manip3d.cli import kinds
 from manip3d.cli.kinds import expect_kind
+from manip3d.cli.many import over_files
 from manip3d.cli.options import (
     FolderIntrinsics,
     FolderUnits,
@@ -447,6 +449,7 @@ def capture_play(
 
 
 @app.command("export")
+@over_files(kinds.recording_suffixes, writable=lambda: (".csv", ".bvh"), otherwise=".csv")
 def capture_export(
     source: RgbdPlace,
     output: Annotated[
@@ -475,6 +478,7 @@ def capture_export(
 
 
 @app.command("info")
+@over_files(kinds.recording_suffixes)
 def capture_info(
     source: RgbdPlace,
     intrinsics: FolderIntrinsics = "",

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+from manip3d.cli import kinds
 from manip3d.cli.convert import Up
 from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
@@ -499,6 +500,7 @@ def _motion(
 
 
 @app.command("stream")
+@over_files(kinds.recording_suffixes, writable=kinds.recording_suffixes)
 def forge_stream(
     source: RgbdPlace,
     output: Output,

@@ -153,6 +153,11 @@ def shown_suffixes() -> tuple[str, ...]:
     return (*READABLE, *SCAN_SUFFIXES, *DEPTH_SUFFIXES, ".pcap", ".pcapng", ".mcap", ".mkv")
 
 
+def recording_suffixes() -> tuple[str, ...]:
+    """Return the suffixes of RGB-D recordings."""
+    return (".mkv",)
+
+
 def converted_suffixes() -> tuple[str, ...]:
     """Return the suffixes of meshes and scans."""
     return (*READABLE, *SCAN_SUFFIXES)

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from manip3d.cli import kinds
 from manip3d.cli.kinds import expect_kind
+from manip3d.cli.many import over_files
 from manip3d.cli.options import Force, Jobs, Json, MostFrames, Output, Quiet
 from manip3d.cli.terminal import Terminal, check_output, counted, naming_options
 
@@ -71,6 +73,7 @@ _FILTERS: Mapping[Smoothing, Literal["default", "seated"] | None] = {
 
 
 @app.command("render")
+@over_files(kinds.recording_suffixes, writable=lambda: (".mp4",), otherwise=".mp4")
 def phantom_render(
     source: Annotated[
         str,
