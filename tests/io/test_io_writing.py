@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 
 import manip3d
 from manip3d import io
-from manip3d.io._files import atomic_path, atomic_write
+from manip3d.io._files import atomic_pair, atomic_path, atomic_write
 
 SUFFIXES = ["obj", "ply", "off", "stl"]
 
@@ -373,3 +373,20 @@ def test_every_failing_system_call_leaves_old_or_new(tmp_path: Path) -> None:
                 failures += done.returncode == errno.EIO
         path.unlink()
     assert failures >= 6
+
+
+def test_atomic_pair_replaces_both_or_neither(tmp_path: Path) -> None:
+    scan, record = tmp_path / "a.bin", tmp_path / "a.bin.wm"
+    with atomic_pair(scan, record) as new:
+        for file in new:
+            file.write_text("first")
+    with pytest.raises(UnicodeEncodeError), atomic_pair(scan, record) as new:
+        new[0].write_text("second")
+        new[1].write_text("\ud800")
+    assert [each.read_text() for each in (scan, record)] == ["first", "first"]
+    scan.unlink()
+    (scan / "folder").mkdir(parents=True)  # a file cannot take its place
+    with pytest.raises(OSError), atomic_pair(scan, record) as new:  # noqa: PT011
+        new[0].write_text("second")
+    assert record.read_text() == "first"
+    assert {each.name for each in tmp_path.iterdir()} == {"a.bin", "a.bin.wm"}

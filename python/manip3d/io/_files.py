@@ -116,6 +116,49 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 @contextlib.contextmanager
+def atomic_pair(
+    path: str | os.PathLike[str], companion: str | os.PathLike[str]
+) -> Iterator[tuple[Path, Path]]:
+    """Yield empty temporary files that become a file and what tells about it, such as its record.
+
+    When the block raises, both stay as they were. A process that is killed between the two renames
+    leaves the new file without a companion, never beside that of the old file.
+
+    Raises
+    ------
+    InputError, OSError
+        As `atomic_path`.
+    """
+    target, beside = (Path(os.path.realpath(path_of(each))) for each in (path, companion))
+    with contextlib.ExitStack() as stack:
+        folders = (
+            stack.enter_context(_folder_beside(target, path)),
+            stack.enter_context(_folder_beside(beside, companion)),
+        )
+        new = folders[0] / target.name, folders[1] / beside.name
+        for file, place in zip(new, (target, beside), strict=True):
+            file.touch()
+            with contextlib.suppress(FileNotFoundError, PermissionError):
+                file.chmod(stat.S_IMODE(place.stat().st_mode))
+        yield new
+        for file in new:
+            _sync_file(file)
+        old = folders[1] / "old"
+        with contextlib.suppress(FileNotFoundError):
+            beside.rename(old)
+            _sync_folder(beside.parent)
+        try:
+            new[0].replace(target)
+        except BaseException:
+            if old.exists():
+                old.rename(beside)
+            raise
+        _sync_folder(target.parent)
+        new[1].replace(beside)
+        _sync_folder(beside.parent)
+
+
+@contextlib.contextmanager
 def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield an empty temporary folder that becomes the folder ``path`` when the block ends.
 
