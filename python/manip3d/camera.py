@@ -15,6 +15,7 @@ from manip3d import _core
 from manip3d._util.arrays import rows, vector
 from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
+from manip3d._util.regular_files import open_regular
 from manip3d.errors import FormatError, InputError
 
 if TYPE_CHECKING:
@@ -400,7 +401,7 @@ def read_intrinsics(camera: str | os.PathLike[str], *, width: int, height: int) 
 
 
 def _camera_of_file(path: Path, width: int, height: int) -> Intrinsics:
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         data = file.read(_MOST_JSON_BYTES + 1)
     try:
         if len(data) > _MOST_JSON_BYTES:

@@ -89,7 +89,4 @@ def test_verbs_of_one_recording_take_several(tmp_path: Path) -> None:
     }.items():
         output = tmp_path / verb[1]
         run(*verb, rec, "-o", output)
-        assert sorted(file.name for file in output.glob(f"*{suffix}")) == [
-            f"a{suffix}",
-            f"b{suffix}",
-        ]
+        assert {f"a{suffix}", f"b{suffix}"} <= {file.name for file in output.iterdir()}

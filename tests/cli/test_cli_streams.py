@@ -14,6 +14,8 @@ import pytest
 
 from capsule_body import SMALL, frame, pose
 from manip3d import capture, forge
+from manip3d.cli.forge import forge_frames
+from manip3d.cli.terminal import Terminal
 
 
 def manip3d(*arguments: object) -> subprocess.CompletedProcess[str]:
@@ -53,7 +55,31 @@ def test_forge_writes_a_recording_and_its_truth(person: Path, tmp_path: Path) ->
     refused = manip3d(*command)
     assert refused.returncode == 1
     assert "exists already; --force replaces it" in refused.stderr
+    assert (tmp_path / "forged.truth.npz").is_file()
     assert manip3d(*command, "--force", "-q").returncode == 0
+
+
+def test_a_recording_that_is_stopped_has_no_old_truth(
+    person: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, truth = tmp_path / "forged", tmp_path / "forged.truth.npz"
+
+    def forge_it(*, force: bool) -> None:
+        forge_frames(
+            str(person), out, Terminal(quiet=True), kind=1, pose="", background="", still=False,
+            frames=8, force=force, options={},
+        )  # fmt: skip
+
+    forge_it(force=False)
+    assert truth.is_file()
+
+    def fail(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(forge.StreamTruth, "write", fail)
+    with pytest.raises(OSError, match="No space"):
+        forge_it(force=True)
+    assert not truth.exists()
 
 
 def test_poses_of_a_motion_file(person: Path, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import lzma
 import shutil
@@ -156,6 +157,25 @@ def test_what_a_format_does_not_give_back_is_not_written(key: Path, tmp_path: Pa
     with pytest.raises(manip3d.InputError, match="does not give the intensities back"):
         manip3d.authenticate.write_watermarked(sent, out)
     assert list(tmp_path.glob("signed*")) == []
+
+
+def test_a_scan_whose_signing_fails_keeps_the_record_that_it_had(key: Path, tmp_path: Path) -> None:
+    """As on a full disk: the record could not be written, and the old scan was gone already."""
+    out = tmp_path / "signed.bin"
+    with manip3d.authenticate.KeyFile(key) as secret:
+        first, second = (
+            manip3d.authenticate.Watermarker(secret).embed(scan(number)) for number in (1, 2)
+        )
+    manip3d.authenticate.write_watermarked(first, out)
+    assert verify(out, key)[1]["verdict"] == "authentic"
+    unwritable = dataclasses.replace(second, record=None)
+    with pytest.raises((TypeError, OSError)):
+        manip3d.authenticate.write_watermarked(unwritable, out)
+    assert verify(out, key)[1]["verdict"] == "authentic"
+    assert sorted(path.name for path in tmp_path.iterdir() if path.name.startswith("signed")) == [
+        "signed.bin",
+        "signed.bin.wm",
+    ]
 
 
 def test_a_drive(key: Path, signed: Path, tmp_path: Path) -> None:

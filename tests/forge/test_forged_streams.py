@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -254,3 +256,44 @@ def test_the_median_of_what_was_seen_is_a_depth_that_was_seen() -> None:
     seen = {(0, 0, 0): 0, (0, 0, 7): 7, (9, 0, 4): 4, (9, 5, 4): 5}
     depths = np.array(list(seen), np.uint16).T.reshape(3, 1, 4)
     assert _median_seen(depths).tolist() == [list(seen.values())]
+
+
+def archive_of(masks: bytes, *, version: int = 20) -> bytes:
+    """A truth whose masks are these bytes of ``.npy``."""
+
+    def array(values: object) -> bytes:
+        stream = io.BytesIO()
+        np.save(stream, np.asarray(values))
+        return stream.getvalue()
+
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        archive.writestr("kind.npy", array(np.int64(1)))
+        archive.writestr("shape.npy", array([1, 2, 4]))
+        archive.writestr("masks.npy", masks)
+        archive.writestr("numbers.npy", array([0]))
+    content = bytearray(stream.getvalue())
+    begin = -1
+    while (begin := content.find(b"PK\x01\x02", begin + 1)) >= 0:
+        content[begin + 6] = version
+    return bytes(content)
+
+
+def test_truths_that_claim_more_than_they_have_are_refused(tmp_path: Path) -> None:
+    stream = io.BytesIO()
+    np.save(stream, np.zeros(1, np.uint8))
+    honest = stream.getvalue()
+    path = tmp_path / "a.npz"
+    path.write_bytes(archive_of(honest))
+    assert forge.read_stream_truth(path).masks.shape == (1, 2, 4)
+    claims = honest.replace(b"(1,), }           ", b"(99999999999,), } ")
+    assert claims != honest
+    for content in (
+        archive_of(claims),
+        archive_of(b"\x93NUMPY\x02" + honest[7:]),
+        archive_of(honest, version=255),
+        honest,
+    ):
+        path.write_bytes(content)
+        with pytest.raises(FormatError, match="expected the truth of a forged stream"):
+            forge.read_stream_truth(path)

@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 
 import manip3d
 from manip3d import io
-from manip3d.io._files import atomic_path, atomic_write
+from manip3d.io._files import atomic_pair, atomic_path, atomic_write, write_new
 
 SUFFIXES = ["obj", "ply", "off", "stl"]
 
@@ -373,3 +373,47 @@ def test_every_failing_system_call_leaves_old_or_new(tmp_path: Path) -> None:
                 failures += done.returncode == errno.EIO
         path.unlink()
     assert failures >= 6
+
+
+def test_atomic_pair_replaces_both_or_neither(tmp_path: Path) -> None:
+    scan, record = tmp_path / "a.bin", tmp_path / "a.bin.wm"
+    with atomic_pair(scan, record) as new:
+        for file in new:
+            file.write_text("first")
+    with pytest.raises(UnicodeEncodeError), atomic_pair(scan, record) as new:
+        new[0].write_text("second\ud800")
+    assert [each.read_text() for each in (scan, record)] == ["first", "first"]
+    scan.unlink()
+    (scan / "folder").mkdir(parents=True)  # a file cannot take its place
+    with pytest.raises(OSError), atomic_pair(scan, record) as new:  # noqa: PT011
+        new[0].write_text("second")
+    assert record.read_text() == "first"
+    assert {each.name for each in tmp_path.iterdir()} == {"a.bin", "a.bin.wm"}
+
+
+def test_write_new_is_whole_and_never_replaces(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = tmp_path / "a.key"
+
+    def killed(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("os.fsync", killed)
+        with pytest.raises(KeyboardInterrupt):
+            write_new(target, b"first")
+    assert list(tmp_path.iterdir()) == []
+    write_new(target, b"second")
+    assert target.stat().st_mode & 0o777 == 0o600
+    for place in (target, tmp_path / "dangling"):
+        if place != target:
+            place.symlink_to(tmp_path / "nowhere")
+        with pytest.raises(FileExistsError) as caught:
+            write_new(place, b"third")
+        assert caught.value.filename == str(place)
+    monkeypatch.setattr("os.path.lexists", lambda _: False)  # somebody is quicker
+    with pytest.raises(FileExistsError):
+        write_new(target, b"fourth")
+    assert target.read_bytes() == b"second"
+    assert {each.name for each in tmp_path.iterdir()} == {"a.key", "dangling"}

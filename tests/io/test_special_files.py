@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 import textwrap
@@ -13,14 +14,21 @@ import numpy as np
 import pytest
 
 import rgbd_frames
-from manip3d import FormatError, LidarFrame, capture, io
+from manip3d import FormatError, LidarFrame, authenticate, capture, io
+from manip3d._util.json import unsealed
 
 # A mistake would wait for a writer, or read for ever: each case runs in a process of its own.
 PROGRAM = textwrap.dedent(
     """
     import json, os, resource, signal, sys
     import numpy as np
-    from manip3d import FormatError, authenticate, capture, io
+    from pathlib import Path
+    from manip3d import FormatError, authenticate, camera, capture, diary, forge, io, report, serve
+    from manip3d.datasets.rgbd import read_color
+    from manip3d.diary._sealing import read_key
+    from manip3d.simplify._depth_files import _color_image
+    from manip3d.study import StudyFolder
+    from manip3d.study._definition import read_table
 
     def refused(code, path):
         signal.alarm(60)
@@ -47,6 +55,13 @@ READERS = {
     "capture.open('pcap:' + path).read()": (".pcap",),
     "capture.read_velodyne_calibration(path)": (".xml", ".yaml"),
     "authenticate.SensorLattice.load(path)": (".json",),
+    "camera._camera_of_file(Path(path), 64, 48)": (".json",),
+    "forge.read_stream_truth(path)": (".npz",),
+    "serve.kept_certificate(path, '127.0.0.1')": (".pem",),
+    "read_key(Path(path))": (".key",),
+    "read_color(Path(path))": (".png",),
+    "_color_image(Path(path))": (".png",),
+    "read_table(path)": (".toml", ".json"),
 }
 Case = tuple[str, str]
 
@@ -125,3 +140,61 @@ def test_the_message_says_what_was_expected(tmp_path: Path) -> None:
     make_special(tmp_path / "a.pcd", "pipe")
     with pytest.raises(FormatError, match=r"a\.pcd.*expected a regular file, got a pipe"):
         io.read_scan(tmp_path / "a.pcd")
+
+
+BARE = re.compile(
+    r"""\.read_bytes\(|\.read_text\(|\.open\(["']rb["']|\bopen\([^)]*["']rb["']|Image\.open\((?!io\.|file\b)"""
+)
+OURS = {
+    "_util/fingerprint.py": 2,
+    "_util/memory.py": 2,
+    "batch/_places.py": 1,
+    "capture/_bag_process.py": 1,
+    "datasets/_registry.py": 1,
+    "datasets/_tables.py": 1,
+    "experiments/_depth_pictures.py": 2,
+    "experiments/_environment.py": 1,
+    "experiments/_pictures.py": 2,
+    "experiments/_published.py": 1,
+    "experiments/_store.py": 2,
+    "experiments/cameras_5.py": 1,
+    "experiments/stories.py": 2,
+    "io/_interop.py": 1,
+    "io/_remote.py": 3,
+    "modify/_joints.py": 1,
+    "modify/_motions.py": 1,
+    "report/_html.py": 1,
+    "serve/_bundles.py": 1,
+    "simulate/lidar.py": 1,
+    "study/_reading.py": 1,
+    "viewer/page.py": 2,
+}
+"""Where files are opened plainly, and how often: files of the package and of the system, of our own
+temporary folders, stores and experiments, copies of the network, what is known to be regular (a ROS
+bag, asked by `is_file`), and downloads that have just been made."""
+
+
+def test_files_of_users_are_opened_as_regular_files() -> None:
+    root = Path(io.__file__).parents[1]
+    found: dict[str, int] = {}
+    for file in sorted(root.rglob("*.py")):
+        lines = file.read_text(encoding="utf-8").splitlines()
+        code = [line for line in lines if not line.lstrip().startswith((">>>", "...", "#"))]
+        count = sum(bool(BARE.search(line)) for line in code)
+        name = str(file.relative_to(root))
+        if count and name not in ("io/_files.py", "_util/regular_files.py"):
+            found[name] = count
+    assert found == OURS, "manip3d.io._files.open_regular and regular_bytes read files of users"
+
+
+def test_json_that_nests_too_deep_is_no_json(tmp_path: Path) -> None:
+    deep = b"[" * 100_000
+    assert unsealed(deep) is None
+    path = tmp_path / "a.json"
+    path.write_bytes(deep)
+    with pytest.raises(FormatError, match=r"a\.json"):
+        authenticate.SensorLattice.load(path)
+    with path.open("wb") as file:
+        file.truncate(1 << 40)
+    with pytest.raises(FormatError, match=r"a\.json.*at most 1048576 bytes"):
+        authenticate.SensorLattice.load(path)

@@ -7,15 +7,18 @@ import sqlite3
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, ClassVar
 
 import pytest
 from typer.testing import CliRunner
 
 import capsule_body
-from manip3d import InputError, phantom
+from manip3d import FormatError, InputError, phantom
 from manip3d.cli import app
 from manip3d.phantom import GameSummary, LiveReport, LiveSession
 from manip3d.phantom._anomalies import Anomaly
+from manip3d.phantom._log import SessionLog
 from manip3d.phantom._writer import OrderedWriter
 
 pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
@@ -198,3 +201,66 @@ def test_a_live_session_that_lost_something_says_so(monkeypatch: pytest.MonkeyPa
     assert done.exit_code == 1
     assert "not kept in the diary: pain 6, 10:31: disk full" in done.stderr
     assert '"unkept"' in done.stdout
+
+
+class Nothing:
+    """A session, and a server, of which there is nothing to tell."""
+
+    stage_ms: ClassVar[dict[str, float]] = {}
+    summaries = ()
+    num_clients = 0
+    refused: ClassVar[dict[str, int]] = {}
+
+    def report(self) -> list[object]:
+        return []
+
+
+def test_a_full_disk_costs_lines_of_the_log_and_no_session(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`/dev/full` refuses every byte; a disk may also take a part of a line."""
+    path, nothing = tmp_path / "log.jsonl", Nothing()
+    for file in (Path("/dev/full"), path):
+        with SessionLog(file) as log:
+            log._due = 0.0
+            log.tell(nothing, nothing, 0, {})  # type: ignore[arg-type]
+            assert log.lost_lines == (file != path)
+    whole = path.read_bytes()
+    with SessionLog(path) as log:
+        stream = log._file
+        assert stream is not None
+        part = SimpleNamespace(
+            write=lambda line: stream.write(line[:10]),
+            truncate=stream.truncate, seek=stream.seek, close=stream.close,
+        )  # fmt: skip
+        monkeypatch.setattr(log, "_file", part)
+        log._due = 0.0
+        log.tell(nothing, nothing, 0, {})  # type: ignore[arg-type]
+        assert log.lost_lines == 1
+    assert path.read_bytes() == whole
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"gain": float("nan")}, {"port": 70_000}, {"certificate": "no.pem"}]
+)
+def test_what_is_refused_leaves_nothing_open(
+    wrong: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ended: list[str] = []
+
+    class Recorder:
+        limb = "left_arm"
+
+        def __init__(self, *_: object) -> None:
+            ended.append("opened")
+
+        def end(self) -> list[str]:
+            ended.append("ended")
+            return []
+
+    (tmp_path / "no.pem").write_text("none")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("manip3d.phantom._live.DiaryRecorder", Recorder)
+    with pytest.raises((InputError, FormatError)):
+        phantom.run_live(diary="a", participant="P01", **wrong)
+    assert ended == ["opened", "ended"]

@@ -58,7 +58,7 @@ def outcome(name: str, folder: Path, which: int, call: int, error: int, stays: b
 
 def findings(name: str, error: int, stays: bool) -> tuple[int, list[str]]:
     """All calls of one writer in turn: the cases, and what is wrong."""
-    from killed_writers import WRITERS, left_by, look, whole
+    from killed_writers import COMPANIONS, WRITERS, left_by, look, whole
 
     old, new = whole(name, 0), whole(name, 1)
     wrong = []
@@ -71,10 +71,13 @@ def findings(name: str, error: int, stays: bool) -> tuple[int, list[str]]:
             case = f"{name}, call {call}, {os.strerror(error)}{' for good' if stays else ''}"
             if code not in (TYPED, DONE):
                 wrong.append(f"{case}: ended with {code}")
-            missing = (set(old) & set(new)) - set(found)
+            companion = COMPANIONS.get(name)
+            missing = (set(old) & set(new)) - {companion} - set(found)
             torn = [
                 file for file, data in found.items() if data not in (old.get(file), new.get(file))
             ]
+            if companion in found and found not in (old, new):
+                wrong.append(f"{case}: {companion} is not of the file beside it")
             if missing or torn:
                 wrong.append(f"{case}: missing {sorted(missing)}, torn {torn}")
             if code == DONE and any(found.get(file) != data for file, data in new.items()):

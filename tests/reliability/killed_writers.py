@@ -2,10 +2,12 @@
 
 Each trial forks a process that writes two contents in turn to one place until it is killed. Every
 file must then be one of the two, whole; after the next write to that folder nothing else is there.
+Of a pair, the file that tells about the other may be missing, but never be that of another write.
 """
 
 from __future__ import annotations
 
+import json
 import logging
 import os
 import random
@@ -22,8 +24,10 @@ import numpy as np
 import exact_models
 import kernels
 import lattice_scans
-from manip3d import LidarFrame, experiments, forge, io, viewer
-from manip3d.io._files import atomic_folder, atomic_path, atomic_write
+from manip3d import LidarFrame, authenticate, experiments, forge, io, viewer
+from manip3d.cli.forge import truth_of
+from manip3d.io._files import atomic_folder, atomic_pair, atomic_path, atomic_write
+from watermark_scans import grid_scan
 
 Write = Callable[[Path, int], object]
 """Of a folder and which of the two contents."""
@@ -38,6 +42,17 @@ scans = tuple(
 )
 forged = tuple(forge.ctp(scan, scan.points[:9], position=(1, 1, 1)) for scan in scans)
 lattices = (lattice_scans.lattice(), lattice_scans.lattice(32))
+
+
+def _signed(*, with_picture: bool) -> tuple[authenticate.Watermarked, ...]:
+    with tempfile.TemporaryDirectory() as place:
+        marker = authenticate.Watermarker(authenticate.KeyFile.create(Path(place) / "a.key"))
+    picture = np.full((128, 200), 128, np.uint8) if with_picture else None
+    frames = (LidarFrame(grid_scan(2000, seed), np.zeros(2000, np.float32)) for seed in (0, 1))
+    return tuple(marker.embed(frame, picture=picture) for frame in frames)
+
+
+signed, carried = _signed(with_picture=False), _signed(with_picture=True)
 
 
 def _folder(place: Path, which: int) -> None:
@@ -69,6 +84,12 @@ def _page(place: Path, which: int) -> None:
     viewer.view(meshes[which], place / "a.html")
 
 
+def _forged(place: Path, which: int) -> None:
+    with atomic_pair(place / "a.bin", place / "a.bin.truth.json") as (scan, truth):
+        forged[which].write(scan)
+        truth.write_text(json.dumps(truth_of(forged[which])))
+
+
 WRITERS: dict[str, Write] = {
     **{
         name: _mesh(name)
@@ -84,7 +105,21 @@ WRITERS: dict[str, Write] = {
     "result of an experiment": _store,
     "file by another library": _slowly,
     "folder": _folder,
+    "scan and record": lambda place, which: authenticate.write_watermarked(
+        signed[which], place / "a.bin"
+    ),
+    "scan and its picture": lambda place, which: authenticate.write_watermarked(
+        carried[which], place / "a.bin"
+    ),
+    "forgery and its truth": _forged,
 }
+
+COMPANIONS = {
+    "scan and record": "a.bin.wm",
+    "scan and its picture": "a.bin.png",
+    "forgery and its truth": "a.bin.truth.json",
+}
+"""The second file of each pair: what it tells is of the first file beside it."""
 
 
 def contents(folder: Path) -> dict[str, object]:
@@ -162,7 +197,10 @@ def torn_and_left(name: str, kills: int) -> tuple[int, int]:
             killed(write, folder, chance.uniform(0.0, longest))
             found = look(name, folder)
             litter += left_by(folder) > 0
-            torn += len((set(expected[0]) & set(expected[1])) - set(found))
+            companion = COMPANIONS.get(name)
+            needed = (set(expected[0]) & set(expected[1])) - {companion}
+            torn += len(needed - set(found))
+            torn += companion in found and found not in expected
             torn += sum(data not in [e.get(file) for e in expected] for file, data in found.items())
             write(folder, 0)
             left += left_by(folder)

@@ -156,3 +156,20 @@ def test_a_certificate_that_is_over_is_said_to_be(
         time.sleep(0.2)
     with pytest.raises(InputError, match="no longer valid since"):
         kept_certificate(tmp_path / "old.pem", "127.0.0.1")
+
+
+def test_a_key_of_another_algorithm_and_a_long_file_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "own.pem"
+    made = kept_certificate(path, "127.0.0.1")
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    known = made.pem.replace(b"\n", b"")
+    begin = known.index(b"-----", 5) + 5
+    assert known[begin:].startswith(b"MIGHAgEAMBMGByqGSM49AgEGCCqGSM49AwEH")  # P-256, by its name
+    text = made.pem.replace(b"AwEH", b"AwFH", 1)
+    assert text != made.pem
+    path.write_bytes(text)
+    with pytest.raises(FormatError, match=r"own\.pem.*expected a private key"):
+        kept_certificate(path, "127.0.0.1")
+    path.write_bytes(made.pem + b"\n" * 70_000)
+    with pytest.raises(FormatError, match="at most 65536 bytes"):
+        kept_certificate(path, "127.0.0.1")

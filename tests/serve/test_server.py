@@ -32,6 +32,7 @@ from manip3d.serve import (
     make_certificate,
     read_message,
 )
+from manip3d.serve._server import _cut
 
 PAGES = {"/": Page("text/html", b"<p>here</p>"), "/a.js": Page("text/javascript", b"1")}
 ACK = {"ack": {"sequence": Kind(int, 0, 2**32 - 1)}}
@@ -239,6 +240,19 @@ def test_garbage_messages(content: bytes, server: LocalServer, session: Session)
         stream.send(content)
         assert stream.close_code() == 1008
     refused(server, "bad message")
+
+
+def test_what_strangers_write_does_not_fill_the_memory(server: LocalServer) -> None:
+    for number in range(200):
+        server._refuse(f"bad message: {number}" + "\N{EURO SIGN}" * 1000)
+    assert len(server.refused) == 65
+    assert server.refused["other reasons"] == 136
+    assert max(len(reason.encode()) for reason in server.refused) <= 200
+    for begin in range(4):  # the close frame is whole UTF-8
+        text = ("x" * begin + "\N{EURO SIGN}" * 50 + "\ud800").encode("utf-8", "surrogatepass")
+        cut = _cut(text.decode("utf-8", "surrogatepass"), 100)
+        assert 98 <= len(cut) <= 100
+        assert cut.decode().endswith("\N{EURO SIGN}")
 
 
 @pytest.mark.parametrize(

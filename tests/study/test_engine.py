@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+import threading
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -660,3 +661,37 @@ def test_missing_stimuli_and_wrong_times_are_told(tmp_path: Path) -> None:
         with pytest.raises(InputError, match="seconds: expected > 0"):
             run_study(study, folder, seconds=0.0)
     assert not (tmp_path / "stimuli-textured").exists()
+
+
+def test_threads_begin_with_different_numbers(tmp_path: Path) -> None:
+    with StudyFolder(tmp_path / "answers", {"kind": "rating"}) as folder:
+        barrier = threading.Barrier(8)
+
+        def begin(first: int) -> None:
+            barrier.wait()
+            for number in range(6):
+                session = folder.begin(f"p{first}-{number}")
+                folder.store(session.participant, Answer("about", {}, {}))
+
+        threads = [threading.Thread(target=begin, args=(first,)) for first in range(8)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert sorted(each.number for each in folder.sessions.values()) == list(range(48))
+        assert all(len(each.answers) == 1 for each in folder.sessions.values())
+
+
+@pytest.mark.parametrize("content", ["[" * 100_000, '{"a":' * 100_000, "x" * (17 << 20)])
+def test_hostile_definitions_beside_answers(tmp_path: Path, content: str) -> None:
+    (tmp_path / "study.json").write_text(content)
+    with pytest.raises(FormatError, match=r"study\.json"):
+        StudyFolder(tmp_path)
+
+
+def test_a_long_definition_is_not_read(tmp_path: Path) -> None:
+    path = tmp_path / "study.toml"
+    with path.open("wb") as file:
+        file.truncate(1 << 40)
+    with pytest.raises(FormatError, match=r"study\.toml.*at most 1048576 bytes"):
+        read_study(path)

@@ -32,7 +32,7 @@ def unsealed(text: bytes) -> dict[str, Any] | None:
     try:
         record: dict[str, Any] = json.loads(text)
         claimed = record.pop("sha256")
-    except (ValueError, KeyError, TypeError, AttributeError):
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None  # torn, truncated or foreign
     is_whole = claimed == hashlib.sha256(canonical_json(record)).hexdigest()
     return record if is_whole else None

@@ -18,7 +18,7 @@ from manip3d._util.linear import line_fit
 from manip3d._util.options import threads_of
 from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
-from manip3d.io._files import atomic_write, open_regular
+from manip3d.io._files import atomic_write, limited_bytes
 from manip3d.lidar import LidarFrame
 
 if TYPE_CHECKING:
@@ -35,6 +35,8 @@ if TYPE_CHECKING:
         NDArray[np.float32],
         NDArray[np.float32],
     ]
+
+_MOST_BYTES = 1 << 20  # a file of 128 lasers takes 20000
 
 LINE_TOLERANCE = 2e-3
 """Metres from a line: coordinates of whole millimetres leave 0.8 mm."""
@@ -188,8 +190,7 @@ class SensorLattice:
         FormatError
             The file is none of these.
         """
-        with open_regular(path_of(path)) as file:
-            data = file.read()
+        data = limited_bytes(path_of(path), _MOST_BYTES)
         try:
             values = json.loads(data)["sensor_lattice"]
             column = {name: np.asarray(values[name], np.float64) for name in COLUMNS}
@@ -206,7 +207,7 @@ class SensorLattice:
                 coordinate_step=float(values["coordinate_step"]),
                 incoherence=float(values["incoherence"]),
             )
-        except (ValueError, TypeError, KeyError, OverflowError) as error:
+        except (ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
             raise FormatError(f"not a sensor lattice: {error}", file=os.fspath(path)) from error
 
 

@@ -86,11 +86,16 @@ def write_carrier(picture: ArrayLike, path: str | os.PathLike[str]) -> None:
     MissingExtraError
         Pillow is not installed.
     """
+    atomic_write(path_of(path), carrier_bytes(picture))
+
+
+def carrier_bytes(picture: ArrayLike) -> bytes:
+    """Return the content of `write_carrier`'s file."""
     pixels = checked_picture(picture)
     image_module = require("PIL.Image", "alert", "pillow")
     stream = io.BytesIO()
     image_module.fromarray(pixels).save(stream, format="PNG", compress_level=1)
-    atomic_write(path_of(path), stream.getvalue())
+    return stream.getvalue()
 
 
 def _check_chunks(data: bytes) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import hmac
 import os
+import threading
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -20,8 +21,8 @@ from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.paths import path_of
 from manip3d._util.showing import Showable
 from manip3d.authenticate._verdict import Calibration, Power, Region
+from manip3d.authenticate._verified_frames import VerifiedFrames
 from manip3d.errors import FormatError, InputError
-from manip3d.io._files import atomic_write, regular_bytes
 from manip3d.io._scan_tables import measured_points
 from manip3d.lidar import Box, LidarFrame, ScanFormat, ScanLike, to_scan
 
@@ -48,9 +49,6 @@ MAX_MOVE_M: Mapping[str, float] = ReadOnlyMapping(
 )
 """Largest move of a point by each embedding, metres (QIM: of points not within 3 mm of the
 origin; LBM: on a grid of 1 mm, on another one in proportion to its step)."""
-
-CHECKPOINT_FRAMES = 600
-"""A verifier with a state file writes it after so many frames, and when it is closed."""
 
 
 @checked
@@ -412,7 +410,18 @@ class Watermarker:
         step; None: the middle of each scan.
     state : path, optional
         File that keeps what the verifier has seen, so that replays are noticed after a restart; it
-        is authenticated with the key.
+        is authenticated with the key. Each frame is in it before `verify` returns, so that a
+        killed process forgets none; a loss of power may take the last 600. One verifier at a time
+        uses it, until `close`: a lock beside it (``.NAME.lock``) keeps others out.
+
+    Raises
+    ------
+    InputError
+        An argument is out of range; another verifier is using the state file.
+    FormatError
+        The state file is damaged, or of another key.
+    OSError
+        It cannot be read or written.
 
     Notes
     -----
@@ -467,13 +476,8 @@ class Watermarker:
         self._key = key
         self._embedder: _core.WatermarkEmbedder | None = None
         self._verifier = _core.WatermarkVerifier(key._key)
-        self._since_checkpoint = 0
-        self._state = None if state is None else path_of(state)
-        if self._state is not None and self._state.exists():
-            try:
-                self._verifier.restore(regular_bytes(self._state))
-            except FormatError as error:
-                raise FormatError(error.reason, file=str(self._state)) from error
+        self._turn = threading.Lock()
+        self._kept = None if state is None else VerifiedFrames(path_of(state), self._verifier)
 
     @property
     def session(self) -> str:
@@ -537,20 +541,7 @@ class Watermarker:
             raise InputError("key: it has expired, and embeds no more")
         if time_ns is None:
             time_ns = clock if frame.time_ns is None else frame.time_ns
-        if self._embedder is None:
-            slices, least, rounding, units = self._options
-            self._embedder = _core.WatermarkEmbedder(
-                self._key._key,
-                self._sensor,
-                None,
-                self._embedding,
-                slices,
-                least,
-                False,
-                rounding,
-                units,
-            )
-        points, record, number, tiles, exact, samples = self._embedder.embed(
+        points, record, number, tiles, exact, samples = self._begun().embed(
             given.points,
             given.intensity,
             time_ns,
@@ -568,6 +559,24 @@ class Watermarker:
         is_detached = not len(points) and not len(exact)
         carried = None if carrier is None else samples.reshape(carrier.shape)
         return Watermarked(marked, record, number, tiles, is_detached, carried)
+
+    def _begun(self) -> _core.WatermarkEmbedder:
+        """The embedder, whose making draws the session: one, however many threads ask for it."""
+        with self._turn:
+            if self._embedder is None:
+                slices, least, rounding, units = self._options
+                self._embedder = _core.WatermarkEmbedder(
+                    self._key._key,
+                    self._sensor,
+                    None,
+                    self._embedding,
+                    slices,
+                    least,
+                    False,
+                    rounding,
+                    units,
+                )
+            return self._embedder
 
     def _offset(self, frame: LidarFrame) -> tuple[int, int, int]:
         """The origin in steps of the grid."""
@@ -618,6 +627,8 @@ class Watermarker:
             one.
         Error
             The watermarker is closed.
+        OSError
+            The state file cannot be written.
         """
         given = to_scan(scan)
         frame = as_frame(scan)
@@ -630,21 +641,20 @@ class Watermarker:
                 record = _core.watermark_in_picture(carrier)
             except FormatError as error:
                 return _unverifiable(f"the picture has no record: {error.reason}", frame)
-        found = self._verifier.verify(
-            given.points,
-            given.intensity,
-            record or b"",
-            chosen._core(),
-            frame.num_dropped,
-            time.time_ns() if now_ns is None else now_ns,
-            frame.exact,
-            carrier,
-        )
-        result = _with_exact(_result(found, frame), found["header"], frame)
-        self._since_checkpoint += 1
-        if self._since_checkpoint >= CHECKPOINT_FRAMES:
-            self._checkpoint()
-        return result
+        with self._turn:
+            found = self._verifier.verify(
+                given.points,
+                given.intensity,
+                record or b"",
+                chosen._core(),
+                frame.num_dropped,
+                time.time_ns() if now_ns is None else now_ns,
+                frame.exact,
+                carrier,
+            )
+            if self._kept is not None:
+                self._kept.add()
+        return _with_exact(_result(found, frame), found["header"], frame)
 
     def verify_without_scan(
         self,
@@ -681,21 +691,22 @@ class Watermarker:
         )
 
     def reset(self) -> None:
-        """Forget the frames that were verified."""
-        self._verifier.reset()
+        """Forget the frames that were verified, also in the state file."""
+        with self._turn:
+            self._verifier.reset()
+            if self._kept is not None:
+                self._kept.fold()
 
     def close(self) -> None:
-        """Write the state file, if there is one, and wipe what was derived from the key."""
-        if self._since_checkpoint:
-            self._checkpoint()
-        if self._embedder is not None:
-            self._embedder.close()
-        self._verifier.close()
-
-    def _checkpoint(self) -> None:
-        if self._state is not None:
-            atomic_write(self._state, self._verifier.state())
-        self._since_checkpoint = 0
+        """Let others use the state file, and wipe what was derived from the key."""
+        with self._turn:
+            try:
+                if self._kept is not None:
+                    self._kept.close()
+            finally:
+                if self._embedder is not None:
+                    self._embedder.close()
+                self._verifier.close()
 
     def __enter__(self) -> Watermarker:
         return self

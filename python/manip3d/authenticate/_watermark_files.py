@@ -12,11 +12,11 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
-from manip3d.authenticate._picture_files import picture_path, write_carrier
+from manip3d.authenticate._picture_files import carrier_bytes, picture_path
 from manip3d.authenticate._watermark import Watermarked, WatermarkResult, WatermarkVerdict
 from manip3d.errors import InputError
 from manip3d.io import read_scan, write_scan
-from manip3d.io._files import atomic_path, atomic_write, open_regular
+from manip3d.io._files import atomic_pair, atomic_path, open_regular
 from manip3d.io._scan_files import SCAN_SUFFIXES, scan_paths
 from manip3d.io._scan_tables import scan_suffix
 from manip3d.lidar import LidarFrame
@@ -186,6 +186,9 @@ def write_watermarked(
 ) -> None:
     """Write a watermarked scan and, beside it, its record or the picture that carries it.
 
+    Both replace what was there, or neither does. A process that is killed in between leaves the
+    scan without a record, which is ``undecidable``, and never beside an old one.
+
     Parameters
     ----------
     sent : Watermarked
@@ -213,18 +216,17 @@ def write_watermarked(
     exact = sent.frame.exact is not None and not sent.is_detached
     if not copies and not exact:
         check_holds_float32(target)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_path(target) as temporary:
+    companion = record_path(target) if sent.picture is None else shown
+    told = sent.record if sent.picture is None else carrier_bytes(sent.picture)
+    for file in (target, companion):
+        file.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_pair(target, companion) as (temporary, beside):
         if source is not None and copies:
             shutil.copyfile(source, temporary)
         else:
             write_scan(sent.frame, temporary)
         _check_reads_back(read_scan(temporary), sent.frame, target)
-    if sent.picture is None:
-        atomic_write(record_path(target), sent.record)
-        return
-    shown.parent.mkdir(parents=True, exist_ok=True)
-    write_carrier(sent.picture, shown)
+        beside.write_bytes(told)
 
 
 def _check_reads_back(read: LidarFrame, sent: LidarFrame, target: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import islice
@@ -21,12 +21,12 @@ from manip3d.cli.options import Force, Jobs, Json, MostFrames, Output, Quiet, Rg
 from manip3d.cli.terminal import Terminal, check_output, counted, naming_options
 from manip3d.errors import InputError
 from manip3d.io import SCAN_SUFFIXES
-from manip3d.io._files import atomic_write
+from manip3d.io._files import atomic_pair
 from manip3d.lidar import Box, LidarFrame
 
 if TYPE_CHECKING:
-    from manip3d.forge import Forgery
-    from manip3d.rgbd import RgbdFrame, Skeleton
+    from manip3d.forge import ForgedStream, Forgery
+    from manip3d.rgbd import RgbdCalibration, RgbdFrame, Skeleton
 
 app = typer.Typer(
     name="forge",
@@ -78,9 +78,10 @@ def forge_scan(
     forged = ATTACKS[attack](frame, order)
     if not forged.num_touched:
         raise InputError(f"{attack}: expected a change of {source}, but no point would change")
-    forged.write(output)
     record = truth_of(forged) | {"source": source, "output": str(output)}
-    atomic_write(truth, (json.dumps(record) + "\n").encode())
+    with atomic_pair(output, truth) as (scan, told):
+        forged.write(scan)
+        told.write_text(json.dumps(record) + "\n", encoding="utf-8")
     terminal.say(f"wrote {output} and {truth.name}")
     return {
         key: len(value) if key in ("added", "moved", "moved_from", "removed") else value
@@ -458,7 +459,10 @@ def forge_frames(
     forged = forge.stream(people, behind, kind=kind, pose=motion, **options)
     with terminal.progress("forge") as progress:
         done = capture.record(
-            capture.from_frames(forged), output, overwrite=force, progress=progress
+            capture.from_frames(_WithoutOldTruth(forged, truth)),
+            output,
+            overwrite=force,
+            progress=progress,
         )
     forged.truth.write(truth)
     terminal.say(f"wrote {output} and {truth.name}")
@@ -473,6 +477,26 @@ def forge_frames(
         "frames_without_person": forged.missed,
         "forged_share": share,
     }
+
+
+@dataclass(frozen=True)
+class _WithoutOldTruth:
+    """A forged stream whose first frame, which replaces an old recording, removes its truth.
+
+    Without it, a recording that was stopped would stand beside the truth about another one.
+    """
+
+    stream: ForgedStream
+    truth: Path
+
+    @property
+    def calibration(self) -> RgbdCalibration | None:
+        return self.stream.calibration
+
+    def __iter__(self) -> Iterator[RgbdFrame]:
+        for frame in self.stream:
+            self.truth.unlink(missing_ok=True)
+            yield frame
 
 
 def _step(frames: Sequence[RgbdFrame]) -> float:

@@ -330,8 +330,11 @@ def phantom_live(
                 for summary in report.games
             ],
             "unkept": list(report.unkept),
+            "lost_log_lines": report.lost_log_lines,
         }
     )
+    if report.lost_log_lines:
+        typer.echo(f"lines of the log that could not be written: {report.lost_log_lines}", err=True)
     for one in report.unkept:
         typer.echo(f"not kept in the diary: {one}", err=True)
     if report.unkept:

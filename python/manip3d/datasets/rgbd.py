@@ -20,6 +20,7 @@ from manip3d.datasets._registry import DataSet, get, require
 from manip3d.datasets._tables import data_file, table
 from manip3d.errors import FormatError, InputError, MissingExtraError
 from manip3d.io import read_depth
+from manip3d.io._files import open_regular
 from manip3d.io._text_files import text_of
 
 if TYPE_CHECKING:
@@ -424,7 +425,7 @@ def read_color(path: Path) -> NDArray[np.uint8]:
         from PIL import Image
     except ImportError:
         raise MissingExtraError("pillow", "io") from None
-    with Image.open(path) as image:
+    with open_regular(path) as file, Image.open(file) as image:
         return np.array(image.convert("RGB"))
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import os
 import secrets
 import sqlite3
@@ -43,6 +42,7 @@ from manip3d.diary._sealing import (
     unseal_fields,
 )
 from manip3d.errors import FormatError, InputError, MissingExtraError
+from manip3d.io._files import sha256_of
 
 try:
     import sqlalchemy as sql
@@ -658,7 +658,7 @@ class Diary:
         found = {}
         for file in files:
             path = path_of(file, "files").absolute()
-            found[str(path)] = hashlib.sha256(path.read_bytes()).hexdigest()
+            found[str(path)] = sha256_of(path)
         with self._engine.begin() as connection:
             self._change_participant(
                 connection,

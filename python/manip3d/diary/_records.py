@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -11,7 +10,8 @@ from pathlib import Path
 from typing import Literal
 
 from manip3d.diary._mcgill import McGillScore
-from manip3d.errors import InputError
+from manip3d.errors import FormatError, InputError
+from manip3d.io._files import sha256_of
 
 Moment = Literal["before", "after", "other"]
 Occasion = Literal["baseline", "week-1", "week-4", "other"]
@@ -143,11 +143,10 @@ class ExportedFile:
     def state(self) -> Literal["unchanged", "changed", "gone"]:
         """Whether the file is there and holds what was written."""
         try:
-            with self.path.open("rb") as file:
-                now = hashlib.file_digest(file, "sha256").hexdigest()
+            now = sha256_of(self.path)
         except FileNotFoundError:
             return "gone"
-        except OSError:
+        except (OSError, FormatError):
             return "changed"
         return "unchanged" if now == self.sha256 else "changed"
 

@@ -12,6 +12,7 @@ from typing import Any
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
+from manip3d.io._files import open_regular, write_new
 
 _HEADER = "manip3d diary key 1 "
 _BYTES = 32
@@ -38,17 +39,12 @@ def make_key(path: str | os.PathLike[str]) -> None:
     --------
     >>> make_key("diary.key")
     """
-    target = path_of(path)
-    descriptor = os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    with os.fdopen(descriptor, "w") as file:
-        file.write(_HEADER + secrets.token_bytes(_BYTES).hex() + "\n")
-        file.flush()
-        os.fsync(file.fileno())
+    write_new(path_of(path), f"{_HEADER}{secrets.token_bytes(_BYTES).hex()}\n".encode())
 
 
 def read_key(path: Path) -> bytes:
     """The key in a file that `make_key` made."""
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         text = file.read(256).decode("latin-1")
     digits = text.removeprefix(_HEADER).strip()
     try:

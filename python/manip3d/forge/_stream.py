@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import os
 import threading
 import time
@@ -11,9 +12,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from itertools import count
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
-from zipfile import BadZipFile
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -23,7 +23,7 @@ from manip3d._util.arrays import vector
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
-from manip3d.io._files import atomic_write
+from manip3d.io._files import atomic_write, regular_bytes
 from manip3d.modify import JointSmoother, PoseScope, Skinning, animate, animation_mesh, segment_body
 from manip3d.rgbd import NO_BODY, RgbdCalibration, RgbdFrame, Skeleton, check_frames
 
@@ -55,6 +55,9 @@ class ForgedFrame:
     frame: RgbdFrame
     mask: Mask
     stage_ms: dict[str, float] = field(default_factory=dict)
+
+
+_MOST_PIXELS = 2**34  # in all frames: hours of a depth camera
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,23 +111,51 @@ def read_stream_truth(path: str | os.PathLike[str]) -> StreamTruth:
     OSError
         It cannot be read.
     """
-    content = Path(path_of(path)).read_bytes()
+    content = regular_bytes(path_of(path))
     try:
+        _check_claims(content)
         with np.load(io.BytesIO(content), allow_pickle=False) as archive:
             frames, height, width = (int(side) for side in archive["shape"])
             bits, numbers = archive["masks"], archive["numbers"]
             kind = int(archive["kind"])
         size = frames * height * width
+        if size > _MOST_PIXELS:
+            raise ValueError(f"more than {_MOST_PIXELS} pixels")
         if min(frames, height, width) < 0 or (size + 7) // 8 != bits.size or kind not in (1, 2):
             raise ValueError("sizes do not agree")
         masks = np.unpackbits(bits.astype(np.uint8, casting="no"), count=size).astype(bool)
         if numbers.shape != (frames,) or numbers.dtype != np.int64:
             raise ValueError("numbers do not agree with the masks")
-    except (ValueError, KeyError, EOFError, TypeError, BadZipFile, zlib.error) as error:
+    except (
+        ValueError,
+        KeyError,
+        EOFError,
+        TypeError,
+        OverflowError,
+        MemoryError,
+        OSError,  # of the archive: the file itself was read
+        NotImplementedError,  # a version or a compression of zip
+        RuntimeError,  # encrypted
+        BadZipFile,
+        zlib.error,
+    ) as error:
         raise FormatError(
             f"expected the truth of a forged stream: {error}", file=str(path)
         ) from None
     return StreamTruth(kind, masks.reshape(frames, height, width), numbers)
+
+
+def _check_claims(content: bytes) -> None:
+    """Refuse arrays that claim more than there is, before anything is allocated for them."""
+    with ZipFile(io.BytesIO(content)) as archive:
+        for member in archive.infolist():
+            with archive.open(member) as stream:
+                version = np.lib.format.read_magic(stream)
+                if version != (1, 0):
+                    raise ValueError(f"an array of version {version}")
+                shape, _, dtype = np.lib.format.read_array_header_1_0(stream)
+                if math.prod(shape) * dtype.itemsize > member.file_size:
+                    raise ValueError(f"{member.filename} claims {shape} {dtype}, and has less")
 
 
 @checked

@@ -4,34 +4,17 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import hashlib
 import os
 import shutil
 import stat
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO
 
 from manip3d import _core
 from manip3d._util.paths import path_of
+from manip3d._util.regular_files import open_regular as open_regular
 from manip3d.errors import FormatError
-
-
-def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
-    """Open a regular file for reading bytes; a pipe or a device could go on for ever.
-
-    Raises
-    ------
-    FormatError
-        It is a pipe, a socket or a device.
-    OSError
-        `FileNotFoundError`, `IsADirectoryError` and the like.
-    """
-    # Without O_NONBLOCK, opening a pipe waits for its writer.
-    file = open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK))  # noqa: SIM115
-    if stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-        return file
-    file.close()
-    raise FormatError("expected a regular file, got a pipe, socket or device", file=str(path))
 
 
 def check_regular(path: str | os.PathLike[str]) -> None:
@@ -43,6 +26,27 @@ def regular_bytes(path: str | os.PathLike[str]) -> bytes:
     """Return the content of what `open_regular` opens."""
     with open_regular(path) as file:
         return file.read()
+
+
+def sha256_of(path: str | os.PathLike[str]) -> str:
+    """Return the SHA-256, hexadecimal, of what `open_regular` opens."""
+    with open_regular(path) as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def limited_bytes(path: str | os.PathLike[str], most: int) -> bytes:
+    """Return the content of what `open_regular` opens, of at most so many bytes.
+
+    Raises
+    ------
+    FormatError
+        It is longer, or no regular file.
+    """
+    with open_regular(path) as file:
+        content = file.read(most + 1)
+    if len(content) > most:
+        raise FormatError(f"expected at most {most} bytes, got more", file=str(path))
+    return content
 
 
 def _sync_folder(folder: Path) -> None:
@@ -116,6 +120,49 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 @contextlib.contextmanager
+def atomic_pair(
+    path: str | os.PathLike[str], companion: str | os.PathLike[str]
+) -> Iterator[tuple[Path, Path]]:
+    """Yield empty temporary files that become a file and what tells about it, such as its record.
+
+    When the block raises, both stay as they were. A process that is killed between the two renames
+    leaves the new file without a companion, never beside that of the old file.
+
+    Raises
+    ------
+    InputError, OSError
+        As `atomic_path`.
+    """
+    target, beside = (Path(os.path.realpath(path_of(each))) for each in (path, companion))
+    with contextlib.ExitStack() as stack:
+        folders = (
+            stack.enter_context(_folder_beside(target, path)),
+            stack.enter_context(_folder_beside(beside, companion)),
+        )
+        new = folders[0] / target.name, folders[1] / beside.name
+        for file, place in zip(new, (target, beside), strict=True):
+            file.touch()
+            with contextlib.suppress(FileNotFoundError, PermissionError):
+                file.chmod(stat.S_IMODE(place.stat().st_mode))
+        yield new
+        for file in new:
+            _sync_file(file)
+        old = folders[1] / "old"
+        with contextlib.suppress(FileNotFoundError):
+            beside.rename(old)
+            _sync_folder(beside.parent)
+        try:
+            new[0].replace(target)
+        except BaseException:
+            if old.exists():
+                old.rename(beside)
+            raise
+        _sync_folder(target.parent)
+        new[1].replace(beside)
+        _sync_folder(beside.parent)
+
+
+@contextlib.contextmanager
 def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield an empty temporary folder that becomes the folder ``path`` when the block ends.
 
@@ -132,6 +179,33 @@ def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
         new.mkdir()
         yield new
         _core.replace_folder(os.fsencode(new), os.fsencode(target))
+        _sync_folder(target.parent)
+
+
+def write_new(path: str | os.PathLike[str], content: bytes) -> None:
+    """Write a file that was not there, for its owner only, whole or not at all.
+
+    Raises
+    ------
+    OSError
+        `FileExistsError`, and as `atomic_path`.
+    """
+    target = path_of(path)
+    is_there = FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), os.fspath(target))
+    if os.path.lexists(target):
+        raise is_there
+    with _folder_beside(target, path) as folder:
+        file = folder / target.name
+        with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as stream:
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+        try:
+            os.link(file, target)  # which fails where somebody was quicker
+        except FileExistsError:
+            raise is_there from None
+        except OSError:  # a file system without links
+            file.rename(target)
         _sync_folder(target.parent)
 
 

@@ -14,6 +14,7 @@ from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import MissingExtraError
+from manip3d.io._files import open_regular, regular_bytes
 from manip3d.io._remote import is_url
 from manip3d.mesh import Mesh, Texture
 
@@ -77,7 +78,7 @@ def image_bytes(mesh: Mesh, texture: Texture) -> bytes | None:
     if texture.data is not None:
         return texture.data
     path = texture_path(mesh, texture)
-    return None if path is None else path.read_bytes()
+    return None if path is None else regular_bytes(path)
 
 
 def with_common_images(mesh: Mesh) -> Mesh:
@@ -114,7 +115,7 @@ def _is_common(mesh: Mesh, texture: Texture) -> bool:
     path = texture_path(mesh, texture)
     if path is None:
         return True
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         start = file.read(8)
     return not start or start.startswith(_COMMON)
 

@@ -54,7 +54,11 @@ class DiaryRecorder:
         from manip3d.diary import Diary
 
         self._diary = Diary(path, key=key)
-        person = self._diary.participant(participant)
+        try:
+            person = self._diary.participant(participant)
+        except BaseException:
+            self._diary.close()
+            raise
         self._participant, self._wants_clips = person.identifier, person.clips
         self.limb = person.limb
         self._source = source if source.startswith("sim:") else "".join(source.partition(":")[:2])

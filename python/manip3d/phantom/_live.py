@@ -7,6 +7,7 @@ import json
 import os
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, urlsplit
@@ -67,6 +68,8 @@ class LiveReport:
     games : sequence of GameSummary
     unkept : sequence of str
         What the diary does not hold, and why, in words to be noted elsewhere.
+    lost_log_lines : int
+        Lines of the log that could not be written, as on a full disk.
     """
 
     affected: str
@@ -79,6 +82,7 @@ class LiveReport:
     refused: Mapping[str, int]
     games: tuple[GameSummary, ...]
     unkept: tuple[str, ...] = ()
+    lost_log_lines: int = 0
 
 
 def simulated_patient(limb: str, game: str | None = None) -> str:
@@ -187,74 +191,76 @@ def run_live(
     limb = affected or (limb_of(source) if source else "right_leg" if plays_legs else "right_arm")
     if source is None or source.startswith("sim:"):
         require("live")
-    recorder = None
-    if diary is not None:
-        recorder = DiaryRecorder(diary, str(participant), diary_key, source or "sim:")
-        if affected is None and recorder.limb in LIMBS:
-            limb = recorder.limb
-    address = source or simulated_patient(limb, game)
-    session = LiveSession(
-        limb,  # type: ignore[arg-type]
-        game=game,
-        difficulty=difficulty,
-        seed=seed,
-        jpeg_quality=jpeg_quality,
-        gain=gain,
-        recorder=recorder,
-    )
-
-    def on_message(client: StreamClient, text: str) -> None:
-        hear(session, client, text)
-
-    tracker = PoseTracker() if pose else None
-    end = None if seconds is None else began + seconds
     frames, first, states = 0, None, dict[str, int]()
     unkept: list[str] = []
-    feed = _frames(address)
-    pages = live_pages(limb, address, asks=recorder is not None)
-    made = _certificate(host, certificate)
-    server = LocalServer(pages, on_message, host=host, port=port, certificate=made)
-    with SessionLog(log) as journal, server:
-        if recorder is not None:
-            session.halt(recorder.start(lambda: _latency(server)))
-        if on_start is not None:
-            on_start(server.new_url(), server.certificate)
-        if open_page is not None:
-            open_page(server.new_url())
-        try:
-            for found in feed:
-                if found is None:
-                    session.restart()
-                    if tracker is not None:
-                        tracker.reset()
-                    continue
-                captured_ns = time.time_ns()
-                sequence = session.sequence
-                if isinstance(found, str):
-                    message: bytes | None = session.notice(found)
-                else:
-                    if tracker is not None and found.color is not None:
-                        found = tracker.annotate(found)
-                    message = session.process(found, captured_ns=captured_ns)
-                if message is not None:
-                    server.publish(message, sequence=sequence, captured_ns=captured_ns)
-                    state = session.state
-                    states[state] = states.get(state, 0) + 1
-                    frames += not isinstance(found, str)
-                    if first is None:
-                        first = time.monotonic() - began
-                journal.tell(session, server, frames, states)
-                if end is not None and time.monotonic() >= end:
-                    break
-        except KeyboardInterrupt:  # how a session without a limit ends
-            pass
-        finally:
-            feed.close()
-            if tracker is not None:
-                tracker.close()
-            session.end()
+    with ExitStack() as opened:  # closed before the server, and if anything here is refused
+        recorder = None
+        if diary is not None:
+            recorder = DiaryRecorder(diary, str(participant), diary_key, source or "sim:")
+            ended = recorder.end
+            opened.callback(lambda: unkept.extend(ended()))
+            if affected is None and recorder.limb in LIMBS:
+                limb = recorder.limb
+        address = source or simulated_patient(limb, game)
+        session = LiveSession(
+            limb,  # type: ignore[arg-type]
+            game=game,
+            difficulty=difficulty,
+            seed=seed,
+            jpeg_quality=jpeg_quality,
+            gain=gain,
+            recorder=recorder,
+        )
+
+        def on_message(client: StreamClient, text: str) -> None:
+            hear(session, client, text)
+
+        tracker = PoseTracker() if pose else None
+        if tracker is not None:
+            opened.callback(tracker.close)
+        end = None if seconds is None else began + seconds
+        feed = _frames(address)
+        opened.callback(feed.close)
+        pages = live_pages(limb, address, asks=recorder is not None)
+        made = _certificate(host, certificate)
+        server = LocalServer(pages, on_message, host=host, port=port, certificate=made)
+        with SessionLog(log) as journal, server:
             if recorder is not None:
-                unkept = recorder.end()
+                session.halt(recorder.start(lambda: _latency(server)))
+            if on_start is not None:
+                on_start(server.new_url(), server.certificate)
+            if open_page is not None:
+                open_page(server.new_url())
+            try:
+                for found in feed:
+                    if found is None:
+                        session.restart()
+                        if tracker is not None:
+                            tracker.reset()
+                        continue
+                    captured_ns = time.time_ns()
+                    sequence = session.sequence
+                    if isinstance(found, str):
+                        message: bytes | None = session.notice(found)
+                    else:
+                        if tracker is not None and found.color is not None:
+                            found = tracker.annotate(found)
+                        message = session.process(found, captured_ns=captured_ns)
+                    if message is not None:
+                        server.publish(message, sequence=sequence, captured_ns=captured_ns)
+                        state = session.state
+                        states[state] = states.get(state, 0) + 1
+                        frames += not isinstance(found, str)
+                        if first is None:
+                            first = time.monotonic() - began
+                    journal.tell(session, server, frames, states)
+                    if end is not None and time.monotonic() >= end:
+                        break
+            except KeyboardInterrupt:  # how a session without a limit ends
+                pass
+            finally:
+                session.end()
+                opened.close()
     return LiveReport(
         affected=limb,
         frames=frames,
@@ -266,6 +272,7 @@ def run_live(
         refused=dict(server.refused),
         games=tuple(session.summaries),
         unkept=tuple(unkept),
+        lost_log_lines=journal.lost_lines,
     )
 
 

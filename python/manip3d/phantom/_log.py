@@ -2,39 +2,49 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import logging
 import os
 import time
 from collections.abc import Mapping
 from datetime import datetime
+from io import FileIO
 from types import TracebackType
-from typing import IO, Self
+from typing import Self
 
 from manip3d._util.memory import resident_bytes
 from manip3d._util.paths import path_of
 from manip3d.phantom._session import LiveSession
 from manip3d.serve import LocalServer
 
+LOG = logging.getLogger("manip3d")
 _EVERY_S = 10.0
 
 
 class SessionLog:
     """A file that grows by a line every ten seconds; without a path nothing is written.
 
+    Attributes
+    ----------
+    lost_lines : int
+        Lines that could not be written, as on a full disk; the session goes on without them.
+
     Raises
     ------
     OSError
-        It cannot be written.
+        The file cannot be opened.
     """
 
     def __init__(self, path: str | os.PathLike[str] | None) -> None:
         self._path = None if path is None else path_of(path, "log")
-        self._file: IO[str] | None = None
+        self._file: FileIO | None = None
+        self.lost_lines = 0
         self._due = 0.0
 
     def __enter__(self) -> Self:
         if self._path is not None:
-            self._file = self._path.open("a", encoding="utf-8")
+            self._file = FileIO(self._path, "a")
             self._due = time.monotonic() + _EVERY_S
         return self
 
@@ -64,9 +74,21 @@ class SessionLog:
             "refused": dict(server.refused),
             "games": len(session.summaries),
             "memory_mib": memory_mib(),
+            "lost_lines": self.lost_lines,
         }
-        self._file.write(json.dumps(record) + "\n")
-        self._file.flush()
+        try:
+            self._write(json.dumps(record).encode() + b"\n")
+        except OSError as error:  # a full disk does not end a patient's session
+            self.lost_lines += 1
+            LOG.warning("%s: a line of the log is lost: %s", self._path, error.strerror)
+
+    def _write(self, line: bytes) -> None:
+        """The whole line, or nothing of it."""
+        assert self._file is not None
+        written = self._file.write(line)
+        if written != len(line):
+            self._file.truncate(self._file.seek(0, os.SEEK_END) - (written or 0))
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), os.fspath(self._path or ""))
 
 
 def memory_mib() -> float | None:

@@ -11,7 +11,7 @@ from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import Error, FormatError, InputError
 from manip3d.experiments import RESULTS_FORMAT
-from manip3d.io._files import atomic_write
+from manip3d.io._files import atomic_write, regular_bytes
 from manip3d.report._alert import ALERT_KINDS, AlertTimeline
 from manip3d.report._alert_overview import write_alert_overview
 from manip3d.report._case_log import append_log, read_log
@@ -81,7 +81,7 @@ def write_report(results_dir: str | os.PathLike[str], output: str | os.PathLike[
 
 def _text(results: dict[str, Any], folder: Path, kind: str) -> str:
     if kind == ".csv":
-        return (folder / "results.csv").read_text(encoding="utf-8")
+        return regular_bytes(folder / "results.csv").decode("utf-8")
     if kind == ".md":
         from manip3d.report._markdown import markdown
 
@@ -96,7 +96,7 @@ def _load(folder: Path) -> dict[str, Any]:
     if not path.is_file():
         raise InputError(f"{folder}: expected a results folder, found no results.json in it")
     try:
-        results = json.loads(path.read_text(encoding="utf-8"))
+        results = json.loads(regular_bytes(path))
     except (ValueError, RecursionError) as error:
         raise FormatError(f"not JSON: {error}", file=str(path)) from error
     if not isinstance(results, dict) or results.get("format") != RESULTS_FORMAT:

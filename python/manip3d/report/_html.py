@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from manip3d.errors import FormatError, MissingExtraError
 from manip3d.experiments import counted
+from manip3d.io._files import regular_bytes
 from manip3d.report._tables import number, readable, tables
 
 if TYPE_CHECKING:
@@ -85,7 +86,7 @@ def embedded(folder: Path, name: str) -> str:
     path = (folder / name).resolve()
     if not path.is_relative_to(folder.resolve()) or path.suffix not in _MEDIA:
         raise FormatError(f"picture {name!r}: expected a picture in the results folder")
-    data = base64.b64encode(path.read_bytes()).decode("ascii")
+    data = base64.b64encode(regular_bytes(path)).decode("ascii")
     return f"data:{_MEDIA[path.suffix]};base64,{data}"
 
 

@@ -14,7 +14,7 @@ from typing import Any
 from manip3d.errors import FormatError, MissingExtraError
 from manip3d.experiments import DataTier, Plan, RunSummary, run, select
 from manip3d.experiments.stories import STORIES
-from manip3d.io._files import atomic_write
+from manip3d.io._files import atomic_write, regular_bytes
 
 __all__ = ["NUMBERS", "Demo", "run_demo"]
 
@@ -178,4 +178,4 @@ def _picture(folder: Path, name: str) -> str:
     path = (folder / name).resolve()
     if not path.is_relative_to(folder.resolve()):
         raise FormatError(f"picture {name!r}: expected a picture in the results folder")
-    return f"data:image/webp;base64,{base64.b64encode(path.read_bytes()).decode('ascii')}"
+    return f"data:image/webp;base64,{base64.b64encode(regular_bytes(path)).decode('ascii')}"

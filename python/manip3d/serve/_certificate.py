@@ -10,11 +10,13 @@ import ssl
 import tempfile
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
-from pathlib import Path
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError, MissingExtraError
+from manip3d.io._files import limited_bytes, write_new
+
+_MOST_BYTES = 65536  # a key and a certificate take 2000
 
 DAYS = 397
 """For which a new certificate is valid; browsers refuse some that are valid for longer."""
@@ -149,14 +151,14 @@ def kept_certificate(path: str | os.PathLike[str], host: str) -> Certificate:
     """
     target = path_of(path)
     with contextlib.suppress(FileNotFoundError):
-        found = _certificate(target.read_bytes(), str(target))
+        found = _certificate(limited_bytes(target, _MOST_BYTES), str(target))
         if found.host != str(address_of(host)):
             raise InputError(f"{target}: expected a certificate for {host}, got {found.host}")
         if found.until <= datetime.now(UTC):
             raise InputError(f"{target}: no longer valid since {found.until:%Y-%m-%d}")
         return found
     made = make_certificate(host)
-    _write_new(target, made.pem)
+    write_new(target, made.pem)
     return made
 
 
@@ -176,6 +178,7 @@ def address_of(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
 def _certificate(pem: bytes, file: str) -> Certificate:
     try:
         from cryptography import x509
+        from cryptography.exceptions import UnsupportedAlgorithm
         from cryptography.hazmat.primitives import hashes, serialization
     except ModuleNotFoundError as error:
         raise MissingExtraError("cryptography", "live") from error
@@ -184,15 +187,17 @@ def _certificate(pem: bytes, file: str) -> Certificate:
         made = x509.load_pem_x509_certificate(pem)
         names = made.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
         (address,) = names.get_values_for_type(x509.IPAddress)
-    except (ValueError, TypeError, x509.ExtensionNotFound, x509.UnsupportedGeneralNameType):
+    except (
+        ValueError,
+        TypeError,
+        UnsupportedAlgorithm,
+        x509.ExtensionNotFound,
+        x509.DuplicateExtension,
+        x509.InvalidVersion,
+        x509.UnsupportedGeneralNameType,
+    ):
         raise FormatError(
             "expected a private key and a certificate of one address (PEM)", file=file
         ) from None
     digits = made.fingerprint(hashes.SHA256()).hex(":").upper()
     return Certificate(str(address), digits, made.not_valid_after_utc, pem)
-
-
-def _write_new(target: Path, pem: bytes) -> None:
-    descriptor = os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    with os.fdopen(descriptor, "wb") as file:
-        file.write(pem)

@@ -33,6 +33,8 @@ LOG = logging.getLogger("manip3d.serve")
 START_SECONDS = 10.0
 GOODBYE_SECONDS = 0.5
 _HISTORY = 1000  # latencies that are remembered: half a minute
+_MOST_REASONS = 64  # that are counted apart
+_MOST_REASON_BYTES = 200
 _CLOCK = 60_000.0  # ms: a page whose clock is farther off is on another machine
 
 
@@ -484,8 +486,11 @@ class LocalServer:
             transport.abort()
 
     def _refuse(self, reason: str) -> None:
-        self.refused[reason] += 1
-        LOG.warning("refused: %s", reason)
+        counted = _cut(reason, _MOST_REASON_BYTES).decode()
+        if counted not in self.refused and len(self.refused) >= _MOST_REASONS:
+            counted = "other reasons"  # clients choose the words of what they send
+        self.refused[counted] += 1
+        LOG.warning("refused: %s", counted)
 
     async def _guard(self, request: web.Request, handler: _Handler) -> web.StreamResponse:
         from aiohttp import web
@@ -650,11 +655,17 @@ class LocalServer:
                     reason = f"bad message: {error}"
             if reason:
                 self._refuse(reason)
-                await stream.close(code=1008, message=reason.encode()[:100])
+                await stream.close(code=1008, message=_cut(reason, 100))
                 return
         failure = stream.exception()
         if isinstance(failure, WebSocketError):  # others: the client has left
             self._refuse(f"bad frame: {failure}")
+
+
+def _cut(text: str, most: int) -> bytes:
+    """UTF-8 of at most so many bytes, which ends between two characters."""
+    whole = text.encode(errors="replace")[:most]
+    return whole.decode(errors="ignore").encode()
 
 
 def _is_same(given: str, kept: str) -> bool:

@@ -26,6 +26,7 @@ from manip3d.io import (
     read_range_grid,
     write_mesh,
 )
+from manip3d.io._files import open_regular
 from manip3d.simplify._bandwidth import Bandwidth, fit_bytes
 from manip3d.simplify._depth import DepthSimplification, Variant, cs3, cs3_grid
 from manip3d.simplify._depth_steps import DEPTH_STEP, cut_depth_steps
@@ -553,7 +554,7 @@ def _color_image(path: Path) -> NDArray[np.uint8]:
     except ImportError:
         raise MissingExtraError("pillow", "io") from None
     try:
-        with Image.open(path) as image:
+        with open_regular(path) as file, Image.open(file) as image:
             return np.array(image.convert("RGB"))
     except (UnidentifiedImageError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         raise FormatError(f"expected a colour image: {error}", file=str(path)) from error

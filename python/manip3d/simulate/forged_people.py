@@ -356,6 +356,7 @@ def _write(stream: _Stream, folder: str, suffix: str) -> dict[str, Any]:
     target = Path(folder) / f"{stream.name}{suffix}"
     truth = Path(folder) / f"{stream.name}.truth.npz"
     source = stream.source()
+    truth.unlink(missing_ok=True)  # a run that is stopped leaves no truth about another recording
     done = capture.record(source, target, overwrite=target.exists())
     is_forged = isinstance(source, forge.ForgedStream)
     share = 0.0

@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 
 from manip3d._util.paths import path_of
 from manip3d.errors import FormatError
-from manip3d.io._files import regular_bytes
+from manip3d.io._files import limited_bytes
 from manip3d.study._steps import NAME, Field
 
 MOST_BYTES = 1 << 20
@@ -232,11 +232,7 @@ def read_table(path: str | os.PathLike[str]) -> dict[str, Any]:
         It cannot be read.
     """
     file = path_of(path)
-    content = regular_bytes(file)
-    if len(content) > MOST_BYTES:
-        raise FormatError(
-            f"expected at most {MOST_BYTES} bytes, got {len(content)}", file=str(file)
-        )
+    content = limited_bytes(file, MOST_BYTES)
     try:
         text = content.decode("utf-8")
         found = json.loads(text) if file.suffix.lower() == ".json" else tomllib.loads(text)

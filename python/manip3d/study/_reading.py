@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
-from manip3d.io._files import atomic_write
+from manip3d.io._files import atomic_write, sha256_of
 from manip3d.study._definition import Section, read_table
 from manip3d.study._display import DisplayStudy
 from manip3d.study._engine import Study
@@ -109,8 +108,7 @@ def _study(definition: Mapping[str, Any], base: Path | None, file: str) -> Study
 
 
 def _checksum(file: Path) -> str:
-    with file.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
+    return sha256_of(file)
 
 
 _RESERVED = ("record_id", "state", "group", "card_px", "distance_cm")

@@ -6,6 +6,7 @@ import fcntl
 import json
 import os
 import re
+import threading
 import time
 import zlib
 from collections.abc import Iterator, Mapping
@@ -17,7 +18,7 @@ from typing import Any, Self
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
-from manip3d.io._files import _sync_folder, atomic_write, regular_bytes
+from manip3d.io._files import _sync_folder, atomic_write, limited_bytes, regular_bytes
 from manip3d.study._steps import Value
 
 CODE = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}")
@@ -31,6 +32,7 @@ CHECKSUMS = "sha256"
 
 _DEFINITION = "study.json"
 _PARTICIPANTS = "participants"
+_MOST_BYTES = 16 << 20  # of a definition with the checksums of its stimuli
 
 
 @dataclass(frozen=True)
@@ -144,6 +146,7 @@ class StudyFolder:
     ) -> None:
         self.path = path_of(path)
         self.read_only = read_only
+        self._turn = threading.RLock()  # of the threads of this process
         self._lock: int | None = None
         if read_only and definition is not None:
             raise InputError("definition: expected none with read_only")
@@ -190,8 +193,8 @@ class StudyFolder:
         file = self.path / _DEFINITION
         if file.exists():
             try:
-                stored = json.loads(regular_bytes(file))
-            except ValueError as error:
+                stored = json.loads(limited_bytes(file, _MOST_BYTES))
+            except (ValueError, RecursionError) as error:
                 raise FormatError(f"expected JSON: {error}", file=str(file)) from None
             if not isinstance(stored, dict) or not isinstance(stored.get(CHECKSUMS, {}), dict):
                 raise FormatError("expected an object", file=str(file))
@@ -227,15 +230,16 @@ class StudyFolder:
             The code is no code, or differs from another only in its letters' case; the folder was
             opened for reading only.
         """
-        self.check_code(participant)
-        if participant in self.sessions:
+        with self._turn:
+            self.check_code(participant)
+            if participant in self.sessions:
+                return self.sessions[participant]
+            self._refuse_if_read_only()
+            number = 1 + max((s.number for s in self.sessions.values()), default=-1)
+            file = self._file(participant)
+            atomic_write(file, _line({"participant": participant, "number": number}))
+            self.sessions[participant] = Session(participant, number)
             return self.sessions[participant]
-        self._refuse_if_read_only()
-        number = 1 + max((s.number for s in self.sessions.values()), default=-1)
-        file = self._file(participant)
-        atomic_write(file, _line({"participant": participant, "number": number}))
-        self.sessions[participant] = Session(participant, number)
-        return self.sessions[participant]
 
     def check_code(self, participant: str) -> None:
         """Refuse a code with which nobody could begin.
@@ -250,7 +254,7 @@ class StudyFolder:
                 "participant: expected letters, digits, - and _, at most 32, "
                 f"got {participant[:40]!r}"
             )
-        others = (code.lower() for code in self.sessions if code != participant)
+        others = [code.lower() for code in self.sessions.copy() if code != participant]
         if participant.lower() in others:
             raise InputError(f"participant: {participant} differs from another code only in case")
 
@@ -265,23 +269,24 @@ class StudyFolder:
             It could not be written; nothing of it is left in the file.
         """
         self._refuse_if_read_only()
-        session = self.sessions[participant]
-        stamped = Answer(**{**vars(answer), "time_ns": time.time_ns()})
-        content = _line({key: value for key, value in vars(stamped).items()}).encode()
-        descriptor = os.open(self._file(participant), os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC)
-        try:
-            size = os.fstat(descriptor).st_size
+        with self._turn:
+            session = self.sessions[participant]
+            stamped = Answer(**{**vars(answer), "time_ns": time.time_ns()})
+            content = _line({key: value for key, value in vars(stamped).items()}).encode()
+            descriptor = os.open(self._file(participant), os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC)
             try:
-                rest = memoryview(content)
-                while rest:
-                    rest = rest[os.write(descriptor, rest) :]
-                os.fsync(descriptor)
-            except BaseException:
-                os.ftruncate(descriptor, size)
-                raise
-        finally:
-            os.close(descriptor)
-        session.answers.append(stamped)
+                size = os.fstat(descriptor).st_size
+                try:
+                    rest = memoryview(content)
+                    while rest:
+                        rest = rest[os.write(descriptor, rest) :]
+                    os.fsync(descriptor)
+                except BaseException:
+                    os.ftruncate(descriptor, size)
+                    raise
+            finally:
+                os.close(descriptor)
+            session.answers.append(stamped)
         return stamped
 
     def withdraw(self, participant: str) -> None:
@@ -293,11 +298,12 @@ class StudyFolder:
             There is no such participant, or the folder was opened for reading only.
         """
         self._refuse_if_read_only()
-        if participant not in self.sessions:
-            raise InputError(f"participant: expected one of this study, got {participant!r}")
-        self._file(participant).unlink()
-        _sync_folder(self.path / _PARTICIPANTS)
-        del self.sessions[participant]
+        with self._turn:
+            if participant not in self.sessions:
+                raise InputError(f"participant: expected one of this study, got {participant!r}")
+            self._file(participant).unlink()
+            _sync_folder(self.path / _PARTICIPANTS)
+            del self.sessions[participant]
 
     def close(self) -> None:
         """Let others use the folder; may be called twice."""
@@ -359,7 +365,7 @@ def _records(content: bytes, file: Path) -> Iterator[dict[str, Any]]:
         try:
             good = int(check, 16) == zlib.crc32(text)
             record = json.loads(text) if good else None
-        except ValueError:
+        except (ValueError, RecursionError):
             record = None
         if not isinstance(record, dict):
             raise FormatError(f"line {number}: damaged", file=str(file))

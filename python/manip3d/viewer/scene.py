@@ -13,8 +13,9 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.options import threads_of
-from manip3d.errors import InputError, MissingExtraError
+from manip3d.errors import FormatError, InputError, MissingExtraError
 from manip3d.io import texture_path
+from manip3d.io._files import regular_bytes
 from manip3d.mesh import Material, Mesh, Texture
 
 if TYPE_CHECKING:
@@ -367,8 +368,8 @@ def texture_bytes(mesh: Mesh, texture: Texture) -> bytes | None:
         path = texture_path(mesh, texture)
         if path is None:
             raise FileNotFoundError("no such file")
-        return path.read_bytes()
-    except (OSError, InputError) as error:
+        return regular_bytes(path)
+    except (OSError, InputError, FormatError) as error:
         _warn_unreadable(texture, error)
         return None
 
