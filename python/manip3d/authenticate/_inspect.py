@@ -44,7 +44,7 @@ from manip3d.authenticate._processing import (
 )
 from manip3d.authenticate._reflectance import ReflectanceResult, reflectances_read
 from manip3d.authenticate._sensors import Sensor, identify_and_read, nothing_to_tell
-from manip3d.authenticate._turns import TurnResult, turn_consistency
+from manip3d.authenticate._turns import MOST_APART_NS, TurnResult, turn_consistency
 from manip3d.authenticate._verdict import (
     NO_POWER,
     Calibration,
@@ -322,7 +322,9 @@ def inspect(
     previous, following : the same, optional
         The frames a turn earlier and later: what was answered then is missed now. One of them is
         a further witness of detector III; with both, detector IV compares what the turns saw, and
-        detector III looks at the frame alone.
+        detector III looks at the frame alone. Frames whose ``time_ns`` are more than 0.15 s apart
+        are no neighbours, and a frame whose neighbour has the same points is ``processed``
+        (repeated).
     lattice : SensorLattice, optional
         Lattice of the scanner, from `estimate_lattice` on clean scans. Without it that of KITTI's
         scanner is tried, then one estimated from the frame.
@@ -576,7 +578,7 @@ def _by_lattice(
     place: Place,
     source: str,
     identified: _Identified,
-    beside: tuple[LidarFrame | None, LidarFrame | None],
+    beside: _Beside,
     embedding: str,
     units_per_m: int,
     threads: int,
@@ -584,7 +586,7 @@ def _by_lattice(
     """Judge by detector III, with what a verified embedding moved."""
     sensor, reading = identified
     centred = _at_origin(scan, place)
-    before, after = beside
+    (before, after), why_not, repeats = _usable(centred, beside)
     both = before is not None and after is not None  # what is missing is detector IV's to find
     generic = None
     if sensor.off_lattice == 0.0 and sensor.lattice is not None:
@@ -607,9 +609,10 @@ def _by_lattice(
             generic = judge(centred.select(kept)).with_rows(kept, centred)
             detail = f"{np.count_nonzero(copies)} points repeat another one"
             repeated = (Processing("repeated", detail),)
+    repeated_turns = tuple(Processing("repeated", detail) for detail in repeats)
     coarse = rounding_of(embedding, units_per_m)
     found = find_processing(centred.points, sensor, generic, centred.intensity, reading)
-    processing = repeated + coarse
+    processing = repeated + repeated_turns + coarse
     processing += tuple(step for step in found if not (coarse and step.kind == "rounded"))
     changed = [step for step in processing if step.kind not in COORDINATES_KEPT]
     if generic is not None and changed:
@@ -629,11 +632,16 @@ def _by_lattice(
             following=None if turns is None else after, turns=turns,
             false_alarm_rate=rate_of("reflectance"), threads=threads,
         )  # fmt: skip
+    of_turns: tuple[DetectorReport, ...] = ()
+    if turns is not None:
+        of_turns = (_of_turns(turns, place, sensor, embedding),)
+    elif why_not and all(other is not None for other in beside):
+        of_turns = (DetectorReport("turns", "undecidable", "; ".join(why_not)),)
     reports = (
         DetectorReport("density", "undecidable", why),
         DetectorReport("occlusion", "undecidable", why),
         _of_generic(generic, place, sensor, embedding),
-        *(() if turns is None else (_of_turns(turns, place, sensor, embedding),)),
+        *of_turns,
         *(() if reflectance is None else (_of_reflectance(reflectance, place, sensor, embedding),)),
     )
     return _combined(
@@ -642,6 +650,43 @@ def _by_lattice(
         blind=BLIND if reports[-1].name == "reflectance" and reports[-1].power
         else (*BLIND, BLIND_WITHOUT_REFLECTANCES),
     )  # fmt: skip
+
+
+_Beside = tuple["LidarFrame | None", "LidarFrame | None"]
+
+
+def _usable(scan: LidarFrame, beside: _Beside) -> tuple[_Beside, list[str], list[str]]:
+    """The neighbours that are a turn apart; why others are not; which of them repeat a turn.
+
+    No two turns of a scanner have the same points: a recorder that stalled, or somebody who put a
+    turn in twice, writes them, and nothing is missing then or new.
+    """
+    kept: list[LidarFrame | None] = []
+    why, repeats = [], []
+    for other, name in zip(beside, ("before", "after"), strict=True):
+        kept.append(None)
+        if other is None:
+            continue
+        apart = 0 if None in (scan.time_ns, other.time_ns) else _apart_ns(scan, other)
+        if _same_points(scan, other):
+            repeats.append(f"the turn {name} has the same points")
+        elif apart > MOST_APART_NS:
+            why.append(f"the turn {name} was taken {apart * 1e-9:.2f} s apart, which is no turn")
+        else:
+            kept[-1] = other
+    before, after = kept
+    if before is not None and after is not None and _same_points(before, after):
+        before = after = None
+        repeats.append("the turns before and after have the same points")
+    return (before, after), repeats + why, repeats
+
+
+def _apart_ns(scan: LidarFrame, other: LidarFrame) -> int:
+    return abs((scan.time_ns or 0) - (other.time_ns or 0))
+
+
+def _same_points(scan: LidarFrame, other: LidarFrame) -> bool:
+    return scan.num_points > 0 and np.array_equal(scan.points, other.points)
 
 
 def _spoiled(generic: GenericResult, processing: Sequence[Processing]) -> Sequence[str]:
@@ -801,9 +846,11 @@ def _of_turns(found: TurnResult, place: Place, sensor: Sensor, embedding: str) -
         )
         for region in found.regions
     )
+    judged = found.verdict != "undecidable"
     return DetectorReport(
-        "turns", found.verdict, found.reason, found.score, found.p_value, regions, found.suspected,
-        known_power("turns", sensor, embedding), found.calibration,
+        "turns", found.verdict, found.reason, found.score if judged else None,
+        found.p_value if judged else None, regions, found.suspected,
+        known_power("turns", sensor, embedding) if judged else NO_POWER, found.calibration,
     )  # fmt: skip
 
 
