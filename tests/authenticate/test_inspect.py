@@ -13,7 +13,7 @@ import pytest
 
 import lattice_scans as scans
 from cave_scans import CAVE, ball
-from manip3d import InputError, LidarFrame, authenticate, report
+from manip3d import InputError, LidarFrame, authenticate, io, report
 from manip3d.authenticate import (
     DetectorReport,
     Inspection,
@@ -359,7 +359,8 @@ def test_the_detectors_of_a_frame_share_its_rate() -> None:
     points = closed_in()
     values = np.random.default_rng(3).integers(0, 99, len(points)).astype(np.float32) / 100.0
     frame = LidarFrame(points, values)
-    found = authenticate.inspect(frame, previous=frame, following=frame, lattice=LATTICE)
+    before, after = (LidarFrame(points[k:], values[k:]) for k in (1, 2))  # no two are the same
+    found = authenticate.inspect(frame, previous=before, following=after, lattice=LATTICE)
     results = (found.generic, found.turns, found.reflectance)
     rates = [result.false_alarm_rate for result in results if result is not None]
     assert rates == pytest.approx([0.001, 0.007, 0.002])
@@ -433,6 +434,23 @@ def test_suspected_rows_are_a_table(tmp_path: Path) -> None:
     lines = (tmp_path / "rows.csv").read_text().splitlines()
     assert lines[0] == "row,x,y,z,detector,region,p_value"
     assert {int(line.split(",")[0]) for line in lines[1:]} == set(found.suspected.tolist())
+
+
+def test_suspected_rows_are_those_of_the_file(tmp_path: Path) -> None:
+    path, table = tmp_path / "scan.pcd", tmp_path / "rows.csv"
+    stored = np.concatenate([np.full((1000, 3), np.nan, np.float32), FORGED])
+    path.write_bytes(
+        b"VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
+        b"WIDTH %d\nHEIGHT 1\nPOINTS %d\nDATA binary\n"
+        % (len(stored), len(stored))
+        + stored.tobytes()
+    )
+    found = authenticate.inspect(io.read_scan(path), origin=(0, 0, 0))
+    assert found.verdict == "tampered"
+    report.write_suspected_rows(found, table)
+    for line in table.read_text().splitlines()[1:50]:
+        row, *place = line.split(",")[:4]
+        np.testing.assert_allclose(stored[int(row)], np.float32(place), atol=1e-4)
 
 
 def test_a_scan_without_a_position_is_undecidable() -> None:
