@@ -485,3 +485,14 @@ def test_the_evidence_is_one_page_or_json(tmp_path: Path) -> None:
     assert record["verdict"] == "tampered"
     with pytest.raises(InputError, match="output: expected a name that ends in"):
         report.write_evidence(found, tmp_path / "evidence.pdf")
+
+
+def test_printed_thresholds_accuse_terrestrial_scans_only() -> None:
+    for frame, options, verdict in (
+        (FORGED, {"origin": (0, 0, 0)}, "tampered"),
+        (street(), {"lattice": LATTICE}, "undecidable"),
+        (street(), {"origin": (0, 0, 0), "sensor": "other"}, "undecidable"),
+    ):
+        assert authenticate.inspect(frame, printed=True, **options).verdict == verdict
+    found = authenticate.inspect(street(), lattice=LATTICE, printed=True)
+    assert "the printed thresholds are those of terrestrial scanners" in found.reason

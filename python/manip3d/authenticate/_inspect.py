@@ -344,8 +344,8 @@ def inspect(
     power : bool
         State the share of edits of each class that are found in scans of this scanner.
     printed : bool
-        Ask detectors I and II with the thresholds printed in the dissertation, whatever the
-        scanner is.
+        Ask detectors I and II with the thresholds printed in the dissertation. They were printed
+        for terrestrial scanners: scans of all others are undecidable then.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
     progress : None, True or callable(fraction, message)
@@ -440,10 +440,10 @@ def _inspected(
         result = _by_lattice(
             scan, place, source, (found, reading), (before, after), embedding, units, asked.threads
         )
-    elif found.kind == "terrestrial" or asked.printed:
+    elif found.kind == "terrestrial":
         result = _by_angles(scan, place, source, found, asked.printed, asked.threads, told)
     else:
-        result = _not_judged(scan, place, source, found)
+        result = _not_judged(scan, place, source, found, asked.printed)
     told(1.0)
     return result
 
@@ -728,8 +728,12 @@ def _by_angles(
     )
 
 
-def _not_judged(scan: LidarFrame, place: Place, source: str, sensor: Sensor) -> Inspection:
+def _not_judged(
+    scan: LidarFrame, place: Place, source: str, sensor: Sensor, printed: bool
+) -> Inspection:
     why = f"{sensor.name} ({sensor.reason}): no detector is calibrated for it"
+    if printed:
+        why = f"{sensor.name}: the printed thresholds are those of terrestrial scanners"
     reports = tuple(DetectorReport(name, "undecidable", why) for name in FORENSIC)
     points = _at_origin(scan, place).points
     processing = () if scan.num_points < 1000 else find_processing(points, sensor, None)

@@ -121,7 +121,9 @@ def inspect(
     printed: Annotated[
         bool,
         typer.Option(
-            "--printed", help="Use the thresholds printed in the dissertation, not calibrated ones."
+            "--printed",
+            help="Use the thresholds printed in the dissertation, not calibrated ones; only "
+            "terrestrial scans are judged.",
         ),
     ] = False,
     power: Annotated[
