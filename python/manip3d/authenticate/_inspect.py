@@ -82,6 +82,17 @@ TITLES = {
 FORENSIC = ("density", "occlusion", "generic")
 """Detectors I, II and III, which look at the scan alone."""
 
+LATTICE_CALIBRATION = Calibration(
+    "simulated streets 80000 to 80050, ten frames each, which fixed no threshold: those stand on "
+    "how KITTI's scanner measures",
+    510,
+    0,
+    "Below a p-value of 1 / 511 the rate of false alarms was not measured; it is what points that "
+    "strayed alone would have.",
+)
+"""The clean frames that detector III was asked about: its p-values below 1 / 511 are a model's, and
+`inspect` states none that is smaller."""
+
 SENSORS = ("auto", "lattice", "terrestrial", "other")
 """What a caller can say of the scanner; ``auto``: `identify_sensor` tells."""
 
@@ -99,7 +110,8 @@ class DetectorReport:
     score : float or None
         The detector's own measure, larger is more suspicious; None: it could not judge.
     p_value : float or None
-        Probability, at most, that a clean scan shows as much; None: the detector states none.
+        Probability, at most, that a clean scan shows as much; None: the detector states none. It is
+        never below 1 / (n + 1) of the n clean scans of ``calibration``, which support no less.
     regions : tuple of Region
         Places with evidence, the most significant first.
     suspected : (K,) int64
@@ -833,13 +845,14 @@ def _of_generic(
         return DetectorReport(
             "generic", "processed", "the points were moved off the lattice of the scanner"
         )
+    least = 1.0 / (1 + LATTICE_CALIBRATION.num_scans)
     regions = tuple(
-        Region(_moved(region.box, place), region.rows, region.p_value, region.strength)
+        Region(_moved(region.box, place), region.rows, max(least, region.p_value), region.strength)
         for region in found.regions
     )
     return DetectorReport(
-        "generic", found.verdict, found.reason, found.score, found.p_value,
-        regions, found.suspected, known_power("generic", sensor, embedding),
+        "generic", found.verdict, found.reason, found.score, max(least, found.p_value),
+        regions, found.suspected, known_power("generic", sensor, embedding), LATTICE_CALIBRATION,
     )  # fmt: skip
 
 

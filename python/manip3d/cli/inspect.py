@@ -151,12 +151,14 @@ def inspect(
 ) -> None:
     """Look for edits of a LiDAR scan, a drive or an RGB-D recording.
 
-    The exit code is 0 for no_trace, 3 for tampered, 4 for processed and undecidable; of a drive and
-    of several sources it is that of the gravest verdict whose code is not 0, 1 if a scan could not
-    be read, and 130 when interrupted. Each
-    scan of a drive or of packets gets a line, and is judged together with the scans before and
-    after it; it is judged alone where those are missing, and in folders without times (object and
-    stereo benchmarks). No verdict says that a scan is authentic: only a keyed watermark does. With
+    The exit code is 0 for no_trace, 3 for tampered, 4 for processed and undecidable, 1 if a scan
+    could not be read, and 130 when interrupted; of several sources it is that of the gravest
+    verdict whose code is not 0. Each scan of a drive or of packets gets a line, and is judged
+    together with the scans before and after it; it is judged alone where those are missing, and in
+    folders without times (object and stereo benchmarks). A drive is tampered where chance does not
+    explain its accused scans: of 100 clean scans one may be accused, and 1.1 % of clean drives are
+    called tampered at most, beside one alarm an hour. No verdict says that a scan is authentic:
+    only a keyed watermark does. With
     -o the evidence is written: a page with pictures and boxes (.html; of a drive a timeline and a
     map, of a recording frames, what was inserted in them and the curves of noise), or the numbers
     (.json).
@@ -357,7 +359,7 @@ def inspect_drive(
     key: KeyFile | None,
     options: Mapping[str, Any],
 ) -> str | None:
-    """Inspect scan after scan, a line each, and return the gravest verdict; None: some failed."""
+    """Inspect scan after scan, a line each, and return the drive's verdict; None: some failed."""
     import json
 
     from manip3d import authenticate, datasets, report
