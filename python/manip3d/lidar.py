@@ -119,6 +119,8 @@ class LidarFrame(Showable):
         Format of the file that the scan came from.
     num_dropped : int
         Points of the file without coordinates (NaN), which are not here.
+    file_rows : (N,) int64 or None
+        Row of each point in the file, where points of it were dropped; None: the same as here.
 
     Raises
     ------
@@ -140,6 +142,7 @@ class LidarFrame(Showable):
     exact: NDArray[np.float64] | None = None
     format: ScanFormat | None = None
     num_dropped: int = 0
+    file_rows: NDArray[np.int64] | None = None
 
     def __post_init__(self) -> None:
         points = as_rows(self.points, 3, np.float32, "points")
@@ -156,7 +159,10 @@ class LidarFrame(Showable):
         if ring is not None and ring.dtype.kind not in "iu":
             raise InputError(f"ring: expected integers, got dtype {ring.dtype}")
         fields = {name: np.asarray(values) for name, values in self.fields.items()}
-        named = {"intensity": intensity, "exact": exact, "ring": ring, **fields}
+        rows = None if self.file_rows is None else np.asarray(self.file_rows)
+        if rows is not None and rows.dtype.kind not in "iu":
+            raise InputError(f"file_rows: expected integers, got dtype {rows.dtype}")
+        named = {"intensity": intensity, "exact": exact, "ring": ring, "file_rows": rows, **fields}
         for name, values in named.items():
             if values is not None and (values.ndim == 0 or len(values) != len(points)):
                 raise InputError(
@@ -171,6 +177,7 @@ class LidarFrame(Showable):
             ("time_ns", None if time_ns is None else int(time_ns)),
             ("exact", exact),
             ("ring", ring),
+            ("file_rows", rows),
             ("fields", ReadOnlyMapping(fields)),
         ):
             object.__setattr__(self, name, value)
@@ -260,6 +267,7 @@ class LidarFrame(Showable):
             points=new,
             exact=exact,
             intensity=frame.intensity if intensity is None else intensity,
+            file_rows=None,  # new points have none
         )
 
     def write(self, path: str | os.PathLike[str]) -> None:
@@ -272,7 +280,7 @@ class LidarFrame(Showable):
         """The frame with ``take`` done to every array of rows."""
         named = {
             name: take(values)
-            for name in ("points", "intensity", "ring", "exact")
+            for name in ("points", "intensity", "ring", "exact", "file_rows")
             if (values := getattr(self, name)) is not None
         }
         fields = {name: take(values) for name, values in self.fields.items()}

@@ -11,7 +11,7 @@ import pytest
 
 from manip3d import InputError, LidarFrame, authenticate, report
 from manip3d.authenticate import DetectorReport, Inspection, drive_evidence, likelihood_ratio
-from manip3d.authenticate._sequence import upper_rate
+from manip3d.authenticate._sequence import binomial_tail, upper_rate
 
 NOTHING = authenticate.inspect(LidarFrame(np.zeros((0, 3), np.float32)))
 
@@ -84,3 +84,62 @@ def test_bad_rates_are_named() -> None:
             drive_evidence([], **{name: 0.0})
     with pytest.raises(InputError, match="p_value"):
         likelihood_ratio(2.0)
+
+
+def accused(p_value: float, name: str = "turns", score: float = 1.0) -> Inspection:
+    report = DetectorReport(name, "tampered", "", score, p_value)
+    return replace(NOTHING, verdict="tampered", detectors=(report,))
+
+
+CLEAN = frame(1.0)
+ODD = accused(0.007)
+
+
+def test_a_drive_is_not_tampered_for_what_chance_explains() -> None:
+    verdict, reason = authenticate.verdict_of_drive([CLEAN] * 50 + [ODD] + [CLEAN] * 49)
+    assert verdict == "undecidable"
+    assert reason.startswith("1 of 100 scans accused (number 50), which chance explains")
+    assert "1.0 of so many" in reason
+    assert authenticate.verdict_of_drive([CLEAN, ODD])[0] == "undecidable"
+    assert authenticate.verdict_of_drive([ODD])[0] == "tampered"  # as the scan alone is
+    processed = replace(NOTHING, verdict="processed")
+    assert authenticate.verdict_of_drive([CLEAN] * 50 + [ODD, processed])[0] == "processed"
+
+
+def test_more_episodes_than_chance_has_are_tampered() -> None:
+    """Of 100 clean scans 5 episodes have a probability of 0.34 %, 4 of 1.8 %."""
+    for episodes, verdict in ((4, "undecidable"), (5, "tampered")):
+        drive = ([ODD] + [CLEAN] * 9) * episodes
+        drive += [CLEAN] * (100 - len(drive))
+        assert authenticate.verdict_of_drive(drive)[0] == verdict
+    beside = [CLEAN] * 60 + [accused(0.01)] * 5 + [CLEAN] * 35  # one place, seen five times
+    assert authenticate.verdict_of_drive(beside)[0] == "undecidable"
+    assert binomial_tail(5, 100, 0.01) == pytest.approx(0.003432, abs=1e-6)
+    assert binomial_tail(0, 10, 0.5) == pytest.approx(1.0)
+    assert binomial_tail(11, 10, 0.5) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_single_strong_scan_makes_a_drive_tampered() -> None:
+    rest = [CLEAN] * 9999
+    for strong, words in (
+        (accused(0.002, "generic", 9.0), "points of number 5000 lie where the sensor cannot"),
+        (accused(1.0, "watermark"), "the watermark of number 5000 does not hold"),
+    ):
+        drive = [*rest[:5000], strong, *rest[5000:]]
+        verdict, reason = authenticate.verdict_of_drive(drive)
+        assert (verdict, words in reason) == ("tampered", True)
+    drive[5000] = accused(0.002, "generic", 7.0)  # one clean drive in 100 has one
+    assert authenticate.verdict_of_drive(drive)[0] == "undecidable"
+
+
+def test_evidence_that_adds_up_makes_a_drive_tampered() -> None:
+    drive = [CLEAN] * 300 + [accused(0.0011)] * 4
+    verdict, reason = authenticate.verdict_of_drive(drive)
+    assert verdict == "tampered"
+    assert "adds up to an alarm at number 303" in reason
+    assert "of clean drives as long 1.9% at most" in reason
+
+
+def test_long_lists_of_accused_scans_are_cut() -> None:
+    reason = authenticate.verdict_of_drive([ODD, CLEAN] * 15)[1]
+    assert "15 of 30 scans accused (numbers 0, 2, 4, 6, 8, 10, 12, 14, 16, 18 and 5 more)" in reason

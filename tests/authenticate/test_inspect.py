@@ -13,7 +13,7 @@ import pytest
 
 import lattice_scans as scans
 from cave_scans import CAVE, ball
-from manip3d import FormatError, InputError, LidarFrame, authenticate, report
+from manip3d import InputError, LidarFrame, authenticate, io, report
 from manip3d.authenticate import (
     DetectorReport,
     Inspection,
@@ -359,7 +359,8 @@ def test_the_detectors_of_a_frame_share_its_rate() -> None:
     points = closed_in()
     values = np.random.default_rng(3).integers(0, 99, len(points)).astype(np.float32) / 100.0
     frame = LidarFrame(points, values)
-    found = authenticate.inspect(frame, previous=frame, following=frame, lattice=LATTICE)
+    before, after = (LidarFrame(points[k:], values[k:]) for k in (1, 2))  # no two are the same
+    found = authenticate.inspect(frame, previous=before, following=after, lattice=LATTICE)
     results = (found.generic, found.turns, found.reflectance)
     rates = [result.false_alarm_rate for result in results if result is not None]
     assert rates == pytest.approx([0.001, 0.007, 0.002])
@@ -387,8 +388,11 @@ def test_moved_object_is_found_with_a_tight_box() -> None:
     moved: list[np.ndarray] = []
     found = street_with(move)
     assert found.verdict == "tampered"
-    assert found.p_value is not None
-    assert found.p_value < 1e-9
+    assert found.p_value == 1.0 / 511.0  # so many clean frames support no less
+    assert found.regions[0].p_value == 1.0 / 511.0
+    assert found.likelihood_ratio == pytest.approx(0.5 * 511.0**0.5)
+    assert found.score is not None
+    assert found.score > 9.0
     box = found.regions[0].box
     low, high = moved[0].min(axis=0), moved[0].max(axis=0)
     assert np.prod(box.size[:2]) <= 1.2 * np.prod((high - low)[:2])
@@ -427,31 +431,29 @@ def test_unknown_scanner_is_refused() -> None:
         authenticate.inspect(CAVE, sensor="VLP-16")
 
 
-def test_log_shows_what_was_changed(tmp_path: Path) -> None:
-    log = tmp_path / "case.jsonl"
-    found = authenticate.inspect(np.zeros((0, 3), np.float32))
-    hashes = [report.append_log(log, found, source=f"scan {i}") for i in range(3)]
-    assert [entry["hash"] for entry in report.read_log(log)] == hashes
-    lines = log.read_bytes().splitlines(keepends=True)
-    for damaged in (
-        [lines[0].replace(b"undecidable", b"tampered"), *lines[1:]],
-        [lines[0], lines[2]],
-        [*lines[:2], lines[1], lines[2]],
-        [b"no JSON\n"],
-    ):
-        log.write_bytes(b"".join(damaged))
-        with pytest.raises(FormatError, match="line"):
-            report.read_log(log)
-        with pytest.raises(FormatError, match="line"):
-            report.append_log(log, found, source="another")
-
-
 def test_suspected_rows_are_a_table(tmp_path: Path) -> None:
     found = authenticate.inspect(FORGED, origin=(0, 0, 0))
     report.write_suspected_rows(found, tmp_path / "rows.csv")
     lines = (tmp_path / "rows.csv").read_text().splitlines()
     assert lines[0] == "row,x,y,z,detector,region,p_value"
     assert {int(line.split(",")[0]) for line in lines[1:]} == set(found.suspected.tolist())
+
+
+def test_suspected_rows_are_those_of_the_file(tmp_path: Path) -> None:
+    path, table = tmp_path / "scan.pcd", tmp_path / "rows.csv"
+    stored = np.concatenate([np.full((1000, 3), np.nan, np.float32), FORGED])
+    path.write_bytes(
+        b"VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
+        b"WIDTH %d\nHEIGHT 1\nPOINTS %d\nDATA binary\n"
+        % (len(stored), len(stored))
+        + stored.tobytes()
+    )
+    found = authenticate.inspect(io.read_scan(path), origin=(0, 0, 0))
+    assert found.verdict == "tampered"
+    report.write_suspected_rows(found, table)
+    for line in table.read_text().splitlines()[1:50]:
+        row, *place = line.split(",")[:4]
+        np.testing.assert_allclose(stored[int(row)], np.float32(place), atol=1e-4)
 
 
 def test_a_scan_without_a_position_is_undecidable() -> None:
@@ -486,3 +488,14 @@ def test_the_evidence_is_one_page_or_json(tmp_path: Path) -> None:
     assert record["verdict"] == "tampered"
     with pytest.raises(InputError, match="output: expected a name that ends in"):
         report.write_evidence(found, tmp_path / "evidence.pdf")
+
+
+def test_printed_thresholds_accuse_terrestrial_scans_only() -> None:
+    for frame, options, verdict in (
+        (FORGED, {"origin": (0, 0, 0)}, "tampered"),
+        (street(), {"lattice": LATTICE}, "undecidable"),
+        (street(), {"origin": (0, 0, 0), "sensor": "other"}, "undecidable"),
+    ):
+        assert authenticate.inspect(frame, printed=True, **options).verdict == verdict
+    found = authenticate.inspect(street(), lattice=LATTICE, printed=True)
+    assert "the printed thresholds are those of terrestrial scanners" in found.reason

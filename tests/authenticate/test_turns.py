@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import lattice_scans as scans
 import turn_scans
 from manip3d import InputError, LidarFrame, authenticate, forge
 from manip3d.authenticate import TurnResult, turn_consistency
+from manip3d.authenticate._movers import passes_by
 from manip3d.report import write_evidence
 
 LATTICE = turn_scans.LATTICE
@@ -164,3 +166,72 @@ def test_power_without_an_encoder_leaves_white_box_edits_out(turns: list[np.ndar
     power = authenticate.measure_power([LidarFrame(turns[1])], blind, planted=1)
     assert "moved" in power
     assert "spoofed" not in power
+
+
+def test_turns_that_are_missing_are_told_by_the_way_between_them() -> None:
+    for step, verdict in ((1.3, "no_trace"), (1.8, "undecidable")):
+        apart = [turn_scans.turn(step * k, 30 + k) for k in (-1, 0, 1)]
+        found = judged(apart, apart[1])
+        assert found.verdict == verdict
+    assert found.reason.startswith("the scanner moved 1.8 m between two turns")
+
+
+def test_what_passes_by_faster_than_its_length_is_no_edit(monkeypatch: pytest.MonkeyPatch) -> None:
+    def at(x: float) -> tuple[tuple[tuple[float, ...], ...], ...]:
+        return (*turn_scans.BOXES[1:], ((x, 4.0, -1.73), (x + 1.5, 5.0, 0.3)))
+
+    quick = [turn_scans.turn(0.3 * k, 20 + k, at(5.0 - 2.5 * k)) for k in (-1, 0, 1)]
+    assert judged(quick, quick[1]).verdict == "no_trace"
+    monkeypatch.setattr("manip3d.authenticate._turns.passes_by", lambda *_: False)
+    assert judged(quick, quick[1]).regions[0].kind == "before"
+
+
+def test_what_stands_as_far_behind_as_beyond_passes_by() -> None:
+    def things(*places: tuple[float, float]) -> np.ndarray:
+        thing = np.random.default_rng(0).uniform((0, 0, 0), (0.8, 0.4, 1.5), (300, 3))
+        wall = np.random.default_rng(1).uniform((-9, 3, 0), (9, 3.1, 2), (3000, 3))
+        return np.concatenate([wall, *(thing + np.array([*place, 0.0]) for place in places)])
+
+    here = things((0.0, 0.0))[3000:]
+    for before, after, passes in (
+        (things((-1.5, 0.5)), things((1.5, -0.5)), True),
+        (things((-1.5, 0.0)), things((1.75, 0.0)), True),  # it drives faster
+        (things((-1.5, 0.0)), things((1.5, 1.5)), False),
+        (things((-1.5, 0.0)), things((-3.0, 0.0)), False),
+        (things((-1.5, 0.0)), things(), False),
+        (things(), things(), False),
+        (things((5.0, 0.0)), things((-5.0, 0.0)), False),  # 180 km/h
+        (things((-1.5, 0.0), (1.5, 0.0)), things((-1.5, 0.0), (1.5, 0.0)), False),  # both stand
+    ):
+        assert passes_by(here, before, after) == passes
+    assert not passes_by(here[:0], here, here)
+
+
+def test_frames_that_are_no_turn_apart_are_no_neighbours(turns: list[np.ndarray]) -> None:
+    forged = forge.lattice_remove(turns[1], turn_scans.box_at(0, 0.0), lattice=LATTICE).points
+    before, frame, after = (
+        LidarFrame(points, time_ns=10**8 * k)
+        for k, points in enumerate((turns[0], forged, turns[2]))
+    )
+    judge = functools.partial(authenticate.inspect, lattice=LATTICE, threads=1)
+    assert judge(frame, previous=before, following=after).accusing is not None
+    late = after.replace(time_ns=4 * 10**8)
+    found = judge(frame, previous=before, following=late)
+    assert found.verdict == "no_trace"
+    said = next(report for report in found.detectors if report.name == "turns")
+    assert (said.verdict, said.score, dict(said.power)) == ("undecidable", None, {})
+    assert said.reason == "the turn after was taken 0.30 s apart, which is no turn"
+
+
+def test_a_turn_that_was_written_twice_is_repeated(turns: list[np.ndarray]) -> None:
+    judge = functools.partial(authenticate.inspect, lattice=LATTICE, threads=1)
+    before, frame, after = (LidarFrame(points) for points in turns)
+    for beside, words in (
+        ((frame, frame), "the turn before has the same points; repeated: the turn after has"),
+        ((frame, after), "the turn before has the same points"),
+        ((before, before), "the turns before and after have the same points"),
+    ):
+        found = judge(frame, previous=beside[0], following=beside[1])
+        assert found.verdict == "processed"
+        assert found.reason.startswith(f"repeated: {words}")
+    assert judge(frame, previous=before, following=after).verdict == "no_trace"

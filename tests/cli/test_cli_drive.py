@@ -66,7 +66,8 @@ def test_a_drive_is_a_line_a_scan_and_a_table(drive: Path, tmp_path: Path) -> No
         ["0000000002.bin", "no_trace"],
     ]  # fmt: skip
     assert lines[-1].startswith(
-        "tampered: 1 of 3 scans; the detectors together may accuse 1% of clean scans"
+        "tampered: 1 of 3 scans accused (number 1): points of number 1 lie where the sensor cannot "
+        "measure; of clean drives as long 1.1% at most are called so"
     )
     log = report.read_log(tmp_path / "case.jsonl")
     assert [entry["verdict"] for entry in log] == ["no_trace", "tampered", "no_trace"]
@@ -243,7 +244,21 @@ def test_only_frames_a_turn_apart_are_neighbours(
     assert authenticate.drive_numbers(tmp_path / "raw") == [3, 4, 6]
     assert authenticate.drive_numbers(tmp_path / "flat") == [0, 2, 4]
     (tmp_path / "flat" / "times.txt").write_text("0\n0.1\n0.3\n")
+    assert authenticate.drive_numbers(tmp_path / "flat") == [3, 4, 7]
+    times = tmp_path / "flat" / "times.txt"
+    times.write_text("0\n0.2\n0.3\n")  # a line for each scan
+    assert authenticate.drive_numbers(tmp_path / "flat") == [3, 5, 7]
+    times.write_text("".join(f"{time}\n" for time in (0, 0, 0, 0.3, 0.4, 0.5, 0.6)))  # by number
+    assert authenticate.drive_numbers(tmp_path / "flat") == [3, 4, 7]
+    times.write_text("0\n0.2\n")  # of other scans
     assert authenticate.drive_numbers(tmp_path / "flat") == [3, 4, 6]
+    raw_times = tmp_path / "raw" / "velodyne_points" / "timestamps.txt"
+    day = "2011-09-26 13:04:32.{}\n"
+    raw_times.write_text("".join(day.format(part) for part in ("300000000", "500000001", "6")))
+    assert authenticate.drive_numbers(tmp_path / "raw") == [3, 5, 7]
+    raw_times.write_text("yesterday\n")
+    with pytest.raises(manip3d.FormatError, match="expected a time, got 'yesterday'"):
+        authenticate.drive_numbers(tmp_path / "raw")
 
 
 @pytest.mark.realdata

@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 from typer.testing import CliRunner, Result
 
 import manip3d
+import manip3d.report
 from cave_scans import CAVE, ball
 from manip3d.cli import app
 from manip3d.cli.forge import ATTACKS
+from manip3d.cli.many import _gravest
 
 Points = NDArray[np.float32]
 
@@ -240,3 +242,94 @@ def test_many_scans_have_one_table_and_the_gravest_exit_code(
     named = run("inspect", folder / "mesh.ply", folder / "clean.bin", "-q", "--jobs", 1)
     assert named.exit_code == 1  # what is named must be what the command takes
     assert "OtherKindError" in named.stdout
+
+
+def test_a_policy_holds_for_several_files(scan: Path, hoax: Path, tmp_path: Path) -> None:
+    forged, empty = tmp_path / "forged.bin", tmp_path / "empty.bin"
+    made = run("forge", "lidar", "ctp", scan, "-o", forged, "--hoax", hoax, "--position", 3, 1, 0)
+    assert made.exit_code == 0, made.output
+    empty.write_bytes(b"")
+    for files, policy, code in (
+        ((scan, forged), "", 3),
+        ((scan, forged), "tampered=5", 5),
+        ((empty, forged), "tampered=2,undecidable=9", 2),  # of the gravest verdict, not the code
+        ((scan, empty), "undecidable=0,no_trace=7", 7),
+        ((scan, scan), "no_trace=7", 7),
+        ((scan, forged), "tampered=0", 0),
+    ):
+        done = run("inspect", *files, "--policy", policy, "-q", "--jobs", 1)
+        assert done.exit_code == code, (policy, done.output)
+    refused = run("inspect", scan, forged, "--policy", "tamperd=5")
+    assert refused.exit_code == 2
+    assert "expected VERDICT=CODE" in refused.output
+
+
+def test_unknown_exit_codes_are_no_success() -> None:
+    for codes, gravest in (((0, 0), 0), ((0, 5), 5), ((4, 3, 9), 3), ((2, 4), 4), ((), 0)):
+        assert _gravest([{"exit_code": code} for code in codes]) == gravest
+
+
+def test_several_scans_are_a_short_table(scan: Path, tmp_path: Path) -> None:
+    empty = tmp_path / "empty.bin"
+    empty.write_bytes(b"")
+    torn = tmp_path / "torn.bin"
+    torn.write_bytes(b"123")
+    done = run("inspect", scan, empty, "-q", "--jobs", 1)
+    head, *rows = done.stdout.splitlines()
+    assert head.split() == ["source", "verdict", "sensor", "p_value", "reason"]
+    assert [(row.split()[0], row.split()[1]) for row in rows] == [
+        (str(empty), "undecidable"), (str(scan), "no_trace"),
+    ]  # fmt: skip
+    done = run("inspect", scan, torn, "-q", "--jobs", 1)
+    assert done.exit_code == 1
+    assert "FormatError" in done.stdout
+    found = json.loads(run("inspect", scan, empty, "-q", "--jobs", 1, "--json").stdout)
+    assert "detectors" in found[0]
+
+
+def test_options_of_one_scan_are_refused_for_several(scan: Path, tmp_path: Path) -> None:
+    for option in ("--previous", "--following", "--watermark", "--rows"):
+        done = run("inspect", scan, tmp_path, option, tmp_path / "x.csv")
+        assert done.exit_code == 1
+        assert f"{option}: expected with a single scan, got several" in str(done.exception)
+    rows = tmp_path / "rows.csv"
+    rows.write_text("mine")
+    assert "--force replaces it" in str(run("inspect", scan, "--rows", rows).exception)
+    assert rows.read_text() == "mine"
+    assert run("inspect", scan, "--rows", rows, "--force", "-q").exit_code == 0
+    assert rows.read_text().startswith("row,")
+
+
+def test_a_log_that_cannot_be_is_refused_at_once(
+    scan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("was inspected")
+
+    monkeypatch.setattr("manip3d.authenticate.inspect", never)
+    other = tmp_path / "other.jsonl"
+    other.write_bytes(b'{"a": 1}\n')
+    for log, words in (
+        (tmp_path / "case.txt", "ends in .jsonl"),
+        (scan, "ends in .jsonl"),
+        (other, "line 1: not an entry of a log"),
+        (tmp_path / "no" / "case.jsonl", "there is no folder"),
+    ):
+        for sources in ((scan,), (scan, scan)):
+            done = run("inspect", *sources, "--log", log, "--jobs", 1)
+            assert done.exit_code == 1
+            assert words in str(done.exception)
+    assert other.read_bytes() == b'{"a": 1}\n'
+
+
+def test_several_scans_share_a_log(scan: Path, tmp_path: Path) -> None:
+    log = tmp_path / "case.jsonl"
+    folder = tmp_path / "scans"
+    folder.mkdir()
+    for number in range(4):
+        (folder / f"{number}.bin").write_bytes(scan.read_bytes()[: 16 * 500])
+    done = run("inspect", folder, "--log", log, "-q", "--jobs", 2)
+    assert done.exit_code == 4, done.output
+    assert {Path(entry["source"]).name for entry in manip3d.report.read_log(log)} == {
+        "0.bin", "1.bin", "2.bin", "3.bin",
+    }  # fmt: skip

@@ -125,6 +125,13 @@ def test_inspect_takes_recordings(person: Path, tmp_path: Path) -> None:
     shown = manip3d("inspect", out)
     assert shown.stdout.startswith("processed: cropped")
     assert manip3d("inspect", out, "--policy", "processed=0", "-q").returncode == 0
+    log = tmp_path / "case.jsonl"
+    assert manip3d("inspect", out, "--log", log, "-q").returncode == 4
+    assert json.loads(log.read_text())["verdict"] == "processed"
+    for option in ("rows", "previous", "following", "lattice", "key", "watermark", "calibration"):
+        ignored = manip3d("inspect", out, f"--{option}", tmp_path / "x")
+        assert ignored.returncode == 1
+        assert f"--{option}: expected with a LiDAR scan or drive" in ignored.stderr
     refused = manip3d("inspect", out, "-o", tmp_path / "page.pdf")
     assert "expected a name that ends in" in refused.stderr
     page = tmp_path / "page.html"

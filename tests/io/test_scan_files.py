@@ -457,3 +457,22 @@ def test_messages_show_the_bytes_of_files_as_escapes(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError) as missing:
         read_scan(tmp_path / os.fsdecode(b"b\xff.pcd"))
     assert missing.value.filename == str(tmp_path / os.fsdecode(b"b\xff.pcd"))
+
+
+def test_rows_of_the_file_are_known_where_points_were_dropped(tmp_path: Path) -> None:
+    path = tmp_path / "a.pcd"
+    path.write_bytes(pcd_bytes("binary"))
+    frame = read_scan(path)
+    assert frame.file_rows is not None
+    assert frame.file_rows.tolist() == [0, 1, 3]
+    some = frame.select([2, 0])
+    assert some.file_rows is not None
+    assert some.file_rows.tolist() == [3, 0]
+    added = frame.with_points(np.zeros((2, 3), np.float32), source_index=[-1, 2])
+    assert added.file_rows is None
+    with pytest.raises(InputError, match="file_rows: expected integers"):
+        frame.replace(file_rows=np.zeros(3))
+    with pytest.raises(InputError, match="file_rows: expected 3 rows"):
+        frame.replace(file_rows=np.zeros(2, np.int64))
+    np.zeros((3, 4), np.float32).tofile(tmp_path / "a.bin")
+    assert read_scan(tmp_path / "a.bin").file_rows is None

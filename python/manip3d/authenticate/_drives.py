@@ -13,9 +13,11 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
-from manip3d.authenticate._inspect import Inspection, inspect
+from manip3d.authenticate._generic import EVIDENCE
+from manip3d.authenticate._inspect import DetectorReport, Inspection, inspect
 from manip3d.authenticate._lattice import SensorLattice
-from manip3d.authenticate._verdict import FALSE_ALARM_RATE
+from manip3d.authenticate._sequence import FRAMES_PER_SECOND, binomial_tail, drive_evidence
+from manip3d.authenticate._verdict import FALSE_ALARM_RATE, rate_of
 from manip3d.authenticate._watermark import KeyFile, Policy, Watermarker
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame
@@ -26,6 +28,11 @@ if TYPE_CHECKING:
     from manip3d.authenticate._verdict import Verdict
 
 GRAVEST_FIRST: tuple[Verdict, ...] = ("tampered", "processed", "undecidable", "no_trace")
+
+DRIVE_RATE = 0.01
+"""Clean drives, at most, that have as many episodes of accused scans as one that is tampered."""
+
+_MOST_NAMED = 10
 
 
 @checked
@@ -119,7 +126,7 @@ def _check_each(name: str, values: object, *kinds: type) -> None:
 
 @checked
 def verdict_of_drive(found: Sequence[Inspection | None]) -> tuple[Verdict, str]:
-    """Return the gravest verdict of a drive's scans, and its reason.
+    """Return the verdict of a drive by what its scans say together, and its reason.
 
     Parameters
     ----------
@@ -129,8 +136,33 @@ def verdict_of_drive(found: Sequence[Inspection | None]) -> tuple[Verdict, str]:
     Returns
     -------
     (verdict, reason)
-        ``tampered`` if a scan is; else ``processed`` if a scan is; else ``undecidable`` if a scan
-        is, or there is none; else ``no_trace``.
+        ``tampered`` if the accused scans are more than chance explains; else ``processed`` if a
+        scan is; else ``undecidable`` if a scan is accused or undecidable, or there is none; else
+        ``no_trace``. Of accused scans the reason names the numbers, from 0.
+
+    Notes
+    -----
+    Of clean scans 1 % may be accused, so that of 100 clean scans one is. Chance does not explain
+
+    - a watermark that does not hold;
+    - a scan whose points are so far off the lattice that one of all clean drives in a thousand had
+      one (detector III, Bonferroni over the scans);
+    - so many episodes of accused scans that one clean drive in a hundred has as many (the binomial
+      law; scans that follow each other are one episode, since what looks odd in one looks odd in
+      the next);
+    - an alarm of `drive_evidence`, at one an hour.
+
+    Of clean drives of N scans 1.1 % + N / 36000 at most are called tampered, if frames apart from
+    each other are independent. An edit of a single scan that only detectors IV and V see makes a
+    long drive undecidable: look at the scan.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import LidarFrame, authenticate
+    >>> empty = authenticate.inspect(LidarFrame(np.zeros((0, 3), np.float32)))
+    >>> authenticate.verdict_of_drive([empty, empty])
+    ('undecidable', '2 of 2 scans')
     """
     verdicts: Counter[str] = Counter(
         "undecidable" if each is None else each.verdict for each in found
@@ -138,13 +170,52 @@ def verdict_of_drive(found: Sequence[Inspection | None]) -> tuple[Verdict, str]:
     verdict: Verdict = next((each for each in GRAVEST_FIRST if verdicts[each]), "undecidable")
     if len(found) == 0:
         return verdict, "there are no scans"
-    reason = f"{verdicts[verdict]} of {len(found)} scans"
-    if verdict == "tampered":
-        reason += (
-            f"; the detectors together may accuse {FALSE_ALARM_RATE:.0%} of clean scans, which is "
-            f"{FALSE_ALARM_RATE * len(found):.1f} of so many"
-        )
-    return verdict, reason
+    if verdict != "tampered":
+        return verdict, f"{verdicts[verdict]} of {len(found)} scans"
+    accused = [k for k, each in enumerate(found) if each is not None and each.verdict == verdict]
+    told = f"{len(accused)} of {len(found)} scans accused ({_listed(accused)})"
+    if (why := _why_no_chance(found, accused)) is not None:
+        share = DRIVE_RATE + rate_of("generic") + len(found) / (3600.0 * FRAMES_PER_SECOND)
+        return verdict, f"{told}: {why}; of clean drives as long {share:.1%} at most are called so"
+    return (
+        "processed" if verdicts["processed"] else "undecidable",
+        f"{told}, which chance explains: the detectors together may accuse {FALSE_ALARM_RATE:.0%} "
+        f"of clean scans, {FALSE_ALARM_RATE * len(found):.1f} of so many; look at each of them",
+    )
+
+
+def _listed(numbers: Sequence[int]) -> str:
+    named = ", ".join(str(number) for number in numbers[:_MOST_NAMED])
+    more = f" and {len(numbers) - _MOST_NAMED} more" if len(numbers) > _MOST_NAMED else ""
+    return f"number {named}{more}" if len(numbers) == 1 else f"numbers {named}{more}"
+
+
+def _why_no_chance(found: Sequence[Inspection | None], accused: Sequence[int]) -> str | None:
+    """What of a drive's accused scans chance does not explain; None: it explains all."""
+    judged = sum(each is not None for each in found)
+    for number in accused:
+        each = found[number]
+        if each is None:
+            continue
+        for report in each.detectors:
+            if report.verdict != "tampered":
+                continue
+            if report.name == "watermark":
+                return f"the watermark of number {number} does not hold"
+            if report.name == "generic" and _lattice_p_value(report) * judged <= rate_of("generic"):
+                return f"points of number {number} lie where the sensor cannot measure"
+    alarms = drive_evidence(found).alarms
+    if alarms:
+        return f"the evidence of successive scans adds up to an alarm at number {alarms[0]}"
+    episodes = sum(number - 1 not in accused for number in accused)
+    if binomial_tail(episodes, judged, FALSE_ALARM_RATE) <= DRIVE_RATE * (1.0 + 1e-9):
+        return f"{episodes} {'episode' if episodes == 1 else 'episodes'} are more than chance has"
+    return None
+
+
+def _lattice_p_value(report: DetectorReport) -> float:
+    """By the model of detector III, whose score is -log10 of it for one kind of evidence."""
+    return 1.0 if report.score is None else len(EVIDENCE) * 10.0**-report.score
 
 
 _Numbered = tuple["LidarFrame | None", int]

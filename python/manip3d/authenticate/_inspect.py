@@ -44,7 +44,7 @@ from manip3d.authenticate._processing import (
 )
 from manip3d.authenticate._reflectance import ReflectanceResult, reflectances_read
 from manip3d.authenticate._sensors import Sensor, identify_and_read, nothing_to_tell
-from manip3d.authenticate._turns import TurnResult, turn_consistency
+from manip3d.authenticate._turns import MOST_APART_NS, TurnResult, turn_consistency
 from manip3d.authenticate._verdict import (
     NO_POWER,
     Calibration,
@@ -82,6 +82,17 @@ TITLES = {
 FORENSIC = ("density", "occlusion", "generic")
 """Detectors I, II and III, which look at the scan alone."""
 
+LATTICE_CALIBRATION = Calibration(
+    "simulated streets 80000 to 80050, ten frames each, which fixed no threshold: those stand on "
+    "how KITTI's scanner measures",
+    510,
+    0,
+    "Below a p-value of 1 / 511 the rate of false alarms was not measured; it is what points that "
+    "strayed alone would have.",
+)
+"""The clean frames that detector III was asked about: its p-values below 1 / 511 are a model's, and
+`inspect` states none that is smaller."""
+
 SENSORS = ("auto", "lattice", "terrestrial", "other")
 """What a caller can say of the scanner; ``auto``: `identify_sensor` tells."""
 
@@ -99,7 +110,8 @@ class DetectorReport:
     score : float or None
         The detector's own measure, larger is more suspicious; None: it could not judge.
     p_value : float or None
-        Probability, at most, that a clean scan shows as much; None: the detector states none.
+        Probability, at most, that a clean scan shows as much; None: the detector states none. It is
+        never below 1 / (n + 1) of the n clean scans of ``calibration``, which support no less.
     regions : tuple of Region
         Places with evidence, the most significant first.
     suspected : (K,) int64
@@ -322,7 +334,9 @@ def inspect(
     previous, following : the same, optional
         The frames a turn earlier and later: what was answered then is missed now. One of them is
         a further witness of detector III; with both, detector IV compares what the turns saw, and
-        detector III looks at the frame alone.
+        detector III looks at the frame alone. Frames whose ``time_ns`` are more than 0.15 s apart
+        are no neighbours, and a frame whose neighbour has the same points is ``processed``
+        (repeated).
     lattice : SensorLattice, optional
         Lattice of the scanner, from `estimate_lattice` on clean scans. Without it that of KITTI's
         scanner is tried, then one estimated from the frame.
@@ -342,8 +356,8 @@ def inspect(
     power : bool
         State the share of edits of each class that are found in scans of this scanner.
     printed : bool
-        Ask detectors I and II with the thresholds printed in the dissertation, whatever the
-        scanner is.
+        Ask detectors I and II with the thresholds printed in the dissertation. They were printed
+        for terrestrial scanners: scans of all others are undecidable then.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
     progress : None, True or callable(fraction, message)
@@ -438,10 +452,10 @@ def _inspected(
         result = _by_lattice(
             scan, place, source, (found, reading), (before, after), embedding, units, asked.threads
         )
-    elif found.kind == "terrestrial" or asked.printed:
+    elif found.kind == "terrestrial":
         result = _by_angles(scan, place, source, found, asked.printed, asked.threads, told)
     else:
-        result = _not_judged(scan, place, source, found)
+        result = _not_judged(scan, place, source, found, asked.printed)
     told(1.0)
     return result
 
@@ -576,7 +590,7 @@ def _by_lattice(
     place: Place,
     source: str,
     identified: _Identified,
-    beside: tuple[LidarFrame | None, LidarFrame | None],
+    beside: _Beside,
     embedding: str,
     units_per_m: int,
     threads: int,
@@ -584,7 +598,7 @@ def _by_lattice(
     """Judge by detector III, with what a verified embedding moved."""
     sensor, reading = identified
     centred = _at_origin(scan, place)
-    before, after = beside
+    (before, after), why_not, repeats = _usable(centred, beside)
     both = before is not None and after is not None  # what is missing is detector IV's to find
     generic = None
     if sensor.off_lattice == 0.0 and sensor.lattice is not None:
@@ -607,9 +621,10 @@ def _by_lattice(
             generic = judge(centred.select(kept)).with_rows(kept, centred)
             detail = f"{np.count_nonzero(copies)} points repeat another one"
             repeated = (Processing("repeated", detail),)
+    repeated_turns = tuple(Processing("repeated", detail) for detail in repeats)
     coarse = rounding_of(embedding, units_per_m)
     found = find_processing(centred.points, sensor, generic, centred.intensity, reading)
-    processing = repeated + coarse
+    processing = repeated + repeated_turns + coarse
     processing += tuple(step for step in found if not (coarse and step.kind == "rounded"))
     changed = [step for step in processing if step.kind not in COORDINATES_KEPT]
     if generic is not None and changed:
@@ -629,11 +644,16 @@ def _by_lattice(
             following=None if turns is None else after, turns=turns,
             false_alarm_rate=rate_of("reflectance"), threads=threads,
         )  # fmt: skip
+    of_turns: tuple[DetectorReport, ...] = ()
+    if turns is not None:
+        of_turns = (_of_turns(turns, place, sensor, embedding),)
+    elif why_not and all(other is not None for other in beside):
+        of_turns = (DetectorReport("turns", "undecidable", "; ".join(why_not)),)
     reports = (
         DetectorReport("density", "undecidable", why),
         DetectorReport("occlusion", "undecidable", why),
         _of_generic(generic, place, sensor, embedding),
-        *(() if turns is None else (_of_turns(turns, place, sensor, embedding),)),
+        *of_turns,
         *(() if reflectance is None else (_of_reflectance(reflectance, place, sensor, embedding),)),
     )
     return _combined(
@@ -642,6 +662,43 @@ def _by_lattice(
         blind=BLIND if reports[-1].name == "reflectance" and reports[-1].power
         else (*BLIND, BLIND_WITHOUT_REFLECTANCES),
     )  # fmt: skip
+
+
+_Beside = tuple["LidarFrame | None", "LidarFrame | None"]
+
+
+def _usable(scan: LidarFrame, beside: _Beside) -> tuple[_Beside, list[str], list[str]]:
+    """The neighbours that are a turn apart; why others are not; which of them repeat a turn.
+
+    No two turns of a scanner have the same points: a recorder that stalled, or somebody who put a
+    turn in twice, writes them, and nothing is missing then or new.
+    """
+    kept: list[LidarFrame | None] = []
+    why, repeats = [], []
+    for other, name in zip(beside, ("before", "after"), strict=True):
+        kept.append(None)
+        if other is None:
+            continue
+        apart = 0 if None in (scan.time_ns, other.time_ns) else _apart_ns(scan, other)
+        if _same_points(scan, other):
+            repeats.append(f"the turn {name} has the same points")
+        elif apart > MOST_APART_NS:
+            why.append(f"the turn {name} was taken {apart * 1e-9:.2f} s apart, which is no turn")
+        else:
+            kept[-1] = other
+    before, after = kept
+    if before is not None and after is not None and _same_points(before, after):
+        before = after = None
+        repeats.append("the turns before and after have the same points")
+    return (before, after), repeats + why, repeats
+
+
+def _apart_ns(scan: LidarFrame, other: LidarFrame) -> int:
+    return abs((scan.time_ns or 0) - (other.time_ns or 0))
+
+
+def _same_points(scan: LidarFrame, other: LidarFrame) -> bool:
+    return scan.num_points > 0 and np.array_equal(scan.points, other.points)
 
 
 def _spoiled(generic: GenericResult, processing: Sequence[Processing]) -> Sequence[str]:
@@ -683,8 +740,12 @@ def _by_angles(
     )
 
 
-def _not_judged(scan: LidarFrame, place: Place, source: str, sensor: Sensor) -> Inspection:
+def _not_judged(
+    scan: LidarFrame, place: Place, source: str, sensor: Sensor, printed: bool
+) -> Inspection:
     why = f"{sensor.name} ({sensor.reason}): no detector is calibrated for it"
+    if printed:
+        why = f"{sensor.name}: the printed thresholds are those of terrestrial scanners"
     reports = tuple(DetectorReport(name, "undecidable", why) for name in FORENSIC)
     points = _at_origin(scan, place).points
     processing = () if scan.num_points < 1000 else find_processing(points, sensor, None)
@@ -784,13 +845,14 @@ def _of_generic(
         return DetectorReport(
             "generic", "processed", "the points were moved off the lattice of the scanner"
         )
+    least = 1.0 / (1 + LATTICE_CALIBRATION.num_scans)
     regions = tuple(
-        Region(_moved(region.box, place), region.rows, region.p_value, region.strength)
+        Region(_moved(region.box, place), region.rows, max(least, region.p_value), region.strength)
         for region in found.regions
     )
     return DetectorReport(
-        "generic", found.verdict, found.reason, found.score, found.p_value,
-        regions, found.suspected, known_power("generic", sensor, embedding),
+        "generic", found.verdict, found.reason, found.score, max(least, found.p_value),
+        regions, found.suspected, known_power("generic", sensor, embedding), LATTICE_CALIBRATION,
     )  # fmt: skip
 
 
@@ -801,9 +863,11 @@ def _of_turns(found: TurnResult, place: Place, sensor: Sensor, embedding: str) -
         )
         for region in found.regions
     )
+    judged = found.verdict != "undecidable"
     return DetectorReport(
-        "turns", found.verdict, found.reason, found.score, found.p_value, regions, found.suspected,
-        known_power("turns", sensor, embedding), found.calibration,
+        "turns", found.verdict, found.reason, found.score if judged else None,
+        found.p_value if judged else None, regions, found.suspected,
+        known_power("turns", sensor, embedding) if judged else NO_POWER, found.calibration,
     )  # fmt: skip
 
 

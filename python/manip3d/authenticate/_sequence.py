@@ -149,18 +149,31 @@ def upper_rate(alarms: int, frames: int) -> float:
         return 1.0
     for _ in range(60):  # the rate at which so few alarms have a probability of 5 %
         rate = 0.5 * (low + high)
-        fewer = sum(
-            math.exp(
-                math.lgamma(frames + 1)
-                - math.lgamma(k + 1)
-                - math.lgamma(frames - k + 1)
-                + k * math.log(rate)
-                + (frames - k) * math.log1p(-rate)
-            )
-            for k in range(alarms + 1)
-        )
+        fewer = 1.0 - binomial_tail(alarms + 1, frames, rate)
         low, high = (rate, high) if fewer > 0.05 else (low, rate)
     return high
+
+
+def binomial_tail(least: int, frames: int, rate: float) -> float:
+    """Return the probability that at least so many of independent frames alarm.
+
+    Parameters
+    ----------
+    least, frames : int
+    rate : float
+        Of one frame, in (0, 1).
+    """
+    fewer = sum(
+        math.exp(
+            math.lgamma(frames + 1)
+            - math.lgamma(k + 1)
+            - math.lgamma(frames - k + 1)
+            + k * math.log(rate)
+            + (frames - k) * math.log1p(-rate)
+        )
+        for k in range(min(least, frames + 1))
+    )
+    return max(0.0, 1.0 - fewer)
 
 
 def _log10_ratio(found: Inspection | None) -> float:

@@ -15,6 +15,7 @@ from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.options import threads_of
 from manip3d.authenticate._generic import largest_group, tight_box
 from manip3d.authenticate._lattice import SensorLattice
+from manip3d.authenticate._movers import passes_by
 from manip3d.authenticate._verdict import NO_POWER, Calibration, Power, Verdict
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame
@@ -29,6 +30,15 @@ through."""
 
 FARTHEST = 26.0
 """Metres: farther regions are not judged, because single returns get lost there in masses."""
+
+FARTHEST_MOTION = 1.4
+"""Metres that the scanner may move between two turns. The cars of the streets that fix the tail
+drive 3 to 13 m/s, 1.3 m in a turn of a tenth of a second; a decimetre is for the alignment. Faster,
+or with turns that were left out, clean frames show more than the tail holds."""
+
+MOST_APART_NS = 150_000_000
+"""Nanoseconds between neighbours: one and a half turns of a tenth of a second, as the thresholds
+were fixed with."""
 
 UNITS: Mapping[str, float] = ReadOnlyMapping({"lost": 400.0, "through": 60.0, "before": 110.0})
 """Directions times metres of a region whose strength is 1, by kind. They only say how the kinds
@@ -94,7 +104,8 @@ class TurnResult:
     Attributes
     ----------
     verdict : 'no_trace', 'tampered' or 'undecidable'
-        ``undecidable``: the turns could not be aligned with the frame, or no ground was found.
+        ``undecidable``: the turns could not be aligned with the frame, the scanner moved farther
+        between them than where the thresholds were fixed, or no ground was found.
     reason : str
         In words.
     p_value : float
@@ -186,7 +197,10 @@ def turn_consistency(
     back within two turns. What was deleted leaves directions without a return, what was
     overwritten by its background leaves returns from behind. Dark cars that swallow pulses leave
     holes, too; these move, so that directions nearby that were silent in another turn and answer
-    now are subtracted. A region weighs its directions times their distance in metres.
+    now are subtracted. A region weighs its directions times their distance in metres. What passes
+    through a place faster than its own length a turn is seen there by one turn only: points with a
+    counterpart as far behind in the turn before as beyond in the turn after are no evidence. Where
+    the scanner moved more than 1.4 m between two turns, nothing is judged.
 
     Both neighbours must show the place unedited: where two or more frames in a row are edited
     there, this detector sees none of it.
@@ -203,25 +217,28 @@ def turn_consistency(
     if not 0.0 < false_alarm_rate < 1.0:
         raise InputError(f"false_alarm_rate: expected a share in (0, 1), got {false_alarm_rate!r}")
     cloud = _points_of(frame, "frame")
+    before, after = _points_of(previous, "previous"), _points_of(following, "following")
     found = _core.compare_turns(
         cloud,
-        _points_of(previous, "previous"),
-        _points_of(following, "following"),
+        before,
+        after,
         lattice.table,
         threads_of(threads),
     )
     motions = _matrix(found["previous"]), _matrix(found["following"])
     nothing = np.empty(0, np.int64)
-    if not found["judged"]:
-        why = (
-            "the turns before and after could not be aligned with the frame"
-            if found["has_ground"]
-            else "no ground plane was found"
-        )
+    if (why := _why_not_judged(found, motions)) is not None:
         return TurnResult(
             "undecidable", why, 1.0, 0.0, false_alarm_rate, (), nothing, *motions, CALIBRATION
         )
     regions = [_region(each, cloud) for each in found["regions"] if each["distance"] < FARTHEST]
+    turns = [_in_frame(*each) for each in zip((before, after), motions, strict=True)]
+    regions = [
+        region
+        for region in regions
+        if region.kind != "before" or region.p_value == 1.0
+        or not passes_by(cloud[region.rows], *turns)
+    ]  # fmt: skip
     regions.sort(key=lambda region: -region.strength)
     alarming = tuple(region for region in regions if region.p_value <= false_alarm_rate)
     rows = [region.rows for region in alarming]
@@ -259,6 +276,28 @@ def turn_p_value(strength: float) -> float:
     """Return the probability, at most, that a clean frame has a region as strong."""
     as_strong = sum(value >= strength for value in TAIL)
     return (1 + as_strong) / (1 + TAIL_FRAMES) if as_strong < len(TAIL) else 1.0
+
+
+def _why_not_judged(
+    found: Mapping[str, Any], motions: tuple[NDArray[np.float64], ...]
+) -> str | None:
+    """Why the turns tell nothing of the frame; None: they can be compared."""
+    if not found["has_ground"]:
+        return "no ground plane was found"
+    if not found["judged"]:
+        return "the turns before and after could not be aligned with the frame"
+    farthest = max(float(np.linalg.norm(motion[:3, 3])) for motion in motions)
+    if farthest > FARTHEST_MOTION:
+        return (
+            f"the scanner moved {farthest:.1f} m between two turns; the thresholds hold up to "
+            f"{FARTHEST_MOTION} m. Turns may be missing"
+        )
+    return None
+
+
+def _in_frame(points: NDArray[np.float32], motion: NDArray[np.float64]) -> NDArray[np.float64]:
+    moved: NDArray[np.float64] = points @ motion[:3, :3].T + motion[:3, 3]
+    return moved
 
 
 def _points_of(frame: LidarFrame | ArrayLike, name: str) -> NDArray[np.float32]:

@@ -13,10 +13,12 @@ import numpy as np
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.authenticate._picture_files import carrier_bytes, picture_path
+from manip3d.authenticate._turns import MOST_APART_NS
 from manip3d.authenticate._watermark import Watermarked, WatermarkResult, WatermarkVerdict
 from manip3d.errors import InputError
 from manip3d.io import read_scan, write_scan
 from manip3d.io._files import atomic_pair, atomic_path, open_regular
+from manip3d.io._frame_times import frame_times
 from manip3d.io._scan_files import SCAN_SUFFIXES, scan_paths
 from manip3d.io._scan_tables import scan_suffix
 from manip3d.lidar import LidarFrame
@@ -296,14 +298,39 @@ def drive_numbers(folder: str | os.PathLike[str]) -> list[int]:
 
     They are those of the files' names where the drive is a sequence, as KITTI's raw drives and its
     odometry sequences with ``times.txt`` are; else, as in its object and stereo benchmarks, where
-    each scan is of another place, they are apart.
+    each scan is of another place, they are apart. Where the drive has times (``timestamps.txt``
+    beside the scans, or ``times.txt``), scans more than one and a half turns of a tenth of a second
+    apart are no neighbours, whatever their names are: somebody may have kept every second scan.
+
+    Raises
+    ------
+    InputError
+        As `drive_scans`.
+    FormatError
+        A line of the times is none.
     """
     root, scans = path_of(folder), drive_scans(folder)
     names = [path.name.split(".")[0] for path in scans]
     is_sequence = (root / "velodyne_points").is_dir() or (root / "times.txt").is_file()
     if not is_sequence or not all(name.isdecimal() for name in names):
         return [2 * number for number in range(len(scans))]
-    return [int(name) for name in names]
+    numbers = [int(name) for name in names]
+    times = _times_of(root, numbers)
+    left_out, spread = 0, numbers[:1]
+    for k in range(1, len(numbers)):
+        if times and times[k] - times[k - 1] > MOST_APART_NS:
+            left_out += 1
+        spread.append(numbers[k] + left_out)
+    return spread
+
+
+def _times_of(drive: Path, numbers: Sequence[int]) -> list[int]:
+    """Nanoseconds of each scan; empty where they are not known."""
+    raw = drive / "velodyne_points" / "timestamps.txt"
+    times = frame_times(raw if raw.is_file() else drive / "times.txt")
+    if all(number in times for number in numbers):
+        return [times[number] for number in numbers]
+    return list(times.values()) if len(times) == len(numbers) else []
 
 
 @checked

@@ -33,13 +33,42 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from manip3d.authenticate import Inspection, KeyFile, StreamInspection
+    from manip3d.batch import SourceFile
     from manip3d.lidar import LidarFrame
 
 EXIT_CODES = {"no_trace": 0, "tampered": 3, "processed": MISSED, "undecidable": MISSED}
 """Exit code of each verdict."""
 
+GRAVEST_FIRST = ("tampered", "processed", "undecidable", "no_trace")
 
-@over_files(lambda: SCAN_SUFFIXES, writable=lambda: (".html", ".json"), otherwise=".html")
+
+def _of_one_only(files: Sequence[SourceFile], options: Mapping[str, Any]) -> dict[str, Any]:
+    """Refuse options that belong to one scan, and logs that cannot be written."""
+    for name in ("previous", "following", "watermark", "rows"):
+        if options[name] is not None:
+            raise InputError(f"--{name}: expected with a single scan, got several")
+    _exit_codes(options["policy"])
+    _check_log(options["log"])
+    return {}
+
+
+def _code_of_rows(rows: Sequence[Mapping[str, Any]], options: Mapping[str, Any]) -> int:
+    """The code of the gravest verdict that has one; 1 if a scan of a drive could not be read."""
+    codes = _exit_codes(options["policy"])
+    if any(row.get("failed") for row in rows):
+        return 1
+    verdicts = {row.get("verdict") for row in rows}
+    return next((codes[v] for v in GRAVEST_FIRST if v in verdicts and codes[v]), 0)
+
+
+@over_files(
+    lambda: SCAN_SUFFIXES,
+    writable=lambda: (".html", ".json"),
+    otherwise=".html",
+    prepare=_of_one_only,
+    exit_code=_code_of_rows,
+    columns=("source", "verdict", "sensor", "p_value", "reason"),
+)
 def inspect(
     source: Annotated[
         str,
@@ -92,7 +121,9 @@ def inspect(
     printed: Annotated[
         bool,
         typer.Option(
-            "--printed", help="Use the thresholds printed in the dissertation, not calibrated ones."
+            "--printed",
+            help="Use the thresholds printed in the dissertation, not calibrated ones; only "
+            "terrestrial scans are judged.",
         ),
     ] = False,
     power: Annotated[
@@ -120,30 +151,43 @@ def inspect(
 ) -> None:
     """Look for edits of a LiDAR scan, a drive or an RGB-D recording.
 
-    The exit code is 0 for no_trace, 3 for tampered, 4 for processed and undecidable; of a drive it
-    is that of the gravest verdict, 1 if a scan could not be read, and 130 when interrupted. Each
-    scan of a drive or of packets gets a line, and is judged together with the scans before and
-    after it; it is judged alone where those are missing, and in folders without times (object and
-    stereo benchmarks). No verdict says that a scan is authentic: only a keyed watermark does. With
+    The exit code is 0 for no_trace, 3 for tampered, 4 for processed and undecidable, 1 if a scan
+    could not be read, and 130 when interrupted; of several sources it is that of the gravest
+    verdict whose code is not 0. Each scan of a drive or of packets gets a line, and is judged
+    together with the scans before and after it; it is judged alone where those are missing, and in
+    folders without times (object and stereo benchmarks). A drive is tampered where chance does not
+    explain its accused scans: of 100 clean scans one may be accused, and 1.1 % of clean drives are
+    called tampered at most, beside one alarm an hour. No verdict says that a scan is authentic:
+    only a keyed watermark does. With
     -o the evidence is written: a page with pictures and boxes (.html; of a drive a timeline and a
     map, of a recording frames, what was inserted in them and the curves of noise), or the numbers
     (.json).
 
     Example: manip3d inspect scan.bin -o evidence.html
     """
-    from manip3d import authenticate, datasets, report
+    from manip3d import authenticate, report
     from manip3d.io import read_scan
 
     codes = _exit_codes(policy)
+    _check_log(log)
     kind = expect_kind(source, "scan", "drive", "packets", "recording", verb="inspect")
     shell = Terminal(as_json=as_json, quiet=quiet)
     if kind == "recording" or _is_rgbd(source):
         check_output(output, report.EVIDENCE_KINDS, force=force)
-        raise typer.Exit(codes[inspect_recording(source, output, shell)])
+        _refuse(
+            "a LiDAR scan or drive", "an RGB-D recording", rows=rows, previous=previous,
+            following=following, lattice=lattice, key=key, watermark=watermark,
+            calibration=calibration, origin=origin, printed=printed or None,
+            sensor=None if sensor == "auto" else sensor,
+        )  # fmt: skip
+        raise typer.Exit(codes[inspect_recording(source, output, log, shell)])
     known = None if lattice is None else authenticate.SensorLattice.load(lattice)
     if kind in ("drive", "packets", "stream"):
         check_output(output, report.EVIDENCE_KINDS, force=force)
-        _refuse_single(previous=previous, following=following, watermark=watermark, rows=rows)
+        _refuse(
+            "a single scan", "a drive", previous=previous, following=following,
+            watermark=watermark, rows=rows,
+        )  # fmt: skip
         with _key_of(key) as secret:
             ended = inspect_drive(
                 source, output, log, shell, calibration=calibration, key=secret,
@@ -179,19 +223,33 @@ def inspect(
         report.write_suspected_rows(found, rows)
         shell.say(f"wrote {rows}")
     if log is not None:
-        digest = report.append_log(
-            log, found, source=source, source_sha256=datasets.file_sha256(Path(source))
-        )
-        shell.say(f"appended to {log}: {digest}")
+        _append(log, found, source, shell)
     shell.result({"source": source} | found.record(), lambda console: show(console, found))
     raise typer.Exit(codes[found.verdict])
 
 
-def _refuse_single(**options: object) -> None:
-    """Refuse options that are for a single scan."""
+def _refuse(expected: str, got: str, **options: object) -> None:
+    """Refuse options that say nothing of such a source."""
     for name, value in options.items():
         if value is not None:
-            raise InputError(f"--{name}: expected with a single scan, got a drive")
+            raise InputError(f"--{name}: expected with {expected}, got {got}")
+
+
+def _check_log(log: Path | None) -> None:
+    """Refuse a log that could not be appended to, before anything is read."""
+    if log is not None:
+        from manip3d.report._case_log import check_log
+
+        check_log(log)
+
+
+def _append(log: Path, found: Inspection | StreamInspection, source: str, shell: Terminal) -> None:
+    from manip3d import datasets, report
+
+    path = Path(source)
+    sha256 = datasets.file_sha256(path) if path.is_file() else ""
+    digest = report.append_log(log, found, source=source, source_sha256=sha256)
+    shell.say(f"appended to {log}: {digest}")
 
 
 def _key_of(path: Path | None) -> AbstractContextManager[KeyFile | None]:
@@ -301,7 +359,7 @@ def inspect_drive(
     key: KeyFile | None,
     options: Mapping[str, Any],
 ) -> str | None:
-    """Inspect scan after scan, a line each, and return the gravest verdict; None: some failed."""
+    """Inspect scan after scan, a line each, and return the drive's verdict; None: some failed."""
     import json
 
     from manip3d import authenticate, datasets, report
@@ -386,7 +444,7 @@ def _is_rgbd(source: str) -> bool:
     )
 
 
-def inspect_recording(source: str, output: Path | None, shell: Terminal) -> str:
+def inspect_recording(source: str, output: Path | None, log: Path | None, shell: Terminal) -> str:
     """Inspect an RGB-D recording, print and write what was found, and return the verdict."""
     from manip3d import authenticate, report
     from manip3d.cli.capture import open_source
@@ -402,6 +460,8 @@ def inspect_recording(source: str, output: Path | None, shell: Terminal) -> str:
     if output is not None:
         report.write_stream_evidence(found, frames, output, source=source)
         shell.say(f"wrote {output}")
+    if log is not None:
+        _append(log, found, source, shell)
     shell.result({"source": source} | found.record(), lambda console: show_stream(console, found))
     return found.verdict
 

@@ -21,10 +21,13 @@ import typer
 from manip3d.cli import kinds
 from manip3d.cli.options import Dask, FolderJobs, Table, To
 from manip3d.cli.terminal import Terminal, collecting, count, counted, showing_as
+from manip3d.cli.terminal import table as show_table
 from manip3d.errors import Error, InputError
 from manip3d.io import is_url, local_copy, local_output
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from manip3d.batch import SourceFile, Summary
 
 Verb = Callable[..., None]
@@ -97,6 +100,8 @@ def over_files(
     finish: Callable[[Summary, str], object] = lambda summary, output: None,
     choose: Callable[[list[SourceFile]], list[SourceFile]] = list,
     skipped_code: int = 0,
+    exit_code: Callable[[Sequence[Mapping[str, Any]], Mapping[str, Any]], int] | None = None,
+    columns: Sequence[str] = (),
 ) -> Callable[[Verb], Verb]:
     """Make a verb of one file (and ``output``) a verb of many.
 
@@ -122,6 +127,11 @@ def over_files(
         Leaves out files that are no sources of their own.
     skipped_code : int
         Exit code of a file that is skipped because it is of a kind the verb does not take.
+    exit_code : callable(rows, options) -> int, optional
+        Exit code of all rows together where no file failed; by default the gravest of theirs.
+    columns : sequence of str
+        What of the rows is printed for people; the table and ``--json`` hold everything. Empty:
+        all columns, as CSV.
     """
 
     def decorate(verb: Verb) -> Verb:
@@ -141,15 +151,20 @@ def over_files(
             many = _kind_of_many(drives)(suffixes(), to, writable(), otherwise)
             files = choose(many.files(sources))
             each = {} if prepare is None else prepare(files, given)
-            also = depends(given)
+            also, options = depends(given), dict(given)
             files = [replace(file, stamp=f"{file.stamp} {also}".rstrip()) for file in files]
             work = {"module": verb.__module__, "verb": verb.__name__, "argument": argument,
                     "skipped_code": skipped_code}  # fmt: skip
             output = given.get("output")
-            summary = _many(work, files, given, many, each, table=table, dask=dask, jobs=jobs)
+            summary = _many(
+                work, files, given, many, each, table=table, dask=dask, jobs=jobs, columns=columns
+            )
             if output is not None:
                 finish(summary, str(output))
-            _exit(summary, many.noun)
+            _refuse_failed(summary, many.noun)
+            code = _gravest(summary.rows) if exit_code is None else exit_code(summary.rows, options)
+            if code:
+                raise typer.Exit(code)
 
         command.__signature__ = signature  # type: ignore[attr-defined]
         command.__annotations__ = {p.name: p.annotation for p in signature.parameters.values()}
@@ -259,6 +274,7 @@ def _many(
     table: str,
     dask: str,
     jobs: int,
+    columns: Sequence[str],
 ) -> Summary:
     """Run the verb on each file and print the rows."""
     from manip3d import batch
@@ -281,7 +297,7 @@ def _many(
             progress=progress,
             on_error=lambda source, error: shell.say(f"{source}: {error}"),
         )
-    _tell(shell, summary, many.noun)
+    _tell(shell, summary, many.noun, columns)
     return summary
 
 
@@ -326,9 +342,7 @@ def on_file(
     return {k: v for k, v in record.items() if v not in paths} | {"exit_code": code}
 
 
-def _tell(shell: Terminal, summary: Summary, noun: str) -> None:
-    from manip3d.batch._table import table_text
-
+def _tell(shell: Terminal, summary: Summary, noun: str, columns: Sequence[str]) -> None:
     skipped = sum(bool(row.get("skipped")) for row in summary.rows)
     parts = {
         "from an earlier run": summary.resumed,
@@ -336,21 +350,44 @@ def _tell(shell: Terminal, summary: Summary, noun: str) -> None:
         "failed": summary.failed,
     }
     told = ", ".join(f"{count(number)} {words}" for words, number in parts.items() if number)
-    table = f"; table in {summary.table}" if summary.table else ""
+    written = f"; table in {summary.table}" if summary.table else ""
     shell.say(
         f"{counted(len(summary.rows), noun)}{f' ({told})' if told else ''} in "
-        f"{summary.seconds:.1f} s{table}"
+        f"{summary.seconds:.1f} s{written}"
     )
     shell.result(
-        summary.rows, None if summary.table else lambda _: print(table_text(summary.rows), end="")
+        summary.rows,
+        None if summary.table else functools.partial(_print_rows, summary.rows, columns),
     )
 
 
-def _exit(summary: Summary, noun: str) -> None:
-    """End with 1 if a file failed, else with the gravest code of a single file."""
+def _print_rows(
+    rows: Sequence[Mapping[str, Any]], columns: Sequence[str], console: Console
+) -> None:
+    """Print some columns for people, with the errors of files that failed, or all as CSV."""
+    from manip3d.batch._table import table_text
+
+    if not columns:
+        print(table_text(rows), end="")
+        return
+    heads = [*columns, *(name for name in ("skipped", "error") if any(r.get(name) for r in rows))]
+    show_table(console, [[_cell(row.get(name)) for name in heads] for row in rows], heads)
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return ""
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def _refuse_failed(summary: Summary, noun: str) -> None:
+    """End with 1 if a file failed."""
     if summary.failed:
         raise Error(f"{count(summary.failed)} of {counted(len(summary.rows), noun)} failed")
-    codes = {row["exit_code"] for row in summary.rows}
-    for code in _GRAVEST_FIRST:
-        if code in codes:
-            raise typer.Exit(code)
+
+
+def _gravest(rows: Sequence[Mapping[str, Any]]) -> int:
+    """The gravest exit code of a single file; a code of unknown meaning still is no success."""
+    codes = {int(row["exit_code"]) for row in rows}
+    known = (code for code in _GRAVEST_FIRST if code in codes)
+    return next(known, max(codes, default=0))

@@ -20,9 +20,9 @@ import numpy as np
 from manip3d._util.checked import checked
 from manip3d._util.linear import product
 from manip3d._util.paths import path_of
-from manip3d._util.times import nanoseconds, parse_time
 from manip3d.errors import FormatError, InputError
 from manip3d.io._files import regular_bytes
+from manip3d.io._frame_times import frame_times
 from manip3d.io._images import require
 from manip3d.io._scan_files import read_scan, scan_paths
 from manip3d.io._text_files import parse_xml, text_of
@@ -242,7 +242,7 @@ class KittiDrive:
         self.calibration_path, self.per_frame = _find_calibration(path, calibration)
         self.tracklet_path = _first([path / "tracklet_labels.xml"])
         self._scans = tuple(scan_paths(self.scan_folder))
-        self._times = _times(path, raw)
+        self._times = frame_times(path / ("velodyne_points/timestamps.txt" if raw else "times.txt"))
 
     @functools.cached_property
     def tracklets(self) -> Mapping[int, tuple[Box, ...]]:
@@ -496,24 +496,6 @@ def _find_calibration(path: Path, given: Path | None) -> tuple[Path | None, bool
     if (path / "calib").is_dir():
         return path / "calib", True
     return None, False
-
-
-def _times(path: Path, raw: bool) -> dict[int, int]:
-    """Nanoseconds by frame number: line n of the file is frame n."""
-    file = path / ("velodyne_points/timestamps.txt" if raw else "times.txt")
-    if not file.is_file():
-        return {}
-    times = {}
-    for number, line in enumerate(text_of(file).splitlines()):
-        if not line.strip():
-            continue
-        try:
-            times[number] = parse_time(line) if raw else nanoseconds(float(line))
-        except ValueError:
-            raise FormatError(
-                f"expected a time, got {line[:40]!r}", file=str(file), line=number + 1
-            ) from None
-    return times
 
 
 def _picture(path: Path) -> NDArray[np.uint8]:

@@ -95,6 +95,7 @@ def _read_one(file: Any, index: int, path: Path, limit: int) -> LidarFrame:
         exact=exact_coordinates(exact, points),
         format=layout,
         num_dropped=int(np.count_nonzero(~keep)),
+        file_rows=None if keep.all() else np.flatnonzero(keep),
     )
 
 

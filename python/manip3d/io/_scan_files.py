@@ -46,7 +46,8 @@ def read_scan(
         ``.pose`` file beside it is ``format.header["pose"]``. LAS and LAZ: coordinates as they
         are, moved near 0 where they lie far from it. E57: the scanner's own frame, the scanner at
         the origin; its pose is ``format.header["pose"]``. Points of PCD, PLY and E57 without
-        coordinates (NaN, marked invalid) were not measured: they are dropped and counted.
+        coordinates (NaN, marked invalid) were not measured: they are dropped and counted, and
+        ``file_rows`` has the rows of the others. ``.bin`` has no such points: NaN there is damage.
 
     Raises
     ------

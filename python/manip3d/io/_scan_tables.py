@@ -146,6 +146,7 @@ def frame_of_table(
         exact=exact_coordinates(stored, points),
         format=layout,
         num_dropped=num_dropped,
+        file_rows=np.flatnonzero(measured) if num_dropped else None,
     )
 
 

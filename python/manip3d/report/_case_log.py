@@ -2,29 +2,69 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import json
 import os
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from manip3d import __version__
 from manip3d._util.checked import checked
 from manip3d._util.json import finite
 from manip3d._util.paths import path_of
-from manip3d.errors import FormatError
-from manip3d.io._files import open_regular
+from manip3d.errors import FormatError, InputError
+from manip3d.io._files import _sync_folder, open_regular
 
 if TYPE_CHECKING:
-    from manip3d.authenticate import Inspection
+    from manip3d.authenticate import Inspection, StreamInspection
+
+LOG_SUFFIX = ".jsonl"
 
 _FIRST = "0" * 64
 """In the place of the hash of the line before the first."""
 
+_START = b'{"time": '
+"""How every line starts."""
+
+
+@dataclass(frozen=True)
+class _End:
+    """The end of a log whose lines were checked so far.
+
+    Attributes
+    ----------
+    size : int
+        Bytes up to the end of the last line.
+    lines : int
+    hash : str
+        Of the last line.
+    last : bytes
+        The last line with its newline, by which a log that grew is told from one that was changed.
+    """
+
+    size: int = 0
+    lines: int = 0
+    hash: str = _FIRST
+    last: bytes = b""
+
+
+_checked_logs: dict[tuple[int, int], _End] = {}
+"""By device and inode: what this process has checked, so that many appends read a log once."""
+
 
 @checked
 def append_log(
-    path: str | os.PathLike[str], inspection: Inspection, *, source: str, source_sha256: str = ""
+    path: str | os.PathLike[str],
+    inspection: Inspection | StreamInspection,
+    *,
+    source: str,
+    source_sha256: str = "",
 ) -> str:
     """Append an inspection to a log whose lines hold the hash of the line before.
 
@@ -32,8 +72,8 @@ def append_log(
     ----------
     path : path
         A ``.jsonl`` file; made if it is not there.
-    inspection : Inspection
-        The result of `manip3d.authenticate.inspect`.
+    inspection : Inspection or StreamInspection
+        The result of `manip3d.authenticate.inspect` or `inspect_stream`.
     source : str
         Name of the scan.
     source_sha256 : str
@@ -48,24 +88,58 @@ def append_log(
     Raises
     ------
     FormatError
-        The log is damaged.
+        The log is damaged; it is no regular file.
+    OSError
+        The file cannot be written; the log is as it was.
+
+    Notes
+    -----
+    Several processes may append to one log: each locks the file (``flock``) while it reads the end
+    and writes its line. A process checks a log as a whole before its first line, and after that
+    only what was appended since; `read_log` always checks everything. A writer that was killed can
+    leave the start of a line at the end. The error then says how many entries before it hold, and
+    how to cut the rest off.
+    """
+    with _locked(path_of(path)) as descriptor:
+        end = _checked_end(descriptor, path)
+        entry = {
+            "time": datetime.now(UTC).isoformat(timespec="seconds"),
+            "manip3d": __version__,
+            "source": source,
+            "source_sha256": source_sha256,
+            **finite(inspection.record()),
+            "previous": end.hash,
+        }
+        entry["hash"] = _hash(entry)
+        line = _line(entry)
+        missing = b"" if end.last.endswith(b"\n") or not end.size else b"\n"
+        _append(descriptor, missing + line, end.size)
+        size = end.size + len(missing) + len(line)
+        _checked_logs[_identity(descriptor)] = _End(size, end.lines + 1, str(entry["hash"]), line)
+    return str(entry["hash"])
+
+
+def check_log(path: str | os.PathLike[str]) -> None:
+    """Refuse a log that could not be appended to, before work is done whose result belongs in it.
+
+    Raises
+    ------
+    InputError
+        The name does not end in ``.jsonl``, or there is no such folder.
+    FormatError
+        It is no log, or a damaged one.
+    OSError
+        It cannot be read.
     """
     target = path_of(path)
-    before = read_log(target)[-1]["hash"] if target.exists() and target.stat().st_size else _FIRST
-    entry = {
-        "time": datetime.now(UTC).isoformat(timespec="seconds"),
-        "manip3d": __version__,
-        "source": source,
-        "source_sha256": source_sha256,
-        **finite(inspection.record()),
-        "previous": before,
-    }
-    entry["hash"] = _hash(entry)
-    with open(target, "ab") as file:
-        file.write(json.dumps(entry).encode() + b"\n")
-        file.flush()
-        os.fsync(file.fileno())
-    return str(entry["hash"])
+    if target.suffix.lower() != LOG_SUFFIX:
+        raise InputError(f"{target}: expected the name of a log that ends in {LOG_SUFFIX}")
+    if not target.parent.is_dir():
+        raise InputError(f"{target}: there is no folder {target.parent}")
+    if target.exists():
+        with open_regular(target) as file:
+            fcntl.flock(file, fcntl.LOCK_SH)  # a line that is being written is no torn one
+            _checked_end(file.fileno(), path)
 
 
 @checked
@@ -85,20 +159,75 @@ def read_log(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
     Raises
     ------
     FormatError
-        A line is no entry, or it, or the one before it, was changed, left out or put in.
+        A line is no entry, or it, or the one before it, was changed, left out or put in; the last
+        line is not whole.
     """
     with open_regular(path_of(path)) as file:
-        lines = file.read().splitlines()
-    entries: list[dict[str, Any]] = []
-    before = _FIRST
-    for number, line in enumerate(lines, 1):
+        fcntl.flock(file, fcntl.LOCK_SH)
+        content = file.read()
+    return [entry for entry, _ in _entries(content, _End(), path)]
+
+
+@contextmanager
+def _locked(target: Path) -> Iterator[int]:
+    """Open a log for appending, as the only writer."""
+    flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NONBLOCK | os.O_CLOEXEC
+    is_new = not target.exists()
+    descriptor = os.open(target, flags, 0o666)
+    try:
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            raise FormatError(
+                "expected a regular file, got a pipe, socket or device", file=str(target)
+            )
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield descriptor
+        if is_new:
+            _sync_folder(target.parent)
+    finally:
+        os.close(descriptor)
+
+
+def _identity(descriptor: int) -> tuple[int, int]:
+    found = os.fstat(descriptor)
+    return found.st_dev, found.st_ino
+
+
+def _checked_end(descriptor: int, path: str | os.PathLike[str]) -> _End:
+    """The end of a log, of which only what this process has not checked before is read."""
+    start = _checked_logs.get(_identity(descriptor), _End())
+    length = len(start.last)
+    if os.pread(descriptor, length, start.size - length) != start.last:
+        start = _End()  # it was cut or changed
+    with os.fdopen(os.dup(descriptor), "rb") as file:
+        file.seek(start.size)
+        content = file.read()
+    end = start
+    for entry, line in _entries(content, start, path):
+        end = _End(end.size + len(line), end.lines + 1, str(entry["hash"]), line)
+    if end.last.endswith(b"\n"):  # else another writer may yet put the newline there
+        _checked_logs[_identity(descriptor)] = end
+    return end
+
+
+def _entries(
+    content: bytes, start: _End, path: str | os.PathLike[str]
+) -> Iterator[tuple[dict[str, Any], bytes]]:
+    """Each entry with its line as it stands in the file, checked."""
+    before, size = start.hash, start.size
+    for number, line in enumerate(content.splitlines(keepends=True), start.lines + 1):
         try:
             entry = json.loads(line)
             kept = entry["hash"]
-            linked = entry["previous"] == before and _hash(entry) == kept
+            # A name that stands twice in a line is read once: the bytes must be those of the entry.
+            same = _line(entry).rstrip() == line.rstrip(b"\r\n")
+            linked = same and entry["previous"] == before and _hash(entry) == kept
         except (ValueError, TypeError, KeyError, RecursionError) as error:
+            torn = not line.endswith(b"\n") and line.startswith(_START[: len(line)])
             raise FormatError(
-                f"line {number}: not an entry of a log: {error}", file=os.fspath(path)
+                _torn(number, len(line), size, path)
+                if torn
+                else f"line {number}: not an entry of a log: {error}",
+                file=os.fspath(path),
             ) from error
         if not linked:
             raise FormatError(
@@ -106,9 +235,33 @@ def read_log(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
                 "changed, left out or put in",
                 file=os.fspath(path),
             )
-        entries.append(entry)
-        before = kept
-    return entries
+        yield entry, line
+        before, size = str(kept), size + len(line)
+
+
+def _torn(number: int, length: int, size: int, path: str | os.PathLike[str]) -> str:
+    """What a line that ends early means, and how to go on."""
+    return (
+        f"line {number}: the last line is not whole: its writer was interrupted after {length} "
+        f"bytes. The {number - 1} entries before it hold; after a copy was kept, "
+        f"'truncate -s {size} {os.fspath(path)}' cuts the rest off, and the log can be continued"
+    )
+
+
+def _append(descriptor: int, content: bytes, size: int) -> None:
+    """Write all of it to the disk, or leave the file as long as it was."""
+    try:
+        rest = memoryview(content)
+        while rest:
+            rest = rest[os.write(descriptor, rest) :]
+        os.fsync(descriptor)
+    except BaseException:
+        os.ftruncate(descriptor, size)
+        raise
+
+
+def _line(entry: dict[str, Any]) -> bytes:
+    return json.dumps(entry).encode() + b"\n"
 
 
 def _hash(entry: dict[str, Any]) -> str:

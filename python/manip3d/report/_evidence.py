@@ -80,8 +80,9 @@ def write_suspected_rows(inspection: Inspection, output: str | os.PathLike[str])
     inspection : Inspection
         The result of `manip3d.authenticate.inspect`.
     output : path
-        ``.csv``: row (from 0), x, y, z in metres, detector, region (from 1), p-value. An existing
-        file is replaced.
+        ``.csv``: row in the scan's file (from 0, counting points without coordinates, which are
+        dropped on reading), x, y, z in metres, detector, region (from 1), p-value. An existing file
+        is replaced.
 
     Raises
     ------
@@ -94,13 +95,15 @@ def write_suspected_rows(inspection: Inspection, output: str | os.PathLike[str])
     if inspection.scan is None:
         raise InputError("inspection: expected one with its scan")
     lines = ["row,x,y,z,detector,region,p_value"]
+    in_file = inspection.scan.file_rows
     for report in inspection.detectors:
         for number, region in enumerate(report.regions, 1):
             p_value = "" if region.p_value is None else f"{region.p_value:.3e}"
             points = inspection.scan.points[region.rows].tolist()
+            rows = region.rows if in_file is None else in_file[region.rows]
             lines += [
                 f"{row},{x:.4f},{y:.4f},{z:.4f},{report.name},{number},{p_value}"
-                for row, (x, y, z) in zip(region.rows.tolist(), points, strict=True)
+                for row, (x, y, z) in zip(rows.tolist(), points, strict=True)
             ]
     atomic_write(path, "\n".join(lines) + "\n")
 

@@ -1,0 +1,98 @@
+"""Things that drive through a place between two turns, told from things that were put there."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Points = NDArray[np.floating]
+
+FARTHEST_MOVE = 4.0
+"""Metres between two turns: 144 km/h in a tenth of a second, the limit of the alignment, too."""
+
+NEAREST_MOVE = 0.5
+"""Metres: what moved less still covers the place in the turns beside."""
+
+LEAST_MET = 0.9
+"""Share of the points that must be met in either turn."""
+
+_CELL = 0.25  # metres
+_MOST_POINTS = 200
+_MARGIN = 2  # cells around what can be reached
+
+
+def passes_by(points: Points, previous: Points, following: Points) -> bool:
+    """Return whether a thing stood as far behind its place a turn before as beyond it a turn after.
+
+    Parameters
+    ----------
+    points : (K, 3), metres
+        Points of a frame at a place that the turns before and after looked through.
+    previous, following : (N, 3), metres
+        The turns in the frame's coordinates.
+
+    Notes
+    -----
+    What only one of the two turns shows moved, or came into view. If the points, shifted back by
+    some vector along the ground, meet such things in the turn before, and shifted on by the same
+    vector in the turn after, something with their shape drove through their place at a constant
+    speed. What was put into a frame alone has no such pair.
+    """
+    if not len(points):
+        return False
+    low = points.min(axis=0) - FARTHEST_MOVE - _MARGIN * _CELL
+    high = points.max(axis=0) + FARTHEST_MOVE + _MARGIN * _CELL
+    low[2], high[2] = points[:, 2].min() - _MARGIN * _CELL, points[:, 2].max() + _MARGIN * _CELL
+    shape = tuple(int(n) for n in np.ceil((high - low) / _CELL).astype(int) + 1)
+    cells = []
+    for turn in (previous, following):
+        near = turn[np.all((turn >= low) & (turn < high), axis=1)]
+        cells.append(_cells(near, low))
+    seen = [_spread(_occupied(each, shape)) for each in cells]
+    moved = [
+        _spread(_occupied(each[~other[tuple(each.T)]], shape))
+        for each, other in zip(cells, seen[::-1], strict=True)
+    ]
+    some = _cells(points[:: -(-len(points) // _MOST_POINTS)], low)
+    back = _met(moved[0], some, -1)
+    on = _met(moved[1], some, 1)
+    return bool(np.minimum(back, on).max() >= LEAST_MET)
+
+
+def _cells(points: Points, low: Points) -> NDArray[np.int64]:
+    return np.floor((points - low) / _CELL).astype(np.int64)
+
+
+def _occupied(cells: NDArray[np.int64], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    grid = np.zeros(shape, bool)
+    grid[tuple(cells.T)] = True
+    return grid
+
+
+def _spread(grid: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Each occupied cell with those around it: positions are known to about a cell."""
+    for axis in range(3):
+        first, last = [slice(None)] * 3, [slice(None)] * 3
+        first[axis], last[axis] = slice(1, None), slice(None, -1)
+        wide = grid.copy()
+        wide[tuple(first)] |= grid[tuple(last)]
+        wide[tuple(last)] |= grid[tuple(first)]
+        grid = wide
+    return grid
+
+
+def _met(grid: NDArray[np.bool_], cells: NDArray[np.int64], way: int) -> NDArray[np.float64]:
+    """Share of cells that are occupied after each shift along the ground."""
+    most = int(FARTHEST_MOVE / _CELL)
+    steps = np.arange(-most, most + 1)
+    x, y = (each.ravel() for each in np.meshgrid(steps, steps, indexing="ij"))
+    length = np.hypot(x, y) * _CELL
+    kept = (length >= NEAREST_MOVE) & (length <= FARTHEST_MOVE)
+    x, y = x[kept], y[kept]
+    met = grid[cells[:, :1] + way * x, cells[:, 1:2] + way * y, cells[:, 2:]]
+    shares: NDArray[np.float64] = met.mean(axis=0)
+    return shares

@@ -1,0 +1,131 @@
+"""`report.append_log` and `read_log`: a chain that several writers share, and that shows damage."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import multiprocessing
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from manip3d import FormatError, authenticate, report
+
+
+def test_log_shows_what_was_changed(tmp_path: Path) -> None:
+    log = tmp_path / "case.jsonl"
+    found = authenticate.inspect(np.zeros((0, 3), np.float32))
+    hashes = [report.append_log(log, found, source=f"scan {i}") for i in range(3)]
+    assert [entry["hash"] for entry in report.read_log(log)] == hashes
+    lines = log.read_bytes().splitlines(keepends=True)
+    for damaged in (
+        [lines[0].replace(b"undecidable", b"tampered"), *lines[1:]],
+        [lines[0], lines[2]],
+        [*lines[:2], lines[1], lines[2]],
+        [b"no JSON\n"],
+    ):
+        log.write_bytes(b"".join(damaged))
+        with pytest.raises(FormatError, match="line"):
+            report.read_log(log)
+        with pytest.raises(FormatError, match="line"):
+            report.append_log(log, found, source="another")
+
+
+def _append_ten(log: Path, name: str) -> None:
+    found = authenticate.inspect(np.zeros((0, 3), np.float32))
+    for number in range(10):
+        report.append_log(log, found, source=f"{name} {number}")
+
+
+def test_several_processes_append_to_one_log(tmp_path: Path) -> None:
+    log = tmp_path / "case.jsonl"
+    context = multiprocessing.get_context("spawn")
+    writers = [context.Process(target=_append_ten, args=(log, name)) for name in "abcd"]
+    for writer in writers:
+        writer.start()
+    for writer in writers:
+        writer.join(120)
+    assert [writer.exitcode for writer in writers] == [0] * 4
+    sources = [entry["source"] for entry in report.read_log(log)]
+    assert len(sources) == 40
+    for name in "abcd":
+        assert [s for s in sources if s[0] == name] == [f"{name} {i}" for i in range(10)]
+
+
+def test_a_log_whose_last_newline_is_missing_goes_on(tmp_path: Path) -> None:
+    log = tmp_path / "case.jsonl"
+    found = authenticate.inspect(np.zeros((0, 3), np.float32))
+    report.append_log(log, found, source="a")
+    for source in "bc":
+        log.write_bytes(log.read_bytes().rstrip(b"\n"))
+        report.append_log(log, found, source=source)
+    assert [entry["source"] for entry in report.read_log(log)] == ["a", "b", "c"]
+
+
+def test_a_torn_line_says_how_to_go_on(tmp_path: Path) -> None:
+    log = tmp_path / "case.jsonl"
+    found = authenticate.inspect(np.zeros((0, 3), np.float32))
+    for source in "ab":
+        report.append_log(log, found, source=source)
+    whole = log.read_bytes()
+    for torn in (whole + whole[:100], whole + b"{"):
+        log.write_bytes(torn)
+        for fails in (report.read_log, lambda p: report.append_log(p, found, source="c")):
+            with pytest.raises(FormatError, match="line 3: the last line is not whole") as refused:
+                fails(log)
+            assert f"'truncate -s {len(whole)} {log}'" in str(refused.value)
+    os.truncate(log, len(whole))
+    report.append_log(log, found, source="c")
+    assert [entry["source"] for entry in report.read_log(log)] == ["a", "b", "c"]
+
+
+def test_a_full_disk_leaves_a_log_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log = tmp_path / "case.jsonl"
+    found = authenticate.inspect(np.zeros((0, 3), np.float32))
+    report.append_log(log, found, source="a")
+    whole, write, calls = log.read_bytes(), os.write, []
+
+    def some(descriptor: int, data: memoryview) -> int:
+        calls.append(len(data))
+        if len(calls) > 1:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return write(descriptor, data[:50])
+
+    with monkeypatch.context() as patched:
+        patched.setattr("manip3d.report._case_log.os.write", some)
+        with pytest.raises(OSError, match="No space left"):
+            report.append_log(log, found, source="b")
+    assert len(calls) == 2
+    assert log.read_bytes() == whole
+    report.append_log(log, found, source="c")
+    assert [entry["source"] for entry in report.read_log(log)] == ["a", "c"]
+
+
+def test_appending_reads_a_log_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log = tmp_path / "case.jsonl"
+    found = authenticate.inspect(np.zeros((0, 3), np.float32))
+    hashed = []
+    real = hashlib.sha256
+    monkeypatch.setattr(
+        "manip3d.report._case_log.hashlib.sha256", lambda text: hashed.append(0) or real(text)
+    )
+    for number in range(20):
+        report.append_log(log, found, source=str(number))
+    assert len(hashed) == 20
+    lines = log.read_bytes().splitlines(keepends=True)
+    log.write_bytes(b"".join(lines[:-2]))  # what was cut is noticed, and the log read anew
+    report.append_log(log, found, source="new")
+    assert len(hashed) == 20 + 18 + 1
+    assert len(report.read_log(log)) == 19
+
+
+def test_a_name_that_stands_twice_in_a_line_is_noticed(tmp_path: Path) -> None:
+    log = tmp_path / "case.jsonl"
+    found = authenticate.inspect(np.zeros((0, 3), np.float32))
+    report.append_log(log, found, source="a")
+    twice = log.read_bytes().replace(b'"verdict": ', b'"verdict": "no_trace", "verdict": ', 1)
+    log.write_bytes(twice)
+    with pytest.raises(FormatError, match="line 1: the chain of hashes is broken"):
+        report.read_log(log)
