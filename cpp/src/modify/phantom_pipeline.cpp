@@ -185,6 +185,7 @@ class PhantomPipeline::Workspace {
     const std::optional<Skeleton> fitted = find_points(person, input);
     segment(fitted, input, image, report);
     if (points_.count == 0) {  // a phantom without a person would float in the air
+      ends_.reset();
       report.reason = lacks_skeletons() ? PhantomReason::kNoSkeleton : PhantomReason::kNoPerson;
       return report;
     }
@@ -212,7 +213,7 @@ class PhantomPipeline::Workspace {
     const PixelBox all = fill(phantom, image, report);
     clock.end(PhantomStage::kHoleFilling);
     report.skeleton = phantom_skeleton(*person, report.state);
-    inspect(*person, all, image, report);
+    inspect(*person, time_s, all, image, report);
     clock.end(PhantomStage::kSkeleton);
     report.num_points = write_points(image, all, rays_, out.mesh, vertex_of_);
     clock.end(PhantomStage::kPointCloud);
@@ -296,6 +297,7 @@ class PhantomPipeline::Workspace {
     fills_.reserve(size);
     picture_.reserve(camera.height, camera.width);
     camera_ = camera;
+    ends_.reset();
     forget_phantom();
   }
 
@@ -469,8 +471,8 @@ class PhantomPipeline::Workspace {
   }
 
   /// Measures what was drawn; what nobody would believe is not called tracking.
-  void inspect(const Skeleton& person, const PixelBox& box, const PhantomImage& image,
-               PhantomReport& report) {
+  void inspect(const Skeleton& person, double time_s, const PixelBox& box,
+               const PhantomImage& image, PhantomReport& report) {
     if (report.state != PhantomState::kTracking) {
       ends_.reset();
       return;
@@ -480,8 +482,9 @@ class PhantomPipeline::Workspace {
                      report.quality);
     const Joint end = limb_chain(affected)[kNumMainJoints - 1];
     const Joint intact_end = limb_chain(opposite(affected))[kNumMainJoints - 1];
-    const Ends ends{report.skeleton[end], person[intact_end]};
-    if (ends_) {
+    const Ends ends{report.skeleton[end], person[intact_end], time_s};
+    constexpr double kGap = 0.25;  // seconds in which a limb may be anywhere
+    if (ends_ && time_s - ends_->time_s <= kGap) {
       const float mine = (ends.phantom - ends_->phantom).norm();
       const float intact = (ends.intact - ends_->intact).norm();
       report.quality.leap = std::max(0.0, static_cast<double>(mine - intact));
@@ -608,6 +611,7 @@ class PhantomPipeline::Workspace {
 
   struct Ends {  ///< Of the phantom and of the intact limb.
     Eigen::Vector3f phantom, intact;
+    double time_s = 0.0;
   };
 
   struct Held {
