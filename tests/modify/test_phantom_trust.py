@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from capsule_body import KINECT, SMALL, frame, jittered, pose, render
 from manip3d import Intrinsics, RgbdCalibration, RgbdFrame, Skeleton
+from manip3d.errors import InputError
 from manip3d.modify import (
     Limb,
     PhantomFrame,
@@ -310,6 +311,79 @@ def test_a_patient_who_comes_back_aside_is_known_at_once() -> None:
         pipeline.process(replace(gone, time=number * 33_333_333, number=number))
     back = pose(at=(-0.5, 0, 2.9), identity=4)
     assert pipeline.process(seen(back, 30)).state is PhantomState.TRACKING
+
+
+def test_an_arm_without_hips_in_the_picture_has_a_phantom() -> None:
+    names = ("Hip", "Knee", "Ankle", "Foot")
+    legs = tuple(f"{name}{side}" for name in names for side in ("Left", "Right"))
+    pipeline = PhantomPipeline("right_arm")
+    below = (12, 13, 14, 15, 16, 17, 18, 19)  # bones that are out of the picture as well
+    told = pose(missing=("SpineBase", *legs))
+    for number in range(5):
+        image = frame(pose(), without=(*ARM, *below), number=number)
+        result = pipeline.process(replace(image, skeletons=(told,)))
+        assert result.state is PhantomState.TRACKING, result.message
+    truth = pose()
+    wanted = truth.positions[HAND] * (-1, 1, 1)
+    np.testing.assert_allclose(result.skeleton.positions[11], wanted, atol=0.03)
+
+
+def test_a_visitor_never_gets_the_phantom() -> None:
+    """The patient comes back a metre aside under another id while a visitor is in view."""
+    visitor = pose(at=(1.0, 0, 3.2), identity=2, body=1)
+    pipeline = PhantomPipeline("right_arm")
+    states = []
+    for number in range(60):
+        image = crowd(pose(at=(0 if number < 10 else -1.0, 0, 2.6), identity=1), visitor, number)
+        if number < 10:
+            pass
+        elif number < 40:
+            patient = image.body_index == 0
+            image = replace(
+                image,
+                skeletons=(visitor,),
+                depth=np.where(patient, 0, image.depth).astype(np.uint16),
+                body_index=np.where(patient, 255, image.body_index).astype(np.uint8),
+            )
+        else:
+            image = replace(image, skeletons=(replace(image.skeletons[0], id=3), visitor))
+        result = pipeline.process(image)
+        states.append(result.state)
+        assert result.skeleton.positions[0][0] < 0.5
+    assert states[40:] == [PhantomState.TRACKING] * 20
+
+
+@pytest.mark.parametrize("step", [0, -1_000_000])
+def test_a_clock_that_stands_or_runs_back_does_not_freeze_the_picture(step: int) -> None:
+    pipeline = PhantomPipeline("right_arm")
+    results = []
+    for number in range(40):
+        at = (0.01 * number, 0, 2.44)
+        image = replace(seen(pose(at=at), number), time=7_000_000_000 + step * number)
+        results.append(pipeline.process(image))
+    assert [r.state for r in results[1:11]] == [PhantomState.LATE] * 10
+    assert "clock" in results[5].message
+    assert {r.state for r in results[11:]} == {PhantomState.TRACKING}
+    np.testing.assert_allclose(results[-1].skeleton.positions[0][0], 0.39, atol=0.03)
+    # A clock that runs again is believed again.
+    image = replace(seen(pose(at=(0.4, 0, 2.44)), 40), time=7_100_000_000)
+    assert pipeline.process(image).state is PhantomState.TRACKING
+    hidden = replace(image, skeletons=(), time=7_900_000_000)
+    assert pipeline.process(hidden).state is PhantomState.FADING
+
+
+def test_times_at_both_ends_of_the_range() -> None:
+    pipeline = PhantomPipeline("right_arm")
+    for time in (2**63 - 1, -(2**63), 2**63 - 1, -1, 0):
+        result = pipeline.process(replace(seen(pose(), 0), time=time))
+        assert result.state is not PhantomState.LATE, time
+
+
+@pytest.mark.parametrize("name", ["time", "number"])
+@pytest.mark.parametrize("value", [2**63, -(2**63) - 1, 1.5, None, "now"])
+def test_times_and_numbers_are_whole_and_of_64_bits(name: str, value: object) -> None:
+    with pytest.raises(InputError, match=rf"frame\.{name}: expected a whole number"):
+        replace(seen(pose(), 0), **{name: value})
 
 
 def test_a_therapist_selects_the_patient() -> None:
