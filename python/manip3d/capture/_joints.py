@@ -201,7 +201,7 @@ def _without_gaps(found: Sequence[tuple[RgbdFrame, Skeleton]]) -> Floats:
     seen &= np.isfinite(places).all(axis=2)
     if not seen.any():
         raise InputError("source: expected joints of the person that were seen, found none")
-    is_known = [bool(known) for known in seen.any(axis=0)]
+    is_known = [bool(seen[:, joint].any()) for joint in range(25)]
     for joint in range(25):
         if not is_known[joint]:
             continue
