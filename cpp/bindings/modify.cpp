@@ -198,7 +198,8 @@ void bind_enums(py::module_& m) {
       .value("DETACHED", PhantomReason::kDetached)
       .value("SHREDDED", PhantomReason::kShredded)
       .value("CUT", PhantomReason::kCut)
-      .value("DOUBLED", PhantomReason::kDoubled);
+      .value("DOUBLED", PhantomReason::kDoubled)
+      .value("LATE", PhantomReason::kLate);
 }
 
 void bind_joints(py::module_& m) {

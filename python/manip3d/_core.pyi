@@ -1329,6 +1329,8 @@ class PhantomReason:
       CUT
 
       DOUBLED
+
+      LATE
     """
 
     CALIBRATION: typing.ClassVar[PhantomReason]
@@ -1336,6 +1338,7 @@ class PhantomReason:
     DETACHED: typing.ClassVar[PhantomReason]
     DOUBLED: typing.ClassVar[PhantomReason]
     INFERRED: typing.ClassVar[PhantomReason]
+    LATE: typing.ClassVar[PhantomReason]
     LEAP: typing.ClassVar[PhantomReason]
     NONE: typing.ClassVar[PhantomReason]
     NO_PERSON: typing.ClassVar[PhantomReason]

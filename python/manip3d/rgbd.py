@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -140,7 +141,8 @@ class RgbdFrame(Showable):
     Raises
     ------
     InputError
-        Images whose sizes do not agree with each other or with the calibration.
+        Images whose sizes do not agree with each other or with the calibration; a time or number
+        that is no whole number of 64 bits.
     """
 
     depth: NDArray[np.uint16]
@@ -161,6 +163,8 @@ class RgbdFrame(Showable):
             color = registration.color if registration else camera
             _check_image("color", self.color, np.uint8, (color.height, color.width, 3))
         object.__setattr__(self, "skeletons", tuple(self.skeletons))
+        for name in ("time", "number"):
+            object.__setattr__(self, name, _int64(f"frame.{name}", getattr(self, name)))
 
     def __repr__(self) -> str:
         height, width = self.depth.shape
@@ -173,6 +177,16 @@ class RgbdFrame(Showable):
             parts.append(f"{len(self.skeletons)} skeleton{'s' if len(self.skeletons) > 1 else ''}")
         parts.append(f"number {self.number}, t = {self.time / 1e9:.3f} s")
         return f"<manip3d.RgbdFrame: {'; '.join(parts)}>"
+
+
+def _int64(name: str, value: object) -> int:
+    try:
+        number = operator.index(value)  # type: ignore[arg-type]
+    except TypeError:
+        number = 2**63
+    if not -(2**63) <= number < 2**63:
+        raise InputError(f"{name}: expected a whole number of 64 bits, got {value!r}")
+    return number
 
 
 def _check_image(name: str, image: object, dtype: type, shape: tuple[int, ...]) -> None:

@@ -12,7 +12,7 @@ import pytest
 from bvh_motions import read_bvh, waving
 from capsule_body import pose
 from manip3d import InputError, Skeleton, capture
-from manip3d.rgbd import JOINTS
+from manip3d.rgbd import JOINTS, RgbdFrame
 
 
 def test_a_motion_puts_joints_where_they_were(tmp_path: Path) -> None:
@@ -67,3 +67,96 @@ def test_joints_that_are_missing_stay_where_they_were(tmp_path: Path) -> None:
     names, places, _ = read_bvh(done.path)
     hand = places[:, names.index("HandLeft")]
     assert np.linalg.norm(np.diff(hand, axis=0), axis=1).max() < 30.0  # centimetres
+
+
+def with_joint(frames: list, joint: int, place: float, state: int) -> list:
+    """The same joint of all skeletons elsewhere."""
+    changed = []
+    for frame in frames:
+        positions, states = frame.skeletons[0].positions.copy(), frame.skeletons[0].states.copy()
+        positions[joint], states[joint] = place, state
+        changed.append(replace(frame, skeletons=(Skeleton(positions, states=states, id=1),)))
+    return changed
+
+
+def test_joints_that_are_no_numbers_were_not_seen(tmp_path: Path) -> None:
+    frames = waving()
+    frames[3:5] = with_joint(frames[3:5], 7, np.nan, 2)
+    done = capture.export_joints(frames, tmp_path / "wave.bvh")
+    assert "nan" not in done.path.read_text()
+    names, places, _ = read_bvh(done.path)
+    wrist = places[4, names.index("WristLeft")] / (100, -100, -100)
+    np.testing.assert_allclose(wrist, frames[4].skeletons[0].positions[6], atol=0.01)
+    hand = places[:, names.index("HandLeft")]
+    assert np.linalg.norm(np.diff(hand, axis=0), axis=1).max() < 30.0  # centimetres
+    unknown = Skeleton(np.full((25, 3), np.nan, np.float32), id=1)
+    nowhere = [replace(frame, skeletons=(unknown,)) for frame in frames]
+    with pytest.raises(InputError, match="joints of the person that were seen"):
+        capture.export_joints(nowhere, tmp_path / "nan.bvh")
+
+
+def test_a_root_that_was_never_seen_is_at_the_next_joint_of_the_spine(tmp_path: Path) -> None:
+    frames = with_joint(waving(), 0, 0.0, 0)
+    done = capture.export_joints(frames, tmp_path / "wave.bvh")
+    names, places, _ = read_bvh(done.path)
+    for number, frame in enumerate(frames):
+        mid = frame.skeletons[0].positions[JOINTS.index("SpineMid")]
+        root = places[number, names.index("SpineBase")] / (100, -100, -100)
+        np.testing.assert_allclose(root, mid, atol=2e-4)
+
+
+def test_frames_without_the_person_keep_the_time(tmp_path: Path) -> None:
+    frames = waving()
+    for number in (0, 4, 5, 11):
+        frames[number] = replace(frames[number], skeletons=())
+    done = capture.export_joints(frames, tmp_path / "wave.bvh")
+    assert (done.frames, done.people, done.held) == (8, 1, 2)
+    _, places, step = read_bvh(done.path)
+    assert step == pytest.approx(1 / 30, abs=1e-6)
+    assert len(places) == 10  # from the first to the last time it was seen
+    np.testing.assert_array_equal(places[3], places[2])
+    np.testing.assert_array_equal(places[4], places[2])
+
+
+@pytest.mark.parametrize("frames", ["3", 2.5, 0, True])
+def test_a_number_of_frames_is_a_whole_one(tmp_path: Path, frames: object) -> None:
+    with pytest.raises(InputError, match="frames: expected"):
+        capture.export_joints(waving(), tmp_path / "wave.csv", frames=frames)  # type: ignore[arg-type]
+
+
+def test_no_more_is_read_than_asked_for(tmp_path: Path) -> None:
+    frames = iter(waving())
+    assert capture.export_joints(frames, tmp_path / "wave.csv", frames=3).frames == 3
+    assert len(list(frames)) == 9
+    with pytest.raises(InputError, match="source: expected frames"):
+        capture.export_joints(np.zeros(3), tmp_path / "no.csv")  # type: ignore[arg-type]
+
+
+def test_a_source_opened_by_its_address_is_stopped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stopped = []
+    opened = capture.from_frames(waving())
+    monkeypatch.setattr(opened, "stop", lambda: stopped.append(True))
+    monkeypatch.setattr("manip3d.capture._joints.open_rgbd", lambda uri: opened)
+    capture.export_joints("folder:wave", tmp_path / "wave.csv", frames=2)
+    assert stopped == [True]
+
+
+def test_joints_may_be_found_in_the_colour(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Finder:
+        def __enter__(self) -> Finder:
+            return self
+
+        def __exit__(self, *_: object) -> None:
+            pass
+
+        def annotate(self, frame: RgbdFrame) -> RgbdFrame:
+            return replace(frame, skeletons=(pose(identity=9),))
+
+    monkeypatch.setattr("manip3d.capture._joints.PoseTracker", Finder)
+    frames = waving()[:3]
+    black = np.zeros((*frames[0].depth.shape, 3), np.uint8)
+    frames = [replace(f, skeletons=(), color=black if k else None) for k, f in enumerate(frames)]
+    done = capture.export_joints(frames, tmp_path / "wave.csv", pose=True, person=9)
+    assert done.frames == 2

@@ -148,8 +148,46 @@ def test_a_lost_key_person_is_waited_for() -> None:
     assert found(key, [helper], 0.9) is None
     assert found(key, [person(1, 0.1), helper], 0.95) == 1
     assert found(key, [helper], 1.9) is None
-    assert found(key, [person(6, 0.45), helper], 1.96) == 5  # 0.1 m away, the other 0.35 m
-    assert found(key, [person(1, 0.0), helper], 2.0) == 5
+    assert found(key, [person(6, 0.45), helper], 1.96) == 6  # the helper is known
+    assert found(key, [person(6, 0.4), helper], 2.0) == 6
+
+
+def test_of_several_newcomers_the_nearest_is_taken_after_a_while() -> None:
+    key = KeyPerson()
+    assert found(key, [person(1, 0.0)], 0.0) == 1
+    assert found(key, [person(2, 0.4), person(3, -0.2)], 0.9) is None
+    assert found(key, [person(2, 0.4), person(3, -0.2)], 1.1) == 3
+
+
+def test_a_patient_who_comes_back_aside_is_not_taken_for_a_visitor() -> None:
+    key = KeyPerson()
+    visitor = person(2, 1.0, 3.2)
+    assert found(key, [person(1, 0.0), visitor], 0.0) == 1
+    for k in range(1, 21):
+        assert found(key, [visitor], 0.05 * k) is None
+    assert found(key, [person(3, -1.0), visitor], 1.05) == 3
+    # The visitor is never taken while in view, even after all is forgotten, unless selected.
+    for k in range(1, 200):
+        assert found(key, [visitor], 1.05 + 0.1 * k) is None
+    assert found(key, [person(4, -0.5), visitor], 21.1) == 4
+    key.select(2)
+    assert found(key, [person(4, -0.5), visitor], 21.2) == 2
+
+
+def test_ids_that_nobody_had_for_long_are_free_again() -> None:
+    key = KeyPerson()
+    assert found(key, [person(1, 0.0), person(2, 0.9)], 0.0) == 1
+    assert found(key, [person(2, 0.0)], 11.0) == 2
+
+
+def test_a_person_whose_hips_are_out_of_the_picture_is_found() -> None:
+    hips = ("SpineBase", "HipLeft", "HipRight")
+    key = KeyPerson()
+    assert found(key, [pose(missing=hips, identity=1), person(2, 0.9)], 0.0) == 1
+    # Hips that come back move nobody.
+    assert found(key, [pose(identity=8), person(2, 0.9)], 0.033) == 8
+    low = (*hips, "SpineMid")
+    assert found(key, [pose(missing=low, identity=9), person(2, 0.9)], 0.067) == 9
 
 
 def test_ids_that_are_swapped_move_nobody() -> None:
@@ -176,7 +214,8 @@ def test_nobody_known_takes_over_until_all_is_forgotten() -> None:
     key = KeyPerson()
     assert found(key, [person(1, 0.0), person(2, 0.9)], 0.0) == 1
     assert found(key, [person(2, 0.6)], 5.0) is None
-    assert found(key, [person(2, 0.6)], 10.0) == 2
+    assert found(key, [person(2, 0.6)], 10.0) is None  # still in view, and still known
+    assert found(key, [person(2, 0.6)], 25.0) == 2
     key.reset()
     assert found(key, [person(3, 0.0), person(2, 0.6)], 10.1) == 3
 
@@ -193,7 +232,7 @@ def test_the_therapist_selects() -> None:
 
 def test_people_without_a_place_are_not_chosen() -> None:
     key = KeyPerson()
-    lost = pose(missing=("SpineBase",), identity=1)
+    lost = pose(missing=("SpineBase", "SpineMid", "SpineShoulder", "Neck"), identity=1)
     behind = pose(at=(0, 0, -2), identity=2)
     assert found(key, [lost, behind], 0.0) is None
     assert found(key, [lost, behind, person(3, 0.5)], 0.1) == 3

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import importlib.util
 import sys
+import types
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import manip3d
+from capsule_body import frame as body_frame
+from capsule_body import pose as body_pose
 from manip3d import datasets, modify, rgbd
+from manip3d.viewer.phantom import render_phantom
 
 CAMERA = manip3d.Intrinsics(64, 48, 50.0, 50.0, 31.5, 23.5)
 NAMES = modify.joint_layouts()["mediapipe"]
@@ -65,6 +71,66 @@ def test_the_line_of_sight_is_that_of_the_lens() -> None:
     radial = 1 + 0.1 * r2 - 0.27 * r2**2 + 0.1 * r2**3
     seen = (256 + 365 * x * radial, 210 + 365 * y * radial)
     np.testing.assert_allclose(seen, (470, 380), atol=1e-6)
+
+
+class Landmarks:
+    """As MediaPipe gives them: all at one place of the picture."""
+
+    def __init__(self, x: float, y: float) -> None:
+        mark = types.SimpleNamespace(x=x, y=y, z=0.0, visibility=1.0)
+        self.pose_landmarks = self.pose_world_landmarks = types.SimpleNamespace(
+            landmark=[mark] * 33
+        )
+
+
+@pytest.mark.parametrize(("width", "height"), [(64, 48), (160, 120), (40, 30)])
+def test_colour_may_have_a_camera_of_its_own(
+    width: int, height: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A colour camera 10 cm aside and turned by 5 degrees: joints lie where the depth camera is."""
+    angle = np.deg2rad(5.0)
+    turn = np.array(
+        [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
+    )
+    color = CAMERA.resized(width, height)
+    registration = manip3d.Registration(color, turn, np.array([0.1, 0.02, 0.01]))
+    depth = wall(3.0)
+    depth[:, 32:] = 2000
+    body = np.where(depth == 2000, 4, rgbd.NO_BODY).astype(np.uint8)
+    frame = manip3d.RgbdFrame(
+        depth, manip3d.RgbdCalibration(CAMERA, registration),
+        color=np.zeros((height, width, 3), np.uint8), body_index=body,
+    )  # fmt: skip
+    wanted = np.array([0.3, -0.2, 2.0])
+    u, v = color.project(turn @ wanted + registration.translation)
+    found = Landmarks((u + 0.5) / width, (v + 0.5) / height)
+    model = types.SimpleNamespace(process=lambda _: found, close=lambda: None)
+    monkeypatch.setattr(modify.PoseTracker, "_start", lambda _: model)
+    with modify.PoseTracker() as tracker:
+        skeleton = tracker.find(frame)
+        assert skeleton is not None
+        # Behind the skin by the joint's radius; a pixel is 4 cm (5 cm of the small picture).
+        np.testing.assert_allclose(skeleton.positions[6], np.add(wanted, (0, 0, 0.025)), atol=0.05)
+        assert skeleton.body == 4
+        with pytest.raises(manip3d.InputError, match=r"frame\.color"):
+            tracker.find(replace(frame, color=None))
+
+
+def test_a_film_begins_before_there_is_colour(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = body_frame(body_pose(), number=0)
+    second = replace(
+        body_frame(body_pose(), number=1),
+        color=np.zeros((*first.depth.shape, 3), np.uint8),
+        skeletons=(),
+    )
+    nobody = types.SimpleNamespace(pose_landmarks=None)
+    model = types.SimpleNamespace(process=lambda _: nobody, close=lambda: None)
+    monkeypatch.setattr(modify.PoseTracker, "_start", lambda _: model)
+    film = render_phantom([replace(first, color=None), second], tmp_path / "film", pose=True)
+    assert film.frames == 2
+    assert film.frames_with_skeleton == 1
 
 
 def test_depth_is_the_median_of_the_person_s_pixels_in_the_window() -> None:

@@ -1,8 +1,8 @@
 #include "manip3d/modify/key_person.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
-#include <limits>
 #include <string>
 #include <utility>
 
@@ -13,7 +13,7 @@
 namespace manip3d {
 namespace {
 
-constexpr std::int64_t kNobody = std::numeric_limits<std::int64_t>::min();
+constexpr double kMoment = 0.3;  // seconds for which a place tells a person
 
 /// From the base of the spine to the shoulders, metres; 0: not seen.
 double trunk_length(const Skeleton& person) {
@@ -28,8 +28,9 @@ std::optional<std::size_t> cheapest(std::span<const Skeleton> people, double mos
   std::optional<std::size_t> best;
   double least = most;
   for (std::size_t i = 0; i < people.size(); ++i) {
-    if (!is_usable(people[i], Joint::kSpineBase)) continue;
-    const double value = cost(people[i][Joint::kSpineBase]);
+    const auto base = spine_base(people[i]);
+    if (!base) continue;
+    const double value = cost(people[i].id, *base);
     if (value < least || (best && value == least && people[i].id < people[*best].id)) {
       least = value;
       best = i;
@@ -38,16 +39,32 @@ std::optional<std::size_t> cheapest(std::span<const Skeleton> people, double mos
   return best;
 }
 
-std::optional<std::size_t> most_central(std::span<const Skeleton> people,
-                                        const Intrinsics& camera) {
-  const Eigen::Vector2d centre(0.5 * static_cast<double>(camera.width - 1),
-                               0.5 * static_cast<double>(camera.height - 1));
-  return cheapest(people, kInfinity, [&](const Eigen::Vector3f& p) {
-    return (project(camera, p.cast<double>()) - centre).squaredNorm();  // NaN behind the camera
-  });
-}
-
 }  // namespace
+
+std::optional<Eigen::Vector3f> spine_base(const Skeleton& person) {
+  using enum Joint;
+  struct Height {
+    Joint joint;
+    float above;  ///< The base of an adult's spine, metres.
+  };
+  constexpr std::array kSpine = {Height{kSpineBase, 0.0F}, Height{kSpineMid, 0.31F},
+                                 Height{kSpineShoulder, 0.535F}, Height{kNeck, 0.61F}};
+  for (std::size_t i = 0; i < kSpine.size(); ++i) {
+    if (!is_usable(person, kSpine[i].joint)) continue;
+    const Eigen::Vector3f& lowest = person[kSpine[i].joint];
+    if (kSpine[i].above == 0.0F) return lowest;
+    // On along the spine where two joints of it are there, else down the image.
+    Eigen::Vector3f down = Eigen::Vector3f::UnitY();
+    for (std::size_t k = i + 1; k < kSpine.size(); ++k) {
+      if (!is_usable(person, kSpine[k].joint)) continue;
+      const Eigen::Vector3f along = lowest - person[kSpine[k].joint];
+      if (along.norm() > 0.05F) down = along.normalized();
+      break;
+    }
+    return lowest + kSpine[i].above * down;
+  }
+  return std::nullopt;
+}
 
 KeyPerson::KeyPerson(const KeyPersonOptions& options) : options_(options) {
   for (const auto& [name, value] : {std::pair{"patience", options.patience},
@@ -68,50 +85,95 @@ void KeyPerson::reset() {
   num_others_ = 0;
 }
 
-bool KeyPerson::is_other(std::int64_t id) const {
-  const auto end = others_.begin() + std::min(num_others_, others_.size());
-  return std::find(others_.begin(), end, id) != end;
+/// Nobody is known for longer than `forget` after he was last seen: trackers use ids again.
+bool KeyPerson::is_other(std::int64_t id, double time_s) const {
+  return std::any_of(others_.begin(), others_.begin() + num_others_, [&](const Other& other) {
+    return other.id == id && time_s - other.last_seen < options_.forget;
+  });
+}
+
+/// Notes the people beside the key person, and while it is lost, those known that are still there.
+void KeyPerson::see_others(std::span<const Skeleton> people, double time_s) {
+  const bool is_here = seen_ && last_seen_ == time_s;
+  for (const Skeleton& person : people) {
+    const auto end = others_.begin() + num_others_;
+    const auto known =
+        std::find_if(others_.begin(), end, [&](const Other& o) { return o.id == person.id; });
+    const bool is_known = known != end && time_s - known->last_seen < options_.forget;
+    if (is_here ? person.id == id_ : !is_known) continue;
+    if (known != end) {
+      known->last_seen = time_s;
+    } else if (num_others_ < others_.size()) {
+      others_[num_others_++] = {person.id, time_s};
+    } else {
+      *std::ranges::min_element(others_, {}, &Other::last_seen) = {person.id, time_s};
+    }
+  }
 }
 
 std::optional<std::size_t> KeyPerson::with_id(std::span<const Skeleton> people,
                                               std::int64_t id) const {
   for (std::size_t i = 0; i < people.size(); ++i) {
-    if (people[i].id == id && is_usable(people[i], Joint::kSpineBase)) return i;
+    if (people[i].id == id && spine_base(people[i])) return i;
   }
   return std::nullopt;
 }
 
-std::optional<std::size_t> KeyPerson::nearby(std::span<const Skeleton> people,
-                                             double within) const {
-  return cheapest(people, within * within, [&](const Eigen::Vector3f& p) {
-    return (p - position_).cast<double>().squaredNorm();
+/// Of those who are not known.
+std::optional<std::size_t> KeyPerson::nearby(std::span<const Skeleton> people, double within,
+                                             double time_s) const {
+  return cheapest(people, within * within, [&](std::int64_t id, const Eigen::Vector3f& p) {
+    return is_other(id, time_s) ? kInfinity : (p - position_).cast<double>().squaredNorm();
   });
 }
 
 /// By id, or by place where ids were swapped or renewed from one frame to the next.
 std::optional<std::size_t> KeyPerson::followed(std::span<const Skeleton> people,
-                                               double lost) const {
-  constexpr double kMoment = 0.3;              // seconds for which a place tells a person
+                                               double time_s) const {
   constexpr double kNear = 0.15, kFar = 0.30;  // metres
   constexpr double kWalk = 1.5, kRun = 3.0;    // metres a second
   const auto mine = with_id(people, id_);
+  const double lost = lost_for(time_s);
   if (lost > kMoment) return mine;
-  const auto there = nearby(people, kNear + kWalk * lost);
+  const double within = kNear + kWalk * lost;
+  const auto there = cheapest(people, within * within, [&](std::int64_t, const Eigen::Vector3f& p) {
+    return (p - position_).cast<double>().squaredNorm();
+  });
   if (!there) return mine;
-  if (!mine) return is_other(people[*there].id) ? std::nullopt : there;
-  const double jump = (people[*mine][Joint::kSpineBase] - position_).cast<double>().norm();
+  if (!mine) return is_other(people[*there].id, time_s) ? std::nullopt : there;
+  const double jump = (*spine_base(people[*mine]) - position_).cast<double>().norm();
   return jump > kFar + kRun * lost ? there : mine;
 }
 
-/// A newcomer of the same size, without anybody else in view.
-std::optional<std::size_t> KeyPerson::alone(std::span<const Skeleton> people) const {
+bool KeyPerson::has_same_size(const Skeleton& person) const {
   constexpr double kSameSize = 0.25;
-  if (people.size() != 1 || is_other(people[0].id)) return std::nullopt;
-  if (!is_usable(people[0], Joint::kSpineBase)) return std::nullopt;
-  const double length = trunk_length(people[0]);
+  const double length = trunk_length(person);
   const bool comparable = length > 0.0 && trunk_length_ > 0.0;
-  if (comparable && std::abs(length / trunk_length_ - 1.0) > kSameSize) return std::nullopt;
-  return 0;
+  return !comparable || std::abs(length / trunk_length_ - 1.0) <= kSameSize;
+}
+
+/// The only one in view who is not known, of the same size: at once when nobody else is in view, as
+/// somebody who walks in beside others may be anybody.
+std::optional<std::size_t> KeyPerson::newcomer(std::span<const Skeleton> people,
+                                               double time_s) const {
+  if (people.size() > 1 && lost_for(time_s) <= kMoment) return std::nullopt;
+  std::optional<std::size_t> found;
+  for (std::size_t i = 0; i < people.size(); ++i) {
+    if (!spine_base(people[i]) || is_other(people[i].id, time_s)) continue;
+    if (found) return std::nullopt;
+    found = i;
+  }
+  return found && has_same_size(people[*found]) ? found : std::nullopt;
+}
+
+std::optional<std::size_t> KeyPerson::most_central(std::span<const Skeleton> people,
+                                                   const Intrinsics& camera, double time_s) const {
+  const Eigen::Vector2d centre(0.5 * static_cast<double>(camera.width - 1),
+                               0.5 * static_cast<double>(camera.height - 1));
+  return cheapest(people, kInfinity, [&](std::int64_t id, const Eigen::Vector3f& p) {
+    if (is_other(id, time_s)) return kInfinity;
+    return (project(camera, p.cast<double>()) - centre).squaredNorm();  // NaN behind the camera
+  });
 }
 
 std::optional<std::size_t> KeyPerson::find(std::span<const Skeleton> people,
@@ -122,32 +184,32 @@ std::optional<std::size_t> KeyPerson::find(std::span<const Skeleton> people,
   if (found) {
     reset();
   } else if (lost >= options_.forget) {
-    found = most_central(people, camera);
+    found = most_central(people, camera, time_s);
   } else {
-    found = followed(people, lost);
-    if (!found) found = alone(people);
-    if (!found && lost >= options_.patience) found = nearby(people, options_.reach);
+    found = followed(people, time_s);
+    if (!found) found = newcomer(people, time_s);
+    if (!found && lost >= options_.patience) found = nearby(people, options_.reach, time_s);
   }
-  if (found) remember(people, *found, time_s);
+  if (found) remember(people[*found], time_s);
+  see_others(people, time_s);
   return found;
 }
 
-void KeyPerson::remember(std::span<const Skeleton> people, std::size_t found, double time_s) {
+void KeyPerson::remember(const Skeleton& person, double time_s) {
   seen_ = true;
-  id_ = people[found].id;
+  id_ = person.id;
   last_seen_ = time_s;
-  position_ = people[found][Joint::kSpineBase];
+  position_ = *spine_base(person);
   constexpr double kMemory = 0.95;  // of the length, from frame to frame
-  const double length = trunk_length(people[found]);
+  const double length = trunk_length(person);
   if (length > 0.0) {
     trunk_length_ =
         trunk_length_ > 0.0 ? kMemory * trunk_length_ + (1.0 - kMemory) * length : length;
   }
-  std::replace(others_.begin(), others_.end(), id_, kNobody);
-  for (std::size_t i = 0; i < people.size(); ++i) {
-    if (i == found || is_other(people[i].id)) continue;
-    others_[num_others_++ % others_.size()] = people[i].id;
-  }
+  const auto end = others_.begin() + num_others_;
+  const auto known =
+      std::find_if(others_.begin(), end, [&](const Other& o) { return o.id == id_; });
+  if (known != end) *known = others_[--num_others_];
 }
 
 }  // namespace manip3d

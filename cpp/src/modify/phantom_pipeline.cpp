@@ -20,6 +20,16 @@ namespace {
 
 constexpr double kNever = -std::numeric_limits<double>::infinity();
 
+constexpr std::int64_t kNominalPeriod = 33'333'333;  // nanoseconds
+
+/// a - b, or the nearest number there is.
+std::int64_t difference(std::int64_t a, std::int64_t b) {
+  using Limits = std::numeric_limits<std::int64_t>;
+  if (b < 0 && a > Limits::max() + b) return Limits::max();
+  if (b > 0 && a < Limits::min() + b) return Limits::min();
+  return a - b;
+}
+
 double seconds_of(std::int64_t time_ns) { return 1e-9 * static_cast<double>(time_ns); }
 
 void check_all_options(const PhantomOptions& o) {
@@ -173,6 +183,7 @@ class PhantomPipeline::Workspace {
     PhantomReport report;
     if (is_late(input)) {
       report.state = PhantomState::kLate;
+      report.reason = PhantomReason::kLate;
       report.late_frames = late_frames_;
       return report;
     }
@@ -185,6 +196,7 @@ class PhantomPipeline::Workspace {
     const std::optional<Skeleton> fitted = find_points(person, input);
     segment(fitted, input, image, report);
     if (points_.count == 0) {  // a phantom without a person would float in the air
+      ends_.reset();
       report.reason = lacks_skeletons() ? PhantomReason::kNoSkeleton : PhantomReason::kNoPerson;
       return report;
     }
@@ -212,7 +224,7 @@ class PhantomPipeline::Workspace {
     const PixelBox all = fill(phantom, image, report);
     clock.end(PhantomStage::kHoleFilling);
     report.skeleton = phantom_skeleton(*person, report.state);
-    inspect(*person, all, image, report);
+    inspect(*person, time_s, all, image, report);
     clock.end(PhantomStage::kSkeleton);
     report.num_points = write_points(image, all, rays_, out.mesh, vertex_of_);
     clock.end(PhantomStage::kPointCloud);
@@ -242,22 +254,48 @@ class PhantomPipeline::Workspace {
     if (input.registration != nullptr) check_registration(*input.registration);
   }
 
+  /// Frames that are not newer are late, unless there are so many of them that the source's clock
+  /// must be wrong: it stands, or runs back. Then frames count as 30 a second until times grow
+  /// again.
   bool is_late(const PhantomInput& input) {
-    constexpr std::int64_t kNewRecording = 1'000'000'000, kNominalPeriod = 33'333'333;
-    const bool has_clock = !has_time_ || input.time_ns != 0 || last_time_ns_ != 0;
-    if (!has_time_ || input.time_ns > last_time_ns_ || !has_clock) {
-      clock_ns_ = has_clock ? input.time_ns : clock_ns_ + kNominalPeriod;
-      if (!has_time_) first_ns_ = clock_ns_;
-      has_time_ = true;
-      last_time_ns_ = input.time_ns;
+    constexpr std::int64_t kNewRecording = 1'000'000'000, kMostLate = 10;
+    if (!has_time_) {
+      start_clock(input.time_ns);
+      return false;
+    }
+    const std::int64_t elapsed = difference(input.time_ns, last_time_ns_);
+    if (elapsed > 0) {
+      late_in_row_ = 0;
+      advance_clock(input.time_ns, elapsed);
+      return false;
+    }
+    const bool has_clock = input.time_ns != 0 || last_time_ns_ != 0;
+    if (!has_clock) {
+      advance_clock(0, kNominalPeriod);
       return false;
     }
     ++late_frames_;
-    if (last_time_ns_ - input.time_ns <= kNewRecording) return true;
-    start_anew();
-    has_time_ = true;
-    last_time_ns_ = clock_ns_ = first_ns_ = input.time_ns;
+    if (elapsed < -kNewRecording) {
+      start_anew();
+      start_clock(input.time_ns);
+      return false;
+    }
+    if (++late_in_row_ <= kMostLate) return true;
+    late_in_row_ = kMostLate;
+    advance_clock(input.time_ns, kNominalPeriod);
     return false;
+  }
+
+  void start_clock(std::int64_t time_ns) {
+    has_time_ = true;
+    last_time_ns_ = time_ns;
+    late_in_row_ = clock_ns_ = 0;
+  }
+
+  void advance_clock(std::int64_t time_ns, std::int64_t elapsed) {
+    constexpr std::int64_t kLongest = 3600 * std::int64_t{1'000'000'000};  // all is forgotten
+    last_time_ns_ = time_ns;
+    clock_ns_ += std::min(elapsed, kLongest);
   }
 
   void start_anew() {
@@ -296,6 +334,7 @@ class PhantomPipeline::Workspace {
     fills_.reserve(size);
     picture_.reserve(camera.height, camera.width);
     camera_ = camera;
+    ends_.reset();
     forget_phantom();
   }
 
@@ -345,9 +384,8 @@ class PhantomPipeline::Workspace {
   /// A tracker may give the same person another id.
   [[nodiscard]] bool is_at_same_place(const Skeleton& raw) const {
     constexpr float kSamePlace = 0.3F;  // metres
-    constexpr Joint kBase = Joint::kSpineBase;
-    return person_ && is_usable(*person_, kBase) && is_usable(raw, kBase) &&
-           ((*person_)[kBase] - raw[kBase]).norm() < kSamePlace;
+    const auto before = person_ ? spine_base(*person_) : std::nullopt, now = spine_base(raw);
+    return before && now && (*before - *now).norm() < kSamePlace;
   }
 
   void restore_positions(const Skeleton& raw) {
@@ -361,7 +399,7 @@ class PhantomPipeline::Workspace {
   /// Has the source had time to show a skeleton, and has not?
   [[nodiscard]] bool lacks_skeletons() const {
     constexpr std::int64_t kPatience = 1'000'000'000;
-    return !has_skeleton_ && clock_ns_ - first_ns_ >= kPatience;
+    return !has_skeleton_ && clock_ns_ >= kPatience;
   }
 
   [[nodiscard]] double radius() const {
@@ -469,8 +507,8 @@ class PhantomPipeline::Workspace {
   }
 
   /// Measures what was drawn; what nobody would believe is not called tracking.
-  void inspect(const Skeleton& person, const PixelBox& box, const PhantomImage& image,
-               PhantomReport& report) {
+  void inspect(const Skeleton& person, double time_s, const PixelBox& box,
+               const PhantomImage& image, PhantomReport& report) {
     if (report.state != PhantomState::kTracking) {
       ends_.reset();
       return;
@@ -480,8 +518,9 @@ class PhantomPipeline::Workspace {
                      report.quality);
     const Joint end = limb_chain(affected)[kNumMainJoints - 1];
     const Joint intact_end = limb_chain(opposite(affected))[kNumMainJoints - 1];
-    const Ends ends{report.skeleton[end], person[intact_end]};
-    if (ends_) {
+    const Ends ends{report.skeleton[end], person[intact_end], time_s};
+    constexpr double kGap = 0.25;  // seconds in which a limb may be anywhere
+    if (ends_ && time_s - ends_->time_s <= kGap) {
       const float mine = (ends.phantom - ends_->phantom).norm();
       const float intact = (ends.intact - ends_->intact).norm();
       report.quality.leap = std::max(0.0, static_cast<double>(mine - intact));
@@ -608,6 +647,7 @@ class PhantomPipeline::Workspace {
 
   struct Ends {  ///< Of the phantom and of the intact limb.
     Eigen::Vector3f phantom, intact;
+    double time_s = 0.0;
   };
 
   struct Held {
@@ -629,8 +669,9 @@ class PhantomPipeline::Workspace {
 
   bool has_time_ = false, is_here_ = false, has_skeleton_ = false;
   std::int64_t last_time_ns_ = 0, late_frames_ = 0;
-  std::int64_t clock_ns_ = 0, first_ns_ = 0;  ///< The source's clock, or a nominal one.
-  Skeleton raw_;                              ///< As the tracker told it, in this frame.
+  std::int64_t late_in_row_ = 0;
+  std::int64_t clock_ns_ = 0;  ///< Since the first frame, by the source's clock or a nominal one.
+  Skeleton raw_;               ///< As the tracker told it, in this frame.
   std::optional<std::int64_t> person_id_;
   std::optional<Skeleton> person_;     ///< The patient as last seen, smoothed.
   double sides_kept_since_ = kNever;   ///< Since when the tracker takes left for right.

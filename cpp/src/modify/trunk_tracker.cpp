@@ -39,6 +39,12 @@ constexpr double kTurnNoise = 0.010, kMoveNoise = 0.006;
 constexpr double kStepMemory = 0.7;         // of the velocity, from frame to frame
 constexpr double kContradiction = 0.15;     // metres: joints off by so much are another trunk's
 constexpr double kContradictionTime = 0.3;  // seconds until joints are believed
+constexpr double kFrameTime = 1.0 / 30.0;   // seconds: of the priors
+constexpr double kGap = 0.25;               // seconds after which nothing is known of the motion
+constexpr double kMissed = 0.1;             // seconds after which a surface may lock in elsewhere
+// Seconds over which the joints' direction across is averaged, and radians that it may differ from
+// the plane's normal by: a reaching arm takes its shoulder along by up to 10 cm.
+constexpr double kAcrossTime = 0.1, kMostDisagreement = 0.26;
 constexpr double kNewKeyTurn = 0.99;  // cosine of half the turn after which points are renewed
 constexpr double kNewKeyShare = 0.55;
 constexpr double kSymmetryWindow = 45.0;  // frames over which the plane of the surface is averaged
@@ -277,6 +283,8 @@ void TrunkTracker::reset() {
   pose_.reset();
   velocity_.setZero();
   is_contradicted_ = false;
+  across_.setZero();
+  disagreement_ = 0.0;
   joints_ = {};
   surface_.clear();
   plane_ = {};
@@ -289,15 +297,35 @@ void TrunkTracker::reset() {
   deviation_deg_ = std::numeric_limits<double>::infinity();
 }
 
+/// The same person: what its joints jitter by is known, and nothing else.
 void TrunkTracker::start(const BodyFrame& frame) {
+  std::array<double, kNumJoints> jitter{};
+  for (std::size_t i = 0; i < kNumJoints; ++i) jitter[i] = joints_[i].jitter;
+  const double power = error_power_, product = error_product_;
   reset();
+  for (std::size_t i = 0; i < kNumJoints; ++i) joints_[i].jitter = jitter[i];
+  error_power_ = power;
+  error_product_ = product;
   pose_ = Pose{Eigen::Quaterniond(axes_of(frame)), frame.origin};
+}
+
+/// Where the trunk was before a gap tells nothing of where it is.
+void TrunkTracker::end_motion() {
+  pose_.reset();
+  deviation_deg_ = std::numeric_limits<double>::infinity();
+  for (JointMean& mean : joints_) mean.num_last = 0;
 }
 
 std::optional<BodyFrame> TrunkTracker::update(const Skeleton* joints, const DepthView& depth,
                                               const PixelRays& rays, const Intrinsics& camera,
                                               double time_s) {
-  if (joints != nullptr) measure_jitter(*joints);
+  const double elapsed = time_s - time_s_;
+  const bool are_back = joints != nullptr && time_s - joints_time_s_ > kGap;
+  if (pose_ && (elapsed > kGap || are_back)) end_motion();
+  if (joints != nullptr) {
+    measure_jitter(*joints);
+    joints_time_s_ = time_s;
+  }
   if (pose_ && joints != nullptr && contradicts(*joints)) {
     if (!is_contradicted_) contradicted_since_ = time_s;
     is_contradicted_ = true;
@@ -306,15 +334,7 @@ std::optional<BodyFrame> TrunkTracker::update(const Skeleton* joints, const Dept
     is_contradicted_ = false;
   }
   if (pose_) {
-    const Pose before = *pose_;
-    const double elapsed = std::clamp(time_s - time_s_, 1e-3, 0.2);
-    pose_->rotation = (small_turn(elapsed * velocity_.head<3>()) * pose_->rotation).normalized();
-    pose_->translation += elapsed * velocity_.tail<3>();
-    fit(is_contradicted_ ? nullptr : joints, depth, rays, camera);
-    const Eigen::Quaterniond turn = pose_->rotation * before.rotation.conjugate();
-    Vector6 seen;
-    seen << (turn.w() < 0.0 ? -2.0 : 2.0) * turn.vec(), pose_->translation - before.translation;
-    velocity_ = kStepMemory * velocity_ + (1.0 - kStepMemory) * seen / elapsed;
+    follow(joints, depth, rays, camera, std::max(elapsed, 1e-3));
   } else if (joints != nullptr) {
     const auto frame = trunk_frame(*joints, affected_);
     if (!frame) return std::nullopt;
@@ -323,10 +343,24 @@ std::optional<BodyFrame> TrunkTracker::update(const Skeleton* joints, const Dept
   } else {
     return std::nullopt;
   }
-  time_s_ = time_s;
   if (joints != nullptr && !is_contradicted_) average_joints(*joints);
   measure_symmetry(depth, rays, camera);
+  if (joints != nullptr) compare_turn(*joints, elapsed);
+  time_s_ = time_s;
   return frame();
+}
+
+/// One frame on: predicts, fits, and learns the velocity.
+void TrunkTracker::follow(const Skeleton* joints, const DepthView& depth, const PixelRays& rays,
+                          const Intrinsics& camera, double elapsed) {
+  const Pose before = *pose_;
+  pose_->rotation = (small_turn(elapsed * velocity_.head<3>()) * pose_->rotation).normalized();
+  pose_->translation += elapsed * velocity_.tail<3>();
+  fit(is_contradicted_ ? nullptr : joints, depth, rays, camera, elapsed);
+  const Eigen::Quaterniond turn = pose_->rotation * before.rotation.conjugate();
+  Vector6 seen;
+  seen << (turn.w() < 0.0 ? -2.0 : 2.0) * turn.vec(), pose_->translation - before.translation;
+  velocity_ = kStepMemory * velocity_ + (1.0 - kStepMemory) * seen / elapsed;
 }
 
 /// The axes of the joints' means, with the plane that the surface has told.
@@ -451,8 +485,9 @@ Eigen::Vector3d TrunkTracker::joint_plane_variance() const {
   return bias.cwiseProduct(bias) + Eigen::Vector3d(roll, yaw, 1.0 / precision);
 }
 
-/// Are most joints far from where they are in the trunk?
+/// Are most joints far from where they are in the trunk, or is the plane turned against them?
 bool TrunkTracker::contradicts(const Skeleton& joints) const {
+  if (disagreement_ > 0.0) return true;
   int off = 0, all = 0;
   for (const Joint joint : kTrunkJoints) {
     const JointMean& mean = joints_[static_cast<std::size_t>(joint)];
@@ -463,19 +498,68 @@ bool TrunkTracker::contradicts(const Skeleton& joints) const {
   return 2 * off > all;
 }
 
+/// Radians: standard deviation of the direction across that is averaged, by the joints' jitter.
+double TrunkTracker::turn_jitter() const {
+  constexpr double kAcross = 0.35 + 0.5 * 0.18;  // metres: shoulders, and half of the hips
+  // An exponential mean of white noise at 30 frames a second: a / (2 - a), a = 1 - e^(-1/3).
+  constexpr double kLeft = 0.165;
+  const auto variance = [&](Joint joint) {
+    return joints_[static_cast<std::size_t>(joint)].jitter;
+  };
+  const double sum = variance(kShoulderLeft) + variance(kShoulderRight) +
+                     0.25 * (variance(kHipLeft) + variance(kHipRight));
+  return std::sqrt(kLeft * sum) / kAcross;
+}
+
+/// How far the plane is turned about the spine against the shoulders and hips that were tracked
+/// lately. They are averaged within the trunk, so that a body that turns is not behind.
+void TrunkTracker::compare_turn(const Skeleton& joints, double elapsed) {
+  disagreement_ = 0.0;
+  const auto axes = frame();
+  if (!axes) return;
+  Eigen::Vector3d across = Eigen::Vector3d::Zero();
+  const auto add = [&](Joint left, Joint right, double share) {
+    for (const Joint joint : {left, right}) {
+      if (!is_usable(joints, joint) || joints.state(joint) != TrackingState::kTracked) return;
+    }
+    across += share * (joints[left] - joints[right]).cast<double>();
+  };
+  add(kShoulderLeft, kShoulderRight, 1.0);
+  add(kHipLeft, kHipRight, 0.5);
+  if (across.isZero(0.0)) {
+    across_.setZero();
+    return;
+  }
+  const Eigen::Vector3d within = pose_->rotation.conjugate() * across;
+  const double gain = across_.isZero(0.0) ? 1.0 : 1.0 - std::exp(-elapsed / kAcrossTime);
+  across_ += gain * (within - across_);
+  const Eigen::Vector3d mean = pose_->rotation * across_;
+  const double turn = std::abs(std::atan2(axes->z.dot(mean), axes->n.dot(mean)));
+  if (!(turn > kMostDisagreement + 2.0 * turn_jitter())) return;
+  disagreement_ = turn;
+  constexpr double kDegrees = 57.29577951308232;
+  deviation_deg_ = std::hypot(deviation_deg_, kDegrees * turn);
+}
+
 /// Gauss-Newton steps about the predicted pose.
 void TrunkTracker::fit(const Skeleton* joints, const DepthView& depth, const PixelRays& rays,
-                       const Intrinsics& camera) {
+                       const Intrinsics& camera, double elapsed) {
   const PixelProjector projector(camera, rays);
   const double rho = correlation();
   const double surface_noise = std::max(kSurfaceNoise, kSharedNoise * residual_);
   Vector6 moved = Vector6::Zero();
   Matrix6 information = Matrix6::Zero();
-  for (int iteration = 0; iteration < kIterations; ++iteration) {
+  // Motion adds up: what is not foreseen, and how far joints may be from where they were foreseen,
+  // grows with time. After frames were missed the joints alone say where the surface is looked for.
+  const double frames = std::max(1.0, elapsed / kFrameTime);
+  const double turn_noise = frames * kTurnNoise, move_noise = frames * kMoveNoise;
+  const double joint_scale = frames * kJointScale;
+  const int alone = joints != nullptr && elapsed > kMissed ? 2 : 0;
+  for (int iteration = -alone; iteration < kIterations; ++iteration) {
     const Eigen::Vector3d centre = pose_->translation;
     const Eigen::Matrix3d rotation = pose_->rotation.toRotationMatrix();
-    const double turn2 = kTurnNoise * kTurnNoise + moved.head<3>().squaredNorm();
-    const double move2 = kMoveNoise * kMoveNoise + moved.tail<3>().squaredNorm();
+    const double turn2 = turn_noise * turn_noise + moved.head<3>().squaredNorm();
+    const double move2 = move_noise * move_noise + moved.tail<3>().squaredNorm();
     Vector6 prior;
     prior << Eigen::Vector3d::Constant(1.0 / turn2), Eigen::Vector3d::Constant(1.0 / move2);
     information = prior.asDiagonal();
@@ -483,6 +567,7 @@ void TrunkTracker::fit(const Skeleton* joints, const DepthView& depth, const Pix
     std::size_t agreed = 0;
     double within = 0.0;
     for (const SurfacePoint& point : surface_) {
+      if (iteration < 0) break;
       const Eigen::Vector3d p = rotation * point.place + centre;
       const Eigen::Vector3d normal = rotation * point.normal;
       const auto found = residual_at(p, normal, depth, rays, projector);
@@ -512,7 +597,7 @@ void TrunkTracker::fit(const Skeleton* joints, const DepthView& depth, const Pix
       const Eigen::Vector3d off = whole - rho * (rotation * mean.last_error);
       const double noise =
           std::clamp(std::sqrt(innovation(mean)), kLeastJointNoise, kMostJointNoise);
-      const double share = 1.0 + off.squaredNorm() / (kJointScale * kJointScale);
+      const double share = 1.0 + off.squaredNorm() / (joint_scale * joint_scale);
       const double weight = 1.0 / (noise * noise * share);
       Eigen::Matrix<double, 3, 6> rows;
       rows << 0.0, arm.z(), -arm.y(), 1.0, 0.0, 0.0,  //

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from manip3d._util.checked import checked
 from manip3d._util.linear import product
 from manip3d._util.paths import path_of
 from manip3d.capture._rgbd import open_rgbd
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_path
+from manip3d.modify import PoseTracker
 from manip3d.rgbd import JOINTS, NOT_TRACKED, PARENTS, RgbdFrame, Skeleton
 
 if TYPE_CHECKING:
@@ -23,6 +27,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 _TO_BVH = np.array([100.0, -100.0, -100.0])  # metres, y down, z ahead -> centimetres, y up
+_SPINE = [JOINTS.index(name) for name in ("SpineMid", "SpineShoulder", "Neck", "Head")]
 _CHILDREN = [[j for j in range(1, 25) if PARENTS[j] == parent] for parent in range(25)]
 
 
@@ -34,22 +39,27 @@ class ExportedJoints:
     ----------
     path : Path
     frames : int
-        With a skeleton of the person.
+        Skeletons written.
     people : int
         Different ids in them.
+    held : int
+        Frames of a motion in which the person was not seen, and stays as before.
     """
 
     path: Path
     frames: int
     people: int
+    held: int = 0
 
 
+@checked
 def export_joints(
     source: str | Iterable[RgbdFrame],
     path: str | os.PathLike[str],
     *,
     person: int | None = None,
     frames: int | None = None,
+    pose: bool = False,
     overwrite: bool = False,
 ) -> ExportedJoints:
     """Write the joints of a recording as a table (``.csv``) or as a motion (``.bvh``).
@@ -57,7 +67,8 @@ def export_joints(
     A table has a row for each joint, in the camera's frame and in metres: ``frame``, ``time_ns``,
     ``id``, ``joint``, ``name``, ``x``, ``y``, ``z``, ``state`` (0 not tracked, 1 inferred, 2
     tracked). A motion has one person, y up, in centimetres: bones keep their median lengths, and
-    each joint turns so that the bones which hang from it point where they were seen.
+    each joint turns so that the bones which hang from it point where they were seen. Between the
+    first and the last frame with the person, frames without it repeat the pose before.
 
     Parameters
     ----------
@@ -69,15 +80,21 @@ def export_joints(
         `Skeleton.id`. Without it a table has everybody, and a motion whoever is seen first.
     frames : int, optional
         Stop after so many.
+    pose : bool
+        Find the joints in the colour images with `manip3d.modify.PoseTracker` (extra ``pose``).
+        Frames without colour keep the joints that they have.
     overwrite : bool
         Replace a file that exists.
 
     Raises
     ------
     InputError
-        Another suffix, a file that exists, no skeleton of the person in the source.
+        Another suffix, a file that exists, no skeleton of the person in the source, no joint of it
+        that was seen.
     FormatError, DeviceError
         The source raised it.
+    MissingExtraError
+        MediaPipe is not installed, for ``pose``.
     """
     target = Path(path_of(path))
     if target.suffix not in (".csv", ".bvh"):
@@ -86,22 +103,59 @@ def export_joints(
         raise InputError(f"path: expected a new file, {target} exists already")
     if frames is not None and not frames > 0:
         raise InputError(f"frames: expected > 0, got {frames}")
-    found: list[tuple[RgbdFrame, Skeleton]] = []
-    for number, frame in enumerate(open_rgbd(source) if isinstance(source, str) else source):
-        if number == frames:
-            break
-        for skeleton in frame.skeletons:
-            if target.suffix == ".bvh" and person is None:
-                person = skeleton.id
-            if person is None or skeleton.id == person:
-                found.append((frame, skeleton))
+    with ExitStack() as opened:
+        stream: Iterable[RgbdFrame] = (
+            source if not isinstance(source, str) else (opened.enter_context(open_rgbd(source)))
+        )
+        stream = _read(stream, frames)
+        if pose:
+            tracker = opened.enter_context(PoseTracker())
+            stream = (f if f.color is None else tracker.annotate(f) for f in stream)
+        if target.suffix == ".csv":
+            found = [
+                (frame, skeleton)
+                for frame in stream
+                for skeleton in frame.skeletons
+                if person is None or skeleton.id == person
+            ]
+            held = 0
+        else:
+            found, held = _followed(stream, person)
     if not found:
         who = "a skeleton" if person is None else f"a skeleton with id {person}"
         raise InputError(f"source: expected {who} in some frame, found none")
     text = _table(found) if target.suffix == ".csv" else _motion(found)
     with atomic_path(target) as temporary:
         temporary.write_text(text, encoding="ascii", newline="\n")
-    return ExportedJoints(target, len(found), len({skeleton.id for _, skeleton in found}))
+    people = len({skeleton.id for _, skeleton in found})
+    return ExportedJoints(target, len(found) - held, people, held)
+
+
+def _read(stream: Iterable[RgbdFrame], frames: int | None) -> Iterator[RgbdFrame]:
+    for frame in islice(stream, frames):
+        if not isinstance(frame, RgbdFrame):
+            raise InputError(f"source: expected frames of an RGB-D camera, got {frame!r:.80}")
+        yield frame
+
+
+def _followed(
+    stream: Iterable[RgbdFrame], person: int | None
+) -> tuple[list[tuple[RgbdFrame, Skeleton]], int]:
+    """One person from its first frame to its last, and in how many of them it was not seen."""
+    found: list[tuple[RgbdFrame, Skeleton]] = []
+    held = missing = 0
+    for frame in stream:
+        if person is None and frame.skeletons:
+            person = frame.skeletons[0].id
+        here = next((one for one in frame.skeletons if one.id == person), None)
+        if here is not None:
+            held += missing
+            missing = 0
+            found.append((frame, here))
+        elif found:
+            missing += 1
+            found.append((frame, found[-1][1]))
+    return found[: len(found) - missing], held
 
 
 def _table(found: Sequence[tuple[RgbdFrame, Skeleton]]) -> str:
@@ -138,16 +192,28 @@ def _motion(found: Sequence[tuple[RgbdFrame, Skeleton]]) -> str:
 
 
 def _without_gaps(found: Sequence[tuple[RgbdFrame, Skeleton]]) -> Floats:
-    """(F, 25, 3); a joint that is not tracked stays where it was seen last, or first."""
+    """(F, 25, 3); a joint that is not tracked stays where it was seen last, or first.
+
+    One that was never seen is where its parent is; the root, where the next joint up the spine is.
+    """
     places = np.array([skeleton.positions for _, skeleton in found], np.float64)
     seen = np.array([skeleton.states != NOT_TRACKED for _, skeleton in found])
+    seen &= np.isfinite(places).all(axis=2)
+    if not seen.any():
+        raise InputError("source: expected joints of the person that were seen, found none")
+    is_known = [bool(seen[:, joint].any()) for joint in range(25)]
     for joint in range(25):
-        known = np.flatnonzero(seen[:, joint])
-        if not len(known):
-            places[:, joint] = places[:, PARENTS[joint]]  # a bone of no length
+        if not is_known[joint]:
             continue
+        known = np.flatnonzero(seen[:, joint])
         last = np.searchsorted(known, np.arange(len(found)), side="right") - 1
         places[:, joint] = places[known[np.maximum(last, 0)], joint]
+    if not is_known[0]:
+        nearest = next(joint for joint in (*_SPINE, *range(25)) if is_known[joint])
+        places[:, 0] = places[:, nearest]
+    for joint in _depth_first(0)[1:]:
+        if not is_known[joint]:
+            places[:, joint] = places[:, PARENTS[joint]]  # a bone of no length
     return places
 
 

@@ -459,6 +459,9 @@ def capture_export(
         int | None, typer.Option(help="Id of the person; a motion has the first one by default.")
     ] = None,
     frames: MostFrames = None,
+    pose: Annotated[
+        bool, typer.Option("--pose", help="Find the joints in the colour image with MediaPipe.")
+    ] = False,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -472,8 +475,12 @@ def capture_export(
     check_output(output, (".csv", ".bvh"), force=force)
     shell = Terminal(as_json=as_json, quiet=quiet)
     with open_source(source, shell) as opened, naming_options("output"):
-        done = capture.export_joints(opened, output, person=person, frames=frames, overwrite=force)
+        done = capture.export_joints(
+            opened, output, person=person, frames=frames, pose=pose, overwrite=force
+        )
     shell.say(f"wrote {output}: {counted(done.frames, 'skeleton')}")
+    if done.held:
+        shell.say(f"the person was not seen in {counted(done.held, 'frame')}, and stays as before")
     shell.result({**asdict(done), "path": str(done.path), "source": opened.uri})
 
 

@@ -73,6 +73,7 @@ class PhantomReason(enum.StrEnum):
     SHREDDED = "shredded"  #: the phantom is in pieces
     CUT = "cut"  #: too much of the person's silhouette is gone
     DOUBLED = "doubled"  #: too much of the affected limb is left
+    LATE = "late"  #: the frame is not newer than the last one
 
     @property
     def message(self) -> str:
@@ -95,6 +96,7 @@ _MESSAGES = {
     PhantomReason.SHREDDED: "The phantom limb is in pieces.",
     PhantomReason.CUT: "Too much of the body was cut out with the limb.",
     PhantomReason.DOUBLED: "Part of the affected limb is still in the picture.",
+    PhantomReason.LATE: "The camera's clock stands or runs back: its pictures are passed over.",
 }
 
 
@@ -476,7 +478,12 @@ class PhantomPipeline:
             )
             if report["state"] == _core.PhantomState.LATE and self._last is not None:
                 late = report["late_frames"]
-                return replace(self._last, state=PhantomState.LATE, late_frames=late)
+                return replace(
+                    self._last,
+                    state=PhantomState.LATE,
+                    reason=PhantomReason.LATE,
+                    late_frames=late,
+                )
             if report["state"] in (_core.PhantomState.TRACKING, _core.PhantomState.DEGRADED):
                 self._phantom_color = frame.color
             self._last = replace(

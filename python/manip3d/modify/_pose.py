@@ -9,9 +9,18 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from manip3d._util.checked import checked
+from manip3d._util.linear import product
 from manip3d.errors import InputError, MissingExtraError
 from manip3d.modify._joints import joint_layouts, skeleton_from
-from manip3d.rgbd import INFERRED, NO_BODY, NOT_TRACKED, TRACKED, RgbdFrame, Skeleton
+from manip3d.rgbd import (
+    INFERRED,
+    NO_BODY,
+    NOT_TRACKED,
+    TRACKED,
+    RgbdCalibration,
+    RgbdFrame,
+    Skeleton,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -133,7 +142,9 @@ def _median_depth(
 class PoseTracker:
     """Finds one person's skeleton in frames with colour: MediaPipe's 33 landmarks, lifted to 25.
 
-    For colour with the depth image's pixels. Close it, or use it in a ``with`` statement.
+    Colour may have the depth image's pixels or, by ``calibration.registration``, a camera of its
+    own: then the depth image is carried over into that camera first. Close it, or use it in a
+    ``with`` statement.
 
     Parameters
     ----------
@@ -184,27 +195,31 @@ class PoseTracker:
         Raises
         ------
         InputError
-            The frame has no colour, or not in the depth image's pixels.
+            The frame has no colour.
         """
-        if frame.color is None or frame.color.shape[:2] != frame.depth.shape:
-            raise InputError("frame.color: expected colour with the depth image's pixels")
+        if frame.color is None:
+            raise InputError("frame.color: expected a colour image, got None")
         landmarks = self._pose.process(frame.color)
         if landmarks.pose_landmarks is None:
             return None
-        height, width = frame.depth.shape
+        under = depth_under_color(frame)
+        height, width = under.depth.shape
         in_picture = landmarks.pose_landmarks.landmark
         positions, states = lift_landmarks(
             [(mark.x * width - 0.5, mark.y * height - 0.5) for mark in in_picture],
             [mark.visibility for mark in in_picture],
             [mark.z for mark in landmarks.pose_world_landmarks.landmark],
-            frame,
+            under,
             min_visibility=self._min_visibility,
         )
         if not (states == TRACKED).any():
             return None
-        return skeleton_from(
-            positions, states, layout="mediapipe", body=_body_under(positions, states, frame)
-        )
+        body = _body_under(positions, states, under)
+        registration = frame.calibration.registration
+        if registration is not None:
+            back = product(positions - registration.translation, registration.rotation)
+            positions = np.where(states[:, None] != NOT_TRACKED, back, 0.0)
+        return skeleton_from(positions, states, layout="mediapipe", body=body)
 
     def annotate(self, frame: RgbdFrame) -> RgbdFrame:
         """The frame with the found skeleton as its only one; without any if nobody is found."""
@@ -229,6 +244,41 @@ class PoseTracker:
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+
+def depth_under_color(frame: RgbdFrame) -> RgbdFrame:
+    """Depth and people as the colour camera would see them, in pixels as wide as the depth image's.
+
+    What hides something else from the colour camera covers it. Without a registration the frame
+    itself: its colour has the depth image's pixels.
+    """
+    registration = frame.calibration.registration
+    if registration is None:
+        return frame
+    camera = frame.calibration.depth
+    share = min(1.0, camera.fx / registration.color.fx)
+    width, height = (
+        max(1, round(share * side))
+        for side in (registration.color.width, registration.color.height)
+    )
+    seen = registration.color.resized(width, height)
+    points = camera.unproject(frame.depth)[frame.depth > 0].astype(np.float64)
+    has_ray = np.isfinite(points).all(axis=1)
+    points = product(points[has_ray], registration.rotation.T) + registration.translation
+    at = seen.project(points)
+    last = np.array([width, height]) - 0.5
+    inside = (at >= -0.5).all(axis=1) & (at < last).all(axis=1)  # NaN is not
+    column, row = np.rint(at[inside]).astype(np.intp).T
+    millimetres = np.clip(np.rint(1000.0 * points[inside, 2]), 1, 65535).astype(np.uint16)
+    order = np.argsort(-millimetres.astype(np.int64), kind="stable")  # the nearest is written last
+    column, row = column[order], row[order]
+    depth = np.zeros((height, width), np.uint16)
+    depth[row, column] = millimetres[order]
+    body = None
+    if frame.body_index is not None:
+        body = np.full((height, width), NO_BODY, np.uint8)
+        body[row, column] = frame.body_index[frame.depth > 0][has_ray][inside][order]
+    return RgbdFrame(depth, RgbdCalibration(seen), body_index=body)
 
 
 def _body_under(positions: NDArray[np.float64], states: NDArray[np.uint8], frame: RgbdFrame) -> int:

@@ -130,15 +130,18 @@ class KeyPerson:
 
     At first the one whose SpineBase projects nearest to the image centre, then whoever has its id,
     unless it jumped away while somebody else stands where it was a moment ago: trackers swap ids.
-    Once lost, a newcomer of the same size who is alone in view is taken at once; after ``patience``
-    the body nearest to where it was last seen, within ``reach``.
+    Where the hips are out of the picture, the lowest joint of the spine tells where they are.
+    Once lost, the only newcomer of the same size is taken: at once when alone in view, after 0.3
+    seconds beside others; after ``patience`` the newcomer nearest to where it was last seen, within
+    ``reach``. Others who were seen beside it are no newcomers until they were not seen for
+    ``forget``: `select` takes one of them.
 
     Parameters
     ----------
     patience : float, seconds
     reach : float, metres
     forget : float, seconds
-        After so long the choice is made as if for the first time.
+        After so long the choice is made as if for the first time, among newcomers.
 
     Raises
     ------

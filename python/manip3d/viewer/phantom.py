@@ -134,7 +134,8 @@ def render_phantom(
         total = frames or getattr(stream, "num_frames", None)
         taken: Iterable[RgbdFrame] = itertools.islice(stream, frames)
         if tracker is not None:
-            taken = map(tracker.annotate, taken)
+            # A camera may begin with frames that have no colour yet.
+            taken = (f if f.color is None else tracker.annotate(f) for f in taken)
         for frame, picture, phantom in _pictures(taken, pipeline, azimuth, threads):
             sink.add(picture)
             with_skeleton += bool(frame.skeletons)

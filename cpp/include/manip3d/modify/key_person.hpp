@@ -18,13 +18,19 @@ struct KeyPersonOptions {
   double forget = 10.0;   ///< Seconds before the choice is made as if for the first time.
 };
 
+/// Where the base of the spine is, or where it must be by the lowest joint of the spine that is
+/// there: hips may be out of the picture. None: no joint of the spine is there.
+std::optional<Eigen::Vector3f> spine_base(const Skeleton& person);
+
 /// Holds on to one of the people in view (dissertation section 4.7.1: the key person).
 ///
-/// At first the one whose SpineBase projects nearest to the image centre, by the lower id if two
+/// At first the one whose spine's base projects nearest to the image centre, by the lower id if two
 /// are as near; then whoever has its id, unless it jumped away while somebody else stands where it
 /// was a moment ago: trackers swap ids. Somebody new at that place has a new id. Once lost, a
-/// newcomer who is alone in view and of the same size is the key person at once; after `patience`
-/// the body nearest to where it was last seen, within `reach`.
+/// newcomer of the same size is the key person: at once when alone in view, after 0.3 seconds
+/// beside people who are known; after `patience` the newcomer nearest to where it was last seen,
+/// within `reach`. People who were seen beside it are known, and never taken, until nobody has seen
+/// them for `forget`: who of them is the key person after all has to be selected.
 class KeyPerson {
  public:
   /// @throws InputError  an option that is not >= 0.
@@ -39,15 +45,25 @@ class KeyPerson {
   void reset();
 
  private:
+  struct Other {
+    std::int64_t id = 0;
+    double last_seen = 0.0;
+  };
   [[nodiscard]] std::optional<std::size_t> with_id(std::span<const Skeleton> people,
                                                    std::int64_t id) const;
-  [[nodiscard]] std::optional<std::size_t> nearby(std::span<const Skeleton> people,
-                                                  double within) const;
+  [[nodiscard]] std::optional<std::size_t> nearby(std::span<const Skeleton> people, double within,
+                                                  double time_s) const;
   [[nodiscard]] std::optional<std::size_t> followed(std::span<const Skeleton> people,
-                                                    double lost) const;
-  [[nodiscard]] std::optional<std::size_t> alone(std::span<const Skeleton> people) const;
-  [[nodiscard]] bool is_other(std::int64_t id) const;
-  void remember(std::span<const Skeleton> people, std::size_t found, double time_s);
+                                                    double time_s) const;
+  [[nodiscard]] std::optional<std::size_t> newcomer(std::span<const Skeleton> people,
+                                                    double time_s) const;
+  [[nodiscard]] std::optional<std::size_t> most_central(std::span<const Skeleton> people,
+                                                        const Intrinsics& camera,
+                                                        double time_s) const;
+  [[nodiscard]] bool has_same_size(const Skeleton& person) const;
+  [[nodiscard]] bool is_other(std::int64_t id, double time_s) const;
+  void see_others(std::span<const Skeleton> people, double time_s);
+  void remember(const Skeleton& person, double time_s);
 
   KeyPersonOptions options_;
   bool seen_ = false;
@@ -56,8 +72,8 @@ class KeyPerson {
   double last_seen_ = 0.0;
   Eigen::Vector3f position_ = Eigen::Vector3f::Zero();
   double trunk_length_ = 0.0;  ///< Mean, metres; 0: not known.
-  std::array<std::int64_t, 16>
-      others_{};  ///< Ids of people seen beside it; the oldest is replaced.
+  std::array<Other, 16>
+      others_{};  ///< People seen beside it; who was seen longest ago is replaced.
   std::size_t num_others_ = 0;
 };
 

@@ -103,6 +103,7 @@ enum class PhantomReason : std::uint8_t {
   kShredded,     ///< The phantom is in pieces.
   kCut,          ///< Too much of the person's silhouette is gone.
   kDoubled,      ///< Too much of the affected limb is left.
+  kLate,         ///< The frame is not newer than the last one.
 };
 
 /// How far a frame with a phantom is from what nobody would believe.
@@ -165,7 +166,8 @@ struct PhantomReport {
 /// in the body's frame, then fades; where no pixel of the person is left, it is not drawn.
 /// Degenerate body axes keep those of the last frame. A frame that is no newer than the last one is
 /// counted and passed over, unless it is more than a second older: then a new recording begins.
-/// A stream whose times are all 0 has no clock: frames count as 30 a second. An object keeps its
+/// A stream whose times are all 0 has no clock, nor has one after ten such frames in a row: frames
+/// count as 30 a second. An object keeps its
 /// memory and allocates nothing after the first frame of a camera.
 class PhantomPipeline {
  public:

@@ -36,6 +36,11 @@ std::optional<BodyFrame> trunk_frame(const Skeleton& skeleton, Limb limb);
 /// estimate with a prior from constant velocity; residuals of surface and joints are weighted as
 /// those of heavy-tailed distributions (Geman-McClure, Cauchy), so that an arm before the trunk or
 /// a joint that jumps does not count. `update` and `learn` allocate nothing after the first frame.
+///
+/// What the trunk may have done since the last frame grows with the time between them. After a gap
+/// of a quarter of a second, in the images or in the joints alone, the joints tell the trunk anew.
+/// Where the plane is turned against the shoulders and hips of the last tenth of a second by more
+/// than they err, the turn is part of its deviation, and after 0.3 seconds the joints are believed.
 class TrunkTracker {
  public:
   explicit TrunkTracker(Limb affected);
@@ -56,7 +61,8 @@ class TrunkTracker {
 
   void reset();
 
-  /// Standard deviation of the plane's normal, degrees; infinite before the first frame.
+  /// Standard deviation of the plane's normal, degrees, with what it is turned by against the
+  /// joints; infinite before the first frame.
   [[nodiscard]] double deviation_deg() const { return deviation_deg_; }
   /// Standard deviation of a point's distance from the plane, metres.
   [[nodiscard]] double deviation_at(const Eigen::Vector3d& p, const BodyFrame& frame) const;
@@ -91,11 +97,16 @@ class TrunkTracker {
   using Matrix6 = Eigen::Matrix<double, 6, 6>;
 
   void start(const BodyFrame& frame);
+  void follow(const Skeleton* joints, const DepthView& depth, const PixelRays& rays,
+              const Intrinsics& camera, double elapsed);
+  void end_motion();
   void fit(const Skeleton* joints, const DepthView& depth, const PixelRays& rays,
-           const Intrinsics& camera);
+           const Intrinsics& camera, double elapsed);
   void measure_jitter(const Skeleton& joints);
   void average_joints(const Skeleton& joints);
   [[nodiscard]] bool contradicts(const Skeleton& joints) const;
+  void compare_turn(const Skeleton& joints, double elapsed);
+  [[nodiscard]] double turn_jitter() const;
   [[nodiscard]] Skeleton mean_skeleton() const;
   void measure_symmetry(const DepthView& depth, const PixelRays& rays, const Intrinsics& camera);
   void judge(const Eigen::Matrix3d& information);
@@ -108,10 +119,12 @@ class TrunkTracker {
   Limb affected_;
   std::optional<Pose> pose_;
   Vector6 velocity_ = Vector6::Zero();  ///< Rotation vector and translation, per second.
-  double time_s_ = 0.0, contradicted_since_ = 0.0;
+  double time_s_ = 0.0, joints_time_s_ = 0.0, contradicted_since_ = 0.0;
   bool is_contradicted_ = false;
   std::array<JointMean, kNumJoints> joints_{};
   PlaneMean plane_;
+  Eigen::Vector3d across_ = Eigen::Vector3d::Zero();  ///< From right to left lately, in the trunk.
+  double disagreement_ = 0.0;  ///< Radians between it and the plane's normal, if beyond its errors.
   std::vector<SurfacePoint> surface_;
   Eigen::Quaterniond key_rotation_ = Eigen::Quaterniond::Identity();
   double residual_ = 0.0;  ///< Mean distance of the surface from the key frame, metres.
