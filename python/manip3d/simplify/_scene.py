@@ -105,10 +105,13 @@ class SceneLods:
         The first is the scene itself.
     result : QualityResult or SimplifyResult
         The run that the levels come from, or that of the coarsest one tried.
+    error_measure : str
+        What the ``max_error`` of a level measures, in words; manifests have it.
     """
 
     levels: tuple[SceneLevel, ...]
     result: _Result = field(repr=False)
+    error_measure: str = ""
 
     def write(self, path: str | os.PathLike[str], *, max_vertices: int | None = None) -> None:
         """Write all levels; see :func:`manip3d.io.write_lods`."""
@@ -118,6 +121,7 @@ class SceneLods:
             [level.scene for level in self.levels],
             path,
             errors=[level.max_error for level in self.levels],
+            error_measure=self.error_measure,
             max_vertices=max_vertices,
         )
 
@@ -576,7 +580,7 @@ def scene_lods(
     levels: int | Sequence[int] = 4,
     *,
     ratio: float = 0.5,
-    method: str = "qem4vr",
+    method: str = "quality",
     cleaned: bool = True,
     options: Mapping[str, Any] | None = None,
     progress: Progress = None,
@@ -640,4 +644,4 @@ def scene_lods(
             found[i] = placed.split(level.mesh, found[i])
             errors[i] = max(errors[i], level.max_error * placed.unit)
     made = [SceneLevel(own, error) for own, error in zip(found, errors, strict=True)]
-    return SceneLods((SceneLevel(scene, 0.0), *made), chain.result)
+    return SceneLods((SceneLevel(scene, 0.0), *made), chain.result, chain.error_measure)
