@@ -39,7 +39,7 @@ def document_of(path: Path) -> dict[str, Any]:
 
 def test_levels_equal_runs_of_their_own() -> None:
     mesh = hills()
-    chain = lod_chain(mesh, 4, ratio=0.4)
+    chain = lod_chain(mesh, 4, ratio=0.4, method="qem4vr")
     assert [level.num_faces for level in chain.levels] == [800, 320, 128, 51]
     assert chain.levels[0].mesh is mesh
     for level, target in zip(chain.levels[1:], (320, 128, 51), strict=True):
@@ -58,7 +58,7 @@ def test_quality_levels_are_runs_from_the_input() -> None:
         own = simplify.quality(mesh, target_faces=target, texture_weight=0.1)
         np.testing.assert_array_equal(level.mesh.vertices, own.mesh.vertices)
         assert level.max_error == own.max_error
-    kept = lod_chain(mesh, [400, 4], method="quality", options={"max_distance": 0.3})
+    kept = lod_chain(mesh, [400, 4], options={"max_distance": 0.3})
     assert len(kept.levels) == 2
     assert kept.result.stop == "distance_limit"
     with pytest.raises(InputError, match="options: expected arguments of quality, got curvature"):
@@ -132,6 +132,8 @@ def test_a_folder_holds_a_glb_for_each_level_and_a_manifest(tmp_path: Path) -> N
     chain = lod_chain(hills(), [400, 100])
     chain.write(tmp_path / "hills")
     manifest = json.loads((tmp_path / "hills" / "lods.json").read_text())
+    assert "boundaries and seams there; no bound" in manifest["error_measure"]
+    assert "surface quadric" in lod_chain(hills(4), [9], method="qem-orig").error_measure
     assert [level["faces"] for level in manifest["levels"]] == [800, 400, 99]
     assert [level["screen_coverage"] for level in manifest["levels"]] == [0.5, 0.12375, 0.0]
     for level, made in zip(manifest["levels"], chain.levels, strict=True):
@@ -170,7 +172,7 @@ def test_limits_are_for_gltf_only(tmp_path: Path) -> None:
 def test_a_budget_goes_where_the_error_is() -> None:
     rough = hills()
     smooth = rough.replace(vertices=rough.vertices * [1, 1, 0.1])
-    shared = share_budget([rough, smooth], 400)
+    shared = share_budget([rough, smooth], 400, method="qem4vr")
     assert shared.reached
     assert 398 <= shared.num_faces <= 400
     first, second = shared.levels
@@ -179,6 +181,26 @@ def test_a_budget_goes_where_the_error_is() -> None:
     # No collapse of either record would have been cheaper than those made.
     assert qem4vr(rough, target_faces=first.num_faces).max_error == first.max_error
     assert shared.max_error == max(first.max_error, second.max_error)
+
+
+@pytest.mark.parametrize("method", ["quality"])
+def test_a_shared_budget_leaves_every_model_with_the_same_error(method: str) -> None:
+    """A flat strip with a wavy outline has no error in its surface, but has one in its rim."""
+    rough = hills()
+    vertices, faces = grid(200, 1)
+    vertices[:, 1] *= 4 + np.sin(vertices[:, 0] / 4)
+    comb = Mesh(vertices, faces)
+    shared = share_budget([rough, comb], 400, method=method)
+    assert shared.reached
+    assert 390 <= shared.num_faces <= 400
+    errors = [level.max_error for level in shared.levels]
+    assert min(errors) > 0.3 * max(errors)
+    assert shared.levels[1].num_faces > 20
+    with pytest.raises(InputError, match="options: expected arguments of"):
+        share_budget([rough], 100, method=method, options={"curvature": "paper"})
+    limited = share_budget([rough, comb], 20, method=method, options={"max_error": 0.05})
+    assert not limited.reached
+    assert limited.max_error <= 0.05
 
 
 def test_a_budget_that_is_no_limit_changes_nothing_and_one_that_is_too_small_is_missed() -> None:
@@ -212,6 +234,26 @@ def test_the_command_writes_levels(tmp_path: Path) -> None:
     )
     assert done.returncode == 0
     assert (tmp_path / "levels" / "lods.json").exists()
+
+
+def test_the_command_simplifies_as_the_other_one_and_tells_of_levels_that_are_missing(
+    tmp_path: Path,
+) -> None:
+    """A comb in a plane: its outline is all that it has."""
+    vertices, faces = grid(40, 1)
+    vertices[:, 1] *= 1 + 3 * (np.arange(len(vertices)) % 2)
+    Mesh(vertices, faces).write(tmp_path / "comb.obj")
+    order = ("lod", str(tmp_path / "comb.obj"), "-o", str(tmp_path / "out"), "--levels")
+    done = manip3d(*order, "3", "--json")
+    record = json.loads(done.stdout)
+    assert "boundaries" in record["error_measure"]
+    assert record["levels"][2]["max_error"] > 0.01
+    manifest = json.loads((tmp_path / "out" / "lods.json").read_text())
+    assert manifest["error_measure"] == record["error_measure"]
+    assert manip3d(*order, "30", "--force").returncode == 0
+    missed = manip3d(*order, "30", "--force", "--strict")
+    assert missed.returncode == 4
+    assert "could be made" in missed.stderr
 
 
 def test_the_command_takes_many(tmp_path: Path) -> None:

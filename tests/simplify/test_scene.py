@@ -227,3 +227,67 @@ def test_other_readers_see_the_same_instances(tmp_path: Path) -> None:
     assert len(after.geometry) == 1
     assert len(after.graph.nodes_geometry) == len(before.graph.nodes_geometry) == 4
     np.testing.assert_allclose(after.bounds, before.bounds, atol=0.05)
+
+
+HIDING = {
+    "hidden": [0, 0, 0],
+    "flattened": [1, 1, 0],
+    "a line": [1, 0, 0],
+    "1e-30": [1e-30] * 3,
+    "1e-12": [1e-12] * 3,
+    "1e-8": [1e-8] * 3,
+    "1e-6": [1e-6] * 3,
+    "1e-5": [1e-5] * 3,
+    "1e-4": [1e-4] * 3,
+}
+
+
+@pytest.mark.parametrize("method", ["quality", "fast", "qem4vr"])
+@pytest.mark.parametrize("scale", HIDING.values(), ids=HIDING)
+def test_what_is_seen_stays_when_another_mesh_is_not(
+    scale: list[float], method: str, tmp_path: Path
+) -> None:
+    """The same wavy sheet as two meshes, at the same place; one of them is hardly there."""
+    vertices, faces = grid(19, 19)
+    vertices[:, 2] = np.sin(vertices[:, 0])
+    nodes: list[dict[str, Any]] = [{"mesh": 0, "scale": scale}, {"mesh": 1}]
+    sheet = (vertices, faces)
+    scene = io.read_scene(scene_file(tmp_path / "two.glb", [sheet, sheet], nodes))
+    done = simplify.simplify_scene(scene, method, target_faces=200)
+    assert 180 <= done.scene.num_faces <= 200
+    hidden, seen = done.scene.meshes
+    assert seen.num_faces >= 100
+    # as good as alone, with the faces that it has
+    alone = simplify.METHODS.get(method, getattr(simplify, method))
+    best = alone(simplify.clean(scene.meshes[1]).mesh, target_faces=seen.num_faces).mesh
+    before = scene.meshes[1]
+    error = metrics.metro(before, seen, sampling="vertex").mean
+    assert error <= 1.05 * metrics.metro(before, best, sampling="vertex").mean
+    if scale[0] < 1e-5 or 0 in scale:  # what an animation may show later keeps its shape, too
+        assert metrics.metro(before, hidden, sampling="vertex").mean <= 1.3 * error
+    levels = simplify.scene_lods(scene, 3, method=method).levels
+    assert [level.num_faces for level in levels] == pytest.approx([1444, 722, 361], abs=4)
+    assert all(level.scene.meshes[1].num_faces > 0.4 * level.num_faces for level in levels)
+
+
+def test_limits_of_error_leave_alone_what_is_not_seen(tmp_path: Path) -> None:
+    ball = sphere(24, 16)
+    nodes: list[dict[str, Any]] = [
+        {"mesh": 0, "scale": [0, 0, 0]}, {"mesh": 1}, {"mesh": 2, "scale": [2, 2, 0]}
+    ]  # fmt: skip
+    scene = io.read_scene(scene_file(tmp_path / "a.glb", [ball, ball, ball], nodes))
+    done = simplify.simplify_scene(scene, max_distance=0.05)
+    before, after = ([mesh.num_faces for mesh in s.meshes] for s in (scene, done.scene))
+    assert after[0] == before[0]
+    assert after[1] < 0.7 * before[1]
+    assert after[1] < after[2] < before[2]
+    assert done.distance_bound is not None
+    assert 0.025 < done.distance_bound <= 0.05
+    scene = io.read_scene(scene_file(tmp_path / "a.glb", [ball], nodes[:1]))
+    with pytest.raises(InputError, match="every instance has scale 0"):
+        simplify.simplify_scene(scene, max_error=0.1)
+    assert simplify.simplify_scene(scene, ratio=0.5).scene.num_faces <= scene.num_faces // 2
+    # a box of the scene holds what is drawn in it
+    scene = io.read_scene(scene_file(tmp_path / "a.glb", [ball], [{"mesh": 0, "scale": [1, 1, 0]}]))
+    held = simplify.simplify_scene(scene, ratio=0.1, lock_box=[[-9, -9, 0], [9, 9, 0]])
+    assert held.scene.num_faces == scene.num_faces

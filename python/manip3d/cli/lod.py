@@ -9,7 +9,7 @@ import typer
 
 from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
-from manip3d.cli.options import Force, Json, Output, Quiet
+from manip3d.cli.options import MISSED, Force, Json, Output, Quiet, Strict
 from manip3d.cli.simplify import Method, Mode
 from manip3d.cli.sources import open_mesh, open_scene
 from manip3d.cli.terminal import Terminal, check_output, counted, table
@@ -36,19 +36,25 @@ def lod(
         ),
     ] = None,
     mode: Annotated[
-        Mode,
+        Mode | None,
         typer.Option(
-            help="Published: all levels from one run; quality: a run for each, least error."
+            help="Quality: a run for each level, least error; fast: the same at speed; published: "
+            "all levels from one run, whose vertices are vertices of the mesh.",
+            show_default="quality",
         ),
-    ] = Mode.published,
+    ] = None,
     method: Annotated[
         Method | None,
-        typer.Option(help="Simplification method of chapter 2.", show_default="qem4vr"),
+        typer.Option(
+            help="Method of the dissertation, chapter 2; implies --mode published. Without it that "
+            "mode uses qem4vr."
+        ),
     ] = None,
     no_clean: Annotated[
         bool, typer.Option("--no-clean", help="Do not clean the mesh first.")
     ] = False,
     force: Force = False,
+    strict: Strict = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -63,11 +69,11 @@ def lod(
     from manip3d import simplify
 
     shell = Terminal(as_json=as_json, quiet=quiet)
-    if mode != Mode.published and method is not None:
+    if mode not in (None, Mode.published) and method is not None:
         raise InputError(f"--method {method}: expected --mode published, got {mode}")
     expect_kind(source, "mesh", verb="lod")
     check_output(output, SUFFIXES, force=force, folder=True)
-    chosen = str(mode if mode != Mode.published else method or Method.qem4vr)
+    chosen = str(method or (Method.qem4vr if mode == Mode.published else mode or Mode.quality))
     scene = open_scene(source, output, shell)
     chain: simplify.SceneLods | simplify.LodChain
     if scene is not None:
@@ -91,6 +97,8 @@ def lod(
     if len(chain.levels) < levels:
         shell.say(f"warning: no more than {counted(len(chain.levels), 'level')} could be made")
     shell.say(f"wrote {output}")
+    if strict and len(chain.levels) < levels:
+        raise typer.Exit(MISSED)
 
 
 def _record(source: str, output: Path, chain: Any) -> dict[str, Any]:
@@ -98,6 +106,7 @@ def _record(source: str, output: Path, chain: Any) -> dict[str, Any]:
         "input": source,
         "output": str(output),
         "stop": str(chain.result.stop),
+        "error_measure": chain.error_measure,
         "levels": [
             {"faces": level.num_faces, "max_error": level.max_error} for level in chain.levels
         ],

@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from manip3d._util.checked import checked
 from manip3d.errors import InputError
@@ -22,6 +23,7 @@ def write_lods(
     *,
     coverages: Sequence[float] | None = None,
     errors: Sequence[float] | None = None,
+    error_measure: str = "",
     max_vertices: int | None = None,
 ) -> None:
     """Write levels of detail: one ``.glb`` or ``.gltf``, or a folder with a GLB for each.
@@ -39,6 +41,8 @@ def write_lods(
         serves until the next has as many faces for each pixel as the first at full screen.
     errors : sequence of float, optional
         Error of each level, in the file's unit; for the manifest.
+    error_measure : str
+        What the errors measure, in words; for the manifest.
     max_vertices : int, optional
         As for `write_mesh`.
 
@@ -87,7 +91,11 @@ def write_lods(
         )
     else:
         with atomic_folder(path) as folder:
-            _write_folder([*scenes, *meshes], folder, shares, errors, max_vertices)
+            manifest = _write_folder([*scenes, *meshes], folder, shares, errors, max_vertices)
+            made: dict[str, Any] = {"levels": manifest}
+            if errors is not None and error_measure:
+                made = {"error_measure": error_measure, **made}
+            (folder / "lods.json").write_text(json.dumps(made, indent=1) + "\n")
 
 
 def _write_folder(
@@ -96,7 +104,7 @@ def _write_folder(
     coverages: Sequence[float],
     errors: Sequence[float] | None,
     max_vertices: int | None,
-) -> None:
+) -> list[dict[str, str | float]]:
     manifest = []
     for i, (level, coverage) in enumerate(zip(levels, coverages, strict=True)):
         name = f"level_{i}.glb"
@@ -114,4 +122,4 @@ def _write_folder(
         if errors is not None:
             entry["max_error"] = float(errors[i])
         manifest.append(entry)
-    (folder / "lods.json").write_text(json.dumps({"levels": manifest}, indent=1) + "\n")
+    return manifest

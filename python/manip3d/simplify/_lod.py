@@ -21,7 +21,15 @@ if TYPE_CHECKING:
     from manip3d._util.options import Progress
     from manip3d.mesh import Mesh
 
-_FEWEST = 4  # faces that a shared budget leaves to each model
+_FEWEST = 4  # faces: no model is simplified further for a shared budget
+
+# The search for the error that models share: runs of each model, the ratio of errors below which
+# their numbers of faces are interpolated, how near to the budget is near enough, and the part of
+# the largest error that counts as none.
+_MOST_ERRORS = 7
+_ALIKE = 1.2
+_NEAR = 0.01
+_LEAST_ERROR = 1e-6
 
 
 @dataclass(frozen=True)
@@ -32,8 +40,8 @@ class LodLevel:
     ----------
     mesh : Mesh
     max_error : float
-        Largest error of the collapses that led here (`SimplifyResult.max_error`), in the file's
-        unit; 0 for a mesh as it was read.
+        Largest error of the steps that led here, in the file's unit; 0 for a mesh as it was read.
+        `LodChain.error_measure` says what it measures.
     """
 
     mesh: Mesh = field(repr=False)
@@ -56,10 +64,13 @@ class LodChain:
     result : SimplifyResult or QualityResult
         The run that all levels come from; with ``method="quality"`` or ``"fast"`` that of the
         coarsest one tried.
+    error_measure : str
+        What the ``max_error`` of a level measures, in words; manifests have it.
     """
 
     levels: tuple[LodLevel, ...]
     result: SimplifyResult | QualityResult = field(repr=False)
+    error_measure: str = ""
 
     def write(self, path: str | os.PathLike[str], *, max_vertices: int | None = None) -> None:
         """Write all levels; see :func:`manip3d.io.write_lods`."""
@@ -69,6 +80,7 @@ class LodChain:
             [level.mesh for level in self.levels],
             path,
             errors=[level.max_error for level in self.levels],
+            error_measure=self.error_measure,
             max_vertices=max_vertices,
         )
 
@@ -79,7 +91,7 @@ def lod_chain(
     levels: int | Sequence[int] = 4,
     *,
     ratio: float = 0.5,
-    method: str = "qem4vr",
+    method: str = "quality",
     options: Mapping[str, Any] | None = None,
     progress: Progress = None,
 ) -> LodChain:
@@ -94,9 +106,9 @@ def lod_chain(
     ratio : float in (0, 1)
         Faces of a level over those of the one before, where ``levels`` is a number.
     method : str
-        One of `METHODS`: one run, whose vertices all levels share. Or ``"quality"``: a run of its
-        own from the input for each level, with vertices where the error is least (:func:`quality`);
-        or ``"fast"``, the same with :func:`fast`.
+        ``"quality"``: a run of its own from the input for each level, with vertices where the error
+        is least (:func:`quality`); ``"fast"``: the same with :func:`fast`; or one of `METHODS`: one
+        run, whose vertices all levels share.
     options : dict of str, optional
         Arguments of the method, such as ``{"max_distance": 0.1}``.
     progress : None, True or callable
@@ -139,7 +151,24 @@ def lod_chain(
             break
         if level.num_faces < found[-1].num_faces:
             found.append(LodLevel(level, float(result.collapse_errors[: reached[0] + 1].max())))
-    return LodChain(tuple(found), result)
+    return LodChain(tuple(found), result, measure_of(method))
+
+
+_MEASURES: Mapping[str, str] = {
+    "quality": "largest root mean square distance of a vertex to the planes of the original faces "
+    "that it stands for, or of the boundaries and seams there; no bound of the Hausdorff distance",
+    "fast": "largest root mean square distance of a vertex to the planes of the original faces, "
+    "boundaries and seams that it stands for; no bound of the Hausdorff distance",
+}
+_OF_SURFACES = (
+    "largest surface quadric error of a collapse, in which boundaries, seams and vertices that "
+    "move within a plane do not count; no bound of the Hausdorff distance"
+)
+
+
+def measure_of(method: str) -> str:
+    """What the errors of a method measure."""
+    return _MEASURES.get(method, _OF_SURFACES)
 
 
 _OWN_RUNS: Mapping[str, Callable[..., QualityResult]] = {"quality": quality, "fast": fast}
@@ -155,12 +184,13 @@ def _chain_of_runs(
     run = _OWN_RUNS[method]
     check_options(method, run, options)
     found = [LodLevel(mesh, 0.0)]
-    for target in targets:
+    for target in dict.fromkeys(targets):
         result = run(mesh, target_faces=target, progress=progress, **(options or {}))
         if not 0 < result.mesh.num_faces <= target:
             break
-        found.append(LodLevel(result.mesh, result.max_error))
-    return LodChain(tuple(found), result)
+        if result.mesh.num_faces < found[-1].num_faces:
+            found.append(LodLevel(result.mesh, result.max_error))
+    return LodChain(tuple(found), result, measure_of(method))
 
 
 def check_options(method: str, run: Callable[..., Any], options: Mapping[str, Any] | None) -> None:
@@ -295,7 +325,7 @@ def share_budget(
     meshes: Sequence[Mesh],
     faces: int,
     *,
-    method: str = "qem4vr",
+    method: str = "quality",
     options: Mapping[str, Any] | None = None,
     progress: Progress = None,
 ) -> SharedBudget:
@@ -308,7 +338,7 @@ def share_budget(
     faces : int
         The budget.
     method : str
-        One of `METHODS`.
+        ``"quality"``, ``"fast"`` or one of `METHODS`.
     options : dict of str, optional
         Arguments of the method, such as ``{"max_distance": 0.1}``.
     progress : None, True or callable
@@ -325,8 +355,14 @@ def share_budget(
 
     Notes
     -----
-    Each model is simplified once. The collapses of all records are made in the order of the largest
-    error so far, until the budget is met; each model keeps at least four faces (or what it has).
+    No model is simplified further than to four faces, or just below. With ``"quality"`` and
+    ``"fast"`` the error is sought up to which all models together have as many faces as the budget:
+    eight runs of each model at most, and a last one to its number of faces. What they call an error
+    counts boundaries and seams.
+
+    With `METHODS` each model is simplified once, and the collapses of all records are made in the
+    order of the largest error so far. That error is of the surface alone: whatever lies in a plane
+    has none, so that a flat open model loses its outline before others lose anything.
 
     Examples
     --------
@@ -339,12 +375,86 @@ def share_budget(
     >>> plain = hill.replace(vertices=hill.vertices * [1, 1, 0])
     >>> shared = manip3d.simplify.share_budget([hill, plain], 100)
     >>> [level.num_faces for level in shared.levels]
-    [96, 4]
+    [96, 3]
     """
     if len(meshes) == 0:
         raise InputError("meshes: expected at least one, got none")
     if faces < 1:
         raise InputError(f"faces: expected >= 1, got {faces}")
+    if sum(mesh.num_faces for mesh in meshes) <= faces:
+        levels = tuple(LodLevel(mesh, 0.0) for mesh in meshes)
+    elif method in _OWN_RUNS:
+        levels = _share_by_runs(meshes, faces, method, options, progress)
+    else:
+        levels = _share_by_records(meshes, faces, method, options, progress)
+    num_faces = sum(level.num_faces for level in levels)
+    return SharedBudget(
+        levels, num_faces, max(level.max_error for level in levels), num_faces <= faces
+    )
+
+
+def _share_by_runs(
+    meshes: Sequence[Mesh],
+    faces: int,
+    method: str,
+    options: Mapping[str, Any] | None,
+    progress: Progress,
+) -> tuple[LodLevel, ...]:
+    """The number of faces of each mesh where all have the same error, then a run to each."""
+    run = _OWN_RUNS[method]
+    check_options(method, run, options)
+    given = dict(options or {})
+    limit = given.pop("max_error", None)
+    share = faces / sum(mesh.num_faces for mesh in meshes)
+
+    def runs(targets: Sequence[int], error: float | None) -> list[QualityResult]:
+        errors = [e for e in (error, limit) if e is not None]
+        return [
+            run(
+                mesh,
+                target_faces=max(min(_FEWEST, mesh.num_faces), target),
+                max_error=min(errors, default=None),
+                progress=progress,
+                **given,
+            )
+            for mesh, target in zip(meshes, targets, strict=True)
+        ]
+
+    alike = runs([int(share * mesh.num_faces) for mesh in meshes], None)
+    most = max(result.max_error for result in alike)
+    least = max(min(result.max_error for result in alike), _LEAST_ERROR * most)
+    many = np.array([mesh.num_faces for mesh in meshes])
+    few = np.array([min(_FEWEST, mesh.num_faces) for mesh in meshes])
+    for _ in range(_MOST_ERRORS):
+        if most <= _ALIKE * least or few.sum() >= (1.0 - _NEAR) * faces:
+            break
+        error = math.sqrt(least * most)
+        counts = np.array([result.mesh.num_faces for result in runs([0] * len(meshes), error)])
+        if counts.sum() > faces:
+            least, many = error, np.minimum(many, counts)
+        else:
+            most, few = error, np.maximum(few, counts)
+    # Between the two errors each model gives up its faces evenly.
+    spare = max(0, faces - int(few.sum())) / max(1, int((many - few).sum()))
+    targets = few + np.floor(min(1.0, spare) * (many - few)).astype(np.int64)
+    return tuple(
+        LodLevel(mesh, 0.0)
+        if target >= mesh.num_faces
+        else LodLevel(result.mesh, float(result.max_error))
+        for mesh, target, result in zip(
+            meshes, targets, runs([int(n) for n in targets], None), strict=True
+        )
+    )
+
+
+def _share_by_records(
+    meshes: Sequence[Mesh],
+    faces: int,
+    method: str,
+    options: Mapping[str, Any] | None,
+    progress: Progress,
+) -> tuple[LodLevel, ...]:
+    """The collapses of all records in the order of their errors."""
     results = [_run(mesh, _FEWEST, method, options, progress) for mesh in meshes]
     left = [_faces_left(mesh, r) for mesh, r in zip(meshes, results, strict=True)]
     errors = [np.maximum.accumulate(r.collapse_errors) for r in results]
@@ -360,13 +470,9 @@ def share_budget(
     excess = total - faces
     made = 0 if excess <= 0 else int(np.searchsorted(np.cumsum(gone[order]), excess)) + 1
     counts = np.bincount(model[order[:made]], minlength=len(meshes))
-    levels = tuple(
+    return tuple(
         LodLevel(mesh, 0.0)
         if count == 0
         else LodLevel(r.level_of_detail(int(f[count - 1])), float(e[count - 1]))
         for mesh, r, f, e, count in zip(meshes, results, left, errors, counts, strict=True)
-    )
-    num_faces = sum(level.num_faces for level in levels)
-    return SharedBudget(
-        levels, num_faces, max(level.max_error for level in levels), num_faces <= faces
     )

@@ -31,6 +31,10 @@ _Result = SimplifyResult | QualityResult
 _MOST_RUNS = 6  # to meet a number of drawn faces; each halves what is left of it or better
 _NEAR = 0.01  # of the target: as near to it as a run more is worth
 
+# Of the scene's diagonal: faces of a mesh shown smaller than that are near the rounding of single
+# precision, which the fast mode works in, and have no shape beside the others.
+_TINY = 1e-5
+
 # Of the scene's diagonal. Meshes of several instances lie this far from their places, each
 # differently, so that what happens to touch the first instance is not welded to all of them.
 _HAIR = 1e-9
@@ -61,7 +65,7 @@ class SceneResult:
         each mesh, in the unit of the scene.
     stop : StopReason
     result : QualityResult or SimplifyResult
-        The run over all meshes, each at the place of its largest instance.
+        The run over all meshes that are seen, each at the place of its largest instance.
     """
 
     scene: Scene
@@ -101,10 +105,13 @@ class SceneLods:
         The first is the scene itself.
     result : QualityResult or SimplifyResult
         The run that the levels come from, or that of the coarsest one tried.
+    error_measure : str
+        What the ``max_error`` of a level measures, in words; manifests have it.
     """
 
     levels: tuple[SceneLevel, ...]
     result: _Result = field(repr=False)
+    error_measure: str = ""
 
     def write(self, path: str | os.PathLike[str], *, max_vertices: int | None = None) -> None:
         """Write all levels; see :func:`manip3d.io.write_lods`."""
@@ -114,26 +121,78 @@ class SceneLods:
             [level.scene for level in self.levels],
             path,
             errors=[level.max_error for level in self.levels],
+            error_measure=self.error_measure,
             max_vertices=max_vertices,
         )
 
 
-def _largest_instance(places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The (4, 4) transform of the largest of some instances that has an inverse."""
-    linear = places[:, :3, :3]
-    singular = np.linalg.svd(linear, compute_uv=False)
-    flat = ~(singular[:, -1] > 1e-9 * singular[:, 0])
-    sizes = np.where(flat, -1.0, (linear**2).sum(axis=(1, 2)))
-    best = int(np.argmax(sizes))
-    if not flat[best]:
-        chosen: NDArray[np.float64] = places[best].copy()
-        return chosen
-    # Each instance is flattened to nothing along some axis: its size alone counts.
-    place = np.eye(4)
-    size = float(singular[:, 0].max())
-    place[:3, :3] *= size if size > 0.0 else 1.0
-    place[:3, 3] = places[int(np.argmax(singular[:, 0])), :3, 3]
-    return place
+@dataclass(frozen=True)
+class _Instances:
+    """The drawn instances of a mesh that may be simplified."""
+
+    index: int
+    transforms: NDArray[np.float64]  # (N, 4, 4) into the coordinates of the scene
+    largest: int  # the row of the largest one that has an inverse, else of the largest
+    is_flat: bool  # no instance has an inverse: each is flattened or has scale 0
+    size: float  # by how much the largest one stretches the mesh at most
+
+    @classmethod
+    def of(cls, index: int, transforms: NDArray[np.float64]) -> _Instances:
+        linear = transforms[:, :3, :3]
+        singular = np.linalg.svd(linear, compute_uv=False)
+        flat = ~(singular[:, -1] > 1e-9 * singular[:, 0])
+        sizes = np.where(flat, -1.0, (linear**2).sum(axis=(1, 2)))
+        is_flat = bool(flat.all())
+        largest = int(np.argmax(singular[:, 0] if is_flat else sizes))
+        return cls(index, transforms, largest, is_flat, float(singular[:, 0].max()))
+
+    @property
+    def place(self) -> NDArray[np.float64]:
+        """The (4, 4) transform of the largest one."""
+        place: NDArray[np.float64] = self.transforms[self.largest]
+        return place
+
+    def placed(self, mesh: Mesh) -> NDArray[np.float64]:
+        """(V, 3) the vertices of the largest one."""
+        vertices: NDArray[np.float64] = mesh.vertices @ self.place[:3, :3].T + self.place[:3, 3]
+        return vertices
+
+
+def _instances(scene: Scene) -> list[_Instances]:
+    """Those of each mesh that may be simplified."""
+    uses = scene.num_uses
+    transforms: dict[int, list[NDArray[np.float64]]] = {
+        i: []
+        for i, mesh in enumerate(scene.meshes)
+        if uses[i] > 0 and not scene.fixed[i] and mesh.num_faces > 0
+    }
+    if not transforms:
+        reasons = sorted({reason for reason in scene.fixed if reason})
+        raise InputError(f"scene: no mesh can be simplified: {', '.join(reasons) or 'no faces'}")
+    for node, place in zip(scene.nodes, scene.world_transforms(), strict=True):
+        if node.drawn and node.mesh in transforms:
+            transforms[node.mesh].append(place)
+    return [_Instances.of(i, np.array(own)) for i, own in transforms.items()]
+
+
+def _diagonal(vertices: NDArray[np.float64]) -> float:
+    return float(np.linalg.norm(np.ptp(vertices, axis=0)))
+
+
+def _groups(scene: Scene) -> tuple[_Placed | None, list[_Placed]]:
+    """The meshes that are seen, as one, and each of the others by itself."""
+    every = _instances(scene)
+    corners = [own.placed(scene.meshes[own.index]) for own in every]
+    least = _TINY * _diagonal(np.concatenate(corners))
+    seen: list[_Instances] = []
+    aside: list[_Placed] = []
+    for own, points in zip(every, corners, strict=True):
+        is_hidden = not _diagonal(points) > least
+        if is_hidden or own.is_flat:
+            aside.append(_Placed(scene, [own], is_aside=True, is_hidden=is_hidden))
+        else:
+            seen.append(own)
+    return (_Placed(scene, seen) if seen else None), aside
 
 
 def _turned(normals: NDArray[Any], linear: NDArray[Any]) -> NDArray[np.float64]:
@@ -150,47 +209,43 @@ class _Placed:
     A face's material tells its mesh, too: borders between meshes are like those of materials.
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        every: Sequence[_Instances],
+        *,
+        is_aside: bool = False,
+        is_hidden: bool = False,
+    ) -> None:
         self.scene = scene
+        self.is_hidden = is_hidden
+        self._is_aside = is_aside
         self._uses = scene.num_uses
-        self.indices = [
-            i
-            for i, mesh in enumerate(scene.meshes)
-            if self._uses[i] > 0 and not scene.fixed[i] and mesh.num_faces > 0
-        ]
-        if not self.indices:
-            reasons = sorted({reason for reason in scene.fixed if reason})
-            raise InputError(
-                f"scene: no mesh can be simplified: {', '.join(reasons) or 'no faces'}"
-            )
-        world = scene.world_transforms()
-        instances: dict[int, list[NDArray[np.float64]]] = {i: [] for i in self.indices}
-        for node, place in zip(scene.nodes, world, strict=True):
-            if node.drawn and node.mesh in instances:
-                instances[node.mesh].append(place)
-        self._places = {i: _largest_instance(np.array(own)) for i, own in instances.items()}
-        self._part_aside()
+        self._instances = {own.index: own for own in every}
+        self.indices = list(self._instances)
+        # What is flattened or has no size is simplified in its own coordinates.
+        self._places = {
+            i: np.eye(4) if is_aside else own.place.copy() for i, own in self._instances.items()
+        }
+        self._part_shared()
         self.stretch = max(
-            (
-                float(np.linalg.norm(other[:3, :3] @ np.linalg.inv(self._places[i][:3, :3]), 2))
-                for i, own in instances.items()
-                for other in own
-            ),
-            default=1.0,
+            float(np.linalg.norm(other[:3, :3] @ np.linalg.inv(self._places[i][:3, :3]), 2))
+            for i, own in self._instances.items()
+            for other in own.transforms
         )
-        if self.stretch < 1.0 + 1e-9:
+        # Of the error: in the unit of the scene, at the largest instance.
+        self.unit = self.stretch if is_aside else 1.0
+        if not is_aside and self.stretch < 1.0 + 1e-9:
             self.stretch = 1.0
         self._pairs: list[tuple[int, int]] = []
         self.mesh = self._merge()
-        fixed = [i for i, reason in enumerate(scene.fixed) if reason]
-        self.fixed_faces = int(sum(self._uses[i] * scene.meshes[i].num_faces for i in fixed))
 
-    def _part_aside(self) -> None:
+    def _part_shared(self) -> None:
         shared = [i for i in self.indices if self._uses[i] > 1]
         if not shared or len(self.indices) == 1:
             return
         corners = np.concatenate([self._vertices(i) for i in self.indices])
-        diagonal = float(np.linalg.norm(np.ptp(corners, axis=0)))
+        diagonal = _diagonal(corners)
         for number, i in enumerate(shared):
             self._places[i][:3, 3] += _HAIR * diagonal * (number + 1)
 
@@ -247,11 +302,11 @@ class _Placed:
         self._pairs += [(index, int(value)) for value in values]
         return (rows.reshape(-1) + first).astype(np.int32)
 
-    def split(self, mesh: Mesh) -> Scene:
+    def split(self, mesh: Mesh, scene: Scene) -> Scene:
         """The scene with the parts of a simplified mesh."""
         assert mesh.face_material is not None
         owner = np.array([i for i, _ in self._pairs])[mesh.face_material]
-        return self.scene.with_meshes(
+        return scene.with_meshes(
             {i: self._part(mesh, np.flatnonzero(owner == i), i) for i in self.indices}
         )
 
@@ -292,10 +347,18 @@ class _Placed:
         )
 
     def num_drawn(self, mesh: Mesh) -> int:
-        """Faces that are drawn when a simplified mesh takes its place, fixed meshes included."""
+        """Faces of these meshes that are drawn when a simplified mesh takes their place."""
         assert mesh.face_material is not None
         each = np.array([self._uses[i] for i, _ in self._pairs])
-        return int(each[mesh.face_material].sum()) + self.fixed_faces
+        return int(each[mesh.face_material].sum())
+
+    def inside(self, mesh: Mesh, box: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Which vertices of the merged mesh, or of it cleaned, lie in a box of the scene."""
+        vertices = mesh.vertices
+        if self._is_aside:
+            (place,) = (own.place for own in self._instances.values())
+            vertices = vertices @ place[:3, :3].T + place[:3, 3]
+        return inside_box(vertices, box)
 
 
 @checked
@@ -326,7 +389,9 @@ def simplify_scene(
     ratio : float in [0, 1], optional
         The fraction of the drawn faces that stays.
     max_error, max_distance : float, optional
-        As for the method, in the unit of the scene, at the largest instance of each mesh.
+        As for the method, in the unit of the scene, at the largest instance of each mesh. A mesh
+        that no instance shows (all have scale 0, or are smaller than 1e-5 of the scene's diagonal)
+        stays as it is where no number of faces is given.
     lock_box : (2, 3) float, optional
         Two corners, in the coordinates of the scene: vertices between them stay (for ``"quality"``
         and ``"fast"``). Of several instances the largest one counts.
@@ -357,6 +422,10 @@ def simplify_scene(
     vertices coincide stay together there; a border between two meshes is treated like one between
     two materials.
 
+    Meshes whose instances are all flattened, or that no instance shows, are simplified each by
+    itself, in their own coordinates, to the share of their faces that stays of the whole scene:
+    they have no error that compares with that of the others.
+
     Examples
     --------
     >>> from manip3d import io, simplify, simulate
@@ -365,38 +434,75 @@ def simplify_scene(
     >>> done.scene.num_faces
     500
     """
-    placed = _Placed(scene)
-    mesh = placed.mesh if method in ("quality", "fast") or not cleaned else clean(placed.mesh).mesh
     target = _drawn_target(scene, target_faces, ratio)
-    limits: dict[str, Any] = {"max_error": max_error}
-    if max_distance is not None:
-        limits["max_distance"] = max_distance / placed.stretch
-    if lock_box is not None:
-        limits["locked"] = _inside(mesh.vertices, lock_box)
     if target is None and max_error is None and max_distance is None:
         raise InputError(
             "target_faces, ratio, max_error or max_distance: expected at least one, got none"
         )
+    box = None if lock_box is None else checked_box(lock_box)
     run = _runner(method)
     check_options(method, run, options)
-    limits.update(options or {})
+    cleans = cleaned and method not in ("quality", "fast")
 
-    def at(stored: int | None) -> _Result:
-        return run(mesh, target_faces=stored, progress=progress, **limits)
+    def simplified(placed: _Placed, drawn: int | None) -> _Result:
+        mesh = clean(placed.mesh).mesh if cleans else placed.mesh
+        limits: dict[str, Any] = dict(options or {})
+        limits["max_error"] = _scaled(max_error, placed.unit)
+        if max_distance is not None:
+            limits["max_distance"] = _scaled(max_distance, placed.stretch)
+        if box is not None:
+            limits["locked"] = placed.inside(mesh, box)
 
-    result = at(None) if target is None else _meet(placed, target, at)
-    bound = result.distance_bound
+        def at(stored: int | None) -> _Result:
+            return run(mesh, target_faces=stored, progress=progress, **limits)
+
+        return at(None) if drawn is None else _meet(placed, drawn, at)
+
+    return _of_groups(scene, target, simplified, bounded=max_distance is not None)
+
+
+def _scaled(limit: float | None, unit: float) -> float | None:
+    """A limit of the scene for a mesh whose unit is so large; none for what has no size."""
+    return None if limit is None or unit == 0.0 else limit / unit
+
+
+def _of_groups(
+    scene: Scene,
+    target: int | None,
+    simplified: Callable[[_Placed, int | None], _Result],
+    *,
+    bounded: bool,
+) -> SceneResult:
+    """Simplify what is seen by one error, and what is not to the same share of its faces."""
+    seen, aside = _groups(scene)
+    if target is None:
+        aside = [placed for placed in aside if not placed.is_hidden]
+        if seen is None and not aside:
+            raise InputError("scene: every instance has scale 0, so that only faces can be counted")
+    free = [*aside, *([seen] if seen is not None else [])]
+    counts = [placed.num_drawn(placed.mesh) for placed in free]
+    fixed = scene.num_faces - sum(counts)
+    share = 1.0 if target is None else max(0, target - fixed) / sum(counts)
+    made, errors, bounds = scene, [], []
+    result: _Result | None = None
+    for placed, before in zip(free, counts, strict=True):
+        wanted = None
+        if target is not None:
+            left = target - (made.num_faces - before)
+            wanted = max(0, left) if placed is free[-1] else math.floor(share * before)
+        if wanted is not None and wanted >= before:
+            wanted = before
+        result = simplified(placed, wanted)
+        if result.stop == StopReason.REFUSED:
+            return SceneResult(scene, result.max_error, None, result.stop, result)
+        made = placed.split(result.mesh, made)
+        errors.append(result.max_error * placed.unit)
+        bounds.append((result.distance_bound or 0.0) * placed.stretch)
+    assert result is not None
     stop = result.stop
-    if target is not None and stop == StopReason.TARGET_REACHED:
-        drawn = placed.num_drawn(result.mesh)
-        stop = stop if drawn <= target else StopReason.NO_LEGAL_COLLAPSE
-    return SceneResult(
-        scene=placed.split(result.mesh) if stop != StopReason.REFUSED else scene,
-        max_error=result.max_error,
-        distance_bound=None if bound is None else bound * placed.stretch,
-        stop=stop,
-        result=result,
-    )
+    if target is not None and stop == StopReason.TARGET_REACHED and made.num_faces > target:
+        stop = StopReason.NO_LEGAL_COLLAPSE
+    return SceneResult(made, max(errors), max(bounds) if bounded else None, stop, result)
 
 
 def _runner(method: str) -> Callable[..., _Result]:
@@ -419,19 +525,29 @@ def _drawn_target(scene: Scene, target_faces: int | None, ratio: float | None) -
     return max(targets, default=None)
 
 
-def _inside(vertices: NDArray[np.float64], box: ArrayLike) -> NDArray[np.bool_]:
+def checked_box(box: ArrayLike) -> NDArray[np.float64]:
+    """(2, 3) the lower corner of a box and its upper one."""
     corners = np.asarray(box, dtype=np.float64)
     if corners.shape != (2, 3):
         raise InputError(f"lock_box: expected shape (2, 3), got {corners.shape}")
-    chosen: NDArray[np.bool_] = ((vertices >= corners[0]) & (vertices <= corners[1])).all(axis=1)
+    if not (corners[0] <= corners[1]).all():
+        raise InputError(
+            f"lock_box: expected the lower corner first, got {corners[0].tolist()} and "
+            f"{corners[1].tolist()}"
+        )
+    return corners
+
+
+def inside_box(vertices: NDArray[np.float64], box: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which vertices lie in a box."""
+    chosen: NDArray[np.bool_] = ((vertices >= box[0]) & (vertices <= box[1])).all(axis=1)
     return chosen
 
 
-def _meet(placed: _Placed, target: int, at: Callable[[int | None], _Result]) -> _Result:
+def _meet(placed: _Placed, wanted: int, at: Callable[[int | None], _Result]) -> _Result:
     """The run whose number of stored faces gives the most drawn ones within the target."""
     before = placed.mesh.num_faces
-    drawn_before = placed.num_drawn(placed.mesh) - placed.fixed_faces
-    wanted = max(0, target - placed.fixed_faces)
+    drawn_before = placed.num_drawn(placed.mesh)
     if drawn_before == before:
         return at(wanted)
     too_few, too_many = (0, 0), (before, drawn_before)
@@ -441,7 +557,7 @@ def _meet(placed: _Placed, target: int, at: Callable[[int | None], _Result]) -> 
         share = (wanted - low_drawn) / max(1, high_drawn - low_drawn)
         stored = min(max(low + round(share * (high - low)), low + 1), high)
         result = at(stored)
-        drawn = placed.num_drawn(result.mesh) - placed.fixed_faces
+        drawn = placed.num_drawn(result.mesh)
         if drawn > wanted:
             best = best or result
             if result.stop != StopReason.TARGET_REACHED:
@@ -464,7 +580,7 @@ def scene_lods(
     levels: int | Sequence[int] = 4,
     *,
     ratio: float = 0.5,
-    method: str = "qem4vr",
+    method: str = "quality",
     cleaned: bool = True,
     options: Mapping[str, Any] | None = None,
     progress: Progress = None,
@@ -503,8 +619,29 @@ def scene_lods(
     >>> [level.num_faces for level in chain.levels]
     [1932, 966, 482]
     """
-    placed = _Placed(scene)
-    mesh = placed.mesh if method in ("quality", "fast") or not cleaned else clean(placed.mesh).mesh
-    chain = lod_chain(mesh, levels, ratio=ratio, method=method, options=options, progress=progress)
-    coarser = [SceneLevel(placed.split(own.mesh), own.max_error) for own in chain.levels[1:]]
-    return SceneLods((SceneLevel(scene, 0.0), *coarser), chain.result)
+    seen, aside = _groups(scene)
+    cleans = cleaned and method not in ("quality", "fast")
+    free = [*([seen] if seen is not None else []), *aside]
+    meshes = [clean(placed.mesh).mesh if cleans else placed.mesh for placed in free]
+    total = sum(mesh.num_faces for mesh in meshes)
+    first = meshes[0].num_faces
+    if not isinstance(levels, int) and first < total:
+        shares = (max(1, int(level) * first // total) for level in levels)
+        levels = list(dict.fromkeys(shares))
+    chain = lod_chain(
+        meshes[0], levels, ratio=ratio, method=method, options=options, progress=progress
+    )
+    found = [free[0].split(level.mesh, scene) for level in chain.levels[1:]]
+    errors = [level.max_error * free[0].unit for level in chain.levels[1:]]
+    for placed, mesh in zip(free[1:] if found else [], meshes[1:], strict=False):
+        # As many of its faces as stay of the first.
+        own = [max(1, lv.num_faces * mesh.num_faces // first) for lv in chain.levels[1:]]
+        coarser = lod_chain(
+            mesh, list(dict.fromkeys(own)), method=method, options=options, progress=progress
+        ).levels
+        for i, target in enumerate(own):
+            level = next((lv for lv in coarser if lv.num_faces <= target), coarser[-1])
+            found[i] = placed.split(level.mesh, found[i])
+            errors[i] = max(errors[i], level.max_error * placed.unit)
+    made = [SceneLevel(own, error) for own, error in zip(found, errors, strict=True)]
+    return SceneLods((SceneLevel(scene, 0.0), *made), chain.result, chain.error_measure)
