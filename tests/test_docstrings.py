@@ -13,7 +13,7 @@ import pytest
 
 import manip3d
 
-ROOMS = ("diary", "forge", "io", "metrics", "simplify", "simulate", "study")
+ROOMS = ("authenticate", "diary", "forge", "io", "metrics", "simplify", "simulate", "study")
 
 WITHOUT_ERRORS = {
     "io.describe_unit",

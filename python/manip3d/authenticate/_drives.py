@@ -131,6 +131,19 @@ def verdict_of_drive(found: Sequence[Inspection | None]) -> tuple[Verdict, str]:
     (verdict, reason)
         ``tampered`` if a scan is; else ``processed`` if a scan is; else ``undecidable`` if a scan
         is, or there is none; else ``no_trace``.
+
+    Raises
+    ------
+    InputError
+        ``found`` holds something else than inspections and None.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import authenticate
+    >>> empty = authenticate.inspect(np.zeros((0, 3), np.float32))
+    >>> authenticate.verdict_of_drive([empty, None])
+    ('undecidable', '2 of 2 scans')
     """
     verdicts: Counter[str] = Counter(
         "undecidable" if each is None else each.verdict for each in found

@@ -511,6 +511,19 @@ def combined_verdict(
         to the whole scan, which can hide an edit. Else ``no_trace`` if a detector that finds edits
         of some class, as measured on clean scans of this scanner, looked and found none. Else
         ``undecidable``.
+
+    Raises
+    ------
+    InputError
+        ``reports`` or ``processing`` holds something else.
+
+    Examples
+    --------
+    >>> from manip3d.authenticate import DetectorReport, Processing, combined_verdict
+    >>> found = DetectorReport("occlusion", "tampered", "points behind a wall")
+    >>> rounded = Processing("rounded", "to 1 cm")
+    >>> combined_verdict([found], [rounded]), combined_verdict([], [rounded]), combined_verdict([])
+    ('tampered', 'processed', 'undecidable')
     """
     verdicts = {report.verdict for report in reports}
     if "tampered" in verdicts:

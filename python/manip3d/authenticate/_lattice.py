@@ -269,6 +269,20 @@ def estimate_lattice(
     KITTI's HDL-64E: 64 lines to 0.3 mm (rounding to whole millimetres), an encoder of 4000 counts,
     lasers 26 mm left or right of the axis, ranges in steps of 2 mm. The lasers' order is their
     slope's. Velodyne, HDL-64E S2 manual, appendix: the calibration whose numbers these are.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d.authenticate import estimate_lattice, kitti_lattice
+    >>> lattice = kitti_lattice()
+    >>> ring, count = np.divmod(np.arange(64 * 1000), 1000)  # every fourth step of the encoder
+    >>> distance = 8 + 0.004 * count + lattice.range_phase[ring]  # a wall around it
+    >>> scan = lattice.points_at(ring, 4 * count, distance).round(3)
+    >>> azimuth = np.arctan2(scan[:, 1], scan[:, 0]) % (2 * np.pi)
+    >>> scan = scan[np.lexsort((azimuth, ring))].astype(np.float32)
+    >>> found = estimate_lattice(scan)
+    >>> len(found.slope), float(np.abs(found.slope - lattice.slope).max().round(5))
+    (64, 2e-05)
     """
     clouds = [_Cloud.of(frame) for frame in _listed(frames)]
     if not clouds:

@@ -384,6 +384,11 @@ def temporal_factor(attacked: Sequence[bool], *, frames: int = 0) -> float:
     frames : int
         X_n; 0: as many as given.
 
+    Returns
+    -------
+    float
+        In [0, 1]: 0 without an attack, 1 if each of X_n frames was attacked.
+
     Raises
     ------
     InputError

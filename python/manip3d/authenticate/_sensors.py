@@ -148,6 +148,19 @@ def identify_sensor(
     ------
     InputError
         A shape is wrong, a coordinate is not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d.authenticate import identify_sensor, kitti_lattice
+    >>> lattice = kitti_lattice()
+    >>> ring, count = np.divmod(np.arange(64 * 2000), 2000)  # every second step of the encoder
+    >>> distance = 10 + lattice.range_phase[ring]  # a round wall
+    >>> scan = lattice.points_at(ring, 2 * count, distance).round(3)
+    >>> azimuth = np.arctan2(scan[:, 1], scan[:, 0]) % (2 * np.pi)
+    >>> scan = scan[np.lexsort((azimuth, ring))].astype(np.float32)
+    >>> identify_sensor(scan, lattice=lattice).name
+    'HDL-64E'
     """
     return identify_and_read(scan, lattice=lattice, threads=threads)[0]
 
