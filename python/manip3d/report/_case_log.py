@@ -49,6 +49,16 @@ def append_log(
     ------
     FormatError
         The log is damaged.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import authenticate, report
+    >>> found = authenticate.inspect(np.zeros((0, 3), np.float32))
+    >>> first = report.append_log("cases.jsonl", found, source="scan.bin")
+    >>> second = report.append_log("cases.jsonl", found, source="other.bin")
+    >>> first == second, report.read_log("cases.jsonl")[1]["previous"] == first
+    (False, True)
     """
     target = path_of(path)
     before = read_log(target)[-1]["hash"] if target.exists() and target.stat().st_size else _FIRST
@@ -86,6 +96,15 @@ def read_log(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
     ------
     FormatError
         A line is no entry, or it, or the one before it, was changed, left out or put in.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import authenticate, report
+    >>> found = authenticate.inspect(np.zeros((0, 3), np.float32))
+    >>> _ = report.append_log("cases.jsonl", found, source="scan.bin")
+    >>> [entry["source"] for entry in report.read_log("cases.jsonl")]
+    ['scan.bin']
     """
     with open_regular(path_of(path)) as file:
         lines = file.read().splitlines()
