@@ -13,16 +13,39 @@ import pytest
 
 import manip3d
 
-ROOMS = ("authenticate", "diary", "forge", "io", "metrics", "simplify", "simulate", "study")
+ROOMS = (
+    "authenticate",
+    "batch",
+    "capture",
+    "datasets",
+    "diary",
+    "experiments",
+    "forge",
+    "io",
+    "metrics",
+    "modify",
+    "phantom",
+    "report",
+    "serve",
+    "simplify",
+    "simulate",
+    "study",
+    "viewer",
+)
 
 WITHOUT_ERRORS = {
+    "capture.sources",
+    "datasets.cache_folder",
+    "datasets.data_root",
     "io.describe_unit",
     "io.guess_depth_unit",
     "io.is_url",
+    "phantom.simulated_patient",
     "simulate.street",
     "study.px_per_degree",
     "study.reversal_mean",
     "study.state_of",
+    "viewer.has_display",
 }
 """Functions that raise nothing of their own."""
 

@@ -115,6 +115,13 @@ def run(
     -----
     A case that fails is recorded with its error, leaves the claims that need it not judged, and is
     tried again by the next run.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from manip3d import experiments
+    >>> one = experiments.select(["table-6.1"])  # doctest: +SKIP
+    >>> experiments.run(one, Path("results"), jobs=1)  # doctest: +SKIP
     """
     if jobs < 0:
         raise InputError(f"jobs: expected >= 0, got {jobs}")
