@@ -26,7 +26,7 @@ from manip3d import LidarFrame, experiments, forge, io, viewer
 from manip3d.io._files import atomic_folder, atomic_path, atomic_write
 
 Write = Callable[[Path, int], object]
-"""Of a folder and which of the two contents."""
+"""Writes one of two contents into a folder."""
 
 meshes = (exact_models.pipe(24, 8), exact_models.pipe(20, 12))
 rng = np.random.default_rng(0)

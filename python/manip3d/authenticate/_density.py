@@ -392,7 +392,7 @@ def _off(ratio: Floats, parameters: DensityParameters) -> tuple[NDArray[np.bool_
 
 
 def _share_off(ratio: Floats, parameters: DensityParameters) -> float:
-    """Of the levels of sectors that are known, those off to the one side that has more of them."""
+    """Share of the known levels of sectors that are off to the one side that has more of them."""
     known = ratio[np.isfinite(ratio)]
     if not len(known):
         return float("nan")

@@ -256,7 +256,7 @@ class GenericResult(Showable):
 
 
 FEWEST_DIRECTIONS = 1000
-"""Of a laser and a step that answered, in a frame that can be judged; copies of a point are one."""
+"""Fewest pairs of laser and step that answered in a frame that can be judged; copies are one."""
 
 
 @checked

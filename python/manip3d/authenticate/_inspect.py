@@ -238,7 +238,7 @@ class Inspection(Showable):
 
     @property
     def calibration(self) -> Calibration | None:
-        """Of the accusing detector, or of the first that could have objected."""
+        """Calibration of the accusing detector, or of the first that could have objected."""
         return next((r.calibration for r in self._deciding() if r.calibration is not None), None)
 
     def _deciding(self) -> tuple[DetectorReport, ...]:

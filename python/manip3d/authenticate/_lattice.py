@@ -47,23 +47,23 @@ FEWEST_POINTS = 100
 """A ring with fewer points is not taken for one, unless the frame says which points are its own."""
 
 FEWEST_LABELLED = 8
-"""Of a ring that the frame names: enough to tell a line from an object."""
+"""Fewest points of a ring that the frame names: enough to tell a line from an object."""
 
 NARROW = 0.05
 """Metres: a ring of less extent from the axis (the scanner's own car, a wall around it) says where
 its line passes there, not how it goes on."""
 
 FEWEST_PAIRS = 30
-"""Of points a given number of firings apart, for the encoder's counts."""
+"""Fewest pairs of points a given number of firings apart, for the encoder's counts."""
 
 MOST_POINTS = 1000
-"""Of a ring, for what a few points tell as well as all: a search over a grid."""
+"""Most points of a ring for what a few tell as well as all: a search over a grid."""
 
 SECTORS = 16
-"""Of a ring, judged one by one."""
+"""Sectors of a ring, judged one by one."""
 
 COLUMNS = ("slope", "offset", "lateral", "azimuth", "range_phase", "center", "slope_error")
-"""Of the table of lasers."""
+"""Columns of the table of lasers."""
 
 LATERALS = np.arange(-0.08, 0.0801, 0.002)
 """Metres between beam and axis that are tried; the fit behind the search finds the rest."""

@@ -90,7 +90,7 @@ class RgbdSource(FrameSource[RgbdFrame]):
 
     @property
     def calibration(self) -> RgbdCalibration:
-        """Of all frames."""
+        """Calibration of all frames."""
         assert self._calibration is not None
         return self._calibration
 
@@ -102,7 +102,7 @@ class RgbdSource(FrameSource[RgbdFrame]):
 
     @property
     def num_frames(self) -> int | None:
-        """Of a recording, how many frames it has; None: nobody knows."""
+        """Number of frames of a recording; None: nobody knows."""
         found: int | None = self._source.num_frames()
         return found
 
@@ -196,7 +196,7 @@ class _Iterated:
             return False if frame is None else frame
 
     def calibration(self) -> RgbdCalibration:
-        """Of the source, else of its first frame."""
+        """Return the calibration of the source, else of its first frame."""
         return self._calibration
 
     def counters(self) -> dict[str, int]:

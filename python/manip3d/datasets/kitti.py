@@ -144,7 +144,7 @@ class KittiFrame:
         return frame.replace(fields={**frame.fields, "label": np.frombuffer(raw, "<u4")})
 
     def calibration(self) -> KittiCalibration:
-        """Of this frame (object) or of its drive.
+        """Return the calibration of this frame (object) or of its drive.
 
         Raises
         ------

@@ -36,7 +36,7 @@ Progress = Callable[[float, str], None]
 T = TypeVar("T")
 
 RESULTS_FORMAT = 2
-"""Of ``results.json``; counted up when readers of older ones would fail."""
+"""Format of ``results.json``; counted up when readers of older ones would fail."""
 
 _log = logging.getLogger("manip3d")
 

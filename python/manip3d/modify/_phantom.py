@@ -297,7 +297,7 @@ class _Buffers:
 
     @staticmethod
     def of_size(rows: int, cols: int, pool: _core.ArrayPool | None = None) -> _Buffers:
-        """Of a pool, which gets it back when the last array or view of it is gone."""
+        """Take arrays from a pool, which gets each back when the last view of it is gone."""
         empty = (pool or _core.ArrayPool()).empty
         capacity = rows * cols  # no page of it is touched before it is written
         return _Buffers(

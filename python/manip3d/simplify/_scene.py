@@ -31,7 +31,7 @@ _Result = SimplifyResult | QualityResult
 _MOST_RUNS = 6  # to meet a number of drawn faces; each halves what is left of it or better
 _NEAR = 0.01  # of the target: as near to it as a run more is worth
 
-# Of the scene's diagonal. Meshes of several instances lie this far from their places, each
+# Meshes of several instances are moved by this share of the scene's diagonal, each
 # differently, so that what happens to touch the first instance is not welded to all of them.
 _HAIR = 1e-9
 
@@ -239,7 +239,7 @@ class _Placed:
         return Mesh(**joined, materials=[Material() for _ in self._pairs])
 
     def _pair_rows(self, index: int, mesh: Mesh) -> NDArray[np.int32]:
-        """Of each face: the row of its mesh and material in `_pairs`."""
+        """Return for each face the row of its mesh and material in `_pairs`."""
         given = mesh.face_material
         materials = np.full(mesh.num_faces, -1, dtype=np.int32) if given is None else given
         values, rows = np.unique(materials, return_inverse=True)
