@@ -22,7 +22,7 @@ PACKAGES = ("manip3d", "numpy", "pymeshlab", "meshlib", "open3d-cpu", "open3d", 
 
 @dataclass(frozen=True)
 class Cost:
-    """Of one call.
+    """Cost of one call.
 
     Attributes
     ----------

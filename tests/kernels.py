@@ -33,7 +33,7 @@ from manip3d.errors import MissingExtraError
 from manip3d.rgbd import JOINTS, PARENTS
 
 Kernel = Callable[[int], object]
-"""Of the number of threads; those that take none ignore it."""
+"""A function of the number of threads; those that take none ignore it."""
 
 V, U = np.mgrid[0:72, 0:96]
 DEPTH = (1200 + ((U - 48) ** 2 + (V - 36) ** 2) // 9 + (7 * U + 5 * V) % 4).astype(np.uint16)

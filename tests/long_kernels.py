@@ -207,7 +207,7 @@ OF_A_SECOND = {
 
 
 def seconds_to_stop(work: Callable[[], object], after: float = PRESSED_AFTER_S) -> float | None:
-    """Of processor time, from Ctrl-C to KeyboardInterrupt; None: the work was done before."""
+    """Processor time from Ctrl-C to KeyboardInterrupt; None: the work was done before."""
     begin = time.process_time()
     pressed, over = 0.0, threading.Event()
 

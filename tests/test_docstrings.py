@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import io
 import re
+import tokenize
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -13,16 +15,39 @@ import pytest
 
 import manip3d
 
-ROOMS = ("diary", "forge", "io", "metrics", "simplify", "simulate", "study")
+ROOMS = (
+    "authenticate",
+    "batch",
+    "capture",
+    "datasets",
+    "diary",
+    "experiments",
+    "forge",
+    "io",
+    "metrics",
+    "modify",
+    "phantom",
+    "report",
+    "serve",
+    "simplify",
+    "simulate",
+    "study",
+    "viewer",
+)
 
 WITHOUT_ERRORS = {
+    "capture.sources",
+    "datasets.cache_folder",
+    "datasets.data_root",
     "io.describe_unit",
     "io.guess_depth_unit",
     "io.is_url",
+    "phantom.simulated_patient",
     "simulate.street",
     "study.px_per_degree",
     "study.reversal_mean",
     "study.state_of",
+    "viewer.has_display",
 }
 """Functions that raise nothing of their own."""
 
@@ -109,6 +134,67 @@ def test_descriptions_name_what_they_describe() -> None:
         for match in fragment.finditer(path.read_text())
     ]
     assert not found
+
+
+FRAGMENT = re.compile(r"(@(param|return)( \w+)?\s+)?(Of|So|That|Else)\b")
+"""Openings without a subject, which the reader has to guess: "Of the table; others are counted"."""
+
+
+def comments_of_python(text: str) -> Iterator[tuple[int, str]]:
+    """Line and beginning of each comment and docstring; a block of comments is one."""
+    last = 0
+    begins = True  # a statement
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        line = token.start[0]
+        if token.type == tokenize.COMMENT:
+            if line != last + 1:
+                yield line, token.string.lstrip("#: ")
+            last = line
+        elif token.type == tokenize.STRING and begins:
+            yield line, token.string.lstrip("rR\"' ")
+        if token.type not in (tokenize.COMMENT, tokenize.NL):
+            begins = token.type in (tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT)
+
+
+def comments_of_cpp(text: str) -> Iterator[tuple[int, str]]:
+    """Line and beginning of each comment; lines of nothing but a comment that follow are one."""
+    goes_on = False
+    for line, content in enumerate(text.splitlines(), 1):
+        found = re.search(r"(?:^|\s)//+<?\s*(.*)", content)
+        alone = found is not None and not content[: found.start()].strip()
+        if found and (not (goes_on and alone) or found[1].startswith("@")):
+            yield line, found[1]
+        goes_on = found is not None
+
+
+def test_comments_do_not_begin_with_fragments() -> None:
+    """Each comment has its subject: "Share of clean scans ...", not "Of clean scans ..."."""
+    root = Path(__file__).parents[1]
+    readers = {".py": comments_of_python, ".cpp": comments_of_cpp, ".hpp": comments_of_cpp}
+    found = [
+        f"{path.relative_to(root)}:{line}: {comment[:60]}"
+        for folder in ("python/manip3d", "tests", "benchmarks", "cpp")
+        for suffix, reader in readers.items()
+        for path in sorted((root / folder).rglob(f"*{suffix}"))
+        if "node_modules" not in path.parts
+        for line, comment in reader(path.read_text())
+        if FRAGMENT.match(comment)
+    ]
+    assert not found, "\n".join(found)
+
+
+@pytest.mark.parametrize(
+    ("reader", "text", "lines"),
+    [
+        (comments_of_python, '"""Of a table."""\nX = 1  # So far.\n# A\n# That is A.\n', [1, 2]),
+        (comments_of_python, 'claim = Claim(\n    "Of all methods"\n)\n"""That one."""\n', [4]),
+        (comments_of_python, 'def f():\n    r"""Else none."""\n    return "Of course"\n', [2]),
+        (comments_of_cpp, "/// Of a\n/// So b\nint x;  ///< Else y.\n", [1, 3]),
+        (comments_of_cpp, "/// A.\n/// @param x  That of y\nauto s = 1;\n", [2]),
+    ],
+)
+def test_fragments_are_noticed(reader: Any, text: str, lines: list[int]) -> None:
+    assert [line for line, comment in reader(text) if FRAGMENT.match(comment)] == lines
 
 
 def test_exceptions_exist() -> None:

@@ -23,7 +23,7 @@ py::str text(const std::string& bytes, const char* otherwise) {
 
 py::str message(const std::exception& error) { return text(error.what(), "backslashreplace"); }
 
-// As Python names files: `os.fsencode` gives the same bytes.
+// The name as Python has it: `os.fsencode` of it gives the same bytes.
 py::str file_name(const std::string& bytes) { return text(bytes, "surrogateescape"); }
 
 void raise(const char* type, const std::exception& error) {

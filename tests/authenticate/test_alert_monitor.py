@@ -300,7 +300,7 @@ def alert_of(watermark: str, cameras: str, forensics: str = "skipped") -> Alert:
 def test_cameras_doubt_a_drive_where_they_accuse_more_frames_than_by_chance(
     frames: int, chance: int, doubted: int
 ) -> None:
-    """Of 154 clean frames at 1 of 120: five or more in 0.96 % of drives, one or more in 72 %."""
+    """For 154 clean frames at 1 of 120: five or more in 0.96 % of drives, one or more in 72 %."""
 
     def verdict_of(accused: int, watermark: str) -> tuple[str, str]:
         alerts = [alert_of(watermark, "tampered" if n < accused else "no_trace")

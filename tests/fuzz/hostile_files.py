@@ -37,9 +37,9 @@ from manip3d import io as files
 TESTS = Path(__file__).parents[1]
 CORPUS = TESTS.parent / "cpp" / "fuzz" / "corpus"
 SECONDS = 5.0
-"""Of processor time a case may take."""
+"""Processor time a case may take."""
 HANG_S = 60.0
-"""Of wall time after which a silent worker is taken for hung."""
+"""Wall time after which a silent worker is taken for hung."""
 MEMORY = 2 << 30
 """Bytes that a case may map beyond what the process has."""
 

@@ -25,7 +25,7 @@ MOST_SECONDS = 5.0
 
 
 def accessors(**changes: Any) -> Changes:
-    """Of the positions."""
+    """Change the accessor of the positions."""
     first, second = document()["accessors"]
     return {"accessors": [{**first, **changes}, second]}
 

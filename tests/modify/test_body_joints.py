@@ -426,7 +426,7 @@ def girth(metres: float) -> float:
     return metres / (2 * np.pi)
 
 
-# Of the mean adult, 1.69 m tall: radii at the start and at the end of each bone.
+# Radii at the start and at the end of each bone of the mean adult, 1.69 m tall.
 ARM, ELBOW, WRIST, HAND = girth(0.33), girth(0.29), girth(0.17), girth(0.2)
 THIGH, KNEE, ANKLE = girth(0.62), girth(0.41), girth(0.22)
 SKIN = {"Neck": (girth(0.36), girth(0.36)), "Head": (girth(0.36), girth(0.57)),

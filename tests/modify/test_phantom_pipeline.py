@@ -308,7 +308,7 @@ def test_body_pixels_are_their_own_source() -> None:
 
 @pytest.mark.parametrize("turn", [15.0, 30.0, 45.0])
 def test_a_turned_limb_shows_its_back(turn: float) -> None:
-    """Of a cylinder's seen half 17, 33 and 50 % face away: outer columns, (1 - cos 2 t) / 2."""
+    """17, 33 and 50 % of a cylinder's seen half face away: outer columns, (1 - cos 2 t) / 2."""
     straight = {"ShoulderLeft": (0.40, 0.46, 0.0), "ElbowLeft": (0.40, 0.20, 0.0),
                 "WristLeft": (0.40, -0.06, 0.0), "HandLeft": (0.40, -0.14, 0.0),
                 "HandTipLeft": (0.40, -0.20, 0.0), "ThumbLeft": (0.40, -0.14, 0.0)}  # fmt: skip

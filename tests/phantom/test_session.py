@@ -314,7 +314,7 @@ def test_who_feels_sick_is_not_touched_any_more() -> None:
 
 
 def test_events_are_told_for_a_second_and_counted() -> None:
-    """So that a page that leaves frames out misses none and plays none twice."""
+    """A page that leaves frames out misses no event and plays none twice."""
     session = LiveSession("right_arm")
     session.command("ready")
     shown = play(session, patient())

@@ -30,7 +30,7 @@ from manip3d.io._files import atomic_folder, atomic_pair, atomic_path, atomic_wr
 from watermark_scans import grid_scan
 
 Write = Callable[[Path, int], object]
-"""Of a folder and which of the two contents."""
+"""Writes one of two contents into a folder."""
 
 meshes = (exact_models.pipe(24, 8), exact_models.pipe(20, 12))
 rng = np.random.default_rng(0)

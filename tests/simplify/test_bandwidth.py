@@ -37,7 +37,7 @@ def picture(seed: int) -> NDArray[np.uint8]:
 
 
 def most_in_a_second(times: list[int], sizes: list[int]) -> int:
-    """Of all seconds that begin just before a frame."""
+    """Most bytes in any of the seconds that begin just before a frame."""
     return max(
         sum(size for t, size in zip(times, sizes, strict=True) if begin <= t < begin + SECOND)
         for begin in times

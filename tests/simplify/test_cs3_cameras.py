@@ -68,7 +68,7 @@ def test_one_view_is_cs3() -> None:
 
 
 def layers_of(joint: JointSimplification, views: list[CameraView]) -> tuple[float, float]:
-    """Of directions from the ball's centre: the share with two layers, and that with none.
+    """Shares of the directions from the ball's centre with two layers, and with none.
 
     The ball is round, so each direction meets each layer once. Of the latter only those count that
     lie three pixels inside of an outline: a sparse mesh ends within it.

@@ -19,7 +19,7 @@ CAMERA = Intrinsics(8, 6, 10.0, 11.0, 3.5, 2.5)
 
 
 def facing(mesh: simplify.DepthMesh) -> NDArray[np.float64]:
-    """Of each triangle: normal times the direction from the camera to it; < 0 = looks at it."""
+    """For each triangle the normal times the direction from the camera to it; < 0 = looks at it."""
     p, q, r = (mesh.vertices[mesh.faces[:, i]].astype(float) for i in range(3))
     return np.einsum("ij,ij->i", np.cross(q - p, r - p), p)
 

@@ -49,7 +49,7 @@ def test_steps_are_boundaries_and_cost_less_than_cutting(points: int) -> None:
 
 
 def test_coverage_counts_the_pixels_of_the_surface_without_steps() -> None:
-    """Of the dense mesh of both walls, half of the pixels are the near wall's."""
+    """Half of the pixels of the dense mesh of both walls are the near wall's."""
     depth = np.full((48, 64), 1000, np.uint16)
     depth[:, 32:] = 2000
     depth[:, 31] = 1400  # flying pixels: no triangle without a step holds them

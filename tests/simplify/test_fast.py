@@ -279,7 +279,7 @@ def test_rocker_arm_is_below_meshoptimizer(real_mesh: Callable[[str], Mesh]) -> 
 
 
 def test_many_pieces_do_not_take_a_pass_each() -> None:
-    """Of separate triangles nothing can collapse: the cheapest go together."""
+    """Separate triangles have nothing to collapse: the cheapest go together."""
     rng = np.random.default_rng(0)
     number = 5000
     corners = rng.random((number, 1, 3)) + 0.01 * rng.random((number, 3, 3))

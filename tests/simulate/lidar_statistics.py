@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from manip3d.simulate import lidar
 
 BANDS = (-26.0, -16.0, -8.5, -4.0, -2.0, 0.0, 2.0, 90.0)
-"""Of elevation, degrees: those of the data's description."""
+"""Bands of elevation, degrees: those of the data's description."""
 
 Doubles = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Statistics:
-    """Of one sweep; residuals as (median, 99 %, maximum) in millimetres."""
+    """Statistics of one sweep; residuals as (median, 99 %, maximum) in millimetres."""
 
     points: int
     smallest_ring: int

@@ -376,7 +376,7 @@ std::vector<float> to_ranges(const InverseRanges& seen, bool nearest) {
   return ranges;
 }
 
-// The comparison where the heading is x.
+// Compares the two maps in a frame whose x axis is the heading of the cameras.
 CrossModalResult compare_ahead(const PointsView& view, const DisparityView& disparity,
                                const StereoView& camera, const CrossModalOptions& options,
                                const Progress& progress) {

@@ -436,7 +436,7 @@ class Examination {
     add_voids(Evidence::kTime, find_voids(points_, answers, lattice_, *ground, options));
   }
 
-  // Of another turn, if it is on the same lattice.
+  // The answers of another turn; none if it is not on the same lattice.
   [[nodiscard]] std::optional<Answers> answers_of(const PointsView& turn,
                                                   const GroundPlane& ground) const {
     if (turn.num_points() == 0) return std::nullopt;

@@ -57,7 +57,7 @@ struct Void {
 struct VoidOptions {
   double min_ground_range = 8.0;
   double max_ground_range = 80.0;
-  int answered_beside = 7;  ///< Of the eight firings to each side of the lost ones in their ring.
+  int answered_beside = 7;  ///< Least answers among the eight firings to each side in the ring.
   /// Turns to compare with: the one before or after this one, or both. A firing counts as lost only
   /// if it and its neighbours were answered in all of them. With two of them that alone shows a
   /// hole, which then need not begin above ground.

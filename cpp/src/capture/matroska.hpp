@@ -31,7 +31,7 @@ class MatroskaFile {
   [[nodiscard]] MkvFile functions();
   /// @throws std::filesystem::filesystem_error  an error of a callback.
   void check(const char* action) const;
-  [[noreturn]] void refuse(const char* action) const;  ///< As errno says.
+  [[noreturn]] void refuse(const char* action) const;  ///< Throws the error of errno.
 
   const std::filesystem::path path;
   Descriptor descriptor;

@@ -18,7 +18,7 @@ namespace manip3d {
 /// `rays` is the ray table, float32 little endian in base64; it and `registration` may be absent.
 JsonPlace::Json calibration_to_json(const RgbdCalibration& calibration);
 
-/// As stored: cameras may be mirrored (see unmirrored()).
+/// Cameras are read as stored, and may be mirrored (see unmirrored()).
 /// @throws FormatError  with what stands where.
 std::shared_ptr<RgbdCalibration> calibration_from_json(const JsonPlace& place);
 

@@ -36,7 +36,7 @@ Descriptor bound_socket(const UdpOptions& options, std::uint16_t& port) {
   Descriptor owner(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
   if (!owner.is_open()) refuse("UDP socket");
   const int descriptor = owner.get();
-  // As much as the system grants: a second of packets where it grants 8 MiB.
+  // Ask for a receive buffer of 8 MiB, which holds a second of packets; the system may grant less.
   const int wanted = 8 << 20, yes = 1;
   if (setsockopt(descriptor, SOL_SOCKET, SO_RCVBUFFORCE, &wanted, sizeof(wanted)) != 0) {
     setsockopt(descriptor, SOL_SOCKET, SO_RCVBUF, &wanted, sizeof(wanted));

@@ -89,7 +89,8 @@ bool is_hidden(const SceneView& scene, std::int64_t pixel, float z) {
   return behind != 0 && static_cast<float>(behind) < 1000.0F * z;
 }
 
-/// @param image  Of the whole image.
+/// Closes gaps of one pixel between two pixels of one surface, with their mean distance.
+/// @param image  depth buffer as large as the scene's image
 void fill_pinholes(DepthBuffer& image, std::vector<std::int64_t>& filled, float focal) {
   const DepthStep step({}, focal);
   const std::int64_t rows = image.box.height, cols = image.box.width;

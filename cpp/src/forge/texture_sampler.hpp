@@ -93,7 +93,8 @@ class TextureSampler {
            0xffffffU;
   }
 
-  /// Of R, G and B: (256 - right) times the first pixel's, and right times the second one's.
+  /// Weighted sums of R, G and B: (256 - right) times the first pixel's and right times the
+  /// second's.
   static __m128i across(std::uint64_t two, __m128i weights) {
     const __m128i first = _mm_cvtsi64_si128(static_cast<long long>(two));
     const __m128i bytes = _mm_unpacklo_epi8(first, _mm_srli_epi64(first, 24));

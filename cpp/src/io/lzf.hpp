@@ -12,7 +12,7 @@ namespace manip3d {
 /// Three bytes stand for 264 at most.
 constexpr std::int64_t kLzfMostExpansion = 88;
 
-/// @param offset  Of `packed` in its file, for messages.
+/// @param offset  where `packed` begins in its file, for messages
 /// @throws FormatError  with the byte: it does not expand to exactly `size` bytes.
 std::vector<char> lzf_decompress(std::span<const char> packed, std::size_t size,
                                  std::int64_t offset);

@@ -38,7 +38,7 @@ bool is_there(const fs::path& path, const Descriptor& file) {
          mine.st_ino == named.st_ino && mine.st_dev == named.st_dev;
 }
 
-// Nothing: the name is taken.
+// Creates the file or folder. None: the name is taken.
 std::optional<Descriptor> create(const fs::path& path, TemporaryKind kind, unsigned mode) {
   if (kind == TemporaryKind::kFile) {
     Descriptor file(::open(path.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, mode));
@@ -52,7 +52,8 @@ std::optional<Descriptor> create(const fs::path& path, TemporaryKind kind, unsig
   return std::nullopt;
 }
 
-// False: it was taken for dead before it was locked, and removed.
+// Locks a file that this process has just created at `path`. False: before the lock was taken,
+// another writer took the file for one that a dead process left, and removed it.
 bool lock_new(const fs::path& path, const Descriptor& file) {
   while (::flock(file.get(), LOCK_EX) != 0) {
     if (errno != EINTR) return true;  // a file system without locks, where nobody removes it
@@ -69,7 +70,8 @@ Descriptor open_existing(const fs::path& path) {
 
 enum class Found : std::uint8_t { kNothing, kAlive, kDead };
 
-// Looks who has the name, and removes what a dead writer left.
+// Finds out whether the temporary file at `path` belongs to a writer that is alive, which holds its
+// lock; removes it if not.
 Found reap(const fs::path& path) {
   const Descriptor file = open_existing(path);
   if (!file.is_open()) return errno == ENOENT ? Found::kNothing : Found::kAlive;

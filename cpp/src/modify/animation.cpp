@@ -148,7 +148,7 @@ class VertexRows {
       begin = from;
       end = to;
     }
-    std::vector<std::int32_t> vertex;  ///< Of each column, or kNone.
+    std::vector<std::int32_t> vertex;  ///< Vertex of each column, or kNone.
     std::int64_t begin, end = 0;       ///< Columns outside have none.
   };
 

@@ -60,7 +60,7 @@ constexpr std::array<BoneRadii, kNumJoints> kMeanRadii = [] {
 
 struct BoneLength {
   Joint joint;
-  float share;  ///< Of the stature.
+  float share;  ///< Length as a share of the stature.
 };
 /// Drillis & Contini, "Body segment parameters", 1966.
 constexpr std::array kMeanLengths = {

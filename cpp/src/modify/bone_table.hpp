@@ -33,7 +33,7 @@ struct BoneTable {
   Column radius{}, taper{};
   Column certainty{}, firmer{};  ///< 1 where joints alone are off; less the more flesh there is.
   Column outer{}, widens{};      ///< The radius and what it gains among outliers.
-  Column slope{};  ///< Of the distance to the skin by a step of length 1: at most so much.
+  Column slope{};  ///< Largest change of the distance to the skin by a step of length 1.
   std::array<std::int32_t, BoneSegments::kCapacity> label{};
   std::size_t count = 0;
   bool has_radii = false;

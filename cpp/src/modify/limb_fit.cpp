@@ -15,13 +15,14 @@ namespace manip3d {
 namespace {
 
 constexpr std::size_t kMostSamples = 1024;
-constexpr std::array kScales = {0.12F, 0.08F, 0.05F, 0.03F};  // metres: of the weights, by step
-constexpr float kFarthest = 0.15F;     // metres from every skin: no point of a limb
-constexpr double kPointNoise = 0.015;  // metres: of a girth, clothes and all
-constexpr double kTold =
-    25.0;  // points of one bone tell as much as so many: they share their error
-constexpr double kJointNoise = 0.05;  // metres: bias and jitter of a tracker's joint
-constexpr double kMostMoved = 0.12;   // metres: beyond, the tracker means something else
+// Lengths in metres.
+constexpr std::array kScales = {0.12F, 0.08F, 0.05F, 0.03F};  // width of the weights, by step
+constexpr float kFarthest = 0.15F;     // points farther from every skin belong to no limb
+constexpr double kPointNoise = 0.015;  // error of a girth with its clothes
+// The points of one bone share their error: together they count as this many independent ones.
+constexpr double kTold = 25.0;
+constexpr double kJointNoise = 0.05;  // bias and jitter of a tracked joint
+constexpr double kMostMoved = 0.12;   // farthest that a fitted joint may be from the tracked one
 constexpr std::size_t kMostMoving = 4;
 constexpr std::size_t kBlock = 32;  // samples that are passed over together
 constexpr std::uint8_t kNoBone = 0xff;

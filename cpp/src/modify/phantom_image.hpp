@@ -59,15 +59,17 @@ std::int64_t remove_limb(const PersonPoints& points, Limb limb, double radius, d
 std::int64_t remove_rest(const PersonPoints& points, Limb limb, const PhantomImage& image,
                          std::vector<std::int32_t>& stack);
 
-/// Draws again, as the body, what was taken out within 40 cm of a leg's root, shows nothing and has
-/// the body along half of its border or more: a lap, which is either thigh's. How many.
+/// Draws holes again, as the body: connected pixels that were taken out within 40 cm of a leg's
+/// root, show nothing now, and have the body along half of their border or more. Unlike
+/// give_back(), it goes by the shape of the hole, not by the distance to a bone. Returns the number
+/// of pixels.
 std::int64_t give_back_holes(const PersonPoints& points, Limb limb, const BoneSegments& bones,
                              const PixelRays& rays, const PhantomImage& image,
                              std::vector<std::int32_t>& stack);
 
-/// Draws again, as the body, the points of a limb that was taken out where nothing is drawn now and
-/// the skin of a bone that is not the limb's is within reach: the lap between two thighs, which is
-/// either one's. How many.
+/// Draws single points again, as the body: those of the limb that was taken out, where nothing is
+/// drawn now, within `reach` of the skin of a bone that is not the limb's. The lap between two
+/// thighs belongs to either. Returns the number of points.
 std::int64_t give_back(const PersonPoints& points, Limb limb, const BoneSegments& bones,
                        double reach, const PhantomImage& image);
 

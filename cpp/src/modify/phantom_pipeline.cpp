@@ -645,13 +645,13 @@ class PhantomPipeline::Workspace {
     return result;
   }
 
-  struct Ends {  ///< Of the phantom and of the intact limb.
+  struct Ends {  ///< Positions of the last joint of the phantom and of the intact limb.
     Eigen::Vector3f phantom, intact;
     double time_s = 0.0;
   };
 
   struct Held {
-    BodyFrame frame;    ///< Of the body when the intact limb was last seen.
+    BodyFrame frame;    ///< The body's frame when the intact limb was last seen.
     Skeleton skeleton;  ///< With the phantom's joints.
     std::int64_t number = 0;
     bool is_misplaced = false;
@@ -671,7 +671,7 @@ class PhantomPipeline::Workspace {
   std::int64_t last_time_ns_ = 0, late_frames_ = 0;
   std::int64_t late_in_row_ = 0;
   std::int64_t clock_ns_ = 0;  ///< Since the first frame, by the source's clock or a nominal one.
-  Skeleton raw_;               ///< As the tracker told it, in this frame.
+  Skeleton raw_;               ///< The patient in this frame as tracked, before smoothing.
   std::optional<std::int64_t> person_id_;
   std::optional<Skeleton> person_;     ///< The patient as last seen, smoothed.
   double sides_kept_since_ = kNever;   ///< Since when the tracker takes left for right.

@@ -21,7 +21,7 @@ constexpr std::int64_t kTile = 8;  // a row of its mask is one 64-bit word
 constexpr std::size_t kTilePoints = 64;
 constexpr std::uint8_t kNoBodyIndex = 0xff;
 
-/// Of a row of the mask: whole tiles.
+/// Number of pixels from one row of the mask to the next: the columns, rounded up to whole tiles.
 std::int64_t stride_of(std::int64_t cols) { return (cols + kTile - 1) / kTile * kTile; }
 
 struct DepthBounds {

@@ -21,8 +21,9 @@ constexpr std::size_t kLeastSurface = 60;  // with fewer the joints alone are fo
 constexpr int kIterations = 4;             // steps fall below 0.1 mm by the third
 constexpr double kWindow = 90.0;           // frames over which joints are averaged
 constexpr double kFirstErrors = 5.0;       // frames that the first correlation counts as
-// Of a pixel against a key frame. Neighbours share their noise, so that 500 points tell as much as
-// some thirty: the mean residual, four times, at least 1 cm (a Kinect V1 steps by 2 cm).
+// Noise of a pixel's distance to a key frame, metres: four times the mean residual, at least 1 cm
+// (a Kinect V1 steps by 2 cm). Four, because neighbours share their noise, so that 500 points tell
+// as much as some thirty.
 constexpr double kSurfaceNoise = 0.010, kSharedNoise = 4.0;
 constexpr double kSurfaceScale = 0.02;  // metres: of the Geman-McClure weight
 constexpr double kAgreement = 1.7320508075688772 * kSurfaceScale;  // there the weight is 1 / 16
@@ -615,7 +616,7 @@ void TrunkTracker::fit(const Skeleton* joints, const DepthView& depth, const Pix
   turn_variance_ = covariance.topLeftCorner<3, 3>().trace() / 3.0;
 }
 
-/// Of the joints' errors from one frame to the next.
+/// Correlation of the joints' errors from one frame to the next.
 double TrunkTracker::correlation() const {
   return std::clamp(error_product_ / error_power_, 0.0, kMostCorrelation);
 }

@@ -22,7 +22,7 @@ class InputBuffer {
   /// byte order mark before the first one is left out.
   /// @throws FormatError  the mark is that of UTF-16.
   bool next_line(std::string_view& line);
-  /// As next_line, but for lines ending in a backslash, which the next line continues.
+  /// Like next_line, but for lines ending in a backslash, which the next line continues.
   /// Lines starting with '#' do not continue.
   bool next_joined_line(std::string_view& line);
   /// Exactly `size` bytes, valid until the next call.

@@ -150,7 +150,7 @@ std::vector<Pixel> zero_crossings(const std::vector<Run>& runs, double ratio) {
   return pixels;
 }
 
-/// As many of the pixels as asked for, spread over their order.
+/// Chooses `count` of the pixels, evenly spread over their order.
 std::vector<Pixel> spread(const std::vector<Pixel>& pixels, std::int64_t count) {
   const auto size = static_cast<std::int64_t>(pixels.size());
   std::vector<Pixel> kept;

@@ -470,7 +470,8 @@ class FastSimplifier {
     report(0.16);
   }
 
-  /// Each edge has two faces, in opposite directions, that look alike.
+  /// Whether v is inside of the surface and on no seam: each of its edges has two faces, which run
+  /// along it in opposite directions, and all faces have the same wedge at v.
   [[nodiscard]] bool is_closed(std::int32_t v) const {
     constexpr std::size_t kMost = 32;
     const auto around = corners(v);

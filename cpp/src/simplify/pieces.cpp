@@ -41,7 +41,8 @@ Pieces::Pieces(const MeshView& mesh, double scale, const Progress& progress)
     piece.area += area(f);
     ++piece.faces;
   }
-  // At equal steps of area: a few large faces among many small ones are most of a surface.
+  // Samples are taken at equal steps of area, not of faces: a few large faces among many small ones
+  // can be most of a surface.
   std::vector<double> passed(pieces_.size(), 0.0);
   for (std::int32_t f = 0; f < mesh.num_faces(); ++f) {
     if (is_degenerate(mesh.faces, f)) continue;

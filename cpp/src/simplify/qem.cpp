@@ -428,7 +428,7 @@ class QemSimplifier {
   Ring ring_;
   WedgeMap map_;
   std::vector<std::int32_t> neighbours_;
-  std::optional<DistanceGuard> guard_;  ///< Of max_distance.
+  std::optional<DistanceGuard> guard_;  ///< Guard of max_distance; none if it is infinite.
   std::vector<std::int32_t> touched_, around_;
   std::vector<DistanceGuard::Change> changed_;
   bool may_leave_seams_ = false;

@@ -573,7 +573,7 @@ class QualitySimplifier {
   //
   // The rules are those of collapse_rules.hpp.
 
-  /// Of the piece with this vertex: only try_piece() takes the last ones.
+  /// Number of faces left of the piece with this vertex: only try_piece() takes the last ones.
   [[nodiscard]] std::int64_t faces_left(std::int32_t v) const {
     return pieces_.size() > 0 ? pieces_.num_faces(pieces_.of_vertex(v)) : mesh_.num_faces();
   }

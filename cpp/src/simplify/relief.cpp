@@ -292,7 +292,8 @@ void Relief::Memory::build_meshes(const PointGridView& grid, const ReliefOptions
     if (worked == &surface) move_boundary(budget.boundary_sweeps);
     refine(budget);
     if (worked != &surface) move_boundary(budget.boundary_sweeps);
-    // So close to the size before that its vertices were in the way of what is legal.
+    // The vertices of the next smaller level are fixed. Where this size is hardly larger, they can
+    // keep every legal collapse from reaching it; then that level is handed out again.
     if (!levels.empty() && (mesh.num_vertices() > target || !holds(levels.back()))) {
       mesh = levels.back();
       if (mesh.num_vertices() < target) result.stop = ReliefStop::kSmallerLevel;

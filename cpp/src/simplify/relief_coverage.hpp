@@ -14,7 +14,7 @@ struct CoverageScratch {
   std::vector<std::int32_t> flaws;
 };
 
-/// As depth_coverage(), of a surface that is there already.
+/// Like depth_coverage(), for a surface that was built before.
 DepthCoverage coverage_of(const Surface& surface,
                           const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
                           const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,

@@ -183,7 +183,7 @@ struct AreaRow {
   AreaRow(Rooms<float>& areas, std::span<std::int32_t> all)
       : first(areas.row()), second(areas.row()), cells(all) {}
   std::span<float> first, second;
-  std::span<std::int32_t> cells;  ///< As wide as the areas.
+  std::span<std::int32_t> cells;  ///< One for each cell of the row.
 
   void clear() {
     for (const std::span<float> areas : {first, second})
@@ -375,7 +375,7 @@ void Surface::add_areas() {
   make_room(row_cells_, 2 * (used_cols_ + 1));
   row_cells_.resize(2 * width);
   Rooms<float> rooms(row_floats_.data(), width);
-  // Of the cells below and above a row of pixels.
+  // Areas of the cells below and above a row of pixels.
   AreaRow before(rooms, {row_cells_.data(), width});
   AreaRow row(rooms, {row_cells_.data() + width, width});
   CoordinateRow points(rooms), next(rooms);

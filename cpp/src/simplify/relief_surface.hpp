@@ -41,7 +41,7 @@ enum Cell : std::uint8_t {
   kFirst = 1,        ///< abd, or abc if cut from b to c.
   kSecond = 2,       ///< adc, or bdc.
   kFull = 3,         ///< Both.
-  kCutFromBToC = 4,  ///< Else from a to d.
+  kCutFromBToC = 4,  ///< The cell is cut from b to c; without this bit from a to d.
 };
 
 /// The dense surface of a point grid, cropped to its valid pixels, centred, scaled to a bounding

@@ -33,7 +33,7 @@ TriangleMesh current(const CollapseMesh& mesh, std::int32_t num_slots) {
   return now;
 }
 
-/// Of a point on a face, each in [0, 1]; none without area.
+/// Barycentric coordinates of a point on a face, each in [0, 1]; none if the face has no area.
 std::optional<std::array<double, 3>> barycentric(const TriangleMesh& mesh, std::int32_t f,
                                                  const Eigen::Vector3d& x) {
   const auto face = mesh.faces.row(f);

@@ -393,6 +393,22 @@ def cross_modal_consistency(
     3 x 3 cells around, missing where all that the cameras see there is nearer than every point.
     Where a dark surface returns nothing at all, that counts a quarter (`CrossModalParameters`).
     The cameras must be trustworthy themselves, by a watermark of their own.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d.authenticate import Disparity, StereoRig, cross_modal_consistency
+    >>> ahead = np.eye(4)[[2, 0, 1, 3]] * [[1], [-1], [-1], [1]]  # the camera looks along x
+    >>> rig = StereoRig(360.0, (309.5, 86.0), 0.54, ahead)
+    >>> wall = Disparity(np.full((188, 620), 360 * 0.54 / 20, np.float32))  # 20 m away
+    >>> y, z = np.mgrid[-18:18:0.05, -6:6:0.05].reshape(2, -1)
+    >>> scan = np.stack([np.full_like(y, 20), y, z], axis=1).astype(np.float32)
+    >>> cross_modal_consistency(scan, wall, rig).verdict
+    'no_trace'
+    >>> scan[(abs(y) < 2) & (abs(z) < 1.5)] *= 0.5  # halfway stands what the cameras do not see
+    >>> found = cross_modal_consistency(scan, wall, rig)
+    >>> found.verdict, found.attack
+    ('tampered', 'additive')
     """
     scene = to_scan(scan)
     chosen = CrossModalParameters() if parameters is None else parameters
@@ -466,6 +482,21 @@ def attack_type(regions: Sequence[CrossModalRegion]) -> str:
     -------
     str
         ``additive``, ``subtractive``, ``both`` or ``modification``; empty: no region.
+
+    Raises
+    ------
+    InputError
+        ``regions`` holds something else than regions.
+
+    Examples
+    --------
+    >>> from manip3d import Box
+    >>> from manip3d.authenticate import CrossModalRegion, attack_type
+    >>> here, there = Box((8, 0, 0), (2, 2, 2)), Box((8, 4, 0), (2, 2, 2))
+    >>> added = CrossModalRegion("added", 40, 0, 0.05, 3.0, 5.0, here, 2.0)
+    >>> missing = CrossModalRegion("missing", 40, 12, 0.05, 3.0, -5.0, there, 2.0)
+    >>> attack_type([added]), attack_type([missing]), attack_type([added, missing])
+    ('additive', 'subtractive', 'modification')
     """
     added = [region for region in regions if region.kind == "added"]
     missing = [region for region in regions if region.kind == "missing"]

@@ -140,6 +140,11 @@ def verdict_of_drive(found: Sequence[Inspection | None]) -> tuple[Verdict, str]:
         scan is; else ``undecidable`` if a scan is accused or undecidable, or there is none; else
         ``no_trace``. Of accused scans the reason names the numbers, from 0.
 
+    Raises
+    ------
+    InputError
+        ``found`` holds something else than inspections and None.
+
     Notes
     -----
     Of clean scans 1 % may be accused, so that of 100 clean scans one is. Chance does not explain
@@ -159,9 +164,9 @@ def verdict_of_drive(found: Sequence[Inspection | None]) -> tuple[Verdict, str]:
     Examples
     --------
     >>> import numpy as np
-    >>> from manip3d import LidarFrame, authenticate
-    >>> empty = authenticate.inspect(LidarFrame(np.zeros((0, 3), np.float32)))
-    >>> authenticate.verdict_of_drive([empty, empty])
+    >>> from manip3d import authenticate
+    >>> empty = authenticate.inspect(np.zeros((0, 3), np.float32))
+    >>> authenticate.verdict_of_drive([empty, None])
     ('undecidable', '2 of 2 scans')
     """
     verdicts: Counter[str] = Counter(

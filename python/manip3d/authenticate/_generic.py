@@ -256,7 +256,7 @@ class GenericResult(Showable):
 
 
 FEWEST_DIRECTIONS = 1000
-"""Of a laser and a step that answered, in a frame that can be judged; copies of a point are one."""
+"""Fewest pairs of laser and step that answered in a frame that can be judged; copies are one."""
 
 
 @checked
@@ -324,6 +324,22 @@ def generic_consistency(
     Single points that stray by chance are allowed for: of ``m`` neighbouring ones,
     ``N * STRAY_RATE * (NEIGHBOURS * STRAY_RATE)**(m - 1)`` are expected. Kinds of evidence are
     combined by their smallest p-value times their number (Bonferroni).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d.authenticate import generic_consistency, kitti_lattice
+    >>> lattice = kitti_lattice()
+    >>> ring, count = np.divmod(np.arange(64 * 2000), 2000)  # every second step of the encoder
+    >>> distance = 8 + 0.002 * count + lattice.range_phase[ring]  # a wall around it
+    >>> scan = lattice.points_at(ring, 2 * count, distance).round(3)
+    >>> azimuth = np.arctan2(scan[:, 1], scan[:, 0]) % (2 * np.pi)
+    >>> scan = scan[np.lexsort((azimuth, ring))].astype(np.float32)
+    >>> generic_consistency(scan, calibration=lattice).verdict
+    'no_trace'
+    >>> scan[20000:20300, 2] += 0.01  # 300 points, lifted by a centimetre
+    >>> generic_consistency(scan, calibration=lattice).verdict
+    'tampered'
     """
     if not 0.0 < false_alarm_rate < 1.0:
         raise InputError(f"false_alarm_rate: expected a share in (0, 1), got {false_alarm_rate!r}")

@@ -250,7 +250,7 @@ class Inspection(Showable):
 
     @property
     def calibration(self) -> Calibration | None:
-        """Of the accusing detector, or of the first that could have objected."""
+        """Calibration of the accusing detector, or of the first that could have objected."""
         return next((r.calibration for r in self._deciding() if r.calibration is not None), None)
 
     def _deciding(self) -> tuple[DetectorReport, ...]:
@@ -525,6 +525,19 @@ def combined_verdict(
         to the whole scan, which can hide an edit. Else ``no_trace`` if a detector that finds edits
         of some class, as measured on clean scans of this scanner, looked and found none. Else
         ``undecidable``.
+
+    Raises
+    ------
+    InputError
+        ``reports`` or ``processing`` holds something else.
+
+    Examples
+    --------
+    >>> from manip3d.authenticate import DetectorReport, Processing, combined_verdict
+    >>> found = DetectorReport("occlusion", "tampered", "points behind a wall")
+    >>> rounded = Processing("rounded", "to 1 cm")
+    >>> combined_verdict([found], [rounded]), combined_verdict([], [rounded]), combined_verdict([])
+    ('tampered', 'processed', 'undecidable')
     """
     verdicts = {report.verdict for report in reports}
     if "tampered" in verdicts:

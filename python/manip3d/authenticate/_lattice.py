@@ -49,23 +49,23 @@ FEWEST_POINTS = 100
 """A ring with fewer points is not taken for one, unless the frame says which points are its own."""
 
 FEWEST_LABELLED = 8
-"""Of a ring that the frame names: enough to tell a line from an object."""
+"""Fewest points of a ring that the frame names: enough to tell a line from an object."""
 
 NARROW = 0.05
 """Metres: a ring of less extent from the axis (the scanner's own car, a wall around it) says where
 its line passes there, not how it goes on."""
 
 FEWEST_PAIRS = 30
-"""Of points a given number of firings apart, for the encoder's counts."""
+"""Fewest pairs of points a given number of firings apart, for the encoder's counts."""
 
 MOST_POINTS = 1000
-"""Of a ring, for what a few points tell as well as all: a search over a grid."""
+"""Most points of a ring for what a few tell as well as all: a search over a grid."""
 
 SECTORS = 16
-"""Of a ring, judged one by one."""
+"""Sectors of a ring, judged one by one."""
 
 COLUMNS = ("slope", "offset", "lateral", "azimuth", "range_phase", "center", "slope_error")
-"""Of the table of lasers."""
+"""Columns of the table of lasers."""
 
 LATERALS = np.arange(-0.08, 0.0801, 0.002)
 """Metres between beam and axis that are tried; the fit behind the search finds the rest."""
@@ -270,6 +270,20 @@ def estimate_lattice(
     KITTI's HDL-64E: 64 lines to 0.3 mm (rounding to whole millimetres), an encoder of 4000 counts,
     lasers 26 mm left or right of the axis, ranges in steps of 2 mm. The lasers' order is their
     slope's. Velodyne, HDL-64E S2 manual, appendix: the calibration whose numbers these are.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d.authenticate import estimate_lattice, kitti_lattice
+    >>> lattice = kitti_lattice()
+    >>> ring, count = np.divmod(np.arange(64 * 1000), 1000)  # every fourth step of the encoder
+    >>> distance = 8 + 0.004 * count + lattice.range_phase[ring]  # a wall around it
+    >>> scan = lattice.points_at(ring, 4 * count, distance).round(3)
+    >>> azimuth = np.arctan2(scan[:, 1], scan[:, 0]) % (2 * np.pi)
+    >>> scan = scan[np.lexsort((azimuth, ring))].astype(np.float32)
+    >>> found = estimate_lattice(scan)
+    >>> len(found.slope), float(np.abs(found.slope - lattice.slope).max().round(5))
+    (64, 2e-05)
     """
     clouds = [_Cloud.of(frame) for frame in _listed(frames)]
     if not clouds:

@@ -215,10 +215,27 @@ def estimate_grid(
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
+    Returns
+    -------
+    AngularGrid
+        Strengths are 0 where azimuths or elevations have no period.
+
     Raises
     ------
     InputError
         A shape is wrong, a coordinate is not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d.authenticate import estimate_grid
+    >>> a, e = np.radians(np.mgrid[0:360:2, -40:60:2]).reshape(2, -1)
+    >>> rays = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=1)
+    >>> walls = (np.array([6, 4, 2]) / np.maximum(abs(rays), 1e-9)).min(axis=1, keepdims=True)
+    >>> room = (rays * walls).astype(np.float32)
+    >>> grid = estimate_grid(room)
+    >>> grid.azimuth_deg, grid.elevation_deg
+    (2.0, 2.0)
     """
     scene = to_scan(scan)
     across, up, first, lowest, sharp_across, sharp_up = _core.estimate_scan_grid(
@@ -276,6 +293,21 @@ def occlusion_consistency(
     -----
     Dissertation section 6.5.2 with farthest minus nearest range instead of a sum that depends on
     the order of points. An object that hides what is behind it passes.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d.authenticate import occlusion_consistency
+    >>> a, e = np.radians(np.mgrid[0:360:1, -40:60:1]).reshape(2, -1)
+    >>> rays = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=1)
+    >>> walls = (np.array([6, 4, 2]) / np.maximum(abs(rays), 1e-9)).min(axis=1, keepdims=True)
+    >>> room = (rays * walls).astype(np.float32)
+    >>> occlusion_consistency(room).verdict
+    'no_trace'
+    >>> ball = rays[(abs(a - 0.5) < 0.3) & (abs(e) < 0.3)] * 9  # behind the wall
+    >>> found = occlusion_consistency(np.vstack([room, ball]).astype(np.float32))
+    >>> found.verdict, found.reason
+    ('tampered', '1 region in which something is seen behind something else')
     """
     scene = to_scan(scan)
     if len(scene.points) < FEWEST_POINTS:

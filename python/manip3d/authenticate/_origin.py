@@ -93,6 +93,19 @@ def estimate_origin(
     -----
     Simulated scans of 0.12 degrees, moved by tens of metres: within 0.1 mm. Real ones, from the
     place their publishers say: 3DTK's and PCL's rooms 0.1 mm, a pump 6 mm, a forest 11 mm.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d.authenticate import estimate_origin
+    >>> a, e = np.radians(np.mgrid[0:360:1, -40:60:1]).reshape(2, -1)
+    >>> rays = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=1)
+    >>> walls = (np.array([6, 4, 2]) / np.maximum(abs(rays), 1e-9)).min(axis=1, keepdims=True)
+    >>> room = (rays * walls).astype(np.float32)
+    >>> moved = room + np.float32([10, 20, 0])
+    >>> found = estimate_origin(moved, known=(10, 20, 0))
+    >>> found.position, round(found.azimuth_deg, 3), found.reason
+    ((10.0, 20.0, 0.0), 1.0, 'the angular grid')
     """
     scene = to_scan(scan)
     around = None if known is None else place(known, "known")

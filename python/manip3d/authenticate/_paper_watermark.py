@@ -91,10 +91,30 @@ class PaperComparison:
 def noise_blocks(rng: Rng = None, *, slices: int = 36, block_bits: int = 1000) -> NDArray[np.uint8]:
     """Draw a pseudo-random watermark image, the simplest of section 7.6.
 
+    Parameters
+    ----------
+    rng : int, numpy.random.Generator or None
+        Seed: the receiver makes the same image from the same one.
+    slices : int
+        Parts of the full turn.
+    block_bits : int
+        Bits of each slice.
+
     Returns
     -------
     (slices, block_bits) uint8
         Zeros and ones.
+
+    Raises
+    ------
+    InputError
+        ``slices`` or ``block_bits`` is less than 1.
+
+    Examples
+    --------
+    >>> from manip3d.authenticate import noise_blocks
+    >>> noise_blocks(1, slices=2, block_bits=6).tolist()
+    [[1, 1, 0, 0, 1, 1], [0, 1, 0, 1, 0, 1]]
     """
     if slices < 1 or block_bits < 1:
         raise InputError(f"slices, block_bits: expected 1 or more, got {slices}, {block_bits}")
@@ -128,6 +148,11 @@ def embed_paper(
         What slices with fewer than M points are merged with: their smaller neighbour, or the two
         smallest with each other.
 
+    Returns
+    -------
+    PaperMarked
+        The scan with the watermark, and what the receiver needs to compare it.
+
     Raises
     ------
     InputError
@@ -138,6 +163,16 @@ def embed_paper(
     The order of points is derived from what embedding leaves alone, which the printed one is not:
     read literally, a third of the bits come out wrong. Largest moves: sqrt(3) mm, 1.875 mm and
     1.25 mm. Use `Watermarker` to protect anything.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d.authenticate import embed_paper, noise_blocks
+    >>> grid = np.mgrid[0:20, 0:20, 0:10].reshape(3, -1).T * np.float32(0.25) + np.float32(1.0)
+    >>> marked = embed_paper(grid, noise_blocks(1, slices=36, block_bits=100))
+    >>> moves = np.linalg.norm(marked.frame.points - grid, axis=1)
+    >>> bool(0 < moves.max() < 0.00174)
+    True
     """
     given = to_scan(scan)
     image, options = _arguments(blocks, embedding, key_2, frame, merge)
@@ -169,10 +204,30 @@ def compare_paper(
         Every copy of a bit by itself, or the logical AND over its copies, as printed, which hides
         changes from 0 to 1.
 
+    Returns
+    -------
+    PaperComparison
+        ``consistent`` or ``inconsistent``, with the slices that differ and the rows suspected.
+
     Raises
     ------
     InputError
         Blocks and metadata do not fit each other.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d.authenticate import compare_paper, embed_paper, noise_blocks
+    >>> grid = np.mgrid[0:20, 0:20, 0:10].reshape(3, -1).T * np.float32(0.25) + np.float32(1.0)
+    >>> blocks = noise_blocks(1, slices=36, block_bits=100)
+    >>> marked = embed_paper(grid, blocks, key_2=7)
+    >>> compare_paper(marked.frame, blocks, marked.metadata).verdict
+    'consistent'
+    >>> forged = marked.frame.points.copy()
+    >>> forged[:50, 2] += 0.001
+    >>> found = compare_paper(forged, blocks, marked.metadata)
+    >>> found.verdict, len(found.suspected) > 0
+    ('inconsistent', True)
     """
     if extraction not in ("compare_all", "paper_and"):
         raise InputError(f"extraction: expected compare_all or paper_and, got {extraction!r}")

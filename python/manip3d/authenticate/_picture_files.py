@@ -35,7 +35,27 @@ _REFUSED = {
 
 @checked
 def picture_path(scan: str | os.PathLike[str]) -> Path:
-    """Return the path of the picture beside a scan: ``scan.bin.png`` for ``scan.bin``."""
+    """Return the path of the picture beside a scan: ``scan.bin.png`` for ``scan.bin``.
+
+    Parameters
+    ----------
+    scan : path
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    InputError
+        ``scan`` is no path.
+
+    Examples
+    --------
+    >>> from manip3d.authenticate import picture_path
+    >>> picture_path("drive/scan.bin").as_posix()
+    'drive/scan.bin.png'
+    """
     path = path_of(scan)
     return path.with_name(path.name + ".png")
 
@@ -43,6 +63,10 @@ def picture_path(scan: str | os.PathLike[str]) -> Path:
 @checked
 def read_carrier(path: str | os.PathLike[str]) -> NDArray[np.uint8]:
     """Read a picture that may carry a record: PNG, 8 bits, grey or RGB.
+
+    Parameters
+    ----------
+    path : path
 
     Returns
     -------
@@ -57,6 +81,15 @@ def read_carrier(path: str | os.PathLike[str]) -> NDArray[np.uint8]:
         It cannot be read.
     MissingExtraError
         Pillow is not installed.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d.authenticate import read_carrier, write_carrier
+    >>> write_carrier(np.full((128, 160), 77, np.uint8), "grey.png")
+    >>> picture = read_carrier("grey.png")
+    >>> picture.shape, int(picture.max())
+    ((128, 160), 77)
     """
     file = path_of(path)
     data = regular_bytes(file)
@@ -77,6 +110,12 @@ def read_carrier(path: str | os.PathLike[str]) -> NDArray[np.uint8]:
 def write_carrier(picture: ArrayLike, path: str | os.PathLike[str]) -> None:
     """Write a picture without loss, as `read_carrier` reads it.
 
+    Parameters
+    ----------
+    picture : (H, W) or (H, W, 3) uint8
+    path : path
+        Path of the PNG file, which is replaced at once if it exists.
+
     Raises
     ------
     InputError
@@ -85,6 +124,15 @@ def write_carrier(picture: ArrayLike, path: str | os.PathLike[str]) -> None:
         It cannot be written.
     MissingExtraError
         Pillow is not installed.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d.authenticate import read_carrier, write_carrier
+    >>> color = np.random.default_rng(0).integers(0, 255, (128, 128, 3), np.uint8)
+    >>> write_carrier(color, "color.png")
+    >>> bool((read_carrier("color.png") == color).all())
+    True
     """
     atomic_write(path_of(path), carrier_bytes(picture))
 

@@ -293,6 +293,21 @@ def measure_power(
     ------
     InputError
         ``planted`` is not positive; an unknown embedding or class.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import LidarFrame
+    >>> from manip3d.authenticate import kitti_lattice, measure_power
+    >>> lattice = kitti_lattice()
+    >>> ring, count = np.divmod(np.arange(64 * 2000), 2000)  # every second step of the encoder
+    >>> distance = 10 + lattice.range_phase[ring]  # a round wall
+    >>> scan = lattice.points_at(ring, 2 * count, distance).round(3)
+    >>> azimuth = np.arctan2(scan[:, 1], scan[:, 0]) % (2 * np.pi)
+    >>> scan = scan[np.lexsort((azimuth, ring))].astype(np.float32)
+    >>> power = measure_power([LidarFrame(scan)], lattice, planted=2, classes=["added"])
+    >>> power["added"].found, power["added"].planted
+    (2, 2)
     """
     if embedding and embedding not in ALLOWED:
         raise InputError(f"embedding: expected one of {', '.join(ALLOWED)}, got {embedding!r}")

@@ -94,7 +94,7 @@ along the ring both have one. Whole frames of KITTI have 0.001 to 0.006, a frame
 points of a hundred 0.03, one that was thinned to a point in each voxel of 5 cm 0.4."""
 
 HOLE_SECTORS = 16
-"""Of the firings: what is missing everywhere is missing in most of them."""
+"""Sectors of the firings: what is missing everywhere is missing in most of them."""
 
 OFF_LATTICE = 0.002
 """Metres from a line or a step: what lies farther is of no firing."""
@@ -103,8 +103,8 @@ MOST_TWICE = 0.3
 """Share of a laser's points in a sector that share a firing with another one, in one turn."""
 
 SECTORS, LEAST_SEEN_TWICE, FEWEST_SEEN_TWICE = 72, 30.0, 500
-"""Of the horizon; degrees in which most lasers answered twice where a scan holds more than a turn;
-points, at least. What is pasted stands in the way of a few lasers, or is narrower."""
+"""Sectors of the horizon; degrees in which most lasers answered twice where a scan holds more than
+a turn; points, at least. What is pasted stands in the way of a few lasers, or is narrower."""
 
 LEAST_ANSWERED, ANSWERED_BESIDE = 0.02, 0.3
 """Share of the firings with a return of a laser that was left out, and of the lasers above and

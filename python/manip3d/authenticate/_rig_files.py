@@ -52,6 +52,17 @@ def write_rigs(pairs: Mapping[str, CameraPair], path: str | os.PathLike[str]) ->
     ------
     InputError
         No pair, or a camera out of range.
+    OSError
+        The file cannot be written.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d.authenticate import CameraPair, StereoRig, read_rigs, write_rigs
+    >>> rig = StereoRig(700.0, (600.0, 180.0), 0.5, np.eye(4))
+    >>> write_rigs({"front": CameraPair(rig, 2, 3), "left": CameraPair(rig, 4, 5)}, "rigs.json")
+    >>> sorted(read_rigs("rigs.json"))
+    ['front', 'left']
     """
     if not pairs:
         raise InputError("pairs: expected at least one, got none")
@@ -81,6 +92,11 @@ def read_rigs(path: str | os.PathLike[str]) -> dict[str, CameraPair]:
         As `write_rigs` makes it: for each pair its name, the numbers of its cameras, focal length
         and principal point in pixels, baseline in metres, and the left camera's pose in the
         LiDAR's frame, a (4, 4) matrix.
+
+    Returns
+    -------
+    dict of str to CameraPair
+        The pairs by their names.
 
     Raises
     ------

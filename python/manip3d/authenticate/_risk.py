@@ -252,7 +252,7 @@ class _Past(NamedTuple):
     """Places of the attacks that the witnesses of one frame saw; empty: the frame is clean."""
 
     places: tuple[tuple[float, float], ...]  # in the frame of the first
-    polars: tuple[tuple[float, float], ...]  # (d, theta) as the frame itself saw them
+    polars: tuple[tuple[float, float], ...]  # distance and angle, as the frame itself saw them
 
 
 class RiskTracker:
@@ -384,6 +384,11 @@ def temporal_factor(attacked: Sequence[bool], *, frames: int = 0) -> float:
     frames : int
         X_n; 0: as many as given.
 
+    Returns
+    -------
+    float
+        In [0, 1]: 0 without an attack, 1 if each of X_n frames was attacked.
+
     Raises
     ------
     InputError
@@ -409,7 +414,8 @@ def _spatial(past: Sequence[_Past], count: int, p: RiskParameters) -> float:
     total = 0.0
     for before, after in itertools.pairwise(past):
         if p.paper_literal:
-            # Pearson's correlation of two 2-vectors is the sign of the product of differences.
+            # As printed: Pearson's correlation of the polar coordinates (d, theta) of two attacks.
+            # For vectors of two numbers it is the sign of the product of their differences.
             pairs = itertools.product(before.polars, after.polars)
             slopes = [(one[0] - one[1]) * (two[0] - two[1]) for one, two in pairs]
             total += max((float(s > 0.0) - float(s < 0.0) for s in slopes), default=0.0)

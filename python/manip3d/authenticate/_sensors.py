@@ -57,10 +57,10 @@ BEAM_WIDTH = 0.12
 """Degrees around a nominal elevation: calibrations of single units differ by less."""
 
 FEWEST_POINTS, FEWEST_RINGS = 1000, 16
-"""Of a scan on a lattice."""
+"""Fewest points and rings of a scan on a lattice."""
 
 FEWEST_DISTINCT = 500
-"""Of 20 000 points; copies of fewer are no scan."""
+"""Fewest distinct ones among 20 000 points; copies of fewer are no scan."""
 
 SECTORS, FEWEST_OF_SECTOR, FEWEST_SECTORS = 72, 100, 8
 """Sectors of the horizon, fewest points of one that counts, and fewest sectors that count."""
@@ -81,7 +81,7 @@ LARGEST_SLOPE_ERROR = 2e-4
 Whole frames of KITTI reach 9e-5; camera crops, whose lattices accuse clean points, 2e-4 to 1e-3."""
 
 FEWEST_LINES = 60
-"""Of the 64 lasers of the only scanner whose encoder's steps its clouds keep."""
+"""Fewest lines, of the 64 lasers of the only scanner whose encoder's steps its clouds keep."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,6 +148,19 @@ def identify_sensor(
     ------
     InputError
         A shape is wrong, a coordinate is not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d.authenticate import identify_sensor, kitti_lattice
+    >>> lattice = kitti_lattice()
+    >>> ring, count = np.divmod(np.arange(64 * 2000), 2000)  # every second step of the encoder
+    >>> distance = 10 + lattice.range_phase[ring]  # a round wall
+    >>> scan = lattice.points_at(ring, 2 * count, distance).round(3)
+    >>> azimuth = np.arctan2(scan[:, 1], scan[:, 0]) % (2 * np.pi)
+    >>> scan = scan[np.lexsort((azimuth, ring))].astype(np.float32)
+    >>> identify_sensor(scan, lattice=lattice).name
+    'HDL-64E'
     """
     return identify_and_read(scan, lattice=lattice, threads=threads)[0]
 

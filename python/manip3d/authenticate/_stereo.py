@@ -204,6 +204,16 @@ def stereo_disparity(left: ArrayLike, right: ArrayLike) -> Disparity:
     measured are off by more than 3 pixels, and 77 to 90 % of those with truth are measured, in
     30 ms on one core. Without the second match and the check for texture: 7.8, 2.1, 3.7 and 5.5 %
     of 89 to 92 %, in 14 ms.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d.authenticate import stereo_disparity
+    >>> left = np.random.default_rng(0).integers(0, 255, (160, 640), np.uint8).repeat(2, 1)
+    >>> right = np.roll(left, -20, axis=1)  # all of it 20 pixels further left
+    >>> found = stereo_disparity(left, right)
+    >>> float(np.median(found.values[found.values > 0]) * found.step)
+    20.0
     """
     cv2 = opencv()
     images = [_grey(cv2, image, name) for image, name in ((left, "left"), (right, "right"))]

@@ -95,6 +95,15 @@ def depth_noise(
     ------
     InputError
         Another shape or dtype, or an option out of range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d.authenticate import depth_noise
+    >>> depth = np.full((64, 64), 2000, np.uint16)
+    >>> depth[:32, :32] += np.random.default_rng(0).integers(0, 9, (32, 32), np.uint16)
+    >>> depth_noise(depth).round(1).tolist()
+    [[2.0, 0.0], [0.0, 0.0]]
     """
     image = np.ascontiguousarray(depth)
     if image.ndim != 2 or image.dtype != np.uint16:
@@ -117,6 +126,23 @@ def inter_frame_noise(frames: Iterable[RgbdFrame]) -> NDArray[np.float64]:
     -------
     (T - 1,) float64
         0 where both frames have no noise at all.
+
+    Raises
+    ------
+    InputError
+        ``frames`` holds something else, or depth images that are not uint16.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Intrinsics, RgbdCalibration, RgbdFrame
+    >>> from manip3d.authenticate import inter_frame_noise
+    >>> camera = RgbdCalibration(Intrinsics(fx=60, fy=60, cx=31.5, cy=31.5, width=64, height=64))
+    >>> still = np.full((64, 64), 2000, np.uint16)
+    >>> rough = still + np.random.default_rng(0).integers(0, 9, (64, 64), np.uint16)
+    >>> frames = [RgbdFrame(depth, camera) for depth in (rough, rough, still)]
+    >>> inter_frame_noise(frames).round(3).tolist()
+    [0.0, 2.0]
     """
     some = list(frames)
     check_frames("frames", some)
@@ -258,6 +284,16 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
     ``undecidable``; images of unusual size, rounded, doubled or lossily coded ones, and those of
     which a part repeats exactly behind a camera's own silhouettes, are ``processed``: codecs and
     filters over time do that, too. No verdict says that a stream is authentic.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Intrinsics, RgbdCalibration, RgbdFrame, authenticate
+    >>> camera = RgbdCalibration(Intrinsics(fx=60, fy=60, cx=31.5, cy=31.5, width=64, height=64))
+    >>> still = RgbdFrame(np.full((64, 64), 2000, np.uint16), camera)
+    >>> found = authenticate.inspect_stream([still] * 3)
+    >>> found.verdict, found.reason
+    ('processed', 'cropped: no camera is known to give 64 x 64 pixels')
     """
     some = judged_frames(frames)
     if not some:

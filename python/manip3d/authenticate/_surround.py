@@ -98,7 +98,7 @@ class SurroundResult(WithoutRate):
 
     @property
     def judged_azimuths_deg(self) -> Mapping[str, tuple[float, float]]:
-        """Of each pair the leftmost and rightmost azimuth that is judged at all, degrees."""
+        """Leftmost and rightmost azimuth that each pair judges at all, degrees."""
         return ReadOnlyMapping(
             {name: found.judged_azimuth_deg for name, found in self.pairs.items()}
         )

@@ -29,7 +29,7 @@ deskewed ...). ``undecidable``: the scan gives the detector nothing to judge by;
 
 
 FALSE_ALARM_RATE = 0.01
-"""Of clean scans that `inspect` may call tampered, whichever of its detectors does."""
+"""Share of clean scans that `inspect` may call tampered, whichever of its detectors does."""
 
 RATE_SHARES: Mapping[str, float] = ReadOnlyMapping(
     {"generic": 0.1, "turns": 0.7, "reflectance": 0.2}
@@ -135,7 +135,7 @@ class Region:
 
 
 NO_POWER: Mapping[str, Power] = ReadOnlyMapping({})
-"""Of a detector that knows nothing of the scanner: `inspect` looks its power up."""
+"""Power of a detector that knows nothing of the scanner: `inspect` looks it up."""
 
 
 @runtime_checkable

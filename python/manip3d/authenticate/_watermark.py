@@ -805,6 +805,10 @@ def record_of_picture(picture: ArrayLike) -> bytes:
     ----------
     picture : (H, W) or (H, W, 3) uint8
 
+    Returns
+    -------
+    bytes
+
     Raises
     ------
     InputError
@@ -839,6 +843,11 @@ def without_record(picture: ArrayLike) -> NDArray[np.uint8]:
     Parameters
     ----------
     picture : (H, W) or (H, W, 3) uint8
+
+    Returns
+    -------
+    (H, W) or (H, W, 3) uint8
+        A copy.
 
     Raises
     ------

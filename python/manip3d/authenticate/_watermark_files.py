@@ -41,7 +41,27 @@ _FOLDERS = (Path("velodyne_points") / "data", Path("velodyne"))
 
 @checked
 def record_path(scan: str | os.PathLike[str]) -> Path:
-    """Return the path of the record beside a scan: ``scan.bin.wm`` for ``scan.bin``."""
+    """Return the path of the record beside a scan: ``scan.bin.wm`` for ``scan.bin``.
+
+    Parameters
+    ----------
+    scan : path
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    InputError
+        ``scan`` is no path.
+
+    Examples
+    --------
+    >>> from manip3d.authenticate import record_path
+    >>> record_path("drive/scan.bin").as_posix()
+    'drive/scan.bin.wm'
+    """
     path = path_of(scan)
     return path.with_name(path.name + RECORD_SUFFIX)
 
@@ -52,6 +72,28 @@ def find_record(scan: str | os.PathLike[str]) -> Path:
 
     `record_path` of the scan; where there is no such file, that of the scan before it was
     compressed or decompressed, if it is there: ``scan.bin.wm`` of ``scan.bin.xz``.
+
+    Parameters
+    ----------
+    scan : path
+
+    Returns
+    -------
+    Path
+        Where no record is, the path of `record_path`.
+
+    Raises
+    ------
+    InputError
+        ``scan`` is no path.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from manip3d.authenticate import find_record
+    >>> Path("scan.bin.wm").touch()
+    >>> find_record("scan.bin.xz").name, find_record("other.bin").name
+    ('scan.bin.wm', 'other.bin.wm')
     """
     records = [record_path(each) for each in _same_scans(path_of(scan))]
     return next((each for each in records if each.is_file()), records[0])
@@ -64,12 +106,29 @@ def read_record(path: str | os.PathLike[str]) -> bytes | None:
     Of a file that is longer than any record, the first 16 385 bytes are returned, which no
     verifier accepts.
 
+    Parameters
+    ----------
+    path : path
+        See `record_path`.
+
+    Returns
+    -------
+    bytes or None
+
     Raises
     ------
     FormatError
         It is a pipe or a device.
     OSError
         It cannot be read.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from manip3d.authenticate import read_record
+    >>> _ = Path("scan.bin.wm").write_bytes(b"MWM1")
+    >>> read_record("scan.bin.wm"), read_record("other.bin.wm")
+    (b'MWM1', None)
     """
     try:
         with open_regular(path_of(path)) as file:
@@ -82,10 +141,27 @@ def read_record(path: str | os.PathLike[str]) -> bytes | None:
 def scan_of_record(record: str | os.PathLike[str]) -> Path | None:
     """Return the scan beside which a record stands, which may be compressed; None: it is missing.
 
+    Parameters
+    ----------
+    record : path
+        See `record_path`.
+
+    Returns
+    -------
+    Path or None
+
     Raises
     ------
     InputError
         The name does not end in ``.wm``.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from manip3d.authenticate import scan_of_record
+    >>> Path("scan.bin.xz").touch()
+    >>> scan_of_record("scan.bin.wm").name, scan_of_record("other.bin.wm")
+    ('scan.bin.xz', None)
     """
     path = path_of(record)
     if path.suffix != RECORD_SUFFIX:
@@ -106,10 +182,27 @@ def _same_scans(scan: Path) -> list[Path]:
 def refuse_existing_record(scan: str | os.PathLike[str], *, replace: bool = False) -> None:
     """Refuse to replace the record beside a scan.
 
+    Parameters
+    ----------
+    scan : path
+    replace : bool
+        The record may be replaced: nothing is refused.
+
     Raises
     ------
     InputError
         It exists, and ``replace`` is False.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from manip3d.authenticate import refuse_existing_record
+    >>> refuse_existing_record("scan.bin")
+    >>> Path("scan.bin.wm").touch()
+    >>> refuse_existing_record("scan.bin")
+    Traceback (most recent call last):
+        ...
+    manip3d.errors.InputError: scan.bin.wm: exists already; --force replaces it
     """
     path = record_path(scan)
     if path.exists() and not replace:
@@ -120,10 +213,26 @@ def refuse_existing_record(scan: str | os.PathLike[str], *, replace: bool = Fals
 def check_holds_float32(scan: str | os.PathLike[str]) -> None:
     """Refuse files of formats that round coordinates, in which no watermark would survive.
 
+    Parameters
+    ----------
+    scan : path
+        Only its name is looked at.
+
     Raises
     ------
     InputError
         The suffix is none of .bin, .pcd and .ply.
+
+    Examples
+    --------
+    >>> from manip3d.authenticate import check_holds_float32
+    >>> from manip3d.errors import InputError
+    >>> check_holds_float32("scan.bin")
+    >>> try:
+    ...     check_holds_float32("scan.las")
+    ... except InputError:
+    ...     print("coordinates would be rounded")
+    coordinates would be rounded
     """
     if scan_suffix(path_of(scan)) not in _EXACT:
         raise InputError(
@@ -152,6 +261,16 @@ def as_stored(
     unchanged : path, optional
         File that will be copied there if it has the same format, as `write_watermarked` does with
         detached watermarks: the frame stays as it is then.
+
+    Returns
+    -------
+    LidarFrame
+        The given one where the file will be a copy.
+
+    Raises
+    ------
+    InputError
+        The suffix of ``path`` is not that of a scan.
 
     Examples
     --------
@@ -208,6 +327,18 @@ def write_watermarked(
     InputError, FormatError, OSError
         As `manip3d.io.write_scan`; the format cannot hold the points as they are: what was written
         is read again before it gets its name (see `as_stored`).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import LidarFrame, io
+    >>> from manip3d.authenticate import KeyFile, Watermarker, read_record, write_watermarked
+    >>> points = np.arange(9000, dtype=np.float32).reshape(3000, 3) / 8
+    >>> scan = LidarFrame(points, intensity=np.zeros(3000, np.float32))
+    >>> marker = Watermarker(KeyFile.create("sensor.key"))
+    >>> write_watermarked(marker.embed(scan), "scan.bin")
+    >>> marker.verify(io.read_scan("scan.bin"), read_record("scan.bin.wm")).verdict
+    'authentic'
     """
     target = path_of(path)
     source = None if unchanged is None else path_of(unchanged)
@@ -268,10 +399,31 @@ def _are_same(read: NDArray[np.float64] | None, written: NDArray[np.float64] | N
 def drive_scans(folder: str | os.PathLike[str]) -> list[Path]:
     """Return the scans of a KITTI drive in their order.
 
+    Parameters
+    ----------
+    folder : path
+        Folder of the drive.
+
+    Returns
+    -------
+    list of Path
+        Sorted by name.
+
     Raises
     ------
     InputError
         The folder has neither ``velodyne_points/data`` nor ``velodyne``, or no scans.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from manip3d.authenticate import drive_scans
+    >>> folder = Path("drive", "velodyne")
+    >>> folder.mkdir(parents=True)
+    >>> for name in ("000004.bin", "000005.bin.wm"):
+    ...     _ = (folder / name).write_bytes(bytes(16))
+    >>> [path.name for path in drive_scans("drive")]
+    ['000004.bin']
     """
     scans = sorted(scan_paths(_scan_folder(folder)), key=lambda path: path.name)
     if not scans:
@@ -283,10 +435,30 @@ def drive_scans(folder: str | os.PathLike[str]) -> list[Path]:
 def drive_records_alone(folder: str | os.PathLike[str]) -> list[Path]:
     """Return the records of a drive whose scans are missing, in their order.
 
+    Parameters
+    ----------
+    folder : path
+        Folder of the drive.
+
+    Returns
+    -------
+    list of Path
+
     Raises
     ------
     InputError
         The folder has neither ``velodyne_points/data`` nor ``velodyne``.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from manip3d.authenticate import drive_records_alone
+    >>> folder = Path("drive", "velodyne")
+    >>> folder.mkdir(parents=True)
+    >>> for name in ("000004.bin", "000005.bin.wm"):
+    ...     _ = (folder / name).write_bytes(bytes(16))
+    >>> [path.name for path in drive_records_alone("drive")]
+    ['000005.bin.wm']
     """
     records = _scan_folder(folder).glob(f"*{RECORD_SUFFIX}")
     return sorted(path for path in records if scan_of_record(path) is None)
@@ -302,12 +474,36 @@ def drive_numbers(folder: str | os.PathLike[str]) -> list[int]:
     beside the scans, or ``times.txt``), scans more than one and a half turns of a tenth of a second
     apart are no neighbours, whatever their names are: somebody may have kept every second scan.
 
+    Parameters
+    ----------
+    folder : path
+        Folder of the drive.
+
+    Returns
+    -------
+    list of int
+        One for each scan, as `drive_scans` orders them.
+
     Raises
     ------
     InputError
-        As `drive_scans`.
+        The folder has neither ``velodyne_points/data`` nor ``velodyne``, or no scans.
     FormatError
         A line of the times is none.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from manip3d.authenticate import drive_numbers
+    >>> folder = Path("drive", "velodyne")
+    >>> folder.mkdir(parents=True)
+    >>> for name in ("000004.bin", "000005.bin"):
+    ...     _ = (folder / name).write_bytes(bytes(16))
+    >>> drive_numbers("drive")
+    [0, 2]
+    >>> Path("drive", "times.txt").touch()
+    >>> drive_numbers("drive")
+    [4, 5]
     """
     root, scans = path_of(folder), drive_scans(folder)
     names = [path.name.split(".")[0] for path in scans]
@@ -335,7 +531,33 @@ def _times_of(drive: Path, numbers: Sequence[int]) -> list[int]:
 
 @checked
 def plain_name(scan: str | os.PathLike[str], drive: str | os.PathLike[str]) -> Path:
-    """Return where a drive's scan belongs in another folder: without a compression's suffix."""
+    """Return where a drive's scan belongs in another folder: without a compression's suffix.
+
+    Parameters
+    ----------
+    scan : path
+        A scan of the drive.
+    drive : path
+        Folder of the drive.
+
+    Returns
+    -------
+    Path
+        Relative to the drive.
+
+    Raises
+    ------
+    InputError
+        An argument is no path.
+    ValueError
+        The scan is not in the drive.
+
+    Examples
+    --------
+    >>> from manip3d.authenticate import plain_name
+    >>> plain_name("drive/velodyne/000000.bin.xz", "drive").as_posix()
+    'velodyne/000000.bin'
+    """
     relative = path_of(scan).relative_to(path_of(drive))
     name = relative.name
     for suffix in _COMPRESSED:
@@ -373,6 +595,16 @@ def copy_rest_of_drive(
         The drive has neither ``velodyne_points/data`` nor ``velodyne``.
     OSError
         A file cannot be read or written.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from manip3d.authenticate import copy_rest_of_drive
+    >>> for name in ("velodyne/000000.bin", "calib.txt"):
+    ...     Path("drive", name).parent.mkdir(parents=True, exist_ok=True)
+    ...     _ = Path("drive", name).write_bytes(bytes(16))
+    >>> [path.as_posix() for path in copy_rest_of_drive("drive", "signed")]
+    ['signed/calib.txt']
     """
     source, target = path_of(drive), path_of(output)
     copies = {file: file.relative_to(source) for file in _rest_of_drive(source, target)}
@@ -439,6 +671,24 @@ def verdict_of_stream(
         ``tampered`` if a frame is; else ``undecidable`` if a frame is, if the frames are of several
         sessions (what was between these nobody knows), or if the beginning or the end is missing;
         else ``authentic``.
+
+    Raises
+    ------
+    InputError
+        ``results`` is empty, or holds something else.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d.authenticate import KeyFile, Watermarker, verdict_of_stream
+    >>> scan = np.arange(9000, dtype=np.float32).reshape(3000, 3) / 8
+    >>> marker = Watermarker(KeyFile.create("sensor.key"))
+    >>> sent = marker.embed(scan)
+    >>> results = [marker.verify(sent.frame, sent.record)]
+    >>> verdict_of_stream(results, whole=False)
+    ('authentic', 'every point is the one that was signed')
+    >>> verdict_of_stream(results)[0]  # its last frame does not say that it is the last
+    'undecidable'
     """
     if len(results) == 0:
         raise InputError("results: expected at least one, got none")

@@ -48,6 +48,26 @@ def is_pattern(source: str) -> bool:
     """Return whether the source is a pattern such as ``scans/*.bin``, and no file of that name.
 
     The ``?`` of an address such as ``sim:body?motion=wave`` begins its options.
+
+    Parameters
+    ----------
+    source : str
+        A path, a URL or an address such as ``sim:body``.
+
+    Returns
+    -------
+    bool
+
+    Raises
+    ------
+    InputError
+        ``source`` is no text.
+
+    Examples
+    --------
+    >>> from manip3d import batch
+    >>> [batch.is_pattern(source) for source in ("scans/*.bin", "scan.bin", "sim:body?motion=wave")]
+    [True, False, False]
     """
     if source.startswith(_ADDRESSES):
         return False
@@ -58,10 +78,27 @@ def is_pattern(source: str) -> bool:
 def is_folder(source: str) -> bool:
     """Return whether the source is a folder, here or behind a URL.
 
+    Parameters
+    ----------
+    source : str
+        A path or a URL.
+
+    Returns
+    -------
+    bool
+
     Raises
     ------
     OSError
         It is a URL that cannot be asked.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from manip3d import batch
+    >>> Path("scans").mkdir()
+    >>> batch.is_folder("scans"), batch.is_folder("scan.bin")
+    (True, False)
     """
     if not is_url(source):
         return Path(source).is_dir()
@@ -86,12 +123,28 @@ def find_files(
         Suffixes of the files that are taken from a folder, alone or followed by ``.gz`` or ``.xz``.
         Files that are named, or that a pattern matches, are taken in any case.
 
+    Returns
+    -------
+    list of SourceFile
+        ``relative`` is the path below the folder that was named.
+
     Raises
     ------
     InputError
         A folder or a pattern stands for no file.
     OSError
         There is no such file.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from manip3d import batch
+    >>> for name in ("a.bin", "b.bin.xz", "notes.txt"):
+    ...     path = Path("scans", "day", name)
+    ...     path.parent.mkdir(parents=True, exist_ok=True)
+    ...     path.touch()
+    >>> [file.relative for file in batch.find_files("scans", suffixes=[".bin"])]
+    ['day/a.bin', 'day/b.bin.xz']
     """
     named = [sources] if isinstance(sources, str | os.PathLike) else list(sources)
     found: dict[str, SourceFile] = {}
@@ -121,6 +174,11 @@ def find_drives(
     suffixes : sequence of str, optional
         Suffixes of single files that are taken from a folder, too, as `find_files` does. Files
         within a drive are not: they are its own.
+
+    Returns
+    -------
+    list of SourceFile
+        ``relative`` is the path below the folder that was named.
 
     Raises
     ------

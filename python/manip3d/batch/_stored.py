@@ -68,10 +68,26 @@ def run_stored(
     on_error : callable(key, error)
         Called for each task that fails.
 
+    Returns
+    -------
+    Finished
+        Rows and errors by key, and how many rows were in the store before.
+
     Raises
     ------
     KeyboardInterrupt
-        After stopping the workers; what had finished stays stored.
+        The workers were stopped; what had finished stays stored.
+
+    Examples
+    --------
+    >>> from manip3d import batch
+    >>> rows = batch.Rows("rows", {"function": "square"})
+    >>> tasks = {str(number): (dict, ({"square": number**2},)) for number in range(3)}
+    >>> sorted(batch.run_stored(tasks, rows, 1).done.items())
+    [('0', {'square': 0}), ('1', {'square': 1}), ('2', {'square': 4})]
+    >>> rows.flush()
+    >>> batch.run_stored(tasks, batch.Rows("rows", {"function": "square"}), 1).resumed
+    3
     """
     loaded = ((key, store.load(key)) for key in tasks)
     found = Finished({key: row for key, row in loaded if row is not None})

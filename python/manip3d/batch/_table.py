@@ -39,6 +39,14 @@ def write_table(rows: Sequence[Mapping[str, Any]], path: str | os.PathLike[str])
         Parquet, and pyarrow is not installed.
     OSError
         The operating system refused; the old file is whole.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from manip3d import batch
+    >>> batch.write_table([{"name": "a", "size": {"x": 1}}, {"name": "b"}], "table.csv")
+    >>> Path("table.csv").read_text().split()
+    ['name,size.x', 'a,1', 'b,']
     """
     name = os.fspath(path)
     flat = [dict(_flat(row)) for row in rows]

@@ -47,6 +47,11 @@ def holds_clouds(path: str | os.PathLike[str]) -> bool:
     ----------
     path : path
 
+    Returns
+    -------
+    bool
+        False also for files that are no ROS 1 bag.
+
     Raises
     ------
     FormatError

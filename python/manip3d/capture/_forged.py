@@ -263,7 +263,7 @@ class SwitchedForgery:
         return self.is_forged
 
     def calibration(self) -> RgbdCalibration:
-        """Of all frames, real and forged."""
+        """Return the calibration of all frames, real and forged."""
         return self._calibration
 
     def counters(self) -> dict[str, int]:
@@ -271,7 +271,7 @@ class SwitchedForgery:
         return {**self._inner.counters, **self._counts}
 
     def num_frames(self) -> int | None:
-        """As many as the source it reads from."""
+        """Return the number of frames of the source it reads from."""
         found: int | None = self._inner.num_frames
         return found
 

@@ -86,6 +86,11 @@ def export_joints(
     overwrite : bool
         Replace a file that exists.
 
+    Returns
+    -------
+    ExportedJoints
+        The file, and how many skeletons of how many people it has.
+
     Raises
     ------
     InputError
@@ -95,6 +100,17 @@ def export_joints(
         The source raised it.
     MissingExtraError
         MediaPipe is not installed, for ``pose``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Intrinsics, RgbdCalibration, RgbdFrame, Skeleton, capture
+    >>> camera = RgbdCalibration(Intrinsics(fx=60, fy=60, cx=31.5, cy=23.5, width=64, height=48))
+    >>> depth = np.full((48, 64), 2000, np.uint16)
+    >>> frame = RgbdFrame(depth, camera, skeletons=(Skeleton(np.full((25, 3), 2.0)),))
+    >>> written = capture.export_joints([frame], "joints.csv")
+    >>> written.path.read_text().splitlines()[1]
+    '0,0,0,0,SpineBase,2.000000,2.000000,2.000000,2'
     """
     target = Path(path_of(path))
     if target.suffix not in (".csv", ".bvh"):

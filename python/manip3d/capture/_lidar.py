@@ -181,6 +181,16 @@ def open_lidar(
         The port is taken.
     MissingExtraError
         ouster-sdk or rosbags is not installed: ``pip install 'manip3d[ouster]'``, ``[bags]``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import LidarFrame, capture, io
+    >>> from pathlib import Path
+    >>> Path("drive/velodyne").mkdir(parents=True)
+    >>> io.write_scan(LidarFrame(np.ones((5, 3), np.float32)), "drive/velodyne/000000.bin")
+    >>> [frame.num_points for frame in capture.open_lidar("kitti:drive")]
+    [5]
     """
     scheme, colon, rest = uri.partition(":")
     _refuse_unused(scheme, locals())

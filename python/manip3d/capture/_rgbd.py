@@ -90,7 +90,7 @@ class RgbdSource(FrameSource[RgbdFrame]):
 
     @property
     def calibration(self) -> RgbdCalibration:
-        """Of all frames."""
+        """Calibration of all frames."""
         assert self._calibration is not None
         return self._calibration
 
@@ -102,7 +102,7 @@ class RgbdSource(FrameSource[RgbdFrame]):
 
     @property
     def num_frames(self) -> int | None:
-        """Of a recording, how many frames it has; None: nobody knows."""
+        """Number of frames of a recording; None: nobody knows."""
         found: int | None = self._source.num_frames()
         return found
 
@@ -196,7 +196,7 @@ class _Iterated:
             return False if frame is None else frame
 
     def calibration(self) -> RgbdCalibration:
-        """Of the source, else of its first frame."""
+        """Return the calibration of the source, else of its first frame."""
         return self._calibration
 
     def counters(self) -> dict[str, int]:
@@ -231,12 +231,35 @@ def _to_calibration(found: Any) -> RgbdCalibration:
 
 @checked
 def from_frames(frames: Iterable[RgbdFrame], *, uri: str = "frames") -> RgbdSource:
-    """A source of frames that are there already, or that a generator makes.
+    """Make a source of frames that are there already, or that a generator makes.
+
+    Parameters
+    ----------
+    frames : iterable of RgbdFrame
+        Frames of one camera. The first is read at once, unless ``frames`` has a ``calibration``.
+    uri : str
+        Name of the source in messages.
+
+    Returns
+    -------
+    RgbdSource
+        It ends with the last frame.
 
     Raises
     ------
     InputError
         There is no frame, and ``frames`` has no ``calibration``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Intrinsics, RgbdCalibration, RgbdFrame, capture
+    >>> camera = RgbdCalibration(Intrinsics(fx=60, fy=60, cx=31.5, cy=23.5, width=64, height=48))
+    >>> depth = np.full((48, 64), 2000, np.uint16)
+    >>> frames = [RgbdFrame(depth, camera, time=n * 33_000_000, number=n) for n in range(3)]
+    >>> source = capture.from_frames(frames)
+    >>> source.read().number, [frame.number for frame in source]
+    (0, [1, 2])
     """
     return RgbdSource(uri, _Iterated(frames, getattr(frames, "calibration", None)))
 
@@ -267,6 +290,11 @@ def open_rgbd(
     units_per_metre : float, optional
         Stored units per metre of depth images. By default 1000 for folders and 5000 for ``tum:``.
 
+    Returns
+    -------
+    RgbdSource
+        An iterator of frames; use it in a ``with`` statement to close the camera at the end.
+
     Raises
     ------
     InputError
@@ -288,6 +316,18 @@ def open_rgbd(
     which they alternate, first real. ``switch``: a file that says ``real`` or ``forged``, looked at
     before each frame. At most 300 frames of a background or motion are kept, and played to and fro.
     Colour is left out of all frames where the background has none.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Intrinsics, RgbdCalibration, RgbdFrame, capture
+    >>> camera = RgbdCalibration(Intrinsics(fx=60, fy=60, cx=31.5, cy=23.5, width=64, height=48))
+    >>> depth = np.full((48, 64), 2000, np.uint16)
+    >>> frames = [RgbdFrame(depth, camera, time=n * 33_000_000, number=n) for n in range(3)]
+    >>> _ = capture.record(frames, "recording")
+    >>> with capture.open_rgbd("folder:recording") as source:
+    ...     print([frame.number for frame in source])
+    [0, 1, 2]
     """
     scheme = uri.partition(":")[0]
     if scheme == "forged":
@@ -410,6 +450,11 @@ def record(
         Replace a recording of the same kind that nobody reads or records.
     progress : None, True or callable(fraction, message)
 
+    Returns
+    -------
+    Recording
+        Its path, how many frames were written, and how many were lost.
+
     Raises
     ------
     InputError
@@ -419,6 +464,17 @@ def record(
         The disk is full, and the like; the frames before are good.
     FormatError, DeviceError
         The source raised it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Intrinsics, RgbdCalibration, RgbdFrame, capture
+    >>> camera = RgbdCalibration(Intrinsics(fx=60, fy=60, cx=31.5, cy=23.5, width=64, height=48))
+    >>> depth = np.full((48, 64), 2000, np.uint16)
+    >>> frames = [RgbdFrame(depth, camera, time=n * 33_000_000, number=n) for n in range(3)]
+    >>> recording = capture.record(frames, "walk.mkv", frames=2)
+    >>> recording.path.name, recording.frames
+    ('walk.mkv', 2)
     """
     for name, value in (("frames", frames), ("seconds", seconds)):
         if value is not None and not value > 0:

@@ -52,9 +52,20 @@ def _scheme(uri: str) -> str:
 
 
 def sources() -> tuple[Scheme, ...]:
-    """All kinds of sources, also those that cannot be opened here, with the reason and the cure.
+    """Return all kinds of sources, also those that cannot be opened here, with reason and cure.
 
     Looks for devices, which may take a second.
+
+    Returns
+    -------
+    tuple of Scheme
+
+    Examples
+    --------
+    >>> from manip3d import capture
+    >>> schemes = {scheme.name: scheme for scheme in capture.sources()}
+    >>> schemes["tum"].frames, schemes["tum"].is_available
+    ('rgbd', True)
     """
     from importlib.util import find_spec
 

@@ -88,12 +88,32 @@ class VelodyneCalibration:
 def read_velodyne_calibration(path: str | os.PathLike[str]) -> VelodyneCalibration:
     """Read an HDL-64E's calibration: Velodyne's ``db.xml``, or the YAML that ROS makes of it.
 
+    Parameters
+    ----------
+    path : path
+        Ends in ``.xml``; any other name is taken for YAML.
+
+    Returns
+    -------
+    VelodyneCalibration
+        Directions, offsets and corrections of each laser, in metres and degrees.
+
     Raises
     ------
     FormatError
         The file is damaged or hostile (entities are refused), or a laser is missing.
     MissingExtraError
         PyYAML is not installed and the file is YAML: ``pip install 'manip3d[velodyne]'``.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from manip3d import capture
+    >>> laser = "{laser_id: 0, rot_correction: 0.1, vert_correction: -0.1, dist_correction: 1.2}"
+    >>> _ = Path("hdl.yaml").write_text(f"{{lasers: [{laser}]}}")
+    >>> found = capture.read_velodyne_calibration("hdl.yaml")
+    >>> found.elevation.round(2).tolist(), found.range_offset.tolist()
+    ([-5.73], [1.2])
     """
     return VelodyneCalibration(**_read(path_of(path)))
 

@@ -157,7 +157,7 @@ def run(
     ] = 1.0,
     live: Annotated[
         bool,
-        typer.Option("--live", help="Play in real time; what there is no time for is skipped."),
+        typer.Option("--live", help="Play in real time; checks are skipped when time runs out."),
     ] = False,
     frames: MostFrames = None,
     force: Force = False,

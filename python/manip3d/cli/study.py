@@ -80,7 +80,7 @@ def study_stimuli(
     surfaces: Annotated[
         int,
         typer.Option(
-            min=0, help="Surfaces from LiDAR scans for a rating: so many real and forged."
+            min=0, help="Number of real and of forged surfaces from LiDAR scans for a rating."
         ),
     ] = 0,
     images: Annotated[

@@ -46,6 +46,11 @@ def fetch(data_set: DataSet, *, progress: Callable[[float, str], None] | None = 
         A file's bytes are not the registered ones.
     MissingExtraError
         pooch is not installed.
+
+    Examples
+    --------
+    >>> from manip3d import datasets
+    >>> datasets.fetch(datasets.get("spot"))  # doctest: +SKIP
     """
     absent = [file for file in data_set.files if locate(file) is None]
     _refuse_what_has_no_home(data_set, absent)
@@ -61,7 +66,28 @@ def fetch(data_set: DataSet, *, progress: Callable[[float, str], None] | None = 
 
 @checked
 def is_fetchable(data_set: DataSet) -> bool:
-    """Return whether `fetch` may bring all files that are not here."""
+    """Return whether `fetch` may bring all files that are not here.
+
+    Parameters
+    ----------
+    data_set : DataSet
+
+    Returns
+    -------
+    bool
+        False if a file is not here and has no stable official address.
+
+    Raises
+    ------
+    InputError
+        ``data_set`` is something else.
+
+    Examples
+    --------
+    >>> from manip3d import datasets
+    >>> isinstance(datasets.is_fetchable(datasets.get("spot")), bool)
+    True
+    """
     return all(file.url or file.text or locate(file) is not None for file in data_set.files)
 
 
@@ -77,6 +103,18 @@ def steps_by_hand(data_set: DataSet) -> list[str]:
     -------
     list of str
         One sentence for each step; empty if all files are here.
+
+    Raises
+    ------
+    InputError
+        ``data_set`` is something else.
+
+    Examples
+    --------
+    >>> from manip3d import datasets
+    >>> spot = datasets.get("spot")
+    >>> datasets.is_here(spot) or "again" in datasets.steps_by_hand(spot)[-1]
+    True
     """
     absent = [file for file in data_set.files if locate(file) is None]
     if not absent:

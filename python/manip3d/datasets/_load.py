@@ -36,7 +36,32 @@ _OPTIONS: dict[str, dict[str, Any]] = {
 
 @checked
 def clean(mesh: Mesh, cleaning: Cleaning) -> Mesh:
-    """The mesh after one of `CLEANINGS`."""
+    """Return the mesh after one of `CLEANINGS`.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    cleaning : str
+        One of `CLEANINGS`; ``stored`` changes nothing.
+
+    Returns
+    -------
+    Mesh
+
+    Raises
+    ------
+    InputError
+        No such cleaning.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Mesh, datasets
+    >>> twice = np.vstack([np.eye(3), np.eye(3)])  # two triangles, and each vertex is there twice
+    >>> mesh = Mesh(twice, [[0, 1, 2], [3, 5, 4]])
+    >>> sorted(datasets.CLEANINGS), len(datasets.clean(mesh, "welded").vertices)
+    (['any-unwelded', 'any-welded', 'stored', 'welded'], 3)
+    """
     if cleaning not in CLEANINGS:
         raise InputError(f"cleaning: expected one of {', '.join(CLEANINGS)}, got {cleaning!r}")
     if cleaning == "stored":
@@ -65,7 +90,27 @@ DERIVED: dict[str, tuple[str, Callable[[Mesh], Mesh]]] = {
 
 @checked
 def source_of(name: str) -> str:
-    """The data set that a mesh name stands on: itself, or what it is `DERIVED` from."""
+    """Return the data set that a mesh name stands for: itself, or what it is `DERIVED` from.
+
+    Parameters
+    ----------
+    name : str
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    InputError
+        ``name`` is no text.
+
+    Examples
+    --------
+    >>> from manip3d import datasets
+    >>> datasets.source_of("BAe-125-uv"), datasets.source_of("spot")
+    ('BAe-125', 'spot')
+    """
     return DERIVED[name][0] if name in DERIVED else name
 
 
@@ -93,6 +138,12 @@ def load_mesh(name: str, *, cleaning: Cleaning = "stored") -> Mesh:
         The file is not on this machine.
     ChecksumError
         The file is not the registered one.
+
+    Examples
+    --------
+    >>> from manip3d import datasets
+    >>> len(datasets.load_mesh("spot").faces)  # doctest: +SKIP
+    5856
     """
     data_set = get(source_of(name))
     if data_set.kind != "mesh":
@@ -104,7 +155,32 @@ def load_mesh(name: str, *, cleaning: Cleaning = "stored") -> Mesh:
 
 @checked
 def provenance(name: str) -> dict[str, Any]:
-    """Where a data set comes from, for the record: origin, licence, checksums of its files."""
+    """Return where a data set comes from, for the record: origin, licence, checksums of its files.
+
+    Parameters
+    ----------
+    name : str
+        A data set, or a mesh derived from one.
+
+    Returns
+    -------
+    dict
+        ``name``, ``title``, ``origin``, ``page``, ``licence`` and ``files``, the SHA-256 of each
+        file; empty where not all of them are here.
+
+    Raises
+    ------
+    InputError
+        No such data set.
+    ChecksumError
+        A file is not the registered one.
+
+    Examples
+    --------
+    >>> from manip3d import datasets
+    >>> sorted(datasets.provenance("spot"))
+    ['files', 'licence', 'name', 'origin', 'page', 'title']
+    """
     data_set = get(source_of(name))
     files = [require(file, data_set.name) for file in data_set.files] if is_here(data_set) else []
     return {

@@ -129,12 +129,27 @@ def _data_sets(group: object) -> Iterable[DataSet]:
 
 @checked
 def get(name: str) -> DataSet:
-    """The data set of that name, whatever its case.
+    """Return the data set of that name, whatever its case.
+
+    Parameters
+    ----------
+    name : str
+
+    Returns
+    -------
+    DataSet
 
     Raises
     ------
     InputError
         There is none; the message names similar ones.
+
+    Examples
+    --------
+    >>> from manip3d import datasets
+    >>> spot = datasets.get("SPOT")
+    >>> spot.name, spot.kind, len(spot.files)
+    ('spot', 'mesh', 3)
     """
     import difflib
 
@@ -147,7 +162,19 @@ def get(name: str) -> DataSet:
 
 
 def cache_folder() -> Path:
-    """Where fetched data goes: ``$MANIP3D_CACHE``, else the user's cache folder."""
+    """Return where fetched data goes: ``$MANIP3D_CACHE``, else the user's cache folder.
+
+    Returns
+    -------
+    Path
+        It need not exist.
+
+    Examples
+    --------
+    >>> from manip3d import datasets
+    >>> datasets.cache_folder().name
+    'data'
+    """
     import platformdirs
 
     chosen = os.environ.get("MANIP3D_CACHE")
@@ -155,7 +182,19 @@ def cache_folder() -> Path:
 
 
 def data_root() -> Path | None:
-    """The folder with real data: ``$MANIP3D_DATA``, else what `fetch` has filled, else None."""
+    """Return the folder with real data: ``$MANIP3D_DATA``, else what `fetch` has filled, else None.
+
+    Returns
+    -------
+    Path or None
+
+    Examples
+    --------
+    >>> from manip3d import datasets
+    >>> root = datasets.data_root()
+    >>> root is None or root.is_dir()
+    True
+    """
     roots = _roots()
     return roots[0] if roots else None
 
@@ -168,6 +207,22 @@ def data_folder_problem(folder: Path) -> str:
     ----------
     folder : Path
         It should hold the folders that the paths of the registered files begin with.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    InputError
+        ``folder`` is something else.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from manip3d import datasets
+    >>> datasets.data_folder_problem(Path("nowhere"))
+    'nowhere does not exist'
     """
     if not folder.exists():
         return f"{folder} does not exist"
@@ -187,7 +242,29 @@ def _roots() -> list[Path]:
 
 @checked
 def locate(file: DataFile) -> Path | None:
-    """Where the file lies on this machine, compressed or plain; None if it does not."""
+    """Return where the file lies on this machine, compressed or plain; None if it does not.
+
+    Parameters
+    ----------
+    file : DataFile
+        One of the files of a `DataSet`.
+
+    Returns
+    -------
+    Path or None
+
+    Raises
+    ------
+    InputError
+        ``file`` is something else.
+
+    Examples
+    --------
+    >>> from manip3d import datasets
+    >>> path = datasets.locate(datasets.get("spot").files[0])
+    >>> path is None or path.is_file()
+    True
+    """
     for root in _roots():
         for relative in dict.fromkeys((file.path, file.plain_path)):
             if (root / relative).is_file():
@@ -197,13 +274,45 @@ def locate(file: DataFile) -> Path | None:
 
 @checked
 def is_here(data_set: DataSet) -> bool:
-    """Whether all files of the data set lie on this machine (their bytes are not checked)."""
+    """Return whether all files of the data set lie on this machine (their bytes are not checked).
+
+    Parameters
+    ----------
+    data_set : DataSet
+
+    Returns
+    -------
+    bool
+
+    Raises
+    ------
+    InputError
+        ``data_set`` is something else.
+
+    Examples
+    --------
+    >>> from manip3d import datasets
+    >>> spot = datasets.get("spot")
+    >>> datasets.is_here(spot) == all(datasets.locate(file) for file in spot.files)
+    True
+    """
     return all(locate(file) is not None for file in data_set.files)
 
 
 @checked
 def require(file: DataFile, name: str) -> Path:
-    """Where the file lies, its bytes checked.
+    """Return where the file lies, its bytes checked.
+
+    Parameters
+    ----------
+    file : DataFile
+        One of the files of a `DataSet`.
+    name : str
+        Name of the data set, for the message.
+
+    Returns
+    -------
+    Path
 
     Raises
     ------
@@ -211,6 +320,12 @@ def require(file: DataFile, name: str) -> Path:
         It is not on this machine.
     ChecksumError
         Its bytes are not the registered ones.
+
+    Examples
+    --------
+    >>> from manip3d import datasets
+    >>> spot = datasets.get("spot")
+    >>> datasets.require(spot.files[0], spot.name)  # doctest: +SKIP
     """
     path = locate(file)
     if path is None:
@@ -227,7 +342,30 @@ def require(file: DataFile, name: str) -> Path:
 
 @checked
 def file_sha256(path: Path) -> str:
-    """Hexadecimal SHA-256 of a file's bytes; computed once while its size and time stay."""
+    """Return the hexadecimal SHA-256 of a file; computed once while its size and time stay.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    str
+        64 digits.
+
+    Raises
+    ------
+    OSError
+        The file cannot be read.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from manip3d import datasets
+    >>> _ = Path("abc").write_bytes(b"abc")
+    >>> datasets.file_sha256(Path("abc"))[:16]
+    'ba7816bf8f01cfea'
+    """
     status = path_of(path).stat()
     return _sha256(path, status.st_size, status.st_mtime_ns)
 

@@ -144,7 +144,7 @@ class KittiFrame:
         return frame.replace(fields={**frame.fields, "label": np.frombuffer(raw, "<u4")})
 
     def calibration(self) -> KittiCalibration:
-        """Of this frame (object) or of its drive.
+        """Return the calibration of this frame (object) or of its drive.
 
         Raises
         ------
@@ -313,6 +313,11 @@ def open_kitti(
         Where the calibration lies, when not where KITTI has it: a day's folder with
         ``calib_cam_to_cam.txt``, or a file such as odometry's ``calib.txt``.
 
+    Returns
+    -------
+    KittiDrive
+        A sequence of frames, in the order of their numbers.
+
     Raises
     ------
     InputError
@@ -322,8 +327,14 @@ def open_kitti(
 
     Examples
     --------
-    >>> drive = open_kitti("2011_09_26/2011_09_26_drive_0005_sync")  # doctest: +SKIP
-    >>> frame = drive[0].scan()  # doctest: +SKIP
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from manip3d import LidarFrame, datasets, io
+    >>> Path("drive/velodyne").mkdir(parents=True)
+    >>> io.write_scan(LidarFrame(np.ones((5, 3), np.float32)), "drive/velodyne/000000.bin")
+    >>> drive = datasets.open_kitti("drive")
+    >>> len(drive), drive[0].scan().num_points
+    (1, 5)
     """
     folder = path_of(path)
     if not folder.is_dir():

@@ -180,6 +180,12 @@ def open_people(uri: str) -> RgbdSequence:
         A file is damaged.
     MissingExtraError
         scipy (UTD-MHAD) or Pillow (images) is not installed.
+
+    Examples
+    --------
+    >>> from manip3d import datasets
+    >>> recording = datasets.open_people("utd-mhad:a3_s1")  # doctest: +SKIP
+    >>> recording[0].skeletons  # doctest: +SKIP
     """
     scheme, _, name = uri.partition(":")
     if uri not in people_uris():

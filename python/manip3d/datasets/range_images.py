@@ -169,6 +169,11 @@ class RangeImageFolder(Sequence[LidarFrame]):
 def open_range_images(path: str | os.PathLike[str]) -> RangeImageFolder:
     """Open a folder with ``velodyne_config.txt`` and ``data/*.png``.
 
+    Parameters
+    ----------
+    path : path
+        Folder of the recording.
+
     Returns
     -------
     RangeImageFolder
@@ -182,5 +187,10 @@ def open_range_images(path: str | os.PathLike[str]) -> RangeImageFolder:
         The file of angles, or when read an image or time, is damaged or does not fit.
     OSError
         The folder or the file of angles is missing.
+
+    Examples
+    --------
+    >>> from manip3d import datasets
+    >>> [scan.num_points for scan in datasets.open_range_images("recording")]  # doctest: +SKIP
     """
     return RangeImageFolder(path_of(path))

@@ -351,12 +351,28 @@ def _recording(name: str) -> tuple[DataSet, _Recording]:
 @checked
 @cache
 def frame_names(name: str) -> tuple[str, ...]:
-    """The frames of an RGB-D recording, in order.
+    """Return the names of the frames of an RGB-D recording, in order.
+
+    Parameters
+    ----------
+    name : str
+        A data set of kind ``rgbd``.
+
+    Returns
+    -------
+    tuple of str
 
     Raises
     ------
     InputError
         No such data set, or it is no recording.
+
+    Examples
+    --------
+    >>> from manip3d import datasets
+    >>> recordings = [each.name for each in datasets.registry().values() if each.kind == "rgbd"]
+    >>> recordings[0], datasets.frame_names(recordings[0])[:2]
+    ('person_turning', ('0000000000', '0000000001'))
     """
     data_set, recording = _recording(name)
     return _frames_of(recording, [file.path.removeprefix("rgbd/") for file in data_set.files])
@@ -388,6 +404,11 @@ def load_frame(name: str, frame: str | int = 0) -> DepthFrame:
         A file cannot be read.
     MissingExtraError
         Pillow is not installed.
+
+    Examples
+    --------
+    >>> from manip3d import datasets
+    >>> datasets.load_frame("person_turning", 0).depth.shape  # doctest: +SKIP
     """
     data_set, recording = _recording(name)
     names = frame_names(data_set.name)
@@ -435,12 +456,25 @@ def _read_mask(path: Path) -> NDArray[np.bool_]:
 
 
 def load_kinect2_intrinsics() -> Intrinsics:
-    """One real Kinect V2's depth camera: a line of sight for each pixel, y up as the table has it.
+    """Return a real Kinect V2's depth camera: a line of sight for each pixel.
+
+    Its y axis points up, as in the table of that camera.
+
+    Returns
+    -------
+    Intrinsics
+        512 x 424 pixels with ``rays``.
 
     Raises
     ------
     DataMissingError, ChecksumError
         The table is not on this machine, or not the registered one.
+
+    Examples
+    --------
+    >>> from manip3d import datasets
+    >>> datasets.load_kinect2_intrinsics().rays.shape  # doctest: +SKIP
+    (424, 512, 2)
     """
     path = require(get(_RAY_TABLE).files[0], _RAY_TABLE)
     rays = np.fromfile(path, "<f4").astype(np.float32).reshape(424, 512, 2)

@@ -97,12 +97,27 @@ def _sets_of_scans() -> Mapping[str, tuple[DataSet, DataFile]]:
 
 @checked
 def scan_names(data_set: str = "") -> tuple[str, ...]:
-    """Names of the scans of a data set of kind ``scan``; of all of them without one.
+    """Return the names of the scans of a data set of kind ``scan``; of all of them without one.
+
+    Parameters
+    ----------
+    data_set : str
+        Name of the data set.
+
+    Returns
+    -------
+    tuple of str
 
     Raises
     ------
     InputError
         No such data set, or it is of another kind.
+
+    Examples
+    --------
+    >>> from manip3d import datasets
+    >>> "bun000" in datasets.scan_names()
+    True
     """
     wanted = get(data_set) if data_set else None
     if wanted is not None and wanted.kind != "scan":
@@ -112,14 +127,57 @@ def scan_names(data_set: str = "") -> tuple[str, ...]:
 
 @checked
 def scan_path(name: str) -> Path:
-    """Where the file of a scan lies, its bytes checked; errors as `load_scan`."""
+    """Return where the file of a scan lies, its bytes checked.
+
+    Parameters
+    ----------
+    name : str
+        One of `scan_names`.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    InputError
+        No such scan.
+    DataMissingError, ChecksumError
+        The file is not on this machine, or not the registered one.
+
+    Examples
+    --------
+    >>> from manip3d import datasets
+    >>> datasets.scan_path("bun000").name  # doctest: +SKIP
+    """
     data_set, file = _find(name)
     return require(file, data_set.name)
 
 
 @checked
 def scan_is_here(name: str) -> bool:
-    """Whether a scan and the poses of its set lie on this machine."""
+    """Return whether a scan and the poses of its set lie on this machine.
+
+    Parameters
+    ----------
+    name : str
+        One of `scan_names`.
+
+    Returns
+    -------
+    bool
+
+    Raises
+    ------
+    InputError
+        No such scan.
+
+    Examples
+    --------
+    >>> from manip3d import datasets
+    >>> isinstance(datasets.scan_is_here("bun000"), bool)
+    True
+    """
     data_set, file = _find(name)
     return locate(file) is not None and locate(_poses_file(data_set)) is not None
 
@@ -133,12 +191,22 @@ def load_scan(name: str) -> RangeScan:
     name : str
         One of `scan_names`: ``bun000``, ``happyStandRight_0``, ...
 
+    Returns
+    -------
+    RangeScan
+        Its grid of points, and its pose in the frame of all scans of its set.
+
     Raises
     ------
     InputError
         No such scan.
     DataMissingError, ChecksumError
         The file is not on this machine, or not the registered one.
+
+    Examples
+    --------
+    >>> from manip3d import datasets
+    >>> datasets.load_scan("bun000").points.shape  # doctest: +SKIP
     """
     data_set, file = _find(name)
     grid = read_range_grid(require(file, data_set.name))
@@ -159,7 +227,11 @@ def _poses_file(data_set: DataSet) -> DataFile:
 
 @checked
 def read_poses(path: Path) -> dict[str, NDArray[np.float64]]:
-    """The poses of a Stanford ``.conf`` file: ``bmesh FILE tx ty tz qx qy qz qw``.
+    """Read the poses of a Stanford ``.conf`` file: ``bmesh FILE tx ty tz qx qy qz qw``.
+
+    Parameters
+    ----------
+    path : Path
 
     Returns
     -------
@@ -172,6 +244,15 @@ def read_poses(path: Path) -> dict[str, NDArray[np.float64]]:
     FormatError
         A line has other fields.
     OSError
+        The file cannot be read.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from manip3d import datasets
+    >>> _ = Path("bun.conf").write_text("bmesh bun000.ply 1 2 3 0 0 0 1")
+    >>> datasets.read_poses(Path("bun.conf"))["bun000.ply"][:3, 3].tolist()
+    [1.0, 2.0, 3.0]
     """
     poses = {}
     for number, line in enumerate(text_of(path_of(path)).splitlines(), start=1):

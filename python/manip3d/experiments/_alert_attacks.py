@@ -16,8 +16,8 @@ ATTACKS = ("additive", "subtractive", "additive_subtractive", "replacement", "tr
 """Attacks 1 to 6, and 6 with the 2 m sideways that the authors' own tool has."""
 
 HALF_VIEW = math.radians(33.0)
-"""Of objects' middles: KITTI's cameras see 40 degrees to each side, of which the left edge has no
-partner in the right image."""
+"""Largest direction of an object's middle: KITTI's cameras see 40 degrees to each side, of which
+the left edge has no partner in the right image."""
 NEAREST, FARTHEST = 6.0, 30.0
 FEWEST_POINTS = 50
 _PEDESTAL = 0.15  # metres above the ground at which the object is cut: the ground stays

@@ -176,7 +176,7 @@ def _simulated(published: str, plan: Plan) -> DepthModel:
 
 
 def simulated_width(plan: Plan) -> int:
-    """Of simulated images, pixels."""
+    """Width of simulated images, pixels."""
     return _QUICK_WIDTH if plan.scale == "quick" else _FULL_WIDTH
 
 
@@ -343,7 +343,7 @@ def time_ms(image: RangeInput, method: str, points: int, reduced: Mesh | DepthMe
 # --- The case -----------------------------------------------------------------------------------
 
 PUBLISHED_POINTS = {"Bunny": 4026, "Buddha": 7806}
-"""Of table 3.2, where the printed number is the rounded, not the cut-off tenth."""
+"""Points of table 3.2, where the printed number is the rounded, not the cut-off tenth."""
 
 
 def reduction_case(

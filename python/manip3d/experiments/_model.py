@@ -250,7 +250,31 @@ def _subject(row: Row) -> str:
 
 @checked
 def counted(number: int, noun: str, plural: str = "") -> str:
-    """A number with its noun: ``1 face``, ``2 faces``; thousands in groups."""
+    """Return a number with its noun: ``1 face``, ``2 faces``; thousands in groups.
+
+    Parameters
+    ----------
+    number : int
+    noun : str
+    plural : str
+        The noun's plural; empty: the noun and an ``s``.
+
+    Returns
+    -------
+    str
+        Groups of three digits are parted by a narrow space, U+202F.
+
+    Raises
+    ------
+    InputError
+        ``number`` is no whole number.
+
+    Examples
+    --------
+    >>> from manip3d.experiments import counted
+    >>> counted(1, "face"), counted(2, "face"), counted(3, "mesh", "meshes")
+    ('1 face', '2 faces', '3 meshes')
+    """
     text = f"{number:,}".replace(",", "\u202f")
     return f"{text} {noun if number == 1 else plural or noun + 's'}"
 

@@ -29,6 +29,11 @@ def published_rows(name: str) -> tuple[dict[str, str], ...]:
     name : str
         As `Experiment.published` has it, such as ``table_6_1_lidar_forensics``.
 
+    Returns
+    -------
+    tuple of dict
+        A row each, in the table's order.
+
     Raises
     ------
     InputError

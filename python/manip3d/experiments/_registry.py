@@ -116,14 +116,29 @@ def _nearest(name: str, known: Iterable[str]) -> str:
 
 
 def select(ids: list[str]) -> list[Experiment]:
-    """The experiments of these ids, in the registry's order; all of them for an empty list.
+    """Return the experiments of these ids, in the registry's order; all of them for an empty list.
 
     An id of `ALIASES` is that of the experiment that draws the figure, too.
+
+    Parameters
+    ----------
+    ids : list of str
+        As ``manip3d reproduce --list`` prints them.
+
+    Returns
+    -------
+    list of Experiment
 
     Raises
     ------
     InputError
         An id is not known.
+
+    Examples
+    --------
+    >>> from manip3d import experiments
+    >>> [each.id for each in experiments.select(["table-6.1", "table-2.1"])]
+    ['table-2.1', 'table-6.1']
     """
     known = registry()
     wanted = [ALIASES.get(name, name) for name in ids]

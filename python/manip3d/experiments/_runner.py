@@ -36,7 +36,7 @@ Progress = Callable[[float, str], None]
 T = TypeVar("T")
 
 RESULTS_FORMAT = 2
-"""Of ``results.json``; counted up when readers of older ones would fail."""
+"""Format of ``results.json``; counted up when readers of older ones would fail."""
 
 _log = logging.getLogger("manip3d")
 
@@ -115,6 +115,13 @@ def run(
     -----
     A case that fails is recorded with its error, leaves the claims that need it not judged, and is
     tried again by the next run.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from manip3d import experiments
+    >>> one = experiments.select(["table-6.1"])  # doctest: +SKIP
+    >>> experiments.run(one, Path("results"), jobs=1)  # doctest: +SKIP
     """
     if jobs < 0:
         raise InputError(f"jobs: expected >= 0, got {jobs}")

@@ -39,7 +39,30 @@ _ARRAYS = (
 
 @checked
 def pack_mesh(mesh: Mesh) -> bytes:
-    """A mesh's arrays as an npz archive; materials stay with the mesh it was made from."""
+    """Return a mesh's arrays as an npz archive; materials stay with the mesh it was made from.
+
+    Parameters
+    ----------
+    mesh : Mesh
+
+    Returns
+    -------
+    bytes
+
+    Raises
+    ------
+    InputError
+        ``mesh`` is something else.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Mesh
+    >>> from manip3d.experiments import pack_mesh, unpack_mesh
+    >>> mesh = Mesh(np.eye(3), [[0, 1, 2]])
+    >>> unpack_mesh(pack_mesh(mesh), mesh).faces.tolist()
+    [[0, 1, 2]]
+    """
     stream = io.BytesIO()
     present = {name: getattr(mesh, name) for name in _ARRAYS}
     np.savez_compressed(stream, **{k: v for k, v in present.items() if v is not None})
@@ -48,7 +71,33 @@ def pack_mesh(mesh: Mesh) -> bytes:
 
 @checked
 def unpack_mesh(data: bytes, like: Mesh) -> Mesh:
-    """The mesh that `pack_mesh` packed, with the materials of ``like``."""
+    """Return the mesh that `pack_mesh` packed, with the materials of ``like``.
+
+    Parameters
+    ----------
+    data : bytes
+        What `pack_mesh` returned.
+    like : Mesh
+        The mesh that it was made from.
+
+    Returns
+    -------
+    Mesh
+
+    Raises
+    ------
+    InputError
+        An argument is something else, or the arrays are no mesh.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Mesh
+    >>> from manip3d.experiments import pack_mesh, unpack_mesh
+    >>> mesh = Mesh(np.eye(3), [[0, 1, 2]])
+    >>> unpack_mesh(pack_mesh(mesh), mesh).vertices.shape
+    (3, 3)
+    """
     with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
         return Mesh(**arrays, materials=like.materials, source=like.source)
 

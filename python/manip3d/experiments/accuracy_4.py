@@ -226,7 +226,7 @@ def _lag(times: Any, shown: Any, wanted: Any) -> float:
 
 
 def _length_error(outcome: _phantom.Outcome, limb: str) -> float:
-    """Of the phantom's bones against the intact limb's true ones, as a share."""
+    """Error of the phantom's length against the intact limb's true one, as a share."""
     from manip3d.simulate import LIMBS, opposite
 
     def length(joints: Any, name: str) -> float:
@@ -537,7 +537,7 @@ def _plots(rows: Sequence[Row]) -> dict[str, Figure]:
         angles = [row["angle"] for row in turned]
         axes.plot(angles, [row["coverage"] for row in turned], marker="o", label="covered")
         axes.plot(angles, [row["away"] for row in turned], marker="s", label="facing away")
-        # Of the mirrored half of a cylinder, what faces the camera still after a turn.
+        # Share of a cylinder's mirrored half that still faces the camera after a turn.
         turn = np.linspace(0.0, 45.0, 46)
         half = 0.5 * (1.0 + np.cos(np.deg2rad(2.0 * turn)))
         axes.plot(turn, half, "k:", label="visible half of a cylinder")

@@ -71,7 +71,7 @@ SCENES = (
         (RAW + "2011_09_26/2011_09_26_drive_0079_extract/velodyne_points/data/0000000000.bin.xz",),
     ),
 )
-"""Of the test. Frame 10 of drive 0005 is frame 000002 of stereo-2015."""
+"""Scenes of the test. Frame 10 of drive 0005 is frame 000002 of stereo-2015."""
 ODOMETRY = Scene(
     "odometry 00", tuple(f"lidar/kitti_odometry/00/velodyne/{i:06d}.bin.xz" for i in range(6))
 )
@@ -359,7 +359,7 @@ def _targets(
 
 
 def _scores(rows: Sequence[Row], attack: str, name: str = "scores") -> dict[str, list[float]]:
-    """Of real frames, by scene; ``""``: of the clean ones."""
+    """Return the scores of real frames by scene; attack ``""``: those of the clean ones."""
     tested = [row for row in rows if row["model"] != "clean, simulated"]
     left_out = (ODOMETRY.name, *CHOSEN_ON)
     wanted = [row for row in tested if row["attack"] == attack and row["scene"] not in left_out]

@@ -31,7 +31,7 @@ def weigh(case: Case) -> Row:
 
 
 def _late_weighs_more(rows: Sequence[Row]) -> Iterator[Finding]:
-    """Of as many attacked frames, those whose last attack is later weigh more."""
+    """Where as many frames are attacked, those whose last attack is later weigh more."""
     for a in rows:
         for b in rows:
             if a["attacked"] != b["attacked"] or not a["attacked"]:

@@ -26,7 +26,7 @@ DEFENCES = ("paper lbm", "paper qim", "keyed lbm", "keyed qim", "keyed detached"
 
 _POINTS = 1800
 _ATTEMPTS = {"quick": 20, "full": 900}
-"""Of each kind, against each defence: 18 kinds times 900 times 6 are about 10^5."""
+"""Attempts of each kind against each defence: 18 kinds times 900 times 6 are about 10^5."""
 
 
 # --- Defences -------------------------------------------------------------------------------------

@@ -122,7 +122,7 @@ def lattice_insert(
     steps = round(turn * lattice.steps / (2.0 * math.pi))
     count = _nearest_fired(np.mod(there.count[known] + steps, lattice.steps), here, lattice.steps)
 
-    # Of the object's points that share a firing, the nearest is seen.
+    # The nearest of the object's points that share a firing is seen.
     key = ring.astype(np.int64) * lattice.steps + count
     order = np.lexsort((range_, key))
     order = order[np.r_[True, np.diff(key[order]) > 0]] if len(order) else order

@@ -18,10 +18,10 @@ from manip3d.io._files import regular_bytes
 Floats = NDArray[np.float64]
 
 MOST_BYTES = 1 << 26
-"""Of a motion file."""
+"""Most bytes of a motion file."""
 
 MOST_JOINTS = 1024
-"""Of a skeleton; motion capture of bodies and hands has about a hundred."""
+"""Most joints of a skeleton; motion capture of bodies and hands has about a hundred."""
 
 _MOST_FRAMES = 1 << 24
 _FARTHEST = 1e9  # offsets and channels; beyond it sums along a chain lose their decimals

@@ -90,6 +90,11 @@ def animation_mesh(
         Largest change of depth within a triangle. 0: z / f tan 78 degrees and three standard
         deviations of a Kinect's noise.
 
+    Returns
+    -------
+    AnimationMesh
+        Vertices are the pixels of bones; no triangle joins bones that do not meet.
+
     Raises
     ------
     InputError
@@ -98,6 +103,23 @@ def animation_mesh(
     Notes
     -----
     Cells of 2 x 2 pixels are cut along the shorter diagonal, as by `simplify.dense_mesh`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Intrinsics, modify
+    >>> sides = [(20, 45), (25, 15), (28, -10), (12, 0), (13, -45), (14, -90)]  # centimetres
+    >>> rows = [(0, 70), (3, 73), (-3, 73), (7, 70), (-7, 70)]  # nose, eyes, ears; then
+    >>> rows += [(side * x, y) for x, y in sides for side in (1, -1)]
+    >>> joints = np.array([(x, -y, 200) for x, y in rows]) / 100  # 2 m before the camera
+    >>> person = modify.skeleton_from(joints, layout="coco")
+    >>> camera = Intrinsics(fx=100, fy=100, cx=79.5, cy=99.5, width=160, height=200)
+    >>> depth = np.zeros((200, 160), np.uint16)
+    >>> depth[60:150, 65:95] = 2000  # millimetres
+    >>> labels = modify.segment_body(depth, camera, person).labels
+    >>> mesh = modify.animation_mesh(depth, camera, labels, person)
+    >>> len(mesh.vertices), len(mesh.faces)  # two for each square of four pixels
+    (2700, 4918)
     """
     options = _core.AnimationMeshOptions()
     options.by_label, options.joint_reach = bool(by_label), joint_reach
@@ -157,6 +179,22 @@ def animate(
     Angles are applied to ``skeleton``, so that bones keep their lengths (section 5.1.2). From the
     trunk outwards each bone is turned as the one before it, then by the shortest turn to its new
     direction. A bone that is not tracked in one of the two moves with the one before it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Skeleton, modify
+    >>> sides = [(20, 45), (25, 15), (28, -10), (12, 0), (13, -45), (14, -90)]  # centimetres
+    >>> rows = [(0, 70), (3, 73), (-3, 73), (7, 70), (-7, 70)]  # nose, eyes, ears; then
+    >>> rows += [(side * x, y) for x, y in sides for side in (1, -1)]
+    >>> joints = np.array([(x, -y, 200) for x, y in rows]) / 100  # 2 m before the camera
+    >>> person = modify.skeleton_from(joints, layout="coco")
+    >>> raised = person.positions.copy()
+    >>> raised[5:7] = raised[4] - [[0.3, 0, 0], [0.6, 0, 0]]  # left elbow and wrist
+    >>> moved = modify.animate(raised[[6]], np.uint8([6]), Skeleton(raised), person)
+    >>> off = np.linalg.norm(moved.vertices - person.positions[6])  # bones keep their lengths
+    >>> round(float(off), 2)
+    0.04
     """
     methods, scopes = _core.Skinning.__members__, _core.PoseScope.__members__
     if method.upper() not in methods:

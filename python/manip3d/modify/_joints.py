@@ -123,6 +123,20 @@ def skeleton_from(
     head when an ear is hidden). What no rule gives is `NOT_TRACKED`: hand tips and thumbs of
     Kinect V1, hands and feet of COCO. The spine joint of Kinect V1 stays where that sensor puts
     it, lower than the Kinect V2's SpineMid.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import modify
+    >>> sides = [(20, 45), (25, 15), (28, -10), (12, 0), (13, -45), (14, -90)]  # centimetres
+    >>> rows = [(0, 70), (3, 73), (-3, 73), (7, 70), (-7, 70)]  # nose, eyes, ears; then
+    >>> rows += [(side * x, y) for x, y in sides for side in (1, -1)]
+    >>> joints = np.array([(x, -y, 200) for x, y in rows]) / 100  # 2 m before the camera
+    >>> person = modify.skeleton_from(joints, layout="coco")
+    >>> person.positions[4].astype(float).round(2).tolist()  # the left shoulder
+    [0.2, -0.45, 2.0]
+    >>> len(person.positions), int((person.states == 0).sum())  # joints, and those not known
+    (25, 8)
     """
     known = joint_layouts()
     if layout not in known:

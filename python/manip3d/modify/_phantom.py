@@ -299,7 +299,7 @@ class _Buffers:
 
     @staticmethod
     def of_size(rows: int, cols: int, pool: _core.ArrayPool | None = None) -> _Buffers:
-        """Of a pool, which gets it back when the last array or view of it is gone."""
+        """Take arrays from a pool, which gets each back when the last view of it is gone."""
         empty = (pool or _core.ArrayPool()).empty
         capacity = rows * cols  # no page of it is touched before it is written
         return _Buffers(
@@ -564,6 +564,15 @@ def body_mirror(
 ) -> BodyMirror | None:
     """The mirror of `PhantomPipeline` for one skeleton, unfiltered.
 
+    Parameters
+    ----------
+    skeleton : Skeleton
+        The person as the tracker says.
+    affected : 'left_arm', 'right_arm', 'left_leg' or 'right_leg'
+        The limb that is missing; it is made of the other one.
+    mode : 'reflection', 'paper' or '2d'
+        How the intact side is mirrored, see `Notes`.
+
     Returns
     -------
     BodyMirror or None
@@ -579,6 +588,22 @@ def body_mirror(
     -----
     ``reflection``: I - 2 n n^T. ``paper``: eq. 4.3 to 4.7, M^-1 diag(-1, 1, 1) M with M's rows x_s,
     y_s, z_s, which is the same where x_s is square to y_s. ``2d``: u' = 2 u_s - u at one depth.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import modify
+    >>> sides = [(20, 45), (25, 15), (28, -10), (12, 0), (13, -45), (14, -90)]  # centimetres
+    >>> rows = [(0, 70), (3, 73), (-3, 73), (7, 70), (-7, 70)]  # nose, eyes, ears; then
+    >>> rows += [(side * x, y) for x, y in sides for side in (1, -1)]
+    >>> joints = np.array([(x, -y, 200) for x, y in rows]) / 100  # 2 m before the camera
+    >>> person = modify.skeleton_from(joints, layout="coco")
+    >>> mirror = modify.body_mirror(person, "left_arm")
+    >>> np.round(mirror.normal, 2).tolist()
+    [1.0, 0.0, 0.0]
+    >>> right, left = person.positions[[10, 6]]  # wrists
+    >>> np.round(mirror.linear @ right + mirror.offset - left, 2).tolist()
+    [0.0, 0.0, 0.0]
     """
     fields = _core.body_mirror(skeleton, _limb(affected), _mode(mode))
     if fields is None:
@@ -639,6 +664,11 @@ def segment_body(
     reach : float, metres
         For ``region`` only: pixels beyond a contour count up to this distance from the bone's skin.
 
+    Returns
+    -------
+    BodySegmentation
+        Bone of each pixel, and its distance to it.
+
     Raises
     ------
     InputError
@@ -656,6 +686,24 @@ def segment_body(
     first, so that the result depends on no order. A step is a change of depth above
     z / f tan 78 degrees and three standard deviations of a Kinect's noise; labels spread over steps
     last. Pixels that nothing reaches are not the person.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Intrinsics, modify
+    >>> sides = [(20, 45), (25, 15), (28, -10), (12, 0), (13, -45), (14, -90)]  # centimetres
+    >>> rows = [(0, 70), (3, 73), (-3, 73), (7, 70), (-7, 70)]  # nose, eyes, ears; then
+    >>> rows += [(side * x, y) for x, y in sides for side in (1, -1)]
+    >>> joints = np.array([(x, -y, 200) for x, y in rows]) / 100  # 2 m before the camera
+    >>> person = modify.skeleton_from(joints, layout="coco")
+    >>> camera = Intrinsics(fx=100, fy=100, cx=79.5, cy=99.5, width=160, height=200)
+    >>> depth = np.zeros((200, 160), np.uint16)
+    >>> depth[60:150, 65:95] = 2000  # millimetres
+    >>> found = modify.segment_body(depth, camera, person)
+    >>> int((found.labels > 0).sum()), int((depth > 0).sum())
+    (2700, 2700)
+    >>> int(found.labels[130, 73]), int(found.labels[130, 86])  # shins: bones end at the ankles
+    (18, 14)
     """
     image = np.ascontiguousarray(depth)
     index = None if body_index is None else np.ascontiguousarray(body_index)

@@ -86,6 +86,18 @@ def lift_landmarks(
     -----
     Depth is that of the skin; joints lie inside. Each is pushed along its line of sight by the
     usual distance there (6 cm at shoulder and knee, 10 cm at the hip, 2.5 cm at the wrist, ...).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Intrinsics, RgbdCalibration, RgbdFrame, modify
+    >>> camera = RgbdCalibration(Intrinsics(fx=60, fy=60, cx=31.5, cy=23.5, width=64, height=48))
+    >>> frame = RgbdFrame(np.full((48, 64), 2000, np.uint16), camera)
+    >>> pixels = np.tile([31.5, 23.5], (33, 1))
+    >>> pixels[1] = 99  # outside
+    >>> positions, states = modify.lift_landmarks(pixels, np.ones(33), np.zeros(33), frame)
+    >>> positions[0].round(2).tolist(), states[:2].tolist()
+    ([0.0, 0.0, 2.1], [2, 0])
     """
     at = np.asarray(pixels, np.float64)
     visible = np.asarray(visibility, np.float64)

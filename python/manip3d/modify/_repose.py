@@ -94,6 +94,20 @@ def repose(
     shortest turn from where its bone would be had the joint stayed at rest. Twist about a bone
     stays. Blending: Kavan et al., "Geometric skinning with approximate dual quaternion blending",
     ACM Transactions on Graphics 2008; weights come from distances to the bones.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import modify
+    >>> sides = [(20, 45), (25, 15), (28, -10), (12, 0), (13, -45), (14, -90)]  # centimetres
+    >>> rows = [(0, 70), (3, 73), (-3, 73), (7, 70), (-7, 70)]  # nose, eyes, ears; then
+    >>> rows += [(side * x, y) for x, y in sides for side in (1, -1)]
+    >>> joints = np.array([(x, -y, 200) for x, y in rows]) / 100  # 2 m before the camera
+    >>> person = modify.skeleton_from(joints, layout="coco")
+    >>> wrist = person.positions[[6]]
+    >>> further = modify.repose(wrist, person, gains={"ShoulderLeft": 3})
+    >>> bool(further.vertices[0, 0] > wrist[0, 0] + 0.1)  # further from the body
+    True
     """
     points = np.asarray(vertices)
     dtype: type[Any] = np.float32 if points.dtype == np.float32 else np.float64

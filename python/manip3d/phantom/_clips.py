@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 BEFORE_S = 5.0
 """Seconds of a clip before what it is about."""
 LONGEST_S = 30.0
-"""Of a clip; what comes later is left out."""
+"""Longest clip, seconds; what comes later is left out."""
 RATE = 10.0
 """Pictures a second."""
 

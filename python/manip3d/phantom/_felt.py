@@ -14,7 +14,7 @@ from manip3d.phantom._state import joints
 from manip3d.rgbd import Skeleton
 
 LIMITS = {"length": (20, 150), "telescoping": (0, 100), "raised": (-30, 180), "bent": (0, 150)}
-"""Of the four numbers: per cent of the intact limb's length, per cent, degrees, degrees."""
+"""Least and largest values: per cent of the intact limb's length, per cent, degrees, degrees."""
 
 _ARM, _LEG = ("Shoulder", "Elbow", "Wrist"), ("Hip", "Knee", "Ankle")
 

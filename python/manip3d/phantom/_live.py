@@ -88,6 +88,18 @@ class LiveReport:
 def simulated_patient(limb: str, game: str | None = None) -> str:
     """Return the address of a simulated person who has lost a limb and exercises the other one.
 
+    Parameters
+    ----------
+    limb : str
+        ``left_arm``, ``right_arm``, ``left_leg`` or ``right_leg``: the limb that is missing.
+    game : str, optional
+        Name out of `manip3d.phantom.games.GAMES`, whose movement the person makes.
+
+    Returns
+    -------
+    str
+        An address for `manip3d.capture.open_rgbd`.
+
     Examples
     --------
     >>> simulated_patient("left_leg")
@@ -181,6 +193,12 @@ def run_live(
     MissingExtraError
         aiohttp or, for simulated people, Open3D is not installed; SQLAlchemy for a diary,
         MediaPipe for ``pose``.
+
+    Examples
+    --------
+    >>> from manip3d import phantom
+    >>> report = phantom.run_live(affected="left_arm", seconds=60)  # doctest: +SKIP
+    >>> report.frames  # doctest: +SKIP
     """
     if (diary is None) != (participant is None):
         raise InputError("diary, participant: expected both or none")

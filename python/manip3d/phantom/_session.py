@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from manip3d.modify import BodyColliders, PhantomFrame
 
 MOST_GAIN = 2.0
-"""Of virtual enhancement."""
+"""Largest gain of virtual enhancement."""
 
 _ENHANCED = {"arm": ("Shoulder", "Elbow"), "leg": ("Hip", "Knee", "Ankle")}
 

@@ -23,7 +23,7 @@ MOST_TURN = 25.0
 LEAST_VISIBLE = 0.9
 LEAST_RATE = 20.0
 MARGIN = 0.01
-"""Of the image's sides, within which a joint is at its edge."""
+"""Share of the image's sides within which a joint is at its edge."""
 
 STILL_FRAMES = 60
 STILL_M = 0.03

@@ -62,6 +62,11 @@ def write_report(results_dir: str | os.PathLike[str], output: str | os.PathLike[
         ``results.json`` is no result of a run.
     MissingExtraError
         jinja2 is not installed (``.html`` only).
+
+    Examples
+    --------
+    >>> from manip3d import report
+    >>> report.write_report("results", "results.html")  # doctest: +SKIP
     """
     path = path_of(output, "output")
     if path.suffix.lower() not in _KINDS:

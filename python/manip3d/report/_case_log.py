@@ -99,6 +99,16 @@ def append_log(
     only what was appended since; `read_log` always checks everything. A writer that was killed can
     leave the start of a line at the end. The error then says how many entries before it hold, and
     how to cut the rest off.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import authenticate, report
+    >>> found = authenticate.inspect(np.zeros((0, 3), np.float32))
+    >>> first = report.append_log("cases.jsonl", found, source="scan.bin")
+    >>> second = report.append_log("cases.jsonl", found, source="other.bin")
+    >>> first == second, report.read_log("cases.jsonl")[1]["previous"] == first
+    (False, True)
     """
     with _locked(path_of(path)) as descriptor:
         end = _checked_end(descriptor, path)
@@ -161,6 +171,15 @@ def read_log(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
     FormatError
         A line is no entry, or it, or the one before it, was changed, left out or put in; the last
         line is not whole.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import authenticate, report
+    >>> found = authenticate.inspect(np.zeros((0, 3), np.float32))
+    >>> _ = report.append_log("cases.jsonl", found, source="scan.bin")
+    >>> [entry["source"] for entry in report.read_log("cases.jsonl")]
+    ['scan.bin']
     """
     with open_regular(path_of(path)) as file:
         fcntl.flock(file, fcntl.LOCK_SH)

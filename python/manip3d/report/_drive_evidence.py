@@ -46,7 +46,7 @@ P_VALUES = (("generic", "#0072B2", 2.5), ("turns", "#D55E00", 4.0), ("reflectanc
 """Detectors whose p-values are drawn, with color and radius."""
 
 MOST_ROWS = 500
-"""Of the table; the rest is counted."""
+"""Most rows of the table; the rest is counted."""
 
 
 @checked

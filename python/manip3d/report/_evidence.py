@@ -58,6 +58,18 @@ def write_evidence(
     ------
     InputError
         The suffix is neither of the two.
+
+    Examples
+    --------
+    >>> import json
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from manip3d import authenticate, report
+    >>> found = authenticate.inspect(np.zeros((0, 3), np.float32))
+    >>> report.write_evidence(found, "scan.json", source="scan.bin")
+    >>> record = json.loads(Path("scan.json").read_text())
+    >>> record["source"], record["verdict"]
+    ('scan.bin', 'undecidable')
     """
     path = path_of(output, "output")
     kind = path.suffix.lower()
@@ -88,6 +100,16 @@ def write_suspected_rows(inspection: Inspection, output: str | os.PathLike[str])
     ------
     InputError
         The suffix is another, or the inspection is without its scan.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import authenticate, report
+    >>> found = authenticate.inspect(np.zeros((0, 3), np.float32))
+    >>> report.write_suspected_rows(found, "rows.csv")
+    >>> from pathlib import Path
+    >>> Path("rows.csv").read_text().strip()
+    'row,x,y,z,detector,region,p_value'
     """
     path = path_of(output, "output")
     if path.suffix.lower() != ".csv":
@@ -296,7 +318,30 @@ def _page(inspection: Inspection, source: str) -> str:
 
 @checked
 def place_sentence(inspection: Inspection) -> str:
-    """Say where the scanner stood and who states it."""
+    """Say where the scanner stood and who states it.
+
+    Parameters
+    ----------
+    inspection : Inspection
+        The result of `manip3d.authenticate.inspect`.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    InputError
+        ``inspection`` is something else.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import authenticate, report
+    >>> found = authenticate.inspect(np.zeros((0, 3), np.float32), origin=(1, 2, 0))
+    >>> report.place_sentence(found)
+    'scanner at (1.000, 2.000, 0.000) m, given'
+    """
     if inspection.origin is None:
         return "the scanner's position is not known"
     x, y, z = inspection.origin

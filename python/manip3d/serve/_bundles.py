@@ -46,6 +46,13 @@ def bundled_pages(name: str, title: str, body: str) -> dict[str, Page]:
     ------
     RenderError
         The bundle is not built.
+
+    Examples
+    --------
+    >>> from manip3d import serve
+    >>> pages = serve.bundled_pages("study", "My study", "<main></main>")
+    >>> sorted(pages), b"My study" in pages["/"].content
+    (['/', '/study.css', '/study.js'], True)
     """
     text = _HTML.format(title=html.escape(title), name=name, body=body)
     return {

@@ -34,7 +34,7 @@ def encode_frame(
     captured_ns: int = 0,
     jpeg_quality: int = 80,
 ) -> bytes:
-    """One frame for the page as one binary message; its layout is in ``stream_frame.hpp``.
+    """Return one frame for the page as one binary message; its layout is in ``stream_frame.hpp``.
 
     Parameters
     ----------
@@ -61,6 +61,13 @@ def encode_frame(
     ------
     InputError
         A number out of range, or arrays that do not agree.
+
+    Examples
+    --------
+    >>> from manip3d import serve
+    >>> message = serve.encode_frame(None, {"score": 3}, sequence=7)
+    >>> type(message).__name__, b"score" in message
+    ('bytes', True)
     """
     if frame is None:
         vertices, texcoords, phantoms, faces = _NO_VERTICES, _NO_TEXCOORDS, _NO_MARKS, _NO_FACES

@@ -1,4 +1,4 @@
-"""So many bytes a second: how many of them a frame may have, and how many points that is."""
+"""A limit on bytes a second: how many bytes, and so how many points, each frame may have."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 __all__ = ["Effort", "Relief", "ReliefStream", "relief", "relief_grid"]
 
 _BYTES_PER_POINT = 22.0
-"""Of a message: a vertex with texture coordinates and two faces, in 16 bits each."""
+"""A point in a message: a vertex with texture coordinates and two faces, in 16 bits each."""
 
 Effort = Literal["live", "fast", "balanced", "fine", "best"]
 

@@ -31,11 +31,11 @@ _Result = SimplifyResult | QualityResult
 _MOST_RUNS = 6  # to meet a number of drawn faces; each halves what is left of it or better
 _NEAR = 0.01  # of the target: as near to it as a run more is worth
 
-# Of the scene's diagonal: faces of a mesh shown smaller than that are near the rounding of single
-# precision, which the fast mode works in, and have no shape beside the others.
+# Faces of a mesh shown smaller than this share of the scene's diagonal are near the rounding of
+# single precision, which the fast mode works in, and have no shape beside the others.
 _TINY = 1e-5
 
-# Of the scene's diagonal. Meshes of several instances lie this far from their places, each
+# Meshes of several instances are moved by this share of the scene's diagonal, each
 # differently, so that what happens to touch the first instance is not welded to all of them.
 _HAIR = 1e-9
 
@@ -294,7 +294,7 @@ class _Placed:
         return Mesh(**joined, materials=[Material() for _ in self._pairs])
 
     def _pair_rows(self, index: int, mesh: Mesh) -> NDArray[np.int32]:
-        """Of each face: the row of its mesh and material in `_pairs`."""
+        """Return for each face the row of its mesh and material in `_pairs`."""
         given = mesh.face_material
         materials = np.full(mesh.num_faces, -1, dtype=np.int32) if given is None else given
         values, rows = np.unique(materials, return_inverse=True)

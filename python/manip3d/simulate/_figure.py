@@ -23,7 +23,7 @@ MIRROR = np.diag([-1.0, 1.0, 1.0])
 """The person's left and right exchanged, in the person's own frame."""
 
 PERSON_TO_CAMERA = np.diag([1.0, -1.0, -1.0])
-"""Of a person who looks straight at the camera."""
+"""Turn of a person who looks straight at the camera."""
 
 SOLE = 0.075
 """Height of the ankle above the floor, metres."""

@@ -12,7 +12,7 @@ from manip3d.simulate._world import Surface
 Floats = NDArray[np.float32]
 
 LEVELS = 9
-"""Of a texture: 256, 128, ..., 1 texels a side."""
+"""Levels of a texture: 256, 128, ..., 1 texels a side."""
 SIDE = 1 << (LEVELS - 1)
 
 

@@ -27,7 +27,7 @@ def noise(seed: int, slope: float) -> Field:
 
 
 def _pixels(brightness: Field) -> Pixels:
-    """Of a brightness around 1."""
+    """Return the pixels of a brightness around 1."""
     return np.asarray(np.clip(128.0 * brightness, 0, 255)).astype(np.uint8)
 
 
@@ -77,7 +77,7 @@ def window(seed: int) -> Pixels:
 
 
 def asphalt(random: np.random.Generator) -> Surface:
-    """Of a road."""
+    """Return the surface of a road."""
     shade = float(random.uniform(0.26, 0.36))
     return Surface(
         (shade, shade, shade * 1.03),
@@ -88,7 +88,7 @@ def asphalt(random: np.random.Generator) -> Surface:
 
 
 def paving(random: np.random.Generator) -> Surface:
-    """Of a pavement."""
+    """Return the surface of a pavement."""
     shade = float(random.uniform(0.42, 0.55))
     return Surface(
         (shade, shade * 0.98, shade * 0.94), 0.35, texture=courses(2, 8, 8, 0.06), texture_size=3.2
@@ -96,12 +96,12 @@ def paving(random: np.random.Generator) -> Surface:
 
 
 def grass() -> Surface:
-    """Of verges and gardens."""
+    """Return the surface of verges and gardens."""
     return Surface((0.30, 0.42, 0.17), 0.45, texture=foliage(3), texture_size=3.0)
 
 
 def wall(random: np.random.Generator) -> Surface:
-    """Of a house: plaster, brick or concrete."""
+    """Return the surface of a house: plaster, brick or concrete."""
     kind = random.integers(3)
     if kind == 0:
         color = (
@@ -118,25 +118,25 @@ def wall(random: np.random.Generator) -> Surface:
 
 
 def roof(random: np.random.Generator) -> Surface:
-    """Of tiles."""
+    """Return the surface of a roof of tiles."""
     color = np.array([0.48, 0.22, 0.16]) * random.uniform(0.6, 1.2)
     return Surface(_color(color), 0.3, texture=courses(7, 16, 16, 0.05), texture_size=4.0)
 
 
 def pane(random: np.random.Generator) -> Surface:
-    """Of windows: what the laser mostly passes."""
+    """Return the surface of windows, through which the laser mostly passes."""
     texture = window(8 + int(random.integers(4)))
     return Surface((0.42, 0.46, 0.52), 0.12, transmission=0.12, texture=texture, texture_size=1.6)
 
 
 def leaves(random: np.random.Generator) -> Surface:
-    """Of a tree or a hedge."""
+    """Return the surface of a tree or a hedge."""
     color = np.array([0.26, 0.40, 0.15]) * random.uniform((0.7, 0.7, 0.6), (1.3, 1.2, 1.3))
     return Surface(_color(color), 0.45, texture=foliage(20), texture_size=1.5)
 
 
 def paint(color: tuple[float, float, float]) -> Surface:
-    """Of a car: what it mirrors, as faint spots; dark paint mirrors pulses away."""
+    """Return the surface of a car: it mirrors in faint spots; dark paint mirrors pulses away."""
     brightness = sum(color) / 3.0
     return Surface(
         color,
@@ -148,14 +148,14 @@ def paint(color: tuple[float, float, float]) -> Surface:
 
 
 def cloth(random: np.random.Generator, brightest: float) -> Surface:
-    """Of clothes."""
+    """Return the surface of clothes."""
     color = _color(random.uniform(0.05, brightest, 3))
     reflectance = float(random.uniform(0.1, 0.7))
     return Surface(color, reflectance, texture=rough(31, 0.2, 0.5), texture_size=0.8)
 
 
 def bark() -> Surface:
-    """Of a trunk."""
+    """Return the surface of a tree's trunk."""
     return Surface((0.34, 0.27, 0.2), 0.3, texture=rough(21, 0.25, 0.5), texture_size=0.8)
 
 

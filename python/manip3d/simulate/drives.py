@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 __all__ = ["DriveFrame", "drive", "write_drive"]
 
 DATE = "2000_01_01"
-"""Of simulated drives: no real one has it."""
+"""Date of simulated drives, which no real one has."""
 _START = datetime(2000, 1, 1, 12, 0, 0, tzinfo=UTC)
 EPOCH_NS = int(_START.timestamp()) * SECOND_NS
 """A street's time 0, nanoseconds since 1970."""

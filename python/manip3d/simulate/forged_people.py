@@ -276,7 +276,7 @@ class _Stream:
 
     @property
     def _own_seed(self) -> int:
-        """Of noise and tracker: another one for each stream, whatever others are made."""
+        """Seed of noise and tracker: each stream has its own, whatever others are made."""
         place = (self.person, self.action, self.scene, KINDS.index(self.kind))
         return int(np.random.default_rng([self.seed, *place]).integers(2**31))
 

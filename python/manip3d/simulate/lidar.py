@@ -40,7 +40,7 @@ Doubles = NDArray[np.float64]
 FIRING_PERIOD = 48e-6
 """Seconds between firings (20 833 a second, HDL-64E S2 manual)."""
 ENCODER_STEPS = 4000
-"""Of a turn: 0.09 degrees each."""
+"""Steps of a turn: 0.09 degrees each."""
 SEAM = 1980
 """Encoder value at which a sweep begins: 178.2 degrees."""
 TURN_PERIOD = 0.10313

@@ -27,10 +27,10 @@ if TYPE_CHECKING:
 __all__ = ["SENSOR_HEIGHT", "Mover", "Street", "street"]
 
 SENSOR_HEIGHT = 1.73
-"""Of the LiDAR above the road on KITTI's car, metres (Geiger et al., IJRR 2013, figure 3)."""
+"""Height of the LiDAR above the road, metres: KITTI's car (Geiger et al., IJRR 2013, figure 3)."""
 
 LENGTH = 420.0
-"""Of a street, metres; the car drives from 60 to at most 360."""
+"""Length of a street, metres; the car drives from 60 to at most 360."""
 BORDER = 95.0
 """The ground reaches this far to both sides: beyond the laser."""
 

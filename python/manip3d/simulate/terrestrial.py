@@ -280,7 +280,7 @@ class _Scanner:
     def mixed_ranges(
         self, cells: NDArray[np.int64], divergence: float, most: int
     ) -> tuple[NDArray[np.int64], Floats]:
-        """Of some cells those whose beam meets two surfaces, at most so many, and their ranges."""
+        """Return the cells whose beam meets two surfaces, at most ``most``, and their ranges."""
         direction = self.aim(cells)
         center = self._cast(direction)
         plane = center.distance * np.einsum("ij,ij->i", center.normal, direction)

@@ -16,7 +16,7 @@ from manip3d.io._files import limited_bytes
 from manip3d.study._steps import NAME, Field
 
 MOST_BYTES = 1 << 20
-"""Of a definition."""
+"""Most bytes of a definition."""
 
 
 class Section:

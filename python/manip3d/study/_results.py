@@ -39,7 +39,7 @@ REDCAP_COLUMNS = (
     "Matrix Ranking?",
     "Field Annotation",
 )
-"""Of a REDCap data dictionary."""
+"""Columns of a REDCap data dictionary."""
 
 FILES = (
     "answers.csv",

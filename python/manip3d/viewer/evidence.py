@@ -44,7 +44,7 @@ def evidence(
     suspected: Mapping[str, ArrayLike],
     boxes: Mapping[str, Sequence[Box]] | None = None,
 ) -> DrawnPoints:
-    """A scan with suspected points and boxes coloured by who suspects them.
+    """Return a scan with suspected points and boxes coloured by who suspects them.
 
     Parameters
     ----------
@@ -57,10 +57,23 @@ def evidence(
     boxes : mapping of str to sequence of Box, optional
         By the same names.
 
+    Returns
+    -------
+    DrawnPoints
+
     Raises
     ------
     InputError
         A row out of range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import LidarFrame, viewer
+    >>> scan = LidarFrame(np.random.default_rng(0).normal(size=(100, 3)))
+    >>> cloud = viewer.evidence(scan, verdict="tampered", suspected={"density": [3, 4, 5]})
+    >>> cloud.columns[0].labels, cloud.columns[0].counts()
+    (['not suspected', 'suspected by density'], [97, 3])
     """
     values = np.zeros(scan.num_points, np.uint8)
     labels, palette = ["not suspected"], [_VERDICTS.get(verdict, CLEAR)]
@@ -86,7 +99,31 @@ def evidence(
 
 @checked
 def forgery_points(forgery: Forgery) -> DrawnPoints:
-    """A forged scan: points that were added and moved, and, where known, that were removed."""
+    """Return a forged scan: points added and moved, and, where known, those removed.
+
+    Parameters
+    ----------
+    forgery : Forgery
+        Result of one of the attacks of `manip3d.forge`.
+
+    Returns
+    -------
+    DrawnPoints
+        The points that were removed stand behind those of the forged scan.
+
+    Raises
+    ------
+    InputError
+        ``forgery`` is something else.
+
+    Examples
+    --------
+    >>> from manip3d import forge, viewer
+    >>> forged = forge.ctp([[5, 0, 0], [6, 0, 0]], [[0, 0, 0]], position=(3, 0, 0))
+    >>> cloud = viewer.forgery_points(forged)
+    >>> cloud.columns[0].labels, cloud.columns[0].counts()
+    (['untouched', 'added'], [2, 1])
+    """
     frame, label = forgery.frame, forgery.label
     original = forgery.original
     if original is not None and len(forgery.removed):

@@ -60,9 +60,32 @@ class Opened:
 
 @checked
 def kind_of(source: str | os.PathLike[str]) -> Kind:
-    """What a file, a folder or an address holds, by its name and by what stands there.
+    """Return what a file, a folder or an address holds, by its name and by what stands there.
 
     Anything that is no scan, no depth image and no source of RGB-D frames is a ``mesh``.
+
+    Parameters
+    ----------
+    source : path or str
+        As for `open_thing`.
+
+    Returns
+    -------
+    'mesh', 'scan', 'depth' or 'rgbd'
+
+    Raises
+    ------
+    InputError
+        ``source`` is neither a path nor a text.
+    OSError
+        The file must be looked at, and cannot be read.
+
+    Examples
+    --------
+    >>> from manip3d import viewer
+    >>> names = ("bunny.obj", "0.bin", "walk.mkv", "depth.png", "sim:body")
+    >>> [viewer.kind_of(name) for name in names]
+    ['mesh', 'scan', 'rgbd', 'depth', 'rgbd']
     """
     path_of(source, "source")
     name = os.fspath(source)
@@ -80,7 +103,32 @@ def kind_of(source: str | os.PathLike[str]) -> Kind:
 
 @checked
 def scan_address(source: str) -> str | None:
-    """The address of packets, a bag or a drive, for `manip3d.capture.open_lidar`; or None."""
+    """Return the address of packets, a bag or a drive, for `manip3d.capture.open_lidar`; or None.
+
+    Parameters
+    ----------
+    source : str
+        A file, a folder or an address.
+
+    Returns
+    -------
+    str or None
+
+    Raises
+    ------
+    InputError
+        ``source`` is no text.
+    OSError
+        A ROS 1 bag cannot be read.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from manip3d import viewer
+    >>> Path("drive/velodyne").mkdir(parents=True)
+    >>> [viewer.scan_address(name) for name in ("turns.pcap", "drive", "bunny.obj")]
+    ['pcap:turns.pcap', 'kitti:drive', None]
+    """
     if source.startswith(_LIDAR_SCHEMES):
         return source
     if scan_suffix(source) in _PACKETS:
@@ -99,7 +147,31 @@ def _is_ros1(path: Path) -> bool:
 
 @checked
 def rgbd_address(source: str) -> str | None:
-    """The address of RGB-D frames, for `manip3d.capture.open_rgbd`; None for anything else."""
+    """Return the address of RGB-D frames, for `manip3d.capture.open_rgbd`; None for anything else.
+
+    Parameters
+    ----------
+    source : str
+        A file, a folder or an address.
+
+    Returns
+    -------
+    str or None
+
+    Raises
+    ------
+    InputError
+        ``source`` is no text.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from manip3d import viewer
+    >>> Path("tum").mkdir()
+    >>> Path("tum", "depth.txt").touch()
+    >>> [viewer.rgbd_address(name) for name in ("walk.mkv", "tum", "openni2:", "bunny.obj")]
+    ['mkv:walk.mkv', 'tum:tum', 'openni2:', None]
+    """
     path = Path(source)
     if path.suffix.lower() == ".mkv":
         return source if source.startswith("mkv:") else f"mkv:{source}"
@@ -153,12 +225,26 @@ def open_thing(
     calibration : path, optional
         Calibration file of an HDL-64E, for recordings of its packets.
 
+    Returns
+    -------
+    Opened
+        What was read, its kind, and a sentence about how it was read.
+
     Raises
     ------
     InputError
         There is no such frame, or an option is not for this kind of source.
     FormatError, DeviceError, MissingExtraError, OSError
         As the readers.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import LidarFrame, io, viewer
+    >>> io.write_scan(LidarFrame(np.ones((5, 3), np.float32)), "scan.bin")
+    >>> opened = viewer.open_thing("scan.bin")
+    >>> opened.kind, opened.thing.num_points
+    ('scan', 5)
     """
     name = os.fspath(source)
     kind = kind_of(source)

@@ -306,7 +306,7 @@ def html(
     max_faces: int = MAX_FACES,
     max_points: int = MAX_POINTS,
 ) -> str:
-    """A page that shows one thing, or several side by side from one camera.
+    """Return a page that shows one thing, or several side by side from one camera.
 
     The page holds all it needs; it can be mailed, put into an ``<iframe srcdoc>`` (`iframe` does
     that) or opened without a network. Its buttons switch what the options below set first.
@@ -341,6 +341,15 @@ def html(
     -----
     UserWarning
         A texture cannot be read; its material's base colour is shown instead.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Mesh, viewer
+    >>> triangle = Mesh(np.eye(3), [[0, 1, 2]])
+    >>> page = viewer.html([triangle, triangle], title="Two triangles")
+    >>> "<title>Two triangles" in page, "<script" in page
+    (True, True)
     """
     things = _several(thing)
     labels = [""] * len(things) if labels is None else list(labels)
@@ -556,7 +565,30 @@ def _pose_entry(camera: Camera, placement: Placement) -> dict[str, Any]:
 
 @checked
 def iframe(page: str, *, height: int = 480) -> str:
-    """An HTML element that shows ``page`` inside another page, kept apart from it."""
+    """Return an HTML element that shows ``page`` inside another page, kept apart from it.
+
+    Parameters
+    ----------
+    page : str
+        A whole page, as `html` returns it.
+    height : int, pixels
+
+    Returns
+    -------
+    str
+        An ``<iframe>`` whose scripts cannot touch the page around it.
+
+    Raises
+    ------
+    InputError
+        ``page`` is no text, or ``height`` no number.
+
+    Examples
+    --------
+    >>> from manip3d import viewer
+    >>> viewer.iframe("<p>text</p>", height=100)[:45]
+    '<iframe srcdoc="&lt;p&gt;text&lt;/p&gt;" sand'
+    """
     return (
         f'<iframe srcdoc="{html_text.escape(page)}" sandbox="allow-scripts" '
         f'style="width:100%;height:{height}px;border:0" title="3D view"></iframe>'
@@ -567,7 +599,7 @@ def iframe(page: str, *, height: int = 480) -> str:
 def figure(
     thing: Any, caption: str = "", *, height: int = 520, max_points: int = FIGURE_POINTS
 ) -> str:
-    """A ``<figure>`` for a page of one's own: the viewer, else a picture, else why there is none.
+    """Return a ``<figure>`` for another page: the viewer, else a picture, else why there is none.
 
     Parameters
     ----------
@@ -577,6 +609,25 @@ def figure(
     height : int, pixels
     max_points : int
         Most points shown. A larger cloud is thinned to that number, and the figure says so.
+
+    Returns
+    -------
+    str
+        HTML that needs no other file.
+
+    Raises
+    ------
+    InputError
+        ``thing`` cannot be shown.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Mesh, viewer
+    >>> triangle = Mesh(np.eye(3), [[0, 1, 2]])
+    >>> element = viewer.figure(triangle, "A triangle")
+    >>> element.startswith("<figure"), "<figcaption>A triangle</figcaption>" in element
+    (True, True)
     """
     try:
         inner = iframe(html(thing, max_points=max_points), height=height)
@@ -591,7 +642,19 @@ def figure(
 
 
 def has_display() -> bool:
-    """Whether a browser that this process starts would be seen by somebody."""
+    """Return whether a browser that this process starts would be seen by somebody.
+
+    Returns
+    -------
+    bool
+        On Linux, whether ``DISPLAY``, ``WAYLAND_DISPLAY`` or ``BROWSER`` is set.
+
+    Examples
+    --------
+    >>> from manip3d import viewer
+    >>> viewer.has_display() in (False, True)
+    True
+    """
     if sys.platform in ("win32", "darwin"):
         return True
     return any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))
@@ -624,6 +687,14 @@ def view(thing: Any, output: str | os.PathLike[str] | None = None, **options: An
         The viewer is not built, or nothing can draw here; the message names the cure.
     OSError
         The file cannot be written.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Mesh, viewer
+    >>> triangle = Mesh(np.eye(3), [[0, 1, 2]])
+    >>> viewer.view(triangle, "triangle.html", title="A triangle").name
+    'triangle.html'
     """
     if output is None:
         return _opened(html(thing, **options))
@@ -679,6 +750,14 @@ def play(
         As `film`.
     OSError
         The file cannot be written.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Mesh, viewer
+    >>> steps = [Mesh(size * np.eye(3), [[0, 1, 2]]) for size in (1.0, 1.5, 2.0)]
+    >>> viewer.play(steps, "growing.html", rate=2.0).name
+    'growing.html'
     """
     if output is None:
         return _opened(film(meshes, **options))

@@ -26,7 +26,7 @@ __all__ = [
 ]
 
 _GREY = 200
-"""Of points without a colour."""
+"""Grey of points without a colour."""
 
 
 def depth_picture(

@@ -117,6 +117,14 @@ def picture(
     -----
     UserWarning
         A texture cannot be read; its material's base colour is shown instead.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Mesh, viewer
+    >>> triangle = Mesh(np.eye(3), [[0, 1, 2]])
+    >>> viewer.picture(triangle, size=(320, 240)).shape  # doctest: +SKIP
+    (240, 320, 3)
     """
     style = Style(size, shading, texture, wireframe, boundary, backfaces, rgb(background))
     one = _ready(thing, color_by)
@@ -145,10 +153,23 @@ def points_picture(
     **options
         Options of `picture`.
 
+    Returns
+    -------
+    (height, width, 3) uint8, sRGB
+
     Raises
     ------
     InputError, RenderError
         As `picture`; or ``colors`` has another shape.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Box, viewer
+    >>> points = np.random.default_rng(0).normal(size=(1000, 3))
+    >>> box = Box((0, 0, 0), (2, 2, 2), label="middle")
+    >>> viewer.points_picture(points, boxes=[box], size=(320, 240)).shape  # doctest: +SKIP
+    (240, 320, 3)
     """
     if isinstance(points, LidarFrame):
         if colors is None:
@@ -242,6 +263,15 @@ def comparison(
     ------
     InputError, RenderError
         As `picture`; or the number of labels is not that of things.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Mesh, viewer
+    >>> triangle = Mesh(np.eye(3), [[0, 1, 2]])
+    >>> sheet = viewer.comparison([triangle, triangle], ["before", "after"])  # doctest: +SKIP
+    >>> sheet.shape[1]  # two pictures of 480 pixels  # doctest: +SKIP
+    960
     """
     every = [_ready(thing, color_by) for thing in things]
     if labels is None:
@@ -289,7 +319,31 @@ def _caption(label: str, style: Style) -> Image:
 
 @checked
 def png_bytes(image: Image) -> bytes:
-    """The PNG file of an (H, W, 3) uint8 picture."""
+    """Return the PNG file of a picture.
+
+    Parameters
+    ----------
+    image : (H, W, 3) uint8
+        R, G, B, as `picture` returns it.
+
+    Returns
+    -------
+    bytes
+
+    Raises
+    ------
+    InputError
+        ``image`` is no array of numbers.
+    MissingExtraError
+        Pillow is not installed.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import viewer
+    >>> viewer.png_bytes(np.zeros((4, 4, 3), np.uint8))[1:4]
+    b'PNG'
+    """
     stream = io.BytesIO()
     pillow().fromarray(image).save(stream, format="PNG", optimize=True)
     return stream.getvalue()

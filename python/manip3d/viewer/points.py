@@ -443,7 +443,7 @@ def drawn_points(
     origin: Sequence[float] | None = None,
     name: str = "",
 ) -> DrawnPoints:
-    """Points with colours, numbers and boxes, for `manip3d.viewer.view` and `picture`.
+    """Return points with colours, numbers and boxes, for `manip3d.viewer.view` and `picture`.
 
     Parameters
     ----------
@@ -462,10 +462,23 @@ def drawn_points(
     name : str
         Written below the points.
 
+    Returns
+    -------
+    DrawnPoints
+
     Raises
     ------
     InputError
         An array of another shape, coordinates that are not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import viewer
+    >>> points = np.random.default_rng(0).normal(size=(1000, 3))
+    >>> cloud = viewer.drawn_points(points, values={"distance": np.linalg.norm(points, axis=1)})
+    >>> cloud.detail, [column.name for column in cloud.columns]
+    ('1,000 points', ['distance'])
     """
     array = np.asarray(points)
     place = rows(points, 3, np.float32 if array.dtype == np.float32 else np.float64, "points")
@@ -536,13 +549,31 @@ _EDGES = np.array(
 def box_lines(
     boxes: Sequence[Box] | Mapping[str, Sequence[Box]], colors: Mapping[str, Rgb] | None = None
 ) -> tuple[Lines, ...]:
-    """The edges of boxes; boxes of one label, or of one key of a mapping, share a colour.
+    """Return the edges of boxes as lines, in one colour for each label or key of a mapping.
 
     Parameters
     ----------
     boxes : sequence of Box, or mapping of str to sequence of Box
     colors : mapping of str to (r, g, b), optional
         Colours by label or key; the others take the colours of a palette in turn.
+
+    Returns
+    -------
+    tuple of Lines
+        One for each label or key that has boxes.
+
+    Raises
+    ------
+    InputError
+        ``boxes`` or ``colors`` holds something else.
+
+    Examples
+    --------
+    >>> from manip3d import Box, viewer
+    >>> car, other = (Box((x, 0, 0), (4, 2, 2), label="car") for x in (8, 20))
+    >>> lines = viewer.box_lines([car, other, Box((5, 3, 0), (1, 1, 2), label="person")])
+    >>> [(line.name, line.ends.shape) for line in lines]
+    [('car', (24, 2, 3)), ('person', (12, 2, 3))]
     """
     groups: dict[str, list[Box]] = {}
     if isinstance(boxes, Mapping):
@@ -632,7 +663,7 @@ def scan_points(
     boxes: Sequence[Box] | Mapping[str, Sequence[Box]] = (),
     classes: Classes | None = None,
 ) -> DrawnPoints:
-    """A scan by height, intensity, ring, and colour where it has them.
+    """Return a scan's points by height, intensity, ring, and colour where it has them.
 
     Parameters
     ----------
@@ -642,6 +673,24 @@ def scan_points(
         As for `box_lines`.
     classes : Classes, optional
         What each point of the frame is; shown first.
+
+    Returns
+    -------
+    DrawnPoints
+
+    Raises
+    ------
+    InputError
+        ``boxes`` or ``classes`` is something else.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import LidarFrame, viewer
+    >>> scan = LidarFrame(np.mgrid[0:5, 0:2, 0:1].reshape(3, -1).T, ring=np.arange(10) % 2)
+    >>> cloud = viewer.scan_points(scan)
+    >>> cloud.detail, [column.name for column in cloud.columns]
+    ('9 points, 1 without return', ['height', 'ring'])
     """
     returned = np.flatnonzero(frame.points.any(axis=1))
     points = frame.points[returned]
@@ -738,7 +787,7 @@ def depth_points(
     color: NDArray[np.uint8] | None = None,
     registration: Registration | None = None,
 ) -> DrawnPoints:
-    """The points of a depth image, first seen as its camera saw them.
+    """Return the points of a depth image, first seen as its camera saw them.
 
     Parameters
     ----------
@@ -750,10 +799,26 @@ def depth_points(
     registration : Registration, optional
         Where the colour camera stands.
 
+    Returns
+    -------
+    DrawnPoints
+        A point for each pixel with a measurement.
+
     Raises
     ------
     InputError
         Images of other shapes than the cameras say.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Intrinsics, viewer
+    >>> camera = Intrinsics(fx=60, fy=60, cx=31.5, cy=23.5, width=64, height=48)
+    >>> depth = np.full((48, 64), 2000, np.uint16)
+    >>> depth[:, :10] = 0  # nothing was measured there
+    >>> cloud = viewer.depth_points(depth, camera)
+    >>> cloud.detail, [column.name for column in cloud.columns]
+    ('2,592 points', ['depth'])
     """
     if depth.shape != (intrinsics.height, intrinsics.width):
         raise InputError(
@@ -803,7 +868,33 @@ def _pixel_colors(
 
 @checked
 def rgbd_points(frame: RgbdFrame) -> DrawnPoints:
-    """An RGB-D frame: its points by colour, depth and person, and its people's bones."""
+    """Return an RGB-D frame's points by colour, depth and person, and its people's bones.
+
+    Parameters
+    ----------
+    frame : RgbdFrame
+
+    Returns
+    -------
+    DrawnPoints
+
+    Raises
+    ------
+    InputError
+        ``frame`` is something else.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Intrinsics, RgbdCalibration, RgbdFrame, Skeleton, viewer
+    >>> camera = Intrinsics(fx=60, fy=60, cx=31.5, cy=23.5, width=64, height=48)
+    >>> depth = np.full((48, 64), 2000, np.uint16)
+    >>> depth[:, :10] = 0  # nothing was measured there
+    >>> person = Skeleton(np.full((25, 3), 2.0))
+    >>> frame = RgbdFrame(depth, RgbdCalibration(camera), skeletons=(person,))
+    >>> viewer.rgbd_points(frame).detail
+    '2,592 points, 1 skeleton'
+    """
     calibration = frame.calibration
     cloud = depth_points(
         frame.depth,
@@ -836,7 +927,33 @@ def _people(body_index: Bytes, valid: NDArray[np.bool_]) -> Classes:
 
 @checked
 def skeleton_lines(skeletons: Sequence[Skeleton]) -> tuple[Lines, ...]:
-    """The bones of people: those between tracked joints, and those with an inferred end."""
+    """Return the bones of people: those between tracked joints, and those with an inferred end.
+
+    Parameters
+    ----------
+    skeletons : sequence of Skeleton
+
+    Returns
+    -------
+    tuple of Lines
+        At most two, ``bones`` and ``inferred bones``; bones with an end that is not tracked are not
+        drawn.
+
+    Raises
+    ------
+    InputError
+        ``skeletons`` holds something else.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Skeleton, viewer
+    >>> states = np.full(25, 2)
+    >>> states[6] = 1  # the left wrist is guessed
+    >>> lines = viewer.skeleton_lines([Skeleton(np.full((25, 3), 2.0), states=states)])
+    >>> [(line.name, len(line.ends)) for line in lines]
+    [('bones', 21), ('inferred bones', 3)]
+    """
     bones = np.array([(parent, joint) for joint, parent in enumerate(PARENTS) if joint != parent])
     sure, guessed = np.empty((0, 2, 3)), np.empty((0, 2, 3))
     for skeleton in skeletons:

@@ -96,10 +96,14 @@ def check(name: Renderer) -> None:
 
 
 def renderer() -> Renderer:
-    """The program that draws pictures here.
+    """Return the program that draws pictures here.
 
     The environment variable ``MANIP3D_RENDERER`` chooses one (``pyvista``), forbids all
     (``none``), or leaves it to the first that works (``auto``).
+
+    Returns
+    -------
+    'chromium' or 'pyvista'
 
     Raises
     ------
@@ -107,6 +111,12 @@ def renderer() -> Renderer:
         None works; the message gives each one's complaint and cure.
     InputError
         ``MANIP3D_RENDERER`` is not one of these words.
+
+    Examples
+    --------
+    >>> from manip3d import viewer
+    >>> viewer.renderer()  # doctest: +SKIP
+    'pyvista'
     """
     wanted = _wanted()
     if not wanted:

@@ -28,7 +28,7 @@ Shown = Mesh | DrawnPoints
 @checked
 @singledispatch
 def shown(thing: Any) -> Shown:
-    """The mesh or the points that show a thing.
+    """Return the mesh or the points that show a thing.
 
     Parameters
     ----------
@@ -43,10 +43,21 @@ def shown(thing: Any) -> Shown:
     thing : Inspection, DensityResult, OcclusionResult, GenericResult
         The scan that was judged, with suspected points and boxes.
 
+    Returns
+    -------
+    Mesh or DrawnPoints
+
     Raises
     ------
     InputError
         None of these, or a result without its scan.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import LidarFrame, viewer
+    >>> viewer.shown(LidarFrame(np.ones((5, 3), np.float32))).detail
+    '5 points'
     """
     raise InputError(
         "thing: expected a Mesh, a LidarFrame, a RgbdFrame, a DrawnPoints, a Forgery or the result "

@@ -47,7 +47,7 @@ class FrameTimes:
 
     @property
     def median(self) -> float:
-        """Of the frames, in milliseconds."""
+        """Median time of a frame, milliseconds."""
         return float(np.median(self.milliseconds))
 
     @property

@@ -55,8 +55,8 @@ enum class Dropped : std::uint8_t {
 
 struct EvidenceReport {
   Dropped dropped = Dropped::kNo;
-  double share = 0.0;     ///< Of the points (of ranges: excess of those a quarter step off).
-  double strength = 0.0;  ///< That of the strongest region.
+  double share = 0.0;     ///< Share of the points (ranges: excess of those a quarter step off).
+  double strength = 0.0;  ///< Strength of the strongest region.
 };
 
 /// A connected set of cells with evidence.

@@ -100,7 +100,7 @@ struct VelodyneFrame {
   std::vector<std::uint8_t> laser;        ///< Number in the packet.
   std::vector<std::uint8_t> return_type;  ///< ReturnType
   std::vector<float> azimuth;             ///< Degrees in [0, 360), clockwise from above.
-  std::vector<float> range;               ///< As sent, metres, without the calibration's offsets.
+  std::vector<float> range;               ///< Metres as sent, without the calibration's offsets.
   std::vector<float> time;                ///< Seconds after the frame's first packet.
   VelodyneModel model = VelodyneModel::kVlp16;
   std::int64_t time_ns = 0;  ///< Arrival of the first packet since 1970, as its receiver noted.

@@ -35,7 +35,7 @@ struct PersonSurface {
   const float* seen = nullptr;           ///< (n, 3) where the person was seen: gives the colours.
   const std::int32_t* pixels = nullptr;  ///< (n, 2) column and row in which it was seen.
   ColorView color;                       ///< Colour of the person's frame; no pixels: none.
-  std::optional<Registration> registration;  ///< Of that frame; none: colour has depth's pixels.
+  std::optional<Registration> registration;  ///< None: the colour image has depth's pixels.
   /// The person stands where they were seen by the same camera: depth goes to the same pixels.
   bool in_place = false;
 };

@@ -27,7 +27,7 @@ class RangeImage {
 
   [[nodiscard]] std::int64_t rows() const { return grid_.rows; }
   [[nodiscard]] std::int64_t cols() const { return grid_.cols; }
-  /// As PointGridView::rows_up.
+  /// The grid's PointGridView::rows_up.
   [[nodiscard]] bool rows_up() const { return grid_.rows_up; }
   /// Is it a depth image, so that z is the distance from the sensor?
   [[nodiscard]] bool has_depth() const { return rays_ != nullptr; }

@@ -19,7 +19,7 @@ struct Temporary {
 
 /// Makes the one with the lowest N that is free, and removes those whose writer is dead: of all
 /// writers of this library, whoever holds the lock of a name is alive.
-/// @param mode  Of the new file or folder; the process's mask is applied.
+/// @param mode  permissions of the new file or folder; the process's mask is applied.
 /// @throws std::system_error  the operating system refused.
 Temporary make_temporary(const std::filesystem::path& folder, TemporaryKind kind, unsigned mode);
 

@@ -19,7 +19,7 @@ enum class BoneRule : std::uint8_t {
   kPaper  ///< The one itself, dissertation eq. 4.1: a trunk is no thicker than an arm.
 };
 
-/// Of the flesh around a bone, at both of its ends, metres.
+/// Radii of the flesh around a bone at both of its ends, metres.
 struct BoneRadii {
   float start = 0.0F, end = 0.0F;
 };

@@ -38,7 +38,7 @@ struct PhantomOptions {
   Limb affected = Limb::kRightArm;
   MirrorMode mode = MirrorMode::kReflection;
   PlaneRule plane = PlaneRule::kTrunk;  ///< Used by kReflection; other modes take the joints.
-  bool smooths = true;                  ///< Else joints are taken as they come.
+  bool smooths = true;                  ///< False: joints are taken as they come.
   JointSmootherOptions smoothing;
   KeyPersonOptions key_person;
   PersonMaskOptions mask;
@@ -64,7 +64,7 @@ struct PhantomInput {
 
 enum class PixelKind : std::uint8_t {
   kNone,        ///< Nothing here.
-  kBody,        ///< As measured.
+  kBody,        ///< A pixel of the body as measured.
   kPhantom,     ///< A mirrored point whose surface faces the camera.
   kAway,        ///< A mirrored point that shows the back of its surface.
   kFilled,      ///< A hole of the phantom, from its neighbours.
@@ -149,11 +149,11 @@ struct PhantomReport {
   std::optional<BodyFrame> plane;   ///< The axes that were mirrored at.
   std::int64_t texture_number = 0;  ///< Frame whose colours the phantom's sources refer to.
   std::int64_t num_person = 0, num_removed = 0, num_mirrored = 0, num_filled = 0;  ///< Pixels.
-  std::int64_t num_away = 0;    ///< Of the mirrored ones: those whose surface faces away.
+  std::int64_t num_away = 0;    ///< Mirrored points whose surface faces away.
   std::int64_t num_points = 0;  ///< Vertices before those of seams.
   PhantomMeshSize mesh;
   Skeleton skeleton;             ///< Key person, smoothed, with the phantom's joints.
-  std::int64_t late_frames = 0;  ///< So far.
+  std::int64_t late_frames = 0;  ///< Late frames since the start or reset.
   std::array<double, kNumPhantomStages> seconds{};
 };
 

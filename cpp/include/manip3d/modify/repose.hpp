@@ -19,7 +19,7 @@ struct ReposeOptions {
   std::array<double, kNumJoints> gain{};
   /// By joint: the largest angle from rest afterwards, radians; pi.
   std::array<double, kNumJoints> limit{};
-  bool blended = true;  ///< Else each vertex moves with its nearest bone alone.
+  bool blended = true;  ///< False: each vertex moves with its nearest bone alone.
   double band = 0.08;  ///< Bones that are farther than the nearest by so much do not count; metres.
   int num_threads = 0;
 

@@ -52,7 +52,7 @@ struct ReliefLevel {
 
 struct ReliefResult {
   DepthMesh mesh;
-  std::vector<ReliefLevel> levels;  ///< As ReliefOptions::levels; at most so many vertices each.
+  std::vector<ReliefLevel> levels;  ///< Sizes as in ReliefOptions::levels, or less.
   ReliefStop stop = ReliefStop::kTarget;
   std::int64_t dropped_pixels = 0;  ///< kSmallPieces: pixels of the pieces left out.
   DepthCoverage cover;              ///< Coverage of the mesh before points move.
