@@ -107,7 +107,7 @@ def test_a_drive_is_not_tampered_for_what_chance_explains() -> None:
 
 
 def test_more_episodes_than_chance_has_are_tampered() -> None:
-    """Of 100 clean scans 5 episodes have a probability of 0.34 %, 4 of 1.8 %."""
+    """Among 100 clean scans 5 episodes have a probability of 0.34 %, 4 of 1.8 %."""
     for episodes, verdict in ((4, "undecidable"), (5, "tampered")):
         drive = ([ODD] + [CLEAN] * 9) * episodes
         drive += [CLEAN] * (100 - len(drive))

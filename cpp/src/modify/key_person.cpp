@@ -119,7 +119,7 @@ std::optional<std::size_t> KeyPerson::with_id(std::span<const Skeleton> people,
   return std::nullopt;
 }
 
-/// Of those who are not known.
+/// The nearest of those who are not known.
 std::optional<std::size_t> KeyPerson::nearby(std::span<const Skeleton> people, double within,
                                              double time_s) const {
   return cheapest(people, within * within, [&](std::int64_t id, const Eigen::Vector3f& p) {

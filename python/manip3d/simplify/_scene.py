@@ -233,7 +233,7 @@ class _Placed:
             for i, own in self._instances.items()
             for other in own.transforms
         )
-        # Of the error: in the unit of the scene, at the largest instance.
+        # Unit of the error: that of the scene, at the largest instance.
         self.unit = self.stretch if is_aside else 1.0
         if not is_aside and self.stretch < 1.0 + 1e-9:
             self.stretch = 1.0
