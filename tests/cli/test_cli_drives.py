@@ -62,7 +62,7 @@ def signed(fleet: Path, key: Path, tmp_path: Path) -> Path:
     out = tmp_path / "signed"
     done = run("watermark", "embed", str(fleet), "--key", str(key), "-o", str(out), "--jobs", "1")
     assert done.returncode == 0, done.stderr
-    assert "3 drives in" in done.stderr
+    assert "3 sources in" in done.stderr
     return out
 
 
@@ -114,7 +114,7 @@ def test_the_gravest_drive_gives_the_exit_code(signed: Path, key: Path, tmp_path
     done = run("watermark", "verify", str(copies), "--key", str(key), "--table",
                str(tmp_path / "table.csv"), "--jobs", "1")  # fmt: skip
     assert done.returncode == 1
-    assert "1 of 2 drives failed" in done.stderr
+    assert "1 of 2 sources failed" in done.stderr
     assert "expected scans, found none" in done.stderr
 
 
@@ -166,7 +166,7 @@ def test_several_vehicles_are_on_one_page(signed: Path, key: Path, tmp_path: Pat
     out = tmp_path / "alerts"
     done = run("alert", "run", str(signed), "--key", str(key), "-o", str(out), "--jobs", "1")
     assert done.returncode == 3, done.stderr
-    assert "3 drives in" in done.stderr
+    assert "3 sources in" in done.stderr
     pages = sorted(str(path.relative_to(out)) for path in out.rglob("*.html"))
     assert pages == ["monday/car_a.html", "monday/car_b.html", "overview.html",
                      "tuesday/car_a.html"]  # fmt: skip

@@ -9,7 +9,10 @@ from manip3d.cli.options import Calibration, DepthUnit, Json, Quiet, Source
 from manip3d.cli.terminal import Terminal
 
 
-@over_files(kinds.shown_suffixes)
+@over_files(
+    kinds.shown_suffixes,
+    columns=("source", "faces", "vertices", "materials_used", "points", "frames", "seconds"),
+)
 def info(
     source: Source,
     calibration: Calibration = None,

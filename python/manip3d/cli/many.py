@@ -102,6 +102,7 @@ def over_files(
     skipped_code: int = 0,
     exit_code: Callable[[Sequence[Mapping[str, Any]], Mapping[str, Any]], int] | None = None,
     columns: Sequence[str] = (),
+    check: Callable[[Mapping[str, Any]], object] = lambda options: None,
 ) -> Callable[[Verb], Verb]:
     """Make a verb of one file (and ``output``) a verb of many.
 
@@ -130,8 +131,10 @@ def over_files(
     exit_code : callable(rows, options) -> int, optional
         Exit code of all rows together where no file failed; by default the gravest of theirs.
     columns : sequence of str
-        What of the rows is printed for people; the table and ``--json`` hold everything. Empty:
-        all columns, as CSV.
+        What of the rows is printed for people, where any row has it; the table and ``--json`` hold
+        everything. Empty: all columns, as CSV.
+    check : callable(options), optional
+        Refuses options that no file could be worked on with, before any file is looked for.
     """
 
     def decorate(verb: Verb) -> Verb:
@@ -148,6 +151,7 @@ def over_files(
             if not table and not dask and _is_one(sources):
                 _one(verb, argument, sources[0], given)
                 return
+            check(given)
             many = _kind_of_many(drives)(suffixes(), to, writable(), otherwise)
             files = choose(many.files(sources))
             each = {} if prepare is None else prepare(files, given)
@@ -178,7 +182,7 @@ def _kind_of_many(drives: bool) -> Callable[..., Many]:
         return Many
     from manip3d.batch import find_drives
 
-    return functools.partial(Many, noun="drive", find=find_drives)
+    return functools.partial(Many, noun="source", find=find_drives)
 
 
 _SEVERAL_FILES = "several of them, folders, patterns or URLs"
@@ -370,7 +374,8 @@ def _print_rows(
     if not columns:
         print(table_text(rows), end="")
         return
-    heads = [*columns, *(name for name in ("skipped", "error") if any(r.get(name) for r in rows))]
+    had = [name for name in columns if any(row.get(name) is not None for row in rows)]
+    heads = [*had, *(name for name in ("skipped", "error") if any(r.get(name) for r in rows))]
     show_table(console, [[_cell(row.get(name)) for name in heads] for row in rows], heads)
 
 

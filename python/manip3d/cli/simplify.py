@@ -37,6 +37,16 @@ if TYPE_CHECKING:
 Box = tuple[float, float, float, float, float, float]
 
 
+_TARGETS = ("faces", "ratio", "max_error", "max_distance")
+
+
+def _expect_target(*targets: float | None) -> None:
+    if all(target is None for target in targets):
+        raise typer.BadParameter(
+            "give --faces, --ratio, --max-error or --max-distance", param_hint="--faces"
+        )
+
+
 @dataclass(frozen=True)
 class Order:
     """What one simplification is asked for."""
@@ -52,11 +62,7 @@ class Order:
     memory: int | None = None  # bytes of the whole process
 
     def __post_init__(self) -> None:
-        targets = (self.faces, self.ratio, self.max_error, self.max_distance)
-        if all(target is None for target in targets):
-            raise typer.BadParameter(
-                "expected it, --ratio, --max-error or --max-distance", param_hint="--faces"
-            )
+        _expect_target(self.faces, self.ratio, self.max_error, self.max_distance)
 
     def target(self, num_faces: int) -> int | None:
         """The number of faces to stop at, of so many as were read."""
@@ -267,7 +273,10 @@ class SeamMode(StrEnum):
     lock = "lock"
 
 
-@over_files(lambda: READABLE, writable=lambda: WRITABLE, otherwise=".glb")
+@over_files(
+    lambda: READABLE, writable=lambda: WRITABLE, otherwise=".glb",
+    check=lambda given: _expect_target(*(given[name] for name in _TARGETS)),
+)  # fmt: skip
 def simplify(
     source: Annotated[
         str,
