@@ -87,7 +87,7 @@ def depth(
     output: Output,
     points: Annotated[
         int | None,
-        typer.Option(min=1, help="Largest number of vertices; needed unless --bandwidth is given."),
+        typer.Option(min=3, help="Largest number of vertices; needed unless --bandwidth is given."),
     ] = None,
     intrinsics: Annotated[
         str,
@@ -113,8 +113,8 @@ def depth(
         float,
         typer.Option(
             min=0,
-            help="Leave out faces across a larger step in depth, as a share of the depth; 0: "
-            "leave out none. For depth images.",
+            help="Leave out faces across a larger step in depth, as a share of the depth, that no "
+            "surface turned by up to 78 degrees shows; 0: leave out none. For depth images.",
         ),
     ] = 0.05,
     max_edge: Annotated[
@@ -137,13 +137,13 @@ def depth(
         str,
         typer.Option(
             help="Colour image of the same size, which becomes the texture; for several depth "
-            "images, a folder of as many, in the order of their names."
+            "images, a folder of as many, with the same names or in the order of their names."
         ),
     ] = "",
     mask: Annotated[
         str,
         typer.Option(
-            help="Grey image or .npy of the same size: 0 where the depth is not to be used. For "
+            help="Image or .npy of the same size: black (0) where the depth is not to be used. For "
             "several depth images, one of all, or a folder of as many."
         ),
     ] = "",
@@ -164,7 +164,7 @@ def depth(
     min_coverage: Annotated[
         float,
         typer.Option(
-            min=0, max=1, help="Under --strict: exit 4 if less of the surface's pixels is covered."
+            min=0, max=1, help="Under --strict: exit 4 if less of the measured pixels is covered."
         ),
     ] = 0.9,
     bandwidth: Annotated[
@@ -246,6 +246,13 @@ def _sentence(result: DepthFileResult) -> str:
     options = result.options
     variant = f" ({options.variant})" if options.method == "cs3" else ""
     cut = f", {counted(result.faces_cut, 'face')} across depth steps left out"
+    dropped = f", {counted(result.dropped_pixels, 'pixel')} of small pieces left out"
+    outside = f", {100 * result.outside:.1f} % of the measured pixels lie on no surface"
+    is_outside = round(100 * result.outside, 1) > 0
+    steps = (
+        f"; the scene has depth steps, no --max-edge was given, and "
+        f"{counted(result.faces_left, 'face')} across them stayed"
+    )
     missed = f"; target of {counted(options.points or 0, 'point')} missed"
     share = f"; {count(result.num_bytes or 0)} of {counted(options.max_bytes or 0, 'byte')}"
     low = f", less than {100 * options.min_coverage:.0f} %"
@@ -253,9 +260,10 @@ def _sentence(result: DepthFileResult) -> str:
         f"{options.method}{variant}: {counted(result.points_before, 'point')} -> "
         f"{count(result.points)}, {counted(result.faces, 'face')}{cut if result.faces_cut else ''} "
         f"in {result.seconds * 1000:.1f} ms; covers {100 * result.coverage:.1f} % of the surface's "
-        f"pixels{low if result.coverage_missed else ''}, {100 * result.bridges:.2f} % of its area "
-        f"bridges gaps{missed if result.target_missed else ''}"
-        f"{share if result.num_bytes is not None else ''}; "
+        f"pixels{low if result.coverage_missed else ''}"
+        f"{outside if is_outside else ''}{dropped if result.dropped_pixels else ''}, "
+        f"{100 * result.bridges:.2f} % of its area bridges gaps{missed if result.target_missed else ''}"
+        f"{share if result.num_bytes is not None else ''}{steps if result.faces_left else ''}; "
         f"wrote {result.output}"
     )
 
@@ -282,6 +290,9 @@ def _record(result: DepthFileResult) -> dict[str, Any]:
         "seconds": round(result.seconds, 4),
         "coverage": round(result.coverage, 6),
         "bridges": round(result.bridges, 6),
+        "outside": round(result.outside, 6),
+        "dropped_pixels": result.dropped_pixels,
+        "faces_left": result.faces_left,
         "target_missed": result.target_missed,
         "coverage_missed": result.coverage_missed,
     }

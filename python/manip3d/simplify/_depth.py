@@ -252,21 +252,21 @@ class DenseGrid:
     valid : (H, W) bool
     max_edge : float
         Triangles with a longer edge are no surface; infinite: all are.
+    depth_step, focal : float
+        Of an image, as of `DenseImage`. Default: nothing is known of depth, and every triangle is a
+        surface, whatever its slope.
     """
 
     points: NDArray[np.float32]
     valid: NDArray[np.bool_]
     max_edge: float
+    depth_step: float = math.inf
+    focal: float = 0.0
 
     @property
     def grid(self) -> DenseGrid:
         """This grid."""
         return self
-
-    @property
-    def depth_step(self) -> float:
-        """Nothing is known of depth: every triangle is a surface, whatever its slope."""
-        return math.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,7 +281,8 @@ class DenseImage:
     max_edge : float
         Triangles with a longer edge are no surface; infinite: all are.
     depth_step : float
-        Triangles whose corners' depths differ by a larger share of the least of them are none.
+        Triangles whose corners' depths differ by a larger share of the least of them, and by more
+        than a surface shows that is turned by 78 degrees, are none; see `cut_depth_steps`.
     """
 
     depth: NDArray[np.uint16 | np.float32]
@@ -290,12 +291,21 @@ class DenseImage:
     depth_step: float = math.inf
 
     @property
+    def focal(self) -> float:
+        """The focal length along the axis with the coarser pixels."""
+        return min(self.intrinsics.fx, self.intrinsics.fy)
+
+    @property
     def grid(self) -> DenseGrid:
         """The points of the pixels."""
         points, valid, _ = _core.unproject(self.depth, self.intrinsics, 1)
         shape = self.depth.shape
         return DenseGrid(
-            points.reshape(*shape, 3), valid.reshape(shape).view(np.bool_), self.max_edge
+            points.reshape(*shape, 3),
+            valid.reshape(shape).view(np.bool_),
+            self.max_edge,
+            self.depth_step,
+            self.focal,
         )
 
 
@@ -311,16 +321,16 @@ class DepthSimplification(DepthMesh):
         and the others of `Relief`.
     surface : DenseImage or DenseGrid
         What the mesh was made of.
-    cover : (float, float) or None
-        ``coverage`` and ``bridges`` where the method has measured them.
+    cover : (float, float, float) or None
+        ``coverage``, ``bridges`` and ``outside`` where the method has measured them.
     """
 
     stop: str
     surface: DenseImage | DenseGrid = field(repr=False)
-    cover: tuple[float, float] | None = field(repr=False)
+    cover: tuple[float, float, float] | None = field(repr=False)
 
     @cached_property
-    def _cover(self) -> tuple[float, float]:
+    def _cover(self) -> tuple[float, float, float]:
         if self.cover is not None:
             return self.cover
         dense = self.surface.grid
@@ -331,6 +341,7 @@ class DepthSimplification(DepthMesh):
             self.faces,
             dense.max_edge,
             self.surface.depth_step,
+            self.surface.focal,
         )
 
     @property
@@ -338,9 +349,10 @@ class DepthSimplification(DepthMesh):
         """Share of the dense surface's pixels that lie in or on a triangle of the mesh.
 
         The dense surface is that of `dense_mesh` with the same ``max_edge``, without the triangles
-        across steps in depth where these were left out (`cut_depth_steps`). Measured when it is
-        first asked for, before points move; a grid of points that was given as float32 must not
-        have changed by then.
+        across steps in depth where these were left out (`cut_depth_steps`): a pixel that lies such
+        a step before or behind a triangle is not covered by it then. 0 without a dense surface.
+        Measured when it is first asked for, before points move; a grid of points that was given as
+        float32 must not have changed by then.
         """
         return self._cover[0]
 
@@ -348,6 +360,14 @@ class DepthSimplification(DepthMesh):
     def bridges(self) -> float:
         """Share of the mesh's area that lies where the dense surface has no triangle."""
         return self._cover[1]
+
+    @property
+    def outside(self) -> float:
+        """Share of the measured pixels that no triangle of that dense surface uses.
+
+        Lone pixels, and surfaces that are so steep that each of their pixels is a step.
+        """
+        return self._cover[2]
 
     @property
     def num_used(self) -> int:
