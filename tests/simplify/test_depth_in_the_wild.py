@@ -237,3 +237,27 @@ def test_three_points_are_a_triangle_of_one_camera() -> None:
     views = [simplify.CameraView(waves(), CAMERA), simplify.CameraView(waves(), CAMERA, pose=pose)]
     joint = simplify.relief_cameras(views, 3)
     assert (joint.num_vertices, joint.num_faces) == (3, 1)
+
+
+def test_cs3_takes_a_mask_and_a_depth_step() -> None:
+    depth = box_before_waves()
+    left = np.tile(np.arange(160) < 80, (120, 1))
+    found = simplify.cs3(depth, CAMERA, 200, mask=left, depth_step=0.05)
+    plain = simplify.cs3(np.where(left, depth, 0).astype(np.uint16), CAMERA, 200)
+    np.testing.assert_array_equal(found.pixels, plain.pixels)
+    assert found.pixels[:, 0].max() < 80
+    np.testing.assert_array_equal(found.faces, simplify.cut_depth_steps(plain, depth).faces)
+    assert 0 < found.num_faces < plain.num_faces
+    with pytest.raises(InputError, match="depth_step: expected > 0"):
+        simplify.cs3(depth, CAMERA, 200, depth_step=-0.1)
+
+
+def test_cs3_says_that_faces_across_steps_stayed(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", box_before_waves())
+    for step, max_edge in ((0.0, None), (0.05, None), (0.0, 0.2)):
+        options = simplify.DepthOptions(
+            200, "cs3", intrinsics="130,130,79.5,59.5", unit="mm", depth_step=step,
+            max_edge=max_edge,
+        )  # fmt: skip
+        result = simplify.simplify_depth_file(tmp_path / "a.npy", tmp_path / "a.ply", options)
+        assert (result.faces_left > 0) == (step == 0.0 and max_edge is None)

@@ -186,8 +186,9 @@ void DenseRule::check() const {
 
 namespace {
 
-void check_mesh(const PointGridView& grid, const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
-                const Eigen::Ref<const Rows<std::int32_t, 3>>& faces, const DenseRule& rule) {
+void check_pixel_mesh(const PointGridView& grid,
+                      const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
+                      const Eigen::Ref<const Rows<std::int32_t, 3>>& faces, const DenseRule& rule) {
   check_point_grid(grid);
   rule.check();
   for (const std::int32_t i : faces.reshaped<Eigen::RowMajor>()) {
@@ -208,7 +209,7 @@ DepthCoverage depth_coverage(const PointGridView& grid,
                              const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
                              const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,
                              const DenseRule& rule) {
-  check_mesh(grid, pixels, faces, rule);
+  check_pixel_mesh(grid, pixels, faces, rule);
   relief_detail::Surface surface;
   surface.assign(grid, rule, {}, 1);
   relief_detail::CoverageScratch scratch;
@@ -219,7 +220,7 @@ std::vector<float> faces_off_surface(const PointGridView& grid,
                                      const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
                                      const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,
                                      const DenseRule& rule) {
-  check_mesh(grid, pixels, faces, rule);
+  check_pixel_mesh(grid, pixels, faces, rule);
   relief_detail::Surface surface;
   surface.assign(grid, rule, {}, 1);
   return relief_detail::off_surface(surface, pixels, faces);

@@ -246,13 +246,6 @@ def _sentence(result: DepthFileResult) -> str:
     options = result.options
     variant = f" ({options.variant})" if options.method == "cs3" else ""
     cut = f", {counted(result.faces_cut, 'face')} across depth steps left out"
-    dropped = f", {counted(result.dropped_pixels, 'pixel')} of small pieces left out"
-    outside = f", {100 * result.outside:.1f} % of the measured pixels lie on no surface"
-    is_outside = round(100 * result.outside, 1) > 0
-    steps = (
-        f"; the scene has depth steps, no --max-edge was given, and "
-        f"{counted(result.faces_left, 'face')} across them stayed"
-    )
     missed = f"; target of {counted(options.points or 0, 'point')} missed"
     share = f"; {count(result.num_bytes or 0)} of {counted(options.max_bytes or 0, 'byte')}"
     low = f", less than {100 * options.min_coverage:.0f} %"
@@ -260,11 +253,30 @@ def _sentence(result: DepthFileResult) -> str:
         f"{options.method}{variant}: {counted(result.points_before, 'point')} -> "
         f"{count(result.points)}, {counted(result.faces, 'face')}{cut if result.faces_cut else ''} "
         f"in {result.seconds * 1000:.1f} ms; covers {100 * result.coverage:.1f} % of the surface's "
-        f"pixels{low if result.coverage_missed else ''}"
-        f"{outside if is_outside else ''}{dropped if result.dropped_pixels else ''}, "
-        f"{100 * result.bridges:.2f} % of its area bridges gaps{missed if result.target_missed else ''}"
-        f"{share if result.num_bytes is not None else ''}{steps if result.faces_left else ''}; "
+        f"pixels{low if result.coverage_missed else ''}{_not_covered(result)}, "
+        f"{100 * result.bridges:.2f} % of its area bridges gaps"
+        f"{missed if result.target_missed else ''}"
+        f"{share if result.num_bytes is not None else ''}{_left_across_steps(result)}; "
         f"wrote {result.output}"
+    )
+
+
+def _not_covered(result: DepthFileResult) -> str:
+    """What the coverage of the surface does not tell."""
+    words = ""
+    if round(100 * result.outside, 1) > 0:
+        words += f", {100 * result.outside:.1f} % of the measured pixels lie on no surface"
+    if result.dropped_pixels:
+        words += f", {counted(result.dropped_pixels, 'pixel')} of small pieces left out"
+    return words
+
+
+def _left_across_steps(result: DepthFileResult) -> str:
+    if not result.faces_left:
+        return ""
+    return (
+        "; the scene has depth steps, neither --depth-step nor --max-edge was given, and "
+        f"{counted(result.faces_left, 'face')} across them stayed"
     )
 
 

@@ -277,7 +277,7 @@ def _read_with_pillow(
                 if image.mode in narrow_modes:
                     return np.array(image)
                 if image.mode in color_modes:
-                    return np.array(image.convert("RGB")).max(axis=2)
+                    return np.asarray(np.array(image.convert("RGB")).max(axis=2))
                 if not image.mode.startswith("I;16") and image.mode not in ("I", "F"):
                     bits = "8 or 16" if narrow_modes else "16"
                     raise FormatError(f"expected {bits} bits of grey, got mode {image.mode}")

@@ -20,6 +20,7 @@ from manip3d._util.showing import Showable
 from manip3d.camera import Intrinsics, Registration, _depth_image
 from manip3d.errors import InputError, MissingExtraError
 from manip3d.mesh import Material, Mesh, Texture
+from manip3d.simplify._pixel_maps import mask_image, masked_depth
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -704,8 +705,10 @@ def cs3(
     *,
     color: ArrayLike | None = None,
     registration: Registration | None = None,
+    mask: ArrayLike | None = None,
     variant: Variant = "cios",
     max_edge: float | None = None,
+    depth_step: float | None = None,
     distance_dependent: bool = False,
     threads: int = 1,
     reading: dict[str, str | float] | None = None,
@@ -723,11 +726,16 @@ def cs3(
         Colour image of the depth image's size, or that of ``registration.color``.
     registration : Registration, optional
         Where the colour camera stands; without it both images share their pixels.
+    mask : (H, W) bool, optional
+        Pixels to use; where it is False there is no measurement.
     variant : 'cios', 'lios', 'cnms' or 'lnms'
         Importance by the smaller eigenvalue of the Hessian (C) or by the Laplacian (L); sampling
         by importance order (IOS) or by non-maximum suppression (NMS). CS3 is CIOS.
     max_edge : float, metres, optional
         Triangles with a longer edge are dropped: for scenes, whose objects are apart.
+    depth_step : float, optional
+        Triangles across a larger step in depth, as a share of it, are dropped: see
+        `cut_depth_steps`, which does that.
     distance_dependent : bool
         Nearer surfaces get more points: radii are scaled by depth / largest depth (eq. 3.9).
     threads : int
@@ -774,7 +782,16 @@ def cs3(
         threads=threads,
         reading=reading,
     )
-    return stream.simplify(depth, intrinsics, color=color, registration=registration)
+    if depth_step is not None and not depth_step > 0:
+        raise InputError(f"depth_step: expected > 0, got {depth_step}")
+    image = _depth_image(depth, intrinsics)
+    image = masked_depth(image, mask_image(mask, image.shape))
+    found = stream.simplify(image, intrinsics, color=color, registration=registration)
+    if depth_step is None or math.isinf(depth_step):
+        return found
+    from manip3d.simplify._depth_steps import cut_depth_steps  # it cuts what is made here
+
+    return cut_depth_steps(found, image, step=depth_step)
 
 
 @checked
