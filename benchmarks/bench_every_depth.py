@@ -90,7 +90,8 @@ def _image(name: str, frame_name: str) -> Surface:
     depth, camera = np.ascontiguousarray(frame.person), frame.intrinsics
 
     def dense() -> simplify.DepthMesh:
-        return simplify.cut_depth_steps(simplify.dense_mesh(depth, camera), depth)
+        mesh = simplify.dense_mesh(depth, camera)
+        return simplify.cut_depth_steps(mesh, depth, intrinsics=camera)
 
     def relief(count: int, **options: Any) -> simplify.Relief:
         step = simplify.DEPTH_STEP

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <optional>
 #include <span>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -35,6 +36,7 @@ Fields to_fields(ReliefResult&& result) {
   fields["dropped_pixels"] = result.dropped_pixels;
   fields["coverage"] = result.cover.coverage;
   fields["bridges"] = result.cover.bridges;
+  fields["outside"] = result.cover.outside;
   fields["mean_move"] = result.mean_move;
   fields["max_move"] = result.max_move;
   return fields;
@@ -72,6 +74,9 @@ void bind_relief(py::module_& m) {
       .def_property(
           "max_step", [](const ReliefOptions& self) { return self.dense.max_step; },
           [](ReliefOptions& self, double value) { self.dense.max_step = value; })
+      .def_property(
+          "focal", [](const ReliefOptions& self) { return self.dense.focal; },
+          [](ReliefOptions& self, double value) { self.dense.focal = value; })
       .def_readwrite("levels", &ReliefOptions::levels)
       .def_readwrite("stability", &ReliefOptions::stability)
       .def_readwrite("num_threads", &ReliefOptions::num_threads);
@@ -116,16 +121,33 @@ void bind_relief(py::module_& m) {
   m.def(
       "depth_coverage",
       [](const CArray<float>& points, const CArray<bool>& valid, const CArray<std::int32_t>& pixels,
-         const CArray<std::int32_t>& faces, double max_edge, double max_step) {
+         const CArray<std::int32_t>& faces, double max_edge, double max_step, double focal) {
         const BorrowedGrid grid(points, valid, true);
         const auto at = rows<Rows<std::int32_t, 2>>(pixels, "pixels");
         const auto triangles = rows<Rows<std::int32_t, 3>>(faces, "faces");
         const py::gil_scoped_release nogil;
-        const DepthCoverage cover = depth_coverage(grid.view, at, triangles, {max_edge, max_step});
-        return std::pair(cover.coverage, cover.bridges);
+        const DepthCoverage cover =
+            depth_coverage(grid.view, at, triangles, {max_edge, max_step, focal});
+        return std::tuple(cover.coverage, cover.bridges, cover.outside);
       },
       py::arg("points").noconvert(), py::arg("valid").noconvert(), py::arg("pixels").noconvert(),
-      py::arg("faces").noconvert(), py::arg("max_edge"), py::arg("max_step"));
+      py::arg("faces").noconvert(), py::arg("max_edge"), py::arg("max_step"), py::arg("focal"));
+  m.def(
+      "faces_off_surface",
+      [](const CArray<float>& points, const CArray<bool>& valid, const CArray<std::int32_t>& pixels,
+         const CArray<std::int32_t>& faces, double max_edge, double max_step, double focal) {
+        const BorrowedGrid grid(points, valid, true);
+        const auto at = rows<Rows<std::int32_t, 2>>(pixels, "pixels");
+        const auto triangles = rows<Rows<std::int32_t, 3>>(faces, "faces");
+        std::vector<float> shares;
+        {
+          const py::gil_scoped_release nogil;
+          shares = faces_off_surface(grid.view, at, triangles, {max_edge, max_step, focal});
+        }
+        return to_numpy(std::move(shares));
+      },
+      py::arg("points").noconvert(), py::arg("valid").noconvert(), py::arg("pixels").noconvert(),
+      py::arg("faces").noconvert(), py::arg("max_edge"), py::arg("max_step"), py::arg("focal"));
   py::class_<Exclusive<DepthSmoother>>(m, "DepthSmoother")
       .def(py::init([](double newest_share, double gate) {
              return std::make_unique<Exclusive<DepthSmoother>>(

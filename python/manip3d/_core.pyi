@@ -104,6 +104,7 @@ __all__: list[str] = [
     "estimate_scan_grid",
     "estimate_scan_origin",
     "faces_left",
+    "faces_off_surface",
     "fmpd",
     "generic_consistency",
     "grid_delaunay",
@@ -524,6 +525,10 @@ class ReliefOptions:
     from_origin: bool
     move_points: bool
     def __init__(self) -> None: ...
+    @property
+    def focal(self) -> float: ...
+    @focal.setter
+    def focal(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
     def levels(self) -> list[int]: ...
     @levels.setter
@@ -1988,7 +1993,8 @@ def depth_coverage(
     faces: numpy.typing.NDArray[numpy.int32],
     max_edge: typing.SupportsFloat | typing.SupportsIndex,
     max_step: typing.SupportsFloat | typing.SupportsIndex,
-) -> tuple[float, float]: ...
+    focal: typing.SupportsFloat | typing.SupportsIndex,
+) -> tuple[float, float, float]: ...
 def depth_noise(depth: numpy.ndarray, options: DepthNoiseOptions) -> numpy.ndarray: ...
 def embed_paper_watermark(
     points: numpy.typing.NDArray[numpy.float32],
@@ -2022,6 +2028,15 @@ def estimate_scan_origin(
     progress: typing.Any,
 ) -> tuple[bool, tuple[float, float, float], int, float, float, float, float, float]: ...
 def faces_left(mesh: typing.Any, collapses: numpy.typing.NDArray[numpy.int32]) -> numpy.ndarray: ...
+def faces_off_surface(
+    points: numpy.typing.NDArray[numpy.float32],
+    valid: numpy.typing.NDArray[numpy.bool],
+    pixels: numpy.typing.NDArray[numpy.int32],
+    faces: numpy.typing.NDArray[numpy.int32],
+    max_edge: typing.SupportsFloat | typing.SupportsIndex,
+    max_step: typing.SupportsFloat | typing.SupportsIndex,
+    focal: typing.SupportsFloat | typing.SupportsIndex,
+) -> numpy.ndarray: ...
 def fmpd(
     original: typing.Any,
     simplified: typing.Any,

@@ -379,7 +379,7 @@ def test_wrong_maps_are_one_line(frame: Path, tmp_path: Path) -> None:
     base = ("depth", frame, "--points", "99", "--intrinsics", FOCAL, "-q", "-o", tmp_path / "x.ply")
     for options, message in (
         (("--mask", small), "--mask: expected bool of shape (120, 160), got bool of (9, 9)"),
-        (("--mask", color), "expected 8 or 16 bits of grey, got mode RGB"),
+        (("--mask", color), "found no measured pixel (of those that the mask leaves)"),
         (("--mask", frame.with_name("none.png")), "none.png"),
         (("--confidence", levels, "--confidence-max", "2"), "--confidence-max: expected at least"),
         (("--confidence-max", "2"), "--confidence-max: expected with confidence"),
@@ -420,7 +420,7 @@ def test_points_by_bandwidth(frames: Path, tmp_path: Path) -> None:
     assert " of 8,000 bytes" in done.stderr or " of 8 000 bytes" in done.stderr
     none = manip3d(*one, "-q", "--force")
     assert none.returncode == 2
-    assert "--points: expected it, or --bandwidth with --rate" in none.stderr
+    assert "--points: give --points, or --bandwidth with --rate" in none.stderr
     few = manip3d(*one, "-q", "--force", "--bandwidth", "5000", "--rate", "10")
     assert "--bandwidth: expected at least" in error_line(few)
     assert "--bandwidth, --rate: expected both" in error_line(

@@ -383,9 +383,9 @@ def test_all_points_are_the_dense_mesh(
     assert outline(result) == outline(dense)
 
 
-@pytest.mark.parametrize("step", [0.01, 0.1])
+@pytest.mark.parametrize("step", [0.01, 0.1, 0.3])
 def test_the_dense_mesh_without_steps_in_depth(step: float) -> None:
-    camera = Intrinsics(41, 37, 30.0, 30.0, 20.0, 18.0)
+    camera = Intrinsics(41, 37, 30.0, 35.0, 20.0, 18.0)
     random = np.random.default_rng(3)
     depth = (2 + random.normal(0, 0.03, (37, 41))).astype(np.float32)
     depth[:, 20:] += 1
@@ -393,7 +393,9 @@ def test_the_dense_mesh_without_steps_in_depth(step: float) -> None:
     dense = simplify.dense_mesh(depth, camera)
     u, v = np.moveaxis(corners(dense), -1, 0)
     z = depth.astype(float)[v, u]
-    kept = np.ptp(z, axis=1) <= step * z.min(axis=1)
+    nearest = z.min(axis=1)
+    slope = nearest / 30 * np.tan(np.radians(78)) + 3 * 1.425e-3 * nearest**2
+    kept = np.ptp(z, axis=1) <= np.maximum(step * nearest, slope)
     result = simplify.relief(depth, camera, 6 * depth.size, effort="live", depth_step=step)
     left = simplify.DepthMesh.with_faces(dense, np.ascontiguousarray(dense.faces[kept]))
     assert 0 < kept.sum() < len(kept)

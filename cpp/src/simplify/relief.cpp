@@ -180,17 +180,25 @@ struct Relief::Memory {
   relief_detail::CoverageScratch coverage;
   std::vector<Keep> keep;             ///< By pixel of the surface; or empty.
   std::vector<Triangulation> levels;  ///< The smaller meshes, smallest first.
+  std::vector<Triangle> dense;        ///< All of them, where the target leaves room for all pixels.
 
+  [[nodiscard]] bool takes_all(const ReliefOptions& options) const {
+    const std::int64_t least =
+        options.levels.empty() ? options.target_points : options.levels.back();
+    return surface.num_used() <= least;
+  }
   void choose_surface(ReliefEffort effort, std::int64_t target);
   void move_boundary(int sweeps);
   void recall(const PointGridView& grid, const ReliefOptions& options);
   void select(const ReliefOptions& options, std::int64_t target, ReliefResult& result);
   void refine(const Budget& budget);
   void build_meshes(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
+  void take_all(ReliefResult& result);
   void fix_vertices();
   [[nodiscard]] bool holds(const Triangulation& smaller);
   void find_sight(const ReliefOptions& options);
-  std::int32_t number_vertices(const Triangulation& of);
+  /// @param once  the triangles of a pixel share a vertex, also where they meet nowhere else.
+  std::int32_t number_vertices(const Triangulation& of, bool once);
   void write(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
   void write_faces(const Triangulation& from, bool rows_up, Rows<std::int32_t, 3>& to);
   void move_points(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
@@ -235,6 +243,8 @@ void Relief::Memory::select(const ReliefOptions& options, std::int64_t target,
   const double wanted = share * static_cast<double>(target);
   auto splits = static_cast<std::int64_t>(std::min(wanted, static_cast<double>(used)));
   int finest = worked == &surface && target <= used / kSparse ? budget.finest : 1;
+  result.stop = used <= target ? ReliefStop::kAllPoints : ReliefStop::kTarget;
+  result.dropped_pixels = 0;
   if (used <= target) splits = used, finest = 1;
   mesh.assign(*worked, start.build(*worked, splits, finest, keep));
   while (mesh.num_vertices() < target && (splits < used || finest > 1)) {
@@ -242,8 +252,6 @@ void Relief::Memory::select(const ReliefOptions& options, std::int64_t target,
     if (splits == used) finest = 1;
     mesh.assign(*worked, start.build(*worked, splits, finest, keep));
   }
-  result.stop = used <= target ? ReliefStop::kAllPoints : ReliefStop::kTarget;
-  result.dropped_pixels = 0;
   if (mesh.num_vertices() <= target) return;
   collapser.assign(*worked, mesh, keep, static_cast<float>(options.stability));
   const std::int64_t area = worked == &surface ? 1 : 4;  // of a pixel
@@ -260,6 +268,16 @@ void Relief::Memory::refine(const Budget& budget) {
         0)
       break;
   }
+}
+
+/// Nothing is nearer to the surface than itself.
+void Relief::Memory::take_all(ReliefResult& result) {
+  worked = &surface;
+  result.stop = ReliefStop::kAllPoints;
+  result.dropped_pixels = 0;
+  surface.dense_triangles(dense);
+  mesh.assign(surface, dense);
+  refiner.assign(mesh);
 }
 
 void Relief::Memory::fix_vertices() {
@@ -313,20 +331,23 @@ void Relief::Memory::find_sight(const ReliefOptions& options) {
   }
 }
 
-std::int32_t Relief::Memory::number_vertices(const Triangulation& of) {
+std::int32_t Relief::Memory::number_vertices(const Triangulation& of, bool once) {
   of.sorted_vertices(order);
   relief_detail::make_room(number, of.num_slots());
   number.resize(of.num_slots());
   const auto num_before = static_cast<std::int32_t>(placed.size());
-  std::int32_t i = 0;
+  std::int32_t i = 0, latest = Triangulation::kNone;
   for (const std::int32_t v : order) {
     const std::int32_t pixel = of.vertex(v).pixel;
-    if (i < num_before && placed[i].pixel == pixel) {
+    if (once && latest != Triangulation::kNone && of.vertex(latest).pixel == pixel) {
+      number[v] = number[latest];
+    } else if (i < num_before && placed[i].pixel == pixel) {
       number[v] = placed[i++].number;
     } else {
       number[v] = static_cast<std::int32_t>(placed.size());
       placed.push_back({pixel, number[v]});
     }
+    latest = v;
   }
   if (num_before > 0) std::sort(placed.begin(), placed.end());
   return static_cast<std::int32_t>(placed.size());
@@ -338,10 +359,10 @@ void Relief::Memory::write(const PointGridView& grid, const ReliefOptions& optio
   result.levels.resize(levels.size());
   for (std::size_t i = 0; i < levels.size(); ++i) {
     ReliefLevel& level = result.levels[levels.size() - 1 - i];
-    level.num_vertices = number_vertices(levels[i]);
+    level.num_vertices = number_vertices(levels[i], takes_all(options));
     write_faces(levels[i], grid.rows_up, level.faces);
   }
-  const Eigen::Index num_vertices = number_vertices(mesh);
+  const Eigen::Index num_vertices = number_vertices(mesh, takes_all(options));
   DepthMesh& out = result.mesh;
   previous.clear();
   const auto width = static_cast<double>(grid.cols), height = static_cast<double>(grid.rows);
@@ -382,8 +403,11 @@ void Relief::Memory::move_points(const PointGridView& grid, const ReliefOptions&
   refiner.fit(surface, mesh, sight);
   DepthMesh& out = result.mesh;
   double sum = 0.0;
-  for (Eigen::Index i = 0; i < out.vertices.rows(); ++i) {
-    const std::int32_t v = order[i];  // no levels: numbered in this order
+  std::int32_t next = 0;
+  for (const std::int32_t v : order) {  // no levels: numbered in this order
+    const std::int32_t i = number[v];
+    if (i != next) continue;  // a pixel's second fan, with the vertex of the first
+    ++next;
     const Vec3 move = static_cast<float>(surface.unit()) * refiner.offset(v) * sight[v];
     out.vertices.row(i) += move.transpose();
     const double length = move.norm();
@@ -415,6 +439,9 @@ void Relief::run(const PointGridView& grid, const ReliefOptions& options, Relief
     m.levels.assign(options.levels.size(), m.mesh);
     result.stop = ReliefStop::kAllPoints;
     result.dropped_pixels = 0;
+  } else if (m.takes_all(options)) {
+    m.take_all(result);
+    m.levels.assign(options.levels.size(), m.mesh);
   } else {
     m.build_meshes(grid, options, result);
   }

@@ -19,6 +19,9 @@ constexpr float kBoundaryWeight = kMissingFactor / 6.0F;
 // A false surface costs more than a missing one: of 2.5 and 10 times as much, 10 leaves half of the
 // false surface at 1 % of the points.
 constexpr float kCoverFactor = 10.0F * kMissingFactor;
+// Pixels that are not believed show a surface all the same: losing it counts at least this share of
+// what losing surface of mean confidence does.
+constexpr float kLeastLoss = 0.05F;
 constexpr std::int64_t kFew = 64;  // vertices
 constexpr std::int32_t kNoRound = -2;
 constexpr float kStays = std::numeric_limits<float>::infinity();
@@ -104,6 +107,7 @@ void Collapser::assign(const Surface& surface, const Triangulation& mesh,
       if (kept != Keep::kFree) nodes_[v].factor = kept == Keep::kFixed ? kStays : keep_factor;
     }
   }
+  least_loss_ = kLeastLoss * surface.mean_confidence();
   for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
     const Triangle& corners = mesh.triangle(t);
     const Vec3 a = mesh.vertex(corners[0]).point;
@@ -113,8 +117,10 @@ void Collapser::assign(const Surface& surface, const Triangulation& mesh,
     if (!(twice_area > 0.0F)) continue;
     const Vec3 n = normal / twice_area;
     const float trust = confidence_of(surface, mesh, corners);
+    const float loss = std::max(trust, least_loss_);
     for (int i = 0; i < 3; ++i) {
       nodes_[corners[i]].surface.add_plane_through_origin(n, trust * (twice_area * (1.0F / 6.0F)));
+      nodes_[corners[i]].area += loss * (twice_area * (1.0F / 6.0F));
       if (mesh.neighbors(t)[i] != Triangulation::kNone) continue;
       // The plane along the side, upright on the triangle.
       const std::int32_t p = corners[(i + 1) % 3], q = corners[(i + 2) % 3];
@@ -124,7 +130,7 @@ void Collapser::assign(const Surface& surface, const Triangulation& mesh,
       if (!(length > 0.0F)) continue;
       for (const std::int32_t end : {p, q}) {
         boundary_[end].add_plane_through_origin(upright / length,
-                                                trust * (kBoundaryWeight * length));
+                                                loss * (kBoundaryWeight * length));
       }
     }
   }
@@ -167,7 +173,7 @@ void Collapser::find_pieces(const Triangulation& mesh) {
   }
   for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
     has_fixed_ = has_fixed_ || is_fixed(v);
-    pieces_[nodes_[v].piece].area += nodes_[v].surface.weight;
+    pieces_[nodes_[v].piece].area += nodes_[v].area;
   }
   for (std::int32_t i = 1; i < static_cast<std::int32_t>(pieces_.size()); ++i) {
     if (pieces_[i].area > pieces_[largest_].area) largest_ = i;
@@ -192,7 +198,7 @@ int Collapser::cheapest(const Surface& surface, const Triangulation& mesh, std::
   if (mesh.has_bay(v, fan)) {
     cover = kCoverFactor * mesh.bay(surface, v, fan).price;
   } else if (mesh.vertex(v).on_boundary) {
-    cut = surface.confidence(mesh.vertex(v).pixel) *
+    cut = std::max(surface.confidence(mesh.vertex(v).pixel), least_loss_) *
           price_of_cut(mesh.vertex(fan.neighbors[0]).point, mesh.vertex(v).point,
                        mesh.vertex(fan.neighbors[fan.num_neighbors - 1]).point);
   }

@@ -72,6 +72,7 @@ class Collapser {
     float factor = 1.0F;        ///< On its price; infinite: it stays.
     std::int32_t touched = -1;  ///< The round in which it last changed.
     std::int32_t piece = -1;
+    float area = 0.0F;  ///< Of the surface at the vertex, times what its loss counts.
   };
   [[nodiscard]] bool is_fixed(std::int32_t v) const;
   void find_pieces(const Triangulation& mesh);
@@ -98,6 +99,7 @@ class Collapser {
   std::int32_t largest_ = 0;
   std::int64_t left_out_ = 0;  ///< Twice the pixels of the pieces left out.
   bool has_fixed_ = false;
+  float least_loss_ = 0.0F;  ///< What surface counts that is lost, believed or not.
   std::vector<Move> moves_;
   std::vector<std::int32_t> stack_;
   std::vector<std::uint8_t> seen_;

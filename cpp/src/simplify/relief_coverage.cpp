@@ -43,11 +43,53 @@ void count_flaws(const Surface& surface, std::vector<std::int32_t>& flaws) {
   flaws[num_pixels] = count;
 }
 
+/// The triangle over some pixels, in depth: 1/z is affine in the pixels of a plane.
+class InverseDepth {
+ public:
+  InverseDepth() = default;
+  InverseDepth(const Surface& surface, const Corners& t) {
+    const auto at = [&](int i) {
+      return 1.0 / double{surface.depth(t[i][1] * surface.cols() + t[i][0])};
+    };
+    const double area = static_cast<double>(orient(t[0], t[1], t[2]));
+    const double b = at(1) - at(0), c = at(2) - at(0);
+    along_u_ = (b * (t[2][1] - t[0][1]) - c * (t[1][1] - t[0][1])) / area;
+    along_v_ = (c * (t[1][0] - t[0][0]) - b * (t[2][0] - t[0][0])) / area;
+    start_ = at(0) - along_u_ * t[0][0] - along_v_ * t[0][1];
+  }
+  [[nodiscard]] float at(int u, int v) const {
+    return static_cast<float>(start_ + along_u_ * u + along_v_ * v);
+  }
+
+ private:
+  double start_ = 0.0, along_u_ = 0.0, along_v_ = 0.0;
+};
+
+/// Is a triangle a step in depth before or behind a pixel?
+bool is_off(const Surface& surface, std::int32_t pixel, float inverse_depth) {
+  // As a ratio of the two depths, which needs no division.
+  const float depth = surface.depth(pixel);
+  const float most = depth + surface.steps().limit(depth);
+  return !(depth * depth * inverse_depth <= most && depth <= most * depth * inverse_depth);
+}
+
 float area_of(const Surface& surface, const Corners& t) {
   const auto point = [&](const Corner& p) {
     return surface.sample(p[1] * surface.cols() + p[0]).point();
   };
   return 0.5F * (point(t[1]) - point(t[0])).cross(point(t[2]) - point(t[0])).norm();
+}
+
+/// Counter-clockwise with v up, in pixels of the surface.
+Corners corners_of(const Surface& surface, const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
+                   const Eigen::Ref<const Rows<std::int32_t, 3>>& faces, Eigen::Index face) {
+  Corners t{};
+  for (int i = 0; i < 3; ++i) {
+    const std::int32_t vertex = faces(face, i);
+    t[i] = {pixels(vertex, 0) - surface.input_u(0), pixels(vertex, 1) - surface.input_v(0)};
+  }
+  if (orient(t[0], t[1], t[2]) < 0) std::swap(t[1], t[2]);
+  return t;
 }
 
 }  // namespace
@@ -57,23 +99,33 @@ DepthCoverage coverage_of(const Surface& surface,
                           const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,
                           CoverageScratch& scratch) {
   DepthCoverage result;
-  if (surface.empty()) return result;
+  if (surface.num_valid() > 0) {
+    result.outside =
+        1.0 - static_cast<double>(surface.num_used()) / static_cast<double>(surface.num_valid());
+  }
+  if (surface.num_used() == 0) return result;
   std::vector<std::uint8_t>& covered = scratch.covered;
   covered.assign(surface.num_pixels(), 0);
   count_flaws(surface, scratch.flaws);
   double area = 0.0, bridges = 0.0;
   for (Eigen::Index f = 0; f < faces.rows(); ++f) {
-    Corners t{};
-    for (int i = 0; i < 3; ++i) {
-      const std::int32_t vertex = faces(f, i);
-      t[i] = {pixels(vertex, 0) - surface.input_u(0), pixels(vertex, 1) - surface.input_v(0)};
-    }
-    if (orient(t[0], t[1], t[2]) < 0) std::swap(t[1], t[2]);
+    const Corners t = corners_of(surface, pixels, faces, f);
     if (orient(t[0], t[1], t[2]) == 0) continue;
     std::int64_t inside = 0, without = 0;
+    const bool has_steps = surface.steps().has_steps();
+    const InverseDepth plane = has_steps ? InverseDepth(surface, t) : InverseDepth();
     visit_spans(surface.cols(), t[0], t[1], t[2], SidePixels::kClosed,
                 [&](std::int32_t first, std::int32_t last) {
-                  std::fill(covered.begin() + first, covered.begin() + last + 1, 1);
+                  if (has_steps) {
+                    const int v = surface.v(first);
+                    for (std::int32_t p = first; p <= last; ++p) {
+                      covered[p] |= is_off(surface, p, plane.at(surface.u(first) + p - first, v))
+                                        ? std::uint8_t{0}
+                                        : std::uint8_t{1};
+                    }
+                  } else {
+                    std::fill(covered.begin() + first, covered.begin() + last + 1, 1);
+                  }
                   inside += last - first + 1;
                   if (scratch.flaws[first] == scratch.flaws[last + 1]) return;
                   for (std::int32_t p = first; p <= last; ++p) {
@@ -93,6 +145,31 @@ DepthCoverage coverage_of(const Surface& surface,
   return result;
 }
 
+std::vector<float> off_surface(const Surface& surface,
+                               const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
+                               const Eigen::Ref<const Rows<std::int32_t, 3>>& faces) {
+  std::vector<float> shares(static_cast<std::size_t>(faces.rows()), -1.0F);
+  if (surface.empty()) return shares;
+  for (Eigen::Index f = 0; f < faces.rows(); ++f) {
+    const Corners t = corners_of(surface, pixels, faces, f);
+    if (orient(t[0], t[1], t[2]) == 0 || !surface.holds_all(t)) continue;
+    const InverseDepth plane(surface, t);
+    std::int64_t seen = 0, unseen = 0, off = 0;
+    visit_pixels(surface.cols(), t[0], t[1], t[2], SidePixels::kClosed, [&](std::int32_t p) {
+      const Corner at = {surface.u(p), surface.v(p)};
+      if (at == t[0] || at == t[1] || at == t[2]) return;
+      if (!surface.is_used(p)) {
+        ++unseen;
+        return;
+      }
+      ++seen;
+      off += is_off(surface, p, plane.at(at[0], at[1])) ? 1 : 0;
+    });
+    if (seen > unseen) shares[f] = static_cast<float>(off) / static_cast<float>(seen);
+  }
+  return shares;
+}
+
 }  // namespace relief_detail
 
 void DenseRule::check() const {
@@ -102,12 +179,16 @@ void DenseRule::check() const {
   if (!(max_step > 0.0)) {
     throw InputError("depth_step: expected > 0, got " + std::to_string(max_step));
   }
+  if (!(focal >= 0.0)) {
+    throw InputError("focal: expected >= 0, got " + std::to_string(focal));
+  }
 }
 
-DepthCoverage depth_coverage(const PointGridView& grid,
-                             const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
-                             const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,
-                             const DenseRule& rule) {
+namespace {
+
+void check_pixel_mesh(const PointGridView& grid,
+                      const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
+                      const Eigen::Ref<const Rows<std::int32_t, 3>>& faces, const DenseRule& rule) {
   check_point_grid(grid);
   rule.check();
   for (const std::int32_t i : faces.reshaped<Eigen::RowMajor>()) {
@@ -120,10 +201,29 @@ DepthCoverage depth_coverage(const PointGridView& grid,
                        ", " + std::to_string(v) + ")");
     }
   }
+}
+
+}  // namespace
+
+DepthCoverage depth_coverage(const PointGridView& grid,
+                             const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
+                             const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,
+                             const DenseRule& rule) {
+  check_pixel_mesh(grid, pixels, faces, rule);
   relief_detail::Surface surface;
   surface.assign(grid, rule, {}, 1);
   relief_detail::CoverageScratch scratch;
   return relief_detail::coverage_of(surface, pixels, faces, scratch);
+}
+
+std::vector<float> faces_off_surface(const PointGridView& grid,
+                                     const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
+                                     const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,
+                                     const DenseRule& rule) {
+  check_pixel_mesh(grid, pixels, faces, rule);
+  relief_detail::Surface surface;
+  surface.assign(grid, rule, {}, 1);
+  return relief_detail::off_surface(surface, pixels, faces);
 }
 
 }  // namespace manip3d

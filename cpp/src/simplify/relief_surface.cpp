@@ -277,10 +277,39 @@ bool Surface::crop(const PointGridView& grid) {
   v0_ = static_cast<int>(first_v);
   used_cols_ = static_cast<int>(last_u - first_u + 1);
   used_rows_ = static_cast<int>(last_v - first_v + 1);
+  low_ = low;
+  high_ = high;
   const double diagonal = (high - low).norm();
   unit_ = diagonal > 0.0 ? diagonal : 1.0;
   center_ = 0.5 * low + 0.5 * high;
   return true;
+}
+
+bool Surface::is_stretched(const DenseRule& rule) const {
+  constexpr double kManyDepths = 100.0, kManyEdges = 1e4;
+  return (steps_.has_steps() && !(high_.z() <= kManyDepths * low_.z())) ||
+         !(unit_ <= kManyEdges * rule.max_edge);
+}
+
+void Surface::find_joined(const PointGridView& grid, const DenseRule& rule) {
+  joined_.assign(static_cast<std::size_t>(grid.rows * grid.cols), 0);
+  const auto joins = [&](std::int64_t p, std::int64_t q) {
+    const Eigen::Map<const Vec3> a(grid.points + 3 * p), b(grid.points + 3 * q);
+    return grid.valid[p] != 0 && grid.valid[q] != 0 &&
+           (a.cast<double>() - b.cast<double>()).norm() <= rule.max_edge &&
+           !(steps_.has_steps() && steps_.is_step(std::min(a.z(), b.z()), std::max(a.z(), b.z())));
+  };
+  for (std::int64_t v = 0; v + 1 < grid.rows; ++v) {
+    for (std::int64_t u = 0; u + 1 < grid.cols; ++u) {
+      const std::int64_t a = v * grid.cols + u;
+      const std::array<std::int64_t, 4> cell = {a, a + 1, a + grid.cols, a + grid.cols + 1};
+      for (std::size_t without = 0; without < 4; ++without) {
+        const std::int64_t p = cell[(without + 1) % 4], q = cell[(without + 2) % 4],
+                           r = cell[(without + 3) % 4];
+        if (joins(p, q) && joins(q, r) && joins(r, p)) joined_[p] = joined_[q] = joined_[r] = 1;
+      }
+    }
+  }
 }
 
 void Surface::load_samples(const PointGridView& grid, int num_threads) {
@@ -325,7 +354,6 @@ void Surface::cut_cells(const DenseRule& rule, int num_threads) {
 
 void Surface::cut_rows(const DenseRule& rule, std::int64_t begin, std::int64_t end) {
   const double limit = rule.max_edge / unit_;
-  const bool has_steps = std::isfinite(rule.max_step);
   const std::array<std::uint8_t, kAllCellBits>& cell_by_bits = cells_by_bits();
   const auto width = static_cast<std::size_t>(used_cols_);
   const std::int64_t first = begin / kRowsPerChunk * used_cols_;
@@ -341,13 +369,14 @@ void Surface::cut_rows(const DenseRule& rule, std::int64_t begin, std::int64_t e
       const unsigned valid = above[u] | above[u + 1] << 1U | below[u + 1] << 2U | below[u] << 3U;
       cells[u] = cell_by_bits[bits[u] | valid];
     }
-    if (has_steps) cut_steps(rule.max_step, v);
+    if (steps_.has_steps()) cut_steps(v);
   }
 }
 
-void Surface::cut_steps(double max_step, int v) {
+void Surface::cut_steps(int v) {
   const auto is_step = [&](float low, float high) {
-    return !(unit_ * double{high - low} <= max_step * (unit_ * low + center_.z()));
+    const auto nearest = static_cast<float>(unit_ * low + center_.z());
+    return !(unit_ * double{high - low} <= double{steps_.limit(nearest)});
   };
   for (int u = 0; u + 1 < used_cols_; ++u) {
     const std::int32_t a = v * cols_ + u;
@@ -419,20 +448,35 @@ void Surface::count_used() {
 
 void Surface::weigh(const PointGridView& grid, std::span<const float> confidence) {
   confidence_.clear();
+  mean_confidence_ = 1.0F;
   if (confidence.empty()) return;
   confidence_.assign(samples_.size(), 0.0F);
   for (int v = 0; v < used_rows_; ++v) {
     const float* from = confidence.data() + (v + v0_) * grid.cols + u0_;
     std::copy(from, from + used_cols_, confidence_.begin() + std::ptrdiff_t{v} * cols_);
   }
-  for (std::size_t p = 0; p < samples_.size(); ++p) samples_[p].weight *= confidence_[p];
+  double sum = 0.0;
+  for (std::size_t p = 0; p < samples_.size(); ++p) {
+    samples_[p].weight *= confidence_[p];
+    sum += used_[p] != 0 ? double{confidence_[p]} : 0.0;
+  }
+  if (sum > 0.0) mean_confidence_ = static_cast<float>(sum / static_cast<double>(num_used_));
 }
 
-void Surface::assign(const PointGridView& grid, const DenseRule& rule,
+void Surface::assign(const PointGridView& whole, const DenseRule& rule,
                      std::span<const float> confidence, int num_threads) {
   step_ = 1;
   num_faces_ = num_used_ = 0;
+  steps_ = StepRule(rule);
+  num_valid_ = std::count_if(whole.valid, whole.valid + whole.rows * whole.cols,
+                             [](std::uint8_t one) { return one != 0; });
+  PointGridView grid = whole;
   if (!crop(grid)) return;
+  if (is_stretched(rule)) {
+    find_joined(whole, rule);
+    grid.valid = joined_.data();
+    if (!crop(grid)) return;
+  }
   cols_ = padded(used_cols_);
   rows_ = padded(used_rows_);
   load_samples(grid, num_threads);
@@ -449,6 +493,9 @@ void Surface::assign_half(const Surface& whole) {
   used_rows_ = (whole.used_rows_ - (v0_ - whole.v0_) + 1) / 2;
   unit_ = whole.unit_;
   center_ = whole.center_;
+  steps_ = whole.steps_;
+  num_valid_ = whole.num_valid_;
+  mean_confidence_ = whole.mean_confidence_;
   num_faces_ = num_used_ = 0;
   if (used_cols_ < 1 || used_rows_ < 1) return;
   cols_ = padded(used_cols_);
@@ -484,6 +531,21 @@ std::int32_t Surface::pixel_at(std::int64_t input_u, std::int64_t input_v) const
   const std::int64_t du = input_u - u0_, dv = input_v - v0_;
   if (du < 0 || dv < 0 || du / step_ >= cols_ || dv / step_ >= rows_) return -1;
   return static_cast<std::int32_t>(dv / step_ * cols_ + du / step_);
+}
+
+void Surface::dense_triangles(std::vector<std::array<std::int32_t, 3>>& out) const {
+  out.clear();
+  for (int v = 0; v + 1 < used_rows_; ++v) {
+    for (int u = 0; u + 1 < used_cols_; ++u) {
+      const std::int32_t a = v * cols_ + u;
+      for (const bool second : {false, true}) {
+        if ((cells_[a] & (second ? kSecond : kFirst)) == 0) continue;
+        const auto corners = cell_triangle(cells_[a], second, a, cols_);
+        const auto is_used_pixel = [this](std::int32_t p) { return is_used(p); };
+        if (std::ranges::all_of(corners, is_used_pixel)) out.push_back(corners);
+      }
+    }
+  }
 }
 
 Vec3 Surface::mean_normal() const {

@@ -2,11 +2,17 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
+#include "geometry/constants.hpp"
 #include "manip3d/geometry/depth_image.hpp"
+#include "manip3d/geometry/depth_step.hpp"
 #include "manip3d/simplify/depth_coverage.hpp"
 
 namespace manip3d::relief_detail {
@@ -35,6 +41,28 @@ enum class Keep : std::uint8_t {
   kFixed,   ///< It is a vertex of a smaller mesh that shares vertices with this one.
 };
 
+/// Which change of depth is a step: see DenseRule.
+class StepRule {
+ public:
+  StepRule() = default;
+  explicit StepRule(const DenseRule& rule) : share_(static_cast<float>(rule.max_step)) {
+    if (rule.focal > 0.0) slope_.emplace(DepthStepOptions{}, rule.focal);
+  }
+  [[nodiscard]] bool has_steps() const { return std::isfinite(share_); }
+  /// How much deeper than this the same surface may be at the next pixel.
+  [[nodiscard]] float limit(float depth) const {
+    const float share = share_ * depth;
+    return slope_ ? std::max(share, slope_->limit(depth)) : share;
+  }
+  [[nodiscard]] bool is_step(float nearest, float farthest) const {
+    return !(farthest - nearest <= limit(nearest));
+  }
+
+ private:
+  float share_ = kInfinityF;
+  std::optional<DepthStep> slope_;
+};
+
 /// Which dense triangles a 2x2 cell of pixels holds. Its corners are a (least u and v), b (next u),
 /// c (next v) and d (both); the triangles go counter-clockwise with v up.
 enum Cell : std::uint8_t {
@@ -52,7 +80,7 @@ class Surface {
 
   /// The dense mesh is that of grid_mesh(), as far as the rule allows.
   /// @param confidence  by pixel of the grid, 0 to 1; may be empty: all are 1.
-  void assign(const PointGridView& grid, const DenseRule& rule, std::span<const float> confidence,
+  void assign(const PointGridView& whole, const DenseRule& rule, std::span<const float> confidence,
               int num_threads);
   /// Every second pixel in both directions of another surface, those at even columns and rows of
   /// its input, and triangles where all of that surface's below them are there.
@@ -75,6 +103,15 @@ class Surface {
   [[nodiscard]] std::int64_t num_faces() const { return num_faces_; }
   /// Pixels that some dense triangle uses.
   [[nodiscard]] std::int64_t num_used() const { return num_used_; }
+  /// Valid pixels of the grid.
+  [[nodiscard]] std::int64_t num_valid() const { return num_valid_; }
+  [[nodiscard]] const StepRule& steps() const { return steps_; }
+  /// The z of a pixel in units of the input.
+  [[nodiscard]] float depth(std::int32_t pixel) const {
+    return static_cast<float>(unit_ * double{samples_[pixel].z} + center_.z());
+  }
+  /// By pixel, the mean over used pixels; 1 where none is believed at all.
+  [[nodiscard]] float mean_confidence() const { return mean_confidence_; }
   /// Column and row of the input.
   [[nodiscard]] std::int32_t input_u(std::int32_t pixel) const { return step_ * u(pixel) + u0_; }
   [[nodiscard]] std::int32_t input_v(std::int32_t pixel) const { return step_ * v(pixel) + v0_; }
@@ -85,6 +122,14 @@ class Surface {
   [[nodiscard]] std::uint32_t place(int u, int v) const {
     return static_cast<std::uint32_t>(step_ * v + v0_) << 16 |
            static_cast<std::uint32_t>(step_ * u + u0_);
+  }
+  /// All dense triangles of an area.
+  void dense_triangles(std::vector<std::array<std::int32_t, 3>>& out) const;
+  /// Do pixels, as columns and rows, lie here?
+  [[nodiscard]] bool holds_all(const std::array<std::array<std::int32_t, 2>, 3>& pixels) const {
+    return std::ranges::all_of(pixels, [this](const auto& p) {
+      return p[0] >= 0 && p[1] >= 0 && p[0] < cols_ && p[1] < rows_;
+    });
   }
   /// Unit sum of the dense triangles' normals times their areas; (0, 0, 1) if that is nothing.
   [[nodiscard]] Vec3 mean_normal() const;
@@ -97,12 +142,16 @@ class Surface {
 
  private:
   bool crop(const PointGridView& grid);
+  /// Whether lone pixels far from all others could leave the rest too little precision.
+  [[nodiscard]] bool is_stretched(const DenseRule& rule) const;
+  /// Keeps the valid pixels that some triangle can use, by the rule.
+  void find_joined(const PointGridView& grid, const DenseRule& rule);
   void load_samples(const PointGridView& grid, int num_threads);
   void cut_cells(const DenseRule& rule, int num_threads);
   /// The rows of cells of one chunk.
   void cut_rows(const DenseRule& rule, std::int64_t begin, std::int64_t end);
   /// Leaves out the triangles of a row of cells that span a step in depth.
-  void cut_steps(double max_step, int v);
+  void cut_steps(int v);
   void add_areas();
   void count_used();
   void weigh(const PointGridView& grid, std::span<const float> confidence);
@@ -125,7 +174,11 @@ class Surface {
   std::vector<float> row_floats_;  ///< Scratch of loops over rows, as the next two.
   std::vector<std::uint16_t> row_bits_;
   std::vector<std::int32_t> row_cells_;
-  std::int64_t num_faces_ = 0, num_used_ = 0;
+  std::vector<std::uint8_t> joined_;  ///< By pixel of the grid, where it was needed.
+  StepRule steps_;
+  Eigen::Vector3d low_ = Eigen::Vector3d::Zero(), high_ = Eigen::Vector3d::Zero();
+  std::int64_t num_faces_ = 0, num_used_ = 0, num_valid_ = 0;
+  float mean_confidence_ = 1.0F;
   float mean_area_ = 0.0F;
 };
 

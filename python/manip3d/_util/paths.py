@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 
 from manip3d.errors import InputError
@@ -25,3 +26,10 @@ def path_of(path: str | os.PathLike[str], name: str = "path") -> Path:
     except UnicodeEncodeError as error:
         raise InputError(f"{name}: expected characters of file names, got {path!r}") from error
     return Path(path)
+
+
+def by_number(name: str) -> tuple[tuple[tuple[int, str, int], ...], str]:
+    """Key that sorts names as people do: numbers in them by their size, so that 2 is before 10."""
+    parts = re.split(r"([0-9]+)", name)
+    key = tuple((1, "", int(p)) if i % 2 else (0, p, 0) for i, p in enumerate(parts))
+    return key, name  # 01 and 1 are two names

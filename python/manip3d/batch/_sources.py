@@ -12,7 +12,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from manip3d._util.checked import checked
-from manip3d._util.paths import path_of
+from manip3d._util.paths import by_number, path_of
 from manip3d.errors import InputError
 from manip3d.io._remote import filesystem, is_url, naming_remote
 
@@ -113,7 +113,7 @@ def find_files(
     *,
     suffixes: Sequence[str] | None = None,
 ) -> list[SourceFile]:
-    """Return the files that sources stand for, sorted by name, each once.
+    """Return the files that sources stand for, each once, sorted by name: 2.png before 10.png.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ def find_files(
         name = source if is_url(source) else os.fspath(path_of(source, "sources"))
         for file in _remote(str(name), suffixes) if is_url(source) else _local(str(name), suffixes):
             found.setdefault(file.name, file)
-    return [found[name] for name in sorted(found)]
+    return [found[name] for name in sorted(found, key=by_number)]
 
 
 @checked
@@ -208,7 +208,7 @@ def find_drives(
             continue
         for drive in _drives_of(str(path_of(source, "sources")), suffixes):
             found.setdefault(drive.name, drive)
-    return [found[name] for name in sorted(found)]
+    return [found[name] for name in sorted(found, key=by_number)]
 
 
 def _plain_name(address: str) -> str:

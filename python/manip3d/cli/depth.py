@@ -72,9 +72,17 @@ def _of_frames(files: list[SourceFile], options: dict[str, Any]) -> dict[str, di
     return each
 
 
+_BUDGETS = ("points", "bandwidth", "rate")
+
+
+def _expect_budget(*budgets: object) -> None:
+    if all(budget is None for budget in budgets):
+        raise typer.BadParameter("give --points, or --bandwidth with --rate", param_hint="--points")
+
+
 @over_files(
     lambda: (*DEPTH_SUFFIXES, ".ply"), writable=lambda: WRITABLE, otherwise=".glb",
-    prepare=_of_frames,
+    prepare=_of_frames, check=lambda given: _expect_budget(*(given[name] for name in _BUDGETS)),
 )  # fmt: skip
 def depth(
     source: Annotated[
@@ -87,7 +95,7 @@ def depth(
     output: Output,
     points: Annotated[
         int | None,
-        typer.Option(min=1, help="Largest number of vertices; needed unless --bandwidth is given."),
+        typer.Option(min=3, help="Largest number of vertices; needed unless --bandwidth is given."),
     ] = None,
     intrinsics: Annotated[
         str,
@@ -113,8 +121,8 @@ def depth(
         float,
         typer.Option(
             min=0,
-            help="Leave out faces across a larger step in depth, as a share of the depth; 0: "
-            "leave out none. For depth images.",
+            help="Leave out faces across a larger step in depth, as a share of the depth, that no "
+            "surface turned by up to 78 degrees shows; 0: leave out none. For depth images.",
         ),
     ] = 0.05,
     max_edge: Annotated[
@@ -137,13 +145,13 @@ def depth(
         str,
         typer.Option(
             help="Colour image of the same size, which becomes the texture; for several depth "
-            "images, a folder of as many, in the order of their names."
+            "images, a folder of as many, with the same names or in the order of their names."
         ),
     ] = "",
     mask: Annotated[
         str,
         typer.Option(
-            help="Grey image or .npy of the same size: 0 where the depth is not to be used. For "
+            help="Image or .npy of the same size: black (0) where the depth is not to be used. For "
             "several depth images, one of all, or a folder of as many."
         ),
     ] = "",
@@ -164,7 +172,7 @@ def depth(
     min_coverage: Annotated[
         float,
         typer.Option(
-            min=0, max=1, help="Under --strict: exit 4 if less of the surface's pixels is covered."
+            min=0, max=1, help="Under --strict: exit 4 if less of the measured pixels is covered."
         ),
     ] = 0.9,
     bandwidth: Annotated[
@@ -194,8 +202,7 @@ def depth(
     """
     from manip3d import simplify
 
-    if points is None and bandwidth is None and rate is None:
-        raise typer.BadParameter("expected it, or --bandwidth with --rate", param_hint="--points")
+    _expect_budget(points, bandwidth, rate)
     shell = Terminal(as_json=as_json, quiet=quiet)
     with naming_options(*_OPTIONS):
         options = simplify.DepthOptions(
@@ -253,10 +260,30 @@ def _sentence(result: DepthFileResult) -> str:
         f"{options.method}{variant}: {counted(result.points_before, 'point')} -> "
         f"{count(result.points)}, {counted(result.faces, 'face')}{cut if result.faces_cut else ''} "
         f"in {result.seconds * 1000:.1f} ms; covers {100 * result.coverage:.1f} % of the surface's "
-        f"pixels{low if result.coverage_missed else ''}, {100 * result.bridges:.2f} % of its area "
-        f"bridges gaps{missed if result.target_missed else ''}"
-        f"{share if result.num_bytes is not None else ''}; "
+        f"pixels{low if result.coverage_missed else ''}{_not_covered(result)}, "
+        f"{100 * result.bridges:.2f} % of its area bridges gaps"
+        f"{missed if result.target_missed else ''}"
+        f"{share if result.num_bytes is not None else ''}{_left_across_steps(result)}; "
         f"wrote {result.output}"
+    )
+
+
+def _not_covered(result: DepthFileResult) -> str:
+    """What the coverage of the surface does not tell."""
+    words = ""
+    if round(100 * result.outside, 1) > 0:
+        words += f", {100 * result.outside:.1f} % of the measured pixels lie on no surface"
+    if result.dropped_pixels:
+        words += f", {counted(result.dropped_pixels, 'pixel')} of small pieces left out"
+    return words
+
+
+def _left_across_steps(result: DepthFileResult) -> str:
+    if not result.faces_left:
+        return ""
+    return (
+        "; the scene has depth steps, neither --depth-step nor --max-edge was given, and "
+        f"{counted(result.faces_left, 'face')} across them stayed"
     )
 
 
@@ -282,6 +309,9 @@ def _record(result: DepthFileResult) -> dict[str, Any]:
         "seconds": round(result.seconds, 4),
         "coverage": round(result.coverage, 6),
         "bridges": round(result.bridges, 6),
+        "outside": round(result.outside, 6),
+        "dropped_pixels": result.dropped_pixels,
+        "faces_left": result.faces_left,
         "target_missed": result.target_missed,
         "coverage_missed": result.coverage_missed,
     }

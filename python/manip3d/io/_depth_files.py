@@ -110,7 +110,7 @@ def read_pixel_map(
     Parameters
     ----------
     path : path-like or URL
-        Black and white or grey PNG or TIFF, or ``.npy`` of bool, uint8, uint16, float32 or float64;
+        PNG or TIFF, or ``.npy`` of bool, uint8, uint16, float32 or float64;
         the content decides, not the suffix.
     max_pixels : int
         Larger images are refused before anything is allocated for them.
@@ -118,7 +118,7 @@ def read_pixel_map(
     Returns
     -------
     (H, W) bool, uint8, uint16, float32 or float64
-        As stored.
+        As stored; of coloured and paletted images the brightest channel, so that only black is 0.
 
     Raises
     ------
@@ -179,7 +179,7 @@ def _decode_map(data: bytes, max_pixels: int) -> NDArray[Any]:
     if data.startswith(b"\x93NUMPY"):
         return _read_npy(data, max_pixels, _MAP_DTYPES)
     if data.startswith((b"\x89PNG\r\n\x1a\n", b"II*\0", b"MM\0*")):
-        return _read_with_pillow(data, max_pixels, ("1", "L"))
+        return _read_with_pillow(data, max_pixels, ("1", "L"), ("P", "LA", "RGB", "RGBA"))
     raise FormatError(
         f"expected a grey PNG or TIFF, or a .npy file, got bytes that begin with {data[:8]!r}",
         byte_offset=0,
@@ -260,7 +260,10 @@ def _read_npy(
 
 
 def _read_with_pillow(
-    data: bytes, max_pixels: int, narrow_modes: tuple[str, ...] = ()
+    data: bytes,
+    max_pixels: int,
+    narrow_modes: tuple[str, ...] = (),
+    color_modes: tuple[str, ...] = (),
 ) -> NDArray[Any]:
     try:
         from PIL import Image
@@ -273,6 +276,8 @@ def _read_with_pillow(
                 _checked_size(image.height, image.width, max_pixels)
                 if image.mode in narrow_modes:
                     return np.array(image)
+                if image.mode in color_modes:
+                    return np.asarray(np.array(image.convert("RGB")).max(axis=2))
                 if not image.mode.startswith("I;16") and image.mode not in ("I", "F"):
                     bits = "8 or 16" if narrow_modes else "16"
                     raise FormatError(f"expected {bits} bits of grey, got mode {image.mode}")

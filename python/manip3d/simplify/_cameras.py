@@ -22,6 +22,7 @@ from manip3d.mesh import Material, Mesh, Texture
 from manip3d.simplify._bandwidth import LEAST_POINTS
 from manip3d.simplify._depth import (
     Cs3Result,
+    DenseGrid,
     DepthSimplification,
     Variant,
     _color_image,
@@ -31,8 +32,11 @@ from manip3d.simplify._depth import (
     _point_grid,
     cs3_grid,
 )
+from manip3d.simplify._depth_steps import StepRule, across_steps
 from manip3d.simplify._pixel_maps import confidence_image, mask_image, masked_depth
-from manip3d.simplify._relief import Effort, Relief, relief_grid
+from manip3d.simplify._relief import Effort, Relief
+from manip3d.simplify._relief import _options as relief_options
+from manip3d.simplify._relief import _run as run_relief
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -97,6 +101,8 @@ class JointSimplification(Showable):
         For each view, True at valid pixels that show what earlier views had already sampled.
     views : tuple of DepthSimplification
         What was chosen in each view, before the views were joined.
+    coverage : float
+        Share of the measured pixels of all views that lie within the ``tolerance`` of the mesh.
     """
 
     vertices: NDArray[np.float64] = field(repr=False)
@@ -108,6 +114,7 @@ class JointSimplification(Showable):
     covered: tuple[NDArray[np.bool_], ...] = field(repr=False)
     views: tuple[DepthSimplification, ...] = field(repr=False)
     colors: tuple[NDArray[np.uint8] | None, ...] = field(repr=False)
+    coverage: float
 
     @property
     def num_vertices(self) -> int:
@@ -154,6 +161,7 @@ class _View:
     color: NDArray[np.uint8] | None
     registration: Registration | None
     confidence: NDArray[np.float32] | None
+    focal: float = 0.0  # 0: no depth image
 
     @property
     def world(self) -> NDArray[np.float64]:
@@ -197,13 +205,41 @@ def _take(view: CameraView, index: int, threads: int) -> _View:
     flat, flags, rows_up = _core.unproject(image, view.intrinsics, threads)
     points = flat.reshape(*image.shape, 3)
     valid = flags.reshape(image.shape).view(np.bool_)
-    return _View(points, valid, rows_up, pose, color, view.registration, confidence)
+    focal = min(view.intrinsics.fx, view.intrinsics.fy)
+    return _View(points, valid, rows_up, pose, color, view.registration, confidence, focal)
 
 
 def _normals(points: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.float64]:
     p, q, r = (points[faces[:, i]] for i in range(3))
     normals: NDArray[np.float64] = np.cross(q - p, r - p)
     return normals
+
+
+@dataclass(frozen=True)
+class _Steps:
+    """Which triangles of a view are no surface, as a step in depth lies between their corners."""
+
+    step: float | None
+    max_edge: float
+
+    def across(
+        self, view: _View, pixels: NDArray[np.int32], corners: NDArray[np.int32]
+    ) -> NDArray[np.bool_]:
+        """For triangles over many pixels."""
+        if self.step is None or view.focal == 0 or not len(corners):
+            return np.zeros(len(corners), bool)
+        image = np.where(view.valid, view.points[..., 2], np.float32(0))
+        surface = DenseGrid(view.points, view.valid, self.max_edge, self.step, view.focal)
+        rule = StepRule.of(self.step, view.focal)
+        return across_steps(np.ascontiguousarray(corners), pixels, image, rule, surface)
+
+    def surface(self, view: _View, faces: NDArray[np.int32]) -> NDArray[np.int32]:
+        """The triangles of the dense mesh that are no step."""
+        if self.step is None or view.focal == 0:
+            return faces
+        z = view.points[view.valid][:, 2][faces]
+        rule = StepRule.of(self.step, view.focal)
+        return np.ascontiguousarray(faces[~rule.differ(z.min(axis=1), z.max(axis=1))])
 
 
 class _Surface:
@@ -307,12 +343,14 @@ class _Joint:
         open_pixels: NDArray[np.bool_],
         border: tuple[NDArray[np.int32], NDArray[np.int32]],
         normals: NDArray[np.float64],
-        max_edge: float,
+        steps: _Steps,
     ) -> None:
         """Triangulate the chosen pixels of a view together with the border, and join them."""
         if isinstance(chosen, Relief) and not len(border[0]):
-            self._append(index, view, chosen)
+            whole = ~steps.across(view, chosen.pixels, chosen.faces)
+            self._append(index, view, chosen.with_faces(chosen.faces[whole]))
             return
+        max_edge = steps.max_edge
         _, first = np.unique(_pixel_keys(chosen.pixels), return_index=True)
         own = np.zeros(chosen.num_vertices, bool)
         own[first] = True  # a relief has two vertices where two fans of triangles meet
@@ -340,10 +378,12 @@ class _Joint:
         if max_edge < math.inf:
             sides = vertices[faces] - vertices[np.roll(faces, 1, axis=1)]
             keep &= np.linalg.norm(sides, axis=2).max(axis=1) <= max_edge
+        keep &= ~steps.across(view, pixels, corners)
         corners = corners[keep]
         if isinstance(chosen, Relief):
             seam = (corners < len(border[0])).any(axis=1)
             corners[~seam] = self._flipped(view, pixels, corners[~seam])
+            corners = corners[~steps.across(view, pixels, corners)]
         faces = vertex[corners]
         texcoords = _uvs(view, vertices[vertex], pixels)
         self.vertices = vertices
@@ -426,6 +466,7 @@ def cs3_cameras(
     *,
     variant: Variant = "cios",
     max_edge: float | None = None,
+    depth_step: float | None = None,
     tolerance: float | None = None,
     threads: int = 1,
 ) -> JointSimplification:
@@ -440,6 +481,9 @@ def cs3_cameras(
         earlier view shows.
     variant, max_edge, threads
         As for `cs3`.
+    depth_step : float, optional
+        Triangles across a larger step in the depth of a view are left out, as a share of the depth
+        (`cut_depth_steps` has the rule). Not of views that are given as points.
     tolerance : float, optional
         Surfaces of two views that face the same way are the same one up to this distance.
         Default: five times the median distance of neighbouring pixels of the view.
@@ -484,7 +528,7 @@ def cs3_cameras(
             threads=threads,
         )
 
-    return _join(views, target_points, choose, max_edge, tolerance, threads)
+    return _join(views, target_points, choose, max_edge, depth_step, tolerance, threads)
 
 
 @checked
@@ -494,6 +538,7 @@ def relief_cameras(
     *,
     effort: Effort = "balanced",
     max_edge: float | None = None,
+    depth_step: float | None = None,
     tolerance: float | None = None,
     threads: int = 1,
 ) -> JointSimplification:
@@ -509,6 +554,8 @@ def relief_cameras(
         that no earlier view shows.
     effort, max_edge, threads
         As for `relief`.
+    depth_step : float, optional
+        As for `cs3_cameras`; steps are boundaries from the start, as in `relief`.
     tolerance : float, optional
         As for `cs3_cameras`.
 
@@ -542,20 +589,52 @@ def relief_cameras(
 
     def choose(view: _View, open_pixels: NDArray[np.bool_], share: int) -> Relief:
         enough = share >= LEAST_POINTS
-        return relief_grid(
-            view.points,
+        return _relief_of_view(
+            view,
             open_pixels if enough else np.zeros_like(open_pixels),
             max(share, LEAST_POINTS),
-            confidence=view.confidence,
-            rows_up=view.rows_up,
-            effort=effort,
-            max_edge=max_edge,
-            threads=threads,
+            effort,
+            max_edge,
+            depth_step,
+            threads,
         )
 
     if _count(target_points, "target_points") < LEAST_POINTS:
         raise InputError(f"target_points: expected at least 3, got {target_points}")
-    return _join(views, target_points, choose, max_edge, tolerance, threads)
+    return _join(views, target_points, choose, max_edge, depth_step, tolerance, threads)
+
+
+def _relief_of_view(
+    view: _View,
+    open_pixels: NDArray[np.bool_],
+    points: int,
+    effort: Effort,
+    max_edge: float | None,
+    depth_step: float | None,
+    threads: int,
+) -> Relief:
+    options = relief_options(
+        points,
+        effort,
+        move_points=False,
+        max_edge=max_edge,
+        threads=threads,
+        from_origin=False,
+        depth_step=depth_step if view.focal > 0 else None,
+        focal=view.focal,
+    )
+    surface = DenseGrid(view.points, open_pixels, options.max_edge, options.max_step, options.focal)
+    return run_relief(
+        _core.ReliefSolver(),
+        view.points,
+        open_pixels,
+        view.rows_up,
+        options,
+        None,
+        None,
+        surface,
+        view.confidence,
+    )
 
 
 def _join(
@@ -563,6 +642,7 @@ def _join(
     target_points: int,
     choose: Callable[[_View, NDArray[np.bool_], int], DepthSimplification],
     max_edge: float | None,
+    depth_step: float | None,
     tolerance: float | None,
     threads: int,
 ) -> JointSimplification:
@@ -570,14 +650,18 @@ def _join(
     if not len(views):
         raise InputError("views: expected at least one")
     remaining = _count(target_points, "target_points")
+    if depth_step is not None and not depth_step > 0:
+        raise InputError(f"depth_step: expected > 0, got {depth_step}")
     if tolerance is not None and not tolerance > 0:
         raise InputError(f"tolerance: expected > 0, got {tolerance}")
     threads = threads_of(threads)
     taken = [_take(view, index, threads) for index, view in enumerate(views)]
     near = [tolerance or 5.0 * _spacing(view) for view in taken]
+    steps = _Steps(depth_step, _limit(max_edge))
     dense = [_core.grid_mesh(v.points, v.valid, v.rows_up, math.inf, None, threads) for v in taken]
     surfaces = [
-        _Surface(view.world, fields["faces"]) for view, fields in zip(taken, dense, strict=True)
+        _Surface(view.world, steps.surface(view, fields["faces"]))
+        for view, fields in zip(taken, dense, strict=True)
     ]
     normals = [_pixel_normals(view) for view in taken]
     facing = [n[view.valid] for n, view in zip(normals, taken, strict=True)]
@@ -594,6 +678,7 @@ def _join(
         for i, view in enumerate(taken)
     ]
     rate = target_points / max(1, sum(owned))
+    largest = int(np.argmax(owned))
     joint = _Joint()
     all_covered, chosen_views = [], []
     for i, view in enumerate(taken):
@@ -602,11 +687,14 @@ def _join(
             so_far = _Surface(joint.vertices, joint.faces)
             covered[view.valid] = so_far.covers(view.world, facing[i], near[i], threads)
         open_pixels = view.valid & ~covered
-        share = min(remaining, math.floor(rate * int(open_pixels.sum())))
+        share = math.floor(rate * int(open_pixels.sum()))
+        if i == largest:  # the smallest mesh is a triangle of the view that shows most
+            share = max(share, LEAST_POINTS)
+        share = max(0, min(share, remaining - (LEAST_POINTS if i < largest else 0)))
         chosen = choose(view, open_pixels, share)
         border = joint.border_in(view, surfaces[i].mesh, dense[i]["pixels"], near[i], threads)
         before = len(joint.vertices)
-        joint.add(i, view, chosen, open_pixels, border, normals[i], _limit(max_edge))
+        joint.add(i, view, chosen, open_pixels, border, normals[i], steps)
         remaining -= len(joint.vertices) - before
         all_covered.append(covered)
         chosen_views.append(chosen)
@@ -620,4 +708,19 @@ def _join(
         tuple(all_covered),
         tuple(chosen_views),
         tuple(view.color for view in taken),
+        _coverage(joint, taken, near, threads),
     )
+
+
+def _coverage(joint: _Joint, views: list[_View], near: list[float], threads: int) -> float:
+    """Share of the views' pixels that lie on the mesh."""
+    total = sum(int(view.valid.sum()) for view in views)
+    if total == 0 or not len(joint.faces):
+        return 0.0
+    mesh = Mesh(joint.vertices, joint.faces)
+    covered = 0
+    for view, tolerance in zip(views, near, strict=True):
+        if view.valid.any():
+            distance, _, _ = _core.closest_points(mesh, view.world, threads, None)
+            covered += int(np.count_nonzero(distance <= tolerance))
+    return covered / total

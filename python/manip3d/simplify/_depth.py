@@ -20,6 +20,7 @@ from manip3d._util.showing import Showable
 from manip3d.camera import Intrinsics, Registration, _depth_image
 from manip3d.errors import InputError, MissingExtraError
 from manip3d.mesh import Material, Mesh, Texture
+from manip3d.simplify._pixel_maps import mask_image, masked_depth
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -252,21 +253,21 @@ class DenseGrid:
     valid : (H, W) bool
     max_edge : float
         Triangles with a longer edge are no surface; infinite: all are.
+    depth_step, focal : float
+        Of an image, as of `DenseImage`. Default: nothing is known of depth, and every triangle is a
+        surface, whatever its slope.
     """
 
     points: NDArray[np.float32]
     valid: NDArray[np.bool_]
     max_edge: float
+    depth_step: float = math.inf
+    focal: float = 0.0
 
     @property
     def grid(self) -> DenseGrid:
         """This grid."""
         return self
-
-    @property
-    def depth_step(self) -> float:
-        """Nothing is known of depth: every triangle is a surface, whatever its slope."""
-        return math.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,7 +282,8 @@ class DenseImage:
     max_edge : float
         Triangles with a longer edge are no surface; infinite: all are.
     depth_step : float
-        Triangles whose corners' depths differ by a larger share of the least of them are none.
+        Triangles whose corners' depths differ by a larger share of the least of them, and by more
+        than a surface shows that is turned by 78 degrees, are none; see `cut_depth_steps`.
     """
 
     depth: NDArray[np.uint16 | np.float32]
@@ -290,12 +292,21 @@ class DenseImage:
     depth_step: float = math.inf
 
     @property
+    def focal(self) -> float:
+        """The focal length along the axis with the coarser pixels."""
+        return min(self.intrinsics.fx, self.intrinsics.fy)
+
+    @property
     def grid(self) -> DenseGrid:
         """The points of the pixels."""
         points, valid, _ = _core.unproject(self.depth, self.intrinsics, 1)
         shape = self.depth.shape
         return DenseGrid(
-            points.reshape(*shape, 3), valid.reshape(shape).view(np.bool_), self.max_edge
+            points.reshape(*shape, 3),
+            valid.reshape(shape).view(np.bool_),
+            self.max_edge,
+            self.depth_step,
+            self.focal,
         )
 
 
@@ -311,16 +322,16 @@ class DepthSimplification(DepthMesh):
         and the others of `Relief`.
     surface : DenseImage or DenseGrid
         What the mesh was made of.
-    cover : (float, float) or None
-        ``coverage`` and ``bridges`` where the method has measured them.
+    cover : (float, float, float) or None
+        ``coverage``, ``bridges`` and ``outside`` where the method has measured them.
     """
 
     stop: str
     surface: DenseImage | DenseGrid = field(repr=False)
-    cover: tuple[float, float] | None = field(repr=False)
+    cover: tuple[float, float, float] | None = field(repr=False)
 
     @cached_property
-    def _cover(self) -> tuple[float, float]:
+    def _cover(self) -> tuple[float, float, float]:
         if self.cover is not None:
             return self.cover
         dense = self.surface.grid
@@ -331,6 +342,7 @@ class DepthSimplification(DepthMesh):
             self.faces,
             dense.max_edge,
             self.surface.depth_step,
+            self.surface.focal,
         )
 
     @property
@@ -338,9 +350,10 @@ class DepthSimplification(DepthMesh):
         """Share of the dense surface's pixels that lie in or on a triangle of the mesh.
 
         The dense surface is that of `dense_mesh` with the same ``max_edge``, without the triangles
-        across steps in depth where these were left out (`cut_depth_steps`). Measured when it is
-        first asked for, before points move; a grid of points that was given as float32 must not
-        have changed by then.
+        across steps in depth where these were left out (`cut_depth_steps`): a pixel that lies such
+        a step before or behind a triangle is not covered by it then. 0 without a dense surface.
+        Measured when it is first asked for, before points move; a grid of points that was given as
+        float32 must not have changed by then.
         """
         return self._cover[0]
 
@@ -348,6 +361,14 @@ class DepthSimplification(DepthMesh):
     def bridges(self) -> float:
         """Share of the mesh's area that lies where the dense surface has no triangle."""
         return self._cover[1]
+
+    @property
+    def outside(self) -> float:
+        """Share of the measured pixels that no triangle of that dense surface uses.
+
+        Lone pixels, and surfaces that are so steep that each of their pixels is a step.
+        """
+        return self._cover[2]
 
     @property
     def num_used(self) -> int:
@@ -684,8 +705,10 @@ def cs3(
     *,
     color: ArrayLike | None = None,
     registration: Registration | None = None,
+    mask: ArrayLike | None = None,
     variant: Variant = "cios",
     max_edge: float | None = None,
+    depth_step: float | None = None,
     distance_dependent: bool = False,
     threads: int = 1,
     reading: dict[str, str | float] | None = None,
@@ -703,11 +726,16 @@ def cs3(
         Colour image of the depth image's size, or that of ``registration.color``.
     registration : Registration, optional
         Where the colour camera stands; without it both images share their pixels.
+    mask : (H, W) bool, optional
+        Pixels to use; where it is False there is no measurement.
     variant : 'cios', 'lios', 'cnms' or 'lnms'
         Importance by the smaller eigenvalue of the Hessian (C) or by the Laplacian (L); sampling
         by importance order (IOS) or by non-maximum suppression (NMS). CS3 is CIOS.
     max_edge : float, metres, optional
         Triangles with a longer edge are dropped: for scenes, whose objects are apart.
+    depth_step : float, optional
+        Triangles across a larger step in depth, as a share of it, are dropped: see
+        `cut_depth_steps`, which does that.
     distance_dependent : bool
         Nearer surfaces get more points: radii are scaled by depth / largest depth (eq. 3.9).
     threads : int
@@ -754,7 +782,16 @@ def cs3(
         threads=threads,
         reading=reading,
     )
-    return stream.simplify(depth, intrinsics, color=color, registration=registration)
+    if depth_step is not None and not depth_step > 0:
+        raise InputError(f"depth_step: expected > 0, got {depth_step}")
+    image = _depth_image(depth, intrinsics)
+    image = masked_depth(image, mask_image(mask, image.shape))
+    found = stream.simplify(image, intrinsics, color=color, registration=registration)
+    if depth_step is None or math.isinf(depth_step):
+        return found
+    from manip3d.simplify._depth_steps import cut_depth_steps  # it cuts what is made here
+
+    return cut_depth_steps(found, image, step=depth_step)
 
 
 @checked

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from manip3d._util.checked import checked
-from manip3d._util.paths import path_of
+from manip3d._util.paths import by_number, path_of
 from manip3d.camera import CAMERA_PRESETS, Intrinsics, _depth_image, read_intrinsics
 from manip3d.errors import FormatError, InputError, MissingExtraError
 from manip3d.io import (
@@ -27,7 +27,7 @@ from manip3d.io import (
     write_mesh,
 )
 from manip3d.io._files import open_regular
-from manip3d.simplify._bandwidth import Bandwidth, fit_bytes
+from manip3d.simplify._bandwidth import LEAST_POINTS, Bandwidth, fit_bytes
 from manip3d.simplify._depth import DepthSimplification, Variant, cs3, cs3_grid
 from manip3d.simplify._depth_steps import DEPTH_STEP, cut_depth_steps
 from manip3d.simplify._pixel_maps import confidence_of_levels, mask_image, masked_depth
@@ -46,6 +46,7 @@ _YUP_SUFFIXES = (".glb", ".gltf")
 _FRAMES_FOR_A_GUESS = 9
 _BYTES_PER_POINT = 40.0  # of a .glb: a vertex with texture coordinates and two faces
 _MOST_POINTS = 2**31 - 1
+_NO_MILLIMETRES = 65535
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ class DepthOptions:
     threads : int
         0: all cores.
     min_coverage : float
-        Share of the dense surface's pixels, 0 to 1, below which a result counts as missed.
+        Share of the measured pixels, 0 to 1, below which a result counts as missed.
     bandwidth, rate : float or None, bytes and frames a second
         Both or none: the files of a result have no more bytes than such a frame's share.
     """
@@ -111,6 +112,8 @@ class DepthOptions:
             )
         if self.method != "relief" and self.move_points:
             raise InputError(f"move_points: expected with method relief only, got {self.method}")
+        if self.points is not None and not self.points >= LEAST_POINTS:
+            raise InputError(f"points: expected at least {LEAST_POINTS}, got {self.points}")
         if not self.depth_step >= 0:
             raise InputError(f"depth_step: expected >= 0, got {self.depth_step}")
         if not 0 <= self.min_coverage <= 1:
@@ -138,6 +141,11 @@ class DepthFileResult:
     faces : int
     faces_cut : int
         Faces that were left out because they spanned a step in depth.
+    faces_left : int
+        Faces across steps in depth that are still there, because neither ``depth_step`` nor
+        ``max_edge`` leaves them out (not of ``relief``).
+    dropped_pixels : int
+        Pixels of small pieces of the surface that a ``relief`` left out.
     stop : str
         As of `DepthSimplification`.
     reached : str or None
@@ -152,6 +160,8 @@ class DepthFileResult:
         ``max_edge``.
     bridges : float
         Share of the faces' area that lies over no triangle of that dense mesh.
+    outside : float
+        Share of the measured pixels that no triangle of that dense mesh uses.
     num_bytes : int or None
         Bytes of all files that were written, where ``options`` have a bandwidth.
     """
@@ -165,18 +175,24 @@ class DepthFileResult:
     points: int = 0
     faces: int = 0
     faces_cut: int = 0
+    faces_left: int = 0
+    dropped_pixels: int = 0
     stop: str = "target"
     reached: str | None = None
     literal_count: int | None = None
     seconds: float = 0.0
     coverage: float = 1.0
     bridges: float = 0.0
+    outside: float = 0.0
     num_bytes: int | None = None
 
     @property
     def coverage_missed(self) -> bool:
-        """Less than ``options.min_coverage`` of the dense mesh's pixels are covered."""
-        return self.coverage < self.options.min_coverage
+        """Less than ``options.min_coverage`` of the measured pixels are covered.
+
+        Those that the dense mesh does not use are not.
+        """
+        return not self.coverage * (1.0 - self.outside) >= self.options.min_coverage
 
     @property
     def target_missed(self) -> bool:
@@ -392,10 +408,13 @@ def _from_image(path: Path, output: Path, options: DepthOptions, maps: _Maps) ->
         found = uncut
         if options.depth_step:
             found = cut_depth_steps(uncut, depth, step=options.depth_step)
+        left = 0
+        if options.method != "relief" and not options.depth_step and options.max_edge is None:
+            left = uncut.num_faces - cut_depth_steps(uncut, depth).num_faces
         mesh = found.mesh
         if is_yup:  # cameras look along +z, y down; glTF has +y up
             mesh = mesh.replace(vertices=mesh.vertices * np.array([1.0, -1.0, -1.0]))
-        return _Made(found, mesh, uncut.num_faces - found.num_faces, seconds)
+        return _Made(found, mesh, uncut.num_faces - found.num_faces, seconds, faces_left=left)
 
     measured = int(np.count_nonzero(depth > 0))
     made = _write(make, path, output, options, measured)
@@ -413,6 +432,7 @@ class _Made:
     faces_cut: int
     seconds: float
     num_bytes: int | None = None
+    faces_left: int = 0
 
 
 def _write(
@@ -477,6 +497,24 @@ def _expect_faces(made: _Made, source: Path, options: DepthOptions, measured: in
 
 
 def _read(path: Path, options: DepthOptions) -> tuple[DepthReading, str]:
+    """The image, and what to say of it.
+
+    The largest number in 16 bits is a common mark of a pixel without measurement; as millimetres it
+    would be 65.5 m.
+    """
+    reading, words = _read_unit(path, options)
+    if reading.depth.dtype != np.uint16:
+        return reading, words
+    marked = reading.depth == _NO_MILLIMETRES
+    count = int(np.count_nonzero(marked))
+    if count == 0:
+        return reading, words
+    rest = replace(reading, depth=np.where(marked, np.uint16(0), reading.depth))
+    words = words.replace(reading.sentence, rest.sentence)
+    return rest, f"{words}; {count} pixels of {_NO_MILLIMETRES} taken as not measured"
+
+
+def _read_unit(path: Path, options: DepthOptions) -> tuple[DepthReading, str]:
     """The image, and what to say of its unit; a camera that knows its unit is believed."""
     reading = read_depth_guessing(path, unit=options.unit)
     preset = CAMERA_PRESETS.get(options.intrinsics)
@@ -544,6 +582,9 @@ def _result(
         num_bytes=made.num_bytes,
         coverage=found.coverage,
         bridges=found.bridges,
+        outside=found.outside,
+        faces_left=made.faces_left,
+        dropped_pixels=getattr(found, "dropped_pixels", 0),
         **more,
     )
 
@@ -567,7 +608,10 @@ def colors_of_frames(
     *,
     name: str = "color",
 ) -> dict[str, str]:
-    """Return the colour image of each depth image: both in the order of their names.
+    """Return the colour image of each depth image: by name, or both in the order of their names.
+
+    Where each depth image has a colour image of its own name, suffix aside, that is its image. Else
+    both are put in order, numbers in names by their size.
 
     Parameters
     ----------
@@ -597,14 +641,19 @@ def colors_of_frames(
     >>> simplify.colors_of_frames(["d1.png", "d2.png"], "colors")
     {'d1.png': 'colors/a.jpg', 'd2.png': 'colors/b.jpg'}
     """
-    images = sorted(path for path in path_of(colors, name).iterdir() if path.is_file())
+    images = [path for path in path_of(colors, name).iterdir() if path.is_file()]
+    images.sort(key=lambda path: by_number(path.name))
     if len(images) != len(frames):
         raise InputError(
             f"{name}: expected {len(frames)} images in {os.fspath(colors)}, found {len(images)}"
         )
     for frame in frames:
         path_of(frame, "frames")
-    names = sorted(os.fspath(frame) for frame in frames)
+    names = sorted((os.fspath(frame) for frame in frames), key=by_number)
+    image_of = {path.stem: str(path) for path in images}
+    stems = [Path(frame).stem for frame in names]
+    if len(set(stems)) == len(image_of) and set(stems) == set(image_of):
+        return {frame: image_of[stem] for frame, stem in zip(names, stems, strict=True)}
     return dict(zip(names, map(str, images), strict=True))
 
 

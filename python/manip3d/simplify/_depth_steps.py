@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any, TypeVar
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, TypeGuard, TypeVar
 
 import numpy as np
 
+from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d.errors import InputError
 from manip3d.simplify._depth import DenseImage, DepthMesh, DepthSimplification
+from manip3d.simplify._relief import Relief
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
+
+    from manip3d.camera import Intrinsics
+    from manip3d.simplify._depth import DenseGrid
 
 AnyDepthMesh = TypeVar("AnyDepthMesh", bound=DepthMesh)
 
@@ -20,12 +26,19 @@ DEPTH_STEP = 0.05
 """Change of depth from one pixel to the next that is no slope any more, as a share of the depth. At
 f = 525 pixels a surface would have to be turned by 87.8 degrees (arctan 0.05 f) to show it."""
 
+_TAN_78 = math.tan(math.radians(78))
+_NOISE_AT_1_M = 1.425e-3  # as of DepthStepOptions
+_MOST_OFF = 0.25  # of a face's pixels
 _BLOCK = 1 << 21  # samples that are looked at together
 
 
 @checked
 def cut_depth_steps(
-    found: AnyDepthMesh, depth: ArrayLike, *, step: float = DEPTH_STEP
+    found: AnyDepthMesh,
+    depth: ArrayLike,
+    *,
+    step: float = DEPTH_STEP,
+    intrinsics: Intrinsics | None = None,
 ) -> AnyDepthMesh:
     """Leave out the faces that span a step in depth.
 
@@ -34,12 +47,12 @@ def cut_depth_steps(
     found : DepthMesh
         A mesh of ``depth``, of any method.
     depth : (H, W) uint16 or float32
-        The image in any unit; 0 and NaN mean no measurement.
+        The image, in millimetres or metres if the camera is known, else in any unit; 0 and NaN
+        mean no measurement.
     step : float
-        A face is left out if the depth at the ends of one of its edges differs by more than this
-        share of itself, and on the way from the one to the other, through the image, changes by
-        more than that from one measured pixel to the next: a step, not a slope. What only stands
-        in front of an edge, such as one noisy pixel, is no step.
+        A change of depth by more than this share of it is a step; see Notes.
+    intrinsics : Intrinsics, optional
+        The camera. Default: that of ``found``, if it was simplified; else ``step`` alone decides.
 
     Returns
     -------
@@ -50,6 +63,22 @@ def cut_depth_steps(
     ------
     InputError
         ``step`` is not positive, or a vertex lies outside of the image.
+
+    Notes
+    -----
+    Where the camera is known no change of depth is a step that a surface turned by 78 degrees
+    against the image plane shows from one pixel to the next, with three standard deviations of a
+    Kinect's noise: z / f tan 78 degrees + 3 * 0.0014 z^2 (metres). Where pixels are coarse, a floor
+    changes by more than 5 percent between them.
+
+    A face is left out if the depth at the ends of one of its edges differs by a step, and on the
+    way from the one to the other, through the image, changes by a step from one measured pixel to
+    the next. What only stands in front of an edge, such as one noisy pixel, is no step.
+
+    In a `Relief` with ``depth_step``, steps are boundaries already, and a long edge may well pass
+    behind something. A face of it is left out only if along one of its edges the steps, those down
+    taken from those up, make more than half of the difference of the ends, and more than a quarter
+    of the measured pixels over it, corners aside, lie a step before or behind it.
 
     Examples
     --------
@@ -68,23 +97,100 @@ def cut_depth_steps(
         raise InputError(f"depth: expected shape (H, W), got {image.shape}")
     with np.errstate(over="ignore"):  # beyond float32: as infinite as beyond float64
         image = np.nan_to_num(image.astype(np.float32), posinf=0.0, neginf=0.0)
+    if intrinsics is None and isinstance(found, DepthSimplification):
+        intrinsics = getattr(found.surface, "intrinsics", None)
+    metres = 1e-3 if np.asarray(depth).dtype == np.uint16 else 1.0
+    focal = 0.0 if intrinsics is None else min(intrinsics.fx, intrinsics.fy)
+    rule = StepRule.of(step, focal, metres)
     pixels = found.pixels
     if len(pixels) and (pixels.min() < 0 or (pixels.max(axis=0) >= image.shape[::-1]).any()):
         raise InputError(f"depth: expected the image of the mesh, got shape {image.shape}")
-    sides = np.sort(found.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    codes, of_side = np.unique(
-        sides[:, 0].astype(np.int64) * len(pixels) + sides[:, 1], return_inverse=True
-    )
-    crosses = _crosses_step(pixels[codes // len(pixels)], pixels[codes % len(pixels)], image, step)
-    kept = ~crosses[of_side.reshape(-1, 3)].any(axis=1)
+    surface = found.surface.grid if _has_boundaries(found) else None
+    kept = ~across_steps(found.faces, pixels, image, rule, surface)
     cut = found.with_faces(np.ascontiguousarray(found.faces[kept]))
     if isinstance(cut, DepthSimplification) and isinstance(cut.surface, DenseImage):
         cut = replace(cut, surface=replace(cut.surface, depth_step=step))
     return cut
 
 
+@dataclass(frozen=True)
+class StepRule:
+    """Which change of depth is a step, in the unit of the image."""
+
+    step: float
+    slope: float = 0.0
+    noise: float = 0.0
+
+    @staticmethod
+    def of(step: float, focal: float, metres: float = 1.0) -> StepRule:
+        """With a camera unless ``focal`` is 0; ``metres`` is the unit of the image."""
+        if focal == 0:
+            return StepRule(step)
+        return StepRule(step, _TAN_78 / focal, 3 * _NOISE_AT_1_M * metres)
+
+    def differ(self, one: NDArray[np.float32], other: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """Whether two measured depths differ by a step."""
+        nearest = np.minimum(one, other)
+        limit = nearest * np.maximum(self.step, self.slope + self.noise * nearest)
+        return np.asarray((np.abs(one - other) > limit) & (one > 0))
+
+
+def _has_boundaries(found: DepthMesh) -> TypeGuard[Relief]:
+    """Whether steps are boundaries of it already."""
+    return isinstance(found, Relief) and math.isfinite(found.surface.depth_step)
+
+
+def across_steps(
+    faces: NDArray[np.int32],
+    pixels: NDArray[np.int32],
+    image: NDArray[np.float32],
+    rule: StepRule,
+    surface: DenseGrid | None,
+) -> NDArray[np.bool_]:
+    """Which faces span a step; ``surface``: where they come from one whose boundaries are steps."""
+    crosses = _by_edges(faces, pixels, image, rule, passing=surface is not None)
+    if surface is None:
+        return crosses
+    off = _core.faces_off_surface(
+        surface.points,
+        surface.valid,
+        pixels,
+        faces,
+        surface.max_edge,
+        surface.depth_step,
+        surface.focal,
+    )
+    return np.asarray(crosses & ((off < 0) | (off > _MOST_OFF)))
+
+
+def _by_edges(
+    faces: NDArray[np.int32],
+    pixels: NDArray[Any],
+    image: NDArray[np.float32],
+    rule: StepRule,
+    *,
+    passing: bool,
+) -> NDArray[np.bool_]:
+    """For each face: whether one of its edges crosses a step.
+
+    ``passing``: to cross something and come back to the same surface is no step.
+    """
+    sides = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    codes, of_side = np.unique(
+        sides[:, 0].astype(np.int64) * len(pixels) + sides[:, 1], return_inverse=True
+    )
+    crosses = _crosses_step(
+        pixels[codes // len(pixels)], pixels[codes % len(pixels)], image, rule, passing
+    )
+    return np.asarray(crosses[of_side.reshape(-1, 3)].any(axis=1))
+
+
 def _crosses_step(
-    begin: NDArray[Any], end: NDArray[Any], image: NDArray[np.float32], step: float
+    begin: NDArray[Any],
+    end: NDArray[Any],
+    image: NDArray[np.float32],
+    rule: StepRule,
+    passing: bool,
 ) -> NDArray[np.bool_]:
     """For each pair of pixels: whether the depth along the line between them has a step."""
     length = np.abs(end - begin).max(axis=1)
@@ -95,7 +201,8 @@ def _crosses_step(
         alike = np.flatnonzero((length <= longest) & (length > longest // 2))
         for first in range(0, len(alike), _BLOCK // longest):
             block = alike[first : first + _BLOCK // longest]
-            crosses[block] = _has_step(_along(begin[block], end[block], image, longest + 1), step)
+            depths = _along(begin[block], end[block], image, longest + 1)
+            crosses[block] = _has_step(depths, rule, passing)
         if longest >= longest_of_all:
             return crosses
         longest *= 2
@@ -115,14 +222,14 @@ def _along(
     return depths
 
 
-def _has_step(depth: NDArray[np.float32], step: float) -> NDArray[np.bool_]:
+def _has_step(depth: NDArray[np.float32], rule: StepRule, passing: bool) -> NDArray[np.bool_]:
     """Whether the ends of a row differ, and two of its measured samples in a row do."""
     last = np.where(depth > 0, np.arange(depth.shape[1]), 0)
     filled = np.take_along_axis(depth, np.maximum.accumulate(last, axis=1), axis=1)
-    jumps = _differ(filled[:, :-1], filled[:, 1:], step).any(axis=1)
-    return np.asarray(jumps & _differ(filled[:, 0], filled[:, -1], step))
-
-
-def _differ(one: NDArray[np.float32], other: NDArray[np.float32], step: float) -> NDArray[np.bool_]:
-    """Whether two measured depths differ by more than ``step`` of the smaller one."""
-    return np.asarray((np.abs(one - other) > step * np.minimum(one, other)) & (one > 0))
+    is_step = rule.differ(filled[:, :-1], filled[:, 1:])
+    first, last_one = filled[:, 0], filled[:, -1]
+    ends = rule.differ(first, last_one)
+    if passing:  # up and down again: the steps' sum is what is left of them at the end
+        climbed = np.abs(np.sum(np.diff(filled, axis=1), axis=1, where=is_step))
+        ends &= climbed > 0.5 * np.abs(last_one - first)
+    return np.asarray(is_step.any(axis=1) & ends)

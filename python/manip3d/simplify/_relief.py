@@ -125,6 +125,7 @@ def _options(
     *,
     from_origin: bool,
     depth_step: float | None = None,
+    focal: float = 0.0,
     levels: Sequence[int] = (),
 ) -> _core.ReliefOptions:
     if effort not in get_args(Effort):
@@ -136,6 +137,7 @@ def _options(
     options.from_origin = from_origin
     options.max_edge = _limit(max_edge)
     options.max_step = _limit(depth_step)
+    options.focal = focal
     options.levels = [_whole("levels", size) for size in levels]
     options.num_threads = threads_of(threads)
     return options
@@ -154,7 +156,7 @@ def _run(
 ) -> Relief:
     fields = solver.run(points, valid, rows_up, options, confidence)
     fields["stop"] = fields["stop"].name
-    fields["cover"] = fields.pop("coverage"), fields.pop("bridges")
+    fields["cover"] = fields.pop("coverage"), fields.pop("bridges"), fields.pop("outside")
     fields["surface"] = surface
     if registration is not None:
         fields["texcoords"] = _core.registered_texcoords(fields["vertices"], registration)
@@ -210,8 +212,10 @@ def relief(
         Triangles of the dense surface with a longer edge are left out of it.
     depth_step : float, optional
         Triangles of the dense surface whose corners' depths differ by more than this share of the
-        least of them are left out of it: what `cut_depth_steps` cuts afterwards is a boundary from
-        the start, and costs no coverage.
+        least of them are left out of it, unless a surface that is turned by 78 degrees would show
+        as much from one pixel to the next (`cut_depth_steps` has the rule): steps are boundaries
+        from the start. What `cut_depth_steps` cuts afterwards are triangles that most of the pixels
+        over them lie a step away from, where bays were filled and holes closed.
     levels : sequence of int
         Sizes of smaller meshes over the first of the same vertices: strictly decreasing, below
         ``target_points``; `Relief.prefix` returns them. The smallest is what a call of its own
@@ -244,7 +248,8 @@ def relief(
     A confidence multiplies the distance that decides whether a bisection is needed at its pixel,
     and the pixel's area in the sum of distances that flips and moves lower. A triangle's quadric,
     and what is lost beside its outer sides, count by the least of its corners' confidences and of
-    the mean of the other pixels in it. Closing a hole or filling a bay costs the same whatever is
+    the mean of the other pixels in it; of what is lost, no less than a twentieth of the mean
+    confidence. Closing a hole or filling a bay costs the same whatever is
     believed, and ``coverage`` counts each pixel alike.
 
     Examples
@@ -277,6 +282,7 @@ def relief(
         threads,
         from_origin=True,
         depth_step=depth_step,
+        focal=min(intrinsics.fx, intrinsics.fy),
         levels=levels,
     )
     points, valid, rows_up = _core.unproject(image, intrinsics, options.num_threads)
@@ -473,6 +479,7 @@ class ReliefStream:
             threads,
             from_origin=True,
             depth_step=depth_step,
+            focal=min(intrinsics.fx, intrinsics.fy),
         )
         self._most_points = self._options.target_points
         self._options.stability = float(stability)
@@ -597,7 +604,7 @@ def _without_points(found: Relief) -> Relief:
         faces=found.faces[:0],
         pixels=found.pixels[:0],
         texcoords=found.texcoords[:0],
-        cover=(0.0, 0.0),
+        cover=(0.0, 0.0, 0.0),
         mean_move=0.0,
         max_move=0.0,
     )

@@ -23,7 +23,12 @@ class DepthStep {
 
   /// Do pixels with these smallest and largest depths lie on one surface?
   [[nodiscard]] bool connects(float nearest, float farthest) const {
-    return farthest - nearest <= fixed_ + nearest * (slope_ + noise_ * nearest);
+    return farthest - nearest <= limit(nearest);
+  }
+
+  /// The largest change of depth, metres, from a pixel of this depth to the next on one surface.
+  [[nodiscard]] float limit(float nearest) const {
+    return fixed_ + nearest * (slope_ + noise_ * nearest);
   }
 
  private:

@@ -1,6 +1,8 @@
 #pragma once
 
+#include <cstdint>
 #include <limits>
+#include <vector>
 
 #include "manip3d/geometry/depth_image.hpp"
 
@@ -12,24 +14,39 @@ struct DenseRule {
   double max_edge = std::numeric_limits<double>::infinity();
   /// Those whose z, positive in images, grows by no larger share of its least value.
   double max_step = std::numeric_limits<double>::infinity();
-  void check() const;  ///< @throws InputError  one of the two is not > 0.
+  /// Pixels. If positive, z is a depth in metres, and what DepthStep connects at this focal length
+  /// is no step either: where pixels are coarse, a floor grows by more than `max_step` from one to
+  /// the next.
+  double focal = 0.0;
+  void check() const;  ///< @throws InputError  one of the first two is not > 0, or focal is < 0.
 };
 
 /// How much of a dense surface a mesh over some of its pixels covers.
 struct DepthCoverage {
-  double coverage = 1.0;  ///< Share of the dense surface's pixels in or on some triangle.
+  /// Share of the dense surface's pixels in or on some triangle; with a limit on steps only where
+  /// the triangle is no farther away than that from the pixel, in depth.
+  double coverage = 0.0;
   /// Share of the mesh's area in space that lies over no dense triangle: of each triangle as much
   /// as of its pixels have no surface, or 2x2 cells that are cut.
   double bridges = 0.0;
+  double outside = 0.0;  ///< Share of the valid pixels that no triangle of the dense surface uses.
 };
 
 /// Compares a mesh whose vertices are pixels with the dense surface of their grid.
-/// A mesh without faces has no coverage; where there is no dense surface nothing is missing.
+/// A mesh without faces has no coverage, nor has one where there is no dense surface.
 /// @param pixels    (n, 2) column and row of each vertex.
 /// @throws InputError  as check_point_grid and DenseRule::check; a pixel or an index out of range.
 DepthCoverage depth_coverage(const PointGridView& grid,
                              const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
                              const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,
                              const DenseRule& rule = {});
+
+/// For each face of such a mesh: the share of its pixels, corners aside, that lie a step in depth
+/// away from it. Below 0 where most of them have no surface, so that nothing can be said.
+/// @throws InputError  as depth_coverage().
+std::vector<float> faces_off_surface(const PointGridView& grid,
+                                     const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
+                                     const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,
+                                     const DenseRule& rule);
 
 }  // namespace manip3d

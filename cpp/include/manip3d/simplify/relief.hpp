@@ -85,7 +85,8 @@ struct ReliefResult {
 ///
 /// The confidence of a pixel multiplies each of these measures: the error of a pixel that is
 /// halved or of the pixels that a triangle lies over, and the area of a triangle of step 2, which
-/// counts by the least of its corners' confidences and of the mean of the other pixels in it. Only
+/// counts by the least of its corners' confidences and of the mean of the other pixels in it. What
+/// is lost counts no less than a twentieth of the mean confidence. Only
 /// what closes holes and fills bays does not depend on it: nothing was measured there.
 ///
 /// Keeps its memory between frames of the same size. The result depends on the input alone.

@@ -1,0 +1,263 @@
+"""Depth images as cameras and files have them: lone pixels, coarse pixels, marks, steps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from manip3d import InputError, Intrinsics, io, simplify
+from manip3d.batch import find_files
+
+CAMERA = Intrinsics(160, 120, 130.0, 130.0, 79.5, 59.5)
+
+
+def waves() -> NDArray[np.uint16]:
+    v, u = np.mgrid[0:120, 0:160]
+    return (1500 + 150 * np.sin(u / 20) + 100 * np.cos(v / 15)).astype(np.uint16)
+
+
+def box_before_waves() -> NDArray[np.uint16]:
+    depth = waves()
+    depth[30:90, 50:110] = 700
+    return depth
+
+
+def slope_behind_pole() -> NDArray[np.uint16]:
+    """A plane that goes away to the right, and a pole before it: long edges pass behind that."""
+    depth = np.tile((1000 / np.linspace(0.66, 0.4, 160)).astype(np.uint16), (120, 1))
+    depth[30:90, 78:82] = 800
+    return depth
+
+
+def floor(focal: float = 60.0) -> NDArray[np.uint16]:
+    """What a camera one metre above a floor sees of it."""
+    below = np.arange(96)[:, None] - 20.5
+    z = np.where(below > 0, 1000 * focal / np.maximum(below, 0.5), 0)
+    return np.repeat(np.where(z > 12000, 0, z), 128, axis=1).astype(np.uint16)
+
+
+def depth_over(found: simplify.DepthMesh, corners: NDArray[np.int32]) -> NDArray[np.float64]:
+    """The depth of a face at each pixel in or on it, else NaN: by barycentric coordinates."""
+    u, v = np.meshgrid(np.arange(160), np.arange(120))
+    (au, av), (bu, bv), (cu, cv) = found.pixels[corners].astype(float)
+    area = (bu - au) * (cv - av) - (bv - av) * (cu - au)
+    b = ((u - au) * (cv - av) - (v - av) * (cu - au)) / area
+    c = ((bu - au) * (v - av) - (bv - av) * (u - au)) / area
+    weights = np.stack([1 - b - c, b, c])
+    inverse = np.tensordot(1 / found.vertices[corners, 2].astype(float), weights, 1)
+    return np.where((weights >= -1e-9).all(axis=0), 1 / inverse, np.nan)
+
+
+def test_edges_that_pass_behind_something_are_no_steps() -> None:
+    depth = slope_behind_pole()
+    found = simplify.relief(depth, CAMERA, 6, depth_step=0.05)
+    cut = simplify.cut_depth_steps(found, depth)
+    assert cut.num_faces == found.num_faces > 0
+    assert found.coverage > 0.9  # the pole is a fortieth of the pixels
+
+
+@pytest.mark.parametrize("points", [3, 5, 10, 20])
+def test_few_points_keep_a_mesh(points: int) -> None:
+    depth = box_before_waves()
+    found = simplify.relief(depth, CAMERA, points, depth_step=0.05)
+    cut = simplify.cut_depth_steps(found, depth)
+    if points > 3:
+        assert cut.num_faces > 0
+        assert cut.coverage > 0.7 * found.coverage
+
+
+def test_faces_between_box_and_wall_are_cut() -> None:
+    depth = box_before_waves()
+    plain = simplify.relief(depth, CAMERA, 60)  # no boundary at the box: faces join it and the wall
+    z = plain.vertices[plain.faces, 2]
+    assert ((z.min(axis=1) < 0.75) & (z.max(axis=1) > 1.2)).any()
+    found = simplify.relief(depth, CAMERA, 60, depth_step=0.05).with_faces(plain.faces[:0])
+    joined = type(found)(**{**vars(found), **{
+        name: getattr(plain, name) for name in ("vertices", "faces", "pixels", "texcoords")
+    }})  # fmt: skip
+    z = simplify.cut_depth_steps(joined, depth)
+    ends = z.vertices[z.faces, 2]
+    assert not ((ends.min(axis=1) < 0.75) & (ends.max(axis=1) > 1.2)).any()
+
+
+@pytest.mark.parametrize("points", [6, 50])
+def test_coverage_counts_pixels_near_their_face(points: int) -> None:
+    depth = box_before_waves()
+    found = simplify.relief(depth, CAMERA, points, depth_step=0.05)
+    z = depth / 1000
+    covered = np.zeros(z.shape, bool)
+    for corners in found.faces:
+        over = depth_over(found, corners)
+        limit = np.maximum(0.05, np.tan(np.radians(78)) / 130 + 3 * 1.425e-3 * z) * z
+        near = (over / z <= 1 + limit / z) & (z / over <= 1 + limit / z)
+        covered |= np.nan_to_num(near).astype(bool)
+    assert found.coverage == pytest.approx(covered.mean(), abs=2e-3)
+    if points == 6:
+        assert found.dropped_pixels > 0
+        assert found.coverage < 1 - found.dropped_pixels / depth.size
+
+
+def test_a_floor_of_coarse_pixels_is_no_step() -> None:
+    depth = floor()
+    camera = Intrinsics(128, 96, 60.0, 60.0, 63.5, 20.5)
+    found = simplify.relief(depth, camera, 200, depth_step=0.05)
+    used = found.vertices[np.unique(found.faces), 2]
+    assert used.max() > 4.6  # tan 78 degrees: 4.7 m; 5 % alone end at 2.9 m
+    z = depth[np.flatnonzero(depth[:, 0]), 0].astype(float) / 1000  # nearer from row to row
+    change = np.diff(z[::-1])
+    limit = np.maximum(0.05, np.tan(np.radians(78)) / 60 + 3 * 1.425e-3 * z[::-1][:-1])
+    last = int(np.argmax(change > limit * z[::-1][:-1]))
+    assert found.outside == pytest.approx(1 - (last + 1) / len(z))
+    dense = simplify.dense_mesh(depth, camera)
+    without = simplify.cut_depth_steps(dense, depth)
+    with_camera = simplify.cut_depth_steps(dense, depth, intrinsics=camera)
+    assert with_camera.num_faces > without.num_faces > 0
+
+
+@pytest.mark.parametrize("far", [1e5, 1e6, 1e9])
+def test_one_far_pixel_leaves_the_rest_as_it_is(far: float) -> None:
+    depth = (waves() / 1000).astype(np.float32)
+    alone = depth.copy()
+    alone[5, 5] = 0
+    depth[5, 5] = far
+    found = simplify.relief(depth, CAMERA, 300, depth_step=0.05)
+    expected = simplify.relief(alone, CAMERA, 300, depth_step=0.05)
+    np.testing.assert_array_equal(found.pixels, expected.pixels)
+    assert found.coverage == expected.coverage > 0.99
+    assert found.outside == pytest.approx(1 / depth.size)
+    stream = simplify.ReliefStream(CAMERA, 300, depth_step=0.05)
+    assert stream.simplify(depth).coverage > 0.99
+
+
+def test_where_nothing_is_left_nothing_is_covered() -> None:
+    depth = (waves() / 1000).astype(np.float32)
+    depth[5, 5] = 1e9
+    found = simplify.relief(depth, CAMERA, 300)  # without a limit the far pixel is a surface
+    assert found.coverage < 0.01
+    result = simplify.DepthFileResult(
+        Path("a"), Path("b"), simplify.DepthOptions(3), coverage=float("nan")
+    )
+    assert result.coverage_missed
+
+
+@pytest.mark.parametrize("believed", [np.arange(160) >= 80, np.zeros(160, bool)])
+@pytest.mark.parametrize("points", [20, 50, 300])
+def test_what_is_not_believed_is_covered(believed: NDArray[np.bool_], points: int) -> None:
+    confidence = np.tile(believed.astype(float), (120, 1))
+    found = simplify.relief(waves(), CAMERA, points, confidence=confidence)
+    assert found.coverage > 0.98
+
+
+@pytest.mark.parametrize("effort", ["live", "balanced"])
+def test_room_for_all_points_gives_the_dense_mesh(effort: simplify.Effort) -> None:
+    random = np.random.default_rng(0)
+    depth = waves()
+    depth[random.random(depth.shape) < 0.1] = 0
+    dense = simplify.dense_mesh(depth, CAMERA)
+    used = np.unique(dense.faces)
+    found = simplify.relief(depth, CAMERA, len(used), effort=effort)
+    assert found.stop == "all_points"
+    np.testing.assert_array_equal(found.pixels, dense.pixels[used])
+    assert found.num_faces == dense.num_faces
+
+
+def test_names_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    for folder in ("depth", "color", "same"):
+        (tmp_path / folder).mkdir()
+    for i in range(12):
+        (tmp_path / "depth" / f"{i}.png").touch()
+        (tmp_path / "color" / f"{i:04d}.jpg").touch()
+        (tmp_path / "same" / f"{11 - i}.jpg").touch()
+    frames = [file.name for file in find_files([tmp_path / "depth"], suffixes=(".png",))]
+    assert [Path(name).stem for name in frames] == [str(i) for i in range(12)]
+    pairs = simplify.colors_of_frames(frames, tmp_path / "color")
+    assert all(int(Path(a).stem) == int(Path(b).stem) for a, b in pairs.items())
+    pairs = simplify.colors_of_frames(frames, tmp_path / "same")
+    assert all(Path(a).stem == Path(b).stem for a, b in pairs.items())
+
+
+def test_the_largest_number_is_no_measurement(tmp_path: Path) -> None:
+    image = pytest.importorskip("PIL.Image")
+    depth = waves()
+    depth[40:60, 40:60] = 65535
+    image.fromarray(depth).save(tmp_path / "a.png")
+    options = simplify.DepthOptions(20, intrinsics="130,130,79.5,59.5", unit="mm")
+    result = simplify.simplify_depth_file(tmp_path / "a.png", tmp_path / "a.ply", options)
+    assert result.points_before == depth.size - 400
+    assert "400 pixels of 65535 taken as not measured" in result.depth
+    assert "1.25 to" in result.depth or "to 1.7" in result.depth
+    assert result.dropped_pixels == 0
+
+
+def test_coloured_and_paletted_masks_are_read(tmp_path: Path) -> None:
+    image = pytest.importorskip("PIL.Image")
+    mask = np.zeros((4, 6, 3), np.uint8)
+    mask[1, 2] = (0, 200, 0)
+    image.fromarray(mask).save(tmp_path / "rgb.png")
+    image.fromarray(mask).quantize(4).save(tmp_path / "palette.png")
+    for name in ("rgb.png", "palette.png"):
+        found = io.read_pixel_map(tmp_path / name)
+        np.testing.assert_array_equal(found != 0, mask.any(axis=2))
+
+
+def test_fewer_than_three_points_are_refused() -> None:
+    with pytest.raises(InputError, match="points: expected at least 3, got 2"):
+        simplify.DepthOptions(2)
+
+
+def test_cameras_do_not_join_box_and_wall() -> None:
+    pose = np.eye(4)
+    pose[0, 3] = 0.3
+    depth = box_before_waves()
+    views = [simplify.CameraView(depth, CAMERA), simplify.CameraView(depth, CAMERA, pose=pose)]
+    for simplified in (simplify.relief_cameras, simplify.cs3_cameras):
+        shares = []
+        for step in (None, 0.05):
+            joint = simplified(views, 300, depth_step=step)
+            corners = joint.vertices[joint.faces]
+            z = corners[..., 2]
+            normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            area = np.linalg.norm(normals, axis=1)
+            joins = (z.min(axis=1) < 0.75) & (z.max(axis=1) > 1.2)
+            shares.append(area[joins].sum() / area.sum())
+        assert shares[0] > 0.3
+        assert shares[1] < 0.03, shares
+        assert shares[1] < 0.1 * shares[0]
+        assert 0.5 < joint.coverage <= 1
+    with pytest.raises(InputError, match="depth_step: expected > 0"):
+        simplify.relief_cameras(views, 300, depth_step=0.0)
+
+
+def test_three_points_are_a_triangle_of_one_camera() -> None:
+    pose = np.eye(4)
+    pose[0, 3] = 0.2
+    views = [simplify.CameraView(waves(), CAMERA), simplify.CameraView(waves(), CAMERA, pose=pose)]
+    joint = simplify.relief_cameras(views, 3)
+    assert (joint.num_vertices, joint.num_faces) == (3, 1)
+
+
+def test_cs3_takes_a_mask_and_a_depth_step() -> None:
+    depth = box_before_waves()
+    left = np.tile(np.arange(160) < 80, (120, 1))
+    found = simplify.cs3(depth, CAMERA, 200, mask=left, depth_step=0.05)
+    plain = simplify.cs3(np.where(left, depth, 0).astype(np.uint16), CAMERA, 200)
+    np.testing.assert_array_equal(found.pixels, plain.pixels)
+    assert found.pixels[:, 0].max() < 80
+    np.testing.assert_array_equal(found.faces, simplify.cut_depth_steps(plain, depth).faces)
+    assert 0 < found.num_faces < plain.num_faces
+    with pytest.raises(InputError, match="depth_step: expected > 0"):
+        simplify.cs3(depth, CAMERA, 200, depth_step=-0.1)
+
+
+def test_cs3_says_that_faces_across_steps_stayed(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", box_before_waves())
+    for step, max_edge in ((0.0, None), (0.05, None), (0.0, 0.2)):
+        options = simplify.DepthOptions(
+            200, "cs3", intrinsics="130,130,79.5,59.5", unit="mm", depth_step=step,
+            max_edge=max_edge,
+        )  # fmt: skip
+        result = simplify.simplify_depth_file(tmp_path / "a.npy", tmp_path / "a.ply", options)
+        assert (result.faces_left > 0) == (step == 0.0 and max_edge is None)
