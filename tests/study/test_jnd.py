@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import pickle
 from pathlib import Path
@@ -265,3 +266,13 @@ def test_results_have_a_threshold_for_each_staircase(tmp_path: Path) -> None:
     )
     assert len(lines) == 3
     assert "shown_deg" in (results / "answers.csv").read_text().splitlines()[0]
+
+
+def test_no_effect_is_too_large_for_the_power() -> None:
+    """SciPy's far tails are NaN for some, which made 4 participants of 3 at an effect of 10.5."""
+    needed = [required_participants(effect) for effect in (1.0, 2.0, 4.0, 10.5, 20.0, 50.0, 100.0)]
+    assert needed == sorted(needed, reverse=True)
+    assert needed[3] == required_participants(-10.5) == 3
+    for participants in (2, 3, 5, 100):
+        powers = [paired_power(participants, 0.01 * 1.25**step) for step in range(41)]
+        assert all(0.0 < a <= b + 1e-9 for a, b in itertools.pairwise(powers))

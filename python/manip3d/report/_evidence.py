@@ -293,7 +293,17 @@ def _page(inspection: Inspection, source: str) -> str:
 
 @checked
 def place_sentence(inspection: Inspection) -> str:
-    """Say where the scanner stood and who states it."""
+    """Say where the scanner stood and who states it.
+
+    Raises
+    ------
+    InputError
+        It is no inspection of a scan.
+    """
+    from manip3d.authenticate import Inspection
+
+    if not isinstance(inspection, Inspection):
+        raise InputError(f"inspection: expected an Inspection, got {type(inspection).__name__}")
     if inspection.origin is None:
         return "the scanner's position is not known"
     x, y, z = inspection.origin

@@ -86,7 +86,17 @@ def evidence(
 
 @checked
 def forgery_points(forgery: Forgery) -> DrawnPoints:
-    """A forged scan: points that were added and moved, and, where known, that were removed."""
+    """A forged scan: points that were added and moved, and, where known, that were removed.
+
+    Raises
+    ------
+    InputError
+        It is no forgery.
+    """
+    from manip3d.forge import Forgery
+
+    if not isinstance(forgery, Forgery):
+        raise InputError(f"forgery: expected a Forgery, got {type(forgery).__name__}")
     frame, label = forgery.frame, forgery.label
     original = forgery.original
     if original is not None and len(forgery.removed):

@@ -289,7 +289,21 @@ def _caption(label: str, style: Style) -> Image:
 
 @checked
 def png_bytes(image: Image) -> bytes:
-    """The PNG file of an (H, W, 3) uint8 picture."""
+    """The PNG file of an (H, W, 3) uint8 picture.
+
+    Raises
+    ------
+    InputError
+        Another kind of picture.
+    """
+    if not (
+        isinstance(image, np.ndarray)
+        and image.dtype == np.uint8
+        and image.shape[2:] in ((), (3,), (4,))
+        and image.ndim > 1
+        and image.size
+    ):
+        raise InputError("image: expected a picture, (H, W, 3) uint8")
     stream = io.BytesIO()
     pillow().fromarray(image).save(stream, format="PNG", optimize=True)
     return stream.getvalue()
