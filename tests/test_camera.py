@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import manip3d
-from manip3d import InputError, Intrinsics
+from manip3d import FormatError, InputError, Intrinsics, camera
 
 PINHOLE = Intrinsics(64, 48, 50.0, 52.0, 30.5, 24.25)
 BENT = replace(PINHOLE, distortion=(0.12, -0.05, 0.004, -0.003, 0.01))
@@ -188,3 +188,13 @@ def test_a_resized_camera_looks_along_the_same_lines(factor: float) -> None:
     points = np.array([[0.1, -0.2, 1.0], [-0.3, 0.25, 1.4]])
     edges = BENT.project(points) + 0.5
     np.testing.assert_allclose(small.project(points) + 0.5, factor * edges, atol=1e-9)
+
+
+@pytest.mark.parametrize("size", [2**31, 2**63, 2**70, -(2**63) - 1])
+def test_a_size_that_the_core_cannot_be_asked_about(size: int, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="intrinsics.width: expected 1 to 16384"):
+        Intrinsics(size, 48, 50.0, 50.0, 31.0, 23.0)
+    path = tmp_path / "a.json"
+    path.write_text(f'{{"width": 64, "height": {size}, "fx": 50, "fy": 50, "cx": 31, "cy": 23}}')
+    with pytest.raises(FormatError, match=r"a\.json.*intrinsics.height"):
+        camera._camera_of_file(path, 64, 48)

@@ -63,6 +63,8 @@ class Intrinsics:
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int | np.integer):
                 raise InputError(f"intrinsics.{name}: expected a whole number, got {value!r}")
+            if not -(2**31) <= value < 2**31:  # what the core can be asked about
+                raise InputError(f"intrinsics.{name}: expected 1 to 16384, got {value}")
             object.__setattr__(self, name, int(value))
         for name in ("fx", "fy", "cx", "cy"):
             object.__setattr__(self, name, _number(getattr(self, name), f"intrinsics.{name}"))

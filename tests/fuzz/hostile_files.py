@@ -1,8 +1,8 @@
 """Hostile files for every reader that Python offers: valid ones, damaged where it hurts.
 
-``python tests/fuzz/hostile_files.py --cases 1000000 --jobs 2`` is the long run; the test beside
-this file is the short one. A case is a kind of file and a seed, so each finding can be repeated:
-``--kind pcd --first 4711 --cases 1``.
+``python tests/fuzz/hostile_files.py --cases 1000000`` is the long run, of the night; the test
+beside this file is the short one. A case is a kind of file and a seed, so each finding can be
+repeated: ``--kind pcd --first 4711 --cases 1``.
 
 A finding is any exception but manip3d's own and `OSError`, a message that a terminal would obey, a
 signal, more than five seconds of processor time, more than 2 GiB of memory.
@@ -31,7 +31,17 @@ from typing import Any
 import numpy as np
 
 import manip3d
-from manip3d import LidarFrame, capture, datasets
+from manip3d import (
+    LidarFrame,
+    authenticate,
+    camera,
+    capture,
+    datasets,
+    diary,
+    forge,
+    serve,
+    study,
+)
 from manip3d import io as files
 
 TESTS = Path(__file__).parents[1]
@@ -54,8 +64,6 @@ class Kind:
     examples: Callable[[], list[Files]]
     read: Callable[[Path, str], object]
     """Takes the folder and the name of the file that was damaged."""
-    fixed: frozenset[str] = frozenset()
-    """Files that are never damaged."""
 
 
 # --- examples ------------------------------------------------------------------------------------
@@ -225,6 +233,102 @@ def results() -> list[Files]:
     return [{name: found[name] for name in ("results.json", "results.csv")}]
 
 
+def lattices() -> list[Files]:
+    sys.path.insert(0, str(TESTS))
+    import lattice_scans
+
+    return [written(lattice_scans.lattice(rings).save, "a.json") for rings in (4, 64)]
+
+
+def rigs() -> list[Files]:
+    rig = authenticate.StereoRig(700.0, (600.0, 180.0), 0.5, np.eye(4))
+    pairs = {name: authenticate.CameraPair(rig, 2, 3) for name in ("front", "back")}
+    return [written(lambda path: authenticate.write_rigs(pairs, path), "a.json")]
+
+
+BVH = """HIERARCHY
+ROOT Hips
+{
+  OFFSET 0.0 0.0 0.0
+  CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation
+  JOINT Knee
+  {
+    OFFSET 0.0 -40.0 0.0
+    CHANNELS 3 Zrotation Xrotation Yrotation
+    End Site
+    {
+      OFFSET 0.0 -40.0 0.0
+    }
+  }
+}
+MOTION
+Frames: 2
+Frame Time: 0.0333333
+0 90 0 0 0 0 10 0 0
+1 90 0 5 0 0 20 0 0
+"""
+
+
+@cache
+def signed() -> tuple[bytes, authenticate.Watermarked, bytes, bytes]:
+    """A key file, a scan with its record, the picture that carries it, and a verifier's state."""
+    sys.path.insert(0, str(TESTS))
+    from watermark_scans import grid_scan, key_file
+
+    frames = [LidarFrame(grid_scan(1100, seed)) for seed in range(3)]
+    with tempfile.TemporaryDirectory() as place:
+        path = key_file(Path(place) / "a.key")
+        key = authenticate.KeyFile(path)
+        marker = authenticate.Watermarker(key)
+        sent = [marker.embed(frame) for frame in frames]
+        grey = np.random.default_rng(0).integers(0, 256, (128, 130)).astype(np.uint8)
+        carried = authenticate.Watermarker(key).embed(frames[0], picture=grey).picture
+        assert carried is not None
+        authenticate.write_carrier(carried, Path(place) / "a.png")
+        verifier = authenticate.Watermarker(key, state=Path(place) / "a.state")
+        for each in sent:
+            verifier.verify(each.frame, each.record)
+        state = (Path(place) / "a.state").read_bytes()
+        verifier.close()
+        return path.read_bytes(), sent[0], (Path(place) / "a.png").read_bytes(), state
+
+
+def studies() -> list[Files]:
+    return [
+        written(lambda path: study.write_template("display", path, example=True), "a.toml"),
+        {"a.json": b'{"kind": "display", "title": "a", "order": "random", "conditions": []}'},
+    ]
+
+
+def study_folders() -> list[Files]:
+    def write(path: Path) -> None:
+        with study.StudyFolder(path, {"kind": "rating", "sha256": {"a": "0" * 64}}) as folder:
+            for name in ("p1", "p2"):
+                folder.begin(name)
+                folder.store(name, study.Answer("about", {"a": 1}, {"age": 33}, 12.5))
+
+    found = folder_of(write)
+    return [{name: data for name, data in found.items() if not name.endswith(".lock")}]
+
+
+def stream_truths() -> list[Files]:
+    masks = np.random.default_rng(0).random((3, 6, 7)) < 0.5
+    truth = forge.StreamTruth(1, masks, np.arange(3))
+    return [written(truth.write, "a.npz")]
+
+
+def certificates() -> list[Files]:
+    return [written(lambda path: serve.kept_certificate(path, "127.0.0.1"), "a.pem")]
+
+
+def cameras() -> list[Files]:
+    matrix = b'{"width": 64, "height": 48, "intrinsic_matrix": [50, 0, 0, 0, 50, 0, 31, 23, 1]}'
+    return [
+        {"a.json": b'{"width": 64, "height": 48, "fx": 50, "fy": 50.5, "cx": 31, "cy": 23}'},
+        {"a.json": matrix},
+    ]
+
+
 # --- reading -------------------------------------------------------------------------------------
 
 
@@ -264,6 +368,54 @@ def scan(folder: Path, name: str) -> object:
     return files.read_scans(folder / name)
 
 
+def verify_record(folder: Path, name: str) -> None:
+    key, sent, _, _ = signed()
+    record = (folder / name).read_bytes()
+    with key_of(folder, key) as opened:
+        found = authenticate.Watermarker(opened).verify(sent.frame, record)
+    assert found.verdict != "authentic" or record == sent.record, "authentic, with another record"
+
+
+def verify_picture(folder: Path, name: str) -> None:
+    key, sent, _, _ = signed()
+    with key_of(folder, key) as opened:
+        seen = authenticate.read_carrier(folder / name)
+        authenticate.Watermarker(opened).verify(sent.frame, None, picture=seen)
+
+
+def go_on(folder: Path, name: str) -> None:
+    """What the state says was seen stays seen, whatever is damaged behind its checkpoint."""
+    key, sent, _, _ = signed()
+    with (
+        key_of(folder, key) as opened,
+        authenticate.Watermarker(opened, state=folder / name) as verifier,
+    ):
+        found = verifier.verify(sent.frame, sent.record)
+    assert found.verdict != "authentic", "authentic, though it was seen before"
+
+
+def key_of(folder: Path, content: bytes) -> authenticate.KeyFile:
+    path = folder / "own.key"
+    path.write_bytes(content)
+    path.chmod(0o600)
+    return authenticate.KeyFile(path)
+
+
+def read_study_folder(folder: Path, _: str) -> None:
+    study.StudyFolder(folder / "x", read_only=True).close()
+    study.StudyFolder(folder / "x").close()
+
+
+def read_camera(folder: Path, name: str) -> None:
+    camera._camera_of_file(folder / name, 64, 48)
+
+
+def read_diary_key(folder: Path, name: str) -> None:
+    from manip3d.diary._sealing import read_key
+
+    read_key(folder / name)
+
+
 KINDS = {
     kind.name: kind
     for kind in [
@@ -301,6 +453,19 @@ KINDS = {
         Kind("folder", lambda: recordings(""), lambda d, _: read_frames(f"folder:{d / 'x'}")),
         Kind("mkv", lambda: recordings(".mkv"), lambda d, _: read_frames(f"mkv:{d / 'x.mkv'}")),
         Kind("results", results, report),
+        Kind("bvh", lambda: [{"a.bvh": BVH.encode()}], lambda d, n: files.read_bvh(d / n)),
+        Kind("lattice", lattices, lambda d, n: authenticate.SensorLattice.load(d / n)),
+        Kind("rigs", rigs, lambda d, n: authenticate.read_rigs(d / n)),
+        Kind("key", lambda: [{"a.key": signed()[0]}], lambda d, n: key_of(d, (d / n).read_bytes())),
+        Kind("record", lambda: [{"a.wm": signed()[1].record}], verify_record),
+        Kind("picture", lambda: [{"a.png": signed()[2]}], verify_picture),
+        Kind("state", lambda: [{"a.state": signed()[3]}], go_on),
+        Kind("stream truth", stream_truths, lambda d, n: forge.read_stream_truth(d / n)),
+        Kind("study", studies, lambda d, n: study.read_study(d / n)),
+        Kind("journal", study_folders, read_study_folder),
+        Kind("diary key", lambda: [written(diary.make_key, "a.key")], read_diary_key),
+        Kind("camera", cameras, read_camera),
+        Kind("certificate", certificates, lambda d, n: serve.kept_certificate(d / n, "127.0.0.1")),
     ]
 }
 
@@ -313,6 +478,8 @@ NEEDS = {
     "velodyne": ("yaml",),
     "tum": ("PIL",),
     "results": ("jinja2",),
+    "picture": ("PIL",),
+    "certificate": ("cryptography",),
 }
 """Modules without which a kind cannot be made or read."""
 

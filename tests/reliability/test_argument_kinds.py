@@ -7,6 +7,7 @@ import inspect
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -180,6 +181,54 @@ def test_objects_with_state(name: str) -> None:
     drive(kind, options)
     for method, arguments in methods.items():
         drive(lambda method=method, **given: getattr(kind(**options), method)(**given), arguments)
+
+
+OTHERS: dict[str, dict[str, Any]] = {
+    "study.px_per_degree": {"card_px": 320.0, "distance_cm": 60.0},
+    "study.estimate_threshold": {"trials": [(20, True), (15, False)]},
+    "study.required_participants": {"effect": 1.0, "power": 0.8, "alpha": 0.05, "comparisons": 1},
+    "study.reversal_mean": {"stairs": None},
+    "study.state_of": {"study": None, "session": None},
+    "study.simulate_participants": {"study": None, "folder": None, "count": 1, "seed": 0},
+    "report.place_sentence": {"inspection": None},
+    "serve.bundled_pages": {"name": "live", "title": "a", "body": "b"},
+    "serve.read_message": {"text": '{"type": "a"}', "types": {"a": {}}, "max_length": 99},
+    "phantom.simulated_patient": {"limb": "left_leg", "game": None},
+    "batch.run_stored": {"tasks": {}, "store": None, "jobs": 1},
+    "experiments.select": {"ids": []},
+    "viewer.png_bytes": {"image": np.zeros((4, 4, 3), np.uint8)},
+    "viewer.forgery_points": {"forgery": None},
+    "viewer.frame_times": {"meshes": [], "drawn_by": "chromium"},
+    "viewer.box_lines": {"boxes": []},
+    "datasets.RangeImageFolder": {"path": None},
+    "datasets.KittiDrive": {"path": None, "calibration": None},
+    "io.is_url": {"source": "a.ply"},
+    "io.local_copy": {"source": "a.ply", "max_bytes": None},
+    "io.local_output": {"output": "a.ply"},
+    "forge.ForgedStream": {"source": [], "forger": None},
+}
+"""Functions that are no kernels, with their arguments; None where no right one is needed."""
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_other_functions(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever comes: a result, our error, or one of the system (a file that is not there)."""
+    monkeypatch.chdir(tmp_path)
+    package, _, function_name = name.partition(".")
+    function = getattr(importlib.import_module(f"manip3d.{package}"), function_name)
+    problems = []
+    for argument in OTHERS[name]:
+        for kind, wrong in WRONG.items():
+            try:
+                call_with(function, OTHERS[name] | {argument: wrong})
+            except (manip3d.Error, OSError):
+                continue
+            except Exception as error:
+                problems.append(f"{argument}={kind}: {type(error).__name__}: {str(error)[:80]!r}")
+            else:
+                if kind in OF_NO_USE:
+                    problems.append(f"{argument}={kind}: accepted")
+    assert not problems, "\n".join(problems)
 
 
 def test_sources() -> None:

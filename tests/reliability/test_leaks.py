@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import gc
 import os
+import sys
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,8 +16,12 @@ import pytest
 from numpy.typing import NDArray
 
 import kernels
-from manip3d import DeviceError, InputError, LidarFrame, authenticate, capture, simplify
+from manip3d import DeviceError, Error, InputError, LidarFrame, authenticate, capture, simplify
 from watermark_scans import grid_scan, key_file
+
+sys.path.append(str(Path(__file__).parents[1] / "fuzz"))
+
+import hostile_files
 
 WARM_UP, CALLS = 100, 500
 MOST_PER_CALL = 512  # bytes
@@ -166,3 +173,33 @@ def test_a_bad_address_leaks_no_descriptor() -> None:
         with pytest.raises(DeviceError):
             capture.open("velodyne:192.0.2.1:0")  # no address of this machine
     assert descriptors() == before
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", sorted(hostile_files.KINDS.keys()))
+def test_no_reader_leaks(kind: str, tmp_path: Path) -> None:
+    """Neither of a whole file nor of a damaged one, which ends in an error; no file stays open."""
+    for module in hostile_files.NEEDS.get(kind, ()):
+        pytest.importorskip(module)
+    example = hostile_files.examples_of(kind)[-1]
+    name = max(example)
+    random = np.random.default_rng(0)
+    folders = [tmp_path / "whole", tmp_path / "cut", tmp_path / "damaged"]
+    for folder, content in zip(
+        folders,
+        (example[name], example[name][:-9], hostile_files.damage(example[name], random)),
+        strict=True,
+    ):
+        hostile_files.lay_out(example | {name: content}, folder)
+
+    def read() -> None:
+        for folder in folders:
+            with contextlib.suppress(Error, OSError), warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                hostile_files.KINDS[kind].read(folder, name)
+
+    for _ in range(WARM_UP // 4):
+        read()
+    before = len(os.listdir("/proc/self/fd"))
+    assert least_growth(read, CALLS // 10) < MOST_PER_CALL
+    assert len(os.listdir("/proc/self/fd")) == before

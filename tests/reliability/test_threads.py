@@ -22,7 +22,18 @@ import capsule_body
 import kernels
 import rgbd_frames
 import velodyne_packets
-from manip3d import Error, RgbdFrame, _core, authenticate, capture, forge, modify, simplify
+from manip3d import (
+    Error,
+    RgbdFrame,
+    _core,
+    authenticate,
+    capture,
+    forge,
+    modify,
+    serve,
+    simplify,
+    study,
+)
 from watermark_scans import grid_scan, key_file
 
 THREADS = 8
@@ -408,3 +419,76 @@ def test_a_recorder_takes_frames_from_any_thread(tmp_path: Path) -> None:
         rgbd_frames.assert_same(frame, by_number[frame.number])
     with pytest.raises(Error, match="closed"):
         recorder.write(frames[-1])
+
+
+# --- Objects of the package, each with a lock of its own ----------------------------------------
+
+
+def test_a_diary_takes_ratings_from_any_thread(tmp_path: Path) -> None:
+    pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
+    from manip3d.diary import Diary
+
+    with Diary(tmp_path / "a.diary", create=True) as kept:
+        kept.enrol("P01")
+        jobs: list[Callable[[], Any]] = [
+            lambda i=i: [kept.add_rating("P01", i) for _ in range(5)] for i in range(THREADS)
+        ]
+        in_threads(jobs)
+        found = Counter(rating.pain for rating in kept.ratings("P01"))
+    assert found == Counter({i: 5 for i in range(THREADS)})
+
+
+def test_a_study_takes_answers_from_any_thread(tmp_path: Path) -> None:
+    with study.StudyFolder(tmp_path / "a", {"kind": "rating"}) as folder:
+        folder.begin("p")
+        jobs: list[Callable[[], Any]] = [
+            lambda i=i: [
+                folder.store("p", study.Answer(f"{i}-{k}", {}, {"text": "x" * 9000}))
+                for k in range(5)
+            ]
+            for i in range(THREADS)
+        ]
+        in_threads(jobs)
+        steps = [answer.step for answer in folder.sessions["p"].answers]
+    assert sorted(steps) == sorted(f"{i}-{k}" for i in range(THREADS) for k in range(5))
+    with study.StudyFolder(tmp_path / "a") as again:
+        assert [answer.step for answer in again.sessions["p"].answers] == steps
+
+
+def test_a_server_takes_frames_from_any_thread() -> None:
+    pytest.importorskip("aiohttp", reason="the extra 'live' is not installed")
+    pages = {"/": serve.Page("text/html", b"page")}
+    with serve.LocalServer(pages, lambda client, text: None) as server:
+
+        def use(first: int) -> list[str]:
+            urls = []
+            for number in range(20):
+                server.publish(b"frame", sequence=100 * first + number, captured_ns=number)
+                urls.append(server.new_url())
+                server.report()
+            return urls
+
+        jobs: list[Callable[[], Any]] = [lambda i=i: use(i) for i in range(THREADS)]
+        urls = [url for some in in_threads(jobs) for url in some]
+        assert len(set(urls)) == 20 * THREADS  # each lets one browser in
+        in_threads([server.stop] * 4)
+
+
+def test_a_recorder_of_a_diary_takes_games_from_any_thread(tmp_path: Path) -> None:
+    pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
+    from manip3d.diary import Diary
+    from manip3d.phantom._diary import DiaryRecorder
+
+    path = tmp_path / "a.diary"
+    with Diary(path, create=True) as kept:
+        kept.enrol("P01")
+    recorder = DiaryRecorder(path, "P01", None)
+    recorder.start()
+    jobs: list[Callable[[], Any]] = [
+        lambda i=i: [recorder.pain(i) for _ in range(4)] for i in range(THREADS)
+    ]
+    in_threads(jobs)
+    assert recorder.end() == []
+    with Diary(path) as kept:
+        found = Counter(rating.pain for rating in kept.ratings("P01"))
+    assert found == Counter({i: 4 for i in range(THREADS)})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import pickle
 from pathlib import Path
@@ -294,3 +295,13 @@ def test_the_posterior_is_the_sum_over_slopes_and_lapses() -> None:
     trials = [(100, False), (40, True), (40, True), (30, True), (20, False), (25, True)]
     found = estimate_threshold(trials)
     assert [found.low, found.threshold, found.high] == pytest.approx(by_hand(trials), rel=1e-9)
+
+
+def test_no_effect_is_too_large_for_the_power() -> None:
+    """SciPy's far tails are NaN for some, which made 4 participants of 3 at an effect of 10.5."""
+    needed = [required_participants(effect) for effect in (1.0, 2.0, 4.0, 10.5, 20.0, 50.0, 100.0)]
+    assert needed == sorted(needed, reverse=True)
+    assert needed[3] == required_participants(-10.5) == 3
+    for participants in (2, 3, 5, 100):
+        powers = [paired_power(participants, 0.01 * 1.25**step) for step in range(41)]
+        assert all(0.0 < a <= b + 1e-9 for a, b in itertools.pairwise(powers))

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
+from manip3d._util.checked import checked
 from manip3d._util.parallel import Task, run_tasks
 
 Row = dict[str, Any]
 
 
+@runtime_checkable
 class Store(Protocol):
     """Where rows are kept under keys."""
 
@@ -43,6 +45,7 @@ class Finished:
     resumed: int = 0
 
 
+@checked
 def run_stored(
     tasks: Mapping[str, Task],
     store: Store,

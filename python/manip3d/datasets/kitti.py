@@ -214,6 +214,7 @@ class KittiFrame:
         return read_labels(self.label_path, self.calibration())
 
 
+@checked
 class KittiDrive:
     """A sequence of frames in one of KITTI's layouts; a sequence in the order of names.
 

@@ -105,6 +105,7 @@ def _layout_of(values: NDArray[np.float64]) -> RangeImageLayout | None:
     return None
 
 
+@checked
 class RangeImageFolder(Sequence[LidarFrame]):
     """The turns of a folder; each is read when it is asked for."""
 

@@ -115,6 +115,7 @@ def _nearest(name: str, known: Iterable[str]) -> str:
     return ", ".join(found)
 
 
+@checked
 def select(ids: list[str]) -> list[Experiment]:
     """Return the experiments of these ids, in the registry's order; all of them for an empty list.
 

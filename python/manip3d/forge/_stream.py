@@ -447,6 +447,7 @@ class StreamForger:
             return _forge(frame, person, scene, target, self.kind, self._options, watch)
 
 
+@checked
 class ForgedStream:
     """Frames of a person before another scene; made by `stream`.
 

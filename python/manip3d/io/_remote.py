@@ -17,6 +17,7 @@ from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import Error, FormatError, InputError, MissingExtraError
 
@@ -36,6 +37,7 @@ _NAMED: dict[str, re.Pattern[bytes]] = {
 }
 
 
+@checked
 def is_url(source: str | os.PathLike[str]) -> bool:
     """Return whether the source is a URL such as ``s3://bucket/scan.bin``.
 
@@ -85,6 +87,7 @@ def filesystem(url: str) -> tuple[Any, str]:
     return system, str(path)
 
 
+@checked
 @contextlib.contextmanager
 def local_copy(source: str | os.PathLike[str], *, max_bytes: int | None = None) -> Iterator[Path]:
     """Yield a local file with the content of ``source``; a local source is yielded as it is.
@@ -133,6 +136,7 @@ def local_copy(source: str | os.PathLike[str], *, max_bytes: int | None = None) 
         yield copy
 
 
+@checked
 @contextlib.contextmanager
 def local_output(output: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a local path to write to, whose files go to ``output`` when the block ends.

@@ -85,6 +85,7 @@ class LiveReport:
     lost_log_lines: int = 0
 
 
+@checked
 def simulated_patient(limb: str, game: str | None = None) -> str:
     """Return the address of a simulated person who has lost a limb and exercises the other one.
 

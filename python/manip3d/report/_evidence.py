@@ -342,6 +342,10 @@ def place_sentence(inspection: Inspection) -> str:
     >>> report.place_sentence(found)
     'scanner at (1.000, 2.000, 0.000) m, given'
     """
+    from manip3d.authenticate import Inspection
+
+    if not isinstance(inspection, Inspection):
+        raise InputError(f"inspection: expected an Inspection, got {type(inspection).__name__}")
     if inspection.origin is None:
         return "the scanner's position is not known"
     x, y, z = inspection.origin

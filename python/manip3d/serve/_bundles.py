@@ -5,7 +5,8 @@ from __future__ import annotations
 import html
 from pathlib import Path
 
-from manip3d.errors import RenderError
+from manip3d._util.checked import checked
+from manip3d.errors import InputError, RenderError
 from manip3d.serve._server import Page
 from manip3d.viewer.page import BUNDLE
 
@@ -27,6 +28,7 @@ _HTML = """\
 """
 
 
+@checked
 def bundled_pages(name: str, title: str, body: str) -> dict[str, Page]:
     """Return a page and what it loads, by path, for `LocalServer`.
 
@@ -44,6 +46,8 @@ def bundled_pages(name: str, title: str, body: str) -> dict[str, Page]:
 
     Raises
     ------
+    InputError
+        There is no bundle of this name.
     RenderError
         The bundle is not built.
 
@@ -54,6 +58,8 @@ def bundled_pages(name: str, title: str, body: str) -> dict[str, Page]:
     >>> sorted(pages), b"My study" in pages["/"].content
     (['/', '/study.css', '/study.js'], True)
     """
+    if name not in ("live", "study"):
+        raise InputError(f"name: expected live or study, got {name!r}")
     text = _HTML.format(title=html.escape(title), name=name, body=body)
     return {
         "/": Page("text/html; charset=utf-8", text.encode()),

@@ -9,7 +9,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
-from manip3d.errors import FormatError
+from manip3d._util.checked import checked
+from manip3d.errors import FormatError, InputError
 
 MAX_LENGTH = 2048
 """Characters of a message; a free text of 500 quotes is twice as long in JSON."""
@@ -76,6 +77,7 @@ class Kind:
         return value
 
 
+@checked
 def read_message(
     text: str, types: Mapping[str, Mapping[str, Kind]], *, max_length: int = MAX_LENGTH
 ) -> tuple[str, dict[str, int | float | str]]:
@@ -120,6 +122,8 @@ def read_message(
     if not isinstance(name, str) or name not in types:
         raise FormatError(f"type: expected one of {', '.join(types)}")
     fields = types[name]
+    if not isinstance(fields, Mapping):
+        raise InputError(f"types: expected a mapping for {name!r}, got {type(fields).__name__}")
     needed = {field for field, kind in fields.items() if not kind.optional}
     if not needed <= found.keys() <= fields.keys():
         expected = ", ".join(fields) or "no fields"

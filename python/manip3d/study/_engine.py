@@ -342,6 +342,7 @@ class StudyReport:
     refused: Mapping[str, int]
 
 
+@checked
 def state_of(study: Study, session: Session) -> str:
     """Return how far a participant is.
 
@@ -441,6 +442,7 @@ def run_study(
     )
 
 
+@checked
 def simulate_participants(
     study: Study,
     folder: StudyFolder,

@@ -443,6 +443,7 @@ def file_of(model: str, method: str = "", difference: int = 0) -> str:
     return f"{model}.glb" if not difference else f"{model}-{method}-{100 - difference:02d}.glb"
 
 
+@checked
 def reversal_mean(stairs: Staircase) -> float | None:
     """Return the mean of the levels of the last reversals.
 
@@ -527,8 +528,10 @@ def paired_power(
 
     freedom = participants - 1
     critical = float(stats.t.ppf(1.0 - alpha / comparisons / 2.0, freedom))
-    shifted = stats.nct(freedom, effect * math.sqrt(participants))
-    return float(shifted.sf(critical) + shifted.cdf(-critical))
+    shifted = stats.nct(freedom, abs(effect) * math.sqrt(participants))  # the test has two sides
+    other_side = float(shifted.cdf(-critical))
+    # SciPy gives NaN for some effects far from 0, where this side has less than 1e-20.
+    return float(shifted.sf(critical)) + (0.0 if math.isnan(other_side) else other_side)
 
 
 @checked

@@ -148,7 +148,7 @@ def estimate_threshold(trials: Sequence[tuple[int, bool]]) -> Estimate:
     True
     """
     levels = [int(level) for level, _ in trials]
-    if not trials or not 1 <= min(levels) <= max(levels) <= 100:
+    if not levels or not 1 <= min(levels) <= max(levels) <= 100:
         raise InputError("trials: expected differences of 1 to 100 percent, at least one")
     shown = sorted(set(levels))
     place = {level: n for n, level in enumerate(shown)}

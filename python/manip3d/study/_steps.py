@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
+from manip3d._util.checked import checked
 from manip3d.errors import FormatError
 from manip3d.serve import Kind
 
@@ -185,6 +186,7 @@ class Step:
         }
 
 
+@checked
 def px_per_degree(card_px: float, distance_cm: float) -> float:
     """Return how many pixels of a screen a visual degree at its middle covers.
 

@@ -124,6 +124,10 @@ def forgery_points(forgery: Forgery) -> DrawnPoints:
     >>> cloud.columns[0].labels, cloud.columns[0].counts()
     (['untouched', 'added'], [2, 1])
     """
+    from manip3d.forge import Forgery
+
+    if not isinstance(forgery, Forgery):
+        raise InputError(f"forgery: expected a Forgery, got {type(forgery).__name__}")
     frame, label = forgery.frame, forgery.label
     original = forgery.original
     if original is not None and len(forgery.removed):

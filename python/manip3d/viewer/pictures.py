@@ -333,7 +333,7 @@ def png_bytes(image: Image) -> bytes:
     Raises
     ------
     InputError
-        ``image`` is no array of numbers.
+        ``image`` is another kind of picture.
     MissingExtraError
         Pillow is not installed.
 
@@ -344,6 +344,14 @@ def png_bytes(image: Image) -> bytes:
     >>> viewer.png_bytes(np.zeros((4, 4, 3), np.uint8))[1:4]
     b'PNG'
     """
+    if not (
+        isinstance(image, np.ndarray)
+        and image.dtype == np.uint8
+        and image.shape[2:] in ((), (3,), (4,))
+        and image.ndim > 1
+        and image.size
+    ):
+        raise InputError("image: expected a picture, (H, W, 3) uint8")
     stream = io.BytesIO()
     pillow().fromarray(image).save(stream, format="PNG", optimize=True)
     return stream.getvalue()

@@ -577,6 +577,9 @@ def box_lines(
     """
     groups: dict[str, list[Box]] = {}
     if isinstance(boxes, Mapping):
+        for name, some in boxes.items():
+            if not isinstance(some, Sequence):
+                raise InputError(f"boxes: expected a sequence of boxes for {name!r}, got {some!r}")
         groups = {name: list(some) for name, some in boxes.items()}
     else:
         for box in boxes:

@@ -97,9 +97,9 @@ def frame_times(
     >>> times.num_faces  # doctest: +SKIP
     5600
     """
-    if drawn_by not in ("chromium", "pyvista"):
+    if not isinstance(drawn_by, str) or drawn_by not in ("chromium", "pyvista"):
         raise InputError(f"drawn_by: expected 'chromium' or 'pyvista', got {drawn_by!r}")
-    if not meshes or any(mesh.num_faces == 0 for mesh in meshes):
+    if len(meshes) == 0 or any(mesh.num_faces == 0 for mesh in meshes):
         raise InputError(
             f"meshes: expected meshes with faces, got {[mesh.num_faces for mesh in meshes]} faces"
         )
