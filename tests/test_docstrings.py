@@ -52,17 +52,6 @@ WITHOUT_ERRORS = {
 """Functions that raise nothing of their own."""
 
 WITHOUT_EXAMPLE = {
-    "forge.background_plate",
-    "forge.lattice_insert",
-    "forge.lattice_remove",
-    "forge.read_stream_truth",
-    "forge.snap_to_lattice",
-    "forge.spoof",
-    "forge.without_people",
-    "io.is_color_png",
-    "io.read_range_grid",
-    "io.texture_path",
-    "io.write_scans",
     "simulate.drive",
     "simulate.stereo_pair",
     "simulate.terrestrial_scan",
