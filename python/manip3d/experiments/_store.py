@@ -104,7 +104,12 @@ def unpack_mesh(data: bytes, like: Mesh) -> Mesh:
 
 @dataclass(frozen=True)
 class Store:
-    """The results folder of a run."""
+    """The results folder of a run.
+
+    Attributes
+    ----------
+    folder : Path
+    """
 
     folder: Path
 

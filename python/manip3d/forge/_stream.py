@@ -76,7 +76,13 @@ class StreamTruth:
     numbers: NDArray[np.int64]
 
     def write(self, path: str | os.PathLike[str]) -> None:
-        """Write the truth as a NumPy archive (``.npz``), whole or not at all."""
+        """Write the truth as a NumPy archive (``.npz``), whole or not at all.
+
+        Parameters
+        ----------
+        path : path
+            An ``.npz`` file; `read_stream_truth` reads it.
+        """
         stream = io.BytesIO()
         np.savez_compressed(
             stream,

@@ -97,6 +97,8 @@ class JointSimplification(Showable):
         For each view, True at valid pixels that show what earlier views had already sampled.
     views : tuple of DepthSimplification
         What was chosen in each view, before the views were joined.
+    colors : tuple of ((H', W', 3) uint8 or None)
+        Colour image of each view, if it has one.
     """
 
     vertices: NDArray[np.float64] = field(repr=False)

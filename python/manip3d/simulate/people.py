@@ -146,7 +146,13 @@ class BodyTruth:
 
 @dataclass(frozen=True, eq=False)
 class BodyCapture:
-    """A frame and the truth behind it."""
+    """A frame and the truth behind it.
+
+    Attributes
+    ----------
+    frame : RgbdFrame
+    truth : BodyTruth
+    """
 
     frame: RgbdFrame
     truth: BodyTruth
@@ -325,11 +331,30 @@ class BodySimulator:
             yield self.frame(number / self.rate)
 
     def frame(self, time: float) -> RgbdFrame:
-        """What the sensor delivers at a time, in seconds."""
+        """Return what the sensor delivers at a time.
+
+        Parameters
+        ----------
+        time : float, seconds
+            Not negative.
+
+        Returns
+        -------
+        RgbdFrame
+        """
         return self.capture(time).frame
 
     def capture(self, time: float) -> BodyCapture:
-        """What the sensor delivers at a time, in seconds, and the truth.
+        """Return what the sensor delivers at a time, and the truth.
+
+        Parameters
+        ----------
+        time : float, seconds
+            Not negative.
+
+        Returns
+        -------
+        BodyCapture
 
         Raises
         ------
@@ -373,7 +398,16 @@ class BodySimulator:
         return BodyCapture(frame, truth)
 
     def background(self, time: float) -> RgbdFrame:
-        """What the sensor delivers of the scene at a time, in seconds, while nobody is there.
+        """Return what the sensor delivers of the scene at a time while nobody is there.
+
+        Parameters
+        ----------
+        time : float, seconds
+            Not negative.
+
+        Returns
+        -------
+        RgbdFrame
 
         Raises
         ------
