@@ -433,7 +433,17 @@ class StreamForger:
         return scene, pose
 
     def process(self, frame: RgbdFrame) -> ForgedFrame | None:
-        """Forge a frame; None: the background or the poses have ended.
+        """Forge the next frame.
+
+        Parameters
+        ----------
+        frame : RgbdFrame
+            The frame after the one given last.
+
+        Returns
+        -------
+        ForgedFrame or None
+            None: the background or the poses have ended.
 
         Raises
         ------
