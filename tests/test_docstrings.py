@@ -201,7 +201,7 @@ def comments_of_cpp(text: str) -> Iterator[tuple[int, str]]:
     """Line and beginning of each comment; lines of nothing but a comment that follow are one."""
     goes_on = False
     for line, content in enumerate(text.splitlines(), 1):
-        found = re.search(r"(?:^|\s)//+<?\s*(.*)", content)
+        found = re.search(r"(?:^|\s)(?://+<?|/\*+)\s*(.*)", content)
         alone = found is not None and not content[: found.start()].strip()
         if found and (not (goes_on and alone) or found[1].startswith("@")):
             yield line, found[1]
@@ -211,13 +211,13 @@ def comments_of_cpp(text: str) -> Iterator[tuple[int, str]]:
 def test_comments_do_not_begin_with_fragments() -> None:
     """Each comment has its subject: "Share of clean scans ...", not "Of clean scans ..."."""
     root = Path(__file__).parents[1]
-    readers = {".py": comments_of_python, ".cpp": comments_of_cpp, ".hpp": comments_of_cpp}
+    readers = {".py": comments_of_python} | dict.fromkeys((".cpp", ".hpp", ".ts"), comments_of_cpp)
     found = [
         f"{path.relative_to(root)}:{line}: {comment[:60]}"
         for folder in ("python/manip3d", "tests", "benchmarks", "cpp")
         for suffix, reader in readers.items()
         for path in sorted((root / folder).rglob(f"*{suffix}"))
-        if "node_modules" not in path.parts
+        if not {"node_modules", "dist"} & set(path.parts)
         for line, comment in reader(path.read_text())
         if FRAGMENT.match(comment)
     ]
