@@ -75,7 +75,7 @@ $(STAMPS)/viewer: $(STAMPS)/venv $(VIEWER_FILES)
 	fi
 	@touch $@
 
-# Of `setup` only what the demo needs; nothing where `setup` was run.
+# Only that part of `setup` which the demo needs; nothing where `setup` was run.
 $(STAMPS)/demo: Makefile pyproject.toml CMakeLists.txt $(CPP_FILES)
 	@.ci/install_packages.sh $(PACKAGES)
 	$(call install_python,the Python packages of the demo,demo)

@@ -1,7 +1,8 @@
-"""Docstrings of public functions name each parameter, what comes back, errors, and an example."""
+"""Docstrings of public functions and classes name what goes in, what comes back, and examples."""
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import inspect
 import io
@@ -52,17 +53,6 @@ WITHOUT_ERRORS = {
 """Functions that raise nothing of their own."""
 
 WITHOUT_EXAMPLE = {
-    "forge.background_plate",
-    "forge.lattice_insert",
-    "forge.lattice_remove",
-    "forge.read_stream_truth",
-    "forge.snap_to_lattice",
-    "forge.spoof",
-    "forge.without_people",
-    "io.is_color_png",
-    "io.read_range_grid",
-    "io.texture_path",
-    "io.write_scans",
     "simulate.drive",
     "simulate.stereo_pair",
     "simulate.terrestrial_scan",
@@ -86,7 +76,7 @@ def public_functions() -> Iterator[tuple[str, Callable[..., Any]]]:
 FUNCTIONS = dict(public_functions())
 
 
-def sections(function: Callable[..., Any]) -> dict[str, str]:
+def sections(function: Callable[..., Any] | type) -> dict[str, str]:
     """Text of each section of a numpydoc docstring, by its title."""
     parts = re.split(r"^([A-Z][A-Za-z ]+)\n-+\n", inspect.getdoc(function) or "", flags=re.M)
     return dict(zip(parts[1::2], parts[2::2], strict=True))
@@ -122,6 +112,57 @@ def test_errors_are_described(name: str) -> None:
 @pytest.mark.parametrize("name", sorted(set(FUNCTIONS) - WITHOUT_EXAMPLE))
 def test_there_is_an_example(name: str) -> None:
     assert ">>>" in sections(FUNCTIONS[name]).get("Examples", "")
+
+
+def public_classes() -> Iterator[tuple[str, type]]:
+    for room in ROOMS:
+        module = importlib.import_module(f"manip3d.{room}")
+        for name in module.__all__:
+            thing = getattr(module, name)
+            if inspect.isclass(thing) and thing.__module__.startswith("manip3d."):
+                yield f"{room}.{name}", thing
+
+
+CLASSES = dict(public_classes())
+
+
+def described_fields(of: type) -> set[str]:
+    """Names that the docstrings of a class and of those that it is derived from describe."""
+    found = [sections(each) for each in of.__mro__ if each.__module__.startswith("manip3d")]
+    return {
+        name
+        for each in found
+        for title in ("Attributes", "Parameters")
+        for name in described(each.get(title, ""))
+    }
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_each_class_says_what_it_is(name: str) -> None:
+    docstring = vars(CLASSES[name]).get("__doc__") or ""
+    assert docstring
+    assert not docstring.startswith(f"{CLASSES[name].__name__}(")  # what dataclass makes of none
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_each_field_is_described(name: str) -> None:
+    thing = CLASSES[name]
+    fields = dataclasses.fields(thing) if dataclasses.is_dataclass(thing) else ()
+    public = {field.name for field in fields if not field.name.startswith("_")}
+    assert public <= described_fields(thing)
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_each_method_says_what_it_does(name: str) -> None:
+    thing = CLASSES[name]
+    silent = [
+        member
+        for member in vars(thing)
+        if not member.startswith("_")
+        and inspect.isroutine(getattr(thing, member))
+        and not inspect.getdoc(getattr(thing, member))
+    ]
+    assert not silent
 
 
 def test_descriptions_name_what_they_describe() -> None:
@@ -160,7 +201,7 @@ def comments_of_cpp(text: str) -> Iterator[tuple[int, str]]:
     """Line and beginning of each comment; lines of nothing but a comment that follow are one."""
     goes_on = False
     for line, content in enumerate(text.splitlines(), 1):
-        found = re.search(r"(?:^|\s)//+<?\s*(.*)", content)
+        found = re.search(r"(?:^|\s)(?://+<?|/\*+)\s*(.*)", content)
         alone = found is not None and not content[: found.start()].strip()
         if found and (not (goes_on and alone) or found[1].startswith("@")):
             yield line, found[1]
@@ -170,13 +211,13 @@ def comments_of_cpp(text: str) -> Iterator[tuple[int, str]]:
 def test_comments_do_not_begin_with_fragments() -> None:
     """Each comment has its subject: "Share of clean scans ...", not "Of clean scans ..."."""
     root = Path(__file__).parents[1]
-    readers = {".py": comments_of_python, ".cpp": comments_of_cpp, ".hpp": comments_of_cpp}
+    readers = {".py": comments_of_python} | dict.fromkeys((".cpp", ".hpp", ".ts"), comments_of_cpp)
     found = [
         f"{path.relative_to(root)}:{line}: {comment[:60]}"
         for folder in ("python/manip3d", "tests", "benchmarks", "cpp")
         for suffix, reader in readers.items()
         for path in sorted((root / folder).rglob(f"*{suffix}"))
-        if "node_modules" not in path.parts
+        if not {"node_modules", "dist"} & set(path.parts)
         for line, comment in reader(path.read_text())
         if FRAGMENT.match(comment)
     ]

@@ -381,7 +381,23 @@ class AlertMonitor:
             return alert
 
     def skip(self, reason: str = "the frame before took too long") -> Alert:
-        """Leave out a frame that cannot be judged in time; it is counted, and is unverified."""
+        """Leave out a frame that cannot be judged in time; it is counted, and is unverified.
+
+        Parameters
+        ----------
+        reason : str
+            Why the frame is left out; it stands in the alert.
+
+        Returns
+        -------
+        Alert
+
+        Examples
+        --------
+        >>> from manip3d.authenticate import AlertMonitor
+        >>> AlertMonitor().skip("too late").verdict
+        'skipped'
+        """
         with self._lock:
             told = {name: WitnessReport("skipped", reason) for name in WITNESSES}
             risk = self._latest  # a frame that nobody saw changes nothing

@@ -176,7 +176,21 @@ class SensorLattice:
         return along
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write it as JSON."""
+        """Write it as JSON.
+
+        Parameters
+        ----------
+        path : path
+            File that `load` reads.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from manip3d.authenticate import SensorLattice, kitti_lattice
+        >>> kitti_lattice().save("lattice.json")
+        >>> len(SensorLattice.load("lattice.json").slope)
+        64
+        """
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         text = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in values.items()}
         atomic_write(path, json.dumps({"sensor_lattice": text}, indent=1).encode())
@@ -184,6 +198,14 @@ class SensorLattice:
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> SensorLattice:
         """Read what :meth:`save` wrote.
+
+        Parameters
+        ----------
+        path : path
+
+        Returns
+        -------
+        SensorLattice
 
         Raises
         ------

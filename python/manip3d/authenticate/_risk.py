@@ -90,6 +90,15 @@ class RiskParameters:
     def safe_distance(self, speed_mps: float) -> float:
         """Return the stopping distance d_safe in metres: v t_r + v^2 / (2 a).
 
+        Parameters
+        ----------
+        speed_mps : float
+            Speed of the car, metres per second.
+
+        Returns
+        -------
+        float
+
         Examples
         --------
         >>> round(RiskParameters().safe_distance(50 / 3.6), 1)
@@ -140,6 +149,15 @@ class RiskParameters:
 
     def frames(self, speed_mps: float) -> int:
         """Return X_n, the number of frames in which the car drives 100 m: 5 to 720.
+
+        Parameters
+        ----------
+        speed_mps : float
+            Speed of the car, metres per second.
+
+        Returns
+        -------
+        int
 
         Examples
         --------

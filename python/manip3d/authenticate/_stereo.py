@@ -163,7 +163,18 @@ class Disparity:
             object.__setattr__(self, "grey", grey)
 
     def camera(self, rig: StereoRig) -> tuple[float, float, float, float]:
-        """Return focal length and principal point in pixels of the map, and the baseline."""
+        """Return focal length and principal point in pixels of the map, and the baseline.
+
+        Parameters
+        ----------
+        rig : StereoRig
+            The cameras of the pair, in pixels of the picture.
+
+        Returns
+        -------
+        focal, cx, cy, baseline : float
+            Pixels of the map, and metres.
+        """
         shift = (self.step - 1) / 2.0  # the middle of the pixels that one stands for
         u, v = rig.center
         return (

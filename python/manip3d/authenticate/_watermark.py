@@ -90,6 +90,17 @@ class KeyFile:
     def create(cls, path: str | os.PathLike[str], *, expires_ns: int = 0) -> KeyFile:
         """Draw a new key, write it to a file that only its owner can read, and open that.
 
+        Parameters
+        ----------
+        path : path
+            Where the new file is written.
+        expires_ns : int
+            When the key expires, nanoseconds since 1970; 0: never.
+
+        Returns
+        -------
+        KeyFile
+
         Raises
         ------
         OSError

@@ -70,11 +70,34 @@ class Rows:
         return record is not None
 
     def load(self, key: str) -> dict[str, Any] | None:
-        """Return the row of a key, or None."""
+        """Return the row of a key, or None.
+
+        Parameters
+        ----------
+        key : str
+            Key of the task.
+
+        Returns
+        -------
+        dict or None
+        """
         return self._rows.get(key)
 
     def save(self, key: str, row: dict[str, Any]) -> dict[str, Any]:
-        """Keep a row; it is on disk within a second, or after `flush`."""
+        """Keep a row; it is on disk within a second, or after `flush`.
+
+        Parameters
+        ----------
+        key : str
+            Key of the task.
+        row : dict
+            What the task returned.
+
+        Returns
+        -------
+        dict
+            The same row.
+        """
         self._waiting.append(json.dumps(sealed({"key": key, "row": row}), separators=(",", ":")))
         if time.monotonic() - self._flushed_s >= _FLUSH_S:
             self.flush()

@@ -209,7 +209,7 @@ def phantom_live(
         typer.Option(
             min=1.0,
             max=2.0,
-            help="Virtual enhancement: joints turn so many times as far as the patient's.",
+            help="Virtual enhancement: angle of a joint divided by the patient's own.",
         ),
     ] = 1.0,
     pose: Annotated[

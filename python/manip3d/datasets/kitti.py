@@ -89,7 +89,17 @@ class KittiCalibration:
         return pixels, depth
 
     def baseline(self, left: int = 2, right: int = 3) -> float:
-        """Distance of two cameras, metres."""
+        """Return the distance of two cameras, metres.
+
+        Parameters
+        ----------
+        left, right : int
+            Numbers of the two cameras.
+
+        Returns
+        -------
+        float
+        """
         shift = [self.projections[c][0, 3] / self.projections[c][0, 0] for c in (left, right)]
         return float(shift[0] - shift[1])
 
@@ -181,6 +191,15 @@ class KittiFrame:
         self, left: int = 2, right: int = 3
     ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]] | None:
         """Read a stereo pair: (H, W) grey or (H, W, 3) red, green, blue; None: it is not here.
+
+        Parameters
+        ----------
+        left, right : int
+            Numbers of the two cameras; 2 and 3 are KITTI's colour cameras.
+
+        Returns
+        -------
+        (left, right) or None
 
         Raises
         ------

@@ -742,7 +742,16 @@ class Diary:
         return sorted(found, key=lambda one: one.identifier)
 
     def participant(self, identifier: str) -> Participant:
-        """One participant.
+        """Return what is known of one participant.
+
+        Parameters
+        ----------
+        identifier : str
+            Pseudonym of the participant, as enrolled.
+
+        Returns
+        -------
+        Participant
 
         Raises
         ------
@@ -755,7 +764,16 @@ class Diary:
             return _participant(next(found), number)
 
     def sessions(self, identifier: str) -> list[DiarySession]:
-        """The sittings of a participant, by time, with games, anomalies and ratings.
+        """Return the sittings of a participant, by time, with games, anomalies and ratings.
+
+        Parameters
+        ----------
+        identifier : str
+            Pseudonym of the participant, as enrolled.
+
+        Returns
+        -------
+        list of DiarySession
 
         Raises
         ------
@@ -769,7 +787,16 @@ class Diary:
         return sorted(found, key=lambda session: session.started)
 
     def clips(self, identifier: str) -> list[Clip]:
-        """The clips of a participant's anomalies, by time.
+        """Return the clips of a participant's anomalies, by time.
+
+        Parameters
+        ----------
+        identifier : str
+            Pseudonym of the participant, as enrolled.
+
+        Returns
+        -------
+        list of Clip
 
         Raises
         ------
@@ -791,7 +818,16 @@ class Diary:
         return sorted(found, key=lambda clip: (clip.at, clip.start))
 
     def ratings(self, identifier: str) -> list[Rating]:
-        """All ratings of a participant's pain, by time.
+        """Return all ratings of a participant's pain, by time.
+
+        Parameters
+        ----------
+        identifier : str
+            Pseudonym of the participant, as enrolled.
+
+        Returns
+        -------
+        list of Rating
 
         Raises
         ------
@@ -804,7 +840,16 @@ class Diary:
         )
 
     def questionnaires(self, identifier: str) -> list[McGill]:
-        """The McGill questionnaires of a participant, by time.
+        """Return the McGill questionnaires of a participant, by time.
+
+        Parameters
+        ----------
+        identifier : str
+            Pseudonym of the participant, as enrolled.
+
+        Returns
+        -------
+        list of McGill
 
         Raises
         ------
@@ -824,7 +869,16 @@ class Diary:
         return sorted(found, key=lambda one: one.at)
 
     def ownership(self, identifier: str) -> list[Ownership]:
-        """The answers of a participant after touch cues, by time.
+        """Return the answers of a participant after touch cues, by time.
+
+        Parameters
+        ----------
+        identifier : str
+            Pseudonym of the participant, as enrolled.
+
+        Returns
+        -------
+        list of Ownership
 
         Raises
         ------
@@ -838,7 +892,16 @@ class Diary:
         return sorted(found, key=lambda one: one.at)
 
     def felt(self, identifier: str) -> list[FeltRecord]:
-        """How a participant felt the limb that is not there, by time.
+        """Return how a participant felt the limb that is not there, by time.
+
+        Parameters
+        ----------
+        identifier : str
+            Pseudonym of the participant, as enrolled.
+
+        Returns
+        -------
+        list of FeltRecord
 
         Raises
         ------
@@ -858,7 +921,16 @@ class Diary:
         return [(fields, row) for fields, row in rows if fields.get("kind", "") == kind]
 
     def events(self, identifier: str) -> list[AdverseEvent]:
-        """The adverse events of a participant, by time.
+        """Return the adverse events of a participant, by time.
+
+        Parameters
+        ----------
+        identifier : str
+            Pseudonym of the participant, as enrolled.
+
+        Returns
+        -------
+        list of AdverseEvent
 
         Raises
         ------

@@ -104,12 +104,30 @@ def unpack_mesh(data: bytes, like: Mesh) -> Mesh:
 
 @dataclass(frozen=True)
 class Store:
-    """The results folder of a run."""
+    """The results folder of a run.
+
+    Attributes
+    ----------
+    folder : Path
+    """
 
     folder: Path
 
     def save(self, key: str, row: Row) -> Row:
-        """Store a case's row; meshes and bytes in it become files and are named in their place."""
+        """Store a case's row; meshes and bytes in it become files and are named in their place.
+
+        Parameters
+        ----------
+        key : str
+            Key of the case.
+        row : dict
+            What the case returned.
+
+        Returns
+        -------
+        dict
+            The row as `load` gives it.
+        """
         plain, files = dict(row), {}
         for name, value in row.items():
             if isinstance(value, Mesh | bytes):
@@ -124,7 +142,17 @@ class Store:
         return stored
 
     def load(self, key: str) -> Row | None:
-        """The stored row, or None where there is none or a byte of it has changed."""
+        """Return the stored row, or None where there is none or a byte of it has changed.
+
+        Parameters
+        ----------
+        key : str
+            Key of the case.
+
+        Returns
+        -------
+        dict or None
+        """
         try:
             record = unsealed((self.folder / f"cases/{key}.json").read_bytes())
             if (
@@ -142,7 +170,18 @@ class Store:
         return row
 
     def write(self, name: str, data: str | bytes) -> Path:
-        """Write a file of the results folder, whole or not at all."""
+        """Write a file of the results folder, whole or not at all.
+
+        Parameters
+        ----------
+        name : str
+            Path within the folder.
+        data : str or bytes
+
+        Returns
+        -------
+        Path
+        """
         path = self.folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         atomic_write(path, data)

@@ -466,6 +466,17 @@ def snap_to_lattice(
     ------
     InputError
         A lattice without rings.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import forge
+    >>> lattice = forge.Lattice.grid(np.radians([-2, 0, 2]), np.radians(0.5))
+    >>> forged = forge.ctp([[5, 0, 0], [9, 0, 0]], [[0, 0, 0]], position=(5, 0, 0.1))
+    >>> snapped = forge.snap_to_lattice(forged, lattice)
+    >>> x, y, z = snapped.points[snapped.added][0]
+    >>> round(float(np.degrees(np.arctan2(z, np.hypot(x, y)))), 3)  # its elevation
+    2.0
     """
     along_ray = _choice(along, ("height", "ray"), "along") == "ray"
     touched = np.concatenate([forgery.added, forgery.moved])

@@ -107,6 +107,19 @@ def lattice_insert(
     InputError
         A shape is wrong, the lattice has no encoder, ``most`` is not positive, ``turn`` is more
         than one turn.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import authenticate, forge
+    >>> lattice = authenticate.kitti_lattice()
+    >>> ring, count = np.divmod(np.arange(64 * 1000), 1000)  # every fourth step of the encoder
+    >>> is_car = (abs(count - 50) < 10) & (ring > 20) & (ring < 40)
+    >>> distance = np.where(is_car, 10, 16) + lattice.range_phase[ring]  # before a round wall
+    >>> scan = lattice.points_at(ring, 4 * count, distance).round(3).astype(np.float32)
+    >>> forged = forge.lattice_insert(scan, scan[is_car], lattice=lattice, turn=1.0)
+    >>> len(forged.moved), int(is_car.sum())
+    (361, 361)
     """
     _check_encoder(lattice)
     if most is not None and most < 1:
@@ -171,6 +184,19 @@ def spoof(
     ------
     InputError
         As `lattice_insert`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import authenticate, forge
+    >>> lattice = authenticate.kitti_lattice()
+    >>> ring, count = np.divmod(np.arange(64 * 1000), 1000)  # every fourth step of the encoder
+    >>> is_car = (abs(count - 50) < 10) & (ring > 20) & (ring < 40)
+    >>> distance = np.where(is_car, 10, 16) + lattice.range_phase[ring]  # before a round wall
+    >>> scan = lattice.points_at(ring, 4 * count, distance).round(3).astype(np.float32)
+    >>> forged = forge.spoof(scan, scan[is_car], lattice=lattice, turn=1.0)
+    >>> len(forged.moved), int(is_car.sum())
+    (200, 361)
     """
     return lattice_insert(
         scan, hoax, lattice=lattice, turn=turn, most=most, rng=rng, threads=threads
@@ -213,6 +239,21 @@ def lattice_remove(
     ------
     InputError
         A shape is wrong, the lattice has no encoder.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Box, authenticate, forge
+    >>> lattice = authenticate.kitti_lattice()
+    >>> ring, count = np.divmod(np.arange(64 * 1000), 1000)  # every fourth step of the encoder
+    >>> is_car = (abs(count - 50) < 10) & (ring > 20) & (ring < 40)
+    >>> distance = np.where(is_car, 10, 16) + lattice.range_phase[ring]  # before a round wall
+    >>> scan = lattice.points_at(ring, 4 * count, distance).round(3).astype(np.float32)
+    >>> low, high = scan[is_car].min(axis=0), scan[is_car].max(axis=0)
+    >>> box = Box((low + high) / 2, high - low + 0.1)
+    >>> forged = forge.lattice_remove(scan, box, lattice=lattice)
+    >>> len(forged.moved), round(float(np.linalg.norm(forged.points[forged.moved], axis=1).mean()))
+    (361, 16)
     """
     _check_encoder(lattice)
     scene = to_scan(scan)

@@ -79,7 +79,13 @@ class StreamTruth:
     numbers: NDArray[np.int64]
 
     def write(self, path: str | os.PathLike[str]) -> None:
-        """Write the truth as a NumPy archive (``.npz``), whole or not at all."""
+        """Write the truth as a NumPy archive (``.npz``), whole or not at all.
+
+        Parameters
+        ----------
+        path : path
+            An ``.npz`` file; `read_stream_truth` reads it.
+        """
         stream = io.BytesIO()
         np.savez_compressed(
             stream,
@@ -110,6 +116,16 @@ def read_stream_truth(path: str | os.PathLike[str]) -> StreamTruth:
         The file is no such archive.
     OSError
         It cannot be read.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import forge
+    >>> masks = np.zeros((2, 48, 64), bool)
+    >>> masks[1, 10:20, 10:20] = True
+    >>> forge.StreamTruth(1, masks, np.arange(2)).write("truth.npz")
+    >>> forge.read_stream_truth("truth.npz").masks.sum(axis=(1, 2)).tolist()
+    [0, 100]
     """
     content = regular_bytes(path_of(path))
     try:
@@ -180,6 +196,21 @@ def background_plate(frames: Iterable[RgbdFrame]) -> RgbdFrame:
     ------
     InputError
         There is no frame; frames differ in size.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Intrinsics, RgbdCalibration, RgbdFrame, forge
+    >>> camera = RgbdCalibration(Intrinsics(fx=60, fy=60, cx=31.5, cy=23.5, width=64, height=48))
+    >>> frames = []
+    >>> for n in range(3):  # a person walks by
+    ...     body = np.full((48, 64), 255, np.uint8)
+    ...     body[10:, 20 * n : 20 * n + 10] = 0
+    ...     depth = np.where(body == 0, 1500, 3000).astype(np.uint16)
+    ...     frames.append(RgbdFrame(depth, camera, body_index=body, number=n))
+    >>> plate = forge.background_plate(frames)
+    >>> int(frames[0].depth.min()), int(plate.depth.min())
+    (1500, 3000)
     """
     some = list(frames)
     check_frames("frames", some)
@@ -273,6 +304,22 @@ def without_people(frame: RgbdFrame, plate: RgbdFrame) -> RgbdFrame:
     ------
     InputError
         The two differ in size.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Intrinsics, RgbdCalibration, RgbdFrame, forge
+    >>> camera = RgbdCalibration(Intrinsics(fx=60, fy=60, cx=31.5, cy=23.5, width=64, height=48))
+    >>> frames = []
+    >>> for n in range(3):  # a person walks by
+    ...     body = np.full((48, 64), 255, np.uint8)
+    ...     body[10:, 20 * n : 20 * n + 10] = 0
+    ...     depth = np.where(body == 0, 1500, 3000).astype(np.uint16)
+    ...     frames.append(RgbdFrame(depth, camera, body_index=body, number=n))
+    >>> plate = forge.background_plate(frames)
+    >>> empty = forge.without_people(frames[1], plate)
+    >>> int(frames[1].depth.min()), int(empty.depth.min())
+    (1500, 3000)
     """
     if frame.depth.shape != plate.depth.shape:
         raise InputError("plate: expected the size of the frame")
@@ -417,7 +464,17 @@ class StreamForger:
         return scene, pose
 
     def process(self, frame: RgbdFrame) -> ForgedFrame | None:
-        """Forge a frame; None: the background or the poses have ended.
+        """Forge the next frame.
+
+        Parameters
+        ----------
+        frame : RgbdFrame
+            The frame after the one given last.
+
+        Returns
+        -------
+        ForgedFrame or None
+            None: the background or the poses have ended.
 
         Raises
         ------

@@ -101,7 +101,13 @@ class Forgery(Showable):
         )
 
     def write(self, path: str | os.PathLike[str]) -> None:
-        """Write the forged scan; see `manip3d.io.write_scan`."""
+        """Write the forged scan; see `manip3d.io.write_scan`.
+
+        Parameters
+        ----------
+        path : path
+            Its suffix chooses the format.
+        """
         self.frame.write(path)
 
     def __repr__(self) -> str:
@@ -134,7 +140,27 @@ class Lattice:
     def grid(
         cls, elevations: ArrayLike, azimuth_step: float, azimuth_phase: float = 0.0
     ) -> Lattice:
-        """An ideal scanner, whose lasers sit in the origin; all angles in radians."""
+        """Make the lattice of an ideal scanner, whose lasers stand in the origin.
+
+        Parameters
+        ----------
+        elevations : (K,) float, radians
+            Elevation of each laser.
+        azimuth_step, azimuth_phase : float, radians
+            Azimuths are ``phase + i * step``.
+
+        Returns
+        -------
+        Lattice
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from manip3d import forge
+        >>> lattice = forge.Lattice.grid(np.radians([-10, 0, 10]), np.radians(0.5))
+        >>> lattice.rings[:, 0].round(3).tolist()  # height by horizontal distance
+        [-0.176, 0.0, 0.176]
+        """
         slopes = np.tan(np.asarray(elevations, np.float64))
         return cls(np.column_stack([slopes, np.zeros_like(slopes)]), azimuth_step, azimuth_phase)
 

@@ -158,6 +158,16 @@ def is_color_png(path: str | os.PathLike[str]) -> bool:
     ------
     OSError
         The file cannot be read.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from PIL import Image
+    >>> from manip3d import io
+    >>> Image.fromarray(np.zeros((4, 4), np.uint8)).save("mask.png")
+    >>> Image.fromarray(np.zeros((4, 4), np.uint16)).save("depth.png")
+    >>> io.is_color_png("mask.png"), io.is_color_png("depth.png")
+    (True, False)
     """
     with open_regular(path_of(path)) as file:
         header = file.read(26)

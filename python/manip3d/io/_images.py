@@ -60,6 +60,18 @@ def texture_path(mesh: Mesh, texture: Texture) -> Path | None:
     ------
     InputError
         A relative path leads out of the folder.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from manip3d import Mesh, Texture, io
+    >>> Path("wood.png").touch()
+    >>> mesh = Mesh(np.eye(3), [[0, 1, 2]], source=Path("model.obj").absolute())
+    >>> io.texture_path(mesh, Texture(path="wood.png")).name
+    'wood.png'
+    >>> io.texture_path(mesh, Texture(path="missing.png")) is None
+    True
     """
     if texture.path is None:
         return None

@@ -322,6 +322,18 @@ def read_range_grid(path: str | os.PathLike[str], *, max_bytes: int | None = Non
         As `read_mesh`, and when the file holds no range grid.
     OSError
         `FileNotFoundError` and the like.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from manip3d import io
+    >>> lines = ["ply", "format ascii 1.0", "obj_info num_cols 2", "obj_info num_rows 1"]
+    >>> lines += ["element vertex 1", "property float x", "property float y", "property float z"]
+    >>> lines += ["element range_grid 2", "property list uchar int vertex_indices", "end_header"]
+    >>> _ = Path("scan.ply").write_text(chr(10).join([*lines, "1 2 3", "0", "1 0", ""]))
+    >>> grid = io.read_range_grid("scan.ply")
+    >>> grid.valid.tolist(), grid.points[0, 1].tolist()
+    ([[False, True]], [1.0, 2.0, 3.0])
     """
     with local_copy(path, max_bytes=max_bytes) as local:
         rows, cols, vertex, vertices = _core.read_range_grid(os.fsencode(local), _limit(max_bytes))

@@ -178,6 +178,15 @@ def write_scans(frames: Sequence[LidarFrame], path: str | os.PathLike[str]) -> N
         Another suffix and not exactly one scan.
     MissingExtraError, OSError
         As `write_scan`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import LidarFrame, io
+    >>> scans = [LidarFrame(np.full((5, 3), place, np.float32)) for place in (1, 2)]
+    >>> io.write_scans(scans, "both.e57")
+    >>> len(io.read_scans("both.e57"))
+    2
     """
     if scan_suffix(path_of(path)) == ".e57":
         from manip3d.io import _scan_e57

@@ -278,6 +278,15 @@ class PhantomFrame:
         """The textured mesh as a `manip3d.simplify.DepthMesh`; ``color`` is the frame's.
 
         One mesh has one texture: where the phantom is held, `parts` has the right ones.
+
+        Parameters
+        ----------
+        color : (H, W, 3) uint8, optional
+            Colour of the frame that was processed.
+
+        Returns
+        -------
+        DepthMesh
         """
         from manip3d.simplify import DepthMesh
 
@@ -453,7 +462,17 @@ class PhantomPipeline:
         self._lock = threading.RLock()
 
     def process(self, frame: RgbdFrame) -> PhantomFrame:
-        """The next frame, with arrays of its own.
+        """Process the next frame.
+
+        Parameters
+        ----------
+        frame : RgbdFrame
+            The frame after the one given last; skeletons are needed for a phantom.
+
+        Returns
+        -------
+        PhantomFrame
+            With arrays of its own.
 
         Raises
         ------
@@ -496,6 +515,16 @@ class PhantomPipeline:
 
         Until then the present one stays; without a selection the pipeline finds the patient
         itself.
+
+        Parameters
+        ----------
+        person : int
+            `Skeleton.id` of the patient.
+
+        Returns
+        -------
+        PhantomPipeline
+            Itself.
         """
         with self._lock:
             self._core.select(int(person))

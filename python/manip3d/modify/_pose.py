@@ -202,7 +202,17 @@ class PoseTracker:
         return Pose(**self._options)
 
     def find(self, frame: RgbdFrame) -> Skeleton | None:
-        """The person's skeleton; None: nobody is found, or nobody with depth.
+        """Find the person's skeleton.
+
+        Parameters
+        ----------
+        frame : RgbdFrame
+            With colour, in the depth image's pixels.
+
+        Returns
+        -------
+        Skeleton or None
+            None: nobody is found, or nobody with depth.
 
         Raises
         ------
@@ -234,7 +244,18 @@ class PoseTracker:
         return skeleton_from(positions, states, layout="mediapipe", body=body)
 
     def annotate(self, frame: RgbdFrame) -> RgbdFrame:
-        """The frame with the found skeleton as its only one; without any if nobody is found."""
+        """Return the frame with the found skeleton as its only one.
+
+        Parameters
+        ----------
+        frame : RgbdFrame
+            With colour, in the depth image's pixels.
+
+        Returns
+        -------
+        RgbdFrame
+            Without skeletons if nobody is found.
+        """
         skeleton = self.find(frame)
         return replace(frame, skeletons=() if skeleton is None else (skeleton,))
 

@@ -115,7 +115,17 @@ class JointSmoother:
         )
 
     def add(self, skeleton: Skeleton) -> Skeleton:
-        """The next frame's skeleton, smoothed; orientations stay as they are."""
+        """Return the next frame's skeleton, smoothed; orientations stay as they are.
+
+        Parameters
+        ----------
+        skeleton : Skeleton
+            Skeleton of the next frame, as tracked.
+
+        Returns
+        -------
+        Skeleton
+        """
         return Skeleton(**self._core.add(skeleton))
 
     def reset(self) -> Self:

@@ -318,7 +318,13 @@ class LiveSession:
         self._last_time = None
 
     def halt(self, reason: str) -> None:
-        """No further game starts; the page says why. An empty reason changes nothing."""
+        """Let no further game start; the page says why.
+
+        Parameters
+        ----------
+        reason : str
+            Words for the page; empty: nothing changes.
+        """
         self._halt = reason or self._halt
 
     def end(self) -> None:
@@ -326,7 +332,17 @@ class LiveSession:
         self._stop()
 
     def notice(self, message: str) -> bytes:
-        """A message for the page when there is no frame, such as that the camera is gone."""
+        """Return a message for the page when there is no frame, such as that the camera is gone.
+
+        Parameters
+        ----------
+        message : str
+            Words for the page.
+
+        Returns
+        -------
+        bytes
+        """
         self._obey()
         self.state = "lost"
         status = {"state": "lost", "reason": "no_frame", "message": self._told(message)}

@@ -78,6 +78,12 @@ class Page:
     """Something to be fetched: its media type and its bytes, or the file that holds them.
 
     A file is read when somebody asks for it; it may be written while the server runs.
+
+    Attributes
+    ----------
+    type : str
+        Media type, such as ``text/html; charset=utf-8``.
+    content : bytes or Path
     """
 
     type: str

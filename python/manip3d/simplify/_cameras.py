@@ -101,6 +101,8 @@ class JointSimplification(Showable):
         For each view, True at valid pixels that show what earlier views had already sampled.
     views : tuple of DepthSimplification
         What was chosen in each view, before the views were joined.
+    colors : tuple of ((H', W', 3) uint8 or None)
+        Colour image of each view, if it has one.
     coverage : float
         Share of the measured pixels of all views that lie within the ``tolerance`` of the mesh.
     """

@@ -218,14 +218,37 @@ class SimplifyResult(Showable):
     _options: _core.QemOptions = field(repr=False)
 
     def level_of_detail(self, target_faces: int) -> Mesh:
-        """The mesh as it was when it first had ``target_faces`` or fewer.
+        """Return the mesh as it was when it first had ``target_faces`` or fewer.
 
         Replays the record: equal to a run of its own for that target, without its cost.
+
+        Parameters
+        ----------
+        target_faces : int
+            Most faces of the mesh.
+
+        Returns
+        -------
+        Mesh
 
         Raises
         ------
         InputError
             ``target_faces`` is negative.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from manip3d import Mesh, simplify
+        >>> x, y = np.mgrid[0:20, 0:20]
+        >>> corner = np.arange(400).reshape(20, 20)
+        >>> squares = ((0, 0), (1, 0), (1, 1), (0, 1))
+        >>> a, b, c, d = (corner[i : 19 + i, j : 19 + j].ravel() for i, j in squares)
+        >>> faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+        >>> hill = Mesh(np.stack([x, y, np.hypot(x - 9, y - 9)], 2).reshape(-1, 3), faces)
+        >>> result = simplify.qem4vr(hill, target_faces=50)
+        >>> len(hill.faces), len(result.level_of_detail(200).faces), len(result.mesh.faces)
+        (722, 200, 50)
         """
         fields = _core.replay_collapses(
             self._source, self._options, self.collapses, self.collapse_errors, target_faces

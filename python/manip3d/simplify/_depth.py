@@ -670,7 +670,17 @@ class Cs3Stream:
         color: ArrayLike | None = None,
         registration: Registration | None = None,
     ) -> Cs3Result:
-        """Simplify a depth image; see `cs3`."""
+        """Simplify a depth image; see `cs3`.
+
+        Parameters
+        ----------
+        depth, intrinsics, color, registration
+            As for `cs3`.
+
+        Returns
+        -------
+        Cs3Result
+        """
         image = _depth_image(depth, intrinsics)
         picture = _color_image(color, image.shape, registration)
         surface = DenseImage(image.copy(), intrinsics, self._options.max_edge)
@@ -687,7 +697,17 @@ class Cs3Stream:
         color: ArrayLike | None = None,
         rows_up: bool = True,
     ) -> Cs3Result:
-        """Simplify a grid of points; see `cs3_grid`."""
+        """Simplify a grid of points; see `cs3_grid`.
+
+        Parameters
+        ----------
+        points, valid, color, rows_up
+            As for `cs3_grid`.
+
+        Returns
+        -------
+        Cs3Result
+        """
         grid, mask = _point_grid(points, valid)
         picture = _color_image(color, mask.shape)
         surface = DenseGrid(grid, mask, self._options.max_edge)

@@ -120,7 +120,16 @@ class BodyTruth:
         return Mesh(skin.vertices(self._figure).astype(np.float64), skin.faces)
 
     def limb(self, name: Limb) -> Mesh:
-        """One limb of the whole person, from inside the trunk to its end."""
+        """Return one limb of the whole person, from inside the trunk to its end.
+
+        Parameters
+        ----------
+        name : 'left_arm', 'right_arm', 'left_leg' or 'right_leg'
+
+        Returns
+        -------
+        Mesh
+        """
         skin = self._skin
         faces = skin.faces[skin.face_limb == list(LIMBS).index(name)]
         used, index = np.unique(faces, return_inverse=True)
@@ -128,16 +137,33 @@ class BodyTruth:
         return Mesh(vertices, index.reshape(-1, 3).astype(np.int32))
 
     def mirror_plane(self, limb: Limb) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """A point and the unit normal, to the person's left, of the plane of symmetry.
+        """Return a point and the unit normal, to the person's left, of the plane of symmetry.
 
-        Of the chest, through the middle of the spine, for arms; of the pelvis, through the base
-        of the spine, for legs.
+        It is the chest's plane, through the middle of the spine, for arms; the pelvis's, through
+        the base of the spine, for legs.
+
+        Parameters
+        ----------
+        limb : 'left_arm', 'right_arm', 'left_leg' or 'right_leg'
+
+        Returns
+        -------
+        point, normal : (3,) float64
         """
         is_arm = limb.endswith("arm")
         return self.joints[1 if is_arm else 0], self.lateral[1 if is_arm else 0]
 
     def phantom(self, limb: Limb) -> Mesh:
-        """What a phantom ``limb`` ought to be: the limb of the other side, reflected."""
+        """Return what a phantom ``limb`` ought to be: the limb of the other side, reflected.
+
+        Parameters
+        ----------
+        limb : 'left_arm', 'right_arm', 'left_leg' or 'right_leg'
+
+        Returns
+        -------
+        Mesh
+        """
         mesh = self.limb(opposite(limb))  # type: ignore[arg-type]
         origin, normal = self.mirror_plane(limb)
         off = product(mesh.vertices - origin, normal)
@@ -146,7 +172,13 @@ class BodyTruth:
 
 @dataclass(frozen=True, eq=False)
 class BodyCapture:
-    """A frame and the truth behind it."""
+    """A frame and the truth behind it.
+
+    Attributes
+    ----------
+    frame : RgbdFrame
+    truth : BodyTruth
+    """
 
     frame: RgbdFrame
     truth: BodyTruth
@@ -325,11 +357,30 @@ class BodySimulator:
             yield self.frame(number / self.rate)
 
     def frame(self, time: float) -> RgbdFrame:
-        """What the sensor delivers at a time, in seconds."""
+        """Return what the sensor delivers at a time.
+
+        Parameters
+        ----------
+        time : float, seconds
+            Not negative.
+
+        Returns
+        -------
+        RgbdFrame
+        """
         return self.capture(time).frame
 
     def capture(self, time: float) -> BodyCapture:
-        """What the sensor delivers at a time, in seconds, and the truth.
+        """Return what the sensor delivers at a time, and the truth.
+
+        Parameters
+        ----------
+        time : float, seconds
+            Not negative.
+
+        Returns
+        -------
+        BodyCapture
 
         Raises
         ------
@@ -373,7 +424,16 @@ class BodySimulator:
         return BodyCapture(frame, truth)
 
     def background(self, time: float) -> RgbdFrame:
-        """What the sensor delivers of the scene at a time, in seconds, while nobody is there.
+        """Return what the sensor delivers of the scene at a time while nobody is there.
+
+        Parameters
+        ----------
+        time : float, seconds
+            Not negative.
+
+        Returns
+        -------
+        RgbdFrame
 
         Raises
         ------

@@ -72,7 +72,16 @@ class Street:
         return Stage(self.world, self.movers)
 
     def pose(self, times: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Where the LiDAR is: (N, 3) positions and (N,) yaws at N times.
+        """Return where the LiDAR is at some times.
+
+        Parameters
+        ----------
+        times : (N,) float, seconds
+
+        Returns
+        -------
+        positions : (N, 3) float64, metres
+        yaws : (N,) float64, radians
 
         Raises
         ------
@@ -98,7 +107,18 @@ class Street:
         return (LENGTH - 60.0 - self.start[0]) / self.speed if self.speed > 0 else math.inf
 
     def boxes(self, time: float, *, max_range: float = 80.0) -> tuple[Box, ...]:
-        """Boxes of cars, people and cyclists within reach, in the LiDAR's frame at a time."""
+        """Return the boxes of cars, people and cyclists within reach, in the LiDAR's frame.
+
+        Parameters
+        ----------
+        time : float, seconds
+        max_range : float, metres
+            Farther objects are left out.
+
+        Returns
+        -------
+        tuple of Box
+        """
         position, yaw = self.pose([time])
         cosine, sine = math.cos(yaw[0]), math.sin(yaw[0])
         seen = []

@@ -207,6 +207,8 @@ class JndStudy(Study):
     turn_s : float
     stimuli : Path or None
         Folder that `make_jnd_stimuli` has written; None: answers only.
+    base : Path or None
+        Folder in which the definition's relative paths start.
     """
 
     common: Common

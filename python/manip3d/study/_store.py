@@ -224,6 +224,15 @@ class StudyFolder:
     def begin(self, participant: str) -> Session:
         """Return the session of a participant: a new one, or the one that was interrupted.
 
+        Parameters
+        ----------
+        participant : str
+            Code of the participant.
+
+        Returns
+        -------
+        Session
+
         Raises
         ------
         InputError
@@ -244,6 +253,11 @@ class StudyFolder:
     def check_code(self, participant: str) -> None:
         """Refuse a code with which nobody could begin.
 
+        Parameters
+        ----------
+        participant : str
+            Code of the participant.
+
         Raises
         ------
         InputError
@@ -260,6 +274,17 @@ class StudyFolder:
 
     def store(self, participant: str, answer: Answer) -> Answer:
         """Append an answer; when this returns, it is on the disk.
+
+        Parameters
+        ----------
+        participant : str
+            Code of the participant.
+        answer : Answer
+
+        Returns
+        -------
+        Answer
+            With the time at which it was stored.
 
         Raises
         ------
@@ -291,6 +316,11 @@ class StudyFolder:
 
     def withdraw(self, participant: str) -> None:
         """Delete all answers of a participant who has withdrawn their consent.
+
+        Parameters
+        ----------
+        participant : str
+            Code of the participant.
 
         Raises
         ------

@@ -280,7 +280,17 @@ class DrawnPoints(Showable):
         return np.array([every.min(axis=0), every.max(axis=0)], np.float64)
 
     def column(self, name: str | None) -> Column | None:
-        """The column of that name; the first one for None, None where there is none.
+        """Return the column of that name.
+
+        Parameters
+        ----------
+        name : str or None
+            Name of a column; None: the first one.
+
+        Returns
+        -------
+        Column or None
+            None: there is no column, and none was named.
 
         Raises
         ------
@@ -296,7 +306,17 @@ class DrawnPoints(Showable):
         raise InputError(f"color_by: expected {known}, got {name!r}")
 
     def pose(self, name: str | None) -> Pose | None:
-        """The pose of that name; the first one for None, None where there is none.
+        """Return the pose of that name.
+
+        Parameters
+        ----------
+        name : str or None
+            Name of a pose; None: the first one.
+
+        Returns
+        -------
+        Pose or None
+            None: there is no pose, and none was named.
 
         Raises
         ------
@@ -327,7 +347,16 @@ class DrawnPoints(Showable):
         return Direction(-60.0, 30.0, self.up)
 
     def colored_by(self, name: str | None) -> DrawnPoints:
-        """The same points with that column first.
+        """Return the same points with that column first.
+
+        Parameters
+        ----------
+        name : str or None
+            Name of a column; None: the first one.
+
+        Returns
+        -------
+        DrawnPoints
 
         Raises
         ------

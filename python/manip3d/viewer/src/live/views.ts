@@ -22,7 +22,7 @@ export interface Eyes {
   ahead: THREE.Vector3; // level, of length 1
 }
 
-/** Of the joints; null where one is not known. */
+/** Position and direction of the eyes from the joints; null where a joint is not known. */
 export function eyesOf({ joints, joint_states: states }: Status): Eyes | null {
   if (!joints || ![SPINE, HEAD, LEFT, RIGHT].every((joint) => states?.[joint])) return null;
   const [head, left, right] = [HEAD, LEFT, RIGHT].map((j) => new THREE.Vector3().fromArray(joints[j]));
