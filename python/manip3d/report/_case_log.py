@@ -43,7 +43,7 @@ class _End:
         Bytes up to the end of the last line.
     lines : int
     hash : str
-        Of the last line.
+        Hash of the last line.
     last : bytes
         The last line with its newline, by which a log that grew is told from one that was changed.
     """
