@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import json
 import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -333,3 +335,20 @@ def test_several_scans_share_a_log(scan: Path, tmp_path: Path) -> None:
     assert {Path(entry["source"]).name for entry in manip3d.report.read_log(log)} == {
         "0.bin", "1.bin", "2.bin", "3.bin",
     }  # fmt: skip
+
+
+def test_a_verdict_loads_no_simulator_and_no_viewer(scan: Path) -> None:
+    code = (
+        "import sys; from manip3d.cli import app; app(sys.argv[1:], standalone_mode=False); "
+        "print(*(m for m in sys.modules if m.count('.') == 1 and m.startswith('manip3d.')))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, "inspect", str(scan), "--no-power", "-q"],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    loaded = set(done.stdout.splitlines()[-1].split())
+    assert "manip3d.authenticate" in loaded
+    assert not loaded & {
+        f"manip3d.{room}"
+        for room in ("simulate", "forge", "modify", "capture", "experiments", "viewer", "datasets")
+    }

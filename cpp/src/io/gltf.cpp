@@ -854,7 +854,7 @@ class Reader {
     read_texture(place, "occlusionTexture", "occlusion", m);
     if (const auto factor = place.find("emissiveFactor"); factor && !numbers<3>(*factor).isZero()) {
       read_texture(place, "emissiveTexture", "emissive", m);
-      // Of a texture alone a material keeps what glTF says of it: all of its light.
+      // A material with only a texture keeps what glTF says of it: all of its light.
       const bool is_kept = m.textures.contains("emissive") && numbers<3>(*factor).isOnes();
       if (!is_scene_ && !is_kept) {
         warn_once("emissiveFactor is left out where it is not 1 over an emissiveTexture");

@@ -72,7 +72,7 @@ class Collapser {
     float factor = 1.0F;        ///< On its price; infinite: it stays.
     std::int32_t touched = -1;  ///< The round in which it last changed.
     std::int32_t piece = -1;
-    float area = 0.0F;  ///< Of the surface at the vertex, times what its loss counts.
+    float area = 0.0F;  ///< Area of the surface at the vertex, times what its loss counts.
   };
   [[nodiscard]] bool is_fixed(std::int32_t v) const;
   void find_pieces(const Triangulation& mesh);

@@ -20,7 +20,6 @@ from manip3d.authenticate._reflectance import reflectance_consistency, why_not_j
 from manip3d.authenticate._turns import turn_consistency
 from manip3d.authenticate._verdict import Power, rate_of
 from manip3d.errors import InputError
-from manip3d.forge import lattice_insert, lattice_remove, spoof
 from manip3d.lidar import Box, LidarFrame
 
 if TYPE_CHECKING:
@@ -156,22 +155,28 @@ def _overwritten(
     cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator
 ) -> Cloud:
     """White-box: the firings that saw the object see what stands beside it."""
+    from manip3d import forge
+
     box = _box_of(cloud[:, :3], rows)
-    return _cloud_of(lattice_remove(cloud, box, lattice=lattice, rng=rng))
+    return _cloud_of(forge.lattice_remove(cloud, box, lattice=lattice, rng=rng))
 
 
 def _duplicated(
     cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator
 ) -> Cloud:
     """White-box: firings elsewhere see the object, on the lattice."""
+    from manip3d import forge
+
     turn = float(rng.uniform(0.5, 5.5))
-    return _cloud_of(lattice_insert(cloud, cloud[rows], lattice=lattice, turn=turn, rng=rng))
+    return _cloud_of(forge.lattice_insert(cloud, cloud[rows], lattice=lattice, turn=turn, rng=rng))
 
 
 def _spoofed(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Cloud:
     """At most 200 returns of the object elsewhere, on the lattice."""
+    from manip3d import forge
+
     turn = float(rng.uniform(0.5, 5.5))
-    return _cloud_of(spoof(cloud, cloud[rows], lattice=lattice, turn=turn, rng=rng))
+    return _cloud_of(forge.spoof(cloud, cloud[rows], lattice=lattice, turn=turn, rng=rng))
 
 
 def _shining(cloud: Cloud, rows: Rows, values: NDArray[np.float64]) -> Cloud:

@@ -161,7 +161,7 @@ def binomial_tail(least: int, frames: int, rate: float) -> float:
     ----------
     least, frames : int
     rate : float
-        Probability of one frame, in (0, 1).
+        Probability that one frame alarms, in (0, 1).
     """
     fewer = sum(
         math.exp(

@@ -433,15 +433,13 @@ def show_drive(
 
 def _is_rgbd(source: str) -> bool:
     """Whether an address is one of RGB-D frames."""
+    scheme, colon, _ = source.partition(":")
+    if not colon or Path(source).exists():
+        return False
     from manip3d import capture
 
-    scheme = source.partition(":")[0]
     known = {kind.name for kind in capture.sources() if kind.frames == "rgbd"}
-    return (
-        not Path(source).exists()
-        and scheme in known
-        and not (scheme == "sim" and not source.startswith("sim:body"))
-    )
+    return scheme in known and not (scheme == "sim" and not source.startswith("sim:body"))
 
 
 def inspect_recording(source: str, output: Path | None, log: Path | None, shell: Terminal) -> str:

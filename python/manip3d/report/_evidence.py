@@ -22,6 +22,7 @@ from manip3d.authenticate._verdict import FALSE_ALARM_RATE
 from manip3d.datasets import file_sha256
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_write
+from manip3d.report._suspected import EVIDENCE_KINDS, place_sentence
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,9 +30,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from manip3d.authenticate import DensityResult, DetectorReport, Inspection, OcclusionResult
-
-EVIDENCE_KINDS = (".html", ".json")
-"""Suffixes that `write_evidence` knows."""
 
 _MOST_ROWS, _MOST_COLUMNS = 600, 1600
 _MOST_REGIONS = 6
@@ -81,53 +79,6 @@ def write_evidence(
     else:
         text = _page(inspection, source)
     atomic_write(path, text.encode())
-
-
-@checked
-def write_suspected_rows(inspection: Inspection, output: str | os.PathLike[str]) -> None:
-    """Write the rows of the suspected points of a scan as a table.
-
-    Parameters
-    ----------
-    inspection : Inspection
-        The result of `manip3d.authenticate.inspect`.
-    output : path
-        ``.csv``: row in the scan's file (from 0, counting points without coordinates, which are
-        dropped on reading), x, y, z in metres, detector, region (from 1), p-value. An existing file
-        is replaced.
-
-    Raises
-    ------
-    InputError
-        The suffix is another, or the inspection is without its scan.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from manip3d import authenticate, report
-    >>> found = authenticate.inspect(np.zeros((0, 3), np.float32))
-    >>> report.write_suspected_rows(found, "rows.csv")
-    >>> from pathlib import Path
-    >>> Path("rows.csv").read_text().strip()
-    'row,x,y,z,detector,region,p_value'
-    """
-    path = path_of(output, "output")
-    if path.suffix.lower() != ".csv":
-        raise InputError(f"output: expected a name that ends in .csv, got {path.name}")
-    if inspection.scan is None:
-        raise InputError("inspection: expected one with its scan")
-    lines = ["row,x,y,z,detector,region,p_value"]
-    in_file = inspection.scan.file_rows
-    for report in inspection.detectors:
-        for number, region in enumerate(report.regions, 1):
-            p_value = "" if region.p_value is None else f"{region.p_value:.3e}"
-            points = inspection.scan.points[region.rows].tolist()
-            rows = region.rows if in_file is None else in_file[region.rows]
-            lines += [
-                f"{row},{x:.4f},{y:.4f},{z:.4f},{report.name},{number},{p_value}"
-                for row, (x, y, z) in zip(rows.tolist(), points, strict=True)
-            ]
-    atomic_write(path, "\n".join(lines) + "\n")
 
 
 # --- pictures -------------------------------------------------------------------------------------
@@ -314,45 +265,6 @@ def _page(inspection: Inspection, source: str) -> str:
         + _calibrations(inspection)
         + "</html>\n"
     )
-
-
-@checked
-def place_sentence(inspection: Inspection) -> str:
-    """Say where the scanner stood and who states it.
-
-    Parameters
-    ----------
-    inspection : Inspection
-        The result of `manip3d.authenticate.inspect`.
-
-    Returns
-    -------
-    str
-
-    Raises
-    ------
-    InputError
-        ``inspection`` is something else.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from manip3d import authenticate, report
-    >>> found = authenticate.inspect(np.zeros((0, 3), np.float32), origin=(1, 2, 0))
-    >>> report.place_sentence(found)
-    'scanner at (1.000, 2.000, 0.000) m, given'
-    """
-    from manip3d.authenticate import Inspection
-
-    if not isinstance(inspection, Inspection):
-        raise InputError(f"inspection: expected an Inspection, got {type(inspection).__name__}")
-    if inspection.origin is None:
-        return "the scanner's position is not known"
-    x, y, z = inspection.origin
-    source = {"argument": "given", "file": "stated by the file"}.get(
-        inspection.origin_from, f"found from {inspection.origin_from}"
-    )
-    return f"scanner at ({x:.3f}, {y:.3f}, {z:.3f}) m, {source}"
 
 
 def _verdicts(inspection: Inspection) -> str:

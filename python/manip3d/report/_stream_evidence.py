@@ -20,7 +20,8 @@ from manip3d.authenticate import depth_noise
 from manip3d.datasets import file_sha256
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_write
-from manip3d.report._evidence import EVIDENCE_KINDS, PAGE_STYLE
+from manip3d.report._evidence import PAGE_STYLE
+from manip3d.report._suspected import EVIDENCE_KINDS
 from manip3d.rgbd import RgbdFrame, check_frames
 from manip3d.viewer.people import depth_picture
 from manip3d.viewer.pictures import png_bytes
