@@ -17,6 +17,7 @@ import threading
 import time
 import zlib
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -694,3 +695,32 @@ def test_people_of_the_data_sets_are_sources(realdata: RealData, tmp_path: Path)
     for frame, other in zip(capture.open("utd-mhad:a3_s1"), again, strict=False):
         assert isinstance(frame, RgbdFrame)
         assert_same(frame, other)
+
+
+@pytest.mark.parametrize("name", ["walk", "walk.mkv"])
+def test_a_recording_that_has_ended_begins_anew(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    numbers = [frame.number for frame in recorded(path, 3)]
+    with capture.open_rgbd(f"{'mkv' if path.suffix else 'folder'}:{path}") as source:
+        assert [frame.number for frame in islice(source, 2)] == numbers[:2]
+        assert [frame.number for frame in source] == numbers[2:]  # goes on where reading stopped
+        assert source.read() is None
+        for _ in range(2):
+            assert [frame.number for frame in source] == numbers
+            assert source.counters["frames"] == 3
+        assert source.read() is None
+        source.start()
+        first = source.read()
+        assert first is not None
+        assert first.number == numbers[0]
+
+
+def test_frames_that_are_there_begin_anew() -> None:
+    there = list(rgbd_frames.frames(3))
+    numbers = [frame.number for frame in there]
+    source = capture.from_frames(there)
+    for _ in range(2):
+        assert [frame.number for frame in source] == numbers
+    once = capture.from_frames(iter(there))
+    assert [frame.number for frame in once] == numbers
+    assert list(once) == []

@@ -519,8 +519,8 @@ class PhantomPipeline::Workspace {
     const Joint end = limb_chain(affected)[kNumMainJoints - 1];
     const Joint intact_end = limb_chain(opposite(affected))[kNumMainJoints - 1];
     const Ends ends{report.skeleton[end], person[intact_end], time_s};
-    constexpr double kGap = 0.25;  // seconds in which a limb may be anywhere
-    if (ends_ && time_s - ends_->time_s <= kGap) {
+    constexpr double kUnseen = 0.25;  // seconds in which a limb may be anywhere
+    if (ends_ && time_s - ends_->time_s <= kUnseen) {
       const float mine = (ends.phantom - ends_->phantom).norm();
       const float intact = (ends.intact - ends_->intact).norm();
       report.quality.leap = std::max(0.0, static_cast<double>(mine - intact));

@@ -25,6 +25,7 @@ class FrameSource(ABC, Generic[Frame]):
 
     uri: str
     _source: Any
+    _has_ended = False
 
     @abstractmethod
     def read(self, timeout: float | None = None) -> Frame | None:
@@ -51,11 +52,17 @@ class FrameSource(ABC, Generic[Frame]):
                 frame: Frame = found
                 return frame
             if not found:
+                self._has_ended = True
                 return None
             if left_ms <= _POLL_MS:
                 return None
 
+    def _rewind(self) -> None:
+        """Begin a recording anew, if that can be done."""
+
     def __iter__(self) -> Iterator[Frame]:
+        if self._has_ended:
+            self._rewind()
         while (frame := self.read()) is not None:
             yield frame
 

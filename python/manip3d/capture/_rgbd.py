@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import threading
-from collections.abc import Iterable, Mapping, Sized
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -71,6 +71,10 @@ def core_schemes() -> list[Scheme]:
 class RgbdSource(FrameSource[RgbdFrame]):
     """Frames of an RGB-D camera or recording one after the other; made by `open`.
 
+    Iterating goes on where reading stopped; once a recording has ended, it begins anew, as it does
+    with `start`. Sources made by `from_frames` begin anew if their frames are a sequence, a
+    simulator or a data set, not if they come from an iterator.
+
     The images of a frame are its own: nothing changes in them when the next one comes, and they
     come out of the core without a copy.
 
@@ -81,10 +85,12 @@ class RgbdSource(FrameSource[RgbdFrame]):
         Frames come when they come, and the latest one wins.
     """
 
-    def __init__(self, uri: str, source: Any) -> None:
+    def __init__(self, uri: str, source: Any, reopen: Callable[[], Any] | None = None) -> None:
         self.uri = uri
         self.is_live = bool(source.is_live())
         self._source = source
+        self._reopen = None if self.is_live else reopen
+        self._is_started = False
         self._calibration: RgbdCalibration | None = None
         self.start()
 
@@ -107,13 +113,22 @@ class RgbdSource(FrameSource[RgbdFrame]):
         return found
 
     def start(self) -> None:
-        """Open the device again after a `DeviceError`; `open` does it the first time.
+        """Open the device again after a `DeviceError`; a recording begins anew, with its counters.
+
+        `open` does it the first time.
 
         Raises
         ------
         DeviceError
             It is not there.
+        FormatError, OSError
+            The recording is no longer what it was.
         """
+        if self._is_started and self._reopen is not None:
+            self._source.stop()
+            self._source = self._reopen()
+        self._is_started = True
+        self._has_ended = False
         self._source.start()
         self._calibration = _to_calibration(self._source.calibration())
 
@@ -138,6 +153,10 @@ class RgbdSource(FrameSource[RgbdFrame]):
             The camera is gone; `start` tries to open it again.
         """
         return self._wait(timeout)
+
+    def _rewind(self) -> None:
+        if self._reopen is not None:
+            self.start()
 
     def _to_frame(self, fields: Mapping[str, Any]) -> RgbdFrame:
         skeletons = tuple(Skeleton(**skeleton) for skeleton in fields["skeletons"])
@@ -261,7 +280,12 @@ def from_frames(frames: Iterable[RgbdFrame], *, uri: str = "frames") -> RgbdSour
     >>> source.read().number, [frame.number for frame in source]
     (0, [1, 2])
     """
-    return RgbdSource(uri, _Iterated(frames, getattr(frames, "calibration", None)))
+
+    def opened() -> _Iterated:
+        return _Iterated(frames, getattr(frames, "calibration", None))
+
+    # An iterator can only be gone through once.
+    return RgbdSource(uri, opened(), None if isinstance(frames, Iterator) else opened)
 
 
 @checked
@@ -343,8 +367,11 @@ def open_rgbd(
     # Not a RgbdCalibration, which takes no mirrored camera: the core turns the images round.
     given = SimpleNamespace(depth=camera, registration=None)
     calibration = given if isinstance(camera, Intrinsics) else camera
-    source = _core.open_rgbd(os.fsencode(uri), speed, units_per_metre or 0.0, calibration)
-    return RgbdSource(uri, source)
+
+    def opened() -> Any:
+        return _core.open_rgbd(os.fsencode(uri), speed, units_per_metre or 0.0, calibration)
+
+    return RgbdSource(uri, opened(), opened)
 
 
 def _open_forged(uri: str, speed: float) -> ForgedSource:
