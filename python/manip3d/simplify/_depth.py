@@ -254,7 +254,7 @@ class DenseGrid:
     max_edge : float
         Triangles with a longer edge are no surface; infinite: all are.
     depth_step, focal : float
-        Of an image, as of `DenseImage`. Default: nothing is known of depth, and every triangle is a
+        As `DenseImage` has them. Default: nothing is known of depth, and every triangle is a
         surface, whatever its slope.
     """
 
