@@ -12,6 +12,7 @@ import exact_models
 from manip3d import InputError, Mesh, metrics, read_mesh, simplify
 from manip3d.simplify import StopReason
 from real_data import RealData
+from zoo import grid
 
 
 def closed(mesh: Mesh) -> bool:
@@ -297,3 +298,43 @@ def test_many_pieces_do_not_take_a_pass_each() -> None:
     left = found.mesh.vertices[found.mesh.faces]
     kept = np.linalg.norm(np.cross(left[:, 1] - left[:, 0], left[:, 2] - left[:, 0]), axis=1)
     assert kept.mean() > 1.5 * areas.mean()  # small ones went
+
+
+def exact_box(subdivisions: int) -> Mesh:
+    """The unit cube, each side a grid of 2^subdivisions squares; equal places are welded."""
+    vertices, faces = grid(2**subdivisions, 2**subdivisions)
+    side = vertices / 2**subdivisions - [0.5, 0.5, -0.5]
+    turns = [np.eye(3)[list(order)] for order in ((0, 1, 2), (1, 2, 0), (2, 0, 1))]
+    sides = [side @ (turn * sign).T for turn in turns for sign in (1, -1)]
+    corners = [f if i % 2 == 0 else f[:, ::-1] for i, f in enumerate([faces] * 6)]
+    return Mesh(
+        np.concatenate(sides),
+        np.concatenate([f + i * len(side) for i, f in enumerate(corners)]).astype(np.int32),
+    )
+
+
+@pytest.mark.parametrize("subdivisions", [2, 4, 6])
+@pytest.mark.parametrize("target", [24, 50, 100, 500])
+def test_a_box_keeps_its_corners_while_there_are_faces_to_spare(
+    subdivisions: int, target: int
+) -> None:
+    box = exact_box(subdivisions)
+    assert abs(volume(box)) == pytest.approx(1.0)
+    done = simplify.fast(box, target_faces=target)
+    assert done.mesh.num_faces <= target or box.num_faces <= target
+    assert volume(done.mesh) == pytest.approx(volume(box), rel=2e-4)
+    assert done.relaxed_collapses == 0
+    assert_same(done, simplify.fast(box, target_faces=target, threads=1))
+
+
+@pytest.mark.parametrize("columns", [11, 39, 99])
+@pytest.mark.parametrize("target", [8, 20, 200])
+def test_a_square_keeps_its_corners_while_there_are_faces_to_spare(
+    columns: int, target: int
+) -> None:
+    square = Mesh(*grid(columns, columns))
+    done = simplify.fast(square, target_faces=target).mesh
+    assert target - 2 <= done.num_faces <= target
+    corners = done.vertices[done.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert normals[:, 2].sum() / 2 == pytest.approx(columns**2, rel=1e-3)

@@ -183,7 +183,7 @@ def test_a_budget_goes_where_the_error_is() -> None:
     assert shared.max_error == max(first.max_error, second.max_error)
 
 
-@pytest.mark.parametrize("method", ["quality"])
+@pytest.mark.parametrize("method", ["quality", "fast"])
 def test_a_shared_budget_leaves_every_model_with_the_same_error(method: str) -> None:
     """A flat strip with a wavy outline has no error in its surface, but has one in its rim."""
     rough = hills()

@@ -43,6 +43,14 @@ constexpr double kShareOfSmallPass = 0.1;
 constexpr double kSmallCandidates = 1.0;
 constexpr std::int64_t kSmall = 5000;
 
+/// In a small pass nothing is done that costs so many times as much as a collapse that has to wait
+/// for the next pass, because a neighbour went in this one.
+constexpr float kOvertakes = 8.0F;
+
+/// In a large pass a vertex that may not lie where it is best goes to an end of its edge, at most
+/// for so many times the price of the dearest candidate.
+constexpr float kLeap = 100.0F;
+
 /// Candidates for each collapse that a pass wants: neighbours exclude each other.
 constexpr double kCandidates = 3.0;
 
@@ -148,6 +156,8 @@ struct Worker {
   std::vector<Vector2d> merged_uvs;
   std::array<std::int64_t, kNumRejections> rejected{};
   std::int64_t removed = 0, collapses = 0, quota = 0;
+  std::uint32_t most = kDearest;  // price of what may be done now
+  bool leaves_dear = false;       // left the rest of its candidates to the next pass
   float squared_error = 0.0F;
 };
 
@@ -200,6 +210,7 @@ class FastSimplifier {
   [[nodiscard]] std::int32_t num_vertices() const {
     return static_cast<std::int32_t>(vertices_.size());
   }
+  [[nodiscard]] bool is_small() const { return num_faces() < kSmall; }
   [[nodiscard]] bool has_wedges() const { return !wedges_.empty(); }
 
   template <typename Body>
@@ -659,8 +670,10 @@ class FastSimplifier {
     price_edges();
     std::int64_t num_priced = 0, num_too_dear = 0;
     const std::uint32_t limit = find_limit(needed, num_priced, num_too_dear);
+    limit_ = is_everything_ ? kDearest : limit;
     remap_.resize(vertices_.size());
     is_taken_.assign(vertices_.size(), 0);
+    if (is_small()) is_beside_.assign(vertices_.size(), 0);
     refusals_.assign(vertices_.size(), 0);
     over_vertices([&](std::int32_t v) { remap_[v] = v; });
     for (std::size_t b = workers_.size(); b < static_cast<std::size_t>(num_blocks()) + 1; ++b) {
@@ -676,6 +689,9 @@ class FastSimplifier {
     if (made > 0) compact();
     const double price_limit = std::bit_cast<float>(std::min(limit, kDearest));
     const std::int64_t vanished = remove_pieces(is_everything_ ? 0.0 : price_limit, Choice::kCheap);
+    const bool leaves_dear = std::any_of(workers_.begin(), workers_.end(),
+                                         [](const Worker& worker) { return worker.leaves_dear; });
+    if (made > 0 && leaves_dear) return true;
     if (vanished > 0 || 4 * made >= wanted_) {
       if (4 * made >= 3 * wanted_) patience_ = std::max(1.0, 0.5 * patience_);
       return true;
@@ -763,13 +779,12 @@ class FastSimplifier {
     if (squared_limit_ < std::numeric_limits<float>::infinity()) {
       num_too_dear = std::count(keys_.begin(), keys_.end(), kTooDear);
     }
-    const bool is_small = num_faces() < kSmall;
     const double share =
-        (is_small ? kShareOfSmallPass : kShareOfPass) * static_cast<double>(num_faces()) / 2.0;
+        (is_small() ? kShareOfSmallPass : kShareOfPass) * static_cast<double>(num_faces()) / 2.0;
     wanted_ = std::max<std::int64_t>(
         1, static_cast<std::int64_t>(std::min(0.5 * static_cast<double>(needed), share)));
     const double most =
-        patience_ * (is_small ? kSmallCandidates : kCandidates) * static_cast<double>(wanted_);
+        patience_ * (is_small() ? kSmallCandidates : kCandidates) * static_cast<double>(wanted_);
     double sum = 0.0;
     is_everything_ = true;
     std::uint32_t limit = kDearest;
@@ -856,19 +871,39 @@ class FastSimplifier {
 
   void collapse_in_order(const std::vector<PricedEdge>& candidates, Worker& worker,
                          std::int64_t quota, bool may_exceed) {
+    worker.leaves_dear = false;
+    const float slack = is_small() ? 1.0F : kLeap;
+    worker.most = std::max(limit_, key_of(slack * std::bit_cast<float>(limit_)));
+    bool has_waiting = !is_small();
+    const auto wait = [&](const PricedEdge& candidate) {
+      if (std::exchange(has_waiting, true)) return;
+      worker.most = std::min(limit_, key_of(kOvertakes * std::bit_cast<float>(candidate.key)));
+    };
     for (std::size_t i = 0; i < candidates.size(); ++i) {
       if (worker.removed >= quota) break;
       prefetch(candidates, i);
       const PricedEdge& candidate = candidates[i];
       const auto [v, t] = edge_at(candidate.slot);
-      if (is_taken_[v] != 0 || is_taken_[t] != 0) continue;
+      if (is_taken_[v] != 0 || is_taken_[t] != 0) {
+        wait(candidate);
+        continue;
+      }
       if (is_hub(v) || is_hub(t)) continue;
+      if (is_small() && candidate.key > worker.most && worker.collapses > 0) {
+        worker.leaves_dear = true;
+        break;
+      }
       const std::int64_t left =
           may_exceed ? std::numeric_limits<std::int64_t>::max() : quota - worker.removed;
       if (const auto reason = collapse(v, t, worker, left)) {
         ++worker.rejected[static_cast<std::size_t>(*reason)];
         if (refusals_[v] < 0xFFFFU) ++refusals_[v];
         if (refusals_[t] < 0xFFFFU) ++refusals_[t];
+        if (is_small() && (is_beside_[v] != 0 || is_beside_[t] != 0)) wait(candidate);
+      } else if (is_small() && is_taken_[v] != 0) {
+        for (const Fan* fan : {&worker.first, &worker.second}) {
+          for (const auto& [a, b] : fan->rest) is_beside_[a] = is_beside_[b] = 1;
+        }
       }
     }
   }
@@ -950,7 +985,11 @@ class FastSimplifier {
         std::swap(other, third);
       }
       for (const Vector3f& place : {other, third}) {
-        if (!reason || check_place(v, t, place, edge, first, second)) continue;
+        if (!reason ||
+            key_of(edge.price(edge.value(place.x(), place.y(), place.z()))) > worker.most ||
+            check_place(v, t, place, edge, first, second)) {
+          continue;
+        }
         offset = place;
         reason.reset();
       }
@@ -1525,6 +1564,7 @@ class FastSimplifier {
   std::vector<std::int32_t> remap_;        // in a pass, of a vertex: what it went into
   std::vector<std::uint8_t> is_doubling_;  // in a pass, of a vertex left: faces may be double
   std::vector<std::uint8_t> is_taken_;     // in a pass, of a vertex: has collapsed
+  std::vector<std::uint8_t> is_beside_;    // in a small pass, of a vertex: lost or got a face
   std::vector<std::uint16_t> refusals_;    // in a pass, of a vertex
   std::vector<std::int64_t> kept_of_block_;
   std::vector<Worker> workers_;
@@ -1535,9 +1575,10 @@ class FastSimplifier {
   std::vector<std::uint8_t> is_kept_;  // pieces with locked vertices
 
   float squared_limit_ = std::numeric_limits<float>::infinity();
-  double patience_ = 1.0;       // candidates for each collapse that is wanted
-  std::int64_t wanted_ = 1;     // collapses of this pass
-  bool is_everything_ = false;  // all edges were candidates
+  double patience_ = 1.0;           // candidates for each collapse that is wanted
+  std::int64_t wanted_ = 1;         // collapses of this pass
+  std::uint32_t limit_ = kDearest;  // price of the candidates of this pass
+  bool is_everything_ = false;      // all edges were candidates
   Rules rules_ = Rules::kAll;
   double piece_error_ = 0.0;
   double fraction_ = 0.0;
