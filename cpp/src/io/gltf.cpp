@@ -854,6 +854,11 @@ class Reader {
     read_texture(place, "occlusionTexture", "occlusion", m);
     if (const auto factor = place.find("emissiveFactor"); factor && !numbers<3>(*factor).isZero()) {
       read_texture(place, "emissiveTexture", "emissive", m);
+      // Of a texture alone a material keeps what glTF says of it: all of its light.
+      const bool is_kept = m.textures.contains("emissive") && numbers<3>(*factor).isOnes();
+      if (!is_scene_ && !is_kept) {
+        warn_once("emissiveFactor is left out where it is not 1 over an emissiveTexture");
+      }
     }
     if (const auto mode = place.find("alphaMode")) m.alpha_mode = read_alpha_mode(*mode);
     if (const auto cutoff = place.find("alphaCutoff")) m.alpha_cutoff = cutoff->number();

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -57,13 +58,21 @@ class Order:
             raise typer.BadParameter(
                 "expected it, --ratio, --max-error or --max-distance", param_hint="--faces"
             )
+        if self.ratio is not None and not 0 < self.ratio <= 1:
+            raise InputError(f"--ratio: expected a number in (0, 1], got {self.ratio}")
+        for name, limit in (("max-error", self.max_error), ("max-distance", self.max_distance)):
+            if limit is not None and not 0 <= limit < math.inf:
+                raise InputError(f"--{name}: expected a finite number >= 0, got {limit}")
+        box = self.lock_box
+        if box is not None and not all(a <= b for a, b in zip(box[:3], box[3:], strict=True)):
+            raise InputError(
+                f"--lock-box: expected the lower corner first, got {box[:3]} and {box[3:]}"
+            )
 
     def target(self, num_faces: int) -> int | None:
         """The number of faces to stop at, of so many as were read."""
         if self.ratio is None:
             return self.faces
-        if not 0 < self.ratio <= 1:
-            raise InputError(f"--ratio: expected a number in (0, 1], got {self.ratio}")
         fraction = int(num_faces * self.ratio)
         return fraction if self.faces is None else max(self.faces, fraction)
 
