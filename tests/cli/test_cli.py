@@ -257,6 +257,26 @@ def test_simplify_without_a_target_is_an_error(torus: Path, tmp_path: Path) -> N
     assert "--ratio" in error_line(done)
 
 
+@pytest.mark.parametrize(
+    "limits",
+    [
+        ("--ratio", "0"),
+        ("--ratio", "nan"),
+        ("--max-distance", "inf"),
+        ("--max-error", "nan"),
+        ("--lock-box", "1", "1", "1", "0", "0", "0"),
+        ("--lock-box", "nan", "0", "0", "1", "1", "1"),
+    ],
+)
+def test_limits_without_sense_are_refused_before_the_mesh_is_read(
+    limits: tuple[str, ...], tmp_path: Path
+) -> None:
+    order = ("simplify", tmp_path / "none.obj", "-o", tmp_path / "x.ply", "-q")
+    done = manip3d(*order, *limits, *(() if limits[0] == "--ratio" else ("--ratio", "0.5")))
+    assert done.returncode == 1
+    assert error_line(done).startswith(f"manip3d: error: {limits[0]}: expected")
+
+
 def test_existing_outputs_are_refused_without_force(torus: Path, tmp_path: Path) -> None:
     output = tmp_path / "there.ply"
     output.write_text("mine")

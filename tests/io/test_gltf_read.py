@@ -429,11 +429,41 @@ def test_compressed(tmp_path: Path, suffix: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("emissive", "is_kept"),
+    [
+        ({"emissiveFactor": [1, 0, 0]}, False),
+        ({"emissiveFactor": [0, 0, 0]}, True),
+        ({"emissiveFactor": [1, 1, 1], "emissiveTexture": {"index": 0}}, True),
+        ({"emissiveFactor": [1, 0.5, 1], "emissiveTexture": {"index": 0}}, False),
+    ],
+)
+def test_light_that_a_mesh_cannot_hold_is_left_out_with_a_warning(
+    tmp_path: Path, emissive: dict[str, Any], is_kept: bool
+) -> None:
+    primitive = {**document()["meshes"][0]["primitives"][0], "material": 0}
+    seen = report(
+        tmp_path,
+        square(
+            meshes=[{"primitives": [primitive]}],
+            materials=[emissive],
+            textures=[{"source": 0}],
+            images=[{"uri": data_uri(PNG, "image/png")}],
+        ),
+    )
+    said = "emissiveFactor is left out where it is not 1 over an emissiveTexture"
+    assert (said in seen.warnings) == (not is_kept)
+
+
+@pytest.mark.parametrize(
     ("changes", "warning"),
     [
         ({"animations": [{}]}, "animations are left out"),
         ({"skins": [{}]}, "skins are left out: meshes stay in their bind pose"),
         ({"extensionsUsed": ["KHR_lights_punctual"]}, "extension KHR_lights_punctual is left out"),
+        (
+            {"materials": [{"emissiveFactor": [1, 0, 0]}]},
+            "emissiveFactor is left out where it is not 1 over an emissiveTexture",
+        ),
         (
             {
                 "extensionsUsed": ["KHR_materials_unlit"],
