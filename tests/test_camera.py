@@ -183,7 +183,7 @@ def test_nobody_else_in_the_package_writes_the_pinhole_s_formula() -> None:
 
 @pytest.mark.parametrize("size", [2**31, 2**63, 2**70, -(2**63) - 1])
 def test_a_size_that_the_core_cannot_be_asked_about(size: int, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="intrinsics.width: expected 1 to 16384"):
+    with pytest.raises(InputError, match=r"intrinsics\.width: expected 1 to 16384"):
         Intrinsics(size, 48, 50.0, 50.0, 31.0, 23.0)
     path = tmp_path / "a.json"
     path.write_text(f'{{"width": 64, "height": {size}, "fx": 50, "fy": 50, "cx": 31, "cy": 23}}')
