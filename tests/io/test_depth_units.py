@@ -135,3 +135,14 @@ def test_millimetres_that_end_where_disparities_do_are_no_disparities(tmp_path: 
     np.save(tmp_path / "desk.npy", millimetres)
     assert millimetres.max() == 2047
     assert read_depth_guessing(tmp_path / "desk.npy").unit == "mm"
+
+
+def test_marks_of_nothing_measured_say_nothing_of_the_unit() -> None:
+    image = np.full((48, 64), 2500, np.uint16)
+    image[:5] = 65_535
+    assert guess_depth_unit(image) == (
+        "mm",
+        "whole numbers, and a usual range: mostly 2.5 to 2.5 m",
+    )
+    image[:] = 65_535
+    assert guess_depth_unit(image) == ("mm", "there is no measurement")

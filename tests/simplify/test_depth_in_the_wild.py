@@ -188,8 +188,30 @@ def test_the_largest_number_is_no_measurement(tmp_path: Path) -> None:
     result = simplify.simplify_depth_file(tmp_path / "a.png", tmp_path / "a.ply", options)
     assert result.points_before == depth.size - 400
     assert "400 pixels of 65535 taken as not measured" in result.depth
-    assert "1.25 to" in result.depth or "to 1.7" in result.depth
+    assert "1.25 to 1.75 m" in result.depth
     assert result.dropped_pixels == 0
+
+
+def test_a_camera_with_rows_up_has_steps_too() -> None:
+    depth = box_before_waves()
+    up = Intrinsics(160, 120, 130.0, -130.0, 79.5, 59.5)
+    for found, other in (
+        (simplify.relief(depth, up, 60), simplify.relief(depth, CAMERA, 60)),
+        (simplify.cs3(depth, up, target_points=60), simplify.cs3(depth, CAMERA, target_points=60)),
+    ):
+        assert found.coverage == pytest.approx(other.coverage, abs=0.02)
+        cut = simplify.cut_depth_steps(found, depth, intrinsics=up)
+        assert 0 < cut.num_faces < found.num_faces
+        assert cut.num_faces == simplify.cut_depth_steps(found, depth).num_faces
+    assert simplify.ReliefStream(up, 60).simplify(depth).num_faces > 0
+
+
+def test_views_of_several_cameras_know_their_camera() -> None:
+    depth = floor()
+    camera = Intrinsics(128, 96, 60.0, 60.0, 63.5, 20.5)
+    (view,) = simplify.relief_cameras([simplify.CameraView(depth, camera)], 200).views
+    said = simplify.cut_depth_steps(view, depth, intrinsics=camera)
+    assert simplify.cut_depth_steps(view, depth).num_faces == said.num_faces
 
 
 def test_coloured_and_paletted_masks_are_read(tmp_path: Path) -> None:

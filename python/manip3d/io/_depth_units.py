@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
     Depth = NDArray[np.uint16] | NDArray[np.float32]
 
+_NO_MEASUREMENT = 65_535
+"""What many cameras store where they measured nothing: as 1/1000 m it would be 65.5 m."""
+
 _NO_DISPARITY = 2047
 """What the Kinect V1 stores where it measured nothing."""
 
@@ -212,7 +215,7 @@ def guess_depth_unit(stored: NDArray[Any]) -> tuple[str, str]:
     Parameters
     ----------
     stored : (H, W) uint16, float32 or float64
-        0 or NaN = no measurement.
+        0 or NaN = no measurement; 65535 as uint16 says nothing of the unit.
 
     Returns
     -------
@@ -240,6 +243,9 @@ def guess_depth_unit(stored: NDArray[Any]) -> tuple[str, str]:
         return ("mm" if stored.dtype == np.uint16 else "m"), "there is no measurement"
     if stored.dtype != np.uint16:
         return _guess_float(measured)
+    measured = measured[measured < _NO_MEASUREMENT]
+    if not len(measured):
+        return "mm", "there is no measurement"
     if _is_disparity(stored):
         return "kinect-raw", f"the values end at {_NO_DISPARITY}, which a Kinect V1 stores for none"
     if _is_disparity(stored.byteswap()):

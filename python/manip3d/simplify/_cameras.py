@@ -207,7 +207,7 @@ def _take(view: CameraView, index: int, threads: int) -> _View:
     flat, flags, rows_up = _core.unproject(image, view.intrinsics, threads)
     points = flat.reshape(*image.shape, 3)
     valid = flags.reshape(image.shape).view(np.bool_)
-    focal = min(view.intrinsics.fx, view.intrinsics.fy)
+    focal = min(view.intrinsics.fx, abs(view.intrinsics.fy))
     return _View(points, valid, rows_up, pose, color, view.registration, confidence, focal)
 
 

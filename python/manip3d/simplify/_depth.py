@@ -294,7 +294,7 @@ class DenseImage:
     @property
     def focal(self) -> float:
         """The focal length along the axis with the coarser pixels."""
-        return min(self.intrinsics.fx, self.intrinsics.fy)
+        return min(self.intrinsics.fx, abs(self.intrinsics.fy))
 
     @property
     def grid(self) -> DenseGrid:

@@ -98,9 +98,10 @@ def cut_depth_steps(
     with np.errstate(over="ignore"):  # beyond float32: as infinite as beyond float64
         image = np.nan_to_num(image.astype(np.float32), posinf=0.0, neginf=0.0)
     if intrinsics is None and isinstance(found, DepthSimplification):
-        intrinsics = getattr(found.surface, "intrinsics", None)
+        focal = found.surface.focal
+    else:
+        focal = 0.0 if intrinsics is None else min(intrinsics.fx, abs(intrinsics.fy))
     metres = 1e-3 if np.asarray(depth).dtype == np.uint16 else 1.0
-    focal = 0.0 if intrinsics is None else min(intrinsics.fx, intrinsics.fy)
     rule = StepRule.of(step, focal, metres)
     pixels = found.pixels
     if len(pixels) and (pixels.min() < 0 or (pixels.max(axis=0) >= image.shape[::-1]).any()):

@@ -282,7 +282,7 @@ def relief(
         threads,
         from_origin=True,
         depth_step=depth_step,
-        focal=min(intrinsics.fx, intrinsics.fy),
+        focal=min(intrinsics.fx, abs(intrinsics.fy)),
         levels=levels,
     )
     points, valid, rows_up = _core.unproject(image, intrinsics, options.num_threads)
@@ -479,7 +479,7 @@ class ReliefStream:
             threads,
             from_origin=True,
             depth_step=depth_step,
-            focal=min(intrinsics.fx, intrinsics.fy),
+            focal=min(intrinsics.fx, abs(intrinsics.fy)),
         )
         self._most_points = self._options.target_points
         self._options.stability = float(stability)
