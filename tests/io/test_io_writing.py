@@ -391,6 +391,31 @@ def test_atomic_pair_replaces_both_or_neither(tmp_path: Path) -> None:
     assert {each.name for each in tmp_path.iterdir()} == {"a.bin", "a.bin.wm"}
 
 
+def test_atomic_pair_leaves_a_folder_that_has_the_companions_name(tmp_path: Path) -> None:
+    scan, record = tmp_path / "a.bin", tmp_path / "a.bin.wm"
+    record.mkdir()
+    (record / "kept").touch()
+    with pytest.raises(IsADirectoryError) as caught, atomic_pair(scan, record):
+        pass
+    assert caught.value.filename == str(record)
+    assert sorted(each.name for each in tmp_path.rglob("*")) == ["a.bin.wm", "kept"]
+
+
+def test_a_full_disk_is_told_of_the_file_and_not_of_its_companion(tmp_path: Path) -> None:
+    scan, record = tmp_path / "a.bin", tmp_path / "a.bin.wm"
+
+    def fill(new: tuple[Path, Path], *named: str) -> None:
+        assert [each.name for each in new] == ["a.bin", "a.bin.wm"]
+        raise OSError(errno.ENOSPC, "No space left on device", *named)
+
+    with pytest.raises(OSError, match="No space") as caught, atomic_pair(scan, record) as new:
+        fill(new)
+    assert caught.value.filename == str(scan)
+    with pytest.raises(OSError, match="No space") as caught, atomic_pair(scan, record) as new:
+        fill(new, str(new[1]))
+    assert caught.value.filename == str(record)
+
+
 def test_write_new_is_whole_and_never_replaces(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

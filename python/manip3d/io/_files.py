@@ -125,21 +125,20 @@ def atomic_pair(
 ) -> Iterator[tuple[Path, Path]]:
     """Yield empty temporary files that become a file and what tells about it, such as its record.
 
-    When the block raises, both stay as they were. A process that is killed between the two renames
-    leaves the new file without a companion, never beside that of the old file.
+    When the block raises, both stay as they were. A process that is killed between the renames
+    leaves the old or the new file without a companion, never the one beside that of the other.
 
     Raises
     ------
     InputError, OSError
-        As `atomic_path`.
+        As `atomic_path`; `IsADirectoryError` where the companion is a folder.
     """
     target, beside = (Path(os.path.realpath(path_of(each))) for each in (path, companion))
-    with contextlib.ExitStack() as stack:
-        folders = (
-            stack.enter_context(_folder_beside(target, path)),
-            stack.enter_context(_folder_beside(beside, companion)),
-        )
-        new = folders[0] / target.name, folders[1] / beside.name
+    if beside.is_dir():  # it would be moved away, and removed with the temporary folder
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), os.fspath(companion))
+    # An error without a name gets that of the inner context: the file, which is the larger one.
+    with _folder_beside(beside, companion) as of_beside, _folder_beside(target, path) as of_target:
+        new = of_target / target.name, of_beside / beside.name
         for file, place in zip(new, (target, beside), strict=True):
             file.touch()
             with contextlib.suppress(FileNotFoundError, PermissionError):
@@ -147,7 +146,7 @@ def atomic_pair(
         yield new
         for file in new:
             _sync_file(file)
-        old = folders[1] / "old"
+        old = of_beside / "old"
         with contextlib.suppress(FileNotFoundError):
             beside.rename(old)
             _sync_folder(beside.parent)
