@@ -128,6 +128,28 @@ def test_the_journal_is_short_and_folded(
     assert state.stat().st_size == checkpoint
 
 
+@pytest.mark.parametrize("before", [0, 1])
+def test_a_frame_that_could_not_be_written_is_written_at_the_end(
+    key: KeyFile, state: Path, monkeypatch: pytest.MonkeyPatch, before: int
+) -> None:
+    """The first frame after opening, or the one that folds the journal, finds the disk full."""
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(state))
+
+    monkeypatch.setattr(kept, "CHECKPOINT_FRAMES", 1)
+    sent = signed(key, before + 1)
+    verifier = Watermarker(key, state=state)
+    orders(verifier, sent[:before])
+    with monkeypatch.context() as patch:
+        patch.setattr(kept, "atomic_write", full)
+        with pytest.raises(OSError, match="No space"):
+            orders(verifier, sent[before:])
+    verifier.close()
+    with Watermarker(key, state=state) as again:
+        assert orders(again, sent) == ["replay"] * (before + 1)
+
+
 def test_a_torn_entry_is_of_a_frame_that_was_never_answered(key: KeyFile, state: Path) -> None:
     sent = signed(key, 4)
     verifier = Watermarker(key, state=state)

@@ -53,6 +53,7 @@ class VerifiedFrames:
         self._owner = os.getpid()
         self._stored = b""  # the state that the file ends with
         self._num_entries = 0
+        self._unsaved = False  # the last frame could not be written
         self._journal: int | None = None
         self._close_journal: weakref.finalize[[int], VerifiedFrames] | None = None
         self._unlock = weakref.finalize(self, os.close, self._locked(path))
@@ -96,6 +97,7 @@ class VerifiedFrames:
         state = self._verifier.state()
         if state == self._stored:
             return
+        self._unsaved = True
         if self._journal is None or state[_HEAD:-_TAG] != self._stored[_HEAD:-_TAG]:
             self.fold()  # a session has ended
             return
@@ -103,6 +105,7 @@ class VerifiedFrames:
         self._append(self._journal, state[:_HEAD] + state[-_TAG:])
         self._stored = state
         self._num_entries += 1
+        self._unsaved = False
         if self._num_entries >= CHECKPOINT_FRAMES:
             self.fold()
 
@@ -132,14 +135,22 @@ class VerifiedFrames:
         journal = os.open(self._path, os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC)
         self._journal = journal
         self._close_journal = weakref.finalize(self, os.close, journal)
-        self._stored, self._num_entries = state, 0
+        self._stored, self._num_entries, self._unsaved = state, 0, False
 
     def close(self) -> None:
-        """Fold the journal, and let others use the file; may be called twice."""
+        """Fold the journal, write what could not be, and let others use the file.
+
+        May be called twice.
+
+        Raises
+        ------
+        OSError, Error
+            As `fold`; others may use the file all the same.
+        """
         if not self._unlock.alive:
             return
         try:
-            if self._num_entries:
+            if self._num_entries or self._unsaved:
                 self.fold()
         finally:
             self._drop_journal()
