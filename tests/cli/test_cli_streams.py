@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +14,7 @@ import numpy as np
 import pytest
 
 from capsule_body import SMALL, frame, pose
-from manip3d import capture, forge
+from manip3d import RgbdFrame, capture, forge
 from manip3d.cli.forge import forge_frames
 from manip3d.cli.terminal import Terminal
 
@@ -70,16 +71,24 @@ def test_a_recording_that_is_stopped_has_no_old_truth(
             frames=8, force=force, options={},
         )  # fmt: skip
 
-    forge_it(force=False)
-    assert truth.is_file()
-
     def fail(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(forge.StreamTruth, "write", fail)
-    with pytest.raises(OSError, match="No space"):
+    def fail_at_once(_: object) -> Iterator[RgbdFrame]:
+        fail()
+        yield from ()
+
+    for owner, name, stopped in (
+        (forge.ForgedStream, "__iter__", fail_at_once),  # before a frame is forged
+        (forge.StreamTruth, "write", fail),  # after all of them
+    ):
         forge_it(force=True)
-    assert not truth.exists()
+        assert truth.is_file()
+        with monkeypatch.context() as patch:
+            patch.setattr(owner, name, stopped)
+            with pytest.raises(OSError, match="No space"):
+                forge_it(force=True)
+        assert not truth.exists()
 
 
 def test_poses_of_a_motion_file(person: Path, tmp_path: Path) -> None:

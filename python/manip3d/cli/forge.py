@@ -481,9 +481,10 @@ def forge_frames(
 
 @dataclass(frozen=True)
 class _WithoutOldTruth:
-    """A forged stream whose first frame, which replaces an old recording, removes its truth.
+    """A forged stream that removes the truth of an old recording before its first frame is forged.
 
-    Without it, a recording that was stopped would stand beside the truth about another one.
+    The recorder has removed the old recording by then: one that is stopped, or never begins, would
+    stand beside the truth about another one.
     """
 
     stream: ForgedStream
@@ -494,9 +495,8 @@ class _WithoutOldTruth:
         return self.stream.calibration
 
     def __iter__(self) -> Iterator[RgbdFrame]:
-        for frame in self.stream:
-            self.truth.unlink(missing_ok=True)
-            yield frame
+        self.truth.unlink(missing_ok=True)
+        yield from self.stream
 
 
 def _step(frames: Sequence[RgbdFrame]) -> float:
