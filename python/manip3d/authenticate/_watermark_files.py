@@ -287,7 +287,7 @@ def as_stored(
     intensity = frame.intensity
     if intensity is None and scan_suffix(target) in _WITH_INTENSITY:
         intensity = np.zeros(frame.num_points, np.float32)
-    return frame.replace(num_dropped=0, intensity=intensity)
+    return frame.replace(num_dropped=0, file_rows=None, intensity=intensity)
 
 
 def _is_same_format(one: Path, other: Path) -> bool:
@@ -308,7 +308,8 @@ def write_watermarked(
     """Write a watermarked scan and, beside it, its record or the picture that carries it.
 
     Both replace what was there, or neither does. A process that is killed in between leaves the
-    scan without a record, which is ``undecidable``, and never beside an old one.
+    old or the new scan without a record, which is ``undecidable``, and never beside that of the
+    other.
 
     Parameters
     ----------

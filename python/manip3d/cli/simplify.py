@@ -74,16 +74,6 @@ class Order:
             raise InputError(
                 f"--lock-box: expected the lower corner first, got {box[:3]} and {box[3:]}"
             )
-        if self.ratio is not None and not 0 < self.ratio <= 1:
-            raise InputError(f"--ratio: expected a number in (0, 1], got {self.ratio}")
-        for name, limit in (("max-error", self.max_error), ("max-distance", self.max_distance)):
-            if limit is not None and not 0 <= limit < math.inf:
-                raise InputError(f"--{name}: expected a finite number >= 0, got {limit}")
-        box = self.lock_box
-        if box is not None and not all(a <= b for a, b in zip(box[:3], box[3:], strict=True)):
-            raise InputError(
-                f"--lock-box: expected the lower corner first, got {box[:3]} and {box[3:]}"
-            )
 
     def target(self, num_faces: int) -> int | None:
         """The number of faces to stop at, of so many as were read."""
