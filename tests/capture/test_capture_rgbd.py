@@ -713,6 +713,12 @@ def test_a_recording_that_has_ended_begins_anew(tmp_path: Path, name: str) -> No
         first = source.read()
         assert first is not None
         assert first.number == numbers[0]
+        while source.read() is not None:
+            pass
+    assert list(source) == []  # stopped: nobody would close it again
+    source.start()
+    assert [frame.number for frame in source] == numbers
+    source.stop()
 
 
 def test_frames_that_are_there_begin_anew() -> None:

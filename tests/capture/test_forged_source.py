@@ -127,6 +127,29 @@ def test_colour_is_left_out_of_all_frames_where_the_background_has_none(
     assert (done.frames, done.source_counters["forged"] > 0) == (12, True)
 
 
+@pytest.mark.parametrize("options", ["show=forged", "show=0.1"])
+def test_a_forged_recording_begins_anew(places: dict[str, str], options: str) -> None:
+    uri = f"forged:{places['person']}#background={places['scene']}&{options}"
+    with capture.open_rgbd(uri) as source:
+        once, counters = list(source), source.counters
+        for _ in range(2):
+            again = list(source)
+            assert source.counters == counters
+            for one, other in zip(once, again, strict=True):
+                assert (one.number, one.time) == (other.number, other.time)
+                np.testing.assert_array_equal(one.depth, other.depth)
+                np.testing.assert_array_equal(one.color, other.color)  # type: ignore[arg-type]
+    assert list(source) == []
+
+
+def test_a_learnt_scene_is_learnt_anew(tmp_path: Path) -> None:
+    capture.record([person(n) for n in range(32)], tmp_path / "long", lossless_color=True)
+    with capture.open_rgbd(f"forged:folder:{tmp_path / 'long'}") as source:
+        for _ in range(2):
+            assert len(list(source)) == 32
+            assert (source.counters["real"], source.counters["forged"]) == (30, 2)
+
+
 def test_poses_come_from_a_source_or_a_motion_file(places: dict[str, str], tmp_path: Path) -> None:
     file = tmp_path / "motion.bvh"
     capture.export_joints(places["person"], file)

@@ -160,11 +160,9 @@ class SwitchedForgery:
         self._plan, self._inner, self._pose, self._speed = plan, inner, pose, speed
         self._switch = Path(path_of(plan.switch, "switch")) if plan.switch else None
         self._lock = threading.RLock()
-        self._counts = {"real": 0, "forged": 0}
-        self._learnt: list[RgbdFrame] = []
-        self._held: RgbdFrame | None = None
-        self._clock: tuple[float, int] | None = None
-        self._began: int | None = None
+        self._is_started = False
+        self._learns = not background
+        self._begin()
         own = inner.calibration
         if background:
             seen = background[0].calibration
@@ -180,6 +178,13 @@ class SwitchedForgery:
             self._has_color = own.registration is None
         self._calibration = own if self._has_color else RgbdCalibration(own.depth)
         self._forger = self._forger_before(background) if background else None
+
+    def _begin(self) -> None:
+        self._counts = {"real": 0, "forged": 0}
+        self._learnt: list[RgbdFrame] = []
+        self._held: RgbdFrame | None = None
+        self._clock: tuple[float, int] | None = None
+        self._began: int | None = None
 
     def _forger_before(self, background: Sequence[RgbdFrame]) -> StreamForger:
         plan = self._plan
@@ -280,8 +285,17 @@ class SwitchedForgery:
         return bool(self._inner.is_live)
 
     def start(self) -> None:
-        """Open the device again."""
-        self._inner.start()
+        """Open the device again; a recording begins anew, and with it all that goes with frames."""
+        with self._lock:
+            if not self._is_started:  # it was opened before it came here
+                self._is_started = True
+                return
+            self._inner.start()
+            self._begin()
+            if self._learns:
+                self._forger = None
+            elif self._forger is not None:
+                self._forger.reset()
 
     def stop(self) -> None:
         """End the thread of the source it reads from."""

@@ -72,8 +72,8 @@ class RgbdSource(FrameSource[RgbdFrame]):
     """Frames of an RGB-D camera or recording one after the other; made by `open`.
 
     Iterating goes on where reading stopped; once a recording has ended, it begins anew, as it does
-    with `start`. Sources made by `from_frames` begin anew if their frames are a sequence, a
-    simulator or a data set, not if they come from an iterator.
+    with `start`, but not after `stop`. Sources made by `from_frames` begin anew if their frames are
+    a sequence, a simulator or a data set, not if they come from an iterator.
 
     The images of a frame are its own: nothing changes in them when the next one comes, and they
     come out of the core without a copy.
@@ -90,7 +90,7 @@ class RgbdSource(FrameSource[RgbdFrame]):
         self.is_live = bool(source.is_live())
         self._source = source
         self._reopen = None if self.is_live else reopen
-        self._is_started = False
+        self._is_started = self._is_stopped = False
         self._calibration: RgbdCalibration | None = None
         self.start()
 
@@ -128,7 +128,7 @@ class RgbdSource(FrameSource[RgbdFrame]):
             self._source.stop()
             self._source = self._reopen()
         self._is_started = True
-        self._has_ended = False
+        self._has_ended = self._is_stopped = False
         self._source.start()
         self._calibration = _to_calibration(self._source.calibration())
 
@@ -155,7 +155,7 @@ class RgbdSource(FrameSource[RgbdFrame]):
         return self._wait(timeout)
 
     def _rewind(self) -> None:
-        if self._reopen is not None:
+        if self._reopen is not None and not self._is_stopped:
             self.start()
 
     def _to_frame(self, fields: Mapping[str, Any]) -> RgbdFrame:
@@ -163,7 +163,11 @@ class RgbdSource(FrameSource[RgbdFrame]):
         return RgbdFrame(**{**fields, "skeletons": skeletons}, calibration=self.calibration)
 
     def stop(self) -> None:
-        """End a live source's thread; the frame that it has can still be read."""
+        """End a live source's thread; the frame that it has can still be read.
+
+        A recording that has ended does not begin anew then, unless `start` is called.
+        """
+        self._is_stopped = True
         self._source.stop()
 
 
@@ -188,6 +192,10 @@ class ForgedSource(RgbdSource):
         if not isinstance(value, bool):
             raise InputError(f"forged: expected True or False, got {value!r}")
         self._source.is_forged = value
+
+    def _rewind(self) -> None:
+        if not self.is_live and not self._is_stopped:
+            self.start()
 
 
 class _Iterated:
