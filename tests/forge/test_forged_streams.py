@@ -258,7 +258,9 @@ def test_the_median_of_what_was_seen_is_a_depth_that_was_seen() -> None:
     assert _median_seen(depths).tolist() == [list(seen.values())]
 
 
-def archive_of(masks: bytes, *, version: int = 20) -> bytes:
+def archive_of(
+    masks: bytes, *, version: int = 20, shape: tuple[int, int, int] = (1, 2, 4)
+) -> bytes:
     """A truth whose masks are these bytes of ``.npy``."""
 
     def array(values: object) -> bytes:
@@ -269,7 +271,7 @@ def archive_of(masks: bytes, *, version: int = 20) -> bytes:
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w") as archive:
         archive.writestr("kind.npy", array(np.int64(1)))
-        archive.writestr("shape.npy", array([1, 2, 4]))
+        archive.writestr("shape.npy", array(shape))
         archive.writestr("masks.npy", masks)
         archive.writestr("numbers.npy", array([0]))
     content = bytearray(stream.getvalue())
@@ -288,8 +290,11 @@ def test_truths_that_claim_more_than_they_have_are_refused(tmp_path: Path) -> No
     assert forge.read_stream_truth(path).masks.shape == (1, 2, 4)
     claims = honest.replace(b"(1,), }           ", b"(99999999999,), } ")
     assert claims != honest
+    empty = honest.replace(b"(1,), } ", b"(0,), } ")[:-1]
+    assert np.load(io.BytesIO(empty)).shape == (0,)
     for content in (
         archive_of(claims),
+        archive_of(empty, shape=(0, 10**18, 10**18)),
         archive_of(b"\x93NUMPY\x02" + honest[7:]),
         archive_of(honest, version=255),
         honest,
@@ -297,3 +302,9 @@ def test_truths_that_claim_more_than_they_have_are_refused(tmp_path: Path) -> No
         path.write_bytes(content)
         with pytest.raises(FormatError, match="expected the truth of a forged stream"):
             forge.read_stream_truth(path)
+
+
+def test_a_truth_too_large_to_be_read_is_not_written(tmp_path: Path) -> None:
+    masks = np.broadcast_to(np.False_, (2**20, 2**10, 2**9))
+    with pytest.raises(InputError, match="masks: expected at most 274877906944 pixels"):
+        forge.StreamTruth(1, masks, np.arange(2**20)).write(tmp_path / "truth.npz")

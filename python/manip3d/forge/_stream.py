@@ -57,7 +57,7 @@ class ForgedFrame:
     stage_ms: dict[str, float] = field(default_factory=dict)
 
 
-_MOST_PIXELS = 2**34  # in all frames: hours of a depth camera
+_MOST_PIXELS = 2**38  # in all frames: eight hours of a depth camera of 640x480 at 30 Hz
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,18 @@ class StreamTruth:
         ----------
         path : path
             An ``.npz`` file; `read_stream_truth` reads it.
+
+        Raises
+        ------
+        InputError
+            There are more pixels than `read_stream_truth` takes.
+        OSError
+            The file cannot be written.
         """
+        if self.masks.size > _MOST_PIXELS:
+            raise InputError(
+                f"masks: expected at most {_MOST_PIXELS} pixels in all, got {self.masks.size}"
+            )
         stream = io.BytesIO()
         np.savez_compressed(
             stream,
@@ -140,6 +151,7 @@ def read_stream_truth(path: str | os.PathLike[str]) -> StreamTruth:
         if min(frames, height, width) < 0 or (size + 7) // 8 != bits.size or kind not in (1, 2):
             raise ValueError("sizes do not agree")
         masks = np.unpackbits(bits.astype(np.uint8, casting="no"), count=size).astype(bool)
+        masks = masks.reshape(frames, height, width)
         if numbers.shape != (frames,) or numbers.dtype != np.int64:
             raise ValueError("numbers do not agree with the masks")
     except (
@@ -158,7 +170,7 @@ def read_stream_truth(path: str | os.PathLike[str]) -> StreamTruth:
         raise FormatError(
             f"expected the truth of a forged stream: {error}", file=str(path)
         ) from None
-    return StreamTruth(kind, masks.reshape(frames, height, width), numbers)
+    return StreamTruth(kind, masks, numbers)
 
 
 def _check_claims(content: bytes) -> None:
