@@ -206,6 +206,11 @@ def test_a_shared_budget_leaves_every_model_with_the_same_error(method: str) -> 
 def test_a_budget_that_is_no_limit_changes_nothing_and_one_that_is_too_small_is_missed() -> None:
     mesh = hills(4)
     assert share_budget([mesh, mesh], 64).levels[0].mesh is mesh
+    with pytest.raises(InputError, match="method: expected one of quality, fast, qem"):
+        share_budget([mesh, mesh], 64, method="nonsense")
+    for method in ("quality", "qem4vr"):
+        with pytest.raises(InputError, match="options: expected arguments of"):
+            share_budget([mesh, mesh], 64, method=method, options={"nonsense": 1})
     missed = share_budget([mesh, mesh], 3)
     assert not missed.reached
     with pytest.raises(InputError, match="meshes"):

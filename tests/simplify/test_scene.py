@@ -270,6 +270,14 @@ def test_what_is_seen_stays_when_another_mesh_is_not(
     assert all(level.scene.meshes[1].num_faces > 0.4 * level.num_faces for level in levels)
 
 
+@pytest.mark.parametrize("levels", [[200, 200], [0], [-5], [50, 100], []])
+def test_levels_shared_out_are_checked_first(levels: list[int], tmp_path: Path) -> None:
+    nodes: list[dict[str, Any]] = [{"mesh": 0, "scale": [0, 0, 0]}, {"mesh": 1}]
+    scene = io.read_scene(scene_file(tmp_path / "two.glb", [sphere(24, 16)] * 2, nodes))
+    with pytest.raises(InputError, match="levels: expected descending numbers of faces >= 1"):
+        simplify.scene_lods(scene, levels)
+
+
 def test_limits_of_error_leave_alone_what_is_not_seen(tmp_path: Path) -> None:
     ball = sphere(24, 16)
     nodes: list[dict[str, Any]] = [

@@ -96,7 +96,8 @@ _MESSAGES = {
     PhantomReason.SHREDDED: "The phantom limb is in pieces.",
     PhantomReason.CUT: "Too much of the body was cut out with the limb.",
     PhantomReason.DOUBLED: "Part of the affected limb is still in the picture.",
-    PhantomReason.LATE: "The camera's clock stands or runs back: its pictures are passed over.",
+    PhantomReason.LATE: "The camera's clock stands or runs back: at most ten pictures in a row are "
+    "passed over.",
 }
 
 
@@ -205,7 +206,7 @@ class PhantomFrame:
         Pixels of the person, taken out, mirrored, of these with a surface that mirroring turned
         away from the camera, and filled as holes.
     late_frames : int
-        Frames passed over so far because they were not newer than the one before.
+        Frames that were not newer than the one before; ten in a row at most are passed over.
     color : (H', W', 3) uint8 or None
         The frame's own, for the body.
     phantom_color : (H', W', 3) uint8 or None

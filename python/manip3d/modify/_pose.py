@@ -207,7 +207,7 @@ class PoseTracker:
         Parameters
         ----------
         frame : RgbdFrame
-            With colour, in the depth image's pixels.
+            With colour, in the depth image's pixels or those of ``calibration.registration``.
 
         Returns
         -------
@@ -249,7 +249,7 @@ class PoseTracker:
         Parameters
         ----------
         frame : RgbdFrame
-            With colour, in the depth image's pixels.
+            With colour, in the depth image's pixels or those of ``calibration.registration``.
 
         Returns
         -------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -103,8 +103,6 @@ class JointSimplification(Showable):
         What was chosen in each view, before the views were joined.
     colors : tuple of ((H', W', 3) uint8 or None)
         Colour image of each view, if it has one.
-    coverage : float
-        Share of the measured pixels of all views that lie within the ``tolerance`` of the mesh.
     """
 
     vertices: NDArray[np.float64] = field(repr=False)
@@ -116,7 +114,8 @@ class JointSimplification(Showable):
     covered: tuple[NDArray[np.bool_], ...] = field(repr=False)
     views: tuple[DepthSimplification, ...] = field(repr=False)
     colors: tuple[NDArray[np.uint8] | None, ...] = field(repr=False)
-    coverage: float
+    _measured: tuple[tuple[_View, float], ...] = field(repr=False)
+    _threads: int = field(repr=False)
 
     @property
     def num_vertices(self) -> int:
@@ -127,6 +126,23 @@ class JointSimplification(Showable):
     def num_faces(self) -> int:
         """Number of triangles."""
         return len(self.faces)
+
+    @cached_property
+    def coverage(self) -> float:
+        """Share of the measured pixels of all views that lie within the ``tolerance`` of the mesh.
+
+        Measured when it is first asked for.
+        """
+        total = sum(int(view.valid.sum()) for view, _ in self._measured)
+        if total == 0 or not self.num_faces:
+            return 0.0
+        mesh = Mesh(self.vertices, self.faces)
+        covered = 0
+        for view, tolerance in self._measured:
+            if view.valid.any():
+                distance, _, _ = _core.closest_points(mesh, view.world, self._threads, None)
+                covered += int(np.count_nonzero(distance <= tolerance))
+        return covered / total
 
     @cached_property
     def mesh(self) -> Mesh:
@@ -227,7 +243,7 @@ class _Steps:
     def across(
         self, view: _View, pixels: NDArray[np.int32], corners: NDArray[np.int32]
     ) -> NDArray[np.bool_]:
-        """For triangles over many pixels."""
+        """Return which triangles of the sparse mesh span a step."""
         if self.step is None or view.focal == 0 or not len(corners):
             return np.zeros(len(corners), bool)
         image = np.where(view.valid, view.points[..., 2], np.float32(0))
@@ -521,7 +537,7 @@ def cs3_cameras(
     """
 
     def choose(view: _View, open_pixels: NDArray[np.bool_], share: int) -> Cs3Result:
-        return cs3_grid(
+        chosen = cs3_grid(
             view.points,
             open_pixels,
             share,
@@ -529,6 +545,8 @@ def cs3_cameras(
             variant=variant,
             threads=threads,
         )
+        surface = DenseGrid(view.points, open_pixels, math.inf, focal=view.focal)
+        return replace(chosen, surface=surface)
 
     return _join(views, target_points, choose, max_edge, depth_step, tolerance, threads)
 
@@ -710,19 +728,6 @@ def _join(
         tuple(all_covered),
         tuple(chosen_views),
         tuple(view.color for view in taken),
-        _coverage(joint, taken, near, threads),
+        tuple(zip(taken, near, strict=True)),
+        threads,
     )
-
-
-def _coverage(joint: _Joint, views: list[_View], near: list[float], threads: int) -> float:
-    """Share of the views' pixels that lie on the mesh."""
-    total = sum(int(view.valid.sum()) for view in views)
-    if total == 0 or not len(joint.faces):
-        return 0.0
-    mesh = Mesh(joint.vertices, joint.faces)
-    covered = 0
-    for view, tolerance in zip(views, near, strict=True):
-        if view.valid.any():
-            distance, _, _ = _core.closest_points(mesh, view.world, threads, None)
-            covered += int(np.count_nonzero(distance <= tolerance))
-    return covered / total

@@ -190,7 +190,7 @@ class DepthFileResult:
     def coverage_missed(self) -> bool:
         """Less than ``options.min_coverage`` of the measured pixels are covered.
 
-        Those that the dense mesh does not use are not.
+        Measured pixels outside the dense mesh count as not covered.
         """
         return not self.coverage * (1.0 - self.outside) >= self.options.min_coverage
 
@@ -652,7 +652,8 @@ def colors_of_frames(
     names = sorted((os.fspath(frame) for frame in frames), key=by_number)
     image_of = {path.stem: str(path) for path in images}
     stems = [Path(frame).stem for frame in names]
-    if len(set(stems)) == len(image_of) and set(stems) == set(image_of):
+    is_one_each = len(image_of) == len(images) and len(set(stems)) == len(stems)
+    if is_one_each and set(stems) == set(image_of):
         return {frame: image_of[stem] for frame, stem in zip(names, stems, strict=True)}
     return dict(zip(names, map(str, images), strict=True))
 

@@ -144,7 +144,7 @@ def lod_chain(
     >>> [level.num_faces for level in chain.levels]
     [4, 2]
     """
-    targets = _targets(mesh.num_faces, levels, ratio)
+    targets = targets_of(mesh.num_faces, levels, ratio)
     if method in _OWN_RUNS:
         return _chain_of_runs(mesh, targets, method, options, progress)
     result = _run(mesh, targets[-1], method, options, progress)
@@ -208,6 +208,14 @@ def check_options(method: str, run: Callable[..., Any], options: Mapping[str, An
         raise InputError(f"options: expected arguments of {method}, got {', '.join(unknown)}")
 
 
+def runner(method: str) -> Callable[..., Any]:
+    """Return the function of a method."""
+    own: Mapping[str, Callable[..., Any]] = {**_OWN_RUNS, **METHODS}
+    if method not in own:
+        raise InputError(f"method: expected one of {', '.join(own)}, got {method!r}")
+    return own[method]
+
+
 def _run(
     mesh: Mesh,
     target_faces: int,
@@ -215,14 +223,15 @@ def _run(
     options: Mapping[str, Any] | None,
     progress: Progress,
 ) -> SimplifyResult:
-    if method not in METHODS:
-        raise InputError(f"method: expected one of {', '.join(METHODS)}, got {method!r}")
-    run = METHODS[method]
+    run = runner(method)
     check_options(method, run, options)
-    return run(mesh, target_faces=target_faces, progress=progress, **(options or {}))
+    result: SimplifyResult = run(
+        mesh, target_faces=target_faces, progress=progress, **(options or {})
+    )
+    return result
 
 
-def _targets(num_faces: int, levels: int | Sequence[int], ratio: float) -> list[int]:
+def targets_of(num_faces: int, levels: int | Sequence[int], ratio: float) -> list[int]:
     """Numbers of faces of the coarser levels."""
     if isinstance(levels, int):
         if levels < 2:
@@ -389,6 +398,7 @@ def share_budget(
         raise InputError("meshes: expected at least one, got none")
     if faces < 1:
         raise InputError(f"faces: expected >= 1, got {faces}")
+    check_options(method, runner(method), options)
     if sum(mesh.num_faces for mesh in meshes) <= faces:
         levels = tuple(LodLevel(mesh, 0.0) for mesh in meshes)
     elif method in _OWN_RUNS:
@@ -410,7 +420,6 @@ def _share_by_runs(
 ) -> tuple[LodLevel, ...]:
     """The number of faces of each mesh where all have the same error, then a run to each."""
     run = _OWN_RUNS[method]
-    check_options(method, run, options)
     given = dict(options or {})
     limit = given.pop("max_error", None)
     share = faces / sum(mesh.num_faces for mesh in meshes)

@@ -13,10 +13,10 @@ from manip3d._util.checked import checked
 from manip3d.errors import InputError
 from manip3d.io import Scene
 from manip3d.mesh import Material, Mesh
-from manip3d.simplify._collapse import METHODS, SimplifyResult, StopReason, clean
-from manip3d.simplify._lod import check_options, lod_chain
+from manip3d.simplify._collapse import SimplifyResult, StopReason, clean
+from manip3d.simplify._lod import check_options, lod_chain, runner, targets_of
 from manip3d.simplify._parts import compact_rows
-from manip3d.simplify._quality import QualityResult, fast, quality
+from manip3d.simplify._quality import QualityResult
 
 if TYPE_CHECKING:
     import os
@@ -134,7 +134,6 @@ class _Instances:
     transforms: NDArray[np.float64]  # (N, 4, 4) into the coordinates of the scene
     largest: int  # the row of the largest one that has an inverse, else of the largest
     is_flat: bool  # no instance has an inverse: each is flattened or has scale 0
-    size: float  # by how much the largest one stretches the mesh at most
 
     @classmethod
     def of(cls, index: int, transforms: NDArray[np.float64]) -> _Instances:
@@ -144,7 +143,7 @@ class _Instances:
         sizes = np.where(flat, -1.0, (linear**2).sum(axis=(1, 2)))
         is_flat = bool(flat.all())
         largest = int(np.argmax(singular[:, 0] if is_flat else sizes))
-        return cls(index, transforms, largest, is_flat, float(singular[:, 0].max()))
+        return cls(index, transforms, largest, is_flat)
 
     @property
     def place(self) -> NDArray[np.float64]:
@@ -393,8 +392,8 @@ def simplify_scene(
         that no instance shows (all have scale 0, or are smaller than 1e-5 of the scene's diagonal)
         stays as it is where no number of faces is given.
     lock_box : (2, 3) float, optional
-        Two corners, in the coordinates of the scene: vertices between them stay (for ``"quality"``
-        and ``"fast"``). Of several instances the largest one counts.
+        The lower corner, then the upper one, in the coordinates of the scene: vertices between them
+        stay (for ``"quality"`` and ``"fast"``). Of several instances the largest one counts.
     cleaned : bool
         Clean the meshes first (:func:`clean`), where the method does not do it itself.
     options : dict of str, optional
@@ -410,7 +409,8 @@ def simplify_scene(
     Raises
     ------
     InputError
-        No target, no mesh that may be simplified, and what the method refuses.
+        No target, no mesh that may be simplified, a ``lock_box`` of another shape or whose lower
+        corner is not first, and what the method refuses.
 
     Notes
     -----
@@ -440,7 +440,7 @@ def simplify_scene(
             "target_faces, ratio, max_error or max_distance: expected at least one, got none"
         )
     box = None if lock_box is None else checked_box(lock_box)
-    run = _runner(method)
+    run: Callable[..., _Result] = runner(method)
     check_options(method, run, options)
     cleans = cleaned and method not in ("quality", "fast")
 
@@ -462,7 +462,7 @@ def simplify_scene(
 
 
 def _scaled(limit: float | None, unit: float) -> float | None:
-    """A limit of the scene for a mesh whose unit is so large; none for what has no size."""
+    """Return a limit in the mesh's own unit; None where every instance has scale 0."""
     return None if limit is None or unit == 0.0 else limit / unit
 
 
@@ -503,13 +503,6 @@ def _of_groups(
     if target is not None and stop == StopReason.TARGET_REACHED and made.num_faces > target:
         stop = StopReason.NO_LEGAL_COLLAPSE
     return SceneResult(made, max(errors), max(bounds) if bounded else None, stop, result)
-
-
-def _runner(method: str) -> Callable[..., _Result]:
-    own: dict[str, Callable[..., _Result]] = {"quality": quality, "fast": fast, **METHODS}
-    if method not in own:
-        raise InputError(f"method: expected one of {', '.join(own)}, got {method!r}")
-    return own[method]
 
 
 def _drawn_target(scene: Scene, target_faces: int | None, ratio: float | None) -> int | None:
@@ -593,7 +586,8 @@ def scene_lods(
         The finest level; not changed.
     levels : int or sequence of int
         How many levels there are in all, or the numbers of stored faces of the coarser ones,
-        descending. A stored face counts once, however many nodes show it.
+        descending. A stored face counts once, however many nodes show it. Meshes that are hidden or
+        flattened are simplified by themselves, and each group gets its share of these numbers.
     ratio : float in (0, 1)
         Stored faces of a level over those of the one before, where ``levels`` is a number.
     method, options, progress
@@ -626,7 +620,7 @@ def scene_lods(
     total = sum(mesh.num_faces for mesh in meshes)
     first = meshes[0].num_faces
     if not isinstance(levels, int) and first < total:
-        shares = (max(1, int(level) * first // total) for level in levels)
+        shares = (max(1, level * first // total) for level in targets_of(total, levels, ratio))
         levels = list(dict.fromkeys(shares))
     chain = lod_chain(
         meshes[0], levels, ratio=ratio, method=method, options=options, progress=progress
@@ -634,7 +628,7 @@ def scene_lods(
     found = [free[0].split(level.mesh, scene) for level in chain.levels[1:]]
     errors = [level.max_error * free[0].unit for level in chain.levels[1:]]
     for placed, mesh in zip(free[1:] if found else [], meshes[1:], strict=False):
-        # As many of its faces as stay of the first.
+        # The same share of its faces as the first group keeps.
         own = [max(1, lv.num_faces * mesh.num_faces // first) for lv in chain.levels[1:]]
         coarser = lod_chain(
             mesh, list(dict.fromkeys(own)), method=method, options=options, progress=progress

@@ -323,8 +323,8 @@ def png_bytes(image: Image) -> bytes:
 
     Parameters
     ----------
-    image : (H, W, 3) uint8
-        R, G, B, as `picture` returns it.
+    image : (H, W), (H, W, 3) or (H, W, 4) uint8
+        Grey; R, G, B, as `picture` returns it; or R, G, B and opacity.
 
     Returns
     -------
@@ -351,7 +351,7 @@ def png_bytes(image: Image) -> bytes:
         and image.ndim > 1
         and image.size
     ):
-        raise InputError("image: expected a picture, (H, W, 3) uint8")
+        raise InputError("image: expected a picture, (H, W), (H, W, 3) or (H, W, 4) uint8")
     stream = io.BytesIO()
     pillow().fromarray(image).save(stream, format="PNG", optimize=True)
     return stream.getvalue()
