@@ -119,6 +119,45 @@ def test_more_episodes_than_chance_has_are_tampered() -> None:
     assert binomial_tail(11, 10, 0.5) == pytest.approx(0.0, abs=1e-12)
 
 
+@pytest.mark.parametrize("name", ["density", "occlusion", "generic"])
+def test_detectors_of_one_scan_accuse_each_scan_on_its_own(name: str) -> None:
+    """Detectors I and II state no p-value: successive scans that they accuse add up here alone."""
+    scan = replace(accused(0.01, name), detectors=(DetectorReport(name, "tampered", "", 1.0),))
+    verdict, reason = authenticate.verdict_of_drive([scan] * 10)
+    assert (verdict, "10 episodes are more than chance has" in reason) == ("tampered", True)
+    both = replace(scan, detectors=(*scan.detectors, *ODD.detectors))
+    assert authenticate.verdict_of_drive([CLEAN] * 60 + [both] * 5 + [CLEAN] * 35)[0] == "tampered"
+
+
+@pytest.mark.parametrize("name", ["turns", "reflectance"])
+def test_scans_of_other_places_are_episodes_of_their_own(name: str) -> None:
+    drive = [CLEAN] * 60 + [accused(0.01, name)] * 5 + [CLEAN] * 35
+    for step, verdict in ((1, "undecidable"), (2, "tampered")):
+        numbers = range(7, 7 + 100 * step, step)
+        assert authenticate.verdict_of_drive(drive, numbers)[0] == verdict
+        assert authenticate.verdict_of_drive(drive, np.array(numbers))[0] == verdict
+    with pytest.raises(InputError, match="numbers: expected 100, one for each scan, got 2"):
+        authenticate.verdict_of_drive(drive, [1, 2])
+    with pytest.raises(InputError, match="numbers: expected ints, got str"):
+        authenticate.verdict_of_drive(drive, ["1"] * 100)
+
+
+def test_the_page_of_a_drive_has_its_verdict(tmp_path: Path) -> None:
+    drive, page = [accused(0.01)] * 5 + [CLEAN] * 95, tmp_path / "drive.html"
+    names = [str(k) for k in range(100)]
+    report.write_drive_evidence(drive, page, names=names)
+    assert "<h1 class=undecidable>" in page.read_text()
+    report.write_drive_evidence(drive, page, names=names, numbers=range(0, 200, 2))
+    assert "<h1 class=tampered>" in page.read_text()
+
+
+def test_a_share_of_clean_drives_is_one_at_most() -> None:
+    drive = [accused(1e-11)] + [CLEAN] * 39_999
+    assert "of clean drives as long 100.0% at most" in authenticate.verdict_of_drive(drive)[1]
+    drive = [accused(1.0, "watermark")]
+    assert "of clean drives" not in authenticate.verdict_of_drive(drive)[1]
+
+
 def test_a_single_strong_scan_makes_a_drive_tampered() -> None:
     rest = [CLEAN] * 9999
     for strong, words in (

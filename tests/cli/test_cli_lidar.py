@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import json
 import re
 import subprocess
@@ -18,9 +19,12 @@ from typer.testing import CliRunner, Result
 import manip3d
 import manip3d.report
 from cave_scans import CAVE, ball
+from manip3d import authenticate, datasets, report
 from manip3d.cli import app
 from manip3d.cli.forge import ATTACKS
+from manip3d.cli.inspect import _append
 from manip3d.cli.many import _gravest
+from manip3d.cli.terminal import Terminal
 
 Points = NDArray[np.float32]
 
@@ -289,11 +293,41 @@ def test_several_scans_are_a_short_table(scan: Path, tmp_path: Path) -> None:
     assert "detectors" in found[0]
 
 
+@pytest.mark.parametrize("also", [(), ("--jobs", 1)])
+def test_the_log_names_urls_and_no_temporary_copies(
+    scan: Path, tmp_path: Path, also: tuple[object, ...]
+) -> None:
+    pytest.importorskip("fsspec", reason="the extra 'remote' is not installed")
+    (tmp_path / "empty.bin").write_bytes(b"")
+    urls = [f"file://{tmp_path}/empty.bin", *([f"file://{scan}"] if also else [])]
+    log = tmp_path / "case.jsonl"
+    done = run("inspect", *urls, "--log", log, "-q", *also)
+    assert done.exit_code == 4, done.output
+    entries = report.read_log(log)
+    assert [entry["source"] for entry in entries] == urls
+    hashes = [datasets.file_sha256(Path(url.removeprefix("file://"))) for url in urls]
+    assert [entry["source_sha256"] for entry in entries] == hashes
+
+
+def test_the_log_has_the_hash_of_a_recording_that_an_address_names(tmp_path: Path) -> None:
+    path, log = tmp_path / "a.mkv", tmp_path / "case.jsonl"
+    path.write_bytes(b"frames")
+    empty = authenticate.inspect(np.zeros((0, 3), np.float32))
+    for source in (f"mkv:{path}", "sim:body"):
+        _append(log, empty, source, Terminal(quiet=True))
+    first, second = report.read_log(log)
+    assert first["source"] == f"mkv:{path}"
+    assert first["source_sha256"] == hashlib.sha256(b"frames").hexdigest()
+    assert second["source_sha256"] == ""
+
+
 def test_options_of_one_scan_are_refused_for_several(scan: Path, tmp_path: Path) -> None:
     for option in ("--previous", "--following", "--watermark", "--rows"):
         done = run("inspect", scan, tmp_path, option, tmp_path / "x.csv")
         assert done.exit_code == 1
         assert f"{option}: expected with a single scan, got several" in str(done.exception)
+        done = run("inspect", scan, tmp_path / "missing", option, tmp_path / "x.csv")
+        assert "got several" in str(done.exception)  # before any file is looked for
     rows = tmp_path / "rows.csv"
     rows.write_text("mine")
     assert "--force replaces it" in str(run("inspect", scan, "--rows", rows).exception)

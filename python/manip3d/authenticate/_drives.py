@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import os
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
@@ -31,6 +31,9 @@ GRAVEST_FIRST: tuple[Verdict, ...] = ("tampered", "processed", "undecidable", "n
 
 DRIVE_RATE = 0.01
 """Clean drives, at most, that have as many episodes of accused scans as one that is tampered."""
+
+_OF_MANY_TURNS = {"turns", "reflectance"}
+"""Detectors IV and V: what looks odd to them in one turn looks odd in the next."""
 
 _MOST_NAMED = 10
 
@@ -125,25 +128,30 @@ def _check_each(name: str, values: object, *kinds: type) -> None:
 
 
 @checked
-def verdict_of_drive(found: Sequence[Inspection | None]) -> tuple[Verdict, str]:
+def verdict_of_drive(
+    found: Sequence[Inspection | None], numbers: Iterable[int] | None = None
+) -> tuple[Verdict, str]:
     """Return the verdict of a drive by what its scans say together, and its reason.
 
     Parameters
     ----------
     found : sequence of Inspection or None
         None: a frame that is missing, which counts as undecidable.
+    numbers : iterable of int, optional
+        Number of each scan, as of `inspect_drive`: those that differ by one are a turn apart. By
+        default all follow each other.
 
     Returns
     -------
     (verdict, reason)
         ``tampered`` if the accused scans are more than chance explains; else ``processed`` if a
         scan is; else ``undecidable`` if a scan is accused or undecidable, or there is none; else
-        ``no_trace``. Of accused scans the reason names the numbers, from 0.
+        ``no_trace``. Of accused scans the reason names the places in ``found``, from 0.
 
     Raises
     ------
     InputError
-        ``found`` holds something else than inspections and None.
+        ``found`` holds something else than inspections and None; ``numbers`` has another length.
 
     Notes
     -----
@@ -153,12 +161,13 @@ def verdict_of_drive(found: Sequence[Inspection | None]) -> tuple[Verdict, str]:
     - a scan whose points are so far off the lattice that one of all clean drives in a thousand had
       one (detector III, Bonferroni over the scans);
     - so many episodes of accused scans that one clean drive in a hundred has as many (the binomial
-      law; scans that follow each other are one episode, since what looks odd in one looks odd in
-      the next);
+      law; scans a turn apart that detectors IV and V alone accuse are one episode with the one
+      before, since what looks odd to them in one turn looks odd in the next; every other accused
+      scan is one of its own);
     - an alarm of `drive_evidence`, at one an hour.
 
-    Of clean drives of N scans 1.1 % + N / 36000 at most are called tampered, if frames apart from
-    each other are independent. An edit of a single scan that only detectors IV and V see makes a
+    Of clean drives of N scans 1.1 % + N / 36000 at most are called tampered, if episodes are
+    independent of each other. An edit of a single scan that only detectors IV and V see makes a
     long drive undecidable: look at the scan.
 
     Examples
@@ -169,6 +178,10 @@ def verdict_of_drive(found: Sequence[Inspection | None]) -> tuple[Verdict, str]:
     >>> authenticate.verdict_of_drive([empty, None])
     ('undecidable', '2 of 2 scans')
     """
+    _check_each("numbers", numbers, int, np.integer)
+    places = list(range(len(found)) if numbers is None else numbers)
+    if len(places) != len(found):
+        raise InputError(f"numbers: expected {len(found)}, one for each scan, got {len(places)}")
     verdicts: Counter[str] = Counter(
         "undecidable" if each is None else each.verdict for each in found
     )
@@ -177,10 +190,16 @@ def verdict_of_drive(found: Sequence[Inspection | None]) -> tuple[Verdict, str]:
         return verdict, "there are no scans"
     if verdict != "tampered":
         return verdict, f"{verdicts[verdict]} of {len(found)} scans"
-    accused = [k for k, each in enumerate(found) if each is not None and each.verdict == verdict]
-    told = f"{len(accused)} of {len(found)} scans accused ({_listed(accused)})"
-    if (why := _why_no_chance(found, accused)) is not None:
-        share = DRIVE_RATE + rate_of("generic") + len(found) / (3600.0 * FRAMES_PER_SECOND)
+    accused = {
+        k: each for k, each in enumerate(found) if each is not None and each.verdict == verdict
+    }
+    told = f"{len(accused)} of {len(found)} scans accused ({_listed(list(accused))})"
+    for number, each in accused.items():
+        if "watermark" in _accusers(each):
+            return verdict, f"{told}: the watermark of number {number} does not hold"
+    if (why := _why_no_chance(found, accused, places)) is not None:
+        alarms = len(found) / (3600.0 * FRAMES_PER_SECOND)
+        share = min(1.0, DRIVE_RATE + rate_of("generic") + alarms)
         return verdict, f"{told}: {why}; of clean drives as long {share:.1%} at most are called so"
     return (
         "processed" if verdicts["processed"] else "undecidable",
@@ -195,24 +214,30 @@ def _listed(numbers: Sequence[int]) -> str:
     return f"number {named}{more}" if len(numbers) == 1 else f"numbers {named}{more}"
 
 
-def _why_no_chance(found: Sequence[Inspection | None], accused: Sequence[int]) -> str | None:
+def _accusers(found: Inspection) -> set[str]:
+    """The detectors that call a scan tampered."""
+    return {report.name for report in found.detectors if report.verdict == "tampered"}
+
+
+def _why_no_chance(
+    found: Sequence[Inspection | None], accused: Mapping[int, Inspection], places: Sequence[int]
+) -> str | None:
     """What of a drive's accused scans chance does not explain; None: it explains all."""
     judged = sum(each is not None for each in found)
-    for number in accused:
-        each = found[number]
-        if each is None:
-            continue
+    for number, each in accused.items():
         for report in each.detectors:
-            if report.verdict != "tampered":
-                continue
-            if report.name == "watermark":
-                return f"the watermark of number {number} does not hold"
-            if report.name == "generic" and _lattice_p_value(report) * judged <= rate_of("generic"):
+            is_of_lattice = report.name == "generic" and report.verdict == "tampered"
+            if is_of_lattice and _lattice_p_value(report) * judged <= rate_of("generic"):
                 return f"points of number {number} lie where the sensor cannot measure"
     alarms = drive_evidence(found).alarms
     if alarms:
         return f"the evidence of successive scans adds up to an alarm at number {alarms[0]}"
-    episodes = sum(number - 1 not in accused for number in accused)
+    episodes = sum(
+        number - 1 not in accused
+        or places[number] != places[number - 1] + 1
+        or not _accusers(each) <= _OF_MANY_TURNS
+        for number, each in accused.items()
+    )
     if binomial_tail(episodes, judged, FALSE_ALARM_RATE) <= DRIVE_RATE * (1.0 + 1e-9):
         return f"{episodes} {'episode' if episodes == 1 else 'episodes'} are more than chance has"
     return None

@@ -25,7 +25,7 @@ from manip3d.cli.options import (
     OptionalOutput,
     Quiet,
 )
-from manip3d.cli.terminal import Terminal, check_output, counted, table
+from manip3d.cli.terminal import Terminal, check_output, counted, shown, table
 from manip3d.errors import Error, InputError
 from manip3d.io import SCAN_SUFFIXES
 
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from manip3d.authenticate import Inspection, KeyFile, StreamInspection
-    from manip3d.batch import SourceFile
     from manip3d.lidar import LidarFrame
 
 EXIT_CODES = {"no_trace": 0, "tampered": 3, "processed": MISSED, "undecidable": MISSED}
@@ -42,14 +41,13 @@ EXIT_CODES = {"no_trace": 0, "tampered": 3, "processed": MISSED, "undecidable": 
 GRAVEST_FIRST = ("tampered", "processed", "undecidable", "no_trace")
 
 
-def _of_one_only(files: Sequence[SourceFile], options: Mapping[str, Any]) -> dict[str, Any]:
+def _check_for_many(options: Mapping[str, Any]) -> None:
     """Refuse options that belong to one scan, and logs that cannot be written."""
     for name in ("previous", "following", "watermark", "rows"):
         if options[name] is not None:
             raise InputError(f"--{name}: expected with a single scan, got several")
     _exit_codes(options["policy"])
     _check_log(options["log"])
-    return {}
 
 
 def _code_of_rows(rows: Sequence[Mapping[str, Any]], options: Mapping[str, Any]) -> int:
@@ -65,7 +63,7 @@ def _code_of_rows(rows: Sequence[Mapping[str, Any]], options: Mapping[str, Any])
     lambda: SCAN_SUFFIXES,
     writable=lambda: (".html", ".json"),
     otherwise=".html",
-    prepare=_of_one_only,
+    check=_check_for_many,
     exit_code=_code_of_rows,
     columns=("source", "verdict", "sensor", "p_value", "reason"),
 )
@@ -247,8 +245,10 @@ def _append(log: Path, found: Inspection | StreamInspection, source: str, shell:
     from manip3d import datasets, report
 
     path = Path(source)
+    if not path.exists() and source.startswith("mkv:"):
+        path = Path(source.partition(":")[2])
     sha256 = datasets.file_sha256(path) if path.is_file() else ""
-    digest = report.append_log(log, found, source=source, source_sha256=sha256)
+    digest = report.append_log(log, found, source=shown(source), source_sha256=sha256)
     shell.say(f"appended to {log}: {digest}")
 
 
@@ -368,9 +368,10 @@ def inspect_drive(
     drive = Drive(source, calibration)
     found: list[Inspection | None] = []
     records: list[dict[str, Any]] = []
+    places = drive.numbers()
     judged = authenticate.inspect_drive(
         drive.frames(),
-        numbers=drive.numbers(),
+        numbers=places,
         records=None if key is None else drive.records(),
         key=key,
         **options,
@@ -387,13 +388,14 @@ def inspect_drive(
         if log is not None:
             path = drive.paths.get(number)
             digest = "" if path is None else datasets.file_sha256(path)
-            report.append_log(log, each, source=f"{source}: {name}", source_sha256=digest)
-    verdict, reason = authenticate.verdict_of_drive(found)
+            report.append_log(log, each, source=f"{shown(source)}: {name}", source_sha256=digest)
+    verdict, reason = authenticate.verdict_of_drive(found, places)
     if output is not None:
         if output.suffix.lower() == ".html":
             report.write_drive_evidence(
-                found, output, names=drive.names, source=source, errors=list(drive.errors.values())
-            )
+                found, output, names=drive.names, source=source,
+                errors=list(drive.errors.values()), numbers=places,
+            )  # fmt: skip
         else:
             atomic_write(output, (json.dumps(records, indent=1) + "\n").encode())
         shell.say(f"wrote {output}")
@@ -415,7 +417,7 @@ stays: the regions, and how the scanner moved."""
 def show_drive(
     console: Console, verdict: str, reason: str, found: Sequence[Inspection | None]
 ) -> None:
-    """Print how many scans have each verdict, and the gravest."""
+    """Print how many scans have each verdict, and that of the drive with its reason."""
     if not found:
         console.print(f"{verdict}: {reason}")
         return

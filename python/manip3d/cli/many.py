@@ -292,7 +292,11 @@ def _many(
             files,
             None if output is None else str(output),
             options={**work, "options": options},
-            options_of=lambda file: {"named": file.is_named, "more": each.get(file.name, {})},
+            options_of=lambda file: {
+                "named": file.is_named,
+                "more": each.get(file.name, {}),
+                "shown_as": file.name,
+            },
             rename=many.rename,
             table=table or None,
             jobs=jobs,
@@ -318,6 +322,7 @@ def on_file(
     options: Mapping[str, Any],
     named: bool,
     more: Mapping[str, Any],
+    shown_as: str,
     skipped_code: int = 0,
 ) -> dict[str, Any]:
     """Run a verb on one file of many; returns what it prints under ``--json``, and its exit code.
@@ -332,7 +337,8 @@ def on_file(
     if "output" in parameters:
         given["output"] = output
     code = 0
-    with collecting() as results:
+    names = {str(source): shown_as} if is_url(shown_as) else {}
+    with collecting() as results, showing_as(names):
         try:
             function(**given, **{argument: str(source)})
         except typer.Exit as done:

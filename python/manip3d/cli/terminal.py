@@ -45,12 +45,16 @@ def showing_as(names: Mapping[str, str]) -> Iterator[None]:
         _names.reset(token)
 
 
-def _shown(value: Any) -> Any:
+def shown(value: Any) -> Any:
+    """What is shown, or written down for others, of a text or the texts of a result.
+
+    See `showing_as`.
+    """
     if isinstance(value, dict):
-        return {key: _shown(item) for key, item in value.items()}
+        return {key: shown(item) for key, item in value.items()}
     if isinstance(value, str):
-        for ours, shown in (_names.get() or {}).items():
-            value = value.replace(ours, shown)
+        for ours, name in (_names.get() or {}).items():
+            value = value.replace(ours, name)
     return value
 
 
@@ -82,7 +86,7 @@ class Terminal:
     def say(self, message: str) -> None:
         """A message about what is being done."""
         if not self.quiet:
-            print(_shown(message), file=sys.stderr)
+            print(shown(message), file=sys.stderr)
 
     def result(self, value: Any, show: Callable[[Console], None] | None = None) -> None:
         """The verb's result: ``value`` under ``--json``, else what ``show`` prints."""
@@ -90,7 +94,7 @@ class Terminal:
         if found is not None:
             found.append(value)
         elif self.as_json:
-            print(json.dumps(finite(_shown(value)), indent=1))
+            print(json.dumps(finite(shown(value)), indent=1))
             Terminal.has_answered = True
         elif show is not None:
             show(self.out)
@@ -103,7 +107,7 @@ class Terminal:
     def show(self, line: str) -> None:
         """A line of a result for people, as soon as it is known."""
         if not self.as_json and not self.is_collecting:
-            print(_shown(line), flush=True)
+            print(shown(line), flush=True)
 
     def line(self, fraction: float, message: str = "") -> None:
         """One line of progress, for logs and pipes that show no bar."""

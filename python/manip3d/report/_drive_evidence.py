@@ -57,6 +57,7 @@ def write_drive_evidence(
     names: Sequence[str],
     source: str = "drive",
     errors: Sequence[str] = (),
+    numbers: Sequence[int] | None = None,
 ) -> None:
     """Write what the detectors found in the scans of a drive as one page.
 
@@ -73,11 +74,13 @@ def write_drive_evidence(
         Name of the drive, for the title.
     errors : sequence of str
         What was said of the scans that could not be read.
+    numbers : sequence of int, optional
+        As of `manip3d.authenticate.verdict_of_drive`.
 
     Raises
     ------
     InputError
-        Another suffix; another number of names than of results.
+        Another suffix; another number of names, or of numbers, than of results.
 
     Examples
     --------
@@ -96,7 +99,7 @@ def write_drive_evidence(
         raise InputError(f"output: expected a name that ends in .html, got {path.name}")
     if len(names) != len(found):
         raise InputError(f"names: expected {len(found)}, one for each scan, got {len(names)}")
-    atomic_write(path, _drive_page(found, names, source, errors).encode())
+    atomic_write(path, _drive_page(found, names, source, errors, numbers).encode())
 
 
 def scanner_poses(found: Sequence[Inspection | None]) -> list[Pose | None]:
@@ -133,11 +136,15 @@ def _aligned(found: Inspection) -> bool:
 
 
 def _drive_page(
-    found: Sequence[Inspection | None], names: Sequence[str], source: str, errors: Sequence[str]
+    found: Sequence[Inspection | None],
+    names: Sequence[str],
+    source: str,
+    errors: Sequence[str],
+    numbers: Sequence[int] | None,
 ) -> str:
     from manip3d.authenticate import drive_evidence, verdict_of_drive
 
-    verdict, reason = verdict_of_drive(found)
+    verdict, reason = verdict_of_drive(found, numbers)
     together = drive_evidence(found)
     counts = Counter(_word(each) for each in found)
     summary = ", ".join(f"{number} {word}" for word, number in sorted(counts.items()))
