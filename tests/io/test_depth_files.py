@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from manip3d import FormatError, InputError
-from manip3d.io import read_depth
+from manip3d.io import read_depth, read_pixel_map
 
 Image = pytest.importorskip("PIL.Image")
 
@@ -134,6 +134,41 @@ def test_hostile_files_are_refused_by_name(name: str, tmp_path: Path) -> None:
     with pytest.raises(FormatError, match=message) as caught:
         read_depth(path)
     assert caught.value.file == str(path)
+
+
+def test_masks_with_a_palette_may_have_alpha(tmp_path: Path) -> None:
+    """The second entry is a transparent red: it is not black, and its alpha says nothing."""
+    image = Image.fromarray(np.uint8([[0, 1], [2, 0]]), mode="P")
+    image.putpalette([0, 0, 0, 200, 0, 0, 7, 90, 8])
+    for name, alpha in (("none.png", None), ("one.png", 1), ("each.png", b"\xff\x00\x80")):
+        image.save(tmp_path / name, **({} if alpha is None else {"transparency": alpha}))
+        np.testing.assert_array_equal(read_pixel_map(tmp_path / name), [[0, 200], [90, 0]])
+
+
+def tiff_of_one_pixel(value: int) -> bytes:
+    """A colour of 16 bits: 10 entries end at byte 134, where the bits of the channels follow."""
+    short, long = 3, 4
+    entries = (
+        (256, short, 1, 1), (257, short, 1, 1), (258, short, 3, 134), (259, short, 1, 1),
+        (262, short, 1, 2), (273, long, 1, 140), (277, short, 1, 3), (278, short, 1, 1),
+        (279, long, 1, 6), (284, short, 1, 1),
+    )  # fmt: skip
+    fields = b"".join(struct.pack("<HHII", *entry) for entry in entries) + bytes(4)
+    pixel = struct.pack("<6H", 16, 16, 16, value, value, value)
+    return b"II*\0" + struct.pack("<IH", 8, len(entries)) + fields + pixel
+
+
+@pytest.mark.parametrize("kind", ["png", "png with alpha", "tiff"])
+def test_coloured_masks_of_16_bits_are_refused(kind: str, tmp_path: Path) -> None:
+    """Pillow would read 200 of 65535, which is not black, as 0."""
+    path, channel = tmp_path / "mask", struct.pack(">H", 200)
+    if kind == "tiff":
+        path.write_bytes(tiff_of_one_pixel(200))
+    else:
+        color, channels = (6, 4) if "alpha" in kind else (2, 3)
+        path.write_bytes(png(1, 1, 16, color, b"\0" + channel * channels))
+    with pytest.raises(FormatError, match="expected colours of 8 bits, got 16"):
+        read_pixel_map(path)
 
 
 def test_large_files_are_not_read_to_their_end(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
+    from PIL import Image
 
 DEPTH_SUFFIXES = (".png", ".pgm", ".tif", ".tiff", ".npy")
 """Suffixes that `read_depth` knows."""
@@ -118,12 +119,14 @@ def read_pixel_map(
     Returns
     -------
     (H, W) bool, uint8, uint16, float32 or float64
-        As stored; of coloured and paletted images the brightest channel, so that only black is 0.
+        As stored; of coloured and paletted images of 8 bits the brightest channel, so that only
+        black is 0; their alpha is left out.
 
     Raises
     ------
     FormatError
-        The file is damaged, no grey image, or larger than ``max_pixels``.
+        The file is damaged, no image, coloured with 16 bits a channel, or larger than
+        ``max_pixels``.
     InputError
         ``max_pixels`` is not positive.
     OSError
@@ -191,7 +194,7 @@ def _decode_map(data: bytes, max_pixels: int) -> NDArray[Any]:
     if data.startswith((b"\x89PNG\r\n\x1a\n", b"II*\0", b"MM\0*")):
         return _read_with_pillow(data, max_pixels, ("1", "L"), ("P", "LA", "RGB", "RGBA"))
     raise FormatError(
-        f"expected a grey PNG or TIFF, or a .npy file, got bytes that begin with {data[:8]!r}",
+        f"expected a PNG or TIFF, or a .npy file, got bytes that begin with {data[:8]!r}",
         byte_offset=0,
     )
 
@@ -268,6 +271,8 @@ def _read_npy(
 
 # --- PNG and TIFF ------------------------------------------------------------------------------
 
+_BITS_PER_SAMPLE = 258  # tag of a TIFF
+
 
 def _read_with_pillow(
     data: bytes,
@@ -276,18 +281,21 @@ def _read_with_pillow(
     color_modes: tuple[str, ...] = (),
 ) -> NDArray[Any]:
     try:
-        from PIL import Image
+        from PIL import Image as pillow
     except ImportError:
         raise MissingExtraError("pillow", "io") from None
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # a warning about a file is a verdict on it
-            with Image.open(io.BytesIO(data), formats=("PNG", "TIFF")) as image:
+            with pillow.open(io.BytesIO(data), formats=("PNG", "TIFF")) as image:
                 _checked_size(image.height, image.width, max_pixels)
                 if image.mode in narrow_modes:
                     return np.array(image)
                 if image.mode in color_modes:
-                    return np.asarray(np.array(image.convert("RGB")).max(axis=2))
+                    if (bits := _bits_of_channel(data, image)) > 8:  # Pillow keeps the upper 8
+                        raise FormatError(f"expected colours of 8 bits, got {bits}")
+                    whole = image.convert("RGBA") if image.mode == "P" else image
+                    return np.asarray(np.array(whole.convert("RGB")).max(axis=2))
                 if not image.mode.startswith("I;16") and image.mode not in ("I", "F"):
                     bits = "8 or 16" if narrow_modes else "16"
                     raise FormatError(f"expected {bits} bits of grey, got mode {image.mode}")
@@ -302,6 +310,14 @@ def _read_with_pillow(
     if stored.min() < 0 or stored.max() > 65535:
         raise FormatError(f"expected 16-bit values, got {stored.min()} to {stored.max()}")
     return stored.astype(np.uint16)
+
+
+def _bits_of_channel(data: bytes, image: Image.Image) -> int:
+    """The bits of each channel of a PNG or TIFF."""
+    if data.startswith(b"\x89PNG"):
+        return data[24]
+    bits: tuple[int, ...] = getattr(image, "tag_v2", {}).get(_BITS_PER_SAMPLE, (1,))
+    return max(bits)
 
 
 def _in_our_units(
