@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -214,12 +216,20 @@ def test_a_camera_with_rows_up_has_steps_too() -> None:
     assert simplify.ReliefStream(up, 60).simplify(depth).num_faces > 0
 
 
-def test_views_of_several_cameras_know_their_camera() -> None:
+@pytest.mark.parametrize("method", [simplify.relief_cameras, simplify.cs3_cameras])
+def test_views_of_several_cameras_know_their_camera(
+    method: Callable[..., simplify.JointSimplification],
+) -> None:
     depth = floor()
     camera = Intrinsics(128, 96, 60.0, 60.0, 63.5, 20.5)
-    (view,) = simplify.relief_cameras([simplify.CameraView(depth, camera)], 200).views
+    joint = method([simplify.CameraView(depth, camera)], 200)
+    assert 0.9 < joint.coverage <= 1
+    (view,) = joint.views
     said = simplify.cut_depth_steps(view, depth, intrinsics=camera)
     assert simplify.cut_depth_steps(view, depth).num_faces == said.num_faces
+    assert isinstance(view.surface, simplify.DenseGrid)
+    unknown = replace(view, surface=replace(view.surface, focal=0.0))
+    assert simplify.cut_depth_steps(unknown, depth).num_faces < said.num_faces
 
 
 def test_coloured_and_paletted_masks_are_read(tmp_path: Path) -> None:

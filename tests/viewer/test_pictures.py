@@ -251,6 +251,15 @@ def test_png_bytes_round_trip() -> None:
         np.testing.assert_array_equal(np.asarray(read), image)
 
 
+@pytest.mark.parametrize("shape", [(4, 6), (4, 6, 3), (4, 6, 4)])
+def test_png_bytes_of_each_kind_of_picture(shape: tuple[int, ...]) -> None:
+    image = np.arange(np.prod(shape), dtype=np.uint8).reshape(shape)
+    with Image.open(io.BytesIO(png_bytes(image))) as read:
+        np.testing.assert_array_equal(np.asarray(read), image)
+    with pytest.raises(InputError, match=r"image: expected a picture, \(H, W\), \(H, W, 3\) or"):
+        png_bytes(image[..., :2] if len(shape) > 2 else image[0])
+
+
 def test_boundary_edges_after_welding() -> None:
     mesh = square()
     assert len(boundary_edges(mesh)) == 4
