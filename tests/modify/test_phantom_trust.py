@@ -147,18 +147,23 @@ def test_a_body_that_turned_while_it_was_not_seen() -> None:
     assert result.state is PhantomState.TRACKING
 
 
-def test_a_plane_that_the_joints_speak_against_is_not_believed() -> None:
-    """Within a frame no body turns so far: the plane is called shaky, and then the joints win."""
+@pytest.mark.parametrize("every", [1, 2])
+def test_a_plane_that_the_joints_speak_against_is_not_believed(every: int) -> None:
+    """Within a frame no body turns so far: the plane is called shaky, and then the joints win, also
+    those of a tracker that is slower than the camera."""
     pipeline = PhantomPipeline("right_arm")
     states = []
-    for number in range(45):
+    for number in range(60):
         truth = pose(turn_deg=0.0 if number < 24 else 60.0)
-        result = pipeline.process(seen(truth, number))
+        image = seen(truth, number)
+        if number % every:
+            image = replace(image, skeletons=())
+        result = pipeline.process(image)
         if number > 24 and degrees_off(result, truth) > 15.0:
-            assert result.quality.plane_deg > 15.0
+            assert result.quality.plane_deg > 15.0 or result.state is PhantomState.HOLDING
             states.append(result.state)
     assert PhantomState.TRACKING not in states
-    assert len(states) < 12
+    assert len(states) < 12 * every
     assert degrees_off(result, truth) < 5.0
 
 

@@ -36,6 +36,24 @@ def module_of(file: str) -> str:
     return ".".join(part for part in parts if part != "__init__")
 
 
+def verdict_of(mutant: dict[str, Any]) -> str:
+    """Make the change, and run its tests."""
+    if mutant["file"].startswith("python/"):
+        about = {key: mutant[key] for key in ("old", "new")}
+        about |= {"module": module_of(mutant["file"]), "path": str(ROOT / mutant["file"])}
+        return verdict(mutant, about)
+    try:
+        library = built(mutant)
+    except subprocess.CalledProcessError as error:
+        return f"not run: {error}"
+    return verdict(mutant, {"module": "manip3d._core", "library": library})
+
+
+def verdict_unchanged(tests: str) -> bool:
+    """Whether some tests fail by themselves, so that they tell nothing of a change."""
+    return verdict({"tests": tests}, {"module": ""}) != "survived"
+
+
 def verdict(mutant: dict[str, Any], about: dict[str, str]) -> str:
     """Run the tests of a mutant: ``killed``, ``survived`` or why they could not run."""
     environment = {k: v for k, v in os.environ.items() if k != "MANIP3D_DATA"}
@@ -59,10 +77,6 @@ def built(mutant: dict[str, Any]) -> str:
     """Build the core with the change; return where it is."""
     source = BUILD / "source"
     if not (BUILD / "build.ninja").exists():
-        for folder in ("cpp", "packaging"):
-            shutil.copytree(ROOT / folder, source / folder, dirs_exist_ok=True)
-        for name in ("CMakeLists.txt", "LICENSE", "README.md"):
-            shutil.copy(ROOT / name, source / name)
         run("cmake", "-S", source, "-B", BUILD, "-G", "Ninja", "-DCMAKE_BUILD_TYPE=Release",
             "-DMANIP3D_PYTHON=ON", f"-DPython_EXECUTABLE={sys.executable}")  # fmt: skip
         run("cmake", "--build", BUILD, "--target", "_core")
@@ -80,6 +94,19 @@ def built(mutant: dict[str, Any]) -> str:
     return str(kept)
 
 
+def bring_up_to_date(source: Path) -> None:
+    """Copy what has changed since the last run, or what a killed one left with its change."""
+    places = [ROOT / "CMakeLists.txt", ROOT / "LICENSE", ROOT / "README.md"]
+    for folder in ("cpp", "packaging"):
+        places += [path for path in (ROOT / folder).rglob("*") if path.is_file()]
+    for path in places:
+        copy = source / path.relative_to(ROOT)
+        content = path.read_bytes()
+        if not copy.exists() or copy.read_bytes() != content:
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            copy.write_bytes(content)
+
+
 def run(*command: object) -> None:
     """Run a command that must succeed."""
     subprocess.run([str(word) for word in command], check=True, stdout=subprocess.DEVNULL)
@@ -89,15 +116,18 @@ def main() -> int:
     """Run the chosen mutants, one line each."""
     words = sys.argv[1:]
     chosen = [m for m in mutants() if not words or any(word in m["file"] for word in words)]
+    if not chosen:
+        print(f"no mutant of {' '.join(words)}", file=sys.stderr)
+        return 2
+    if any(not mutant["file"].startswith("python/") for mutant in chosen):
+        bring_up_to_date(BUILD / "source")
+    failing = {tests for tests in {m["tests"] for m in chosen} if verdict_unchanged(tests)}
     counts: dict[str, int] = {}
     for mutant in chosen:
         started = time.monotonic()
-        if mutant["file"].startswith("python/"):
-            about = {key: mutant[key] for key in ("old", "new")}
-            about |= {"module": module_of(mutant["file"]), "path": str(ROOT / mutant["file"])}
-        else:
-            about = {"module": "manip3d._core", "library": built(mutant)}
-        found = verdict(mutant, about)
+        found = "not run: its tests fail without a change"
+        if mutant["tests"] not in failing:
+            found = verdict_of(mutant)
         word = found.split(":")[0]
         counts[word] = counts.get(word, 0) + 1
         seconds = time.monotonic() - started

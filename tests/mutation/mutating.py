@@ -42,7 +42,7 @@ class Finder(MetaPathFinder):
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """As `importlib` asks."""
+        """Return the spec of the changed module, else None."""
         if fullname != self._mutant["module"]:
             return None
         if "library" in self._mutant:

@@ -307,3 +307,25 @@ def test_dense_meshes_of_the_published_scans(
     grid = read_range_grid(realdata(f"range_scans/{scan}.ply.xz"))
     mesh = simplify.dense_mesh_grid(grid.points, grid.valid)
     assert (mesh.num_vertices, mesh.num_faces) == (vertices, faces)
+
+
+@pytest.mark.parametrize("far", [(0, 0), (9, 12)])
+def test_faces_to_pixels_that_are_left_out_cover_nothing(far: tuple[int, int]) -> None:
+    """A pixel at a million metres, at the corner or in the middle, and faces that use it."""
+    depth = np.full((30, 40), 1000, np.uint16)
+    camera = Intrinsics(40, 30, 40.0, 40.0, 19.5, 14.5)
+    points, valid, _ = manip3d._core.unproject(depth, camera, 1)
+    points = points.reshape(30, 40, 3).copy()
+    points[far] *= 1e6
+    mask = valid.reshape(30, 40).view(bool)
+    pixels = np.array([[5, 5], [30, 5], [30, 25], far[::-1]], np.int32)
+
+    def measured(*faces: tuple[int, int, int]) -> tuple[float, float, float]:
+        corners = np.array(faces, np.int32)
+        found = manip3d._core.depth_coverage(points, mask, pixels, corners, 0.1, np.inf, 0.0)
+        return tuple(found)
+
+    alone = measured((0, 1, 2))
+    assert 0.2 < alone[0] < 0.3
+    assert alone[1:] == (pytest.approx(0.0, abs=0.02), pytest.approx(1 / 1200))
+    assert measured((0, 1, 2), (0, 2, 3), (1, 2, 3)) == alone

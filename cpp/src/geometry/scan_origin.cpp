@@ -127,7 +127,7 @@ double unevenness(const std::vector<Patch>& patches, const Vector3d& origin, int
 Vector3d even_position(const std::vector<Patch>& patches, int axis, const Progress& progress) {
   constexpr int kSide = 9;
   constexpr int kStarts = 6;
-  constexpr int kSweeps = 16;              // with one step, which then is too small for the way
+  constexpr int kSweeps = 16;              // for each size of step
   constexpr double kSmallest = 0.002;      // metres
   constexpr double kSmallestShare = 1e-5;  // or of the extent
   std::vector<double> densities;

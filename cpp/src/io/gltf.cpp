@@ -854,7 +854,7 @@ class Reader {
     read_texture(place, "occlusionTexture", "occlusion", m);
     if (const auto factor = place.find("emissiveFactor"); factor && !numbers<3>(*factor).isZero()) {
       read_texture(place, "emissiveTexture", "emissive", m);
-      // A material with only a texture keeps what glTF says of it: all of its light.
+      // A material here has no factor: it is written as 1 where there is an emissive texture.
       const bool is_kept = m.textures.contains("emissive") && numbers<3>(*factor).isOnes();
       if (!is_scene_ && !is_kept) {
         warn_once("emissiveFactor is left out where it is not 1 over an emissiveTexture");

@@ -53,7 +53,7 @@ std::optional<Eigen::Vector3f> spine_base(const Skeleton& person) {
     if (!is_usable(person, kSpine[i].joint)) continue;
     const Eigen::Vector3f& lowest = person[kSpine[i].joint];
     if (kSpine[i].above == 0.0F) return lowest;
-    // On along the spine where two joints of it are there, else down the image.
+    // Extrapolates along the spine if two of its joints are usable, otherwise straight down (+y).
     Eigen::Vector3f down = Eigen::Vector3f::UnitY();
     for (std::size_t k = i + 1; k < kSpine.size(); ++k) {
       if (!is_usable(person, kSpine[k].joint)) continue;
@@ -85,7 +85,7 @@ void KeyPerson::reset() {
   num_others_ = 0;
 }
 
-/// Nobody is known for longer than `forget` after he was last seen: trackers use ids again.
+/// Ids are forgotten `forget` seconds after they were last seen, because trackers reuse them.
 bool KeyPerson::is_other(std::int64_t id, double time_s) const {
   return std::any_of(others_.begin(), others_.begin() + num_others_, [&](const Other& other) {
     return other.id == id && time_s - other.last_seen < options_.forget;

@@ -7,6 +7,7 @@
 #include <initializer_list>
 #include <limits>
 
+#include "geometry/constants.hpp"
 #include "manip3d/modify/joint_smoother.hpp"
 #include "modify/phantom_image.hpp"
 #include "modify/ray_at.hpp"
@@ -320,8 +321,8 @@ void TrunkTracker::end_motion() {
 std::optional<BodyFrame> TrunkTracker::update(const Skeleton* joints, const DepthView& depth,
                                               const PixelRays& rays, const Intrinsics& camera,
                                               double time_s) {
-  const double elapsed = time_s - time_s_;
-  const bool are_back = joints != nullptr && time_s - joints_time_s_ > kGap;
+  const double elapsed = time_s - time_s_, without_joints = time_s - joints_time_s_;
+  const bool are_back = joints != nullptr && without_joints > kGap;
   if (pose_ && (elapsed > kGap || are_back)) end_motion();
   if (joints != nullptr) {
     measure_jitter(*joints);
@@ -331,7 +332,7 @@ std::optional<BodyFrame> TrunkTracker::update(const Skeleton* joints, const Dept
     if (!is_contradicted_) contradicted_since_ = time_s;
     is_contradicted_ = true;
     if (time_s - contradicted_since_ > kContradictionTime) pose_.reset();
-  } else {
+  } else if (joints != nullptr || !pose_) {  // joints may come less often than images
     is_contradicted_ = false;
   }
   if (pose_) {
@@ -346,7 +347,8 @@ std::optional<BodyFrame> TrunkTracker::update(const Skeleton* joints, const Dept
   }
   if (joints != nullptr && !is_contradicted_) average_joints(*joints);
   measure_symmetry(depth, rays, camera);
-  if (joints != nullptr) compare_turn(*joints, elapsed);
+  if (joints != nullptr) compare_turn(*joints, without_joints);
+  deviation_deg_ = std::hypot(deviation_deg_, disagreement_ / kDegree);
   time_s_ = time_s;
   return frame();
 }
@@ -538,8 +540,6 @@ void TrunkTracker::compare_turn(const Skeleton& joints, double elapsed) {
   const double turn = std::abs(std::atan2(axes->z.dot(mean), axes->n.dot(mean)));
   if (!(turn > kMostDisagreement + 2.0 * turn_jitter())) return;
   disagreement_ = turn;
-  constexpr double kDegrees = 57.29577951308232;
-  deviation_deg_ = std::hypot(deviation_deg_, kDegrees * turn);
 }
 
 /// Gauss-Newton steps about the predicted pose.

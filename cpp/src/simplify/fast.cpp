@@ -836,6 +836,7 @@ class FastSimplifier {
     for (std::int64_t b = 0; b < num_blocks(); ++b) {
       Worker& worker = workers_[b];
       worker.quota = 0;
+      worker.leaves_dear = false;
       if (few || all == 0) {
         worker.crossing.insert(worker.crossing.end(), worker.candidates.begin(),
                                worker.candidates.end());

@@ -270,7 +270,7 @@ void Relief::Memory::refine(const Budget& budget) {
   }
 }
 
-/// Nothing is nearer to the surface than itself.
+/// Takes every dense triangle: the target has room for all used pixels.
 void Relief::Memory::take_all(ReliefResult& result) {
   worked = &surface;
   result.stop = ReliefStop::kAllPoints;

@@ -110,7 +110,8 @@ DepthCoverage coverage_of(const Surface& surface,
   double area = 0.0, bridges = 0.0;
   for (Eigen::Index f = 0; f < faces.rows(); ++f) {
     const Corners t = corners_of(surface, pixels, faces, f);
-    if (orient(t[0], t[1], t[2]) == 0) continue;
+    // A corner may be a far pixel that the surface leaves out: its face covers nothing.
+    if (orient(t[0], t[1], t[2]) == 0 || !surface.holds_all(t)) continue;
     std::int64_t inside = 0, without = 0;
     const bool has_steps = surface.steps().has_steps();
     const InverseDepth plane = has_steps ? InverseDepth(surface, t) : InverseDepth();

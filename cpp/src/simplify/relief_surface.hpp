@@ -110,7 +110,7 @@ class Surface {
   [[nodiscard]] float depth(std::int32_t pixel) const {
     return static_cast<float>(unit_ * double{samples_[pixel].z} + center_.z());
   }
-  /// By pixel, the mean over used pixels; 1 where none is believed at all.
+  /// Mean confidence of the used pixels; 1 if all are 0.
   [[nodiscard]] float mean_confidence() const { return mean_confidence_; }
   /// Column and row of the input.
   [[nodiscard]] std::int32_t input_u(std::int32_t pixel) const { return step_ * u(pixel) + u0_; }
@@ -125,10 +125,11 @@ class Surface {
   }
   /// All dense triangles of an area.
   void dense_triangles(std::vector<std::array<std::int32_t, 3>>& out) const;
-  /// Do pixels, as columns and rows, lie here?
+  /// Are pixels, as columns and rows, valid ones of this surface?
   [[nodiscard]] bool holds_all(const std::array<std::array<std::int32_t, 2>, 3>& pixels) const {
     return std::ranges::all_of(pixels, [this](const auto& p) {
-      return p[0] >= 0 && p[1] >= 0 && p[0] < cols_ && p[1] < rows_;
+      return p[0] >= 0 && p[1] >= 0 && p[0] < cols_ && p[1] < rows_ &&
+             valid_[std::ptrdiff_t{p[1]} * cols_ + p[0]] != 0;
     });
   }
   /// Unit sum of the dense triangles' normals times their areas; (0, 0, 1) if that is nothing.

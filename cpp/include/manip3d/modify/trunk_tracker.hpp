@@ -64,7 +64,7 @@ class TrunkTracker {
   /// Standard deviation of the plane's normal, degrees, with what it is turned by against the
   /// joints; infinite before the first frame.
   [[nodiscard]] double deviation_deg() const { return deviation_deg_; }
-  /// Standard deviation of a point's distance from the plane, metres.
+  /// Standard deviation of a point's distance from the plane, metres, by the plane's own errors.
   [[nodiscard]] double deviation_at(const Eigen::Vector3d& p, const BodyFrame& frame) const;
   /// Share of the key frame's points that the last frame agreed with.
   [[nodiscard]] double surface_share() const { return surface_share_; }
