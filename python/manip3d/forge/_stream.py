@@ -150,8 +150,8 @@ def read_stream_truth(path: str | os.PathLike[str]) -> StreamTruth:
             raise ValueError(f"more than {_MOST_PIXELS} pixels")
         if min(frames, height, width) < 0 or (size + 7) // 8 != bits.size or kind not in (1, 2):
             raise ValueError("sizes do not agree")
-        masks = np.unpackbits(bits.astype(np.uint8, casting="no"), count=size).astype(bool)
-        masks = masks.reshape(frames, height, width)
+        flat = np.unpackbits(bits.astype(np.uint8, casting="no"), count=size).astype(bool)
+        masks = flat.reshape(frames, height, width)
         if numbers.shape != (frames,) or numbers.dtype != np.int64:
             raise ValueError("numbers do not agree with the masks")
     except (
