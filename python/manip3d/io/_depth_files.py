@@ -292,13 +292,13 @@ def _read_with_pillow(
                 if image.mode in narrow_modes:
                     return np.array(image)
                 if image.mode in color_modes:
-                    if (bits := _bits_of_channel(data, image)) > 8:  # Pillow keeps the upper 8
-                        raise FormatError(f"expected colours of 8 bits, got {bits}")
+                    if (depth := _bits_of_channel(data, image)) > 8:  # Pillow keeps the upper 8
+                        raise FormatError(f"expected colours of 8 bits, got {depth}")
                     whole = image.convert("RGBA") if image.mode == "P" else image
                     return np.asarray(np.array(whole.convert("RGB")).max(axis=2))
                 if not image.mode.startswith("I;16") and image.mode not in ("I", "F"):
-                    bits = "8 or 16" if narrow_modes else "16"
-                    raise FormatError(f"expected {bits} bits of grey, got mode {image.mode}")
+                    kinds = "8 or 16 bits of grey, or colours" if color_modes else "16 bits of grey"
+                    raise FormatError(f"expected {kinds}, got mode {image.mode}")
                 stored = np.array(image)
     except Error:
         raise
