@@ -131,7 +131,7 @@ class StepRule:
 
     def differ(self, one: NDArray[np.float32], other: NDArray[np.float32]) -> NDArray[np.bool_]:
         """Whether two measured depths differ by a step."""
-        nearest = np.minimum(one, other)
+        nearest = np.minimum(one, other).astype(np.float64)  # steps may be any number
         limit = nearest * np.maximum(self.step, self.slope + self.noise * nearest)
         return np.asarray((np.abs(one - other) > limit) & (one > 0))
 
