@@ -131,8 +131,9 @@ class StepRule:
 
     def differ(self, one: NDArray[np.float32], other: NDArray[np.float32]) -> NDArray[np.bool_]:
         """Whether two measured depths differ by a step."""
-        nearest = np.minimum(one, other).astype(np.float64)  # steps may be any number
-        limit = nearest * np.maximum(self.step, self.slope + self.noise * nearest)
+        nearest = np.minimum(one, other).astype(np.float64)
+        with np.errstate(over="ignore"):  # steps may be as large as numbers are
+            limit = nearest * np.maximum(self.step, self.slope + self.noise * nearest)
         return np.asarray((np.abs(one - other) > limit) & (one > 0))
 
 
