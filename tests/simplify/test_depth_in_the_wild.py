@@ -301,3 +301,15 @@ def test_cs3_says_that_faces_across_steps_stayed(tmp_path: Path) -> None:
         )  # fmt: skip
         result = simplify.simplify_depth_file(tmp_path / "a.npy", tmp_path / "a.ply", options)
         assert (result.faces_left > 0) == (step == 0.0 and max_edge is None)
+
+
+@pytest.mark.parametrize("move", [False, True])
+@pytest.mark.parametrize("effort", ["fine", "balanced", "live"])
+def test_lone_pixels_far_from_each_other_are_no_surface(move: bool, effort: str) -> None:
+    depth = np.zeros((20, 30), np.float32)
+    depth[3, 4], depth[10, 20], depth[15, 8] = 1.0, 5e4, 2.0
+    camera = Intrinsics(30, 20, 30.0, 30.0, 14.5, 9.5)
+    found = simplify.relief(
+        depth, camera, 10, max_edge=0.1, depth_step=0.05, move_points=move, effort=effort
+    )
+    assert (found.num_vertices, found.num_faces, found.coverage) == (0, 0, 0.0)

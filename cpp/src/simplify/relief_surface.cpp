@@ -475,7 +475,7 @@ void Surface::assign(const PointGridView& whole, const DenseRule& rule,
   if (is_stretched(rule)) {
     find_joined(whole, rule);
     grid.valid = joined_.data();
-    if (!crop(grid)) return;
+    crop(grid);  // if nothing is joined, the first crop stays, without a valid pixel
   }
   cols_ = padded(used_cols_);
   rows_ = padded(used_rows_);
