@@ -311,7 +311,7 @@ void TrunkTracker::start(const BodyFrame& frame) {
   pose_ = Pose{Eigen::Quaterniond(axes_of(frame)), frame.origin};
 }
 
-/// Where the trunk was before a gap tells nothing of where it is.
+/// Forgets the pose, which tells nothing of where the trunk is after a gap.
 void TrunkTracker::end_motion() {
   pose_.reset();
   deviation_deg_ = std::numeric_limits<double>::infinity();

@@ -99,7 +99,7 @@ class Collapser {
   std::int32_t largest_ = 0;
   std::int64_t left_out_ = 0;  ///< Twice the pixels of the pieces left out.
   bool has_fixed_ = false;
-  float least_loss_ = 0.0F;  ///< What surface counts that is lost, believed or not.
+  float least_loss_ = 0.0F;  ///< Least confidence that lost surface is priced with.
   std::vector<Move> moves_;
   std::vector<std::int32_t> stack_;
   std::vector<std::uint8_t> seen_;

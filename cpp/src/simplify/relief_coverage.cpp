@@ -67,7 +67,7 @@ class InverseDepth {
 
 /// Is a triangle a step in depth before or behind a pixel?
 bool is_off(const Surface& surface, std::int32_t pixel, float inverse_depth) {
-  // As a ratio of the two depths, which needs no division.
+  // The two depths are compared as a ratio, which needs no division.
   const float depth = surface.depth(pixel);
   const float most = depth + surface.steps().limit(depth);
   return !(depth * depth * inverse_depth <= most && depth <= most * depth * inverse_depth);

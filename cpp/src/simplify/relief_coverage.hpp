@@ -20,7 +20,7 @@ DepthCoverage coverage_of(const Surface& surface,
                           const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,
                           CoverageScratch& scratch);
 
-/// As faces_off_surface().
+/// Share of each face's pixels that are a step off it; see faces_off_surface().
 std::vector<float> off_surface(const Surface& surface,
                                const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
                                const Eigen::Ref<const Rows<std::int32_t, 3>>& faces);

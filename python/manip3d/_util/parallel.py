@@ -34,7 +34,7 @@ _log = logging.getLogger("manip3d")
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a task returned, or the error it ended with (``""``: none) and its `error_details`."""
+    """The value of a task, or the error it ended with (``""``: none) and its `error_details`."""
 
     value: Any = None
     error: str = ""

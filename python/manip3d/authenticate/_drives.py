@@ -222,7 +222,7 @@ def _accusers(found: Inspection) -> set[str]:
 def _why_no_chance(
     found: Sequence[Inspection | None], accused: Mapping[int, Inspection], places: Sequence[int]
 ) -> str | None:
-    """What of a drive's accused scans chance does not explain; None: it explains all."""
+    """The reason why chance does not explain the accused scans of a drive; None: it does."""
     judged = sum(each is not None for each in found)
     for number, each in accused.items():
         for report in each.detectors:

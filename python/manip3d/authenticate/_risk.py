@@ -432,8 +432,8 @@ def _spatial(past: Sequence[_Past], count: int, p: RiskParameters) -> float:
     total = 0.0
     for before, after in itertools.pairwise(past):
         if p.paper_literal:
-            # As printed: Pearson's correlation of the polar coordinates (d, theta) of two attacks.
-            # For vectors of two numbers it is the sign of the product of their differences.
+            # The printed formula is Pearson's correlation of two attacks' polar coordinates (d,
+            # theta). For vectors of two numbers it is the sign of the product of their differences.
             pairs = itertools.product(before.polars, after.polars)
             slopes = [(one[0] - one[1]) * (two[0] - two[1]) for one, two in pairs]
             total += max((float(s > 0.0) - float(s < 0.0) for s in slopes), default=0.0)

@@ -269,7 +269,7 @@ def _sentence(result: DepthFileResult) -> str:
 
 
 def _not_covered(result: DepthFileResult) -> str:
-    """What the coverage of the surface does not tell."""
+    """Return words on the pixels that the coverage of the surface does not count."""
     words = ""
     if round(100 * result.outside, 1) > 0:
         words += f", {100 * result.outside:.1f} % of the measured pixels lie on no surface"

@@ -46,7 +46,7 @@ def showing_as(names: Mapping[str, str]) -> Iterator[None]:
 
 
 def shown(value: Any) -> Any:
-    """What is shown, or written down for others, of a text or the texts of a result.
+    """Return a text, or a result with its texts, as it is shown or written down for others.
 
     See `showing_as`.
     """

@@ -18,8 +18,8 @@ struct KeyPersonOptions {
   double forget = 10.0;   ///< Seconds before the choice is made as if for the first time.
 };
 
-/// Where the base of the spine is, or where it must be by the lowest joint of the spine that is
-/// there: hips may be out of the picture. None: no joint of the spine is there.
+/// Position of the base of the spine. If it was not tracked, because the hips are out of the
+/// picture, it is extrapolated from the lowest joint of the spine that was; none: there is none.
 std::optional<Eigen::Vector3f> spine_base(const Skeleton& person);
 
 /// Holds on to one of the people in view (dissertation section 4.7.1: the key person).

@@ -37,10 +37,10 @@ std::optional<BodyFrame> trunk_frame(const Skeleton& skeleton, Limb limb);
 /// those of heavy-tailed distributions (Geman-McClure, Cauchy), so that an arm before the trunk or
 /// a joint that jumps does not count. `update` and `learn` allocate nothing after the first frame.
 ///
-/// What the trunk may have done since the last frame grows with the time between them. After a gap
+/// The uncertainty of the trunk's motion grows with the time between two frames. After a gap
 /// of a quarter of a second, in the images or in the joints alone, the joints tell the trunk anew.
-/// Where the plane is turned against the shoulders and hips of the last tenth of a second by more
-/// than they err, the turn is part of its deviation, and after 0.3 seconds the joints are believed.
+/// If the plane is turned against the shoulders and hips of the last tenth of a second by more than
+/// they err, the turn is part of its deviation, and after 0.3 seconds the joints are believed.
 class TrunkTracker {
  public:
   explicit TrunkTracker(Limb affected);
