@@ -12,6 +12,8 @@ BIN := $(VENV)/bin
 STAMPS := $(VENV)/stamps
 VIEWER := python/manip3d/viewer
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
+# Images of containers set it: each command would compile all that it imports, in twice the time.
+unexport PYTHONDONTWRITEBYTECODE
 
 # The compiler and libraries, then what Open3D and VTK load to trace rays and to draw off screen.
 PACKAGES := g++ cmake ninja-build libeigen3-dev libnanoflann-dev libtbb-dev liblzma-dev zlib1g-dev \

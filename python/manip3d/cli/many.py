@@ -218,9 +218,9 @@ def _signature(verb: Verb, name: str, more_of_them: str, *, has_to: bool) -> ins
     if "output" in parameters:
         more |= {"to": (To, "")} if has_to else {}
         option = copy.copy(parameters["output"].annotation.__metadata__[0])
-        option.parser = _path_or_url
-        kind = parameters["output"].annotation.__origin__
-        parameters["output"] = parameters["output"].replace(annotation=Annotated[kind, option])
+        option.parser, option.metavar = _path_or_url, option.metavar or "PATH"
+        # Any: typer makes a Path of what the parser of a Path gives.
+        parameters["output"] = parameters["output"].replace(annotation=Annotated[Any, option])
     more |= {"table": (Table, ""), "dask": (Dask, "")}
     for option, (annotation, default) in more.items():
         if option in parameters:
