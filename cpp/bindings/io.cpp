@@ -80,16 +80,18 @@ SceneLevel borrow_level(const py::list& meshes, std::vector<std::unique_ptr<Borr
 void bind_io(py::module_& m) {
   m.def(
       "read_scene",
-      [](const py::bytes& path, bool allow_outside, std::uint64_t max_bytes) {
+      [](const py::bytes& path, bool allow_outside, std::uint64_t max_bytes,
+         const py::object& progress) {
         const auto file = to_path(path, "path");
         Scene scene;
         {
           const py::gil_scoped_release nogil;
-          scene = read_scene(file, read_options(allow_outside, max_bytes), interruptible());
+          scene = read_scene(file, read_options(allow_outside, max_bytes), interruptible(progress));
         }
         return to_tuple(std::move(scene));
       },
-      py::arg("path"), py::arg("allow_outside"), py::arg("max_bytes"));
+      py::arg("path"), py::arg("allow_outside"), py::arg("max_bytes"),
+      py::arg("progress") = py::none());
   m.def(
       "write_scene",
       [](const py::bytes& path, const std::string& document, const std::string& buffer,
@@ -113,19 +115,22 @@ void bind_io(py::module_& m) {
       py::arg("max_vertices"), py::arg("coverages"));
   m.def(
       "read_mesh",
-      [](const py::bytes& path, bool allow_outside, std::uint64_t max_bytes) {
+      [](const py::bytes& path, bool allow_outside, std::uint64_t max_bytes,
+         const py::object& progress) {
         const auto file = to_path(path, "path");
         ReadResult result;
         {
           const py::gil_scoped_release nogil;
-          result = read_mesh(file, read_options(allow_outside, max_bytes), interruptible());
+          result = read_mesh(file, read_options(allow_outside, max_bytes), interruptible(progress));
         }
         return to_tuple(std::move(result));
       },
-      py::arg("path"), py::arg("allow_outside"), py::arg("max_bytes"));
+      py::arg("path"), py::arg("allow_outside"), py::arg("max_bytes"),
+      py::arg("progress") = py::none());
   m.def(
       "read_mesh_bytes",
-      [](const py::bytes& data, const std::string& suffix, std::uint64_t max_bytes) {
+      [](const py::bytes& data, const std::string& suffix, std::uint64_t max_bytes,
+         const py::object& progress) {
         char* start = nullptr;
         py::ssize_t size = 0;
         if (PyBytes_AsStringAndSize(data.ptr(), &start, &size) != 0) throw py::error_already_set();
@@ -135,11 +140,11 @@ void bind_io(py::module_& m) {
         {
           const py::gil_scoped_release nogil;
           result = read_mesh(bytes, format_of_suffix(suffix), read_options(false, max_bytes),
-                             interruptible());
+                             interruptible(progress));
         }
         return to_tuple(std::move(result));
       },
-      py::arg("data"), py::arg("suffix"), py::arg("max_bytes"));
+      py::arg("data"), py::arg("suffix"), py::arg("max_bytes"), py::arg("progress") = py::none());
   m.def(
       "write_mesh",
       [](const py::object& mesh, const py::bytes& path, const py::bytes& texture_folder,
@@ -166,17 +171,17 @@ void bind_io(py::module_& m) {
       py::arg("coarser"), py::arg("coverages"));
   m.def(
       "read_range_grid",
-      [](const py::bytes& path, std::uint64_t max_bytes) {
+      [](const py::bytes& path, std::uint64_t max_bytes, const py::object& progress) {
         const auto file = to_path(path, "path");
         RangeGrid grid;
         {
           const py::gil_scoped_release nogil;
-          grid = read_range_grid(file, read_options(false, max_bytes), interruptible());
+          grid = read_range_grid(file, read_options(false, max_bytes), interruptible(progress));
         }
         return py::make_tuple(grid.num_rows, grid.num_cols, to_numpy(std::move(grid.vertex)),
                               to_numpy(std::move(grid.points)));
       },
-      py::arg("path"), py::arg("max_bytes"));
+      py::arg("path"), py::arg("max_bytes"), py::arg("progress") = py::none());
   m.def(
       "resolve_inside",
       [](const py::bytes& folder, const py::bytes& reference) {

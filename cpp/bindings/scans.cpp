@@ -78,19 +78,19 @@ void bind_scans(py::module_& m) {
       py::arg("points").noconvert(), py::arg("intensity").noconvert());
   m.def(
       "read_points",
-      [](const py::bytes& path, std::uint64_t max_bytes) {
+      [](const py::bytes& path, std::uint64_t max_bytes, const py::object& progress) {
         const auto file = to_path(path, "path");
         PointTable table;
         {
           const py::gil_scoped_release nogil;
-          table = read_points(file, ReadPointsOptions{max_bytes}, interruptible());
+          table = read_points(file, ReadPointsOptions{max_bytes}, interruptible(progress));
         }
         const py::list fields = to_list(table.fields);
         const py::list header = to_list(table.header);
         return py::make_tuple(point_format_name(table.format), fields, header, table.num_points,
                               to_numpy(std::move(table.rows)));
       },
-      py::arg("path"), py::arg("max_bytes"));
+      py::arg("path"), py::arg("max_bytes"), py::arg("progress") = py::none());
   m.def(
       "write_points",
       [](const py::bytes& path, const py::list& fields, const py::list& header,

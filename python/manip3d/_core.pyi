@@ -2223,19 +2223,28 @@ def read_lattice(
     numpy.ndarray, numpy.ndarray, numpy.ndarray, numpy.ndarray, numpy.ndarray, numpy.ndarray
 ]: ...
 def read_mesh(
-    path: bytes, allow_outside: bool, max_bytes: typing.SupportsInt | typing.SupportsIndex
+    path: bytes,
+    allow_outside: bool,
+    max_bytes: typing.SupportsInt | typing.SupportsIndex,
+    progress: typing.Any = None,
 ) -> tuple[typing.Any, ...]: ...
 def read_mesh_bytes(
-    data: bytes, suffix: str, max_bytes: typing.SupportsInt | typing.SupportsIndex
+    data: bytes,
+    suffix: str,
+    max_bytes: typing.SupportsInt | typing.SupportsIndex,
+    progress: typing.Any = None,
 ) -> tuple[typing.Any, ...]: ...
 def read_points(
-    path: bytes, max_bytes: typing.SupportsInt | typing.SupportsIndex
+    path: bytes, max_bytes: typing.SupportsInt | typing.SupportsIndex, progress: typing.Any = None
 ) -> tuple[str, list[typing.Any], list[typing.Any], int, numpy.ndarray]: ...
 def read_range_grid(
-    path: bytes, max_bytes: typing.SupportsInt | typing.SupportsIndex
+    path: bytes, max_bytes: typing.SupportsInt | typing.SupportsIndex, progress: typing.Any = None
 ) -> tuple[int, int, numpy.ndarray, numpy.ndarray]: ...
 def read_scene(
-    path: bytes, allow_outside: bool, max_bytes: typing.SupportsInt | typing.SupportsIndex
+    path: bytes,
+    allow_outside: bool,
+    max_bytes: typing.SupportsInt | typing.SupportsIndex,
+    progress: typing.Any = None,
 ) -> tuple[typing.Any, ...]: ...
 def readable_suffixes() -> list[typing.Any]: ...
 def registered_texcoords(

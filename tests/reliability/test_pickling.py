@@ -62,6 +62,7 @@ def files(folder: Path) -> Iterator[object]:
     grid += b"property list uchar int vertex_indices\nend_header\n1 2 3\n1 0\n0\n"
     (folder / "g.ply").write_bytes(grid)
     yield io.read_range_grid(folder / "g.ply")
+    yield io.ReadLimits(max_points=5)
     yield capture.record(rgbd_frames.frames(2), folder / "recording")
     with authenticate.KeyFile.create(folder / "sensor.key") as key:
         marker = authenticate.Watermarker(key)

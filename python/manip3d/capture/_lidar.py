@@ -206,7 +206,7 @@ def open_lidar(
         max_range=max_range,
     )
     if colon and scheme == "pcap":
-        from manip3d.io._scan_tables import byte_limit
+        from manip3d.io._limits import byte_limit
 
         limit = byte_limit(max_bytes)
         wanted = -1 if port is None else port
@@ -220,7 +220,7 @@ def open_lidar(
         return LidarSource(uri, OusterRecording(path_of(rest, "uri"), metadata), live=False)
     if colon and scheme == "bag":
         from manip3d.capture._bag import BagRecording
-        from manip3d.io._scan_tables import byte_limit
+        from manip3d.io._limits import byte_limit
 
         place, _, topic = rest.partition("#")
         bag = BagRecording(path_of(place, "uri"), topic, byte_limit(max_bytes) or None)

@@ -16,6 +16,7 @@ from manip3d.io._depth_units import (
     read_depth_guessing,
 )
 from manip3d.io._images import texture_path
+from manip3d.io._limits import ReadLimits
 from manip3d.io._lods import write_lods
 from manip3d.io._mesh_files import (
     READABLE,
@@ -41,6 +42,7 @@ __all__ = [
     "DepthReading",
     "Motion",
     "RangeGrid",
+    "ReadLimits",
     "ReadReport",
     "Scene",
     "SceneNode",

@@ -14,6 +14,7 @@ from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import Error, FormatError, InputError, MissingExtraError
 from manip3d.io._files import open_regular
+from manip3d.io._limits import byte_limit, check_points, clock
 from manip3d.io._remote import local_copy
 
 if TYPE_CHECKING:
@@ -91,15 +92,21 @@ def _read(
     if not max_pixels > 0:
         raise InputError(f"max_pixels: expected > 0, got {max_pixels}")
     name = os.fspath(path)
-    with local_copy(path) as local, open_regular(local) as file:
-        data = file.read(8 * max_pixels + _HEADER_BYTES + 1)
-    try:
-        if len(data) > 8 * max_pixels + _HEADER_BYTES:
-            raise FormatError(f"expected at most {max_pixels} pixels, got a larger file")
-        return decode(data, max_pixels)
-    except FormatError as error:
-        offset = error.byte_offset
-        raise FormatError(error.reason, file=name, byte_offset=offset) from error.__cause__
+    limit = byte_limit(None)
+    with clock(name):
+        with local_copy(path, max_bytes=limit or None) as local, open_regular(local) as file:
+            data = file.read(8 * max_pixels + _HEADER_BYTES + 1)
+        try:
+            if limit and len(data) > limit:
+                raise FormatError(f"more than max_bytes = {limit}")
+            if len(data) > 8 * max_pixels + _HEADER_BYTES:
+                raise FormatError(f"expected at most {max_pixels} pixels, got a larger file")
+            values = decode(data, max_pixels)
+        except FormatError as error:
+            offset = error.byte_offset
+            raise FormatError(error.reason, file=name, byte_offset=offset) from error.__cause__
+    check_points(values.shape[0] * values.shape[1], name)
+    return values
 
 
 @checked

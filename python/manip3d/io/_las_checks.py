@@ -14,6 +14,7 @@ from typing import Any, BinaryIO, NoReturn
 
 from manip3d.errors import FormatError, MissingExtraError
 from manip3d.io._files import open_regular
+from manip3d.io._limits import check_points
 from manip3d.io._scan_tables import refuse_expansion
 
 _HEADER = 227  # bytes of the shortest header, LAS 1.0
@@ -73,7 +74,9 @@ def check_las(path: Path, limit: int) -> None:
         with open_regular(path) as stream:
             header = _read_header(stream.read(375), size)
             _check_extended_records(stream, header, size)
+            check_points(header.count, str(path))
             if not header.is_compressed:
+                refuse_expansion(size, size, limit, str(path))
                 if header.count * header.row > size - header.start:
                     _fail(
                         107,

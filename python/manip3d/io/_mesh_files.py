@@ -17,6 +17,7 @@ from manip3d._util.paths import path_of
 from manip3d.errors import InputError
 from manip3d.io._files import regular_bytes
 from manip3d.io._images import texture_path, with_common_images
+from manip3d.io._limits import byte_limit, check_points, clock
 from manip3d.io._remote import is_url, local_copy, local_output
 from manip3d.mesh import Mesh
 
@@ -70,16 +71,9 @@ class RangeGrid:
     valid: NDArray[np.bool_]
 
 
-def _limit(max_bytes: int | None) -> int:
-    if max_bytes is None:
-        return 0
-    if not max_bytes > 0:
-        raise InputError(f"max_bytes: expected > 0, got {max_bytes}")
-    return int(max_bytes)
-
-
 def _report(result: tuple[Mesh, str, int, int, list[str]], source: str | None) -> ReadReport:
     mesh, kind, num_polygons, num_skipped, warnings = result
+    check_points(mesh.num_vertices, source or "")
     mesh.source = source
     for text in warnings:
         _logger.warning("%s: %s", source or "bytes", text)
@@ -116,8 +110,9 @@ def read_report(
     >>> len(io.read_report("a.obj").warnings)
     1
     """
-    with local_copy(path, max_bytes=max_bytes) as local:
-        found = _core.read_mesh(os.fsencode(local), bool(allow_outside), _limit(max_bytes))
+    limit = byte_limit(max_bytes)
+    with clock(os.fspath(path)) as look, local_copy(path, max_bytes=limit or None) as local:
+        found = _core.read_mesh(os.fsencode(local), bool(allow_outside), limit, look)
         report = _report(found, os.fspath(path))
         if is_url(path):
             _take_textures(report.mesh, local)
@@ -216,7 +211,9 @@ def read_mesh_bytes(
     suffix = "" if format is None else "." + format.lower().lstrip(".")
     if suffix and suffix not in READABLE:
         raise InputError(f"format: expected one of {', '.join(READABLE)}, got {format!r}")
-    return _report(_core.read_mesh_bytes(bytes(data), suffix, _limit(max_bytes)), None).mesh
+    with clock("") as look:
+        found = _core.read_mesh_bytes(bytes(data), suffix, byte_limit(max_bytes), look)
+    return _report(found, None).mesh
 
 
 @checked
@@ -335,8 +332,10 @@ def read_range_grid(path: str | os.PathLike[str], *, max_bytes: int | None = Non
     >>> grid.valid.tolist(), grid.points[0, 1].tolist()
     ([[False, True]], [1.0, 2.0, 3.0])
     """
-    with local_copy(path, max_bytes=max_bytes) as local:
-        rows, cols, vertex, vertices = _core.read_range_grid(os.fsencode(local), _limit(max_bytes))
+    limit = byte_limit(max_bytes)
+    with clock(os.fspath(path)) as look, local_copy(path, max_bytes=limit or None) as local:
+        rows, cols, vertex, vertices = _core.read_range_grid(os.fsencode(local), limit, look)
+    check_points(len(vertices), os.fspath(path))
     valid = vertex >= 0
     points = np.full((rows * cols, 3), np.nan)
     points[valid] = vertices[vertex[valid]]

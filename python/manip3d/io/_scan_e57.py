@@ -11,8 +11,8 @@ import numpy as np
 
 from manip3d.errors import FormatError, InputError, MissingExtraError
 from manip3d.io._files import atomic_path, open_regular
+from manip3d.io._limits import check_points
 from manip3d.io._scan_tables import (
-    byte_limit,
     exact_coordinates,
     measured_points,
     refuse_expansion,
@@ -40,13 +40,12 @@ def _pye57() -> Any:
     return pye57
 
 
-def read_all(path: Path, max_bytes: int | None) -> list[LidarFrame]:
+def read_all(path: Path, limit: int) -> list[LidarFrame]:
     """Every scan position, in the file's order; see `manip3d.io.read_scans`."""
     pye57 = _pye57()
     with open_regular(path) as stream:  # the operating system's word first
         if stream.read(8) != b"ASTM-E57":
             raise FormatError("expected an E57 file", file=str(path), byte_offset=0)
-    limit = byte_limit(max_bytes)
     try:
         file = pye57.E57(str(path))
         try:
@@ -63,6 +62,7 @@ def _read_one(file: Any, index: int, path: Path, limit: int) -> LidarFrame:
     header = file.get_header(index)
     claimed = 8 * header.point_count * max(1, len(header.point_fields))
     refuse_expansion(claimed, path.stat().st_size, limit, str(path))
+    check_points(header.point_count, str(path))
     data: dict[str, NDArray[Any]] = file.read_scan_raw(index, ignore_unsupported_fields=True)
     keep = np.ones(header.point_count, np.bool_)
     for state in _STATES:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import InputError
 from manip3d.io import _scan_tables as tables
+from manip3d.io._limits import byte_limit, clock
 from manip3d.io._remote import is_url, local_copy, local_output
-from manip3d.io._scan_tables import byte_limit, scan_suffix
+from manip3d.io._scan_tables import scan_suffix
 from manip3d.lidar import LidarFrame
 
 SCAN_SUFFIXES: tuple[str, ...] = (*tables.TABLE_SUFFIXES, ".las", ".laz", ".e57")
@@ -101,22 +102,23 @@ def read_scans(path: str | os.PathLike[str], *, max_bytes: int | None = None) ->
     >>> len(io.read_scans("scan.bin"))
     1
     """
-    with local_copy(path, max_bytes=max_bytes) as local:
-        frames = _read_local(local, max_bytes)
+    limit = byte_limit(max_bytes)
+    with clock(os.fspath(path)) as look, local_copy(path, max_bytes=limit or None) as local:
+        frames = _read_local(local, limit, look)
     return [frame.replace(source=path) for frame in frames] if is_url(path) else frames
 
 
-def _read_local(path: Path, max_bytes: int | None) -> list[LidarFrame]:
+def _read_local(path: Path, limit: int, look: Callable[[float], None] | None) -> list[LidarFrame]:
     suffix = scan_suffix(path)
     if suffix in (".las", ".laz"):
         from manip3d.io import _scan_las
 
-        return [_scan_las.read(path, max_bytes)]
+        return [_scan_las.read(path, limit)]
     if suffix == ".e57":
         from manip3d.io import _scan_e57
 
-        return _scan_e57.read_all(path, max_bytes)
-    return [tables.read_table(path, byte_limit(max_bytes))]
+        return _scan_e57.read_all(path, limit)
+    return [tables.read_table(path, limit, look)]
 
 
 @checked

@@ -13,7 +13,6 @@ from manip3d.errors import FormatError, InputError, MissingExtraError
 from manip3d.io._files import atomic_path
 from manip3d.io._las_checks import check_las
 from manip3d.io._scan_tables import (
-    byte_limit,
     exact_coordinates,
     general_fields,
     measured_points,
@@ -35,10 +34,10 @@ def _laspy() -> Any:
     return laspy
 
 
-def read(path: Path, max_bytes: int | None) -> LidarFrame:
+def read(path: Path, limit: int) -> LidarFrame:
     """As `manip3d.io.read_scan`; points are moved near 0 where they lie far from it."""
     laspy = _laspy()
-    check_las(path, byte_limit(max_bytes))
+    check_las(path, limit)
     try:
         las = laspy.read(path)
         exact = np.column_stack([np.asarray(las[axis], np.float64) for axis in "xyz"])

@@ -11,11 +11,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d import _core
-from manip3d.errors import FormatError, InputError
+from manip3d.errors import FormatError
+from manip3d.io._limits import check_points
 from manip3d.io._text_files import text_of
 from manip3d.lidar import LidarFrame, ScanFormat
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
 
@@ -37,15 +40,6 @@ def scan_suffix(path: str | os.PathLike[str]) -> str:
     plain = PurePath(name.stem if name.suffix in _COMPRESSED else name.name)
     last_two = "".join(plain.suffixes[-2:]).lower()
     return last_two if last_two in TABLE_SUFFIXES else plain.suffix.lower()
-
-
-def byte_limit(max_bytes: int | None) -> int:
-    """``max_bytes`` as the core takes it: 0 means the limit of the ratio."""
-    if max_bytes is None:
-        return 0
-    if not max_bytes > 0:
-        raise InputError(f"max_bytes: expected > 0, got {max_bytes}")
-    return int(max_bytes)
 
 
 def refuse_expansion(claimed: int, stored: int, limit: int, file: str) -> None:
@@ -93,9 +87,12 @@ class Table:
     header: dict[str, Any] = field(default_factory=dict)
 
 
-def read_table(path: str | os.PathLike[str], limit: int) -> LidarFrame:
+def read_table(
+    path: str | os.PathLike[str], limit: int, look: Callable[[float], None] | None = None
+) -> LidarFrame:
     name = os.fspath(path)
-    kind, fields, pairs, num_points, raw = _core.read_points(os.fsencode(name), limit)
+    kind, fields, pairs, num_points, raw = _core.read_points(os.fsencode(name), limit, look)
+    check_points(num_points, name)
     columns = tuple((str(a), str(b), int(c)) for a, b, c in fields)
     dtype = _dtype(columns)
     values = raw.view(dtype) if raw.size else np.empty(num_points, dtype)

@@ -13,7 +13,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d.errors import InputError
-from manip3d.io._mesh_files import _limit
+from manip3d.io._limits import byte_limit, check_points, clock
 from manip3d.io._remote import local_copy, local_output
 from manip3d.mesh import Mesh
 
@@ -204,10 +204,12 @@ def read_scene(
     >>> scene.num_instances, scene.num_faces
     (1, 4)
     """
-    with local_copy(path, max_bytes=max_bytes) as local:
+    limit = byte_limit(max_bytes)
+    with clock(os.fspath(path)) as look, local_copy(path, max_bytes=limit or None) as local:
         nodes, meshes, document, buffer, warnings = _core.read_scene(
-            os.fsencode(local), bool(allow_outside), _limit(max_bytes)
+            os.fsencode(local), bool(allow_outside), limit, look
         )
+    check_points(sum(mesh.num_vertices for _, mesh, _ in meshes), os.fspath(path))
     for text in warnings:
         _logger.warning("%s: %s", os.fspath(path), text)
     return Scene(

@@ -1,0 +1,126 @@
+"""What a file may cost its reader: bytes, points, seconds. `manip3d.io` shows `ReadLimits`."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Iterator
+from contextvars import ContextVar
+from dataclasses import dataclass
+
+from manip3d._util.checked import checked
+from manip3d.errors import FormatError, InputError
+
+_IN_FORCE: ContextVar[tuple[ReadLimits, ...]] = ContextVar("limits of readers", default=())
+
+
+@checked
+@dataclass(frozen=True)
+class ReadLimits:
+    """Limits of every reader of meshes, scenes, scans and depth images within a ``with`` block.
+
+    A file that passes one of them is refused with a `FormatError` that names the file and the
+    limit. Blocks may be nested: all their limits hold. They hold for the thread, or the task of
+    asyncio, that entered the block. Of a LiDAR recording (`manip3d.capture.open_lidar`), which is
+    read bit by bit, ``max_bytes`` limits the whole and ``max_points`` nothing.
+
+    Parameters
+    ----------
+    max_bytes : int, optional
+        The most uncompressed bytes of a file. As the argument ``max_bytes`` of a reader it also
+        lifts the limit on the expansion of compressed files.
+    max_points : int, optional
+        The most points of a scan, vertices of a mesh or of a scene, or pixels of a depth image.
+        Counted where the header tells before anything is read, else when all is read:
+        what bounds the memory until then is ``max_bytes``.
+    max_seconds : float, optional
+        The most seconds that one call of a reader may take, fetching a URL included. Readers of
+        the core look at the clock ten times a second; what other libraries read (LAS, LAZ, E57,
+        images) is judged when it is read.
+
+    Raises
+    ------
+    InputError
+        A limit is not positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import io
+    >>> np.zeros((1000, 4), np.float32).tofile("scan.bin")
+    >>> with io.ReadLimits(max_points=100, max_seconds=5):
+    ...     io.read_scan("scan.bin")
+    Traceback (most recent call last):
+    manip3d.errors.FormatError: scan.bin: 1000 points, more than max_points = 100
+    """
+
+    max_bytes: int | None = None
+    max_points: int | None = None
+    max_seconds: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("max_bytes", "max_points", "max_seconds"):
+            value = getattr(self, name)
+            if value is not None and not value > 0:
+                raise InputError(f"{name}: expected > 0, got {value}")
+
+    def __enter__(self) -> ReadLimits:
+        """Put the limits in force."""
+        _IN_FORCE.set((*_IN_FORCE.get(), self))
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Return to the limits that were in force before."""
+        _IN_FORCE.set(_IN_FORCE.get()[:-1])  # blocks end in the reverse order of their beginning
+
+
+def byte_limit(max_bytes: int | None) -> int:
+    """The most uncompressed bytes of a file, as the core takes it: 0 is the limit of the ratio.
+
+    Raises
+    ------
+    InputError
+        ``max_bytes`` is not positive.
+    """
+    if max_bytes is not None and not max_bytes > 0:
+        raise InputError(f"max_bytes: expected > 0, got {max_bytes}")
+    known = [max_bytes, *(limits.max_bytes for limits in _IN_FORCE.get())]
+    return int(min((each for each in known if each is not None), default=0))
+
+
+def check_points(num_points: int, file: str) -> None:
+    """Refuse a file of more points than `ReadLimits` allow.
+
+    Raises
+    ------
+    FormatError
+    """
+    for limits in _IN_FORCE.get():
+        if limits.max_points is not None and num_points > limits.max_points:
+            raise FormatError(
+                f"{num_points} points, more than max_points = {limits.max_points}", file=file
+            )
+
+
+@contextlib.contextmanager
+def clock(file: str) -> Iterator[Callable[[float], None] | None]:
+    """Yield what a kernel calls with its progress, which raises once the time of one read is over.
+
+    None where no limit of seconds is in force. The time is looked at when the block ends, too.
+
+    Raises
+    ------
+    FormatError
+    """
+    seconds = [each.max_seconds for each in _IN_FORCE.get() if each.max_seconds is not None]
+    if not seconds:
+        yield None
+        return
+    most, start = min(seconds), time.monotonic()
+
+    def look(_: float) -> None:
+        if time.monotonic() - start > most:
+            raise FormatError(f"reading takes more than max_seconds = {most:g}", file=file)
+
+    yield look
+    look(1.0)
