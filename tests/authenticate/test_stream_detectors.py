@@ -149,6 +149,21 @@ def test_of_a_long_recording_runs_are_judged_and_no_more_are_kept() -> None:
         authenticate.judged_frames([1])  # type: ignore[list-item]
 
 
+def test_the_reason_tells_that_an_iterator_went_on() -> None:
+    some = stream(6)
+
+    def many(count: int) -> Iterator[RgbdFrame]:
+        for number in range(count):
+            yield replace(some[number % 6], number=number)
+
+    whole = authenticate.inspect_stream(many(60))
+    assert "60 frames, not the rest" not in whole.reason
+    begun = authenticate.inspect_stream(many(61))
+    assert begun.reason == whole.reason + "; of the first 60 frames, not the rest"
+    assert begun.verdict == whole.verdict
+    assert begun.numbers.tolist() == list(range(60))
+
+
 def test_somebody_who_was_put_into_a_few_frames_only_is_found() -> None:
     frames = [sensed(n, relief=8 <= n < 14, soft=False) for n in range(24)]
     found = authenticate.inspect_stream(frames)

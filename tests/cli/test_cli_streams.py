@@ -16,9 +16,10 @@ import numpy as np
 import pytest
 
 from capsule_body import SMALL, frame, pose
-from manip3d import InputError, RgbdCalibration, RgbdFrame, capture, forge
+from manip3d import InputError, RgbdCalibration, RgbdFrame, authenticate, capture, forge
 from manip3d.cli import forge as cli_forge
 from manip3d.cli.forge import forge_frames
+from manip3d.cli.inspect import inspect_recording
 from manip3d.cli.terminal import Terminal
 
 
@@ -137,10 +138,8 @@ class _Counted:
             del made, depth
 
 
-def _forge_of(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, places: dict[str, _Counted], **options: Any
-) -> list[RgbdFrame]:
-    """Forge a stream of sources by name; its frames."""
+def _sources_by_name(monkeypatch: pytest.MonkeyPatch, places: dict[str, _Counted]) -> None:
+    """Open these instead of addresses; those whose names begin with "live" are live."""
     from manip3d.cli import capture as cli_capture
 
     def opened(place: str, _: Terminal) -> capture.RgbdSource:
@@ -149,6 +148,13 @@ def _forge_of(
         return source
 
     monkeypatch.setattr(cli_capture, "open_source", opened)
+
+
+def _forge_of(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, places: dict[str, _Counted], **options: Any
+) -> list[RgbdFrame]:
+    """Forge a stream of sources by name; its frames."""
+    _sources_by_name(monkeypatch, places)
     given: dict[str, Any] = {
         "kind": 1,
         "pose": "",
@@ -178,6 +184,25 @@ def test_forging_keeps_few_frames_however_long_the_recordings_are(
     assert len(_forge_of(monkeypatch, tmp_path, {"alone": alone})) == 80
     assert alone.passes >= 2
     assert alone.most <= 10 + 8
+
+
+def test_a_recording_of_unknown_length_is_judged_all_over_without_being_kept(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    recorded = _Counted(200)
+    _sources_by_name(monkeypatch, {"unfinished": recorded})
+    judged: list[int] = []
+
+    def inspect(frames: list[RgbdFrame], **_: object) -> None:
+        judged.extend(frame.number for frame in frames)
+        raise InputError("enough")
+
+    monkeypatch.setattr(authenticate, "inspect_stream", inspect)
+    with pytest.raises(InputError, match="enough"):
+        inspect_recording("unfinished", None, None, Terminal(quiet=True))
+    assert len(judged) == 60
+    assert (judged[:7], judged[-1]) == ([0, 1, 2, 3, 4, 5, 21], 199)
+    assert recorded.most <= 62
 
 
 def test_the_plate_is_learnt_from_frames_of_the_whole_recording(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice, pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -259,7 +259,7 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
     ----------
     frames : iterable of RgbdFrame
         Consecutive frames of one camera. Of a sequence up to 60 are judged, in runs of 6 spread
-        over it; of an iterator the first 60.
+        over it; of an iterator the first 60, which the reason says where there were more.
     progress : None, True or callable(fraction, message)
 
     Returns
@@ -295,7 +295,7 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
     >>> found.verdict, found.reason
     ('processed', 'cropped: no camera is known to give 64 x 64 pixels')
     """
-    some = judged_frames(frames)
+    some, has_more = _judged(frames)
     if not some:
         raise InputError("frames: expected one at least, got none")
     if any(frame.depth.shape != some[0].depth.shape for frame in some):
@@ -307,8 +307,24 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
         processing = _processing(some)
         frozen, frozen_masks = _repetition(some)
         told(0.6)
-        edges, edge_regions, edge_masks = _silhouettes(some)
+        edges = _silhouettes(some)
         told(1.0)
+    found = _concluded(some, noise, processing, (frozen, frozen_masks), edges)
+    if not has_more:
+        return found
+    return replace(found, reason=f"{found.reason}; of the first {MOST_FRAMES} frames, not the rest")
+
+
+def _concluded(
+    some: Sequence[RgbdFrame],
+    noise: NDArray[np.float64],
+    processing: tuple[Processing, ...],
+    repetition: tuple[StreamReport, Mask],
+    silhouettes: tuple[StreamReport, tuple[StreamRegion, ...], Mask],
+) -> StreamInspection:
+    """The verdict on frames by what each detector says."""
+    frozen, frozen_masks = repetition
+    edges, edge_regions, edge_masks = silhouettes
     median = float(np.median(noise)) if len(noise) else None
     published = StreamReport(
         "noise", "undecidable", "the published measure is reported without a threshold", median
@@ -367,9 +383,17 @@ def judged_frames(frames: Iterable[RgbdFrame]) -> list[RgbdFrame]:
     >>> len(authenticate.judged_frames(body.frame(n / 30) for n in range(3)))
     3
     """
+    return _judged(frames)[0]
+
+
+def _judged(frames: Iterable[RgbdFrame]) -> tuple[list[RgbdFrame], bool]:
+    """Return the frames that are judged, and whether they are the first ones of more."""
     length = len(frames) if isinstance(frames, Sequence) else getattr(frames, "num_frames", None)
+    has_more = False
     if length is None:
-        some = list(islice(frames, MOST_FRAMES))
+        iterator = iter(frames)
+        some = list(islice(iterator, MOST_FRAMES))
+        has_more = len(some) == MOST_FRAMES and next(iterator, None) is not None
     elif length <= MOST_FRAMES:
         some = list(frames)
     else:
@@ -378,7 +402,7 @@ def judged_frames(frames: Iterable[RgbdFrame]) -> list[RgbdFrame]:
         wanted = {int(start) + i for start in starts for i in range(run)}
         some = [frame for number, frame in enumerate(frames) if number in wanted]
     check_frames("frames", some)
-    return some
+    return some, has_more
 
 
 def _box(mask: Mask) -> tuple[int, int, int, int]:
