@@ -342,8 +342,8 @@ def _own_item(place: Path, name: str) -> Item:
         raise InputError(
             f"images: {place}: expected a folder of {', '.join(TRUTHS)}, got {truth or 'none'!r}"
         )
-    if suffix not in SHOWABLE or suffix == ".glb":
-        shown = ", ".join(each for each in SHOWABLE if each != ".glb")
+    if suffix not in SHOWABLE:
+        shown = ", ".join(SHOWABLE)
         raise InputError(f"images: {place}: expected a name that ends in {shown}")
     known = {*MODALITIES, _EXAMPLE, _LOW}
     if not set(others) <= known or len(set(others) & set(MODALITIES)) > 1:
