@@ -189,6 +189,29 @@ def test_processed_images_are_not_accused(change: Any, request: pytest.FixtureRe
     assert found.processing[0].kind == request.node.callspec.id
 
 
+def test_images_cut_to_the_size_of_another_camera_are_told_by_their_field_of_view() -> None:
+    def cut(fx: float, *, turned: bool = False) -> list[RgbdFrame]:
+        camera = Intrinsics(320, 240, fx, fx, 159.5, 119.5)
+        if turned:
+            camera = Intrinsics(240, 320, fx, fx, 119.5, 159.5)
+        return [
+            replace(
+                frame,
+                depth=np.ascontiguousarray(np.rot90(frame.depth)) if turned else frame.depth,
+                calibration=RgbdCalibration(camera),
+            )
+            for frame in stream()
+        ]
+
+    # The middle of 640 x 480 pixels of a camera with fx = 525: 2 atan(160 / 525) = 33.9 degrees.
+    for turned in (False, True):
+        found = authenticate.inspect_stream(cut(525.0, turned=turned))
+        assert (found.verdict, found.processing[0].kind) == ("processed", "cropped")
+        assert "34 degrees" in found.reason
+    # 7-Scenes' Kinect, 57 degrees: the narrowest camera of the data.
+    assert authenticate.inspect_stream(cut(292.5)).verdict == "no_trace"
+
+
 def test_rendered_images_and_images_without_silhouettes_are_undecidable() -> None:
     assert authenticate.inspect_stream(stream(soft=False, noise=0.0)).verdict == "undecidable"
     assert authenticate.inspect_stream(stream(soft=False, hole=0.0)).verdict == "undecidable"

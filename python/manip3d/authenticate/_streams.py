@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice, pairwise
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from manip3d._util.options import Progress
+    from manip3d.camera import Intrinsics
 
     Mask = NDArray[np.bool_]
     Depth = NDArray[np.uint16]
@@ -41,6 +43,7 @@ _LEAST_NOISE = 0.5  # mm at 1 m: rendered images have less
 _LEAST_SPECKLES = 2e-4  # share of pixels; cameras lose 3e-4 and more, renderings 1.4e-4 at most
 _MOST_TINY = 5e-4  # share of pixels nearer than any camera measures
 _MOST_OFF_CENTRE = 0.1  # of the image's side
+_LEAST_VIEW_DEG = 50.0  # along the longer side; the narrowest camera of the data sees 57
 _RELIEF = 0.25  # share of the depth: then a camera's shadow is several pixels wide
 _SIZES = {
     (160, 120), (320, 240), (640, 480), (512, 424), (1280, 720), (848, 480), (640, 360),
@@ -285,6 +288,10 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
     which a part repeats exactly behind a camera's own silhouettes, are ``processed``: codecs and
     filters over time do that, too. No verdict says that a stream is authentic.
 
+    An image that was cut to the size of some camera is told by the field of view that its
+    calibration leaves, if that is below 50 degrees. One that was made smaller by leaving pixels
+    out, with a calibration that was scaled alike, cannot be told from that of a smaller camera.
+
     Examples
     --------
     >>> import numpy as np
@@ -426,6 +433,10 @@ def _processing(frames: Sequence[RgbdFrame]) -> tuple[Processing, ...]:
     if not found and off > _MOST_OFF_CENTRE:
         detail = f"the optical axis meets the image {off:.0%} of its side beside the middle"
         found.append(Processing("cropped", detail))
+    view = _field_of_view(camera)
+    if not found and view < _LEAST_VIEW_DEG:
+        detail = f"it shows {view:.0f} degrees of the scene, less than any known depth camera"
+        found.append(Processing("cropped", detail))
     some = frames[:: max(1, len(frames) // 6)]
     values = np.unique(np.concatenate([np.unique(frame.depth) for frame in some]))
     values = values[values > 0]
@@ -445,6 +456,13 @@ def _processing(frames: Sequence[RgbdFrame]) -> tuple[Processing, ...]:
     if doubled > _MOST_DOUBLED:
         found.append(Processing("resampled", f"{doubled:.0%} of neighbouring lines are the same"))
     return tuple(found)
+
+
+def _field_of_view(camera: Intrinsics) -> float:
+    """Degrees that a camera sees along the longer side of its image."""
+    sides = ((camera.width, camera.fx), (camera.height, camera.fy))
+    side, focal = max(sides, key=lambda each: each[0])
+    return math.degrees(2.0 * math.atan(0.5 * side / abs(focal)))  # fy of renderings may be < 0
 
 
 def _is_held(frames: Sequence[RgbdFrame]) -> bool:
