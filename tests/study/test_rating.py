@@ -31,6 +31,7 @@ from manip3d.study import (
     write_template,
 )
 from manip3d.study._rating import COLUMNS, Item
+from manip3d.study._stimuli import _scan_surface
 
 # Fourteen raters, ten items, five categories: the worked example of textbooks.
 EXAMPLE = [
@@ -298,7 +299,8 @@ def test_stimuli_of_the_package_are_of_their_kinds(tmp_path: Path) -> None:
     made = make_rating_stimuli(
         folder, composition=composition, frames=3, examples=False, surfaces=1, seed=5
     )
-    assert sorted(i.truth for i in made) == ["added", "real", "real", "type1", "type2", "type2"]
+    truths = ["added", "deformed", "real", "real", "type1", "type2", "type2"]
+    assert sorted(i.truth for i in made) == truths
     for item in made:
         with image.open(folder / item.file) as picture:
             frames = getattr(picture, "n_frames", 1)
@@ -319,6 +321,14 @@ def test_stimuli_of_the_package_are_of_their_kinds(tmp_path: Path) -> None:
     assert study.items == made
     with pytest.raises(InputError, match="exists already"):
         make_rating_stimuli(folder)
+
+
+@pytest.mark.parametrize("truth", ["added", "deformed"])
+def test_forged_surfaces_differ_from_the_real_one_in_a_part(truth: str) -> None:
+    pytest.importorskip("open3d", reason="the extra 'simulate' is not installed")
+    real, forged = (_scan_surface(each, 3).astype(int) for each in ("real", truth))
+    share = (np.abs(forged - real).max(axis=-1) > 8).mean()
+    assert 0.003 < share < 0.3
 
 
 def test_compositions_are_checked(tmp_path: Path) -> None:
