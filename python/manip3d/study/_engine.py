@@ -248,7 +248,7 @@ class Conductor:
         given = {f.name: f.read(values[f"answer.{f.name}"]) for f in step.fields}
         answer = Answer(
             step.id,
-            step.condition | session.screen if is_screen(step.id) else dict(step.condition),
+            dict(step.condition) | (session.screen if is_screen(step.id) else {}),
             given,
             elapsed_ms=float(values["elapsed_ms"]),
             shown_px=float(values["shown_px"]),
