@@ -149,6 +149,21 @@ def test_of_a_long_recording_runs_are_judged_and_no_more_are_kept() -> None:
         authenticate.judged_frames([1])  # type: ignore[list-item]
 
 
+def test_the_reason_tells_that_an_iterator_went_on() -> None:
+    some = stream(6)
+
+    def many(count: int) -> Iterator[RgbdFrame]:
+        for number in range(count):
+            yield replace(some[number % 6], number=number)
+
+    whole = authenticate.inspect_stream(many(60))
+    assert "60 frames, not the rest" not in whole.reason
+    begun = authenticate.inspect_stream(many(61))
+    assert begun.reason == whole.reason + "; of the first 60 frames, not the rest"
+    assert begun.verdict == whole.verdict
+    assert begun.numbers.tolist() == list(range(60))
+
+
 def test_somebody_who_was_put_into_a_few_frames_only_is_found() -> None:
     frames = [sensed(n, relief=8 <= n < 14, soft=False) for n in range(24)]
     found = authenticate.inspect_stream(frames)
@@ -172,6 +187,29 @@ def test_processed_images_are_not_accused(change: Any, request: pytest.FixtureRe
     found = authenticate.inspect_stream(changed(change))
     assert found.verdict == "processed"
     assert found.processing[0].kind == request.node.callspec.id
+
+
+def test_images_cut_to_the_size_of_another_camera_are_told_by_their_field_of_view() -> None:
+    def cut(fx: float, *, turned: bool = False) -> list[RgbdFrame]:
+        camera = Intrinsics(320, 240, fx, fx, 159.5, 119.5)
+        if turned:
+            camera = Intrinsics(240, 320, fx, fx, 119.5, 159.5)
+        return [
+            replace(
+                frame,
+                depth=np.ascontiguousarray(np.rot90(frame.depth)) if turned else frame.depth,
+                calibration=RgbdCalibration(camera),
+            )
+            for frame in stream()
+        ]
+
+    # The middle of 640 x 480 pixels of a camera with fx = 525: 2 atan(160 / 525) = 33.9 degrees.
+    for turned in (False, True):
+        found = authenticate.inspect_stream(cut(525.0, turned=turned))
+        assert (found.verdict, found.processing[0].kind) == ("processed", "cropped")
+        assert "34 degrees" in found.reason
+    # 7-Scenes' Kinect, 57 degrees: the narrowest camera of the data.
+    assert authenticate.inspect_stream(cut(292.5)).verdict == "no_trace"
 
 
 def test_rendered_images_and_images_without_silhouettes_are_undecidable() -> None:

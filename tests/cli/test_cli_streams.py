@@ -6,16 +6,20 @@ import json
 import os
 import subprocess
 import sys
+import weakref
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from capsule_body import SMALL, frame, pose
-from manip3d import RgbdFrame, capture, forge
+from manip3d import InputError, RgbdCalibration, RgbdFrame, authenticate, capture, forge
+from manip3d.cli import forge as cli_forge
 from manip3d.cli.forge import forge_frames
+from manip3d.cli.inspect import inspect_recording
 from manip3d.cli.terminal import Terminal
 
 
@@ -80,7 +84,7 @@ def test_a_recording_that_is_stopped_has_no_old_truth(
 
     for owner, name, stopped in (
         (forge.ForgedStream, "__iter__", fail_at_once),  # before a frame is forged
-        (forge.StreamTruth, "write", fail),  # after all of them
+        (forge.ForgedStream, "write_truth", fail),  # after all of them
     ):
         forge_it(force=True)
         assert truth.is_file()
@@ -104,6 +108,146 @@ def test_poses_of_a_motion_file(person: Path, tmp_path: Path) -> None:
     broken = manip3d(*command, "--force")
     assert broken.returncode == 1
     assert "motion.bvh: line 2: expected" in broken.stderr
+
+
+class _Counted:
+    """Frames of a person who stands before a wall, made one by one; counts those that are alive."""
+
+    def __init__(self, frames: int, *, rate: float = 30.0, skeletons: bool = True) -> None:
+        self.calibration = RgbdCalibration(SMALL)
+        self.most = self.passes = 0
+        self._frames, self._rate, self._skeletons = frames, rate, skeletons
+        self._seen = frame(pose(), SMALL)
+        self._alive: weakref.WeakSet[RgbdFrame] = weakref.WeakSet()
+
+    def __iter__(self) -> Iterator[RgbdFrame]:
+        self.passes += 1
+        for number in range(self._frames):
+            depth = self._seen.depth.copy()
+            depth[depth == 0] = 3600 + number
+            made = replace(
+                self._seen,
+                depth=depth,
+                number=number,
+                time=round(number * 1e9 / self._rate),
+                skeletons=self._seen.skeletons if self._skeletons else (),
+            )
+            self._alive.add(made)
+            self.most = max(self.most, len(self._alive))
+            yield made
+            del made, depth
+
+
+def _sources_by_name(monkeypatch: pytest.MonkeyPatch, places: dict[str, _Counted]) -> None:
+    """Open these instead of addresses; those whose names begin with "live" are live."""
+    from manip3d.cli import capture as cli_capture
+
+    def opened(place: str, _: Terminal) -> capture.RgbdSource:
+        source = capture.from_frames(places[place], uri=place)
+        source.is_live = place.startswith("live")
+        return source
+
+    monkeypatch.setattr(cli_capture, "open_source", opened)
+
+
+def _forge_of(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, places: dict[str, _Counted], **options: Any
+) -> list[RgbdFrame]:
+    """Forge a stream of sources by name; its frames."""
+    _sources_by_name(monkeypatch, places)
+    given: dict[str, Any] = {
+        "kind": 1,
+        "pose": "",
+        "background": "",
+        "still": False,
+        "frames": None,
+    }
+    forge_frames(
+        next(iter(places)), tmp_path / "out", Terminal(quiet=True), force=True,
+        **(given | {"options": {"smoothing": False}} | options),
+    )  # fmt: skip
+    return list(capture.open_rgbd(f"folder:{tmp_path / 'out'}"))
+
+
+def test_forging_keeps_few_frames_however_long_the_recordings_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cli_forge, "MOST_KEPT", 10)
+    people, scenes, poses = _Counted(80), _Counted(40), _Counted(40)
+    places = {"people": people, "scenes": scenes, "poses": poses}
+    made = _forge_of(monkeypatch, tmp_path, places, kind=2, background="scenes", pose="poses")
+    assert len(made) == 80
+    assert people.most < 8  # a few at a time are on their way to the recorder
+    assert scenes.most <= 12
+    assert poses.most <= 2  # their skeletons alone are kept
+    alone = _Counted(80)
+    assert len(_forge_of(monkeypatch, tmp_path, {"alone": alone})) == 80
+    assert alone.passes >= 2
+    assert alone.most <= 10 + 8
+
+
+def test_a_recording_of_unknown_length_is_judged_all_over_without_being_kept(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    recorded = _Counted(200)
+    _sources_by_name(monkeypatch, {"unfinished": recorded})
+    judged: list[int] = []
+
+    def inspect(frames: list[RgbdFrame], **_: object) -> None:
+        judged.extend(frame.number for frame in frames)
+        raise InputError("enough")
+
+    monkeypatch.setattr(authenticate, "inspect_stream", inspect)
+    with pytest.raises(InputError, match="enough"):
+        inspect_recording("unfinished", None, None, Terminal(quiet=True))
+    assert len(judged) == 60
+    assert (judged[:7], judged[-1]) == ([0, 1, 2, 3, 4, 5, 21], 199)
+    assert recorded.most <= 62
+
+
+def test_the_plate_is_learnt_from_frames_of_the_whole_recording(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(cli_forge, "MOST_KEPT", 10)
+    spread = cli_forge._Spread()
+    for each in _Counted(47):
+        spread.add(each)
+    assert [each.number for each in spread.kept] == [0, 8, 16, 24, 32, 40]
+    few = cli_forge._Spread()
+    for each in _Counted(10):
+        few.add(each)
+    assert [each.number for each in few.kept] == list(range(10))
+
+
+def test_a_background_of_another_rate_keeps_its_pace(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    places = {"people": _Counted(8), "scenes": _Counted(6, rate=10.0)}
+    made = _forge_of(monkeypatch, tmp_path, places, background="scenes")
+    # The corner shows the wall, whose depth tells the number of the background's frame.
+    assert [int(each.depth[0, 0]) - 3600 for each in made] == [0, 0, 1, 1, 1, 2, 2, 2]
+    slow = cli_forge._AtStep(list(_Counted(3)), 1e18, 1e-3)  # no list of 10^21 frames
+    assert len(slow) > 2**60
+    assert slow[10**9].number == 0
+
+
+def test_live_sources_are_forged_for_so_many_frames_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    orders: list[dict[str, Any]] = [
+        {},
+        {"background": "live2"},
+        {"background": "recorded", "kind": 2, "pose": "live2"},
+    ]
+    for options in orders:
+        first = "live" if not options else "people"
+        places = {first: _Counted(5), "live2": _Counted(5), "recorded": _Counted(5)}
+        with pytest.raises(InputError, match=r"--frames: expected with live2?, which is live"):
+            _forge_of(monkeypatch, tmp_path, places, **options)
+        assert not (tmp_path / "out").exists()
+    live = _Counted(9)
+    assert len(_forge_of(monkeypatch, tmp_path, {"live": live}, frames=4)) == 4
+    assert live.passes == 1  # what a camera has seen does not come again
 
 
 def test_forge_names_wrong_options(person: Path, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import tracemalloc
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -12,8 +13,8 @@ import numpy as np
 import pytest
 
 from capsule_body import SMALL, frame, pose
-from manip3d import FormatError, InputError, RgbdCalibration, RgbdFrame, capture, forge
-from manip3d.forge._stream import _median_seen
+from manip3d import FormatError, InputError, Intrinsics, RgbdCalibration, RgbdFrame, capture, forge
+from manip3d.forge._stream import _joined_bits, _median_seen
 from manip3d.rgbd import NO_BODY
 
 HANDS_UP = {
@@ -308,3 +309,47 @@ def test_a_truth_too_large_to_be_read_is_not_written(tmp_path: Path) -> None:
     masks = np.broadcast_to(np.False_, (2**20, 2**10, 2**9))
     with pytest.raises(InputError, match="masks: expected at most 274877906944 pixels"):
         forge.StreamTruth(1, masks, np.arange(2**20)).write(tmp_path / "truth.npz")
+
+
+def test_the_truth_is_written_from_packed_bits(tmp_path: Path) -> None:
+    # 9 frames of 15 pixels: neither a frame nor eight frames and one end with a byte.
+    camera = Intrinsics(5, 3, 4.0, 4.0, 2.0, 1.0)
+    rng = np.random.default_rng(0)
+    frames = []
+    for number in range(9):
+        body = np.where(rng.random((3, 5)) < 0.4, 0, NO_BODY).astype(np.uint8)
+        depth = np.full((3, 5), 1000, np.uint16)
+        frames.append(RgbdFrame(depth, RgbdCalibration(camera), body_index=body, number=number + 3))
+    scene = RgbdFrame(np.full((3, 5), 4000, np.uint16), RgbdCalibration(camera))
+    stream = forge.stream(frames, scene, kind=1)
+    masks = np.stack([forged.mask for forged in stream.frames()])
+    assert 20 < masks.sum() < masks.size - 20
+    stream.write_truth(tmp_path / "packed.npz")
+    stream.truth.write(tmp_path / "whole.npz")
+    assert (tmp_path / "packed.npz").read_bytes() == (tmp_path / "whole.npz").read_bytes()
+    found = forge.read_stream_truth(tmp_path / "packed.npz")
+    assert found.masks.dtype == np.bool_
+    np.testing.assert_array_equal(found.masks, masks)
+    np.testing.assert_array_equal(stream.truth.masks, masks)
+    assert found.numbers.tolist() == list(range(3, 12))
+    assert stream.forged_pixels == masks.sum()
+    assert stream.forged_share == masks.mean()
+
+
+def test_the_truth_takes_no_more_memory_than_its_masks() -> None:
+    shape = (212, 256)
+    camera = RgbdCalibration(Intrinsics(shape[1], shape[0], 180.0, 180.0, 128.0, 106.0))
+    scene = RgbdFrame(np.full(shape, 4000, np.uint16), camera)
+    stream = forge.stream([scene], scene, kind=1)
+    stream._bits = [np.packbits(np.ones(shape, bool))] * 400
+    stream._numbers = list(range(400))
+    size = 400 * shape[0] * shape[1]
+    tracemalloc.start()
+    try:
+        assert stream.truth.masks.all()
+        assert tracemalloc.get_traced_memory()[1] < 1.2 * size
+        tracemalloc.reset_peak()
+        _joined_bits(stream._bits, shape[0] * shape[1])
+        assert tracemalloc.get_traced_memory()[1] < 0.2 * size
+    finally:
+        tracemalloc.stop()

@@ -13,7 +13,9 @@ pytest.importorskip("aiohttp", reason="the extra 'live' is not installed")
 from browser import Participant, plain_answer, require_chromium, served, wait_for
 
 from manip3d.study import (
+    Answer,
     DisplayStudy,
+    Session,
     StudyFolder,
     read_study,
     study_of,
@@ -32,7 +34,7 @@ def definition(tmp_path: Path) -> Path:
 
 
 def rows_of(file: Path) -> list[dict[str, str]]:
-    with file.open(newline="", encoding="utf-8") as stream:
+    with file.open(newline="", encoding="utf-8-sig") as stream:
         return list(csv.DictReader(stream))
 
 
@@ -144,6 +146,46 @@ def test_an_answer_waits_for_the_server_to_come_back(definition: Path, tmp_path:
             assert found is not None
             assert found["id"] == "about"
             assert [a.step for a in folder.sessions["P1"].answers] == ["consent"]
+
+
+def test_who_could_not_be_stored_goes_on_when_the_disk_has_room(
+    definition: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    require_chromium()
+    study, content = read_study(definition)
+    store, begin = StudyFolder.store, StudyFolder.begin
+    refused: list[str] = []
+
+    def full(self: StudyFolder, participant: str, answer: Answer) -> Answer:
+        if "store" not in refused:
+            refused.append("store")
+            raise OSError(28, "No space left on device")
+        return store(self, participant, answer)
+
+    def full_at_first(self: StudyFolder, participant: str) -> Session:
+        if "begin" not in refused:
+            refused.append("begin")
+            raise OSError(28, "No space left on device")
+        return begin(self, participant)
+
+    monkeypatch.setattr(StudyFolder, "store", full)
+    monkeypatch.setattr(StudyFolder, "begin", full_at_first)
+    with StudyFolder(tmp_path / "answers", content) as folder, served(study, folder) as server:
+        with _chromium.open_address(server.new_url(), (800, 900)) as tab:
+            person = Participant(tab)
+            person.begin("P1")
+            found = person.next_step()  # the page asks again by itself
+            assert found is not None
+            assert found["id"] == "consent"
+            person.answer(plain_answer(found))
+            told = "document.querySelector('#banner').innerText"
+            wait_for(lambda: "could not be stored" in tab.evaluate(told), "the reason")
+            found = person.next_step("consent")
+            assert found is not None
+            assert found["id"] == "about"
+            assert tab.evaluate(told) == ""
+        assert refused == ["begin", "store"]
+        assert [a.step for a in folder.sessions["P1"].answers] == ["consent"]
 
 
 def test_who_does_not_agree_is_asked_nothing(definition: Path, tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import json
 import os
 import pickle
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -15,9 +16,11 @@ import textwrap
 import threading
 from collections import Counter
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -41,7 +44,8 @@ from manip3d.study import (
     write_template,
 )
 from manip3d.study._definition import read_table
-from manip3d.study._engine import Conductor
+from manip3d.study._display import _williams
+from manip3d.study._engine import Conductor, _plausible
 
 
 class Client:
@@ -121,6 +125,104 @@ def test_orders_of_displays_are_counterbalanced_within_each_group(conductor: Con
         )
         assert len(orders) == 6
         assert set(orders.values()) == {2}
+
+
+def test_the_place_of_who_has_withdrawn_is_taken_by_the_next(conductor: Conductor) -> None:
+    study, folder = conductor.study, conductor.folder
+    assert isinstance(study, DisplayStudy)
+
+    def takes_part(code: str, *, agrees: bool = True) -> list[str]:
+        client = Client()
+        step = say(conductor, client, type="begin", participant=code)
+        if not agrees:
+            assert say(conductor, client, **reply(step, **{"answer.agree": "no"}))["type"] == "end"
+            return []
+        step = say(conductor, client, **reply(step))
+        say(conductor, client, **reply(step, **{"answer.group": "expert"}))
+        return study.order_of(folder.sessions[code])
+
+    first, *others = (takes_part(f"P{number}") for number in range(3))
+    assert takes_part("no", agrees=False) == []
+    folder.withdraw("P0")
+    assert first not in others
+    assert takes_part("P3") == first
+    rest = [takes_part(f"P{number}") for number in range(4, 7)]
+    assert len({tuple(order) for order in (first, *others, *rest)}) == 6
+    assert takes_part("P7") == first  # the second round
+
+
+def test_orders_are_counterbalanced_where_nobody_asks_about_people(
+    definition: Path, tmp_path: Path
+) -> None:
+    text = re.sub(r"\[\[demographics\]\].*?(?=\n\[)", "", definition.read_text(), flags=re.DOTALL)
+    definition.write_text(re.sub(r"^groups = .*$", "", text, flags=re.MULTILINE))
+    study, content = read_study(definition)
+    assert isinstance(study, DisplayStudy)
+    assert "about" not in [step.id for step in study.opening()]
+    with StudyFolder(tmp_path / "a", content) as folder:
+        conductor = Conductor(study, folder)
+        for number in range(12):  # every second one does not agree
+            client = Client()
+            step = say(conductor, client, type="begin", participant=f"P{number}")
+            agrees = "yes" if number % 2 else "no"
+            say(conductor, client, **reply(step, **{"answer.agree": agrees}))
+        agreed = [folder.sessions[f"P{number}"] for number in range(1, 12, 2)]
+        assert len({tuple(study.order_of(session)) for session in agreed}) == 6
+    with StudyFolder(tmp_path / "b", content) as folder:
+        simulate_participants(study, folder, 6)
+        assert {s.assigned for s in folder.sessions.values()} == set(range(6))
+
+
+@pytest.mark.parametrize("count", [4, 5, 6])
+def test_orders_of_many_displays_are_a_williams_square(count: int) -> None:
+    rows = _williams(count)
+    times = 1 if count % 2 == 0 else 2
+    assert len(rows) == times * count
+    for place in range(count):
+        assert Counter(row[place] for row in rows) == dict.fromkeys(range(count), times)
+    pairs = Counter(pair for row in rows for pair in pairwise(row))
+    wanted = {(a, b) for a in range(count) for b in range(count) if a != b}
+    assert pairs == dict.fromkeys(wanted, times)
+
+
+def test_many_displays_are_shown_in_as_many_orders(definition: Path) -> None:
+    text = re.sub(r"^displays = .*$", 'displays = ["a", "b", "c", "d"]', definition.read_text(),
+                  flags=re.MULTILINE)  # fmt: skip
+    definition.write_text(text)
+    study, _ = read_study(definition)
+    assert isinstance(study, DisplayStudy)
+    assert study.num_orders == 4
+    orders = {tuple(study.order_of(Session(f"P{number}", number))) for number in range(8)}
+    assert len(orders) == 4
+    definition.write_text(text.replace('order = "counterbalanced"', 'order = "published"'))
+    assert read_study(definition)[0].num_orders == 1
+
+
+def test_numbers_of_a_narrow_range_are_plausible() -> None:
+    rng = np.random.default_rng(0)
+    narrow = Field("ratio", "", "number", low=0.2, high=0.4)
+    assert all(0.2 <= float(_plausible(narrow, rng, 0) or 0) <= 0.4 for _ in range(20))
+    wide = Field("age", "", "number", low=18, high=99)
+    assert {float(_plausible(wide, rng, 0) or 0) % 1 for _ in range(20)} == {0.0}
+
+
+def test_spreadsheets_are_told_that_texts_are_utf_8(definition: Path, tmp_path: Path) -> None:
+    ratio = '[[demographics]]\nname = "ratio"\nlabel = "Ratio"\ntype = "number"\n'
+    ratio += "low = 0\nhigh = 1\n\n[display]\n"
+    definition.write_text(definition.read_text().replace("[display]\n", ratio, 1))
+    study, content = read_study(definition)
+    with StudyFolder(tmp_path / "a", content) as folder:
+        conductor, client = Conductor(study, folder), Client()
+        step = say(conductor, client, type="begin", participant="P1")
+        step = say(conductor, client, **reply(step))
+        say(conductor, client, **reply(step, **{"answer.ratio": "1e-05"}))
+        write_results(study, folder, tmp_path / "r")
+    mark = b"\xef\xbb\xbf"
+    has_mark = {f.name: f.read_bytes().startswith(mark) for f in (tmp_path / "r").iterdir()}
+    assert {name for name, there in has_mark.items() if there} == {"answers.csv", "summary.csv"}
+    with (tmp_path / "r" / "participants.csv").open(newline="", encoding="utf-8") as stream:
+        (row,) = csv.DictReader(stream)
+    assert row["ratio"] == "0.00001"  # REDCap reads no exponents
 
 
 @pytest.mark.parametrize(
@@ -517,7 +619,7 @@ def test_redcap_gets_what_was_typed_and_what_may_be(definition: Path, tmp_path: 
         write_results(study, folder, tmp_path / "r")
 
     def rows(name: str) -> list[dict[str, str]]:
-        with (tmp_path / "r" / name).open(newline="", encoding="utf-8") as stream:
+        with (tmp_path / "r" / name).open(newline="", encoding="utf-8-sig") as stream:
             return list(csv.DictReader(stream))
 
     entries = {row["Variable / Field Name"]: row for row in rows("redcap_dictionary.csv")}
@@ -591,7 +693,17 @@ def test_definitions_are_read_strictly(old: str, new: str, message: str, definit
 
 
 @pytest.mark.parametrize(
-    "name", ["record_id", "state", "card_px", "distance_cm", "positive", "d1_session", "d2_finding"]
+    "name",
+    [
+        "record_id",
+        "state",
+        "card_px",
+        "distance_cm",
+        "positive",
+        "d1_session",
+        "d2_finding",
+        "agree",
+    ],
 )
 def test_no_two_columns_of_the_results_have_one_name(name: str, definition: Path) -> None:
     text = definition.read_text()

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import csv
 import itertools
+import json
 import math
 import pickle
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from manip3d import InputError
 from manip3d.study import (
+    Answer,
     JndStudy,
     Rules,
     SimulatedObserver,
@@ -28,6 +32,7 @@ from manip3d.study import (
     write_results,
     write_template,
 )
+from manip3d.study._engine import Conductor
 from manip3d.study._psychometric import TARGET
 
 
@@ -266,6 +271,61 @@ def test_results_have_a_threshold_for_each_staircase(tmp_path: Path) -> None:
     )
     assert len(lines) == 3
     assert "shown_deg" in (results / "answers.csv").read_text().splitlines()[0]
+
+
+class Client:
+    """Stands in for a page's connection."""
+
+    def __init__(self, **screen: float) -> None:
+        self.screen = screen
+        self.heard: list[dict[str, Any]] = []
+
+    def say(self, text: str) -> None:
+        self.heard.append(json.loads(text))
+
+
+def test_who_goes_on_at_another_screen_measures_it(tmp_path: Path) -> None:
+    study, content = read_study(small(tmp_path))
+    with StudyFolder(tmp_path / "answers", content) as folder:
+        conductor = Conductor(study, folder)
+
+        def say(client: Client, **message: Any) -> dict[str, Any]:
+            conductor.hear(client, json.dumps(message))  # type: ignore[arg-type]
+            return client.heard[-1]
+
+        def begin(client: Client) -> dict[str, Any]:
+            return say(client, type="begin", participant="P1", **client.screen)
+
+        def answer(client: Client, step: str, shown_px: float = 0.0, **values: Any) -> Any:
+            given = {f"answer.{name}": value for name, value in values.items()}
+            return say(client, type="answer", step=step, elapsed_ms=9.0, shown_px=shown_px, **given)
+
+        folder.begin("P1")
+        for step in ("consent", "about", "introduction"):
+            folder.store("P1", Answer(step, {}, {"agree": "yes"} if step == "consent" else {}))
+        desk = Client(screen_px=1920, pixel_ratio=1)
+        assert begin(desk)["id"] == "screen"
+        first = answer(desk, "screen", card_px=324.0, distance_cm=60.0)
+        assert answer(desk, first["id"], first["width_px"], chosen="left")["id"] == "t0001"
+        assert begin(Client(screen_px=1920, pixel_ratio=1))["id"] == "t0001"
+        assert begin(Client())["id"] == "t0001"  # a page that does not tell
+        laptop = Client(screen_px=1440, pixel_ratio=2)
+        assert begin(laptop)["id"] == "screen_2"
+        second = answer(laptop, "screen_2", card_px=486.0, distance_cm=60.0)
+        assert second["id"] == "t0001"
+        assert second["width_px"] == pytest.approx(1.5 * first["width_px"], abs=0.01)
+        answer(laptop, "t0001", second["width_px"], chosen="left")
+        assert begin(laptop)["id"] == "t0002"
+        assert begin(desk)["id"] == "screen_3"
+        write_results(study, folder, tmp_path / "results")
+    with (tmp_path / "results" / "answers.csv").open(encoding="utf-8-sig", newline="") as stream:
+        rows = {row["step"]: row for row in csv.DictReader(stream)}
+    # Each at the scale of the screen that it was answered at.
+    assert [float(rows[step]["shown_deg"]) for step in ("t0000", "t0001")] == [12.0, 12.0]
+    assert rows["screen_2"]["condition"] == "screen_px=1440.0; pixel_ratio=2.0"
+    with (tmp_path / "results" / "participants.csv").open(encoding="utf-8", newline="") as stream:
+        (row,) = csv.DictReader(stream)
+    assert row["card_px"] == "486.0"
 
 
 def by_hand(trials: list[tuple[int, bool]]) -> list[float]:

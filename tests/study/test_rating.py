@@ -30,7 +30,8 @@ from manip3d.study import (
     write_results,
     write_template,
 )
-from manip3d.study._rating import COLUMNS
+from manip3d.study._rating import COLUMNS, Item
+from manip3d.study._stimuli import _scan_surface
 
 # Fourteen raters, ten items, five categories: the worked example of textbooks.
 EXAMPLE = [
@@ -298,7 +299,8 @@ def test_stimuli_of_the_package_are_of_their_kinds(tmp_path: Path) -> None:
     made = make_rating_stimuli(
         folder, composition=composition, frames=3, examples=False, surfaces=1, seed=5
     )
-    assert sorted(i.truth for i in made) == ["added", "real", "real", "type1", "type2", "type2"]
+    truths = ["added", "deformed", "real", "real", "type1", "type2", "type2"]
+    assert sorted(i.truth for i in made) == truths
     for item in made:
         with image.open(folder / item.file) as picture:
             frames = getattr(picture, "n_frames", 1)
@@ -319,6 +321,14 @@ def test_stimuli_of_the_package_are_of_their_kinds(tmp_path: Path) -> None:
     assert study.items == made
     with pytest.raises(InputError, match="exists already"):
         make_rating_stimuli(folder)
+
+
+@pytest.mark.parametrize("truth", ["added", "deformed"])
+def test_forged_surfaces_differ_from_the_real_one_in_a_part(truth: str) -> None:
+    pytest.importorskip("open3d", reason="the extra 'simulate' is not installed")
+    real, forged = (_scan_surface(each, 3).astype(int) for each in ("real", truth))
+    share = (np.abs(forged - real).max(axis=-1) > 8).mean()
+    assert 0.003 < share < 0.3
 
 
 def test_compositions_are_checked(tmp_path: Path) -> None:
@@ -370,7 +380,7 @@ def test_stimuli_of_ones_own_get_names_that_tell_nothing(tmp_path: Path) -> None
         ("a.png", "expected a folder of real, type1"),
         ("fake/a.png", "got 'fake'"),
         ("real/a.txt", "expected a name that ends in .png"),
-        ("real/a.glb", "expected a name that ends in .png"),
+        ("real/a.ply", "expected a name that ends in .png"),
         ("real/other/a.png", "expected folders of color, depth"),
         ("real/depth/color/a.png", "expected folders of color, depth"),
     ],
@@ -422,3 +432,43 @@ def test_answers_may_be_read_while_a_study_is_run(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="expected a folder of a study"):
         StudyFolder(tmp_path / "nothing", read_only=True)
     assert not (tmp_path / "nothing").exists()
+
+
+def test_meshes_turn_round_in_ratings(tmp_path: Path) -> None:
+    for truth in ("real", "deformed"):
+        (tmp_path / "mine" / truth / "surface").mkdir(parents=True)
+        (tmp_path / "mine" / truth / "surface" / "a.glb").write_bytes(truth.encode())
+    made = copy_rating_stimuli(tmp_path / "mine", tmp_path / "stimuli")
+    assert {(i.truth, i.modality, i.form, i.file[-4:]) for i in made} == {
+        ("real", "surface", "image", ".glb"),
+        ("deformed", "surface", "image", ".glb"),
+    }
+    study, _ = read_study(template(tmp_path, "any"))
+    assert isinstance(study, RatingStudy)
+    for step in study.steps(Session("P", 0)):
+        assert step.message(px_per_degree=None)["turn_s"] == 8.0
+        assert step.stimuli[0].type == "mesh"
+
+
+def test_each_item_is_looked_up_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The steps of 400 stimuli compare few of them with each other."""
+    (tmp_path / "stimuli").mkdir()
+    rows = ["file,truth,modality,form,resolution,background,example"]
+    for number in range(400):
+        (tmp_path / "stimuli" / f"{number:06x}.png").write_bytes(b"x")
+        rows.append(f"{number:06x}.png,{'real' if number % 2 else 'type1'},color,image,full,,0")
+    (tmp_path / "stimuli" / "stimuli.csv").write_text("\n".join(rows) + "\n")
+    study, _ = read_study(template(tmp_path, "any"))
+    assert isinstance(study, RatingStudy)
+    compared = 0
+
+    def equal(one: Item, other: object) -> bool:
+        nonlocal compared
+        compared += 1
+        return one is other or (isinstance(other, Item) and vars(one) == vars(other))
+
+    monkeypatch.setattr(Item, "__eq__", equal)
+    steps = study.steps(Session("P", 0))
+    assert sorted(step.id for step in steps) == [f"i{number:03d}" for number in range(400)]
+    assert len(study.variables()) == 800
+    assert compared < 1000

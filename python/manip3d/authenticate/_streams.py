@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice, pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from manip3d._util.options import Progress
+    from manip3d.camera import Intrinsics
 
     Mask = NDArray[np.bool_]
     Depth = NDArray[np.uint16]
@@ -41,6 +43,7 @@ _LEAST_NOISE = 0.5  # mm at 1 m: rendered images have less
 _LEAST_SPECKLES = 2e-4  # share of pixels; cameras lose 3e-4 and more, renderings 1.4e-4 at most
 _MOST_TINY = 5e-4  # share of pixels nearer than any camera measures
 _MOST_OFF_CENTRE = 0.1  # of the image's side
+_LEAST_VIEW_DEG = 50.0  # along the longer side; the narrowest camera of the data sees 57
 _RELIEF = 0.25  # share of the depth: then a camera's shadow is several pixels wide
 _SIZES = {
     (160, 120), (320, 240), (640, 480), (512, 424), (1280, 720), (848, 480), (640, 360),
@@ -259,7 +262,7 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
     ----------
     frames : iterable of RgbdFrame
         Consecutive frames of one camera. Of a sequence up to 60 are judged, in runs of 6 spread
-        over it; of an iterator the first 60.
+        over it; of an iterator the first 60, which the reason says where there were more.
     progress : None, True or callable(fraction, message)
 
     Returns
@@ -285,6 +288,10 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
     which a part repeats exactly behind a camera's own silhouettes, are ``processed``: codecs and
     filters over time do that, too. No verdict says that a stream is authentic.
 
+    An image that was cut to the size of some camera is told by the field of view that its
+    calibration leaves, if that is below 50 degrees. One that was made smaller by leaving pixels
+    out, with a calibration that was scaled alike, cannot be told from that of a smaller camera.
+
     Examples
     --------
     >>> import numpy as np
@@ -295,7 +302,7 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
     >>> found.verdict, found.reason
     ('processed', 'cropped: no camera is known to give 64 x 64 pixels')
     """
-    some = judged_frames(frames)
+    some, has_more = _judged(frames)
     if not some:
         raise InputError("frames: expected one at least, got none")
     if any(frame.depth.shape != some[0].depth.shape for frame in some):
@@ -307,8 +314,24 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
         processing = _processing(some)
         frozen, frozen_masks = _repetition(some)
         told(0.6)
-        edges, edge_regions, edge_masks = _silhouettes(some)
+        edges = _silhouettes(some)
         told(1.0)
+    found = _concluded(some, noise, processing, (frozen, frozen_masks), edges)
+    if not has_more:
+        return found
+    return replace(found, reason=f"{found.reason}; of the first {MOST_FRAMES} frames, not the rest")
+
+
+def _concluded(
+    some: Sequence[RgbdFrame],
+    noise: NDArray[np.float64],
+    processing: tuple[Processing, ...],
+    repetition: tuple[StreamReport, Mask],
+    silhouettes: tuple[StreamReport, tuple[StreamRegion, ...], Mask],
+) -> StreamInspection:
+    """The verdict on frames by what each detector says."""
+    frozen, frozen_masks = repetition
+    edges, edge_regions, edge_masks = silhouettes
     median = float(np.median(noise)) if len(noise) else None
     published = StreamReport(
         "noise", "undecidable", "the published measure is reported without a threshold", median
@@ -367,9 +390,17 @@ def judged_frames(frames: Iterable[RgbdFrame]) -> list[RgbdFrame]:
     >>> len(authenticate.judged_frames(body.frame(n / 30) for n in range(3)))
     3
     """
+    return _judged(frames)[0]
+
+
+def _judged(frames: Iterable[RgbdFrame]) -> tuple[list[RgbdFrame], bool]:
+    """Return the frames that are judged, and whether they are the first ones of more."""
     length = len(frames) if isinstance(frames, Sequence) else getattr(frames, "num_frames", None)
+    has_more = False
     if length is None:
-        some = list(islice(frames, MOST_FRAMES))
+        iterator = iter(frames)
+        some = list(islice(iterator, MOST_FRAMES))
+        has_more = len(some) == MOST_FRAMES and next(iterator, None) is not None
     elif length <= MOST_FRAMES:
         some = list(frames)
     else:
@@ -378,7 +409,7 @@ def judged_frames(frames: Iterable[RgbdFrame]) -> list[RgbdFrame]:
         wanted = {int(start) + i for start in starts for i in range(run)}
         some = [frame for number, frame in enumerate(frames) if number in wanted]
     check_frames("frames", some)
-    return some
+    return some, has_more
 
 
 def _box(mask: Mask) -> tuple[int, int, int, int]:
@@ -402,6 +433,10 @@ def _processing(frames: Sequence[RgbdFrame]) -> tuple[Processing, ...]:
     if not found and off > _MOST_OFF_CENTRE:
         detail = f"the optical axis meets the image {off:.0%} of its side beside the middle"
         found.append(Processing("cropped", detail))
+    view = _field_of_view(camera)
+    if not found and view < _LEAST_VIEW_DEG:
+        detail = f"it shows {view:.0f} degrees of the scene, less than any known depth camera"
+        found.append(Processing("cropped", detail))
     some = frames[:: max(1, len(frames) // 6)]
     values = np.unique(np.concatenate([np.unique(frame.depth) for frame in some]))
     values = values[values > 0]
@@ -421,6 +456,13 @@ def _processing(frames: Sequence[RgbdFrame]) -> tuple[Processing, ...]:
     if doubled > _MOST_DOUBLED:
         found.append(Processing("resampled", f"{doubled:.0%} of neighbouring lines are the same"))
     return tuple(found)
+
+
+def _field_of_view(camera: Intrinsics) -> float:
+    """Degrees that a camera sees along the longer side of its image."""
+    sides = ((camera.width, camera.fx), (camera.height, camera.fy))
+    side, focal = max(sides, key=lambda each: each[0])
+    return math.degrees(2.0 * math.atan(0.5 * side / abs(focal)))  # fy of renderings may be < 0
 
 
 def _is_held(frames: Sequence[RgbdFrame]) -> bool:

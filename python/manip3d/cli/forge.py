@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, overload
 
 import numpy as np
 import typer
@@ -23,10 +25,12 @@ from manip3d.errors import InputError
 from manip3d.io import SCAN_SUFFIXES
 from manip3d.io._files import atomic_pair
 from manip3d.lidar import Box, LidarFrame
+from manip3d.rgbd import RgbdFrame
 
 if TYPE_CHECKING:
+    from manip3d.capture import Recording, RgbdSource
     from manip3d.forge import ForgedStream, Forgery
-    from manip3d.rgbd import RgbdCalibration, RgbdFrame, Skeleton
+    from manip3d.rgbd import RgbdCalibration, Skeleton
 
 app = typer.Typer(
     name="forge",
@@ -427,55 +431,42 @@ def forge_frames(
     Raises
     ------
     InputError
-        An option does not fit; the truth file exists without ``force``.
+        An option does not fit; the truth file exists without ``force``; a live source without
+        ``frames``.
     FormatError, DeviceError, OSError
         A source raised it.
     """
-    from manip3d import capture, forge
-    from manip3d.cli.capture import open_source
+    from manip3d import forge
 
     truth = output.with_name(output.name + ".truth.npz")
     if truth.exists() and not force:
         raise InputError(f"{truth}: exists already; --force replaces it")
 
-    def read(place: str) -> list[RgbdFrame]:
-        with open_source(place, terminal) as opened:
-            found = list(islice(opened, frames))
-        if not found:
-            raise InputError(f"{place}: expected a frame, found none")
-        return found
-
-    people = read(source)
-    if not background and not any(f.skeletons or f.body_index is not None for f in people):
-        raise InputError(
-            f"{source}: expected people's pixels or skeletons, which tell the scene behind them; "
-            "got neither, and no --background"
-        )
-    scenes = read(background) if background else [forge.background_plate(people)]
-    if not background:
-        terminal.say("background: the scene behind the person, from the source's own frames")
-    behind = scenes[0] if still else scenes
-    motion = _motion(pose, people, read) if pose else None
-    forged = forge.stream(people, behind, kind=kind, pose=motion, **options)
-    with terminal.progress("forge") as progress:
-        done = capture.record(
-            capture.from_frames(_WithoutOldTruth(forged, truth)),
-            output,
-            overwrite=force,
-            progress=progress,
-        )
-    forged.truth.write(truth)
+    with ExitStack() as stack:
+        people = stack.enter_context(_open_bounded(source, frames, terminal))
+        given = _survey(people, frames, with_plate=not background)
+        if given.plate is not None:
+            terminal.say("background: the scene behind the person, from the source's own frames")
+            behind: RgbdFrame | _AtStep = given.plate
+        else:
+            most = 1 if still else min(frames or MOST_KEPT, MOST_KEPT)
+            with _open_bounded(background, frames, terminal) as opened:
+                scenes = _first(opened, most)
+            behind = scenes[0] if still else _AtStep(scenes, _step_of(scenes), given.step)
+        motion = _motion(pose, given.step, frames, terminal) if pose else None
+        forged = forge.stream(given.frames, behind, kind=kind, pose=motion, **options)
+        done = _record(forged, output, truth, terminal, force=force)
+    forged.write_truth(truth)
     terminal.say(f"wrote {output} and {truth.name}")
     if forged.missed:
         terminal.say(f"warning: {counted(forged.missed, 'frame')} without a person to insert")
-    share = float(forged.truth.masks.mean()) if done.frames else 0.0
     return {
         "source": source,
         "output": str(output),
         "type": kind,
         "frames": done.frames,
         "frames_without_person": forged.missed,
-        "forged_share": share,
+        "forged_share": forged.forged_share,
     }
 
 
@@ -499,28 +490,180 @@ class _WithoutOldTruth:
         yield from self.stream
 
 
-def _step(frames: Sequence[RgbdFrame]) -> float:
+def _record(
+    forged: ForgedStream, output: Path, truth: Path, terminal: Terminal, *, force: bool
+) -> Recording:
+    from manip3d import capture
+
+    with terminal.progress("forge") as progress:
+        return capture.record(
+            capture.from_frames(_WithoutOldTruth(forged, truth)),
+            output,
+            overwrite=force,
+            progress=progress,
+        )
+
+
+MOST_KEPT = 300
+"""Frames of a background that are kept, and of a recording whose background is learnt."""
+
+_MOST_POSES = 30 * MOST_KEPT  # skeletons are small: five minutes at 30 frames a second
+_TIMED = 60  # first frames of a source, whose times tell its rate
+
+
+def _open_bounded(place: str, frames: int | None, terminal: Terminal) -> RgbdSource:
+    """A source that ends, or of which a number of frames is wanted."""
+    from manip3d.cli.capture import open_source
+
+    opened = open_source(place, terminal)
+    if opened.is_live and frames is None:
+        opened.stop()
+        raise InputError(f"--frames: expected with {place}, which is live and has no end; got none")
+    return opened
+
+
+def _first(opened: RgbdSource, most: int | None) -> list[RgbdFrame]:
+    found = list(islice(opened, most))
+    if not found:
+        raise InputError(f"{opened.uri}: expected a frame, found none")
+    return found
+
+
+@dataclass(frozen=True)
+class _People:
+    """The frames of a person, the time between two of them, and the scene behind if asked for."""
+
+    frames: Iterable[RgbdFrame]
+    step: float
+    plate: RgbdFrame | None
+
+
+@dataclass(frozen=True)
+class _Most:
+    """The first frames of a source, each of which is gone when the next one is asked for."""
+
+    source: RgbdSource
+    frames: int | None
+
+    def __iter__(self) -> Iterator[RgbdFrame]:
+        return islice(self.source, self.frames)
+
+
+def _survey(opened: RgbdSource, frames: int | None, *, with_plate: bool) -> _People:
+    """Go through a recording once, to forge it afterwards; a live source's frames are kept.
+
+    Without a plate the first frames are enough.
+    """
+    from manip3d import forge
+
+    kept = _first(opened, frames) if opened.is_live else None
+    every: Iterable[RgbdFrame] = opened if kept is None else kept
+    spread, is_told = _Spread(), False
+    times: list[int] = []
+    most = frames if with_plate else min(frames or _TIMED, _TIMED)
+    for frame in islice(every, most):
+        if len(times) < _TIMED:
+            times.append(frame.time)
+        if with_plate:
+            is_told = is_told or bool(frame.skeletons) or frame.body_index is not None
+            spread.add(frame)
+    if not times:
+        raise InputError(f"{opened.uri}: expected a frame, found none")
+    if with_plate and not is_told:
+        raise InputError(
+            f"{opened.uri}: expected people's pixels or skeletons, which tell the scene behind "
+            "them; got neither, and no --background"
+        )
+    if kept is None:
+        opened.start()
+    plate = forge.background_plate(spread.kept) if with_plate else None
+    return _People(_Most(opened, frames) if kept is None else kept, _step(times), plate)
+
+
+class _Spread:
+    """At most `MOST_KEPT` frames, spread evenly over however many there are."""
+
+    def __init__(self) -> None:
+        self.kept: list[RgbdFrame] = []
+        self._every, self._seen = 1, 0
+
+    def add(self, frame: RgbdFrame) -> None:
+        if self._seen % self._every == 0:
+            if len(self.kept) == MOST_KEPT:
+                self.kept = self.kept[::2]
+                self._every *= 2
+            if self._seen % self._every == 0:
+                self.kept.append(_for_plate(frame))
+        self._seen += 1
+
+
+def _for_plate(frame: RgbdFrame) -> RgbdFrame:
+    """The frame without the colour that a plate cannot have: that of a camera of its own."""
+    return frame if frame.calibration.registration is None else replace(frame, color=None)
+
+
+def _step(times: Sequence[int]) -> float:
     """Time between two frames, nanoseconds; 0: there is one alone."""
-    times = [frame.time for frame in frames]
     return float(np.median(np.diff(times))) if len(times) > 1 else 0.0
 
 
+def _step_of(frames: Sequence[RgbdFrame]) -> float:
+    return _step([frame.time for frame in frames[:_TIMED]])
+
+
+class _AtStep(Sequence[RgbdFrame]):
+    """Frames at another rate, at the pace at which they were recorded.
+
+    Parameters
+    ----------
+    frames : sequence of RgbdFrame
+    own, step : float
+        Times between two frames, as they are and as wanted; where one is unknown they are equal.
+    """
+
+    def __init__(self, frames: Sequence[RgbdFrame], own: float, step: float) -> None:
+        self.calibration = frames[0].calibration
+        self._frames = frames
+        self._ratio = step / own if own > 0 and step > 0 else 1.0
+        most = (len(frames) - 0.5) / self._ratio
+        self._length = int(min(np.ceil(most), sys.maxsize // 4))  # of steps that end in time
+
+    def __len__(self) -> int:
+        return self._length
+
+    @overload
+    def __getitem__(self, at: int) -> RgbdFrame: ...
+    @overload
+    def __getitem__(self, at: slice) -> list[RgbdFrame]: ...
+    def __getitem__(self, at: int | slice) -> RgbdFrame | list[RgbdFrame]:
+        if isinstance(at, slice):
+            return [self[number] for number in range(*at.indices(self._length))]
+        if not 0 <= at < self._length:
+            raise IndexError(at)
+        return self._frames[min(int(at * self._ratio + 0.5), len(self._frames) - 1)]
+
+
 def _motion(
-    pose: str, people: Sequence[RgbdFrame], read: Callable[[str], list[RgbdFrame]]
+    pose: str, step: float, frames: int | None, terminal: Terminal
 ) -> Sequence[RgbdFrame | Skeleton]:
     """The poses of a motion file at the rate of the people's frames, or of any source."""
-    step = _step(people)
     if not pose.lower().endswith(".bvh"):
-        found = read(pose)
-        own = _step(found)
-        if not (step > 0 and own > 0):
-            return found
-        # At the pace at which they were recorded.
-        return [found[int(at + 0.5)] for at in np.arange(0.0, len(found) - 0.5, step / own)]
+        with _open_bounded(pose, frames, terminal) as opened:
+            every = islice(opened, min(frames or _MOST_POSES, _MOST_POSES))
+            found = [_skeletons_only(frame) for frame in every]
+        if not found:
+            raise InputError(f"{pose}: expected a frame, found none")
+        return _AtStep(found, _step_of(found), step)
     from manip3d.io import read_bvh
     from manip3d.modify import skeletons_from_motion
 
     return skeletons_from_motion(read_bvh(pose), rate=1e9 / step if step > 0 else 30.0)
+
+
+def _skeletons_only(frame: RgbdFrame) -> RgbdFrame:
+    """The frame with an image without measurements, which takes no memory."""
+    nothing = np.broadcast_to(np.uint16(0), frame.depth.shape)
+    return replace(frame, depth=nothing, color=None, body_index=None)
 
 
 @app.command("stream")
@@ -537,14 +680,17 @@ def forge_stream(
     pose: Annotated[
         str,
         typer.Option(
-            metavar="MOTION", help="Poses for type 2: a .bvh file or any source with skeletons."
+            metavar="MOTION",
+            help="Poses for type 2: a .bvh file or any source with skeletons, at the pace at "
+            "which they were recorded; those of the first 9000 frames, played to and fro.",
         ),
     ] = "",
     background: Annotated[
         str,
         typer.Option(
             metavar="SOURCE",
-            help="Scene to put the person into; by default the one behind them in SOURCE.",
+            help="Scene to put the person into, at the pace at which it was recorded: its first "
+            "300 frames, played to and fro; by default the one behind the person in SOURCE.",
         ),
     ] = "",
     still: Annotated[

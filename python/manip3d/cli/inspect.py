@@ -8,7 +8,7 @@ import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -33,7 +33,9 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from manip3d.authenticate import Inspection, KeyFile, StreamInspection
+    from manip3d.capture import RgbdSource
     from manip3d.lidar import LidarFrame
+    from manip3d.rgbd import RgbdFrame
 
 EXIT_CODES = {"no_trace": 0, "tampered": 3, "processed": MISSED, "undecidable": MISSED}
 """Exit code of each verdict."""
@@ -450,11 +452,10 @@ def inspect_recording(source: str, output: Path | None, log: Path | None, shell:
     from manip3d.cli.capture import open_source
 
     with open_source(source, shell) as opened:
-        if opened.is_live or opened.num_frames is None:
-            every = list(itertools.islice(opened, _MOST_LIVE if opened.is_live else None))
-            frames = authenticate.judged_frames(every)
+        if opened.is_live:
+            frames = list(itertools.islice(opened, _MOST_LIVE))
         else:
-            frames = authenticate.judged_frames(opened)
+            frames = authenticate.judged_frames(_of_known_length(opened))
     with shell.progress("inspect") as progress:
         found = authenticate.inspect_stream(frames, progress=progress)
     if output is not None:
@@ -464,6 +465,26 @@ def inspect_recording(source: str, output: Path | None, log: Path | None, shell:
         _append(log, found, source, shell)
     shell.result({"source": source} | found.record(), lambda console: show_stream(console, found))
     return found.verdict
+
+
+@dataclass(frozen=True)
+class _Counted:
+    """A recording whose frames have been counted, since its file does not tell how many it has."""
+
+    source: RgbdSource
+    num_frames: int
+
+    def __iter__(self) -> Iterator[RgbdFrame]:
+        return iter(self.source)
+
+
+def _of_known_length(source: RgbdSource) -> RgbdSource | _Counted:
+    """A recording whose length is known; where nobody knows it, it is gone through once before."""
+    if source.num_frames is not None:
+        return source
+    count = sum(1 for _ in source)
+    source.start()
+    return _Counted(source, count)
 
 
 def show_stream(console: Console, found: StreamInspection) -> None:

@@ -80,7 +80,9 @@ def study_stimuli(
     surfaces: Annotated[
         int,
         typer.Option(
-            min=0, help="Number of real and of forged surfaces from LiDAR scans for a rating."
+            min=0,
+            help="Number of surfaces from LiDAR scans for a rating: of real ones, of ones with "
+            "an object added, and of deformed ones.",
         ),
     ] = 0,
     images: Annotated[

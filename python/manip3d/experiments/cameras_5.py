@@ -16,6 +16,7 @@ from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding,
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from manip3d.camera import Intrinsics
     from manip3d.rgbd import RgbdFrame
 
     Depth = NDArray[np.uint16]
@@ -72,23 +73,42 @@ def judge_camera(case: Case) -> Row:
     row: Row = {"frames": len(frames), "camera": case.options["camera"]}
     for kind, change in PROCESSING.items():
         depths = change([frame.depth for frame in frames])
-        found = inspect_stream([_changed(f, d) for f, d in zip(frames, depths, strict=True)])
+        is_scaled = kind in _SCALED
+        found = inspect_stream(
+            [_changed(f, d, is_scaled=is_scaled) for f, d in zip(frames, depths, strict=True)]
+        )
         row[kind] = found.verdict
         row[f"score {kind}"] = found.score
     return row
 
 
-def _changed(frame: RgbdFrame, depth: Depth) -> RgbdFrame:
-    """The frame with another depth image, of another size perhaps."""
+def _changed(frame: RgbdFrame, depth: Depth, *, is_scaled: bool) -> RgbdFrame:
+    """The frame with another depth image, of another size perhaps, and the calibration of that.
+
+    What is not scaled was cut out of the middle.
+    """
     from manip3d.rgbd import RgbdCalibration, RgbdFrame
 
     depth = np.ascontiguousarray(depth)
     height, width = depth.shape
     camera = frame.calibration.depth
     if (camera.width, camera.height) != (width, height):
-        # What a crop or a new size does to fx, cx and the like is not what is judged here.
-        camera = replace(camera, width=width, height=height, rays=None)
+        camera = _resized_camera(camera, width, height, is_scaled=is_scaled)
     return RgbdFrame(depth, RgbdCalibration(camera), time=frame.time, number=frame.number)
+
+
+def _resized_camera(camera: Intrinsics, width: int, height: int, *, is_scaled: bool) -> Intrinsics:
+    across, down = width / camera.width, height / camera.height
+    if is_scaled:  # the corner of the image, half a pixel before the first centre, stays there
+        return replace(
+            camera, width=width, height=height, rays=None,
+            fx=across * camera.fx, fy=down * camera.fy,
+            cx=across * (camera.cx + 0.5) - 0.5, cy=down * (camera.cy + 0.5) - 0.5,
+        )  # fmt: skip
+    left, top = (camera.width - width) // 2, (camera.height - height) // 2
+    return replace(
+        camera, width=width, height=height, rays=None, cx=camera.cx - left, cy=camera.cy - top
+    )
 
 
 def _cropped(depth: Depth) -> Depth:
@@ -171,6 +191,8 @@ PROCESSING: dict[str, Callable[[Sequence[Depth]], list[Depth]]] = {
     "pixels held": _held,
 }
 
+
+_SCALED = ("3/4 the size, smooth", "3/4 the size, nearest")
 
 _MAY_CHANGE_NOTHING = ("as it is", "blocks repeated", "pixels held")
 """Where a camera moves nothing is repeated, and the recording is as clean as before."""

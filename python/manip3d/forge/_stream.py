@@ -93,19 +93,33 @@ class StreamTruth:
         OSError
             The file cannot be written.
         """
-        if self.masks.size > _MOST_PIXELS:
-            raise InputError(
-                f"masks: expected at most {_MOST_PIXELS} pixels in all, got {self.masks.size}"
-            )
-        stream = io.BytesIO()
-        np.savez_compressed(
-            stream,
-            kind=np.int64(self.kind),
-            shape=np.array(self.masks.shape, np.int64),
-            masks=np.packbits(self.masks),
-            numbers=self.numbers,
-        )
-        atomic_write(path_of(path), stream.getvalue())
+        _check_size(self.masks.size)
+        shape = (self.masks.shape[0], self.masks.shape[1], self.masks.shape[2])
+        _write_truth(path, self.kind, shape, np.packbits(self.masks), self.numbers)
+
+
+def _check_size(pixels: int) -> None:
+    if pixels > _MOST_PIXELS:
+        raise InputError(f"masks: expected at most {_MOST_PIXELS} pixels in all, got {pixels}")
+
+
+def _write_truth(
+    path: str | os.PathLike[str],
+    kind: int,
+    shape: tuple[int, int, int],
+    bits: NDArray[np.uint8],
+    numbers: NDArray[np.int64],
+) -> None:
+    """Write the masks of a stream, packed in one run over all frames."""
+    stream = io.BytesIO()
+    np.savez_compressed(
+        stream,
+        kind=np.int64(kind),
+        shape=np.array(shape, np.int64),
+        masks=bits,
+        numbers=numbers,
+    )
+    atomic_write(path_of(path), stream.getvalue())
 
 
 @checked
@@ -150,8 +164,8 @@ def read_stream_truth(path: str | os.PathLike[str]) -> StreamTruth:
             raise ValueError(f"more than {_MOST_PIXELS} pixels")
         if min(frames, height, width) < 0 or (size + 7) // 8 != bits.size or kind not in (1, 2):
             raise ValueError("sizes do not agree")
-        flat = np.unpackbits(bits.astype(np.uint8, casting="no"), count=size).astype(bool)
-        masks = flat.reshape(frames, height, width)
+        flat = np.unpackbits(bits.astype(np.uint8, casting="no", copy=False), count=size)
+        masks = flat.view(np.bool_).reshape(frames, height, width)
         if numbers.shape != (frames,) or numbers.dtype != np.int64:
             raise ValueError("numbers do not agree with the masks")
     except (
@@ -530,11 +544,13 @@ class ForgedStream:
         Calibration of the background's camera.
     missed : int
         Frames of the last iteration in which nobody was found: they show the background alone.
+    forged_pixels : int
+        Pixels that are forged in the frames that the last iteration has given so far.
     """
 
     def __init__(self, source: Iterable[RgbdFrame], forger: StreamForger) -> None:
         self.kind, self.calibration = forger.kind, forger.calibration
-        self.missed = 0
+        self.missed = self.forged_pixels = 0
         self._source, self._forger = source, forger
         self._bits: list[NDArray[np.uint8]] = []
         self._numbers: list[int] = []
@@ -544,7 +560,7 @@ class ForgedStream:
 
     def frames(self) -> Iterator[ForgedFrame]:
         """Give each frame with the mask of what is forged in it."""
-        self.missed, self._bits, self._numbers = 0, [], []
+        self.missed, self.forged_pixels, self._bits, self._numbers = 0, 0, [], []
         forger = copy(self._forger)  # each iteration begins again, whatever another one does
         forger.reset()
         is_told = False  # where people are
@@ -553,7 +569,9 @@ class ForgedStream:
             if forged is None:
                 return
             is_told = is_told or bool(frame.skeletons) or frame.body_index is not None
-            self.missed += not forged.mask.any()
+            touched = int(np.count_nonzero(forged.mask))
+            self.missed += not touched
+            self.forged_pixels += touched
             self._bits.append(np.packbits(forged.mask))
             self._numbers.append(forged.frame.number)
             yield forged
@@ -563,12 +581,53 @@ class ForgedStream:
     @property
     def truth(self) -> StreamTruth:
         """What was forged in the frames that the last iteration has given so far."""
+        shape = self._shape
+        masks = np.empty((shape[0], shape[1] * shape[2]), np.bool_)
+        for mask, bits in zip(masks, self._bits, strict=True):
+            mask.view(np.uint8)[:] = np.unpackbits(bits, count=masks.shape[1])
+        return StreamTruth(self.kind, masks.reshape(shape), np.array(self._numbers, np.int64))
+
+    @property
+    def forged_share(self) -> float:
+        """Share of the pixels that are forged in the frames given so far; 0 before the first."""
+        return self.forged_pixels / max(1, math.prod(self._shape))
+
+    @property
+    def _shape(self) -> tuple[int, int, int]:
+        """Frames given so far, and the height and width of each."""
         camera = self.calibration.depth
-        size = camera.height * camera.width
-        masks = [np.unpackbits(bits, count=size).astype(bool) for bits in self._bits]
-        shape = (len(masks), camera.height, camera.width)
-        numbers = np.array(self._numbers, np.int64)
-        return StreamTruth(self.kind, np.array(masks, bool).reshape(shape), numbers)
+        return len(self._bits), camera.height, camera.width
+
+    def write_truth(self, path: str | os.PathLike[str]) -> None:
+        """Write `truth` as `StreamTruth.write` does, without a mask of bytes for each frame.
+
+        Parameters
+        ----------
+        path : path
+            An ``.npz`` file; `read_stream_truth` reads it.
+
+        Raises
+        ------
+        InputError
+            There are more pixels than `read_stream_truth` takes.
+        OSError
+            The file cannot be written.
+        """
+        shape = self._shape
+        _check_size(math.prod(shape))
+        bits = _joined_bits(self._bits, shape[1] * shape[2])
+        _write_truth(path, self.kind, shape, bits, np.array(self._numbers, np.int64))
+
+
+def _joined_bits(packed: Sequence[NDArray[np.uint8]], size: int) -> NDArray[np.uint8]:
+    """Bits of images of ``size`` pixels, each of which begins a byte, as one run of bits."""
+    joined = np.empty((len(packed) * size + 7) // 8, np.uint8)
+    for first in range(0, len(packed), 8):  # eight images fill whole bytes
+        flat = [np.unpackbits(bits, count=size) for bits in packed[first : first + 8]]
+        run = np.packbits(np.concatenate(flat))
+        begin = first * size // 8
+        joined[begin : begin + len(run)] = run
+    return joined
 
 
 @checked

@@ -361,8 +361,8 @@ def _write(stream: _Stream, folder: str, suffix: str) -> dict[str, Any]:
     is_forged = isinstance(source, forge.ForgedStream)
     share = 0.0
     if isinstance(source, forge.ForgedStream):
-        source.truth.write(truth)
-        share = float(source.truth.masks.mean())
+        source.write_truth(truth)
+        share = source.forged_share
     return {
         "stream": stream.name,
         "recording": target.name,

@@ -52,7 +52,9 @@ class DisplayStudy(Study):
     common : Common
     displays : sequence of str
     counterbalanced : bool
-        All orders in turn within each group; otherwise in the order given, as published.
+        Different orders in turn within each group, otherwise in the order given, as published. Of
+        up to three displays these are all orders; of more, the rows of a Williams square, in which
+        each display follows each other one equally often.
     familiarisation_s : float
     task : sequence of str
         Paragraphs after familiarisation.
@@ -68,7 +70,8 @@ class DisplayStudy(Study):
     _orders: tuple[tuple[int, ...], ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        orders = tuple(permutations(range(len(self.displays))))
+        count = len(self.displays)
+        orders = _williams(count) if count > 3 else list(permutations(range(count)))
         # In an order by chance, so that the first participants do not share their first display.
         mixed = np.random.default_rng(self.common.seed).permutation(len(orders))
         object.__setattr__(self, "_orders", tuple(orders[int(n)] for n in mixed))
@@ -94,6 +97,10 @@ class DisplayStudy(Study):
         own.finish()
         top.finish()
         return found
+
+    @property
+    def num_orders(self) -> int:
+        return len(self._orders) if self.counterbalanced else 1
 
     def order_of(self, session: Session) -> list[str]:
         """The displays in this participant's order."""
@@ -241,6 +248,19 @@ class DisplayStudy(Study):
                             }
                         )
         return rows
+
+
+def _williams(count: int) -> list[tuple[int, ...]]:
+    """Rows of a Williams square [Williams, Aust. J. Sci. Res. A 2, 1949].
+
+    Each thing stands at each place, and behind each other thing, equally often: once for an even
+    count, twice for an odd one, which needs the mirrored rows.
+    """
+    first = [
+        (place + 1) // 2 if place % 2 else (count - place // 2) % count for place in range(count)
+    ]
+    rows = [tuple((thing + shift) % count for thing in first) for shift in range(count)]
+    return rows if count % 2 == 0 else rows + [row[::-1] for row in rows]
 
 
 def _part(section: Section) -> Part:

@@ -61,6 +61,11 @@ class Study(ABC):
     def progress(self, session: Session) -> float:
         """Share of the study's own steps that are answered."""
 
+    @property
+    def num_orders(self) -> int:
+        """In how many orders its conditions are shown to participants in turn."""
+        return 1
+
     @abstractmethod
     def files(self) -> Mapping[str, Path]:
         """Stimuli by their names."""
@@ -193,8 +198,8 @@ class Conductor:
         session = self._who.get(client)
         step = None if session is None else self.study.step(session)
         types: dict[str, dict[str, Kind]] = {
-            "hello": {},
-            "begin": {"participant": Kind(str, length=32)},
+            "hello": _SCREEN,
+            "begin": {"participant": Kind(str, length=32), **_SCREEN},
         }
         if step is not None:
             types["answer"] = _answer_kinds(step)
@@ -204,15 +209,17 @@ class Conductor:
             if code is None:
                 client.say(_message("who", title=self.study.common.title))
                 return
-            self._begin(client, code)
+            self._begin(client, code, values)
         elif name == "begin":
-            self._begin(client, str(values["participant"]))
+            self._begin(client, str(values["participant"]), values)
         else:
             assert session is not None
             assert step is not None
             self._store(client, session, step, values)
 
-    def _begin(self, client: StreamClient, code: str) -> None:
+    def _begin(
+        self, client: StreamClient, code: str, values: Mapping[str, int | float | str]
+    ) -> None:
         if self.participant is not None and code != self.participant:
             raise FormatError(f"participant: expected {self.participant}")
         try:
@@ -225,6 +232,7 @@ class Conductor:
             self._complain(client, error)
             return
         self._who[client] = session
+        session.screen = {name: float(values[name]) for name in _SCREEN if name in values}
         self._tell(client, session)
 
     def _store(
@@ -237,13 +245,14 @@ class Conductor:
         shown = time.monotonic() - self._shown.get((session.participant, step.id), np.inf)
         if shown < step.minimum_s:
             raise FormatError(f"{step.id}: expected an answer after {step.minimum_s:g} s")
+        given = {f.name: f.read(values[f"answer.{f.name}"]) for f in step.fields}
         answer = Answer(
             step.id,
-            dict(step.condition),
-            {f.name: f.read(values[f"answer.{f.name}"]) for f in step.fields},
+            dict(step.condition) | (session.screen if is_screen(step.id) else {}),
+            given,
             elapsed_ms=float(values["elapsed_ms"]),
             shown_px=float(values["shown_px"]),
-            assigned=self._assigned(values) if step.id == "about" else None,
+            assigned=_assigned(self.study, self.folder, step.id, given),
         )
         try:
             self.folder.store(session.participant, answer)
@@ -252,11 +261,6 @@ class Conductor:
             return
         self._shown.pop((session.participant, step.id), None)
         self._tell(client, session)
-
-    def _assigned(self, values: Mapping[str, int | float | str]) -> int:
-        group = str(values.get("answer.group", ""))
-        others = self.folder.sessions.values()
-        return sum(s.answer("about") is not None and s.group == group for s in others)
 
     def _complain(self, client: StreamClient, error: OSError) -> None:
         LOG.error("not stored: %s", error)
@@ -275,6 +279,23 @@ class Conductor:
         client.say(json.dumps(message | {"progress": progress, "participant": session.participant}))
 
 
+_SCREEN = {
+    "screen_px": Kind(float, 0.0, 1e6, optional=True),
+    "pixel_ratio": Kind(float, 0.0, 1e3, optional=True),
+}
+"""What a page tells of its screen: the width in CSS pixels, and device pixels to one of these."""
+
+
+def _assigned(
+    study: Study, folder: StudyFolder, step: str, values: Mapping[str, Value]
+) -> int | None:
+    """The place in the sequence of orders that an answer brings with it, if it does."""
+    has_about = any(each.id == "about" for each in study.opening())
+    if step == "about" or (step == "consent" and not has_about and values["agree"] == "yes"):
+        return folder.next_place(str(values.get("group") or ""), study.num_orders)
+    return None
+
+
 def _refuse_simulated(code: str) -> None:
     """Keep people out of the codes of simulated participants."""
     if code.lower().startswith(SIMULATED):
@@ -284,19 +305,52 @@ def _refuse_simulated(code: str) -> None:
         )
 
 
-def scale_of(session: Session) -> float | None:
-    """Return the pixels of a visual degree that a participant has measured, if they have."""
-    found = session.answer("screen")
+def is_screen(step: str) -> bool:
+    """Return whether a step, by its id, measures the screen."""
+    return step == "screen" or step.startswith("screen_")
+
+
+def screens_of(session: Session) -> list[Answer]:
+    """Return the answers that measured a participant's screens, the last one last."""
+    return [answer for answer in session.answers if is_screen(answer.step)]
+
+
+def scale_of(session: Session, answer: Answer | None = None) -> float | None:
+    """Return the pixels of a visual degree that a participant has measured, if they have.
+
+    Those of the screen that they had when they gave an answer, or that they have now.
+    """
+    found = None
+    for each in session.answers:
+        if each is answer:
+            break
+        if is_screen(each.step):
+            found = each
     if found is None:
         return None
     card, distance = found.values["card_px"], found.values["distance_cm"]
     return px_per_degree(float(card or 0), float(distance or 0))
 
 
-def screen_step() -> Step:
+def next_screen_step(session: Session) -> Step | None:
+    """Return the step that measures the screen, if it is another one than at the last time.
+
+    Who goes on at another screen, or with the page at another zoom, measures again. Answers of
+    before pages told their screen are taken as of this one.
+    """
+    measured = screens_of(session)
+    if not measured:
+        return screen_step()
+    last = {name: measured[-1].condition.get(name) for name in session.screen}
+    if None in last.values() or last == session.screen:
+        return None
+    return screen_step(len(measured) + 1)
+
+
+def screen_step(number: int = 1) -> Step:
     """Return the step that measures the screen, for stimuli in visual degrees."""
     return Step(
-        "screen",
+        "screen" if number == 1 else f"screen_{number}",
         "Your screen",
         (
             "Hold a bank card to the screen and move the slider until the drawn card is as wide "
@@ -502,16 +556,13 @@ def simulate_participants(
                 values = {f.name: _plausible(f, rng, number) for f in step.fields}
             else:
                 values = study.simulate(session, step, rng)
-            group = values.get("group")
-            others = [s for s in folder.sessions.values() if s.answer("about")]
-            assigned = sum(s.group == (group or "") for s in others)
             folder.store(
                 code,
                 Answer(
                     step.id,
                     dict(step.condition),
                     values,
-                    assigned=assigned if step.id == "about" else None,
+                    assigned=_assigned(study, folder, step.id, values),
                 ),
             )
     return codes
@@ -530,4 +581,5 @@ def _plausible(question: Field, rng: np.random.Generator, number: int) -> Value:
         return 324.0
     if question.name == "distance_cm":
         return 60.0
-    return float(round(rng.uniform(question.low, question.high)))
+    value = rng.uniform(question.low, question.high)
+    return float(min(max(round(value), question.low), question.high))

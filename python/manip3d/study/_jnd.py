@@ -16,7 +16,7 @@ from manip3d._util.extras import require
 from manip3d._util.options import generator_of
 from manip3d.errors import InputError
 from manip3d.study._definition import Common, Section
-from manip3d.study._engine import Study, screen_step
+from manip3d.study._engine import Study, next_screen_step
 from manip3d.study._psychometric import (
     Estimate,
     SimulatedObserver,
@@ -293,12 +293,12 @@ class JndStudy(Study):
         return found
 
     def next_step(self, session: Session) -> Step | None:
-        if session.answer("screen") is None:
-            return screen_step()
         staircases = self.staircases(session)
         open_ones = [n for n, stairs in enumerate(staircases) if not self.rules.is_over(stairs)]
         if not open_ones:
             return None
+        if (measure := next_screen_step(session)) is not None:
+            return measure
         trial = sum(len(stairs.trials or ()) for stairs in staircases)
         # Staircases are interleaved by chance, so that nobody sees where one is going.
         rng = self.generator(session, f"trial {trial}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,8 @@ VERDICTS = (("real", "Real"), ("manipulated", "Manipulated"), ("undecidable", "U
 
 TRUTHS = ("real", "type1", "type2", "added", "deformed")
 """Real; streams forged by type I and II; LiDAR scans with an object added, or deformed."""
+
+_TURN_S = 8.0  # in which a mesh turns round once
 
 MODALITIES = ("depth", "color", "rendered", "surface")
 FORMS = ("image", "clip")
@@ -98,14 +100,19 @@ def read_items(folder: Path) -> tuple[Item, ...]:
     if not rows or tuple(rows[0]) != COLUMNS:
         raise FormatError(f"line 1: expected {','.join(COLUMNS)}", file=str(path))
     found: list[Item] = []
+    files: set[str] = set()
     for number, row in enumerate(rows[1:], 2):
         item = _item(row, number, path)
-        if item.file in (each.file for each in found):
+        if item.file in files:
             raise FormatError(f"line {number}: {item.file} is there twice", file=str(path))
         if not (folder / item.file).is_file():
             raise FormatError(f"line {number}: there is no file {item.file}", file=str(path))
+        files.add(item.file)
         found.append(item)
     return tuple(found)
+
+
+_TEXTS = tuple(each.name for each in fields(Item) if each.name != "example")
 
 
 def _item(row: Sequence[str], number: int, path: Path) -> Item:
@@ -134,7 +141,7 @@ def _item(row: Sequence[str], number: int, path: Path) -> Item:
             f"got {name!r}",
             file=str(path),
         )
-    texts = {each.name: named[each.name] for each in fields(Item) if each.name != "example"}
+    texts = {name: named[name] for name in _TEXTS}
     return Item(**texts, example=named["example"] == "1")
 
 
@@ -156,6 +163,11 @@ class RatingStudy(Study):
     items: tuple[Item, ...]
     reason: str
     stimuli: Path | None
+    _keys: Mapping[Item, str] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        keys = {item: f"i{place:03d}" for place, item in enumerate(self.items)}
+        object.__setattr__(self, "_keys", keys)
 
     @classmethod
     def read(cls, top: Section, base: Path | None) -> RatingStudy:
@@ -180,7 +192,7 @@ class RatingStudy(Study):
         return [item for item in self.items if not item.example]
 
     def _key(self, item: Item) -> str:
-        return f"i{self.items.index(item):03d}"
+        return self._keys[item]
 
     def steps(self, session: Session) -> list[Step]:
         """All steps of the study's own, in this participant's order."""
@@ -193,6 +205,7 @@ class RatingStudy(Study):
                     f"Example {number + 1} of {len(examples)}",
                     ("It shows the quality to expect. Nothing is asked about it.",),
                     stimuli=(self.stimulus(item.file),),
+                    turn_s=_TURN_S,
                     condition={"example": item.file},
                 )
             )
@@ -200,7 +213,7 @@ class RatingStudy(Study):
         questions = [
             Field("verdict", "What is this?", "choice", VERDICTS),
             Field("reason", "What tells you so?", "text", optional=self.reason == "optional"),
-        ]
+        ][: 1 if self.reason == "none" else 2]
         for number, place in enumerate(self.order(session, "items", len(asked))):
             item = asked[place]
             found.append(
@@ -208,8 +221,9 @@ class RatingStudy(Study):
                     self._key(item),
                     f"{'Image' if item.form == 'image' else 'Video'} {number + 1} of {len(asked)}",
                     (),
-                    tuple(questions[: 1 if self.reason == "none" else 2]),
+                    tuple(questions),
                     (self.stimulus(item.file),),
+                    turn_s=_TURN_S,
                     condition={name: getattr(item, name) for name in COLUMNS if name != "example"},
                 )
             )

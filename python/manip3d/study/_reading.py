@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -111,21 +112,22 @@ def _checksum(file: Path) -> str:
     return sha256_of(file)
 
 
-_RESERVED = ("record_id", "state", "group", "card_px", "distance_cm")
-"""Columns of the results that all studies have, or any may have."""
+_RESERVED = ("record_id", "state", "group", "card_px", "distance_cm", "agree")
+"""Columns of the results that all studies have, or any may have, and the question of consent."""
 
 
 def _check_names(study: Study, file: str) -> None:
     """Refuse a name that two columns of the results would have."""
     names = [*_RESERVED, *(field.name for _, field in study.variables())]
-    twice = [name for name in names if names.count(name) > 1]
+    twice = [name for name, count in Counter(names).items() if count > 1]
     if twice:
         raise FormatError(
             f"{study.common.kind}: expected names that differ in the results, got {twice[0]} twice",
             file=file,
         )
+    known = set(names)
     for number, field in enumerate(study.common.demographics):
-        if field.name in names:
+        if field.name in known:
             raise FormatError(
                 f"demographics[{number}].name: expected a name that no other column of the "
                 f"results has, got {field.name!r}",

@@ -15,7 +15,7 @@ from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_folder
-from manip3d.study._engine import Study, scale_of, screen_step, state_of
+from manip3d.study._engine import Study, is_screen, scale_of, screen_step, state_of
 from manip3d.study._steps import Field, Value
 from manip3d.study._store import Session, StudyFolder
 
@@ -50,6 +50,8 @@ FILES = (
 )
 """What `write_results` writes."""
 
+_FOR_SPREADSHEETS = ("answers.csv", "summary.csv")  # which tell UTF-8 by a byte order mark
+
 
 @checked
 def write_results(
@@ -72,7 +74,8 @@ def write_results(
         ``redcap_dictionary.csv``, ready to be imported), ``summary.csv`` and ``summary.html``
         (beside what is published). Those who did not agree have no row. Texts stand in the two
         files for REDCap as they were typed; in ``answers.csv`` and ``summary.csv`` those that a
-        spreadsheet would take for a formula have an apostrophe before them.
+        spreadsheet would take for a formula have an apostrophe before them, and a byte order mark
+        tells spreadsheets that the two are UTF-8.
     overwrite : bool
         Replace it if it is there.
 
@@ -122,7 +125,8 @@ def write_results(
     }
     with atomic_folder(target) as new:
         for name, content in contents.items():
-            (new / name).write_text(content, encoding="utf-8", newline="")
+            encoding = "utf-8-sig" if name in _FOR_SPREADSHEETS else "utf-8"
+            (new / name).write_text(content, encoding=encoding, newline="")
     return target
 
 
@@ -142,8 +146,8 @@ _ANSWER_COLUMNS = (
 
 def _answers(sessions: Sequence[Session]) -> Iterable[Sequence[object]]:
     for session in sessions:
-        scale = scale_of(session)
         for answer in session.answers:
+            scale = scale_of(session, answer)
             truth = "; ".join(f"{name}={value}" for name, value in answer.condition.items())
             degrees = round(answer.shown_px / scale, 3) if scale and answer.shown_px else ""
             head = (session.participant, session.group, answer.step, truth)
@@ -169,9 +173,9 @@ def _wide(study: Study, sessions: Sequence[Session]) -> str:
     rows = []
     for session in sessions:
         values: dict[str, Value] = {}
-        for step in ("about", "screen"):
-            found = session.answer(step)
-            values |= found.values if found else {}
+        for answer in session.answers:  # of several screens the last one
+            if answer.step == "about" or is_screen(answer.step):
+                values |= answer.values
         values |= study.wide(session)
         row: list[object] = [session.participant, state_of(study, session)]
         fields = {f.name: f for _, f in (*_about(study), *study.variables())}
@@ -185,6 +189,8 @@ def _coded(field: Field, value: Value) -> object:
     """An answer as REDCap stores it: choices by their codes."""
     if value is None:
         return ""
+    if isinstance(value, float) and "e" in repr(value):
+        return _exact(value)
     if field.type != "choice":
         return value
     return [code for code, _ in field.choices].index(str(value)) + 1

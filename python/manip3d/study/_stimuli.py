@@ -152,7 +152,8 @@ def make_rating_stimuli(
     examples : bool
         Also one image of each class, shown before.
     surfaces : int
-        Surfaces meshed from LiDAR scans: so many real ones, and as many with an object added.
+        Surfaces meshed from LiDAR scans: so many real ones, as many with an object added, and as
+        many with a part that is dented or bulges.
     seed : int
     overwrite : bool
         Replace the folder if it is there.
@@ -210,7 +211,7 @@ def make_rating_stimuli(
     plan += [
         (Item("", truth, "surface", "image", "full"), number)
         for number in range(surfaces)
-        for truth in ("real", "added")
+        for truth in ("real", "added", "deformed")
     ]
     random = np.random.default_rng(seed)
     names = random.choice(16**6, size=len(plan), replace=False)
@@ -342,8 +343,8 @@ def _own_item(place: Path, name: str) -> Item:
         raise InputError(
             f"images: {place}: expected a folder of {', '.join(TRUTHS)}, got {truth or 'none'!r}"
         )
-    if suffix not in SHOWABLE or suffix == ".glb":
-        shown = ", ".join(each for each in SHOWABLE if each != ".glb")
+    if suffix not in SHOWABLE:
+        shown = ", ".join(SHOWABLE)
         raise InputError(f"images: {place}: expected a name that ends in {shown}")
     known = {*MODALITIES, _EXAMPLE, _LOW}
     if not set(others) <= known or len(set(others) & set(MODALITIES)) > 1:
@@ -362,7 +363,7 @@ _CLIPS = (".gif", ".webm", ".mp4")
 def _content(item: Item, number: int, seed: int, frames: int) -> tuple[bytes, str]:
     """The file, and which background was used."""
     if item.modality == "surface":
-        return _png(_scan_surface(item.truth == "added", seed)), ""
+        return _png(_scan_surface(item.truth, seed)), ""
     running = item.form == "image" or number % 2 == 1
     shot = _Shot(item.truth, running, seed)
     times = [n / _RATE for n in range(frames)] if item.form == "clip" else [0.0]
@@ -413,11 +414,10 @@ _PLACES = 8
 _OBJECTS = ("head", "rocker", "lifeboat")
 
 
-def _scan_surface(is_forged: bool, seed: int) -> Image:
-    """A terrestrial scan meshed along its angular grid, grey and lit from the viewer; forged: with
-    an object pasted onto the floor and sampled as the scanner would (CRTP)."""
-    from manip3d import Intrinsics, forge, simplify
-    from manip3d.simulate import models, scenes, terrestrial_scan
+def _scan_surface(truth: str, seed: int) -> Image:
+    """A terrestrial scan meshed along its angular grid, grey and lit from the viewer."""
+    from manip3d import Intrinsics, simplify
+    from manip3d.simulate import scenes, terrestrial_scan
     from manip3d.viewer.people import surface_picture
 
     random = np.random.default_rng(seed)
@@ -425,20 +425,10 @@ def _scan_surface(is_forged: bool, seed: int) -> Image:
     scan = terrestrial_scan(scene, resolution_deg=_SCAN_DEG, field_of_view=_SCAN_VIEW, rng=random)
     points = scan.points
     grid, valid, _ = _grid(points.astype(np.float64))
-    if is_forged:
-        made = models.MODELS[_OBJECTS[int(random.integers(len(_OBJECTS)))]]().vertices
-        vertices = np.stack([made[:, 2], made[:, 0], made[:, 1]], axis=1)  # from y up to z up
-        scale = float(random.uniform(0.35, 0.7)) / float(np.ptp(vertices, axis=0).max())
-        stands = _level_places(grid)
-        most = 0
-        for _ in range(_PLACES):  # that where most of the object is seen
-            place = stands[int(random.integers(len(stands)))].copy()
-            place[2] += scale * float(vertices[:, 2].mean() - vertices[:, 2].min())
-            forged = forge.crtp(points, vertices, position=place, scale=scale)
-            found, there, owner = _grid(forged.points[:, :3].astype(np.float64))
-            seen_cells = int(np.isin(owner, forged.added).sum())
-            if seen_cells > most:
-                most, grid, valid = seen_cells, found, there
+    if truth == "added":
+        grid, valid = _with_object(points, grid, valid, random)
+    elif truth == "deformed":
+        grid = _with_dent(grid, valid, random)
     mesh = simplify.dense_mesh_grid(grid, valid, max_edge=_SCAN_EDGE)
     seen = np.stack([-mesh.vertices[:, 1], -mesh.vertices[:, 2], mesh.vertices[:, 0]], axis=1)
     camera = Intrinsics(640, 440, 420.0, 420.0, 319.5, 219.5)
@@ -450,6 +440,61 @@ def _scan_surface(is_forged: bool, seed: int) -> Image:
         camera,
         azimuth=8.0,
     )
+
+
+def _with_object(
+    points: NDArray[np.float32],
+    grid: NDArray[np.float64],
+    valid: NDArray[np.bool_],
+    random: np.random.Generator,
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """The grid with an object pasted onto the floor and sampled as the scanner would (CRTP)."""
+    from manip3d import forge
+    from manip3d.simulate import models
+
+    made = models.MODELS[_OBJECTS[int(random.integers(len(_OBJECTS)))]]().vertices
+    vertices = np.stack([made[:, 2], made[:, 0], made[:, 1]], axis=1)  # from y up to z up
+    scale = float(random.uniform(0.35, 0.7)) / float(np.ptp(vertices, axis=0).max())
+    stands = _level_places(grid)
+    most = 0
+    for _ in range(_PLACES):  # that where most of the object is seen
+        place = stands[int(random.integers(len(stands)))].copy()
+        place[2] += scale * float(vertices[:, 2].mean() - vertices[:, 2].min())
+        forged = forge.crtp(points, vertices, position=place, scale=scale)
+        found, there, owner = _grid(forged.points[:, :3].astype(np.float64))
+        seen_cells = int(np.isin(owner, forged.added).sum())
+        if seen_cells > most:
+            most, grid, valid = seen_cells, found, there
+    return grid, valid
+
+
+_DENT_RADIUS = (0.25, 0.45)  # metres, of the part that is deformed
+_DENT_DEPTH = (0.08, 0.15)  # metres
+_DENT_SEEN = 0.02  # metres, from which on a cell of the grid counts as deformed
+
+
+def _with_dent(
+    grid: NDArray[np.float64], valid: NDArray[np.bool_], random: np.random.Generator
+) -> NDArray[np.float64]:
+    """The grid with a part of what stands there dented, or with a bulge.
+
+    Ranges change smoothly along the scanner's own rays, so that every point stays in its cell.
+    """
+    inside = np.zeros_like(valid)
+    height, width = valid.shape
+    inside[height // 6 : -height // 4, width // 5 : -width // 5] = True
+    places = grid[valid & inside]
+    radius = float(random.uniform(*_DENT_RADIUS))
+    depth = float(random.uniform(*_DENT_DEPTH)) * (1.0 if random.random() < 0.5 else -1.0)
+    shift, most = np.zeros(valid.shape), 0
+    for _ in range(_PLACES):  # that where most of it is seen
+        place = places[int(random.integers(len(places)))]
+        away = np.minimum(np.linalg.norm(grid - place, axis=-1) / radius, 1.0)
+        own = depth * np.cos(0.5 * np.pi * away) ** 2
+        if (count := int((np.abs(own) > _DENT_SEEN).sum())) > most:
+            shift, most = own, count
+    deformed: NDArray[np.float64] = grid * (1.0 + shift / np.linalg.norm(grid, axis=-1))[..., None]
+    return deformed
 
 
 def _level_places(grid: NDArray[np.float64]) -> NDArray[np.float64]:

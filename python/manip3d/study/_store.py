@@ -9,6 +9,7 @@ import re
 import threading
 import time
 import zlib
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -54,7 +55,8 @@ class Answer:
     time_ns : int
         When it was stored, by `time.time_ns`.
     assigned : int or None
-        How many other participants of the group came before; set in the step that tells the group.
+        Place in the sequence of orders, as of `StudyFolder.next_place`; set in the step that tells
+        the group, or by the consent where nobody asks for it.
     """
 
     step: str
@@ -76,11 +78,14 @@ class Session:
     number : int
         How many participants began before.
     answers : list of Answer
+    screen : dict
+        What the page last told of the screen that it is on; empty where none is open. Not stored.
     """
 
     participant: str
     number: int
     answers: list[Answer] = field(default_factory=list)
+    screen: dict[str, float] = field(default_factory=dict, compare=False)
 
     def answer(self, step: str) -> Answer | None:
         """The answer to a step."""
@@ -100,9 +105,14 @@ class Session:
 
     @property
     def assigned(self) -> int:
-        """How many of that group came before."""
-        about = self.answer("about")
-        return self.number if about is None or about.assigned is None else about.assigned
+        """Place in the sequence of orders."""
+        place = self._place
+        return self.number if place is None else place
+
+    @property
+    def _place(self) -> int | None:
+        found = [self.answer(step) for step in ("about", "consent")]
+        return next((a.assigned for a in found if a is not None and a.assigned is not None), None)
 
 
 @checked
@@ -249,6 +259,47 @@ class StudyFolder:
             atomic_write(file, _line({"participant": participant, "number": number}))
             self.sessions[participant] = Session(participant, number)
             return self.sessions[participant]
+
+    def next_place(self, group: str, period: int) -> int:
+        """Return the place that the next participant of a group gets in the sequence of orders.
+
+        Parameters
+        ----------
+        group : str
+            Group of the participant; empty where nobody asks for it.
+        period : int
+            Number of orders, after which the sequence begins again.
+
+        Returns
+        -------
+        int
+            0 to ``period`` - 1: the first of those that the fewest of the group have now. Where
+            somebody has withdrawn, their place is free again.
+
+        Raises
+        ------
+        InputError
+            ``period`` is less than 1.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as place:
+        ...     with StudyFolder(place, {}) as folder:
+        ...         for code in ("P0", "P1"):
+        ...             _ = folder.begin(code)
+        ...             own = folder.next_place("expert", 6)
+        ...             about = Answer("about", {}, {"group": "expert"}, assigned=own)
+        ...             _ = folder.store(code, about)
+        ...         folder.withdraw("P0")
+        ...         folder.next_place("expert", 6), folder.next_place("healthy", 6)
+        (0, 0)
+        """
+        if period < 1:
+            raise InputError(f"period: expected >= 1, got {period}")
+        own = (s._place for s in self.sessions.copy().values() if s.group == group)
+        taken = Counter(place % period for place in own if place is not None)
+        return min(range(period), key=lambda place: taken[place])
 
     def check_code(self, participant: str) -> None:
         """Refuse a code with which nobody could begin.

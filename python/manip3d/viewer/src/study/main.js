@@ -3,6 +3,7 @@
 import { Turntable } from "./turntable.js";
 
 const AGAIN_MS = 1000;
+const STORE_AGAIN_MS = 5000; // until a full disk is asked again
 const REFUSED = [1007, 1008, 1009]; // the server has read what was sent, and does not take it
 const CARD_RATIO = 53.98 / 85.6; // of a bank card [ISO/IEC 7810, ID-1]
 
@@ -50,6 +51,9 @@ let turntable = null;
 let generation = 0; // of what is shown
 let isHeard = false; // whether the server has said anything on this connection
 let refusal = ""; // why the last answer was not taken
+let code = ""; // with which somebody has begun last
+/** @type {ReturnType<typeof setTimeout> | undefined} */
+let storesAgain;
 
 /** @param {string} tag @param {object} attributes @param {(Node | string)[]} children */
 function make(tag, attributes = {}, ...children) {
@@ -69,13 +73,20 @@ function tell(text) {
   banner.hidden = !text;
 }
 
+/** Say who is there, and before which screen: its scale was measured once. */
+function greet() {
+  const screen_ = { screen_px: screen.width, pixel_ratio: devicePixelRatio };
+  send(code ? { type: "begin", participant: code, ...screen_ } : { type: "hello", ...screen_ });
+}
+
 function connect() {
+  clearTimeout(storesAgain);
   socket = new WebSocket(`ws://${location.host}/stream`);
   isHeard = false;
   socket.addEventListener("open", () => {
     tell(refusal);
-    const participant = sessionStorage.getItem("participant");
-    send(participant ? { type: "begin", participant } : { type: "hello" });
+    code = sessionStorage.getItem("participant") ?? "";
+    greet();
   });
   socket.addEventListener("message", ({ data }) => {
     isHeard = true;
@@ -102,6 +113,8 @@ function refuse(reason) {
 function take(message) {
   if (message.type === "problem") {
     tell(message.text);
+    clearTimeout(storesAgain);
+    storesAgain = setTimeout(() => (pending ? send(pending.message) : greet()), STORE_AGAIN_MS);
     return;
   }
   if (message.participant) sessionStorage.setItem("participant", message.participant);
@@ -133,29 +146,32 @@ function replace(...nodes) {
 
 function showWho({ title, problem }) {
   shown = null;
+  code = "";
   sessionStorage.removeItem("participant");
-  const code = make("input", { name: "participant", required: true, maxLength: 32 });
-  Object.assign(code, { pattern: "[A-Za-z0-9][A-Za-z0-9_\\-]*", autocomplete: "off" });
+  const typed = make("input", { name: "participant", required: true, maxLength: 32 });
+  Object.assign(typed, { pattern: "[A-Za-z0-9][A-Za-z0-9_\\-]*", autocomplete: "off" });
   const form = make(
     "form",
     {},
     make("h1", {}, title),
-    make("label", {}, "Your participant code", code),
+    make("label", {}, "Your participant code", typed),
     make("p", { className: "quiet" }, "If you were interrupted, the same code takes you back."),
     make("button", { type: "submit", id: "continue" }, "Begin"),
   );
   form.addEventListener("submit", (event) => {
     event.preventDefault();
-    send({ type: "begin", participant: code.value.trim() });
+    code = typed.value.trim();
+    greet();
   });
   replace(form);
   tell(problem ?? "");
-  code.focus();
+  typed.focus();
 }
 
 function showEnd({ declined }) {
   shown = null;
   pending = null;
+  code = "";
   sessionStorage.removeItem("participant"); // the next one begins with their own code
   replace(
     make("h1", { id: "end" }, declined ? "You did not agree" : "Thank you"),
