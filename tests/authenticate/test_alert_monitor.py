@@ -33,7 +33,7 @@ from watermark_scans import grid_scan, key_file
 
 FRAME = LidarFrame(np.zeros((0, 3), np.float32))
 RIG = StereoRig(700.0, (600.0, 180.0), 0.5, np.eye(4))
-PICTURE = np.zeros((4, 4), np.uint8)
+PICTURE = np.zeros((20, 192), np.uint8)  # as small as a pair may be
 
 
 class Clock:
@@ -144,15 +144,66 @@ def test_forensics_in_the_background_speak_of_the_frame_that_they_saw(
     assert monitor.counts.skipped["forensics"] == heard.number
 
 
-def test_what_goes_wrong_in_the_background_is_raised(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_goes_wrong_in_the_background_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: Any, **__: Any) -> Any:
         raise InputError("points: row 3 is not finite")
 
     monkeypatch.setattr(_alert, "inspect", fail)
     monitor = AlertMonitor(background=True)
     monitor.judge(FRAME, speed_mps=1.0)
-    with pytest.raises(InputError, match="row 3"):
-        monitor.finish()
+    last = monitor.finish()
+    assert last == WitnessReport("undecidable", "frame 0: failed: points: row 3 is not finite", ANY)
+
+
+WRONG: list[dict[str, Any]] = [
+    {"speed_mps": -1.0},
+    {"speed_mps": math.nan},
+    {"motion": (0.0, math.inf, 0.0)},
+    {"left": PICTURE[:10, :10], "right": PICTURE[:10, :10]},
+    {"left": PICTURE, "right": PICTURE.astype(float)},
+]
+
+
+@pytest.mark.parametrize("wrong", WRONG, ids=str)
+def test_a_frame_that_was_refused_is_authentic_when_it_is_judged_again(
+    wrong: dict[str, Any], tmp_path: Path
+) -> None:
+    """The chain of the watermark has not moved, and the frame has not been counted."""
+    with KeyFile(key_file(tmp_path / "key")) as key:
+        monitor = AlertMonitor(Watermarker(key), rig=RIG)
+        sent = Watermarker(key).embed(grid_scan(2000))
+        with pytest.raises(InputError):
+            monitor.judge(sent.frame, record=sent.record, **{"speed_mps": 1.0, **wrong})
+        again = monitor.judge(sent.frame, record=sent.record, speed_mps=1.0)
+    assert again.verdict == "authentic"
+    assert again.number == 0
+
+
+@pytest.mark.parametrize("several", [False, True])
+def test_what_cameras_and_forensics_cannot_do_is_their_word_and_the_frame_counts(
+    several: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: Any, **__: Any) -> Any:
+        raise ValueError("no memory for the map")
+
+    monkeypatch.setattr(_alert, "cross_modal_consistency", fail)
+    monkeypatch.setattr(_alert, "inspect", fail)
+    shown: dict[str, Any] = {"left": PICTURE, "right": PICTURE}
+    if several:
+        shown = {"pairs": {"front": (PICTURE, PICTURE)}}
+    with KeyFile(key_file(tmp_path / "key")) as key:
+        rig = {"front": RIG, "rear": RIG} if several else RIG
+        monitor = AlertMonitor(Watermarker(key), rig=rig)
+        sender = Watermarker(key)
+        for number in range(2):
+            sent = sender.embed(grid_scan(2000))
+            alert = monitor.judge(
+                sent.frame, record=sent.record, speed_mps=1.0, time_s=float(number), **shown
+            )
+            assert (alert.number, alert.verdict) == (number, "authentic")
+            for name in ("cross-modal", "forensics"):
+                assert alert.witnesses[name].verdict == "undecidable"
+                assert alert.witnesses[name].reason.endswith("failed: no memory for the map")
 
 
 def test_a_monitor_that_is_behind_verifies_the_watermark_alone(

@@ -22,8 +22,15 @@ from manip3d.authenticate._cross_modal import (
     cross_modal_consistency,
 )
 from manip3d.authenticate._inspect import Inspection, inspect
-from manip3d.authenticate._risk import ACTIONS, AttackObservation, Risk, RiskParameters, RiskTracker
-from manip3d.authenticate._stereo import StereoRig, stereo_disparity
+from manip3d.authenticate._risk import (
+    ACTIONS,
+    AttackObservation,
+    Risk,
+    RiskParameters,
+    RiskTracker,
+    check_movement,
+)
+from manip3d.authenticate._stereo import StereoRig, checked_pair, opencv, stereo_disparity
 from manip3d.authenticate._surround import SurroundResult
 from manip3d.authenticate._watermark import Policy, Watermarker, WatermarkResult
 from manip3d.authenticate._watermark_files import verdict_of_stream
@@ -220,6 +227,10 @@ class AlertMonitor:
     forged before it is for the cameras and the forensics to see. Threads may share a monitor:
     frames are taken one after the other.
 
+    The watermark knows a frame again that it has seen. Whatever can be refused is therefore refused
+    before the watermark is asked, and the same frame may be judged once more. What cameras or
+    forensics cannot do afterwards makes them ``undecidable``, with the error as their reason.
+
     Examples
     --------
     >>> import numpy as np
@@ -310,14 +321,16 @@ class AlertMonitor:
         Raises
         ------
         InputError
-            One picture without the other, pictures of another kind, a pair without a rig, a time
-            that is not finite, a negative wait.
+            One picture without the other, pictures of another kind, a pair without a rig, a speed
+            that is negative, a motion or time that is not finite, a negative wait. The frame is
+            not counted then.
         MissingExtraError
             There are pictures and OpenCV is not installed.
         """
         if (left is None) != (right is None):
             raise InputError("left, right: expected both pictures or none")
-        self._check_pairs(left, pairs)
+        check_movement(speed_mps, motion)
+        self._check_pairs(left, right, pairs)
         if time_s is not None and not math.isfinite(time_s):
             raise InputError(f"time_s: expected a finite number, got {time_s}")
         if not 0.0 <= waited_s < math.inf:
@@ -468,13 +481,19 @@ class AlertMonitor:
         if not (self._is_due("cross-modal", now) or self._has_time("cross-modal", begin)):
             return None, WitnessReport("skipped", "no time left in this frame")
         start = self._clock()
-        found = cross_modal_consistency(
-            frame, stereo_disparity(left, right), self._rig, parameters=self._parameters
-        )
+        try:
+            found = cross_modal_consistency(
+                frame, stereo_disparity(left, right), self._rig, parameters=self._parameters
+            )
+        except Exception as error:  # the chain has moved on: the frame cannot be judged again
+            return None, self._silent("cross-modal", error, start, now)
         return found, self._heard("cross-modal", found.verdict, found.reason, start, now)
 
     def _check_pairs(
-        self, left: ArrayLike | None, pairs: Mapping[str, tuple[ArrayLike, ArrayLike]] | None
+        self,
+        left: ArrayLike | None,
+        right: ArrayLike | None,
+        pairs: Mapping[str, tuple[ArrayLike, ArrayLike]] | None,
     ) -> None:
         if self._rigs and left is not None:
             raise InputError("left, right: expected pairs, since the monitor has several rigs")
@@ -482,6 +501,15 @@ class AlertMonitor:
             if name not in self._rigs:
                 known = ", ".join(sorted(self._rigs)) or "none, since the monitor has no named rigs"
                 raise InputError(f"pairs: expected names of rigs ({known}), got {name!r}")
+        if self._rig is not None and left is not None and right is not None:
+            opencv()
+            checked_pair(left, right)
+        for name, both in (pairs or {}).items():
+            opencv()
+            try:
+                checked_pair(*both)
+            except InputError as error:
+                raise InputError(f"pairs[{name!r}] {error}") from error
 
     def _ask_pairs(
         self,
@@ -495,6 +523,7 @@ class AlertMonitor:
             return None, WitnessReport("absent", "no stereo pair")
         start = self._clock()
         found: dict[str, CrossModalResult] = {}
+        failed: dict[str, str] = {}
         shared = (self._parameters or CrossModalParameters()).shared(len(self._rigs))
         left_out = []
         is_beyond = False
@@ -504,22 +533,31 @@ class AlertMonitor:
                 left_out.append(name)
                 continue
             asked = self._clock()
-            disparity = stereo_disparity(*pairs[name])
-            found[name] = cross_modal_consistency(
-                frame, disparity, self._rigs[name], parameters=shared
-            )
-            self._heard(_of_pair(name), found[name].verdict, found[name].reason, asked, now)
+            try:
+                disparity = stereo_disparity(*pairs[name])
+                told = cross_modal_consistency(
+                    frame, disparity, self._rigs[name], parameters=shared
+                )
+            except Exception as error:  # the chain has moved on: the frame cannot be judged again
+                failed[name] = self._silent(_of_pair(name), error, asked, now).reason
+            else:
+                found[name] = told
+                self._heard(_of_pair(name), told.verdict, told.reason, asked, now)
             is_beyond = self._clock() - begin > self._budget
-        self._turns = [each for each in self._turns if each not in found] + list(found)
+        heard = [*found, *failed]
+        self._turns = [each for each in self._turns if each not in heard] + heard
         for name in left_out:
             self._skipped[_of_pair(name)] = self._skipped.get(_of_pair(name), 0) + 1
+        why = "; ".join(f"{name}: {each}" for name, each in failed.items())
+        if not found and failed:
+            return None, WitnessReport("undecidable", why, self._clock() - start)
         if not found:
             return None, WitnessReport("skipped", "no time left in this frame")
         joined = SurroundResult({name: found[name] for name in self._rigs if name in found})
         reason = joined.reason
         if len(found) < len(self._rigs):
-            silent = ", ".join(name for name in self._rigs if name not in found)
-            reason = f"{reason} (not asked: {silent})"
+            silent = ", ".join(name for name in self._rigs if name not in heard)
+            reason += f" (not asked: {silent})" * bool(silent) + f" ({why})" * bool(why)
         return joined, WitnessReport(joined.verdict, reason, self._clock() - start)
 
     def _ask_forensics(
@@ -537,7 +575,10 @@ class AlertMonitor:
         if not self._is_due("forensics", now):
             return None, WitnessReport("skipped", "not due")
         start = self._clock()
-        found = inspect(frame, watermark=verified, power=False)
+        try:
+            found = inspect(frame, watermark=verified, power=False)
+        except Exception as error:  # the chain has moved on: the frame cannot be judged again
+            return None, self._silent("forensics", error, start, now)
         return found, self._heard("forensics", found.verdict, found.reason, start, now)
 
     def _looked(
@@ -555,7 +596,10 @@ class AlertMonitor:
         if not (wait or future.done()):
             return None, WitnessReport("skipped", f"still at frame {number}")
         self._running = None
-        found, seconds = future.result()
+        try:
+            found, seconds = future.result()
+        except Exception as error:  # the watermark's word on this frame stands all the same
+            return None, WitnessReport("undecidable", f"frame {number}: {_failure(error)}")
         return found, WitnessReport(found.verdict, f"frame {number}: {found.reason}", seconds)
 
     def _is_due(self, witness: str, now: float) -> bool:
@@ -576,6 +620,13 @@ class AlertMonitor:
         # The quickest so far: the first call also loads what it needs.
         self._cost[witness] = min(seconds, self._cost.get(witness, math.inf))
         return WitnessReport(verdict, reason, seconds)
+
+    def _silent(self, witness: str, error: Exception, start: float, now: float) -> WitnessReport:
+        return self._heard(witness, "undecidable", _failure(error), start, now)
+
+
+def _failure(error: Exception) -> str:
+    return f"failed: {error or type(error).__name__}"
 
 
 def _joined(told: Mapping[str, WitnessReport], *, has_key: bool) -> tuple[str, str]:

@@ -338,9 +338,7 @@ class RiskTracker:
         InputError
             A negative speed, numbers that are not finite.
         """
-        _check_speed(speed_mps)
-        if not all(math.isfinite(value) for value in motion):
-            raise InputError(f"motion: expected finite numbers, got {motion}")
+        check_movement(speed_mps, motion)
         with self._lock:
             self._pose = _moved(self._pose, motion)
             attacks = [*([] if attack is None else [attack]), *others]
@@ -467,6 +465,13 @@ def _level(score: float, p: RiskParameters) -> str:
     if score < p.low:
         return "low"
     return "medium" if score < p.high else "high"
+
+
+def check_movement(speed_mps: float, motion: tuple[float, float, float]) -> None:
+    """Refuse a speed or a motion that `RiskTracker.update` cannot use."""
+    _check_speed(speed_mps)
+    if not all(math.isfinite(value) for value in motion):
+        raise InputError(f"motion: expected finite numbers, got {motion}")
 
 
 def _check_speed(speed_mps: float) -> None:
