@@ -437,16 +437,45 @@ def test_how_far_a_sector_is_from_ahead(begin: float, end: float, expected: floa
     assert math.degrees(_alert._to_ahead(begin, end)) == pytest.approx(expected, abs=1e-9)
 
 
+def test_a_frame_that_was_left_out_moves_the_car_all_the_same(tmp_path: Path) -> None:
+    """The place of an attack is compared with those before it, whatever lies between."""
+    motions = ((1.0, 0.0, 0.4), (2.0, 0.5, 0.3))
+    spaces = []
+    for left_out in (None, "skip", "unread"):
+        with KeyFile(key_file(tmp_path / f"key {left_out}")) as key:
+            sender, monitor = Watermarker(key), AlertMonitor(Watermarker(key), every_s=math.inf)
+            for number, motion in enumerate([(0.0, 0.0, 0.0), *motions]):
+                sent = sender.embed(grid_scan(3000, seed=number))
+                if number == 1 and left_out == "skip":
+                    monitor.skip(motion=motion)
+                elif number == 1 and left_out == "unread":
+                    monitor.judge_unread("torn", record=sent.record, motion=motion)
+                elif left_out is not None or number != 1:
+                    moved = sent.frame.select(np.arange(50, 3000))
+                    if left_out is None and number == 2:  # both steps by hand
+                        (a, b, t), (c, d, u) = motions
+                        motion = (a + c * math.cos(t) - d * math.sin(t),
+                                  b + c * math.sin(t) + d * math.cos(t), t + u)  # fmt: skip
+                    alert = monitor.judge(moved, record=sent.record, speed_mps=10.0, motion=motion)
+            spaces.append(alert.risk.factors["space"])
+            assert monitor._risk._pose == pytest.approx((2.647413, 1.239367, 0.7), abs=1e-6)
+    assert spaces[0] == spaces[1] == spaces[2] < 1.0
+
+
 def test_bad_input_is_named() -> None:
     for arguments, words in (
         ({"left": PICTURE}, "left, right: expected both"),
         ({"time_s": math.nan}, "time_s: expected a finite number"),
         ({"speed_mps": -1.0}, "speed_mps: expected a number >= 0"),
+        ({"unread": {"watermark": "torn"}}, "unread: expected cross-modal, got 'watermark'"),
     ):
         with pytest.raises(InputError, match=words):
             AlertMonitor(rig=RIG).judge(FRAME, **{"speed_mps": 1.0, **arguments})  # type: ignore[arg-type]
     with pytest.raises(InputError, match="budget_s: expected a number > 0"):
         AlertMonitor(budget_s=0.0)
+    for leave_out in (AlertMonitor().skip, AlertMonitor().judge_unread):
+        with pytest.raises(InputError, match="motion: expected finite numbers"):
+            leave_out("torn", motion=(0.0, 0.0, math.nan))
     with pytest.raises(InputError, match="every_s: expected a number > 0"):
         AlertMonitor(every_s=math.nan)
     with pytest.raises(InputError, match="alerts: expected at least one"):

@@ -29,6 +29,7 @@ from manip3d.authenticate._risk import (
     RiskParameters,
     RiskTracker,
     check_movement,
+    moved,
 )
 from manip3d.authenticate._stereo import StereoRig, checked_pair, opencv, stereo_disparity
 from manip3d.authenticate._surround import SurroundResult
@@ -43,6 +44,9 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 _FRAME_S = 0.1  # between frames of scanners that turn ten times a second
+
+_STILL = (0.0, 0.0, 0.0)
+_READ = ("watermark", "cross-modal")  # witnesses that need more files than the scan
 
 WITNESSES = ("watermark", "cross-modal", "forensics")
 
@@ -274,6 +278,7 @@ class AlertMonitor:
         self._worker = ThreadPoolExecutor(1, "forensics") if background else None
         self._running: tuple[int, Future[tuple[Inspection, float]]] | None = None
         self._lock = threading.Lock()
+        self._unseen = _STILL  # motion over frames that the risk has not heard of
         self._number = 0
         self._last: dict[str, float] = {}  # time of the stream at which a witness spoke
         self._cost: dict[str, float] = {}  # seconds
@@ -288,6 +293,7 @@ class AlertMonitor:
         frame: LidarFrame,
         *,
         record: bytes | None = None,
+        carrier: ArrayLike | None = None,
         left: ArrayLike | None = None,
         right: ArrayLike | None = None,
         pairs: Mapping[str, tuple[ArrayLike, ArrayLike]] | None = None,
@@ -295,6 +301,7 @@ class AlertMonitor:
         motion: tuple[float, float, float] = (0.0, 0.0, 0.0),
         time_s: float | None = None,
         waited_s: float = 0.0,
+        unread: Mapping[str, str] | None = None,
     ) -> Alert:
         """Judge the next frame.
 
@@ -303,6 +310,8 @@ class AlertMonitor:
         frame : LidarFrame
         record : bytes, optional
             The watermark's record; without one a monitor with a key says ``undecidable``.
+        carrier : (H, W) or (H, W, 3) uint8, optional
+            Picture that carries the record in place of ``record``, and is verified with it.
         left, right : (H, W) or (H, W, 3) uint8, optional
             The rectified pair taken at the same moment.
         pairs : mapping of str to (left, right), optional
@@ -317,13 +326,16 @@ class AlertMonitor:
         waited_s : float, seconds
             For which the frame has waited for those before it. It counts: a monitor that is behind
             leaves out the cameras and verifies the watermark alone until it has caught up.
+        unread : mapping of str to str, optional
+            Why a record (``watermark``) or pictures (``cross-modal``) of this frame are not given,
+            though there are some: these witnesses are ``undecidable``.
 
         Raises
         ------
         InputError
             One picture without the other, pictures of another kind, a pair without a rig, a speed
-            that is negative, a motion or time that is not finite, a negative wait. The frame is
-            not counted then.
+            that is negative, a motion or time that is not finite, a negative wait, a record beside
+            a carrier. The frame is not counted then, and may be judged again.
         MissingExtraError
             There are pictures and OpenCV is not installed.
         """
@@ -335,10 +347,14 @@ class AlertMonitor:
             raise InputError(f"time_s: expected a finite number, got {time_s}")
         if not 0.0 <= waited_s < math.inf:
             raise InputError(f"waited_s: expected a number >= 0, got {waited_s}")
+        for name in unread or {}:
+            if name not in _READ or (name == "watermark" and self._marker is None):
+                known = " or ".join(_READ if self._marker is not None else _READ[1:])
+                raise InputError(f"unread: expected {known}, got {name!r}")
         with self._lock:
             begin = self._clock() - waited_s
             now = self._number * min(self._budget, _FRAME_S) if time_s is None else time_s
-            watermark, sworn = self._ask_watermark(frame, record)
+            watermark, sworn = self._ask_watermark(frame, record, carrier)
             cross, seen = (
                 self._ask_pairs(frame, pairs or {}, now, begin)
                 if self._rigs
@@ -346,10 +362,13 @@ class AlertMonitor:
             )
             forensics, looked = self._ask_forensics(frame, watermark, now)
             told = {"watermark": sworn, "cross-modal": seen, "forensics": looked}
+            for name, why in (unread or {}).items():
+                told[name] = _with_unread(told[name], why)
             verdict, reason = _joined(told, has_key=self._marker is not None)
             observed = _observations(watermark, cross, forensics, speed_mps, self._risk.parameters)
-            risk = self._risk.update(None, speed_mps=speed_mps, motion=motion, others=observed)
-            self._latest = risk
+            since = moved(self._unseen, motion)
+            risk = self._risk.update(None, speed_mps=speed_mps, motion=since, others=observed)
+            self._unseen, self._latest = _STILL, risk
             seconds = self._clock() - begin
             alert = Alert(
                 self._number,
@@ -369,7 +388,14 @@ class AlertMonitor:
             return alert
 
     @checked
-    def judge_unread(self, reason: str, *, record: bytes | None = None) -> Alert:
+    def judge_unread(
+        self,
+        reason: str,
+        *,
+        record: bytes | None = None,
+        carrier: ArrayLike | None = None,
+        motion: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ) -> Alert:
         """Take a frame whose scan cannot be read: it is undecidable, and the stream goes on.
 
         Parameters
@@ -377,14 +403,27 @@ class AlertMonitor:
         reason : str
         record : bytes, optional
             The watermark's record, by which the frame keeps its place in the chain.
+        carrier : (H, W) or (H, W, 3) uint8, optional
+            As for `judge`.
+        motion : (float, float, float)
+            As for `judge`: the next frame that is judged stands that much farther on.
+
+        Raises
+        ------
+        InputError
+            A motion that is not finite, a record beside a carrier.
         """
+        check_movement(0.0, motion)
         with self._lock:
             told = {name: WitnessReport("undecidable", reason) for name in WITNESSES}
             found = None
             if self._marker is not None:
-                found = self._marker.verify_without_scan(record, reason, policy=self._policy)
+                found = self._marker.verify_without_scan(
+                    record, reason, policy=self._policy, picture=carrier
+                )
                 told["watermark"] = WitnessReport(found.verdict, found.reason)
             verdict, why = told["watermark"].verdict, told["watermark"].reason
+            self._unseen = moved(self._unseen, motion)
             risk = self._latest  # a frame that nobody saw changes nothing
             alert = Alert(
                 self._number, verdict, why, ReadOnlyMapping(told), "", (), risk, 0.0, False,
@@ -393,17 +432,30 @@ class AlertMonitor:
             self._count(alert)
             return alert
 
-    def skip(self, reason: str = "the frame before took too long") -> Alert:
+    @checked
+    def skip(
+        self,
+        reason: str = "the frame before took too long",
+        *,
+        motion: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ) -> Alert:
         """Leave out a frame that cannot be judged in time; it is counted, and is unverified.
 
         Parameters
         ----------
         reason : str
             Why the frame is left out; it stands in the alert.
+        motion : (float, float, float)
+            As for `judge`: the next frame that is judged stands that much farther on.
 
         Returns
         -------
         Alert
+
+        Raises
+        ------
+        InputError
+            A motion that is not finite.
 
         Examples
         --------
@@ -411,7 +463,9 @@ class AlertMonitor:
         >>> AlertMonitor().skip("too late").verdict
         'skipped'
         """
+        check_movement(0.0, motion)
         with self._lock:
+            self._unseen = moved(self._unseen, motion)
             told = {name: WitnessReport("skipped", reason) for name in WITNESSES}
             risk = self._latest  # a frame that nobody saw changes nothing
             alert = Alert(
@@ -460,12 +514,12 @@ class AlertMonitor:
         self._total += alert.seconds
 
     def _ask_watermark(
-        self, frame: LidarFrame, record: bytes | None
+        self, frame: LidarFrame, record: bytes | None, carrier: ArrayLike | None
     ) -> tuple[WatermarkResult | None, WitnessReport]:
         if self._marker is None:
             return None, WitnessReport("absent", "no key")
         begin = self._clock()
-        found = self._marker.verify(frame, record, policy=self._policy)
+        found = self._marker.verify(frame, record, policy=self._policy, picture=carrier)
         return found, WitnessReport(found.verdict, found.reason, self._clock() - begin)
 
     def _ask_cameras(
@@ -623,6 +677,13 @@ class AlertMonitor:
 
     def _silent(self, witness: str, error: Exception, start: float, now: float) -> WitnessReport:
         return self._heard(witness, "undecidable", _failure(error), start, now)
+
+
+def _with_unread(told: WitnessReport, why: str) -> WitnessReport:
+    """What a witness says of whose files some could not be read."""
+    if told.verdict == "absent":
+        return replace(told, verdict="undecidable", reason=why)
+    return replace(told, reason=f"{told.reason} ({why})")
 
 
 def _failure(error: Exception) -> str:

@@ -340,7 +340,7 @@ class RiskTracker:
         """
         check_movement(speed_mps, motion)
         with self._lock:
-            self._pose = _moved(self._pose, motion)
+            self._pose = moved(self._pose, motion)
             attacks = [*([] if attack is None else [attack]), *others]
             self._past.append(_seen(attacks, self._pose))
             count = self.parameters.frames(speed_mps)
@@ -452,9 +452,10 @@ def _seen(attacks: Sequence[AttackObservation], pose: tuple[float, float, float]
     return _Past(places, tuple((attack.distance, attack.angle_rad) for attack in attacks))
 
 
-def _moved(
+def moved(
     pose: tuple[float, float, float], motion: tuple[float, float, float]
 ) -> tuple[float, float, float]:
+    """Return the place and direction of a car that moved on from a pose."""
     x, y, yaw = pose
     cosine, sine = math.cos(yaw), math.sin(yaw)
     ahead, left, turn = motion

@@ -240,7 +240,7 @@ def embed(
         shell.progress("embed") as progress,
     ):
         for number, path in enumerate(scans):
-            seen = _picture_of(path, source, picture)
+            seen = picture_of(path, source, picture)
             target = output / authenticate.plain_name(path, source) if drive else output
             copied = path if embedding == "detached" else None
             sent = marker.embed(
@@ -355,7 +355,7 @@ def verify(
         shell.progress("verify") as progress,
     ):
         for number, path in enumerate(scans):
-            seen = _picture_of(path, source, picture)
+            seen = picture_of(path, source, picture)
             beside = authenticate.find_record(path) if record is None else record
             found = _verified(marker, path, beside, seen, policy, in_drive=drive)
             results.append((path.name, replace(found, scan=None)))  # a drive's scans fill memory
@@ -452,8 +452,8 @@ def _times(source: str, shell: Terminal) -> dict[Path, int]:
     return times
 
 
-def _picture_of(scan: Path, source: str, picture: str) -> Path | None:
-    """The picture that belongs to a scan; None: records stand beside the scans."""
+def picture_of(scan: Path, source: str, picture: str) -> Path | None:
+    """Return the picture that belongs to a scan; None: records stand beside the scans."""
     if not picture:
         return None
     if not Path(source).is_dir():
