@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import threading
 import time
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -22,6 +24,7 @@ from manip3d.authenticate import (
     AlertMonitor,
     AttackObservation,
     KeyFile,
+    RiskParameters,
     StereoRig,
     Watermarker,
     WitnessReport,
@@ -29,6 +32,7 @@ from manip3d.authenticate import (
     verdict_of_alerts,
 )
 from manip3d.errors import InputError
+from manip3d.report import AlertTimeline
 from watermark_scans import grid_scan, key_file
 
 FRAME = LidarFrame(np.zeros((0, 3), np.float32))
@@ -460,6 +464,57 @@ def test_a_frame_that_was_left_out_moves_the_car_all_the_same(tmp_path: Path) ->
             spaces.append(alert.risk.factors["space"])
             assert monitor._risk._pose == pytest.approx((2.647413, 1.239367, 0.7), abs=1e-6)
     assert spaces[0] == spaces[1] == spaces[2] < 1.0
+
+
+def test_the_page_shows_a_late_attack_and_lists_it_first(tmp_path: Path) -> None:
+    """Many changes of verdict and 300 doubtful frames come before it."""
+    seen = AlertMonitor().judge(LidarFrame(grid_scan(500)), speed_mps=1.0)
+    with KeyFile(key_file(tmp_path / "key")) as key:
+        sent = Watermarker(key).embed(grid_scan(2000))
+        found = Watermarker(key).verify(sent.frame, sent.record)
+    timeline = AlertTimeline("drive", risk=RiskParameters(low=0.25, high=0.55))
+    for number in range(400):
+        verdict = "undecidable" if number % 7 == 6 or 50 < number < 360 else "authentic"
+        verdict = "tampered" if number in (390, 391) else verdict
+        timeline.add(
+            replace(seen, number=number, verdict=verdict, reason=f"why {number}", watermark=found)
+        )
+    page = tmp_path / "page.html"
+    timeline.write(page, verdict="tampered", reason="r", counts=AlertMonitor().counts)
+    text = page.read_text()
+    shown = [int(n) for n in re.findall(r"<h3>Frame ([0-9]+):", text)]
+    assert len(shown) == 12
+    assert {390, 391} < set(shown)
+    assert shown == sorted(shown)
+    rows = [int(n) for n in re.findall(r"<tr><td>([0-9]+)</td>", text)]
+    assert rows[:4] == [390, 391, 6, 13]
+    first, count = timeline.gravest(3)
+    assert [record["frame"] for record in first] == [390, 391, 6]
+    assert f"and {count - 200} more" in text
+    assert count == sum(record["verdict"] != "authentic" for record in timeline.records)
+    assert "lines at 0.25 (medium) and 0.55 (high)" in text
+    assert [record["frame"] for record in timeline.records] == list(range(400))
+
+
+def test_a_long_drive_keeps_few_bytes_of_a_frame(tmp_path: Path) -> None:
+    """At most as many as a brief alert has: 9 kB were kept, most of them tiles."""
+    frames, kept = 30, []
+    timeline = AlertTimeline("drive")
+    with KeyFile(key_file(tmp_path / "key")) as key:
+        monitor = AlertMonitor(Watermarker(key), every_s=math.inf)
+        sender = Watermarker(key)
+        sent = [sender.embed(grid_scan(40_000, seed=n)) for n in range(frames + 5)]
+        for number, each in enumerate(sent):
+            if number == 5:
+                tracemalloc.start()
+            alert = monitor.judge(each.frame, record=each.record, speed_mps=1.0)
+            timeline.add(alert)
+            kept.append(alert.brief())
+            del alert
+        size = tracemalloc.get_traced_memory()[0] / frames
+        tracemalloc.stop()
+    assert size < 3500
+    assert all(not alert.watermark.tiles for alert in kept if alert.watermark is not None)
 
 
 def test_bad_input_is_named() -> None:

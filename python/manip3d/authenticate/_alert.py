@@ -123,6 +123,8 @@ class Alert:
     def brief(self) -> Alert:
         """Return the alert without scans, maps and points, of which a whole drive fits in memory.
 
+        The tiles of a watermark that holds are left out, too.
+
         Examples
         --------
         >>> AlertMonitor().skip("too late").brief().verdict
@@ -130,7 +132,10 @@ class Alert:
         """
         kept = self.watermark
         if kept is not None:
-            kept = replace(kept, scan=None, regions=(), suspected=np.empty(0, np.int64))
+            tiles = () if kept.verdict == "authentic" else kept.tiles
+            kept = replace(
+                kept, scan=None, tiles=tiles, regions=(), suspected=np.empty(0, np.int64)
+            )
         return replace(self, cross_modal=None, watermark=kept, forensics=None)
 
     def record(self) -> dict[str, Any]:

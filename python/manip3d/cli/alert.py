@@ -39,9 +39,10 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from manip3d import LidarFrame
-    from manip3d.authenticate import Alert, AlertMonitor, StereoRig
+    from manip3d.authenticate import Alert, AlertCounts, AlertMonitor, StereoRig
     from manip3d.batch import Summary
     from manip3d.datasets import KittiFrame
+    from manip3d.report import AlertTimeline
     from manip3d.simulate import DriveFrame
 
     Cameras = StereoRig | Mapping[str, StereoRig] | None
@@ -245,8 +246,10 @@ def run(
     if output is not None:
         timeline.write(output, verdict=verdict, reason=reason, counts=counts)
         shell.say(f"wrote {output}")
-    summary = timeline.summary(verdict, reason, counts)
-    shell.result(summary, lambda console: _show(console, summary))
+    # Every frame's numbers at once: only where somebody takes them.
+    is_taken = as_json or shell.is_collecting
+    summary = timeline.summary(verdict, reason, counts) if is_taken else None
+    shell.result(summary, lambda console: _show(console, timeline, verdict, reason, counts))
     if isinstance(stopped, KeyboardInterrupt):
         raise stopped
     raise typer.Exit(EXIT_CODES[verdict])
@@ -527,18 +530,19 @@ def _row(record: dict[str, Any]) -> tuple[str, ...]:
     )
 
 
-def _show(console: Console, summary: dict[str, Any]) -> None:
-    console.print(f"{summary['verdict']}: {summary['reason']}", soft_wrap=True)
-    loud = [r for r in summary["frames"] if r["verdict"] not in ("authentic", "no_trace")]
-    if loud:
+def _show(
+    console: Console, timeline: AlertTimeline, verdict: str, reason: str, counts: AlertCounts
+) -> None:
+    console.print(f"{verdict}: {reason}", soft_wrap=True)
+    gravest, count = timeline.gravest(20)
+    if gravest:
         console.print()
-        table(console, [_row(record) for record in loud[:20]], _COLUMNS)
-    if len(loud) > 20:
-        console.print(f"and {len(loud) - 20} more")
-    counts = summary["counts"]
-    skipped = ", ".join(f"{name} in {counted(n, 'frame')}" for name, n in counts["skipped"].items())
+        table(console, [_row(record) for record in gravest], _COLUMNS)
+    if count > len(gravest):
+        console.print(f"and {count - len(gravest)} more")
+    skipped = ", ".join(f"{name} in {counted(n, 'frame')}" for name, n in counts.skipped.items())
     console.print(
-        f"mean {1e3 * counts['mean_s']:.0f} ms, slowest {1e3 * counts['slowest_s']:.0f} ms, "
-        f"{counts['late']} late; skipped: {skipped or 'none'}",
+        f"mean {1e3 * counts.mean_s:.0f} ms, slowest {1e3 * counts.slowest_s:.0f} ms, "
+        f"{counts.late} late; skipped: {skipped or 'none'}",
         soft_wrap=True,
     )
