@@ -139,6 +139,17 @@ def test_a_ros1_bag_of_clouds_is_watched(tmp_path: Path) -> None:
     assert len(json.loads(done.stdout)["frames"]) == 1
     done = in_process(tmp_path / "camera.bag")
     assert "is an RGB-D recording" in str(done.exception)
+    for address in ("lidar.bag#/0", "lidar.bag#/9"):  # one topic of a bag, and one that is not
+        done = in_process(tmp_path / address, "--json")
+        assert (done.exit_code == 4) == address.endswith("0"), done.output
+    assert "expected bag:" in str(done.exception)
+    whole = (tmp_path / "lidar.bag").read_bytes()
+    (tmp_path / "cut.bag").write_bytes(whole[: len(whole) // 2])
+    (tmp_path / "open.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(5000))
+    for name in ("cut.bag", "open.bag"):
+        for command in (("alert", "run"), ("info",), ("view",), ("inspect",)):
+            failed = CliRunner().invoke(app, [*command, str(tmp_path / name)])
+            assert f"{name}: expected the index of a ROS 1 bag" in str(failed.exception)
 
 
 def test_packets_of_an_hdl64e_take_their_calibration(tmp_path: Path) -> None:
