@@ -206,7 +206,8 @@ def embed(
     The record of each scan is written beside it, as SCAN.wm, or with --picture in the lowest bits
     of the picture, SCAN.png or that of the drive. Points move by at most 1.8 mm (lbm), 1.9 mm (qim)
     or not at all (detached). What else a drive has (pictures, positions, times, labels,
-    calibration) is copied as it is. Of several drives, each is a session of its own and one piece
+    calibration) is copied as it is. With --force, scans and records of an earlier drive go from the
+    output's folder of scans. Of several drives, each is a session of its own and one piece
     of work: its frames are chained, and only drives are worked on side by side.
 
     Example: manip3d watermark embed drive --key sensor.key -o signed
@@ -227,6 +228,7 @@ def embed(
     times = _times(source, shell) if drive else {}
     rows = []
     written: set[Path] = set()
+    kept: set[Path] = set()
     with (
         authenticate.KeyFile(key) as secret,
         authenticate.Watermarker(
@@ -251,7 +253,10 @@ def embed(
             )
             shown = output / seen.relative_to(source) if drive and seen is not None else None
             authenticate.write_watermarked(sent, target, unchanged=path, picture=shown)
-            if shown is not None:
+            kept.add(target)
+            if shown is None:
+                kept.add(authenticate.record_path(target))
+            else:
                 written.add(shown)
             rows.append({"scan": str(target), "frame": sent.number, "points": len(sent.points),
                          "tiles": sent.num_tiles})  # fmt: skip
@@ -260,12 +265,28 @@ def embed(
         record = {"source": source, "output": str(output), "session": marker.session,
                   "key_id": secret.key_id, "embedding": embedding, "num_frames": len(rows),
                   "frames": rows}  # fmt: skip
+    if drive:
+        _remove_others(kept)
     if drive and not scans_only:
         authenticate.copy_rest_of_drive(source, output, written=written)
     records = "its record" if len(rows) == 1 else "their records"
     carried = " in pictures" if picture and drive else " in a picture" if picture else ""
     shell.say(f"wrote {counted(len(rows), 'scan')} with {records}{carried} to {output}")
     shell.result(record, lambda console: console.print(f"session {record['session']}"))
+
+
+def _remove_others(kept: set[Path]) -> None:
+    """Remove scans and records of an earlier drive, which would be frames of this one's chain."""
+    from manip3d import authenticate
+    from manip3d.io._scan_tables import scan_suffix
+
+    for folder in {path.parent for path in kept}:
+        for path in sorted(folder.iterdir()):
+            is_ours = (
+                path.suffix == authenticate.RECORD_SUFFIX or scan_suffix(path) in SCAN_SUFFIXES
+            )
+            if is_ours and path not in kept and path.is_file():
+                path.unlink()
 
 
 def _verified_suffixes() -> tuple[str, ...]:
