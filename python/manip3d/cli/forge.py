@@ -53,6 +53,7 @@ class Order:
     up: str
     seed: int
     threads: int
+    allow_collision: bool
 
 
 def forge_scan(
@@ -182,21 +183,39 @@ def _dent(frame: LidarFrame, order: Order) -> Forgery:
 def _translate(frame: LidarFrame, order: Order) -> Forgery:
     from manip3d import forge
 
-    return forge.translation(frame, _box(order), distance=order.distance, threads=order.threads)
+    return forge.translation(
+        frame,
+        _box(order),
+        distance=order.distance,
+        allow_collision=order.allow_collision,
+        threads=order.threads,
+    )
 
 
 def _rotate(frame: LidarFrame, order: Order) -> Forgery:
     from manip3d import forge
 
     angle = {} if order.yaw is None else {"angle": order.yaw}
-    return forge.rotation(frame, _box(order), threads=order.threads, **angle)
+    return forge.rotation(
+        frame,
+        _box(order),
+        allow_collision=order.allow_collision,
+        threads=order.threads,
+        **angle,
+    )
 
 
 def _replace(frame: LidarFrame, order: Order) -> Forgery:
     from manip3d import forge
 
     points = _points(_hoax(order)) * order.scale
-    return forge.replacement(frame, points, _box(order), threads=order.threads)
+    return forge.replacement(
+        frame,
+        points,
+        _box(order),
+        allow_collision=order.allow_collision,
+        threads=order.threads,
+    )
 
 
 def _lattice_insert(frame: LidarFrame, order: Order) -> Forgery:
@@ -362,6 +381,14 @@ def forge_lidar(
             "'lattice-insert', 'lattice-remove' and 'spoof'; by default that of KITTI's scanner."
         ),
     ] = None,
+    allow_collision: Annotated[
+        bool,
+        typer.Option(
+            "--allow-collision",
+            help="Put what 'translation', 'rotation' and 'replacement' move also where something "
+            "else is.",
+        ),
+    ] = False,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -389,6 +416,7 @@ def forge_lidar(
         up.value,
         seed,
         jobs,
+        allow_collision,
     )
     record = forge_scan(attack.value, source, output, order, shell, force=force)
     shell.result(record)
