@@ -31,7 +31,7 @@ ATTACKS = {
 """This package's names of the attacks, and the table's."""
 
 FEWEST_POINTS = 20
-"""Of an object that is attacked."""
+"""An object with fewer is not attacked."""
 
 _MOST_TURNS = 100
 """Frames of a street; the next one goes on."""
