@@ -237,6 +237,10 @@ def test_the_keyed_watermark_accepts_no_forgery(name: str) -> None:
         assert row[defence] == (row[f"{defence} tried"] if name == security.HARMLESS else 0)
     if name == security.REEMBEDDING:
         assert row["paper lbm"] == row["paper lbm tried"] == 4
+    if name == "signed with another key":
+        assert row["hmac tried"] == 4
+        assert row["hmac"] == 0
+        assert row["paper lbm"] is None  # it has no key
     if name in (security.HARMLESS, "one point moved"):
         assert row["hmac"] == 0
     if name in ("frame replayed", "frame dropped", "frames reordered"):

@@ -66,6 +66,8 @@ def attacked(
         copy, place = _copied(inside, box, turn, away)
         if not NEAREST <= math.hypot(*place.center[:2]) <= FARTHEST:
             continue
+        if box.contains(copy.points).any():  # what leaves makes room, but not for its own copy
+            continue
         try:
             if attack == "additive":
                 return forge.additive(frame, copy, threads=1).frame, [place]
