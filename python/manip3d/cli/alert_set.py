@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from manip3d.cli.terminal import Terminal, counted
 from manip3d.cli.truth import truth_of
 from manip3d.errors import InputError
-from manip3d.io._files import atomic_pair, atomic_write
+from manip3d.io._files import atomic_pair, atomic_write, regular_bytes
 
 if TYPE_CHECKING:
     from manip3d.forge import Forgery
@@ -52,8 +52,7 @@ def write_set(
         for number, piece in enumerate(pieces):
             done = output / _PIECES / f"drive_{piece.drive}-{piece.first:05d}.csv"
             if done.is_file():
-                with done.open(newline="", encoding="utf-8") as file:
-                    rows += list(csv.DictReader(file))
+                rows += list(csv.DictReader(io.StringIO(regular_bytes(done).decode())))
             else:
                 made = list(_written(piece, output, seed))
                 atomic_write(done, _csv(made))
@@ -84,7 +83,10 @@ def _begin(output: Path, settings: Mapping[str, Any], *, force: bool) -> None:
     if output.exists() and not output.is_dir():
         raise InputError(f"{output}: expected a folder's name, got a file's")
     if not force and path.is_file():
-        found = json.loads(path.read_text(encoding="utf-8"))
+        try:
+            found = json.loads(regular_bytes(path))
+        except ValueError:
+            found = "no JSON"
         if found != settings:
             raise InputError(
                 f"{output}: expected a part of the set with {settings}, got one with {found}; "
