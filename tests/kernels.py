@@ -221,9 +221,11 @@ KERNELS: dict[str, Kernel] = {
     "forge.additive_subtractive": lambda t: forge.additive_subtractive(
         cloud, hoax, box, offset=(9, 9, 0), allow_collision=True, threads=t
     ),
-    "forge.replacement": lambda t: forge.replacement(cloud, hoax, box, threads=t),
-    "forge.translation": lambda t: forge.translation(cloud, box, threads=t),
-    "forge.rotation": lambda t: forge.rotation(cloud, box, threads=t),
+    "forge.replacement": lambda t: forge.replacement(
+        cloud, hoax, box, allow_collision=True, threads=t
+    ),
+    "forge.translation": lambda t: forge.translation(cloud, box, allow_collision=True, threads=t),
+    "forge.rotation": lambda t: forge.rotation(cloud, box, allow_collision=True, threads=t),
     "authenticate.estimate_origin": lambda t: authenticate.estimate_origin(scan, threads=t),
     "authenticate.estimate_grid": lambda t: authenticate.estimate_grid(scan, threads=t),
     "authenticate.estimate_lattice": lambda _: authenticate.estimate_lattice([scan]),

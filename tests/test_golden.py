@@ -253,7 +253,9 @@ CASES: dict[str, Case] = {
             forge.ctp(cloud, hoax, position=(4, 1, 0)), rings, along="ray", threads=threads
         )
     ),
-    "forge rotation": lambda threads: truth(forge.rotation(cloud, box, threads=threads)),
+    "forge rotation": lambda threads: truth(
+        forge.rotation(cloud, box, allow_collision=True, threads=threads)
+    ),
     "forge segments": lambda _: forge.segment(cloud).label,
     "detectors of chapter 6": judged,
     "lattice reading": lambda threads: scanner.read(forged_scan, threads=threads),

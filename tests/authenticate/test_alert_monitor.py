@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import threading
 import time
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -22,6 +24,7 @@ from manip3d.authenticate import (
     AlertMonitor,
     AttackObservation,
     KeyFile,
+    RiskParameters,
     StereoRig,
     Watermarker,
     WitnessReport,
@@ -29,11 +32,12 @@ from manip3d.authenticate import (
     verdict_of_alerts,
 )
 from manip3d.errors import InputError
+from manip3d.report import AlertTimeline
 from watermark_scans import grid_scan, key_file
 
 FRAME = LidarFrame(np.zeros((0, 3), np.float32))
 RIG = StereoRig(700.0, (600.0, 180.0), 0.5, np.eye(4))
-PICTURE = np.zeros((4, 4), np.uint8)
+PICTURE = np.zeros((20, 192), np.uint8)  # as small as a pair may be
 
 
 class Clock:
@@ -144,15 +148,66 @@ def test_forensics_in_the_background_speak_of_the_frame_that_they_saw(
     assert monitor.counts.skipped["forensics"] == heard.number
 
 
-def test_what_goes_wrong_in_the_background_is_raised(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_goes_wrong_in_the_background_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: Any, **__: Any) -> Any:
         raise InputError("points: row 3 is not finite")
 
     monkeypatch.setattr(_alert, "inspect", fail)
     monitor = AlertMonitor(background=True)
     monitor.judge(FRAME, speed_mps=1.0)
-    with pytest.raises(InputError, match="row 3"):
-        monitor.finish()
+    last = monitor.finish()
+    assert last == WitnessReport("undecidable", "frame 0: failed: points: row 3 is not finite", ANY)
+
+
+WRONG: list[dict[str, Any]] = [
+    {"speed_mps": -1.0},
+    {"speed_mps": math.nan},
+    {"motion": (0.0, math.inf, 0.0)},
+    {"left": PICTURE[:10, :10], "right": PICTURE[:10, :10]},
+    {"left": PICTURE, "right": PICTURE.astype(float)},
+]
+
+
+@pytest.mark.parametrize("wrong", WRONG, ids=str)
+def test_a_frame_that_was_refused_is_authentic_when_it_is_judged_again(
+    wrong: dict[str, Any], tmp_path: Path
+) -> None:
+    """The chain of the watermark has not moved, and the frame has not been counted."""
+    with KeyFile(key_file(tmp_path / "key")) as key:
+        monitor = AlertMonitor(Watermarker(key), rig=RIG)
+        sent = Watermarker(key).embed(grid_scan(2000))
+        with pytest.raises(InputError):
+            monitor.judge(sent.frame, record=sent.record, **{"speed_mps": 1.0, **wrong})
+        again = monitor.judge(sent.frame, record=sent.record, speed_mps=1.0)
+    assert again.verdict == "authentic"
+    assert again.number == 0
+
+
+@pytest.mark.parametrize("several", [False, True])
+def test_what_cameras_and_forensics_cannot_do_is_their_word_and_the_frame_counts(
+    several: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: Any, **__: Any) -> Any:
+        raise ValueError("no memory for the map")
+
+    monkeypatch.setattr(_alert, "cross_modal_consistency", fail)
+    monkeypatch.setattr(_alert, "inspect", fail)
+    shown: dict[str, Any] = {"left": PICTURE, "right": PICTURE}
+    if several:
+        shown = {"pairs": {"front": (PICTURE, PICTURE)}}
+    with KeyFile(key_file(tmp_path / "key")) as key:
+        rig = {"front": RIG, "rear": RIG} if several else RIG
+        monitor = AlertMonitor(Watermarker(key), rig=rig)
+        sender = Watermarker(key)
+        for number in range(2):
+            sent = sender.embed(grid_scan(2000))
+            alert = monitor.judge(
+                sent.frame, record=sent.record, speed_mps=1.0, time_s=float(number), **shown
+            )
+            assert (alert.number, alert.verdict) == (number, "authentic")
+            for name in ("cross-modal", "forensics"):
+                assert alert.witnesses[name].verdict == "undecidable"
+                assert alert.witnesses[name].reason.endswith("failed: no memory for the map")
 
 
 def test_a_monitor_that_is_behind_verifies_the_watermark_alone(
@@ -386,16 +441,96 @@ def test_how_far_a_sector_is_from_ahead(begin: float, end: float, expected: floa
     assert math.degrees(_alert._to_ahead(begin, end)) == pytest.approx(expected, abs=1e-9)
 
 
+def test_a_frame_that_was_left_out_moves_the_car_all_the_same(tmp_path: Path) -> None:
+    """The place of an attack is compared with those before it, whatever lies between."""
+    motions = ((1.0, 0.0, 0.4), (2.0, 0.5, 0.3))
+    spaces = []
+    for left_out in (None, "skip", "unread"):
+        with KeyFile(key_file(tmp_path / f"key {left_out}")) as key:
+            sender, monitor = Watermarker(key), AlertMonitor(Watermarker(key), every_s=math.inf)
+            for number, motion in enumerate([(0.0, 0.0, 0.0), *motions]):
+                sent = sender.embed(grid_scan(3000, seed=number))
+                if number == 1 and left_out == "skip":
+                    monitor.skip(motion=motion)
+                elif number == 1 and left_out == "unread":
+                    monitor.judge_unread("torn", record=sent.record, motion=motion)
+                elif left_out is not None or number != 1:
+                    moved = sent.frame.select(np.arange(50, 3000))
+                    if left_out is None and number == 2:  # both steps by hand
+                        (a, b, t), (c, d, u) = motions
+                        motion = (a + c * math.cos(t) - d * math.sin(t),
+                                  b + c * math.sin(t) + d * math.cos(t), t + u)  # fmt: skip
+                    alert = monitor.judge(moved, record=sent.record, speed_mps=10.0, motion=motion)
+            spaces.append(alert.risk.factors["space"])
+            assert monitor._risk._pose == pytest.approx((2.647413, 1.239367, 0.7), abs=1e-6)
+    assert spaces[0] == spaces[1] == spaces[2] < 1.0
+
+
+def test_the_page_shows_a_late_attack_and_lists_it_first(tmp_path: Path) -> None:
+    """Many changes of verdict and 300 doubtful frames come before it."""
+    seen = AlertMonitor().judge(LidarFrame(grid_scan(500)), speed_mps=1.0)
+    with KeyFile(key_file(tmp_path / "key")) as key:
+        sent = Watermarker(key).embed(grid_scan(2000))
+        found = Watermarker(key).verify(sent.frame, sent.record)
+    timeline = AlertTimeline("drive", risk=RiskParameters(low=0.25, high=0.55))
+    for number in range(400):
+        verdict = "undecidable" if number % 7 == 6 or 50 < number < 360 else "authentic"
+        verdict = "tampered" if number in (390, 391) else verdict
+        timeline.add(
+            replace(seen, number=number, verdict=verdict, reason=f"why {number}", watermark=found)
+        )
+    page = tmp_path / "page.html"
+    timeline.write(page, verdict="tampered", reason="r", counts=AlertMonitor().counts)
+    text = page.read_text()
+    shown = [int(n) for n in re.findall(r"<h3>Frame ([0-9]+):", text)]
+    assert len(shown) == 12
+    assert {390, 391} < set(shown)
+    assert shown == sorted(shown)
+    rows = [int(n) for n in re.findall(r"<tr><td>([0-9]+)</td>", text)]
+    assert rows[:4] == [390, 391, 6, 13]
+    first, count = timeline.gravest(3)
+    assert [record["frame"] for record in first] == [390, 391, 6]
+    assert f"and {count - 200} more" in text
+    assert count == sum(record["verdict"] != "authentic" for record in timeline.records)
+    assert "lines at 0.25 (medium) and 0.55 (high)" in text
+    assert [record["frame"] for record in timeline.records] == list(range(400))
+
+
+def test_a_long_drive_keeps_few_bytes_of_a_frame(tmp_path: Path) -> None:
+    """A brief alert without tiles takes 3.3 kB; with tiles and records in memory 9 kB were kept."""
+    frames, kept = 30, []
+    timeline = AlertTimeline("drive")
+    with KeyFile(key_file(tmp_path / "key")) as key:
+        monitor = AlertMonitor(Watermarker(key), every_s=math.inf)
+        sender = Watermarker(key)
+        sent = [sender.embed(grid_scan(40_000, seed=n)) for n in range(frames + 5)]
+        for number, each in enumerate(sent):
+            if number == 5:
+                tracemalloc.start()
+            alert = monitor.judge(each.frame, record=each.record, speed_mps=1.0)
+            timeline.add(alert)
+            kept.append(alert.brief())
+            del alert
+        size = tracemalloc.get_traced_memory()[0] / frames
+        tracemalloc.stop()
+    assert size < 4500
+    assert all(not alert.watermark.tiles for alert in kept if alert.watermark is not None)
+
+
 def test_bad_input_is_named() -> None:
     for arguments, words in (
         ({"left": PICTURE}, "left, right: expected both"),
         ({"time_s": math.nan}, "time_s: expected a finite number"),
         ({"speed_mps": -1.0}, "speed_mps: expected a number >= 0"),
+        ({"unread": {"watermark": "torn"}}, "unread: expected cross-modal, got 'watermark'"),
     ):
         with pytest.raises(InputError, match=words):
             AlertMonitor(rig=RIG).judge(FRAME, **{"speed_mps": 1.0, **arguments})  # type: ignore[arg-type]
     with pytest.raises(InputError, match="budget_s: expected a number > 0"):
         AlertMonitor(budget_s=0.0)
+    for leave_out in (AlertMonitor().skip, AlertMonitor().judge_unread):
+        with pytest.raises(InputError, match="motion: expected finite numbers"):
+            leave_out("torn", motion=(0.0, 0.0, math.nan))
     with pytest.raises(InputError, match="every_s: expected a number > 0"):
         AlertMonitor(every_s=math.nan)
     with pytest.raises(InputError, match="alerts: expected at least one"):

@@ -180,7 +180,7 @@ def test_what_does_not_fit_together_is_refused() -> None:
         )
     with pytest.raises(InputError, match="at least one stereo rig"):
         AlertMonitor(rig={})
-    picture = np.zeros((4, 4), np.uint8)
+    picture = np.zeros((20, 192), np.uint8)
     with pytest.raises(InputError, match="several rigs"):
         AlertMonitor(rig=RIGS).judge(scan, left=picture, right=picture, speed_mps=1.0)
     for monitor in (AlertMonitor(rig=RIGS), AlertMonitor(rig=scenes.RIG)):
@@ -216,7 +216,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> tuple[Clock, list[str]]:
 
 
 def pictures(*names: str) -> dict[str, Any]:
-    picture = np.zeros((4, 4), np.uint8)
+    picture = np.zeros((20, 192), np.uint8)
     return dict.fromkeys(names, (picture, picture))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+import time
 from pathlib import Path
 
 import numpy as np
@@ -138,6 +139,17 @@ def test_a_ros1_bag_of_clouds_is_watched(tmp_path: Path) -> None:
     assert len(json.loads(done.stdout)["frames"]) == 1
     done = in_process(tmp_path / "camera.bag")
     assert "is an RGB-D recording" in str(done.exception)
+    for address in ("lidar.bag#/0", "lidar.bag#/9"):  # one topic of a bag, and one that is not
+        done = in_process(tmp_path / address, "--json")
+        assert (done.exit_code == 4) == address.endswith("0"), done.output
+    assert "expected bag:" in str(done.exception)
+    whole = (tmp_path / "lidar.bag").read_bytes()
+    (tmp_path / "cut.bag").write_bytes(whole[: len(whole) // 2])
+    (tmp_path / "open.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(5000))
+    for name in ("cut.bag", "open.bag"):
+        for command in (("alert", "run"), ("info",), ("view",), ("inspect",)):
+            failed = CliRunner().invoke(app, [*command, str(tmp_path / name)])
+            assert f"{name}: expected the index of a ROS 1 bag" in str(failed.exception)
 
 
 def test_packets_of_an_hdl64e_take_their_calibration(tmp_path: Path) -> None:
@@ -201,6 +213,140 @@ def test_bad_input_is_named(drive: Path, tmp_path: Path) -> None:
     ):
         done = run("alert", "run", *arguments)
         assert words in error_line(done)
-    (drive / "oxts" / "data" / "0000000001.txt").write_text("1 2 3\n")
-    done = run("alert", "run", str(drive))
-    assert "expected 30 numbers" in error_line(done)
+    for option, value in (("--max-points", "5"), ("--picture", "image_02")):
+        done = run("alert", "run", str(drive), option, value)
+        assert f"{option}: expected with --key" in error_line(done)
+    key = key_file(tmp_path / "sensor.key")
+    done = run("alert", "run", str(drive), "--key", str(key), "--picture", "image_07")
+    assert "--picture: expected a folder of pictures" in error_line(done)
+    done = run("alert", "run", "sim:street?frames=1", "--key", str(key), "--picture", "x")
+    assert "--picture: expected with a folder" in error_line(done)
+
+
+def with_cameras(drive: Path) -> Path:
+    """The drive with a stereo pair that shows nothing, and KITTI's calibration of it."""
+    cv2 = pytest.importorskip("cv2", reason="the extra 'alert' is not installed")
+    fog = np.full((160, 640), 77, np.uint8)
+    for camera in (2, 3):
+        folder = drive / f"image_0{camera}" / "data"
+        folder.mkdir(parents=True)
+        for number in range(3):
+            assert cv2.imwrite(str(folder / f"{number:010d}.png"), fog)
+    lines = ["calib_time: 09-Jan-2012 13:57:47", "R_rect_00: 1 0 0 0 1 0 0 0 1"]
+    for camera in range(4):
+        shift = {3: -360 * 0.54}.get(camera, 0)
+        lines += [f"S_rect_0{camera}: 640 160",
+                  f"P_rect_0{camera}: 360 0 320 {shift} 0 360 80 0 0 0 1 0"]  # fmt: skip
+    (drive / "calib_cam_to_cam.txt").write_text("\n".join(lines) + "\n")
+    turned = "R: 0 -1 0 0 0 -1 1 0 0\nT: 0 0 0\n"
+    (drive / "calib_velo_to_cam.txt").write_text(turned)
+    (drive / "calib_imu_to_velo.txt").write_text("R: 1 0 0 0 1 0 0 0 1\nT: 0 0 0\n")
+    return drive
+
+
+def forged(drive: Path, number: int) -> None:
+    victim = drive / "velodyne_points" / "data" / f"{number:010d}.bin"
+    rows = np.fromfile(victim, "<f4").reshape(-1, 4)
+    rows[5, 0] += 1.0
+    victim.write_bytes(rows.tobytes())
+
+
+def embedded(drive: Path, key: Path, signed: Path, *options: str) -> None:
+    done = CliRunner().invoke(
+        app, ["watermark", "embed", str(drive), "--key", str(key), "-o", str(signed), *options]
+    )
+    assert done.exit_code == 0, done.output
+
+
+def test_a_damaged_picture_speed_or_record_silences_no_alarm(drive: Path, tmp_path: Path) -> None:
+    key, signed = key_file(tmp_path / "sensor.key"), tmp_path / "signed"
+    embedded(with_cameras(drive), key, signed)
+    forged(signed, 0)
+    picture = signed / "image_02" / "data" / "0000000001.png"
+    picture.write_bytes(picture.read_bytes()[:100])
+    (signed / "oxts" / "data" / "0000000002.txt").write_text("1 2 3\n")
+    page = tmp_path / "alert.json"
+    done = in_process(signed, "--key", key, "-o", page)
+    assert done.exit_code == 3, done.output
+    told = json.loads(page.read_text())
+    assert [frame["verdict"] for frame in told["frames"]] == ["tampered", "authentic", "authentic"]
+    cameras = [frame["witnesses"]["cross-modal"] for frame in told["frames"]]
+    assert cameras[1]["verdict"] == "undecidable"
+    assert "unreadable" in cameras[1]["reason"]
+    assert "0000000001.png" in cameras[1]["reason"]
+    assert "unreadable" not in cameras[2]["reason"]
+    assert "frame 0000000002 at the speed of --speed" in done.stderr
+    assert "expected 30 numbers" in done.stderr
+
+    cv2 = pytest.importorskip("cv2")
+    for camera in (2, 3):  # no camera takes such pictures
+        small = signed / f"image_0{camera}" / "data" / "0000000001.png"
+        assert cv2.imwrite(str(small), np.zeros((10, 10), np.uint8))
+    (signed / "velodyne_points" / "data" / "0000000002.bin.wm").unlink()
+    (signed / "velodyne_points" / "data" / "0000000002.bin.wm").mkdir()
+    done = in_process(signed, "--key", key, "-o", page, "--force")
+    assert done.exit_code == 3, done.output
+    told = json.loads(page.read_text())
+    assert [frame["verdict"] for frame in told["frames"]] == ["tampered", "authentic",
+                                                              "undecidable"]  # fmt: skip
+    cameras = [frame["witnesses"]["cross-modal"] for frame in told["frames"]]
+    assert "expected at least 192 x 20 pixels, got 10 x 10" in cameras[1]["reason"]
+
+
+def test_a_drive_that_ends_in_an_error_is_judged_by_its_frames_before(
+    drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from manip3d.authenticate import AlertMonitor
+
+    key, signed = key_file(tmp_path / "sensor.key"), tmp_path / "signed"
+    embedded(drive, key, signed)
+    judge = AlertMonitor.judge
+
+    def fail_at_last(self: AlertMonitor, *arguments: object, **options: object) -> object:
+        if self.counts.frames == 2:
+            raise OSError(5, "Input/output error")
+        return judge(self, *arguments, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(AlertMonitor, "judge", fail_at_last)
+    page = tmp_path / "alert.json"
+    for code, verdict in ((4, "undecidable"), (3, "tampered")):
+        done = in_process(signed, "--key", key, "-o", page, "--force")
+        assert done.exit_code == code, done.output
+        told = json.loads(page.read_text())
+        assert told["verdict"] == verdict
+        assert "ended after 2 frames: [Errno 5] Input/output error" in told["reason"]
+        assert len(told["frames"]) == 2
+        forged(signed, 1)
+
+
+def test_records_that_pictures_carry_are_verified(drive: Path, tmp_path: Path) -> None:
+    key, signed = key_file(tmp_path / "sensor.key"), tmp_path / "signed"
+    embedded(with_cameras(drive), key, signed, "--picture", "image_02")
+    options = ("--key", key, "--json", "--picture", "image_02")
+    done = in_process(signed, *options)
+    assert done.exit_code == 0, done.output
+    told = json.loads(done.stdout)
+    assert [frame["verdict"] for frame in told["frames"]] == ["authentic"] * 3
+    assert in_process(signed, "--key", key).exit_code == 4  # no records beside the scans
+    cv2 = pytest.importorskip("cv2")
+    path = signed / "image_02" / "data" / "0000000001.png"
+    picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    picture[80, 320] ^= 0x80
+    assert cv2.imwrite(str(path), picture)
+    done = in_process(signed, *options)
+    assert done.exit_code == 3, done.output
+    told = json.loads(done.stdout)
+    assert [frame["verdict"] for frame in told["frames"]] == ["authentic", "tampered", "authentic"]
+    (signed / "velodyne_points" / "data" / "0000000002.bin").write_bytes(b"12345")
+    path.write_bytes(b"no picture")
+    told = json.loads(in_process(signed, *options).stdout)
+    assert [frame["verdict"] for frame in told["frames"]] == ["authentic", "undecidable",
+                                                              "undecidable"]  # fmt: skip
+
+
+def test_a_drive_without_times_is_played_as_a_scanner_turns(drive: Path) -> None:
+    (drive / "velodyne_points" / "timestamps.txt").unlink()
+    begin = time.monotonic()
+    done = in_process(drive, "--live", "--json")
+    assert time.monotonic() - begin >= 0.2
+    assert len(json.loads(done.stdout)["frames"]) == 3

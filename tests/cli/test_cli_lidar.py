@@ -122,6 +122,7 @@ def test_every_attack_writes_a_scan_and_its_truth(
         "--yaw",
         0.1,
         "-q",
+        "--allow-collision",  # a room full of points
     )
     assert done.exit_code == 0, done.output
     truth = json.loads((tmp_path / "forged.bin.truth.json").read_text())

@@ -86,6 +86,20 @@ def frame_of(folder: Path, number: int) -> Path:
     return folder / "velodyne_points" / "data" / f"{number:010d}.bin"
 
 
+def test_a_shorter_drive_in_the_place_of_a_longer_one_is_whole(
+    key: Path, signed: Path, drive: Path
+) -> None:
+    frame_of(drive, 3).unlink()
+    other = frame_of(signed, 0).with_name("notes.txt")
+    other.write_text("kept")
+    done = run("embed", drive, "--key", key, "-o", signed, "--force")
+    assert done.exit_code == 0, done.output
+    assert verify(signed, key)[0] == 0
+    names = sorted(path.name for path in other.parent.iterdir())
+    assert names == sorted([*(f"{n:010d}.bin{end}" for n in range(3) for end in ("", ".wm")),
+                            "notes.txt"])  # fmt: skip
+
+
 @pytest.mark.parametrize("embedding", ["lbm", "qim", "detached"])
 def test_a_scan(key: Path, tmp_path: Path, embedding: str) -> None:
     scan(1).write(tmp_path / "a.bin")

@@ -33,8 +33,8 @@ SHORTER = (
 )
 """What is shorter here than in the text."""
 
-NOT_RUN = ("demo", "data get")
-"""The demo has tests of its own, and no test uses the network: these are parsed, not run."""
+NOT_RUN = ("demo", "data get", "forge alert-set")
+"""Demo and set have tests of their own, and no test uses the network: these are parsed, not run."""
 
 EXIT_CODES = {"inspect scan.bin": 3, "inspect b.bin": 3, "inspect forged": 3, "street.mcap": 4}
 
@@ -247,7 +247,7 @@ def make_watermark(words: list[str], place: Path) -> None:
     pictures.mkdir(parents=True, exist_ok=True)
     picture = np.full((375, 1242, 3), 100, np.uint8)
     manip3d.authenticate.write_carrier(picture, pictures / "0000000000.png")
-    if "carried" in words and words[1] == "verify":
+    if "carried" in words and words[1] != "embed":
         marker = manip3d.authenticate.Watermarker(key)
         taken = manip3d.io.read_scan(scans / "0000000000.bin")
         carried = marker.embed(taken, is_end=True, picture=picture)

@@ -9,6 +9,7 @@ import manip3d
 from manip3d.experiments import (
     Case,
     Plan,
+    _alert_set,
     figure_7_7,
     figure_7_8,
     figure_7_10,
@@ -99,10 +100,37 @@ def test_one_frame_of_each_attack() -> None:
 
 def test_frames_of_a_piece_are_those_of_the_drive() -> None:
     pytest.importorskip("open3d")
-    late = list(table_7_2._frames(300, 99, 2))
+    late = list(_alert_set.frames(300, 99, 2))
     assert [number for number, _, _ in late] == [99, 100]  # the last of a street, the first of one
-    again = next(table_7_2._frames(300, 100, 1))
+    again = next(_alert_set.frames(300, 100, 1))
     np.testing.assert_array_equal(late[1][1].points, again[1].points)
+
+
+def test_an_attack_takes_the_nearest_object_that_has_a_free_place() -> None:
+    """The nearer car stands before a wall, so that only the farther one can move on."""
+    ground = np.mgrid[-30:30:0.5, -30:30:0.5, -1.5:-1:1].reshape(3, -1).T
+    car = np.mgrid[-1:1:0.2, -1:1:0.2, -1.2:0.4:0.2].reshape(3, -1).T
+    wall = np.mgrid[7.5:8:0.2, -3:3:0.2, -1.2:2:0.2].reshape(3, -1).T
+    near, far = car + np.array([5.0, 0.0, 0.0]), car + np.array([0.0, 12.0, 0.0])
+    frame = manip3d.LidarFrame(np.vstack([ground, near, far, wall]).astype(np.float32))
+    size = (2.4, 2.4, 2.2)
+    boxes = [manip3d.Box((5.0, 0.0, -0.3), size), manip3d.Box((0.0, 12.0, -0.3), size)]
+    moved = _alert_set.attacked(frame, boxes, "translation")
+    assert moved is not None
+    assert moved.box.center[1] > 14.0
+    assert _alert_set.attacked(frame, boxes[:1], "translation") is None
+    removed = _alert_set.attacked(frame, boxes, "subtractive")
+    assert removed is not None
+    assert removed.frame.num_points == frame.num_points - len(car)
+    # Behind the car stands the copy of the nearer one, and behind that nothing is.
+    added = _alert_set.attacked(frame, boxes, "additive")
+    assert added is not None
+    np.testing.assert_allclose(added.box.center[:2], (-5.0, 0.0), atol=0.2)
+    blocked = np.vstack([frame.points, near * np.array([-1, 1, 1])]).astype(np.float32)
+    added = _alert_set.attacked(manip3d.LidarFrame(blocked), boxes, "additive")
+    assert added is not None
+    assert np.hypot(*added.box.center[:2]) == pytest.approx(5.0, abs=0.2)
+    assert added.box.center[0] > -4.6
 
 
 # --- Figures --------------------------------------------------------------------------------------
@@ -141,7 +169,7 @@ def test_late_patterns_weigh_more_and_a_wrong_weight_is_told() -> None:
 
 def test_a_watermark_moves_points_by_what_is_printed(monkeypatch: pytest.MonkeyPatch) -> None:
     frame = manip3d.LidarFrame(grid_scan(40_000), reflectances(40_000))
-    monkeypatch.setattr(table_7_2, "_frames", lambda *_: iter([(0, frame, ()), (1, frame, ())]))
+    monkeypatch.setattr(_alert_set, "frames", lambda *_: iter([(0, frame, ()), (1, frame, ())]))
     experiment, found = registry()["figure-7.10"], []
     for case in experiment.cases(QUICK)[:5]:
         row = figure_7_10.embed(case)
@@ -209,6 +237,10 @@ def test_the_keyed_watermark_accepts_no_forgery(name: str) -> None:
         assert row[defence] == (row[f"{defence} tried"] if name == security.HARMLESS else 0)
     if name == security.REEMBEDDING:
         assert row["paper lbm"] == row["paper lbm tried"] == 4
+    if name == "signed with another key":
+        assert row["hmac tried"] == 4
+        assert row["hmac"] == 0
+        assert row["paper lbm"] is None  # it has no key
     if name in (security.HARMLESS, "one point moved"):
         assert row["hmac"] == 0
     if name in ("frame replayed", "frame dropped", "frames reordered"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -74,9 +75,11 @@ ATTACKS: dict[str, Callable[..., forge.Forgery]] = {
     "additive_subtractive": lambda s, **k: forge.additive_subtractive(
         s, grid_plate(), BOX, offset=(-4, 0, 0), allow_collision=True, **k
     ),
-    "replacement": lambda s, **k: forge.replacement(s, grid_plate(), BOX, **k),
-    "translation": lambda s, **k: forge.translation(s, BOX, **k),
-    "rotation": lambda s, **k: forge.rotation(s, BOX, sideways=2.0, **k),
+    "replacement": lambda s, **k: forge.replacement(
+        s, grid_plate(), BOX, allow_collision=True, **k
+    ),
+    "translation": lambda s, **k: forge.translation(s, BOX, allow_collision=True, **k),
+    "rotation": lambda s, **k: forge.rotation(s, BOX, sideways=2.0, allow_collision=True, **k),
 }
 
 
@@ -269,16 +272,73 @@ def test_snapped_points_lie_on_the_lattice(along: str) -> None:
     np.testing.assert_array_equal(snapped.label, forged.label)
 
 
+def _street(*things: Points) -> Points:
+    ground = np.mgrid[-20:20:0.5, -20:20:0.5, -1.5:-1:1].reshape(3, -1).T
+    return np.vstack([ground, *things]).astype(np.float32)
+
+
+def test_objects_are_not_moved_into_others() -> None:
+    """A car before a wall: straight on, sideways, turned, replaced by a longer one.
+
+          +--+    |
+    o     |  |    | wall
+          +--+    |
+       4     6   7.5
+    """
+    car = np.mgrid[4:6:0.2, -1:1:0.2, -1.2:0.4:0.2].reshape(3, -1).T.astype(np.float32)
+    wall = np.mgrid[7.5:8:0.2, -3:3:0.2, -1.2:2:0.2].reshape(3, -1).T
+    box = Box((5.0, 0.0, -0.3), (2.4, 2.4, 2.2))
+    scan = _street(car, wall)
+    attacks: list[tuple[Callable[..., forge.Forgery], dict[str, Any], str]] = [
+        (forge.translation, {"distance": 3.0}, "distance: expected a free place"),
+        (forge.replacement, {"object_points": car * [4, 1, 1]}, "object_points: expected a free"),
+    ]
+    for attack, options, words in attacks:
+        with pytest.raises(InputError, match=words):
+            attack(scan, box=box, **options)
+        assert attack(scan, box=box, allow_collision=True, **options).num_touched
+        attack(_street(car), box=box, **options)  # without the wall
+    forge.translation(scan, box, distance=1.0)  # there is room, and its own points leave
+    forge.rotation(scan, box)
+    forge.replacement(scan, car, box)
+    fence = np.mgrid[4:6:0.2, 2.2:2.4:0.1, -1.2:1:0.2].reshape(3, -1).T
+    with pytest.raises(InputError, match="angle, sideways: expected a free place"):
+        forge.rotation(_street(car, fence), box, sideways=2.0)
+    forge.rotation(_street(car, fence), box, sideways=-2.0)
+
+
+def test_the_place_of_a_turned_object_is_turned() -> None:
+    """A long car at 45 degrees passes a pole that its upright box would hold."""
+    turn = np.array([[1.0, -1.0], [1.0, 1.0]]) / math.sqrt(2.0)
+    car = np.mgrid[-3:3:0.2, -0.5:0.5:0.2, -1.2:0.4:0.2].reshape(3, -1).T
+    car[:, :2] = car[:, :2] @ turn.T
+    pole = np.tile([[12.0, -2.0, 0.0]], (30, 1)) + np.linspace(0, 0.1, 30)[:, None]
+    box = Box((8.0, 0.0, -0.4), (6.4, 1.4, 1.9), math.pi / 4)
+    there = car + np.array([8.0, 0.0, 0.0])
+    forge.translation(_street(there, pole), box, distance=3.0)
+    with pytest.raises(InputError, match="free place"):
+        forge.translation(_street(there, pole + np.array([-1.0, 2.0, 0.0])), box, distance=3.0)
+
+
+def test_what_leaves_makes_room() -> None:
+    car = np.mgrid[4:6:0.2, -1:1:0.2, -1.2:0.4:0.2].reshape(3, -1).T.astype(np.float32)
+    box = Box((5.0, 0.0, -0.3), (2.4, 2.4, 2.2))
+    forged = forge.additive_subtractive(_street(car), car, box, offset=(0.3, 0.0, 0.0))
+    assert len(forged.added) == len(car)
+    with pytest.raises(InputError, match="offset: expected a free place"):
+        forge.additive(_street(car), car, offset=(0.3, 0.0, 0.0))
+
+
 def test_alert_transforms() -> None:
     scan = room(4, 40_000)
-    away = forge.translation(scan, BOX, distance=3.0)
+    away = forge.translation(scan, BOX, distance=3.0, allow_collision=True)
     unit = np.array([3.0, 1.0, 0.0]) / math.hypot(3, 1)
     np.testing.assert_allclose(
         away.points[away.moved] - scan[away.moved_from],
         np.tile(3 * unit, (len(away.moved), 1)),
         atol=1e-5,
     )
-    turned = forge.rotation(scan, BOX)
+    turned = forge.rotation(scan, BOX, allow_collision=True)
     old = scan[turned.moved_from].astype(float)
     new = turned.points[turned.moved].astype(float)
     np.testing.assert_allclose(old.mean(axis=0), new.mean(axis=0), atol=1e-5)
@@ -287,7 +347,7 @@ def test_alert_transforms() -> None:
     np.testing.assert_allclose(
         (old - old.mean(axis=0)) @ matrix.T, new - new.mean(axis=0), atol=1e-5
     )
-    swapped = forge.replacement(scan, grid_plate(), BOX)
+    swapped = forge.replacement(scan, grid_plate(), BOX, allow_collision=True)
     np.testing.assert_allclose(
         swapped.points[swapped.added].mean(axis=0, dtype=float),
         scan[swapped.removed].mean(axis=0, dtype=float),

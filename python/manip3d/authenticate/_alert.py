@@ -22,8 +22,16 @@ from manip3d.authenticate._cross_modal import (
     cross_modal_consistency,
 )
 from manip3d.authenticate._inspect import Inspection, inspect
-from manip3d.authenticate._risk import ACTIONS, AttackObservation, Risk, RiskParameters, RiskTracker
-from manip3d.authenticate._stereo import StereoRig, stereo_disparity
+from manip3d.authenticate._risk import (
+    ACTIONS,
+    AttackObservation,
+    Risk,
+    RiskParameters,
+    RiskTracker,
+    check_movement,
+    moved,
+)
+from manip3d.authenticate._stereo import StereoRig, checked_pair, opencv, stereo_disparity
 from manip3d.authenticate._surround import SurroundResult
 from manip3d.authenticate._watermark import Policy, Watermarker, WatermarkResult
 from manip3d.authenticate._watermark_files import verdict_of_stream
@@ -36,6 +44,9 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 _FRAME_S = 0.1  # between frames of scanners that turn ten times a second
+
+_STILL = (0.0, 0.0, 0.0)
+_READ = ("watermark", "cross-modal")  # witnesses that need more files than the scan
 
 WITNESSES = ("watermark", "cross-modal", "forensics")
 
@@ -112,6 +123,8 @@ class Alert:
     def brief(self) -> Alert:
         """Return the alert without scans, maps and points, of which a whole drive fits in memory.
 
+        The tiles of a watermark that holds are left out, too.
+
         Examples
         --------
         >>> AlertMonitor().skip("too late").brief().verdict
@@ -119,7 +132,10 @@ class Alert:
         """
         kept = self.watermark
         if kept is not None:
-            kept = replace(kept, scan=None, regions=(), suspected=np.empty(0, np.int64))
+            tiles = () if kept.verdict == "authentic" else kept.tiles
+            kept = replace(
+                kept, scan=None, tiles=tiles, regions=(), suspected=np.empty(0, np.int64)
+            )
         return replace(self, cross_modal=None, watermark=kept, forensics=None)
 
     def record(self) -> dict[str, Any]:
@@ -220,6 +236,10 @@ class AlertMonitor:
     forged before it is for the cameras and the forensics to see. Threads may share a monitor:
     frames are taken one after the other.
 
+    The watermark knows a frame again that it has seen. Whatever can be refused is therefore refused
+    before the watermark is asked, and the same frame may be judged once more. What cameras or
+    forensics cannot do afterwards makes them ``undecidable``, with the error as their reason.
+
     Examples
     --------
     >>> import numpy as np
@@ -263,6 +283,7 @@ class AlertMonitor:
         self._worker = ThreadPoolExecutor(1, "forensics") if background else None
         self._running: tuple[int, Future[tuple[Inspection, float]]] | None = None
         self._lock = threading.Lock()
+        self._unseen = _STILL  # motion over frames that the risk has not heard of
         self._number = 0
         self._last: dict[str, float] = {}  # time of the stream at which a witness spoke
         self._cost: dict[str, float] = {}  # seconds
@@ -277,6 +298,7 @@ class AlertMonitor:
         frame: LidarFrame,
         *,
         record: bytes | None = None,
+        carrier: ArrayLike | None = None,
         left: ArrayLike | None = None,
         right: ArrayLike | None = None,
         pairs: Mapping[str, tuple[ArrayLike, ArrayLike]] | None = None,
@@ -284,6 +306,7 @@ class AlertMonitor:
         motion: tuple[float, float, float] = (0.0, 0.0, 0.0),
         time_s: float | None = None,
         waited_s: float = 0.0,
+        unread: Mapping[str, str] | None = None,
     ) -> Alert:
         """Judge the next frame.
 
@@ -292,6 +315,8 @@ class AlertMonitor:
         frame : LidarFrame
         record : bytes, optional
             The watermark's record; without one a monitor with a key says ``undecidable``.
+        carrier : (H, W) or (H, W, 3) uint8, optional
+            Picture that carries the record in place of ``record``, and is verified with it.
         left, right : (H, W) or (H, W, 3) uint8, optional
             The rectified pair taken at the same moment.
         pairs : mapping of str to (left, right), optional
@@ -306,26 +331,35 @@ class AlertMonitor:
         waited_s : float, seconds
             For which the frame has waited for those before it. It counts: a monitor that is behind
             leaves out the cameras and verifies the watermark alone until it has caught up.
+        unread : mapping of str to str, optional
+            Why a record (``watermark``) or pictures (``cross-modal``) of this frame are not given,
+            though there are some: these witnesses are ``undecidable``.
 
         Raises
         ------
         InputError
-            One picture without the other, pictures of another kind, a pair without a rig, a time
-            that is not finite, a negative wait.
+            One picture without the other, pictures of another kind, a pair without a rig, a speed
+            that is negative, a motion or time that is not finite, a negative wait, a record beside
+            a carrier. The frame is not counted then, and may be judged again.
         MissingExtraError
             There are pictures and OpenCV is not installed.
         """
         if (left is None) != (right is None):
             raise InputError("left, right: expected both pictures or none")
-        self._check_pairs(left, pairs)
+        check_movement(speed_mps, motion)
+        self._check_pairs(left, right, pairs)
         if time_s is not None and not math.isfinite(time_s):
             raise InputError(f"time_s: expected a finite number, got {time_s}")
         if not 0.0 <= waited_s < math.inf:
             raise InputError(f"waited_s: expected a number >= 0, got {waited_s}")
+        for name in unread or {}:
+            if name not in _READ or (name == "watermark" and self._marker is None):
+                known = " or ".join(_READ if self._marker is not None else _READ[1:])
+                raise InputError(f"unread: expected {known}, got {name!r}")
         with self._lock:
             begin = self._clock() - waited_s
             now = self._number * min(self._budget, _FRAME_S) if time_s is None else time_s
-            watermark, sworn = self._ask_watermark(frame, record)
+            watermark, sworn = self._ask_watermark(frame, record, carrier)
             cross, seen = (
                 self._ask_pairs(frame, pairs or {}, now, begin)
                 if self._rigs
@@ -333,10 +367,13 @@ class AlertMonitor:
             )
             forensics, looked = self._ask_forensics(frame, watermark, now)
             told = {"watermark": sworn, "cross-modal": seen, "forensics": looked}
+            for name, why in (unread or {}).items():
+                told[name] = _with_unread(told[name], why)
             verdict, reason = _joined(told, has_key=self._marker is not None)
             observed = _observations(watermark, cross, forensics, speed_mps, self._risk.parameters)
-            risk = self._risk.update(None, speed_mps=speed_mps, motion=motion, others=observed)
-            self._latest = risk
+            since = moved(self._unseen, motion)
+            risk = self._risk.update(None, speed_mps=speed_mps, motion=since, others=observed)
+            self._unseen, self._latest = _STILL, risk
             seconds = self._clock() - begin
             alert = Alert(
                 self._number,
@@ -356,7 +393,14 @@ class AlertMonitor:
             return alert
 
     @checked
-    def judge_unread(self, reason: str, *, record: bytes | None = None) -> Alert:
+    def judge_unread(
+        self,
+        reason: str,
+        *,
+        record: bytes | None = None,
+        carrier: ArrayLike | None = None,
+        motion: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ) -> Alert:
         """Take a frame whose scan cannot be read: it is undecidable, and the stream goes on.
 
         Parameters
@@ -364,14 +408,27 @@ class AlertMonitor:
         reason : str
         record : bytes, optional
             The watermark's record, by which the frame keeps its place in the chain.
+        carrier : (H, W) or (H, W, 3) uint8, optional
+            As for `judge`.
+        motion : (float, float, float)
+            As for `judge`: the next frame that is judged stands that much farther on.
+
+        Raises
+        ------
+        InputError
+            A motion that is not finite, a record beside a carrier.
         """
+        check_movement(0.0, motion)
         with self._lock:
             told = {name: WitnessReport("undecidable", reason) for name in WITNESSES}
             found = None
             if self._marker is not None:
-                found = self._marker.verify_without_scan(record, reason, policy=self._policy)
+                found = self._marker.verify_without_scan(
+                    record, reason, policy=self._policy, picture=carrier
+                )
                 told["watermark"] = WitnessReport(found.verdict, found.reason)
             verdict, why = told["watermark"].verdict, told["watermark"].reason
+            self._unseen = moved(self._unseen, motion)
             risk = self._latest  # a frame that nobody saw changes nothing
             alert = Alert(
                 self._number, verdict, why, ReadOnlyMapping(told), "", (), risk, 0.0, False,
@@ -380,17 +437,30 @@ class AlertMonitor:
             self._count(alert)
             return alert
 
-    def skip(self, reason: str = "the frame before took too long") -> Alert:
+    @checked
+    def skip(
+        self,
+        reason: str = "the frame before took too long",
+        *,
+        motion: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ) -> Alert:
         """Leave out a frame that cannot be judged in time; it is counted, and is unverified.
 
         Parameters
         ----------
         reason : str
             Why the frame is left out; it stands in the alert.
+        motion : (float, float, float)
+            As for `judge`: the next frame that is judged stands that much farther on.
 
         Returns
         -------
         Alert
+
+        Raises
+        ------
+        InputError
+            A motion that is not finite.
 
         Examples
         --------
@@ -398,7 +468,9 @@ class AlertMonitor:
         >>> AlertMonitor().skip("too late").verdict
         'skipped'
         """
+        check_movement(0.0, motion)
         with self._lock:
+            self._unseen = moved(self._unseen, motion)
             told = {name: WitnessReport("skipped", reason) for name in WITNESSES}
             risk = self._latest  # a frame that nobody saw changes nothing
             alert = Alert(
@@ -447,12 +519,12 @@ class AlertMonitor:
         self._total += alert.seconds
 
     def _ask_watermark(
-        self, frame: LidarFrame, record: bytes | None
+        self, frame: LidarFrame, record: bytes | None, carrier: ArrayLike | None
     ) -> tuple[WatermarkResult | None, WitnessReport]:
         if self._marker is None:
             return None, WitnessReport("absent", "no key")
         begin = self._clock()
-        found = self._marker.verify(frame, record, policy=self._policy)
+        found = self._marker.verify(frame, record, policy=self._policy, picture=carrier)
         return found, WitnessReport(found.verdict, found.reason, self._clock() - begin)
 
     def _ask_cameras(
@@ -468,13 +540,19 @@ class AlertMonitor:
         if not (self._is_due("cross-modal", now) or self._has_time("cross-modal", begin)):
             return None, WitnessReport("skipped", "no time left in this frame")
         start = self._clock()
-        found = cross_modal_consistency(
-            frame, stereo_disparity(left, right), self._rig, parameters=self._parameters
-        )
+        try:
+            found = cross_modal_consistency(
+                frame, stereo_disparity(left, right), self._rig, parameters=self._parameters
+            )
+        except Exception as error:  # the chain has moved on: the frame cannot be judged again
+            return None, self._silent("cross-modal", error, start, now)
         return found, self._heard("cross-modal", found.verdict, found.reason, start, now)
 
     def _check_pairs(
-        self, left: ArrayLike | None, pairs: Mapping[str, tuple[ArrayLike, ArrayLike]] | None
+        self,
+        left: ArrayLike | None,
+        right: ArrayLike | None,
+        pairs: Mapping[str, tuple[ArrayLike, ArrayLike]] | None,
     ) -> None:
         if self._rigs and left is not None:
             raise InputError("left, right: expected pairs, since the monitor has several rigs")
@@ -482,6 +560,15 @@ class AlertMonitor:
             if name not in self._rigs:
                 known = ", ".join(sorted(self._rigs)) or "none, since the monitor has no named rigs"
                 raise InputError(f"pairs: expected names of rigs ({known}), got {name!r}")
+        if self._rig is not None and left is not None and right is not None:
+            opencv()
+            checked_pair(left, right)
+        for name, both in (pairs or {}).items():
+            opencv()
+            try:
+                checked_pair(*both)
+            except InputError as error:
+                raise InputError(f"pairs[{name!r}] {error}") from error
 
     def _ask_pairs(
         self,
@@ -495,6 +582,7 @@ class AlertMonitor:
             return None, WitnessReport("absent", "no stereo pair")
         start = self._clock()
         found: dict[str, CrossModalResult] = {}
+        failed: dict[str, str] = {}
         shared = (self._parameters or CrossModalParameters()).shared(len(self._rigs))
         left_out = []
         is_beyond = False
@@ -504,22 +592,31 @@ class AlertMonitor:
                 left_out.append(name)
                 continue
             asked = self._clock()
-            disparity = stereo_disparity(*pairs[name])
-            found[name] = cross_modal_consistency(
-                frame, disparity, self._rigs[name], parameters=shared
-            )
-            self._heard(_of_pair(name), found[name].verdict, found[name].reason, asked, now)
+            try:
+                disparity = stereo_disparity(*pairs[name])
+                told = cross_modal_consistency(
+                    frame, disparity, self._rigs[name], parameters=shared
+                )
+            except Exception as error:  # the chain has moved on: the frame cannot be judged again
+                failed[name] = self._silent(_of_pair(name), error, asked, now).reason
+            else:
+                found[name] = told
+                self._heard(_of_pair(name), told.verdict, told.reason, asked, now)
             is_beyond = self._clock() - begin > self._budget
-        self._turns = [each for each in self._turns if each not in found] + list(found)
+        heard = [*found, *failed]
+        self._turns = [each for each in self._turns if each not in heard] + heard
         for name in left_out:
             self._skipped[_of_pair(name)] = self._skipped.get(_of_pair(name), 0) + 1
+        why = "; ".join(f"{name}: {each}" for name, each in failed.items())
+        if not found and failed:
+            return None, WitnessReport("undecidable", why, self._clock() - start)
         if not found:
             return None, WitnessReport("skipped", "no time left in this frame")
         joined = SurroundResult({name: found[name] for name in self._rigs if name in found})
         reason = joined.reason
         if len(found) < len(self._rigs):
-            silent = ", ".join(name for name in self._rigs if name not in found)
-            reason = f"{reason} (not asked: {silent})"
+            silent = ", ".join(name for name in self._rigs if name not in heard)
+            reason += f" (not asked: {silent})" * bool(silent) + f" ({why})" * bool(why)
         return joined, WitnessReport(joined.verdict, reason, self._clock() - start)
 
     def _ask_forensics(
@@ -537,7 +634,10 @@ class AlertMonitor:
         if not self._is_due("forensics", now):
             return None, WitnessReport("skipped", "not due")
         start = self._clock()
-        found = inspect(frame, watermark=verified, power=False)
+        try:
+            found = inspect(frame, watermark=verified, power=False)
+        except Exception as error:  # the chain has moved on: the frame cannot be judged again
+            return None, self._silent("forensics", error, start, now)
         return found, self._heard("forensics", found.verdict, found.reason, start, now)
 
     def _looked(
@@ -555,7 +655,10 @@ class AlertMonitor:
         if not (wait or future.done()):
             return None, WitnessReport("skipped", f"still at frame {number}")
         self._running = None
-        found, seconds = future.result()
+        try:
+            found, seconds = future.result()
+        except Exception as error:  # the watermark's word on this frame stands all the same
+            return None, WitnessReport("undecidable", f"frame {number}: {_failure(error)}")
         return found, WitnessReport(found.verdict, f"frame {number}: {found.reason}", seconds)
 
     def _is_due(self, witness: str, now: float) -> bool:
@@ -576,6 +679,20 @@ class AlertMonitor:
         # The quickest so far: the first call also loads what it needs.
         self._cost[witness] = min(seconds, self._cost.get(witness, math.inf))
         return WitnessReport(verdict, reason, seconds)
+
+    def _silent(self, witness: str, error: Exception, start: float, now: float) -> WitnessReport:
+        return self._heard(witness, "undecidable", _failure(error), start, now)
+
+
+def _with_unread(told: WitnessReport, why: str) -> WitnessReport:
+    """What a witness says of whose files some could not be read."""
+    if told.verdict == "absent":
+        return replace(told, verdict="undecidable", reason=why)
+    return replace(told, reason=f"{told.reason} ({why})")
+
+
+def _failure(error: Exception) -> str:
+    return f"failed: {error or type(error).__name__}"
 
 
 def _joined(told: Mapping[str, WitnessReport], *, has_key: bool) -> tuple[str, str]:

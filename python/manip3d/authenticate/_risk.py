@@ -338,11 +338,9 @@ class RiskTracker:
         InputError
             A negative speed, numbers that are not finite.
         """
-        _check_speed(speed_mps)
-        if not all(math.isfinite(value) for value in motion):
-            raise InputError(f"motion: expected finite numbers, got {motion}")
+        check_movement(speed_mps, motion)
         with self._lock:
-            self._pose = _moved(self._pose, motion)
+            self._pose = moved(self._pose, motion)
             attacks = [*([] if attack is None else [attack]), *others]
             self._past.append(_seen(attacks, self._pose))
             count = self.parameters.frames(speed_mps)
@@ -454,9 +452,10 @@ def _seen(attacks: Sequence[AttackObservation], pose: tuple[float, float, float]
     return _Past(places, tuple((attack.distance, attack.angle_rad) for attack in attacks))
 
 
-def _moved(
+def moved(
     pose: tuple[float, float, float], motion: tuple[float, float, float]
 ) -> tuple[float, float, float]:
+    """Return the place and direction of a car that moved on from a pose."""
     x, y, yaw = pose
     cosine, sine = math.cos(yaw), math.sin(yaw)
     ahead, left, turn = motion
@@ -467,6 +466,13 @@ def _level(score: float, p: RiskParameters) -> str:
     if score < p.low:
         return "low"
     return "medium" if score < p.high else "high"
+
+
+def check_movement(speed_mps: float, motion: tuple[float, float, float]) -> None:
+    """Refuse a speed or a motion that `RiskTracker.update` cannot use."""
+    _check_speed(speed_mps)
+    if not all(math.isfinite(value) for value in motion):
+        raise InputError(f"motion: expected finite numbers, got {motion}")
 
 
 def _check_speed(speed_mps: float) -> None:

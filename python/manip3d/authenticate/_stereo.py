@@ -227,15 +227,8 @@ def stereo_disparity(left: ArrayLike, right: ArrayLike) -> Disparity:
     20.0
     """
     cv2 = opencv()
-    images = [_grey(cv2, image, name) for image, name in ((left, "left"), (right, "right"))]
-    if images[0].shape != images[1].shape:
-        raise InputError(f"right: expected shape {images[0].shape} as left, got {images[1].shape}")
+    images = [_grey(cv2, image) for image in checked_pair(left, right)]
     height, width = images[0].shape
-    if height < 4 * BLOCK or width < 2 * MAX_DISPARITY:
-        raise InputError(
-            f"left: expected at least {2 * MAX_DISPARITY} x {4 * BLOCK} pixels, "
-            f"got {width} x {height}"
-        )
     size = (width // STEP, height // STEP)
     halved = [
         cv2.resize(image[: size[1] * STEP, : size[0] * STEP], size, interpolation=cv2.INTER_AREA)
@@ -305,7 +298,28 @@ def opencv() -> Any:
     return cv2
 
 
-def _grey(cv2: Any, values: ArrayLike, name: str) -> NDArray[np.uint8]:
+def checked_pair(left: ArrayLike, right: ArrayLike) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Return the pictures of a pair as arrays that `stereo_disparity` takes.
+
+    Raises
+    ------
+    InputError
+        As `stereo_disparity`.
+    """
+    images = _pixels(left, "left"), _pixels(right, "right")
+    sizes = [image.shape[:2] for image in images]
+    if sizes[0] != sizes[1]:
+        raise InputError(f"right: expected shape {sizes[0]} as left, got {sizes[1]}")
+    height, width = sizes[0]
+    if height < 4 * BLOCK or width < 2 * MAX_DISPARITY:
+        raise InputError(
+            f"left: expected at least {2 * MAX_DISPARITY} x {4 * BLOCK} pixels, "
+            f"got {width} x {height}"
+        )
+    return images
+
+
+def _pixels(values: ArrayLike, name: str) -> NDArray[np.uint8]:
     image = np.asarray(values)
     if image.dtype != np.uint8 or not (image.ndim == 2 or image.shape[2:] == (3,)):
         raise InputError(
@@ -313,7 +327,11 @@ def _grey(cv2: Any, values: ArrayLike, name: str) -> NDArray[np.uint8]:
         )
     if not image.size:
         raise InputError(f"{name}: expected pixels, got shape {image.shape}")
-    grey: NDArray[np.uint8] = np.ascontiguousarray(image)
-    if image.ndim == 3:
-        grey = cv2.cvtColor(grey, cv2.COLOR_RGB2GRAY)
+    return np.ascontiguousarray(image)
+
+
+def _grey(cv2: Any, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    if image.ndim == 2:
+        return image
+    grey: NDArray[np.uint8] = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     return grey

@@ -40,8 +40,8 @@ _MOST_INDEX = 1 << 24  # bytes of the connections that are looked at
 def holds_clouds(path: str | os.PathLike[str]) -> bool:
     """Whether a ROS 1 bag is a LiDAR's, and no recording of an RGB-D camera, which has images.
 
-    The types of its connections say so, which stand at the end of the bag, uncompressed; a bag
-    without that index, which a recorder did not close, is not told to be a LiDAR's.
+    The types of its connections say so, which stand in the index at the end of the bag,
+    uncompressed.
 
     Parameters
     ----------
@@ -55,28 +55,35 @@ def holds_clouds(path: str | os.PathLike[str]) -> bool:
     Raises
     ------
     FormatError
-        It is a pipe or a device.
+        It is a pipe or a device, or a ROS 1 bag without its index: cut off, or never closed by
+        what recorded it.
     OSError
         It cannot be read.
 
     Examples
     --------
     >>> from manip3d import capture
-    >>> with open("realsense.bag", "wb") as bag:
-    ...     _ = bag.write(b"#ROSBAG V2.0")
-    >>> capture.holds_clouds("realsense.bag")
+    >>> with open("walk.bag", "wb") as bag:
+    ...     _ = bag.write(b"no bag")
+    >>> capture.holds_clouds("walk.bag")
     False
     """
     with open_regular(path_of(path)) as file:
         head = file.read(4096)
+        if not head.startswith(_ROS1):
+            return False
         name = head.find(b"index_pos=")
-        if not head.startswith(_ROS1) or name < 0:
-            return False
-        index = int.from_bytes(head[name + 10 : name + 18], "little")
-        if not 0 < index < 1 << 62:
-            return False
-        file.seek(index)
-        connections = file.read(_MOST_INDEX)
+        index = int.from_bytes(head[name + 10 : name + 18], "little") if name >= 0 else 0
+        connections = b""
+        if 0 < index < 1 << 62:
+            file.seek(index)
+            connections = file.read(_MOST_INDEX)
+    if not connections:
+        raise FormatError(
+            "expected the index of a ROS 1 bag at its end, found none: it is cut off, or its "
+            "recorder did not close it ('rosbag reindex' may mend it)",
+            file=str(path),
+        )
     if _CLOUD in connections:
         return True
     return b"type=" in connections and _IMAGE not in connections

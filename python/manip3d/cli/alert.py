@@ -5,9 +5,11 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
@@ -24,20 +26,23 @@ from manip3d.cli.watermark import (
     OnlyEmbedding,
     OnlySensor,
     OnlySession,
+    Picture,
     State,
     key_of,
     of_one_only,
+    picture_of,
     policy_of,
 )
-from manip3d.errors import FormatError, InputError
+from manip3d.errors import Error, FormatError, InputError
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from manip3d import LidarFrame
-    from manip3d.authenticate import Alert, AlertMonitor, StereoRig
+    from manip3d.authenticate import Alert, AlertCounts, AlertMonitor, StereoRig
     from manip3d.batch import Summary
     from manip3d.datasets import KittiFrame
+    from manip3d.report import AlertTimeline
     from manip3d.simulate import DriveFrame
 
     Cameras = StereoRig | Mapping[str, StereoRig] | None
@@ -65,7 +70,8 @@ def _group() -> None:
 class _Moment(NamedTuple):
     """Scan and pictures of one time: those of one stereo pair, or of several by their names.
 
-    Where the scan cannot be read, the reason stands in its place.
+    Where the scan cannot be read, the reason stands in its place; reasons of pictures and records
+    stand in ``unread``, by the witness that lacks them.
     """
 
     frame: LidarFrame | str
@@ -74,6 +80,8 @@ class _Moment(NamedTuple):
     velocity: tuple[float, float, float] | None
     time: float | None
     pairs: Mapping[str, tuple[Any, Any]] | None = None
+    carrier: Any = None
+    unread: Mapping[str, str] = MappingProxyType({})
 
 
 OVERVIEW = "overview.html"
@@ -122,6 +130,7 @@ def run(
     max_age: MaxAge = None,
     max_points: MaxPoints = MOST_POINTS,
     state: State = None,
+    picture: Picture = "",
     output: OptionalOutput = None,
     calibration: Annotated[
         Path | None,
@@ -172,7 +181,8 @@ def run(
     output is a timeline with maps and boxes (.html) or the numbers (.json). The exit code is 0 when
     nothing was found, 3 when a frame was tampered with, and 4 when nothing can be said of a frame
     or when the drive is not one whole session of a watermark (with --frames and --live a part of
-    one will do).
+    one will do). A picture, record or speed that cannot be read silences no other witness; a drive
+    that ends in an error is judged by the frames before it.
     Of several drives, each is watched by itself, and the output is a folder with the page of each
     and one of all vehicles, overview.html.
 
@@ -184,7 +194,8 @@ def run(
     if key is None:
         _refuse_without_key(
             {"embedding": embedding, "sensor": sensor, "session": session, "max-age": max_age,
-             "state": state}
+             "max-points": None if max_points == MOST_POINTS else max_points,
+             "state": state, "picture": picture}
         )  # fmt: skip
     policy = policy_of(
         embedding=embedding,
@@ -193,11 +204,15 @@ def run(
         max_age=max_age,
         max_points=max_points,
         order="chain",
+        carrier="picture" if picture else "sidecar",
     )
     check_output(output, report.ALERT_KINDS, force=force)
-    rig, moments, total = _opened(source, calibration, rigs, frames, has_key=key is not None)
+    files = _Files(source, frames, calibration, rigs, None if key is None else picture, shell.say)
+    rig, moments, total = _opened(files)
     timeline = report.AlertTimeline(source)
     told: list[Alert] = []
+    stopped: BaseException | None = None
+    last = None
     with ExitStack() as stack:
         marker = None
         if key is not None:
@@ -209,23 +224,34 @@ def run(
             marker, policy=policy, rig=rig, budget_s=budget, every_s=every, background=live
         )
         view = stack.enter_context(_View(shell, source, total))
-        for alert in _judged(monitor, moments, speed, live=live):
-            timeline.add(alert)
-            view.show(alert)
-            told.append(alert.brief())
-        last = monitor.finish()
+        try:
+            for alert in _judged(monitor, moments, speed, live=live):
+                timeline.add(alert)
+                view.show(alert)
+                told.append(alert.brief())
+            last = monitor.finish()
+        except (Error, OSError, KeyboardInterrupt) as error:
+            if not told:
+                raise
+            stopped = error
     if not told:
         raise InputError(f"{source}: expected frames, found none")
     whole = key is not None and frames is None and not live
-    verdict, reason = authenticate.verdict_of_alerts(told, whole=whole)
+    verdict, reason = authenticate.verdict_of_alerts(told, whole=whole and stopped is None)
     if last is not None and last.verdict == "tampered" and verdict != "tampered":
         verdict, reason = "tampered", f"forensics: {last.reason}"
+    if stopped is not None:
+        verdict, reason = _until(stopped, len(told), verdict, reason)
     counts = monitor.counts
     if output is not None:
         timeline.write(output, verdict=verdict, reason=reason, counts=counts)
         shell.say(f"wrote {output}")
-    summary = timeline.summary(verdict, reason, counts)
-    shell.result(summary, lambda console: _show(console, summary))
+    # Every frame's numbers at once: only where somebody takes them.
+    is_taken = as_json or shell.is_collecting
+    summary = timeline.summary(verdict, reason, counts) if is_taken else None
+    shell.result(summary, lambda console: _show(console, timeline, verdict, reason, counts))
+    if isinstance(stopped, KeyboardInterrupt):
+        raise stopped
     raise typer.Exit(EXIT_CODES[verdict])
 
 
@@ -235,65 +261,90 @@ def _refuse_without_key(options: Mapping[str, object]) -> None:
             raise InputError(f"--{name}: expected with --key, without which nothing is verified")
 
 
+def _until(stopped: BaseException, count: int, verdict: str, reason: str) -> tuple[str, str]:
+    """The verdict of a drive of which only the frames before an error were judged."""
+    why = "it was interrupted" if isinstance(stopped, KeyboardInterrupt) else str(stopped)
+    ended = f"ended after {counted(count, 'frame')}: {why}"
+    return (verdict, f"{reason}; {ended}") if verdict == "tampered" else ("undecidable", ended)
+
+
 def _judged(
     monitor: AlertMonitor, moments: Iterator[_Moment], speed: float, *, live: bool
 ) -> Iterator[Alert]:
     """One alert for each frame; in real time, those that come a second too soon are skipped."""
     begin, first, last = time.monotonic(), None, None
     for moment in moments:
-        waited = 0.0
-        if live and moment.time is not None:
-            first = moment.time if first is None else first
-            late = time.monotonic() - begin - (moment.time - first)
+        now, waited = moment.time, 0.0
+        if live:
+            # A drive without times is played as a scanner turns.
+            now = (0.0 if last is None else last + _LIVE_BUDGET) if now is None else now
+            first = now if first is None else first
+            late = time.monotonic() - begin - (now - first)
             if late < 0.0:
                 time.sleep(-late)
             waited = max(late, 0.0)
-            if last is not None and late > _FARTHEST_BEHIND:
-                last = moment.time
-                yield monitor.skip()
-                continue
-        step = 0.0 if last is None or moment.time is None else max(moment.time - last, 0.0)
-        last = moment.time
-        if isinstance(moment.frame, str):
-            yield monitor.judge_unread(moment.frame, record=moment.record)
-            continue
+        step = 0.0 if last is None or now is None else max(now - last, 0.0)
         ahead, left, turn = moment.velocity or (speed, 0.0, 0.0)
+        motion = (ahead * step, left * step, turn * step)
+        is_first, last = last is None, now
+        if waited > _FARTHEST_BEHIND and not is_first:
+            yield monitor.skip(motion=motion)
+            continue
+        if isinstance(moment.frame, str):
+            yield monitor.judge_unread(
+                moment.frame, record=moment.record, carrier=moment.carrier, motion=motion
+            )
+            continue
         pair = moment.pictures or (None, None)
-        yield monitor.judge(
-            moment.frame,
-            record=moment.record,
-            left=pair[0],
-            right=pair[1],
-            pairs=moment.pairs,
-            speed_mps=abs(ahead),
-            motion=(ahead * step, left * step, turn * step),
-            time_s=moment.time,
+        judge = partial(
+            monitor.judge, moment.frame, speed_mps=abs(ahead), motion=motion, time_s=now,
             waited_s=waited,
-        )
+        )  # fmt: skip
+        try:
+            yield judge(
+                record=moment.record,
+                carrier=moment.carrier,
+                left=pair[0],
+                right=pair[1],
+                pairs=moment.pairs,
+                unread=moment.unread,
+            )
+        except InputError as error:  # pictures that no camera has taken
+            why = {"watermark": moment.unread.get("watermark", "")}
+            if moment.carrier is not None:
+                why["watermark"] = str(error)
+            told = {name: reason for name, reason in why.items() if reason}
+            yield judge(record=moment.record, unread={**told, "cross-modal": str(error)})
 
 
-def _opened(
-    source: str,
-    calibration: Path | None,
-    rigs: Path | None,
-    frames: int | None,
-    *,
-    has_key: bool,
-) -> tuple[Cameras, Iterator[_Moment], int]:
+class _Files(NamedTuple):
+    """What is watched, and what belongs to it."""
+
+    source: str
+    frames: int | None
+    calibration: Path | None
+    rigs: Path | None
+    picture: str | None
+    """Folder of the pictures that carry the records; empty: records beside the scans; None: no
+    records are read."""
+    note: Callable[[str], None]
+
+
+def _opened(files: _Files) -> tuple[Cameras, Iterator[_Moment], int]:
     """The cameras, the frames, and how many there are."""
-    if source.startswith("sim:"):
-        _refuse_files("a simulated drive", "a folder", calibration, rigs)
-        return _simulated(source, frames)
-    kind = expect_kind(source, "drive", "packets", verb="alert run")
+    if files.source.startswith("sim:"):
+        _refuse_files("a simulated drive", "a folder", files, "calibration", "rigs", "picture")
+        return _simulated(files.source, files.frames)
+    kind = expect_kind(files.source, "drive", "packets", verb="alert run")
     if kind == "drive":
-        return _recorded(source, calibration, rigs, frames, has_key=has_key)
-    _refuse_files("a recording of a LiDAR", "a KITTI drive", None, rigs)
-    return _scans_only(source, calibration, frames)
+        return _recorded(files)
+    _refuse_files("a recording of a LiDAR", "a KITTI drive", files, "rigs", "picture")
+    return _scans_only(files.source, files.calibration, files.frames)
 
 
-def _refuse_files(got: str, expected: str, calibration: Path | None, rigs: Path | None) -> None:
-    for name, path in (("calibration", calibration), ("rigs", rigs)):
-        if path is not None:
+def _refuse_files(got: str, expected: str, files: _Files, *names: str) -> None:
+    for name in names:
+        if getattr(files, name):
             raise InputError(f"--{name}: expected with {expected}, got {got}")
 
 
@@ -339,22 +390,17 @@ def _simulated_moment(frame: DriveFrame) -> _Moment:
     return _Moment(frame.scan.frame, pictures, None, frame.velocity, frame.time, pairs or None)
 
 
-def _recorded(
-    source: str,
-    calibration: Path | None,
-    rigs: Path | None,
-    frames: int | None,
-    *,
-    has_key: bool,
-) -> tuple[Cameras, Iterator[_Moment], int]:
+def _recorded(files: _Files) -> tuple[Cameras, Iterator[_Moment], int]:
     from manip3d import authenticate, datasets
 
-    drive = datasets.open_kitti(source, calibration=calibration)
+    drive = datasets.open_kitti(files.source, calibration=files.calibration)
     if not len(drive):
-        raise InputError(f"{source}: expected scans, found none")
-    chosen = drive[: len(drive) if frames is None else frames]
-    beside = Path(source) / authenticate.RIGS_FILE
-    path = rigs if rigs is not None or not beside.is_file() else beside
+        raise InputError(f"{files.source}: expected scans, found none")
+    chosen = drive[: len(drive) if files.frames is None else files.frames]
+    if files.picture:
+        picture_of(chosen[0].scan_path, files.source, files.picture)  # the folder is there
+    beside = Path(files.source) / authenticate.RIGS_FILE
+    path = files.rigs if files.rigs is not None or not beside.is_file() else beside
     around = {} if path is None else authenticate.read_rigs(path)
     pair = None if around else _front_pair(chosen)
     cameras: Cameras = {name: each.rig for name, each in around.items()} or None
@@ -362,28 +408,61 @@ def _recorded(
         cameras = authenticate.StereoRig.from_calibration(
             chosen[0].calibration(), left=pair[0], right=pair[1]
         )
-
-    def moments() -> Iterator[_Moment]:
-        for frame in chosen:
-            record = None
-            beside = authenticate.find_record(frame.scan_path)
-            if has_key and beside.is_file():
-                record = authenticate.read_record(beside)
-            pictures = None if pair is None else frame.pictures(*pair)
-            seen = {name: frame.pictures(left, right) for name, (_, left, right) in around.items()}
-            pairs = {name: both for name, both in seen.items() if both is not None}
-            when = _seconds(frame.time_ns)
-            yield _Moment(_scan_of(frame), pictures, record, frame.velocity(), when, pairs or None)
-
-    return cameras, moments(), len(chosen)
+    numbers = {name: (left, right) for name, (_, left, right) in around.items()}
+    return cameras, (_moment(frame, files, pair, numbers) for frame in chosen), len(chosen)
 
 
-def _scan_of(frame: KittiFrame) -> LidarFrame | str:
-    """The scan, or why it cannot be read."""
+def _moment(
+    frame: KittiFrame,
+    files: _Files,
+    pair: tuple[int, int] | None,
+    around: Mapping[str, tuple[int, int]],
+) -> _Moment:
+    """What is there of a frame, and why the rest is not."""
+    unread: dict[str, str] = {}
+    record, carrier, why = None, None, ""
+    if files.picture is not None:
+        (record, carrier), why = _or_why((None, None), partial(_record_of, frame, files))
+    if why:
+        unread["watermark"] = why
+    pictures, why = (None, "") if pair is None else _or_why(None, partial(frame.pictures, *pair))
+    seen = {name: _or_why(None, partial(frame.pictures, *each)) for name, each in around.items()}
+    reasons = [why, *(f"{name}: {why}" for name, (_, why) in seen.items() if why)]
+    if any(reasons):
+        unread["cross-modal"] = "; ".join(filter(None, reasons))
+    pairs = {name: both for name, (both, _) in seen.items() if both is not None}
+    velocity, why = _or_why(None, frame.velocity)
+    if why:
+        files.note(f"{files.source}: frame {frame.name} at the speed of --speed, its own {why}")
+    scan, why = _or_why(None, frame.scan)
+    return _Moment(
+        why if scan is None else scan,
+        pictures,
+        record,
+        velocity,
+        _seconds(frame.time_ns),
+        pairs or None,
+        carrier,
+        unread,
+    )
+
+
+def _or_why(otherwise: Any, read: Callable[[], Any]) -> tuple[Any, str]:
+    """What a file holds and no reason, or what to take instead and why it cannot be read."""
     try:
-        return frame.scan()
+        return read(), ""
     except (FormatError, OSError) as error:
-        return f"unreadable: {error}"
+        return otherwise, f"unreadable: {error}"
+
+
+def _record_of(frame: KittiFrame, files: _Files) -> tuple[bytes | None, Any]:
+    """The record of a scan: that beside it, or the picture that carries it."""
+    from manip3d import authenticate
+
+    seen = picture_of(frame.scan_path, files.source, files.picture or "")
+    if seen is not None:
+        return None, authenticate.read_carrier(seen) if seen.is_file() else None
+    return authenticate.read_record(authenticate.find_record(frame.scan_path)), None
 
 
 def _front_pair(frames: Sequence[KittiFrame]) -> tuple[int, int] | None:
@@ -451,18 +530,19 @@ def _row(record: dict[str, Any]) -> tuple[str, ...]:
     )
 
 
-def _show(console: Console, summary: dict[str, Any]) -> None:
-    console.print(f"{summary['verdict']}: {summary['reason']}", soft_wrap=True)
-    loud = [r for r in summary["frames"] if r["verdict"] not in ("authentic", "no_trace")]
-    if loud:
+def _show(
+    console: Console, timeline: AlertTimeline, verdict: str, reason: str, counts: AlertCounts
+) -> None:
+    console.print(f"{verdict}: {reason}", soft_wrap=True)
+    gravest, count = timeline.gravest(20)
+    if gravest:
         console.print()
-        table(console, [_row(record) for record in loud[:20]], _COLUMNS)
-    if len(loud) > 20:
-        console.print(f"and {len(loud) - 20} more")
-    counts = summary["counts"]
-    skipped = ", ".join(f"{name} in {counted(n, 'frame')}" for name, n in counts["skipped"].items())
+        table(console, [_row(record) for record in gravest], _COLUMNS)
+    if count > len(gravest):
+        console.print(f"and {count - len(gravest)} more")
+    skipped = ", ".join(f"{name} in {counted(n, 'frame')}" for name, n in counts.skipped.items())
     console.print(
-        f"mean {1e3 * counts['mean_s']:.0f} ms, slowest {1e3 * counts['slowest_s']:.0f} ms, "
-        f"{counts['late']} late; skipped: {skipped or 'none'}",
+        f"mean {1e3 * counts.mean_s:.0f} ms, slowest {1e3 * counts.slowest_s:.0f} ms, "
+        f"{counts.late} late; skipped: {skipped or 'none'}",
         soft_wrap=True,
     )

@@ -21,6 +21,7 @@ from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
 from manip3d.cli.options import Force, Jobs, Json, MostFrames, Output, Quiet, RgbdPlace, Scan, Seed
 from manip3d.cli.terminal import Terminal, check_output, counted, naming_options
+from manip3d.cli.truth import truth_of
 from manip3d.errors import InputError
 from manip3d.io import SCAN_SUFFIXES
 from manip3d.io._files import atomic_pair
@@ -57,6 +58,7 @@ class Order:
     up: str
     seed: int
     threads: int
+    allow_collision: bool
 
 
 def forge_scan(
@@ -90,21 +92,6 @@ def forge_scan(
     return {
         key: len(value) if key in ("added", "moved", "moved_from", "removed") else value
         for key, value in record.items()
-    }
-
-
-def truth_of(forged: Forgery) -> dict[str, Any]:
-    """The ground truth as JSON values."""
-    box = forged.box
-    return {
-        "attack": forged.attack,
-        "points": len(forged.points),
-        "added": forged.added.tolist(),
-        "moved": forged.moved.tolist(),
-        "moved_from": forged.moved_from.tolist(),
-        "removed": forged.removed.tolist(),
-        "box": {"center": list(box.center), "size": list(box.size), "yaw": box.yaw},
-        "transform": forged.transform.tolist(),
     }
 
 
@@ -186,21 +173,39 @@ def _dent(frame: LidarFrame, order: Order) -> Forgery:
 def _translate(frame: LidarFrame, order: Order) -> Forgery:
     from manip3d import forge
 
-    return forge.translation(frame, _box(order), distance=order.distance, threads=order.threads)
+    return forge.translation(
+        frame,
+        _box(order),
+        distance=order.distance,
+        allow_collision=order.allow_collision,
+        threads=order.threads,
+    )
 
 
 def _rotate(frame: LidarFrame, order: Order) -> Forgery:
     from manip3d import forge
 
     angle = {} if order.yaw is None else {"angle": order.yaw}
-    return forge.rotation(frame, _box(order), threads=order.threads, **angle)
+    return forge.rotation(
+        frame,
+        _box(order),
+        allow_collision=order.allow_collision,
+        threads=order.threads,
+        **angle,
+    )
 
 
 def _replace(frame: LidarFrame, order: Order) -> Forgery:
     from manip3d import forge
 
     points = _points(_hoax(order)) * order.scale
-    return forge.replacement(frame, points, _box(order), threads=order.threads)
+    return forge.replacement(
+        frame,
+        points,
+        _box(order),
+        allow_collision=order.allow_collision,
+        threads=order.threads,
+    )
 
 
 def _lattice_insert(frame: LidarFrame, order: Order) -> Forgery:
@@ -366,6 +371,14 @@ def forge_lidar(
             "'lattice-insert', 'lattice-remove' and 'spoof'; by default that of KITTI's scanner."
         ),
     ] = None,
+    allow_collision: Annotated[
+        bool,
+        typer.Option(
+            "--allow-collision",
+            help="Put what 'translation', 'rotation' and 'replacement' move also where something "
+            "else is.",
+        ),
+    ] = False,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -393,9 +406,37 @@ def forge_lidar(
         up.value,
         seed,
         jobs,
+        allow_collision,
     )
     record = forge_scan(attack.value, source, output, order, shell, force=force)
     shell.result(record)
+
+
+@app.command("alert-set")
+def alert_set(
+    output: Annotated[Path, typer.Argument(metavar="OUT", help="Folder to write.")],
+    frames: Annotated[
+        int | None,
+        typer.Option("--frames", min=1, help="At most so many frames of each drive and attack."),
+    ] = None,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    seed: Seed = 0,
+) -> None:
+    """Write the frames and attacks of table 7.2 (ALERT) as files: three simulated drives.
+
+    As many as the dissertation has: 1765 clean frames, and 8735 attacked ones less those without
+    an object that can be attacked so. Scans are OUT/drive_1/additive/000000.bin.xz, the truth of an
+    attack is beside each as .truth.json, and OUT/manifest.csv lists all of them. A run that was
+    stopped goes on where it was when the command is given again.
+
+    Example: manip3d forge alert-set attacks --frames 5
+    """
+    from manip3d.cli.alert_set import write_set
+
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    shell.result(write_set(output, frames, seed, shell, force=force))
 
 
 class Method(StrEnum):

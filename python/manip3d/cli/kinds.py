@@ -49,12 +49,17 @@ def kind_of(source: str) -> str:
 
     Raises
     ------
+    FormatError
+        A ROS 1 bag has no index.
     OSError
         There is no such file or folder.
     """
     if source == "-" or (":" in source and not Path(source).exists()):
         return "stream"
     path = Path(source)
+    file, topic, _ = source.rpartition("#")
+    if topic and not path.exists() and Path(file).exists():
+        path = Path(file)  # a bag, of which a topic is asked for
     if path.is_dir():
         return _kind_of_folder(path)
     path.stat()  # a missing file is an OSError that names it

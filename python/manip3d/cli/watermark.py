@@ -206,7 +206,8 @@ def embed(
     The record of each scan is written beside it, as SCAN.wm, or with --picture in the lowest bits
     of the picture, SCAN.png or that of the drive. Points move by at most 1.8 mm (lbm), 1.9 mm (qim)
     or not at all (detached). What else a drive has (pictures, positions, times, labels,
-    calibration) is copied as it is. Of several drives, each is a session of its own and one piece
+    calibration) is copied as it is. With --force, scans and records of an earlier drive go from the
+    output's folder of scans. Of several drives, each is a session of its own and one piece
     of work: its frames are chained, and only drives are worked on side by side.
 
     Example: manip3d watermark embed drive --key sensor.key -o signed
@@ -227,6 +228,7 @@ def embed(
     times = _times(source, shell) if drive else {}
     rows = []
     written: set[Path] = set()
+    kept: set[Path] = set()
     with (
         authenticate.KeyFile(key) as secret,
         authenticate.Watermarker(
@@ -240,7 +242,7 @@ def embed(
         shell.progress("embed") as progress,
     ):
         for number, path in enumerate(scans):
-            seen = _picture_of(path, source, picture)
+            seen = picture_of(path, source, picture)
             target = output / authenticate.plain_name(path, source) if drive else output
             copied = path if embedding == "detached" else None
             sent = marker.embed(
@@ -251,7 +253,10 @@ def embed(
             )
             shown = output / seen.relative_to(source) if drive and seen is not None else None
             authenticate.write_watermarked(sent, target, unchanged=path, picture=shown)
-            if shown is not None:
+            kept.add(target)
+            if shown is None:
+                kept.add(authenticate.record_path(target))
+            else:
                 written.add(shown)
             rows.append({"scan": str(target), "frame": sent.number, "points": len(sent.points),
                          "tiles": sent.num_tiles})  # fmt: skip
@@ -260,12 +265,28 @@ def embed(
         record = {"source": source, "output": str(output), "session": marker.session,
                   "key_id": secret.key_id, "embedding": embedding, "num_frames": len(rows),
                   "frames": rows}  # fmt: skip
+    if drive:
+        _remove_others(kept)
     if drive and not scans_only:
         authenticate.copy_rest_of_drive(source, output, written=written)
     records = "its record" if len(rows) == 1 else "their records"
     carried = " in pictures" if picture and drive else " in a picture" if picture else ""
     shell.say(f"wrote {counted(len(rows), 'scan')} with {records}{carried} to {output}")
     shell.result(record, lambda console: console.print(f"session {record['session']}"))
+
+
+def _remove_others(kept: set[Path]) -> None:
+    """Remove scans and records of an earlier drive, which would be frames of this one's chain."""
+    from manip3d import authenticate
+    from manip3d.io._scan_tables import scan_suffix
+
+    for folder in {path.parent for path in kept}:
+        for path in sorted(folder.iterdir()):
+            is_ours = (
+                path.suffix == authenticate.RECORD_SUFFIX or scan_suffix(path) in SCAN_SUFFIXES
+            )
+            if is_ours and path not in kept and path.is_file():
+                path.unlink()
 
 
 def _verified_suffixes() -> tuple[str, ...]:
@@ -355,7 +376,7 @@ def verify(
         shell.progress("verify") as progress,
     ):
         for number, path in enumerate(scans):
-            seen = _picture_of(path, source, picture)
+            seen = picture_of(path, source, picture)
             beside = authenticate.find_record(path) if record is None else record
             found = _verified(marker, path, beside, seen, policy, in_drive=drive)
             results.append((path.name, replace(found, scan=None)))  # a drive's scans fill memory
@@ -452,8 +473,8 @@ def _times(source: str, shell: Terminal) -> dict[Path, int]:
     return times
 
 
-def _picture_of(scan: Path, source: str, picture: str) -> Path | None:
-    """The picture that belongs to a scan; None: records stand beside the scans."""
+def picture_of(scan: Path, source: str, picture: str) -> Path | None:
+    """Return the picture that belongs to a scan; None: records stand beside the scans."""
     if not picture:
         return None
     if not Path(source).is_dir():

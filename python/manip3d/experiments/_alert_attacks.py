@@ -54,23 +54,19 @@ def attacked(
     """The frame after an attack on an object, and where it was changed; None: no free place."""
     if attack == "subtractive":
         return forge.subtractive(frame, box, threads=1).frame, [box]
-    if attack == "translation":
-        return _moved(forge.translation(frame, box, threads=1), box)
-    if attack == "rotation":
-        return _moved(forge.rotation(frame, box, threads=1), box)
-    if attack == "rotation_2m":
-        return _moved(forge.rotation(frame, box, sideways=2.0, threads=1), box)
     inside = frame.select(box.contains(frame.points))
-    if attack == "replacement":
-        # The same object seen from its other side, as another one would be.
-        turned = inside.points * np.array([-1, -1, 1], np.float32)
-        made = forge.replacement(frame, inside.replace(points=turned), box, threads=1)
-        return made.frame, [box]
+    if attack in ("replacement", "translation", "rotation", "rotation_2m"):
+        try:
+            return _in_its_place(frame, inside, box, attack)
+        except InputError:  # it would stand in something
+            return None
     for _ in range(200):
         turn = float(rng.uniform(-HALF_VIEW, HALF_VIEW)) - math.atan2(*box.center[1::-1])
         away = float(rng.uniform(0.6, 1.4))
         copy, place = _copied(inside, box, turn, away)
         if not NEAREST <= math.hypot(*place.center[:2]) <= FARTHEST:
+            continue
+        if box.contains(copy.points).any():  # what leaves makes room, but not for its own copy
             continue
         try:
             if attack == "additive":
@@ -80,6 +76,22 @@ def attacked(
             continue
         return made.frame, [place, box]
     return None
+
+
+def _in_its_place(
+    frame: LidarFrame, inside: LidarFrame, box: Box, attack: str
+) -> tuple[LidarFrame, list[Box]]:
+    """The object moved or turned, or the same object seen from its other side, as another is."""
+    if attack == "replacement":
+        turned = inside.points * np.array([-1, -1, 1], np.float32)
+        made = forge.replacement(frame, inside.replace(points=turned), box, threads=1)
+        return made.frame, [box]
+    if attack == "translation":
+        made = forge.translation(frame, box, threads=1)
+    else:
+        sideways = 2.0 if attack == "rotation_2m" else 0.0
+        made = forge.rotation(frame, box, sideways=sideways, threads=1)
+    return made.frame, [box, made.box]
 
 
 def _copied(inside: LidarFrame, box: Box, turn: float, away: float) -> tuple[LidarFrame, Box]:
@@ -95,7 +107,3 @@ def _copied(inside: LidarFrame, box: Box, turn: float, away: float) -> tuple[Lid
         inside.replace(points=points),
         Box((float(at[0]), float(at[1]), z), box.size, box.yaw + turn),
     )
-
-
-def _moved(made: forge.Forgery, box: Box) -> tuple[LidarFrame, list[Box]]:
-    return made.frame, [box, made.box]

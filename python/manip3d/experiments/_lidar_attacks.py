@@ -141,15 +141,15 @@ def _both(target: Target) -> forge.Forgery:
 
 
 def _replacement(target: Target) -> forge.Forgery:
-    return forge.replacement(target.scan, target.hoax, target.box)
+    return forge.replacement(target.scan, target.hoax, target.box, allow_collision=True)
 
 
 def _translation(target: Target) -> forge.Forgery:
-    return forge.translation(target.scan, target.box)
+    return forge.translation(target.scan, target.box, allow_collision=True)
 
 
 def _rotation(target: Target) -> forge.Forgery:
-    return forge.rotation(target.scan, target.box)
+    return forge.rotation(target.scan, target.box, allow_collision=True)
 
 
 def _subtractive(target: Target) -> forge.Forgery:

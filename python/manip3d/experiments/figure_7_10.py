@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from manip3d.experiments import table_7_2
+from manip3d.experiments import _alert_set
 from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def embed(case: Case) -> Row:
     distances, recovered = [], 0
     row: Row = {}
     with tempfile.TemporaryDirectory() as folder:
-        for number, frame, _ in table_7_2._frames(options["seed"], 0, options["frames"]):
+        for number, frame, _ in _alert_set.frames(options["seed"], 0, options["frames"]):
             sent, right = _marked(frame, options["method"], number, Path(folder))
             moved = sent.points.astype(np.float64) - frame.points
             # Points keep their rows, and each moves less than half of what separates two: the

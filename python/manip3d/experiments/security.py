@@ -26,7 +26,7 @@ DEFENCES = ("paper lbm", "paper qim", "keyed lbm", "keyed qim", "keyed detached"
 
 _POINTS = 1800
 _ATTEMPTS = {"quick": 20, "full": 900}
-"""Attempts of each kind against each defence: 18 kinds times 900 times 6 are about 10^5."""
+"""Attempts of each kind against each defence: 20 kinds times 900 times 6 are about 10^5."""
 
 
 # --- Defences -------------------------------------------------------------------------------------
@@ -60,6 +60,13 @@ class _Paper:
             for scan, metadata in received
         )
 
+    def suspects(self, received: Sequence[Sent]) -> NDArray[np.integer[Any]]:
+        """Points of the last scan that the verifier lists."""
+        from manip3d.authenticate import compare_paper
+
+        scan, metadata = received[-1]
+        return compare_paper(scan, self._blocks, metadata).suspected
+
 
 class _Keyed:
     """`Watermarker`: bits and tags that depend on the points, frames in a chain."""
@@ -87,14 +94,21 @@ class _Keyed:
                 verifier.verify(scan, record).verdict == "authentic" for scan, record in received
             )
 
+    def suspects(self, received: Sequence[Sent]) -> NDArray[np.integer[Any]]:
+        """Points of the last scan that the operator's report lists."""
+        from manip3d.authenticate import Watermarker
+
+        with Watermarker(self._key) as verifier:
+            return [verifier.verify(scan, record) for scan, record in received][-1].suspected
+
 
 class _Hmac:
     """HMAC-SHA256 of the buffer of points and intensities: what a practitioner would write."""
 
     is_keyed = True
 
-    def __init__(self) -> None:
-        self._key = bytes(range(32))
+    def __init__(self, key: bytes = bytes(range(32))) -> None:
+        self._key = key
 
     def _tag(self, scan: LidarFrame) -> bytes:
         assert scan.intensity is not None
@@ -110,6 +124,10 @@ class _Hmac:
             isinstance(tag, bytes) and hmac.compare_digest(self._tag(scan), tag)
             for scan, tag in received
         )
+
+    def suspects(self, received: Sequence[Sent]) -> NDArray[np.integer[Any]]:
+        """None: a hash says yes or no."""
+        return np.empty(0, np.int64)
 
 
 # --- What an attacker without the key does to three frames ----------------------------------------
@@ -267,6 +285,42 @@ def _rewrite_bits(sent: Sequence[Sent], random: np.random.Generator) -> list[Sen
     return _changed(sent, written / 1000)
 
 
+def _foreign_key(sent: Sequence[Sent], random: np.random.Generator) -> list[Sent]:
+    """All frames, the last with a point moved, signed once more with a key of the attacker's."""
+    from manip3d.authenticate import EMBEDDINGS, KeyFile
+
+    beside = sent[-1][1]
+    if not isinstance(beside, bytes):
+        return []  # nothing is signed
+    forged = [scan for scan, _ in _move_one(sent, random)]
+    if len(beside) < 100:
+        return _Hmac(random.bytes(32)).send(forged)
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        KeyFile.create(Path(folder) / "attacker.key") as key,
+    ):
+        return _Keyed(EMBEDDINGS[beside[_EMBEDDING]], key).send(_on_grid(forged))
+
+
+_EMBEDDING = 9
+"""Byte of a record that says how it is embedded."""
+
+
+def _on_grid(frames: Sequence[LidarFrame]) -> list[LidarFrame]:
+    """Points in whole millimetres, as the embedder takes them."""
+    return [
+        frame.replace(points=(_units(frame.points) / 1000).astype(np.float32)) for frame in frames
+    ]
+
+
+def _mended(received: Sequence[Sent], guard: _Paper | _Keyed | _Hmac) -> list[Sent]:
+    """What the verifier's answer to one question allows: the lowest bits of the points that it
+    suspects are flipped."""
+    units = _units(received[-1][0].points)
+    units[guard.suspects(received)] ^= 1
+    return _changed(received, units / 1000)
+
+
 ATTACKS: Mapping[str, Callable[[Sequence[Any], np.random.Generator], list[Any]]] = {
     "none: points in another order": _same_points,
     "one point moved": _move_one,
@@ -286,11 +340,15 @@ ATTACKS: Mapping[str, Callable[[Sequence[Any], np.random.Generator], list[Any]]]
     "frames reordered": _reorder,
     "beginning withheld": _begin_late,
     "re-embedding without the key": _rewrite_bits,
+    "signed with another key": _foreign_key,
+    "one point moved, and the verifier asked": _move_one,
 }
 """Each takes a stream of frames with what travels beside them, and returns what is received."""
 
 HARMLESS = "none: points in another order"
 REEMBEDDING = "re-embedding without the key"
+ORACLE = "one point moved, and the verifier asked"
+"""What the verifier says of the forgery goes into a second one, which counts."""
 
 
 def _joined(scan: LidarFrame, other: LidarFrame) -> LidarFrame:
@@ -388,6 +446,8 @@ def count_accepted(
                     if not guard.accepts(sent):
                         raise AssertionError(f"{defence} refuses what nobody changed")
                 received = ATTACKS[name](sent, random)
+                if name == ORACLE:
+                    received = _mended(received, guard)
                 if not received or _is_same(received, sent):
                     continue
                 tried += 1

@@ -62,9 +62,9 @@ def time_step(case: Case) -> Row:
 
 @cache
 def _frame(seed: int) -> LidarFrame:
-    from manip3d.experiments.table_7_2 import _frames
+    from manip3d.experiments._alert_set import frames
 
-    _, frame, _ = next(_frames(seed, 0, 1))
+    _, frame, _ = next(frames(seed, 0, 1))
     return frame
 
 

@@ -5,38 +5,20 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from manip3d.experiments import _published
+from manip3d.experiments import _alert_set
 from manip3d.experiments._counting import interval
 from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row
 
 if TYPE_CHECKING:
     from manip3d.lidar import Box, LidarFrame
 
-_TABLE = "table_7_2_alert_detection"
-
-_DRIVES = (1, 2, 3)
-
-_ATTACKS = {
-    "original": "original",
-    "additive": "1",
-    "subtractive": "2",
-    "additive_subtractive": "3",
-    "replacement": "4",
-    "translation": "5",
-    "rotation": "6",
-}
-"""This package's names of the attacks, and the table's."""
+_ATTACKS = _alert_set.ATTACKS
 
 _KINDS = ("paper lbm", "paper qim", "keyed lbm", "keyed qim", "keyed detached")
 
 _QUICK_FRAMES = 3
-
-_MOST_TURNS = 100
-"""Frames of a street; the next one goes on."""
 
 _PIECE = 5
 """Frames of a case: a run that was stopped loses at most so many of each process."""
@@ -45,9 +27,11 @@ _PIECE = 5
 def _cases(plan: Plan) -> list[Case]:
     """Pieces of drives; each embeds a frame once and attacks it in every way."""
     cases = []
-    for drive in _DRIVES:
+    for drive in _alert_set.DRIVES:
         frames = {
-            attack: _QUICK_FRAMES if plan.scale == "quick" else _published_frames(drive, attack)
+            attack: _QUICK_FRAMES
+            if plan.scale == "quick"
+            else _alert_set.published_frames(drive, attack)
             for attack in _ATTACKS
         }
         for first in range(0, max(frames.values()), _PIECE):
@@ -63,63 +47,19 @@ def _cases(plan: Plan) -> list[Case]:
     return cases
 
 
-def _published_frames(drive: int, attack: str) -> int:
-    wanted = (str(drive), _ATTACKS[attack])
-    return next(
-        int(line["frames"])
-        for line in _published_lines()
-        if (line["drive"], line["attack"]) == wanted
-    )
-
-
-def _published_lines() -> tuple[dict[str, str], ...]:
-    return _published.published_rows(_TABLE)
-
-
 def detect(case: Case) -> Row:
     """Embed each frame, attack it in every way, and count what each verifier calls forged."""
     options = case.options
     counts = {f"{attack} {kind}": 0 for attack in _ATTACKS for kind in (*_KINDS, "attacked")}
     with tempfile.TemporaryDirectory() as folder:
         first, frames = options["first"], options["frames"]
-        for number, frame, boxes in _frames(options["seed"], first, max(frames.values())):
+        for number, frame, boxes in _alert_set.frames(options["seed"], first, max(frames.values())):
             attacks = [attack for attack in _ATTACKS if number < first + frames[attack]]
             for attack, told in _verdicts(frame, boxes, attacks, number, Path(folder)).items():
                 counts[f"{attack} attacked"] += 1
                 for kind in _KINDS:
                     counts[f"{attack} {kind}"] += told[kind]
     return counts
-
-
-def _frames(seed: int, first: int, count: int) -> Iterator[tuple[int, LidarFrame, tuple[Box, ...]]]:
-    """Frames of simulated streets by their numbers; a street is as long as its drive.
-
-    Each piece of a street draws its own noise, so that it needs none of those before it.
-    """
-    from manip3d.simulate.drives import drive
-    from manip3d.simulate.lidar import TURN_PERIOD
-    from manip3d.simulate.streets import street
-
-    number, wanted = 0, range(first, first + count)
-    while number < wanted.stop:
-        place = street(seed)
-        turns = min(_MOST_TURNS, int(min(place.duration, 1e3) / TURN_PERIOD))
-        inside = range(max(wanted.start - number, 0), min(wanted.stop - number, turns))
-        if inside:
-            source = drive(
-                place, len(inside), start=inside.start * TURN_PERIOD, pictures=False,
-                rng=np.random.default_rng([seed, inside.start]), threads=1,
-            )  # fmt: skip
-            for turn, frame in zip(inside, source, strict=True):
-                yield number + turn, _as_frame(frame.scan), frame.boxes
-        number += turns
-        seed += 1
-
-
-def _as_frame(scan: Any) -> LidarFrame:
-    from manip3d.lidar import LidarFrame
-
-    return LidarFrame(scan.points, scan.intensity)
 
 
 def _verdicts(
@@ -134,7 +74,7 @@ def _verdicts(
 
     def ask(kind: str, sent: LidarFrame, is_forged: Callable[[LidarFrame], bool]) -> None:
         for attack in attacks:
-            received = _attacked(sent, boxes, attack)
+            received = _received(sent, boxes, attack)
             if received is not None:
                 found.setdefault(attack, {})[kind] = is_forged(received)
 
@@ -167,40 +107,15 @@ def _verdicts(
                     return marker.verify(received, sent.record).verdict == "tampered"
 
                 ask(kind, sent.frame, is_tampered)
-    return found
+    # A place that is free before one embedding may not be so by a millimetre after another.
+    return {attack: told for attack, told in found.items() if len(told) == len(_KINDS)}
 
 
-def _attacked(frame: LidarFrame, boxes: Sequence[Box], attack: str) -> LidarFrame | None:
-    """The frame after an attack on its nearest labelled object."""
-    from manip3d import forge
-
+def _received(frame: LidarFrame, boxes: Sequence[Box], attack: str) -> LidarFrame | None:
     if attack == "original":
         return frame
-    target = _nearest(frame, boxes)
-    if target is None:
-        return None
-    if attack in ("subtractive", "translation", "rotation"):
-        return forge.ALERT_ATTACKS[attack](frame, target, threads=1).frame
-    inside = frame.select(target.contains(frame.points))
-    center = np.asarray(target.center)
-    elsewhere = np.array([-center[0], -center[1], 0.0]) - np.array([center[0], center[1], 0.0])
-    if attack == "additive":
-        made = forge.additive(frame, inside, offset=elsewhere, allow_collision=True, threads=1)
-    elif attack == "additive_subtractive":
-        made = forge.additive_subtractive(
-            frame, inside, target, offset=elsewhere, allow_collision=True, threads=1
-        )
-    else:
-        turned = inside.points * np.array(
-            [-1, -1, 1], np.float32
-        )  # the same object, seen from behind
-        made = forge.replacement(frame, inside.replace(points=turned), target, threads=1)
-    return made.frame
-
-
-def _nearest(frame: LidarFrame, boxes: Sequence[Box]) -> Box | None:
-    near = sorted(boxes, key=lambda box: float(np.hypot(*box.center[:2])))
-    return next((b for b in near if np.count_nonzero(b.contains(frame.points)) >= 20), None)
+    made = _alert_set.attacked(frame, boxes, attack)
+    return None if made is None else made.frame
 
 
 def _gathered(rows: Sequence[Row]) -> list[Row]:
@@ -224,7 +139,7 @@ def _gathered(rows: Sequence[Row]) -> list[Row]:
 
 def _complete(row: Row) -> Row:
     drive = row["model"].removeprefix("drive ")
-    for line in _published_lines():
+    for line in _alert_set.published_lines():
         if (line["drive"], line["attack"]) == (drive, _ATTACKS[row["attack"]]):
             return row | {
                 "published frames": int(line["frames"]),
@@ -265,7 +180,7 @@ def _claims(family: str, source: str) -> tuple[Claim, Claim]:
 EXPERIMENT = Experiment(
     id="table-7.2",
     title="Attacks that the watermark detects, and clean frames that it accuses",
-    published=_TABLE,
+    published=_alert_set.TABLE,
     data=(),
     cases=_cases,
     role="simulated drives of an HDL-64E through streets, labelled",
@@ -283,10 +198,10 @@ EXPERIMENT = Experiment(
     gather=_gathered,
     notes=(
         "Columns are frames that were called forged. The watermark image is pseudo-random (the "
-        "alternative of section 7.6), not made of stereo depth. Frames without an object of 20 "
-        "points cannot be attacked and are left out. The attackers of this table know nothing of "
-        "the watermark: one who reads the printed bits and writes them back passes it, and only "
-        "the keyed one notices. The published columns of the cross-modal check are not measured "
-        "here.",
+        "alternative of section 7.6), not made of stereo depth. An attack takes the nearest object "
+        "of 20 points that it can put into a free place; frames without one are left out. The "
+        "attackers of this table know nothing of the watermark: one who reads the printed bits and "
+        "writes them back passes it, and only the keyed one notices. The published columns of the "
+        "cross-modal check are not measured here.",
     ),
 )

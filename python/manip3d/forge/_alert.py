@@ -164,9 +164,9 @@ def additive_subtractive(
     """
     scene, target = _target(scan, box, origin)
     added = _shifted(to_scan(object_points), offset)
-    if not allow_collision:
-        _check_free(scene, added.points, threads)
     gone = _core.points_in_box(scene.points, box_arguments(target), threads_of(threads))
+    if not allow_collision:
+        _check_free(scene, added.points, threads, leaving=gone)
     return _edited("additive_subtractive", scene, gone, added, threads)
 
 
@@ -177,6 +177,7 @@ def replacement(
     box: Box | None = None,
     *,
     origin: ArrayLike | None = None,
+    allow_collision: bool = False,
     threads: int = 0,
 ) -> Forgery:
     """Attack 4: delete an object, and paste another one centred on the removed points.
@@ -190,6 +191,9 @@ def replacement(
         Around the object; default: the nearest one, as `nearest_object` finds it.
     origin : (3,), optional
         Where the scanner stood; default: the frame's own, else the origin of the coordinates.
+    allow_collision : bool
+        Else scene points around the pasted object, 0.3 m above its foot and higher, are an error;
+        those that leave do not count.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
@@ -200,7 +204,8 @@ def replacement(
     Raises
     ------
     InputError
-        The object is empty; no object is found, or no point of the scan is in the box.
+        The object is empty, or would stand in something; no object is found, or no point of the
+        scan is in the box.
 
     Examples
     --------
@@ -222,7 +227,10 @@ def replacement(
         raise InputError("object_points: expected points, got none")
     center = scene.points[gone].mean(axis=0, dtype=np.float64)
     offset = center - pasted.points.mean(axis=0, dtype=np.float64)
-    return _edited("replacement", scene, gone, _shifted(pasted, offset), threads)
+    added = _shifted(pasted, offset)
+    if not allow_collision:
+        _check_free(scene, added.points, threads, argument="object_points", leaving=gone)
+    return _edited("replacement", scene, gone, added, threads)
 
 
 @checked
@@ -232,6 +240,7 @@ def translation(
     *,
     distance: float = 3.0,
     origin: ArrayLike | None = None,
+    allow_collision: bool = False,
     threads: int = 0,
 ) -> Forgery:
     """Attack 5: move an object, the nearest by default, away from the scanner.
@@ -245,6 +254,9 @@ def translation(
         Over the ground, along the line from the scanner to the middle of the box.
     origin : (3,), optional
         Where the scanner stood; default: the frame's own, else the origin of the coordinates.
+    allow_collision : bool
+        Else scene points around the moved object, 0.3 m above its foot and higher, are an error;
+        those that leave do not count.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
@@ -255,7 +267,8 @@ def translation(
     Raises
     ------
     InputError
-        No object is found; the box stands around the scanner's axis.
+        No object is found; the box stands around the scanner's axis; the object would stand in
+        something.
 
     Examples
     --------
@@ -272,6 +285,8 @@ def translation(
     away = _away(target, origin_of(origin, scene))
     transform = np.eye(4)
     transform[:2, 3] = distance * away
+    if not allow_collision:
+        _check_way(scene, target, transform, "distance", threads)
     return _moved("translation", scene, target, transform, threads, {"distance": distance})
 
 
@@ -283,6 +298,7 @@ def rotation(
     angle: float = math.radians(-10.0),
     sideways: float = 0.0,
     origin: ArrayLike | None = None,
+    allow_collision: bool = False,
     threads: int = 0,
 ) -> Forgery:
     """Attack 6: turn an object, the nearest by default, about the vertical through its centroid.
@@ -297,6 +313,9 @@ def rotation(
         To the left, seen from the scanner; the authors' own tool has 2 m.
     origin : (3,), optional
         Where the scanner stood; default: the frame's own, else the origin of the coordinates.
+    allow_collision : bool
+        Else scene points around the turned object, 0.3 m above its foot and higher, are an error;
+        those that leave do not count.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
@@ -307,7 +326,8 @@ def rotation(
     Raises
     ------
     InputError
-        No object is found, or no point of the scan is in the box.
+        No object is found, or no point of the scan is in the box; the object would stand in
+        something.
 
     Examples
     --------
@@ -330,6 +350,8 @@ def rotation(
     transform[:3, :3] = _core.rotation_about_z(angle)
     transform[:3, 3] = center - product(transform[:3, :3], center)
     transform[:2, 3] += sideways * np.array([-away[1], away[0]])
+    if not allow_collision:
+        _check_way(scene, target, transform, "angle, sideways", threads, yaw=angle)
     return _moved(
         "rotation", scene, target, transform, threads, {"angle": angle, "sideways": sideways}
     )
@@ -359,17 +381,50 @@ def _shifted(added: Scan, offset: ArrayLike) -> Scan:
     return added._replace(points=(added.points + shift).astype(np.float32))
 
 
-def _check_free(scene: Scan, points: NDArray[np.float32], threads: int) -> None:
-    low, high = points.min(axis=0).astype(np.float64), points.max(axis=0).astype(np.float64)
+def _check_free(
+    scene: Scan,
+    points: NDArray[np.float32],
+    threads: int,
+    *,
+    argument: str = "offset",
+    leaving: NDArray[np.int32] | None = None,
+    yaw: float = 0.0,
+) -> None:
+    """Refuse a place of an object where scene points are that do not leave it.
+
+    The place is the box around the object's points, turned by ``yaw``, above the ground.
+    """
+    turn = _core.rotation_about_z(yaw)
+    upright = product(points.astype(np.float64), turn)  # turned back: rows times the inverse
+    low, high = upright.min(axis=0), upright.max(axis=0)
     low[2] = min(low[2] + CLEARANCE, high[2])
-    center, size = (low + high) / 2, high - low
-    box = (tuple(center.tolist()), tuple(size.tolist()), 0.0)
-    inside = len(_core.points_in_box(scene.points, box, threads_of(threads)))
+    center, size = product(turn, (low + high) / 2), high - low
+    box = (tuple(center.tolist()), tuple(size.tolist()), yaw)
+    found = _core.points_in_box(scene.points, box, threads_of(threads))
+    inside = len(found if leaving is None else np.setdiff1d(found, leaving, assume_unique=True))
     if inside:
         raise InputError(
-            f"offset: expected a free place, got one with {inside} points of the scan in it "
-            "(allow_collision=True puts the object there all the same)"
+            f"{argument}: expected a free place, got one with {inside} points of the scan in it "
+            "(allow_collision puts the object there all the same)"
         )
+
+
+def _check_way(
+    scene: Scan,
+    box: Box,
+    transform: NDArray[np.float64],
+    argument: str,
+    threads: int,
+    *,
+    yaw: float = 0.0,
+) -> None:
+    """Refuse a motion of what is in a box to where something else is."""
+    leaving = _core.points_in_box(scene.points, box_arguments(box), threads_of(threads))
+    if not len(leaving):
+        return
+    moved = product(scene.points[leaving].astype(np.float64), transform[:3, :3].T)
+    moved = (moved + transform[:3, 3]).astype(np.float32)
+    _check_free(scene, moved, threads, argument=argument, leaving=leaving, yaw=box.yaw + yaw)
 
 
 def _edited(

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import base64
+import heapq
 import html
 import json
 import math
 import os
+import tempfile
+import weakref
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -21,11 +24,17 @@ from manip3d.io._files import atomic_write
 from manip3d.simulate._surfaces import png
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from manip3d.authenticate import Alert, AlertCounts, CrossModalResult, SurroundResult
+    from manip3d.authenticate import (
+        Alert,
+        AlertCounts,
+        CrossModalResult,
+        RiskParameters,
+        SurroundResult,
+    )
     from manip3d.lidar import LidarFrame
 
 ALERT_KINDS = (".html", ".json")
@@ -45,27 +54,68 @@ _QUIET = ("authentic", "no_trace")
 class _Scene:
     """Pictures of one frame, small enough to keep."""
 
+    gravity: int
     number: int
     title: str
     maps: str
     above: str
 
 
+_TAMPERED = 2
+
+
+def _gravity(record: Mapping[str, Any]) -> int:
+    return {"tampered": _TAMPERED, "undecidable": 1, "skipped": 1}.get(record["verdict"], 0)
+
+
+class _Records:
+    """The records of a drive, one JSON line each in a file, since those of an hour fill memory."""
+
+    def __init__(self) -> None:
+        self._lines = tempfile.TemporaryFile()  # noqa: SIM115
+        weakref.finalize(self, self._lines.close)
+        self._count = 0
+
+    def append(self, record: Mapping[str, Any]) -> None:
+        self._lines.seek(0, os.SEEK_END)
+        self._lines.write(json.dumps(record).encode() + b"\n")
+        self._count += 1
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        place = 0
+        for _ in range(self._count):
+            self._lines.seek(place)
+            line = self._lines.readline()
+            place = self._lines.tell()
+            yield json.loads(line)
+
+    def __len__(self) -> int:
+        return self._count
+
+
 class AlertTimeline:
     """What a monitor said of a drive, frame by frame, for a page or for JSON.
 
-    Of each frame only numbers are kept, and pictures of a few.
+    The numbers of the frames go to a temporary file, and pictures are kept of a few: those where
+    the verdict changes, of which the gravest stay.
 
     Parameters
     ----------
     source : str
         Name of the drive, for the title.
+    risk : RiskParameters, optional
+        The monitor's, whose levels the page shows.
     """
 
     @checked
-    def __init__(self, source: str) -> None:
+    def __init__(self, source: str, *, risk: RiskParameters | None = None) -> None:
+        from manip3d.authenticate import RiskParameters
+
         self.source = source
-        self._records: list[dict[str, Any]] = []
+        levels = RiskParameters() if risk is None else risk
+        self._levels = (levels.low, levels.high)
+        self._records = _Records()
+        self._num_loud = 0
         self._scenes: list[_Scene] = []
         self._last = ""
 
@@ -77,23 +127,34 @@ class AlertTimeline:
         ----------
         alert : manip3d.authenticate.Alert
         """
-        self._records.append(alert.record())
-        news = alert.verdict != self._last or alert.verdict == "tampered"
+        record = alert.record()
+        self._records.append(record)
+        self._num_loud += alert.verdict not in _QUIET
+        is_new = alert.verdict != self._last
         self._last = alert.verdict
-        if _scan_of(alert) is not None and news and len(self._scenes) < _MOST_SCENES:
-            self._scenes.append(
-                _Scene(
-                    alert.number,
-                    f"Frame {alert.number}: {alert.reason}",
-                    "" if alert.cross_modal is None else _all_maps(alert.cross_modal),
-                    _from_above(alert),
-                )
-            )
+        if _scan_of(alert) is None or not (is_new or alert.verdict == "tampered"):
+            return
+        # Where an attack begins tells more than how it goes on.
+        gravity = _gravity(record) + (is_new and alert.verdict == "tampered")
+        if len(self._scenes) == _MOST_SCENES:
+            least = min(self._scenes, key=lambda scene: (scene.gravity, -scene.number))
+            if least.gravity >= gravity:
+                return
+            self._scenes.remove(least)
+        maps = "" if alert.cross_modal is None else _all_maps(alert.cross_modal)
+        title = f"Frame {alert.number}: {alert.reason}"
+        self._scenes.append(_Scene(gravity, alert.number, title, maps, _from_above(alert)))
 
     @property
     def records(self) -> list[dict[str, Any]]:
         """The alerts so far, as JSON values."""
         return list(self._records)
+
+    def gravest(self, count: int) -> tuple[list[dict[str, Any]], int]:
+        """Return the records to look at first, tampered frames before others, and of how many."""
+        loud = (record for record in self._records if record["verdict"] not in _QUIET)
+        first = heapq.nsmallest(count, loud, key=lambda each: (-_gravity(each), each["frame"]))
+        return first, self._num_loud
 
     @checked
     def write(
@@ -111,7 +172,7 @@ class AlertTimeline:
         output : path
             ``.html``: a self-contained page; ``.json``: the numbers. An existing file is replaced.
         verdict, reason : str
-            Verdict on the whole drive and its reason, see `manip3d.authenticate.alert_of_stream`.
+            Verdict on the whole drive and its reason, see `manip3d.authenticate.verdict_of_alerts`.
         counts : AlertCounts
 
         Raises
@@ -138,14 +199,16 @@ class AlertTimeline:
             "verdict": verdict,
             "reason": reason,
             "counts": counts.record(),
-            "frames": self._records,
+            "risk_levels": {"low": self._levels[0], "high": self._levels[1]},
+            "frames": self.records,
         }
 
     def _page(self, verdict: str, reason: str, counts: AlertCounts) -> str:
         scenes = "".join(
             f"<h3>{html.escape(scene.title)}</h3><div class=scene>{scene.maps}{scene.above}</div>"
-            for scene in self._scenes
+            for scene in sorted(self._scenes, key=lambda scene: scene.number)
         )
+        shown = [_brief(record) for record in self._records]
         return (
             "<!doctype html><html lang=en><meta charset=utf-8>"
             '<meta name=viewport content="width=device-width">'
@@ -153,9 +216,9 @@ class AlertTimeline:
             f"<h1 class={verdict}>{verdict}</h1><p>{html.escape(reason)}</p>"
             + _facts(self.source, counts)
             + "<h2>Timeline</h2>"
-            + _timeline(self._records)
+            + _timeline(shown, self._levels)
             + (f"<h2>What was seen</h2>{_legend(self._scenes)}{scenes}" if scenes else "")
-            + _table(self._records)
+            + _table(*self.gravest(_MOST_ROWS))
             + "<p class=fine>A watermark protects a scan from where it is embedded to where it is "
             "verified. Cameras judge only what both they and the LiDAR see; where they contradict "
             f"each other, either may be wrong. manip3d {html.escape(__version__)}</p></html>\n"
@@ -185,7 +248,7 @@ _COLORS = {
     "no_trace": "#9ccc9c",
     "tampered": "#c62828",
     "undecidable": "#e0a800",
-    "processed": "#e0a800",
+    "processed": "#8d6e63",
     "skipped": "#9aa0a6",
     "absent": "#eceff1",
 }
@@ -194,6 +257,7 @@ _MEANING = {
     "no_trace": "no contradiction",
     "tampered": "tampered",
     "undecidable": "undecidable",
+    "processed": "processed after the scanner",
     "skipped": "skipped: no time, or not due",
     "absent": "no such witness",
 }
@@ -224,7 +288,14 @@ def _facts(source: str, counts: AlertCounts) -> str:
     return "<ul>" + "".join(f"<li>{html.escape(fact)}</li>" for fact in facts) + "</ul>"
 
 
-def _timeline(records: Sequence[dict[str, Any]]) -> str:
+def _brief(record: Mapping[str, Any]) -> dict[str, Any]:
+    """What the timeline shows of a frame."""
+    told = {name: {"verdict": each["verdict"]} for name, each in record["witnesses"].items()}
+    score = {"score": record["risk"]["score"]}
+    return {"verdict": record["verdict"], "witnesses": told, "risk": score}
+
+
+def _timeline(records: Sequence[dict[str, Any]], levels: tuple[float, float]) -> str:
     """One row of cells for each witness, the risk below, and what the colours mean."""
     used = {_verdict(record, name) for record in records for name in _ROWS}
     legend = "".join(
@@ -232,11 +303,15 @@ def _timeline(records: Sequence[dict[str, Any]]) -> str:
         for name, meaning in _MEANING.items()
         if name in used
     )
-    return _strip_of(records, _ROWS) + f"<ul class=legend>{legend}</ul>"
+    return _strip_of(records, levels, _ROWS) + f"<ul class=legend>{legend}</ul>"
 
 
-def _strip_of(records: Sequence[dict[str, Any]], names: Sequence[str] = _ROWS[:1]) -> str:
-    """One row of cells for each name, and the risk below."""
+def _strip_of(
+    records: Sequence[dict[str, Any]],
+    levels: tuple[float, float],
+    names: Sequence[str] = _ROWS[:1],
+) -> str:
+    """One row of cells for each name, and the risk below with the levels medium and high."""
     count = max(len(records), 1)
     parts = ["<div class=time>"]
     for name in names:
@@ -250,14 +325,14 @@ def _strip_of(records: Sequence[dict[str, Any]], names: Sequence[str] = _ROWS[:1
     lines = "".join(
         f"<path d='M0 {1 - level}H{count}' stroke='#9aa0a6' stroke-dasharray='4' fill=none "
         "vector-effect=non-scaling-stroke></path>"
-        for level in (0.3, 0.6)
+        for level in levels
     )
     parts.append(
         f"<span>risk<br>0 to 1</span><svg viewBox='0 0 {count} 1' height=80 "
         "preserveAspectRatio=none role=img aria-label='risk score'>"
         f"<path d='M0 1{steps}L{count} 1Z' fill='#c6282855'></path>{lines}</svg>"
-        f"<span></span><span>frame 0 to {len(records) - 1}; lines at 0.3 (medium) and 0.6 (high)"
-        "</span></div>"
+        f"<span></span><span>frame 0 to {len(records) - 1}; lines at {levels[0]:g} (medium) "
+        f"and {levels[1]:g} (high)</span></div>"
     )
     return "".join(parts)
 
@@ -284,8 +359,8 @@ def _cells(verdicts: Sequence[str]) -> list[str]:
     return cells
 
 
-def _table(records: Sequence[dict[str, Any]]) -> str:
-    shown = [record for record in records if record["verdict"] not in _QUIET]
+def _table(shown: Sequence[dict[str, Any]], count: int) -> str:
+    """The frames to look at, the gravest first, of so many."""
     if not shown:
         return "<h2>Frames</h2><p>Every frame is quiet.</p>"
     rows = "".join(
@@ -294,9 +369,9 @@ def _table(records: Sequence[dict[str, Any]]) -> str:
         f"<td>{html.escape(record['risk']['level'])} ({record['risk']['score']:.2f})</td>"
         f"<td>{html.escape(record['risk']['action'])}</td>"
         f"<td>{html.escape(record['reason'])}</td></tr>"
-        for record in shown[:_MOST_ROWS]
+        for record in shown
     )
-    more = f"<p>and {len(shown) - _MOST_ROWS} more</p>" if len(shown) > _MOST_ROWS else ""
+    more = f"<p>and {count - len(shown)} more</p>" if count > len(shown) else ""
     return (
         "<h2>Frames to look at</h2><div class=wide><table><tr><th>frame<th>verdict<th>attack"
         f"<th>risk<th>recommended<th>why</tr>{rows}</table></div>{more}"

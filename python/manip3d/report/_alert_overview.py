@@ -12,6 +12,7 @@ from urllib.parse import quote
 from manip3d import __version__
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
+from manip3d.authenticate import RiskParameters
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_write
 from manip3d.report._alert import _QUIET, _STYLE, _strip_of
@@ -87,7 +88,9 @@ def _vehicle(drive: Mapping[str, Any]) -> str:
     shown = f"<h2>{name}: <span class={verdict}>{_word(verdict)}</span></h2>"
     if verdict == "failed":
         return f"<section>{shown}<p>{html.escape(str(drive['error']))}</p></section>"
-    frames = drive["frames"]
+    frames, region = drive["frames"], RiskParameters()
+    given = drive.get("risk_levels", {"low": region.low, "high": region.high})
+    levels = (float(given["low"]), float(given["high"]))
     loud = [frame for frame in frames if frame["verdict"] not in _QUIET]
     worst = max(loud, key=lambda frame: frame["risk"]["score"], default=None)
     facts = [f"{len(frames)} frames, {len(loud)} of them to look at"]
@@ -100,7 +103,7 @@ def _vehicle(drive: Mapping[str, Any]) -> str:
     lines = "".join(f"<li>{html.escape(fact)}" for fact in facts)
     return (
         f"<section>{shown}<p>{html.escape(str(drive['reason']))}</p>"
-        f"{_strip_of(frames)}<ul>{lines}</ul></section>"
+        f"{_strip_of(frames, levels)}<ul>{lines}</ul></section>"
     )
 
 

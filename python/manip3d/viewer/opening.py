@@ -108,7 +108,7 @@ def scan_address(source: str) -> str | None:
     Parameters
     ----------
     source : str
-        A file, a folder or an address.
+        A file, a folder or an address; a bag also with one of its topics, as ``drive.bag#/top``.
 
     Returns
     -------
@@ -118,6 +118,8 @@ def scan_address(source: str) -> str | None:
     ------
     InputError
         ``source`` is no text.
+    FormatError
+        A ROS 1 bag has no index.
     OSError
         A ROS 1 bag cannot be read.
 
@@ -133,6 +135,10 @@ def scan_address(source: str) -> str | None:
         return source
     if scan_suffix(source) in _PACKETS:
         return f"pcap:{source}"
+    file, mark, topic = source.rpartition("#")
+    if mark and topic and not Path(source).exists() and Path(file).exists():
+        address = scan_address(file)
+        return f"{address}#{topic}" if address and address.startswith("bag:") else None
     path = Path(source)
     is_bag = scan_suffix(source) in _BAGS or (path / "metadata.yaml").is_file()
     if is_bag or (_is_ros1(path) and capture.holds_clouds(path)):

@@ -1,0 +1,158 @@
+"""``manip3d forge alert-set``: the frames of table 7.2 as files, whole and attacked."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from manip3d.cli.terminal import Terminal, counted
+from manip3d.cli.truth import truth_of
+from manip3d.errors import InputError
+from manip3d.io._files import atomic_pair, atomic_write, regular_bytes
+
+if TYPE_CHECKING:
+    from manip3d.forge import Forgery
+    from manip3d.lidar import LidarFrame
+
+MANIFEST = "manifest.csv"
+_COLUMNS = ("file", "drive", "frame", "attack", "points", "added", "moved", "removed")
+_SETTINGS = "set.json"
+_PIECES = "pieces"
+_PIECE = 5
+"""Frames of a piece: a run that was stopped loses at most so many."""
+
+
+class _Piece(NamedTuple):
+    """Neighbouring frames of a drive, and how many of them are wanted of each attack."""
+
+    drive: int
+    first: int
+    frames: Mapping[str, int]
+
+
+def write_set(
+    output: Path, frames: int | None, seed: int, shell: Terminal, *, force: bool
+) -> dict[str, Any]:
+    """Write the set, or what an earlier run has left to do of it, and its manifest.
+
+    Raises
+    ------
+    InputError
+        The folder holds something else, or a set with other settings, without ``force``.
+    """
+    _begin(output, {"seed": seed, "frames": frames}, force=force)
+    pieces = list(_pieces(frames))
+    rows: list[dict[str, Any]] = []
+    with shell.progress("alert-set") as progress:
+        for number, piece in enumerate(pieces):
+            done = output / _PIECES / f"drive_{piece.drive}-{piece.first:05d}.csv"
+            if done.is_file():
+                rows += list(csv.DictReader(io.StringIO(regular_bytes(done).decode())))
+            else:
+                made = list(_written(piece, output, seed))
+                atomic_write(done, _csv(made))
+                rows += made
+            if progress is not None:
+                progress((number + 1) / len(pieces), done.stem)
+    atomic_write(output / MANIFEST, _csv(rows))
+    found = Counter(str(row["attack"]) for row in rows)
+    wanted: Counter[str] = Counter()
+    for piece in pieces:
+        wanted.update(piece.frames)
+    missing = wanted.total() - found.total()
+    if missing:
+        shell.say(f"{counted(missing, 'attack')} left out: no object of those frames can be "
+                  "attacked so and stand in a free place")  # fmt: skip
+    shell.say(f"wrote {counted(len(rows), 'scan')} to {output}")
+    return {
+        "output": str(output),
+        "seed": seed,
+        "scans": len(rows),
+        "attacks": {name: {"wanted": wanted[name], "written": found[name]} for name in wanted},
+    }
+
+
+def _begin(output: Path, settings: Mapping[str, Any], *, force: bool) -> None:
+    """Make the folder, or see that it holds a part of the same set."""
+    path = output / _SETTINGS
+    if output.exists() and not output.is_dir():
+        raise InputError(f"{output}: expected a folder's name, got a file's")
+    if not force and path.is_file():
+        try:
+            found = json.loads(regular_bytes(path))
+        except ValueError:
+            found = "no JSON"
+        if found != settings:
+            raise InputError(
+                f"{output}: expected a part of the set with {settings}, got one with {found}; "
+                "--force begins anew"
+            )
+        return
+    if not force and output.is_dir() and any(output.iterdir()):
+        raise InputError(f"{output}: expected an empty folder or a part of the set; --force "
+                         "writes into it all the same")  # fmt: skip
+    for done in (output / _PIECES).glob("drive_*.csv"):
+        done.unlink()
+    (output / _PIECES).mkdir(parents=True, exist_ok=True)
+    atomic_write(path, json.dumps(dict(settings)) + "\n")
+
+
+def _pieces(frames: int | None) -> Iterator[_Piece]:
+    from manip3d.experiments import _alert_set
+
+    for drive in _alert_set.DRIVES:
+        wanted = {name: _alert_set.published_frames(drive, name) for name in _alert_set.ATTACKS}
+        if frames is not None:
+            wanted = {name: min(count, frames) for name, count in wanted.items()}
+        for first in range(0, max(wanted.values()), _PIECE):
+            inside = {name: min(max(of - first, 0), _PIECE) for name, of in wanted.items()}
+            yield _Piece(drive, first, inside)
+
+
+def _written(piece: _Piece, output: Path, seed: int) -> Iterator[dict[str, Any]]:
+    """Write the scans of a piece with their truth, and return their rows of the manifest."""
+    from manip3d.experiments import _alert_set
+
+    street = _alert_set.seed_of(piece.drive, seed)
+    made = _alert_set.frames(street, piece.first, max(piece.frames.values()))
+    for number, frame, boxes in made:
+        for attack, count in piece.frames.items():
+            if number >= piece.first + count:
+                continue
+            name = f"drive_{piece.drive}/{attack}/{number:06d}.bin.xz"
+            place = {"file": name, "drive": piece.drive, "frame": number, "attack": attack}
+            if attack == "original":
+                yield place | _whole(frame, output / name)
+                continue
+            forged = _alert_set.attacked(frame, boxes, attack)
+            if forged is not None:
+                yield place | _forged(forged, output / name, place)
+
+
+def _whole(frame: LidarFrame, path: Path) -> dict[str, int]:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    frame.write(path)
+    return {"points": frame.num_points, "added": 0, "moved": 0, "removed": 0}
+
+
+def _forged(forged: Forgery, path: Path, place: Mapping[str, Any]) -> dict[str, int]:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    truth = path.with_name(f"{path.name}.truth.json")
+    with atomic_pair(path, truth) as (scan, told):
+        forged.write(scan)
+        told.write_text(json.dumps(truth_of(forged) | dict(place)) + "\n", encoding="utf-8")
+    counts = {name: len(getattr(forged, name)) for name in ("added", "moved", "removed")}
+    return {"points": len(forged.points), **counts}
+
+
+def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
+    text = io.StringIO(newline="")
+    table = csv.DictWriter(text, _COLUMNS, lineterminator="\n")
+    table.writeheader()
+    table.writerows(rows)
+    return text.getvalue()

@@ -1,0 +1,129 @@
+"""The frames of table 7.2: simulated streets as long as the published drives, and their attacks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d.errors import InputError
+from manip3d.experiments import _published
+
+if TYPE_CHECKING:
+    from manip3d.forge import Forgery
+    from manip3d.lidar import Box, LidarFrame
+
+TABLE = "table_7_2_alert_detection"
+
+DRIVES = (1, 2, 3)
+
+ATTACKS = {
+    "original": "original",
+    "additive": "1",
+    "subtractive": "2",
+    "additive_subtractive": "3",
+    "replacement": "4",
+    "translation": "5",
+    "rotation": "6",
+}
+"""This package's names of the attacks, and the table's."""
+
+FEWEST_POINTS = 20
+"""An object with fewer is not attacked."""
+
+_MOST_TURNS = 100
+"""Frames of a street; the next one goes on."""
+
+_TURNS_DEG = (180.0, 150.0, 210.0, 120.0, 240.0, 90.0, 270.0, 60.0, 300.0, 30.0, 330.0)
+"""Directions, from the object, in which a copy of it is tried: behind the car first."""
+
+
+def published_lines() -> tuple[dict[str, str], ...]:
+    """Return the published table."""
+    return _published.published_rows(TABLE)
+
+
+def published_frames(drive: int, attack: str) -> int:
+    """Return how many frames of a drive were attacked so, or were left as they are."""
+    wanted = (str(drive), ATTACKS[attack])
+    return next(
+        int(line["frames"])
+        for line in published_lines()
+        if (line["drive"], line["attack"]) == wanted
+    )
+
+
+def seed_of(drive: int, seed: int) -> int:
+    """Return the seed of a drive's first street."""
+    return seed + 100 * drive
+
+
+def frames(seed: int, first: int, count: int) -> Iterator[tuple[int, LidarFrame, tuple[Box, ...]]]:
+    """Frames of simulated streets by their numbers; a street is as long as its drive.
+
+    Each piece of a street draws its own noise, so that it needs none of those before it.
+    """
+    from manip3d.simulate.drives import drive
+    from manip3d.simulate.lidar import TURN_PERIOD
+    from manip3d.simulate.streets import street
+
+    number, wanted = 0, range(first, first + count)
+    while number < wanted.stop:
+        place = street(seed)
+        turns = min(_MOST_TURNS, int(min(place.duration, 1e3) / TURN_PERIOD))
+        inside = range(max(wanted.start - number, 0), min(wanted.stop - number, turns))
+        if inside:
+            source = drive(
+                place, len(inside), start=inside.start * TURN_PERIOD, pictures=False,
+                rng=np.random.default_rng([seed, inside.start]), threads=1,
+            )  # fmt: skip
+            for turn, frame in zip(inside, source, strict=True):
+                yield number + turn, _as_frame(frame.scan), frame.boxes
+        number += turns
+        seed += 1
+
+
+def _as_frame(scan: Any) -> LidarFrame:
+    from manip3d.lidar import LidarFrame
+
+    return LidarFrame(scan.points, scan.intensity)
+
+
+def attacked(frame: LidarFrame, boxes: Sequence[Box], attack: str) -> Forgery | None:
+    """Attack the nearest labelled object that the attack can put into a free place; None: none."""
+    for target in _targets(frame, boxes):
+        for turn in _TURNS_DEG if attack.startswith("additive") else (0.0,):
+            try:
+                return _forged(frame, target, attack, math.radians(turn))
+            except InputError:  # it would stand in something
+                continue
+    return None
+
+
+def _forged(frame: LidarFrame, target: Box, attack: str, turn: float) -> Forgery:
+    from manip3d import forge
+
+    if attack in ("subtractive", "translation", "rotation"):
+        return forge.ALERT_ATTACKS[attack](frame, target, threads=1)
+    inside = frame.select(target.contains(frame.points))
+    x, y = target.center[:2]
+    elsewhere = (
+        math.cos(turn) * x - math.sin(turn) * y - x,
+        math.sin(turn) * x + math.cos(turn) * y - y,
+        0.0,
+    )
+    if attack == "additive":
+        return forge.additive(frame, inside, offset=elsewhere, threads=1)
+    if attack == "additive_subtractive":
+        return forge.additive_subtractive(frame, inside, target, offset=elsewhere, threads=1)
+    # The same object, seen from behind.
+    turned = inside.points * np.array([-1, -1, 1], np.float32)
+    return forge.replacement(frame, inside.replace(points=turned), target, threads=1)
+
+
+def _targets(frame: LidarFrame, boxes: Sequence[Box]) -> list[Box]:
+    """Objects with enough points, the nearest first."""
+    near = sorted(boxes, key=lambda box: float(np.hypot(*box.center[:2])))
+    return [b for b in near if np.count_nonzero(b.contains(frame.points)) >= FEWEST_POINTS]

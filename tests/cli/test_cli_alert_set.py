@@ -1,0 +1,79 @@
+"""``manip3d forge alert-set``: its files, their truth, and a run that was stopped."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+import manip3d
+from manip3d.cli import app
+from manip3d.experiments import _alert_set
+
+pytest.importorskip("open3d", reason="the extra 'open3d' is not installed")
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(app, ["forge", "alert-set", *(str(a) for a in arguments)])
+
+
+def test_the_published_set_has_8735_attacks_of_1765_frames() -> None:
+    counts = {
+        name: sum(_alert_set.published_frames(drive, name) for drive in _alert_set.DRIVES)
+        for name in _alert_set.ATTACKS
+    }
+    assert counts.pop("original") == 1765
+    assert sum(counts.values()) == 8735
+
+
+def test_a_frame_of_two_drives_with_its_attacks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(_alert_set, "DRIVES", (1, 3))
+    out = tmp_path / "set"
+    done = run(out, "--frames", 1, "--json", "-q")
+    assert done.exit_code == 0, done.output
+    told = json.loads(done.stdout)
+    assert told["attacks"]["original"] == {"wanted": 2, "written": 2}
+    assert all(each["written"] <= each["wanted"] == 2 for each in told["attacks"].values())
+    with (out / "manifest.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == told["scans"] == sum(e["written"] for e in told["attacks"].values()) > 8
+    assert {row["file"] for row in rows} == {
+        path.relative_to(out).as_posix() for path in out.rglob("*.bin.xz")
+    }
+    for row in rows:
+        scan = manip3d.io.read_scan(out / row["file"])
+        whole = manip3d.io.read_scan(out / f"drive_{row['drive']}/original/000000.bin.xz")
+        added, moved, removed = (int(row[name]) for name in ("added", "moved", "removed"))
+        assert scan.num_points == int(row["points"]) == whole.num_points + added - removed
+        assert (added + moved + removed > 0) == (row["attack"] != "original")
+        if row["attack"] == "translation":
+            truth = json.loads((out / f"{row['file']}.truth.json").read_text())
+            step = scan.points[truth["moved"]] - whole.points[truth["moved_from"]]
+            assert np.linalg.norm(step, axis=1) == pytest.approx(3.0, abs=1e-4)
+
+    # A run that was stopped after its first piece.
+    manifest = (out / "manifest.csv").read_bytes()
+    kept, again = (out / f"drive_{n}" / "original" / "000000.bin.xz" for n in (1, 3))
+    written, content = kept.stat().st_mtime_ns, again.read_bytes()
+    (out / "pieces" / "drive_3-00000.csv").unlink()
+    (out / "manifest.csv").unlink()
+    again.unlink()
+    assert run(out, "--frames", 1, "-q").exit_code == 0
+    assert kept.stat().st_mtime_ns == written
+    assert again.read_bytes() == content
+    assert (out / "manifest.csv").read_bytes() == manifest
+    assert "got one with {'seed': 0, 'frames': 1}" in str(run(out, "--seed", 1).exception)
+
+
+def test_other_folders_are_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes.txt").write_text("kept")
+    done = run(tmp_path / "mine", "--frames", 1)
+    assert "expected an empty folder" in str(done.exception)
+    assert "expected a folder's name" in str(run(tmp_path / "mine" / "notes.txt").exception)
