@@ -155,18 +155,21 @@ def verdict_of_drive(
 
     Notes
     -----
-    Of clean scans 1 % may be accused, so that of 100 clean scans one is. Chance does not explain
+    Of clean scans 1 % may be accused, so that of 100 clean scans one is. Scans count that a
+    detector judged; those that none could judge cannot be accused by chance, and excuse no others.
+    Detectors I and II state no p-value: each scan that they judge counts with the rate of 1 % that
+    `inspect` states for all detectors. Chance does not explain
 
     - a watermark that does not hold;
     - a scan whose points are so far off the lattice that one of all clean drives in a thousand had
-      one (detector III, Bonferroni over the scans);
+      one (detector III, Bonferroni over the scans that were judged);
     - so many episodes of accused scans that one clean drive in a hundred has as many (the binomial
       law; scans a turn apart that detectors IV and V alone accuse are one episode with the one
       before, since what looks odd to them in one turn looks odd in the next; every other accused
       scan is one of its own);
     - an alarm of `drive_evidence`, at one an hour.
 
-    Of clean drives of N scans 1.1 % + N / 36000 at most are called tampered, if episodes are
+    Of clean drives of N judged scans 1.1 % + N / 36000 at most are called tampered, if episodes are
     independent of each other. An edit of a single scan that only detectors IV and V see makes a
     long drive undecidable: look at the scan.
 
@@ -198,13 +201,15 @@ def verdict_of_drive(
         if "watermark" in _accusers(each):
             return verdict, f"{told}: the watermark of number {number} does not hold"
     if (why := _why_no_chance(found, accused, places)) is not None:
-        alarms = len(found) / (3600.0 * FRAMES_PER_SECOND)
+        alarms = drive_evidence(found).judged / (3600.0 * FRAMES_PER_SECOND)
         share = min(1.0, DRIVE_RATE + rate_of("generic") + alarms)
         return verdict, f"{told}: {why}; of clean drives as long {share:.1%} at most are called so"
+    judged = sum(_could_be_accused(each) for each in found)
     return (
         "processed" if verdicts["processed"] else "undecidable",
         f"{told}, which chance explains: the detectors together may accuse {FALSE_ALARM_RATE:.0%} "
-        f"of clean scans, {FALSE_ALARM_RATE * len(found):.1f} of so many; look at each of them",
+        f"of clean scans, {FALSE_ALARM_RATE * judged:.1f} of the {judged} that were judged; look "
+        "at each of them",
     )
 
 
@@ -223,7 +228,7 @@ def _why_no_chance(
     found: Sequence[Inspection | None], accused: Mapping[int, Inspection], places: Sequence[int]
 ) -> str | None:
     """The reason why chance does not explain the accused scans of a drive; None: it does."""
-    judged = sum(each is not None for each in found)
+    judged = sum(_could_be_accused(each) for each in found)
     for number, each in accused.items():
         for report in each.detectors:
             is_of_lattice = report.name == "generic" and report.verdict == "tampered"
@@ -241,6 +246,19 @@ def _why_no_chance(
     if binomial_tail(episodes, judged, FALSE_ALARM_RATE) <= DRIVE_RATE * (1.0 + 1e-9):
         return f"{episodes} {'episode' if episodes == 1 else 'episodes'} are more than chance has"
     return None
+
+
+def _could_be_accused(found: Inspection | None) -> bool:
+    """Whether a detector that may accuse a clean scan judged this one.
+
+    Scans that nobody judged cannot be accused by chance: counted, they would excuse accused ones.
+    A watermark accuses no clean scan.
+    """
+    return found is not None and any(
+        report.p_value is not None or report.verdict in ("no_trace", "tampered")
+        for report in found.detectors
+        if report.name != "watermark"
+    )
 
 
 def _lattice_p_value(report: DetectorReport) -> float:

@@ -863,8 +863,10 @@ def _of_generic(
         Region(_moved(region.box, place), region.rows, max(least, region.p_value), region.strength)
         for region in found.regions
     )
+    judged = found.verdict != "undecidable" and any(e.used for e in found.evidence.values())
     return DetectorReport(
-        "generic", found.verdict, found.reason, found.score, max(least, found.p_value),
+        "generic", found.verdict, found.reason, found.score,
+        max(least, found.p_value) if judged else None,
         regions, found.suspected, known_power("generic", sensor, embedding), LATTICE_CALIBRATION,
     )  # fmt: skip
 
