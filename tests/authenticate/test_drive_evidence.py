@@ -11,7 +11,8 @@ import pytest
 
 from manip3d import InputError, LidarFrame, authenticate, report
 from manip3d.authenticate import DetectorReport, Inspection, drive_evidence, likelihood_ratio
-from manip3d.authenticate._sequence import binomial_tail, upper_rate
+from manip3d.authenticate._sequence import upper_rate
+from manip3d.authenticate._verdict import binomial_tail
 
 NOTHING = authenticate.inspect(LidarFrame(np.zeros((0, 3), np.float32)))
 

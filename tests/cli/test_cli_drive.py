@@ -189,6 +189,23 @@ def test_the_watermarks_of_a_drive_are_allowed_for(
     assert run(one, *lattice, "--key", tmp_path / "key", "-q").exit_code == 4
 
 
+def test_a_lattice_is_made_and_measured(drive: Path, tmp_path: Path) -> None:
+    scans = sorted((drive / SCANS).glob("*.bin"))
+    out = tmp_path / "mine.json"
+    made = CliRunner().invoke(
+        app, ["lattice", *map(str, [scans[0], scans[0], scans[2], scans[2]]), "-o", str(out),
+              "--planted", "1", "--json", "-q"],
+    )  # fmt: skip
+    assert made.exit_code == 0, made.output
+    told = json.loads(made.stdout)
+    assert (told["lasers"], told["steps"], told["range_step"]) == (64, 4000, 0.002)
+    assert told["power"]["added"]["share"] == 1.0
+    loaded = authenticate.SensorLattice.load(out)
+    assert loaded.power["added"].source == "2 clean scans of 0000000000.bin and 3 more"
+    few = CliRunner().invoke(app, ["lattice", str(drive), "-o", str(tmp_path / "few.json")])
+    assert "expected at least 4 scans, got 3" in str(few.exception)
+
+
 def test_options_of_single_scans_are_refused(drive: Path, tmp_path: Path) -> None:
     for option in ("--previous", "--following", "--watermark", "--rows"):
         done = run(drive, option, tmp_path / "x.csv")

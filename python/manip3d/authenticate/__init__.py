@@ -61,7 +61,7 @@ from manip3d.authenticate._paper_watermark import (
     noise_blocks,
 )
 from manip3d.authenticate._picture_files import picture_path, read_carrier, write_carrier
-from manip3d.authenticate._power import EDITS, measure_power
+from manip3d.authenticate._power import EDITS, calibrate_lattice, measure_power
 from manip3d.authenticate._reflectance import (
     ReflectanceRegion,
     ReflectanceResult,
@@ -205,6 +205,7 @@ __all__ = [
     "WitnessReport",
     "as_stored",
     "attack_type",
+    "calibrate_lattice",
     "check_holds_float32",
     "combined_verdict",
     "compare_paper",

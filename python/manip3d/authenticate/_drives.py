@@ -16,8 +16,8 @@ from manip3d._util.options import threads_of
 from manip3d.authenticate._generic import EVIDENCE
 from manip3d.authenticate._inspect import DetectorReport, Inspection, inspect
 from manip3d.authenticate._lattice import SensorLattice
-from manip3d.authenticate._sequence import FRAMES_PER_SECOND, binomial_tail, drive_evidence
-from manip3d.authenticate._verdict import FALSE_ALARM_RATE, rate_of
+from manip3d.authenticate._sequence import FRAMES_PER_SECOND, drive_evidence
+from manip3d.authenticate._verdict import FALSE_ALARM_RATE, binomial_tail, rate_of
 from manip3d.authenticate._watermark import KeyFile, Policy, Watermarker
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame

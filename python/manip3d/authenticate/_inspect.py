@@ -43,7 +43,7 @@ from manip3d.authenticate._processing import (
     find_processing,
 )
 from manip3d.authenticate._reflectance import ReflectanceResult, reflectances_read
-from manip3d.authenticate._sensors import Sensor, identify_and_read, nothing_to_tell
+from manip3d.authenticate._sensors import HDL64E, Sensor, identify_and_read, nothing_to_tell
 from manip3d.authenticate._turns import MOST_APART_NS, TurnResult, turn_consistency
 from manip3d.authenticate._verdict import (
     NO_POWER,
@@ -642,9 +642,12 @@ def _by_lattice(
     changed = [step for step in processing if step.kind not in COORDINATES_KEPT]
     if generic is not None and changed:
         generic = generic.without(_spoiled(generic, processing))
+    has_thresholds = sensor.name == HDL64E  # of detectors IV and V
     why = f"detector III judges the {sensor.name}"
+    if not has_thresholds and not known_power("generic", sensor, embedding):
+        why += ", and what share of edits it finds was not measured for this scanner"
     turns = None
-    judged = generic is not None and not changed and not repeated
+    judged = has_thresholds and generic is not None and not changed and not repeated
     if judged and sensor.lattice is not None and before is not None and after is not None:
         turns = turn_consistency(
             centred, before, after, lattice=sensor.lattice,
@@ -660,7 +663,8 @@ def _by_lattice(
     of_turns: tuple[DetectorReport, ...] = ()
     if turns is not None:
         of_turns = (_of_turns(turns, place, sensor, embedding),)
-    elif why_not and all(other is not None for other in beside):
+    elif all(other is not None for other in beside) and (why_not or not has_thresholds):
+        why_not = why_not or [f"there are no thresholds for a {sensor.name}"]
         of_turns = (DetectorReport("turns", "undecidable", "; ".join(why_not)),)
     reports = (
         DetectorReport("density", "undecidable", why),
@@ -789,7 +793,9 @@ def _reason(
     if verdict == "processed" and processing:
         return "; ".join(f"{step.kind}: {step.detail}" for step in processing)
     if verdict == "undecidable":
-        return reports[-1].reason if reports[-1].score is not None else reports[0].reason
+        last = reports[-1]  # a detector that found nothing, but has no known power, is no reason
+        has_said = last.score is not None and last.verdict == "undecidable"
+        return last.reason if has_said else reports[0].reason
     told = next(r for r in reports if r.verdict == verdict)
     return f"detector {told.title.split(':')[0]}: {told.reason}"
 

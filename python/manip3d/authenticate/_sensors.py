@@ -83,6 +83,11 @@ Whole frames of KITTI reach 9e-5; camera crops, whose lattices accuse clean poin
 FEWEST_LINES = 60
 """Fewest lines, of the 64 lasers of the only scanner whose encoder's steps its clouds keep."""
 
+UNIT_TOLERANCE = 0.75
+"""Degrees by which a laser of an HDL-64E may look higher or lower than that of KITTI's unit. The
+nominal angles of the manual are 0.51 off at most; scanners of 64 lasers by other makers, 7 and
+more."""
+
 
 @dataclass(frozen=True, eq=False)
 class Sensor:
@@ -91,7 +96,8 @@ class Sensor:
     Attributes
     ----------
     name : str
-        ``HDL-64E``, another model, ``terrestrial scanner``, or ``unknown``.
+        ``HDL-64E``, ``scanner of 16 lasers`` (or however many its lattice has), another model,
+        ``terrestrial scanner``, or ``unknown``.
     kind : str
         ``lattice``: a spinning scanner whose lattice is known, which detector III judges;
         ``spinning``: another one; ``terrestrial``: a grid of azimuth and elevation, which detectors
@@ -122,6 +128,35 @@ def kitti_lattice() -> SensorLattice:
         importlib.resources.files("manip3d.authenticate") / "kitti_hdl64e.json"
     ) as path:
         return SensorLattice.load(Path(path))
+
+
+def is_hdl64e(lattice: SensorLattice) -> bool:
+    """Return whether a lattice is that of an HDL-64E that turns ten times a second.
+
+    Thresholds and power were measured for scanners with its lasers, its encoder and its ranges.
+
+    Parameters
+    ----------
+    lattice : SensorLattice
+        At least 60 of the 64 lasers, from the highest to the lowest.
+    """
+    known = kitti_lattice()
+    same_steps = lattice.steps == known.steps and math.isclose(
+        lattice.range_step, known.range_step, rel_tol=1e-6
+    )
+    if not same_steps or not FEWEST_LINES <= len(lattice.slope) <= len(known.slope):
+        return False
+    expected = np.degrees(np.arctan(known.slope)).tolist()
+    laser = 0
+    for angle in np.degrees(np.arctan(lattice.slope)).tolist():
+        while laser < len(expected) and not abs(expected[laser] - angle) <= UNIT_TOLERANCE:
+            laser += 1
+        laser += 1  # each laser makes one line
+    return laser <= len(expected)
+
+
+def _name_of(lattice: SensorLattice) -> str:
+    return HDL64E if is_hdl64e(lattice) else f"scanner of {len(lattice.slope)} lasers"
 
 
 @checked
@@ -200,7 +235,7 @@ def _on_lattice(
     error = np.abs(reading.line_error)
     on = (reading.ring >= 0) & (error < LINE_TOLERANCE)
     crowded = np.bincount(reading.ring[on], minlength=1) >= 20
-    name = HDL64E if len(lattice.slope) == 64 else f"scanner of {len(lattice.slope)} lasers"
+    name = _name_of(lattice)
     if _share_of_horizon(on, reading.azimuth) > 0.5 and np.count_nonzero(crowded) >= FEWEST_RINGS:
         return Sensor(name, "lattice", "its points lie on the lines of the lattice", lattice)
     rho = np.hypot(points[:, 0], points[:, 1])
@@ -232,7 +267,7 @@ def _share_of_horizon(holds: NDArray[np.bool_], azimuth: NDArray[np.float32]) ->
 
 
 def _by_own_lattice(frame: LidarFrame, threads: int) -> Sensor | None:
-    """An HDL-64E whose lattice the scan itself tells, well enough to judge the scan by it."""
+    """A scanner whose lattice the scan itself tells, well enough to judge the scan by it."""
     try:
         lattice = estimate_lattice(frame)
     except InputError:
@@ -241,7 +276,7 @@ def _by_own_lattice(frame: LidarFrame, threads: int) -> Sensor | None:
         return None
     if lattice.slope_error.max() > LARGEST_SLOPE_ERROR:
         return None
-    return Sensor(HDL64E, "lattice", "its points tell the lattice themselves", lattice)
+    return Sensor(_name_of(lattice), "lattice", "its points tell the lattice themselves", lattice)
 
 
 def _by_grid(frame: LidarFrame, threads: int) -> Sensor | None:

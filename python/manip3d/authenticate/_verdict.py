@@ -305,3 +305,25 @@ def likelihood_ratio(p_value: float) -> float:
     if not 0.0 <= p_value <= 1.0:
         raise InputError(f"p_value: expected a probability in [0, 1], got {p_value!r}")
     return 0.5 / math.sqrt(max(p_value, 1e-300))
+
+
+def binomial_tail(least: int, frames: int, rate: float) -> float:
+    """Return the probability that at least so many of independent frames alarm.
+
+    Parameters
+    ----------
+    least, frames : int
+    rate : float
+        Probability that one frame alarms, in (0, 1).
+    """
+    fewer = sum(
+        math.exp(
+            math.lgamma(frames + 1)
+            - math.lgamma(k + 1)
+            - math.lgamma(frames - k + 1)
+            + k * math.log(rate)
+            + (frames - k) * math.log1p(-rate)
+        )
+        for k in range(min(least, frames + 1))
+    )
+    return max(0.0, 1.0 - fewer)
