@@ -34,6 +34,7 @@ from manip3d.authenticate._processing import (
 )
 from manip3d.authenticate._sensors import is_hdl64e
 from manip3d.authenticate._verdict import FALSE_ALARM_RATE, RATE_SHARES, rate_of
+from manip3d.report._evidence import _drawn_regions, _how_many
 
 LATTICE = scans.lattice()
 DIRECTIONS = np.random.default_rng(1).normal(size=(50_000, 3))
@@ -114,6 +115,84 @@ def another_turn(width: float) -> np.ndarray:
     """The first radians of the turn after the street's, which saw it anew."""
     points = scans.scan(np.random.default_rng(6))
     return points[np.mod(np.arctan2(points[:, 1], points[:, 0]), 2.0 * np.pi) < width]
+
+
+TURNED: dict[str, tuple[tuple[int, int], ...]] = {  # column and sign of each of their axes
+    "camera axes (x right, y down, z forward)": ((1, -1), (2, -1), (0, 1)),
+    "axes with y up": ((1, 1), (2, 1), (0, 1)),
+    "axes with z down": ((0, 1), (1, -1), (2, -1)),
+    "axes with x up": ((2, 1), (0, 1), (1, 1)),
+    "axes with x down": ((2, -1), (0, 1), (1, -1)),
+}
+
+
+@pytest.mark.parametrize("name", TURNED)
+def test_scans_in_other_axes_are_named(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They need no search for the scanner's place, which takes long and finds none."""
+    points = scans.scan(np.random.default_rng(5), authenticate.kitti_lattice())
+    turned = np.column_stack([sign * points[:, column] for column, sign in TURNED[name]])
+    monkeypatch.setattr("manip3d.authenticate._inspect.estimate_origin", None)
+    for origin in (None, (0.0, 0.0, 0.0)):
+        found = authenticate.inspect(turned.astype(np.float32), origin=origin)
+        assert found.verdict == "processed"
+        assert [(step.kind, step.detail) for step in found.processing] == [("turned", name)]
+        assert found.sensor is not None
+        assert found.sensor.name == "HDL-64E"
+        assert found.origin == (0.0, 0.0, 0.0)
+        assert dict(found.power) == {}
+
+
+def test_every_region_of_the_accusing_detector_is_drawn(tmp_path: Path) -> None:
+    """Up to a bound, and the most significant first; the rest is counted."""
+    points = street()
+    rng = np.random.default_rng(0)
+    places = [(10.0 * np.cos(a), 10.0 * np.sin(a), -0.5) for a in np.linspace(0.0, 6.0, 9)]
+    pasted = [np.float32(place) + rng.uniform(0, 0.5, (60, 3)) for place in places]
+    found = authenticate.inspect(
+        np.concatenate([points, *pasted]).astype(np.float32), origin=(0, 0, 0), lattice=LATTICE
+    )
+    report_of = found.accusing
+    assert report_of is not None
+    assert len(report_of.regions) > 6
+    assert _how_many(found) == ""
+    assert len(_drawn_regions(found)) == len(report_of.regions)
+    page = tmp_path / "page.html"
+    report.write_evidence(found, page)
+    assert f"<td>{len(report_of.regions)}</td>" in page.read_text()
+    many = [
+        replace(report_of.regions[0], p_value=p, evidence={"points": 1.0})
+        for p in np.linspace(0.9, 0.1, 40)
+    ]
+    crowded = replace(
+        found,
+        detectors=(*found.detectors[:2], replace(report_of, regions=tuple(many))),
+    )
+    assert _drawn_regions(crowded)[0][0] == 39
+    assert _how_many(crowded) == "; the 24 most significant of 40, the table has all"
+
+
+def test_edits_are_planted_in_the_scan_itself() -> None:
+    points = street()
+    found = authenticate.inspect(points, origin=(0, 0, 0), lattice=LATTICE, plant=1)
+    assert found.verdict == "no_trace"
+    added = found.power["added"]
+    assert (added.here_found, added.here_planted) == (1, 1)
+    assert found.power["removed"].here_planted == 1
+    record = found.record()["power"]
+    assert record["added"]["here_planted"] == 1
+    assert "here_planted" not in street_with().record()["power"]["added"]
+    forged = np.concatenate(
+        [
+            points,
+            np.float32([[9.0, 3.0, -1.0]])
+            + np.random.default_rng(0).uniform(0, 1, (500, 3)).astype(np.float32),
+        ]
+    )
+    accused = authenticate.inspect(forged, origin=(0, 0, 0), lattice=LATTICE, plant=1)
+    assert accused.verdict == "tampered"
+    assert all(power.here_planted == 0 for power in accused.power.values())
+    with pytest.raises(InputError, match="plant: expected at least 0, got -1"):
+        authenticate.inspect(points, plant=-1)
 
 
 SIXTEEN = np.arange(0, 64, 4)

@@ -25,7 +25,12 @@ from manip3d.authenticate._density import (
     DensityResult,
     density_consistency,
 )
-from manip3d.authenticate._drives import inspect_drive, verdict_of_drive
+from manip3d.authenticate._drives import (
+    DriveInspection,
+    inspect_drive,
+    judge_drive,
+    verdict_of_drive,
+)
 from manip3d.authenticate._generic import (
     EvidenceReport,
     GenericResult,
@@ -165,6 +170,7 @@ __all__ = [
     "DetectorReport",
     "Disparity",
     "DriveEvidence",
+    "DriveInspection",
     "EvidenceReport",
     "GenericResult",
     "Inspection",
@@ -228,6 +234,7 @@ __all__ = [
     "inspect_drive",
     "inspect_stream",
     "inter_frame_noise",
+    "judge_drive",
     "judged_frames",
     "kitti_lattice",
     "likelihood_ratio",

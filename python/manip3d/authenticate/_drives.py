@@ -7,7 +7,8 @@ import os
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from manip3d._util.options import threads_of
 from manip3d.authenticate._generic import EVIDENCE
 from manip3d.authenticate._inspect import DetectorReport, Inspection, inspect
 from manip3d.authenticate._lattice import SensorLattice
-from manip3d.authenticate._sequence import FRAMES_PER_SECOND, drive_evidence
+from manip3d.authenticate._sequence import FRAMES_PER_SECOND, DriveEvidence, drive_evidence
 from manip3d.authenticate._verdict import FALSE_ALARM_RATE, binomial_tail, rate_of
 from manip3d.authenticate._watermark import KeyFile, Policy, Watermarker
 from manip3d.errors import InputError
@@ -125,6 +126,91 @@ def _check_each(name: str, values: object, *kinds: type) -> None:
                 raise InputError(
                     f"{name}: expected {kinds[0].__name__}s, got {type(item).__name__}"
                 )
+
+
+@dataclass(frozen=True, eq=False)
+class DriveInspection:
+    """What the scans of a drive say together; see `judge_drive`.
+
+    Attributes
+    ----------
+    verdict : 'no_trace', 'tampered', 'processed' or 'undecidable'
+        As `verdict_of_drive` says.
+    reason : str
+        The verdict's reason in words.
+    accused : tuple of int
+        Places of the scans that are called tampered, from 0.
+    evidence : DriveEvidence
+        What the scans add up to.
+    num_scans, num_missing : int
+        All scans, and those that could not be read.
+    """
+
+    verdict: Verdict
+    reason: str
+    accused: tuple[int, ...]
+    evidence: DriveEvidence
+    num_scans: int
+    num_missing: int
+
+    def record(self) -> dict[str, Any]:
+        """Return the result as JSON values."""
+        return {
+            "verdict": self.verdict,
+            "reason": self.reason,
+            "scans": self.num_scans,
+            "failed": self.num_missing,
+            "accused_scans": len(self.accused),
+            "accused": list(self.accused),
+            "evidence": {
+                "judged": self.evidence.judged,
+                "log10_evidence": float(self.evidence.evidence.max(initial=0.0)),
+                "log10_threshold": self.evidence.threshold,
+                "alarms": list(self.evidence.alarms),
+                "alarms_per_hour": self.evidence.alarms_per_hour,
+                "statement": self.evidence.statement,
+            },
+        }
+
+
+@checked
+def judge_drive(
+    found: Sequence[Inspection | None], numbers: Iterable[int] | None = None
+) -> DriveInspection:
+    """Return the verdict of a drive with the scans that are accused and what they add up to.
+
+    Parameters
+    ----------
+    found, numbers
+        As of `verdict_of_drive`.
+
+    Returns
+    -------
+    DriveInspection
+
+    Raises
+    ------
+    InputError
+        As `verdict_of_drive`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import authenticate
+    >>> empty = authenticate.inspect(np.zeros((0, 3), np.float32))
+    >>> told = authenticate.judge_drive([empty, None])
+    >>> told.verdict, told.accused, told.record()["failed"]
+    ('undecidable', (), 1)
+    """
+    verdict, reason = verdict_of_drive(found, numbers)
+    return DriveInspection(
+        verdict,
+        reason,
+        tuple(k for k, each in enumerate(found) if each and each.verdict == "tampered"),
+        drive_evidence(found),
+        len(found),
+        sum(each is None for each in found),
+    )
 
 
 @checked

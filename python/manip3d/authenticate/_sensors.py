@@ -109,6 +109,8 @@ class Sensor:
     off_lattice : float
         Metres: median distance of the points from the lines of the lattice, where they were moved
         off them; 0: they lie on it.
+    turned : str
+        How the axes of the scan are turned against x forward, y left, z up; empty: they are not.
     """
 
     name: str
@@ -116,6 +118,7 @@ class Sensor:
     reason: str
     lattice: SensorLattice | None = field(default=None, repr=False)
     off_lattice: float = 0.0
+    turned: str = ""
 
 
 UNKNOWN = Sensor("unknown", "unknown", "the angles are those of no scanner that is known here")
@@ -214,7 +217,13 @@ def identify_and_read(
         found = _on_lattice(frame.points, known, reading)
         if found is not None:
             return found, reading
-    sensor = _by_own_lattice(frame, threads) or _by_grid(frame, threads) or _by_beams(frame.points)
+    sensor = _by_turned_axes(frame.points, threads)
+    sensor = (
+        sensor
+        or _by_own_lattice(frame, threads)
+        or _by_grid(frame, threads)
+        or _by_beams(frame.points)
+    )
     return sensor, None
 
 
@@ -251,6 +260,37 @@ def _on_lattice(
     return Sensor(
         name, "lattice", "its points lie near the lines of the lattice", lattice, max(off, 1e-4)
     )
+
+
+TURNED_AXES: Mapping[str, tuple[tuple[int, int], ...]] = MappingProxyType(
+    {
+        "camera axes (x right, y down, z forward)": ((2, 1), (0, -1), (1, -1)),
+        "axes with y up": ((2, 1), (0, 1), (1, 1)),
+        "axes with z down": ((0, 1), (1, -1), (2, -1)),
+        "axes with x up": ((1, 1), (2, 1), (0, 1)),
+        "axes with x down": ((1, 1), (2, -1), (0, -1)),
+    }
+)
+"""The five other directions that the upright can have, by what they are called: column and sign of
+x, y and z as the scanner has them. Which way is forward does not tell in a whole turn, so that one
+rotation of four about each upright is enough."""
+
+MOST_TURNED = 15_000
+"""Points that tell how the axes are turned."""
+
+
+def _by_turned_axes(points: NDArray[np.float32], threads: int) -> Sensor | None:
+    """KITTI's scanner in other axes: some of the points lie on its lines when turned back."""
+    known = kitti_lattice()
+    some = points[:: -(-len(points) // MOST_TURNED)]
+    for axes, columns in TURNED_AXES.items():
+        upright = np.column_stack([sign * some[:, column] for column, sign in columns])
+        reading = known.read(np.ascontiguousarray(upright, np.float32), threads=threads)
+        found = _on_lattice(upright, known, reading)
+        if found is not None and found.off_lattice == 0.0:
+            reason = f"its points lie on the lines of the lattice in {axes}"
+            return Sensor(found.name, "spinning", reason, turned=axes)
+    return None
 
 
 def _share_of_horizon(holds: NDArray[np.bool_], azimuth: NDArray[np.float32]) -> float:

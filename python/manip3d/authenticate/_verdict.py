@@ -100,6 +100,13 @@ class Power:
         """Share found in clean frames of the scanner."""
         return self.found / self.planted if self.planted else 0.0
 
+    def record(self) -> dict[str, Any]:
+        """Return the numbers as JSON values; those of the scan itself where it was tried."""
+        values = {**vars(self), "share": self.share}
+        if not self.here_planted:
+            del values["here_found"], values["here_planted"]
+        return values
+
 
 @dataclass(frozen=True, eq=False)
 class Region:
