@@ -84,7 +84,7 @@ def lattice(
 
 
 def _spread(scans: Sequence[Path], most: int) -> list[Path]:
-    """So many of the scans, evenly spread."""
+    """Choose at most so many of the scans, evenly spread."""
     if len(scans) <= most:
         return list(scans)
     return [scans[k * len(scans) // most] for k in range(most)]
