@@ -44,7 +44,7 @@ def lattice(
     lattice whose power was measured in this way. Clean scans that detector III accuses are an
     error: it cannot judge their scanner.
 
-    Example: manip3d lattice drive -o lattice.json
+    Example: manip3d lattice clean -o lattice.json
     """
     from manip3d import authenticate
     from manip3d.io import read_scan
