@@ -29,7 +29,7 @@ Image = pytest.importorskip("PIL.Image")
 SHORTER = (
     (r"frames=\d+", "frames=3"),  # a second of a simulated person instead of three
     (r"(reproduce \S+\b)(?: --scale quick)?", r"\1 --scale quick --data simulated"),
-    (r"^manip3d lattice", "manip3d lattice --planted 1"),
+    (r"-o lattice\.json", "-o lattice.json --planted 1"),
     (r"sim:indoor-00", "sim:indoor-00 --resolution 1.5"),
     (r"^MANIP3D_DATA=\S+ ", ""),
 )
