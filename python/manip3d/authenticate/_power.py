@@ -406,12 +406,13 @@ def calibrate_lattice(
     >>> from manip3d.authenticate import calibrate_lattice, kitti_lattice
     >>> lattice = kitti_lattice()
     >>> ring, count = np.divmod(np.arange(64 * 2000), 2000)  # every second step of the encoder
-    >>> def round_wall(radius):
-    ...     scan = lattice.points_at(ring, 2 * count, radius + lattice.range_phase[ring]).round(3)
+    >>> def spiral_wall(radius):
+    ...     distance = radius + 0.004 * count + lattice.range_phase[ring]
+    ...     scan = lattice.points_at(ring, 2 * count, distance).round(3)
     ...     azimuth = np.arctan2(scan[:, 1], scan[:, 0]) % (2 * np.pi)
     ...     return LidarFrame(scan[np.lexsort((azimuth, ring))].astype(np.float32))
-    >>> walls = [round_wall(radius) for radius in (8, 10, 12, 14)]
-    >>> calibrate_lattice(walls, planted=1).power["added"].share
+    >>> walls = [spiral_wall(radius) for radius in (8, 10, 12, 14)]
+    >>> calibrate_lattice(walls, planted=1).power["moved"].share
     1.0
     """
     listed = list(frames)
