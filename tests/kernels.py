@@ -234,10 +234,14 @@ KERNELS: dict[str, Kernel] = {
     "authenticate.measure_power": lambda t: authenticate.measure_power(
         [LidarFrame(cloud)], scanner, planted=1, threads=t
     ),
+    "authenticate.calibrate_lattice": lambda t: authenticate.calibrate_lattice(
+        [LidarFrame(scan)] * 4, planted=1, threads=t
+    ),
     "authenticate.inspect": lambda t: authenticate.inspect(cloud, origin=(0, 0, 0), threads=t),
     "authenticate.inspect_drive": lambda t: list(
         authenticate.inspect_drive([LidarFrame(cloud)] * 2, origin=(0, 0, 0), threads=t)
     ),
+    "authenticate.judge_drive": lambda _: authenticate.judge_drive([inspected]),
     "authenticate.verdict_of_drive": lambda _: authenticate.verdict_of_drive([inspected]),
     "authenticate.drive_evidence": lambda _: authenticate.drive_evidence([inspected]),
     "authenticate.likelihood_ratio": lambda _: authenticate.likelihood_ratio(0.01),

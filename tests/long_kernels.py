@@ -128,6 +128,9 @@ LONG: dict[str, Callable[[], Callable[[], object]]] = {
         planted=3,
         threads=1,
     ),
+    "authenticate.calibrate_lattice": lambda: partial(
+        authenticate.calibrate_lattice, [LidarFrame(scan())] * 8, planted=3, threads=1
+    ),
     "authenticate.inspect": lambda: partial(
         authenticate.inspect, cloud(), origin=(0, 0, 0), threads=1
     ),
@@ -194,7 +197,7 @@ OF_A_SECOND = {
     "forge.subtractive", "forge.additive_subtractive", "forge.replacement", "forge.translation",
     "forge.rotation", "forge.lattice_insert", "forge.lattice_remove", "forge.spoof",
     "authenticate.estimate_grid", "authenticate.kitti_lattice",
-    "authenticate.inspect_drive", "authenticate.verdict_of_drive",
+    "authenticate.inspect_drive", "authenticate.verdict_of_drive", "authenticate.judge_drive",
     "authenticate.combined_verdict", "authenticate.occlusion_consistency",
     "authenticate.record_of_picture", "authenticate.without_record",
     "authenticate.noise_blocks", "authenticate.embed_paper", "authenticate.compare_paper",

@@ -11,7 +11,8 @@ import pytest
 
 from manip3d import InputError, LidarFrame, authenticate, report
 from manip3d.authenticate import DetectorReport, Inspection, drive_evidence, likelihood_ratio
-from manip3d.authenticate._sequence import binomial_tail, upper_rate
+from manip3d.authenticate._sequence import upper_rate
+from manip3d.authenticate._verdict import binomial_tail
 
 NOTHING = authenticate.inspect(LidarFrame(np.zeros((0, 3), np.float32)))
 
@@ -99,7 +100,7 @@ def test_a_drive_is_not_tampered_for_what_chance_explains() -> None:
     verdict, reason = authenticate.verdict_of_drive([CLEAN] * 50 + [ODD] + [CLEAN] * 49)
     assert verdict == "undecidable"
     assert reason.startswith("1 of 100 scans accused (number 50), which chance explains")
-    assert "1.0 of so many" in reason
+    assert "1.0 of the 100 that were judged" in reason
     assert authenticate.verdict_of_drive([CLEAN, ODD])[0] == "undecidable"
     assert authenticate.verdict_of_drive([ODD])[0] == "tampered"  # as the scan alone is
     processed = replace(NOTHING, verdict="processed")
@@ -177,6 +178,41 @@ def test_evidence_that_adds_up_makes_a_drive_tampered() -> None:
     assert verdict == "tampered"
     assert "adds up to an alarm at number 303" in reason
     assert "of clean drives as long 1.9% at most" in reason
+
+
+PROCESSED = replace(NOTHING, verdict="processed")
+
+
+def test_scans_that_nobody_judged_excuse_no_accused_ones() -> None:
+    """Four of seven are more than chance has (the binomial tail is 3.4e-7), whatever is beside."""
+    odd = [accused(0.007), CLEAN] * 3 + [accused(0.007)]
+    signed = replace(NOTHING, detectors=(DetectorReport("watermark", "no_trace", ""),))
+    for junk in ([], [NOTHING] * 500 + [PROCESSED] * 496, [signed] * 993, [None] * 993):
+        verdict, reason = authenticate.verdict_of_drive([*odd, *junk])
+        assert (verdict, "4 episodes are more than chance has" in reason) == ("tampered", True)
+        assert "of clean drives as long 1.1% at most" in reason
+    clean = [CLEAN] * 400
+    assert authenticate.verdict_of_drive([*odd, *clean])[0] == "undecidable"
+    reason = authenticate.verdict_of_drive([*odd, *clean, *[NOTHING] * 500])[1]
+    assert "4.1 of the 407 that were judged" in reason
+
+
+def test_points_off_the_lattice_are_as_strong_in_a_drive_with_junk() -> None:
+    """1e-7 times the kinds of evidence and 100 scans is below 0.1 %; times 10 000 it is not."""
+    strong = accused(0.002, "generic", 7.0)
+    drive = [strong] + [CLEAN] * 99
+    assert authenticate.verdict_of_drive(drive)[0] == "tampered"
+    assert authenticate.verdict_of_drive([*drive, *[NOTHING] * 10_000])[0] == "tampered"
+
+
+@pytest.mark.parametrize("name", ["density", "occlusion"])
+def test_detectors_without_a_p_value_have_the_stated_rate(name: str) -> None:
+    """One of two judged scans is what 2 % of clean drives have; one of one is 1 %."""
+    odd = replace(accused(0.01, name), detectors=(DetectorReport(name, "tampered", "", 1.0),))
+    quiet = replace(NOTHING, verdict="no_trace", detectors=(DetectorReport(name, "no_trace", ""),))
+    assert authenticate.verdict_of_drive([odd, quiet])[0] == "undecidable"
+    assert authenticate.verdict_of_drive([odd, NOTHING])[0] == "tampered"
+    assert authenticate.verdict_of_drive([odd, odd, quiet])[0] == "tampered"
 
 
 def test_long_lists_of_accused_scans_are_cut() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
@@ -13,14 +14,16 @@ import pytest
 
 import lattice_scans as scans
 from cave_scans import CAVE, ball
-from manip3d import InputError, LidarFrame, authenticate, io, report
+from manip3d import FormatError, InputError, LidarFrame, authenticate, io, report
 from manip3d.authenticate import (
     DetectorReport,
     Inspection,
     Power,
     Processing,
+    SensorLattice,
     combined_verdict,
 )
+from manip3d.authenticate._lattice import COLUMNS
 from manip3d.authenticate._processing import (
     FARTHEST_POINTS,
     Firings,
@@ -29,7 +32,9 @@ from manip3d.authenticate._processing import (
     first_azimuth,
     is_cut_below,
 )
+from manip3d.authenticate._sensors import is_hdl64e
 from manip3d.authenticate._verdict import FALSE_ALARM_RATE, RATE_SHARES, rate_of
+from manip3d.report._evidence import _drawn_regions, _how_many
 
 LATTICE = scans.lattice()
 DIRECTIONS = np.random.default_rng(1).normal(size=(50_000, 3))
@@ -112,6 +117,180 @@ def another_turn(width: float) -> np.ndarray:
     return points[np.mod(np.arctan2(points[:, 1], points[:, 0]), 2.0 * np.pi) < width]
 
 
+TURNED: dict[str, tuple[tuple[int, int], ...]] = {  # column and sign of each of their axes
+    "camera axes (x right, y down, z forward)": ((1, -1), (2, -1), (0, 1)),
+    "axes with y up": ((1, 1), (2, 1), (0, 1)),
+    "axes with z down": ((0, 1), (1, -1), (2, -1)),
+    "axes with x up": ((2, 1), (0, 1), (1, 1)),
+    "axes with x down": ((2, -1), (0, 1), (1, -1)),
+}
+
+
+@pytest.mark.parametrize("name", TURNED)
+def test_scans_in_other_axes_are_named(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They need no search for the scanner's place, which takes long and finds none."""
+    points = scans.scan(np.random.default_rng(5), authenticate.kitti_lattice())
+    turned = np.column_stack([sign * points[:, column] for column, sign in TURNED[name]])
+    monkeypatch.setattr("manip3d.authenticate._inspect.estimate_origin", None)
+    for origin in (None, (0.0, 0.0, 0.0)):
+        found = authenticate.inspect(turned.astype(np.float32), origin=origin)
+        assert found.verdict == "processed"
+        assert [(step.kind, step.detail) for step in found.processing] == [("turned", name)]
+        assert found.sensor is not None
+        assert found.sensor.name == "HDL-64E"
+        assert found.origin == (0.0, 0.0, 0.0)
+        assert dict(found.power) == {}
+
+
+def test_every_region_of_the_accusing_detector_is_drawn(tmp_path: Path) -> None:
+    """Up to a bound, and the most significant first; the rest is counted."""
+    points = street()
+    rng = np.random.default_rng(0)
+    places = [(10.0 * np.cos(a), 10.0 * np.sin(a), -0.5) for a in np.linspace(0.0, 6.0, 9)]
+    pasted = [np.float32(place) + rng.uniform(0, 0.5, (60, 3)) for place in places]
+    found = authenticate.inspect(
+        np.concatenate([points, *pasted]).astype(np.float32), origin=(0, 0, 0), lattice=LATTICE
+    )
+    report_of = found.accusing
+    assert report_of is not None
+    assert len(report_of.regions) > 6
+    assert _how_many(found) == ""
+    assert len(_drawn_regions(found)) == len(report_of.regions)
+    page = tmp_path / "page.html"
+    report.write_evidence(found, page)
+    assert f"<td>{len(report_of.regions)}</td>" in page.read_text()
+    many = [
+        replace(report_of.regions[0], p_value=p, evidence={"points": 1.0})
+        for p in np.linspace(0.9, 0.1, 40)
+    ]
+    crowded = replace(
+        found,
+        detectors=(*found.detectors[:2], replace(report_of, regions=tuple(many))),
+    )
+    assert _drawn_regions(crowded)[0][0] == 39
+    assert _how_many(crowded) == "; the 24 most significant of 40, the table has all"
+
+
+def test_edits_are_planted_in_the_scan_itself() -> None:
+    points = street()
+    found = authenticate.inspect(points, origin=(0, 0, 0), lattice=LATTICE, plant=1)
+    assert found.verdict == "no_trace"
+    added = found.power["added"]
+    assert (added.here_found, added.here_planted) == (1, 1)
+    assert found.power["removed"].here_planted == 1
+    record = found.record()["power"]
+    assert record["added"]["here_planted"] == 1
+    assert "here_planted" not in street_with().record()["power"]["added"]
+    forged = np.concatenate(
+        [
+            points,
+            np.float32([[9.0, 3.0, -1.0]])
+            + np.random.default_rng(0).uniform(0, 1, (500, 3)).astype(np.float32),
+        ]
+    )
+    accused = authenticate.inspect(forged, origin=(0, 0, 0), lattice=LATTICE, plant=1)
+    assert accused.verdict == "tampered"
+    assert all(power.here_planted == 0 for power in accused.power.values())
+    with pytest.raises(InputError, match="plant: expected at least 0, got -1"):
+        authenticate.inspect(points, plant=-1)
+
+
+SIXTEEN = np.arange(0, 64, 4)
+
+
+def of_sixteen(sensor: SensorLattice) -> SensorLattice:
+    """Every fourth laser of a lattice."""
+    columns = {name: getattr(sensor, name)[SIXTEEN] for name in COLUMNS}
+    return replace(sensor, **columns)
+
+
+def sixteen_street(seed: int = 5) -> LidarFrame:
+    """A street that a scanner of 16 lasers sees, with reflectances."""
+    points = scans.scan(np.random.default_rng(seed), of_sixteen(LATTICE))
+    return LidarFrame(points, reflectances(points), origin=(0.0, 0.0, 0.0))
+
+
+def test_an_hdl64e_is_told_by_its_lasers_and_its_encoder() -> None:
+    known = authenticate.kitti_lattice()
+    some = {name: np.delete(getattr(known, name), (3, 40, 41)) for name in COLUMNS}
+    tilted = np.tan(np.arctan(known.slope) + np.radians(7.0))
+    twice = {name: np.repeat(getattr(known, name)[:32], 2) for name in COLUMNS}
+    for sensor, expected in (
+        (known, True),
+        (LATTICE, True),  # the nominal angles
+        (replace(known, **some), True),
+        (replace(known, slope=tilted), False),
+        (replace(known, **twice), False),
+        (replace(known, steps=2000), False),
+        (replace(known, range_step=0.0), False),
+        (of_sixteen(known), False),
+        (replace(known, slope=np.full(64, np.nan)), False),
+    ):
+        assert is_hdl64e(sensor) is expected
+
+
+def test_the_power_of_one_scanner_is_not_that_of_another() -> None:
+    """III finds what was pasted in, but says no_trace only where its power was measured."""
+    lattice = of_sixteen(LATTICE)
+    clean = sixteen_street()
+    found = authenticate.inspect(clean, lattice=lattice)
+    assert found.sensor is not None
+    assert found.sensor.name == "scanner of 16 lasers"
+    assert (found.verdict, dict(found.power)) == ("undecidable", {})
+    assert "was not measured for this scanner" in found.reason
+    assert [each.name for each in found.detectors][3:] == []
+    beside = authenticate.inspect(
+        clean, previous=sixteen_street(6), following=sixteen_street(7), lattice=lattice
+    )
+    assert beside.verdict == "undecidable"
+    assert "no thresholds for a scanner of 16 lasers" in beside.detectors[3].reason
+    assert beside.detectors[3].p_value is None
+    car = np.array([12.0, -4.0, -1.0]) + np.random.default_rng(0).uniform(-1, 1, (500, 3))
+    forged = np.concatenate([clean.points, car.astype(np.float32)])
+    assert authenticate.inspect(forged, origin=(0, 0, 0), lattice=lattice).verdict == "tampered"
+
+
+def test_a_lattice_with_measured_power_earns_no_trace(tmp_path: Path) -> None:
+    frames = [sixteen_street(seed) for seed in range(10, 14)]
+    lattice = authenticate.calibrate_lattice(frames, planted=2, source="four streets")
+    assert len(lattice.slope) == 16
+    assert lattice.power["added"].planted == 4
+    assert lattice.power["added"].share == 1.0
+    lattice.save(tmp_path / "sixteen.json")
+    loaded = authenticate.SensorLattice.load(tmp_path / "sixteen.json")
+    assert dict(loaded.power) == dict(lattice.power)
+    found = authenticate.inspect(sixteen_street(), lattice=loaded)
+    assert found.verdict == "no_trace"
+    assert found.power["added"] == lattice.power["added"]
+    assert found.power["added"].source == "four streets"
+    with pytest.raises(InputError, match="at least 4 scans, got 1"):
+        authenticate.calibrate_lattice(frames[:1])
+    car = np.array([12.0, -4.0, -1.0]) + np.random.default_rng(0).uniform(-1, 1, (500, 3))
+    for k in (1, 3):
+        frames[k] = LidarFrame(np.concatenate([frames[k].points, car.astype(np.float32)]))
+    with pytest.raises(InputError, match="detector III accuses 2 of 2 as they are"):
+        authenticate.calibrate_lattice(frames, planted=1)
+
+
+def test_power_in_a_file_must_be_possible(tmp_path: Path) -> None:
+    path = tmp_path / "lattice.json"
+    LATTICE.save(path)
+    values = json.loads(path.read_text())
+    for power in (
+        {"added": {"found": 3, "planted": 2}},
+        {"added": {"found": 1}},
+        {"added": 1},
+        [1],
+    ):
+        values["sensor_lattice"]["power"] = power
+        path.write_text(json.dumps(values))
+        with pytest.raises(FormatError, match="not a sensor lattice"):
+            authenticate.SensorLattice.load(path)
+    del values["sensor_lattice"]["power"]  # as older versions wrote it
+    path.write_text(json.dumps(values))
+    assert dict(authenticate.SensorLattice.load(path).power) == {}
+
+
 ROTATION = np.array([[0.9, 0.19**0.5, 0.0], [-(0.19**0.5), 0.9, 0.0], [0.0, 0.0, 1.0]])
 LAUNDERING: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "shuffled": lambda p: p[np.random.default_rng(0).permutation(len(p))],
@@ -145,6 +324,8 @@ def test_processed_scans_are_neither_accused_nor_cleared(name: str) -> None:
     found = street_with(LAUNDERING[name])
     assert found.verdict == "processed", found.record()
     assert found.processing
+    if name in ("centimetres", "float16", "noise"):
+        assert found.detectors[2].p_value is None  # detector III has nothing to accuse it by
     assert found.reason == "; ".join(f"{s.kind}: {s.detail}" for s in found.processing)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -70,15 +71,23 @@ def test_a_drive_is_a_line_a_scan_and_a_table(drive: Path, tmp_path: Path) -> No
         "measure; of clean drives as long 1.1% at most are called so"
     )
     log = report.read_log(tmp_path / "case.jsonl")
-    assert [entry["verdict"] for entry in log] == ["no_trace", "tampered", "no_trace"]
-    assert all(len(entry["source_sha256"]) == 64 for entry in log)
+    assert [entry["verdict"] for entry in log] == ["no_trace", "tampered", "no_trace", "tampered"]
+    assert all(len(entry["source_sha256"]) == 64 for entry in log[:3])
+    assert (log[3]["source"], log[3]["scans"], log[3]["accused"]) == (str(drive), 3, [1])
 
     asked = run(drive, *lattice, "--json", "-q", "-o", tmp_path / "found.json")
-    found = json.loads(asked.stdout)
+    whole = json.loads(asked.stdout)
     assert asked.exit_code == 3
+    assert whole["verdict"] == "tampered"
+    assert whole["reason"] in lines[-1]
+    assert (whole["scans"], whole["failed"]) == (3, 0)
+    assert (whole["accused_scans"], whole["accused"]) == (1, [1])
+    assert whole["evidence"]["judged"] == 3
+    assert whole["evidence"]["alarms"] == []
+    found = whole["frames"]
     assert [each["frame"] for each in found] == [f"{n:010d}.bin" for n in range(3)]
     assert found[1]["regions"]
-    assert json.loads((tmp_path / "found.json").read_text()) == found
+    assert json.loads((tmp_path / "found.json").read_text()) == whole
     assert run(drive, *lattice, "-q", "--policy", "tampered=9").exit_code == 9
 
 
@@ -86,7 +95,7 @@ def test_a_drive_is_one_page(drive: Path, tmp_path: Path) -> None:
     page = tmp_path / "drive.html"
     (drive / SCANS / "0000000003.bin").write_bytes(b"<no scan>")
     done = run(drive, "--lattice", tmp_path / "lattice.json", "-q", "-o", page)
-    assert done.exit_code == 1, done.output
+    assert done.exit_code == 3, done.output  # tampering outranks the scan that cannot be read
     text = page.read_text()
     assert text.count("<rect") == 4
     for part in ("0000000001.bin: tampered", "0000000003.bin: not read", "Timeline", "<svg"):
@@ -122,6 +131,22 @@ def test_the_map_shows_the_way_and_what_is_suspected(tmp_path: Path) -> None:
         report.write_drive_evidence(found, tmp_path / "x.txt", names=list("abcd"))
 
 
+def test_the_map_goes_on_where_the_scanner_is_too_fast_to_judge() -> None:
+    """At 1.6 m a turn detector IV has no thresholds, but its alignments hold."""
+    clouds = [turn_scans.turn(1.6 * k, 30 + k) for k in range(3)]
+    scenes = [manip3d.LidarFrame(cloud, origin=(0, 0, 0)) for cloud in clouds]
+    found = list(authenticate.inspect_drive(scenes, lattice=turn_scans.LATTICE, power=False))
+    middle = found[1]
+    assert middle is not None
+    assert middle.turns is not None
+    assert (middle.turns.verdict, middle.turns.aligned) == ("undecidable", True)
+    poses = scanner_poses(found)
+    way = np.array([pose[:3, 3] for pose in poses if pose is not None])
+    np.testing.assert_allclose(way, [(1.6 * k, 0, 0) for k in range(3)], atol=0.05)
+    lost = replace(middle, turns=replace(middle.turns, aligned=False))
+    assert scanner_poses([found[0], lost, found[2]])[1] is None
+
+
 def test_the_verdicts_of_a_drive_do_not_depend_on_threads(
     frames: list[manip3d.LidarFrame],
 ) -> None:
@@ -153,9 +178,29 @@ def test_a_scan_that_cannot_be_read_is_an_error_and_no_end(drive: Path, tmp_path
     (drive / SCANS / "0000000001.bin").write_bytes(b"\0" * 7)
     done = run(drive, "--lattice", tmp_path / "lattice.json", "--json", "-q")
     assert done.exit_code == 1
-    found = json.loads(done.stdout)
+    found = json.loads(done.stdout)["frames"]
     assert "error" in found[1]
     assert [each.get("verdict") for each in found] == ["no_trace", None, "no_trace"]
+    assert json.loads(done.stdout)["failed"] == 1
+
+
+def test_tampering_outranks_what_cannot_be_read(drive: Path, tmp_path: Path) -> None:
+    (drive / SCANS / "0000000003.bin").write_bytes(b"<no scan>")
+    lattice = ("--lattice", tmp_path / "lattice.json", "-q")
+    assert run(drive, *lattice).exit_code == 3
+    assert run(drive, *lattice, "--policy", "tampered=9").exit_code == 9
+    assert run(drive, *lattice, "--policy", "tampered=0").exit_code == 1
+
+
+def test_accused_scans_stand_first_in_the_table(tmp_path: Path) -> None:
+    nothing = authenticate.inspect(np.zeros((0, 3), np.float32))
+    accused = authenticate.DetectorReport("generic", "tampered", "off the lattice", 9.0, 0.002)
+    found = [nothing, replace(nothing, verdict="tampered", detectors=(accused,)), nothing]
+    page = tmp_path / "drive.html"
+    report.write_drive_evidence(found, page, names=["one", "two", "three"])
+    table = page.read_text().partition("Scans of which something is said")[2]
+    places = [table.index(f"<td>{name}</td>") for name in ("two", "one", "three")]
+    assert places == sorted(places)
 
 
 def test_the_watermarks_of_a_drive_are_allowed_for(
@@ -172,9 +217,9 @@ def test_the_watermarks_of_a_drive_are_allowed_for(
     signed = tmp_path / "signed"
     bare = run(signed, *lattice, "--json", "-q")
     assert bare.exit_code == 4
-    assert {each["verdict"] for each in json.loads(bare.stdout)} == {"processed"}
+    assert {each["verdict"] for each in json.loads(bare.stdout)["frames"]} == {"processed"}
     keyed = run(signed, *lattice, "--key", tmp_path / "key", "--json", "-q")
-    found = json.loads(keyed.stdout)
+    found = json.loads(keyed.stdout)["frames"]
     assert [each["verdict"] for each in found] == ["no_trace", "tampered", "no_trace"]
     assert {each["watermark"]["content"] for each in found} == {"intact"}
     one = signed / SCANS / "0000000000.bin"
@@ -187,6 +232,23 @@ def test_the_watermarks_of_a_drive_are_allowed_for(
     assert isinstance(absent.exception, FileNotFoundError)
     record.unlink()
     assert run(one, *lattice, "--key", tmp_path / "key", "-q").exit_code == 4
+
+
+def test_a_lattice_is_made_and_measured(drive: Path, tmp_path: Path) -> None:
+    scans = sorted((drive / SCANS).glob("*.bin"))
+    out = tmp_path / "mine.json"
+    made = CliRunner().invoke(
+        app, ["lattice", *map(str, [scans[0], scans[0], scans[2], scans[2]]), "-o", str(out),
+              "--planted", "1", "--json", "-q"],
+    )  # fmt: skip
+    assert made.exit_code == 0, made.output
+    told = json.loads(made.stdout)
+    assert (told["lasers"], told["steps"], told["range_step"]) == (64, 4000, 0.002)
+    assert told["power"]["added"]["share"] == 1.0
+    loaded = authenticate.SensorLattice.load(out)
+    assert loaded.power["added"].source == "2 clean scans of 0000000000.bin and 3 more"
+    few = CliRunner().invoke(app, ["lattice", str(drive), "-o", str(tmp_path / "few.json")])
+    assert "expected at least 4 scans, got 3" in str(few.exception)
 
 
 def test_options_of_single_scans_are_refused(drive: Path, tmp_path: Path) -> None:
@@ -265,7 +327,7 @@ def test_only_frames_a_turn_apart_are_neighbours(
 def test_packets_are_judged_turn_by_turn(realdata: RealData) -> None:
     done = run(realdata("lidar/packets/reference/vlp16.pcap"), "--json", "-q")
     assert done.exit_code == 4, done.output
-    found = json.loads(done.stdout)
+    found = json.loads(done.stdout)["frames"]
     assert len(found) > 1
     assert {each["verdict"] for each in found} == {"undecidable"}
     assert any("spinning" in each["sensor"] for each in found)

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import lattice_scans
 import manip3d
 from cave_scans import CAVE, ball
 from manip3d._util.extras import EXTRAS
@@ -28,6 +29,7 @@ Image = pytest.importorskip("PIL.Image")
 SHORTER = (
     (r"frames=\d+", "frames=3"),  # a second of a simulated person instead of three
     (r"(reproduce \S+\b)(?: --scale quick)?", r"\1 --scale quick --data simulated"),
+    (r"-o lattice\.json", "-o lattice.json --planted 1"),
     (r"sim:indoor-00", "sim:indoor-00 --resolution 1.5"),
     (r"^MANIP3D_DATA=\S+ ", ""),
 )
@@ -180,6 +182,12 @@ def make_sources(words: list[str], place: Path) -> None:
         clouds = [message(TYPES, points_of(number)) for number in range(2)]
         (file,) = write_bag(place / "bag", {"/points": clouds}).glob("*.mcap")
         file.rename(place / "street.mcap")
+    if sources == "lattice clean":
+        (place / "clean" / "velodyne").mkdir(parents=True, exist_ok=True)
+        for number in range(4):
+            points = lattice_scans.scan(np.random.default_rng(number))
+            seen = manip3d.LidarFrame(points, np.zeros(len(points), np.float32))
+            seen.write(place / "clean" / "velodyne" / f"{number:06d}.bin")
     if sources == "play frames/":
         (place / "frames").mkdir(exist_ok=True)
         manip3d.Mesh(np.eye(3), [[0, 1, 2]]).write(place / "frames/0.glb")

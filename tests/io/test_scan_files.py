@@ -75,6 +75,19 @@ def test_damaged_kitti(tmp_path: Path, data: bytes, byte: int, reason: str, comp
     assert caught.value.file == str(path)
 
 
+@pytest.mark.parametrize(("name", "columns"), [("scan.bin", 4), ("scan.pcd.bin", 5)])
+def test_damage_is_counted_with_its_first_row(tmp_path: Path, name: str, columns: int) -> None:
+    values = np.zeros((40_000, columns), np.float32)
+    values[30_000, 2] = values[30_000, 3] = np.nan
+    values[39_999, 0] = np.inf
+    (tmp_path / name).write_bytes(values.tobytes())
+    expected = "z of row 30000: expected a finite number, got nan; 2 of 40000 points have such a"
+    with pytest.raises(FormatError, match=expected) as caught:
+        read_scan(tmp_path / name)
+    assert caught.value.byte_offset == 4 * (30_000 * columns + 2)
+    assert "Write the file without them" in str(caught.value)
+
+
 def test_names_that_are_no_scans(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"expected a point file \(.*\.bin"):
         read_scan(tmp_path / "scan.xyz")

@@ -1,5 +1,8 @@
 #include <cmath>
 #include <cstring>
+#include <string>
+#include <string_view>
+#include <vector>
 
 #include "io/point_formats.hpp"
 #include "parse/input_buffer.hpp"
@@ -13,15 +16,45 @@ std::vector<PointField> kitti_fields() { return {{"x"}, {"y"}, {"z"}, {"intensit
 
 std::vector<PointField> nuscenes_fields() { return {{"x"}, {"y"}, {"z"}, {"intensity"}, {"ring"}}; }
 
-void check_finite(std::string_view block, std::int64_t offset) {
-  for (std::size_t at = 0; at < block.size(); at += sizeof(float)) {
-    float value = 0.0F;
-    std::memcpy(&value, block.data() + at, sizeof(value));
-    if (std::isfinite(value)) continue;
-    throw FormatError::at_byte(offset + static_cast<std::int64_t>(at),
-                               "expected a finite number, got " + std::to_string(value));
+// Counts rows with a value that is no finite number: damage, since the format has no word for a
+// point that was not measured.
+class FiniteRows {
+ public:
+  explicit FiniteRows(const std::vector<PointField>& fields) : fields_(fields) {}
+
+  // @param block  whole rows, the first of which begins at this byte of the file.
+  void check(std::string_view block, std::int64_t offset) {
+    const std::size_t row = fields_.size() * sizeof(float);
+    for (std::size_t start = 0; start < block.size(); start += row, ++rows_) {
+      for (std::size_t at = 0; at < fields_.size(); ++at) {
+        float value = 0.0F;
+        std::memcpy(&value, block.data() + start + at * sizeof(value), sizeof(value));
+        if (std::isfinite(value)) continue;
+        if (bad_rows_++ == 0) {
+          first_byte_ = offset + static_cast<std::int64_t>(start + at * sizeof(value));
+          first_ = fields_[at].name + " of row " + std::to_string(rows_) +
+                   ": expected a finite number, got " + std::to_string(value);
+        }
+        break;
+      }
+    }
   }
-}
+
+  // @throws FormatError  a row was not finite.
+  void finish() const {
+    if (bad_rows_ == 0) return;
+    throw FormatError::at_byte(
+        first_byte_, first_ + "; " + std::to_string(bad_rows_) + " of " + std::to_string(rows_) +
+                         " points have such a number. Write the file without them");
+  }
+
+ private:
+  const std::vector<PointField>& fields_;
+  std::int64_t rows_ = 0;
+  std::int64_t bad_rows_ = 0;
+  std::int64_t first_byte_ = 0;
+  std::string first_;
+};
 
 // Rows of finite floats, without a header.
 PointTable read_rows(ByteSource& source, PointFormat format, std::vector<PointField> fields,
@@ -32,6 +65,7 @@ PointTable read_rows(ByteSource& source, PointFormat format, std::vector<PointFi
   table.format = format;
   table.fields = std::move(fields);
   if (const auto size = input.remaining()) table.rows.reserve(*size);
+  FiniteRows finite(table.fields);
   while (!input.at_end()) {
     const std::size_t available = input.peek(kBlockRows * row).size();
     if (available < row) {
@@ -42,9 +76,10 @@ PointTable read_rows(ByteSource& source, PointFormat format, std::vector<PointFi
     const std::size_t size = available - available % row;
     const std::int64_t offset = input.offset();
     const std::string_view block(input.bytes(size, "a point"), size);
-    check_finite(block, offset);
+    finite.check(block, offset);
     table.rows.insert(table.rows.end(), block.begin(), block.end());
   }
+  finite.finish();
   table.num_points = static_cast<std::int64_t>(table.rows.size() / row);
   return table;
 }
@@ -58,7 +93,9 @@ void write_rows(Output& output, const PointTableView& table,
     fits = field.name == wanted.name && field.type == wanted.type && field.count == wanted.count;
   }
   if (!fits) throw InputError(message);
-  check_finite({table.rows.data(), table.rows.size()}, 0);
+  FiniteRows finite(expected);
+  finite.check({table.rows.data(), table.rows.size()}, 0);
+  finite.finish();
   output.text({table.rows.data(), table.rows.size()});
 }
 

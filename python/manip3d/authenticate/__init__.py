@@ -25,7 +25,12 @@ from manip3d.authenticate._density import (
     DensityResult,
     density_consistency,
 )
-from manip3d.authenticate._drives import inspect_drive, verdict_of_drive
+from manip3d.authenticate._drives import (
+    DriveInspection,
+    inspect_drive,
+    judge_drive,
+    verdict_of_drive,
+)
 from manip3d.authenticate._generic import (
     EvidenceReport,
     GenericResult,
@@ -61,7 +66,7 @@ from manip3d.authenticate._paper_watermark import (
     noise_blocks,
 )
 from manip3d.authenticate._picture_files import picture_path, read_carrier, write_carrier
-from manip3d.authenticate._power import EDITS, measure_power
+from manip3d.authenticate._power import EDITS, calibrate_lattice, measure_power
 from manip3d.authenticate._reflectance import (
     ReflectanceRegion,
     ReflectanceResult,
@@ -165,6 +170,7 @@ __all__ = [
     "DetectorReport",
     "Disparity",
     "DriveEvidence",
+    "DriveInspection",
     "EvidenceReport",
     "GenericResult",
     "Inspection",
@@ -205,6 +211,7 @@ __all__ = [
     "WitnessReport",
     "as_stored",
     "attack_type",
+    "calibrate_lattice",
     "check_holds_float32",
     "combined_verdict",
     "compare_paper",
@@ -227,6 +234,7 @@ __all__ = [
     "inspect_drive",
     "inspect_stream",
     "inter_frame_noise",
+    "judge_drive",
     "judged_frames",
     "kitti_lattice",
     "likelihood_ratio",

@@ -7,7 +7,8 @@ import os
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,8 +17,8 @@ from manip3d._util.options import threads_of
 from manip3d.authenticate._generic import EVIDENCE
 from manip3d.authenticate._inspect import DetectorReport, Inspection, inspect
 from manip3d.authenticate._lattice import SensorLattice
-from manip3d.authenticate._sequence import FRAMES_PER_SECOND, binomial_tail, drive_evidence
-from manip3d.authenticate._verdict import FALSE_ALARM_RATE, rate_of
+from manip3d.authenticate._sequence import FRAMES_PER_SECOND, DriveEvidence, drive_evidence
+from manip3d.authenticate._verdict import FALSE_ALARM_RATE, binomial_tail, rate_of
 from manip3d.authenticate._watermark import KeyFile, Policy, Watermarker
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame
@@ -127,6 +128,91 @@ def _check_each(name: str, values: object, *kinds: type) -> None:
                 )
 
 
+@dataclass(frozen=True, eq=False)
+class DriveInspection:
+    """What the scans of a drive say together; see `judge_drive`.
+
+    Attributes
+    ----------
+    verdict : 'no_trace', 'tampered', 'processed' or 'undecidable'
+        As `verdict_of_drive` says.
+    reason : str
+        The verdict's reason in words.
+    accused : tuple of int
+        Places of the scans that are called tampered, from 0.
+    evidence : DriveEvidence
+        What the scans add up to.
+    num_scans, num_missing : int
+        All scans, and those that could not be read.
+    """
+
+    verdict: Verdict
+    reason: str
+    accused: tuple[int, ...]
+    evidence: DriveEvidence
+    num_scans: int
+    num_missing: int
+
+    def record(self) -> dict[str, Any]:
+        """Return the result as JSON values."""
+        return {
+            "verdict": self.verdict,
+            "reason": self.reason,
+            "scans": self.num_scans,
+            "failed": self.num_missing,
+            "accused_scans": len(self.accused),
+            "accused": list(self.accused),
+            "evidence": {
+                "judged": self.evidence.judged,
+                "log10_evidence": float(self.evidence.evidence.max(initial=0.0)),
+                "log10_threshold": self.evidence.threshold,
+                "alarms": list(self.evidence.alarms),
+                "alarms_per_hour": self.evidence.alarms_per_hour,
+                "statement": self.evidence.statement,
+            },
+        }
+
+
+@checked
+def judge_drive(
+    found: Sequence[Inspection | None], numbers: Iterable[int] | None = None
+) -> DriveInspection:
+    """Return the verdict of a drive with the scans that are accused and what they add up to.
+
+    Parameters
+    ----------
+    found, numbers
+        As of `verdict_of_drive`.
+
+    Returns
+    -------
+    DriveInspection
+
+    Raises
+    ------
+    InputError
+        As `verdict_of_drive`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import authenticate
+    >>> empty = authenticate.inspect(np.zeros((0, 3), np.float32))
+    >>> told = authenticate.judge_drive([empty, None])
+    >>> told.verdict, told.accused, told.record()["failed"]
+    ('undecidable', (), 1)
+    """
+    verdict, reason = verdict_of_drive(found, numbers)
+    return DriveInspection(
+        verdict,
+        reason,
+        tuple(k for k, each in enumerate(found) if each and each.verdict == "tampered"),
+        drive_evidence(found),
+        len(found),
+        sum(each is None for each in found),
+    )
+
+
 @checked
 def verdict_of_drive(
     found: Sequence[Inspection | None], numbers: Iterable[int] | None = None
@@ -155,18 +241,21 @@ def verdict_of_drive(
 
     Notes
     -----
-    Of clean scans 1 % may be accused, so that of 100 clean scans one is. Chance does not explain
+    Of clean scans 1 % may be accused, so that of 100 clean scans one is. Scans count that a
+    detector judged; those that none could judge cannot be accused by chance, and excuse no others.
+    Detectors I and II state no p-value: each scan that they judge counts with the rate of 1 % that
+    `inspect` states for all detectors. Chance does not explain
 
     - a watermark that does not hold;
     - a scan whose points are so far off the lattice that one of all clean drives in a thousand had
-      one (detector III, Bonferroni over the scans);
+      one (detector III, Bonferroni over the scans that were judged);
     - so many episodes of accused scans that one clean drive in a hundred has as many (the binomial
       law; scans a turn apart that detectors IV and V alone accuse are one episode with the one
       before, since what looks odd to them in one turn looks odd in the next; every other accused
       scan is one of its own);
     - an alarm of `drive_evidence`, at one an hour.
 
-    Of clean drives of N scans 1.1 % + N / 36000 at most are called tampered, if episodes are
+    Of clean drives of N judged scans 1.1 % + N / 36000 at most are called tampered, if episodes are
     independent of each other. An edit of a single scan that only detectors IV and V see makes a
     long drive undecidable: look at the scan.
 
@@ -198,13 +287,15 @@ def verdict_of_drive(
         if "watermark" in _accusers(each):
             return verdict, f"{told}: the watermark of number {number} does not hold"
     if (why := _why_no_chance(found, accused, places)) is not None:
-        alarms = len(found) / (3600.0 * FRAMES_PER_SECOND)
+        alarms = drive_evidence(found).judged / (3600.0 * FRAMES_PER_SECOND)
         share = min(1.0, DRIVE_RATE + rate_of("generic") + alarms)
         return verdict, f"{told}: {why}; of clean drives as long {share:.1%} at most are called so"
+    judged = sum(_could_be_accused(each) for each in found)
     return (
         "processed" if verdicts["processed"] else "undecidable",
         f"{told}, which chance explains: the detectors together may accuse {FALSE_ALARM_RATE:.0%} "
-        f"of clean scans, {FALSE_ALARM_RATE * len(found):.1f} of so many; look at each of them",
+        f"of clean scans, {FALSE_ALARM_RATE * judged:.1f} of the {judged} that were judged; look "
+        "at each of them",
     )
 
 
@@ -223,7 +314,7 @@ def _why_no_chance(
     found: Sequence[Inspection | None], accused: Mapping[int, Inspection], places: Sequence[int]
 ) -> str | None:
     """The reason why chance does not explain the accused scans of a drive; None: it does."""
-    judged = sum(each is not None for each in found)
+    judged = sum(_could_be_accused(each) for each in found)
     for number, each in accused.items():
         for report in each.detectors:
             is_of_lattice = report.name == "generic" and report.verdict == "tampered"
@@ -241,6 +332,19 @@ def _why_no_chance(
     if binomial_tail(episodes, judged, FALSE_ALARM_RATE) <= DRIVE_RATE * (1.0 + 1e-9):
         return f"{episodes} {'episode' if episodes == 1 else 'episodes'} are more than chance has"
     return None
+
+
+def _could_be_accused(found: Inspection | None) -> bool:
+    """Whether a detector that may accuse a clean scan judged this one.
+
+    Scans that nobody judged cannot be accused by chance: counted, they would excuse accused ones.
+    A watermark accuses no clean scan.
+    """
+    return found is not None and any(
+        report.p_value is not None or report.verdict in ("no_trace", "tampered")
+        for report in found.detectors
+        if report.name != "watermark"
+    )
 
 
 def _lattice_p_value(report: DetectorReport) -> float:

@@ -36,14 +36,19 @@ from manip3d.authenticate._occlusion import (
     occlusion_consistency,
 )
 from manip3d.authenticate._origin import LEAST_EXPLAINED, estimate_origin
-from manip3d.authenticate._power import BLIND, BLIND_WITHOUT_REFLECTANCES, known_power
+from manip3d.authenticate._power import (
+    BLIND,
+    BLIND_WITHOUT_REFLECTANCES,
+    known_power,
+    measure_power,
+)
 from manip3d.authenticate._processing import (
     COORDINATES_KEPT,
     copies_of_earlier,
     find_processing,
 )
 from manip3d.authenticate._reflectance import ReflectanceResult, reflectances_read
-from manip3d.authenticate._sensors import Sensor, identify_and_read, nothing_to_tell
+from manip3d.authenticate._sensors import HDL64E, Sensor, identify_and_read, nothing_to_tell
 from manip3d.authenticate._turns import MOST_APART_NS, TurnResult, turn_consistency
 from manip3d.authenticate._verdict import (
     NO_POWER,
@@ -269,7 +274,7 @@ class Inspection(Showable):
             "sensor_reason": None if self.sensor is None else self.sensor.reason,
             "processing": [vars(step) for step in self.processing],
             "regions": [region.record() for region in self.regions],
-            "power": {name: _power_record(power) for name, power in self.power.items()},
+            "power": {name: power.record() for name, power in self.power.items()},
             "blind": list(self.blind),
             "origin": None if self.origin is None else list(self.origin),
             "origin_from": self.origin_from,
@@ -288,7 +293,7 @@ class Inspection(Showable):
                 {"center": list(box.center), "size": list(box.size), "yaw": box.yaw}
                 for box in report.boxes
             ],
-            "power": {name: _power_record(power) for name, power in report.power.items()},
+            "power": {name: power.record() for name, power in report.power.items()},
             "calibration": None if report.calibration is None else vars(report.calibration),
         }
         if report.name == "density" and self.density is not None:
@@ -305,10 +310,6 @@ class Inspection(Showable):
         return values
 
 
-def _power_record(power: Power) -> dict[str, Any]:
-    return {**vars(power), "share": power.share}
-
-
 @checked
 def inspect(
     frame: ScanLike,
@@ -321,6 +322,7 @@ def inspect(
     watermark: bytes | WatermarkResult | None = None,
     key: KeyFile | None = None,
     power: bool = True,
+    plant: int = 0,
     printed: bool = False,
     threads: int = 0,
     progress: Progress = None,
@@ -355,6 +357,11 @@ def inspect(
         Verifies a record; without it, a record says nothing.
     power : bool
         State the share of edits of each class that are found in scans of this scanner.
+    plant : int
+        Edits of each class that are planted in copies of this very scan, with its neighbours if
+        both were given: ``power`` says in ``here_found`` how many are found. Only a scan that is
+        ``no_trace``, of a spinning scanner and without a watermark, is planted in. Each edit takes
+        as long as an inspection.
     printed : bool
         Ask detectors I and II with the thresholds printed in the dissertation. They were printed
         for terrestrial scanners: scans of all others are undecidable then.
@@ -370,7 +377,7 @@ def inspect(
     ------
     InputError
         A shape is wrong, a coordinate is not finite, an unknown word for ``sensor``; a result of
-        another scan's watermark, a key without a record.
+        another scan's watermark, a key without a record; ``plant`` is negative.
 
     Notes
     -----
@@ -394,6 +401,8 @@ def inspect(
     """
     if sensor not in SENSORS:
         raise InputError(f"sensor: expected one of {', '.join(SENSORS)}, got {sensor!r}")
+    if plant < 0:
+        raise InputError(f"plant: expected at least 0, got {plant}")
     scan = _as_frame(frame)
     signed = _verified(scan, watermark, key)
     with reporting(progress, "inspect") as report:
@@ -404,10 +413,51 @@ def inspect(
             report or (lambda _: None),
         )
     result = replace(_with_watermark(result, signed), scan=scan.replace(origin=result.origin))
+    if power and plant and signed is None:
+        return _planted(result, previous, following, plant, threads)
     if power:
         return result
     bare = tuple(replace(report, power=NO_POWER) for report in result.detectors)
     return replace(result, detectors=bare)
+
+
+def _planted(
+    result: Inspection,
+    previous: ScanLike | None,
+    following: ScanLike | None,
+    plant: int,
+    threads: int,
+) -> Inspection:
+    """The result with what is found of edits in copies of the scan, where nothing was found yet."""
+    scan, sensor, place = result.scan, result.sensor, result.origin
+    if result.verdict != "no_trace" or scan is None or place is None:
+        return result
+    if sensor is None or sensor.lattice is None:
+        return result
+    frames = [_at_origin(scan, place)]
+    if previous is not None and following is not None:
+        before, after = (_at_origin(_as_frame(other), place) for other in (previous, following))
+        frames = [before, *frames, after]
+    here = measure_power(
+        frames, sensor.lattice, planted=plant, neighbours=len(frames) > 1, threads=threads
+    )
+    reports = tuple(
+        replace(
+            report,
+            power=ReadOnlyMapping(
+                {
+                    name: replace(
+                        power, here_found=here[name].found, here_planted=here[name].planted
+                    )
+                    if name in here
+                    else power
+                    for name, power in report.power.items()
+                }
+            ),
+        )
+        for report in result.detectors
+    )
+    return replace(result, detectors=reports)
 
 
 class _Asked(NamedTuple):
@@ -642,9 +692,12 @@ def _by_lattice(
     changed = [step for step in processing if step.kind not in COORDINATES_KEPT]
     if generic is not None and changed:
         generic = generic.without(_spoiled(generic, processing))
+    has_thresholds = sensor.name == HDL64E  # of detectors IV and V
     why = f"detector III judges the {sensor.name}"
+    if not has_thresholds and not known_power("generic", sensor, embedding):
+        why += ", and what share of edits it finds was not measured for this scanner"
     turns = None
-    judged = generic is not None and not changed and not repeated
+    judged = has_thresholds and generic is not None and not changed and not repeated
     if judged and sensor.lattice is not None and before is not None and after is not None:
         turns = turn_consistency(
             centred, before, after, lattice=sensor.lattice,
@@ -660,7 +713,8 @@ def _by_lattice(
     of_turns: tuple[DetectorReport, ...] = ()
     if turns is not None:
         of_turns = (_of_turns(turns, place, sensor, embedding),)
-    elif why_not and all(other is not None for other in beside):
+    elif all(other is not None for other in beside) and (why_not or not has_thresholds):
+        why_not = why_not or [f"there are no thresholds for a {sensor.name}"]
         of_turns = (DetectorReport("turns", "undecidable", "; ".join(why_not)),)
     reports = (
         DetectorReport("density", "undecidable", why),
@@ -757,6 +811,8 @@ def _not_judged(
     scan: LidarFrame, place: Place, source: str, sensor: Sensor, printed: bool
 ) -> Inspection:
     why = f"{sensor.name} ({sensor.reason}): no detector is calibrated for it"
+    if sensor.turned:
+        why = f"{sensor.name} in {sensor.turned}: detectors judge x forward, y left, z up"
     if printed:
         why = f"{sensor.name}: the printed thresholds are those of terrestrial scanners"
     reports = tuple(DetectorReport(name, "undecidable", why) for name in FORENSIC)
@@ -789,7 +845,9 @@ def _reason(
     if verdict == "processed" and processing:
         return "; ".join(f"{step.kind}: {step.detail}" for step in processing)
     if verdict == "undecidable":
-        return reports[-1].reason if reports[-1].score is not None else reports[0].reason
+        last = reports[-1]  # a detector that found nothing, but has no known power, is no reason
+        has_said = last.score is not None and last.verdict == "undecidable"
+        return last.reason if has_said else reports[0].reason
     told = next(r for r in reports if r.verdict == verdict)
     return f"detector {told.title.split(':')[0]}: {told.reason}"
 
@@ -811,7 +869,7 @@ def _scanner(
     stated = origin if origin is not None else frame.origin
     if stated is None:
         identified = identify_and_read(frame, lattice=lattice, threads=threads)
-        if frame.num_points and identified[0].kind == "lattice":
+        if frame.num_points and (identified[0].kind == "lattice" or identified[0].turned):
             return (0.0, 0.0, 0.0), "the lattice of a spinning scanner", identified
         found = estimate_origin(frame, threads=threads)
         return found.position, found.reason, None
@@ -863,8 +921,10 @@ def _of_generic(
         Region(_moved(region.box, place), region.rows, max(least, region.p_value), region.strength)
         for region in found.regions
     )
+    judged = found.verdict != "undecidable" and any(e.used for e in found.evidence.values())
     return DetectorReport(
-        "generic", found.verdict, found.reason, found.score, max(least, found.p_value),
+        "generic", found.verdict, found.reason, found.score,
+        max(least, found.p_value) if judged else None,
         regions, found.suspected, known_power("generic", sensor, embedding), LATTICE_CALIBRATION,
     )  # fmt: skip
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,8 +15,10 @@ from manip3d import _core
 from manip3d._util.arrays import rows as as_rows
 from manip3d._util.checked import checked
 from manip3d._util.linear import line_fit
+from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.options import threads_of
 from manip3d._util.paths import path_of
+from manip3d.authenticate._verdict import NO_POWER, Power
 from manip3d.errors import FormatError, InputError
 from manip3d.io._files import atomic_write, limited_bytes
 from manip3d.lidar import LidarFrame
@@ -97,6 +99,10 @@ class SensorLattice:
         Coordinates are whole numbers of it, metres; 0: none found.
     incoherence : float
         Share of clean ranges more than a quarter of ``range_step`` off.
+    power : mapping of str to Power
+        Share of the edits of each class that detector III finds in clean scans of this scanner, as
+        `calibrate_lattice` measures it; empty: not measured. Without it `inspect` says
+        ``no_trace`` of no scanner but the HDL-64E.
     """
 
     slope: Floats
@@ -110,6 +116,7 @@ class SensorLattice:
     range_step: float
     coordinate_step: float
     incoherence: float
+    power: Mapping[str, Power] = field(default_factory=lambda: NO_POWER, repr=False)
 
     @property
     def table(self) -> Floats:
@@ -191,8 +198,9 @@ class SensorLattice:
         >>> len(SensorLattice.load("lattice.json").slope)
         64
         """
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        values = {each.name: getattr(self, each.name) for each in fields(self)}
         text = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in values.items()}
+        text["power"] = {name: vars(power) for name, power in self.power.items()}
         atomic_write(path, json.dumps({"sensor_lattice": text}, indent=1).encode())
 
     @classmethod
@@ -228,9 +236,30 @@ class SensorLattice:
                 range_step=float(values["range_step"]),
                 coordinate_step=float(values["coordinate_step"]),
                 incoherence=float(values["incoherence"]),
+                power=_power_of(values.get("power", {})),
             )
-        except (ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
+        except (
+            ValueError,
+            TypeError,
+            KeyError,
+            AttributeError,
+            OverflowError,
+            RecursionError,
+        ) as error:
             raise FormatError(f"not a sensor lattice: {error}", file=os.fspath(path)) from error
+
+
+def _power_of(values: Mapping[str, Mapping[str, Any]]) -> Mapping[str, Power]:
+    """What a file says of detector III; ValueError where the counts cannot be."""
+    power = {}
+    for name, said in values.items():
+        found, planted = int(said["found"]), int(said["planted"])
+        if not 0 <= found <= planted or planted == 0:
+            raise ValueError(
+                f"power of {name!r}: expected found <= planted, got {found}, {planted}"
+            )
+        power[name] = Power(found, planted, source=str(said.get("source", "")))
+    return ReadOnlyMapping(power)
 
 
 @dataclass(frozen=True, eq=False)

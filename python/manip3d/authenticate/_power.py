@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -13,12 +14,13 @@ from manip3d._util.checked import checked
 from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.options import generator_of
 from manip3d.authenticate._carriers import ALLOWED, without_bits
-from manip3d.authenticate._generic import consistency_allowing
-from manip3d.authenticate._lattice import SensorLattice
+from manip3d.authenticate._generic import consistency_allowing, generic_consistency
+from manip3d.authenticate._lattice import SensorLattice, estimate_lattice
 from manip3d.authenticate._paper_watermark import embed_paper, noise_blocks
 from manip3d.authenticate._reflectance import reflectance_consistency, why_not_judged
+from manip3d.authenticate._sensors import HDL64E, is_hdl64e
 from manip3d.authenticate._turns import turn_consistency
-from manip3d.authenticate._verdict import Power, rate_of
+from manip3d.authenticate._verdict import NO_POWER, Power, binomial_tail, rate_of
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame
 
@@ -264,6 +266,8 @@ def measure_power(
 ) -> dict[str, Power]:
     """Plant edits in clean frames of a scanner and count those that detectors III to V find.
 
+    Detectors IV and V look at frames of an HDL-64E only, as in `inspect`.
+
     Parameters
     ----------
     frames : iterable of LidarFrame
@@ -348,6 +352,97 @@ def measure_power(
     return {name: Power(found[name], tried[name]) for name in wanted if tried[name]}
 
 
+FEWEST_CALIBRATED = 4
+"""Fewest scans of which every second one gives the lattice, and the others are judged by it."""
+
+CHANCE = 0.01
+"""Lattices of clean scans that are refused because detector III accuses too many of them."""
+
+
+@checked
+def calibrate_lattice(
+    frames: Iterable[LidarFrame],
+    *,
+    planted: int = 10,
+    source: str = "",
+    rng: int = 0,
+    threads: int = 0,
+) -> SensorLattice:
+    """Estimate the lattice of a scanner and measure what detector III finds in its scans.
+
+    Every second scan gives the lattice. The others are judged by it: first as they are, then with
+    edits of each class planted in them. `inspect` with the lattice then says ``no_trace`` of scans
+    of this scanner if half of the edits of some class are found.
+
+    Parameters
+    ----------
+    frames : iterable of LidarFrame
+        At least four clean scans as the scanner gave them, the scanner at the origin.
+    planted : int
+        Edits of each class in each scan that is judged.
+    source : str
+        Name of the scans, for ``SensorLattice.power``.
+    rng : int
+        Seed of what is edited where.
+    threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
+
+    Returns
+    -------
+    SensorLattice
+        With its ``power``; it is empty where nothing could be planted.
+
+    Raises
+    ------
+    InputError
+        There are fewer than four scans, or they have no rings that can be told from each other;
+        ``planted`` is not positive; detector III accuses more of the clean scans than chance
+        explains at its rate, so that it cannot judge this scanner.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import LidarFrame
+    >>> from manip3d.authenticate import calibrate_lattice, kitti_lattice
+    >>> lattice = kitti_lattice()
+    >>> ring, count = np.divmod(np.arange(64 * 2000), 2000)  # every second step of the encoder
+    >>> def spiral_wall(radius):
+    ...     distance = radius + 0.004 * count + lattice.range_phase[ring]
+    ...     scan = lattice.points_at(ring, 2 * count, distance).round(3)
+    ...     azimuth = np.arctan2(scan[:, 1], scan[:, 0]) % (2 * np.pi)
+    ...     return LidarFrame(scan[np.lexsort((azimuth, ring))].astype(np.float32))
+    >>> walls = [spiral_wall(radius) for radius in (8, 10, 12, 14)]
+    >>> calibrate_lattice(walls, planted=1).power["moved"].share
+    1.0
+    """
+    listed = list(frames)
+    if len(listed) < FEWEST_CALIBRATED:
+        raise InputError(f"frames: expected at least {FEWEST_CALIBRATED} scans, got {len(listed)}")
+    if not all(isinstance(frame, LidarFrame) for frame in listed):
+        raise InputError("frames: expected LidarFrames")
+    lattice = estimate_lattice(listed[::2])
+    others = [frame.replace(intensity=None) for frame in listed[1::2]]
+    rate = rate_of("generic")
+    accused = sum(
+        generic_consistency(
+            frame, calibration=lattice, false_alarm_rate=rate, threads=threads
+        ).verdict == "tampered"
+        for frame in others
+    )  # fmt: skip
+    if accused and binomial_tail(accused, len(others), rate) <= CHANCE:
+        raise InputError(
+            f"frames: expected clean scans that stand on a lattice; detector III accuses {accused} "
+            f"of {len(others)} as they are"
+        )
+    classes = [name for name in EDITS if name not in REFLECTANCE_EDITS]
+    measured = measure_power(
+        others, lattice, planted=planted, classes=classes, rng=rng, threads=threads
+    )
+    told = source or f"{len(others)} clean scans"
+    power = {name: replace(each, source=told) for name, each in measured.items()}
+    return replace(lattice, power=ReadOnlyMapping(power))
+
+
 def _with_reflectance(frame: LidarFrame, embedding: str) -> Cloud:
     """Points with the reflectances that detector V can judge, which a watermark's owner keeps."""
     usable = not embedding and why_not_judged(frame) is None
@@ -380,6 +475,8 @@ class _Judge(NamedTuple):
         )  # fmt: skip
         if result.verdict == "tampered":
             return True
+        if not is_hdl64e(self.lattice):
+            return False  # as in `inspect`: detectors IV and V have no thresholds for it
         turns = None
         if before is not None and after is not None:
             turns = turn_consistency(
@@ -538,6 +635,8 @@ detector and embedding; `benchmarks/bench_power.py` measures it, but for detecto
 def known_power(detector: str, sensor: Sensor, embedding: str = "") -> Mapping[str, Power]:
     """Return what was measured for a detector on scans of a scanner; empty: nothing was.
 
+    What the scanner's own lattice says of detector III comes first: it was measured on its scans.
+
     Parameters
     ----------
     detector : 'density', 'occlusion', 'generic', 'turns', 'reflectance' or 'reflectance alone'
@@ -546,6 +645,11 @@ def known_power(detector: str, sensor: Sensor, embedding: str = "") -> Mapping[s
     embedding : str
         Embedding of the watermark whose bits the scan carries.
     """
-    judged = "terrestrial" if detector in ("density", "occlusion") else "lattice"
-    measured = MEASURED.get(f"{detector} {embedding}".strip()) if sensor.kind == judged else None
-    return ReadOnlyMapping({}) if measured is None else measured
+    own = NO_POWER if sensor.lattice is None else sensor.lattice.power
+    if detector == "generic" and own and not embedding:
+        return own
+    if detector in ("density", "occlusion"):
+        is_of_this = sensor.kind == "terrestrial"
+    else:
+        is_of_this = sensor.kind == "lattice" and sensor.name == HDL64E
+    return MEASURED.get(f"{detector} {embedding}".strip(), NO_POWER) if is_of_this else NO_POWER

@@ -140,6 +140,8 @@ def find_processing(
         Where the points lie on the sensor's lattice; None: it is read here.
     """
     found = list(_of_coordinates(points))
+    if sensor.turned:
+        found.append(Processing("turned", sensor.turned))
     if sensor.off_lattice > 0.0:
         found.append(
             Processing(

@@ -83,6 +83,11 @@ Whole frames of KITTI reach 9e-5; camera crops, whose lattices accuse clean poin
 FEWEST_LINES = 60
 """Fewest lines, of the 64 lasers of the only scanner whose encoder's steps its clouds keep."""
 
+UNIT_TOLERANCE = 0.75
+"""Degrees by which a laser of an HDL-64E may look higher or lower than that of KITTI's unit. The
+nominal angles of the manual are 0.51 off at most; scanners of 64 lasers by other makers, 7 and
+more."""
+
 
 @dataclass(frozen=True, eq=False)
 class Sensor:
@@ -91,7 +96,8 @@ class Sensor:
     Attributes
     ----------
     name : str
-        ``HDL-64E``, another model, ``terrestrial scanner``, or ``unknown``.
+        ``HDL-64E``, ``scanner of 16 lasers`` (or however many its lattice has), another model,
+        ``terrestrial scanner``, or ``unknown``.
     kind : str
         ``lattice``: a spinning scanner whose lattice is known, which detector III judges;
         ``spinning``: another one; ``terrestrial``: a grid of azimuth and elevation, which detectors
@@ -103,6 +109,8 @@ class Sensor:
     off_lattice : float
         Metres: median distance of the points from the lines of the lattice, where they were moved
         off them; 0: they lie on it.
+    turned : str
+        How the axes of the scan are turned against x forward, y left, z up; empty: they are not.
     """
 
     name: str
@@ -110,6 +118,7 @@ class Sensor:
     reason: str
     lattice: SensorLattice | None = field(default=None, repr=False)
     off_lattice: float = 0.0
+    turned: str = ""
 
 
 UNKNOWN = Sensor("unknown", "unknown", "the angles are those of no scanner that is known here")
@@ -122,6 +131,35 @@ def kitti_lattice() -> SensorLattice:
         importlib.resources.files("manip3d.authenticate") / "kitti_hdl64e.json"
     ) as path:
         return SensorLattice.load(Path(path))
+
+
+def is_hdl64e(lattice: SensorLattice) -> bool:
+    """Return whether a lattice is that of an HDL-64E that turns ten times a second.
+
+    Thresholds and power were measured for scanners with its lasers, its encoder and its ranges.
+
+    Parameters
+    ----------
+    lattice : SensorLattice
+        At least 60 of the 64 lasers, from the highest to the lowest.
+    """
+    known = kitti_lattice()
+    same_steps = lattice.steps == known.steps and math.isclose(
+        lattice.range_step, known.range_step, rel_tol=1e-6
+    )
+    if not same_steps or not FEWEST_LINES <= len(lattice.slope) <= len(known.slope):
+        return False
+    expected = np.degrees(np.arctan(known.slope)).tolist()
+    laser = 0
+    for angle in np.degrees(np.arctan(lattice.slope)).tolist():
+        while laser < len(expected) and not abs(expected[laser] - angle) <= UNIT_TOLERANCE:
+            laser += 1
+        laser += 1  # each laser makes one line
+    return laser <= len(expected)
+
+
+def _name_of(lattice: SensorLattice) -> str:
+    return HDL64E if is_hdl64e(lattice) else f"scanner of {len(lattice.slope)} lasers"
 
 
 @checked
@@ -179,7 +217,13 @@ def identify_and_read(
         found = _on_lattice(frame.points, known, reading)
         if found is not None:
             return found, reading
-    sensor = _by_own_lattice(frame, threads) or _by_grid(frame, threads) or _by_beams(frame.points)
+    sensor = _by_turned_axes(frame.points, threads)
+    sensor = (
+        sensor
+        or _by_own_lattice(frame, threads)
+        or _by_grid(frame, threads)
+        or _by_beams(frame.points)
+    )
     return sensor, None
 
 
@@ -200,7 +244,7 @@ def _on_lattice(
     error = np.abs(reading.line_error)
     on = (reading.ring >= 0) & (error < LINE_TOLERANCE)
     crowded = np.bincount(reading.ring[on], minlength=1) >= 20
-    name = HDL64E if len(lattice.slope) == 64 else f"scanner of {len(lattice.slope)} lasers"
+    name = _name_of(lattice)
     if _share_of_horizon(on, reading.azimuth) > 0.5 and np.count_nonzero(crowded) >= FEWEST_RINGS:
         return Sensor(name, "lattice", "its points lie on the lines of the lattice", lattice)
     rho = np.hypot(points[:, 0], points[:, 1])
@@ -218,6 +262,37 @@ def _on_lattice(
     )
 
 
+TURNED_AXES: Mapping[str, tuple[tuple[int, int], ...]] = MappingProxyType(
+    {
+        "camera axes (x right, y down, z forward)": ((2, 1), (0, -1), (1, -1)),
+        "axes with y up": ((2, 1), (0, 1), (1, 1)),
+        "axes with z down": ((0, 1), (1, -1), (2, -1)),
+        "axes with x up": ((1, 1), (2, 1), (0, 1)),
+        "axes with x down": ((1, 1), (2, -1), (0, -1)),
+    }
+)
+"""The five other directions that the upright can have, by what they are called: column and sign of
+x, y and z as the scanner has them. Which way is forward does not tell in a whole turn, so that one
+rotation of four about each upright is enough."""
+
+MOST_TURNED = 15_000
+"""Points that tell how the axes are turned."""
+
+
+def _by_turned_axes(points: NDArray[np.float32], threads: int) -> Sensor | None:
+    """KITTI's scanner in other axes: some of the points lie on its lines when turned back."""
+    known = kitti_lattice()
+    some = points[:: -(-len(points) // MOST_TURNED)]
+    for axes, columns in TURNED_AXES.items():
+        upright = np.column_stack([sign * some[:, column] for column, sign in columns])
+        reading = known.read(np.ascontiguousarray(upright, np.float32), threads=threads)
+        found = _on_lattice(upright, known, reading)
+        if found is not None and found.off_lattice == 0.0:
+            reason = f"its points lie on the lines of the lattice in {axes}"
+            return Sensor(found.name, "spinning", reason, turned=axes)
+    return None
+
+
 def _share_of_horizon(holds: NDArray[np.bool_], azimuth: NDArray[np.float32]) -> float:
     """Mean share of points for which something holds in the sectors of the horizon with points.
 
@@ -232,7 +307,7 @@ def _share_of_horizon(holds: NDArray[np.bool_], azimuth: NDArray[np.float32]) ->
 
 
 def _by_own_lattice(frame: LidarFrame, threads: int) -> Sensor | None:
-    """An HDL-64E whose lattice the scan itself tells, well enough to judge the scan by it."""
+    """A scanner whose lattice the scan itself tells, well enough to judge the scan by it."""
     try:
         lattice = estimate_lattice(frame)
     except InputError:
@@ -241,7 +316,7 @@ def _by_own_lattice(frame: LidarFrame, threads: int) -> Sensor | None:
         return None
     if lattice.slope_error.max() > LARGEST_SLOPE_ERROR:
         return None
-    return Sensor(HDL64E, "lattice", "its points tell the lattice themselves", lattice)
+    return Sensor(_name_of(lattice), "lattice", "its points tell the lattice themselves", lattice)
 
 
 def _by_grid(frame: LidarFrame, threads: int) -> Sensor | None:

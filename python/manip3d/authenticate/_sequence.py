@@ -11,6 +11,7 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d.authenticate._inspect import Inspection
+from manip3d.authenticate._verdict import binomial_tail
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:
@@ -152,28 +153,6 @@ def upper_rate(alarms: int, frames: int) -> float:
         fewer = 1.0 - binomial_tail(alarms + 1, frames, rate)
         low, high = (rate, high) if fewer > 0.05 else (low, rate)
     return high
-
-
-def binomial_tail(least: int, frames: int, rate: float) -> float:
-    """Return the probability that at least so many of independent frames alarm.
-
-    Parameters
-    ----------
-    least, frames : int
-    rate : float
-        Probability that one frame alarms, in (0, 1).
-    """
-    fewer = sum(
-        math.exp(
-            math.lgamma(frames + 1)
-            - math.lgamma(k + 1)
-            - math.lgamma(frames - k + 1)
-            + k * math.log(rate)
-            + (frames - k) * math.log1p(-rate)
-        )
-        for k in range(min(least, frames + 1))
-    )
-    return max(0.0, 1.0 - fewer)
 
 
 def _log10_ratio(found: Inspection | None) -> float:

@@ -121,6 +121,9 @@ class TurnResult:
     previous, following : (4, 4) float64
         The motion of the turn before and of the turn after into the frame's coordinates, metres.
     calibration : Calibration
+    aligned : bool
+        Whether both turns could be aligned with the frame, so that the motions hold, although the
+        scanner moved too far for the thresholds.
     """
 
     verdict: Verdict
@@ -133,6 +136,7 @@ class TurnResult:
     previous: NDArray[np.float64] = field(repr=False)
     following: NDArray[np.float64] = field(repr=False)
     calibration: Calibration = field(repr=False)
+    aligned: bool = True
 
     @property
     def power(self) -> Mapping[str, Power]:
@@ -229,8 +233,9 @@ def turn_consistency(
     nothing = np.empty(0, np.int64)
     if (why := _why_not_judged(found, motions)) is not None:
         return TurnResult(
-            "undecidable", why, 1.0, 0.0, false_alarm_rate, (), nothing, *motions, CALIBRATION
-        )
+            "undecidable", why, 1.0, 0.0, false_alarm_rate, (), nothing, *motions, CALIBRATION,
+            aligned=bool(found["judged"]),
+        )  # fmt: skip
     regions = [_region(each, cloud) for each in found["regions"] if each["distance"] < FARTHEST]
     turns = [_in_frame(*each) for each in zip((before, after), motions, strict=True)]
     regions = [

@@ -100,6 +100,13 @@ class Power:
         """Share found in clean frames of the scanner."""
         return self.found / self.planted if self.planted else 0.0
 
+    def record(self) -> dict[str, Any]:
+        """Return the numbers as JSON values; those of the scan itself where it was tried."""
+        values = {**vars(self), "share": self.share}
+        if not self.here_planted:
+            del values["here_found"], values["here_planted"]
+        return values
+
 
 @dataclass(frozen=True, eq=False)
 class Region:
@@ -305,3 +312,25 @@ def likelihood_ratio(p_value: float) -> float:
     if not 0.0 <= p_value <= 1.0:
         raise InputError(f"p_value: expected a probability in [0, 1], got {p_value!r}")
     return 0.5 / math.sqrt(max(p_value, 1e-300))
+
+
+def binomial_tail(least: int, frames: int, rate: float) -> float:
+    """Return the probability that at least so many of independent frames alarm.
+
+    Parameters
+    ----------
+    least, frames : int
+    rate : float
+        Probability that one frame alarms, in (0, 1).
+    """
+    fewer = sum(
+        math.exp(
+            math.lgamma(frames + 1)
+            - math.lgamma(k + 1)
+            - math.lgamma(frames - k + 1)
+            + k * math.log(rate)
+            + (frames - k) * math.log1p(-rate)
+        )
+        for k in range(min(least, frames + 1))
+    )
+    return max(0.0, 1.0 - fewer)

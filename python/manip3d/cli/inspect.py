@@ -32,7 +32,7 @@ from manip3d.io import SCAN_SUFFIXES
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from manip3d.authenticate import Inspection, KeyFile, StreamInspection
+    from manip3d.authenticate import DriveInspection, Inspection, KeyFile, StreamInspection
     from manip3d.capture import RgbdSource
     from manip3d.lidar import LidarFrame
     from manip3d.rgbd import RgbdFrame
@@ -53,11 +53,12 @@ def _check_for_many(options: Mapping[str, Any]) -> None:
 
 
 def _code_of_rows(rows: Sequence[Mapping[str, Any]], options: Mapping[str, Any]) -> int:
-    """The code of the gravest verdict that has one; 1 if a scan of a drive could not be read."""
+    """The code of the gravest verdict that has one; 1 if a scan of a drive could not be read and
+    nothing is tampered."""
     codes = _exit_codes(options["policy"])
-    if any(row.get("failed") for row in rows):
-        return 1
     verdicts = {row.get("verdict") for row in rows}
+    if any(row.get("failed") for row in rows):
+        return ("tampered" in verdicts and codes["tampered"]) or 1
     return next((codes[v] for v in GRAVEST_FIRST if v in verdicts and codes[v]), 0)
 
 
@@ -133,6 +134,14 @@ def inspect(
             help="State the share of edits of each class that are found on this scanner.",
         ),
     ] = True,
+    plant: Annotated[
+        int,
+        typer.Option(
+            min=0,
+            help="Edits of each class to plant in copies of the scan itself, to count those that "
+            "are found; each takes as long as an inspection.",
+        ),
+    ] = 0,
     policy: Annotated[
         str,
         typer.Option(metavar="VERDICT=CODE,...", help="Other exit codes, for example processed=0."),
@@ -153,7 +162,8 @@ def inspect(
 
     The exit code is 0 for no_trace, 3 for tampered, 4 for processed and undecidable, 1 if a scan
     could not be read, and 130 when interrupted; of several sources it is that of the gravest
-    verdict whose code is not 0. Each scan of a drive or of packets gets a line, and is judged
+    verdict whose code is not 0. A drive that is tampered ends with 3 although a scan of it could
+    not be read. Each scan of a drive or of packets gets a line, and is judged
     together with the scans before and after it; it is judged alone where those are missing, and in
     folders without times (object and stereo benchmarks). A drive is tampered where chance does not
     explain its accused scans: of 100 clean scans one may be accused, and 1.1 % of clean drives are
@@ -177,7 +187,7 @@ def inspect(
         _refuse(
             "a LiDAR scan or drive", "an RGB-D recording", rows=rows, previous=previous,
             following=following, lattice=lattice, key=key, watermark=watermark,
-            calibration=calibration, origin=origin, printed=printed or None,
+            calibration=calibration, origin=origin, printed=printed or None, plant=plant or None,
             sensor=None if sensor == "auto" else sensor,
         )  # fmt: skip
         raise typer.Exit(codes[inspect_recording(source, output, log, shell)])
@@ -186,15 +196,17 @@ def inspect(
         check_output(output, report.EVIDENCE_KINDS, force=force)
         _refuse(
             "a single scan", "a drive", previous=previous, following=following,
-            watermark=watermark, rows=rows,
+            watermark=watermark, rows=rows, plant=plant or None,
         )  # fmt: skip
         with _key_of(key) as secret:
-            ended = inspect_drive(
+            together = inspect_drive(
                 source, output, log, shell, calibration=calibration, key=secret,
                 options={"lattice": known, "sensor": sensor, "origin": origin, "power": power,
                          "printed": printed, "threads": jobs},
             )  # fmt: skip
-        raise typer.Exit(1 if ended is None else codes[ended])
+        code = codes[together.verdict]
+        is_whole = not together.num_missing or (together.verdict == "tampered" and code)
+        raise typer.Exit(code if is_whole else 1)
     if calibration is not None:
         raise InputError("--calibration: expected with a recording of packets, got a scan")
     check_output(output, report.EVIDENCE_KINDS, force=force)
@@ -212,6 +224,7 @@ def inspect(
             sensor=sensor,
             origin=origin,
             power=power,
+            plant=plant,
             printed=printed,
             threads=jobs,
             progress=progress,
@@ -360,11 +373,12 @@ def inspect_drive(
     calibration: Path | None,
     key: KeyFile | None,
     options: Mapping[str, Any],
-) -> str | None:
-    """Inspect scan after scan, a line each, and return the drive's verdict; None: some failed."""
+) -> DriveInspection:
+    """Inspect scan after scan, a line each, and return what they say together."""
     import json
 
     from manip3d import authenticate, datasets, report
+    from manip3d._util.json import finite
     from manip3d.io._files import atomic_write
 
     drive = Drive(source, calibration)
@@ -391,7 +405,10 @@ def inspect_drive(
             path = drive.paths.get(number)
             digest = "" if path is None else datasets.file_sha256(path)
             report.append_log(log, each, source=f"{shown(source)}: {name}", source_sha256=digest)
-    verdict, reason = authenticate.verdict_of_drive(found, places)
+    together = authenticate.judge_drive(found, places)
+    row = together.record()
+    if log is not None:
+        report.append_log(log, together, source=shown(source))
     if output is not None:
         if output.suffix.lower() == ".html":
             report.write_drive_evidence(
@@ -399,14 +416,14 @@ def inspect_drive(
                 errors=list(drive.errors.values()), numbers=places,
             )  # fmt: skip
         else:
-            atomic_write(output, (json.dumps(records, indent=1) + "\n").encode())
+            whole = finite(row | {"frames": records})
+            atomic_write(output, (json.dumps(whole, indent=1) + "\n").encode())
         shell.say(f"wrote {output}")
-    row = {"verdict": verdict, "reason": reason, "scans": len(found), "failed": len(drive.errors)}
     shell.result(
-        row if shell.is_collecting else records,
-        lambda console: show_drive(console, verdict, reason, found),
+        row if shell.is_collecting else row | {"frames": records},
+        lambda console: show_drive(console, together, found),
     )
-    return None if drive.errors else verdict
+    return together
 
 
 _WITHOUT_MAPS: Mapping[str, Any] = {
@@ -417,11 +434,12 @@ stays: the regions, and how the scanner moved."""
 
 
 def show_drive(
-    console: Console, verdict: str, reason: str, found: Sequence[Inspection | None]
+    console: Console, together: DriveInspection, found: Sequence[Inspection | None]
 ) -> None:
     """Print how many scans have each verdict, and that of the drive with its reason."""
+    verdict = f"{together.verdict}: {together.reason}"
     if not found:
-        console.print(f"{verdict}: {reason}")
+        console.print(verdict)
         return
     counts = Counter("not read" if each is None else each.verdict for each in found)
     console.print()
@@ -429,10 +447,8 @@ def show_drive(
     table(console, sorted(rows), ("verdict", "scans", "share"))
     console.print()
     if len(found) > 1:
-        from manip3d import authenticate
-
-        console.print(authenticate.drive_evidence(found).statement, soft_wrap=True)
-    console.print(f"{verdict}: {reason}", soft_wrap=True)
+        console.print(together.evidence.statement, soft_wrap=True)
+    console.print(verdict, soft_wrap=True)
 
 
 def _is_rgbd(source: str) -> bool:
@@ -535,12 +551,20 @@ def show(console: Console, found: Inspection) -> None:
     table(console, [(r.title, r.verdict, r.reason) for r in found.detectors])
     if found.power:
         console.print()
+        here = any(power.here_planted for power in found.power.values())
         cells = [
-            (name, f"{power.share:.0%}", f"{power.found} of {power.planted}")
+            (
+                name,
+                f"{power.share:.0%}",
+                f"{power.found} of {power.planted}",
+                f"{power.here_found} of {power.here_planted}" if power.here_planted else "",
+            )
             for name, power in found.power.items()
         ]
-        cells += [(name, "0%", "not looked for") for name in found.blind]
-        table(console, cells, ("edits of this class", "found", "planted in clean scans"))
+        cells += [(name, "0%", "not looked for", "") for name in found.blind]
+        titles = ("edits of this class", "found", "planted in clean scans", "planted in this scan")
+        columns = len(titles) if here else 3
+        table(console, [cell[:columns] for cell in cells], titles[:columns])
     boxes = [(report.name, box) for report in found.detectors for box in report.boxes]
     if boxes:
         console.print()

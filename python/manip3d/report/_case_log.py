@@ -22,7 +22,7 @@ from manip3d.errors import FormatError, InputError
 from manip3d.io._files import _sync_folder, open_regular
 
 if TYPE_CHECKING:
-    from manip3d.authenticate import Inspection, StreamInspection
+    from manip3d.authenticate import DriveInspection, Inspection, StreamInspection
 
 LOG_SUFFIX = ".jsonl"
 
@@ -61,7 +61,7 @@ _checked_logs: dict[tuple[int, int], _End] = {}
 @checked
 def append_log(
     path: str | os.PathLike[str],
-    inspection: Inspection | StreamInspection,
+    inspection: Inspection | StreamInspection | DriveInspection,
     *,
     source: str,
     source_sha256: str = "",
@@ -72,8 +72,8 @@ def append_log(
     ----------
     path : path
         A ``.jsonl`` file; made if it is not there.
-    inspection : Inspection or StreamInspection
-        The result of `manip3d.authenticate.inspect` or `inspect_stream`.
+    inspection : Inspection, StreamInspection or DriveInspection
+        The result of `manip3d.authenticate.inspect`, `inspect_stream` or `judge_drive`.
     source : str
         Name of the scan.
     source_sha256 : str

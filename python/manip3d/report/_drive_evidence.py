@@ -132,7 +132,7 @@ def scanner_poses(found: Sequence[Inspection | None]) -> list[Pose | None]:
 
 
 def _aligned(found: Inspection) -> bool:
-    return found.turns is not None and found.turns.verdict != "undecidable"
+    return found.turns is not None and found.turns.aligned
 
 
 def _drive_page(
@@ -330,14 +330,19 @@ def _p_text(p_value: float | None) -> str:
 
 
 def _table(found: Sequence[Inspection | None], names: Sequence[str]) -> str:
-    """The scans of which something is said."""
+    """The scans of which something is said, the accused ones first."""
+    said = [
+        (each, name)
+        for each, name in zip(found, names, strict=True)
+        if each is not None and each.verdict != "no_trace"
+    ]
+    said.sort(key=lambda row: row[0].verdict != "tampered")  # each in its order otherwise
     rows = [
         f"<tr><td>{html.escape(name)}</td><td class={each.verdict}>{each.verdict}</td>"
         f"<td>{html.escape(each.reason)}</td>"
         f"<td>{_p_text(each.p_value)}</td>"
         f"<td>{len(each.regions)}</td></tr>"
-        for each, name in zip(found, names, strict=True)
-        if each is not None and each.verdict != "no_trace"
+        for each, name in said
     ]
     if not rows:
         return ""

@@ -29,10 +29,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    from manip3d.authenticate import DensityResult, DetectorReport, Inspection, OcclusionResult
+    from manip3d.authenticate import (
+        DensityResult,
+        DetectorReport,
+        Inspection,
+        OcclusionResult,
+        Region,
+    )
 
 _MOST_ROWS, _MOST_COLUMNS = 600, 1600
-_MOST_REGIONS = 6
+_MOST_REGIONS = 24
 
 
 @checked
@@ -102,7 +108,7 @@ def _pictures(inspection: Inspection) -> dict[str, str]:
         caption = "Regions of the accusing detector: suspected points in orange"
         if inspection.accusing is not None and inspection.accusing.name == "turns":
             caption += ", what the turn before saw there in blue"
-        pictures[caption] = _png(regions)
+        pictures[caption + _how_many(inspection)] = _png(regions)
     return pictures
 
 
@@ -153,26 +159,51 @@ def _shrunk(mask: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.asarray(blocks.max(axis=(1, 3)))
 
 
-def _region_figure(figure_type: type[Figure], inspection: Inspection) -> Figure | None:
-    """Crops of the range image around the first regions of the accusing detector."""
-    report, scan = inspection.accusing, inspection.scan
-    if report is None or scan is None:
-        return None
+def _drawn_regions(inspection: Inspection) -> list[tuple[int, Region, NDArray[np.float64]]]:
+    """Regions of the accusing detector that a picture can show, the most significant first.
+
+    Each with its place in the table and what the turn before saw there.
+    """
+    report = inspection.accusing
+    if report is None:
+        return []
     stood: Sequence[NDArray[np.float32]] = [np.empty((0, 3), np.float32)] * len(report.regions)
     if report.name == "turns" and inspection.turns is not None:
         stood = [region.stood for region in inspection.turns.regions]
-    shown = [
-        (region, before.astype(np.float64))
-        for region, before in zip(report.regions, stood, strict=True)
+    drawn = [
+        (place, region, before.astype(np.float64))
+        for place, (region, before) in enumerate(zip(report.regions, stood, strict=True))
         if len(region.rows) or len(before)
-    ][:_MOST_REGIONS]
-    if not shown:
+    ]
+    drawn.sort(key=lambda each: _insignificance(each[1]))
+    return drawn
+
+
+def _insignificance(region: Region) -> tuple[float, float]:
+    """Smaller for more significant regions: by p-value, then by the strongest evidence."""
+    p_value = 1.0 if region.p_value is None else region.p_value
+    return p_value, -max(region.evidence.values(), default=0.0)
+
+
+def _how_many(inspection: Inspection) -> str:
+    """How many of the regions are drawn, where not all are."""
+    count = len(_drawn_regions(inspection))
+    if count <= _MOST_REGIONS:
+        return ""
+    return f"; the {_MOST_REGIONS} most significant of {count}, the table has all"
+
+
+def _region_figure(figure_type: type[Figure], inspection: Inspection) -> Figure | None:
+    """Crops of the range image around the regions of the accusing detector."""
+    scan = inspection.scan
+    shown = _drawn_regions(inspection)[:_MOST_REGIONS]
+    if scan is None or not shown:
         return None
     figure = figure_type(figsize=(8, 2.6 * len(shown)), layout="constrained")
     seen = scan.points.astype(np.float64) - np.asarray(inspection.origin or (0.0, 0.0, 0.0))
     rho, azimuth, height = _directions(seen)
     pairs = figure.subplots(len(shown), 2, squeeze=False)
-    for number, ((region, before), (across, along)) in enumerate(zip(shown, pairs, strict=True)):
+    for (place, region, before), (across, along) in zip(shown, pairs, strict=True):
         there = np.concatenate([seen[region.rows], before])
         far, around, above = _directions(there)
         middle = float(np.angle(np.exp(1j * around).mean()))
@@ -194,7 +225,7 @@ def _region_figure(figure_type: type[Figure], inspection: Inspection) -> Figure 
         _draw_lattice(along, inspection, far, there[:, 2])
         said = "" if region.p_value is None else f", p <= {region.p_value:.1e}"
         across.set(
-            title=f"region {number + 1}{said}", xlabel="azimuth, deg", ylabel="elevation, deg"
+            title=f"region {place + 1}{said}", xlabel="azimuth, deg", ylabel="elevation, deg"
         )
         along.set(title="points against the lattice", xlabel="distance, m", ylabel="height, m")
     return figure
@@ -335,20 +366,20 @@ def _facts(inspection: Inspection, source: str) -> str:
 
 def _regions(inspection: Inspection) -> str:
     rows = "".join(
-        f"<tr><td>{html.escape(report.title)}</td>"
+        f"<tr><td>{html.escape(report.title)}</td><td>{number}</td>"
         + "".join(f"<td>{v:.2f}</td>" for v in (*region.box.center, *region.box.size))
         + f"<td>{math.degrees(region.box.yaw):.0f}</td><td>{len(region.rows)}</td>"
         + f"<td>{'' if region.p_value is None else f'{region.p_value:.1e}'}</td>"
         + f"<td>{html.escape(', '.join(f'{k} {v:.3g}' for k, v in region.evidence.items()))}</td>"
         + "</tr>"
         for report in inspection.detectors
-        for region in report.regions
+        for number, region in enumerate(report.regions, 1)
     )
     if not rows:
         return ""
     header = (
-        "<tr><th>detector<th>x<th>y<th>z<th>length<th>width<th>height<th>yaw, deg<th>points"
-        "<th>p at most<th>evidence</tr>"
+        "<tr><th>detector<th>region<th>x<th>y<th>z<th>length<th>width<th>height<th>yaw, deg"
+        "<th>points<th>p at most<th>evidence</tr>"
     )
     return f"<h2>Regions, metres</h2><div class=wide><table>{header}{rows}</table></div>"
 
@@ -358,7 +389,13 @@ def _power(inspection: Inspection) -> str:
         return ""
     rows = "".join(
         f"<tr><td>{html.escape(name)}</td><td>{power.share:.0%}</td>"
-        f"<td>{power.found} of {power.planted}</td></tr>"
+        f"<td>{power.found} of {power.planted}"
+        + (
+            f"; {power.here_found} of {power.here_planted} in this scan"
+            if power.here_planted
+            else ""
+        )
+        + "</td></tr>"
         for name, power in inspection.power.items()
     )
     rows += "".join(

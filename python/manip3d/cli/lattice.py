@@ -1,0 +1,111 @@
+"""``manip3d lattice``: the lattice of a scanner, and what `inspect` finds with it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from manip3d.cli.options import Force, Jobs, Json, Output, Quiet, Seed
+from manip3d.cli.terminal import Terminal, check_output, counted, table
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rich.console import Console
+
+
+def lattice(
+    sources: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="SOURCE...",
+            help="Clean scans of one scanner as it gave them, at least four, or a drive of them.",
+        ),
+    ],
+    output: Output,
+    planted: Annotated[
+        int, typer.Option(min=1, help="Edits of each class that are planted in a scan.")
+    ] = 10,
+    most: Annotated[
+        int, typer.Option(min=4, help="Most scans that are read, evenly spread over all.")
+    ] = 20,
+    seed: Seed = 0,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    jobs: Jobs = 0,
+) -> None:
+    """Estimate the lattice of a scanner, and measure what 'inspect' finds with it.
+
+    Every second scan gives the lattice; the others are judged by it, clean and with edits planted.
+    'inspect --lattice' says no_trace of scans of another scanner than an HDL-64E only with a
+    lattice whose power was measured in this way. Clean scans that detector III accuses are an
+    error: it cannot judge their scanner.
+
+    Example: manip3d lattice clean -o lattice.json
+    """
+    from manip3d import authenticate
+    from manip3d.io import read_scan
+
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    check_output(output, (".json",), force=force)
+    paths = [Path(each) for each in sources]
+    scans = [
+        scan
+        for path in paths
+        for scan in (authenticate.drive_scans(path) if path.is_dir() else [path])
+    ]
+    scans = _spread(scans, most)
+    frames = []
+    for scan in scans:
+        frame = read_scan(scan)
+        frames.append(frame)
+        shell.say(f"read {scan}: {counted(frame.num_points, 'point')}")
+    found = authenticate.calibrate_lattice(
+        frames,
+        planted=planted,
+        source=f"{len(frames) // 2} clean scans of {_named(sources)}",
+        rng=seed,
+        threads=jobs,
+    )
+    found.save(output)
+    shell.say(f"wrote {output}")
+    power = {name: {**vars(each), "share": each.share} for name, each in found.power.items()}
+    row = {
+        "output": str(output),
+        "lasers": len(found.slope),
+        "steps": found.steps,
+        "range_step": found.range_step,
+        "power": power,
+    }
+    shell.result(row, lambda console: _show(console, row))
+
+
+def _spread(scans: Sequence[Path], most: int) -> list[Path]:
+    """Choose at most so many of the scans, evenly spread."""
+    if len(scans) <= most:
+        return list(scans)
+    return [scans[k * len(scans) // most] for k in range(most)]
+
+
+def _named(sources: Sequence[str]) -> str:
+    """The first source without its folders, and how many more there are."""
+    first = Path(sources[0]).name
+    return first if len(sources) == 1 else f"{first} and {len(sources) - 1} more"
+
+
+def _show(console: Console, found: dict[str, Any]) -> None:
+    """Print what the lattice is made of, and the power."""
+    console.print(
+        f"{found['lasers']} lasers, {found['steps']} steps of the encoder a turn (0: none found), "
+        f"ranges in steps of {1000 * found['range_step']:g} mm (0: none found)",
+        soft_wrap=True,
+    )
+    rows = [
+        (name, f"{each['share']:.0%}", f"{each['found']} of {each['planted']}")
+        for name, each in found["power"].items()
+    ]
+    if rows:
+        table(console, rows, ("edits of this class", "found", "planted in clean scans"))
