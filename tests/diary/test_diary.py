@@ -412,6 +412,30 @@ def test_nothing_is_deleted_while_another_program_reads(diary: Diary) -> None:
     assert diary.participants() == []
 
 
+def test_a_file_that_cannot_be_written_anew_is_an_error_of_ours(diary: Diary) -> None:
+    fill(diary)
+    fill(diary, "P02")
+
+    def refuse_vacuum(raw: sqlite3.Connection, _: object) -> None:
+        # VACUUM attaches the new file to the old one.
+        raw.set_authorizer(
+            lambda action, *_: (
+                sqlite3.SQLITE_DENY if action == sqlite3.SQLITE_ATTACH else sqlite3.SQLITE_OK
+            )
+        )
+
+    sql.event.listen(diary._engine, "connect", refuse_vacuum)
+    with pytest.raises(OSError, match="deleted, but the file could not be written anew"):
+        diary.delete("P02")
+    with pytest.raises(OSError, match="deleted, but the file could not be written anew"):
+        diary.set_consent("P01", clips=False)
+    sql.event.remove(diary._engine, "connect", refuse_vacuum)
+    assert [one.identifier for one in diary.participants()] == ["P01"]
+    assert diary.clips("P01") == []
+    assert b"picture of P02" not in files_beside(diary.path)
+    diary.check()
+
+
 # --- versions -------------------------------------------------------------------------------------
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from contextlib import suppress
 from datetime import date, datetime
 from enum import StrEnum
 from pathlib import Path
@@ -112,15 +114,18 @@ def consent(
     """Note whether a participant consents to short films; without consent theirs are deleted.
 
     A film shows the person before a grey ground, nothing of the room, from 5 s before 10 s without
-    a point.
+    a point. When consent is withdrawn, the films that were exported before are listed: delete them.
 
     Example: manip3d diary consent study.diary P01 --clips
     """
     with _opened(path, key) as diary:
         diary.set_consent(participant, clips=clips)
+        left = [] if clips else [one.path for one in diary.exports(participant) if one.has_films]
     shell = Terminal(as_json=as_json, quiet=quiet)
     shell.say(f"{participant} {'consents' if clips else 'does not consent'} to films")
-    shell.result({"participant": participant, "clips": clips})
+    for file in left:
+        shell.say(f"still shows films of {participant}: {file}")
+    shell.result({"participant": participant, "clips": clips, "left": [str(one) for one in left]})
 
 
 @app.command("clips")
@@ -379,11 +384,10 @@ def delete(
             shell.say(f"exported: {one.path} ({one.state})")
         if not is_sure and not typer.confirm(f"Delete all of {participant} from {path}?", err=True):
             raise InputError("nothing deleted")
-        removed = [one.path for one in exports if with_exports and one.state == "unchanged"]
-        for file in removed:
-            file.unlink()
-        left = [one.path for one in exports if one.state != "gone"]
-        diary.delete(participant)
+        chosen = [one.path for one in exports if with_exports and one.state == "unchanged"]
+        diary.delete(participant)  # first: where this fails, nothing has been deleted
+        removed = _remove(shell, chosen)
+        left = [one.path for one in exports if one.path not in removed and one.state != "gone"]
     shell.say(f"deleted {participant} from {path}")
     if removed:
         shell.say(f"removed {counted(len(removed), 'exported file')}")
@@ -397,6 +401,22 @@ def delete(
             "left": [str(file) for file in left],
         }
     )
+
+
+def _remove(shell: Terminal, files: Sequence[Path]) -> list[Path]:
+    """Remove files and the folders of exports that are empty then; return the removed files."""
+    removed = []
+    for file in files:
+        try:
+            file.unlink()
+        except OSError as error:
+            shell.say(f"cannot remove {file}: {error.strerror}")
+        else:
+            removed.append(file)
+    for folder in {file.parent for file in removed if file.suffix in (".csv", ".webp")}:
+        with suppress(OSError):  # it holds other files
+            folder.rmdir()
+    return removed
 
 
 @app.command("audit")

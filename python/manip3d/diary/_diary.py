@@ -189,6 +189,8 @@ class Diary:
     def set_consent(self, identifier: str, *, clips: bool) -> None:
         """Say whether a participant consents to clips; without consent theirs are deleted.
 
+        Films that were exported before are not reached: see `exports` and `ExportedFile.has_films`.
+
         Parameters
         ----------
         identifier : str
@@ -200,6 +202,7 @@ class Diary:
             No such participant.
         OSError
             There are clips to delete and another program has the diary open; nothing was changed.
+            Or the file could not be written anew: the clips are deleted, their rows are zeros.
         """
         with self._engine.begin() as connection:
             number, _ = self._find(connection, identifier)
@@ -705,7 +708,8 @@ class Diary:
         InputError
             No such participant.
         OSError
-            Another program has the diary open; nothing was deleted.
+            Another program has the diary open; nothing was deleted. Or the file could not be
+            written anew: the participant is deleted, their rows are zeros.
         """
         with self._engine.begin() as connection:
             number, _ = self._find(connection, identifier)
@@ -726,12 +730,19 @@ class Diary:
                 mode = raw.execute("PRAGMA journal_mode = DELETE").fetchone()[0]
             except sqlite3.OperationalError:
                 mode = "wal"
+            except sqlite3.DatabaseError as error:
+                raise self._told(error) from error
             if mode != "delete":
                 raise OSError(f"{self.path}: another program has the diary open; nothing deleted")
             with connection.begin():
                 yield connection
-            raw.execute("VACUUM")
-            raw.execute("PRAGMA journal_mode = WAL")
+            try:
+                raw.execute("VACUUM")
+                raw.execute("PRAGMA journal_mode = WAL")
+            except sqlite3.DatabaseError as error:
+                raise OSError(
+                    f"{self.path}: deleted, but the file could not be written anew: {error}"
+                ) from error
 
     # --- reading ---------------------------------------------------------------------------------
 

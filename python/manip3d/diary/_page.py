@@ -13,7 +13,7 @@ from manip3d._util.paths import path_of
 from manip3d.diary._clips import film
 from manip3d.diary._diary import Diary
 from manip3d.diary._protocol import Protocol, adherence
-from manip3d.diary._records import DiaryGame, DiarySession
+from manip3d.diary._records import FILM_IN_PAGE, DiaryGame, DiarySession
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_write
 
@@ -222,7 +222,8 @@ def _films(diary: Diary, identifier: str) -> str:
     if not found:
         return "<p>None.</p>"
     return "\n".join(
-        f'<figure><img alt="" src="data:image/webp;base64,{base64.b64encode(film(clip)).decode()}">'
+        f'<figure><img alt="" src="{FILM_IN_PAGE.decode()}'
+        f'{base64.b64encode(film(clip)).decode()}">'
         f"<figcaption>{_day(clip.at)}, {html.escape(clip.game)}: no point from {clip.start:.0f} to "
         f"{clip.end:.0f} s of play, though something was in reach. The phantom limb is bluish."
         "</figcaption></figure>"

@@ -11,7 +11,7 @@ from typing import Literal
 
 from manip3d.diary._mcgill import McGillScore
 from manip3d.errors import FormatError, InputError
-from manip3d.io._files import sha256_of
+from manip3d.io._files import regular_bytes, sha256_of
 
 Moment = Literal["before", "after", "other"]
 Occasion = Literal["baseline", "week-1", "week-4", "other"]
@@ -149,6 +149,19 @@ class ExportedFile:
         except (OSError, FormatError):
             return "changed"
         return "unchanged" if now == self.sha256 else "changed"
+
+    @property
+    def has_films(self) -> bool:
+        """Whether the file is there and is a film, or a page that shows films."""
+        try:
+            content = regular_bytes(self.path)
+        except (OSError, FormatError):
+            return False
+        return content[8:12] == b"WEBP" or FILM_IN_PAGE in content
+
+
+FILM_IN_PAGE = b"data:image/webp;base64,"
+"""What a film on a page begins with."""
 
 
 @dataclass(frozen=True)
