@@ -6,6 +6,7 @@ import contextlib
 import os
 import secrets
 import sqlite3
+import uuid
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from datetime import date, datetime
@@ -52,6 +53,7 @@ except ModuleNotFoundError as error:
 from manip3d.diary import _schema as schema
 
 _CHECK = b"manip3d diary"
+_STUDY = "meta study"  # what the study's identifier is encrypted for
 _OWNERSHIP, _FELT = "ownership", "felt"  # kinds of questionnaires
 _BUSY_S = 5.0  # another program that writes is waited for
 
@@ -102,7 +104,7 @@ class Diary:
     ) -> None:
         self.path = path_of(path)
         self._key = require_key_material(key)
-        version = self._version_of_file(create)
+        self._check_file(create)
         self._engine = sql.create_engine(
             sql.URL.create("sqlite", database=str(self.path)),
             poolclass=sql.pool.NullPool,  # nobody holds the file between two calls
@@ -111,15 +113,14 @@ class Diary:
         sql.event.listen(self._engine, "connect", self._on_connect)
         sql.event.listen(self._engine, "begin", _on_begin)
         sql.event.listen(self._engine, "handle_error", self._on_error)
-        if version < schema.VERSION:
-            with self._engine.begin() as connection:
-                # Another program may have done it since.
-                now = int(connection.exec_driver_sql("PRAGMA user_version").scalar_one())
-                if now < schema.VERSION:
-                    schema.migrate(connection, now)
-                if now == 0:
-                    self._mark(connection)
-        self._check_key()
+        with self._engine.begin() as connection:
+            # Another program may have made or changed it since.
+            now = int(connection.exec_driver_sql("PRAGMA user_version").scalar_one())
+            if now > 0:
+                self._check_key(connection)  # before anything is written with it
+            if now < schema.VERSION:
+                self._migrate(connection, now)
+            self._study = self._read_study(connection)
 
     def __enter__(self) -> Self:
         return self
@@ -140,6 +141,11 @@ class Diary:
     def is_encrypted(self) -> bool:
         """Whether a key is needed to read it."""
         return self._key is not None
+
+    @property
+    def study(self) -> str:
+        """A random UUID, which tells participants of this diary from those of other ones."""
+        return self._study
 
     # --- writing ---------------------------------------------------------------------------------
 
@@ -897,8 +903,8 @@ class Diary:
             No such participant.
         """
         found = [
-            Ownership(datetime.fromisoformat(f["at"]), f["mode"], tuple(f["answers"]))
-            for f, _ in self._answers(identifier, _OWNERSHIP)
+            Ownership(datetime.fromisoformat(f["at"]), f["mode"], tuple(f["answers"]), row)
+            for f, row in self._answers(identifier, _OWNERSHIP)
         ]
         return sorted(found, key=lambda one: one.at)
 
@@ -921,8 +927,10 @@ class Diary:
         """
         names = ("length", "telescoping", "raised", "bent")
         found = [
-            FeltRecord(datetime.fromisoformat(f["at"]), **{name: f[name] for name in names})
-            for f, _ in self._answers(identifier, _FELT)
+            FeltRecord(
+                datetime.fromisoformat(f["at"]), **{name: f[name] for name in names}, number=row
+            )
+            for f, row in self._answers(identifier, _FELT)
         ]
         return sorted(found, key=lambda one: one.at)
 
@@ -1014,8 +1022,8 @@ class Diary:
 
     # --- the file --------------------------------------------------------------------------------
 
-    def _version_of_file(self, create: bool) -> int:
-        """Read the version of the schema; 0: a new file."""
+    def _check_file(self, create: bool) -> None:
+        """Refuse what is no diary, or one of a later version; make a new file."""
         if create:
             with contextlib.suppress(FileExistsError):
                 os.close(os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
@@ -1034,7 +1042,7 @@ class Diary:
             raise FormatError(f"expected a diary: {error}", file=str(self.path)) from error
         # A file without tables: new, or its maker was killed before it was a diary.
         if create and holds == 0 and mark == 0:
-            return 0
+            return
         if mark != schema.APPLICATION:
             raise FormatError("expected a diary, got another file", file=str(self.path))
         if version > schema.VERSION:
@@ -1043,22 +1051,37 @@ class Diary:
                 "manip3d wrote it",
                 file=str(self.path),
             )
-        return version
 
-    def _mark(self, connection: sql.Connection) -> None:
-        """Store what a key is checked by when the diary is opened."""
-        connection.execute(
-            sql.insert(schema.META).values(name="check", value=seal(self._key, _CHECK, "meta"))
-        )
+    def _migrate(self, connection: sql.Connection, version: int) -> None:
+        """Bring the file to the version of today; 0: it is new."""
+        schema.migrate(connection, version)
+        marks = {}
+        if version == 0:  # what a key is checked by when the diary is opened
+            marks["check"] = seal(self._key, _CHECK, "meta")
+        if version < schema.WITH_STUDY:
+            marks["study"] = seal(self._key, str(uuid.uuid4()).encode(), _STUDY)
+        for name, value in marks.items():
+            connection.execute(sql.insert(schema.META).values(name=name, value=value))
 
-    def _check_key(self) -> None:
-        with self._engine.begin() as connection:
-            table = schema.META
-            value = connection.execute(
-                sql.select(table.c.value).where(table.c.name == "check")
-            ).scalar_one_or_none()
+    def _meta(self, connection: sql.Connection, name: str) -> bytes:
+        table = schema.META
+        value = connection.execute(
+            sql.select(table.c.value).where(table.c.name == name)
+        ).scalar_one_or_none()
         if value is None:
             raise FormatError("expected a diary, got another file", file=str(self.path))
+        return bytes(value)
+
+    def _read_study(self, connection: sql.Connection) -> str:
+        name = unseal(self._key, self._meta(connection, "study"), _STUDY)
+        try:
+            return str(uuid.UUID(name.decode("ascii")))
+        except ValueError:
+            raise FormatError("expected a UUID of the study; the diary is damaged",
+                              file=str(self.path)) from None  # fmt: skip
+
+    def _check_key(self, connection: sql.Connection) -> None:
+        value = self._meta(connection, "check")
         is_plain = value == _CHECK
         if is_plain and self._key is not None:
             raise InputError(f"key: {self.path} is not encrypted; open it without a key")

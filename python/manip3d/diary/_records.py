@@ -272,11 +272,14 @@ class Ownership:
         ``synchronous`` or ``asynchronous``.
     answers : tuple of 6 int
         Three about ownership of the limb, then three controls.
+    number : int
+        Number of its row, by which copies name it; 0: it was not read from a diary.
     """
 
     at: datetime
     mode: Literal["synchronous", "asynchronous"]
     answers: tuple[int, ...]
+    number: int = field(default=0, compare=False)
 
     @property
     def ownership(self) -> float:
@@ -301,6 +304,8 @@ class FeltRecord:
         stump.
     raised, bent : int, degrees
         The limb sideways from hanging down; elbow or knee.
+    number : int
+        Number of its row, by which copies name it; 0: it was not read from a diary.
     """
 
     at: datetime
@@ -308,6 +313,7 @@ class FeltRecord:
     telescoping: int
     raised: int
     bent: int
+    number: int = field(default=0, compare=False)
 
 
 @dataclass(frozen=True)
