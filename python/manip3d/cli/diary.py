@@ -316,15 +316,23 @@ def export(
         typer.Option(
             "-o",
             "--output",
-            help="A folder of tables (CSV); of one participant also NAME.json (FHIR R4) and "
-            "NAME.html (a page for the clinician).",
+            help="A folder of tables (CSV), or with --pages of pages; of one participant also "
+            "NAME.json (FHIR R4) and NAME.html (a page for the clinician).",
         ),
     ],
     participant: Annotated[
         str | None, typer.Option(help="This participant only; needed for FHIR and the page.")
     ] = None,
+    pages: Annotated[
+        bool,
+        typer.Option(
+            "--pages",
+            help="The folder holds pages for the clinician: an overview (index.html) and one of "
+            "each participant.",
+        ),
+    ] = False,
     clips: Annotated[
-        bool, typer.Option("--clips", help="The page shows the films of difficulties too.")
+        bool, typer.Option("--clips", help="The pages show the films of difficulties too.")
     ] = False,
     key: Key = None,
     force: Force = False,
@@ -335,11 +343,15 @@ def export(
 
     Example: manip3d diary export study.diary -o export
     """
-    from manip3d.diary import export_csv, export_fhir, write_page
+    from manip3d.diary import export_csv, export_fhir, write_overview, write_page
 
-    check_output(output, (".json", ".html"), force=force, folder=True)
+    check_output(output, () if pages else (".json", ".html"), force=force, folder=True)
+    if pages and participant is not None:
+        raise InputError("--pages: expected no --participant; the page of one is -o NAME.html")
     with _opened(path, key) as diary:
-        if output.suffix in (".json", ".html"):
+        if pages:
+            write_overview(diary, output, clips=clips, overwrite=force)
+        elif output.suffix in (".json", ".html"):
             if participant is None:
                 raise InputError("participant: expected one with --participant, for this format")
             if output.suffix == ".json":
@@ -403,6 +415,11 @@ def delete(
     )
 
 
+def _is_of_folder(file: Path) -> bool:
+    """Whether an export wrote it into a folder of its own."""
+    return file.suffix in (".csv", ".webp") or file.name.startswith(("index.", "participant-"))
+
+
 def _remove(shell: Terminal, files: Sequence[Path]) -> list[Path]:
     """Remove files and the folders of exports that are empty then; return the removed files."""
     removed = []
@@ -413,7 +430,7 @@ def _remove(shell: Terminal, files: Sequence[Path]) -> list[Path]:
             shell.say(f"cannot remove {file}: {error.strerror}")
         else:
             removed.append(file)
-    for folder in {file.parent for file in removed if file.suffix in (".csv", ".webp")}:
+    for folder in {file.parent for file in removed if _is_of_folder(file)}:
         with suppress(OSError):  # it holds other files
             folder.rmdir()
     return removed

@@ -17,7 +17,7 @@ from manip3d.diary._clips import Clip, export_clips, film
 from manip3d.diary._diary import Diary
 from manip3d.diary._export import export_csv, export_fhir, fhir_bundle
 from manip3d.diary._mcgill import MCGILL_GROUPS, McGillScore, score_mcgill
-from manip3d.diary._page import write_page
+from manip3d.diary._page import write_overview, write_page
 from manip3d.diary._protocol import SICKNESS, Adherence, Protocol, adherence, stop_reason
 from manip3d.diary._records import (
     AdverseEvent,
@@ -64,5 +64,6 @@ __all__ = [
     "score_mcgill",
     "simulate_cohort",
     "stop_reason",
+    "write_overview",
     "write_page",
 ]
