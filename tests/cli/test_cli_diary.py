@@ -83,7 +83,7 @@ def test_exports_are_listed_and_removed_with_a_participant(path: str, tmp_path: 
     found = json.loads(ran("delete", path, "P01", "--yes", "--exports", "--json"))
     assert found["left"] == [str(tmp_path / "P01.html")]
     assert str(tmp_path / "P01.json") in found["removed"]
-    assert len(found["removed"]) == 9
+    assert len(found["removed"]) == 10
     left = sorted(str(one.relative_to(tmp_path)) for one in tmp_path.rglob("*") if one.is_file())
     assert left == ["P01.html", "P02.html", "study.diary"]
     found = json.loads(ran("delete", path, "P02", "--yes", "--json"))
@@ -99,10 +99,10 @@ def test_exports_stay_where_the_participant_cannot_be_deleted(path: str, tmp_pat
         assert done.exit_code == 1
         assert "nothing deleted" in str(done.exception)
         other.rollback()
-    assert len(list((tmp_path / "tables").iterdir())) == 9
+    assert len(list((tmp_path / "tables").iterdir())) == 10
     assert "P01" in ran("list", path)
     assert (
-        len(json.loads(ran("delete", path, "P01", "--yes", "--exports", "--json"))["removed"]) == 9
+        len(json.loads(ran("delete", path, "P01", "--yes", "--exports", "--json"))["removed"]) == 10
     )
     assert not (tmp_path / "tables").exists()
 
@@ -122,7 +122,7 @@ def test_an_export_that_cannot_be_removed_is_said_to_be_left(
     done = run("delete", path, "P01", "--yes", "--exports", "--json")
     assert f"cannot remove {games}: Operation not permitted" in done.stderr
     found = json.loads(done.stdout)
-    assert (len(found["removed"]), found["left"]) == (8, [str(games)])
+    assert (len(found["removed"]), found["left"]) == (9, [str(games)])
     assert list((tmp_path / "tables").iterdir()) == [games]
     assert "nobody is enrolled" in ran("list", path)
 

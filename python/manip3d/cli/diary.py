@@ -19,7 +19,7 @@ from manip3d.errors import InputError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from manip3d.diary import Diary, DiaryAnalysis, Estimate
+    from manip3d.diary import Answers, Diary, DiaryAnalysis, Estimate, Questionnaire
 
 app = typer.Typer(
     name="diary",
@@ -200,12 +200,13 @@ def show_participant(path: File, participant: Who, key: Key = None, as_json: Jso
 
     Example: manip3d diary show study.diary P01
     """
-    from manip3d.diary import adherence
+    from manip3d.diary import MCGILL, OWNERSHIP, adherence
 
     with _opened(path, key) as diary:
         person = diary.participant(participant)
         sessions = diary.sessions(participant)
         filled, events = diary.questionnaires(participant), diary.events(participant)
+        answers = diary.answers(participant)
     done = adherence(sessions, person.enrolled, _today(person.enrolled))
     record = {
         **_plain(person),
@@ -216,6 +217,7 @@ def show_participant(path: File, participant: Who, key: Key = None, as_json: Jso
             for session in sessions
         ],
         "questionnaires": [{**_plain(one), "score": vars(one.score)} for one in filled],
+        "answers": [_answers(one) for one in answers],
         "events": [_plain(event) for event in events],
     }  # fmt: skip
 
@@ -247,6 +249,11 @@ def show_participant(path: File, participant: Who, key: Key = None, as_json: Jso
                 f"{score.affective} + {score.evaluative} + {score.miscellaneous}), "
                 f"NWC {score.nwc}, PPI {score.ppi}"
             )
+        for form in answers:
+            if form.questionnaire not in (MCGILL, OWNERSHIP):
+                told = ", ".join(f"{name} {score:.4g}" for name, score in form.scores.items())
+                title = f"{form.questionnaire.name}, {form.occasion}, {_day(form.at)}"
+                console.print(f"{title}: {told}", markup=False)
         for event in events:
             console.print(
                 f"adverse event, {_day(event.at)}: {event.kind} {event.text}", markup=False
@@ -289,7 +296,7 @@ def rate(
     """
     if pain is None and mcgill is None and event is None:
         raise InputError("expected --pain, --mcgill or --event")
-    ranks = None if mcgill is None else _ranks(mcgill)
+    ranks = None if mcgill is None else _numbers(mcgill, 20, "mcgill")
     shell = Terminal(as_json=as_json, quiet=quiet)
     record: dict[str, Any] = {"participant": participant}
     with _opened(path, key) as diary:
@@ -306,6 +313,110 @@ def rate(
             record["event"] = event
             shell.say(f"adverse event noted for {participant}")
     shell.result(record)
+
+
+class BuiltIn(StrEnum):
+    """Questionnaires that need no file."""
+
+    mcgill = "mcgill"
+    ownership = "ownership"
+
+
+@app.command("form")
+def form(
+    questionnaire: Annotated[
+        BuiltIn, typer.Argument(metavar="mcgill|ownership", help="A built-in questionnaire.")
+    ],
+    output: Annotated[Path, typer.Option("-o", "--output", help="A JSON file.")],
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Write a built-in questionnaire as a file for 'manip3d diary ask', to change its words.
+
+    McGill's groups have no words, which are protected; who has a licence adds them as "choices",
+    beginning with what stands for 0. As long as ranges and scales stay, the answers count as
+    McGill's. An existing file is never replaced.
+
+    Example: manip3d diary form mcgill -o mcgill.json
+    """
+    from manip3d import diary
+
+    check_output(output, (".json",), force=False)
+    built_in = {"mcgill": diary.MCGILL, "ownership": diary.OWNERSHIP}
+    diary.write_questionnaire(built_in[questionnaire.value], output)
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    shell.say(f"wrote {output}")
+    shell.result({"form": str(output)})
+
+
+@app.command("ask")
+def ask(
+    path: File,
+    participant: Who,
+    form: Annotated[Path, typer.Option("--form", help="Questionnaire: a JSON file.")],
+    answers: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NUMBERS",
+            help="The answers, with commas between; without this they are asked for.",
+        ),
+    ] = None,
+    occasion: Annotated[
+        Occasion, typer.Option(help="When the questionnaire was filled in.")
+    ] = Occasion.other,
+    key: Key = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Ask the questions of a questionnaire, and write down the answers and their scores.
+
+    The file has a name, items (text, low, high, choices) and scales (name, items, reverse, method);
+    'manip3d diary form' writes examples. Nothing is written before the last answer.
+
+    Example: manip3d diary ask study.diary P01 --form mcgill.json --occasion baseline
+    """
+    from manip3d.diary import load_questionnaire
+
+    asked = load_questionnaire(form)
+    with _opened(path, key) as diary:
+        diary.participant(participant)  # who is not there is said before asking
+        given = _asked(asked) if answers is None else _numbers(answers, len(asked.items), "answers")
+        filled = diary.add_answers(participant, asked, given, occasion=occasion.value)
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    told = ", ".join(f"{name} {score:.4g}" for name, score in filled.scores.items())
+    shell.say(f"{asked.name}, {occasion.value}: {told or 'noted'}")
+    shell.result(_answers(filled))
+
+
+def _asked(questionnaire: Questionnaire) -> list[int]:
+    """Ask until each answer is one."""
+    typer.echo(questionnaire.name, err=True)
+    given = []
+    for number, item in enumerate(questionnaire.items, 1):
+        for answer, choice in enumerate(item.choices, item.low):
+            typer.echo(f"  {answer}: {choice}", err=True)
+        question = f"{number} of {len(questionnaire.items)}. {item.text}"
+        given.append(_asked_until(f"{question} ({item.low} to {item.high})", item.low, item.high))
+    return given
+
+
+def _asked_until(question: str, low: int, high: int) -> int:
+    while True:
+        answer = int(typer.prompt(question, type=int, err=True))
+        if low <= answer <= high:
+            return answer
+        typer.echo(f"expected {low} to {high}", err=True)
+
+
+def _answers(filled: Answers) -> dict[str, Any]:
+    return {
+        "questionnaire": filled.questionnaire.name,
+        "sha256": filled.questionnaire.sha256,
+        "at": filled.at.isoformat(),
+        "occasion": filled.occasion,
+        "answers": list(filled.answers),
+        "scores": filled.scores,
+    }
 
 
 @app.command("export")
@@ -530,11 +641,12 @@ def _left_out(simulated: int) -> str:
     return f"; left out: {counted(simulated, 'game')} of a simulated person" if simulated else ""
 
 
-def _ranks(text: str) -> list[int]:
+def _numbers(text: str, count: int, name: str) -> list[int]:
     try:
         return [int(part) for part in text.split(",")]
     except ValueError:
-        raise InputError(f"mcgill: expected 20 whole numbers with commas, got {text!r}") from None
+        expected = counted(count, "whole number")
+        raise InputError(f"{name}: expected {expected} with commas, got {text!r}") from None
 
 
 def _plain(thing: Any) -> dict[str, Any]:

@@ -19,8 +19,16 @@ from manip3d._util.paths import path_of
 from manip3d.diary._clips import Clip, Pictures, seal_pictures, unseal_pictures
 from manip3d.diary._mcgill import score_mcgill
 from manip3d.diary._protocol import PAIN, SICKNESS, judge_rating
+from manip3d.diary._questionnaires import (
+    MCGILL,
+    OWNERSHIP,
+    Questionnaire,
+    definition_of,
+    questionnaire_of,
+)
 from manip3d.diary._records import (
     AdverseEvent,
+    Answers,
     DiaryGame,
     DiarySession,
     ExportedFile,
@@ -54,7 +62,7 @@ from manip3d.diary import _schema as schema
 
 _CHECK = b"manip3d diary"
 _STUDY = "meta study"  # what the study's identifier is encrypted for
-_OWNERSHIP, _FELT = "ownership", "felt"  # kinds of questionnaires
+_OWNERSHIP, _FELT, _FORM = "ownership", "felt", "form"  # kinds of questionnaires
 _BUSY_S = 5.0  # another program that writes is waited for
 
 
@@ -491,21 +499,79 @@ class Diary:
         InputError
             No such participant or occasion, or the answers are none; the occasion has one already.
         """
+        score = score_mcgill(ranks, ppi)
+        moment = aware(at, "at")
+        fields = {"at": moment.isoformat(), "occasion": occasion, "ranks": list(ranks), "ppi": ppi}
+        self._add_filled(identifier, fields)
+        return McGill(moment, occasion, tuple(ranks), score)
+
+    def add_answers(
+        self,
+        identifier: str,
+        questionnaire: Questionnaire,
+        answers: Sequence[int],
+        *,
+        occasion: Occasion = "other",
+        session: int | None = None,
+        at: datetime | None = None,
+    ) -> Answers:
+        """Keep a filled-in questionnaire, with its questions.
+
+        One that scores like `MCGILL`, whatever its words are, is kept as `add_mcgill` keeps it,
+        without the words, so that `analyse` counts it.
+
+        Parameters
+        ----------
+        identifier : str
+        questionnaire : Questionnaire
+        answers : sequence of int
+            One of each question.
+        occasion : {"baseline", "week-1", "week-4", "other"}
+            At most one questionnaire of a name for each of the first three.
+        session : int, optional
+        at : datetime, optional
+
+        Returns
+        -------
+        Answers
+
+        Raises
+        ------
+        InputError
+            No such participant, session or occasion, or the answers are none; the occasion has a
+            questionnaire of this name already.
+        """
+        questionnaire.check_answers(answers)
+        moment, given = aware(at, "at"), tuple(int(one) for one in answers)
+        fields: dict[str, Any] = {"at": moment.isoformat(), "occasion": occasion}
+        if questionnaire.scores_like(MCGILL):
+            questionnaire = MCGILL
+            fields |= {"ranks": given[:-1], "ppi": given[-1]}
+        else:
+            form = definition_of(questionnaire)
+            fields |= {"kind": _FORM, "form": form, "answers": given}
+        self._add_filled(identifier, fields, session)
+        return Answers(moment, questionnaire, given, occasion)
+
+    def _add_filled(
+        self, identifier: str, fields: Mapping[str, Any], session: int | None = None
+    ) -> None:
+        """Keep what was filled in, once for an occasion."""
+        occasion = fields["occasion"]
         if occasion not in get_args(Occasion):
             raise InputError(
                 f"occasion: expected {', '.join(get_args(Occasion))}, got {occasion!r}"
             )
-        score = score_mcgill(ranks, ppi)
-        moment = aware(at, "at")
-        fields = {"at": moment.isoformat(), "occasion": occasion, "ranks": list(ranks), "ppi": ppi}
+
+        def name(filled: Mapping[str, Any]) -> object:
+            return filled.get("kind"), filled.get("form", {}).get("name"), filled.get("occasion")
+
         with self._engine.begin() as connection:
             number, key = self._find(connection, identifier)
             known = self._rows(connection, schema.QUESTIONNAIRES, number, key)
-            if occasion != "other" and any(f.get("occasion") == occasion for _, f in known):
+            if occasion != "other" and any(name(f) == name(fields) for _, f in known):
                 raise InputError(f"occasion: {identifier} has a questionnaire of {occasion}")
-            self._add(connection, schema.QUESTIONNAIRES, number, key, fields)
-            self._note(connection, "questionnaire", number)
-        return McGill(moment, occasion, tuple(ranks), score)
+            self._keep_answers(connection, number, key, fields, session)
 
     def add_ownership(
         self,
@@ -591,11 +657,21 @@ class Diary:
     def _add_answers(self, identifier: str, fields: Mapping[str, Any], session: int | None) -> None:
         with self._engine.begin() as connection:
             number, key = self._find(connection, identifier)
-            if session is not None:
-                self._check_owner(connection, session, number)
-            about = fields if session is None else {**fields, "session": session}
-            self._add(connection, schema.QUESTIONNAIRES, number, key, about)
-            self._note(connection, "questionnaire", number)
+            self._keep_answers(connection, number, key, fields, session)
+
+    def _keep_answers(
+        self,
+        connection: sql.Connection,
+        number: int,
+        key: bytes | None,
+        fields: Mapping[str, Any],
+        session: int | None,
+    ) -> None:
+        if session is not None:
+            self._check_owner(connection, session, number)
+        about = fields if session is None else {**fields, "session": session}
+        self._add(connection, schema.QUESTIONNAIRES, number, key, about)
+        self._note(connection, "questionnaire", number)
 
     def add_event(
         self,
@@ -933,6 +1009,45 @@ class Diary:
             for f, row in self._answers(identifier, _FELT)
         ]
         return sorted(found, key=lambda one: one.at)
+
+    def answers(self, identifier: str) -> list[Answers]:
+        """Return all filled-in questionnaires of a participant, by time.
+
+        Parameters
+        ----------
+        identifier : str
+            Pseudonym of the participant, as enrolled.
+
+        Returns
+        -------
+        list of Answers
+            Those of `questionnaires` and `ownership` too, as `MCGILL` and `OWNERSHIP`.
+
+        Raises
+        ------
+        InputError
+            No such participant.
+        FormatError
+            A questionnaire is none: the diary is damaged.
+        """
+        found = [
+            Answers(one.at, MCGILL, (*one.ranks, one.score.ppi), one.occasion, one.number)
+            for one in self.questionnaires(identifier)
+        ]
+        found += [
+            Answers(one.at, OWNERSHIP, one.answers, "other", one.number)
+            for one in self.ownership(identifier)
+        ]
+        found += [self._form(*one) for one in self._answers(identifier, _FORM)]
+        return sorted(found, key=lambda one: one.at)
+
+    def _form(self, fields: Mapping[str, Any], row: int) -> Answers:
+        try:
+            form, given = questionnaire_of(fields["form"]), tuple(fields["answers"])
+            form.check_answers(given)
+        except InputError as error:
+            raise FormatError(f"the diary is damaged: {error}", file=str(self.path)) from None
+        return Answers(datetime.fromisoformat(fields["at"]), form, given, fields["occasion"], row)
 
     def _answers(self, identifier: str, kind: str) -> list[tuple[dict[str, Any], int]]:
         """Filled-in questionnaires of a kind; those without one are McGill's."""

@@ -14,7 +14,14 @@ from manip3d._util.paths import path_of
 from manip3d.diary._clips import film
 from manip3d.diary._diary import Diary
 from manip3d.diary._protocol import Protocol, adherence
-from manip3d.diary._records import FILM_IN_PAGE, DiaryGame, DiarySession, Participant
+from manip3d.diary._questionnaires import MCGILL, OWNERSHIP, Questionnaire
+from manip3d.diary._records import (
+    FILM_IN_PAGE,
+    Answers,
+    DiaryGame,
+    DiarySession,
+    Participant,
+)
 from manip3d.diary._trends import Point, change_a_week, pain_chart, require_scipy, trend
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_folder, atomic_write
@@ -255,6 +262,7 @@ def _page(
         _events(diary, identifier),
         "<h2>McGill Pain Questionnaire</h2>",
         _mcgill(diary, identifier),
+        *_forms(diary, identifier),
         "<h2>Touch cues and the limb as it feels</h2>",
         _felt(diary, identifier),
         "<h2>Sessions</h2>",
@@ -368,6 +376,23 @@ def _mcgill(diary: Diary, identifier: str) -> str:
     names = ("Occasion", "When", "Pain rating index, of 78", "Words chosen, of 20",
              "Present pain, of 5")  # fmt: skip
     return _table(names, rows)
+
+
+def _forms(diary: Diary, identifier: str) -> list[str]:
+    """A table of scores for each other questionnaire; of another wording, it is another one."""
+    filled: dict[Questionnaire, list[Answers]] = {}
+    for one in diary.answers(identifier):
+        if one.questionnaire not in (MCGILL, OWNERSHIP):
+            filled.setdefault(one.questionnaire, []).append(one)
+    parts = []
+    for asked, answers in filled.items():
+        rows = [
+            (one.occasion, _day(one.at), *(f"{score:.4g}" for score in one.scores.values()))
+            for one in answers
+        ]
+        names = ("Occasion", "When", *(scale.name for scale in asked.scales))
+        parts += [f"<h2>{html.escape(asked.name)}</h2>", _table(names, rows)]
+    return parts
 
 
 def _felt(diary: Diary, identifier: str) -> str:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from manip3d.diary._mcgill import McGillScore
+from manip3d.diary._questionnaires import OWNERSHIP, Questionnaire
 from manip3d.errors import FormatError, InputError
 from manip3d.io._files import regular_bytes, sha256_of
 
@@ -284,12 +285,41 @@ class Ownership:
     @property
     def ownership(self) -> float:
         """Mean of the first three."""
-        return sum(self.answers[:3]) / 3
+        return OWNERSHIP.score(self.answers)["ownership"]
 
     @property
     def control(self) -> float:
         """Mean of the others."""
-        return sum(self.answers[3:]) / 3
+        return OWNERSHIP.score(self.answers)["control"]
+
+
+@dataclass(frozen=True)
+class Answers:
+    """A filled-in questionnaire.
+
+    Attributes
+    ----------
+    at : datetime
+    questionnaire : Questionnaire
+        As it was asked.
+    answers : tuple of int
+        One of each question.
+    occasion : str
+        ``baseline``, ``week-1``, ``week-4`` or ``other``.
+    number : int
+        Number of its row, by which copies name it; 0: it was not read from a diary.
+    """
+
+    at: datetime
+    questionnaire: Questionnaire
+    answers: tuple[int, ...]
+    occasion: Occasion = "other"
+    number: int = field(default=0, compare=False)
+
+    @property
+    def scores(self) -> dict[str, float]:
+        """Scores by the names of the scales."""
+        return self.questionnaire.score(self.answers)
 
 
 @dataclass(frozen=True)
