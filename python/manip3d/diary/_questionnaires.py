@@ -56,7 +56,7 @@ class QuestionnaireScale:
     reverse : tuple of int
         Those of them whose answers count from the other end: ``low + high - answer``.
     method : {"sum", "mean", "count"}
-        Of the answers; ``count``: how many of them are above the smallest one.
+        What is made of the answers; ``count``: how many are above the smallest one.
     """
 
     name: str
