@@ -373,7 +373,7 @@ def ask(
     The file has a name, items (text, low, high, choices) and scales (name, items, reverse, method);
     'manip3d diary form' writes examples. Nothing is written before the last answer.
 
-    Example: manip3d diary ask study.diary P01 --form mcgill.json --occasion baseline
+    Example: manip3d diary ask study.diary P01 --form form.json --answers=3,2,2,-1,0,0
     """
     from manip3d.diary import load_questionnaire
 
