@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
+import sqlite3
+from datetime import datetime
 from pathlib import Path
 
 import pytest
@@ -12,7 +16,12 @@ pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
 pytest.importorskip("cryptography", reason="the extra 'diary' is not installed")
 pytest.importorskip("scipy", reason="the extra 'diary' is not installed")
 
+pytest.importorskip("PIL.Image", reason="the extra 'diary' is not installed")
+
+from PIL import Image
+
 from manip3d.cli import app
+from manip3d.diary import Diary, DiaryGame
 
 RANKS = ",".join(["1"] * 20)
 
@@ -74,11 +83,73 @@ def test_exports_are_listed_and_removed_with_a_participant(path: str, tmp_path: 
     found = json.loads(ran("delete", path, "P01", "--yes", "--exports", "--json"))
     assert found["left"] == [str(tmp_path / "P01.html")]
     assert str(tmp_path / "P01.json") in found["removed"]
-    assert len(found["removed"]) == 9
+    assert len(found["removed"]) == 10
     left = sorted(str(one.relative_to(tmp_path)) for one in tmp_path.rglob("*") if one.is_file())
     assert left == ["P01.html", "P02.html", "study.diary"]
     found = json.loads(ran("delete", path, "P02", "--yes", "--json"))
     assert (found["removed"], found["left"]) == ([], [str(tmp_path / "P02.html")])
+
+
+def test_exports_stay_where_the_participant_cannot_be_deleted(path: str, tmp_path: Path) -> None:
+    ran("export", path, "-o", str(tmp_path / "tables"))
+    with contextlib.closing(sqlite3.connect(path)) as other:
+        other.execute("BEGIN")
+        other.execute("SELECT count(*) FROM games").fetchone()
+        done = run("delete", path, "P01", "--yes", "--exports")
+        assert done.exit_code == 1
+        assert "nothing deleted" in str(done.exception)
+        other.rollback()
+    assert len(list((tmp_path / "tables").iterdir())) == 10
+    assert "P01" in ran("list", path)
+    assert (
+        len(json.loads(ran("delete", path, "P01", "--yes", "--exports", "--json"))["removed"]) == 10
+    )
+    assert not (tmp_path / "tables").exists()
+
+
+def test_an_export_that_cannot_be_removed_is_said_to_be_left(
+    path: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ran("export", path, "-o", str(tmp_path / "tables"))
+    games, unlink = tmp_path / "tables" / "games.csv", Path.unlink
+
+    def unlinked(file: Path) -> None:
+        if file == games:
+            raise PermissionError(1, "Operation not permitted", str(file))
+        unlink(file)
+
+    monkeypatch.setattr(Path, "unlink", unlinked)
+    done = run("delete", path, "P01", "--yes", "--exports", "--json")
+    assert f"cannot remove {games}: Operation not permitted" in done.stderr
+    found = json.loads(done.stdout)
+    assert (len(found["removed"]), found["left"]) == (9, [str(games)])
+    assert list((tmp_path / "tables").iterdir()) == [games]
+    assert "nobody is enrolled" in ran("list", path)
+
+
+def test_who_takes_back_consent_is_told_of_films_outside(path: str, tmp_path: Path) -> None:
+    films, page = tmp_path / "films", str(tmp_path / "P01.html")
+    ran("consent", path, "P01", "--clips")
+    with Diary(path) as diary:
+        session = diary.start_session("P01")
+        content = io.BytesIO()
+        Image.new("RGB", (32, 24)).save(content, "JPEG")
+        played = DiaryGame(
+            datetime.now().astimezone(), "piano", 1, 5, "time", 60.0, 0.0, 3, 1, 1, ((6.0, 19.0),)
+        )
+        diary.add_game(session, played, [[(1.0, content.getvalue())]])
+    ran("clips", path, "P01", "-o", str(films))
+    ran("export", path, "-o", page, "--participant", "P01", "--clips")
+    ran("export", path, "-o", str(tmp_path / "plain.html"), "--participant", "P01")
+    (film,) = films.iterdir()
+    (film.parent / "gone.webp").write_bytes(film.read_bytes())
+    with Diary(path) as diary:
+        diary.note_files("P01", [film.parent / "gone.webp"])
+    (film.parent / "gone.webp").unlink()
+    done = run("consent", path, "P01", "--no-clips", "--json")
+    assert json.loads(done.stdout)["left"] == [page, str(film)]
+    assert f"still shows films of P01: {film}" in done.stderr
+    assert json.loads(ran("consent", path, "P01", "--clips", "--json"))["left"] == []
 
 
 def test_the_audit_is_shown(path: str) -> None:
@@ -100,10 +171,6 @@ def test_an_encrypted_diary(tmp_path: Path) -> None:
 
 
 def test_games_of_a_simulated_person_are_left_out(path: str) -> None:
-    from datetime import datetime
-
-    from manip3d.diary import Diary, DiaryGame
-
     with Diary(path) as diary:
         session = diary.start_session("P01")
         at = datetime.now().astimezone()

@@ -166,8 +166,12 @@ def make_sources(words: list[str], place: Path) -> None:
     sources = " ".join(words).partition(" -o ")[0]
     if "patient.mkv" in sources and not (place / "patient.mkv").exists():
         manip3d.capture.record("sim:body?amputated=right-arm&frames=3", place / "patient.mkv")
-    if "study.diary" in words or words[:2] == ["diary", "keygen"]:
+    if "study.diary" in words or words[:2] in (["diary", "keygen"], ["diary", "form"]):
         make_diary(place)
+    if words[:2] == ["diary", "ask"]:
+        from manip3d.diary import OWNERSHIP, write_questionnaire
+
+        write_questionnaire(OWNERSHIP, place / "form.json")
     if words[0] in ("watermark", "alert") or sources.startswith("inspect drive"):
         make_watermark(words, place)
     if words[0] == "study":
@@ -198,10 +202,10 @@ def make_sources(words: list[str], place: Path) -> None:
 
 
 def make_diary(place: Path) -> None:
-    """A study of one participant, and no key."""
+    """A study of one participant, and no key or questionnaire."""
     from manip3d.diary import Diary
 
-    for name in ("study.diary", "study.key"):
+    for name in ("study.diary", "study.key", "form.json", "mcgill.json"):
         (place / name).unlink(missing_ok=True)
     with Diary(place / "study.diary", create=True) as diary:
         diary.enrol("P01", limb="left_leg")

@@ -6,6 +6,7 @@ import contextlib
 import json
 import os
 import random
+import re
 import sqlite3
 from collections.abc import Iterator
 from datetime import date, datetime, timedelta, timezone
@@ -412,6 +413,30 @@ def test_nothing_is_deleted_while_another_program_reads(diary: Diary) -> None:
     assert diary.participants() == []
 
 
+def test_a_file_that_cannot_be_written_anew_is_an_error_of_ours(diary: Diary) -> None:
+    fill(diary)
+    fill(diary, "P02")
+
+    def refuse_vacuum(raw: sqlite3.Connection, _: object) -> None:
+        # VACUUM attaches the new file to the old one.
+        raw.set_authorizer(
+            lambda action, *_: (
+                sqlite3.SQLITE_DENY if action == sqlite3.SQLITE_ATTACH else sqlite3.SQLITE_OK
+            )
+        )
+
+    sql.event.listen(diary._engine, "connect", refuse_vacuum)
+    with pytest.raises(OSError, match="deleted, but the file could not be written anew"):
+        diary.delete("P02")
+    with pytest.raises(OSError, match="deleted, but the file could not be written anew"):
+        diary.set_consent("P01", clips=False)
+    sql.event.remove(diary._engine, "connect", refuse_vacuum)
+    assert [one.identifier for one in diary.participants()] == ["P01"]
+    assert diary.clips("P01") == []
+    assert b"picture of P02" not in files_beside(diary.path)
+    diary.check()
+
+
 # --- versions -------------------------------------------------------------------------------------
 
 
@@ -442,6 +467,8 @@ def test_an_older_file_becomes_one_of_today(tmp_path: Path, key: Path | None, ve
                 del fields[name]
             text = json.dumps(fields).encode()
             raw.execute("UPDATE games SET payload = ? WHERE id = ?", (text, number))
+        if version < schema.WITH_STUDY:
+            raw.execute("DELETE FROM meta WHERE name = 'study'")
         raw.execute(f"PRAGMA user_version = {version}")
         raw.commit()
     assert shape(path) == shape_of_version(tmp_path / "made", version)
@@ -451,7 +478,47 @@ def test_an_older_file_becomes_one_of_today(tmp_path: Path, key: Path | None, ve
         assert again.sessions("P01")[0].games == (game(anomalies=(), **told),)
         again.add_rating("P01", 5)
         again.check()
+        study = again.study
+    assert re.fullmatch("[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}", study)
+    with Diary(path, key=key) as once_more:
+        assert once_more.study == study
+    assert (study.encode() in path.read_bytes()) == (key is None)
     assert shape(path) == shape_of_version(tmp_path / "now", schema.VERSION)
+
+
+def test_a_wrong_key_changes_nothing_in_an_older_file(tmp_path: Path) -> None:
+    """The study's name would be written with it."""
+    make_key(tmp_path / "a.key")
+    make_key(tmp_path / "b.key")
+    path = tmp_path / "old.diary"
+    with Diary(path, key=tmp_path / "a.key", create=True):
+        pass
+    with contextlib.closing(sqlite3.connect(path)) as raw:
+        raw.execute("DELETE FROM meta WHERE name = 'study'")
+        raw.execute("PRAGMA user_version = 5")
+        raw.commit()
+    with pytest.raises(FormatError, match="this key does not open it"):
+        Diary(path, key=tmp_path / "b.key")
+    with pytest.raises(InputError, match="is encrypted"):
+        Diary(path)
+    with Diary(path, key=tmp_path / "a.key") as diary:
+        assert len(diary.study) == 36
+
+
+def test_a_study_without_its_name_is_damaged(tmp_path: Path) -> None:
+    path = tmp_path / "d"
+    for change, message in (
+        ("UPDATE meta SET value = x'ff00' WHERE name = 'study'", "expected a UUID of the study"),
+        ("DELETE FROM meta WHERE name = 'study'", "expected a diary"),
+    ):
+        with Diary(path, create=True):
+            pass
+        with contextlib.closing(sqlite3.connect(path)) as raw:
+            raw.execute(change)
+            raw.commit()
+        with pytest.raises(FormatError, match=message):
+            Diary(path)
+        path.unlink()
 
 
 def shape(path: Path) -> set[tuple[str, ...]]:
@@ -498,7 +565,7 @@ def test_files_that_are_none(tmp_path: Path) -> None:
         pass
     with contextlib.closing(sqlite3.connect(tmp_path / "later")) as raw:
         raw.execute("PRAGMA user_version = 99")
-    with pytest.raises(FormatError, match="of version 5 at most, got 99"):
+    with pytest.raises(FormatError, match="of version 6 at most, got 99"):
         Diary(tmp_path / "later")
 
 

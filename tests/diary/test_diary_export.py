@@ -18,6 +18,7 @@ from manip3d import FormatError, InputError
 pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
 pytest.importorskip("cryptography", reason="the extra 'diary' is not installed")
 
+pytest.importorskip("scipy", reason="the extra 'diary' is not installed")
 pytest.importorskip("PIL.Image", reason="the extra 'diary' is not installed")
 
 from PIL import Image
@@ -55,6 +56,9 @@ def diary(tmp_path: Path) -> Iterator[Diary]:
             found.add_event(name, "sickness", at=START)
             found.add_event(name, "other", '=HYPERLINK(1)\nfell, "slowly"', at=START)
             found.add_mcgill(name, [1] * 20, 3, occasion="week-1", at=START)
+            if name == "P01":
+                found.add_ownership(name, "synchronous", [3, 2, 2, -3, 0, 0], at=START)
+                found.add_felt(name, length=60, telescoping=25, raised=-10, bent=90, at=START)
         found.start_session("P01", at=START + timedelta(hours=8))  # goes on
         yield found
 
@@ -88,12 +92,12 @@ def test_tables_hold_everything(diary: Diary, tmp_path: Path) -> None:
 
 
 def test_answers_after_touch_and_felt_limbs_are_exported(diary: Diary, tmp_path: Path) -> None:
-    given = diary.add_ownership("P01", "synchronous", [3, 2, 1, -3, 0, 0], at=START)
+    given = diary.add_ownership("P02", "synchronous", [3, 2, 1, -3, 0, 0], at=START)
     assert (given.ownership, given.control) == (2.0, -1.0)
-    diary.add_felt("P01", length=60, telescoping=25, raised=-10, bent=90, at=START)
     assert len(diary.questionnaires("P01")) == 1  # McGill's alone
     export_csv(diary, tmp_path / "tables")
-    (answers,) = rows(tmp_path / "tables", "ownership")
+    first, answers = rows(tmp_path / "tables", "ownership")
+    assert (first["participant"], answers["participant"]) == ("P01", "P02")
     assert (answers["mode"], answers["ownership"], answers["q4"]) == ("synchronous", "2.0", "-3")
     (felt,) = rows(tmp_path / "tables", "felt")
     assert [felt[n] for n in ("length", "telescoping", "raised", "bent")] == [
@@ -104,7 +108,7 @@ def test_answers_after_touch_and_felt_limbs_are_exported(diary: Diary, tmp_path:
     ]
     write_page(diary, tmp_path / "P01.html", "P01")
     page = (tmp_path / "P01.html").read_text()
-    assert "+2.0" in page
+    assert "+2.3" in page
     assert "25 %" in page
     for wrong in ([3] * 5, [4, 0, 0, 0, 0, 0]):
         with pytest.raises(InputError, match="answers: expected 6 from -3 to 3"):
@@ -142,7 +146,7 @@ def test_the_page_says_what_the_diary_says_and_runs_nothing(diary: Diary, tmp_pa
     assert "piano 2 to 14 s" in text
     assert "The pain rose from 5 to 7." in text
     assert "not a medical device" in text
-    assert text.count("<circle") == 2
+    assert text.count('r="5"') == 2
     assert 'stroke="#a02b1d"' in text
     assert "<script" not in text
     assert "http" not in text
@@ -209,6 +213,20 @@ def test_the_bundle_says_what_the_diary_says(diary: Diary) -> None:
     assert {c["code"]["text"]: c["valueInteger"] for c in mcgill["component"]}[
         "Pain rating index (0 to 78)"
     ] == 20
+    touch, felt = (
+        {c["code"]["text"]: c for c in r["component"]}
+        for told in ("Ownership of the limb after a touch cue", "Phantom limb as it is felt")
+        for r in resources
+        if r.get("code", {}).get("text") == told
+    )
+    assert touch["Touch"]["valueString"] == "synchronous"
+    assert touch["Question 4 (-3 to 3)"]["valueInteger"] == -3
+    means = [one["valueQuantity"]["value"] for one in touch.values() if "valueQuantity" in one]
+    assert means == [2.333, -1.0]
+    quantities = [one["valueQuantity"] for one in felt.values()]
+    assert [(one["value"], one["code"]) for one in quantities] == [
+        (60, "%"), (25, "%"), (-10, "deg"), (90, "deg"),
+    ]  # fmt: skip
     session = next(r for r in resources if "effectivePeriod" in r)
     assert "end" not in session["effectivePeriod"]
     members = [urls.index(member["reference"]) for member in session["hasMember"]]
@@ -234,7 +252,18 @@ def test_resources_keep_their_names_and_share_them_with_no_other_study(
     assert {name: after[name] for name in before} == before
     with Diary(tmp_path / "other.diary", create=True) as other:
         other.enrol("P01", limb="right_leg", at=START)
+        other.add_rating("P01", 5)
         assert not set(names(other)) & set(after)
+        patients = [
+            next(one for one in found.values() if one["resourceType"] == "Patient")
+            for found in (names(other), after)
+        ]
+        assert [one["identifier"][0] for one in patients] == [
+            {"system": f"urn:uuid:{study.study}", "value": "P01"} for study in (other, diary)
+        ]
+        assert other.study != diary.study
+    with Diary(diary.path) as again:
+        assert names(again) == after
 
 
 def test_an_adverse_event_keeps_its_words(diary: Diary) -> None:

@@ -410,6 +410,21 @@ def read_camera(folder: Path, name: str) -> None:
     camera._camera_of_file(folder / name, 64, 48)
 
 
+def questionnaires() -> list[Files]:
+    own = diary.Questionnaire(
+        "Mood",
+        (
+            diary.QuestionnaireItem("I feel well.", 0, 2, ("no", "a little", "very")),
+            diary.QuestionnaireItem("I am sad.", -1, 1),
+        ),
+        (diary.QuestionnaireScale("mood", (1, 2), (2,), "mean"),),
+    )
+    return [
+        written(lambda path, one=one: diary.write_questionnaire(one, path), "a.json")
+        for one in (own, diary.MCGILL)
+    ]
+
+
 def read_diary_key(folder: Path, name: str) -> None:
     from manip3d.diary._sealing import read_key
 
@@ -464,6 +479,7 @@ KINDS = {
         Kind("study", studies, lambda d, n: study.read_study(d / n)),
         Kind("journal", study_folders, read_study_folder),
         Kind("diary key", lambda: [written(diary.make_key, "a.key")], read_diary_key),
+        Kind("questionnaire", questionnaires, lambda d, n: diary.load_questionnaire(d / n)),
         Kind("camera", cameras, read_camera),
         Kind("certificate", certificates, lambda d, n: serve.kept_certificate(d / n, "127.0.0.1")),
     ]

@@ -59,6 +59,7 @@ READERS = {
     "forge.read_stream_truth(path)": (".npz",),
     "serve.kept_certificate(path, '127.0.0.1')": (".pem",),
     "read_key(Path(path))": (".key",),
+    "diary.load_questionnaire(path)": (".json",),
     "read_color(Path(path))": (".png",),
     "_color_image(Path(path))": (".png",),
     "read_table(path)": (".toml", ".json"),

@@ -169,6 +169,21 @@ def test_what_is_said_is_kept_while_films_cannot_be_deleted(path: Path) -> None:
         assert diary.clips("P01") == []
 
 
+def test_films_that_were_exported_are_named_when_consent_is_withdrawn(path: Path) -> None:
+    film = path.parent / "P01.webp"
+    film.write_bytes(b"RIFF\0\0\0\0WEBP")
+    with Diary(path) as diary:
+        diary.note_files("P01", [film])
+    recorder = DiaryRecorder(path, "P01", None)
+    recorder.start()
+    recorder.consent(False)
+    wait_for(lambda: recorder.trouble != "")
+    assert recorder.trouble == f"Exported before and to be deleted: {film}."
+    recorder.consent(True)
+    wait_for(lambda: recorder.trouble == "")
+    assert recorder.end() == []
+
+
 def test_what_would_fail_again_is_told_and_holds_up_nothing() -> None:
     done: list[int] = []
     failures = [OSError("disk full"), OSError("disk full")]

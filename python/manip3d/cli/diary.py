@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from contextlib import suppress
 from datetime import date, datetime
 from enum import StrEnum
 from pathlib import Path
@@ -17,7 +19,7 @@ from manip3d.errors import InputError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from manip3d.diary import Diary, DiaryAnalysis, Estimate
+    from manip3d.diary import Answers, Diary, DiaryAnalysis, Estimate, Questionnaire
 
 app = typer.Typer(
     name="diary",
@@ -112,15 +114,18 @@ def consent(
     """Note whether a participant consents to short films; without consent theirs are deleted.
 
     A film shows the person before a grey ground, nothing of the room, from 5 s before 10 s without
-    a point.
+    a point. When consent is withdrawn, the films that were exported before are listed: delete them.
 
     Example: manip3d diary consent study.diary P01 --clips
     """
     with _opened(path, key) as diary:
         diary.set_consent(participant, clips=clips)
+        left = [] if clips else [one.path for one in diary.exports(participant) if one.has_films]
     shell = Terminal(as_json=as_json, quiet=quiet)
     shell.say(f"{participant} {'consents' if clips else 'does not consent'} to films")
-    shell.result({"participant": participant, "clips": clips})
+    for file in left:
+        shell.say(f"still shows films of {participant}: {file}")
+    shell.result({"participant": participant, "clips": clips, "left": [str(one) for one in left]})
 
 
 @app.command("clips")
@@ -195,12 +200,13 @@ def show_participant(path: File, participant: Who, key: Key = None, as_json: Jso
 
     Example: manip3d diary show study.diary P01
     """
-    from manip3d.diary import adherence
+    from manip3d.diary import MCGILL, OWNERSHIP, adherence
 
     with _opened(path, key) as diary:
         person = diary.participant(participant)
         sessions = diary.sessions(participant)
         filled, events = diary.questionnaires(participant), diary.events(participant)
+        answers = diary.answers(participant)
     done = adherence(sessions, person.enrolled, _today(person.enrolled))
     record = {
         **_plain(person),
@@ -211,6 +217,7 @@ def show_participant(path: File, participant: Who, key: Key = None, as_json: Jso
             for session in sessions
         ],
         "questionnaires": [{**_plain(one), "score": vars(one.score)} for one in filled],
+        "answers": [_answers(one) for one in answers],
         "events": [_plain(event) for event in events],
     }  # fmt: skip
 
@@ -242,6 +249,11 @@ def show_participant(path: File, participant: Who, key: Key = None, as_json: Jso
                 f"{score.affective} + {score.evaluative} + {score.miscellaneous}), "
                 f"NWC {score.nwc}, PPI {score.ppi}"
             )
+        for form in answers:
+            if form.questionnaire not in (MCGILL, OWNERSHIP):
+                told = ", ".join(f"{name} {score:.4g}" for name, score in form.scores.items())
+                title = f"{form.questionnaire.name}, {form.occasion}, {_day(form.at)}"
+                console.print(f"{title}: {told}", markup=False)
         for event in events:
             console.print(
                 f"adverse event, {_day(event.at)}: {event.kind} {event.text}", markup=False
@@ -284,7 +296,7 @@ def rate(
     """
     if pain is None and mcgill is None and event is None:
         raise InputError("expected --pain, --mcgill or --event")
-    ranks = None if mcgill is None else _ranks(mcgill)
+    ranks = None if mcgill is None else _numbers(mcgill, 20, "mcgill")
     shell = Terminal(as_json=as_json, quiet=quiet)
     record: dict[str, Any] = {"participant": participant}
     with _opened(path, key) as diary:
@@ -303,6 +315,110 @@ def rate(
     shell.result(record)
 
 
+class BuiltIn(StrEnum):
+    """Questionnaires that need no file."""
+
+    mcgill = "mcgill"
+    ownership = "ownership"
+
+
+@app.command("form")
+def form(
+    questionnaire: Annotated[
+        BuiltIn, typer.Argument(metavar="mcgill|ownership", help="A built-in questionnaire.")
+    ],
+    output: Annotated[Path, typer.Option("-o", "--output", help="A JSON file.")],
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Write a built-in questionnaire as a file for 'manip3d diary ask', to change its words.
+
+    McGill's groups have no words, which are protected; who has a licence adds them as "choices",
+    beginning with what stands for 0. As long as ranges and scales stay, the answers count as
+    McGill's. An existing file is never replaced.
+
+    Example: manip3d diary form mcgill -o mcgill.json
+    """
+    from manip3d import diary
+
+    check_output(output, (".json",), force=False)
+    built_in = {"mcgill": diary.MCGILL, "ownership": diary.OWNERSHIP}
+    diary.write_questionnaire(built_in[questionnaire.value], output)
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    shell.say(f"wrote {output}")
+    shell.result({"form": str(output)})
+
+
+@app.command("ask")
+def ask(
+    path: File,
+    participant: Who,
+    form: Annotated[Path, typer.Option("--form", help="Questionnaire: a JSON file.")],
+    answers: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NUMBERS",
+            help="The answers, with commas between; without this they are asked for.",
+        ),
+    ] = None,
+    occasion: Annotated[
+        Occasion, typer.Option(help="When the questionnaire was filled in.")
+    ] = Occasion.other,
+    key: Key = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Ask the questions of a questionnaire, and write down the answers and their scores.
+
+    The file has a name, items (text, low, high, choices) and scales (name, items, reverse, method);
+    'manip3d diary form' writes examples. Nothing is written before the last answer.
+
+    Example: manip3d diary ask study.diary P01 --form form.json --answers=3,2,2,-1,0,0
+    """
+    from manip3d.diary import load_questionnaire
+
+    asked = load_questionnaire(form)
+    with _opened(path, key) as diary:
+        diary.participant(participant)  # who is not there is said before asking
+        given = _asked(asked) if answers is None else _numbers(answers, len(asked.items), "answers")
+        filled = diary.add_answers(participant, asked, given, occasion=occasion.value)
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    told = ", ".join(f"{name} {score:.4g}" for name, score in filled.scores.items())
+    shell.say(f"{asked.name}, {occasion.value}: {told or 'noted'}")
+    shell.result(_answers(filled))
+
+
+def _asked(questionnaire: Questionnaire) -> list[int]:
+    """Ask until each answer is one."""
+    typer.echo(questionnaire.name, err=True)
+    given = []
+    for number, item in enumerate(questionnaire.items, 1):
+        for answer, choice in enumerate(item.choices, item.low):
+            typer.echo(f"  {answer}: {choice}", err=True)
+        question = f"{number} of {len(questionnaire.items)}. {item.text}"
+        given.append(_asked_until(f"{question} ({item.low} to {item.high})", item.low, item.high))
+    return given
+
+
+def _asked_until(question: str, low: int, high: int) -> int:
+    while True:
+        answer = int(typer.prompt(question, type=int, err=True))
+        if low <= answer <= high:
+            return answer
+        typer.echo(f"expected {low} to {high}", err=True)
+
+
+def _answers(filled: Answers) -> dict[str, Any]:
+    return {
+        "questionnaire": filled.questionnaire.name,
+        "sha256": filled.questionnaire.sha256,
+        "at": filled.at.isoformat(),
+        "occasion": filled.occasion,
+        "answers": list(filled.answers),
+        "scores": filled.scores,
+    }
+
+
 @app.command("export")
 def export(
     path: File,
@@ -311,15 +427,23 @@ def export(
         typer.Option(
             "-o",
             "--output",
-            help="A folder of tables (CSV); of one participant also NAME.json (FHIR R4) and "
-            "NAME.html (a page for the clinician).",
+            help="A folder of tables (CSV), or with --pages of pages; of one participant also "
+            "NAME.json (FHIR R4) and NAME.html (a page for the clinician).",
         ),
     ],
     participant: Annotated[
         str | None, typer.Option(help="This participant only; needed for FHIR and the page.")
     ] = None,
+    pages: Annotated[
+        bool,
+        typer.Option(
+            "--pages",
+            help="The folder holds pages for the clinician: an overview (index.html) and one of "
+            "each participant.",
+        ),
+    ] = False,
     clips: Annotated[
-        bool, typer.Option("--clips", help="The page shows the films of difficulties too.")
+        bool, typer.Option("--clips", help="The pages show the films of difficulties too.")
     ] = False,
     key: Key = None,
     force: Force = False,
@@ -330,11 +454,15 @@ def export(
 
     Example: manip3d diary export study.diary -o export
     """
-    from manip3d.diary import export_csv, export_fhir, write_page
+    from manip3d.diary import export_csv, export_fhir, write_overview, write_page
 
-    check_output(output, (".json", ".html"), force=force, folder=True)
+    check_output(output, () if pages else (".json", ".html"), force=force, folder=True)
+    if pages and participant is not None:
+        raise InputError("--pages: expected no --participant; the page of one is -o NAME.html")
     with _opened(path, key) as diary:
-        if output.suffix in (".json", ".html"):
+        if pages:
+            write_overview(diary, output, clips=clips, overwrite=force)
+        elif output.suffix in (".json", ".html"):
             if participant is None:
                 raise InputError("participant: expected one with --participant, for this format")
             if output.suffix == ".json":
@@ -379,11 +507,10 @@ def delete(
             shell.say(f"exported: {one.path} ({one.state})")
         if not is_sure and not typer.confirm(f"Delete all of {participant} from {path}?", err=True):
             raise InputError("nothing deleted")
-        removed = [one.path for one in exports if with_exports and one.state == "unchanged"]
-        for file in removed:
-            file.unlink()
-        left = [one.path for one in exports if one.state != "gone"]
-        diary.delete(participant)
+        chosen = [one.path for one in exports if with_exports and one.state == "unchanged"]
+        diary.delete(participant)  # first: where this fails, nothing has been deleted
+        removed = _remove(shell, chosen)
+        left = [one.path for one in exports if one.path not in removed and one.state != "gone"]
     shell.say(f"deleted {participant} from {path}")
     if removed:
         shell.say(f"removed {counted(len(removed), 'exported file')}")
@@ -397,6 +524,27 @@ def delete(
             "left": [str(file) for file in left],
         }
     )
+
+
+def _is_of_folder(file: Path) -> bool:
+    """Whether an export wrote it into a folder of its own."""
+    return file.suffix in (".csv", ".webp") or file.name.startswith(("index.", "participant-"))
+
+
+def _remove(shell: Terminal, files: Sequence[Path]) -> list[Path]:
+    """Remove files and the folders of exports that are empty then; return the removed files."""
+    removed = []
+    for file in files:
+        try:
+            file.unlink()
+        except OSError as error:
+            shell.say(f"cannot remove {file}: {error.strerror}")
+        else:
+            removed.append(file)
+    for folder in {file.parent for file in removed if _is_of_folder(file)}:
+        with suppress(OSError):  # it holds other files
+            folder.rmdir()
+    return removed
 
 
 @app.command("audit")
@@ -493,11 +641,12 @@ def _left_out(simulated: int) -> str:
     return f"; left out: {counted(simulated, 'game')} of a simulated person" if simulated else ""
 
 
-def _ranks(text: str) -> list[int]:
+def _numbers(text: str, count: int, name: str) -> list[int]:
     try:
         return [int(part) for part in text.split(",")]
     except ValueError:
-        raise InputError(f"mcgill: expected 20 whole numbers with commas, got {text!r}") from None
+        expected = counted(count, "whole number")
+        raise InputError(f"{name}: expected {expected} with commas, got {text!r}") from None
 
 
 def _plain(thing: Any) -> dict[str, Any]:

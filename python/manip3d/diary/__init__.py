@@ -17,10 +17,20 @@ from manip3d.diary._clips import Clip, export_clips, film
 from manip3d.diary._diary import Diary
 from manip3d.diary._export import export_csv, export_fhir, fhir_bundle
 from manip3d.diary._mcgill import MCGILL_GROUPS, McGillScore, score_mcgill
-from manip3d.diary._page import write_page
+from manip3d.diary._page import write_overview, write_page
 from manip3d.diary._protocol import SICKNESS, Adherence, Protocol, adherence, stop_reason
+from manip3d.diary._questionnaires import (
+    MCGILL,
+    OWNERSHIP,
+    Questionnaire,
+    QuestionnaireItem,
+    QuestionnaireScale,
+    load_questionnaire,
+    write_questionnaire,
+)
 from manip3d.diary._records import (
     AdverseEvent,
+    Answers,
     DiaryGame,
     DiarySession,
     ExportedFile,
@@ -33,10 +43,13 @@ from manip3d.diary._records import (
 from manip3d.diary._sealing import make_key
 
 __all__ = [
+    "MCGILL",
     "MCGILL_GROUPS",
+    "OWNERSHIP",
     "SICKNESS",
     "Adherence",
     "AdverseEvent",
+    "Answers",
     "Clip",
     "Diary",
     "DiaryAnalysis",
@@ -51,6 +64,9 @@ __all__ = [
     "Ownership",
     "Participant",
     "Protocol",
+    "Questionnaire",
+    "QuestionnaireItem",
+    "QuestionnaireScale",
     "Rating",
     "adherence",
     "analyse",
@@ -60,9 +76,12 @@ __all__ = [
     "fhir_bundle",
     "film",
     "fit_mixed_model",
+    "load_questionnaire",
     "make_key",
     "score_mcgill",
     "simulate_cohort",
     "stop_reason",
+    "write_overview",
     "write_page",
+    "write_questionnaire",
 ]

@@ -273,7 +273,8 @@ def _paired(before: NDArray[np.float64], after: NDArray[np.float64]) -> Estimate
     return _t_estimate(float(np.mean(change)), spread, len(change) - 1.0)
 
 
-def _slope(x: NDArray[np.float64], y: NDArray[np.float64]) -> Estimate | None:
+def fit_slope(x: NDArray[np.float64], y: NDArray[np.float64]) -> Estimate | None:
+    """Least-squares slope; None with fewer than three points, or all at one place."""
     known = ~(np.isnan(x) | np.isnan(y))
     x, y = x[known], y[known]
     if len(x) < 3 or float(np.ptp(x)) < 1e-9:
@@ -352,7 +353,7 @@ def analyse(
         _share(int((fall >= 0.3 - 1e-12).sum()), int(both.sum())),
         _share(int((fall >= 0.5 - 1e-12).sum()), int(both.sum())),
         kept,
-        _slope(shares, last - first),
+        fit_slope(shares, last - first),
     )
 
 

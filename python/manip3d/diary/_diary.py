@@ -6,6 +6,7 @@ import contextlib
 import os
 import secrets
 import sqlite3
+import uuid
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from datetime import date, datetime
@@ -18,8 +19,16 @@ from manip3d._util.paths import path_of
 from manip3d.diary._clips import Clip, Pictures, seal_pictures, unseal_pictures
 from manip3d.diary._mcgill import score_mcgill
 from manip3d.diary._protocol import PAIN, SICKNESS, judge_rating
+from manip3d.diary._questionnaires import (
+    MCGILL,
+    OWNERSHIP,
+    Questionnaire,
+    definition_of,
+    questionnaire_of,
+)
 from manip3d.diary._records import (
     AdverseEvent,
+    Answers,
     DiaryGame,
     DiarySession,
     ExportedFile,
@@ -52,7 +61,8 @@ except ModuleNotFoundError as error:
 from manip3d.diary import _schema as schema
 
 _CHECK = b"manip3d diary"
-_OWNERSHIP, _FELT = "ownership", "felt"  # kinds of questionnaires
+_STUDY = "meta study"  # what the study's identifier is encrypted for
+_OWNERSHIP, _FELT, _FORM = "ownership", "felt", "form"  # kinds of questionnaires
 _BUSY_S = 5.0  # another program that writes is waited for
 
 
@@ -102,7 +112,7 @@ class Diary:
     ) -> None:
         self.path = path_of(path)
         self._key = require_key_material(key)
-        version = self._version_of_file(create)
+        self._check_file(create)
         self._engine = sql.create_engine(
             sql.URL.create("sqlite", database=str(self.path)),
             poolclass=sql.pool.NullPool,  # nobody holds the file between two calls
@@ -111,15 +121,14 @@ class Diary:
         sql.event.listen(self._engine, "connect", self._on_connect)
         sql.event.listen(self._engine, "begin", _on_begin)
         sql.event.listen(self._engine, "handle_error", self._on_error)
-        if version < schema.VERSION:
-            with self._engine.begin() as connection:
-                # Another program may have done it since.
-                now = int(connection.exec_driver_sql("PRAGMA user_version").scalar_one())
-                if now < schema.VERSION:
-                    schema.migrate(connection, now)
-                if now == 0:
-                    self._mark(connection)
-        self._check_key()
+        with self._engine.begin() as connection:
+            # Another program may have made or changed it since.
+            now = int(connection.exec_driver_sql("PRAGMA user_version").scalar_one())
+            if now > 0:
+                self._check_key(connection)  # before anything is written with it
+            if now < schema.VERSION:
+                self._migrate(connection, now)
+            self._study = self._read_study(connection)
 
     def __enter__(self) -> Self:
         return self
@@ -140,6 +149,11 @@ class Diary:
     def is_encrypted(self) -> bool:
         """Whether a key is needed to read it."""
         return self._key is not None
+
+    @property
+    def study(self) -> str:
+        """A random UUID, which tells participants of this diary from those of other ones."""
+        return self._study
 
     # --- writing ---------------------------------------------------------------------------------
 
@@ -189,6 +203,8 @@ class Diary:
     def set_consent(self, identifier: str, *, clips: bool) -> None:
         """Say whether a participant consents to clips; without consent theirs are deleted.
 
+        Films that were exported before are not reached: see `exports` and `ExportedFile.has_films`.
+
         Parameters
         ----------
         identifier : str
@@ -200,6 +216,7 @@ class Diary:
             No such participant.
         OSError
             There are clips to delete and another program has the diary open; nothing was changed.
+            Or the file could not be written anew: the clips are deleted, their rows are zeros.
         """
         with self._engine.begin() as connection:
             number, _ = self._find(connection, identifier)
@@ -482,21 +499,79 @@ class Diary:
         InputError
             No such participant or occasion, or the answers are none; the occasion has one already.
         """
+        score = score_mcgill(ranks, ppi)
+        moment = aware(at, "at")
+        fields = {"at": moment.isoformat(), "occasion": occasion, "ranks": list(ranks), "ppi": ppi}
+        self._add_filled(identifier, fields)
+        return McGill(moment, occasion, tuple(ranks), score)
+
+    def add_answers(
+        self,
+        identifier: str,
+        questionnaire: Questionnaire,
+        answers: Sequence[int],
+        *,
+        occasion: Occasion = "other",
+        session: int | None = None,
+        at: datetime | None = None,
+    ) -> Answers:
+        """Keep a filled-in questionnaire, with its questions.
+
+        One that scores like `MCGILL`, whatever its words are, is kept as `add_mcgill` keeps it,
+        without the words, so that `analyse` counts it.
+
+        Parameters
+        ----------
+        identifier : str
+        questionnaire : Questionnaire
+        answers : sequence of int
+            One of each question.
+        occasion : {"baseline", "week-1", "week-4", "other"}
+            At most one questionnaire of a name for each of the first three.
+        session : int, optional
+        at : datetime, optional
+
+        Returns
+        -------
+        Answers
+
+        Raises
+        ------
+        InputError
+            No such participant, session or occasion, or the answers are none; the occasion has a
+            questionnaire of this name already.
+        """
+        questionnaire.check_answers(answers)
+        moment, given = aware(at, "at"), tuple(int(one) for one in answers)
+        fields: dict[str, Any] = {"at": moment.isoformat(), "occasion": occasion}
+        if questionnaire.scores_like(MCGILL):
+            questionnaire = MCGILL
+            fields |= {"ranks": given[:-1], "ppi": given[-1]}
+        else:
+            form = definition_of(questionnaire)
+            fields |= {"kind": _FORM, "form": form, "answers": given}
+        self._add_filled(identifier, fields, session)
+        return Answers(moment, questionnaire, given, occasion)
+
+    def _add_filled(
+        self, identifier: str, fields: Mapping[str, Any], session: int | None = None
+    ) -> None:
+        """Keep what was filled in, once for an occasion."""
+        occasion = fields["occasion"]
         if occasion not in get_args(Occasion):
             raise InputError(
                 f"occasion: expected {', '.join(get_args(Occasion))}, got {occasion!r}"
             )
-        score = score_mcgill(ranks, ppi)
-        moment = aware(at, "at")
-        fields = {"at": moment.isoformat(), "occasion": occasion, "ranks": list(ranks), "ppi": ppi}
+
+        def name(filled: Mapping[str, Any]) -> object:
+            return filled.get("kind"), filled.get("form", {}).get("name"), filled.get("occasion")
+
         with self._engine.begin() as connection:
             number, key = self._find(connection, identifier)
             known = self._rows(connection, schema.QUESTIONNAIRES, number, key)
-            if occasion != "other" and any(f.get("occasion") == occasion for _, f in known):
+            if occasion != "other" and any(name(f) == name(fields) for _, f in known):
                 raise InputError(f"occasion: {identifier} has a questionnaire of {occasion}")
-            self._add(connection, schema.QUESTIONNAIRES, number, key, fields)
-            self._note(connection, "questionnaire", number)
-        return McGill(moment, occasion, tuple(ranks), score)
+            self._keep_answers(connection, number, key, fields, session)
 
     def add_ownership(
         self,
@@ -582,11 +657,21 @@ class Diary:
     def _add_answers(self, identifier: str, fields: Mapping[str, Any], session: int | None) -> None:
         with self._engine.begin() as connection:
             number, key = self._find(connection, identifier)
-            if session is not None:
-                self._check_owner(connection, session, number)
-            about = fields if session is None else {**fields, "session": session}
-            self._add(connection, schema.QUESTIONNAIRES, number, key, about)
-            self._note(connection, "questionnaire", number)
+            self._keep_answers(connection, number, key, fields, session)
+
+    def _keep_answers(
+        self,
+        connection: sql.Connection,
+        number: int,
+        key: bytes | None,
+        fields: Mapping[str, Any],
+        session: int | None,
+    ) -> None:
+        if session is not None:
+            self._check_owner(connection, session, number)
+        about = fields if session is None else {**fields, "session": session}
+        self._add(connection, schema.QUESTIONNAIRES, number, key, about)
+        self._note(connection, "questionnaire", number)
 
     def add_event(
         self,
@@ -705,7 +790,8 @@ class Diary:
         InputError
             No such participant.
         OSError
-            Another program has the diary open; nothing was deleted.
+            Another program has the diary open; nothing was deleted. Or the file could not be
+            written anew: the participant is deleted, their rows are zeros.
         """
         with self._engine.begin() as connection:
             number, _ = self._find(connection, identifier)
@@ -726,12 +812,19 @@ class Diary:
                 mode = raw.execute("PRAGMA journal_mode = DELETE").fetchone()[0]
             except sqlite3.OperationalError:
                 mode = "wal"
+            except sqlite3.DatabaseError as error:
+                raise self._told(error) from error
             if mode != "delete":
                 raise OSError(f"{self.path}: another program has the diary open; nothing deleted")
             with connection.begin():
                 yield connection
-            raw.execute("VACUUM")
-            raw.execute("PRAGMA journal_mode = WAL")
+            try:
+                raw.execute("VACUUM")
+                raw.execute("PRAGMA journal_mode = WAL")
+            except sqlite3.DatabaseError as error:
+                raise OSError(
+                    f"{self.path}: deleted, but the file could not be written anew: {error}"
+                ) from error
 
     # --- reading ---------------------------------------------------------------------------------
 
@@ -886,8 +979,8 @@ class Diary:
             No such participant.
         """
         found = [
-            Ownership(datetime.fromisoformat(f["at"]), f["mode"], tuple(f["answers"]))
-            for f, _ in self._answers(identifier, _OWNERSHIP)
+            Ownership(datetime.fromisoformat(f["at"]), f["mode"], tuple(f["answers"]), row)
+            for f, row in self._answers(identifier, _OWNERSHIP)
         ]
         return sorted(found, key=lambda one: one.at)
 
@@ -910,10 +1003,51 @@ class Diary:
         """
         names = ("length", "telescoping", "raised", "bent")
         found = [
-            FeltRecord(datetime.fromisoformat(f["at"]), **{name: f[name] for name in names})
-            for f, _ in self._answers(identifier, _FELT)
+            FeltRecord(
+                datetime.fromisoformat(f["at"]), **{name: f[name] for name in names}, number=row
+            )
+            for f, row in self._answers(identifier, _FELT)
         ]
         return sorted(found, key=lambda one: one.at)
+
+    def answers(self, identifier: str) -> list[Answers]:
+        """Return all filled-in questionnaires of a participant, by time.
+
+        Parameters
+        ----------
+        identifier : str
+            Pseudonym of the participant, as enrolled.
+
+        Returns
+        -------
+        list of Answers
+            Those of `questionnaires` and `ownership` too, as `MCGILL` and `OWNERSHIP`.
+
+        Raises
+        ------
+        InputError
+            No such participant.
+        FormatError
+            A questionnaire is none: the diary is damaged.
+        """
+        found = [
+            Answers(one.at, MCGILL, (*one.ranks, one.score.ppi), one.occasion, one.number)
+            for one in self.questionnaires(identifier)
+        ]
+        found += [
+            Answers(one.at, OWNERSHIP, one.answers, "other", one.number)
+            for one in self.ownership(identifier)
+        ]
+        found += [self._form(*one) for one in self._answers(identifier, _FORM)]
+        return sorted(found, key=lambda one: one.at)
+
+    def _form(self, fields: Mapping[str, Any], row: int) -> Answers:
+        try:
+            form, given = questionnaire_of(fields["form"]), tuple(fields["answers"])
+            form.check_answers(given)
+        except InputError as error:
+            raise FormatError(f"the diary is damaged: {error}", file=str(self.path)) from None
+        return Answers(datetime.fromisoformat(fields["at"]), form, given, fields["occasion"], row)
 
     def _answers(self, identifier: str, kind: str) -> list[tuple[dict[str, Any], int]]:
         """Filled-in questionnaires of a kind; those without one are McGill's."""
@@ -1003,8 +1137,8 @@ class Diary:
 
     # --- the file --------------------------------------------------------------------------------
 
-    def _version_of_file(self, create: bool) -> int:
-        """Read the version of the schema; 0: a new file."""
+    def _check_file(self, create: bool) -> None:
+        """Refuse what is no diary, or one of a later version; make a new file."""
         if create:
             with contextlib.suppress(FileExistsError):
                 os.close(os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
@@ -1023,7 +1157,7 @@ class Diary:
             raise FormatError(f"expected a diary: {error}", file=str(self.path)) from error
         # A file without tables: new, or its maker was killed before it was a diary.
         if create and holds == 0 and mark == 0:
-            return 0
+            return
         if mark != schema.APPLICATION:
             raise FormatError("expected a diary, got another file", file=str(self.path))
         if version > schema.VERSION:
@@ -1032,22 +1166,37 @@ class Diary:
                 "manip3d wrote it",
                 file=str(self.path),
             )
-        return version
 
-    def _mark(self, connection: sql.Connection) -> None:
-        """Store what a key is checked by when the diary is opened."""
-        connection.execute(
-            sql.insert(schema.META).values(name="check", value=seal(self._key, _CHECK, "meta"))
-        )
+    def _migrate(self, connection: sql.Connection, version: int) -> None:
+        """Bring the file to the version of today; 0: it is new."""
+        schema.migrate(connection, version)
+        marks = {}
+        if version == 0:  # what a key is checked by when the diary is opened
+            marks["check"] = seal(self._key, _CHECK, "meta")
+        if version < schema.WITH_STUDY:
+            marks["study"] = seal(self._key, str(uuid.uuid4()).encode(), _STUDY)
+        for name, value in marks.items():
+            connection.execute(sql.insert(schema.META).values(name=name, value=value))
 
-    def _check_key(self) -> None:
-        with self._engine.begin() as connection:
-            table = schema.META
-            value = connection.execute(
-                sql.select(table.c.value).where(table.c.name == "check")
-            ).scalar_one_or_none()
+    def _meta(self, connection: sql.Connection, name: str) -> bytes:
+        table = schema.META
+        value = connection.execute(
+            sql.select(table.c.value).where(table.c.name == name)
+        ).scalar_one_or_none()
         if value is None:
             raise FormatError("expected a diary, got another file", file=str(self.path))
+        return bytes(value)
+
+    def _read_study(self, connection: sql.Connection) -> str:
+        name = unseal(self._key, self._meta(connection, "study"), _STUDY)
+        try:
+            return str(uuid.UUID(name.decode("ascii")))
+        except ValueError:
+            raise FormatError("expected a UUID of the study; the diary is damaged",
+                              file=str(self.path)) from None  # fmt: skip
+
+    def _check_key(self, connection: sql.Connection) -> None:
+        value = self._meta(connection, "check")
         is_plain = value == _CHECK
         if is_plain and self._key is not None:
             raise InputError(f"key: {self.path} is not encrypted; open it without a key")

@@ -15,7 +15,15 @@ from typing import Any
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.diary._diary import Diary
-from manip3d.diary._records import AdverseEvent, DiaryGame, DiarySession, McGill
+from manip3d.diary._records import (
+    AdverseEvent,
+    Answers,
+    DiaryGame,
+    DiarySession,
+    FeltRecord,
+    McGill,
+    Ownership,
+)
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_folder, atomic_write
 
@@ -47,7 +55,7 @@ _GAME_COLUMNS = (
 
 _TABLES = (
     "participants", "sessions", "games", "anomalies", "ratings", "questionnaires", "events",
-    "ownership", "felt",
+    "ownership", "felt", "answers",
 )  # fmt: skip
 
 
@@ -63,7 +71,7 @@ def export_csv(
     overwrite: bool = False,
 ) -> None:
     """Write a folder of tables: participants, sessions, games, anomalies, ratings, questionnaires,
-    events, ownership and felt limbs.
+    events, ownership, felt limbs, and all answers and scores of questionnaires, one in a row.
 
     Parameters
     ----------
@@ -148,6 +156,8 @@ def _tables(diary: Diary, identifiers: Iterable[str]) -> _Tables:
         "ownership": (("participant", "at", "mode", "ownership", "control",
                        *(f"q{n}" for n in range(1, 7))), []),
         "felt": (("participant", "at", "length", "telescoping", "raised", "bent"), []),
+        "answers": (("participant", "at", "questionnaire", "sha256", "occasion", "kind", "name",
+                     "text", "value"), []),
     }  # fmt: skip
     rows = {name: table[1] for name, table in found.items()}
     for name in identifiers:
@@ -176,8 +186,21 @@ def _tables(diary: Diary, identifiers: Iterable[str]) -> _Tables:
             means = (round(one.ownership, 3), round(one.control, 3))
             rows["ownership"].append([name, one.at, one.mode, *means, *one.answers])
         for felt in diary.felt(name):
-            rows["felt"].append([name, *vars(felt).values()])
+            numbers = (felt.length, felt.telescoping, felt.raised, felt.bent)
+            rows["felt"].append([name, felt.at, *numbers])
+        for answers in diary.answers(name):
+            rows["answers"] += [[name, *row] for row in _answer_rows(answers)]
     return found
+
+
+def _answer_rows(filled: Answers) -> list[list[Any]]:
+    asked = filled.questionnaire
+    about = [filled.at, asked.name, asked.sha256, filled.occasion]
+    given = enumerate(zip(asked.items, filled.answers, strict=True), 1)
+    return [
+        *([*about, "item", number, item.text, answer] for number, (item, answer) in given),
+        *([*about, "scale", name, "", value] for name, value in filled.scores.items()),
+    ]
 
 
 # --- FHIR -----------------------------------------------------------------------------------------
@@ -222,11 +245,13 @@ def export_fhir(
 
 @checked
 def fhir_bundle(diary: Diary, identifier: str) -> dict[str, Any]:
-    """Make a FHIR R4 Bundle (a collection) of a participant: Patient, Observations, AdverseEvents.
+    """Make a FHIR R4 Bundle (a collection) of a participant: Patient, Observations, AdverseEvents,
+    QuestionnaireResponses.
 
-    Ratings have LOINC's code 72514-3; sessions, games and the McGill indices, for which there is no
-    code, are named in words. Each resource has the same ``fullUrl`` in every copy, whatever was
-    added since, and no other study has it.
+    Ratings have LOINC's code 72514-3; sessions, games, the McGill indices, answers after touch cues
+    and the limb as it is felt, for which there is no code, are named in words. Each resource has
+    the same ``fullUrl`` in every copy, whatever was added since, and no other study has it; the
+    system of the patient's identifier is `Diary.study`.
 
     Parameters
     ----------
@@ -255,7 +280,7 @@ def fhir_bundle(diary: Diary, identifier: str) -> dict[str, Any]:
     about = {"reference": _url("participants", person.number)}
     found[about["reference"]] = {
         "resourceType": "Patient",
-        "identifier": [{"system": "urn:manip3d:participant", "value": person.identifier}],
+        "identifier": [{"system": f"urn:uuid:{diary.study}", "value": person.identifier}],
     }
     for rating in diary.ratings(identifier):
         pain = found[_url("ratings", rating.number)] = _observation(_PAIN, about, rating.at)
@@ -264,6 +289,12 @@ def fhir_bundle(diary: Diary, identifier: str) -> dict[str, Any]:
             pain["note"] = [{"text": f"{rating.when} the session"}]
     for one in diary.questionnaires(identifier):
         found[_url("questionnaires", one.number)] = _questionnaire(one, about)
+    for cue in diary.ownership(identifier):
+        found[_url("questionnaires", cue.number)] = _ownership(cue, about)
+    for felt in diary.felt(identifier):
+        found[_url("questionnaires", felt.number)] = _felt(felt, about)
+    for filled in diary.answers(identifier):
+        found |= _answered(filled, found, about)
     for session in diary.sessions(identifier):
         games = {_url("games", game.number): _game(game, about) for game in session.games}
         found |= games
@@ -332,6 +363,79 @@ def _questionnaire(filled: McGill, patient: Mapping[str, str]) -> dict[str, Any]
     found["component"] = [
         {"code": {"text": names[name]}, "valueInteger": value}
         for name, value in asdict(filled.score).items()
+    ]
+    return found
+
+
+def _answered(
+    filled: Answers, found: Mapping[str, dict[str, Any]], patient: Mapping[str, str]
+) -> dict[str, dict[str, Any]]:
+    """The response, and the observation of its scores, which says what it is derived from."""
+    response, url = _url("responses", filled.number), _url("questionnaires", filled.number)
+    scores = found.get(url) or _scores(filled, patient)
+    return {
+        response: _response(filled, patient),
+        url: scores | {"derivedFrom": [{"reference": response}]},
+    }
+
+
+def _response(filled: Answers, patient: Mapping[str, str]) -> dict[str, Any]:
+    asked = filled.questionnaire
+    return {
+        "resourceType": "QuestionnaireResponse",
+        "questionnaire": f"urn:uuid:{uuid.uuid5(_NAMESPACE, f'questionnaire/{asked.sha256}')}",
+        "status": "completed",
+        "subject": patient,
+        "authored": filled.at.isoformat(),
+        "item": [
+            {"linkId": str(number), "text": item.text, "answer": [{"valueInteger": answer}]}
+            for number, (item, answer) in enumerate(
+                zip(asked.items, filled.answers, strict=True), 1
+            )
+        ],
+    }
+
+
+def _scores(filled: Answers, patient: Mapping[str, str]) -> dict[str, Any]:
+    found = _observation({"text": filled.questionnaire.name}, patient, filled.at)
+    found["note"] = [{"text": filled.occasion}]
+    scores = filled.scores
+    if scores:
+        found["component"] = [
+            {"code": {"text": name}, "valueQuantity": {"value": round(value, 3)}}
+            for name, value in scores.items()
+        ]
+    return found
+
+
+def _ownership(cue: Ownership, patient: Mapping[str, str]) -> dict[str, Any]:
+    found = _observation({"text": "Ownership of the limb after a touch cue"}, patient, cue.at)
+    parts: list[dict[str, Any]] = [{"code": {"text": "Touch"}, "valueString": cue.mode}]
+    parts += [
+        {"code": {"text": f"{told} (-3 to 3)"}, "valueQuantity": {"value": round(value, 3)}}
+        for told, value in (
+            ("Ownership, mean of questions 1 to 3", cue.ownership),
+            ("Control questions, mean of 4 to 6", cue.control),
+        )
+    ]
+    parts += [
+        {"code": {"text": f"Question {number} (-3 to 3)"}, "valueInteger": answer}
+        for number, answer in enumerate(cue.answers, 1)
+    ]
+    found["component"] = parts
+    return found
+
+
+def _felt(felt: FeltRecord, patient: Mapping[str, str]) -> dict[str, Any]:
+    found = _observation({"text": "Phantom limb as it is felt"}, patient, felt.at)
+    found["component"] = [
+        {"code": {"text": told}, "valueQuantity": _quantity(value, unit)}
+        for told, value, unit in (
+            ("Length, of the intact limb's", felt.length, "%"),
+            ("Telescoping: how far the end has moved up into the stump", felt.telescoping, "%"),
+            ("Raised sideways from hanging down", felt.raised, "deg"),
+            ("Bent at elbow or knee", felt.bent, "deg"),
+        )
     ]
     return found
 

@@ -11,18 +11,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from manip3d._util.checked import checked
+from manip3d.diary._questionnaires import MCGILL
 from manip3d.errors import InputError
 
-MCGILL_GROUPS = (6, 3, 5, 3, 5, 3, 4, 4, 5, 4, 2, 2, 3, 5, 2, 5, 4, 5, 3, 5)
+MCGILL_GROUPS = tuple(item.high for item in MCGILL.items[:-1])
 """Number of words of each of the 20 groups: sensory 1 to 10, affective 11 to 15, evaluative 16,
 miscellaneous 17 to 20."""
-
-_SCALES = {
-    "sensory": slice(0, 10),
-    "affective": slice(10, 15),
-    "evaluative": slice(15, 16),
-    "miscellaneous": slice(16, 20),
-}
 
 
 @dataclass(frozen=True)
@@ -84,5 +78,5 @@ def score_mcgill(ranks: Sequence[int], ppi: int) -> McGillScore:
             raise InputError(f"ranks: expected 0 to {most} in group {number}, got {rank!r}")
     if not 0 <= ppi <= 5:
         raise InputError(f"ppi: expected 0 to 5, got {ppi}")
-    sums: dict[str, Any] = {name: sum(ranks[part]) for name, part in _SCALES.items()}
-    return McGillScore(**sums, pri=sum(ranks), nwc=sum(rank > 0 for rank in ranks), ppi=ppi)
+    scores: dict[str, Any] = MCGILL.score((*ranks, ppi))
+    return McGillScore(**scores)

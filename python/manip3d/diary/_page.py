@@ -1,21 +1,30 @@
-"""A page about one participant for the clinician: one HTML file that loads nothing."""
+"""Pages for the clinician, one of each participant and an overview: HTML that loads nothing."""
 
 from __future__ import annotations
 
 import base64
 import html
 import os
+import re
 from collections.abc import Sequence
-from datetime import date, datetime
+from datetime import date, datetime, timedelta
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.diary._clips import film
 from manip3d.diary._diary import Diary
 from manip3d.diary._protocol import Protocol, adherence
-from manip3d.diary._records import DiaryGame, DiarySession
+from manip3d.diary._questionnaires import MCGILL, OWNERSHIP, Questionnaire
+from manip3d.diary._records import (
+    FILM_IN_PAGE,
+    Answers,
+    DiaryGame,
+    DiarySession,
+    Participant,
+)
+from manip3d.diary._trends import Point, change_a_week, pain_chart, require_scipy, trend
 from manip3d.errors import InputError
-from manip3d.io._files import atomic_write
+from manip3d.io._files import atomic_folder, atomic_write
 
 _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #1c2430; max-width: 60rem; margin: 2rem auto;
@@ -26,10 +35,10 @@ th, td { padding: .3rem .6rem; border-bottom: 1px solid #d5dbe3; text-align: lef
 td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
 .quiet { color: #5a6675; } .warning { color: #a02b1d; font-weight: 600; }
 figure { display: inline-block; margin: 0 1rem 1rem 0; max-width: 20rem; }
+figure.trend { max-width: 27rem; width: 100%; }
 figure img { width: 100%; } figcaption { font-size: .85rem; color: #5a6675; }
 svg { width: 100%; height: auto; } svg text { font-size: 12px; fill: #5a6675; }
 """
-_WIDE, _HIGH, _LEFT, _TOP = 860, 220, 30, 12
 _INTENDED_USE = (
     "Research software. It is not a medical device and is not meant for diagnosis or treatment."
 )
@@ -45,7 +54,11 @@ def write_page(
     clips: bool = False,
     overwrite: bool = False,
 ) -> None:
-    """Write a page about one participant: adherence, pain before and after, games, difficulties.
+    """Write a page about one participant: adherence, pain before and after, trends, difficulties.
+
+    Trends of pain, scores, the phantom limb's share of the points, tracking and the McGill index
+    have a least-squares line and its 95 % interval, which takes points to scatter evenly and
+    independently about a line. Games of a simulated person are left out of them.
 
     Parameters
     ----------
@@ -66,6 +79,8 @@ def write_page(
         No such participant, or the file exists.
     OSError
         It cannot be written.
+    MissingExtraError
+        scipy is not installed.
 
     Examples
     --------
@@ -76,13 +91,163 @@ def write_page(
     target = path_of(output, "output")
     if target.exists() and not overwrite:
         raise InputError(f"output: {target} exists")
+    text = _page(diary, identifier, today or date.today(), clips)
+    diary.note_export(identifier)
+    atomic_write(target, text)
+    diary.note_files(identifier, [target])
+
+
+@checked
+def write_overview(
+    diary: Diary,
+    output: str | os.PathLike[str],
+    *,
+    today: date | None = None,
+    clips: bool = False,
+    overwrite: bool = False,
+) -> None:
+    """Write a folder of pages: ``index.html`` with all participants, and one page of each.
+
+    The overview shows adherence, the last visit, how the pain changes, and alarms: no game any more
+    today, adverse events of the last 7 days, a pain that grows (the 95 % interval of its trend is
+    above 0), and no session for 3 days or more while the protocol lasts.
+
+    Parameters
+    ----------
+    diary : Diary
+    output : path
+        A folder; what it holds is not encrypted.
+    today : date, optional
+        Last day on which sessions were due; by default today.
+    clips : bool
+        With the films of difficulties.
+    overwrite : bool
+        Replace a folder that holds such pages only.
+
+    Raises
+    ------
+    InputError
+        The folder exists.
+    OSError
+        It cannot be written.
+    MissingExtraError
+        scipy is not installed.
+
+    Examples
+    --------
+    >>> import os
+    >>> with Diary("overview.diary", create=True) as diary:
+    ...     _ = diary.enrol("P01")
+    ...     write_overview(diary, "pages")
+    >>> sorted(os.listdir("pages"))
+    ['index.html', 'participant-P01.html']
+    """
+    require_scipy()
+    target = path_of(output, "output")
+    if target.exists() and not overwrite:
+        raise InputError(f"output: {target} exists")
+    if target.exists():
+        others = sorted(one for one in os.listdir(target) if not _OWN_PAGE.fullmatch(one))
+        if others:
+            raise InputError(f"output: {target} holds other files: {', '.join(others[:3])}")
+    day = today or date.today()
+    people = [person.identifier for person in diary.participants()]
+    for identifier in people:
+        diary.note_export(identifier)
+    with atomic_folder(target) as folder:
+        for identifier in people:
+            text = _page(diary, identifier, day, clips, is_linked=True)
+            (folder / _name_of_page(identifier)).write_text(text, encoding="utf-8")
+        (folder / _INDEX).write_text(_overview(diary, day), encoding="utf-8")
+    for identifier in people:
+        diary.note_files(identifier, [target / _name_of_page(identifier), target / _INDEX])
+
+
+_INDEX = "index.html"
+_OWN_PAGE = re.compile(r"index\.html|participant-.*\.html")
+_SILENT_DAYS = 3  # without a session, of two every day
+_RECENT_DAYS = 7
+
+
+def _name_of_page(identifier: str) -> str:
+    return f"participant-{identifier}.html"  # never that of the overview
+
+
+def _overview(diary: Diary, today: date) -> str:
+    people = diary.participants()
+    rows = [_overview_row(diary, person, today) for person in people]
+    names = ("Participant", "Limb", "Sessions done", "Last visit", "Pain", "Pain in a week",
+             "Alarms")  # fmt: skip
+    parts = [
+        "<h1>Participants</h1>",
+        f'<p class="quiet">{len(people)} enrolled; as of {today}. {_INTENDED_USE}</p>',
+        _table(names, rows) if rows else "<p>Nobody is enrolled.</p>",
+        '<p class="quiet">Sessions done: with all games, of those that were due so far. '
+        "Pain: before and after the last session with a rating. Pain in a week: slope of the "
+        "least-squares line of the pain before sessions, with its 95 % interval. Games of a "
+        "simulated person are left out.</p>",
+    ]
+    return _document("Overview of the diaries", parts)
+
+
+def _overview_row(diary: Diary, person: Participant, today: date) -> list[str | _Html]:
+    sessions = diary.sessions(person.identifier)
+    real = [session for session in sessions if not _is_simulated(session)]
+    rated = [s for s in real if s.pain_before is not None or s.pain_after is not None]
+    done = adherence(sessions, person.enrolled, max(today, person.enrolled.date()))
+    change = change_a_week(_pain_before(real, person))
+    pain = f"{_dash(rated[-1].pain_before)} to {_dash(rated[-1].pain_after)}" if rated else "-"
+    found = _alarms(diary, person, real, today)
+    link = f'<a href="{_name_of_page(person.identifier)}">{html.escape(person.identifier)}</a>'
+    told = "<br>".join(f'<span class="warning">{html.escape(one)}</span>' for one in found)
+    return [
+        _Html(link),
+        person.limb.replace("_", " ") or "-",
+        f"{done.complete} of {done.expected} ({done.share:.0%})",
+        _day(real[-1].started) if real else "-",
+        pain,
+        "-" if change is None else f"{change.value:+.1f} ({change.low:+.1f} to {change.high:+.1f})",
+        _Html(told or "-"),
+    ]
+
+
+def _alarms(
+    diary: Diary, person: Participant, sessions: Sequence[DiarySession], today: date
+) -> list[str]:
+    found = []
+    halt = diary.halt_reason(person.identifier, today=today)
+    if halt:
+        found.append(f"Stopped today: {halt}")
+    since = today - timedelta(days=_RECENT_DAYS)
+    recent = [e for e in diary.events(person.identifier) if since < e.at.date() <= today]
+    if recent:
+        kinds = ", ".join(sorted({event.kind for event in recent}))
+        found.append(
+            f"{len(recent)} adverse event{'s' * (len(recent) > 1)} in {_RECENT_DAYS} days ({kinds})"
+        )
+    change = change_a_week(_pain_before(sessions, person))
+    if change is not None and change.low > 0:
+        found.append("The pain before sessions grows")
+    last = sessions[-1].started.date() if sessions else person.enrolled.date()
+    in_protocol = (today - person.enrolled.date()).days < 7 * Protocol().weeks
+    if in_protocol and (today - last).days >= _SILENT_DAYS:
+        found.append(f"No session for {(today - last).days} days")
+    return found
+
+
+def _page(
+    diary: Diary, identifier: str, today: date, clips: bool, *, is_linked: bool = False
+) -> str:
+    require_scipy()
     person = diary.participant(identifier)
     sessions = diary.sessions(identifier)
+    real = [session for session in sessions if not _is_simulated(session)]
     plan = Protocol()
-    last = max(today or date.today(), person.enrolled.date())
+    last = max(today, person.enrolled.date())
     done = adherence(sessions, person.enrolled, last, protocol=plan)
     limb = f", {person.limb.replace('_', ' ')}" if person.limb else ""
     parts = [
+        *([f'<p><a href="{_INDEX}">All participants</a></p>'] if is_linked else []),
         f"<h1>{html.escape(person.identifier + limb)}</h1>",
         f'<p class="quiet">Enrolled {_day(person.enrolled)}. {_INTENDED_USE}</p>',
         "<h2>Sessions done</h2>",
@@ -90,26 +255,30 @@ def write_page(
         f"({done.share:.0%}) up to day {done.days}, {done.partial} more in part. Days with a game: "
         f"{done.days_played}.{_left_out(done.simulated)}</p>",
         "<h2>Pain before and after each session</h2>",
-        _chart(sessions),
+        pain_chart(real, person.enrolled),
+        "<h2>Trends</h2>",
+        _trends(diary, person, real),
         "<h2>Adverse events</h2>",
         _events(diary, identifier),
         "<h2>McGill Pain Questionnaire</h2>",
         _mcgill(diary, identifier),
+        *_forms(diary, identifier),
         "<h2>Touch cues and the limb as it feels</h2>",
         _felt(diary, identifier),
         "<h2>Sessions</h2>",
         _sessions(sessions),
         *(["<h2>Films of difficulties</h2>", _films(diary, identifier)] if clips else []),
     ]
-    text = (
+    return _document(f"Diary of {person.identifier}", parts)
+
+
+def _document(title: str, parts: Sequence[str]) -> str:
+    return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>Diary of {html.escape(person.identifier)}</title>\n<style>{_STYLE}</style>\n"
+        f"<title>{html.escape(title)}</title>\n<style>{_STYLE}</style>\n"
         "</head>\n<body>\n" + "\n".join(parts) + "\n</body>\n</html>\n"
     )
-    diary.note_export(identifier)
-    atomic_write(target, text)
-    diary.note_files(identifier, [target])
 
 
 def _day(moment: datetime) -> str:
@@ -120,43 +289,71 @@ def _left_out(simulated: int) -> str:
     return f" Left out: {simulated} of a simulated person." if simulated else ""
 
 
-def _chart(sessions: Sequence[DiarySession]) -> str:
-    """Each session a line from before (hollow) to after (filled), red where the pain rose by 2."""
-    rated = [s for s in sessions if s.pain_before is not None or s.pain_after is not None]
-    if not rated:
-        return "<p>Nobody has said how strong the pain is yet.</p>"
-    step = (_WIDE - 2 * _LEFT) / len(rated)
+def _is_simulated(session: DiarySession) -> bool:
+    """Whether nobody was there: all games are of a simulated person."""
+    return bool(session.games) and all(game.is_simulated for game in session.games)
 
-    def height(pain: int) -> float:
-        return _TOP + (_HIGH - 2 * _TOP) * (1 - pain / 10)
 
-    drawn = []
-    for mark in (0, 5, 10):
-        y = height(mark)
-        drawn.append(f'<line x1="{_LEFT}" x2="{_WIDE}" y1="{y}" y2="{y}" stroke="#d5dbe3"/>')
-        drawn.append(f'<text x="4" y="{y + 4}">{mark}</text>')
-    for number, session in enumerate(rated):
-        x = _LEFT + step * (number + 0.5)
-        before, after = session.pain_before, session.pain_after
-        color = "#1d6fb8"
-        if before is not None and after is not None:
-            color = "#a02b1d" if after >= before + 2 else color
-            drawn.append(
-                f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{height(before)}" y2="{height(after)}" '
-                f'stroke="{color}" stroke-width="3"/>'
+def _pain_before(sessions: Sequence[DiarySession], person: Participant) -> list[Point]:
+    return [
+        Point.of(session.started, person.enrolled, session.pain_before)
+        for session in sessions
+        if session.pain_before is not None
+    ]
+
+
+def _trends(diary: Diary, person: Participant, sessions: Sequence[DiarySession]) -> str:
+    """One chart for each thing of which there is something to see."""
+    start = person.enrolled
+    games = [
+        game
+        for session in sessions
+        for game in session.games
+        if not game.is_simulated and game.ending not in ("stopped", "interrupted")
+    ]
+    kinds = sorted({(game.game, game.difficulty) for game in games})
+    after = [
+        Point.of(session.started, start, session.pain_after)
+        for session in sessions
+        if session.pain_after is not None
+    ]
+    shares = [Point.of(g.at, start, 100 * g.by_phantom / g.score) for g in games if g.score > 0]
+    tracked = [Point.of(g.at, start, 100 * g.tracked) for g in games if g.tracked is not None]
+    filled = [
+        Point.of(one.at, start, one.score.pri) for one in diary.questionnaires(person.identifier)
+    ]
+    charts = [
+        ("Pain before sessions, 0 to 10", _pain_before(sessions, person), 10.0),
+        ("Pain after sessions, 0 to 10", after, 10.0),
+        *(
+            (
+                f"Score of {name}, difficulty {difficulty}",
+                [
+                    Point.of(game.at, start, game.score)
+                    for game in games
+                    if (game.game, game.difficulty) == (name, difficulty)
+                ],
+                None,
             )
-        title = f"<title>{_day(session.started)}: {_dash(before)} to {_dash(after)}</title>"
-        for pain, fill in ((before, "#ffffff"), (after, color)):
-            if pain is not None:
-                drawn.append(
-                    f'<circle cx="{x:.1f}" cy="{height(pain)}" r="5" fill="{fill}" '
-                    f'stroke="{color}" stroke-width="2">{title}</circle>'
-                )
-    return (
-        f'<svg viewBox="0 0 {_WIDE} {_HIGH}" role="img" aria-label="Pain from 0 to 10">'
-        + "".join(drawn)
-        + '</svg>\n<p class="quiet">One mark a session, from 0 (none) to 10 (the worst): hollow '
-        "before it, filled after it; red where the pain rose by 2 or more.</p>"
+            for name, difficulty in kinds
+        ),
+        ("Share of the points by the phantom limb, %", shares, 100.0),
+        ("Frames in which the phantom limb was followed, %", tracked, 100.0),
+        ("McGill pain rating index, 0 to 78", filled, 78.0),
+    ]
+    days = [point.day for _, points, _ in charts for point in points]
+    drawn = [
+        trend(title, points, first=min([0.0, *days]), last=max([7.0, *days]), top=top)
+        for title, points, top in charts
+        if points
+    ]
+    if not drawn:
+        return "<p>None yet.</p>"
+    return "\n".join(drawn) + (
+        '\n<p class="quiet">Days since the enrolment. The line is that of least squares, the '
+        "shaded band its 95 % interval, which takes the points to scatter evenly and independently "
+        "about a straight line; it needs three points. Games that were stopped or interrupted, and "
+        "those of a simulated person, are left out.</p>"
     )
 
 
@@ -179,6 +376,23 @@ def _mcgill(diary: Diary, identifier: str) -> str:
     names = ("Occasion", "When", "Pain rating index, of 78", "Words chosen, of 20",
              "Present pain, of 5")  # fmt: skip
     return _table(names, rows)
+
+
+def _forms(diary: Diary, identifier: str) -> list[str]:
+    """A table of scores for each other questionnaire; of another wording, it is another one."""
+    filled: dict[Questionnaire, list[Answers]] = {}
+    for one in diary.answers(identifier):
+        if one.questionnaire not in (MCGILL, OWNERSHIP):
+            filled.setdefault(one.questionnaire, []).append(one)
+    parts = []
+    for asked, answers in filled.items():
+        rows = [
+            (one.occasion, _day(one.at), *(f"{score:.4g}" for score in one.scores.values()))
+            for one in answers
+        ]
+        names = ("Occasion", "When", *(scale.name for scale in asked.scales))
+        parts += [f"<h2>{html.escape(asked.name)}</h2>", _table(names, rows)]
+    return parts
 
 
 def _felt(diary: Diary, identifier: str) -> str:
@@ -222,7 +436,8 @@ def _films(diary: Diary, identifier: str) -> str:
     if not found:
         return "<p>None.</p>"
     return "\n".join(
-        f'<figure><img alt="" src="data:image/webp;base64,{base64.b64encode(film(clip)).decode()}">'
+        f'<figure><img alt="" src="{FILM_IN_PAGE.decode()}'
+        f'{base64.b64encode(film(clip)).decode()}">'
         f"<figcaption>{_day(clip.at)}, {html.escape(clip.game)}: no point from {clip.start:.0f} to "
         f"{clip.end:.0f} s of play, though something was in reach. The phantom limb is bluish."
         "</figcaption></figure>"
@@ -230,10 +445,20 @@ def _films(diary: Diary, identifier: str) -> str:
     )
 
 
+class _Html(str):
+    """Text that is HTML already."""
+
+    __slots__ = ()
+
+
+def _cell(value: str) -> str:
+    return value if isinstance(value, _Html) else html.escape(value)
+
+
 def _table(names: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     head = "".join(f"<th>{html.escape(name)}</th>" for name in names)
     body = "\n".join(
-        "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
+        "<tr>" + "".join(f"<td>{_cell(cell)}</td>" for cell in row) + "</tr>" for row in rows
     )
     return f"<table>\n<tr>{head}</tr>\n{body}\n</table>"
 

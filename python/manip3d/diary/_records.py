@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Literal
 
 from manip3d.diary._mcgill import McGillScore
+from manip3d.diary._questionnaires import OWNERSHIP, Questionnaire
 from manip3d.errors import FormatError, InputError
-from manip3d.io._files import sha256_of
+from manip3d.io._files import regular_bytes, sha256_of
 
 Moment = Literal["before", "after", "other"]
 Occasion = Literal["baseline", "week-1", "week-4", "other"]
@@ -150,6 +151,19 @@ class ExportedFile:
             return "changed"
         return "unchanged" if now == self.sha256 else "changed"
 
+    @property
+    def has_films(self) -> bool:
+        """Whether the file is there and is a film, or a page that shows films."""
+        try:
+            content = regular_bytes(self.path)
+        except (OSError, FormatError):
+            return False
+        return content[8:12] == b"WEBP" or FILM_IN_PAGE in content
+
+
+FILM_IN_PAGE = b"data:image/webp;base64,"
+"""What a film on a page begins with."""
+
 
 @dataclass(frozen=True)
 class Rating:
@@ -259,21 +273,53 @@ class Ownership:
         ``synchronous`` or ``asynchronous``.
     answers : tuple of 6 int
         Three about ownership of the limb, then three controls.
+    number : int
+        Number of its row, by which copies name it; 0: it was not read from a diary.
     """
 
     at: datetime
     mode: Literal["synchronous", "asynchronous"]
     answers: tuple[int, ...]
+    number: int = field(default=0, compare=False)
 
     @property
     def ownership(self) -> float:
         """Mean of the first three."""
-        return sum(self.answers[:3]) / 3
+        return OWNERSHIP.score(self.answers)["ownership"]
 
     @property
     def control(self) -> float:
         """Mean of the others."""
-        return sum(self.answers[3:]) / 3
+        return OWNERSHIP.score(self.answers)["control"]
+
+
+@dataclass(frozen=True)
+class Answers:
+    """A filled-in questionnaire.
+
+    Attributes
+    ----------
+    at : datetime
+    questionnaire : Questionnaire
+        As it was asked.
+    answers : tuple of int
+        One of each question.
+    occasion : str
+        ``baseline``, ``week-1``, ``week-4`` or ``other``.
+    number : int
+        Number of its row, by which copies name it; 0: it was not read from a diary.
+    """
+
+    at: datetime
+    questionnaire: Questionnaire
+    answers: tuple[int, ...]
+    occasion: Occasion = "other"
+    number: int = field(default=0, compare=False)
+
+    @property
+    def scores(self) -> dict[str, float]:
+        """Scores by the names of the scales."""
+        return self.questionnaire.score(self.answers)
 
 
 @dataclass(frozen=True)
@@ -288,6 +334,8 @@ class FeltRecord:
         stump.
     raised, bent : int, degrees
         The limb sideways from hanging down; elbow or knee.
+    number : int
+        Number of its row, by which copies name it; 0: it was not read from a diary.
     """
 
     at: datetime
@@ -295,6 +343,7 @@ class FeltRecord:
     telescoping: int
     raised: int
     bent: int
+    number: int = field(default=0, compare=False)
 
 
 @dataclass(frozen=True)

@@ -99,8 +99,12 @@ MIGRATIONS: Sequence[Sequence[str]] = (
         "CREATE INDEX clips_of_participant ON clips (participant)",
     ),
     (),  # 4 to 5: payloads of games say more, which an older program does not understand
+    # 5 to 6: `meta` names the study, encrypted like payloads, so that `Diary` writes it;
+    # questionnaires may be of any form.
+    (),
 )
 VERSION = len(MIGRATIONS)
+WITH_STUDY = 6
 
 
 def migrate(connection: Connection, start: int, to: int = VERSION) -> None:

@@ -66,6 +66,7 @@ class DiaryRecorder:
         self._session = 0
         self._row: list[int] | None = None  # of the game that goes on, as soon as it is written
         self._withdrawals = 0  # of consent
+        self._remaining_films = ""  # that were exported before consent was withdrawn
         self._ratings: list[Rating] = []
         self._has_begun = False
         self._writer: OrderedWriter | None = None
@@ -96,8 +97,9 @@ class DiaryRecorder:
 
     @property
     def trouble(self) -> str:
-        """What is not kept yet, and why, in words; or nothing."""
-        return "" if self._writer is None else self._writer.trouble
+        """What is not kept yet, and why, and which films remain without consent; or nothing."""
+        unkept = "" if self._writer is None else self._writer.trouble
+        return " ".join(part for part in (unkept, self._remaining_films) if part)
 
     def game_goes_on(self, summary: GameSummary) -> None:
         """Keep how a game stands, in case the program is killed."""
@@ -189,10 +191,16 @@ class DiaryRecorder:
 
         def write() -> None:
             self._diary.set_consent(self._participant, clips=clips)
+            self._remaining_films = "" if clips else self._exported_films()
 
         # Clips are deleted only while no other program reads: nothing else waits for that.
         what = f"consent to films: {'yes' if clips else 'no, and the films to be deleted'}"
         self._writer.add(what, write, holds=False)
+
+    def _exported_films(self) -> str:
+        """Tell the therapist which exported files still show films."""
+        files = [str(one.path) for one in self._diary.exports(self._participant) if one.has_films]
+        return f"Exported before and to be deleted: {', '.join(files)}." if files else ""
 
     def ownership(self, mode: str, answers: Sequence[int]) -> None:
         """Keep the answers after a touch cue."""
