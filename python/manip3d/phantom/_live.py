@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import ipaddress
 import json
 import os
@@ -314,6 +315,9 @@ def _certificate(host: str, path: str | os.PathLike[str] | None) -> Certificate 
 def hear(session: LiveSession, client: StreamClient, text: str) -> None:
     """Take what a page says: of the connection here, all else to the session.
 
+    What must not be lost is answered when it is on the diary's disk; the page says it again until
+    then.
+
     Raises
     ------
     FormatError
@@ -327,9 +331,8 @@ def hear(session: LiveSession, client: StreamClient, text: str) -> None:
     elif name == "clock":  # a page on another machine learns how far its clock is off
         client.say(json.dumps({"clock": [fields["sent_ms"], time.time_ns() / 1e6]}))
     else:
-        session.command(name, fields)
-        if "number" in fields:
-            client.say(json.dumps({"heard": fields["number"]}))
+        answer = functools.partial(client.say, json.dumps({"heard": fields.get("number")}))
+        session.command(name, fields, done=answer if "number" in fields else None)
 
 
 def _frames(address: str) -> Generator[_Found, None, None]:

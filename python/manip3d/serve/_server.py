@@ -134,6 +134,7 @@ class StreamClient:
         self.unreadable = 0
         self._window = frames_in_flight
         self._next: _Frame | None = None
+        self._loop = asyncio.get_running_loop()
         self._said: deque[str] = deque()
         self._flying: dict[int, int] = {}  # by sequence number: when the frame was captured
         self._changed = asyncio.Event()
@@ -179,7 +180,7 @@ class StreamClient:
         self._changed.set()
 
     def say(self, text: str) -> None:
-        """Send a text to this client: in order, before frames, never dropped.
+        """Send a text to this client: in order, before frames, never dropped; from any thread.
 
         Parameters
         ----------
@@ -188,9 +189,12 @@ class StreamClient:
 
         Notes
         -----
-        To be called in the server's thread, as ``on_message`` is. A client that takes no bytes is
-        disconnected, and texts that wait for it are lost.
+        A client that takes no bytes is disconnected, and texts that wait for it are lost.
         """
+        with contextlib.suppress(RuntimeError):  # the server has stopped since
+            self._loop.call_soon_threadsafe(self._add, text)
+
+    def _add(self, text: str) -> None:
         self._said.append(text)
         self._changed.set()
 
