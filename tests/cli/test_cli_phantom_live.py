@@ -151,7 +151,7 @@ def test_ctrl_c_in_the_middle_of_a_game_keeps_it_in_the_diary(tmp_path: Path) ->
             press = "document.querySelector('#start').click()"
             say = (
                 "{const list = document.querySelector('#pain'); list.value = '3';"
-                "list.dispatchEvent(new Event('change'));}"
+                "document.querySelector('#rating').requestSubmit();}"
             )
             phase = "globalThis.manip3dLive?.status()?.game.phase"
             end = time.monotonic() + 60.0

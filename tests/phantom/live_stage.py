@@ -81,6 +81,21 @@ def press(tab: _chromium.Tab, key: str) -> None:
     tab.evaluate(f"document.dispatchEvent(new KeyboardEvent('keydown', {{key: '{key}'}}))")
 
 
+def type_key(tab: _chromium.Tab, key: str, code: int, text: str = "") -> None:
+    """A key of the keyboard, as the browser gets it; ``press`` tells the page of one."""
+    about = {"key": key, "code": key, "windowsVirtualKeyCode": code}
+    tab.send("Input.dispatchKeyEvent", type="keyDown", text=text, **about)
+    tab.send("Input.dispatchKeyEvent", type="keyUp", **about)
+
+
+def rate(tab: _chromium.Tab, value: int) -> None:
+    """Say how strong the pain is."""
+    tab.evaluate(
+        f"document.querySelector('#pain').value = '{value}';"
+        "document.querySelector('#rating').requestSubmit()"
+    )
+
+
 def text_of(tab: _chromium.Tab, selector: str) -> str:
     return str(tab.evaluate(f"document.querySelector('{selector}').innerText"))
 
