@@ -354,7 +354,9 @@ function isTouching(status: Status | null): boolean {
 
 /** The card after the patient has had enough. */
 function closing(game: GameStatus): string[] {
-  if (game.sitting === "ending") return ["How strong is the phantom pain now? Say so below."];
+  const place = views.inHeadset ? "You may take the headset off." : "Say so below.";
+  if (game.sitting === "ending") return [`How strong is the phantom pain now? ${place}`];
+  if (views.inHeadset) return [`This session is over. ${place}`];
   const how = game.halt ? "" : " Another session begins with the button below.";
   return [`This session is over.${how}`];
 }
