@@ -44,7 +44,7 @@ class Stage:
         self.heard: list[str] = []
 
     def _hear(self, client: StreamClient, text: str) -> None:
-        hear(self.session, client, text)
+        hear(self.session, client, text, self.server.new_code)
         name = read_message(text, MESSAGES)[0]
         if name not in OF_THE_CONNECTION:
             self.heard.append(name)

@@ -453,6 +453,47 @@ def test_what_the_patient_says_is_said_on_purpose(chromium: None, tmp_path: Path
     assert dict(stage.server.refused) == {}
 
 
+def test_a_second_screen_joins_by_a_short_code(chromium: None) -> None:
+    """A headset's keyboard is no place for a long address; nor is there one after the first."""
+    frames = iter([capsule_body.painted(number) for number in range(8)])
+    stage = Stage(frames)
+
+    def code_of(tab: _chromium.Tab) -> str:
+        tab.evaluate("document.querySelector('#add-screen').click()")
+        wait_for(lambda: "/join and type" in text_of(tab, "#screen-told"))
+        told = text_of(tab, "#screen-told")
+        assert f"There open {stage.server.origin}/join" in told
+        return told.partition(" type ")[2][:9]
+
+    def join(tab: _chromium.Tab, code: str) -> None:
+        field = "document.querySelector('#code')"
+        wait_for(lambda: tab.evaluate(f"!!{field}"))
+        tab.evaluate(f"{field}.value = '{code}'; {field}.form.requestSubmit()")
+        wait_for(lambda: stage.server.num_clients == 2)
+        assert tab.evaluate("location.pathname + location.search") == "/"
+
+    try:
+        with _chromium.open_address(stage.server.new_url(), (800, 700)) as first:
+            wait_for(lambda: stage.server.num_clients == 1)
+            stage.show(2)
+            code = code_of(first)
+            keep_picture(first, "add-screen")
+            with _chromium.open_address(stage.server.origin + "/join", (800, 700)) as second:
+                keep_picture(second, "join")
+                join(second, code)
+                stage.show(2)
+                # A browser that has lost its cookie comes back in the same way.
+                code = code_of(second)
+                first.send("Network.clearBrowserCookies")
+                first.send("Page.reload")
+                wait_for(lambda: stage.server.num_clients == 1)
+                first.send("Page.navigate", url=stage.server.origin + "/join")
+                join(first, code)
+                stage.show(1)
+    finally:
+        stage.server.stop()
+
+
 def test_a_reload_rejoins_and_the_gate_speaks(chromium: None, stage: Stage) -> None:
     with _chromium.open_address(stage.server.new_url(), (420, 800)) as tab:
         phone_or_desktop(tab, 420)

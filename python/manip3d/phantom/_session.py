@@ -58,6 +58,7 @@ MESSAGES: Mapping[str, Mapping[str, Kind]] = {
     "ack": {"sequence": Kind(int, 0, 2**32 - 1), "decoded_ms": Kind(float, 0, 1e15)},
     "bad": {},
     "clock": {"sent_ms": Kind(float, 0, 1e15)},
+    "screen": {},
     "choose": {"game": Kind(str, choices=tuple(GAMES)), "difficulty": Kind(int, 1, 3)},
     "ready": {},
     "stop": {},
@@ -82,8 +83,8 @@ MESSAGES: Mapping[str, Mapping[str, Kind]] = {
 _NOT_LOST = tuple(name for name, fields in MESSAGES.items() if "number" in fields)
 """Messages that are taken even when the session ends before the next frame."""
 
-OF_THE_CONNECTION = ("ack", "bad", "clock")
-"""Messages that `answer_client` takes; all others are the session's."""
+OF_THE_CONNECTION = ("ack", "bad", "clock", "screen")
+"""Messages that `hear` takes itself; all others are the session's."""
 
 Pictures = Sequence[tuple[float, bytes]]
 

@@ -73,6 +73,9 @@ for (const [value, word] of [["screen", "Screen"], ["side-by-side", "3D televisi
 }
 const headset = element("button", { id: "headset", hidden: "" }, "Enter headset");
 
+const addScreen = element("button", { id: "add-screen" }, "Add a screen");
+const screenTold = element("span", { id: "screen-told", role: "status" });
+
 const toggles = {
   own: toggle("Own eyes", "e", false),
   mirror: toggle("Mirror", "m", true),
@@ -196,6 +199,8 @@ document.body.append(
       element("label", {}, "View ", way),
       headset,
       ...Object.values(toggles),
+      addScreen,
+      screenTold,
     ),
     numbers,
     element(
@@ -420,13 +425,21 @@ function tellGame(status: Status, message: string): void {
   card.replaceChildren(element("h2", {}, heading), ...lines.map((line) => element("p", {}, line)));
 }
 
-const link = new Link(decode, (connected) => {
+function tellConnected(connected: boolean): void {
   document.body.dataset.connected = String(connected);
   if (connected) return;
   write(stateWord, "No connection");
   const again = "If the program was started anew, open the address that it prints.";
   write(stateText, `This page comes back by itself while the program runs. ${again}`);
-});
+}
+
+/** What is to be typed on another screen, in two groups that people can remember. */
+function tellCode(code: string): void {
+  const digits = `${code.slice(0, 4)} ${code.slice(4)}`;
+  write(screenTold, `There open ${location.origin}/join and type ${digits} within 2 minutes.`);
+}
+
+const link = new Link(decode, tellConnected, tellCode);
 
 setInterval(() => {
   const { latencyMs, perSecond, lost, bad, frames } = link.stats();
@@ -503,6 +516,10 @@ isWell.addEventListener("click", () => askWhetherSick(false));
 isSick.addEventListener("click", () => {
   keepOfPatient({ type: "unwell" });
   askWhetherSick(false);
+});
+addScreen.addEventListener("click", () => {
+  link.send({ type: "screen" });
+  addScreen.blur();
 });
 enough.addEventListener("click", () => {
   stopForToday();
