@@ -296,9 +296,9 @@ def test_set_up_touch_and_hazards_on_the_page(chromium: None, tmp_path: Path, wi
             tab.evaluate(f"document.querySelector('#event').value = {pasted}")
             click("#note")
             assert text_of(tab, "#event-told") == "Being noted."
+            said("event")
             wait_for(lambda: text_of(tab, "#event-told") == "Noted.")
             assert tab.evaluate("document.querySelector('#event').value") == ""
-            said("event")
 
             press(tab, "t")
             tab.evaluate("document.querySelector('#felt [name=length]').value = '60'")
