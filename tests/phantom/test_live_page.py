@@ -304,6 +304,8 @@ def test_set_up_touch_and_hazards_on_the_page(chromium: None, tmp_path: Path, wi
             tab.evaluate("document.querySelector('#felt [name=length]').value = '60'")
             tab.evaluate("document.querySelector('#felt').requestSubmit()")
             said("felt")
+            rate(tab, 2)  # else a touch would begin with nothing to compare the pain with
+            said("pain")
             click("#touch-asynchronous")
             said("touch")
             ticks = "manip3dLive.sounds().filter(s => s.kind === 'touch').length"
