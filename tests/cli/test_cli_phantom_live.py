@@ -151,7 +151,7 @@ def test_ctrl_c_in_the_middle_of_a_game_keeps_it_in_the_diary(tmp_path: Path) ->
             press = "document.querySelector('#start').click()"
             say = (
                 "{const list = document.querySelector('#pain'); list.value = '3';"
-                "list.dispatchEvent(new Event('change'));}"
+                "document.querySelector('#rating').requestSubmit();}"
             )
             phase = "globalThis.manip3dLive?.status()?.game.phase"
             end = time.monotonic() + 60.0
@@ -175,6 +175,49 @@ def test_ctrl_c_in_the_middle_of_a_game_keeps_it_in_the_diary(tmp_path: Path) ->
     assert (game.game, game.ending, game.score) == ("piano", "stopped", told["score"])
     assert session.ended is not None
     assert (game.limb, game.is_simulated, game.version) == ("left_leg", True, __version__)
+
+
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
+def test_what_ends_the_program_lets_it_come_to_an_end(
+    recording: str, tmp_path: Path, name: str
+) -> None:
+    """A machine that is shut down, a terminal that is closed; again while it comes to its end."""
+    pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
+    from manip3d.diary import Diary
+
+    path = tmp_path / "study.diary"
+    with Diary(path, create=True) as diary:
+        diary.enrol("P01", limb="left_leg")
+    words = ["--source", recording, "--diary", str(path), "--participant", "P01"]
+    program, _ = started(*words, "--json")
+    try:
+        time.sleep(1.0)
+        for _ in range(2):
+            program.send_signal(getattr(signal, name))
+        out, err = program.communicate(timeout=30)
+    finally:
+        program.kill()
+    assert program.returncode == 0, err
+    assert json.loads(out)["unkept"] == []
+    with Diary(path) as diary:
+        (session,) = diary.sessions("P01")
+    assert session.ended is not None
+
+
+def test_what_nohup_ignores_stays_ignored() -> None:
+    from manip3d.cli.signals import ended_like_ctrl_c
+
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with ended_like_ctrl_c():
+            signal.raise_signal(signal.SIGHUP)
+            assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
+            with pytest.raises(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGTERM)
+            signal.raise_signal(signal.SIGTERM)  # the end is under way
+        assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+    finally:
+        signal.signal(signal.SIGHUP, before)
 
 
 def test_a_participant_who_is_not_there_is_said_before_a_page_is(tmp_path: Path) -> None:

@@ -96,7 +96,8 @@ def test_power_is_a_table(tmp_path: Path) -> None:
     assert "effect: expected one that" in done.stderr
 
 
-def test_ctrl_c_ends_a_study(definition: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
+def test_ctrl_c_ends_a_study(definition: Path, tmp_path: Path, number: str) -> None:
     pytest.importorskip("aiohttp", reason="the extra 'live' is not installed")
     from manip3d.viewer.page import BUNDLE
 
@@ -109,7 +110,7 @@ def test_ctrl_c_ends_a_study(definition: Path, tmp_path: Path) -> None:
     assert process.stderr is not None
     line = process.stderr.readline()
     assert re.fullmatch(r"open http://127\.0\.0\.1:\d+/\?token=\S+\n", line)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(getattr(signal, number))
     _, rest = process.communicate(timeout=30)
     assert process.returncode == 0
     assert "0 participants, 0 to the end; 0 answers in" in rest

@@ -22,6 +22,8 @@ SEEDS = (
     '{"type":"gain","value":1.5}',
     '{"type":"pain","value":7,"page":4294967295,"number":12}',
     '{"type":"unwell","page":1,"number":1}',
+    '{"type":"enough","page":2,"number":3}',
+    '{"type":"screen"}',
     '{"type":"bad"}',
 )
 TYPES = MESSAGES

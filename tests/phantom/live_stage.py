@@ -44,7 +44,7 @@ class Stage:
         self.heard: list[str] = []
 
     def _hear(self, client: StreamClient, text: str) -> None:
-        hear(self.session, client, text)
+        hear(self.session, client, text, self.server.new_code)
         name = read_message(text, MESSAGES)[0]
         if name not in OF_THE_CONNECTION:
             self.heard.append(name)
@@ -79,6 +79,21 @@ def wait_for(condition: Callable[[], Any]) -> None:
 
 def press(tab: _chromium.Tab, key: str) -> None:
     tab.evaluate(f"document.dispatchEvent(new KeyboardEvent('keydown', {{key: '{key}'}}))")
+
+
+def type_key(tab: _chromium.Tab, key: str, code: int, text: str = "") -> None:
+    """A key of the keyboard, as the browser gets it; ``press`` tells the page of one."""
+    about = {"key": key, "code": key, "windowsVirtualKeyCode": code}
+    tab.send("Input.dispatchKeyEvent", type="keyDown", text=text, **about)
+    tab.send("Input.dispatchKeyEvent", type="keyUp", **about)
+
+
+def rate(tab: _chromium.Tab, value: int) -> None:
+    """Say how strong the pain is."""
+    tab.evaluate(
+        f"document.querySelector('#pain').value = '{value}';"
+        "document.querySelector('#rating').requestSubmit()"
+    )
 
 
 def text_of(tab: _chromium.Tab, selector: str) -> str:

@@ -2,20 +2,34 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from live_stage import Stage, keep_picture, press, screenshot, text_of, wait_for
+from live_stage import (
+    Stage,
+    keep_picture,
+    press,
+    rate,
+    screenshot,
+    text_of,
+    type_key,
+    wait_for,
+)
 
-from manip3d.phantom import simulated_patient
+import capsule_body
+from manip3d.phantom import _touch, simulated_patient
 from manip3d.phantom._page import INTENDED_USE
+from manip3d.phantom.games import GAMES
 from manip3d.viewer import _chromium
 
+TITLES = {game.name: game.title for game in GAMES.values()}
 PHANTOM_HAND = {10, 11, 23, 24}
 
 
@@ -80,7 +94,11 @@ def test_the_phantom_hand_bursts_a_bubble_on_the_page(chromium: None, stage: Sta
 
 @pytest.mark.parametrize(
     ("game", "kind", "told"),
-    [("pedal", "stroke", "Strokes 1 and 1 of 8"), ("piano", "note", "Score 1")],
+    [
+        ("pedal", "stroke", "Strokes 1 and 1 of 8"),
+        ("piano", "note", "Score 1"),
+        ("bubbles-legs", "burst", "Score 1"),
+    ],
 )
 def test_games_for_feet_are_played_with_the_phantom_leg(
     chromium: None, game: str, kind: str, told: str
@@ -97,7 +115,7 @@ def test_games_for_feet_are_played_with_the_phantom_leg(
         with _chromium.open_address(stage.server.new_url(), (1000, 800)) as tab:
             wait_for(lambda: stage.server.num_clients == 1)
             stage.show(45)  # the foot has been on the floor
-            assert text_of(tab, "#card").startswith({"pedal": "Pedal", "piano": "Piano"}[game])
+            assert text_of(tab, "#card").startswith(TITLES[game])
             idle = screenshot(tab)
             press(tab, " ")
             wait_for(lambda: stage.heard == ["ready"])
@@ -153,10 +171,7 @@ def test_a_played_game_and_the_pain_are_in_the_diary(chromium: None, tmp_path: P
 
     def say(value: int) -> None:
         before = len(stage.heard)
-        tab.evaluate(
-            f"{{const list = document.querySelector('#pain'); list.value = '{value}';"
-            "list.dispatchEvent(new Event('change'));}"
-        )
+        rate(tab, value)
         wait_for(lambda: len(stage.heard) > before)
         stage.show(1)
 
@@ -165,7 +180,7 @@ def test_a_played_game_and_the_pain_are_in_the_diary(chromium: None, tmp_path: P
             wait_for(lambda: stage.server.num_clients == 1)
             stage.show(3)
             say(3)
-            assert text_of(tab, "#pain-told") == "Noted: 3."
+            wait_for(lambda: text_of(tab, "#pain-told") == "Noted: 3.")
             press(tab, " ")
             wait_for(lambda: stage.heard == ["pain", "ready"])
             stage.show(90)
@@ -217,7 +232,6 @@ def test_set_up_touch_and_hazards_on_the_page(chromium: None, tmp_path: Path, wi
     pytest.importorskip("open3d", reason="the extra 'simulate' is not installed")
     pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
     from manip3d.diary import Diary
-    from manip3d.phantom import _touch
     from manip3d.phantom._diary import DiaryRecorder
     from manip3d.simulate.sources import open_source
 
@@ -282,14 +296,16 @@ def test_set_up_touch_and_hazards_on_the_page(chromium: None, tmp_path: Path, wi
             tab.evaluate(f"document.querySelector('#event').value = {pasted}")
             click("#note")
             assert text_of(tab, "#event-told") == "Being noted."
+            said("event")
             wait_for(lambda: text_of(tab, "#event-told") == "Noted.")
             assert tab.evaluate("document.querySelector('#event').value") == ""
-            said("event")
 
             press(tab, "t")
             tab.evaluate("document.querySelector('#felt [name=length]').value = '60'")
             tab.evaluate("document.querySelector('#felt').requestSubmit()")
             said("felt")
+            rate(tab, 2)  # else a touch would begin with nothing to compare the pain with
+            said("pain")
             click("#touch-asynchronous")
             said("touch")
             ticks = "manip3dLive.sounds().filter(s => s.kind === 'touch').length"
@@ -327,6 +343,157 @@ def test_set_up_touch_and_hazards_on_the_page(chromium: None, tmp_path: Path, wi
         (answers,) = diary.ownership("P01")
         assert (answers.mode, answers.answers) == ("asynchronous", (-3, -2, -1, 0, 1, 2))
         assert (answers.ownership, answers.control) == (-2.0, 1.0)
+
+
+def test_what_the_patient_says_is_said_on_purpose(chromium: None, tmp_path: Path) -> None:
+    """By the keyboard; sickness and the end of the day; what is asked after a page is loaded."""
+    pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
+    from manip3d.diary import Diary
+    from manip3d.phantom._diary import DiaryRecorder
+
+    path = tmp_path / "study.diary"
+    with Diary(path, create=True) as diary:
+        diary.enrol("P01", limb="right_arm")
+    recorder = DiaryRecorder(path, "P01", None)
+    frames = (capsule_body.painted(number % 40) for number in itertools.count())
+    numbered = (
+        replace(frame, time=number * 33_333_333, number=number)
+        for number, frame in enumerate(frames)
+    )
+    stage = Stage(numbered, recorder=recorder)
+    recorder.start()
+
+    def click(selector: str) -> None:
+        tab.evaluate(f"document.querySelector('{selector}').click()")
+
+    def is_seen(selector: str) -> bool:
+        return bool(tab.evaluate(f"!!document.querySelector('{selector}').offsetParent"))
+
+    def said(*names: str) -> None:
+        wait_for(lambda: stage.heard == list(names))
+        stage.heard.clear()
+        stage.show(2)
+
+    try:
+        with _chromium.open_address(stage.server.new_url(), (1000, 900)) as tab:
+            wait_for(lambda: stage.server.num_clients == 1)
+            stage.show(3)
+            tab.evaluate("document.querySelector('#pain').focus()")
+            for _ in range(4):
+                type_key(tab, "ArrowDown", 40)
+            stage.show(2)
+            assert tab.evaluate("document.querySelector('#pain').value") == "3"
+            assert stage.heard == []  # looked at, not said
+            type_key(tab, "Tab", 9)
+            type_key(tab, "Enter", 13, "\r")
+            said("pain")
+            wait_for(lambda: text_of(tab, "#pain-told") == "Noted: 3.")
+
+            # While a ball touches the limb, the key and the button stop it.
+            stage.session.command("touch", {"mode": "synchronous"})
+            stage.show(2)
+            assert text_of(tab, "#start") == "Stop"
+            press(tab, " ")
+            said("stop")
+            assert stage.session._cue is None
+            assert text_of(tab, "#start") == "Start when ready"
+
+            # A cue that is over is asked about on a page that was loaded since.
+            stage.session.command("touch", {"mode": "synchronous"})
+            stage.show(2)
+            tab.send("Page.reload")
+            wait_for(lambda: len(stage.server.report()) == 2 and stage.server.num_clients == 1)
+            assert stage.session._cue is not None
+            stage.session._cue.clock = _touch.SECONDS
+            stage.show(2)
+            press(tab, "t")
+            stage.show(1)
+            assert "How was it?" in text_of(tab, "#touch")
+            press(tab, "t")
+
+            click("#unwell")
+            assert is_seen("#sure")
+            keep_picture(tab, "sure")
+            click("#well")
+            assert not is_seen("#sure")
+            stage.show(2)
+            assert stage.heard == []
+            press(tab, " ")
+            said("ready")
+            assert stage.session._game is not None
+            click("#unwell")
+            said("stop")  # the play ends at once
+            click("#well")
+
+            press(tab, "q")
+            said("enough")
+            assert text_of(tab, "#card").startswith("Stopped for today\n")
+            assert "How strong is the phantom pain now?" in text_of(tab, "#card")
+            keep_picture(tab, "enough")
+            press(tab, " ")
+            said("ready")
+            rate(tab, 2)
+            said("pain")
+            assert "This session is over." in text_of(tab, "#card")
+            assert text_of(tab, "#start") == "Begin another session"
+            click("#start")
+            said("again")
+            rate(tab, 4)
+            said("pain")
+            click("#unwell")
+            click("#sick")
+            said("unwell")
+            assert text_of(tab, "#card").startswith("Stop for today\n")
+    finally:
+        stage.server.stop()
+        recorder.end()
+    with Diary(path) as diary:
+        first, second = diary.sessions("P01")
+        assert [rating.pain for rating in first.ratings] == [3, 2]
+        assert [rating.pain for rating in second.ratings] == [4]
+        assert [event.kind for event in diary.events("P01")] == ["sickness"]
+    assert dict(stage.server.refused) == {}
+
+
+def test_a_second_screen_joins_by_a_short_code(chromium: None) -> None:
+    """A headset's keyboard is no place for a long address; nor is there one after the first."""
+    frames = iter([capsule_body.painted(number) for number in range(8)])
+    stage = Stage(frames)
+
+    def code_of(tab: _chromium.Tab) -> str:
+        tab.evaluate("document.querySelector('#add-screen').click()")
+        wait_for(lambda: "/join and type" in text_of(tab, "#screen-told"))
+        told = text_of(tab, "#screen-told")
+        assert f"There open {stage.server.origin}/join" in told
+        return told.partition(" type ")[2][:9]
+
+    def join(tab: _chromium.Tab, code: str) -> None:
+        field = "document.querySelector('#code')"
+        wait_for(lambda: tab.evaluate(f"!!{field}"))
+        tab.evaluate(f"{field}.value = '{code}'; {field}.form.requestSubmit()")
+        wait_for(lambda: stage.server.num_clients == 2)
+        assert tab.evaluate("location.pathname + location.search") == "/"
+
+    try:
+        with _chromium.open_address(stage.server.new_url(), (800, 700)) as first:
+            wait_for(lambda: stage.server.num_clients == 1)
+            stage.show(2)
+            code = code_of(first)
+            keep_picture(first, "add-screen")
+            with _chromium.open_address(stage.server.origin + "/join", (800, 700)) as second:
+                keep_picture(second, "join")
+                join(second, code)
+                stage.show(2)
+                # A browser that has lost its cookie comes back in the same way.
+                code = code_of(second)
+                first.send("Network.clearBrowserCookies")
+                first.send("Page.reload")
+                wait_for(lambda: stage.server.num_clients == 1)
+                first.send("Page.navigate", url=stage.server.origin + "/join")
+                join(first, code)
+                stage.show(1)
+    finally:
+        stage.server.stop()
 
 
 def test_a_reload_rejoins_and_the_gate_speaks(chromium: None, stage: Stage) -> None:

@@ -145,6 +145,14 @@ def trigger(tab: _chromium.Tab) -> None:
         tab.evaluate("new Promise(d => setTimeout(d, 300))")
 
 
+def hold_grip(tab: _chromium.Tab, ms: int) -> None:
+    """Hold the right controller's squeeze button."""
+    tab.evaluate("device.controllers.right.updateButtonValue('squeeze', 1)")
+    tab.evaluate(f"new Promise(d => setTimeout(d, {ms}))")
+    tab.evaluate("device.controllers.right.updateButtonValue('squeeze', 0)")
+    tab.evaluate("new Promise(d => setTimeout(d, 300))")
+
+
 def test_a_bubble_is_burst_in_a_headset(stage: Stage) -> None:
     if not EMULATOR.is_file():
         pytest.skip("the emulator is not installed: make setup")
@@ -183,6 +191,21 @@ def test_a_bubble_is_burst_in_a_headset(stage: Stage) -> None:
         eye = np.array(tab.evaluate("manip3dLive.eye()"))
         assert np.linalg.norm(eye - np.array([x, -y, -z])) < 0.25
         keep_picture(tab, "headset-own-eyes")
+
+        # A grip that is pressed for a moment says nothing, one that is held that it is enough.
+        assert "hold the grip of a controller" in tab.evaluate("manip3dLive.panel()")
+        stage.heard.clear()
+        hold_grip(tab, 300)
+        stage.show(1)
+        assert stage.heard == []
+        hold_grip(tab, 1500)
+        wait_for(lambda: stage.heard == ["enough"])
+        stage.show(2)
+        assert tab.evaluate("manip3dLive.panel()").startswith("Stopped for today")
+        keep_picture(tab, "headset-enough")
+        trigger(tab)  # begins nothing by mistake
+        stage.show(2)
+        assert stage.session._sitting == "over"
 
         tab.evaluate("document.querySelector('#headset').click()")
         wait_for(lambda: text_of(tab, "#headset") == "Enter headset")

@@ -7,7 +7,7 @@ import io
 import os
 import shutil
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -199,6 +199,18 @@ class Heard:
 
     def felt(self, felt: FeltLimb) -> None:
         self.told.append(felt)
+
+    def last_felt(self, limb: str) -> FeltLimb | None:
+        return None
+
+    def close_session(self) -> None:
+        self.told.append("closed")
+
+    def open_session(self) -> None:
+        self.told.append("opened")
+
+    def when_kept(self, done: Callable[[], object]) -> None:
+        done()
 
     def unwell(self) -> str:
         self.told.append("unwell")

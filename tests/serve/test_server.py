@@ -29,6 +29,7 @@ from manip3d.serve import (
     LocalServer,
     Page,
     StreamClient,
+    _server,
     make_certificate,
     read_message,
 )
@@ -69,6 +70,52 @@ def wait_for(condition: Callable[[], bool]) -> None:
 
 def ack(sequence: int) -> bytes:
     return json.dumps({"type": "ack", "sequence": sequence}).encode()
+
+
+def join(server: LocalServer, code: str) -> int:
+    """Status of who types a code."""
+    return get(server, f"/?code={code}")[0]
+
+
+def test_a_code_lets_one_more_screen_in_once(server: LocalServer) -> None:
+    assert get(server, "/join")[0] == 403  # nobody has asked for a code
+    assert join(server, "00000000") == 403
+    code = server.new_code()
+    assert re.fullmatch(r"[0-9]{8}", code)
+    status, head, page = get(server, "/join")
+    assert (status, b'name="code"' in page) == (200, True)
+    assert "form-action 'self'" in head
+    assert "script-src" not in head  # default-src 'none' holds
+    status, head, _ = get(server, f"/?code={code[:4]}%20{code[4:]}")
+    assert status == 303
+    found = re.search(r"(?im)^set-cookie: ([^;]+);", head)
+    assert found is not None
+    assert get(server, "/", {"Cookie": found[1]})[0] == 200
+    assert join(server, code) == 403  # used
+    assert get(server, "/join")[0] == 403
+    first, second = server.new_code(), server.new_code()
+    assert (join(server, first), join(server, second)) == (403, 303)  # the newest one holds
+    assert server.refused["wrong code, or one that is over"] == 3
+    assert "form-action 'none'" in get(server, "/", {"Cookie": found[1]})[1]
+
+
+def test_a_code_is_void_after_five_wrong_ones_or_two_minutes(
+    server: LocalServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def wrong(code: str) -> str:
+        return f"{(int(code) + 1) % 10**8:08d}"
+
+    code = server.new_code()
+    assert [join(server, wrong(code)) for _ in range(4)] == [403] * 4
+    assert join(server, code) == 303
+    code = server.new_code()
+    assert [join(server, wrong(code)) for _ in range(5)] == [403] * 5
+    assert join(server, code) == 403
+    monkeypatch.setattr(_server, "CODE_SECONDS", 0.2)
+    code = server.new_code()
+    time.sleep(0.25)
+    assert join(server, code) == 403
+    assert get(server, "/join")[0] == 403
 
 
 class Session:

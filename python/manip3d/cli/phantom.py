@@ -13,6 +13,7 @@ from manip3d.cli import kinds
 from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
 from manip3d.cli.options import Force, Jobs, Json, MostFrames, Output, Quiet
+from manip3d.cli.signals import ended_like_ctrl_c
 from manip3d.cli.terminal import Terminal, check_output, counted, naming_options
 
 if TYPE_CHECKING:
@@ -265,9 +266,10 @@ def phantom_live(
     """Show a person with a phantom limb in the browser, live, with a game. Research software.
 
     The page is served to this machine only (see --host), to whoever has the address that is
-    printed. Ctrl-C ends the session. With a diary no game starts before the patient has said how
-    strong the pain is; where it rises by 2 or the patient feels sick, no further one starts today.
-    What could not be kept in the diary is printed at the end, and the exit code is 1.
+    printed. Ctrl-C ends the session, and so do SIGTERM and a terminal that is closed. With a diary
+    no game starts before the patient has said how strong the pain is; where it rises by 2 or the
+    patient feels sick, no further one starts today. What could not be kept in the diary is printed
+    at the end, and the exit code is 1.
 
     Example: manip3d phantom live --no-open --seconds 2
     """
@@ -283,25 +285,26 @@ def phantom_live(
             shell.say("the browser warns that nobody has signed the certificate; compare SHA-256:")
             shell.say(made.fingerprint)
 
-    report = run_live(
-        source,
-        affected=limb.value.replace("-", "_") if limb else None,  # type: ignore[arg-type]
-        game=game.value if game else None,
-        difficulty=difficulty,
-        seed=seed,
-        gain=gain,
-        pose=pose,
-        host=host,
-        port=port,
-        certificate=certificate,
-        seconds=seconds,
-        diary=diary,
-        participant=participant,
-        diary_key=diary_key,
-        log=log,
-        on_start=on_start,
-        open_page=webbrowser.open if is_opened else None,
-    )
+    with ended_like_ctrl_c():
+        report = run_live(
+            source,
+            affected=limb.value.replace("-", "_") if limb else None,  # type: ignore[arg-type]
+            game=game.value if game else None,
+            difficulty=difficulty,
+            seed=seed,
+            gain=gain,
+            pose=pose,
+            host=host,
+            port=port,
+            certificate=certificate,
+            seconds=seconds,
+            diary=diary,
+            participant=participant,
+            diary_key=diary_key,
+            log=log,
+            on_start=on_start,
+            open_page=webbrowser.open if is_opened else None,
+        )
     shell.say(
         f"{counted(report.frames, 'frame')} in {report.seconds:.1f} s, "
         f"{report.affected.replace('_', ' ')}; {counted(len(report.clients), 'client')}"

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from manip3d.cli.options import Force, Json, Quiet, Seed
+from manip3d.cli.signals import ended_like_ctrl_c
 from manip3d.cli.terminal import Terminal, counted, naming_options, refuse_existing, table
 from manip3d.errors import InputError
 
@@ -184,7 +185,11 @@ def run_kind(
 
             webbrowser.open(url)
 
-    with StudyFolder(output, content) as folder, naming_options("seconds", "participant"):
+    with (
+        StudyFolder(output, content) as folder,
+        naming_options("seconds", "participant"),
+        ended_like_ctrl_c(),
+    ):
         report = run_study(
             study,
             folder,

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import functools
 import os
 from collections.abc import Callable, Sequence
 from datetime import datetime
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from manip3d.errors import InputError
 from manip3d.phantom._felt import FeltLimb
 from manip3d.phantom._session import GameSummary, Pictures
+from manip3d.phantom._touch import Mode
 from manip3d.phantom._writer import OrderedWriter
 
 if TYPE_CHECKING:
     from manip3d.diary import DiaryGame, Rating
     from manip3d.diary._records import Moment
 
-RATE_FIRST = "Please say first how strong the pain is now; then the game can start."
+RATE_FIRST = "Please say first how strong the pain is now; then a game or a touch can begin."
 
 
 _END_S = 15.0  # for so long the end of a session waits for the disk
@@ -56,14 +56,19 @@ class DiaryRecorder:
         self._diary = Diary(path, key=key)
         try:
             person = self._diary.participant(participant)
+            felt = self._diary.felt(participant)
         except BaseException:
             self._diary.close()
             raise
         self._participant, self._wants_clips = person.identifier, person.clips
         self.limb = person.limb
+        names = FeltLimb.__dataclass_fields__
+        self._felt = FeltLimb(**{n: getattr(felt[-1], n) for n in names}) if felt else None
         self._source = source if source.startswith("sim:") else "".join(source.partition(":")[:2])
         self._latency: Callable[[], float | None] | None = None
-        self._session = 0
+        self._session: list[int] = []  # its row, as soon as it is written
+        self._is_open = False
+        self._latest = _now()  # when something was told last
         self._row: list[int] | None = None  # of the game that goes on, as soon as it is written
         self._withdrawals = 0  # of consent
         self._remaining_films = ""  # that were exported before consent was withdrawn
@@ -77,7 +82,11 @@ class DiaryRecorder:
         ``latency``: gives milliseconds to the page, if they are known by now.
         """
         self._latency = latency
-        self._session = self._diary.start_session(self._participant)
+        self._session, self._is_open = (
+            [self._diary.start_session(self._participant, at=_now())],
+            True,
+        )
+        self._latest = _now()
         self._writer = OrderedWriter()
         return self._diary.halt_reason(self._participant)
 
@@ -85,10 +94,41 @@ class DiaryRecorder:
         """The page is gone; return what was not kept, in words."""
         unkept: list[str] = []
         if self._writer is not None:
-            self._keep("", self._diary.end_session, self._session, at=_now())
+            self.close_session()
             unkept = self._writer.close(_END_S)
         self._diary.close()
         return unkept
+
+    def close_session(self) -> None:
+        """The sitting is over; a second call changes nothing."""
+        if not self._is_open:
+            return
+        self._is_open = False
+        # A program that ran on over night was no sitting of a night.
+        at = _now() if _now().date() == self._latest.date() else self._latest
+        self._keep_of_session("", lambda row: self._diary.end_session(row, at=at))
+
+    def open_session(self) -> None:
+        """Another sitting begins, with a first rating of its own; one that is open is closed."""
+        self.close_session()
+        row: list[int] = []
+        self._session, self._is_open, self._latest = row, True, _now()
+        self._ratings, self._has_begun, self._row = [], False, None
+        at = self._latest
+
+        def write() -> None:
+            row[:] = [self._diary.start_session(self._participant, at=at)]
+
+        self._keep("", write)
+
+    def when_kept(self, done: Callable[[], object]) -> None:
+        """Call something as soon as what was told last is written; never where it is lost."""
+        assert self._writer is not None
+        self._writer.when_written(done)
+
+    def last_felt(self, limb: str) -> FeltLimb | None:
+        """How the patient felt the limb when they last said so; None for another limb."""
+        return self._felt if limb == self.limb else None
 
     @property
     def wants_clips(self) -> bool:
@@ -118,19 +158,19 @@ class DiaryRecorder:
         row = self._row = [] if self._row is None else self._row
         game, withdrawals = self._game_of(summary), self._withdrawals
 
-        def write() -> None:
+        def write(session: int) -> None:
             # Who has taken back their consent meanwhile is filmed no longer, and plays on.
             films = clips if self._wants_clips and withdrawals == self._withdrawals else ()
             replaces = row[0] if row else None
             try:
-                row[:] = [self._diary.add_game(self._session, game, films, replaces=replaces)]
+                row[:] = [self._diary.add_game(session, game, films, replaces=replaces)]
             except InputError:
                 if not any(films):
                     raise
                 self._wants_clips = self._diary.participant(self._participant).clips
-                row[:] = [self._diary.add_game(self._session, game, replaces=replaces)]
+                row[:] = [self._diary.add_game(session, game, replaces=replaces)]
 
-        self._keep(what, write)
+        self._keep_of_session(what, write)
 
     def _game_of(self, summary: GameSummary) -> DiaryGame:
         from manip3d import __version__
@@ -152,7 +192,8 @@ class DiaryRecorder:
         """A game or a touch cue begins; ratings are no longer those before the session."""
         if not self._has_begun:
             self._has_begun = True
-            self._keep("", self._diary.begin_play, self._session, at=_now())
+            at = _now()
+            self._keep_of_session("", lambda row: self._diary.begin_play(row, at=at))
 
     def pain(self, value: int) -> str:
         """Keep a rating; return why the session must stop, or nothing."""
@@ -163,10 +204,10 @@ class DiaryRecorder:
         when: Moment = "after" if self._has_begun else "before"
         reason = judge_rating(self._ratings, value, at, when=when)
         self._ratings.append(Rating(at, value, when))
-        self._keep(
+        self._keep_of_session(
             f"pain {value}, {at:%H:%M}",
-            self._diary.add_rating, self._participant, value, session=self._session, at=at,
-        )  # fmt: skip
+            lambda row: self._diary.add_rating(self._participant, value, session=row, at=at),
+        )
         return reason
 
     def event(self, text: str) -> None:
@@ -175,11 +216,11 @@ class DiaryRecorder:
             self._keep_event("other", text.strip())
 
     def _keep_event(self, kind: Literal["sickness", "other"], text: str = "") -> None:
-        self._keep(
-            f"adverse event, {_now():%H:%M}: {text or kind}",
-            self._diary.add_event,
-            self._participant, kind, text, session=self._session, at=_now(),
-        )  # fmt: skip
+        at = _now()
+        self._keep_of_session(
+            f"adverse event, {at:%H:%M}: {text or kind}",
+            lambda row: self._diary.add_event(self._participant, kind, text, session=row, at=at),
+        )
 
     def consent(self, clips: bool) -> None:
         """Keep whether the patient consents to films; without consent theirs are deleted."""
@@ -202,22 +243,24 @@ class DiaryRecorder:
         files = [str(one.path) for one in self._diary.exports(self._participant) if one.has_films]
         return f"Exported before and to be deleted: {', '.join(files)}." if files else ""
 
-    def ownership(self, mode: str, answers: Sequence[int]) -> None:
+    def ownership(self, mode: Mode, answers: Sequence[int]) -> None:
         """Keep the answers after a touch cue."""
-        self._keep(
+        at = _now()
+        self._keep_of_session(
             f"answers after a touch cue ({mode}): {', '.join(map(str, answers))}",
-            self._diary.add_ownership,
-            self._participant, mode, answers, session=self._session, at=_now(),
-        )  # fmt: skip
+            lambda row: self._diary.add_ownership(
+                self._participant, mode, answers, session=row, at=at
+            ),
+        )
 
     def felt(self, felt: FeltLimb) -> None:
         """Keep how the patient feels the limb."""
         told = ", ".join(f"{name} {value}" for name, value in vars(felt).items())
-        self._keep(
+        at = _now()
+        self._keep_of_session(
             f"limb as it is felt: {told}",
-            self._diary.add_felt,
-            self._participant, **vars(felt), session=self._session, at=_now(),
-        )  # fmt: skip
+            lambda row: self._diary.add_felt(self._participant, **vars(felt), session=row, at=at),
+        )
 
     def unwell(self) -> str:
         """Keep that the patient feels sick; return that the session must stop."""
@@ -226,9 +269,20 @@ class DiaryRecorder:
         self._keep_event("sickness")
         return SICKNESS
 
-    def _keep(self, what: str, write: Callable[..., object], *values: Any, **options: Any) -> None:
+    def _keep_of_session(self, what: str, write: Callable[[int], object]) -> None:
+        """Have something written that belongs to the sitting of now; ``write`` gets its row."""
+        session, self._latest = self._session, _now()
+
+        def write_to_row() -> None:
+            if not session:
+                raise InputError("the session could not be begun in the diary")
+            write(session[0])
+
+        self._keep(what, write_to_row)
+
+    def _keep(self, what: str, write: Callable[[], object]) -> None:
         assert self._writer is not None
-        self._writer.add(what, functools.partial(write, *values, **options))
+        self._writer.add(what, write)
 
 
 def _now() -> datetime:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import ipaddress
 import json
 import os
@@ -232,7 +233,7 @@ def run_live(
         )
 
         def on_message(client: StreamClient, text: str) -> None:
-            hear(session, client, text)
+            hear(session, client, text, lambda: server.new_code())
 
         tracker = PoseTracker() if pose else None
         if tracker is not None:
@@ -311,8 +312,13 @@ def _certificate(host: str, path: str | os.PathLike[str] | None) -> Certificate 
     return None if is_here else make_certificate(host)
 
 
-def hear(session: LiveSession, client: StreamClient, text: str) -> None:
+def hear(
+    session: LiveSession, client: StreamClient, text: str, new_code: Callable[[], str]
+) -> None:
     """Take what a page says: of the connection here, all else to the session.
+
+    ``new_code`` makes what lets another screen in. What must not be lost is answered when it is on
+    the diary's disk; the page says it again until then.
 
     Raises
     ------
@@ -326,10 +332,11 @@ def hear(session: LiveSession, client: StreamClient, text: str) -> None:
         client.fail()
     elif name == "clock":  # a page on another machine learns how far its clock is off
         client.say(json.dumps({"clock": [fields["sent_ms"], time.time_ns() / 1e6]}))
+    elif name == "screen":
+        client.say(json.dumps({"code": new_code()}))
     else:
-        session.command(name, fields)
-        if "number" in fields:
-            client.say(json.dumps({"heard": fields["number"]}))
+        answer = functools.partial(client.say, json.dumps({"heard": fields.get("number")}))
+        session.command(name, fields, done=answer if "number" in fields else None)
 
 
 def _frames(address: str) -> Generator[_Found, None, None]:

@@ -24,11 +24,12 @@ HAZARDS: Sequence[tuple[str, str, str]] = (
         "pain grows during a session",
         "asks before and after; at 2 points more it says stop, starts no further game and notes an "
         "adverse event (only with a diary)",
-        "ask; stop at any time with Stop or the space bar",
+        'ask; stop at any time with Stop, the space bar or "Stop for today"',
     ),
     (
         "sickness, a disturbing sight",
-        '"I feel sick" ends the play and is noted (only with a diary)',
+        '"I feel sick" stops the play, and confirmed ends it for the day and is noted (only with a '
+        "diary)",
         "stay with the patient; begin on a screen before a headset",
     ),
     (
@@ -44,7 +45,8 @@ HAZARDS: Sequence[tuple[str, str, str]] = (
     (
         "somebody reads or changes what is kept",
         "pseudonyms, encryption of the diary on demand, an encrypted connection for other "
-        "machines, an address that lets in one browser, once",
+        "machines, an address that lets in one browser, once, and a code on the page that lets in "
+        "another one",
         "keep keys elsewhere; encrypt the disk; exports and films are not encrypted",
     ),
     (

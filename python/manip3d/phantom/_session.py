@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import queue
+import threading
 import time
 from collections import Counter, deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from datetime import datetime, timedelta
+from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -18,7 +20,7 @@ from manip3d.phantom._anomalies import Anomaly, AnomalyWatch
 from manip3d.phantom._clips import ClipRing
 from manip3d.phantom._felt import LIMITS, FeltLimb, felt_places
 from manip3d.phantom._setup import PlacementCalibration, moved_to, placement_checks
-from manip3d.phantom._touch import ARM, LEG, MODES, SECONDS, STATEMENTS, TouchCue
+from manip3d.phantom._touch import ARM, LEG, MODES, SECONDS, STATEMENTS, Mode, TouchCue
 from manip3d.phantom.games import (
     GAMES,
     ArmField,
@@ -56,9 +58,12 @@ MESSAGES: Mapping[str, Mapping[str, Kind]] = {
     "ack": {"sequence": Kind(int, 0, 2**32 - 1), "decoded_ms": Kind(float, 0, 1e15)},
     "bad": {},
     "clock": {"sent_ms": Kind(float, 0, 1e15)},
+    "screen": {},
     "choose": {"game": Kind(str, choices=tuple(GAMES)), "difficulty": Kind(int, 1, 3)},
     "ready": {},
     "stop": {},
+    "enough": _KEPT,
+    "again": {},
     "pain": {"value": Kind(int, 0, 10), **_KEPT},
     "unwell": _KEPT,
     "event": {"text": Kind(str, length=500), **_KEPT},
@@ -75,16 +80,23 @@ MESSAGES: Mapping[str, Mapping[str, Kind]] = {
 }
 """What a page may say."""
 
-OF_THE_CONNECTION = ("ack", "bad", "clock")
-"""Messages that `answer_client` takes; all others are the session's."""
+_NOT_LOST = tuple(name for name, fields in MESSAGES.items() if "number" in fields)
+"""Messages that are taken even when the session ends before the next frame."""
+
+OF_THE_CONNECTION = ("ack", "bad", "clock", "screen")
+"""Messages that `hear` takes itself; all others are the session's."""
 
 Pictures = Sequence[tuple[float, bytes]]
+
+_Command = tuple[str, dict[str, Any], Callable[[], object] | None]
+"""Name, fields, and what is called when it is kept."""
 
 _LONGEST_STEP_S = 0.25  # a longer gap between frames is none of the player's time
 _PAGES = 64  # of which the last number is known
 _EVENTS_NS = 1_000_000_000  # for so long an event is told: a slow page leaves frames out
 _TELL_S = 10.0  # between what is kept of a game that goes on
 _FRAMES = 90  # over which times of stages are averaged
+_REST = timedelta(hours=1)  # without a word: who goes on at midnight is in the same sitting
 _FLOOR_S = 4.0  # for so long the lowest place of a foot is the floor
 _FEET = tuple(JOINTS.index(name) for name in ("FootLeft", "FootRight"))
 
@@ -126,11 +138,24 @@ class Recorder(Protocol):
     def consent(self, clips: bool) -> None:
         """Keep whether the patient consents to films; without consent theirs are deleted."""
 
-    def ownership(self, mode: str, answers: Sequence[int]) -> None:
+    def ownership(self, mode: Mode, answers: Sequence[int]) -> None:
         """Keep the answers after a touch cue."""
 
     def felt(self, felt: FeltLimb) -> None:
         """Keep how the patient feels the limb."""
+
+    def last_felt(self, limb: str) -> FeltLimb | None:
+        """How the patient felt that limb when they last said so."""
+
+    def close_session(self) -> None:
+        """The patient has had enough: the sitting is over; a second call changes nothing."""
+
+    def open_session(self) -> None:
+        """Another sitting begins, with a first rating of its own; one that is open is closed."""
+
+    def when_kept(self, done: Callable[[], object]) -> None:
+        """Call something as soon as all that was told so far is on the disk; from any thread. It is
+        not called where the last thing told cannot be kept."""
 
 
 @dataclass(frozen=True)
@@ -225,7 +250,10 @@ class LiveSession:
         recorder: Recorder | None = None,
     ) -> None:
         self._recorder = recorder
-        self._halt = self._ask = ""
+        self._ask = ""
+        self._halt = "", _now().date()
+        self._sitting: Literal["open", "ending", "over"] = "open"
+        self._last_said = _now()
         self._pain: int | None = None
         self._lowest: deque[tuple[int, float]] = deque()
         self._watch = AnomalyWatch()
@@ -245,7 +273,7 @@ class LiveSession:
         self._measured: Skeleton | None = None
         self._cue: TouchCue | None = None
         self._cues = 0
-        self._felt: FeltLimb | None = None
+        self._felt = None if recorder is None else recorder.last_felt(self.affected)
         chosen = game or ("bubbles" if self.affected.endswith("arm") else "bubbles-legs")
         if chosen not in GAMES:
             raise InputError(f"game: expected one of {', '.join(GAMES)}, got {game!r}")
@@ -264,7 +292,9 @@ class LiveSession:
         self._quality = jpeg_quality
         self._body = ColliderTracker()
         self._ends = ColliderTracker()  # of hands or feet alone
-        self._commands: queue.SimpleQueue[tuple[str, dict[str, Any]]] = queue.SimpleQueue()
+        self._commands: queue.SimpleQueue[_Command] = queue.SimpleQueue()
+        self._entry = threading.Lock()
+        self._is_over = False
         self._sequence = 0
         self._last_time: int | None = None
         self.state = "lost"
@@ -286,8 +316,22 @@ class LiveSession:
         """Mean times of the last frames by stage, milliseconds."""
         return {n: float(np.mean(t)) * 1e3 if t else 0.0 for n, t in self._stages.items()}
 
-    def command(self, name: str, fields: Mapping[str, Any] | None = None) -> None:
+    def command(
+        self,
+        name: str,
+        fields: Mapping[str, Any] | None = None,
+        *,
+        done: Callable[[], object] | None = None,
+    ) -> None:
         """Take a message of a page, of `MESSAGES`; from any thread. The next frame obeys it.
+
+        Parameters
+        ----------
+        name : str
+        fields : mapping, optional
+        done : callable, optional
+            Called, from any thread, when the message was obeyed and what it says is on the disk of
+            the recorder, if there is one; never after `end`.
 
         Raises
         ------
@@ -299,13 +343,16 @@ class LiveSession:
             raise InputError(f"name: expected one of {expected}, got {name!r}")
         found = dict(fields or {})
         page, number = found.pop("page", 0), found.pop("number", None)
-        if number is not None:
-            if number <= self._heard.get(page, 0):
-                return  # said again, as the answer was lost
-            self._heard[page] = number
-            while len(self._heard) > _PAGES:
-                del self._heard[next(iter(self._heard))]
-        self._commands.put((name, found))
+        with self._entry:
+            if self._is_over:
+                return
+            if number is not None and number <= self._heard.get(page, 0):
+                name = ""  # said again, as the answer was lost: answered when the first one is kept
+            elif number is not None:
+                self._heard[page] = number
+                while len(self._heard) > _PAGES:
+                    del self._heard[next(iter(self._heard))]
+            self._commands.put((name, found, done))
 
     def restart(self) -> None:
         """Forget the person: the next frame is of another recording, or the same one again."""
@@ -325,10 +372,17 @@ class LiveSession:
         reason : str
             Words for the page; empty: nothing changes.
         """
-        self._halt = reason or self._halt
+        if reason:
+            self._halt = reason, _now().date()
 
     def end(self) -> None:
-        """A game that goes on is stopped, and told to the recorder."""
+        """What was said is kept and a game that goes on is stopped, and told to the recorder.
+
+        No game begins any more, and what pages say from now on is not taken.
+        """
+        with self._entry:
+            self._is_over = True
+        self._obey(only=("", *_NOT_LOST))
         self._stop()
 
     def notice(self, message: str) -> bytes:
@@ -417,31 +471,84 @@ class LiveSession:
 
     def _seconds_since_last(self, now: int) -> float:
         last, self._last_time = self._last_time, now
+        if last is not None and now < last:  # the camera's clock began again
+            for times in (self._lowest, self._events, self._times):
+                times.clear()
         gap = 0.0 if last is None else (now - last) / 1e9
         return gap if 0.0 <= gap <= _LONGEST_STEP_S else 0.0
 
-    def _obey(self) -> None:
+    def _obey(self, only: Sequence[str] = ("", *MESSAGES)) -> None:
+        """Do what pages have said since the last frame."""
         while not self._commands.empty():
-            name, fields = self._commands.get()
-            if name == "choose":
-                self._choice = str(fields["game"]), int(fields["difficulty"])
-            elif name == "ready":
-                self._start_game()
-            elif name == "stop":
-                self._stop()
-            elif name == "gain":
-                self._gain = float(fields["value"])
-            elif name in ("limb", "patient", "calibrate", "touch", "felt"):
-                self._set_up(name, fields)
-            elif self._recorder is not None:
-                self._heed(name, fields)
+            name, fields, done = self._commands.get()
+            if name not in only:
+                continue
+            self._take(name, fields)
+            if done is not None and self._recorder is not None:
+                self._recorder.when_kept(done)
+            elif done is not None:
+                done()
+
+    def _take(self, name: str, fields: Mapping[str, Any]) -> None:
+        self._note_day()
+        if name == "choose":
+            self._choice = str(fields["game"]), int(fields["difficulty"])
+        elif name == "ready":
+            self._start_game()
+        elif name == "stop":
+            self._stop()
+        elif name == "enough":
+            self._end_sitting()
+        elif name == "again":
+            if self._sitting != "open":
+                self._begin_sitting()
+        elif name == "gain":
+            self._gain = float(fields["value"])
+        elif name in ("limb", "patient", "calibrate", "touch", "felt"):
+            self._set_up(name, fields)
+        elif name and self._recorder is not None:
+            self._heed(name, fields)
+
+    def _note_day(self) -> None:
+        """On another day, after a rest, what was said before holds no longer."""
+        now = _now()
+        if now.date() != self._last_said.date() and now - self._last_said > _REST:
+            self._begin_sitting()
+        self._last_said = now
+
+    def _begin_sitting(self) -> None:
+        self._stop()
+        self._game, self._cue = None, None
+        self._sitting, self._pain, self._ask = "open", None, ""
+        if self._recorder is not None:
+            self._recorder.open_session()
+
+    def _end_sitting(self) -> None:
+        """The patient has had enough; a last rating of the pain is asked for, where it is kept."""
+        if self._sitting != "open":
+            return
+        self._stop()
+        self._cue, self._ask = None, ""
+        self._sitting = "over" if self._recorder is None else "ending"
+
+    @property
+    def _halted(self) -> str:
+        """Why nothing more is played today, or nothing."""
+        reason, day = self._halt
+        return reason if day == _now().date() else ""
+
+    def _may_begin(self) -> bool:
+        """Whether a game or a touch cue may begin; the page says why not."""
+        if self._halted or self._sitting != "open":
+            return False
+        self._ask = "" if self._recorder is None else self._recorder.may_play()
+        return not self._ask
 
     def _start_game(self) -> None:
         """The next frame of a tracked limb begins one, if nothing speaks against it."""
-        if self._halt or (self._game is not None and self._game.phase != "over"):
+        if self._game is not None and self._game.phase != "over":
             return
-        self._ask = "" if self._recorder is None else self._recorder.may_play()
-        if not self._ask:
+        if self._may_begin():
             self._game, self._wants_game = None, True
             self._note_play()
 
@@ -450,7 +557,10 @@ class LiveSession:
             self._recorder.play_begins()
 
     def _stop(self) -> None:
+        """End the game or the touch cue that goes on; questions about a cue that is over stay."""
         self._wants_game = False
+        if self._cue is not None and not self._cue.is_over:
+            self._cue = None
         if self._game is not None and self._game.phase == "playing":
             self._finish("stopped")
             self._game = replace(self._game, phase="over", targets=(), events=())
@@ -461,6 +571,9 @@ class LiveSession:
         if name == "pain":
             self._pain, self._ask = int(fields["value"]), ""
             halt = self._recorder.pain(self._pain)
+            if self._sitting == "ending":
+                self._sitting = "over"
+                self._recorder.close_session()
         elif name == "unwell":
             halt = self._recorder.unwell()
         else:
@@ -481,7 +594,9 @@ class LiveSession:
                 self._ring, self._clips = None, [() for _ in self._clips]
         else:
             answers = [int(fields[f"q{number}"]) for number in range(1, len(STATEMENTS) + 1)]
-            self._recorder.ownership(str(fields["mode"]), answers)
+            self._recorder.ownership(fields["mode"], answers)
+            if self._cue is not None and self._cue.is_over:
+                self._cue = None  # no screen asks again
 
     def _set_up(self, name: str, fields: Mapping[str, Any]) -> None:
         """What the therapist says before a game; a game that goes on is stopped by another limb or
@@ -498,18 +613,22 @@ class LiveSession:
         elif name == "calibrate":
             self._calibration, self._measured = PlacementCalibration(), None
         elif name == "touch":
-            if self._halt:
-                return
-            self._stop()
-            mode = str(fields["mode"])
-            self._cue = None if mode == "off" else TouchCue(mode, self._seed + self._cues)  # type: ignore[arg-type]
-            if self._cue is not None:
-                self._note_play()
-            self._cues += 1
+            self._begin_cue(str(fields["mode"]))
         else:
             self._felt = FeltLimb(**{key: int(fields[key]) for key in LIMITS})
             if self._recorder is not None:
                 self._recorder.felt(self._felt)
+
+    def _begin_cue(self, mode: str) -> None:
+        """Begin a minute of touches in place of what goes on, or none (``off``)."""
+        if mode == "off":
+            self._stop()
+            self._cue = None
+        elif self._may_begin():
+            self._stop()
+            self._cue = TouchCue(mode, self._seed + self._cues)  # type: ignore[arg-type]
+            self._cues += 1
+            self._note_play()
 
     def _change_limb(self, limb: Limb) -> None:
         if limb == self.affected:
@@ -689,6 +808,7 @@ class LiveSession:
             "checks": [[check.name, check.is_met, check.advice] for check in checks],
             "people": [[self._number(one.id), one.id == shown.skeleton.id] for one in people],
             "calibrated": calibrated,
+            "felt_as": None if self._felt is None else vars(self._felt),
             "clips": None if self._recorder is None else self._recorder.wants_clips,
         }
 
@@ -730,7 +850,12 @@ class LiveSession:
         }
 
     def _game_status(self, *, playing: bool) -> dict[str, Any]:
-        about = {"halt": self._halt, "ask": self._ask, "pain": self._pain}
+        about = {
+            "halt": self._halted,
+            "ask": self._ask,
+            "pain": self._pain,
+            "sitting": self._sitting,
+        }
         return {"game": self._shown_game(playing) | about}
 
     def _shown_game(self, playing: bool) -> dict[str, Any]:
@@ -769,6 +894,10 @@ class LiveSession:
         while self._events and now - self._events[0][0] > _EVENTS_NS:
             self._events.popleft()
         return [told for _, told in self._events]
+
+
+def _now() -> datetime:
+    return datetime.now().astimezone()
 
 
 def _field_status(game: GameState) -> dict[str, Any]:

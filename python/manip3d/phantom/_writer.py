@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 _AGAIN_S = 1.0  # between attempts to write what could not be written
 
@@ -16,6 +16,7 @@ class _Task:
     write: Callable[[], object]
     holds: bool
     due: float = 0.0
+    then: list[Callable[[], object]] = field(default_factory=list)
 
 
 class OrderedWriter:
@@ -44,6 +45,18 @@ class OrderedWriter:
         with self._changed:
             self._tasks.append(_Task(what, write, holds))
             self._changed.notify_all()
+
+    def when_written(self, then: Callable[[], object]) -> None:
+        """Call something when the last thing that was given is written, or at once where all is.
+
+        It is called by the writing thread, and never where that thing is lost; it must return at
+        once.
+        """
+        with self._changed:
+            if self._tasks:
+                self._tasks[-1].then.append(then)
+                return
+        then()
 
     @property
     def is_idle(self) -> bool:
@@ -118,6 +131,8 @@ class OrderedWriter:
                 self._lost.append(failed)
             if task in self._tasks:  # else nobody waits for it any more
                 self._tasks.remove(task)
+            for then in () if failed else task.then:
+                then()
             if not self._tasks:
                 self._trouble = ""
             self._changed.notify_all()

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import base64
 import contextlib
+import hashlib
 import hmac
 import logging
 import secrets
@@ -35,6 +37,9 @@ GOODBYE_SECONDS = 0.5
 _HISTORY = 1000  # latencies that are remembered: half a minute
 _MOST_REASONS = 64  # that are counted apart
 _MOST_REASON_BYTES = 200
+CODE_SECONDS = 120.0
+"""For so long a code of `LocalServer.new_code` lets in."""
+_CODE_ATTEMPTS = 5  # wrong ones, of all strangers together, after which a code is void
 _CLOCK = 60_000.0  # ms: a page whose clock is farther off is on another machine
 
 
@@ -90,6 +95,39 @@ class Page:
     content: bytes | Path = field(repr=False)
 
 
+_JOIN_STYLE = (
+    "body{font:1.5rem system-ui,sans-serif;max-width:30rem;margin:3rem auto;padding:0 1rem;"
+    "background:#171b22;color:#f1f4f8}input,button{font:inherit;padding:.4rem}"
+)
+_JOIN_PAGE = f"""\
+<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>Add a screen</title>
+<style>{_JOIN_STYLE}</style>
+</head>
+<body>
+<h1>Add a screen</h1>
+<form action="/" method="get">
+<p><label for="code">The 8 digits that the first screen shows</label></p>
+<p><input id="code" name="code" required autofocus inputmode="numeric" autocomplete="off"
+ maxlength="9" pattern="[0-9]{{4}} ?[0-9]{{4}}"> <button>Open</button></p>
+</form>
+</body>
+</html>
+"""
+_JOIN_HASH = base64.b64encode(hashlib.sha256(_JOIN_STYLE.encode()).digest()).decode()
+
+
+@dataclass
+class _Code:
+    digits: str
+    due: float
+    attempts: int = _CODE_ATTEMPTS
+
+
 class _Bucket:
     """A token bucket: a rate with a burst."""
 
@@ -134,6 +172,7 @@ class StreamClient:
         self.unreadable = 0
         self._window = frames_in_flight
         self._next: _Frame | None = None
+        self._loop = asyncio.get_running_loop()
         self._said: deque[str] = deque()
         self._flying: dict[int, int] = {}  # by sequence number: when the frame was captured
         self._changed = asyncio.Event()
@@ -179,7 +218,7 @@ class StreamClient:
         self._changed.set()
 
     def say(self, text: str) -> None:
-        """Send a text to this client: in order, before frames, never dropped.
+        """Send a text to this client: in order, before frames, never dropped; from any thread.
 
         Parameters
         ----------
@@ -188,9 +227,12 @@ class StreamClient:
 
         Notes
         -----
-        To be called in the server's thread, as ``on_message`` is. A client that takes no bytes is
-        disconnected, and texts that wait for it are lost.
+        A client that takes no bytes is disconnected, and texts that wait for it are lost.
         """
+        with contextlib.suppress(RuntimeError):  # the server has stopped since
+            self._loop.call_soon_threadsafe(self._add, text)
+
+    def _add(self, text: str) -> None:
         self._said.append(text)
         self._changed.set()
 
@@ -304,6 +346,7 @@ class LocalServer:
         self._pages = dict(pages)
         self._on_message = on_message
         self._tokens: set[str] = set()  # that let in, each once
+        self._code: _Code | None = None
         self._cookie = secrets.token_urlsafe(32)
         self._clients: dict[int, tuple[StreamClient, web.WebSocketResponse]] = {}
         self._finished: list[dict[str, Any]] = []
@@ -327,6 +370,22 @@ class LocalServer:
         with self._lock:
             self._tokens.add(token)
         return f"{self.origin}/?token={token}"
+
+    def new_code(self) -> str:
+        """Make a short code that lets one more browser in, for people to type on another screen.
+
+        It is to be typed at ``/join``, works once and for `CODE_SECONDS`, in place of the code
+        before, and is void after five wrong ones.
+
+        Returns
+        -------
+        str
+            Eight digits.
+        """
+        digits = f"{secrets.randbelow(10**8):08d}"
+        with self._lock:
+            self._code = _Code(digits, time.monotonic() + CODE_SECONDS)
+        return digits
 
     @property
     def origin(self) -> str:
@@ -429,6 +488,7 @@ class LocalServer:
         for path in self._pages:
             app.router.add_get(path, self._page, allow_head=False)
         app.router.add_get("/stream", self._stream, allow_head=False)
+        app.router.add_get("/join", self._join, allow_head=False)
         runner = web.AppRunner(
             app, access_log=None, handle_signals=False, lingering_time=1.0, shutdown_timeout=1.0
         )
@@ -551,6 +611,11 @@ class LocalServer:
             return 403, "foreign origin"
         if request.method != "GET":
             return 405, "method not allowed"
+        if not is_known and request.path == "/join" and self._open_code() is not None:
+            return None
+        code = request.query.get("code")
+        if not is_known and request.path == "/" and code is not None:
+            return None if self._takes_code(code) else (403, "wrong code, or one that is over")
         token = request.query.get("token")
         if request.path == "/" and token is not None:
             if self._takes(token) or is_known:
@@ -565,6 +630,34 @@ class LocalServer:
             self._tokens.difference_update(found)
         return bool(found)
 
+    def _open_code(self) -> _Code | None:
+        """The code that lets in now, if any."""
+        code = self._code
+        return code if code is not None and time.monotonic() < code.due else None
+
+    def _takes_code(self, given: str) -> bool:
+        """Whether a code lets in; it does so once. Too many wrong ones make it void."""
+        with self._lock:
+            code = self._open_code()
+            if code is None:
+                return False
+            is_right = _is_same(given.replace(" ", ""), code.digits)
+            code.attempts -= 1
+            if is_right or code.attempts <= 0:
+                self._code = None
+        return is_right
+
+    async def _join(self, request: web.Request) -> web.StreamResponse:
+        """Where a code is typed; all that the page has is in it, as nothing else is let out."""
+        from aiohttp import web
+
+        policy = (
+            f"default-src 'none'; style-src 'sha256-{_JOIN_HASH}'; base-uri 'none'; "
+            "form-action 'self'; frame-ancestors 'none'"
+        )
+        headers = {"Content-Security-Policy": policy}
+        return web.Response(text=_JOIN_PAGE, content_type="text/html", headers=headers)
+
     @property
     def _cookie_name(self) -> str:
         return f"manip3d-{self.port}"  # cookies do not tell ports apart
@@ -572,8 +665,8 @@ class LocalServer:
     async def _page(self, request: web.Request) -> web.StreamResponse:
         from aiohttp import web
 
-        if "token" in request.query:
-            # The token leaves the address bar and the history.
+        if request.path == "/" and not {"token", "code"}.isdisjoint(request.query):
+            # The token, or the code, leaves the address bar and the history.
             moved = web.Response(status=303, headers={"Location": "/"})
             moved.set_cookie(
                 self._cookie_name,

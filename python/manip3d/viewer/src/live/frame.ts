@@ -30,6 +30,7 @@ export interface GameStatus {
   halt: string; // why nothing more is played today
   ask: string; // what the patient is asked to say before a game starts
   pain: number | null; // last rating
+  sitting: "open" | "ending" | "over"; // ending: a last rating is asked for
 }
 
 export interface TouchStatus {
@@ -57,6 +58,7 @@ export interface Status {
   calibrated?: number | null; // share of the time that is over; 1: done
   clips?: boolean | null; // consent; null: there is no diary
   touch?: TouchStatus | null;
+  felt_as?: Record<string, number> | null; // what the patient said of that limb
   felt?: number[][] | null; // root, middle and end of the limb that the patient feels
   game: GameStatus;
 }

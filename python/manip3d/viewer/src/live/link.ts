@@ -67,10 +67,12 @@ export class Link {
   /**
    * @param decode  takes a frame to where it can be drawn
    * @param onState  is told whether there is a connection
+   * @param onCode  gets what lets another screen in
    */
   constructor(
     private decode: (frame: Frame) => Promise<void>,
     private onState: (connected: boolean) => void,
+    private onCode: (code: string) => void,
   ) {
     this.open();
   }
@@ -136,9 +138,10 @@ export class Link {
     });
     socket.addEventListener("message", ({ data }) => {
       if (typeof data === "string") {
-        const said = JSON.parse(data) as { clock?: [number, number]; heard?: number };
+        const said = JSON.parse(data) as { clock?: [number, number]; heard?: number; code?: string };
         if (said.clock) this.clock.take(...said.clock);
         if (said.heard !== undefined) this.heard(said.heard);
+        if (said.code !== undefined) this.onCode(said.code);
         return;
       }
       // One after the other: images are decoded asynchronously.

@@ -31,6 +31,7 @@ const TURN = 0.004; // radians a pixel
 const SILENT_S = 3; // without a picture
 const WORDS_MS = 500; // between two readings of latency, lest the numbers flicker
 
+const HOLD = "To stop for today, hold the grip of a controller for a second.";
 const HATCHED = "What the camera cannot see is hatched.";
 const STATES: Record<string, string> = {
   tracking: "Following",
@@ -72,6 +73,9 @@ for (const [value, word] of [["screen", "Screen"], ["side-by-side", "3D televisi
 }
 const headset = element("button", { id: "headset", hidden: "" }, "Enter headset");
 
+const addScreen = element("button", { id: "add-screen" }, "Add a screen");
+const screenTold = element("span", { id: "screen-told", role: "status" });
+
 const toggles = {
   own: toggle("Own eyes", "e", false),
   mirror: toggle("Mirror", "m", true),
@@ -96,23 +100,36 @@ function isOn(button: HTMLButtonElement): boolean {
   return button.getAttribute("aria-pressed") === "true";
 }
 
-const pain = element("select", { id: "pain" });
+const pain = element("select", { id: "pain", required: "" });
 pain.append(element("option", { value: "" }, "choose"));
 for (let value = 0; value <= 10; value++) {
   const word = { 0: "0 (none)", 10: "10 (worst)" }[value] ?? String(value);
   pain.append(element("option", { value: String(value) }, word));
 }
 const painTold = element("span", { id: "pain-told", role: "status" });
+// Said with a button: who looks through the list with the arrow keys has not said anything yet.
+const rating = element(
+  "form",
+  { id: "rating", class: "row" },
+  element("label", {}, "Phantom pain now, 0 to 10 ", pain),
+  element("button", { id: "say-pain" }, "Say it"),
+);
+const enough = element("button", { id: "enough" }, "Stop for today", element("kbd", {}, "Q"));
 const unwell = element("button", { id: "unwell" }, "I feel sick");
+const sure = element("span", { id: "sure", hidden: "", role: "group", "aria-label": "Are you sure?" });
+const isSick = element("button", { id: "sick" }, "Yes, no more today");
+const isWell = element("button", { id: "well" }, "No");
+sure.append("Stop for the whole day? ", isSick, " ", isWell);
 const event = element("input", { id: "event", maxlength: "500", placeholder: "what, in words" });
 const note = element("button", { id: "note" }, "Note it");
 const eventTold = element("span", { id: "event-told", role: "status" });
 const asking = element(
   "div",
   { class: "row", id: "asking" },
-  element("label", {}, "Phantom pain now, 0 to 10 ", pain),
-  unwell,
+  rating,
   painTold,
+  unwell,
+  sure,
   element("label", {}, "Something bad happened ", event),
   note,
   eventTold,
@@ -173,6 +190,7 @@ document.body.append(
       start,
       openSetup,
       openTouch,
+      enough,
     ),
     asking,
     element(
@@ -181,6 +199,8 @@ document.body.append(
       element("label", {}, "View ", way),
       headset,
       ...Object.values(toggles),
+      addScreen,
+      screenTold,
     ),
     numbers,
     element(
@@ -320,24 +340,45 @@ function tell(status: Status): void {
   if (document.body.dataset.state !== state) document.body.dataset.state = state;
   write(stateWord, STATES[state] ?? state);
   write(stateText, views.own ? `${message} ${HATCHED}` : message);
-  tellGame(game, message);
+  tellGame(status, message);
   panel.root.visible = views.wantsPanel;
   if (!views.wantsPanel) return;
   const lines = [...card.children].map((line) => line.textContent ?? "");
   const heading = card.hidden ? (score.textContent ?? "").replace(/ {3}/g, ", ") : lines[0];
-  panel.say([heading, ...(card.hidden ? [message] : lines.slice(1))]);
+  const wayOut = views.inHeadset && game.sitting === "open" ? [HOLD] : [];
+  panel.say([heading, ...(card.hidden ? [message] : lines.slice(1)), ...wayOut]);
 }
 
 let phase = "";
+let rated = ""; // what becomes of what the patient just said, in words
 
-function tellGame(game: GameStatus, message: string): void {
+/** Whether a ball touches the limb now. */
+function isTouching(status: Status | null): boolean {
+  return (status?.touch?.left_s ?? 0) > 0;
+}
+
+/** The card after the patient has had enough. */
+function closing(game: GameStatus): string[] {
+  const place = views.inHeadset ? "You may take the headset off." : "Say so below.";
+  if (game.sitting === "ending") return [`How strong is the phantom pain now? ${place}`];
+  if (views.inHeadset) return [`This session is over. ${place}`];
+  const how = game.halt ? "" : " Another session begins with the button below.";
+  return [`This session is over.${how}`];
+}
+
+function tellGame(status: Status, message: string): void {
+  const { game } = status;
   const { title, how, most_misses: most } = content.games[game.name];
   const idle = game.phase === "waiting" || game.phase === "over";
   start.disabled = Boolean(game.halt);
-  write(painTold, game.pain === null ? "" : `Noted: ${game.pain}.`);
+  const goesOn = isTouching(status);
+  const isOver = game.sitting !== "open";
+  enough.disabled = isOver;
+  write(painTold, rated || (game.pain === null ? "" : `Noted: ${game.pain}.`));
   if (document.activeElement !== gameChoice) gameChoice.value = game.name;
   if (document.activeElement !== difficulty) difficulty.value = String(game.difficulty);
-  const word = idle ? (game.phase === "over" ? "Play again" : "Start when ready") : "Stop";
+  const ready = game.phase === "over" ? "Play again" : "Start when ready";
+  const word = idle && !goesOn ? (isOver ? "Begin another session" : ready) : "Stop";
   if (start.textContent !== word) start.replaceChildren(word);
   score.hidden = game.score === undefined || game.phase === "over";
   if (game.score !== undefined) {
@@ -348,7 +389,7 @@ function tellGame(game: GameStatus, message: string): void {
     write(score, `Score ${game.score}   ${told}   ${left} s`);
   }
   const pause = game.phase === "paused" ? `: ${message}` : "";
-  const now = `${game.name} ${game.phase} ${pause} ${game.halt} ${game.ask} ${views.inHeadset}`;
+  const now = `${game.name} ${game.phase} ${pause} ${game.halt} ${game.ask} ${game.sitting} ${views.inHeadset}`;
   if (phase === now) return;
   phase = now;
   card.hidden = game.phase === "playing";
@@ -370,9 +411,13 @@ function tellGame(game: GameStatus, message: string): void {
       `Score ${game.score}, of these ${game.by_phantom} with the phantom limb.`,
       `${missed}Paused for ${Math.round(game.paused_s ?? 0)} s.`,
     );
-    if (content.asks && !game.halt) lines.push("How strong is the phantom pain now? Say so below.");
+    if (content.asks && !game.halt && !isOver) lines.push("How strong is the phantom pain now? Say so below.");
   }
   if (game.ask) lines.unshift(game.ask);
+  if (isOver) {
+    heading = "Stopped for today";
+    lines.splice(0, lines.length, ...closing(game));
+  }
   if (game.halt) {
     heading = "Stop for today";
     lines.unshift(game.halt);
@@ -380,13 +425,21 @@ function tellGame(game: GameStatus, message: string): void {
   card.replaceChildren(element("h2", {}, heading), ...lines.map((line) => element("p", {}, line)));
 }
 
-const link = new Link(decode, (connected) => {
+function tellConnected(connected: boolean): void {
   document.body.dataset.connected = String(connected);
   if (connected) return;
   write(stateWord, "No connection");
   const again = "If the program was started anew, open the address that it prints.";
   write(stateText, `This page comes back by itself while the program runs. ${again}`);
-});
+}
+
+/** What is to be typed on another screen, in two groups that people can remember. */
+function tellCode(code: string): void {
+  const digits = `${code.slice(0, 4)} ${code.slice(4)}`;
+  write(screenTold, `There open ${location.origin}/join and type ${digits} within 2 minutes.`);
+}
+
+const link = new Link(decode, tellConnected, tellCode);
 
 setInterval(() => {
   const { latencyMs, perSecond, lost, bad, frames } = link.stats();
@@ -414,10 +467,18 @@ setInterval(() => {
 
 // --- what people do --------------------------------------------------------------------------------
 
-function press(): void {
+function isIdle(): boolean {
   const current = newest?.game.phase;
-  const idle = current === "waiting" || current === "over";
-  link.send({ type: idle ? "ready" : "stop" });
+  return (current === "waiting" || current === "over") && !isTouching(newest);
+}
+
+function press(): void {
+  link.send({ type: isIdle() ? "ready" : "stop" });
+}
+
+/** The patient has had enough: only the button begins again, no trigger and no key by mistake. */
+function stopForToday(): void {
+  link.keep({ type: "enough" }).catch((error: Error) => write(stateText, `Not said: ${error.message}.`));
 }
 
 function choose(): void {
@@ -425,17 +486,44 @@ function choose(): void {
 }
 
 function keepOfPatient(message: Message): void {
-  link.keep(message).catch((error: Error) => write(painTold, `Not noted: ${error.message}.`));
+  const tellRated = (words: string): void => {
+    rated = words;
+    if (newest) tell(newest);
+  };
+  tellRated("Being noted.");
+  link
+    .keep(message)
+    .then(() => tellRated(""))
+    .catch((error: Error) => tellRated(`Not noted: ${error.message}.`));
 }
 
-pain.addEventListener("change", () => {
-  if (pain.value !== "") keepOfPatient({ type: "pain", value: Number(pain.value) });
+rating.addEventListener("submit", (event) => {
+  event.preventDefault();
+  keepOfPatient({ type: "pain", value: Number(pain.value) });
   pain.value = "";
-  pain.blur();
 });
+/** Asks whether somebody who feels sick wants no more today; the play stops at once. */
+function askWhetherSick(isAsked: boolean): void {
+  sure.hidden = !isAsked;
+  unwell.disabled = isAsked;
+  (isAsked ? isSick : unwell).focus();
+}
 unwell.addEventListener("click", () => {
+  if (!isIdle()) link.send({ type: "stop" });
+  askWhetherSick(true);
+});
+isWell.addEventListener("click", () => askWhetherSick(false));
+isSick.addEventListener("click", () => {
   keepOfPatient({ type: "unwell" });
-  unwell.blur();
+  askWhetherSick(false);
+});
+addScreen.addEventListener("click", () => {
+  link.send({ type: "screen" });
+  addScreen.blur();
+});
+enough.addEventListener("click", () => {
+  stopForToday();
+  enough.blur();
 });
 note.addEventListener("click", () => {
   note.blur();
@@ -459,7 +547,8 @@ for (const kind of ["pointerdown", "keydown"]) {
   document.addEventListener(kind, () => sound.wake());
 }
 start.addEventListener("click", () => {
-  press();
+  if (newest && newest.game.sitting !== "open") link.send({ type: "again" });
+  else press();
   start.blur(); // else the space bar would press it a second time
 });
 for (const list of [gameChoice, difficulty]) {
@@ -479,6 +568,7 @@ const keys: Record<string, () => void> = {
   e: () => toggles.own.click(),
   u: () => openSetup.click(),
   t: () => openTouch.click(),
+  q: () => enough.click(),
   d: () => {
     way.value = WAYS[(WAYS.indexOf(way.value as Way) + 1) % WAYS.length];
     settle();
@@ -518,7 +608,7 @@ headset.addEventListener("click", () => {
     settle();
   };
   views
-    .enterHeadset(left, press)
+    .enterHeadset(left, press, stopForToday)
     .then((entered) => {
       session = entered;
       headset.replaceChildren("Leave headset");

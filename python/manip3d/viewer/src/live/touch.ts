@@ -27,7 +27,8 @@ export class TouchPanel {
   private where = element("span");
   private due = element("p", { id: "touch-due", hidden: "" }, this.bar, " ", this.where);
   private mode = "";
-  private answered = true;
+  private filled = ""; // what the sliders were set to
+  private sliders: Record<string, { range: HTMLInputElement; shown: HTMLOutputElement }> = {};
 
   constructor(
     private content: TouchContent,
@@ -38,7 +39,6 @@ export class TouchPanel {
     const buttons = ["synchronous", "asynchronous"].map((mode) => {
       const made = element("button", { id: `touch-${mode}` }, mode[0].toUpperCase() + mode.slice(1));
       made.addEventListener("click", () => {
-        this.answered = false;
         write(this.kept, "");
         send({ type: "touch", mode });
       });
@@ -93,12 +93,22 @@ export class TouchPanel {
       };
       this.keep(message)
         .then(() => {
-          this.answered = true;
           this.questions.reset();
           done("Noted.");
         })
         .catch((error: Error) => done(`Not noted: ${error.message}.`));
     });
+  }
+
+  /** Sets the sliders to what was kept; not while somebody moves them. */
+  private fillFelt(felt: Record<string, number>): void {
+    const key = JSON.stringify(felt);
+    if (key === this.filled) return;
+    this.filled = key;
+    for (const [name, { range, shown }] of Object.entries(this.sliders)) {
+      range.value = String(felt[name]);
+      write(shown, range.value);
+    }
   }
 
   private feltForm(): HTMLElement {
@@ -112,6 +122,7 @@ export class TouchPanel {
         value: String(START[name]),
       });
       const shown = element("output", {}, String(START[name]));
+      this.sliders[name] = { range, shown };
       range.addEventListener("input", () => write(shown, range.value));
       form.append(element("label", {}, `${WORDS[name]} `, range, shown));
     }
@@ -125,18 +136,20 @@ export class TouchPanel {
     return form;
   }
 
-  tell({ touch }: Status): void {
+  tell({ touch, felt_as: felt }: Status): void {
+    if (felt) this.fillFelt(felt);
     if (this.root.hidden) return;
     if (touch) this.mode = touch.mode;
     const over = Boolean(touch && touch.left_s <= 0);
     const left = touch && !over ? `${touch.mode}: ${Math.ceil(touch.left_s)} s left` : "";
-    write(this.told, over && this.answered ? "Over." : left);
+    write(this.told, over ? "Over." : left);
     this.due.hidden = over || !touch?.due;
     if (touch?.due) {
       const [seconds, joint] = touch.due;
       this.bar.value = Math.max(0, 1 - seconds / READY_S);
       write(this.where, `Next: ${joint}`);
     }
-    this.questions.hidden = !(over && !this.answered && this.content.asks);
+    // The program ends a cue that was answered: what is asked is asked on every screen, once.
+    this.questions.hidden = !(over && this.content.asks);
   }
 }

@@ -13,6 +13,7 @@ const EYES_ABOVE_M = 0.04;
 const LOOK_DOWN = THREE.MathUtils.degToRad(35); // where one's own limbs are
 const EYE_S = 0.15; // in which the eyes follow the joints, lest the picture trembles
 const RIG_S = 0.6; // in which the room follows the joints; a headset knows its own movements
+const HOLD_MS = 1000; // nobody holds a grip for so long by mistake
 const STAND_OFF_M = 2.2; // from the mirror image to who looks at it in a headset
 const [SPINE, HEAD, LEFT, RIGHT] = [1, 3, 4, 8]; // joints
 
@@ -154,12 +155,25 @@ export class Views {
     renderer.setViewport(0, 0, size.x, size.y);
   }
 
-  async enterHeadset(onEnd: () => void, onSelect: () => void): Promise<XRSession> {
+  /** `onHold`: called when the grip of a controller is held for a second. */
+  async enterHeadset(
+    onEnd: () => void,
+    onSelect: () => void,
+    onHold: () => void,
+  ): Promise<XRSession> {
     const session = await navigator.xr!.requestSession("immersive-vr", {
       requiredFeatures: ["local-floor"],
     });
     session.addEventListener("select", onSelect);
+    let held = 0;
+    const release = (): void => clearTimeout(held);
+    session.addEventListener("squeezestart", () => {
+      release();
+      held = setTimeout(onHold, HOLD_MS);
+    });
+    session.addEventListener("squeezeend", release);
     session.addEventListener("end", () => {
+      release();
       this.rig.userData.own = false;
       onEnd();
     });

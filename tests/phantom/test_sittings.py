@@ -1,0 +1,253 @@
+"""A sitting: who has had enough, what is kept at its end, and what holds on the next day."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator
+from dataclasses import replace
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import capsule_body
+from frame_reader import read_frame
+from manip3d.phantom import LiveSession, _session
+from manip3d.phantom import _diary as _recorder
+from manip3d.phantom._felt import FeltLimb
+from manip3d.phantom._touch import SECONDS
+from manip3d.rgbd import RgbdFrame
+
+pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
+
+from manip3d.diary import Diary
+from manip3d.phantom._diary import RATE_FIRST, DiaryRecorder
+
+FELT = {"length": 60, "telescoping": 10, "raised": 0, "bent": 20}
+ANSWERS = {f"q{number}": 1 for number in range(1, 7)}
+
+
+@functools.cache
+def painted(number: int) -> RgbdFrame:
+    return capsule_body.painted(number)
+
+
+class Sitting:
+    """A session of P01, frame by frame, with a clock of its own."""
+
+    def __init__(self, path: Path, patch: pytest.MonkeyPatch) -> None:
+        self.path = path
+        self.now = datetime(2026, 3, 2, 9, 0).astimezone()
+        for module in (_session, _recorder):
+            patch.setattr(module, "_now", lambda: self.now)
+        self.number = 0
+        if not path.exists():
+            with Diary(path, create=True) as diary:
+                diary.enrol("P01", limb="right_arm")
+        self.open()
+
+    def open(self) -> None:
+        self.recorder = DiaryRecorder(self.path, "P01", None)
+        self.session = LiveSession("right_arm", recorder=self.recorder)
+        self.recorder.start()
+
+    def say(self, name: str, **fields: Any) -> dict[str, Any]:
+        """What the page shows after somebody has said something."""
+        self.session.command(name, fields)
+        return self.show(2)
+
+    def show(self, count: int = 1) -> dict[str, Any]:
+        status: dict[str, Any] = {}
+        for _ in range(count):
+            self.number += 1
+            frame = painted(self.number % 40)
+            frame = replace(frame, time=self.number * 33_333_333, number=self.number)
+            message = self.session.process(frame, captured_ns=1)
+            assert message is not None
+            status = read_frame(message).status
+        return status
+
+    def end(self) -> Diary:
+        self.session.end()
+        assert self.recorder.end() == []
+        return Diary(self.path)
+
+
+@pytest.fixture
+def sitting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Sitting]:
+    found = Sitting(tmp_path / "study.diary", monkeypatch)
+    yield found
+    found.recorder.end()
+
+
+def test_what_was_said_after_the_last_frame_is_kept(sitting: Sitting) -> None:
+    sitting.say("pain", value=2)
+    done: list[str] = []
+    for name, fields in (
+        ("event", {"text": "a chair fell over"}), ("ready", {}), ("touch", {"mode": "synchronous"}),
+        ("felt", FELT), ("ownership", {"mode": "synchronous", **ANSWERS}), ("pain", {"value": 3}),
+    ):  # fmt: skip
+        sitting.session.command(name, fields, done=lambda name=name: done.append(name))  # type: ignore[misc]
+    sitting.session.end()
+    sitting.session.command("event", {"text": "too late"}, done=lambda: done.append("late"))
+    with sitting.end() as diary:
+        assert [(e.kind, e.text) for e in diary.events("P01")] == [("other", "a chair fell over")]
+        assert [rating.pain for rating in diary.ratings("P01")] == [2, 3]
+        assert {rating.when for rating in diary.ratings("P01")} == {"before"}  # nothing began
+        assert [felt.length for felt in diary.felt("P01")] == [60]
+        assert len(diary.ownership("P01")) == 1
+        (session,) = diary.sessions("P01")
+        assert not session.games
+    assert done == ["event", "felt", "ownership", "pain"]
+
+
+def test_heard_is_answered_when_it_is_on_the_disk(
+    sitting: Sitting, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[int] = []
+    failures = [OSError("disk full")]
+    add = sitting.recorder._diary.add_event
+
+    def fails_once(*values: Any, **options: Any) -> None:
+        if failures:
+            raise failures.pop()
+        assert done == []
+        add(*values, **options)
+
+    monkeypatch.setattr(sitting.recorder._diary, "add_event", fails_once)
+    monkeypatch.setattr("manip3d.phantom._writer._AGAIN_S", 0.3)
+    fields = {"text": "dizzy", "page": 1, "number": 1}
+    sitting.session.command("event", fields, done=lambda: done.append(1))
+    sitting.show()
+    sitting.session.command("event", fields, done=lambda: done.append(2))  # the page says it again
+    sitting.show()
+    assert done == []
+    assert "Not kept in the diary yet: 1 entry" in sitting.show()["message"]
+    with sitting.end() as diary:
+        assert len(diary.events("P01")) == 1
+    assert done == [1, 2]
+
+
+def test_what_is_lost_is_never_said_to_be_kept(sitting: Sitting) -> None:
+    done: list[int] = []
+    with Diary(sitting.path) as other:
+        other.delete("P01")
+    sitting.session.command("event", {"text": "dizzy"}, done=lambda: done.append(1))
+    sitting.show()
+    sitting.session.end()
+    assert any("dizzy" in one for one in sitting.recorder.end())
+    assert done == []
+
+
+def test_no_touch_cue_before_a_rating(sitting: Sitting) -> None:
+    """Its rating would be one after the touch, and nothing could be compared with it."""
+    status = sitting.say("touch", mode="synchronous")
+    assert (status["touch"], status["game"]["ask"]) == (None, RATE_FIRST)
+    sitting.say("pain", value=3)
+    assert sitting.say("touch", mode="synchronous")["touch"] is not None
+    sitting.say("pain", value=4)
+    with sitting.end() as diary:
+        assert [rating.when for rating in diary.ratings("P01")] == ["before", "after"]
+
+
+def test_stop_ends_a_touch_cue_but_not_its_questions(sitting: Sitting) -> None:
+    sitting.say("pain", value=3)
+    assert sitting.say("touch", mode="synchronous")["touch"]["left_s"] > 50
+    assert sitting.say("stop")["touch"] is None
+    sitting.say("touch", mode="asynchronous")
+    assert sitting.session._cue is not None
+    sitting.session._cue.clock = SECONDS
+    assert sitting.say("stop")["touch"]["left_s"] == 0
+    assert sitting.say("ownership", mode="asynchronous", **ANSWERS)["touch"] is None
+
+
+def test_two_sittings_of_a_day_are_two_sessions(sitting: Sitting) -> None:
+    for pain in (3, 5):  # the second sitting is compared with its own first rating
+        sitting.say("pain", value=pain)
+        assert sitting.say("ready")["game"]["phase"] == "playing"
+        status = sitting.say("enough")["game"]
+        assert (status["phase"], status["sitting"]) == ("over", "ending")
+        sitting.now += timedelta(minutes=1)
+        status = sitting.say("pain", value=pain - 1)["game"]
+        assert (status["sitting"], status["halt"]) == ("over", "")
+        ended = sitting.now
+        sitting.now += timedelta(hours=5)
+        assert sitting.say("ready")["game"]["phase"] == "over"
+        assert sitting.say("touch", mode="synchronous")["touch"] is None
+        assert sitting.say("again")["game"]["sitting"] == "open"
+        status = sitting.say("ready")["game"]
+        assert (status["phase"], status["ask"]) == ("waiting", RATE_FIRST)
+    with sitting.end() as diary:
+        first, second, empty = diary.sessions("P01")
+        assert [len(one.games) for one in (first, second, empty)] == [1, 1, 0]
+        assert [(one.pain_before, one.pain_after) for one in (first, second)] == [(3, 2), (5, 4)]
+        assert second.ended == ended
+        assert first.ended == second.started - timedelta(hours=5)
+
+
+def test_a_stop_and_a_baseline_hold_for_their_day(sitting: Sitting) -> None:
+    """The program runs on over night, and over midnight during play."""
+    sitting.now = sitting.now.replace(hour=23, minute=50)
+    sitting.say("pain", value=3)
+    sitting.say("ready")
+    sitting.now += timedelta(minutes=9)
+    last = sitting.now
+    sitting.say("stop")
+    sitting.now += timedelta(minutes=6)
+    assert "rose from 3 to 6" in sitting.say("pain", value=6)["game"]["halt"]  # of one sitting
+    sitting.now += timedelta(hours=8)
+    status = sitting.say("ready")["game"]
+    assert "rose from 3" in status["halt"]  # it is still the day on which it was said
+    sitting.now += timedelta(days=1)
+    status = sitting.say("ready")["game"]
+    assert (status["halt"], status["ask"], status["pain"]) == ("", RATE_FIRST, None)
+    assert sitting.say("pain", value=7)["game"]["halt"] == ""
+    assert sitting.say("ready")["game"]["phase"] == "playing"
+    with sitting.end() as diary:
+        first, second = diary.sessions("P01")
+        assert first.ended is not None
+        assert last < first.ended < last + timedelta(minutes=10)  # no night in it
+        assert (second.pain_before, len(second.games)) == (7, 1)
+
+
+def test_without_a_diary_there_is_a_way_out() -> None:
+    session = LiveSession("right_arm")
+    session.command("enough")
+    message = session.process(painted(0))
+    assert message is not None
+    assert read_frame(message).status["game"]["sitting"] == "over"
+    session.command("again")
+    message = session.process(painted(1))
+    assert message is not None
+    assert read_frame(message).status["game"]["sitting"] == "open"
+
+
+def test_a_camera_whose_clock_begins_again_makes_nothing_grow() -> None:
+    session = LiveSession("right_arm")
+    session.command("ready")
+
+    def run(start: int, count: int) -> None:
+        for number in range(start, start + count):
+            frame = painted(number % 40)
+            session.process(replace(frame, time=number * 33_333_333, number=number))
+
+    run(100_000, 30)
+    run(0, 300)  # ten seconds
+    assert session._lowest
+    assert session._lowest[-1][0] - session._lowest[0][0] <= 4e9
+    assert len(session._lowest) <= 121
+    assert list(session._times) == sorted(session._times)
+    assert all(0 <= session._last_time - time <= 1e9 for time, _ in session._events)  # type: ignore[operator]
+
+
+def test_the_limb_as_it_was_felt_last_time_is_shown_again(sitting: Sitting) -> None:
+    assert sitting.show()["felt_as"] is None
+    sitting.say("felt", **FELT)
+    sitting.end().close()
+    sitting.open()
+    assert sitting.show()["felt_as"] == FELT
+    assert sitting.show()["felt"] is not None  # where it is, beside the limb
+    assert sitting.recorder.last_felt("left_leg") is None
+    assert sitting.recorder.last_felt("right_arm") == FeltLimb(**FELT)
+    assert sitting.say("limb", limb="left_arm")["felt_as"] is None
