@@ -237,6 +237,18 @@ def test_textures_are_found_beside_the_source_and_embedded_once(tmp_path: Path) 
     assert second.textures == {"base_color": embedded}
 
 
+def test_a_surface_does_not_glow_for_an_emissive_texture_that_is_missing(
+    mesh: Mesh, tmp_path: Path
+) -> None:
+    there, missing = {"emissive": Texture(data=PNG)}, {"emissive": Texture("missing.png")}
+    materials = [Material("a", textures=there), Material("b", textures=missing)]
+    mesh.replace(materials=materials, source=str(tmp_path / "mesh.obj")).write(tmp_path / "m.glb")
+    first, second, *_ = json_of(tmp_path / "m.glb")["materials"]
+    assert (first["emissiveFactor"], first["emissiveTexture"]) == ([1, 1, 1], {"index": 0})
+    assert "emissiveFactor" not in second
+    assert "emissiveTexture" not in second
+
+
 def test_what_is_left_out_is_told(
     mesh: Mesh, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -345,8 +345,9 @@ class SceneBuilder {
     add(material["pbrMetallicRoughness"], "metallic_roughness", "metallicRoughnessTexture");
     add(material, "normal", "normalTexture");
     add(material, "occlusion", "occlusionTexture");
-    if (m.textures.contains("emissive")) material["emissiveFactor"] = {1.0, 1.0, 1.0};
     add(material, "emissive", "emissiveTexture");
+    // Only over an image: the factor alone would make the whole surface glow.
+    if (material.contains("emissiveTexture")) material["emissiveFactor"] = {1.0, 1.0, 1.0};
     scene_.json["materials"].push_back(std::move(material));
   }
 
