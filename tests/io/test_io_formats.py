@@ -220,6 +220,66 @@ def test_texture_path(tmp_path: Path) -> None:
         io.texture_path(mesh, manip3d.Texture("../a.png"))
 
 
+# --- Line ends ------------------------------------------------------------------------------
+
+ASCII_TRIANGLES = {
+    "obj": "# made by hand\n" + SQUARE + "f 1 2 3\n",
+    "off": "OFF\n# made by hand\n3 1 0\n0 0 0\n1 0 0\n1 1 0\n3 0 1 2\n",
+    "ply": "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+    "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    "0 0 0\n1 0 0\n1 1 0\n3 0 1 2\n",
+    "stl": "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 1 1 0\n"
+    "endloop\nendfacet\nendsolid a\n",
+}
+
+
+@pytest.mark.parametrize("kind", ASCII_TRIANGLES)
+@pytest.mark.parametrize("newline", ["\n", "\r\n", "\r"])
+@pytest.mark.parametrize("last", [True, False])
+def test_any_line_ends(kind: str, newline: str, last: bool) -> None:
+    text = ASCII_TRIANGLES[kind] if last else ASCII_TRIANGLES[kind].rstrip("\n")
+    data = text.replace("\n", newline).encode()
+    for given in (kind, None):  # None: known by its content
+        mesh = read_mesh_bytes(data, given)
+        corners = mesh.vertices[mesh.faces]
+        assert corners.tolist() == [[[0, 0, 0], [1, 0, 0], [1, 1, 0]]]
+
+
+def test_lines_that_end_in_cr_are_counted() -> None:
+    assert error("# made by hand\rv 0 0 0\rv 1 x 0\r", "obj").line == 3
+
+
+def test_cr_ends_lines_however_long_the_first_one_is() -> None:
+    """Longer than what is looked at to tell formats apart, and than a block of the reader."""
+    for length in (300, 300_000):
+        text = "#" + length * "x" + "\r" + SQUARE.replace("\n", "\r") + "f 1 2 3\r"
+        assert read_mesh_bytes(text.encode(), "obj").num_faces == 1
+
+
+def test_a_stray_cr_ends_no_line_where_lf_does() -> None:
+    mesh = obj("# first\rv 9 9 9\n" + SQUARE + "f 1\r2 3\n")
+    assert (mesh.num_vertices, mesh.faces.tolist()) == (4, [[0, 1, 2]])
+
+
+def test_mtl_lines_may_end_in_cr(tmp_path: Path) -> None:
+    (material,) = with_mtl(tmp_path, "# made by hand\rnewmtl a\rPr 0.5\r").mesh.materials
+    assert material.roughness == 0.5
+
+
+@pytest.mark.parametrize("newline", ["\n", "\r\n", "\r"])
+def test_binary_ply_whose_data_hold_lf(newline: str) -> None:
+    header = f"element vertex 4\n{XYZ.replace('float', 'uchar')}"
+    header += "element face 1\nproperty list uchar uchar vertex_index\n"
+    points = [(10, 13, 10), (13, 0, 0), (0, 1, 0), (0, 0, 1)]
+    rows: list[list[tuple[str, float | list[float]]]] = [[("uchar", c) for c in p] for p in points]
+    data = ply("binary_little_endian", header, [*rows, [("uchar uchar", [0, 1, 2])]])
+    end = data.index(b"end_header\n") + len(b"end_header\n")
+    data = data[:end].replace(b"\n", newline.encode()) + data[end:]
+    mesh = read_mesh_bytes(data, "ply")
+    assert mesh.vertices.tolist() == [list(map(float, p)) for p in points]
+    assert mesh.faces.tolist() == [[0, 1, 2]]
+
+
 # --- PLY ------------------------------------------------------------------------------------
 
 PLY_TYPES = {
