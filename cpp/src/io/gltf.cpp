@@ -388,6 +388,7 @@ class Reader {
     draws_.clear();
     texcoord_rows_.clear();
     num_vertices_ = num_texcoords_ = num_normals_ = num_faces_ = 0;
+    with_colors_ = false;
     instances_ = {{index, Transform()}};
     plan_draws();
     allocate();
