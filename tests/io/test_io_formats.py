@@ -220,6 +220,49 @@ def test_texture_path(tmp_path: Path) -> None:
         io.texture_path(mesh, manip3d.Texture("../a.png"))
 
 
+def test_mtl_keywords_may_be_written_in_any_case(tmp_path: Path) -> None:
+    text = "NEWMTL a\nkd 0.25 0.5 0.75\nPM 0.5\nmap_kd a.png\nMAP_KE e.png\nNorm n.png\n"
+    (material,) = with_mtl(tmp_path, text).mesh.materials
+    assert (material.base_color, material.metallic) == ((0.25, 0.5, 0.75, 1.0), 0.5)
+    assert {role: t.path for role, t in material.textures.items()} == {
+        "base_color": "a.png",
+        "emissive": "e.png",
+        "normal": "n.png",
+    }
+
+
+def test_mtl_textures_that_are_left_out_are_named_once(tmp_path: Path) -> None:
+    lines = "map_Ks s.png\nmap_Bump b.png\nbump b.png\nmap_Pr r.png\nmap_Pm m.png\nmap_d d.png\n"
+    report = with_mtl(tmp_path, f"newmtl b\n{lines}newmtl a\nmap_Kd a.png\nNs 10\n{lines}")
+    assert report.warnings == (
+        "textures of map_Ks are left out: a material has no place for it",
+        "textures of map_Bump are left out: a material has no place for it",
+        "textures of bump are left out: a material has no place for it",
+        "textures of map_Pr and map_Pm are left out: expected the same image for both",
+        "textures of map_d are left out: expected the image of map_Kd",
+    )
+    assert set(report.mesh.materials[0].textures) == {"base_color"}
+    assert report.mesh.materials[0].alpha_mode == "opaque"
+
+
+@pytest.mark.parametrize(
+    ("lines", "mode"),
+    [
+        ("map_Kd leaf.png\nmap_d leaf.png", "mask"),
+        ("map_d leaf.png\nmap_Kd leaf.png\nd 1", "mask"),
+        ("map_Kd leaf.png\nmap_d leaf.png\nd 0.5", "blend"),
+        ("map_Kd leaf.png", "opaque"),
+    ],
+)
+def test_mtl_opacity_in_the_image_of_the_colour_cuts_out(
+    tmp_path: Path, lines: str, mode: str
+) -> None:
+    report = with_mtl(tmp_path, f"newmtl a\n{lines}\n")
+    assert (report.mesh.materials[0].alpha_mode, report.warnings) == (mode, ())
+    report.mesh.write(tmp_path / "again.obj")
+    assert manip3d.read_mesh(tmp_path / "again.obj").materials[0].alpha_mode == mode
+
+
 # --- Line ends ------------------------------------------------------------------------------
 
 ASCII_TRIANGLES = {
