@@ -220,6 +220,21 @@ def test_texture_path(tmp_path: Path) -> None:
         io.texture_path(mesh, manip3d.Texture("../a.png"))
 
 
+@pytest.mark.parametrize(
+    ("line", "light"),
+    [
+        ("Ke 1 0.5 0", (1, 0.5, 0)),
+        ("ke 0.5", (0.5, 0.5, 0.5)),
+        ("Ke 5 2 -1", (5, 2, 0)),
+        ("Ke spectral f.rfl", (0, 0, 0)),
+        ("Kd 1 0 0", (0, 0, 0)),
+    ],
+)
+def test_mtl_light(tmp_path: Path, line: str, light: tuple[float, ...]) -> None:
+    (material,) = with_mtl(tmp_path, f"newmtl a\n{line}\n").mesh.materials
+    assert material.emissive == light
+
+
 def test_mtl_keywords_may_be_written_in_any_case(tmp_path: Path) -> None:
     text = "NEWMTL a\nkd 0.25 0.5 0.75\nPM 0.5\nmap_kd a.png\nMAP_KE e.png\nNorm n.png\n"
     (material,) = with_mtl(tmp_path, text).mesh.materials

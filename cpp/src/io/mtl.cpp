@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cctype>
 #include <functional>
+#include <limits>
 #include <set>
 #include <string>
 #include <string_view>
@@ -66,18 +67,20 @@ std::string map_path(LineCursor& cursor, std::vector<std::string>& warnings) {
   return path;
 }
 
-double fraction(LineCursor& cursor, const char* what) {
-  return std::clamp(cursor.number(what), 0.0, 1.0);
+double from_zero_to(double most, LineCursor& cursor, const char* what) {
+  return std::clamp(cursor.number(what), 0.0, most);
 }
 
+double fraction(LineCursor& cursor, const char* what) { return from_zero_to(1.0, cursor, what); }
+
 // Three numbers, or one for all; spectral curves (`Kd spectral FILE`) are left out.
-void read_color(LineCursor& cursor, const char* what, double* rgb) {
+void read_color(LineCursor& cursor, const char* what, double most, double* rgb) {
   if (cursor.at_end()) cursor.fail(what, "three numbers");
   const char first = *cursor.position();
   if (first == 's' || first == 'x') return;
-  rgb[0] = fraction(cursor, what);
-  rgb[1] = cursor.at_end() ? rgb[0] : fraction(cursor, what);
-  rgb[2] = cursor.at_end() ? rgb[0] : fraction(cursor, what);
+  rgb[0] = from_zero_to(most, cursor, what);
+  rgb[1] = cursor.at_end() ? rgb[0] : from_zero_to(most, cursor, what);
+  rgb[2] = cursor.at_end() ? rgb[0] : from_zero_to(most, cursor, what);
 }
 
 // Keywords are written in many ways: map_Kd, map_kd, map_KD.
@@ -115,7 +118,9 @@ class MtlReader {
     if (materials_.empty()) return;  // before the first material
     Material& m = materials_.back();
     if (keyword == "kd") {
-      read_color(cursor, "Kd", m.base_color);
+      read_color(cursor, "Kd", 1.0, m.base_color);
+    } else if (keyword == "ke") {
+      read_color(cursor, "Ke", std::numeric_limits<double>::max(), m.emissive);
     } else if (keyword == "d") {
       if (cursor.at_end()) cursor.fail("d", "a number");
       if (*cursor.position() == '-') cursor.word();  // -halo: by the angle of view

@@ -233,6 +233,10 @@ std::string mtl_text(const WriteJob& job, const std::vector<std::string>& names,
             shortest(m.base_color[1]) + " " + shortest(m.base_color[2]) + "\nd " +
             shortest(m.base_color[3]) + "\nPr " + shortest(m.roughness) + "\nPm " +
             shortest(m.metallic) + "\n";
+    if (m.emits()) {
+      text += "Ke " + shortest(m.emissive[0]) + " " + shortest(m.emissive[1]) + " " +
+              shortest(m.emissive[2]) + "\n";
+    }
     const std::string colors = companions.texture_name(m, "base_color");
     map_line(text, "map_Kd", colors);
     if (m.alpha_mode == AlphaMode::kMask) map_line(text, "map_d", colors);
