@@ -84,7 +84,7 @@ void read_color(LineCursor& cursor, const char* what, double most, double* rgb) 
 }
 
 // Keywords are written in many ways: map_Kd, map_kd, map_KD.
-std::string lower_case(std::string_view word) {
+std::string keyword_of(std::string_view word) {
   std::string lower(word);
   std::transform(lower.begin(), lower.end(), lower.begin(),
                  [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
@@ -109,7 +109,7 @@ class MtlReader {
 
   void statement(LineCursor& cursor) {
     const std::string_view written = cursor.word();
-    const std::string keyword = lower_case(written);
+    const std::string keyword = keyword_of(written);
     if (keyword == "newmtl") {
       finish_material();
       materials_.emplace_back().name = cursor.rest();
