@@ -54,7 +54,8 @@ py::object to_python(const Material& m) {
       py::arg("metallic") = m.metallic, py::arg("roughness") = m.roughness,
       py::arg("alpha_mode") = kAlphaModes[static_cast<int>(m.alpha_mode)],
       py::arg("alpha_cutoff") = m.alpha_cutoff, py::arg("double_sided") = m.double_sided,
-      py::arg("textures") = textures);
+      py::arg("textures") = textures,
+      py::arg("emissive") = py::make_tuple(m.emissive[0], m.emissive[1], m.emissive[2]));
 }
 
 // The inverse of readable().
@@ -70,6 +71,8 @@ Material to_material(const py::handle& object) {
   m.name = file_bytes(object.attr("name"));
   const auto color = object.attr("base_color").cast<std::array<double, 4>>();
   std::copy(color.begin(), color.end(), m.base_color);
+  const auto emissive = object.attr("emissive").cast<std::array<double, 3>>();
+  std::copy(emissive.begin(), emissive.end(), m.emissive);
   m.metallic = object.attr("metallic").cast<double>();
   m.roughness = object.attr("roughness").cast<double>();
   const auto mode = object.attr("alpha_mode").cast<std::string>();

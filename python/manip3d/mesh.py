@@ -59,6 +59,18 @@ class Material:
         Whether faces are seen from behind. Only glTF files say; all others mean both sides.
     textures : dict of str to Texture
         By role: ``base_color``, ``metallic_roughness``, ``normal``, ``occlusion``, ``emissive``.
+    emissive : (r, g, b) float, at least 0
+        Light that the surface sends out, linear: the factor of the emissive texture where there is
+        one, and (0, 0, 0) then counts as (1, 1, 1).
+
+    Examples
+    --------
+    >>> from manip3d import Material, Mesh, read_mesh
+    >>> lamp = Material("lamp", emissive=(1.0, 0.5, 0.0))
+    >>> mesh = Mesh(np.eye(3), [[0, 1, 2]], face_material=[0], materials=[lamp])
+    >>> mesh.write("lamp.glb")
+    >>> read_mesh("lamp.glb").materials[0].emissive
+    (1.0, 0.5, 0.0)
     """
 
     name: str = ""
@@ -69,6 +81,7 @@ class Material:
     alpha_cutoff: float = 0.5
     double_sided: bool = True
     textures: dict[str, Texture] = field(default_factory=dict)
+    emissive: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 def _interop() -> ModuleType:

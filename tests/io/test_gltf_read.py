@@ -368,6 +368,7 @@ def test_materials() -> None:
             "occlusion": external,
             "emissive": external,
         },
+        emissive=(1.0, 1.0, 1.0),
     )
 
 
@@ -428,17 +429,27 @@ def test_compressed(tmp_path: Path, suffix: str) -> None:
 # --- What is left out, what is refused ----------------------------------------------------------
 
 
+EMISSIVE_STRENGTH = {"KHR_materials_emissive_strength": {"emissiveStrength": 4}}
+
+
 @pytest.mark.parametrize(
-    ("emissive", "is_kept"),
+    ("emissive", "light", "has_texture"),
     [
-        ({"emissiveFactor": [1, 0, 0]}, False),
-        ({"emissiveFactor": [0, 0, 0]}, True),
-        ({"emissiveFactor": [1, 1, 1], "emissiveTexture": {"index": 0}}, True),
-        ({"emissiveFactor": [1, 0.5, 1], "emissiveTexture": {"index": 0}}, False),
+        ({"emissiveFactor": [1, 0, 0]}, (1, 0, 0), False),
+        ({"emissiveFactor": [0, 0, 0], "emissiveTexture": {"index": 0}}, (0, 0, 0), False),
+        ({"emissiveTexture": {"index": 0}}, (0, 0, 0), False),
+        ({"emissiveFactor": [1, 0.5, 1], "emissiveTexture": {"index": 0}}, (1, 0.5, 1), True),
+        # a texture that is left out: the factor is not that of the surface
+        (
+            {"emissiveFactor": [1, 1, 1], "emissiveTexture": {"index": 0, "texCoord": 1}},
+            (0, 0, 0),
+            False,
+        ),
+        ({"emissiveFactor": [1, 0.5, 0], "extensions": EMISSIVE_STRENGTH}, (4, 2, 0), False),
     ],
 )
-def test_light_that_a_mesh_cannot_hold_is_left_out_with_a_warning(
-    tmp_path: Path, emissive: dict[str, Any], is_kept: bool
+def test_light_that_a_surface_sends_out(
+    tmp_path: Path, emissive: dict[str, Any], light: tuple[float, ...], has_texture: bool
 ) -> None:
     primitive = {**document()["meshes"][0]["primitives"][0], "material": 0}
     seen = report(
@@ -448,10 +459,13 @@ def test_light_that_a_mesh_cannot_hold_is_left_out_with_a_warning(
             materials=[emissive],
             textures=[{"source": 0}],
             images=[{"uri": data_uri(PNG, "image/png")}],
+            extensionsUsed=list(emissive.get("extensions", {})),
         ),
     )
-    said = "emissiveFactor is left out where it is not 1 over an emissiveTexture"
-    assert (said in seen.warnings) == (not is_kept)
+    (material,) = seen.mesh.materials
+    assert material.emissive == light
+    assert ("emissive" in material.textures) == has_texture
+    assert not any("emissive" in text for text in seen.warnings)
 
 
 @pytest.mark.parametrize(
@@ -460,10 +474,6 @@ def test_light_that_a_mesh_cannot_hold_is_left_out_with_a_warning(
         ({"animations": [{}]}, "animations are left out"),
         ({"skins": [{}]}, "skins are left out: meshes stay in their bind pose"),
         ({"extensionsUsed": ["KHR_lights_punctual"]}, "extension KHR_lights_punctual is left out"),
-        (
-            {"materials": [{"emissiveFactor": [1, 0, 0]}]},
-            "emissiveFactor is left out where it is not 1 over an emissiveTexture",
-        ),
         (
             {
                 "extensionsUsed": ["KHR_materials_unlit"],

@@ -237,6 +237,40 @@ def test_textures_are_found_beside_the_source_and_embedded_once(tmp_path: Path) 
     assert second.textures == {"base_color": embedded}
 
 
+def test_a_surface_does_not_glow_for_an_emissive_texture_that_is_missing(
+    mesh: Mesh, tmp_path: Path
+) -> None:
+    there, missing = {"emissive": Texture(data=PNG)}, {"emissive": Texture("missing.png")}
+    materials = [Material("a", textures=there), Material("b", textures=missing)]
+    mesh.replace(materials=materials, source=str(tmp_path / "mesh.obj")).write(tmp_path / "m.glb")
+    first, second, *_ = json_of(tmp_path / "m.glb")["materials"]
+    assert (first["emissiveFactor"], first["emissiveTexture"]) == ([1, 1, 1], {"index": 0})
+    assert "emissiveFactor" not in second
+    assert "emissiveTexture" not in second
+
+
+def test_light_that_a_surface_sends_out_comes_back(mesh: Mesh, tmp_path: Path) -> None:
+    image = {"emissive": Texture(data=PNG)}
+    materials = [
+        Material("no image", emissive=(1.0, 0.5, 0.0)),
+        Material("image", textures=image, emissive=(0.25, 0.5, 0.75)),
+        Material("bright", emissive=(4.0, 2.0, 0.0)),
+        Material("colour", textures={"base_color": Texture(data=PNG)}, emissive=(0.5, 0.5, 0.5)),
+        Material("plain"),
+    ]
+    given = mesh.replace(materials=materials, face_material=[0, 3, 3])
+    given.write(tmp_path / "m.glb")
+    assert manip3d.read_mesh(tmp_path / "m.glb").materials == tuple(materials)
+    found = json_of(tmp_path / "m.glb")
+    assert found["extensionsUsed"] == ["KHR_materials_emissive_strength"]
+    factors = [material.get("emissiveFactor") for material in found["materials"]]
+    half = [0.5, 0.5, 0.5]  # the last one is "colour" for the face without UVs
+    assert factors == [[1, 0.5, 0], [0.25, 0.5, 0.75], [1, 0.5, 0], half, None, half]
+    given.write(tmp_path / "m.obj")
+    again = manip3d.read_mesh(tmp_path / "m.obj").materials
+    assert [m.emissive for m in again] == [materials[0].emissive, materials[3].emissive]
+
+
 def test_what_is_left_out_is_told(
     mesh: Mesh, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

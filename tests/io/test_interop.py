@@ -125,6 +125,18 @@ class TestTrimesh:
     def _trimesh(self) -> None:
         pytest.importorskip("trimesh")
 
+    def test_light_that_a_surface_sends_out(self) -> None:
+        image = {"emissive": Texture(data=picture())}
+        lamp, screen = (
+            Material("lamp", emissive=(1.0, 0.5, 0.0)),
+            Material("screen", textures=image),
+        )
+        again = Mesh.from_trimesh(make(materials=[lamp, screen]).to_trimesh())
+        found = {material.name: material.emissive for material in again.materials}
+        assert found == {"lamp": (1.0, 0.5, 0.0), "screen": (1.0, 1.0, 1.0)}
+        plain = Mesh.from_trimesh(make().to_trimesh())
+        assert {material.emissive for material in plain.materials} == {(0.0, 0.0, 0.0)}
+
     def test_parts_of_a_scene(self) -> None:
         """One geometry per material and having UVs; faces keep their order in each."""
         mesh = make(colors=COLORS)

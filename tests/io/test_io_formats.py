@@ -220,6 +220,124 @@ def test_texture_path(tmp_path: Path) -> None:
         io.texture_path(mesh, manip3d.Texture("../a.png"))
 
 
+@pytest.mark.parametrize(
+    ("line", "light"),
+    [
+        ("Ke 1 0.5 0", (1, 0.5, 0)),
+        ("ke 0.5", (0.5, 0.5, 0.5)),
+        ("Ke 5 2 -1", (5, 2, 0)),
+        ("Ke spectral f.rfl", (0, 0, 0)),
+        ("Kd 1 0 0", (0, 0, 0)),
+    ],
+)
+def test_mtl_light(tmp_path: Path, line: str, light: tuple[float, ...]) -> None:
+    (material,) = with_mtl(tmp_path, f"newmtl a\n{line}\n").mesh.materials
+    assert material.emissive == light
+
+
+def test_mtl_keywords_may_be_written_in_any_case(tmp_path: Path) -> None:
+    text = "NEWMTL a\nkd 0.25 0.5 0.75\nPM 0.5\nmap_kd a.png\nMAP_KE e.png\nNorm n.png\n"
+    (material,) = with_mtl(tmp_path, text).mesh.materials
+    assert (material.base_color, material.metallic) == ((0.25, 0.5, 0.75, 1.0), 0.5)
+    assert {role: t.path for role, t in material.textures.items()} == {
+        "base_color": "a.png",
+        "emissive": "e.png",
+        "normal": "n.png",
+    }
+
+
+def test_mtl_textures_that_are_left_out_are_named_once(tmp_path: Path) -> None:
+    lines = "map_Ks s.png\nmap_Bump b.png\nbump b.png\nmap_Pr r.png\nmap_Pm m.png\nmap_d d.png\n"
+    report = with_mtl(tmp_path, f"newmtl b\n{lines}newmtl a\nmap_Kd a.png\nNs 10\n{lines}")
+    assert report.warnings == (
+        "textures of map_Ks are left out: a material has no place for it",
+        "textures of map_Bump are left out: a material has no place for it",
+        "textures of bump are left out: a material has no place for it",
+        "textures of map_Pr and map_Pm are left out: expected the same image for both",
+        "textures of map_d are left out: expected the image of map_Kd",
+    )
+    assert set(report.mesh.materials[0].textures) == {"base_color"}
+    assert report.mesh.materials[0].alpha_mode == "opaque"
+
+
+@pytest.mark.parametrize(
+    ("lines", "mode"),
+    [
+        ("map_Kd leaf.png\nmap_d leaf.png", "mask"),
+        ("map_d leaf.png\nmap_Kd leaf.png\nd 1", "mask"),
+        ("map_Kd leaf.png\nmap_d leaf.png\nd 0.5", "blend"),
+        ("map_Kd leaf.png", "opaque"),
+    ],
+)
+def test_mtl_opacity_in_the_image_of_the_colour_cuts_out(
+    tmp_path: Path, lines: str, mode: str
+) -> None:
+    report = with_mtl(tmp_path, f"newmtl a\n{lines}\n")
+    assert (report.mesh.materials[0].alpha_mode, report.warnings) == (mode, ())
+    report.mesh.write(tmp_path / "again.obj")
+    assert manip3d.read_mesh(tmp_path / "again.obj").materials[0].alpha_mode == mode
+
+
+# --- Line ends ------------------------------------------------------------------------------
+
+ASCII_TRIANGLES = {
+    "obj": "# made by hand\n" + SQUARE + "f 1 2 3\n",
+    "off": "OFF\n# made by hand\n3 1 0\n0 0 0\n1 0 0\n1 1 0\n3 0 1 2\n",
+    "ply": "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+    "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    "0 0 0\n1 0 0\n1 1 0\n3 0 1 2\n",
+    "stl": "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 1 1 0\n"
+    "endloop\nendfacet\nendsolid a\n",
+}
+
+
+@pytest.mark.parametrize("kind", ASCII_TRIANGLES)
+@pytest.mark.parametrize("newline", ["\n", "\r\n", "\r"])
+@pytest.mark.parametrize("last", [True, False])
+def test_any_line_ends(kind: str, newline: str, last: bool) -> None:
+    text = ASCII_TRIANGLES[kind] if last else ASCII_TRIANGLES[kind].rstrip("\n")
+    data = text.replace("\n", newline).encode()
+    for given in (kind, None):  # None: known by its content
+        mesh = read_mesh_bytes(data, given)
+        corners = mesh.vertices[mesh.faces]
+        assert corners.tolist() == [[[0, 0, 0], [1, 0, 0], [1, 1, 0]]]
+
+
+def test_lines_that_end_in_cr_are_counted() -> None:
+    assert error("# made by hand\rv 0 0 0\rv 1 x 0\r", "obj").line == 3
+
+
+def test_cr_ends_lines_however_long_the_first_one_is() -> None:
+    """Longer than what is looked at to tell formats apart, and than a block of the reader."""
+    for length in (300, 300_000):
+        text = "#" + length * "x" + "\r" + SQUARE.replace("\n", "\r") + "f 1 2 3\r"
+        assert read_mesh_bytes(text.encode(), "obj").num_faces == 1
+
+
+def test_a_stray_cr_ends_no_line_where_lf_does() -> None:
+    mesh = obj("# first\rv 9 9 9\n" + SQUARE + "f 1\r2 3\n")
+    assert (mesh.num_vertices, mesh.faces.tolist()) == (4, [[0, 1, 2]])
+
+
+def test_mtl_lines_may_end_in_cr(tmp_path: Path) -> None:
+    (material,) = with_mtl(tmp_path, "# made by hand\rnewmtl a\rPr 0.5\r").mesh.materials
+    assert material.roughness == 0.5
+
+
+@pytest.mark.parametrize("newline", ["\n", "\r\n", "\r"])
+def test_binary_ply_whose_data_hold_lf(newline: str) -> None:
+    header = f"element vertex 4\n{XYZ.replace('float', 'uchar')}"
+    header += "element face 1\nproperty list uchar uchar vertex_index\n"
+    points = [(10, 13, 10), (13, 0, 0), (0, 1, 0), (0, 0, 1)]
+    rows: list[list[tuple[str, float | list[float]]]] = [[("uchar", c) for c in p] for p in points]
+    data = ply("binary_little_endian", header, [*rows, [("uchar uchar", [0, 1, 2])]])
+    end = data.index(b"end_header\n") + len(b"end_header\n")
+    data = data[:end].replace(b"\n", newline.encode()) + data[end:]
+    mesh = read_mesh_bytes(data, "ply")
+    assert mesh.vertices.tolist() == [list(map(float, p)) for p in points]
+    assert mesh.faces.tolist() == [[0, 1, 2]]
+
+
 # --- PLY ------------------------------------------------------------------------------------
 
 PLY_TYPES = {

@@ -177,6 +177,35 @@ def test_an_image_that_nobody_can_read_is_named(
     assert manip3d.read_mesh(tmp_path / "mesh.glb").materials[0].textures == {}
 
 
+def test_an_image_that_claims_to_be_huge_is_left_out(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    bomb = struct.pack("<BBBHHBHHHHBB", 0, 0, 2, 0, 0, 0, 0, 0, 65535, 65535, 24, 0) + bytes(100)
+    mesh = PARTLY_TEXTURED.replace(
+        materials=[Material("a", textures={"base_color": Texture("a.tga", bomb)})] * 2
+    )
+    mesh.write(tmp_path / "mesh.glb")
+    assert "'a.tga' cannot be converted to PNG" in caplog.text
+    assert manip3d.read_mesh(tmp_path / "mesh.glb").materials[0].textures == {}
+
+
+def test_a_converted_image_keeps_its_alpha(tmp_path: Path) -> None:
+    image = pytest.importorskip("PIL.Image")
+    original = image.new("PA", (2, 1))
+    original.putpalette([200, 100, 50] + 255 * [0, 0, 0])
+    original.putpixel((0, 0), (0, 255))
+    original.putpixel((1, 0), (0, 64))
+    stream = io.BytesIO()
+    original.save(stream, format="TIFF")
+    mesh = PARTLY_TEXTURED.replace(
+        materials=[Material("a", textures={"base_color": Texture("a.tif", stream.getvalue())})] * 2
+    )
+    mesh.write(tmp_path / "mesh.glb")
+    (content,) = images_of_glb(tmp_path / "mesh.glb")
+    picture = image.open(io.BytesIO(content))
+    assert [picture.getpixel((u, 0)) for u in range(2)] == [(200, 100, 50, 255), (200, 100, 50, 64)]
+
+
 @pytest.mark.realdata
 def test_the_wild_files_open_elsewhere(realdata: RealData, tmp_path: Path) -> None:
     """The panel's PLY (faces with and without UVs) and the motorbike's GLB (TGA images)."""

@@ -81,6 +81,22 @@ def test_each_mesh_is_read_once_and_nodes_say_where_it_is(tmp_path: Path) -> Non
     assert scene.warnings == ()
 
 
+def test_a_mesh_has_no_colours_of_the_mesh_before_it(tmp_path: Path) -> None:
+    base = scene_document()
+    (square,) = base["meshes"]
+    colored = copy.deepcopy(square)
+    colored["primitives"][0]["attributes"]["COLOR_0"] = 0  # any numbers will do
+    nodes = [{"mesh": 0}, {"mesh": 1}, {"mesh": 0}]
+    source = written(
+        tmp_path / "scene.glb", meshes=[colored, square], nodes=nodes, scenes=[{"nodes": [0, 1, 2]}]
+    )
+    scene = io.read_scene(source)
+    assert [mesh.colors is not None for mesh in scene.meshes] == [True, False]
+    scene.write(tmp_path / "out.glb")
+    found = [mesh["primitives"][0] for mesh in json_of(tmp_path / "out.glb")["meshes"]]
+    assert ["COLOR_0" in primitive["attributes"] for primitive in found] == [True, False]
+
+
 @pytest.mark.parametrize("suffix", [".glb", ".gltf"])
 def test_a_scene_is_written_as_it_was_read(suffix: str, tmp_path: Path) -> None:
     source = written(tmp_path / "scene.glb")

@@ -202,7 +202,7 @@ class Reader {
     };
     const auto is_known = [this](const std::string& name) {
       return name == "KHR_mesh_quantization" || name == kTextureTransform ||
-             (is_scene_ && is_kept_extension(name));
+             name == kEmissiveStrength || (is_scene_ && is_kept_extension(name));
     };
     if (const auto required = document_.root().find("extensionsRequired")) {
       for (std::int64_t i = 0; i < required->size(); ++i) {
@@ -388,6 +388,7 @@ class Reader {
     draws_.clear();
     texcoord_rows_.clear();
     num_vertices_ = num_texcoords_ = num_normals_ = num_faces_ = 0;
+    with_colors_ = false;
     instances_ = {{index, Transform()}};
     plan_draws();
     allocate();
@@ -852,18 +853,26 @@ class Reader {
     }
     read_texture(place, "normalTexture", "normal", m);
     read_texture(place, "occlusionTexture", "occlusion", m);
-    if (const auto factor = place.find("emissiveFactor"); factor && !numbers<3>(*factor).isZero()) {
-      read_texture(place, "emissiveTexture", "emissive", m);
-      // A material here has no factor: it is written as 1 where there is an emissive texture.
-      const bool is_kept = m.textures.contains("emissive") && numbers<3>(*factor).isOnes();
-      if (!is_scene_ && !is_kept) {
-        warn_once("emissiveFactor is left out where it is not 1 over an emissiveTexture");
-      }
-    }
+    read_light(place, m);
     if (const auto mode = place.find("alphaMode")) m.alpha_mode = read_alpha_mode(*mode);
     if (const auto cutoff = place.find("alphaCutoff")) m.alpha_cutoff = cutoff->number();
     if (const auto both = place.find("doubleSided")) m.double_sided = both->boolean();
     return m;
+  }
+
+  /// A factor whose texture is left out says nothing of the whole surface.
+  void read_light(const JsonPlace& place, Material& m) {
+    const auto factor = place.find("emissiveFactor");
+    if (!factor || numbers<3>(*factor).isZero()) return;
+    read_texture(place, "emissiveTexture", "emissive", m);
+    if (place.has("emissiveTexture") && !m.textures.contains("emissive")) return;
+    Eigen::Map<Eigen::Vector3d> light(m.emissive);
+    light = numbers<3>(*factor);
+    const auto extensions = place.find("extensions");
+    const auto bright = extensions ? extensions->find(kEmissiveStrength) : std::nullopt;
+    const auto strength = bright ? bright->find("emissiveStrength") : std::nullopt;
+    if (strength) light *= strength->number();
+    if (!light.allFinite()) place.fail("the emissive light overflows");
   }
 
   static AlphaMode read_alpha_mode(const JsonPlace& place) {

@@ -345,9 +345,28 @@ class SceneBuilder {
     add(material["pbrMetallicRoughness"], "metallic_roughness", "metallicRoughnessTexture");
     add(material, "normal", "normalTexture");
     add(material, "occlusion", "occlusionTexture");
-    if (m.textures.contains("emissive")) material["emissiveFactor"] = {1.0, 1.0, 1.0};
     add(material, "emissive", "emissiveTexture");
+    const bool has_image = material.contains("emissiveTexture");
+    // With an image that is missing, the factor alone would make the whole surface glow.
+    if (has_image || !m.textures.contains("emissive")) write_light(material, m, has_image);
     scene_.json["materials"].push_back(std::move(material));
+  }
+
+  /// glTF's factor goes up to 1; what is brighter needs an extension.
+  void write_light(Json& material, const Material& m, bool has_image) {
+    if (!m.emits()) {
+      if (has_image) material["emissiveFactor"] = {1.0, 1.0, 1.0};
+      return;
+    }
+    const double strength = std::max({1.0, m.emissive[0], m.emissive[1], m.emissive[2]});
+    material["emissiveFactor"] = {m.emissive[0] / strength, m.emissive[1] / strength,
+                                  m.emissive[2] / strength};
+    if (strength == 1.0) return;
+    material["extensions"] = {{kEmissiveStrength, {{"emissiveStrength", strength}}}};
+    Json& used = scene_.json["extensionsUsed"];
+    if (std::find(used.begin(), used.end(), kEmissiveStrength) == used.end()) {
+      used.push_back(kEmissiveStrength);
+    }
   }
 
   /// The material as faces without texture coordinates may have it.
@@ -357,6 +376,7 @@ class SceneBuilder {
     const auto [copy, is_new] = untextured_.try_emplace(index, scene_.json["materials"].size());
     if (is_new) {
       Json material = material_factors(m);
+      if (!m.textures.contains("emissive")) write_light(material, m, false);
       material["extras"] = {{kUntexturedCopyOf, index}};
       scene_.json["materials"].push_back(std::move(material));
     }

@@ -66,6 +66,9 @@ void write_glb(Output& output, GltfScene& scene);
 void write_gltf(Output& output, GltfScene& scene, const std::filesystem::path& path,
                 CompanionFiles& files);
 
+/// Extension for light of more than 1.
+constexpr const char* kEmissiveStrength = "KHR_materials_emissive_strength";
+
 /// Member of a material's `extras`: the material whose textures it lacks.
 constexpr const char* kUntexturedCopyOf = "manip3d_untextured_copy_of";
 

@@ -2,6 +2,10 @@
 
 #include <algorithm>
 #include <cctype>
+#include <functional>
+#include <limits>
+#include <set>
+#include <string>
 #include <string_view>
 #include <utility>
 
@@ -63,18 +67,35 @@ std::string map_path(LineCursor& cursor, std::vector<std::string>& warnings) {
   return path;
 }
 
-double fraction(LineCursor& cursor, const char* what) {
-  return std::clamp(cursor.number(what), 0.0, 1.0);
+double from_zero_to(double most, LineCursor& cursor, const char* what) {
+  return std::clamp(cursor.number(what), 0.0, most);
 }
 
-// Kd: three numbers, or one for all; spectral curves (`Kd spectral FILE`) are left out.
-void read_color(LineCursor& cursor, Material& material) {
-  if (cursor.at_end()) cursor.fail("Kd", "three numbers");
+double fraction(LineCursor& cursor, const char* what) { return from_zero_to(1.0, cursor, what); }
+
+// Three numbers, or one for all; spectral curves (`Kd spectral FILE`) are left out.
+void read_color(LineCursor& cursor, const char* what, double most, double* rgb) {
+  if (cursor.at_end()) cursor.fail(what, "three numbers");
   const char first = *cursor.position();
   if (first == 's' || first == 'x') return;
-  material.base_color[0] = fraction(cursor, "Kd");
-  material.base_color[1] = cursor.at_end() ? material.base_color[0] : fraction(cursor, "Kd");
-  material.base_color[2] = cursor.at_end() ? material.base_color[0] : fraction(cursor, "Kd");
+  rgb[0] = from_zero_to(most, cursor, what);
+  rgb[1] = cursor.at_end() ? rgb[0] : from_zero_to(most, cursor, what);
+  rgb[2] = cursor.at_end() ? rgb[0] : from_zero_to(most, cursor, what);
+}
+
+// Keywords are written in many ways: map_Kd, map_kd, map_KD.
+std::string keyword_of(std::string_view word) {
+  std::string lower(word);
+  std::transform(lower.begin(), lower.end(), lower.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return lower;
+}
+
+// Statements that name an image; a Material has a place for some of them.
+bool names_texture(std::string_view keyword) {
+  constexpr std::string_view kOthers[] = {"bump", "decal", "disp", "norm", "refl"};
+  return keyword.starts_with("map_") ||
+         std::find(std::begin(kOthers), std::end(kOthers), keyword) != std::end(kOthers);
 }
 
 void set_opacity(Material& material, double opacity) {
@@ -87,7 +108,8 @@ class MtlReader {
   explicit MtlReader(std::vector<std::string>& warnings) : warnings_(warnings) {}
 
   void statement(LineCursor& cursor) {
-    const std::string_view keyword = cursor.word();
+    const std::string_view written = cursor.word();
+    const std::string keyword = keyword_of(written);
     if (keyword == "newmtl") {
       finish_material();
       materials_.emplace_back().name = cursor.rest();
@@ -95,28 +117,22 @@ class MtlReader {
     }
     if (materials_.empty()) return;  // before the first material
     Material& m = materials_.back();
-    if (keyword == "Kd") {
-      read_color(cursor, m);
+    if (keyword == "kd") {
+      read_color(cursor, "Kd", 1.0, m.base_color);
+    } else if (keyword == "ke") {
+      read_color(cursor, "Ke", std::numeric_limits<double>::max(), m.emissive);
     } else if (keyword == "d") {
       if (cursor.at_end()) cursor.fail("d", "a number");
       if (*cursor.position() == '-') cursor.word();  // -halo: by the angle of view
       set_opacity(m, fraction(cursor, "d"));
-    } else if (keyword == "Tr") {
+    } else if (keyword == "tr") {
       set_opacity(m, 1.0 - fraction(cursor, "Tr"));
-    } else if (keyword == "Pr") {
+    } else if (keyword == "pr") {
       m.roughness = fraction(cursor, "Pr");
-    } else if (keyword == "Pm") {
+    } else if (keyword == "pm") {
       m.metallic = fraction(cursor, "Pm");
-    } else if (keyword == "map_Kd") {
-      m.textures["base_color"].path = map_path(cursor, warnings_);
-    } else if (keyword == "map_Ke") {
-      m.textures["emissive"].path = map_path(cursor, warnings_);
-    } else if (keyword == "norm") {
-      m.textures["normal"].path = map_path(cursor, warnings_);
-    } else if (keyword == "map_Pr") {
-      roughness_map_ = map_path(cursor, warnings_);
-    } else if (keyword == "map_Pm") {
-      metallic_map_ = map_path(cursor, warnings_);
+    } else if (names_texture(keyword)) {
+      texture(keyword, written, cursor);
     }
   }
 
@@ -126,22 +142,62 @@ class MtlReader {
   }
 
  private:
-  // glTF keeps both in one image; so does the MTL written from it.
+  void texture(std::string_view keyword, std::string_view written, LineCursor& cursor) {
+    auto& textures = materials_.back().textures;
+    if (keyword == "map_kd") {
+      textures["base_color"].path = map_path(cursor, warnings_);
+    } else if (keyword == "map_ke") {
+      textures["emissive"].path = map_path(cursor, warnings_);
+    } else if (keyword == "norm") {
+      textures["normal"].path = map_path(cursor, warnings_);
+    } else if (keyword == "map_pr") {
+      roughness_map_ = map_path(cursor, warnings_);
+    } else if (keyword == "map_pm") {
+      metallic_map_ = map_path(cursor, warnings_);
+    } else if (keyword == "map_d") {
+      opacity_map_ = map_path(cursor, warnings_);
+    } else {
+      leave_out(written, "a material has no place for it");
+    }
+  }
+
+  // Once for each keyword: libraries hold thousands of materials.
+  void leave_out(std::string_view keyword, const char* why) {
+    if (!left_out_.emplace(keyword).second) return;
+    warn(warnings_, "textures of " + std::string(keyword) + " are left out: " + why);
+  }
+
   void finish_material() {
     if (!materials_.empty()) {
-      auto& textures = materials_.back().textures;
-      if (!roughness_map_.empty() && roughness_map_ == metallic_map_) {
-        textures["metallic_roughness"].path = roughness_map_;
-      }
-      std::erase_if(textures, [](const auto& item) { return item.second.path.empty(); });
+      combine_maps(materials_.back());
+      std::erase_if(materials_.back().textures,
+                    [](const auto& item) { return item.second.path.empty(); });
     }
     roughness_map_.clear();
     metallic_map_.clear();
+    opacity_map_.clear();
+  }
+
+  // glTF keeps roughness and metal in one image, and opacity in the image of the colour; so does
+  // the MTL written from it.
+  void combine_maps(Material& m) {
+    if (roughness_map_ == metallic_map_) {
+      m.textures["metallic_roughness"].path = roughness_map_;
+    } else {
+      leave_out("map_Pr and map_Pm", "expected the same image for both");
+    }
+    if (opacity_map_.empty()) return;
+    if (opacity_map_ != m.textures["base_color"].path) {
+      leave_out("map_d", "expected the image of map_Kd");
+    } else if (m.alpha_mode == AlphaMode::kOpaque) {
+      m.alpha_mode = AlphaMode::kMask;
+    }
   }
 
   std::vector<std::string>& warnings_;
   std::vector<Material> materials_;
-  std::string roughness_map_, metallic_map_;
+  std::string roughness_map_, metallic_map_, opacity_map_;
+  std::set<std::string, std::less<>> left_out_;  // keywords that were warned of
 };
 
 }  // namespace

@@ -233,7 +233,13 @@ std::string mtl_text(const WriteJob& job, const std::vector<std::string>& names,
             shortest(m.base_color[1]) + " " + shortest(m.base_color[2]) + "\nd " +
             shortest(m.base_color[3]) + "\nPr " + shortest(m.roughness) + "\nPm " +
             shortest(m.metallic) + "\n";
-    map_line(text, "map_Kd", companions.texture_name(m, "base_color"));
+    if (m.emits()) {
+      text += "Ke " + shortest(m.emissive[0]) + " " + shortest(m.emissive[1]) + " " +
+              shortest(m.emissive[2]) + "\n";
+    }
+    const std::string colors = companions.texture_name(m, "base_color");
+    map_line(text, "map_Kd", colors);
+    if (m.alpha_mode == AlphaMode::kMask) map_line(text, "map_d", colors);
     map_line(text, "map_Ke", companions.texture_name(m, "emissive"));
     map_line(text, "norm", companions.texture_name(m, "normal"));
     const std::string both = companions.texture_name(m, "metallic_roughness");

@@ -55,6 +55,8 @@ class HeaderReader {
   explicit HeaderReader(InputBuffer& input) : input_(input) {}
 
   Header read() {
+    const std::string_view start = input_.peek(5);
+    if (start.starts_with("ply\r") && !start.ends_with('\n')) input_.end_lines_with_cr();
     std::string_view line;
     if (!input_.next_line(line) || LineCursor(line, 1).word() != "ply") {
       throw FormatError::at_line(1, "expected 'ply'");

@@ -48,13 +48,27 @@ void InputBuffer::remove_mark(std::string_view& line) const {
   }
 }
 
+// CR if a first block holds some and no LF (text of the first Macintosh systems), else LF.
+char InputBuffer::find_line_end() {
+  std::size_t searched = 0;
+  bool has_cr = false;
+  do {
+    const std::string_view seen(buffer_.data() + begin_, end_ - begin_);
+    if (seen.find('\n', searched) != std::string_view::npos) return '\n';
+    has_cr = has_cr || seen.find('\r', searched) != std::string_view::npos;
+    searched = seen.size();
+  } while (searched < (has_cr ? kBlock : kLongestLine) && fill());
+  return has_cr ? '\r' : '\n';
+}
+
 bool InputBuffer::next_line(std::string_view& line) {
+  if (line_end_ == '\0') line_end_ = find_line_end();
   std::size_t searched = 0;
   const char* end_of_line = nullptr;
   while (true) {
     const char* start = buffer_.data() + begin_;
-    end_of_line =
-        static_cast<const char*>(std::memchr(start + searched, '\n', end_ - begin_ - searched));
+    end_of_line = static_cast<const char*>(
+        std::memchr(start + searched, line_end_, end_ - begin_ - searched));
     if (end_of_line != nullptr) break;
     searched = end_ - begin_;
     if (searched > kLongestLine) {

@@ -18,13 +18,16 @@ class InputBuffer {
  public:
   explicit InputBuffer(ByteSource& source, Progress progress = {});
 
-  /// The next line without its end (LF or CRLF); false at the end. Valid until the next call. A
-  /// byte order mark before the first one is left out.
+  /// The next line without its end (LF, CRLF, or CR in a file that starts with CRs and no LF);
+  /// false at the end. Valid until the next call. A byte order mark before the first one is left
+  /// out.
   /// @throws FormatError  the mark is that of UTF-16.
   bool next_line(std::string_view& line);
   /// Like next_line, but for lines ending in a backslash, which the next line continues.
   /// Lines starting with '#' do not continue.
   bool next_joined_line(std::string_view& line);
+  /// From here on, lines end in CR, whatever the file starts with: LFs may be binary data.
+  void end_lines_with_cr() { line_end_ = '\r'; }
   /// Exactly `size` bytes, valid until the next call.
   /// @throws FormatError  the stream ends before.
   const char* bytes(std::size_t size, const char* what);
@@ -53,6 +56,7 @@ class InputBuffer {
 
  private:
   void remove_mark(std::string_view& line) const;
+  char find_line_end();
   bool fill();  // more bytes behind the unread ones; false at the end
 
   ByteSource& source_;
@@ -60,6 +64,7 @@ class InputBuffer {
   std::vector<char> buffer_;
   std::size_t begin_ = 0, end_ = 0;  // unread bytes
   bool source_ended_ = false;
+  char line_end_ = '\0';  // '\n' or '\r'; '\0': no line was asked for yet
   std::int64_t offset_ = 0;
   std::int64_t line_ = 0;
   std::int64_t lines_read_ = 0;

@@ -62,7 +62,7 @@ def lod(
 
     An output that ends in .glb or .gltf holds all levels (MSFT_lod); a folder's name without a
     suffix gives one .glb for each, and lods.json. Several meshes become one .glb each in a folder.
-    A glTF file with several nodes keeps them: each mesh has levels of its own.
+    A glTF file keeps its nodes and the looks of its materials: each mesh has levels of its own.
 
     Example: manip3d lod head.obj -o head.glb --levels 4
     """

@@ -101,7 +101,7 @@ def simplify_file(
     """
     from manip3d import simplify
 
-    scene = open_scene(source, output, terminal)
+    scene = open_scene(source, output, terminal, flat_too=order.memory is None)
     if scene is not None:
         if order.memory is not None:
             raise InputError(
@@ -368,8 +368,8 @@ def simplify(
     --max-error or --max-distance. Several files are simplified one by one into a folder, in
     parallel processes.
 
-    A glTF file with several nodes that becomes one keeps them: each mesh is simplified once, and
-    faces count as they are drawn, for each node that shows them.
+    A glTF file that becomes one keeps its nodes and the looks of its materials: each mesh is
+    simplified once, and faces count as they are drawn, for each node that shows them.
 
     Example: manip3d simplify head.obj -o light.glb --faces 5000
     """

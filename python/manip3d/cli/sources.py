@@ -46,14 +46,24 @@ def open_mesh(source: str, terminal: Terminal, *, may_be_empty: bool = False) ->
 GLTF_SUFFIXES = (".glb", ".gltf")
 
 
-def open_scene(source: str, output: Path, terminal: Terminal) -> Scene | None:
-    """Read a glTF file whose nodes are worth keeping, and say what was read.
+def open_scene(
+    source: str, output: Path, terminal: Terminal, *, flat_too: bool = True
+) -> Scene | None:
+    """Read a glTF file that becomes one, with all that a mesh has no place for; say what was read.
+
+    Parameters
+    ----------
+    source : str
+    output : Path
+    terminal : Terminal
+    flat_too : bool
+        Whether a file of a single node is read as a scene.
 
     Returns
     -------
     Scene or None
-        ``None`` where a mesh holds as much: another format, an output of another format, a single
-        node, or a scene whose meshes can all not be simplified without what a mesh lacks.
+        ``None`` for another format, an output of another format, and a scene whose meshes can all
+        not be simplified without what a mesh lacks.
     """
     kinds = {mesh_suffix(Path(source)), mesh_suffix(output) or ".glb"}
     if source == "-" or not kinds <= set(GLTF_SUFFIXES):
@@ -63,7 +73,7 @@ def open_scene(source: str, output: Path, terminal: Terminal) -> Scene | None:
     except FormatError as error:  # what is wrong with the triangles, read_mesh says
         terminal.say(f"warning: nodes are not kept: {error}")
         return None
-    if scene.is_flat or scene.num_instances == 0:
+    if scene.num_instances == 0 or (scene.is_flat and not flat_too):
         return None
     uses = scene.num_uses
     reasons = [reason for reason, n in zip(scene.fixed, uses, strict=True) if n > 0]
@@ -74,7 +84,8 @@ def open_scene(source: str, output: Path, terminal: Terminal) -> Scene | None:
     terminal.say(
         f"read {source} ({mesh_suffix(Path(source)).lstrip('.')}): "
         f"{counted(len(scene.nodes), 'node')}, "
-        f"{counted(len(scene.meshes), 'mesh', 'meshes')} shown {count(scene.num_instances)} times, "
+        f"{counted(len(scene.meshes), 'mesh', 'meshes')} "
+        f"shown {counted(scene.num_instances, 'time')}, "
         f"{counted(scene.num_faces, 'face')} drawn, {count(scene.num_stored_faces)} stored"
     )
     for name, reason, n in zip(scene.names, scene.fixed, uses, strict=True):
@@ -85,10 +96,11 @@ def open_scene(source: str, output: Path, terminal: Terminal) -> Scene | None:
 
 def tell_scene(before: Scene, after: Scene, terminal: Terminal) -> None:
     """Say what became of a scene."""
-    terminal.say(
-        f"faces drawn: {count(before.num_faces)} -> {count(after.num_faces)}, stored: "
-        f"{count(before.num_stored_faces)} -> {count(after.num_stored_faces)}"
-    )
+    if before.num_faces != before.num_stored_faces:  # else the sentence about the run says it all
+        terminal.say(
+            f"faces drawn: {count(before.num_faces)} -> {count(after.num_faces)}, stored: "
+            f"{count(before.num_stored_faces)} -> {count(after.num_stored_faces)}"
+        )
     gone = [
         name or str(i)
         for i, (name, mesh, old) in enumerate(

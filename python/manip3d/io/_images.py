@@ -19,6 +19,8 @@ from manip3d.io._remote import is_url
 from manip3d.mesh import Mesh, Texture
 
 _COMMON = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff")  # how PNG and JPEG files start
+# What becomes of Pillow's modes that have an alpha channel and are none of PNG's.
+_WITH_ALPHA = {"PA": "RGBA", "La": "LA", "RGBa": "RGBA"}
 
 _logger = logging.getLogger("manip3d")
 
@@ -140,9 +142,9 @@ def _as_png(mesh: Mesh, texture: Texture) -> Texture:
     try:
         image = image_module.open(io.BytesIO(content))
         if image.mode not in ("1", "L", "LA", "P", "RGB", "RGBA", "I;16"):
-            image = image.convert("RGB")
+            image = image.convert(_WITH_ALPHA.get(image.mode, "RGB"))
         image.save(stream, format="PNG")
-    except (OSError, ValueError, SyntaxError) as error:  # Pillow raises any of them
+    except (OSError, ValueError, SyntaxError, image_module.DecompressionBombError) as error:
         _logger.warning("texture %r cannot be converted to PNG: %s", texture.path, error)
         return texture
     path = None if texture.path is None else str(Path(texture.path).with_suffix(".png"))

@@ -244,8 +244,12 @@ def _trimesh_material(trimesh: Any, mesh: Mesh, material: Material) -> Any:
             image = require("PIL.Image", "io", "pillow").open(io.BytesIO(data))
             image.load()
             images[_ROLES[role]] = image
+    light = material.emissive
+    if _ROLES["emissive"] in images and not any(light):
+        light = (1.0, 1.0, 1.0)
     return trimesh.visual.material.PBRMaterial(
         name=material.name,
+        emissiveFactor=light if any(light) else None,
         baseColorFactor=np.rint(255 * np.asarray(material.base_color)).astype(np.uint8),
         metallicFactor=material.metallic,
         roughnessFactor=material.roughness,
@@ -344,7 +348,8 @@ def _trimesh_materials(meshes: list[Any]) -> tuple[list[Material], NDArray[np.in
 
 def _says_nothing(material: Any) -> bool:
     """Whether it is the empty material that stands for none."""
-    keys = ("name", "baseColorFactor", "metallicFactor", "roughnessFactor", *_ROLES.values())
+    factors = ("baseColorFactor", "metallicFactor", "roughnessFactor", "emissiveFactor")
+    keys = ("name", *factors, *_ROLES.values())
     return all(getattr(material, key, 0) is None for key in keys)
 
 
@@ -371,7 +376,13 @@ def _from_trimesh_material(material: Any) -> Material:
         alpha_cutoff=factor(material.alphaCutoff, 0.5),
         double_sided=bool(material.doubleSided),
         textures=textures,
+        emissive=_three(material.emissiveFactor),
     )
+
+
+def _three(values: Any) -> tuple[float, float, float]:
+    red, green, blue = (0.0, 0.0, 0.0) if values is None else np.asarray(values).tolist()
+    return red, green, blue
 
 
 def _png(image: Any) -> bytes:

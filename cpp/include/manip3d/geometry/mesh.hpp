@@ -33,11 +33,19 @@ struct Material {
   double base_color[4] = {1.0, 1.0, 1.0, 1.0};  ///< Linear RGBA factor in [0, 1].
   double metallic = 0.0;
   double roughness = 1.0;
+  /// Linear RGB light that the surface sends out, at least 0: the factor of the texture "emissive",
+  /// where there is one (0, 0, 0 then counts as 1, 1, 1).
+  double emissive[3] = {0.0, 0.0, 0.0};
   AlphaMode alpha_mode = AlphaMode::kOpaque;
   double alpha_cutoff = 0.5;
   bool double_sided = true;  ///< Only glTF tells; elsewhere both sides of a face are seen.
   /// By role: "base_color", "metallic_roughness", "normal", "occlusion", "emissive".
   std::map<std::string, Texture> textures;
+
+  /// Whether the factor is more than 0 in some channel.
+  [[nodiscard]] bool emits() const {
+    return emissive[0] > 0.0 || emissive[1] > 0.0 || emissive[2] > 0.0;
+  }
 };
 
 /// Triangle mesh with per-corner attributes. Optional tables are empty (0 rows) when absent.
