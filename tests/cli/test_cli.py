@@ -237,6 +237,19 @@ def test_targets_refer_to_the_faces_as_read(torus: Path, tmp_path: Path) -> None
     assert record["target_faces"] == 576
 
 
+def test_cleaning_is_left_out_for_the_published_method_only(torus: Path, tmp_path: Path) -> None:
+    for verb, more in (("simplify", ("--ratio", "0.5")), ("lod", ())):
+        base = (verb, torus, "-o", tmp_path / "x.glb", *more, "--force", "--no-clean", "--mode")
+        for mode in ("quality", "fast"):
+            assert "--no-clean: expected --mode published" in error_line(manip3d(*base, mode))
+        assert manip3d(*base, "published").returncode == 0
+
+
+def test_a_small_ratio_leaves_a_face(torus: Path, tmp_path: Path) -> None:
+    arguments = ("simplify", torus, "-o", tmp_path / "x.ply", "--ratio", "0.0001", "--json")
+    assert json.loads(manip3d(*arguments).stdout)["target_faces"] == 1
+
+
 def test_a_missed_target_is_exit_4_under_strict(tmp_path: Path) -> None:
     path = tmp_path / "tetrahedron.ply"  # closed: the published rules allow no face less
     corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]

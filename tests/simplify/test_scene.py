@@ -299,3 +299,23 @@ def test_limits_of_error_leave_alone_what_is_not_seen(tmp_path: Path) -> None:
     scene = io.read_scene(scene_file(tmp_path / "a.glb", [ball], [{"mesh": 0, "scale": [1, 1, 0]}]))
     held = simplify.simplify_scene(scene, ratio=0.1, lock_box=[[-9, -9, 0], [9, 9, 0]])
     assert held.scene.num_faces == scene.num_faces
+
+
+@pytest.mark.parametrize("method", ["quality", "fast", "qem4vr"])
+@pytest.mark.parametrize("scale", [[0, 0, 0], [1, 1, 0], [1, 1, 1]])
+def test_a_mesh_that_cleaning_empties_is_emptied(
+    method: str, scale: list[float], tmp_path: Path
+) -> None:
+    flat = np.array([[0, 0, 1], [1, 1, 2]], np.int32)
+    meshes = [sphere(24, 16), (sphere(24, 16)[0], flat)]
+    nodes: list[dict[str, Any]] = [{"mesh": 0}, {"mesh": 1, "scale": scale}]
+    scene = io.read_scene(scene_file(tmp_path / "two.glb", meshes, nodes))
+    done = simplify.simplify_scene(scene, method, target_faces=100)
+    assert [mesh.num_faces for mesh in done.scene.meshes] == [100, 0]
+    chain = simplify.scene_lods(scene, 3, method=method)
+    assert len(chain.levels) == 3
+    assert all(level.scene.meshes[1].num_faces == 0 for level in chain.levels[1:])
+    nothing = io.read_scene(scene_file(tmp_path / "none.glb", meshes[1:], [{"mesh": 0}]))
+    for simplified in (simplify.simplify_scene, simplify.scene_lods):
+        with pytest.raises(InputError, match=r"scene: expected a face .* got none of 2 faces"):
+            simplified(nothing, method=method, ratio=0.5)  # type: ignore[operator]

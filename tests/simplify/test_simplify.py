@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -521,3 +521,26 @@ def assert_simplified(mesh: Mesh, result: SimplifyResult, ratio: float) -> None:
     if mesh.face_material is not None and out.num_faces > 0:
         assert out.face_material is not None
         np.testing.assert_array_equal(out.face_material, mesh.face_material[result.face_map >= 0])
+
+
+@pytest.mark.parametrize("mode", ["quality", "fast", "published"])
+def test_a_mesh_that_cleaning_empties_is_refused(mode: Any) -> None:
+    mesh = Mesh(np.eye(3), [[0, 0, 1], [1, 1, 2]])
+    refusal = "mesh: expected a face with three different corners, got none of 2 faces"
+    with pytest.raises(InputError, match=refusal):
+        simplify.simplify(mesh, mode, target_faces=1)
+    if mode != "published":
+        with pytest.raises(InputError, match=refusal):
+            simplify.simplify(mesh, mode, target_faces=1, memory=64 << 30)
+    with pytest.raises(InputError, match=refusal):
+        simplify.lod_chain(mesh, [1], method="qem4vr" if mode == "published" else mode)
+
+
+@pytest.mark.parametrize("mode", ["quality", "fast", "published"])
+def test_a_small_ratio_is_a_face_at_least(mode: Any) -> None:
+    corners = np.array([[x, y, np.sin(x)] for x in range(10) for y in range(10)], dtype=float)
+    faces = [[i, i + 10, i + 11 - k] if k else [i, i + 11, i + 1]
+             for i in range(89) if i % 10 != 9 for k in (0, 1)]  # fmt: skip
+    sheet = Mesh(corners, faces)
+    assert sheet.num_faces == 162
+    assert simplify.simplify(sheet, mode, ratio=0.001).mesh.num_faces >= 1

@@ -37,6 +37,14 @@ if TYPE_CHECKING:
 
 Box = tuple[float, float, float, float, float, float]
 
+NoClean = Annotated[
+    bool,
+    typer.Option(
+        "--no-clean",
+        help="Do not clean the mesh first; for --mode published. The other modes always do.",
+    ),
+]
+
 
 _TARGETS = ("faces", "ratio", "max_error", "max_distance")
 
@@ -75,11 +83,16 @@ class Order:
                 f"--lock-box: expected the lower corner first, got {box[:3]} and {box[3:]}"
             )
 
+    @property
+    def cleans_itself(self) -> bool:
+        """Whether the method cleans what it is given, however it comes."""
+        return self.method in (Mode.quality, Mode.fast)
+
     def target(self, num_faces: int) -> int | None:
         """The number of faces to stop at, of so many as were read."""
         if self.ratio is None:
             return self.faces
-        fraction = int(num_faces * self.ratio)
+        fraction = max(1, int(num_faces * self.ratio))
         return fraction if self.faces is None else max(self.faces, fraction)
 
     def limits(self) -> dict[str, Any]:
@@ -90,6 +103,16 @@ class Order:
         elif self.max_distance is not None:
             raise InputError("--max-distance: expected --mode quality or published, got fast")
         return limits
+
+
+def expect_surface(source: str, mesh: Mesh, cleaned: Mesh) -> None:
+    """Refuse a mesh whose faces all have two corners at one place: nothing is left to simplify."""
+    from manip3d.simplify._collapse import has_surface
+
+    if not has_surface(cleaned):
+        raise InputError(
+            f"{source}: none of its {counted(mesh.num_faces, 'face')} has three different corners"
+        )
 
 
 def simplify_file(
@@ -119,9 +142,9 @@ def simplify_file(
     record: dict[str, Any] = {"input": source, "output": str(output), "method": order.method}
     record["faces_before"] = mesh.num_faces
     started = time.perf_counter()
-    # The fast mode does its own cleaning, which costs next to nothing; a copy costs memory.
-    cleans = order.clean and order.method != "fast" and order.memory is None
+    cleans = order.clean and not order.cleans_itself
     cleaned = simplify.clean(mesh).mesh if cleans else mesh
+    expect_surface(source, mesh, cleaned)
     record["faces_cleaned"] = cleaned.num_faces
     target = order.target(mesh.num_faces)
     limits: dict[str, Any] = {"target_faces": target, **order.limits()}
@@ -133,6 +156,8 @@ def simplify_file(
         )
     result = _run(cleaned, order, limits, progress)
     seconds = time.perf_counter() - started
+    if order.cleans_itself and order.memory is None:  # parts drop faces for other reasons, too
+        record["faces_cleaned"] = mesh.num_faces - result.dropped_faces
     record |= _outcome(result, result, target, seconds, result.mesh.num_faces)
     if result.mesh.num_faces == 0:
         raise InputError(f"{source}: nothing is left of it at this target; {output} is not written")
@@ -256,6 +281,12 @@ def _ceiling(memory: str) -> int:
         raise InputError(f"--memory: {error}") from None
 
 
+def expect_cleaning(method: str, no_clean: bool) -> None:
+    """Refuse --no-clean where the method welds and cleans by itself."""
+    if no_clean and method in (Mode.quality, Mode.fast):
+        raise InputError(f"--no-clean: expected --mode published, got {method}, which cleans")
+
+
 class Mode(StrEnum):
     """What a simplification is for."""
 
@@ -353,9 +384,7 @@ def simplify(
             "a larger mesh is first reduced in parts. Reading the file counts, too.",
         ),
     ] = None,
-    no_clean: Annotated[
-        bool, typer.Option("--no-clean", help="Do not clean the mesh first.")
-    ] = False,
+    no_clean: NoClean = False,
     force: Force = False,
     strict: Strict = False,
     as_json: Json = False,
@@ -384,6 +413,7 @@ def simplify(
         if name != Method.qem4vr:
             raise InputError(f"--seam-mode: expected --method qem4vr, got {name}")
         options["seam_mode"] = str(seam_mode)
+    expect_cleaning(name, no_clean)
     if lock_box is not None and name not in (Mode.quality, Mode.fast):
         raise InputError(f"--lock-box: expected --mode quality or fast, got {name}")
     if memory is not None and name not in (Mode.quality, Mode.fast):

@@ -14,7 +14,7 @@ from manip3d import _core
 from manip3d._util.memory import release_unused, resident_bytes, written_size
 from manip3d._util.options import reporting
 from manip3d.errors import InputError
-from manip3d.simplify._collapse import _target
+from manip3d.simplify._collapse import _target, expect_surface, has_surface
 from manip3d.simplify._parts import (
     CROSSING,
     blocks,
@@ -227,6 +227,9 @@ def _reduce_in_parts(
         if len(own) + len(beside) == 0:
             continue
         here, used = take_faces(mesh, np.concatenate([own, beside]))
+        if not has_surface(here):
+            stage.dropped_faces += len(own)
+            continue
         stays = is_border[used] if fixed is None else is_border[used] | fixed[used]
         done = fast(
             here,
@@ -284,6 +287,8 @@ def simplify_within(
     target, error_limit, _ = _target(
         mesh, target_faces, ratio, max_error, options.get("max_distance")
     )
+    if not has_surface(mesh):
+        expect_surface(0, mesh.num_faces)
     plan = _plan(mesh, mode, memory, target)
     if plan.direct:
         return run(

@@ -13,7 +13,13 @@ from manip3d._util.checked import checked
 from manip3d.errors import InputError
 from manip3d.io import Scene
 from manip3d.mesh import Material, Mesh
-from manip3d.simplify._collapse import SimplifyResult, StopReason, clean
+from manip3d.simplify._collapse import (
+    SimplifyResult,
+    StopReason,
+    clean,
+    faces_of_ratio,
+    has_surface,
+)
 from manip3d.simplify._lod import check_options, lod_chain, runner, targets_of
 from manip3d.simplify._parts import compact_rows
 from manip3d.simplify._quality import QualityResult
@@ -194,6 +200,23 @@ def _groups(scene: Scene) -> tuple[_Placed | None, list[_Placed]]:
     return (_Placed(scene, seen) if seen else None), aside
 
 
+def _with_surface(scene: Scene, groups: Sequence[_Placed]) -> tuple[list[_Placed], Scene]:
+    """The groups that have a face to simplify, and the scene without the faces of the others."""
+    free: list[_Placed] = []
+    left = scene
+    for placed in groups:
+        if has_surface(placed.mesh):
+            free.append(placed)
+        else:
+            left = placed.split(Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32)), left)
+    if not free:
+        count = sum(placed.mesh.num_faces for placed in groups)
+        raise InputError(
+            f"scene: expected a face with three different corners, got none of {count} faces"
+        )
+    return free, left
+
+
 def _turned(normals: NDArray[Any], linear: NDArray[Any]) -> NDArray[np.float64]:
     """Unit normals of a surface after a linear map, but for the sign that a mirror gives."""
     turned = normals @ np.linalg.inv(linear)
@@ -303,8 +326,7 @@ class _Placed:
 
     def split(self, mesh: Mesh, scene: Scene) -> Scene:
         """The scene with the parts of a simplified mesh."""
-        assert mesh.face_material is not None
-        owner = np.array([i for i, _ in self._pairs])[mesh.face_material]
+        owner = np.array([i for i, _ in self._pairs])[self._rows_of(mesh)]
         return scene.with_meshes(
             {i: self._part(mesh, np.flatnonzero(owner == i), i) for i in self.indices}
         )
@@ -347,9 +369,16 @@ class _Placed:
 
     def num_drawn(self, mesh: Mesh) -> int:
         """Faces of these meshes that are drawn when a simplified mesh takes their place."""
-        assert mesh.face_material is not None
         each = np.array([self._uses[i] for i, _ in self._pairs])
-        return int(each[mesh.face_material].sum())
+        return int(each[self._rows_of(mesh)].sum())
+
+    @staticmethod
+    def _rows_of(mesh: Mesh) -> NDArray[np.int32]:
+        """Of each face of a simplified mesh the row in `_pairs`; a mesh without faces has none."""
+        if mesh.num_faces == 0:
+            return np.zeros(0, dtype=np.int32)
+        assert mesh.face_material is not None
+        return mesh.face_material
 
     def inside(self, mesh: Mesh, box: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Which vertices of the merged mesh, or of it cleaned, lie in a box of the scene."""
@@ -409,7 +438,8 @@ def simplify_scene(
     Raises
     ------
     InputError
-        No target, no mesh that may be simplified, a ``lock_box`` of another shape or whose lower
+        No target, no mesh that may be simplified or none with a face that has three different
+        corners, a ``lock_box`` of another shape or whose lower
         corner is not first, and what the method refuses.
 
     Notes
@@ -479,11 +509,11 @@ def _of_groups(
         aside = [placed for placed in aside if not placed.is_hidden]
         if seen is None and not aside:
             raise InputError("scene: every instance has scale 0, so that only faces can be counted")
-    free = [*aside, *([seen] if seen is not None else [])]
+    free, made = _with_surface(scene, [*aside, *([seen] if seen is not None else [])])
     counts = [placed.num_drawn(placed.mesh) for placed in free]
-    fixed = scene.num_faces - sum(counts)
+    fixed = made.num_faces - sum(counts)
     share = 1.0 if target is None else max(0, target - fixed) / sum(counts)
-    made, errors, bounds = scene, [], []
+    errors, bounds = [], []
     result: _Result | None = None
     for placed, before in zip(free, counts, strict=True):
         wanted = None
@@ -512,9 +542,7 @@ def _drawn_target(scene: Scene, target_faces: int | None, ratio: float | None) -
             raise InputError(f"target_faces: expected >= 0, got {target_faces}")
         targets.append(target_faces)
     if ratio is not None:
-        if not 0.0 <= ratio <= 1.0:
-            raise InputError(f"ratio: expected a number in [0, 1], got {ratio}")
-        targets.append(math.floor(ratio * scene.num_faces))
+        targets.append(faces_of_ratio(scene.num_faces, ratio))
     return max(targets, default=None)
 
 
@@ -603,7 +631,8 @@ def scene_lods(
     Raises
     ------
     InputError
-        No mesh that may be simplified, and what :func:`lod_chain` refuses.
+        No mesh that may be simplified or none with a face that has three different corners, and
+        what :func:`lod_chain` refuses.
 
     Examples
     --------
@@ -615,7 +644,7 @@ def scene_lods(
     """
     seen, aside = _groups(scene)
     cleans = cleaned and method not in ("quality", "fast")
-    free = [*([seen] if seen is not None else []), *aside]
+    free, cleared = _with_surface(scene, [*([seen] if seen is not None else []), *aside])
     meshes = [clean(placed.mesh).mesh if cleans else placed.mesh for placed in free]
     total = sum(mesh.num_faces for mesh in meshes)
     first = meshes[0].num_faces
@@ -625,7 +654,7 @@ def scene_lods(
     chain = lod_chain(
         meshes[0], levels, ratio=ratio, method=method, options=options, progress=progress
     )
-    found = [free[0].split(level.mesh, scene) for level in chain.levels[1:]]
+    found = [free[0].split(level.mesh, cleared) for level in chain.levels[1:]]
     errors = [level.max_error * free[0].unit for level in chain.levels[1:]]
     for placed, mesh in zip(free[1:] if found else [], meshes[1:], strict=False):
         # The same share of its faces as the first group keeps.
