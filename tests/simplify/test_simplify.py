@@ -544,3 +544,47 @@ def test_a_small_ratio_is_a_face_at_least(mode: Any) -> None:
     sheet = Mesh(corners, faces)
     assert sheet.num_faces == 162
     assert simplify.simplify(sheet, mode, ratio=0.001).mesh.num_faces >= 1
+
+
+def hilly(n: int = 14) -> Mesh:
+    """A sheet with waves and texture coordinates, and a small piece beside it."""
+    x, y = (grid.ravel() for grid in np.meshgrid(np.arange(n) - 5.25, np.arange(n) + 3.5))
+    i = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
+    faces = np.concatenate([np.stack([i, i + 1, i + n + 1], 1), np.stack([i, i + n + 1, i + n], 1)])
+    corners = np.stack([x, y, np.sin(x) + np.cos(0.7 * y)], 1)
+    corners = np.concatenate([corners, [[30, 30, 30], [31, 30, 30], [30, 31, 30.5]]])
+    faces = np.concatenate([faces, [[n * n, n * n + 1, n * n + 2]]])
+    return Mesh(corners, faces, texcoords=corners[:, :2] / n, face_texcoords=faces)
+
+
+@pytest.mark.parametrize("limit", ["ratio", "max_error", "max_distance"])
+@pytest.mark.parametrize("mode", ["quality", "fast", "published"])
+@pytest.mark.parametrize("exponent", [-1000, -660, -210, 210, 660, 1015])
+def test_no_unit_is_too_small_or_too_large(exponent: int, mode: Any, limit: str) -> None:
+    """A power of two rounds nothing, and the result is the same at any scale."""
+    if mode == "fast" and limit == "max_distance":
+        pytest.skip("fast has no such limit")
+    mesh, unit = hilly(), 2.0**exponent
+    scaled = mesh.replace(vertices=mesh.vertices * unit)
+    here, there = (0.2, 0.2) if limit == "ratio" else (0.05, 0.05 * unit)
+    expected = simplify.simplify(mesh, mode, **{limit: here})
+    result = simplify.simplify(scaled, mode, **{limit: there})
+    assert expected.mesh.num_faces < 0.8 * mesh.num_faces
+    assert result.stop == expected.stop
+    np.testing.assert_array_equal(result.mesh.faces, expected.mesh.faces)
+    np.testing.assert_array_equal(result.mesh.vertices, expected.mesh.vertices * unit)
+    np.testing.assert_array_equal(result.mesh.texcoords, expected.mesh.texcoords)
+    assert result.max_error == expected.max_error * unit
+    if expected.distance_bound is not None:
+        assert result.distance_bound == expected.distance_bound * unit
+    if isinstance(result, SimplifyResult):
+        coarser = result.level_of_detail(result.mesh.num_faces)
+        np.testing.assert_array_equal(coarser.vertices, result.mesh.vertices)
+
+
+@pytest.mark.parametrize("mode", ["quality", "fast", "published"])
+def test_a_size_beyond_all_numbers_is_refused(mode: Any) -> None:
+    mesh = hilly()
+    largest = mesh.vertices / np.abs(mesh.vertices).max() * 1.7e308
+    with pytest.raises(InputError, match="vertices: expected a bounding box whose diagonal"):
+        simplify.simplify(mesh.replace(vertices=largest * [1, -1, 1]), mode, ratio=0.5)

@@ -14,6 +14,7 @@
 #include "simplify/distance_guard.hpp"
 #include "simplify/legality.hpp"
 #include "simplify/quadric.hpp"
+#include "simplify/usual_unit.hpp"
 
 namespace manip3d {
 namespace {
@@ -480,7 +481,16 @@ QemResult simplify_qem(const MeshView& mesh, const QemOptions& options, const Pr
                               std::to_string(mesh.num_faces()) + " have none");
     }
   }
-  return QemSimplifier(mesh, options).run(progress);
+  const UsualUnit usual(mesh);
+  QemOptions in_unit = options;
+  in_unit.max_error = usual.from_file(options.max_error);
+  in_unit.max_distance = usual.from_file(options.max_distance);
+  QemResult result = QemSimplifier(usual.mesh(), in_unit).run(progress);
+  usual.to_file(result.mesh.vertices);
+  result.max_error = usual.to_file(result.max_error);
+  for (Collapse& collapse : result.collapses) collapse.error = usual.to_file(collapse.error);
+  if (result.distance_bound) result.distance_bound = usual.to_file(*result.distance_bound);
+  return result;
 }
 
 QemResult replay_collapses(const MeshView& mesh, const QemOptions& options,

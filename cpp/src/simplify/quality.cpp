@@ -21,6 +21,7 @@
 #include "simplify/legality.hpp"
 #include "simplify/pieces.hpp"
 #include "simplify/surface_fit.hpp"
+#include "simplify/usual_unit.hpp"
 
 namespace manip3d {
 namespace {
@@ -942,7 +943,15 @@ QualityResult simplify_quality(const MeshView& mesh, const QualityOptions& optio
                                const Progress& progress) {
   check_mesh(mesh);
   check_options(mesh, options);
-  return QualitySimplifier(mesh, options, progress).run();
+  const UsualUnit usual(mesh);
+  QualityOptions in_unit = options;
+  in_unit.max_error = usual.from_file(options.max_error);
+  in_unit.max_distance = usual.from_file(options.max_distance);
+  QualityResult result = QualitySimplifier(usual.mesh(), in_unit, progress).run();
+  usual.to_file(result.mesh.vertices);
+  result.max_error = usual.to_file(result.max_error);
+  if (result.distance_bound) result.distance_bound = usual.to_file(*result.distance_bound);
+  return result;
 }
 
 }  // namespace manip3d
