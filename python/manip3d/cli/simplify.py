@@ -27,10 +27,12 @@ from manip3d.cli.options import (
 )
 from manip3d.cli.sources import open_mesh, open_scene, tell_scene
 from manip3d.cli.terminal import Progress, Terminal, check_output, count, counted
-from manip3d.errors import InputError
+from manip3d.errors import FormatError, InputError
 from manip3d.io import READABLE, WRITABLE
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from manip3d.io import Scene
     from manip3d.mesh import Mesh
     from manip3d.simplify import QualityResult, SimplifyResult
@@ -69,6 +71,7 @@ class Order:
     lock_box: Box | None
     options: dict[str, Any]
     memory: int | None = None  # bytes of the whole process
+    importance: Path | None = None  # numbers of the vertices
 
     def __post_init__(self) -> None:
         _expect_target(self.faces, self.ratio, self.max_error, self.max_distance)
@@ -115,6 +118,32 @@ def expect_surface(source: str, mesh: Mesh, cleaned: Mesh) -> None:
         )
 
 
+def _expect_room(source: str, order: Order) -> None:
+    held = most_resident_bytes() or 0
+    if order.memory is not None and held > order.memory:
+        raise InputError(
+            f"--memory: expected at least {written_size(held)}, which reading {source} took, "
+            f"got {written_size(order.memory)}"
+        )
+
+
+def _importance(order: Order) -> NDArray[np.float64] | None:
+    """The numbers of --importance."""
+    if order.importance is None:
+        return None
+    try:
+        # A map: a file that is shorter than its header says is refused before memory is taken.
+        stored = np.lib.format.open_memmap(order.importance, mode="r")
+    except ValueError as error:
+        raise FormatError(f"{order.importance}: {error}") from None
+    if stored.ndim != 1 or stored.dtype.kind not in "iuf":
+        raise FormatError(
+            f"{order.importance}: expected one number for each vertex, got {stored.dtype} of shape "
+            f"{stored.shape}"
+        )
+    return np.array(stored, dtype=np.float64)
+
+
 def simplify_file(
     source: str, output: Path, order: Order, terminal: Terminal, progress: Progress | None = None
 ) -> dict[str, Any]:
@@ -126,19 +155,10 @@ def simplify_file(
 
     scene = open_scene(source, output, terminal)
     if scene is not None:
-        if order.memory is not None:
-            raise InputError(
-                f"--memory: expected a file of one mesh, got a scene of {len(scene.nodes)} nodes; "
-                "'manip3d convert' to .ply makes one mesh of it"
-            )
+        _expect_room(source, order)
         return _simplify_scene(scene, source, output, order, terminal, progress)
     mesh = open_mesh(source, terminal)
-    held = most_resident_bytes() or 0
-    if order.memory is not None and held > order.memory:
-        raise InputError(
-            f"--memory: expected at least {written_size(held)}, which reading {source} took, "
-            f"got {written_size(order.memory)}"
-        )
+    _expect_room(source, order)
     record: dict[str, Any] = {"input": source, "output": str(output), "method": order.method}
     record["faces_before"] = mesh.num_faces
     started = time.perf_counter()
@@ -154,6 +174,8 @@ def simplify_file(
         terminal.say(
             f"--lock-box holds {counted(int(limits['locked'].sum()), 'vertex', 'vertices')}"
         )
+    if (weights := _importance(order)) is not None:
+        limits["importance"] = weights
     result = _run(cleaned, order, limits, progress)
     seconds = time.perf_counter() - started
     if order.cleans_itself and order.memory is None:  # parts drop faces for other reasons, too
@@ -204,6 +226,8 @@ def _simplify_scene(
         order.method,
         target_faces=target,
         lock_box=box,
+        importance=_importance(order),
+        memory=order.memory,
         cleaned=order.clean,
         options=order.options,
         progress=progress,
@@ -376,6 +400,14 @@ def simplify(
             help="Vertices between these two corners stay where they are.",
         ),
     ] = None,
+    importance: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.npy",
+            help="Factors on the price of changing the surface, for --mode quality: a number above 0 "
+            "for each vertex as read (those of a scene's meshes one after the other).",
+        ),
+    ] = None,
     memory: Annotated[
         str | None,
         typer.Option(
@@ -416,6 +448,8 @@ def simplify(
     expect_cleaning(name, no_clean)
     if lock_box is not None and name not in (Mode.quality, Mode.fast):
         raise InputError(f"--lock-box: expected --mode quality or fast, got {name}")
+    if importance is not None and name != Mode.quality:
+        raise InputError(f"--importance: expected --mode quality, got {name}")
     if memory is not None and name not in (Mode.quality, Mode.fast):
         raise InputError(f"--memory: expected --mode quality or fast, got {name}")
     if headset is not None:
@@ -431,6 +465,7 @@ def simplify(
         lock_box,
         options,
         memory=None if memory is None else _ceiling(memory),
+        importance=importance,
     )
     expect_kind(source, "mesh", verb="simplify")
     check_output(output, WRITABLE, force=force)

@@ -46,6 +46,9 @@ _BYTES_LEFT = {"fast": 60, "quality": 210}  # more for each face of the result
 _MARGIN = 1.1
 _CONSTANT = 16 << 20
 
+# Options that only a run of the whole mesh takes as they are given.
+_OF_ONE_RUN = frozenset({"max_distance", "importance", "locked"})
+
 _SLACK = 1.25  # faces that the chosen mode starts with at least, for each that it is to leave
 _FEWEST = 20_000  # faces of a part: more of them would be at its borders otherwise
 _DEEPEST = 12
@@ -319,6 +322,7 @@ def simplify_within(
             max_error=error_limit - stage.max_error,
             locked=_locked_now(stage, locked),
             progress=_from(tell, 0.5, 1.0),
+            **{name: value for name, value in options.items() if name not in _OF_ONE_RUN},
         )
     stage.count(done)
     stage.follow(done.vertex_map, done.face_map)
