@@ -203,7 +203,8 @@ class QemSimplifier {
         continue;
       }
       try_cheapest(result);
-      if (progress && step % 512 == 0) {
+      // A step that keeps a distance can take as long as hundreds of others.
+      if (progress && (guard_ || step % 512 == 0)) {
         const double gone = start - static_cast<double>(mesh_.num_faces());
         progress(gone / std::max(1.0, start - static_cast<double>(options_.target_faces)));
       }

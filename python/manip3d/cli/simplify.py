@@ -404,8 +404,8 @@ def simplify(
         Path | None,
         typer.Option(
             metavar="FILE.npy",
-            help="Factors on the price of changing the surface, for --mode quality: a number above 0 "
-            "for each vertex as read (those of a scene's meshes one after the other).",
+            help="Factors on the price of changing the surface, for --mode quality: a number above "
+            "0 for each vertex as read (those of a scene's meshes one after the other).",
         ),
     ] = None,
     memory: Annotated[
