@@ -12,7 +12,7 @@ namespace {
 
 constexpr int kMostExponent = 200;
 
-/// Of the bounding box, also where the squares of its sides overflow or vanish.
+/// The bounding box has this diagonal, also where the squares of its sides overflow or vanish.
 double diagonal_of(const MeshView& mesh) {
   const BoundingBox box = bounding_box(mesh);
   return (box.max - box.min).stableNorm();

@@ -379,7 +379,7 @@ class _Placed:
 
     @staticmethod
     def _rows_of(mesh: Mesh) -> NDArray[np.int32]:
-        """Of each face of a simplified mesh the row in `_pairs`; a mesh without faces has none."""
+        """Return for each face of a simplified mesh the row in `_pairs`, if it has any faces."""
         if mesh.num_faces == 0:
             return np.zeros(0, dtype=np.int32)
         assert mesh.face_material is not None
