@@ -220,6 +220,37 @@ def test_what_lies_in_the_lock_box_stays(torus: Path, tmp_path: Path, mode: str)
     assert "--mode quality or fast" in error_line(refused)
 
 
+def test_importance_comes_from_a_file(torus: Path, tmp_path: Path) -> None:
+    mesh = read_mesh(torus)
+    weights, output = tmp_path / "weights.npy", tmp_path / "light.ply"
+    base = (
+        "simplify",
+        torus,
+        "-o",
+        output,
+        "--ratio",
+        "0.2",
+        "--quiet",
+        "--force",
+        "--importance",
+        weights,
+    )
+    np.save(weights, np.where(mesh.vertices[:, 0] > 0, 50, 1))
+    assert manip3d(*base).returncode == 0
+    centers = read_mesh(output).vertices[read_mesh(output).faces].mean(axis=1)[:, 0]
+    assert (centers > 0).sum() > 2 * (centers < 0).sum()
+    assert "--importance: expected --mode quality" in error_line(manip3d(*base, "--mode", "fast"))
+    np.save(weights, np.ones(7))
+    refusal = f"importance: expected numbers of shape ({mesh.num_vertices},)"
+    assert refusal in error_line(manip3d(*base))
+    np.save(weights, np.ones((7, 2)))
+    assert "weights.npy: expected one number for each vertex" in error_line(manip3d(*base))
+    weights.write_bytes(weights.read_bytes()[:100])
+    assert "weights.npy: " in error_line(manip3d(*base))
+    weights.write_text("1 2 3")
+    assert "weights.npy: " in error_line(manip3d(*base))
+
+
 def test_seam_mode_is_for_the_published_method(torus: Path, tmp_path: Path) -> None:
     base = ("simplify", torus, "-o", tmp_path / "x.ply", "--ratio", "0.5", "--seam-mode", "paper")
     assert "--method qem4vr" in error_line(manip3d(*base))
@@ -235,6 +266,19 @@ def test_targets_refer_to_the_faces_as_read(torus: Path, tmp_path: Path) -> None
     assert record["faces_before"] == 2304
     assert record["faces_cleaned"] == 1152
     assert record["target_faces"] == 576
+
+
+def test_cleaning_is_left_out_for_the_published_method_only(torus: Path, tmp_path: Path) -> None:
+    for verb, more in (("simplify", ("--ratio", "0.5")), ("lod", ())):
+        base = (verb, torus, "-o", tmp_path / "x.glb", *more, "--force", "--no-clean", "--mode")
+        for mode in ("quality", "fast"):
+            assert "--no-clean: expected --mode published" in error_line(manip3d(*base, mode))
+        assert manip3d(*base, "published").returncode == 0
+
+
+def test_a_small_ratio_leaves_a_face(torus: Path, tmp_path: Path) -> None:
+    arguments = ("simplify", torus, "-o", tmp_path / "x.ply", "--ratio", "0.0001", "--json")
+    assert json.loads(manip3d(*arguments).stdout)["target_faces"] == 1
 
 
 def test_a_missed_target_is_exit_4_under_strict(tmp_path: Path) -> None:

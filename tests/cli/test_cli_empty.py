@@ -44,3 +44,20 @@ def test_nothing_left_is_an_error(tmp_path: Path) -> None:
     assert done.returncode == 1
     assert "nothing is left of it" in done.stderr.splitlines()[-1]
     assert not (tmp_path / "out.ply").exists()
+
+
+DEGENERATE = "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 1 2\nf 3 1 3\n"
+
+
+@pytest.mark.parametrize("mode", ["quality", "fast", "published"])
+@pytest.mark.parametrize("verb", [["simplify", "--ratio", "0.5"], ["lod"]])
+def test_faces_without_three_corners_are_an_error(
+    verb: list[str], mode: str, tmp_path: Path
+) -> None:
+    (tmp_path / "degenerate.obj").write_text(DEGENERATE)
+    output = tmp_path / "out.glb"
+    done = manip3d(*verb, tmp_path / "degenerate.obj", "-o", output, "--mode", mode)
+    assert done.returncode == 1
+    last = done.stderr.splitlines()[-1]
+    assert "degenerate.obj: none of its 2 faces has three different corners" in last
+    assert not output.exists()

@@ -80,6 +80,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     vertices, faces = sphere(24, 48)
     for name in ("head.obj", "plane.obj"):
         manip3d.Mesh(vertices, faces).write(folder / name)
+    np.save(folder / "weights.npy", np.ones(len(vertices)))
     manip3d.Mesh(0.7 * vertices, faces).write(folder / "car.obj")
     (folder / "models").mkdir()
     manip3d.Mesh(vertices, faces).write(folder / "models" / "ball.obj")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 from typing import Any, Literal
 
@@ -204,3 +205,20 @@ def test_wild_meshes_keep_the_limit(
     assert sampled_distance(mesh, result.mesh) <= limit + 1e-6 * mesh.diagonal
     if name in ("alligator.obj.xz", "woody.obj.xz"):  # flat: the outline is all that stays
         assert result.mesh.num_faces < mesh.num_faces
+
+
+def test_a_slow_proof_tells_of_its_progress() -> None:
+    """A vertex of this soup has tens of faces: a step can take as long as hundreds elsewhere."""
+    rng = np.random.default_rng(1)
+    soup = Mesh(rng.random((150, 3)), rng.integers(0, 150, (300, 3)).astype(np.int32))
+    told: list[tuple[float, float]] = []
+    before = time.process_time()
+    quality(
+        soup,
+        max_distance=0.1,
+        progress=lambda fraction, _: told.append((fraction, time.process_time())),
+    )
+    fractions, times = zip(*told, strict=True)
+    assert list(fractions) == sorted(fractions)
+    assert max(fractions) < 1.0 or fractions.count(1.0) == 1
+    assert np.diff([before, *times, time.process_time()]).max() < 0.4

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,8 @@ from numpy.typing import NDArray
 
 from command_line import manip3d
 from gltf_files import glb
-from manip3d import InputError, Mesh, io, metrics, read_mesh, simplify
+from manip3d import InputError, Mesh, _core, io, metrics, read_mesh, simplify
+from manip3d.simplify import _memory
 from zoo import grid, sphere
 
 
@@ -299,3 +301,116 @@ def test_limits_of_error_leave_alone_what_is_not_seen(tmp_path: Path) -> None:
     scene = io.read_scene(scene_file(tmp_path / "a.glb", [ball], [{"mesh": 0, "scale": [1, 1, 0]}]))
     held = simplify.simplify_scene(scene, ratio=0.1, lock_box=[[-9, -9, 0], [9, 9, 0]])
     assert held.scene.num_faces == scene.num_faces
+
+
+@pytest.mark.parametrize("method", ["quality", "fast", "qem4vr"])
+@pytest.mark.parametrize("scale", [[0, 0, 0], [1, 1, 0], [1, 1, 1]])
+def test_a_mesh_that_cleaning_empties_is_emptied(
+    method: str, scale: list[float], tmp_path: Path
+) -> None:
+    flat = np.array([[0, 0, 1], [1, 1, 2]], np.int32)
+    meshes = [sphere(24, 16), (sphere(24, 16)[0], flat)]
+    nodes: list[dict[str, Any]] = [{"mesh": 0}, {"mesh": 1, "scale": scale}]
+    scene = io.read_scene(scene_file(tmp_path / "two.glb", meshes, nodes))
+    done = simplify.simplify_scene(scene, method, target_faces=100)
+    assert [mesh.num_faces for mesh in done.scene.meshes] == [100, 0]
+    chain = simplify.scene_lods(scene, 3, method=method)
+    assert len(chain.levels) == 3
+    assert all(level.scene.meshes[1].num_faces == 0 for level in chain.levels[1:])
+    nothing = io.read_scene(scene_file(tmp_path / "none.glb", meshes[1:], [{"mesh": 0}]))
+    for simplified in (simplify.simplify_scene, simplify.scene_lods):
+        with pytest.raises(InputError, match=r"scene: expected a face .* got none of 2 faces"):
+            simplified(nothing, method=method, ratio=0.5)  # type: ignore[operator]
+
+
+def hidden_beside_two(path: Path) -> Path:
+    """Two instances of a ball, a second mesh, and one that no instance shows."""
+    ball = sphere(24, 16)
+    nodes: list[dict[str, Any]] = [
+        {"mesh": 0},
+        {"mesh": 0, "translation": [3, 0, 0]},
+        {"mesh": 1, "translation": [6, 0, 0]},
+        {"mesh": 2, "scale": [0, 0, 0]},
+    ]
+    return scene_file(path, [ball, ball, ball], nodes)
+
+
+@pytest.mark.parametrize("method", ["quality", "fast"])
+def test_a_scene_under_a_ceiling_of_memory(
+    method: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = io.read_scene(hidden_beside_two(tmp_path / "a.glb"))
+    free = simplify.simplify_scene(scene, method, ratio=0.3)
+    enough = simplify.simplify_scene(scene, method, ratio=0.3, memory=1 << 40)
+    for one, other in zip(free.scene.meshes, enough.scene.meshes, strict=True):
+        np.testing.assert_array_equal(one.vertices, other.vertices)
+    with pytest.raises(InputError, match="memory: expected at least"):
+        simplify.simplify_scene(scene, method, ratio=0.3, memory=1 << 20)
+    with pytest.raises(InputError, match="memory: expected method='quality' or 'fast'"):
+        simplify.simplify_scene(scene, "qem4vr", ratio=0.3, memory=1 << 40)
+    # Two stages, as where the whole does not fit.
+    plans: list[int] = []
+
+    def first_to_half(mesh: Mesh, *_: object) -> _memory._Plan:
+        plans.append(mesh.num_faces)
+        return _memory._Plan(direct=False, faces=mesh.num_faces // 2)
+
+    monkeypatch.setattr(_memory, "_plan", first_to_half)
+    options = {"seam_weight": 2.0}
+    staged = simplify.simplify_scene(scene, method, ratio=0.3, memory=1 << 30, options=options)
+    assert len(plans) > 1
+    assert 0.95 * 0.3 * scene.num_faces <= staged.scene.num_faces <= 0.3 * scene.num_faces
+    with pytest.raises(InputError, match="max_distance: expected no ceiling"):
+        simplify.simplify_scene(scene, "quality", max_distance=0.1, memory=1 << 30)
+
+
+def test_a_scene_has_importance(tmp_path: Path) -> None:
+    scene = io.read_scene(hidden_beside_two(tmp_path / "a.glb"))
+    weights = [np.where(m.vertices[:, 2] > 0.2, 50.0, 1.0) for m in scene.meshes]
+    done = simplify.simplify_scene(scene, ratio=0.3, importance=np.concatenate(weights))
+    for before, after in zip(scene.meshes, done.scene.meshes, strict=True):
+        above = [(m.vertices[m.faces].mean(axis=1)[:, 2] > 0.3).sum() for m in (before, after)]
+        below = [(m.vertices[m.faces].mean(axis=1)[:, 2] < -0.3).sum() for m in (before, after)]
+        assert above[1] / above[0] > 2.0 * below[1] / below[0]
+    with pytest.raises(InputError, match=r"importance: expected shape .* scene's 3 meshes, got"):
+        simplify.simplify_scene(scene, ratio=0.3, importance=weights[0])
+    with pytest.raises(InputError, match="importance: expected method='quality'"):
+        simplify.simplify_scene(scene, "fast", ratio=0.3, importance=np.concatenate(weights))
+
+
+@pytest.mark.parametrize("work", ["scene", "scene_lods", "lods", "budget"])
+@pytest.mark.parametrize("method", ["quality", "fast", "qem4vr"])
+def test_one_progress_over_all_runs(
+    method: str, work: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each run tells of a half, besides what it tells by itself ten times a second."""
+    scene = io.read_scene(hidden_beside_two(tmp_path / "a.glb"))
+    balls = [scene.meshes[0], scene.meshes[1]]
+    told: list[float] = []
+    runs = 0
+    name = f"simplify_{method.replace('4vr', '')}"
+    real = getattr(_core, name)
+
+    def halfway(mesh: Mesh, options: object, report: Callable[[float], object]) -> Any:
+        nonlocal runs
+        runs += 1
+        report(0.5)
+        return real(mesh, options, None)
+
+    def tell(fraction: float, _: str) -> None:
+        told.append(fraction)
+
+    monkeypatch.setattr(_core, name, halfway)
+    if work == "scene":
+        simplify.simplify_scene(scene, method, ratio=0.3, progress=tell)
+    elif work == "scene_lods":
+        simplify.scene_lods(scene, 4, method=method, progress=tell)
+    elif work == "lods":
+        simplify.lod_chain(balls[0], 4, method=method, progress=tell)
+    else:
+        simplify.share_budget(balls, 400, method=method, progress=tell)
+    assert len(told) == runs
+    assert runs > 1 or (method, work) == ("qem4vr", "lods")
+    assert told == sorted(set(told))
+    assert 0.0 < told[0] <= 0.5
+    assert told[-1] < 1.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -521,3 +521,70 @@ def assert_simplified(mesh: Mesh, result: SimplifyResult, ratio: float) -> None:
     if mesh.face_material is not None and out.num_faces > 0:
         assert out.face_material is not None
         np.testing.assert_array_equal(out.face_material, mesh.face_material[result.face_map >= 0])
+
+
+@pytest.mark.parametrize("mode", ["quality", "fast", "published"])
+def test_a_mesh_that_cleaning_empties_is_refused(mode: Any) -> None:
+    mesh = Mesh(np.eye(3), [[0, 0, 1], [1, 1, 2]])
+    refusal = "mesh: expected a face with three different corners, got none of 2 faces"
+    with pytest.raises(InputError, match=refusal):
+        simplify.simplify(mesh, mode, target_faces=1)
+    if mode != "published":
+        with pytest.raises(InputError, match=refusal):
+            simplify.simplify(mesh, mode, target_faces=1, memory=64 << 30)
+    with pytest.raises(InputError, match=refusal):
+        simplify.lod_chain(mesh, [1], method="qem4vr" if mode == "published" else mode)
+
+
+@pytest.mark.parametrize("mode", ["quality", "fast", "published"])
+def test_a_small_ratio_is_a_face_at_least(mode: Any) -> None:
+    corners = np.array([[x, y, np.sin(x)] for x in range(10) for y in range(10)], dtype=float)
+    faces = [[i, i + 10, i + 11 - k] if k else [i, i + 11, i + 1]
+             for i in range(89) if i % 10 != 9 for k in (0, 1)]  # fmt: skip
+    sheet = Mesh(corners, faces)
+    assert sheet.num_faces == 162
+    assert simplify.simplify(sheet, mode, ratio=0.001).mesh.num_faces >= 1
+
+
+def hilly(n: int = 14) -> Mesh:
+    """A sheet with waves and texture coordinates, and a small piece beside it."""
+    x, y = (grid.ravel() for grid in np.meshgrid(np.arange(n) - 5.25, np.arange(n) + 3.5))
+    i = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
+    faces = np.concatenate([np.stack([i, i + 1, i + n + 1], 1), np.stack([i, i + n + 1, i + n], 1)])
+    corners = np.stack([x, y, np.sin(x) + np.cos(0.7 * y)], 1)
+    corners = np.concatenate([corners, [[30, 30, 30], [31, 30, 30], [30, 31, 30.5]]])
+    faces = np.concatenate([faces, [[n * n, n * n + 1, n * n + 2]]])
+    return Mesh(corners, faces, texcoords=corners[:, :2] / n, face_texcoords=faces)
+
+
+@pytest.mark.parametrize("limit", ["ratio", "max_error", "max_distance"])
+@pytest.mark.parametrize("mode", ["quality", "fast", "published"])
+@pytest.mark.parametrize("exponent", [-1000, -660, -210, 210, 660, 1015])
+def test_no_unit_is_too_small_or_too_large(exponent: int, mode: Any, limit: str) -> None:
+    """A power of two rounds nothing, and the result is the same at any scale."""
+    if mode == "fast" and limit == "max_distance":
+        pytest.skip("fast has no such limit")
+    mesh, unit = hilly(), 2.0**exponent
+    scaled = mesh.replace(vertices=mesh.vertices * unit)
+    here, there = (0.2, 0.2) if limit == "ratio" else (0.05, 0.05 * unit)
+    expected = simplify.simplify(mesh, mode, **{limit: here})
+    result = simplify.simplify(scaled, mode, **{limit: there})
+    assert expected.mesh.num_faces < 0.8 * mesh.num_faces
+    assert result.stop == expected.stop
+    np.testing.assert_array_equal(result.mesh.faces, expected.mesh.faces)
+    np.testing.assert_array_equal(result.mesh.vertices, expected.mesh.vertices * unit)
+    np.testing.assert_array_equal(result.mesh.texcoords, expected.mesh.texcoords)
+    assert result.max_error == expected.max_error * unit
+    if expected.distance_bound is not None:
+        assert result.distance_bound == expected.distance_bound * unit
+    if isinstance(result, SimplifyResult):
+        coarser = result.level_of_detail(result.mesh.num_faces)
+        np.testing.assert_array_equal(coarser.vertices, result.mesh.vertices)
+
+
+@pytest.mark.parametrize("mode", ["quality", "fast", "published"])
+def test_a_size_beyond_all_numbers_is_refused(mode: Any) -> None:
+    mesh = hilly()
+    largest = mesh.vertices / np.abs(mesh.vertices).max() * 1.7e308
+    with pytest.raises(InputError, match="vertices: expected a bounding box whose diagonal"):
+        simplify.simplify(mesh.replace(vertices=largest * [1, -1, 1]), mode, ratio=0.5)

@@ -60,7 +60,8 @@ bool is_in_plane_of(const Triangle3& plane, const Triangle3& t) {
 
 }  // namespace
 
-DistanceGuard::DistanceGuard(const MeshView& original, double limit) : is_exact_(limit == 0.0) {
+DistanceGuard::DistanceGuard(const MeshView& original, double limit, std::function<void()> on_proof)
+    : on_proof_(std::move(on_proof)), is_exact_(limit == 0.0) {
   const BoundingBox box = bounding_box(original);
   if (!is_exact_ && box.diagonal() > 0.0) {
     center_ = box.center();
@@ -171,6 +172,7 @@ bool DistanceGuard::prove_changed(std::span<const std::int32_t> touched,
                                   std::span<const std::int32_t> around) {
   errors_.clear();
   for (const Change& change : changed_) {
+    if (on_proof_) on_proof_();
     patch_.clear();
     for (const std::int32_t f : touched) patch_.push_back(current_[f]);
     double error = distance_.bound(change.corners, patch_, limit_);
@@ -192,6 +194,7 @@ bool DistanceGuard::prove_changed(std::span<const std::int32_t> touched,
 bool DistanceGuard::prove_guests(std::span<const std::int32_t> around) {
   proofs_.clear();
   return std::all_of(affected_.begin(), affected_.end(), [&](std::int32_t original) {
+    if (on_proof_) on_proof_();
     return prove_guest(original, {}) || prove_guest(original, around);
   });
 }

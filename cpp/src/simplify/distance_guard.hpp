@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <vector>
 
@@ -24,8 +25,9 @@ namespace manip3d {
 /// within the limit may be refused where near faces alone do not show it.
 class DistanceGuard {
  public:
-  /// @param limit  >= 0, in the mesh's units.
-  DistanceGuard(const MeshView& original, double limit);
+  /// @param limit     >= 0, in the mesh's units.
+  /// @param on_proof  Called before each proof, of which a change may need many.
+  DistanceGuard(const MeshView& original, double limit, std::function<void()> on_proof = {});
 
   /// A face that a change leaves, and where its corners then are, in the mesh's units.
   struct Change {
@@ -58,6 +60,7 @@ class DistanceGuard {
   bool prove_guests(std::span<const std::int32_t> around);
   bool prove_guest(std::int32_t original, std::span<const std::int32_t> others);
 
+  std::function<void()> on_proof_;
   double limit_;  // in the unit of the coordinates below, less the margin for rounding
   double margin_ = 0.0;
   double unit_ = 1.0;  // of the coordinates below, in the mesh's units

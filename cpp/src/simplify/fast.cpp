@@ -20,6 +20,7 @@
 #include "simplify/pieces.hpp"
 #include "simplify/quadric_vertex.hpp"
 #include "simplify/spatial_order.hpp"
+#include "simplify/usual_unit.hpp"
 #include "simplify/wedges.hpp"
 
 namespace manip3d {
@@ -170,7 +171,7 @@ class FastSimplifier {
         options_(options),
         progress_(progress),
         box_(bounding_box(input)),
-        scale_(box_.diagonal() > 0.0 && std::isfinite(box_.diagonal()) ? box_.diagonal() : 1.0),
+        scale_(box_.diagonal() > 0.0 ? box_.diagonal() : 1.0),
         center_(box_.center()),
         order_(spatial_order(input, box_, part_of(progress, 0.0, 0.05))) {
     load_vertices();
@@ -1613,7 +1614,13 @@ QualityResult simplify_fast(const MeshView& mesh, const FastOptions& options,
                             const Progress& progress) {
   check_mesh(mesh);
   check_options(mesh, options);
-  return FastSimplifier(mesh, options, progress).run();
+  const UsualUnit usual(mesh);
+  FastOptions in_unit = options;
+  in_unit.max_error = usual.from_file(options.max_error);
+  QualityResult result = FastSimplifier(usual.mesh(), in_unit, progress).run();
+  usual.to_file(result.mesh.vertices);
+  result.max_error = usual.to_file(result.max_error);
+  return result;
 }
 
 }  // namespace manip3d

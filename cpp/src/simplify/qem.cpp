@@ -14,6 +14,7 @@
 #include "simplify/distance_guard.hpp"
 #include "simplify/legality.hpp"
 #include "simplify/quadric.hpp"
+#include "simplify/usual_unit.hpp"
 
 namespace manip3d {
 namespace {
@@ -202,7 +203,8 @@ class QemSimplifier {
         continue;
       }
       try_cheapest(result);
-      if (progress && step % 512 == 0) {
+      // A step that keeps a distance can take as long as hundreds of others.
+      if (progress && (guard_ || step % 512 == 0)) {
         const double gone = start - static_cast<double>(mesh_.num_faces());
         progress(gone / std::max(1.0, start - static_cast<double>(options_.target_faces)));
       }
@@ -480,7 +482,16 @@ QemResult simplify_qem(const MeshView& mesh, const QemOptions& options, const Pr
                               std::to_string(mesh.num_faces()) + " have none");
     }
   }
-  return QemSimplifier(mesh, options).run(progress);
+  const UsualUnit usual(mesh);
+  QemOptions in_unit = options;
+  in_unit.max_error = usual.from_file(options.max_error);
+  in_unit.max_distance = usual.from_file(options.max_distance);
+  QemResult result = QemSimplifier(usual.mesh(), in_unit).run(progress);
+  usual.to_file(result.mesh.vertices);
+  result.max_error = usual.to_file(result.max_error);
+  for (Collapse& collapse : result.collapses) collapse.error = usual.to_file(collapse.error);
+  if (result.distance_bound) result.distance_bound = usual.to_file(*result.distance_bound);
+  return result;
 }
 
 QemResult replay_collapses(const MeshView& mesh, const QemOptions& options,

@@ -21,6 +21,7 @@
 #include "simplify/legality.hpp"
 #include "simplify/pieces.hpp"
 #include "simplify/surface_fit.hpp"
+#include "simplify/usual_unit.hpp"
 
 namespace manip3d {
 namespace {
@@ -103,7 +104,9 @@ class QualitySimplifier {
         importance_(options.importance),
         is_textured_(input.has_texcoords() && options.texture_weight > 0.0) {
     if (options.max_distance < std::numeric_limits<double>::infinity()) {
-      guard_.emplace(input, options.max_distance);
+      guard_.emplace(input, options.max_distance, [this] {
+        if (progress_) progress_(fraction_);
+      });
     }
     Ticker ticker(progress);
     if (is_textured_) measure_texture();
@@ -145,9 +148,11 @@ class QualitySimplifier {
       }
       queue_.pop();
       entry.b < 0 ? try_piece(entry) : try_edge(entry);
-      if (progress_ && step % 512 == 0) {
+      // A step that keeps a distance can take as long as hundreds of others.
+      if (progress_ && (guard_ || step % 512 == 0)) {
         const double gone = start - static_cast<double>(mesh_.num_faces());
-        progress_(0.2 + 0.6 * gone / std::max(1.0, start - target));
+        fraction_ = 0.2 + 0.6 * gone / std::max(1.0, start - target);
+        progress_(fraction_);
       }
     }
     return finish();
@@ -813,6 +818,13 @@ class QualitySimplifier {
 
   QualityResult finish() {
     if (mesh_.num_faces() > 0 && mesh_.any_moved()) {
+      Progress tell;
+      if (progress_) {
+        tell = [this](double fraction) {
+          fraction_ = fraction;
+          progress_(fraction);
+        };
+      }
       fit_.run(
           mesh_,
           [&](std::int32_t v) {
@@ -826,7 +838,10 @@ class QualitySimplifier {
             });
             return fits && (!guard_ || keeps_distance({v}, p));
           },
-          part_of(progress_, 0.8, is_textured_ ? 0.95 : 1.0));
+          part_of(tell, 0.8,
+                  is_textured_ ? 0.95
+                  : guard_     ? 0.99
+                               : 1.0));
       if (is_textured_) {
         const auto may_change = [&](std::int32_t v) { return !is_locked(v); };
         fit_.fit_texture(mesh_, may_change, part_of(progress_, 0.95, 1.0));
@@ -894,6 +909,7 @@ class QualitySimplifier {
   FlatHeap<Entry> queue_, forbidden_;
   Rules rules_ = Rules::kAll;
   std::optional<DistanceGuard> guard_;  // of max_distance
+  double fraction_ = 0.2;               // of the work, as last told
   std::vector<std::int32_t> touched_, around_;
   std::vector<DistanceGuard::Change> changed_;
   WedgeMap map_;
@@ -942,7 +958,15 @@ QualityResult simplify_quality(const MeshView& mesh, const QualityOptions& optio
                                const Progress& progress) {
   check_mesh(mesh);
   check_options(mesh, options);
-  return QualitySimplifier(mesh, options, progress).run();
+  const UsualUnit usual(mesh);
+  QualityOptions in_unit = options;
+  in_unit.max_error = usual.from_file(options.max_error);
+  in_unit.max_distance = usual.from_file(options.max_distance);
+  QualityResult result = QualitySimplifier(usual.mesh(), in_unit, progress).run();
+  usual.to_file(result.mesh.vertices);
+  result.max_error = usual.to_file(result.max_error);
+  if (result.distance_bound) result.distance_bound = usual.to_file(*result.distance_bound);
+  return result;
 }
 
 }  // namespace manip3d

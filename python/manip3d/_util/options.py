@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -60,3 +61,33 @@ def reporting(progress: Progress, message: str) -> Iterator[Callable[[float], ob
             yield lambda fraction: bar.update(task, completed=fraction)
     else:
         raise InputError(f"progress: expected None, True or a callable, got {progress!r}")
+
+
+@contextmanager
+def sharing(progress: Progress, message: str) -> Iterator[Callable[[float, float], Progress]]:
+    """What gives each of several runs its part of one progress: ``part(begin, end)``.
+
+    The whole never goes back.
+    """
+    with reporting(progress, message) as report:
+        so_far = 0.0
+
+        def part(begin: float, end: float) -> Progress:
+            if report is None:
+                return None
+
+            def tell(fraction: float, _: str = "") -> None:
+                nonlocal so_far
+                so_far = max(so_far, begin + (end - begin) * fraction)
+                report(so_far)
+
+            return tell
+
+        yield part
+
+
+def shares(sizes: Iterable[float]) -> list[tuple[float, float]]:
+    """Where the part of each run begins and ends, of runs that take so long."""
+    ends = np.cumsum([0.0, *sizes])
+    ends = ends / ends[-1] if ends[-1] > 0.0 else np.linspace(0.0, 1.0, len(ends))
+    return [(float(begin), float(end)) for begin, end in itertools.pairwise(ends)]

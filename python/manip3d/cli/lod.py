@@ -10,7 +10,7 @@ import typer
 from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
 from manip3d.cli.options import MISSED, Force, Json, Output, Quiet, Strict
-from manip3d.cli.simplify import Method, Mode
+from manip3d.cli.simplify import Method, Mode, NoClean, expect_cleaning, expect_surface
 from manip3d.cli.sources import open_mesh, open_scene
 from manip3d.cli.terminal import Terminal, check_output, counted, table
 from manip3d.errors import InputError
@@ -50,9 +50,7 @@ def lod(
             "mode uses qem4vr."
         ),
     ] = None,
-    no_clean: Annotated[
-        bool, typer.Option("--no-clean", help="Do not clean the mesh first.")
-    ] = False,
+    no_clean: NoClean = False,
     force: Force = False,
     strict: Strict = False,
     as_json: Json = False,
@@ -74,6 +72,7 @@ def lod(
     expect_kind(source, "mesh", verb="lod")
     check_output(output, SUFFIXES, force=force, folder=True)
     chosen = str(method or (Method.qem4vr if mode == Mode.published else mode or Mode.quality))
+    expect_cleaning(chosen, no_clean)
     scene = open_scene(source, output, shell)
     chain: simplify.SceneLods | simplify.LodChain
     if scene is not None:
@@ -83,10 +82,12 @@ def lod(
             )
     else:
         mesh = open_mesh(source, shell)
-        if not no_clean:
-            mesh = simplify.clean(mesh).mesh
+        cleaned = mesh if no_clean else simplify.clean(mesh).mesh
+        expect_surface(source, mesh, cleaned)
         with shell.progress("lod") as progress:
-            chain = simplify.lod_chain(mesh, levels, ratio=ratio, method=chosen, progress=progress)
+            chain = simplify.lod_chain(
+                cleaned, levels, ratio=ratio, method=chosen, progress=progress
+            )
     chain.write(output, max_vertices=max_vertices)
     record = _record(source, output, chain)
     rows = [

@@ -27,15 +27,25 @@ from manip3d.cli.options import (
 )
 from manip3d.cli.sources import open_mesh, open_scene, tell_scene
 from manip3d.cli.terminal import Progress, Terminal, check_output, count, counted
-from manip3d.errors import InputError
+from manip3d.errors import FormatError, InputError
 from manip3d.io import READABLE, WRITABLE
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from manip3d.io import Scene
     from manip3d.mesh import Mesh
     from manip3d.simplify import QualityResult, SimplifyResult
 
 Box = tuple[float, float, float, float, float, float]
+
+NoClean = Annotated[
+    bool,
+    typer.Option(
+        "--no-clean",
+        help="Do not clean the mesh first; for --mode published. The other modes always do.",
+    ),
+]
 
 
 _TARGETS = ("faces", "ratio", "max_error", "max_distance")
@@ -61,6 +71,7 @@ class Order:
     lock_box: Box | None
     options: dict[str, Any]
     memory: int | None = None  # bytes of the whole process
+    importance: Path | None = None  # numbers of the vertices
 
     def __post_init__(self) -> None:
         _expect_target(self.faces, self.ratio, self.max_error, self.max_distance)
@@ -75,11 +86,16 @@ class Order:
                 f"--lock-box: expected the lower corner first, got {box[:3]} and {box[3:]}"
             )
 
+    @property
+    def cleans_itself(self) -> bool:
+        """Whether the method cleans what it is given, however it comes."""
+        return self.method in (Mode.quality, Mode.fast)
+
     def target(self, num_faces: int) -> int | None:
         """The number of faces to stop at, of so many as were read."""
         if self.ratio is None:
             return self.faces
-        fraction = int(num_faces * self.ratio)
+        fraction = max(1, int(num_faces * self.ratio))
         return fraction if self.faces is None else max(self.faces, fraction)
 
     def limits(self) -> dict[str, Any]:
@@ -90,6 +106,42 @@ class Order:
         elif self.max_distance is not None:
             raise InputError("--max-distance: expected --mode quality or published, got fast")
         return limits
+
+
+def expect_surface(source: str, mesh: Mesh, cleaned: Mesh) -> None:
+    """Refuse a mesh whose faces all have two corners at one place: nothing is left to simplify."""
+    from manip3d.simplify._collapse import has_surface
+
+    if not has_surface(cleaned):
+        raise InputError(
+            f"{source}: none of its {counted(mesh.num_faces, 'face')} has three different corners"
+        )
+
+
+def _expect_room(source: str, order: Order) -> None:
+    held = most_resident_bytes() or 0
+    if order.memory is not None and held > order.memory:
+        raise InputError(
+            f"--memory: expected at least {written_size(held)}, which reading {source} took, "
+            f"got {written_size(order.memory)}"
+        )
+
+
+def _importance(order: Order) -> NDArray[np.float64] | None:
+    """The numbers of --importance."""
+    if order.importance is None:
+        return None
+    try:
+        # A map: a file that is shorter than its header says is refused before memory is taken.
+        stored = np.lib.format.open_memmap(order.importance, mode="r")
+    except ValueError as error:
+        raise FormatError(f"{order.importance}: {error}") from None
+    if stored.ndim != 1 or stored.dtype.kind not in "iuf":
+        raise FormatError(
+            f"{order.importance}: expected one number for each vertex, got {stored.dtype} of shape "
+            f"{stored.shape}"
+        )
+    return np.array(stored, dtype=np.float64)
 
 
 def simplify_file(
@@ -103,25 +155,16 @@ def simplify_file(
 
     scene = open_scene(source, output, terminal, flat_too=order.memory is None)
     if scene is not None:
-        if order.memory is not None:
-            raise InputError(
-                f"--memory: expected a file of one mesh, got a scene of {len(scene.nodes)} nodes; "
-                "'manip3d convert' to .ply makes one mesh of it"
-            )
+        _expect_room(source, order)
         return _simplify_scene(scene, source, output, order, terminal, progress)
     mesh = open_mesh(source, terminal)
-    held = most_resident_bytes() or 0
-    if order.memory is not None and held > order.memory:
-        raise InputError(
-            f"--memory: expected at least {written_size(held)}, which reading {source} took, "
-            f"got {written_size(order.memory)}"
-        )
+    _expect_room(source, order)
     record: dict[str, Any] = {"input": source, "output": str(output), "method": order.method}
     record["faces_before"] = mesh.num_faces
     started = time.perf_counter()
-    # The fast mode does its own cleaning, which costs next to nothing; a copy costs memory.
-    cleans = order.clean and order.method != "fast" and order.memory is None
+    cleans = order.clean and not order.cleans_itself
     cleaned = simplify.clean(mesh).mesh if cleans else mesh
+    expect_surface(source, mesh, cleaned)
     record["faces_cleaned"] = cleaned.num_faces
     target = order.target(mesh.num_faces)
     limits: dict[str, Any] = {"target_faces": target, **order.limits()}
@@ -131,8 +174,12 @@ def simplify_file(
         terminal.say(
             f"--lock-box holds {counted(int(limits['locked'].sum()), 'vertex', 'vertices')}"
         )
+    if (weights := _importance(order)) is not None:
+        limits["importance"] = weights
     result = _run(cleaned, order, limits, progress)
     seconds = time.perf_counter() - started
+    if order.cleans_itself and order.memory is None:  # parts drop faces for other reasons, too
+        record["faces_cleaned"] = mesh.num_faces - result.dropped_faces
     record |= _outcome(result, result, target, seconds, result.mesh.num_faces)
     if result.mesh.num_faces == 0:
         raise InputError(f"{source}: nothing is left of it at this target; {output} is not written")
@@ -179,6 +226,8 @@ def _simplify_scene(
         order.method,
         target_faces=target,
         lock_box=box,
+        importance=_importance(order),
+        memory=order.memory,
         cleaned=order.clean,
         options=order.options,
         progress=progress,
@@ -254,6 +303,12 @@ def _ceiling(memory: str) -> int:
         return bytes_of(memory)
     except InputError as error:
         raise InputError(f"--memory: {error}") from None
+
+
+def expect_cleaning(method: str, no_clean: bool) -> None:
+    """Refuse --no-clean where the method welds and cleans by itself."""
+    if no_clean and method in (Mode.quality, Mode.fast):
+        raise InputError(f"--no-clean: expected --mode published, got {method}, which cleans")
 
 
 class Mode(StrEnum):
@@ -345,6 +400,14 @@ def simplify(
             help="Vertices between these two corners stay where they are.",
         ),
     ] = None,
+    importance: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.npy",
+            help="Factors on the price of changing the surface, for --mode quality: a number above "
+            "0 for each vertex as read (those of a scene's meshes one after the other).",
+        ),
+    ] = None,
     memory: Annotated[
         str | None,
         typer.Option(
@@ -353,9 +416,7 @@ def simplify(
             "a larger mesh is first reduced in parts. Reading the file counts, too.",
         ),
     ] = None,
-    no_clean: Annotated[
-        bool, typer.Option("--no-clean", help="Do not clean the mesh first.")
-    ] = False,
+    no_clean: NoClean = False,
     force: Force = False,
     strict: Strict = False,
     as_json: Json = False,
@@ -384,8 +445,11 @@ def simplify(
         if name != Method.qem4vr:
             raise InputError(f"--seam-mode: expected --method qem4vr, got {name}")
         options["seam_mode"] = str(seam_mode)
+    expect_cleaning(name, no_clean)
     if lock_box is not None and name not in (Mode.quality, Mode.fast):
         raise InputError(f"--lock-box: expected --mode quality or fast, got {name}")
+    if importance is not None and name != Mode.quality:
+        raise InputError(f"--importance: expected --mode quality, got {name}")
     if memory is not None and name not in (Mode.quality, Mode.fast):
         raise InputError(f"--memory: expected --mode quality or fast, got {name}")
     if headset is not None:
@@ -401,6 +465,7 @@ def simplify(
         lock_box,
         options,
         memory=None if memory is None else _ceiling(memory),
+        importance=importance,
     )
     expect_kind(source, "mesh", verb="simplify")
     check_output(output, WRITABLE, force=force)

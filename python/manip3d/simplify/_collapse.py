@@ -12,6 +12,7 @@ from manip3d._util.checked import checked
 from manip3d._util.options import reporting
 from manip3d._util.showing import Showable
 from manip3d.errors import InputError
+from manip3d.simplify._parts import blocks
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -257,6 +258,30 @@ class SimplifyResult(Showable):
         return mesh
 
 
+def has_surface(mesh: Mesh) -> bool:
+    """Whether some face has its corners at three different places."""
+    for rows in blocks(mesh.num_faces):
+        a, b, c = (mesh.vertices[mesh.faces[rows, corner]] for corner in range(3))
+        if ((a != b).any(axis=1) & (b != c).any(axis=1) & (c != a).any(axis=1)).any():
+            return True
+    return False
+
+
+def expect_surface(num_faces: int, of: int) -> None:
+    """Refuse a mesh of `of` faces that cleaning leaves without any."""
+    if num_faces == 0:
+        raise InputError(
+            f"mesh: expected a face with three different corners, got none of {of} faces"
+        )
+
+
+def faces_of_ratio(num_faces: int, ratio: float) -> int:
+    """The number of faces that a fraction of them is: one at least, but for 0."""
+    if not 0.0 <= ratio <= 1.0:
+        raise InputError(f"ratio: expected a number in [0, 1], got {ratio}")
+    return max(math.ceil(ratio), math.floor(ratio * num_faces))
+
+
 def _target(
     mesh: Mesh,
     target_faces: int | None,
@@ -277,9 +302,7 @@ def _target(
             raise InputError(f"target_faces: expected >= 0, got {target_faces}")
         targets.append(target_faces)
     if ratio is not None:
-        if not 0.0 <= ratio <= 1.0:
-            raise InputError(f"ratio: expected a number in [0, 1], got {ratio}")
-        targets.append(math.floor(ratio * mesh.num_faces))
+        targets.append(faces_of_ratio(mesh.num_faces, ratio))
     return (
         max(targets),
         math.inf if max_error is None else max_error,
@@ -312,6 +335,7 @@ def _simplify(
     options.link_condition = _choice("link_condition", link_condition, _LINK_CONDITIONS)
     with reporting(progress, "simplify") as report:
         fields = _core.simplify_qem(mesh, options, report)
+    expect_surface(mesh.num_faces - fields["dropped_faces"], mesh.num_faces)
     fields["stop"] = StopReason(fields["stop"].name.lower())
     return SimplifyResult(**fields, _source=mesh, _options=options)
 
@@ -388,7 +412,8 @@ def qem4vr(
     Raises
     ------
     InputError
-        A mesh without faces, no target, or an option out of its range.
+        A mesh without a face that has three different corners, no target, or an option out of its
+        range.
 
     Notes
     -----

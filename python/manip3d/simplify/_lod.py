@@ -13,6 +13,7 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.checked import checked
+from manip3d._util.options import shares, sharing
 from manip3d.errors import InputError
 from manip3d.simplify._collapse import METHODS, SimplifyResult
 from manip3d.simplify._quality import QualityResult, fast, quality
@@ -192,12 +193,14 @@ def _chain_of_runs(
     run = _OWN_RUNS[method]
     check_options(method, run, options)
     found = [LodLevel(mesh, 0.0)]
-    for target in dict.fromkeys(targets):
-        result = run(mesh, target_faces=target, progress=progress, **(options or {}))
-        if not 0 < result.mesh.num_faces <= target:
-            break
-        if result.mesh.num_faces < found[-1].num_faces:
-            found.append(LodLevel(result.mesh, result.max_error))
+    distinct = list(dict.fromkeys(targets))
+    with sharing(progress, "lod") as part:
+        for target, own in zip(distinct, shares([1.0] * len(distinct)), strict=True):
+            result = run(mesh, target_faces=target, progress=part(*own), **(options or {}))
+            if not 0 < result.mesh.num_faces <= target:
+                break
+            if result.mesh.num_faces < found[-1].num_faces:
+                found.append(LodLevel(result.mesh, result.max_error))
     return LodChain(tuple(found), result, measure_of(method))
 
 
@@ -401,10 +404,10 @@ def share_budget(
     check_options(method, runner(method), options)
     if sum(mesh.num_faces for mesh in meshes) <= faces:
         levels = tuple(LodLevel(mesh, 0.0) for mesh in meshes)
-    elif method in _OWN_RUNS:
-        levels = _share_by_runs(meshes, faces, method, options, progress)
     else:
-        levels = _share_by_records(meshes, faces, method, options, progress)
+        by = _share_by_runs if method in _OWN_RUNS else _share_by_records
+        with sharing(progress, "simplify") as part:
+            levels = by(meshes, faces, method, options, part)
     num_faces = sum(level.num_faces for level in levels)
     return SharedBudget(
         levels, num_faces, max(level.max_error for level in levels), num_faces <= faces
@@ -416,7 +419,7 @@ def _share_by_runs(
     faces: int,
     method: str,
     options: Mapping[str, Any] | None,
-    progress: Progress,
+    part: Callable[[float, float], Progress],
 ) -> tuple[LodLevel, ...]:
     """The number of faces of each mesh where all have the same error, then a run to each."""
     run = _OWN_RUNS[method]
@@ -424,17 +427,21 @@ def _share_by_runs(
     limit = given.pop("max_error", None)
     share = faces / sum(mesh.num_faces for mesh in meshes)
 
+    rounds = iter(shares([1.0] * (_MOST_ERRORS + 2)))
+    parts = shares([mesh.num_faces for mesh in meshes])
+
     def runs(targets: Sequence[int], error: float | None) -> list[QualityResult]:
         errors = [e for e in (error, limit) if e is not None]
+        begin, end = next(rounds)
         return [
             run(
                 mesh,
                 target_faces=max(min(_FEWEST, mesh.num_faces), target),
                 max_error=min(errors, default=None),
-                progress=progress,
+                progress=part(begin + (end - begin) * low, begin + (end - begin) * high),
                 **given,
             )
-            for mesh, target in zip(meshes, targets, strict=True)
+            for mesh, target, (low, high) in zip(meshes, targets, parts, strict=True)
         ]
 
     alike = runs([int(share * mesh.num_faces) for mesh in meshes], None)
@@ -469,10 +476,14 @@ def _share_by_records(
     faces: int,
     method: str,
     options: Mapping[str, Any] | None,
-    progress: Progress,
+    part: Callable[[float, float], Progress],
 ) -> tuple[LodLevel, ...]:
     """The collapses of all records in the order of their errors."""
-    results = [_run(mesh, _FEWEST, method, options, progress) for mesh in meshes]
+    parts = shares([mesh.num_faces for mesh in meshes])
+    results = [
+        _run(mesh, _FEWEST, method, options, part(*own))
+        for mesh, own in zip(meshes, parts, strict=True)
+    ]
     left = [_faces_left(mesh, r) for mesh, r in zip(meshes, results, strict=True)]
     errors = [np.maximum.accumulate(r.collapse_errors) for r in results]
     model = np.repeat(np.arange(len(meshes)), [len(e) for e in errors])

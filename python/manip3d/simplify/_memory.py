@@ -14,7 +14,7 @@ from manip3d import _core
 from manip3d._util.memory import release_unused, resident_bytes, written_size
 from manip3d._util.options import reporting
 from manip3d.errors import InputError
-from manip3d.simplify._collapse import _target
+from manip3d.simplify._collapse import _target, expect_surface, has_surface
 from manip3d.simplify._parts import (
     CROSSING,
     blocks,
@@ -45,6 +45,9 @@ _BYTES = {
 _BYTES_LEFT = {"fast": 60, "quality": 210}  # more for each face of the result
 _MARGIN = 1.1
 _CONSTANT = 16 << 20
+
+# Options that only a run of the whole mesh takes as they are given.
+_OF_ONE_RUN = frozenset({"max_distance", "importance", "locked"})
 
 _SLACK = 1.25  # faces that the chosen mode starts with at least, for each that it is to leave
 _FEWEST = 20_000  # faces of a part: more of them would be at its borders otherwise
@@ -227,6 +230,9 @@ def _reduce_in_parts(
         if len(own) + len(beside) == 0:
             continue
         here, used = take_faces(mesh, np.concatenate([own, beside]))
+        if not has_surface(here):
+            stage.dropped_faces += len(own)
+            continue
         stays = is_border[used] if fixed is None else is_border[used] | fixed[used]
         done = fast(
             here,
@@ -284,6 +290,8 @@ def simplify_within(
     target, error_limit, _ = _target(
         mesh, target_faces, ratio, max_error, options.get("max_distance")
     )
+    if not has_surface(mesh):
+        expect_surface(0, mesh.num_faces)
     plan = _plan(mesh, mode, memory, target)
     if plan.direct:
         return run(
@@ -314,6 +322,7 @@ def simplify_within(
             max_error=error_limit - stage.max_error,
             locked=_locked_now(stage, locked),
             progress=_from(tell, 0.5, 1.0),
+            **{name: value for name, value in options.items() if name not in _OF_ONE_RUN},
         )
     stage.count(done)
     stage.follow(done.vertex_map, done.face_map)

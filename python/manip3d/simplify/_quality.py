@@ -12,7 +12,7 @@ from manip3d._util.checked import checked
 from manip3d._util.options import reporting
 from manip3d._util.showing import Showable
 from manip3d.errors import InputError
-from manip3d.simplify._collapse import StopReason, _target, clean
+from manip3d.simplify._collapse import StopReason, _target, clean, expect_surface
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -169,7 +169,8 @@ def quality(
     Raises
     ------
     InputError
-        No target, or an option out of its range.
+        No target, an option out of its range, or a mesh without a face that has three different
+        corners.
 
     Notes
     -----
@@ -210,6 +211,7 @@ def quality(
     chosen = locked_of(mesh, locked)
     weights = _importance(mesh, importance)
     cleaned = clean(mesh)
+    expect_surface(cleaned.mesh.num_faces, mesh.num_faces)
     stays = cleaned.vertex_map >= 0
     if chosen is not None:
         options.locked = np.isin(
@@ -275,7 +277,8 @@ def fast(
     Raises
     ------
     InputError
-        No target, or an option out of its range.
+        No target, an option out of its range, or a mesh without a face that has three different
+        corners.
 
     Notes
     -----
@@ -309,5 +312,6 @@ def fast(
         options.locked = chosen.tolist()
     with reporting(progress, "simplify") as report:
         fields = _core.simplify_fast(mesh, options, report)
+    expect_surface(mesh.num_faces - fields["dropped_faces"], mesh.num_faces)
     fields["stop"] = StopReason(fields["stop"].name.lower())
     return QualityResult(**fields)

@@ -10,11 +10,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d._util.checked import checked
+from manip3d._util.options import shares, sharing
 from manip3d.errors import InputError
 from manip3d.io import Scene
 from manip3d.mesh import Material, Mesh
-from manip3d.simplify._collapse import SimplifyResult, StopReason, clean
+from manip3d.simplify._collapse import (
+    SimplifyResult,
+    StopReason,
+    clean,
+    faces_of_ratio,
+    has_surface,
+)
 from manip3d.simplify._lod import check_options, lod_chain, runner, targets_of
+from manip3d.simplify._memory import simplify_within
 from manip3d.simplify._parts import compact_rows
 from manip3d.simplify._quality import QualityResult
 
@@ -175,7 +183,10 @@ def _instances(scene: Scene) -> list[_Instances]:
 
 
 def _diagonal(vertices: NDArray[np.float64]) -> float:
-    return float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    sides = np.ptp(vertices, axis=0)
+    length = float(np.linalg.norm(sides))
+    # The squares of other lengths overflow, or lose digits.
+    return length if 1e-150 < length < 1e150 else math.hypot(*sides)
 
 
 def _groups(scene: Scene) -> tuple[_Placed | None, list[_Placed]]:
@@ -192,6 +203,23 @@ def _groups(scene: Scene) -> tuple[_Placed | None, list[_Placed]]:
         else:
             seen.append(own)
     return (_Placed(scene, seen) if seen else None), aside
+
+
+def _with_surface(scene: Scene, groups: Sequence[_Placed]) -> tuple[list[_Placed], Scene]:
+    """The groups that have a face to simplify, and the scene without the faces of the others."""
+    free: list[_Placed] = []
+    left = scene
+    for placed in groups:
+        if has_surface(placed.mesh):
+            free.append(placed)
+        else:
+            left = placed.split(Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32)), left)
+    if not free:
+        count = sum(placed.mesh.num_faces for placed in groups)
+        raise InputError(
+            f"scene: expected a face with three different corners, got none of {count} faces"
+        )
+    return free, left
 
 
 def _turned(normals: NDArray[Any], linear: NDArray[Any]) -> NDArray[np.float64]:
@@ -303,8 +331,7 @@ class _Placed:
 
     def split(self, mesh: Mesh, scene: Scene) -> Scene:
         """The scene with the parts of a simplified mesh."""
-        assert mesh.face_material is not None
-        owner = np.array([i for i, _ in self._pairs])[mesh.face_material]
+        owner = np.array([i for i, _ in self._pairs])[self._rows_of(mesh)]
         return scene.with_meshes(
             {i: self._part(mesh, np.flatnonzero(owner == i), i) for i in self.indices}
         )
@@ -347,9 +374,16 @@ class _Placed:
 
     def num_drawn(self, mesh: Mesh) -> int:
         """Faces of these meshes that are drawn when a simplified mesh takes their place."""
-        assert mesh.face_material is not None
         each = np.array([self._uses[i] for i, _ in self._pairs])
-        return int(each[mesh.face_material].sum())
+        return int(each[self._rows_of(mesh)].sum())
+
+    @staticmethod
+    def _rows_of(mesh: Mesh) -> NDArray[np.int32]:
+        """Return for each face of a simplified mesh the row in `_pairs`, if it has any faces."""
+        if mesh.num_faces == 0:
+            return np.zeros(0, dtype=np.int32)
+        assert mesh.face_material is not None
+        return mesh.face_material
 
     def inside(self, mesh: Mesh, box: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Which vertices of the merged mesh, or of it cleaned, lie in a box of the scene."""
@@ -370,6 +404,8 @@ def simplify_scene(
     max_error: float | None = None,
     max_distance: float | None = None,
     lock_box: ArrayLike | None = None,
+    importance: ArrayLike | None = None,
+    memory: int | None = None,
     cleaned: bool = True,
     options: Mapping[str, Any] | None = None,
     progress: Progress = None,
@@ -394,6 +430,12 @@ def simplify_scene(
     lock_box : (2, 3) float, optional
         The lower corner, then the upper one, in the coordinates of the scene: vertices between them
         stay (for ``"quality"`` and ``"fast"``). Of several instances the largest one counts.
+    importance : (V,) float > 0, optional
+        How many times as much as elsewhere it costs to change the surface at a vertex, of all
+        ``scene.meshes`` one after the other (for ``"quality"``).
+    memory : int, bytes, optional
+        Ceiling of the resident memory of this process, as of :func:`simplify` (for ``"quality"``
+        and ``"fast"``).
     cleaned : bool
         Clean the meshes first (:func:`clean`), where the method does not do it itself.
     options : dict of str, optional
@@ -409,8 +451,10 @@ def simplify_scene(
     Raises
     ------
     InputError
-        No target, no mesh that may be simplified, a ``lock_box`` of another shape or whose lower
-        corner is not first, and what the method refuses.
+        No target, no mesh that may be simplified or none with a face that has three different
+        corners, ``importance`` or ``memory`` for another method, ``importance`` of another shape,
+        a ``lock_box`` of another shape or whose lower corner is not first, and what the method
+        refuses.
 
     Notes
     -----
@@ -442,9 +486,16 @@ def simplify_scene(
     box = None if lock_box is None else checked_box(lock_box)
     run: Callable[..., _Result] = runner(method)
     check_options(method, run, options)
+    weights = _importance_of(scene, method, importance)
     cleans = cleaned and method not in ("quality", "fast")
+    if memory is not None:
+        if method not in ("quality", "fast"):
+            raise InputError(f"memory: expected method='quality' or 'fast', got {method!r}")
 
-    def simplified(placed: _Placed, drawn: int | None) -> _Result:
+        def run(mesh: Mesh, **limits: Any) -> _Result:
+            return simplify_within(mesh, method, memory, **limits)
+
+    def simplified(placed: _Placed, drawn: int | None, progress: Progress) -> _Result:
         mesh = clean(placed.mesh).mesh if cleans else placed.mesh
         limits: dict[str, Any] = dict(options or {})
         limits["max_error"] = _scaled(max_error, placed.unit)
@@ -452,13 +503,33 @@ def simplify_scene(
             limits["max_distance"] = _scaled(max_distance, placed.stretch)
         if box is not None:
             limits["locked"] = placed.inside(mesh, box)
+        if weights is not None:
+            limits["importance"] = np.concatenate([weights[i] for i in placed.indices])
 
-        def at(stored: int | None) -> _Result:
-            return run(mesh, target_faces=stored, progress=progress, **limits)
+        def at(stored: int | None, own: Progress) -> _Result:
+            return run(mesh, target_faces=stored, progress=own, **limits)
 
-        return at(None) if drawn is None else _meet(placed, drawn, at)
+        return at(None, progress) if drawn is None else _meet(placed, drawn, at, progress)
 
-    return _of_groups(scene, target, simplified, bounded=max_distance is not None)
+    return _of_groups(scene, target, simplified, progress, bounded=max_distance is not None)
+
+
+def _importance_of(
+    scene: Scene, method: str, importance: ArrayLike | None
+) -> list[NDArray[Any]] | None:
+    """Those of each mesh."""
+    if importance is None:
+        return None
+    if method != "quality":
+        raise InputError(f"importance: expected method='quality', got {method!r}")
+    weights = np.asarray(importance)
+    counts = [mesh.num_vertices for mesh in scene.meshes]
+    if weights.shape != (sum(counts),):
+        raise InputError(
+            f"importance: expected shape ({sum(counts)},), one for each vertex of the scene's "
+            f"{len(counts)} meshes, got {weights.shape}"
+        )
+    return np.split(weights, np.cumsum(counts)[:-1])
 
 
 def _scaled(limit: float | None, unit: float) -> float | None:
@@ -469,7 +540,8 @@ def _scaled(limit: float | None, unit: float) -> float | None:
 def _of_groups(
     scene: Scene,
     target: int | None,
-    simplified: Callable[[_Placed, int | None], _Result],
+    simplified: Callable[[_Placed, int | None, Progress], _Result],
+    progress: Progress,
     *,
     bounded: bool,
 ) -> SceneResult:
@@ -479,25 +551,26 @@ def _of_groups(
         aside = [placed for placed in aside if not placed.is_hidden]
         if seen is None and not aside:
             raise InputError("scene: every instance has scale 0, so that only faces can be counted")
-    free = [*aside, *([seen] if seen is not None else [])]
+    free, made = _with_surface(scene, [*aside, *([seen] if seen is not None else [])])
     counts = [placed.num_drawn(placed.mesh) for placed in free]
-    fixed = scene.num_faces - sum(counts)
+    fixed = made.num_faces - sum(counts)
     share = 1.0 if target is None else max(0, target - fixed) / sum(counts)
-    made, errors, bounds = scene, [], []
+    errors, bounds = [], []
     result: _Result | None = None
-    for placed, before in zip(free, counts, strict=True):
-        wanted = None
-        if target is not None:
-            left = target - (made.num_faces - before)
-            wanted = max(0, left) if placed is free[-1] else math.floor(share * before)
-        if wanted is not None and wanted >= before:
-            wanted = before
-        result = simplified(placed, wanted)
-        if result.stop == StopReason.REFUSED:
-            return SceneResult(scene, result.max_error, None, result.stop, result)
-        made = placed.split(result.mesh, made)
-        errors.append(result.max_error * placed.unit)
-        bounds.append((result.distance_bound or 0.0) * placed.stretch)
+    parts = shares([placed.mesh.num_faces for placed in free])
+    with sharing(progress, "simplify") as part:
+        for placed, before, own in zip(free, counts, parts, strict=True):
+            wanted = None
+            if target is not None:
+                left = target - (made.num_faces - before)
+                wanted = max(0, left) if placed is free[-1] else math.floor(share * before)
+                wanted = min(wanted, before)
+            result = simplified(placed, wanted, part(*own))
+            if result.stop == StopReason.REFUSED:
+                return SceneResult(scene, result.max_error, None, result.stop, result)
+            made = placed.split(result.mesh, made)
+            errors.append(result.max_error * placed.unit)
+            bounds.append((result.distance_bound or 0.0) * placed.stretch)
     assert result is not None
     stop = result.stop
     if target is not None and stop == StopReason.TARGET_REACHED and made.num_faces > target:
@@ -512,9 +585,7 @@ def _drawn_target(scene: Scene, target_faces: int | None, ratio: float | None) -
             raise InputError(f"target_faces: expected >= 0, got {target_faces}")
         targets.append(target_faces)
     if ratio is not None:
-        if not 0.0 <= ratio <= 1.0:
-            raise InputError(f"ratio: expected a number in [0, 1], got {ratio}")
-        targets.append(math.floor(ratio * scene.num_faces))
+        targets.append(faces_of_ratio(scene.num_faces, ratio))
     return max(targets, default=None)
 
 
@@ -537,19 +608,35 @@ def inside_box(vertices: NDArray[np.float64], box: NDArray[np.float64]) -> NDArr
     return chosen
 
 
-def _meet(placed: _Placed, wanted: int, at: Callable[[int | None], _Result]) -> _Result:
+def _meet(
+    placed: _Placed,
+    wanted: int,
+    at: Callable[[int | None, Progress], _Result],
+    progress: Progress,
+) -> _Result:
     """The run whose number of stored faces gives the most drawn ones within the target."""
     before = placed.mesh.num_faces
     drawn_before = placed.num_drawn(placed.mesh)
     if drawn_before == before:
-        return at(wanted)
-    too_few, too_many = (0, 0), (before, drawn_before)
+        return at(wanted, progress)
+    with sharing(progress, "simplify") as part:
+        return _search(placed, wanted, at, part)
+
+
+def _search(
+    placed: _Placed,
+    wanted: int,
+    at: Callable[[int | None, Progress], _Result],
+    part: Callable[[float, float], Progress],
+) -> _Result:
+    too_few = (0, 0)
+    too_many = (placed.mesh.num_faces, placed.num_drawn(placed.mesh))
     best: _Result | None = None
-    for _ in range(_MOST_RUNS):
+    for own in shares([1.0] * _MOST_RUNS):
         (low, low_drawn), (high, high_drawn) = too_few, too_many
         share = (wanted - low_drawn) / max(1, high_drawn - low_drawn)
         stored = min(max(low + round(share * (high - low)), low + 1), high)
-        result = at(stored)
+        result = at(stored, part(*own))
         drawn = placed.num_drawn(result.mesh)
         if drawn > wanted:
             best = best or result
@@ -561,6 +648,7 @@ def _meet(placed: _Placed, wanted: int, at: Callable[[int | None], _Result]) -> 
             if result.stop != StopReason.TARGET_REACHED or drawn >= (1.0 - _NEAR) * wanted:
                 return result
             too_few = (stored, drawn)
+        del result  # of one that is not the best so far nothing is left beside the next run
         if too_many[0] - too_few[0] <= 1:
             break
     assert best is not None
@@ -603,7 +691,8 @@ def scene_lods(
     Raises
     ------
     InputError
-        No mesh that may be simplified, and what :func:`lod_chain` refuses.
+        No mesh that may be simplified or none with a face that has three different corners, and
+        what :func:`lod_chain` refuses.
 
     Examples
     --------
@@ -615,27 +704,30 @@ def scene_lods(
     """
     seen, aside = _groups(scene)
     cleans = cleaned and method not in ("quality", "fast")
-    free = [*([seen] if seen is not None else []), *aside]
+    free, cleared = _with_surface(scene, [*([seen] if seen is not None else []), *aside])
     meshes = [clean(placed.mesh).mesh if cleans else placed.mesh for placed in free]
     total = sum(mesh.num_faces for mesh in meshes)
     first = meshes[0].num_faces
     if not isinstance(levels, int) and first < total:
-        shares = (max(1, level * first // total) for level in targets_of(total, levels, ratio))
-        levels = list(dict.fromkeys(shares))
-    chain = lod_chain(
-        meshes[0], levels, ratio=ratio, method=method, options=options, progress=progress
-    )
-    found = [free[0].split(level.mesh, scene) for level in chain.levels[1:]]
-    errors = [level.max_error * free[0].unit for level in chain.levels[1:]]
-    for placed, mesh in zip(free[1:] if found else [], meshes[1:], strict=False):
-        # The same share of its faces as the first group keeps.
-        own = [max(1, lv.num_faces * mesh.num_faces // first) for lv in chain.levels[1:]]
-        coarser = lod_chain(
-            mesh, list(dict.fromkeys(own)), method=method, options=options, progress=progress
-        ).levels
-        for i, target in enumerate(own):
-            level = next((lv for lv in coarser if lv.num_faces <= target), coarser[-1])
-            found[i] = placed.split(level.mesh, found[i])
-            errors[i] = max(errors[i], level.max_error * placed.unit)
+        of_first = (max(1, level * first // total) for level in targets_of(total, levels, ratio))
+        levels = list(dict.fromkeys(of_first))
+    with sharing(progress, "lod") as part:
+        parts = [part(*own) for own in shares([mesh.num_faces for mesh in meshes])]
+        chain = lod_chain(
+            meshes[0], levels, ratio=ratio, method=method, options=options, progress=parts[0]
+        )
+        found = [free[0].split(level.mesh, cleared) for level in chain.levels[1:]]
+        errors = [level.max_error * free[0].unit for level in chain.levels[1:]]
+        others = list(zip(free, meshes, parts, strict=True))[1:] if found else []
+        for placed, mesh, own_part in others:
+            # The same share of its faces as the first group keeps.
+            own = [max(1, lv.num_faces * mesh.num_faces // first) for lv in chain.levels[1:]]
+            coarser = lod_chain(
+                mesh, list(dict.fromkeys(own)), method=method, options=options, progress=own_part
+            ).levels
+            for i, target in enumerate(own):
+                level = next((lv for lv in coarser if lv.num_faces <= target), coarser[-1])
+                found[i] = placed.split(level.mesh, found[i])
+                errors[i] = max(errors[i], level.max_error * placed.unit)
     made = [SceneLevel(own, error) for own, error in zip(found, errors, strict=True)]
     return SceneLods((SceneLevel(scene, 0.0), *made), chain.result, chain.error_measure)

@@ -32,7 +32,8 @@ struct FastOptions {
 ///
 /// Vertices and faces come out in an order in space. The error of a step is the root mean square
 /// distance of the new vertex to the planes of the faces and borders that it stands for.
-/// @throws InputError  as check_mesh(); an option out of range.
+/// @throws InputError  as check_mesh(); a bounding box without a finite diagonal; an option out of
+///                     range.
 QualityResult simplify_fast(const MeshView& mesh, const FastOptions& options,
                             const Progress& progress = {});
 

@@ -131,7 +131,8 @@ struct QemResult {
 /// over, in space or (with a texture term) in texture space, or makes a degenerate or duplicate
 /// face. The error of a collapse is sqrt(surface quadric / its weight): it bounds the quadric, not
 /// the Hausdorff distance. Deterministic. O(E log E) time, O(V + F) memory, one thread.
-/// @throws InputError  as check_mesh(); an option out of range.
+/// @throws InputError  as check_mesh(); a bounding box without a finite diagonal; an option out of
+///                     range.
 QemResult simplify_qem(const MeshView& mesh, const QemOptions& options,
                        const Progress& progress = {});
 

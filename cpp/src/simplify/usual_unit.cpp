@@ -1,0 +1,44 @@
+#include "simplify/usual_unit.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <new>
+
+#include "manip3d/error.hpp"
+
+namespace manip3d {
+namespace {
+
+constexpr int kMostExponent = 200;
+
+/// The bounding box has this diagonal, also where the squares of its sides overflow or vanish.
+double diagonal_of(const MeshView& mesh) {
+  const BoundingBox box = bounding_box(mesh);
+  return (box.max - box.min).stableNorm();
+}
+
+}  // namespace
+
+UsualUnit::UsualUnit(const MeshView& mesh) : mesh_(mesh) {
+  const double diagonal = diagonal_of(mesh);
+  if (!std::isfinite(diagonal)) {
+    throw InputError(
+        "vertices: expected a bounding box whose diagonal is a finite number, got infinity");
+  }
+  if (!(diagonal > 0.0)) return;
+  const int exponent = std::ilogb(diagonal);
+  const int usual = std::clamp(exponent, -kMostExponent, kMostExponent);
+  if (exponent == usual) return;
+  unit_ = std::ldexp(1.0, exponent - usual);
+  vertices_ = mesh.vertices / unit_;
+  using Map = MeshView::Map<Vertices>;
+  new (&mesh_.vertices) Map(vertices_.data(), vertices_.rows(), 3);  // Eigen's way to rebind a map
+}
+
+double UsualUnit::from_file(double length) const {
+  if (!std::isfinite(length)) return length;
+  return std::min(length / unit_, std::numeric_limits<double>::max());
+}
+
+}  // namespace manip3d
