@@ -153,7 +153,7 @@ def simplify_file(
     """
     from manip3d import simplify
 
-    scene = open_scene(source, output, terminal, flat_too=order.memory is None)
+    scene = open_scene(source, output, terminal)
     if scene is not None:
         _expect_room(source, order)
         return _simplify_scene(scene, source, output, order, terminal, progress)

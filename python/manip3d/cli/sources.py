@@ -46,9 +46,7 @@ def open_mesh(source: str, terminal: Terminal, *, may_be_empty: bool = False) ->
 GLTF_SUFFIXES = (".glb", ".gltf")
 
 
-def open_scene(
-    source: str, output: Path, terminal: Terminal, *, flat_too: bool = True
-) -> Scene | None:
+def open_scene(source: str, output: Path, terminal: Terminal) -> Scene | None:
     """Read a glTF file that becomes one, with all that a mesh has no place for; say what was read.
 
     Parameters
@@ -56,8 +54,6 @@ def open_scene(
     source : str
     output : Path
     terminal : Terminal
-    flat_too : bool
-        Whether a file of a single node is read as a scene.
 
     Returns
     -------
@@ -73,7 +69,7 @@ def open_scene(
     except FormatError as error:  # what is wrong with the triangles, read_mesh says
         terminal.say(f"warning: nodes are not kept: {error}")
         return None
-    if scene.num_instances == 0 or (scene.is_flat and not flat_too):
+    if scene.num_instances == 0:
         return None
     uses = scene.num_uses
     reasons = [reason for reason, n in zip(scene.fixed, uses, strict=True) if n > 0]
