@@ -16,6 +16,7 @@ import textwrap
 import threading
 import time
 import zlib
+from collections.abc import Iterable
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -544,9 +545,54 @@ def test_tum_sequences(tmp_path: Path) -> None:
         np.testing.assert_array_equal(frame.depth, np.floor((DEPTH + i) / 5 + 0.5))
     chosen = [None if f.color is None else int(f.color[0, 0, 0]) for f in found]
     assert chosen == [0, 1, 1, None]  # 15, 17, 16 ms apart; the last one 57
-    assert capture.open_rgbd(f"tum:{tmp_path}").calibration.depth.fx == 525.0
     with pytest.raises(FormatError, match="expected 640 x 480 pixels as the calibration says"):
-        capture.open_rgbd(f"tum:{tmp_path}").read()
+        capture.open_rgbd(f"tum:{renamed(tmp_path, 'rgbd_dataset_freiburg1_xyz')}").read()
+
+
+def renamed(folder: Path, name: str) -> Path:
+    """The same sequence under another name."""
+    shutil.copytree(folder, folder / name, ignore=lambda _, names: {name} & set(names))
+    return folder / name
+
+
+@pytest.mark.parametrize(
+    ("name", "camera"),
+    [
+        ("rgbd_dataset_freiburg1_desk", (517.3, 516.5, 318.6, 255.3)),
+        ("rgbd_dataset_freiburg2_pioneer_slam", (520.9, 521.0, 325.1, 249.7)),
+        ("fr3_walking_xyz", (535.4, 539.2, 320.1, 247.6)),
+    ],
+)
+def test_tum_cameras_go_by_the_sequence(
+    tmp_path: Path, name: str, camera: tuple[float, ...]
+) -> None:
+    tum(tmp_path, ["1.0"], ["1.0"])
+    depth = capture.open_rgbd(f"tum:{renamed(tmp_path, name)}/").calibration.depth
+    assert (depth.fx, depth.fy, depth.cx, depth.cy) == camera
+
+
+@pytest.mark.parametrize("name", ["desk", "fr4_desk", "afr1", "freiburg12", "fr"])
+def test_a_tum_sequence_of_another_name_is_warned_about(tmp_path: Path, name: str) -> None:
+    tum(tmp_path, ["1.0"], ["1.0"])
+    folder = renamed(tmp_path, name)
+    with pytest.warns(UserWarning, match=r"camera: .*freiburg1.*got") as warned:
+        source = capture.open_rgbd(f"tum:{folder}")
+    assert warned[0].filename == __file__
+    assert source.calibration.depth.fx == 525.0
+    assert source.counters["nominal_camera"] == 1
+    assert "nominal_camera" not in capture.open_rgbd(f"tum:{folder}", camera=CAMERA).counters
+
+
+def test_a_tum_sequence_may_have_a_calibration_of_its_own(tmp_path: Path) -> None:
+    capture.record(rgbd_frames.frames(1), tmp_path / "recording")
+    tum(tmp_path, ["1.0"], ["1.0"])
+    folder = renamed(tmp_path, "freiburg1")
+    shutil.copy(tmp_path / "recording" / "calibration.json", folder)
+    stored = capture.open_rgbd(f"folder:{tmp_path / 'recording'}").calibration.depth
+    mine = capture.open_rgbd(f"tum:{folder}").calibration.depth
+    for name in ("width", "height", "fx", "fy", "cx", "cy"):
+        assert getattr(mine, name) == getattr(stored, name)
+    assert mine.fx != 517.3
 
 
 def test_tum_lists_that_are_wrong(tmp_path: Path) -> None:
@@ -676,13 +722,69 @@ def test_addresses_that_lead_nowhere(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="speed: expected a finite number >= 0"):
         opened(tmp_path, speed=-1.0)
     with pytest.raises(InputError, match="expected none of them for sim:"):
-        capture.open("sim:body", speed=1.0)
+        capture.open("sim:body", camera=CAMERA)
+    with pytest.raises(InputError, match="speed: expected a finite number >= 0"):
+        capture.open("sim:body", speed=-1.0)
     with pytest.raises((FileNotFoundError, FormatError)):
         capture.open(f"folder:{tmp_path / 'missing'}", camera=CAMERA)
     for scheme in capture.sources():
         if scheme.name in ("openni2", "freenect2", "realsense", "orbbec") and scheme.reason:
             with pytest.raises(DeviceError, match=f"{scheme.name}: "):
                 capture.open(f"{scheme.name}:")
+
+
+@pytest.mark.parametrize(
+    ("before", "expected"), [(0.0, [6]), (0.1, [3, 4, 5, 6]), (60.0, range(7))]
+)
+def test_a_trigger_begins_a_recording_with_what_was_before(
+    tmp_path: Path, before: float, expected: Iterable[int]
+) -> None:
+    """Frames are 1/30 s apart, so that 0.1 s are three of them; the trigger stays on."""
+    there = list(rgbd_frames.frames(12))
+    there = [replace(f, number=n, time=n * 100_000_000 // 3) for n, f in enumerate(there)]
+    asked: list[int] = []
+
+    def trigger(frame: RgbdFrame) -> bool:
+        asked.append(frame.number)
+        return frame.number == 6
+
+    done = capture.record(there, tmp_path / "a", trigger=trigger, before=before, frames=3)
+    assert asked == list(range(7))
+    numbers = [frame.number for frame in capture.open_rgbd(f"folder:{tmp_path / 'a'}")]
+    assert numbers == [*expected, 7, 8]
+    assert (done.frames, done.stop) == (len(numbers), "frames")
+    assert done.seconds == pytest.approx((8 - numbers[0]) / 30)
+    timed = capture.record(there, tmp_path / "b", trigger=trigger, before=before, seconds=0.05)
+    assert (timed.frames, timed.stop) == (len(list(expected)) + 1, "seconds")
+
+
+def test_a_trigger_that_never_comes_and_seconds_that_are_none(tmp_path: Path) -> None:
+    there = list(rgbd_frames.frames(3))
+    done = capture.record(there, tmp_path / "a", trigger=lambda _: False, before=1.0)
+    assert (done.frames, done.seconds, done.stop) == (0, 0.0, "end")
+    for before in (-1.0, 61.0, float("nan")):
+        with pytest.raises(InputError, match="before: expected 0 to 60 seconds"):
+            capture.record(there, tmp_path / "b", trigger=lambda _: True, before=before)
+    with pytest.raises(InputError, match="before: expected a trigger"):
+        capture.record(there, tmp_path / "b", before=1.0)
+
+
+def test_simulated_people_are_given_at_their_times() -> None:
+    pytest.importorskip("open3d")
+    with capture.open_rgbd("sim:body?frames=3&room=no&rate=2", speed=2.0) as source:
+        begun = time.monotonic()
+        first = source.read()
+        assert first is not None
+        assert source.read(timeout=0.0) is None  # not yet
+        assert [frame.time - first.time for frame in source] == [500_000_000, 1_000_000_000]
+        assert time.monotonic() - begun > 0.45
+        assert source.counters["frames"] == 3
+    with capture.open_rgbd("sim:body?frames=3&room=no&rate=1", speed=0.1) as source:
+        source.read()
+        threading.Timer(0.3, source.stop).start()
+        begun = time.monotonic()
+        assert source.read() is not None  # the frame that it had, and no wait of ten seconds
+        assert time.monotonic() - begun < 5.0
 
 
 def test_people_of_the_data_sets_are_sources(realdata: RealData, tmp_path: Path) -> None:

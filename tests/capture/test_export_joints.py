@@ -118,6 +118,30 @@ def test_frames_without_the_person_keep_the_time(tmp_path: Path) -> None:
     np.testing.assert_array_equal(places[4], places[2])
 
 
+def test_dropped_frames_keep_the_time(tmp_path: Path) -> None:
+    """Half a second after the fourth frame, and two dropped frames later on."""
+    times = np.array([0, 33, 66, 99, 599, 632, 665, 698, 797, 830, 863, 896]) * 1_000_000
+    frames = [replace(f, time=int(t)) for f, t in zip(waving(), times, strict=True)]
+    done = capture.export_joints(frames, tmp_path / "wave.bvh")
+    _, places, step = read_bvh(done.path)
+    assert (done.frames, done.held) == (12, 14 + 2)
+    assert len(places) == 28
+    assert step * 27 == pytest.approx(0.896, abs=1e-5)
+    for place in places[4:18]:
+        np.testing.assert_array_equal(place, places[3])
+    moved = np.abs(np.diff(places, axis=0)).max(axis=(1, 2)) > 0
+    np.testing.assert_allclose(np.flatnonzero(moved)[3] + 1, 18)
+    table = capture.export_joints(frames, tmp_path / "wave.csv")
+    assert (table.frames, table.held) == (12, 0)
+
+
+def test_a_motion_has_no_gap_of_hours(tmp_path: Path) -> None:
+    frames = waving()
+    frames[-1] = replace(frames[-1], time=frames[-1].time + 4000 * 10**9)
+    with pytest.raises(InputError, match="at most 3600 s between two frames of a motion, got 4000"):
+        capture.export_joints(frames, tmp_path / "wave.bvh")
+
+
 @pytest.mark.parametrize("frames", ["3", 2.5, 0, True])
 def test_a_number_of_frames_is_a_whole_one(tmp_path: Path, frames: object) -> None:
     with pytest.raises(InputError, match="frames: expected"):

@@ -199,12 +199,12 @@ def tum_folder() -> list[Files]:
     png = written(Image.new("RGB", size).save, "a.png")
     return [
         {
-            "depth.txt": lists.encode(),
-            "rgb.txt": color.encode(),
-            "depth/1.png": image,
-            "depth/2.png": image,
-            "rgb/1.png": png["a.png"],
-            "rgb/2.png": png["a.png"],
+            "freiburg1/depth.txt": lists.encode(),
+            "freiburg1/rgb.txt": color.encode(),
+            "freiburg1/depth/1.png": image,
+            "freiburg1/depth/2.png": image,
+            "freiburg1/rgb/1.png": png["a.png"],
+            "freiburg1/rgb/2.png": png["a.png"],
         }
     ]
 
@@ -464,7 +464,7 @@ KINDS = {
         Kind("velodyne", calibrations, lambda d, n: capture.read_velodyne_calibration(d / n)),
         Kind("pcap", lambda: corpus("pcap", ".pcap"), read_packets),
         Kind("drive", drives, read_drive),
-        Kind("tum", tum_folder, lambda d, _: read_frames(f"tum:{d}")),
+        Kind("tum", tum_folder, lambda d, _: read_frames(f"tum:{d / 'freiburg1'}")),
         Kind("folder", lambda: recordings(""), lambda d, _: read_frames(f"folder:{d / 'x'}")),
         Kind("mkv", lambda: recordings(".mkv"), lambda d, _: read_frames(f"mkv:{d / 'x.mkv'}")),
         Kind("results", results, report),

@@ -121,8 +121,13 @@ def turned_after(gap: float, turn: float, camera: Intrinsics) -> list[tuple[Phan
 
 
 @pytest.mark.parametrize("camera", [SMALL, KINECT], ids=["small", "kinect"])
-@pytest.mark.parametrize("turn", [15.0, 25.0, 40.0, 60.0])
-@pytest.mark.parametrize("gap", [0.1, 0.5, 2.0, 60.0])
+@pytest.mark.parametrize(
+    ("gap", "turn"),
+    [
+        *((0.0, turn) for turn in (20.0, 32.0, 36.0, 40.0, 50.0)),  # from one frame to the next
+        *((gap, turn) for gap in (0.1, 0.5, 2.0, 60.0) for turn in (15.0, 25.0, 40.0, 60.0)),
+    ],
+)
 def test_a_body_that_turned_during_a_gap(gap: float, turn: float, camera: Intrinsics) -> None:
     rows = turned_after(gap, turn, camera)
     wrong = [off for state, off in rows if state is PhantomState.TRACKING and off > 8.0]
@@ -165,6 +170,21 @@ def test_a_plane_that_the_joints_speak_against_is_not_believed(every: int) -> No
     assert PhantomState.TRACKING not in states
     assert len(states) < 12 * every
     assert degrees_off(result, truth) < 5.0
+
+
+def with_a_shoulder_forward(truth: Skeleton, metres: float) -> Skeleton:
+    positions = truth.positions.copy()
+    positions[JOINTS.index("ShoulderRight"), 2] += metres
+    return replace(truth, positions=positions)
+
+
+def test_a_shoulder_that_is_told_wrong_once_does_not_turn_the_plane() -> None:
+    rng = np.random.default_rng(1)
+    pipeline = PhantomPipeline("right_arm")
+    for number in range(40):
+        truth = pose()
+        told = jittered(with_a_shoulder_forward(truth, 0.2 if number == 24 else 0.0), rng, 0.005)
+        assert degrees_off(pipeline.process(seen(truth, number, told=told)), truth) < 5.0
 
 
 def test_five_frames_a_second_are_enough_for_a_swaying_body() -> None:

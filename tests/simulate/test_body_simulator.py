@@ -366,6 +366,25 @@ def test_a_time_before_the_beginning_is_refused() -> None:
         BodySimulator().capture(-1.0)
 
 
+def test_the_front_of_the_chest_breathes() -> None:
+    """In two seconds by all of it, in four back, and neither joints nor the rest of the body."""
+    scene = {"motion": "still", "room": False, "color": "none", "noise": 0.0}
+    still = BodySimulator(**scene).capture(2.0).truth  # type: ignore[arg-type]
+    breathing = BodySimulator(**scene, breath=0.02)  # type: ignore[arg-type]
+    out, back = breathing.capture(2.0).truth, breathing.capture(4.0).truth
+    np.testing.assert_array_equal(out.joints, still.joints)
+    moved = out.body().vertices - still.body().vertices
+    np.testing.assert_allclose(moved[:, 2].min(), -0.02, atol=5e-4)  # to the camera
+    np.testing.assert_allclose(moved[:, :2], 0.0, atol=5e-3)
+    chest = still.body().vertices[moved[:, 2] < -0.01]
+    assert 0.2 < np.ptp(chest[:, 0]) < 0.4
+    assert np.ptp(chest[:, 1]) < 0.25
+    assert (moved[:, 2] > -0.001).mean() > 0.8
+    np.testing.assert_allclose(back.body().vertices, still.body().vertices, atol=1e-6)
+    nearer = (still.depth - out.depth)[(still.depth > 0) & (out.depth > 0)]
+    assert np.quantile(nearer, 0.999) == pytest.approx(0.02, abs=0.004)
+
+
 def test_trackers_are_wrong_in_their_own_way() -> None:
     """Sway turns the body; jitter remembers; bias turns with its bone; missing joints fly."""
     scene = {"motion": "still", "room": False, "color": "none", "amputated": "right_arm"}

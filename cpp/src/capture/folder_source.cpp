@@ -1,6 +1,10 @@
 #include <algorithm>
+#include <array>
+#include <cctype>
 #include <memory>
+#include <optional>
 #include <string>
+#include <string_view>
 #include <utility>
 
 #include "capture/image_frames.hpp"
@@ -38,6 +42,12 @@ std::unique_ptr<RgbdSource> make_source(ImageFrames::Listing listing, Calibratio
       std::make_unique<ImageFrames>(std::move(listing), std::move(stored), units_per_metre);
   if (options.speed == 0.0) return source;
   return in_real_time(std::move(source), options.speed);
+}
+
+/// Of the folder's calibration.json, if there is one.
+Calibration stored_calibration(const fs::path& folder) {
+  const fs::path described = folder / "calibration.json";
+  return fs::exists(described) ? parse_file(described, parse_calibration) : nullptr;
 }
 
 // --- recordings ---------------------------------------------------------------------------------
@@ -146,14 +156,44 @@ ImageFrames::Listing plain_frames(const fs::path& folder) {
 
 // --- TUM ----------------------------------------------------------------------------------------
 
-/// "ROS default" of the benchmark's page on intrinsics: good for all its pre-registered images.
-Calibration tum_calibration() {
+struct TumCamera {
+  double fx, fy, cx, cy;
+};
+/// The colour cameras of freiburg1, 2 and 3 by the benchmark's page on intrinsics: depth images are
+/// registered to them. Their distortion is left out, as by the benchmark's own tools.
+constexpr std::array kTumCameras = {TumCamera{517.3, 516.5, 318.6, 255.3},
+                                    TumCamera{520.9, 521.0, 325.1, 249.7},
+                                    TumCamera{535.4, 539.2, 320.1, 247.6}};
+/// "ROS default" of that page: good for all its pre-registered images.
+constexpr TumCamera kNominalTumCamera = {525.0, 525.0, 319.5, 239.5};
+
+/// By the folder's name: freiburg1 to 3 or fr1 to 3, as words of their own but for a number's end.
+std::optional<TumCamera> published_tum_camera(const fs::path& folder) {
+  const fs::path whole = fs::weakly_canonical(folder);
+  const std::string name = (whole.has_filename() ? whole : whole.parent_path()).filename();
+  const auto at = [&](std::size_t i) {
+    return i < name.size() ? static_cast<unsigned char>(name[i]) : 0U;
+  };
+  for (const std::string_view word : {"freiburg", "fr"}) {
+    for (std::size_t i = name.find(word); i != std::string::npos; i = name.find(word, i + 1)) {
+      const std::size_t number = i + word.size();
+      const bool is_word = i == 0 || std::isalnum(static_cast<int>(at(i - 1))) == 0;
+      const bool is_digit = std::isdigit(static_cast<int>(at(number + 1))) == 0;
+      const std::size_t camera = at(number) - std::size_t{'1'};
+      if (is_word && is_digit && camera < kTumCameras.size()) return kTumCameras[camera];
+    }
+  }
+  return std::nullopt;
+}
+
+Calibration tum_calibration(const TumCamera& camera) {
   auto calibration = std::make_shared<RgbdCalibration>();
   calibration->depth.width = 640;
   calibration->depth.height = 480;
-  calibration->depth.fx = calibration->depth.fy = 525.0;
-  calibration->depth.cx = 319.5;
-  calibration->depth.cy = 239.5;
+  calibration->depth.fx = camera.fx;
+  calibration->depth.fy = camera.fy;
+  calibration->depth.cx = camera.cx;
+  calibration->depth.cy = camera.cy;
   return calibration;
 }
 
@@ -178,11 +218,7 @@ ImageFrames::Listing tum_frames(const fs::path& folder) {
 }  // namespace
 
 std::unique_ptr<RgbdSource> open_folder(const fs::path& folder, const RgbdOptions& options) {
-  const fs::path described = folder / "calibration.json";
-  Calibration calibration = options.calibration;
-  if (!calibration && fs::exists(described)) {
-    calibration = parse_file(described, parse_calibration);
-  }
+  Calibration calibration = options.calibration ? options.calibration : stored_calibration(folder);
   ImageFrames::Listing frames =
       fs::exists(folder / "frames.jsonl") ? recorded_frames(folder) : plain_frames(folder);
   if (!calibration) {
@@ -193,9 +229,14 @@ std::unique_ptr<RgbdSource> open_folder(const fs::path& folder, const RgbdOption
 }
 
 std::unique_ptr<RgbdSource> open_tum(const fs::path& folder, const RgbdOptions& options) {
-  return make_source(tum_frames(folder),
-                     options.calibration ? options.calibration : tum_calibration(), kTumUnits,
-                     options);
+  ImageFrames::Listing frames = tum_frames(folder);
+  Calibration calibration = options.calibration ? options.calibration : stored_calibration(folder);
+  if (!calibration) {
+    const std::optional<TumCamera> camera = published_tum_camera(folder);
+    if (!camera) frames.counters.emplace_back("nominal_camera", 1);
+    calibration = tum_calibration(camera.value_or(kNominalTumCamera));
+  }
+  return make_source(std::move(frames), std::move(calibration), kTumUnits, options);
 }
 
 }  // namespace manip3d

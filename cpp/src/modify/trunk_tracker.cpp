@@ -47,6 +47,10 @@ constexpr double kMissed = 0.1;             // seconds after which a surface may
 // Seconds over which the joints' direction across is averaged, and radians that it may differ from
 // the plane's normal by: a reaching arm takes its shoulder along by up to 10 cm.
 constexpr double kAcrossTime = 0.1, kMostDisagreement = 0.26;
+// Radians that the joints' direction across may jump by from one frame to the next, and standard
+// deviations of its jitter: beyond both the body may have turned farther than its surface is found
+// from the last pose.
+constexpr double kMostJump = 0.21, kSureJump = 4.0;
 constexpr double kNewKeyTurn = 0.99;  // cosine of half the turn after which points are renewed
 constexpr double kNewKeyShare = 0.55;
 constexpr double kSymmetryWindow = 45.0;  // frames over which the plane of the surface is averaged
@@ -324,6 +328,7 @@ std::optional<BodyFrame> TrunkTracker::update(const Skeleton* joints, const Dept
   const double elapsed = time_s - time_s_, without_joints = time_s - joints_time_s_;
   const bool are_back = joints != nullptr && without_joints > kGap;
   if (pose_ && (elapsed > kGap || are_back)) end_motion();
+  const bool jumps = pose_ && joints != nullptr && has_jumped(*joints, elapsed);
   if (joints != nullptr) {
     measure_jitter(*joints);
     joints_time_s_ = time_s;
@@ -336,7 +341,7 @@ std::optional<BodyFrame> TrunkTracker::update(const Skeleton* joints, const Dept
     is_contradicted_ = false;
   }
   if (pose_) {
-    follow(joints, depth, rays, camera, std::max(elapsed, 1e-3));
+    follow(joints, depth, rays, camera, std::max(elapsed, 1e-3), jumps);
   } else if (joints != nullptr) {
     const auto frame = trunk_frame(*joints, affected_);
     if (!frame) return std::nullopt;
@@ -347,6 +352,7 @@ std::optional<BodyFrame> TrunkTracker::update(const Skeleton* joints, const Dept
   }
   if (joints != nullptr && !is_contradicted_) average_joints(*joints);
   measure_symmetry(depth, rays, camera);
+  if (jumps) across_.setZero();  // what was before the turn tells nothing
   if (joints != nullptr) compare_turn(*joints, without_joints);
   deviation_deg_ = std::hypot(deviation_deg_, disagreement_ / kDegree);
   time_s_ = time_s;
@@ -355,11 +361,17 @@ std::optional<BodyFrame> TrunkTracker::update(const Skeleton* joints, const Dept
 
 /// One frame on: predicts, fits, and learns the velocity.
 void TrunkTracker::follow(const Skeleton* joints, const DepthView& depth, const PixelRays& rays,
-                          const Intrinsics& camera, double elapsed) {
+                          const Intrinsics& camera, double elapsed, bool jumps) {
   const Pose before = *pose_;
   pose_->rotation = (small_turn(elapsed * velocity_.head<3>()) * pose_->rotation).normalized();
   pose_->translation += elapsed * velocity_.tail<3>();
-  fit(is_contradicted_ ? nullptr : joints, depth, rays, camera, elapsed);
+  // A body that turned too far for its surface is looked for as if frames had been missed.
+  const double unseen = jumps ? std::max(elapsed, kMissed + kFrameTime) : elapsed;
+  fit(is_contradicted_ ? nullptr : joints, depth, rays, camera, unseen);
+  if (jumps) {  // trackers jump, and a body that did would not go on so
+    velocity_.setZero();
+    return;
+  }
   const Eigen::Quaterniond turn = pose_->rotation * before.rotation.conjugate();
   Vector6 seen;
   seen << (turn.w() < 0.0 ? -2.0 : 2.0) * turn.vec(), pose_->translation - before.translation;
@@ -501,17 +513,37 @@ bool TrunkTracker::contradicts(const Skeleton& joints) const {
   return 2 * off > all;
 }
 
-/// Radians: standard deviation of the direction across that is averaged, by the joints' jitter.
-double TrunkTracker::turn_jitter() const {
-  constexpr double kAcross = 0.35 + 0.5 * 0.18;  // metres: shoulders, and half of the hips
-  // An exponential mean of white noise at 30 frames a second: a / (2 - a), a = 1 - e^(-1/3).
-  constexpr double kLeft = 0.165;
-  const auto variance = [&](Joint joint) {
-    return joints_[static_cast<std::size_t>(joint)].jitter;
+/// From right to left, of the shoulders and half of the hips, as far as both of a pair are tracked.
+std::optional<TrunkTracker::Across> TrunkTracker::tracked_across(const Skeleton& joints) const {
+  constexpr double kShoulders = 0.35, kHips = 0.18;  // metres
+  Across across;
+  double length = 0.0, variance = 0.0;
+  const auto add = [&](Joint left, Joint right, double share, double width) {
+    for (const Joint joint : {left, right}) {
+      if (!is_usable(joints, joint) || joints.state(joint) != TrackingState::kTracked) return;
+    }
+    across.direction += share * (joints[left] - joints[right]).cast<double>();
+    length += share * width;
+    for (const Joint joint : {left, right}) {
+      variance += share * share * joints_[static_cast<std::size_t>(joint)].jitter;
+    }
   };
-  const double sum = variance(kShoulderLeft) + variance(kShoulderRight) +
-                     0.25 * (variance(kHipLeft) + variance(kHipRight));
-  return std::sqrt(kLeft * sum) / kAcross;
+  add(kShoulderLeft, kShoulderRight, 1.0, kShoulders);
+  add(kHipLeft, kHipRight, 0.5, kHips);
+  if (across.direction.isZero(0.0)) return std::nullopt;
+  across.jitter = std::sqrt(variance) / length;
+  return across;
+}
+
+/// Has the direction across jumped against that of the last frames, carried on with the trunk?
+bool TrunkTracker::has_jumped(const Skeleton& joints, double elapsed) const {
+  const auto across = tracked_across(joints);
+  if (!across || across_.isZero(0.0)) return false;
+  const Eigen::Quaterniond rotation = small_turn(elapsed * velocity_.head<3>()) * pose_->rotation;
+  const Eigen::Vector3d foreseen = rotation * across_;
+  const double cosine = foreseen.dot(across->direction);
+  const double turn = std::atan2(foreseen.cross(across->direction).norm(), cosine);
+  return turn > std::max(kMostJump, kSureJump * across->jitter);
 }
 
 /// How far the plane is turned about the spine against the shoulders and hips that were tracked
@@ -520,25 +552,21 @@ void TrunkTracker::compare_turn(const Skeleton& joints, double elapsed) {
   disagreement_ = 0.0;
   const auto axes = frame();
   if (!axes) return;
-  Eigen::Vector3d across = Eigen::Vector3d::Zero();
-  const auto add = [&](Joint left, Joint right, double share) {
-    for (const Joint joint : {left, right}) {
-      if (!is_usable(joints, joint) || joints.state(joint) != TrackingState::kTracked) return;
-    }
-    across += share * (joints[left] - joints[right]).cast<double>();
-  };
-  add(kShoulderLeft, kShoulderRight, 1.0);
-  add(kHipLeft, kHipRight, 0.5);
-  if (across.isZero(0.0)) {
+  const auto across = tracked_across(joints);
+  if (!across) {
     across_.setZero();
     return;
   }
-  const Eigen::Vector3d within = pose_->rotation.conjugate() * across;
+  const Eigen::Vector3d within = pose_->rotation.conjugate() * across->direction;
   const double gain = across_.isZero(0.0) ? 1.0 : 1.0 - std::exp(-elapsed / kAcrossTime);
   across_ += gain * (within - across_);
   const Eigen::Vector3d mean = pose_->rotation * across_;
   const double turn = std::abs(std::atan2(axes->z.dot(mean), axes->n.dot(mean)));
-  if (!(turn > kMostDisagreement + 2.0 * turn_jitter())) return;
+  // The variance that an exponential mean leaves of white noise at 30 frames a second: a / (2 - a),
+  // a = 1 - e^(-1/3).
+  constexpr double kLeft = 0.165;
+  const double deviation = std::sqrt(kLeft) * across->jitter;
+  if (!(turn > kMostDisagreement + 2.0 * deviation)) return;
   disagreement_ = turn;
 }
 

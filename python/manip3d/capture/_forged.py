@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import math
 import threading
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -144,8 +143,6 @@ class SwitchedForgery:
     background : sequence of RgbdFrame
         Empty: the scene behind the person, learnt from the first `LEARNED` frames.
     pose : sequence, optional
-    speed : float
-        At which frames of an inner source that does not wait are given; 0: as they come.
     """
 
     def __init__(
@@ -154,10 +151,9 @@ class SwitchedForgery:
         inner: Any,
         background: Sequence[RgbdFrame],
         pose: Sequence[RgbdFrame | Skeleton] | None,
-        speed: float,
     ) -> None:
         self.is_forged = plan.is_forged
-        self._plan, self._inner, self._pose, self._speed = plan, inner, pose, speed
+        self._plan, self._inner, self._pose = plan, inner, pose
         self._switch = Path(path_of(plan.switch, "switch")) if plan.switch else None
         self._lock = threading.RLock()
         self._is_started = False
@@ -182,8 +178,6 @@ class SwitchedForgery:
     def _begin(self) -> None:
         self._counts = {"real": 0, "forged": 0}
         self._learnt: list[RgbdFrame] = []
-        self._held: RgbdFrame | None = None
-        self._clock: tuple[float, int] | None = None
         self._began: int | None = None
 
     def _forger_before(self, background: Sequence[RgbdFrame]) -> StreamForger:
@@ -200,30 +194,11 @@ class SwitchedForgery:
     def read(self, timeout_ms: int) -> RgbdFrame | bool:
         """The next frame; True: not yet; False: there is none."""
         with self._lock:
-            if self._held is None:
-                found = self._inner._source.read(timeout_ms)
-                if isinstance(found, bool):
-                    return found
-                self._held = self._inner._to_frame(found) if isinstance(found, Mapping) else found
-            if not self._is_due(timeout_ms):
-                return True
-            frame, self._held = self._held, None
+            found = self._inner._source.read(timeout_ms)
+            if isinstance(found, bool):
+                return found
+            frame = self._inner._to_frame(found) if isinstance(found, Mapping) else found
             return self._shown(frame)
-
-    def _is_due(self, timeout_ms: int) -> bool:
-        """Wait for the time of the frame that is held, at most so long."""
-        assert self._held is not None
-        if not self._speed > 0.0:
-            return True
-        now = time.monotonic()
-        if self._clock is None:
-            self._clock = now, self._held.time
-        began, first = self._clock
-        left = began + (self._held.time - first) * 1e-9 / self._speed - now
-        if left < 0.0:  # made more slowly than in real time: the clock waits for the frames
-            self._clock = now, self._held.time
-        time.sleep(min(max(left, 0.0), timeout_ms / 1000.0))
-        return left <= timeout_ms / 1000.0
 
     def _shown(self, frame: RgbdFrame) -> RgbdFrame | bool:
         frame = self._same_kind(frame)

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 _TO_BVH = np.array([100.0, -100.0, -100.0])  # metres, y down, z ahead -> centimetres, y up
+_LONGEST_GAP = 3600.0  # seconds that a motion repeats a pose for
 _SPINE = [JOINTS.index(name) for name in ("SpineMid", "SpineShoulder", "Neck", "Head")]
 _CHILDREN = [[j for j in range(1, 25) if PARENTS[j] == parent] for parent in range(25)]
 
@@ -68,7 +69,8 @@ def export_joints(
     ``id``, ``joint``, ``name``, ``x``, ``y``, ``z``, ``state`` (0 not tracked, 1 inferred, 2
     tracked). A motion has one person, y up, in centimetres: bones keep their median lengths, and
     each joint turns so that the bones which hang from it point where they were seen. Between the
-    first and the last frame with the person, frames without it repeat the pose before.
+    first and the last frame with the person, frames without it, and times at which frames were
+    dropped, repeat the pose before.
 
     Parameters
     ----------
@@ -95,7 +97,7 @@ def export_joints(
     ------
     InputError
         Another suffix, a file that exists, no skeleton of the person in the source, no joint of it
-        that was seen.
+        that was seen, a motion with more than an hour between two frames.
     FormatError, DeviceError
         The source raised it.
     MissingExtraError
@@ -137,6 +139,9 @@ def export_joints(
             held = 0
         else:
             found, held = _followed(stream, person)
+            seen = len(found)
+            found = _at_even_times(found)
+            held += len(found) - seen
     if not found:
         who = "a skeleton" if person is None else f"a skeleton with id {person}"
         raise InputError(f"source: expected {who} in some frame, found none")
@@ -174,6 +179,21 @@ def _followed(
     return found[: len(found) - missing], held
 
 
+def _at_even_times(found: list[tuple[RgbdFrame, Skeleton]]) -> list[tuple[RgbdFrame, Skeleton]]:
+    """With the pose before in the place of each frame that is missing by the others' times."""
+    steps = np.diff([float(frame.time) for frame, _ in found]) * 1e-9
+    if len(steps) == 0 or not np.median(steps) > 0:
+        return found
+    longest = float(steps.max())
+    if longest > _LONGEST_GAP:
+        raise InputError(
+            f"source: expected at most {_LONGEST_GAP:.0f} s between two frames of a motion, got "
+            f"{longest:.0f} s"
+        )
+    times = np.maximum(1, np.rint(steps / np.median(steps)).astype(int))
+    return [one for one, n in zip(found, (*times, 1), strict=True) for _ in range(n)]
+
+
 def _table(found: Sequence[tuple[RgbdFrame, Skeleton]]) -> str:
     lines = ["frame,time_ns,id,joint,name,x,y,z,state"]
     for frame, skeleton in found:
@@ -196,7 +216,7 @@ def _motion(found: Sequence[tuple[RgbdFrame, Skeleton]]) -> str:
     first = bones[0] / np.maximum(np.linalg.norm(bones[0], axis=1, keepdims=True), 1e-9)
     offsets = np.concatenate([np.zeros((1, 3)), first * lengths[:, None]])
     times = np.array([frame.time for frame, _ in found], np.float64) / 1e9
-    step = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+    step = float(times[-1] - times[0]) / (len(times) - 1) if len(times) > 1 else 0.0
     lines = ["HIERARCHY", *_hierarchy(0, offsets, "", "ROOT")]
     lines += ["MOTION", f"Frames: {len(found)}", f"Frame Time: {step if step > 0 else 1 / 30:.7f}"]
     order = _depth_first(0)

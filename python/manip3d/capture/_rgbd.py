@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 import os
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
+import time
+import warnings
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -25,6 +28,8 @@ from manip3d.rgbd import RgbdCalibration, RgbdFrame, Skeleton
 if TYPE_CHECKING:
     from manip3d._util.options import Progress
 
+_CALLER = 3  # whose line a warning names: @checked is in between
+_LONGEST_BEFORE = 60.0  # seconds
 _PEOPLE = ("utd-mhad", "labanotation", "people")
 
 
@@ -198,10 +203,44 @@ class ForgedSource(RgbdSource):
             self.start()
 
 
+class FrameClock:
+    """Waits for the times of frames, so many times as fast as they were; 0: never.
+
+    Frames that are made more slowly are not caught up with: the clock waits for them.
+    """
+
+    def __init__(self, speed: float) -> None:
+        self._speed = speed
+        self._began: tuple[float, int] | None = None
+
+    def is_due(self, time_ns: int, timeout_ms: int) -> bool:
+        """Wait for the time of a frame, at most so long."""
+        if not self._speed > 0.0:
+            return True
+        now = time.monotonic()
+        if self._began is None:
+            self._began = now, time_ns
+        began, first = self._began
+        left = began + (time_ns - first) * 1e-9 / self._speed - now
+        if left < 0.0:
+            self._began = now, time_ns
+        time.sleep(min(max(left, 0.0), timeout_ms / 1000.0))
+        return left <= timeout_ms / 1000.0
+
+    def stop(self) -> None:
+        """No frame is waited for any more."""
+        self._speed = 0.0
+
+
 class _Iterated:
     """Any iterable of frames; the same face as the core's sources."""
 
-    def __init__(self, frames: Iterable[RgbdFrame], calibration: RgbdCalibration | None) -> None:
+    def __init__(
+        self,
+        frames: Iterable[RgbdFrame],
+        calibration: RgbdCalibration | None,
+        speed: float = 0.0,
+    ) -> None:
         self._length = len(frames) if isinstance(frames, Sized) else None
         self._frames = iter(frames)
         self._first: RgbdFrame | None = None
@@ -212,15 +251,21 @@ class _Iterated:
             calibration = self._first.calibration
         self._calibration = calibration
         self._given = 0
+        self._clock = FrameClock(speed)
         self._lock = threading.RLock()
 
     def read(self, timeout_ms: int) -> RgbdFrame | bool:
-        """The next frame, or False at the end."""
+        """The next frame; True: it is not its time yet; False: there is none."""
         with self._lock:
             frame = self._first or next(self._frames, None)
+            if frame is None:
+                return False
+            if not self._clock.is_due(frame.time, timeout_ms):
+                self._first = frame
+                return True
             self._first = None
-            self._given += frame is not None
-            return False if frame is None else frame
+            self._given += 1
+            return frame
 
     def calibration(self) -> RgbdCalibration:
         """Return the calibration of the source, else of its first frame."""
@@ -242,7 +287,8 @@ class _Iterated:
         """There is nothing to open."""
 
     def stop(self) -> None:
-        """There is no thread to end."""
+        """End the wait for the time of a frame; there is no thread."""
+        self._clock.stop()
 
 
 def _to_calibration(found: Any) -> RgbdCalibration:
@@ -289,8 +335,12 @@ def from_frames(frames: Iterable[RgbdFrame], *, uri: str = "frames") -> RgbdSour
     (0, [1, 2])
     """
 
+    return _source_of(frames, uri)
+
+
+def _source_of(frames: Iterable[RgbdFrame], uri: str, speed: float = 0.0) -> RgbdSource:
     def opened() -> _Iterated:
-        return _Iterated(frames, getattr(frames, "calibration", None))
+        return _Iterated(frames, getattr(frames, "calibration", None), speed)
 
     # An iterator can only be gone through once.
     return RgbdSource(uri, opened(), None if isinstance(frames, Iterator) else opened)
@@ -316,9 +366,12 @@ def open_rgbd(
     speed : float
         Playback speed of recordings. 0: every frame, as fast as read. 1: real time, by the frames'
         times; frames that a slow reader misses are counted as ``dropped``. 2: twice as fast.
+        Simulated people and data sets wait for their reader and drop no frame.
     camera : Intrinsics or RgbdCalibration, optional
         Camera of a folder of images that has no ``calibration.json``; for other files it replaces
-        their own. A mirrored camera has its images turned round.
+        their own. A mirrored camera has its images turned round. That of a ``tum:`` sequence
+        without a ``calibration.json`` is told by its folder's name (``freiburg1`` to ``3``); of
+        others, one is taken that is nearly right, with a warning.
     units_per_metre : float, optional
         Stored units per metre of depth images. By default 1000 for folders and 5000 for ``tum:``.
 
@@ -367,9 +420,11 @@ def open_rgbd(
             raise InputError("camera, units_per_metre: expected none of them for forged:")
         return _open_forged(uri, speed)
     if scheme == "sim" or scheme in _PEOPLE:
-        if speed != 0.0 or camera is not None or units_per_metre is not None:
-            raise InputError(f"speed, camera, units_per_metre: expected none of them for {scheme}:")
-        return from_frames(_frames_of(uri, scheme), uri=uri)
+        if camera is not None or units_per_metre is not None:
+            raise InputError(f"camera, units_per_metre: expected none of them for {scheme}:")
+        if not 0.0 <= speed < math.inf:
+            raise InputError(f"speed: expected a finite number >= 0, got {speed}")
+        return _source_of(_frames_of(uri, scheme), uri, speed)
     if units_per_metre is not None and not units_per_metre > 0:
         raise InputError(f"units_per_metre: expected > 0, got {units_per_metre}")
     # Not a RgbdCalibration, which takes no mirrored camera: the core turns the images round.
@@ -379,7 +434,15 @@ def open_rgbd(
     def opened() -> Any:
         return _core.open_rgbd(os.fsencode(uri), speed, units_per_metre or 0.0, calibration)
 
-    return RgbdSource(uri, opened(), opened)
+    source = RgbdSource(uri, opened(), opened)
+    if source.counters.get("nominal_camera"):
+        warnings.warn(
+            "camera: expected a calibration.json, or freiburg1, freiburg2 or freiburg3 in the name "
+            f"of a TUM sequence, got {uri}: the pixels of the camera that is taken (fx = fy = 525, "
+            "cx = 319.5, cy = 239.5) are up to 3 % off",
+            stacklevel=_CALLER,
+        )
+    return source
 
 
 def _open_forged(uri: str, speed: float) -> ForgedSource:
@@ -398,10 +461,9 @@ def _open_forged(uri: str, speed: float) -> ForgedSource:
 
     pose = (motion_of(plan.pose) or kept(plan.pose)) if plan.pose else None
     background = kept(plan.background) if plan.background else []
-    waits = plan.source.partition(":")[0] in ("sim", *_PEOPLE)  # for its reader
-    inner = open_rgbd(plan.source, speed=0.0 if waits else speed)
+    inner = open_rgbd(plan.source, speed=speed)
     try:
-        switched = SwitchedForgery(plan, inner, background, pose, speed if waits else 0.0)
+        switched = SwitchedForgery(plan, inner, background, pose)
     except BaseException:
         inner.stop()
         raise
@@ -458,6 +520,8 @@ def record(
     *,
     frames: int | None = None,
     seconds: float | None = None,
+    trigger: Callable[[RgbdFrame], bool] | None = None,
+    before: float = 0.0,
     lossless_color: bool = False,
     jpeg_quality: int = 90,
     overwrite: bool = False,
@@ -477,6 +541,12 @@ def record(
         Stop after so many.
     seconds : float, optional
         Stop at the first frame that is so much later than the first one.
+    trigger : callable(RgbdFrame) -> bool, optional
+        Begin with the first frame for which it is true; ``frames`` and ``seconds`` count from
+        there.
+    before : float
+        Seconds before the trigger's frame that are written, too: 0 to 60. They wait in memory,
+        some 200 MB a second with colour of 1920 x 1080 pixels.
     lossless_color : bool
         Instead of JPEG.
     jpeg_quality : int
@@ -502,18 +572,29 @@ def record(
 
     Examples
     --------
+    >>> from dataclasses import replace
     >>> import numpy as np
-    >>> from manip3d import Intrinsics, RgbdCalibration, RgbdFrame, capture
+    >>> from manip3d import Intrinsics, RgbdCalibration, RgbdFrame, Skeleton, capture
     >>> camera = RgbdCalibration(Intrinsics(fx=60, fy=60, cx=31.5, cy=23.5, width=64, height=48))
     >>> depth = np.full((48, 64), 2000, np.uint16)
     >>> frames = [RgbdFrame(depth, camera, time=n * 33_000_000, number=n) for n in range(3)]
     >>> recording = capture.record(frames, "walk.mkv", frames=2)
     >>> recording.path.name, recording.frames
     ('walk.mkv', 2)
+
+    The last second before somebody comes into the picture, and all that follows:
+
+    >>> frames[2] = replace(frames[2], skeletons=(Skeleton(np.full((25, 3), 2.0)),))
+    >>> capture.record(frames, "visit", trigger=lambda f: bool(f.skeletons), before=1.0).frames
+    3
     """
     for name, value in (("frames", frames), ("seconds", seconds)):
         if value is not None and not value > 0:
             raise InputError(f"{name}: expected > 0, got {value}")
+    if not 0.0 <= before <= _LONGEST_BEFORE:
+        raise InputError(f"before: expected 0 to {_LONGEST_BEFORE:g} seconds, got {before}")
+    if before and trigger is None:
+        raise InputError("before: expected a trigger with it, got None")
     if isinstance(source, RgbdSource):
         opened = source
     elif isinstance(source, str):
@@ -525,7 +606,9 @@ def record(
     )
     try:
         with reporting(progress, "record") as report:
-            copied = _copy(opened, recorder, frames, seconds, report)
+            copied = _copy(
+                opened, recorder, frames, seconds, _since(trigger, before, opened), report
+            )
     finally:
         recorder.close()
         if isinstance(source, str):
@@ -534,27 +617,53 @@ def record(
 
 
 def _copy(
-    source: RgbdSource, recorder: Any, frames: int | None, seconds: float | None, report: Any
+    source: RgbdSource,
+    recorder: Any,
+    frames: int | None,
+    seconds: float | None,
+    wanted: Iterator[tuple[Sequence[RgbdFrame], RgbdFrame]],
+    report: Any,
 ) -> tuple[int, int, float, str]:
     """Write frame after frame; counts of all and of those with a skeleton, seconds, the end."""
-    count, with_skeleton, first, last = 0, 0, 0, 0
+    written = with_skeleton = count = 0
+    first = since = last = 0
     stop = "end"
     expected = min((n for n in (frames, source.num_frames) if n), default=None)
-    for frame in source:
+    for earlier, frame in wanted:
         if count == 0:
-            first = last = frame.time
-        if seconds is not None and frame.time - first >= seconds * 1e9:
+            first, since = (earlier[0] if earlier else frame).time, frame.time
+        if seconds is not None and frame.time - since >= seconds * 1e9:
             stop = "seconds"
             break
-        recorder.write(frame)
+        for one in (*earlier, frame):
+            recorder.write(one)
+            written, with_skeleton = written + 1, with_skeleton + bool(one.skeletons)
         count, last = count + 1, frame.time
-        with_skeleton += bool(frame.skeletons)
         if report is not None:
             done = count / expected if expected else 0.0
             if seconds is not None:
-                done = max(done, (last - first) / 1e9 / seconds)
+                done = max(done, (last - since) / 1e9 / seconds)
             report(min(done, 1.0))
         if count == frames:
             stop = "frames"
             break
-    return count, with_skeleton, (last - first) / 1e9, stop
+    return written, with_skeleton, (last - first) / 1e9, stop
+
+
+def _since(
+    trigger: Callable[[RgbdFrame], bool] | None, before: float, source: RgbdSource
+) -> Iterator[tuple[Sequence[RgbdFrame], RgbdFrame]]:
+    """Each frame from the trigger's on; with the first one, those of the seconds before it."""
+    earlier: deque[RgbdFrame] = deque()
+    is_on = trigger is None
+    for frame in source:
+        if not is_on and trigger is not None and not trigger(frame):
+            earlier.append(frame)
+            while frame.time - earlier[0].time > before * 1e9:
+                earlier.popleft()
+            continue
+        while earlier and frame.time - earlier[0].time > before * 1e9:
+            earlier.popleft()
+        is_on = True
+        yield tuple(earlier), frame
+        earlier.clear()

@@ -178,12 +178,15 @@ class PosedFigure:
     joints : (25, 3) float64, metres
     orientations : (25, 4) float64
         Quaternions w, x, y, z: y along the bone that ends at the joint; 0: none.
+    breath : float, metres
+        How far the front of the chest has come ahead.
     """
 
     rotations: Array
     origins: Array
     joints: Array
     orientations: Array
+    breath: float = 0.0
 
     @property
     def lateral(self) -> Array:

@@ -45,6 +45,9 @@ _CLOTHED = 1.1
 _CAP = 0.035
 """Metres over which a stump closes."""
 
+_BREATH = (0.38, 0.10)
+"""Metres above the pelvis where the chest moves most when it breathes, and how far up and down."""
+
 
 @dataclass(frozen=True, eq=False)
 class _Tube:
@@ -93,6 +96,7 @@ class Skin:
     _ring_weight: Array
     _vertex_ring: NDArray[np.intp]
     _vertex_offset: Array
+    _vertex_breath: Array  # share of the breath that it moves ahead by
 
     def vertices(self, figure: PosedFigure) -> NDArray[np.float32]:
         """(V, 3), metres, in the camera's frame."""
@@ -104,7 +108,10 @@ class Skin:
             turned = np.einsum("rab,rb->ra", figure.rotations[frame], reach)
             centers += share * (figure.origins[frame] + turned)
         turns = self._ring_rotations(figure)[self._vertex_ring]
-        offset = np.einsum("vab,vb->va", turns, self._vertex_offset)
+        offset = self._vertex_offset
+        if figure.breath != 0.0:
+            offset = offset + (figure.breath * self._vertex_breath)[:, None] * (0.0, 0.0, 1.0)
+        offset = np.einsum("vab,vb->va", turns, offset)
         return np.asarray(centers[self._vertex_ring] + offset, np.float32)
 
     def _ring_rotations(self, figure: PosedFigure) -> Array:
@@ -180,6 +187,7 @@ def _cut(tube: _Tube, end: float) -> _Tube:
 
 def _joined(tubes: Sequence[_Tube]) -> Skin:
     faces, bones, limbs, tiles, texcoords, rings, offsets = [], [], [], [], [], [], []
+    breaths = []
     limb_names = list(LIMBS)
     first_vertex = first_ring = 0
     for tube in tubes:
@@ -200,6 +208,7 @@ def _joined(tubes: Sequence[_Tube]) -> Skin:
         along = np.broadcast_to(tube.along[:, None], (count, columns))
         texcoords.append(np.stack([around, along], 2).reshape(-1, 2))
         offsets.append(offset)
+        breaths.append(_breath(tube, offset, columns) if trunk else np.zeros(len(offset)))
         rings.append(np.repeat(np.arange(count), columns) + first_ring)
         first_vertex += count * columns
         first_ring += count
@@ -214,7 +223,16 @@ def _joined(tubes: Sequence[_Tube]) -> Skin:
         np.concatenate([tube.weights for tube in tubes]),
         np.concatenate(rings),
         np.concatenate(offsets),
+        np.concatenate(breaths),
     )
+
+
+def _breath(tube: _Tube, offset: Array, columns: int) -> Array:
+    """(V,): share of the chest's motion, most at its front, none at its sides and back."""
+    ahead = np.maximum(offset[:, 2], 0.0) / np.repeat(tube.radii[:, 3], columns)
+    height, reach = _BREATH
+    from_middle = (np.repeat(tube.centers[:, 1], columns) - height) / reach
+    return np.asarray(ahead * np.exp(-(from_middle**2)))
 
 
 def _strip_faces(rings: int, segments: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -72,7 +72,7 @@ CAMERA_HEIGHT = 0.95
 """Height of the camera above the floor, metres."""
 
 _VISITOR = Clothes(shirt=(150, 62, 58), trousers=(96, 88, 70), hair=(120, 96, 60))
-_SWAY_PERIOD = 2.0  # seconds
+_SWAY_PERIOD, _BREATH_PERIOD = 2.0, 4.0  # seconds
 _FLIGHT = 0.35  # metres that joints of a missing limb fly
 _MEMORY = 64  # frames after which jitter is forgotten: 0.9 ** 64 is 0.001
 # Orders of magnitude that were guessed, not measured on a device.
@@ -210,6 +210,8 @@ class BodySimulator:
         Turn of the whole body to the person's left: at the start, and what is added each second.
     sway : float, degrees
         The whole body turns to and fro by so much, once in two seconds.
+    breath : float, metres
+        The chest moves ahead by so much and back, once in four seconds; at rest 0.005.
     shoulder_tilt : float, degrees
         Tilt of the shoulders against the chest; the left one goes up.
     stripes : bool
@@ -283,6 +285,7 @@ class BodySimulator:
     turn: float = 0.0
     turning: float = 0.0
     sway: float = 0.0
+    breath: float = 0.0
     shoulder_tilt: float = 0.0
     stripes: bool = False
     cover: str = "none"
@@ -327,6 +330,7 @@ class BodySimulator:
             ("correlation", 0.0, 0.99),
             ("bias", 0.0, 1.0),
             ("sway", 0.0, 90.0),
+            ("breath", 0.0, 0.05),
             ("noise", 0.0, 100.0),
             ("rate", 1.0, 1000.0),
             ("frames", 0, 1 << 31),
@@ -507,7 +511,9 @@ class BodySimulator:
             + self.sway * float(np.sin(2.0 * np.pi * time / _SWAY_PERIOD)),
             shoulder_tilt=self.shoulder_tilt,
         )
-        figures = [pose_figure(pose, (0.0, CAMERA_HEIGHT, self.distance))]
+        figure = pose_figure(pose, (0.0, CAMERA_HEIGHT, self.distance))
+        inhaled = 0.5 - 0.5 * float(np.cos(2.0 * np.pi * time / _BREATH_PERIOD))
+        figures = [replace(figure, breath=self.breath * inhaled)]
         if self.visitor is not None and time >= self.visitor:
             figures.append(self._visiting(time - self.visitor))
         board = None

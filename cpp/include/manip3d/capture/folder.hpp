@@ -33,8 +33,9 @@ inline constexpr int kFolderRate = 30;  ///< Frames a second where a folder know
 /// `tum:` A sequence of the TUM RGB-D benchmark [Sturm et al., IROS 2012]: depth.txt and rgb.txt
 /// list times and files, 5000 units are a metre. Each depth image gets the colour image that is
 /// nearest in time, within 0.02 s as the benchmark's own tools do it. Without
-/// `options.calibration`: the camera that the benchmark names for all sequences (525, 319.5,
-/// 239.5).
+/// `options.calibration`: that of the folder's calibration.json; else the camera that the benchmark
+/// names for sequences with freiburg1 to 3, or fr1 to 3, in the folder's name; else the one that it
+/// names for all (525, 319.5, 239.5), which is counted as `nominal_camera`.
 /// @throws FormatError, InputError, std::filesystem::filesystem_error
 std::unique_ptr<RgbdSource> open_tum(const std::filesystem::path& folder,
                                      const RgbdOptions& options);

@@ -41,6 +41,7 @@ std::optional<BodyFrame> trunk_frame(const Skeleton& skeleton, Limb limb);
 /// of a quarter of a second, in the images or in the joints alone, the joints tell the trunk anew.
 /// If the plane is turned against the shoulders and hips of the last tenth of a second by more than
 /// they err, the turn is part of its deviation, and after 0.3 seconds the joints are believed.
+/// Joints that jump by a turn from one frame to the next say where the surface is looked for.
 class TrunkTracker {
  public:
   explicit TrunkTracker(Limb affected);
@@ -88,6 +89,10 @@ class TrunkTracker {
     double jitter = 0.0;  ///< Variance of its white noise, square metres; 0: never seen.
     Eigen::Vector3d last_error = Eigen::Vector3d::Zero();  ///< From its mean, in the trunk.
   };
+  struct Across {  ///< In the camera.
+    Eigen::Vector3d direction = Eigen::Vector3d::Zero();
+    double jitter = 0.0;  ///< Standard deviation of the direction in one frame, radians.
+  };
   struct PlaneMean {  ///< In the trunk.
     Eigen::Vector3d normal = Eigen::Vector3d::Zero();
     double offset = 0.0, weight = 0.0;
@@ -98,7 +103,7 @@ class TrunkTracker {
 
   void start(const BodyFrame& frame);
   void follow(const Skeleton* joints, const DepthView& depth, const PixelRays& rays,
-              const Intrinsics& camera, double elapsed);
+              const Intrinsics& camera, double elapsed, bool jumps);
   void end_motion();
   void fit(const Skeleton* joints, const DepthView& depth, const PixelRays& rays,
            const Intrinsics& camera, double elapsed);
@@ -106,7 +111,8 @@ class TrunkTracker {
   void average_joints(const Skeleton& joints);
   [[nodiscard]] bool contradicts(const Skeleton& joints) const;
   void compare_turn(const Skeleton& joints, double elapsed);
-  [[nodiscard]] double turn_jitter() const;
+  [[nodiscard]] std::optional<Across> tracked_across(const Skeleton& joints) const;
+  [[nodiscard]] bool has_jumped(const Skeleton& joints, double elapsed) const;
   [[nodiscard]] Skeleton mean_skeleton() const;
   void measure_symmetry(const DepthView& depth, const PixelRays& rays, const Intrinsics& camera);
   void judge(const Eigen::Matrix3d& information);
