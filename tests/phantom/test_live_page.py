@@ -190,7 +190,7 @@ def test_a_played_game_and_the_pain_are_in_the_diary(chromium: None, tmp_path: P
             assert "How strong is the phantom pain now?" in text_of(tab, "#card")
             say(6)
             told = text_of(tab, "#card")
-            assert told.startswith("Stop for today")
+            assert told.startswith("Stop for today\n")
             assert "The pain rose from 3 to 6." in told
             assert tab.evaluate("document.querySelector('#start').disabled")
             keep_picture(tab, "diary")
@@ -427,7 +427,8 @@ def test_what_the_patient_says_is_said_on_purpose(chromium: None, tmp_path: Path
 
             press(tab, "q")
             said("enough")
-            assert text_of(tab, "#card").startswith("Stopped for today\n")
+            assert text_of(tab, "#card").startswith("Session over\n")
+            assert tab.evaluate("document.querySelector('#start').disabled")
             assert "How strong is the phantom pain now?" in text_of(tab, "#card")
             keep_picture(tab, "enough")
             press(tab, " ")

@@ -178,7 +178,7 @@ def test_films_that_were_exported_are_named_when_consent_is_withdrawn(path: Path
     recorder.start()
     recorder.consent(False)
     wait_for(lambda: recorder.trouble != "")
-    assert recorder.trouble == f"Exported before and to be deleted: {film}."
+    assert recorder.trouble == "1 exported file still shows films; see `manip3d diary consent`."
     recorder.consent(True)
     wait_for(lambda: recorder.trouble == "")
     assert recorder.end() == []

@@ -197,7 +197,7 @@ class Heard:
     def ownership(self, mode: str, answers: Sequence[int]) -> None:
         self.told.append((mode, *answers))
 
-    def felt(self, felt: FeltLimb) -> None:
+    def felt(self, felt: FeltLimb, limb: str) -> None:
         self.told.append(felt)
 
     def last_felt(self, limb: str) -> FeltLimb | None:
@@ -208,6 +208,9 @@ class Heard:
 
     def open_session(self) -> None:
         self.told.append("opened")
+
+    def begin_message(self) -> None:
+        pass
 
     def when_kept(self, done: Callable[[], object]) -> None:
         done()

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -31,6 +32,13 @@ ANSWERS = {f"q{number}": 1 for number in range(1, 7)}
 @functools.cache
 def painted(number: int) -> RgbdFrame:
     return capsule_body.painted(number)
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    end = time.monotonic() + 30.0
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.01)
 
 
 class Sitting:
@@ -140,6 +148,35 @@ def test_what_is_lost_is_never_said_to_be_kept(sitting: Sitting) -> None:
     assert done == []
 
 
+def test_what_is_lost_is_not_kept_when_it_is_said_again(sitting: Sitting) -> None:
+    done: list[str] = []
+
+    def said(name: str, number: int, **fields: Any) -> None:
+        """Over a connection that is lost, and over the next one."""
+        for _ in range(2):
+            fields |= {"page": 1, "number": number}
+            sitting.session.command(name, fields, done=lambda: done.append(f"{name} {number}"))
+            sitting.show()
+
+    def is_written() -> bool:
+        assert sitting.recorder._writer is not None
+        return sitting.recorder._writer.is_idle
+
+    said("event", 1, text="dizzy")
+    wait_for(is_written)
+    said("event", 1, text="dizzy")  # kept long ago
+    assert done == ["event 1"] * 4
+    with Diary(sitting.path) as other:
+        other.delete("P01")
+    said("event", 2, text="a fall")
+    wait_for(is_written)
+    said("event", 2, text="a fall")
+    said("enough", 3)  # of which nothing is to be written
+    assert done[4:] == ["enough 3"] * 2
+    assert any("a fall" in one for one in sitting.recorder.end())
+    assert done[6:] == []
+
+
 def test_no_touch_cue_before_a_rating(sitting: Sitting) -> None:
     """Its rating would be one after the touch, and nothing could be compared with it."""
     status = sitting.say("touch", mode="synchronous")
@@ -184,6 +221,40 @@ def test_two_sittings_of_a_day_are_two_sessions(sitting: Sitting) -> None:
         assert [(one.pain_before, one.pain_after) for one in (first, second)] == [(3, 2), (5, 4)]
         assert second.ended == ended
         assert first.ended == second.started - timedelta(hours=5)
+
+
+def test_the_closing_rating_cannot_be_left_out(sitting: Sitting) -> None:
+    """Pain that rose during play would else be the first rating of another session."""
+    sitting.say("pain", value=3)
+    sitting.say("ready")
+    assert sitting.say("enough")["game"]["sitting"] == "ending"
+    assert sitting.say("again")["game"]["sitting"] == "ending"
+    status = sitting.say("pain", value=6)["game"]
+    assert status["sitting"] == "over"
+    assert "rose from 3 to 6" in status["halt"]
+    sitting.now += timedelta(minutes=1)
+    sitting.say("again")
+    sitting.say("pain", value=6)
+    status = sitting.say("ready")["game"]
+    assert (status["phase"], "rose from 3" in status["halt"]) == ("waiting", True)
+    with sitting.end() as diary:
+        first, second = diary.sessions("P01")
+        assert (first.pain_before, first.pain_after, second.games) == (3, 6, ())
+
+
+def test_midnight_within_a_sitting_ends_no_stop(sitting: Sitting) -> None:
+    sitting.now = sitting.now.replace(hour=23, minute=50)
+    sitting.say("pain", value=3)
+    sitting.say("ready")
+    sitting.now += timedelta(minutes=8)
+    assert sitting.say("pain", value=6)["game"]["halt"] != ""
+    sitting.now += timedelta(minutes=3)
+    status = sitting.say("ready")["game"]
+    assert (status["phase"], "rose from 3" in status["halt"]) == ("over", True)
+    assert "rose from 3" in sitting.say("again")["game"]["halt"]
+    sitting.now += timedelta(hours=9)
+    assert sitting.show()["game"]["halt"] == ""
+    assert sitting.say("ready")["game"]["halt"] == ""
 
 
 def test_a_stop_and_a_baseline_hold_for_their_day(sitting: Sitting) -> None:
@@ -251,3 +322,17 @@ def test_the_limb_as_it_was_felt_last_time_is_shown_again(sitting: Sitting) -> N
     assert sitting.recorder.last_felt("left_leg") is None
     assert sitting.recorder.last_felt("right_arm") == FeltLimb(**FELT)
     assert sitting.say("limb", limb="left_arm")["felt_as"] is None
+
+
+def test_each_limb_is_felt_in_its_own_way(sitting: Sitting) -> None:
+    other = FELT | {"length": 90}
+    sitting.say("felt", **FELT)
+    sitting.say("limb", limb="left_arm")
+    sitting.say("felt", **other)
+    for _ in range(2):
+        assert sitting.say("limb", limb="right_arm")["felt_as"] == FELT
+        assert sitting.say("limb", limb="left_arm")["felt_as"] == other
+        with sitting.end() as diary:
+            told = [(one.limb, one.length) for one in diary.felt("P01")]
+            assert told == [("right_arm", 60), ("left_arm", 90)]
+        sitting.open()

@@ -180,13 +180,16 @@ class Diary:
         Raises
         ------
         InputError
-            The pseudonym is taken or no pseudonym, or the time has no offset from UTC.
+            The pseudonym is taken, in capital or small letters, or no pseudonym, or the time has no
+            offset from UTC.
         """
         name = identifier_of(identifier)
         moment = aware(at, "at")
         with self._engine.begin() as connection:
-            if any(found["identifier"] == name for _, _, found in self._all(connection)):
-                raise InputError(f"participant: {name} is enrolled already")
+            for _, _, found in self._all(connection):
+                # Files that are named after people would be the same on many a disk.
+                if found["identifier"].casefold() == name.casefold():
+                    raise InputError(f"participant: {found['identifier']} is enrolled already")
             number, key = _new_number(), new_key() if self._key else None
             fields: dict[str, Any] = {
                 "identifier": name, "limb": limb, "enrolled": moment.isoformat(), "clips": clips
@@ -620,6 +623,7 @@ class Diary:
         telescoping: int,
         raised: int,
         bent: int,
+        limb: str = "",
         session: int | None = None,
         at: datetime | None = None,
     ) -> FeltRecord:
@@ -632,6 +636,8 @@ class Diary:
             20 to 150 of the intact limb's length; 0 to 100, how far the end has moved up.
         raised, bent : int, degrees
             -30 to 180 sideways from hanging down; 0 to 150 at elbow or knee.
+        limb : str
+            Which one, as ``left_arm``; empty: the one of the enrolment.
         session : int, optional
         at : datetime, optional
 
@@ -651,8 +657,9 @@ class Diary:
             if not low <= numbers[name] <= high:
                 raise InputError(f"{name}: expected {low} to {high}, got {numbers[name]}")
         moment = aware(at, "at")
-        self._add_answers(identifier, {"at": moment.isoformat(), "kind": _FELT, **numbers}, session)
-        return FeltRecord(moment, **numbers)
+        fields = {"at": moment.isoformat(), "kind": _FELT, "limb": limb, **numbers}
+        self._add_answers(identifier, fields, session)
+        return FeltRecord(moment, **numbers, limb=limb)
 
     def _add_answers(self, identifier: str, fields: Mapping[str, Any], session: int | None) -> None:
         with self._engine.begin() as connection:
@@ -1004,7 +1011,10 @@ class Diary:
         names = ("length", "telescoping", "raised", "bent")
         found = [
             FeltRecord(
-                datetime.fromisoformat(f["at"]), **{name: f[name] for name in names}, number=row
+                datetime.fromisoformat(f["at"]),
+                **{name: f[name] for name in names},
+                limb=f.get("limb", ""),  # diaries of before did not tell it
+                number=row,
             )
             for f, row in self._answers(identifier, _FELT)
         ]

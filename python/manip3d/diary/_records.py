@@ -334,6 +334,8 @@ class FeltRecord:
         stump.
     raised, bent : int, degrees
         The limb sideways from hanging down; elbow or knee.
+    limb : str
+        Which one, as ``left_arm``; empty: the one of the enrolment.
     number : int
         Number of its row, by which copies name it; 0: it was not read from a diary.
     """
@@ -343,6 +345,7 @@ class FeltRecord:
     telescoping: int
     raised: int
     bent: int
+    limb: str = ""
     number: int = field(default=0, compare=False)
 
 

@@ -63,7 +63,10 @@ class DiaryRecorder:
         self._participant, self._wants_clips = person.identifier, person.clips
         self.limb = person.limb
         names = FeltLimb.__dataclass_fields__
-        self._felt = FeltLimb(**{n: getattr(felt[-1], n) for n in names}) if felt else None
+        # The last one of each limb; records of before told none: they are of the enrolled one.
+        self._felt = {
+            one.limb or self.limb: FeltLimb(**{n: getattr(one, n) for n in names}) for one in felt
+        }
         self._source = source if source.startswith("sim:") else "".join(source.partition(":")[:2])
         self._latency: Callable[[], float | None] | None = None
         self._session: list[int] = []  # its row, as soon as it is written
@@ -121,14 +124,20 @@ class DiaryRecorder:
 
         self._keep("", write)
 
+    def begin_message(self) -> None:
+        """What is told from now on belongs together, for `when_kept`."""
+        assert self._writer is not None
+        self._writer.begin()
+
     def when_kept(self, done: Callable[[], object]) -> None:
-        """Call something as soon as what was told last is written; never where it is lost."""
+        """Call something as soon as what was told since `begin_message` is written; never where
+        any of it is lost."""
         assert self._writer is not None
         self._writer.when_written(done)
 
     def last_felt(self, limb: str) -> FeltLimb | None:
-        """How the patient felt the limb when they last said so; None for another limb."""
-        return self._felt if limb == self.limb else None
+        """How the patient felt that limb when they last said so."""
+        return self._felt.get(limb)
 
     @property
     def wants_clips(self) -> bool:
@@ -240,8 +249,14 @@ class DiaryRecorder:
 
     def _exported_films(self) -> str:
         """Tell the therapist which exported files still show films."""
-        files = [str(one.path) for one in self._diary.exports(self._participant) if one.has_films]
-        return f"Exported before and to be deleted: {', '.join(files)}." if files else ""
+        number = sum(one.has_films for one in self._diary.exports(self._participant))
+        if not number:
+            return ""
+        # The patient reads it too: no names of files here.
+        files = (
+            "1 exported file still shows" if number == 1 else f"{number} exported files still show"
+        )
+        return f"{files} films; see `manip3d diary consent`."
 
     def ownership(self, mode: Mode, answers: Sequence[int]) -> None:
         """Keep the answers after a touch cue."""
@@ -253,13 +268,16 @@ class DiaryRecorder:
             ),
         )
 
-    def felt(self, felt: FeltLimb) -> None:
-        """Keep how the patient feels the limb."""
+    def felt(self, felt: FeltLimb, limb: str) -> None:
+        """Keep how the patient feels a limb."""
+        self._felt[limb] = felt
         told = ", ".join(f"{name} {value}" for name, value in vars(felt).items())
         at = _now()
         self._keep_of_session(
             f"limb as it is felt: {told}",
-            lambda row: self._diary.add_felt(self._participant, **vars(felt), session=row, at=at),
+            lambda row: self._diary.add_felt(
+                self._participant, **vars(felt), limb=limb, session=row, at=at
+            ),
         )
 
     def unwell(self) -> str:

@@ -317,8 +317,9 @@ def hear(
 ) -> None:
     """Take what a page says: of the connection here, all else to the session.
 
-    ``new_code`` makes what lets another screen in. What must not be lost is answered when it is on
-    the diary's disk; the page says it again until then.
+    ``new_code`` makes what lets another screen in. What must not be lost is answered at once
+    (``taken``) and when it is on the diary's disk (``heard``); until then the page says it again
+    over each new connection.
 
     Raises
     ------
@@ -337,6 +338,8 @@ def hear(
     else:
         answer = functools.partial(client.say, json.dumps({"heard": fields.get("number")}))
         session.command(name, fields, done=answer if "number" in fields else None)
+        if "number" in fields:  # however long the disk takes, it was not lost on the way
+            client.say(json.dumps({"taken": fields["number"]}))
 
 
 def _frames(address: str) -> Generator[_Found, None, None]:

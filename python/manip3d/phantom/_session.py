@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import queue
 import threading
 import time
@@ -141,8 +142,8 @@ class Recorder(Protocol):
     def ownership(self, mode: Mode, answers: Sequence[int]) -> None:
         """Keep the answers after a touch cue."""
 
-    def felt(self, felt: FeltLimb) -> None:
-        """Keep how the patient feels the limb."""
+    def felt(self, felt: FeltLimb, limb: str) -> None:
+        """Keep how the patient feels a limb."""
 
     def last_felt(self, limb: str) -> FeltLimb | None:
         """How the patient felt that limb when they last said so."""
@@ -153,9 +154,12 @@ class Recorder(Protocol):
     def open_session(self) -> None:
         """Another sitting begins, with a first rating of its own; one that is open is closed."""
 
+    def begin_message(self) -> None:
+        """A page has said something: `when_kept` is about what is told from now on."""
+
     def when_kept(self, done: Callable[[], object]) -> None:
-        """Call something as soon as all that was told so far is on the disk; from any thread. It is
-        not called where the last thing told cannot be kept."""
+        """Call something as soon as all that was told since `begin_message` is on the disk; from
+        any thread. It is not called where any of that cannot be kept."""
 
 
 @dataclass(frozen=True)
@@ -265,6 +269,8 @@ class LiveSession:
         self._numbers: dict[int, int] = {}  # of people, by the tracker's id
         self._chosen: int | None = None
         self._heard: dict[int, int] = {}  # last number of each page
+        # Who waits, by page and number, until it is kept; what is lost stays here.
+        self._waiting: dict[tuple[int, int], list[Callable[[], object]]] = {}
         self._events: deque[tuple[int, list[Any]]] = deque()  # when, and what is told
         self._num_events = 0
         self._ticks = 0
@@ -331,7 +337,9 @@ class LiveSession:
         fields : mapping, optional
         done : callable, optional
             Called, from any thread, when the message was obeyed and what it says is on the disk of
-            the recorder, if there is one; never after `end`.
+            the recorder, if there is one; never where it is lost, nor for what comes after `end`.
+            What a page says again, by its number, is not obeyed again, but answered once it is
+            kept.
 
         Raises
         ------
@@ -346,13 +354,35 @@ class LiveSession:
         with self._entry:
             if self._is_over:
                 return
-            if number is not None and number <= self._heard.get(page, 0):
-                name = ""  # said again, as the answer was lost: answered when the first one is kept
-            elif number is not None:
-                self._heard[page] = number
-                while len(self._heard) > _PAGES:
-                    del self._heard[next(iter(self._heard))]
-            self._commands.put((name, found, done))
+            if number is None:
+                self._commands.put((name, found, done))
+                return
+            is_new = number > self._heard.get(page, 0)
+            if is_new:
+                self._expect(page, number)
+                kept = functools.partial(self._answer, page, number)
+                self._commands.put((name, found, kept))
+            waiting = self._waiting.get((page, number))
+            if waiting is not None and done is not None:
+                waiting.append(done)
+        if waiting is None and done is not None:  # said again, as the answer was lost
+            done()
+
+    def _expect(self, page: int, number: int) -> None:
+        """Note that a page has said something that is not kept yet."""
+        self._heard[page] = number
+        self._waiting[page, number] = []
+        while len(self._heard) > _PAGES:
+            gone = next(iter(self._heard))
+            del self._heard[gone]
+            self._waiting = {key: told for key, told in self._waiting.items() if key[0] != gone}
+
+    def _answer(self, page: int, number: int) -> None:
+        """Tell all who wait for it that something is kept."""
+        with self._entry:
+            waiting = self._waiting.pop((page, number), ())
+        for done in waiting:
+            done()
 
     def restart(self) -> None:
         """Forget the person: the next frame is of another recording, or the same one again."""
@@ -382,7 +412,7 @@ class LiveSession:
         """
         with self._entry:
             self._is_over = True
-        self._obey(only=("", *_NOT_LOST))
+        self._obey(only=_NOT_LOST)
         self._stop()
 
     def notice(self, message: str) -> bytes:
@@ -477,12 +507,14 @@ class LiveSession:
         gap = 0.0 if last is None else (now - last) / 1e9
         return gap if 0.0 <= gap <= _LONGEST_STEP_S else 0.0
 
-    def _obey(self, only: Sequence[str] = ("", *MESSAGES)) -> None:
+    def _obey(self, only: Sequence[str] = tuple(MESSAGES)) -> None:
         """Do what pages have said since the last frame."""
         while not self._commands.empty():
             name, fields, done = self._commands.get()
             if name not in only:
                 continue
+            if self._recorder is not None:
+                self._recorder.begin_message()
             self._take(name, fields)
             if done is not None and self._recorder is not None:
                 self._recorder.when_kept(done)
@@ -500,20 +532,22 @@ class LiveSession:
         elif name == "enough":
             self._end_sitting()
         elif name == "again":
-            if self._sitting != "open":
+            if self._sitting == "over":  # "ending" waits for the last rating
                 self._begin_sitting()
         elif name == "gain":
             self._gain = float(fields["value"])
         elif name in ("limb", "patient", "calibrate", "touch", "felt"):
             self._set_up(name, fields)
-        elif name and self._recorder is not None:
+        elif self._recorder is not None:
             self._heed(name, fields)
 
     def _note_day(self) -> None:
         """On another day, after a rest, what was said before holds no longer."""
-        now = _now()
-        if now.date() != self._last_said.date() and now - self._last_said > _REST:
+        now, (halt, day) = _now(), self._halt
+        is_another_day = now.date() != (day if halt else self._last_said.date())
+        if is_another_day and now - self._last_said > _REST:
             self._begin_sitting()
+            self._halt = "", now.date()
         self._last_said = now
 
     def _begin_sitting(self) -> None:
@@ -533,9 +567,10 @@ class LiveSession:
 
     @property
     def _halted(self) -> str:
-        """Why nothing more is played today, or nothing."""
+        """Why nothing more is played today, or nothing; no midnight within a sitting ends it."""
         reason, day = self._halt
-        return reason if day == _now().date() else ""
+        now = _now()
+        return reason if day == now.date() or now - self._last_said <= _REST else ""
 
     def _may_begin(self) -> bool:
         """Whether a game or a touch cue may begin; the page says why not."""
@@ -617,7 +652,7 @@ class LiveSession:
         else:
             self._felt = FeltLimb(**{key: int(fields[key]) for key in LIMITS})
             if self._recorder is not None:
-                self._recorder.felt(self._felt)
+                self._recorder.felt(self._felt, self.affected)
 
     def _begin_cue(self, mode: str) -> None:
         """Begin a minute of touches in place of what goes on, or none (``off``)."""
@@ -634,8 +669,9 @@ class LiveSession:
         if limb == self.affected:
             return
         self._stop()
-        self._game, self._measured, self._felt, self._cue = None, None, None, None
+        self._game, self._measured, self._cue = None, None, None
         self._pipeline, self.affected = PhantomPipeline(limb), str(limb)
+        self._felt = None if self._recorder is None else self._recorder.last_felt(self.affected)
         self.restart()
         if self._chosen is not None:
             self._pipeline.select(self._chosen)

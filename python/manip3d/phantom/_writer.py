@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 _AGAIN_S = 1.0  # between attempts to write what could not be written
 
@@ -16,7 +16,12 @@ class _Task:
     write: Callable[[], object]
     holds: bool
     due: float = 0.0
-    then: list[Callable[[], object]] = field(default_factory=list)
+
+
+@dataclass(eq=False)
+class _Waiter:
+    tasks: set[_Task]
+    then: Callable[[], object]
 
 
 class OrderedWriter:
@@ -29,6 +34,8 @@ class OrderedWriter:
 
     def __init__(self) -> None:
         self._tasks: list[_Task] = []
+        self._given: set[_Task] = set()  # since `begin`, and not written
+        self._waiters: list[_Waiter] = []
         self._lost: list[str] = []
         self._trouble = ""
         self._is_over = False
@@ -43,18 +50,25 @@ class OrderedWriter:
         must. ``holds``: what comes later waits for it; without this only others without it do.
         """
         with self._changed:
-            self._tasks.append(_Task(what, write, holds))
+            task = _Task(what, write, holds)
+            self._tasks.append(task)
+            self._given.add(task)
             self._changed.notify_all()
 
-    def when_written(self, then: Callable[[], object]) -> None:
-        """Call something when the last thing that was given is written, or at once where all is.
+    def begin(self) -> None:
+        """What is given from now on belongs together, for `when_written`."""
+        with self._changed:
+            self._given.clear()
 
-        It is called by the writing thread, and never where that thing is lost; it must return at
+    def when_written(self, then: Callable[[], object]) -> None:
+        """Call something when all that was given since `begin` is written, or at once where it is.
+
+        It is called by the writing thread, and never where any of that is lost; it must return at
         once.
         """
         with self._changed:
-            if self._tasks:
-                self._tasks[-1].then.append(then)
+            if self._given:  # what is lost stays there: nobody calls for it any more
+                self._waiters.append(_Waiter(set(self._given), then))
                 return
         then()
 
@@ -131,8 +145,17 @@ class OrderedWriter:
                 self._lost.append(failed)
             if task in self._tasks:  # else nobody waits for it any more
                 self._tasks.remove(task)
-            for then in () if failed else task.then:
-                then()
+            if not failed:
+                self._note_written(task)
             if not self._tasks:
                 self._trouble = ""
             self._changed.notify_all()
+
+    def _note_written(self, task: _Task) -> None:
+        self._given.discard(task)
+        for waiter in self._waiters:
+            waiter.tasks.discard(task)
+        ready = [waiter for waiter in self._waiters if not waiter.tasks]
+        self._waiters = [waiter for waiter in self._waiters if waiter.tasks]
+        for waiter in ready:
+            waiter.then()
