@@ -107,6 +107,40 @@ def test_exports_stay_where_the_participant_cannot_be_deleted(path: str, tmp_pat
     assert not (tmp_path / "tables").exists()
 
 
+def test_exports_go_though_the_file_cannot_be_written_anew(
+    path: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The participant is deleted by then: nobody could name these files any more."""
+    ran("export", path, "-o", str(tmp_path / "tables"))
+    delete, consent = Diary.delete, Diary.set_consent
+
+    def deleted(diary: Diary, identifier: str) -> None:
+        delete(diary, identifier)
+        raise OSError("deleted, but the file could not be written anew")
+
+    def changed(diary: Diary, identifier: str, *, clips: bool) -> None:
+        consent(diary, identifier, clips=clips)
+        raise OSError("deleted, but the file could not be written anew")
+
+    monkeypatch.setattr(Diary, "set_consent", changed)
+    ran("enrol", path, "P02", "--clips")
+    with Diary(path) as diary:
+        film = tmp_path / "film.webp"
+        film.write_bytes(b"RIFF\0\0\0\0WEBP")
+        diary.note_files("P02", [film])
+    done = run("consent", path, "P02", "--no-clips")
+    assert f"still shows films of P02: {film}" in done.stderr
+    assert "could not be written anew" in str(done.exception)
+
+    monkeypatch.setattr(Diary, "delete", deleted)
+    done = run("delete", path, "P01", "--yes", "--exports")
+    assert done.exit_code == 1
+    assert "could not be written anew" in str(done.exception)
+    assert "removed 10 exported files" in done.stderr
+    assert not (tmp_path / "tables").exists()
+    assert "P01" not in ran("list", path)
+
+
 def test_an_export_that_cannot_be_removed_is_said_to_be_left(
     path: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -58,7 +58,9 @@ def diary(tmp_path: Path) -> Iterator[Diary]:
             found.add_mcgill(name, [1] * 20, 3, occasion="week-1", at=START)
             if name == "P01":
                 found.add_ownership(name, "synchronous", [3, 2, 2, -3, 0, 0], at=START)
-                found.add_felt(name, length=60, telescoping=25, raised=-10, bent=90, at=START)
+                found.add_felt(
+                    name, length=60, telescoping=25, raised=-10, bent=90, limb="left_leg", at=START
+                )
         found.start_session("P01", at=START + timedelta(hours=8))  # goes on
         yield found
 
@@ -100,7 +102,8 @@ def test_answers_after_touch_and_felt_limbs_are_exported(diary: Diary, tmp_path:
     assert (first["participant"], answers["participant"]) == ("P01", "P02")
     assert (answers["mode"], answers["ownership"], answers["q4"]) == ("synchronous", "2.0", "-3")
     (felt,) = rows(tmp_path / "tables", "felt")
-    assert [felt[n] for n in ("length", "telescoping", "raised", "bent")] == [
+    assert [felt[n] for n in ("limb", "length", "telescoping", "raised", "bent")] == [
+        "left_leg",
         "60",
         "25",
         "-10",

@@ -18,17 +18,19 @@ from typer.testing import CliRunner
 
 from manip3d import InputError
 from manip3d.cli import app
-from manip3d.diary import Diary, DiaryGame, write_overview, write_page
+from manip3d.diary import Diary, DiaryGame, _page, write_overview, write_page
 from manip3d.diary._trends import Point, trend
 
 START = datetime(2026, 3, 2, 9, 0, tzinfo=timezone(timedelta(hours=1)))
-NUMBER = r"([-+][0-9.e-]+)"
+NUMBER = r"([-+][0-9.]+)"
 
 
 def points_of(seed: int, number: int) -> list[Point]:
     chance = random.Random(seed)
     days = sorted(chance.uniform(0, 28) for _ in range(number))
-    return [Point(day, 6 - 0.1 * day + chance.gauss(0, 1), START) for day in days]
+    return [
+        Point(day, 6 - 0.1 * day + chance.gauss(0, 1), START + timedelta(days=day)) for day in days
+    ]
 
 
 def play(diary: Diary, name: str, day: float, pain: int, *, source: str = "openni2:") -> None:
@@ -86,6 +88,43 @@ def test_no_line_through_two_points_or_through_those_of_one_moment() -> None:
         assert "Fewer than three points" in drawn
         assert "<polygon" not in drawn
         assert drawn.count("<circle") == len(points)
+
+
+def test_the_minutes_of_one_day_are_no_trend(tmp_path: Path) -> None:
+    """Three sessions of one day would be a slope of thousands a week, and an alarm."""
+    points = [Point(hour / 24, hour, START + timedelta(hours=hour)) for hour in range(4)]
+    assert "all of one day: no line" in trend("Pain", points, first=0, last=7, top=10)
+    points.append(Point(1, 4, START + timedelta(days=1)))
+    assert "<polygon" in trend("Pain", points, first=0, last=7, top=10)
+    with Diary(tmp_path / "d", create=True) as diary:
+        diary.enrol("P01", at=START)
+        for hour in range(4):
+            play(diary, "P01", hour / 24, 2 * hour)
+        write_overview(diary, tmp_path / "pages", today=START.date())
+    assert "pain before sessions grows" not in (tmp_path / "pages" / "index.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("slope", "told"), [(120.0, "+840"), (-1.5, "-10"), (0.05, "+0.35"), (1e-5, "+0"), (0.0, "+0")]
+)
+def test_slopes_have_no_exponents(slope: float, told: str) -> None:
+    points = [Point(day, slope * day, START + timedelta(days=day)) for day in range(3)]
+    drawn = trend("Points", points, first=0, last=7, top=None)
+    assert re.search(rf"In a week {NUMBER} ", drawn)[1] == told  # type: ignore[index]
+
+
+def test_people_who_differ_by_capital_letters_have_pages_of_their_own(tmp_path: Path) -> None:
+    with Diary(tmp_path / "d", create=True) as diary:
+        diary.enrol("P01")
+        with pytest.raises(InputError, match="P01 is enrolled already"):
+            diary.enrol("p01")
+    # Diaries of before may hold them.
+    names = _page._names_of_pages(["P01", "Q01-2", "Q01", "p01", "q01"])
+    assert names == {
+        "P01": "participant-P01.html", "Q01-2": "participant-Q01-2.html",
+        "Q01": "participant-Q01.html", "p01": "participant-p01-2.html",
+        "q01": "participant-q01-3.html",
+    }  # fmt: skip
 
 
 def test_a_page_has_the_trends_of_what_a_person_did(tmp_path: Path) -> None:

@@ -220,6 +220,24 @@ def test_answers_are_kept_with_their_questions_and_exported(
     assert (b"I slept well." in (tmp_path / "d").read_bytes()) == (key is None)
 
 
+def test_the_questions_of_the_touch_cue_are_shown_where_they_were_asked_by_hand(
+    tmp_path: Path,
+) -> None:
+    with Diary(tmp_path / "d", create=True) as diary:
+        diary.enrol("P01", at=START)
+        diary.add_answers("P01", OWNERSHIP, [3, 2, 1, -3, 0, 0], at=START)
+        diary.add_ownership(
+            "P01", "synchronous", [-3, -3, -3, 0, 0, 0], at=START + timedelta(hours=2)
+        )
+        write_page(diary, tmp_path / "P01.html", "P01", today=START.date())
+    page = (tmp_path / "P01.html").read_text()
+    assert page.count(f"<h2>{OWNERSHIP.name}</h2>") == 1
+    assert "<td>2026-03-02 09:00</td><td>2</td><td>-1</td>" in page
+    shown = CliRunner().invoke(app, ["diary", "show", str(tmp_path / "d"), "P01"]).stdout
+    assert shown.count(OWNERSHIP.name) == 1
+    assert "ownership=2" in shown.replace(" ", "=")
+
+
 def check_tables(diary: Diary, folder: Path, form: Questionnaire) -> None:
     import csv
 

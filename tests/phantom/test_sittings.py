@@ -91,6 +91,7 @@ def sitting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Sitting
 
 def test_what_was_said_after_the_last_frame_is_kept(sitting: Sitting) -> None:
     sitting.say("pain", value=2)
+    sitting.now += timedelta(minutes=1)
     done: list[str] = []
     for name, fields in (
         ("event", {"text": "a chair fell over"}), ("ready", {}), ("touch", {"mode": "synchronous"}),
@@ -183,6 +184,7 @@ def test_no_touch_cue_before_a_rating(sitting: Sitting) -> None:
     assert (status["touch"], status["game"]["ask"]) == (None, RATE_FIRST)
     sitting.say("pain", value=3)
     assert sitting.say("touch", mode="synchronous")["touch"] is not None
+    sitting.now += timedelta(minutes=1)
     sitting.say("pain", value=4)
     with sitting.end() as diary:
         assert [rating.when for rating in diary.ratings("P01")] == ["before", "after"]

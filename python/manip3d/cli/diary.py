@@ -119,13 +119,21 @@ def consent(
     Example: manip3d diary consent study.diary P01 --clips
     """
     with _opened(path, key) as diary:
-        diary.set_consent(participant, clips=clips)
+        failed: OSError | None = None
+        try:
+            diary.set_consent(participant, clips=clips)
+        except OSError as error:
+            if diary.participant(participant).clips != clips:
+                raise
+            failed = error  # deleted, but the file was not written anew
         left = [] if clips else [one.path for one in diary.exports(participant) if one.has_films]
     shell = Terminal(as_json=as_json, quiet=quiet)
     shell.say(f"{participant} {'consents' if clips else 'does not consent'} to films")
     for file in left:
         shell.say(f"still shows films of {participant}: {file}")
     shell.result({"participant": participant, "clips": clips, "left": [str(one) for one in left]})
+    if failed is not None:
+        raise failed
 
 
 @app.command("clips")
@@ -200,13 +208,14 @@ def show_participant(path: File, participant: Who, key: Key = None, as_json: Jso
 
     Example: manip3d diary show study.diary P01
     """
-    from manip3d.diary import MCGILL, OWNERSHIP, adherence
+    from manip3d.diary import adherence
 
     with _opened(path, key) as diary:
         person = diary.participant(participant)
         sessions = diary.sessions(participant)
         filled, events = diary.questionnaires(participant), diary.events(participant)
         answers = diary.answers(participant)
+        elsewhere = {one.number for one in (*diary.ownership(participant), *filled)}
     done = adherence(sessions, person.enrolled, _today(person.enrolled))
     record = {
         **_plain(person),
@@ -250,7 +259,7 @@ def show_participant(path: File, participant: Who, key: Key = None, as_json: Jso
                 f"NWC {score.nwc}, PPI {score.ppi}"
             )
         for form in answers:
-            if form.questionnaire not in (MCGILL, OWNERSHIP):
+            if form.number not in elsewhere:
                 told = ", ".join(f"{name} {score:.4g}" for name, score in form.scores.items())
                 title = f"{form.questionnaire.name}, {form.occasion}, {_day(form.at)}"
                 console.print(f"{title}: {told}", markup=False)
@@ -508,7 +517,13 @@ def delete(
         if not is_sure and not typer.confirm(f"Delete all of {participant} from {path}?", err=True):
             raise InputError("nothing deleted")
         chosen = [one.path for one in exports if with_exports and one.state == "unchanged"]
-        diary.delete(participant)  # first: where this fails, nothing has been deleted
+        failed: OSError | None = None
+        try:
+            diary.delete(participant)  # first: files stay where nobody was deleted
+        except OSError as error:
+            if any(one.identifier == participant for one in diary.participants()):
+                raise
+            failed = error  # deleted, but the file was not written anew
         removed = _remove(shell, chosen)
         left = [one.path for one in exports if one.path not in removed and one.state != "gone"]
     shell.say(f"deleted {participant} from {path}")
@@ -524,6 +539,8 @@ def delete(
             "left": [str(file) for file in left],
         }
     )
+    if failed is not None:
+        raise failed
 
 
 def _is_of_folder(file: Path) -> bool:

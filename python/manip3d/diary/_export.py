@@ -155,7 +155,7 @@ def _tables(diary: Diary, identifiers: Iterable[str]) -> _Tables:
         "events": (("participant", "at", "kind", "text"), []),
         "ownership": (("participant", "at", "mode", "ownership", "control",
                        *(f"q{n}" for n in range(1, 7))), []),
-        "felt": (("participant", "at", "length", "telescoping", "raised", "bent"), []),
+        "felt": (("participant", "at", "limb", "length", "telescoping", "raised", "bent"), []),
         "answers": (("participant", "at", "questionnaire", "sha256", "occasion", "kind", "name",
                      "text", "value"), []),
     }  # fmt: skip
@@ -187,7 +187,7 @@ def _tables(diary: Diary, identifiers: Iterable[str]) -> _Tables:
             rows["ownership"].append([name, one.at, one.mode, *means, *one.answers])
         for felt in diary.felt(name):
             numbers = (felt.length, felt.telescoping, felt.raised, felt.bent)
-            rows["felt"].append([name, felt.at, *numbers])
+            rows["felt"].append([name, felt.at, felt.limb, *numbers])
         for answers in diary.answers(name):
             rows["answers"] += [[name, *row] for row in _answer_rows(answers)]
     return found
@@ -428,6 +428,8 @@ def _ownership(cue: Ownership, patient: Mapping[str, str]) -> dict[str, Any]:
 
 def _felt(felt: FeltRecord, patient: Mapping[str, str]) -> dict[str, Any]:
     found = _observation({"text": "Phantom limb as it is felt"}, patient, felt.at)
+    if felt.limb:
+        found["bodySite"] = {"text": felt.limb.replace("_", " ")}
     found["component"] = [
         {"code": {"text": told}, "valueQuantity": _quantity(value, unit)}
         for told, value, unit in (

@@ -6,7 +6,7 @@ import base64
 import html
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import date, datetime, timedelta
 
 from manip3d._util.checked import checked
@@ -14,7 +14,7 @@ from manip3d._util.paths import path_of
 from manip3d.diary._clips import film
 from manip3d.diary._diary import Diary
 from manip3d.diary._protocol import Protocol, adherence
-from manip3d.diary._questionnaires import MCGILL, OWNERSHIP, Questionnaire
+from manip3d.diary._questionnaires import Questionnaire
 from manip3d.diary._records import (
     FILM_IN_PAGE,
     Answers,
@@ -152,15 +152,16 @@ def write_overview(
             raise InputError(f"output: {target} holds other files: {', '.join(others[:3])}")
     day = today or date.today()
     people = [person.identifier for person in diary.participants()]
+    names = _names_of_pages(people)
     for identifier in people:
         diary.note_export(identifier)
     with atomic_folder(target) as folder:
         for identifier in people:
             text = _page(diary, identifier, day, clips, is_linked=True)
-            (folder / _name_of_page(identifier)).write_text(text, encoding="utf-8")
-        (folder / _INDEX).write_text(_overview(diary, day), encoding="utf-8")
+            (folder / names[identifier]).write_text(text, encoding="utf-8")
+        (folder / _INDEX).write_text(_overview(diary, day, names), encoding="utf-8")
     for identifier in people:
-        diary.note_files(identifier, [target / _name_of_page(identifier), target / _INDEX])
+        diary.note_files(identifier, [target / names[identifier], target / _INDEX])
 
 
 _INDEX = "index.html"
@@ -169,19 +170,29 @@ _SILENT_DAYS = 3  # without a session, of two every day
 _RECENT_DAYS = 7
 
 
-def _name_of_page(identifier: str) -> str:
-    return f"participant-{identifier}.html"  # never that of the overview
+def _names_of_pages(people: Sequence[str]) -> dict[str, str]:
+    """Never that of the overview, and no two that differ by capital letters alone: many a disk
+    takes them for one."""
+    names: dict[str, str] = {}
+    taken = set[str]()
+    for identifier in people:
+        name, number = f"participant-{identifier}.html", 2
+        while name.casefold() in taken:
+            name, number = f"participant-{identifier}-{number}.html", number + 1
+        taken.add(name.casefold())
+        names[identifier] = name
+    return names
 
 
-def _overview(diary: Diary, today: date) -> str:
+def _overview(diary: Diary, today: date, names: Mapping[str, str]) -> str:
     people = diary.participants()
-    rows = [_overview_row(diary, person, today) for person in people]
-    names = ("Participant", "Limb", "Sessions done", "Last visit", "Pain", "Pain in a week",
+    rows = [_overview_row(diary, person, today, names[person.identifier]) for person in people]
+    heads = ("Participant", "Limb", "Sessions done", "Last visit", "Pain", "Pain in a week",
              "Alarms")  # fmt: skip
     parts = [
         "<h1>Participants</h1>",
         f'<p class="quiet">{len(people)} enrolled; as of {today}. {_INTENDED_USE}</p>',
-        _table(names, rows) if rows else "<p>Nobody is enrolled.</p>",
+        _table(heads, rows) if rows else "<p>Nobody is enrolled.</p>",
         '<p class="quiet">Sessions done: with all games, of those that were due so far. '
         "Pain: before and after the last session with a rating. Pain in a week: slope of the "
         "least-squares line of the pain before sessions, with its 95 % interval. Games of a "
@@ -190,7 +201,7 @@ def _overview(diary: Diary, today: date) -> str:
     return _document("Overview of the diaries", parts)
 
 
-def _overview_row(diary: Diary, person: Participant, today: date) -> list[str | _Html]:
+def _overview_row(diary: Diary, person: Participant, today: date, name: str) -> list[str | _Html]:
     sessions = diary.sessions(person.identifier)
     real = [session for session in sessions if not _is_simulated(session)]
     rated = [s for s in real if s.pain_before is not None or s.pain_after is not None]
@@ -198,7 +209,7 @@ def _overview_row(diary: Diary, person: Participant, today: date) -> list[str | 
     change = change_a_week(_pain_before(real, person))
     pain = f"{_dash(rated[-1].pain_before)} to {_dash(rated[-1].pain_after)}" if rated else "-"
     found = _alarms(diary, person, real, today)
-    link = f'<a href="{_name_of_page(person.identifier)}">{html.escape(person.identifier)}</a>'
+    link = f'<a href="{name}">{html.escape(person.identifier)}</a>'
     told = "<br>".join(f'<span class="warning">{html.escape(one)}</span>' for one in found)
     return [
         _Html(link),
@@ -381,8 +392,12 @@ def _mcgill(diary: Diary, identifier: str) -> str:
 def _forms(diary: Diary, identifier: str) -> list[str]:
     """A table of scores for each other questionnaire; of another wording, it is another one."""
     filled: dict[Questionnaire, list[Answers]] = {}
+    # By rows: who fills in the same questions by hand is shown here.
+    elsewhere = {
+        one.number for one in (*diary.ownership(identifier), *diary.questionnaires(identifier))
+    }
     for one in diary.answers(identifier):
-        if one.questionnaire not in (MCGILL, OWNERSHIP):
+        if one.number not in elsewhere:
             filled.setdefault(one.questionnaire, []).append(one)
     parts = []
     for asked, answers in filled.items():
@@ -401,13 +416,14 @@ def _felt(diary: Diary, identifier: str) -> str:
         for one in diary.ownership(identifier)
     ]
     limbs = [
-        (_day(one.at), f"{one.length} %", f"{one.telescoping} %", f"{one.raised}°", f"{one.bent}°")
+        (_day(one.at), one.limb.replace("_", " ") or "-", f"{one.length} %",
+         f"{one.telescoping} %", f"{one.raised}°", f"{one.bent}°")
         for one in diary.felt(identifier)
-    ]
+    ]  # fmt: skip
     names = ("When", "Touch", "Ownership, -3 to 3", "Controls, -3 to 3")
     parts = [_table(names, cues)] if cues else []
     if limbs:
-        parts.append(_table(("When", "Length", "Drawn up", "Raised", "Bent"), limbs))
+        parts.append(_table(("When", "Limb", "Length", "Drawn up", "Raised", "Bent"), limbs))
     return "\n".join(parts) or "<p>None yet.</p>"
 
 

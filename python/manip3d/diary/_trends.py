@@ -42,7 +42,8 @@ def require_scipy() -> None:
 
 
 def change_a_week(points: Sequence[Point]) -> Estimate | None:
-    """Slope of the least-squares line in units a week; None with fewer than three points."""
+    """Slope of the least-squares line in units a week; None with fewer than three points, or where
+    all are of one day."""
     slope = _slope(points)
     if slope is None:
         return None
@@ -50,6 +51,8 @@ def change_a_week(points: Sequence[Point]) -> Estimate | None:
 
 
 def _slope(points: Sequence[Point]) -> Estimate | None:
+    if len({point.at.date() for point in points}) < 2:  # minutes say nothing about weeks
+        return None
     days, values = np.array([[p.day, p.value] for p in points]).reshape(-1, 2).T
     return fit_slope(days, values)
 
@@ -110,10 +113,8 @@ def trend(
     drawn = []
     if slope is not None:
         drawn = _line(axes, points, slope)
-        told = (
-            f"In a week {7 * slope.value:+.2g} (95 %: {7 * slope.low:+.2g} to "
-            f"{7 * slope.high:+.2g})."
-        )
+        value, low, high = (_signed(7 * one) for one in (slope.value, slope.low, slope.high))
+        told = f"In a week {value} (95 %: {low} to {high})."
     drawn += [
         f'<circle cx="{axes.x(p.day):.1f}" cy="{axes.y(p.value):.1f}" r="3.5" fill="{_BLUE}">'
         f"<title>{p.at:%Y-%m-%d %H:%M}: {p.value:.3g}</title></circle>"
@@ -124,6 +125,13 @@ def trend(
         f'<figure class="trend"><figcaption><b>{html.escape(title)}</b></figcaption>'
         f"{axes.svg(label, drawn)}<figcaption>{told}</figcaption></figure>"
     )
+
+
+def _signed(value: float) -> str:
+    """Two digits or the whole number, never with an exponent."""
+    if abs(value) < 1e-4:
+        return "+0"
+    return f"{value:+.0f}" if abs(value) >= 10 else f"{value:+.2g}"
 
 
 def _round_up(value: float) -> float:

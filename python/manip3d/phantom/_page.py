@@ -24,7 +24,7 @@ HAZARDS: Sequence[tuple[str, str, str]] = (
         "pain grows during a session",
         "asks before and after; at 2 points more it says stop, starts no further game and notes an "
         "adverse event (only with a diary)",
-        'ask; stop at any time with Stop, the space bar or "Stop for today"',
+        'ask; stop at any time with Stop, the space bar or "End this session"',
     ),
     (
         "sickness, a disturbing sight",

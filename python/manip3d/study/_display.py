@@ -107,7 +107,15 @@ class DisplayStudy(Study):
         if not self.counterbalanced:
             return list(self.displays)
         order = self._orders[session.assigned % len(self._orders)]
-        return [self.displays[n] for n in order]
+        # What was shown keeps its place: another release may have had other orders.
+        seen = list(
+            dict.fromkeys(
+                str(answer.condition["display"])
+                for answer in session.answers
+                if answer.condition.get("display") in self.displays
+            )
+        )
+        return seen + [self.displays[n] for n in order if self.displays[n] not in seen]
 
     def steps(self, session: Session) -> list[Step]:
         """All steps of the study's own."""

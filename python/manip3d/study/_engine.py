@@ -335,7 +335,7 @@ def scale_of(session: Session, answer: Answer | None = None) -> float | None:
 def next_screen_step(session: Session) -> Step | None:
     """Return the step that measures the screen, if it is another one than at the last time.
 
-    Who goes on at another screen, or with the page at another zoom, measures again. Answers of
+    Who opens the page again at another screen, or at another zoom, measures again. Answers of
     before pages told their screen are taken as of this one.
     """
     measured = screens_of(session)

@@ -6,7 +6,7 @@ import type { Message } from "./parts";
 const AGAIN_MS = 1000;
 const HISTORY = 300; // frames that latency is told of: ten seconds
 const CLOCK_EXCHANGES = 10;
-const MOST_ATTEMPTS = 3; // to say something over which the connection was lost each time
+const MOST_ATTEMPTS = 3; // to say something that the program never takes
 
 /** What became of the frames so far. */
 export interface Stats {
@@ -40,6 +40,14 @@ class Clock {
   get withinMs(): number {
     return this.best / 2;
   }
+}
+
+/** What the program answers in words. */
+interface Said {
+  clock?: [number, number];
+  taken?: number; // a number of what the page said
+  heard?: number; // the same, as soon as it is kept
+  code?: string;
 }
 
 /** Something that must not be lost. */
@@ -96,6 +104,12 @@ export class Link {
     this.send({ ...one.message, page: this.page, number: one.number });
   }
 
+  /** It has come to the program, which may still wait for its disk. */
+  private taken(number: number): void {
+    const one = this.kept.find((kept) => kept.number === number);
+    if (one) one.attempts = 0;
+  }
+
   private heard(number: number): void {
     const one = this.kept.find((kept) => kept.number === number);
     this.kept = this.kept.filter((kept) => kept !== one);
@@ -138,8 +152,9 @@ export class Link {
     });
     socket.addEventListener("message", ({ data }) => {
       if (typeof data === "string") {
-        const said = JSON.parse(data) as { clock?: [number, number]; heard?: number; code?: string };
+        const said = JSON.parse(data) as Said;
         if (said.clock) this.clock.take(...said.clock);
+        if (said.taken !== undefined) this.taken(said.taken);
         if (said.heard !== undefined) this.heard(said.heard);
         if (said.code !== undefined) this.onCode(said.code);
         return;

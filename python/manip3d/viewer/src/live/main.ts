@@ -29,9 +29,10 @@ const SHOWN_M = { width: 1.9, height: 2.2 }; // around the person, at any shape 
 const ARM_M = 0.8; // from one's own eyes to what is on the screen of a 3D television
 const TURN = 0.004; // radians a pixel
 const SILENT_S = 3; // without a picture
+const CODE_MS = 120_000; // for so long the program takes a code
 const WORDS_MS = 500; // between two readings of latency, lest the numbers flicker
 
-const HOLD = "To stop for today, hold the grip of a controller for a second.";
+const HOLD = "To end this session, hold the grip of a controller for a second.";
 const HATCHED = "What the camera cannot see is hatched.";
 const STATES: Record<string, string> = {
   tracking: "Following",
@@ -114,7 +115,8 @@ const rating = element(
   element("label", {}, "Phantom pain now, 0 to 10 ", pain),
   element("button", { id: "say-pain" }, "Say it"),
 );
-const enough = element("button", { id: "enough" }, "Stop for today", element("kbd", {}, "Q"));
+const enough = element("button", { id: "enough" }, "End this session", element("kbd", {}, "Q"));
+const enoughTold = element("span", { id: "enough-told", role: "status" });
 const unwell = element("button", { id: "unwell" }, "I feel sick");
 const sure = element("span", { id: "sure", hidden: "", role: "group", "aria-label": "Are you sure?" });
 const isSick = element("button", { id: "sick" }, "Yes, no more today");
@@ -191,6 +193,7 @@ document.body.append(
       openSetup,
       openTouch,
       enough,
+      enoughTold,
     ),
     asking,
     element(
@@ -370,7 +373,7 @@ function tellGame(status: Status, message: string): void {
   const { game } = status;
   const { title, how, most_misses: most } = content.games[game.name];
   const idle = game.phase === "waiting" || game.phase === "over";
-  start.disabled = Boolean(game.halt);
+  start.disabled = Boolean(game.halt) || game.sitting === "ending"; // the last rating comes first
   const goesOn = isTouching(status);
   const isOver = game.sitting !== "open";
   enough.disabled = isOver;
@@ -415,7 +418,7 @@ function tellGame(status: Status, message: string): void {
   }
   if (game.ask) lines.unshift(game.ask);
   if (isOver) {
-    heading = "Stopped for today";
+    heading = "Session over";
     lines.splice(0, lines.length, ...closing(game));
   }
   if (game.halt) {
@@ -433,10 +436,24 @@ function tellConnected(connected: boolean): void {
   write(stateText, `This page comes back by itself while the program runs. ${again}`);
 }
 
+/** Whether only browsers of this computer reach the page. */
+function isHere(): boolean {
+  return /^(localhost|127(\.\d+){3}|\[::1\])$/.test(location.hostname);
+}
+
+let codeGone = 0; // a timer
+
 /** What is to be typed on another screen, in two groups that people can remember. */
 function tellCode(code: string): void {
   const digits = `${code.slice(0, 4)} ${code.slice(4)}`;
-  write(screenTold, `There open ${location.origin}/join and type ${digits} within 2 minutes.`);
+  const where = isHere()
+    ? "Only another browser of this computer; for other devices start with --host."
+    : location.protocol === "https:"
+      ? "The browser there will warn of the certificate."
+      : "";
+  write(screenTold, `There open ${location.origin}/join and type ${digits} within 2 minutes. ${where}`);
+  clearTimeout(codeGone);
+  codeGone = window.setTimeout(() => write(screenTold, ""), CODE_MS);
 }
 
 const link = new Link(decode, tellConnected, tellCode);
@@ -477,8 +494,11 @@ function press(): void {
 }
 
 /** The patient has had enough: only the button begins again, no trigger and no key by mistake. */
-function stopForToday(): void {
-  link.keep({ type: "enough" }).catch((error: Error) => write(stateText, `Not said: ${error.message}.`));
+function endSession(): void {
+  write(enoughTold, "");
+  link
+    .keep({ type: "enough" })
+    .catch((error: Error) => write(enoughTold, `Not said: ${error.message}.`));
 }
 
 function choose(): void {
@@ -522,7 +542,7 @@ addScreen.addEventListener("click", () => {
   addScreen.blur();
 });
 enough.addEventListener("click", () => {
-  stopForToday();
+  endSession();
   enough.blur();
 });
 note.addEventListener("click", () => {
@@ -608,7 +628,7 @@ headset.addEventListener("click", () => {
     settle();
   };
   views
-    .enterHeadset(left, press, stopForToday)
+    .enterHeadset(left, press, endSession)
     .then((entered) => {
       session = entered;
       headset.replaceChildren("Leave headset");

@@ -111,9 +111,9 @@ function refuse(reason) {
 
 /** @param {any} message */
 function take(message) {
+  clearTimeout(storesAgain);
   if (message.type === "problem") {
     tell(message.text);
-    clearTimeout(storesAgain);
     storesAgain = setTimeout(() => (pending ? send(pending.message) : greet()), STORE_AGAIN_MS);
     return;
   }
