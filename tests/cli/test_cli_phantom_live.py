@@ -11,6 +11,7 @@ import sys
 import time
 import urllib.error
 import urllib.request
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -34,10 +35,12 @@ def recording(tmp_path: Path) -> str:
     return f"folder:{tmp_path / 'walk'}"
 
 
-def started(*arguments: str) -> tuple[subprocess.Popen[str], str]:
+def started(
+    *arguments: str, code: Sequence[str] = ("-m", "manip3d")
+) -> tuple[subprocess.Popen[str], str]:
     """The program and the address that it prints."""
     program = subprocess.Popen(
-        [sys.executable, "-m", "manip3d", "phantom", "live", "--no-open", *arguments],
+        [sys.executable, *code, "phantom", "live", "--no-open", *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -177,6 +180,19 @@ def test_ctrl_c_in_the_middle_of_a_game_keeps_it_in_the_diary(tmp_path: Path) ->
     assert (game.limb, game.is_simulated, game.version) == ("left_leg", True, __version__)
 
 
+_SIGNALLED_AT_THE_END = """
+import signal
+from manip3d.phantom._diary import DiaryRecorder
+end = DiaryRecorder.end
+def signalled(recorder):
+    signal.raise_signal(signal.{name})
+    return end(recorder)
+DiaryRecorder.end = signalled
+from manip3d.__main__ import main
+main()
+"""
+
+
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
 def test_what_ends_the_program_lets_it_come_to_an_end(
     recording: str, tmp_path: Path, name: str
@@ -189,11 +205,11 @@ def test_what_ends_the_program_lets_it_come_to_an_end(
     with Diary(path, create=True) as diary:
         diary.enrol("P01", limb="left_leg")
     words = ["--source", recording, "--diary", str(path), "--participant", "P01"]
-    program, _ = started(*words, "--json")
+    code = ("-c", _SIGNALLED_AT_THE_END.format(name=name))
+    program, _ = started(*words, "--json", code=code)
     try:
         time.sleep(1.0)
-        for _ in range(2):
-            program.send_signal(getattr(signal, name))
+        program.send_signal(getattr(signal, name))
         out, err = program.communicate(timeout=30)
     finally:
         program.kill()

@@ -201,7 +201,7 @@ def test_a_bubble_is_burst_in_a_headset(stage: Stage) -> None:
         hold_grip(tab, 1500)
         wait_for(lambda: stage.heard == ["enough"])
         stage.show(2)
-        assert tab.evaluate("manip3dLive.panel()").startswith("Stopped for today")
+        assert tab.evaluate("manip3dLive.panel()").startswith("Session over")
         keep_picture(tab, "headset-enough")
         trigger(tab)  # begins nothing by mistake
         stage.show(2)

@@ -173,6 +173,26 @@ def test_orders_are_counterbalanced_where_nobody_asks_about_people(
         assert {s.assigned for s in folder.sessions.values()} == set(range(6))
 
 
+def test_who_is_halfway_keeps_the_displays_that_they_have_seen(definition: Path) -> None:
+    """Another release had other orders of many displays."""
+    text = re.sub(r"^displays = .*$", 'displays = ["a", "b", "c", "d"]', definition.read_text(),
+                  flags=re.MULTILINE)  # fmt: skip
+    definition.write_text(text)
+    study, _ = read_study(definition)
+    assert isinstance(study, DisplayStudy)
+    for number in range(4):
+        session = Session("P", number)
+        order = study.order_of(session)
+        last = order[-1]
+        for step in study.steps(session):
+            if step.id.startswith("d1_"):
+                session.answers.append(Answer(step.id, {"display": last, "session": 1}, {}))
+        assert study.order_of(session) == [last, *order[:-1]]
+        following = study.next_step(session)
+        assert following is not None
+        assert following.condition == {"display": order[0], "session": 2}
+
+
 @pytest.mark.parametrize("count", [4, 5, 6])
 def test_orders_of_many_displays_are_a_williams_square(count: int) -> None:
     rows = _williams(count)
