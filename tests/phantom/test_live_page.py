@@ -466,6 +466,7 @@ def test_a_second_screen_joins_by_a_short_code(chromium: None) -> None:
         wait_for(lambda: "/join and type" in text_of(tab, "#screen-told"))
         told = text_of(tab, "#screen-told")
         assert f"There open {stage.server.origin}/join" in told
+        assert told.endswith("for other devices start with --host.")
         return told.partition(" type ")[2][:9]
 
     def join(tab: _chromium.Tab, code: str) -> None:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import functools
 import io
+import json
 import os
 import shutil
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -23,6 +25,7 @@ from manip3d.phantom import GameSummary, LiveSession, simulated_patient
 from manip3d.phantom._anomalies import Anomaly
 from manip3d.phantom._diary import DiaryRecorder
 from manip3d.phantom._felt import FeltLimb
+from manip3d.phantom._live import hear
 from manip3d.phantom._session import Pictures
 from manip3d.phantom.games import begin
 from manip3d.rgbd import RgbdFrame
@@ -315,6 +318,21 @@ def test_what_is_said_again_after_a_lost_answer_is_taken_once() -> None:
         session.command("event", fields)
     play(session, patient()[:1])
     assert heard.told == ["dizzy"] * 4
+
+
+def test_a_page_is_answered_at_once_and_again_when_it_is_kept() -> None:
+    """However long the disk takes, connections that are lost meanwhile cost no attempt."""
+    said: list[dict[str, int]] = []
+    client: Any = SimpleNamespace(say=lambda text: said.append(json.loads(text)))
+    session = LiveSession("right_arm", recorder=Heard())
+    text = json.dumps({"type": "pain", "value": 3, "page": 7, "number": 4})
+    for _ in range(2):
+        hear(session, client, text, lambda: "")
+    assert said == [{"taken": 4}] * 2
+    play(session, patient()[:1])
+    assert said[2:] == [{"heard": 4}] * 2
+    hear(session, client, json.dumps({"type": "ready"}), lambda: "")
+    assert len(said) == 4
 
 
 def test_who_feels_sick_is_not_touched_any_more() -> None:

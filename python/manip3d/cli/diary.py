@@ -215,7 +215,8 @@ def show_participant(path: File, participant: Who, key: Key = None, as_json: Jso
         sessions = diary.sessions(participant)
         filled, events = diary.questionnaires(participant), diary.events(participant)
         answers = diary.answers(participant)
-        elsewhere = {one.number for one in (*diary.ownership(participant), *filled)}
+        elsewhere = {one.number for one in diary.ownership(participant)}
+        elsewhere |= {one.number for one in filled}
     done = adherence(sessions, person.enrolled, _today(person.enrolled))
     record = {
         **_plain(person),

@@ -393,9 +393,8 @@ def _forms(diary: Diary, identifier: str) -> list[str]:
     """A table of scores for each other questionnaire; of another wording, it is another one."""
     filled: dict[Questionnaire, list[Answers]] = {}
     # By rows: who fills in the same questions by hand is shown here.
-    elsewhere = {
-        one.number for one in (*diary.ownership(identifier), *diary.questionnaires(identifier))
-    }
+    elsewhere = {one.number for one in diary.ownership(identifier)}
+    elsewhere |= {one.number for one in diary.questionnaires(identifier)}
     for one in diary.answers(identifier):
         if one.number not in elsewhere:
             filled.setdefault(one.questionnaire, []).append(one)
