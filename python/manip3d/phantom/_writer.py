@@ -145,7 +145,9 @@ class OrderedWriter:
                 self._lost.append(failed)
             if task in self._tasks:  # else nobody waits for it any more
                 self._tasks.remove(task)
-            if not failed:
+            if failed:
+                self._waiters = [one for one in self._waiters if task not in one.tasks]
+            else:
                 self._note_written(task)
             if not self._tasks:
                 self._trouble = ""
