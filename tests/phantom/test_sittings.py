@@ -329,6 +329,7 @@ def test_the_limb_as_it_was_felt_last_time_is_shown_again(sitting: Sitting) -> N
 def test_each_limb_is_felt_in_its_own_way(sitting: Sitting) -> None:
     other = FELT | {"length": 90}
     sitting.say("felt", **FELT)
+    sitting.now += timedelta(minutes=1)
     sitting.say("limb", limb="left_arm")
     sitting.say("felt", **other)
     for _ in range(2):
