@@ -515,7 +515,9 @@ def assert_simplified(mesh: Mesh, result: SimplifyResult, ratio: float) -> None:
     out = result.mesh
     out.validate()
     if result.stop == StopReason.TARGET_REACHED:
-        assert out.num_faces <= max(0, ratio * mesh.num_faces)
+        assert out.num_faces <= max(
+            1 if ratio > 0 else 0, ratio * mesh.num_faces
+        )  # a face at least
     triples = np.sort(out.faces, axis=1)
     assert (np.diff(triples, axis=1) > 0).all()
     before = {tuple(face) for face in np.sort(mesh.faces, axis=1).tolist()}
