@@ -39,7 +39,7 @@ pytestmark = pytest.mark.golden
 Case = Callable[[int], object]
 
 
-_LATER = ("distance_bound",)
+_LATER = {"distance_bound": None, "emissive": (0.0, 0.0, 0.0)}
 """Fields that came after the hashes were made, left out where nothing asked for them."""
 
 
@@ -54,7 +54,10 @@ def feed(digest: hashlib._Hash, value: object) -> None:
     elif dataclasses.is_dataclass(value) and not isinstance(value, type):
         for field in dataclasses.fields(value):
             member = getattr(value, field.name)
-            if not (field.name.startswith("_") or (field.name in _LATER and member is None)):
+            if not (
+                field.name.startswith("_")
+                or (field.name in _LATER and member == _LATER[field.name])
+            ):
                 feed(digest, member)
     elif isinstance(value, dict):
         feed(digest, sorted(value.items()))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import struct
 import subprocess
 import sys
 from pathlib import Path
@@ -249,6 +251,12 @@ def test_importance_comes_from_a_file(torus: Path, tmp_path: Path) -> None:
     assert "weights.npy: " in error_line(manip3d(*base))
     weights.write_text("1 2 3")
     assert "weights.npy: " in error_line(manip3d(*base))
+    header = b"{'descr': (".ljust(117) + b"\n"  # Python's tokenizer fails, not NumPy
+    weights.write_bytes(b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header)
+    assert "weights.npy: " in error_line(manip3d(*base))
+    weights.unlink()
+    os.mkfifo(weights)
+    assert "expected a regular file" in error_line(manip3d(*base))
 
 
 def test_seam_mode_is_for_the_published_method(torus: Path, tmp_path: Path) -> None:

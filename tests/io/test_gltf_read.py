@@ -446,6 +446,17 @@ EMISSIVE_STRENGTH = {"KHR_materials_emissive_strength": {"emissiveStrength": 4}}
             False,
         ),
         ({"emissiveFactor": [1, 0.5, 0], "extensions": EMISSIVE_STRENGTH}, (4, 2, 0), False),
+        # no light, and no texture, beside which 0 would count as 1
+        (
+            {
+                "emissiveFactor": [1, 1, 1],
+                "emissiveTexture": {"index": 0},
+                "extensions": {"KHR_materials_emissive_strength": {"emissiveStrength": 0}},
+            },
+            (0, 0, 0),
+            False,
+        ),
+        ({"emissiveFactor": [-1, 0.5, -0.5]}, (0, 0.5, 0), False),
     ],
 )
 def test_light_that_a_surface_sends_out(

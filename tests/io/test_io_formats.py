@@ -314,6 +314,14 @@ def test_cr_ends_lines_however_long_the_first_one_is() -> None:
         assert read_mesh_bytes(text.encode(), "obj").num_faces == 1
 
 
+def test_a_block_may_end_between_cr_and_lf() -> None:
+    """What follows the last CR of a block tells whether it is half of CRLF."""
+    for length in range((1 << 18) - 4, (1 << 18) + 1):
+        text = "#" + length * "x" + "\r\n" + SQUARE.replace("\n", "\r\n") + "f 1 2 3\r\n"
+        assert read_mesh_bytes(text.encode(), "obj").num_faces == 1
+        assert error(text + "v 0 x 0\r\n", "obj").line == 7
+
+
 def test_a_stray_cr_ends_no_line_where_lf_does() -> None:
     mesh = obj("# first\rv 9 9 9\n" + SQUARE + "f 1\r2 3\n")
     assert (mesh.num_vertices, mesh.faces.tolist()) == (4, [[0, 1, 2]])

@@ -221,4 +221,5 @@ def test_a_slow_proof_tells_of_its_progress() -> None:
     fractions, times = zip(*told, strict=True)
     assert list(fractions) == sorted(fractions)
     assert max(fractions) < 1.0 or fractions.count(1.0) == 1
-    assert np.diff([before, *times, time.process_time()]).max() < 0.4
+    gaps = np.diff([before, *times, time.process_time()])
+    assert gaps.max() < 0.1 * gaps.sum()  # a quarter of the whole when steps alone were told

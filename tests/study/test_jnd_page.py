@@ -62,12 +62,12 @@ def test_from_consent_to_csv(tmp_path: Path) -> None:
         expected = study.size_deg * px_per_degree(330.0, 55.0)
         assert all(abs(width - expected) < 0.01 for width in widths)
         results = write_results(study_of(folder.definition), folder, tmp_path / "results")
-    with (results / "answers.csv").open(newline="") as stream:
+    with (results / "answers.csv").open(newline="", encoding="utf-8-sig") as stream:
         rows = [row for row in csv.DictReader(stream) if row["question"] == "chosen"]
     assert len(rows) == len(turned)
     assert all(abs(float(row["shown_deg"]) - study.size_deg) < 0.1 for row in rows)
     assert all(float(row["elapsed_ms"]) < 60_000 for row in rows)
-    with (results / "summary.csv").open(newline="") as stream:
+    with (results / "summary.csv").open(newline="", encoding="utf-8-sig") as stream:
         thresholds = [float(r["jnd_percent"]) for r in csv.DictReader(stream) if r["participant"]]
     assert len(thresholds) == 2
     assert all(10.0 < threshold < 40.0 for threshold in thresholds)

@@ -246,7 +246,7 @@ def test_results_without_the_stimuli(tmp_path: Path) -> None:
         file.unlink()
     with StudyFolder(tmp_path / "answers") as folder:
         results = write_results(study_of(folder.definition), folder, tmp_path / "results")
-    with (results / "summary.csv").open(newline="") as stream:
+    with (results / "summary.csv").open(newline="", encoding="utf-8-sig") as stream:
         rows = list(csv.DictReader(stream))
     low = next(r for r in rows if r["resolution"] == "low" and r["truth"] == "all")
     assert low["published_unable_percent"] == "76.0"

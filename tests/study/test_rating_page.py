@@ -59,14 +59,14 @@ def test_from_consent_to_csv(tmp_path: Path) -> None:
         assert sorted(seen[4:]) == ["i001", "i002", "i003", "i004"]
         assert sorted(sizes) == [40, 40, 40, 40, 160]
         results = write_results(study_of(answers.definition), answers, tmp_path / "results")
-    with (results / "answers.csv").open(newline="") as stream:
+    with (results / "answers.csv").open(newline="", encoding="utf-8-sig") as stream:
         rows = list(csv.DictReader(stream))
     verdicts = [row for row in rows if row["question"] == "verdict"]
     assert [row["answer"] for row in verdicts] == ["undecidable"] * 4
     assert sum("truth=type2" in row["condition"] for row in verdicts) == 2
     # What somebody types is no formula in a spreadsheet.
     assert {row["answer"] for row in rows if row["question"] == "reason"} == {"'=HYPERLINK(1)"}
-    with (results / "summary.csv").open(newline="") as stream:
+    with (results / "summary.csv").open(newline="", encoding="utf-8-sig") as stream:
         low = [row for row in csv.DictReader(stream) if row["resolution"] == "low"]
     assert low[-1]["undecidable_percent"] == "100.0"
     assert low[-1]["published_unable_percent"] == "76.0"

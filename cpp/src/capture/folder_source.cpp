@@ -44,7 +44,7 @@ std::unique_ptr<RgbdSource> make_source(ImageFrames::Listing listing, Calibratio
   return in_real_time(std::move(source), options.speed);
 }
 
-/// Of the folder's calibration.json, if there is one.
+/// The calibration in the folder's calibration.json; null if there is none.
 Calibration stored_calibration(const fs::path& folder) {
   const fs::path described = folder / "calibration.json";
   return fs::exists(described) ? parse_file(described, parse_calibration) : nullptr;
@@ -167,9 +167,10 @@ constexpr std::array kTumCameras = {TumCamera{517.3, 516.5, 318.6, 255.3},
 /// "ROS default" of that page: good for all its pre-registered images.
 constexpr TumCamera kNominalTumCamera = {525.0, 525.0, 319.5, 239.5};
 
-/// By the folder's name: freiburg1 to 3 or fr1 to 3, as words of their own but for a number's end.
+/// The camera of a folder whose name, as the user gave it, holds freiburgN or frN, with no letter
+/// or digit before it and no digit after it.
 std::optional<TumCamera> published_tum_camera(const fs::path& folder) {
-  const fs::path whole = fs::weakly_canonical(folder);
+  const fs::path whole = fs::absolute(folder).lexically_normal();
   const std::string name = (whole.has_filename() ? whole : whole.parent_path()).filename();
   const auto at = [&](std::size_t i) {
     return i < name.size() ? static_cast<unsigned char>(name[i]) : 0U;
@@ -178,9 +179,9 @@ std::optional<TumCamera> published_tum_camera(const fs::path& folder) {
     for (std::size_t i = name.find(word); i != std::string::npos; i = name.find(word, i + 1)) {
       const std::size_t number = i + word.size();
       const bool is_word = i == 0 || std::isalnum(static_cast<int>(at(i - 1))) == 0;
-      const bool is_digit = std::isdigit(static_cast<int>(at(number + 1))) == 0;
+      const bool ends_number = std::isdigit(static_cast<int>(at(number + 1))) == 0;
       const std::size_t camera = at(number) - std::size_t{'1'};
-      if (is_word && is_digit && camera < kTumCameras.size()) return kTumCameras[camera];
+      if (is_word && ends_number && camera < kTumCameras.size()) return kTumCameras[camera];
     }
   }
   return std::nullopt;

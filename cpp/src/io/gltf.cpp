@@ -873,6 +873,8 @@ class Reader {
     const auto strength = bright ? bright->find("emissiveStrength") : std::nullopt;
     if (strength) light *= strength->number();
     if (!light.allFinite()) place.fail("the emissive light overflows");
+    light = light.cwiseMax(0.0);
+    if (light.isZero(0.0)) m.textures.erase("emissive");  // else 0 would count as 1 beside it
   }
 
   static AlphaMode read_alpha_mode(const JsonPlace& place) {

@@ -328,7 +328,7 @@ std::optional<BodyFrame> TrunkTracker::update(const Skeleton* joints, const Dept
   const double elapsed = time_s - time_s_, without_joints = time_s - joints_time_s_;
   const bool are_back = joints != nullptr && without_joints > kGap;
   if (pose_ && (elapsed > kGap || are_back)) end_motion();
-  const bool jumps = pose_ && joints != nullptr && has_jumped(*joints, elapsed);
+  const bool jumps = pose_ && joints != nullptr && has_jumped(*joints, std::max(elapsed, 1e-3));
   if (joints != nullptr) {
     measure_jitter(*joints);
     joints_time_s_ = time_s;

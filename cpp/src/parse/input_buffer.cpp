@@ -51,13 +51,14 @@ void InputBuffer::remove_mark(std::string_view& line) const {
 // CR if a first block holds some and no LF (text of the first Macintosh systems), else LF.
 char InputBuffer::find_line_end() {
   std::size_t searched = 0;
-  bool has_cr = false;
+  bool has_cr = false, is_cut = false;  // between a CR and what may be its LF
   do {
     const std::string_view seen(buffer_.data() + begin_, end_ - begin_);
     if (seen.find('\n', searched) != std::string_view::npos) return '\n';
     has_cr = has_cr || seen.find('\r', searched) != std::string_view::npos;
     searched = seen.size();
-  } while (searched < (has_cr ? kBlock : kLongestLine) && fill());
+    is_cut = seen.ends_with('\r');
+  } while (searched < (has_cr && !is_cut ? kBlock : kLongestLine) && fill());
   return has_cr ? '\r' : '\n';
 }
 

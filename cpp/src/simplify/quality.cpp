@@ -909,7 +909,7 @@ class QualitySimplifier {
   FlatHeap<Entry> queue_, forbidden_;
   Rules rules_ = Rules::kAll;
   std::optional<DistanceGuard> guard_;  // of max_distance
-  double fraction_ = 0.2;               // of the work, as last told
+  double fraction_ = 0.2;               // of the work that was last reported
   std::vector<std::int32_t> touched_, around_;
   std::vector<DistanceGuard::Change> changed_;
   WedgeMap map_;

@@ -4,9 +4,9 @@
 
 namespace manip3d {
 
-/// A mesh in a unit in which no product of some lengths overflows or vanishes: that of its file, or
-/// where its size is outside of 2^-200 to 2^200 of that, this times a power of two. Such a factor
-/// rounds nothing, so that the result is the one at another scale to the last bit.
+/// A mesh scaled by a power of two where its diagonal is outside of 2^-200 to 2^200, else as it is,
+/// so that no product of some lengths overflows or vanishes. Such a factor rounds nothing: the
+/// result is the one at another scale to the last bit.
 class UsualUnit {
  public:
   /// @param mesh  Outlives this.

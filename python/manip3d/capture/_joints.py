@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 _TO_BVH = np.array([100.0, -100.0, -100.0])  # metres, y down, z ahead -> centimetres, y up
+_SHORTEST_STEP = 1e-3  # seconds between two poses of a motion
 _LONGEST_GAP = 3600.0  # seconds that a motion repeats a pose for
 _SPINE = [JOINTS.index(name) for name in ("SpineMid", "SpineShoulder", "Neck", "Head")]
 _CHILDREN = [[j for j in range(1, 25) if PARENTS[j] == parent] for parent in range(25)]
@@ -190,7 +191,8 @@ def _at_even_times(found: list[tuple[RgbdFrame, Skeleton]]) -> list[tuple[RgbdFr
             f"source: expected at most {_LONGEST_GAP:.0f} s between two frames of a motion, got "
             f"{longest:.0f} s"
         )
-    times = np.maximum(1, np.rint(steps / np.median(steps)).astype(int))
+    usual = max(float(np.median(steps)), _SHORTEST_STEP)
+    times = np.maximum(1, np.rint(steps / usual).astype(int))
     return [one for one, n in zip(found, (*times, 1), strict=True) for _ in range(n)]
 
 

@@ -215,13 +215,14 @@ class FrameClock:
 
     def is_due(self, time_ns: int, timeout_ms: int) -> bool:
         """Wait for the time of a frame, at most so long."""
-        if not self._speed > 0.0:
+        speed = self._speed  # another thread may stop the clock meanwhile
+        if not speed > 0.0:
             return True
         now = time.monotonic()
         if self._began is None:
             self._began = now, time_ns
         began, first = self._began
-        left = began + (time_ns - first) * 1e-9 / self._speed - now
+        left = began + (time_ns - first) * 1e-9 / speed - now
         if left < 0.0:
             self._began = now, time_ns
         time.sleep(min(max(left, 0.0), timeout_ms / 1000.0))

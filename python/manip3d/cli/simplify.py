@@ -29,6 +29,7 @@ from manip3d.cli.sources import open_mesh, open_scene, tell_scene
 from manip3d.cli.terminal import Progress, Terminal, check_output, count, counted
 from manip3d.errors import FormatError, InputError
 from manip3d.io import READABLE, WRITABLE
+from manip3d.io._files import check_regular
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -131,10 +132,13 @@ def _importance(order: Order) -> NDArray[np.float64] | None:
     """The numbers of --importance."""
     if order.importance is None:
         return None
+    check_regular(order.importance)
     try:
         # A map: a file that is shorter than its header says is refused before memory is taken.
         stored = np.lib.format.open_memmap(order.importance, mode="r")
-    except ValueError as error:
+    except OSError:
+        raise
+    except Exception as error:  # the header is a Python literal: it fails in many ways
         raise FormatError(f"{order.importance}: {error}") from None
     if stored.ndim != 1 or stored.dtype.kind not in "iuf":
         raise FormatError(

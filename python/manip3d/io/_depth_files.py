@@ -92,20 +92,19 @@ def _read(
     if not max_pixels > 0:
         raise InputError(f"max_pixels: expected > 0, got {max_pixels}")
     name = os.fspath(path)
-    limit = byte_limit(None)
+    limit, largest = byte_limit(None), 8 * max_pixels + _HEADER_BYTES
     with clock(name):
         with local_copy(path, max_bytes=limit or None) as local, open_regular(local) as file:
-            data = file.read(8 * max_pixels + _HEADER_BYTES + 1)
+            data = file.read(min(largest, limit or largest) + 1)
         try:
             if limit and len(data) > limit:
                 raise FormatError(f"more than max_bytes = {limit}")
-            if len(data) > 8 * max_pixels + _HEADER_BYTES:
+            if len(data) > largest:
                 raise FormatError(f"expected at most {max_pixels} pixels, got a larger file")
             values = decode(data, max_pixels)
         except FormatError as error:
             offset = error.byte_offset
             raise FormatError(error.reason, file=name, byte_offset=offset) from error.__cause__
-    check_points(values.shape[0] * values.shape[1], name)
     return values
 
 
@@ -211,6 +210,10 @@ def _checked_size(rows: int, columns: int, max_pixels: int) -> None:
         raise FormatError(f"expected at least one pixel, got {columns} x {rows}")
     if rows * columns > max_pixels:
         raise FormatError(f"expected at most {max_pixels} pixels, got {columns} x {rows}")
+    check_points(rows * columns, "")
+    limit = byte_limit(None)
+    if limit and rows * columns > limit:  # a pixel takes a byte at least
+        raise FormatError(f"more than max_bytes = {limit}")
 
 
 # --- PGM: Pillow would stretch the numbers of a file whose largest value is not 65535 -----------

@@ -30,13 +30,14 @@ class ReadLimits:
         The most uncompressed bytes of a file. As the argument ``max_bytes`` of a reader it also
         lifts the limit on the expansion of compressed files.
     max_points : int, optional
-        The most points of a scan, vertices of a mesh or of a scene, or pixels of a depth image.
+        The most points of all scans of a file, vertices of a mesh or of a scene, or pixels of a
+        depth image.
         Counted where the header tells before anything is read, else when all is read:
         what bounds the memory until then is ``max_bytes``.
     max_seconds : float, optional
         The most seconds that one call of a reader may take, fetching a URL included. Readers of
         the core look at the clock ten times a second; what other libraries read (LAS, LAZ, E57,
-        images) is judged when it is read.
+        images) and fetch (URLs) is judged when they are done.
 
     Raises
     ------

@@ -49,7 +49,8 @@ def read_all(path: Path, limit: int) -> list[LidarFrame]:
     try:
         file = pye57.E57(str(path))
         try:
-            return [_read_one(file, i, path, limit) for i in range(file.scan_count)]
+            _check_claims(file, path, limit)
+            return [_read_one(file, i, path) for i in range(file.scan_count)]
         finally:
             file.close()
     except (FormatError, OSError, MemoryError):
@@ -58,11 +59,16 @@ def read_all(path: Path, limit: int) -> list[LidarFrame]:
         raise FormatError(f"damaged E57: {str(error)[:200]}", file=str(path)) from error
 
 
-def _read_one(file: Any, index: int, path: Path, limit: int) -> LidarFrame:
-    header = file.get_header(index)
-    claimed = 8 * header.point_count * max(1, len(header.point_fields))
+def _check_claims(file: Any, path: Path, limit: int) -> None:
+    """Refuse a file whose scans together claim more than it can hold, or than is allowed."""
+    headers = [file.get_header(index) for index in range(file.scan_count)]
+    claimed = sum(8 * each.point_count * max(1, len(each.point_fields)) for each in headers)
     refuse_expansion(claimed, path.stat().st_size, limit, str(path))
-    check_points(header.point_count, str(path))
+    check_points(sum(each.point_count for each in headers), str(path))
+
+
+def _read_one(file: Any, index: int, path: Path) -> LidarFrame:
+    header = file.get_header(index)
     data: dict[str, NDArray[Any]] = file.read_scan_raw(index, ignore_unsupported_fields=True)
     keep = np.ones(header.point_count, np.bool_)
     for state in _STATES:

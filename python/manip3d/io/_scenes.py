@@ -107,11 +107,6 @@ class Scene:
     def _face_counts(self) -> NDArray[np.int64]:
         return np.array([mesh.num_faces for mesh in self.meshes], dtype=np.int64)
 
-    @property
-    def is_flat(self) -> bool:
-        """Whether a single node is all there is, so that a `Mesh` holds it as well."""
-        return len(self.nodes) == 1 and self.nodes[0].mesh is not None
-
     def world_transforms(self) -> NDArray[np.float64]:
         """(N, 4, 4) from the coordinates of each node into those of the scene."""
         world = np.empty((len(self.nodes), 4, 4))

@@ -517,7 +517,7 @@ def simplify_scene(
 def _importance_of(
     scene: Scene, method: str, importance: ArrayLike | None
 ) -> list[NDArray[Any]] | None:
-    """Those of each mesh."""
+    """Split the importance of a scene's vertices by mesh."""
     if importance is None:
         return None
     if method != "quality":
@@ -648,7 +648,7 @@ def _search(
             if result.stop != StopReason.TARGET_REACHED or drawn >= (1.0 - _NEAR) * wanted:
                 return result
             too_few = (stored, drawn)
-        del result  # of one that is not the best so far nothing is left beside the next run
+        del result  # frees one that is not the best before the next run
         if too_many[0] - too_few[0] <= 1:
             break
     assert best is not None
