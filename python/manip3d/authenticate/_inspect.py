@@ -228,7 +228,7 @@ class Inspection(Showable):
         `likelihood_ratio`. None: none of them states a p-value, or the scan was processed.
         """
         p_values = [r.p_value for r in self.detectors if r.p_value is not None]
-        if not p_values or self.verdict not in ("no_trace", "tampered"):
+        if not p_values or self.verdict == "processed":
             return None
         return likelihood_ratio(min(1.0, min(p_values) * len(p_values)))
 

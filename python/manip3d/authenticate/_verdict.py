@@ -323,14 +323,11 @@ def binomial_tail(least: int, frames: int, rate: float) -> float:
     rate : float
         Probability that one frame alarms, in (0, 1).
     """
-    fewer = sum(
-        math.exp(
-            math.lgamma(frames + 1)
-            - math.lgamma(k + 1)
-            - math.lgamma(frames - k + 1)
-            + k * math.log(rate)
-            + (frames - k) * math.log1p(-rate)
-        )
-        for k in range(min(least, frames + 1))
-    )
-    return max(0.0, 1.0 - fewer)
+
+    def log_share(count: int) -> float:
+        ways = math.lgamma(frames + 1) - math.lgamma(count + 1) - math.lgamma(frames - count + 1)
+        return ways + count * math.log(rate) + (frames - count) * math.log1p(-rate)
+
+    # The upper tail itself: 1 less the lower one has no digit left where it is small.
+    tail = math.fsum(math.exp(log_share(count)) for count in range(max(least, 0), frames + 1))
+    return min(1.0, tail)
