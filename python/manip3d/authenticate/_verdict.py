@@ -84,7 +84,8 @@ class Power:
     found, planted : int
         Edits found, of so many planted in clean frames of this scanner.
     here_found, here_planted : int
-        The same in copies of the inspected scan itself; 0 of 0: not tried.
+        The same in copies of the inspected scan itself, by all detectors together; 0 of 0: not
+        tried. Only `Inspection.power` has them.
     source : str
         The clean frames of the first numbers.
     """
