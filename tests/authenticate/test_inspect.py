@@ -263,7 +263,13 @@ def test_the_power_of_one_scanner_is_not_that_of_another() -> None:
 
 def test_a_lattice_with_measured_power_earns_no_trace(tmp_path: Path) -> None:
     frames = [sixteen_street(seed) for seed in range(10, 14)]
-    lattice = authenticate.calibrate_lattice(frames, planted=2, source="four streets")
+    told: list[float] = []
+    lattice = authenticate.calibrate_lattice(
+        frames, planted=2, source="four streets", progress=lambda f, _: told.append(f)
+    )
+    assert told == sorted(told)
+    assert told[-1] == pytest.approx(1.0)
+    assert len(told) > 10
     assert len(lattice.slope) == 16
     assert lattice.power["added"].planted == 4
     assert lattice.power["added"].share == 1.0
