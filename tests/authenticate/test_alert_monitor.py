@@ -389,15 +389,6 @@ def test_chance_excuses_the_cameras_only() -> None:
     assert verdict_of_alerts([*unheard, *some])[0] == "undecidable"
 
 
-@pytest.mark.parametrize(("least", "trials", "rate"), [(0, 5, 0.3), (2, 5, 0.3), (3, 400, 0.01)])
-def test_the_tail_of_the_binomial_distribution(least: int, trials: int, rate: float) -> None:
-    share = sum(
-        math.comb(trials, n) * rate**n * (1 - rate) ** (trials - n)
-        for n in range(least, trials + 1)
-    )
-    assert _alert._binomial_tail(least, trials, rate) == pytest.approx(share, rel=1e-9)
-
-
 def test_a_drive_that_was_cut_is_not_authentic(tmp_path: Path) -> None:
     with KeyFile(key_file(tmp_path / "key")) as key:
         sender = Watermarker(key)

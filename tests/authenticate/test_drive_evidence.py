@@ -39,6 +39,18 @@ def test_a_frame_says_its_smallest_p_value_times_their_number() -> None:
     assert replace(frame(0.1), verdict="processed").likelihood_ratio is None
 
 
+def test_clean_frames_of_unmeasured_scanners_take_evidence_back() -> None:
+    """They are undecidable, since nobody knows what is found in them, but they were judged."""
+    clean = replace(frame(0.9), verdict="undecidable")
+    assert clean.likelihood_ratio == pytest.approx(0.5 / math.sqrt(0.9))
+    accused_one = accused(0.002, "generic")  # a ratio of 11
+    drive = ([clean] * 79 + [accused_one]) * 5
+    found = drive_evidence(drive)
+    assert (found.alarms, found.judged) == ((), 400)
+    assert found.evidence[-1] == pytest.approx(math.log10(likelihood_ratio(0.002)))
+    assert authenticate.verdict_of_drive(drive)[0] == "undecidable"
+
+
 def test_weak_evidence_adds_up_and_clean_frames_take_it_back() -> None:
     weak, clean = frame(0.0025), frame(1.0)  # ratios 10 and 1/2
     found = drive_evidence([weak] * 4)
@@ -116,8 +128,18 @@ def test_more_episodes_than_chance_has_are_tampered() -> None:
     beside = [CLEAN] * 60 + [accused(0.01)] * 5 + [CLEAN] * 35  # one place, seen five times
     assert authenticate.verdict_of_drive(beside)[0] == "undecidable"
     assert binomial_tail(5, 100, 0.01) == pytest.approx(0.003432, abs=1e-6)
-    assert binomial_tail(0, 10, 0.5) == pytest.approx(1.0)
-    assert binomial_tail(11, 10, 0.5) == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("least", "frames", "rate"),
+    [(0, 5, 0.3), (2, 5, 0.3), (3, 400, 0.01), (12, 20, 1e-3), (0, 10, 0.5), (11, 10, 0.5)],
+)
+def test_the_tail_of_the_binomial_law(least: int, frames: int, rate: float) -> None:
+    share = sum(
+        math.comb(frames, n) * rate**n * (1.0 - rate) ** (frames - n)
+        for n in range(least, frames + 1)
+    )
+    assert binomial_tail(least, frames, rate) == pytest.approx(share, rel=1e-9)
 
 
 @pytest.mark.parametrize("name", ["density", "occlusion", "generic"])

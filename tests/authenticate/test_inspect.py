@@ -132,8 +132,8 @@ def test_scans_in_other_axes_are_named(name: str, monkeypatch: pytest.MonkeyPatc
     points = scans.scan(np.random.default_rng(5), authenticate.kitti_lattice())
     turned = np.column_stack([sign * points[:, column] for column, sign in TURNED[name]])
     monkeypatch.setattr("manip3d.authenticate._inspect.estimate_origin", None)
-    for origin in (None, (0.0, 0.0, 0.0)):
-        found = authenticate.inspect(turned.astype(np.float32), origin=origin)
+    for origin, sensor in ((None, "auto"), ((0.0, 0.0, 0.0), "lattice")):
+        found = authenticate.inspect(turned.astype(np.float32), origin=origin, sensor=sensor)
         assert found.verdict == "processed"
         assert [(step.kind, step.detail) for step in found.processing] == [("turned", name)]
         assert found.sensor is not None
@@ -173,8 +173,17 @@ def test_every_region_of_the_accusing_detector_is_drawn(tmp_path: Path) -> None:
 
 def test_edits_are_planted_in_the_scan_itself() -> None:
     points = street()
-    found = authenticate.inspect(points, origin=(0, 0, 0), lattice=LATTICE, plant=1)
+    told: list[float] = []
+    found = authenticate.inspect(
+        points, origin=(0, 0, 0), lattice=LATTICE, plant=1, progress=lambda f, _: told.append(f)
+    )
     assert found.verdict == "no_trace"
+    assert len(told) > 5
+    assert told == sorted(told)
+    assert told[-1] == pytest.approx(1.0)
+    assert found.planted_here["added"].found == 1
+    for report_of in found.detectors:  # what they find together is the word of none of them
+        assert all(power.here_planted == 0 for power in report_of.power.values())
     added = found.power["added"]
     assert (added.here_found, added.here_planted) == (1, 1)
     assert found.power["removed"].here_planted == 1
@@ -193,6 +202,8 @@ def test_edits_are_planted_in_the_scan_itself() -> None:
     assert all(power.here_planted == 0 for power in accused.power.values())
     with pytest.raises(InputError, match="plant: expected at least 0, got -1"):
         authenticate.inspect(points, plant=-1)
+    with pytest.raises(InputError, match="plant: expected with power"):
+        authenticate.inspect(points, plant=1, power=False)
 
 
 SIXTEEN = np.arange(0, 64, 4)
@@ -252,7 +263,13 @@ def test_the_power_of_one_scanner_is_not_that_of_another() -> None:
 
 def test_a_lattice_with_measured_power_earns_no_trace(tmp_path: Path) -> None:
     frames = [sixteen_street(seed) for seed in range(10, 14)]
-    lattice = authenticate.calibrate_lattice(frames, planted=2, source="four streets")
+    told: list[float] = []
+    lattice = authenticate.calibrate_lattice(
+        frames, planted=2, source="four streets", progress=lambda f, _: told.append(f)
+    )
+    assert told == sorted(told)
+    assert told[-1] == pytest.approx(1.0)
+    assert len(told) > 10
     assert len(lattice.slope) == 16
     assert lattice.power["added"].planted == 4
     assert lattice.power["added"].share == 1.0

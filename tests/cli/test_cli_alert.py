@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import re
+import resource
 import shutil
-import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -344,9 +345,133 @@ def test_records_that_pictures_carry_are_verified(drive: Path, tmp_path: Path) -
                                                               "undecidable"]  # fmt: skip
 
 
-def test_a_drive_without_times_is_played_as_a_scanner_turns(drive: Path) -> None:
+def pictures_of(drive: Path, camera: int, *sizes: tuple[int, int]) -> None:
+    """Pictures of a camera that show nothing, (height, width) of each frame."""
+    cv2 = pytest.importorskip("cv2", reason="the extra 'alert' is not installed")
+    folder = drive / f"image_{camera:02d}" / "data"
+    folder.mkdir(parents=True, exist_ok=True)
+    for number, size in enumerate(sizes):
+        assert cv2.imwrite(str(folder / f"{number:010d}.png"), np.full(size, 77, np.uint8))
+
+
+SIZE, SMALL = (160, 640), (10, 10)
+
+
+def test_bad_pictures_do_not_silence_the_carrier_nor_the_other_way_round(
+    drive: Path, tmp_path: Path
+) -> None:
+    key, signed = key_file(tmp_path / "sensor.key"), tmp_path / "signed"
+    pictures_of(with_cameras(drive), 0, SIZE, SIZE, SIZE)
+    embedded(drive, key, signed, "--picture", "image_00")
+    forged(signed, 0)
+    for camera in (2, 3):
+        pictures_of(signed, camera, SMALL, SIZE, SMALL)
+    small = tmp_path / "small"
+    pictures_of(small, 0, SMALL)
+    for number in (1, 2):
+        beside = small / "image_00" / "data" / "0000000000.png"
+        shutil.copy(beside, signed / "image_00" / "data" / f"{number:010d}.png")
+    page = tmp_path / "alert.json"
+    options = ("--key", key, "--picture", "image_00", "-o", page, "--force")
+    assert in_process(signed, *options).exit_code == 3
+    frames = [frame["witnesses"] for frame in json.loads(page.read_text())["frames"]]
+    assert frames[0]["watermark"]["verdict"] == "tampered"
+    assert "got 10 x 10" in frames[0]["cross-modal"]["reason"]
+    assert "samples" in frames[1]["watermark"]["reason"]
+    assert "expected at least" not in frames[1]["cross-modal"]["reason"]
+    assert "got 10 x 10" in frames[2]["cross-modal"]["reason"]
+    assert "samples" in frames[2]["watermark"]["reason"]
+
+    (signed / "velodyne_points" / "data" / "0000000002.bin").write_bytes(b"12345")
+    assert in_process(signed, *options).exit_code == 3
+    told = json.loads(page.read_text())
+    assert len(told["frames"]) == 3
+    assert "unreadable" in told["frames"][2]["witnesses"]["forensics"]["reason"]
+    assert "samples" in told["frames"][2]["witnesses"]["forensics"]["reason"]
+
+
+def test_a_bad_pair_silences_no_other_pair(drive: Path, tmp_path: Path) -> None:
+    from manip3d.authenticate import CameraPair, StereoRig, write_rigs
+
+    for camera, size in ((2, SIZE), (3, SIZE), (4, SMALL), (5, SMALL)):
+        pictures_of(drive, camera, size, size, size)
+    ahead = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+    rig = StereoRig(360.0, (320.0, 80.0), 0.54, ahead)
+    pairs = {"front": CameraPair(rig, 2, 3), "left": CameraPair(rig, 4, 5)}
+    write_rigs(pairs, drive / "rigs.json")
+    page = tmp_path / "alert.json"
+    assert in_process(drive, "-o", page, "--frames", 1).exit_code == 4
+    (told,) = json.loads(page.read_text())["frames"]
+    reason = told["witnesses"]["cross-modal"]["reason"]
+    assert "left: unreadable: left: expected at least 192 x 20 pixels, got 10 x 10" in reason
+    assert "not asked: left" in reason  # and the front pair was
+
+
+def test_what_was_judged_counts_though_it_cannot_be_shown(
+    drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from manip3d.report import AlertTimeline
+
+    key, signed = key_file(tmp_path / "sensor.key"), tmp_path / "signed"
+    embedded(drive, key, signed)
+    forged(signed, 0)
+
+    def fail(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(AlertTimeline, "add", fail)
+    done = in_process(signed, "--key", key, "--json")
+    assert done.exit_code == 3, done.output
+    assert "ended after 1 frame: [Errno 28]" in json.loads(done.stdout)["reason"]
+
+
+def test_the_last_word_of_forensics_is_heard_though_the_drive_ends_in_an_error(
+    drive: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from manip3d.authenticate import AlertMonitor, WitnessReport
+
+    last = WitnessReport("tampered", "frame 0: a point where nothing can be measured")
+    monkeypatch.setattr(AlertMonitor, "finish", lambda _: last)
+    judge = AlertMonitor.judge
+
+    def fail_at_last(self: AlertMonitor, *arguments: object, **options: object) -> object:
+        if self.counts.frames == 1:
+            raise OSError(5, "Input/output error")
+        return judge(self, *arguments, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(AlertMonitor, "judge", fail_at_last)
+    done = in_process(drive, "--json")
+    assert done.exit_code == 3, done.output
+    assert json.loads(done.stdout)["reason"].startswith(f"forensics: {last.reason}; ended after")
+
+
+def test_a_drive_without_times_is_played_as_a_scanner_turns(
+    drive: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (drive / "velodyne_points" / "timestamps.txt").unlink()
-    begin = time.monotonic()
+    slept: list[float] = []
+    clock = SimpleNamespace(monotonic=lambda: 7.0 + sum(slept), sleep=slept.append)
+    monkeypatch.setattr("manip3d.cli.alert.time", clock)
     done = in_process(drive, "--live", "--json")
-    assert time.monotonic() - begin >= 0.2
+    assert slept == pytest.approx([0.1, 0.1])
     assert len(json.loads(done.stdout)["frames"]) == 3
+
+
+def test_records_before_a_full_disk_stay() -> None:
+    """A line that was written in part is no record, and the next one stands in its place."""
+    from manip3d.report._alert import _Records
+
+    records = _Records()
+    records.append({"frame": 0})
+    kept = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (records._lines.tell() + 8, kept[1]))
+    try:
+        for _ in range(2):
+            with pytest.raises(OSError, match="File too large"):
+                records.append({"frame": 1, "reason": "too long"})
+        assert list(records) == [{"frame": 0}]
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, kept)
+    records.append({"frame": 1})
+    assert list(records) == [{"frame": 0}, {"frame": 1}]
+    assert len(records) == 2

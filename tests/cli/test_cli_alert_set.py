@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from typer.testing import CliRunner, Result
 
 import manip3d
 from manip3d.cli import app
+from manip3d.cli.alert_set import _begin
 from manip3d.experiments import _alert_set
 
 pytest.importorskip("open3d", reason="the extra 'open3d' is not installed")
@@ -30,10 +32,16 @@ def test_the_published_set_has_8735_attacks_of_1765_frames() -> None:
     assert sum(counts.values()) == 8735
 
 
+def _thinned(scan: Any) -> manip3d.LidarFrame:
+    """Every eighth point: what is looked at here does not need all of them."""
+    return manip3d.LidarFrame(scan.points[::8], scan.intensity[::8])
+
+
 def test_a_frame_of_two_drives_with_its_attacks(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(_alert_set, "DRIVES", (1, 3))
+    monkeypatch.setattr(_alert_set, "_as_frame", _thinned)
     out = tmp_path / "set"
     done = run(out, "--frames", 1, "--json", "-q")
     assert done.exit_code == 0, done.output
@@ -77,3 +85,22 @@ def test_other_folders_are_left_alone(tmp_path: Path) -> None:
     done = run(tmp_path / "mine", "--frames", 1)
     assert "expected an empty folder" in str(done.exception)
     assert "expected a folder's name" in str(run(tmp_path / "mine" / "notes.txt").exception)
+    assert (tmp_path / "mine" / "notes.txt").read_text() == "kept"
+    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["notes.txt"]
+
+
+def test_force_begins_anew_without_frames_of_another_set(tmp_path: Path) -> None:
+    attacked = "drive_2/additive/000007.bin.xz"
+    old = ["pieces/drive_2-00005.csv", "manifest.csv", "drive_2/original/000007.bin.xz",
+           attacked, f"{attacked}.truth.json"]  # fmt: skip
+    others = ["notes.txt", "drive_2/additive/best.bin.xz", "drive_2/mine/000007.bin.xz"]
+    for name in (*old, *others, "set.json"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("{}")
+    with pytest.raises(manip3d.InputError, match="--force begins anew"):
+        _begin(tmp_path, {"seed": 1}, force=False)
+    assert all((tmp_path / name).exists() for name in old)
+    _begin(tmp_path, {"seed": 1}, force=True)
+    left = {p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*") if p.is_file()}
+    assert left == {*others, "set.json"}
+    assert json.loads((tmp_path / "set.json").read_text()) == {"seed": 1}

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,6 +19,7 @@ from manip3d import authenticate, report
 from manip3d.cli import app
 from manip3d.report._drive_evidence import scanner_poses
 from real_data import RealData
+from velodyne_packets import pcap
 
 LATTICE = scans.lattice()
 SCANS = Path("velodyne_points") / "data"
@@ -192,6 +195,34 @@ def test_tampering_outranks_what_cannot_be_read(drive: Path, tmp_path: Path) -> 
     assert run(drive, *lattice, "--policy", "tampered=0").exit_code == 1
 
 
+def test_a_recording_that_is_cut_off_keeps_its_verdict(
+    frames: list[manip3d.LidarFrame], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recording, page, log = tmp_path / "a.pcap", tmp_path / "a.html", tmp_path / "case.jsonl"
+    recording.write_bytes(pcap([]))
+    LATTICE.save(tmp_path / "lattice.json")
+    whole = 2
+
+    def turns() -> Iterator[manip3d.LidarFrame]:
+        yield from frames[:whole]
+        raise manip3d.FormatError("expected a packet, the file ends", file=str(recording))
+
+    monkeypatch.setattr("manip3d.capture.open_lidar", lambda *_, **__: nullcontext(turns()))
+    options = ("--lattice", tmp_path / "lattice.json", "-q", "--force", "--log", log)
+    done = run(recording, *options, "-o", page)
+    assert done.exit_code == 3, done.output
+    assert "frame 2: not read" in page.read_text()
+    assert report.read_log(log)[-1]["verdict"] == "tampered"
+    whole = 1
+    done = run(recording, *options, "--json")
+    assert done.exit_code == 1
+    told = json.loads(done.stdout)
+    assert (told["scans"], told["failed"]) == (2, 1)
+    assert "the file ends" in told["frames"][1]["error"]
+    whole = 0
+    assert "the file ends" in str(run(recording, *options).exception)
+
+
 def test_accused_scans_stand_first_in_the_table(tmp_path: Path) -> None:
     nothing = authenticate.inspect(np.zeros((0, 3), np.float32))
     accused = authenticate.DetectorReport("generic", "tampered", "off the lattice", 9.0, 0.002)
@@ -232,6 +263,11 @@ def test_the_watermarks_of_a_drive_are_allowed_for(
     assert isinstance(absent.exception, FileNotFoundError)
     record.unlink()
     assert run(one, *lattice, "--key", tmp_path / "key", "-q").exit_code == 4
+    record.mkdir()  # the other scans are judged, and the drive has its verdict
+    keyed = run(signed, *lattice, "--key", tmp_path / "key", "--json", "-q")
+    assert keyed.exit_code == 3, keyed.output
+    verdicts = [each["verdict"] for each in json.loads(keyed.stdout)["frames"]]
+    assert verdicts == ["processed", "tampered", "no_trace"]
 
 
 def test_a_lattice_is_made_and_measured(drive: Path, tmp_path: Path) -> None:

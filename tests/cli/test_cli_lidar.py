@@ -22,7 +22,7 @@ from cave_scans import CAVE, ball
 from manip3d import authenticate, datasets, report
 from manip3d.cli import app
 from manip3d.cli.forge import ATTACKS
-from manip3d.cli.inspect import _append
+from manip3d.cli.inspect import _append, _code_of_rows
 from manip3d.cli.many import _gravest
 from manip3d.cli.terminal import Terminal
 
@@ -271,9 +271,31 @@ def test_a_policy_holds_for_several_files(scan: Path, hoax: Path, tmp_path: Path
     assert "expected VERDICT=CODE" in refused.output
 
 
+def test_tampering_outranks_a_file_that_fails(scan: Path, hoax: Path, tmp_path: Path) -> None:
+    forged, torn = tmp_path / "forged.bin", tmp_path / "torn.bin"
+    made = run("forge", "lidar", "ctp", scan, "-o", forged, "--hoax", hoax, "--position", 3, 1, 0)
+    assert made.exit_code == 0, made.output
+    torn.write_bytes(b"123")
+    done = run("inspect", forged, torn, "-q", "--jobs", 1)
+    assert done.exit_code == 3, done.output
+    assert "error: 1 of 2 files failed" in done.stderr
+    rows = [{"verdict": "tampered"}, {"error": "FormatError: torn"}]
+    for policy, code in (("", 3), ("tampered=9", 9), ("tampered=0", 1)):
+        assert _code_of_rows(rows, {"policy": policy}) == code
+
+
+def test_edits_are_planted_with_power_only(scan: Path) -> None:
+    for sources in ((scan,), (scan, scan)):
+        done = run("inspect", *sources, "--plant", 1, "--no-power")
+        assert "--plant: expected with --power" in str(done.exception)
+
+
 def test_unknown_exit_codes_are_no_success() -> None:
     for codes, gravest in (((0, 0), 0), ((0, 5), 5), ((4, 3, 9), 3), ((2, 4), 4), ((), 0)):
         assert _gravest([{"exit_code": code} for code in codes]) == gravest
+    failed = {"error": "FormatError: torn"}
+    assert _gravest([failed, {"exit_code": 3}]) == 3
+    assert _gravest([failed, {"exit_code": 4}]) == 1
 
 
 def test_several_scans_are_a_short_table(scan: Path, tmp_path: Path) -> None:

@@ -33,6 +33,7 @@ from manip3d.authenticate._risk import (
 )
 from manip3d.authenticate._stereo import StereoRig, checked_pair, opencv, stereo_disparity
 from manip3d.authenticate._surround import SurroundResult
+from manip3d.authenticate._verdict import binomial_tail
 from manip3d.authenticate._watermark import Policy, Watermarker, WatermarkResult
 from manip3d.authenticate._watermark_files import verdict_of_stream
 from manip3d.errors import InputError
@@ -854,7 +855,7 @@ def _accused_by_cameras(alerts: Sequence[Alert]) -> tuple[bool, str]:
     if not accused:
         return True, ""
     of_clean, clean = CLEAN_ACCUSED
-    is_chance = _binomial_tail(accused, judged, of_clean / clean) > LEAST_CHANCE
+    is_chance = binomial_tail(accused, judged, of_clean / clean) > LEAST_CHANCE
     than = "not more than by chance" if is_chance else "more than by chance"
     return is_chance, (
         f"; cameras accuse {accused} of {judged} frames, {than} ({of_clean} of {clean} clean ones)"
@@ -871,13 +872,3 @@ def _without_cameras(alert: Alert) -> tuple[str, str]:
         return alert.verdict, alert.reason
     quiet = WitnessReport("no_trace", "as often as in clean frames")
     return _joined({**told, "cross-modal": quiet}, has_key=told["watermark"].verdict != "absent")
-
-
-def _binomial_tail(least: int, trials: int, rate: float) -> float:
-    """Probability of at least so many of the trials."""
-
-    def log_share(count: int) -> float:
-        ways = math.lgamma(trials + 1) - math.lgamma(count + 1) - math.lgamma(trials - count + 1)
-        return ways + count * math.log(rate) + (trials - count) * math.log1p(-rate)
-
-    return math.fsum(math.exp(log_share(count)) for count in range(least, trials + 1))

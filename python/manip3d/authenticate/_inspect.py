@@ -11,7 +11,7 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.mappings import ReadOnlyMapping
-from manip3d._util.options import reporting
+from manip3d._util.options import reporting, sharing
 from manip3d._util.showing import Showable
 from manip3d.authenticate._carriers import (
     ALLOWED,
@@ -39,6 +39,7 @@ from manip3d.authenticate._origin import LEAST_EXPLAINED, estimate_origin
 from manip3d.authenticate._power import (
     BLIND,
     BLIND_WITHOUT_REFLECTANCES,
+    EDITS,
     known_power,
     measure_power,
 )
@@ -180,6 +181,9 @@ class Inspection(Showable):
         the watermark where a record was given and a key.
     blind : tuple of str
         Classes of edits that no detector finds in scans of this scanner.
+    planted_here : mapping of str to Power
+        What all detectors together find of the edits that were planted in copies of this very scan,
+        by class, which ``power`` states too; empty: none were planted.
     density, occlusion, generic, turns, reflectance
         The detectors' own results with their maps; None where a detector did not run.
     scan : LidarFrame or None
@@ -197,6 +201,7 @@ class Inspection(Showable):
     origin_from: str
     detectors: tuple[DetectorReport, ...]
     blind: tuple[str, ...] = BLIND
+    planted_here: Mapping[str, Power] = field(default_factory=lambda: NO_POWER, repr=False)
     density: DensityResult | None = field(default=None, repr=False)
     occlusion: OcclusionResult | None = field(default=None, repr=False)
     generic: GenericResult | None = field(default=None, repr=False)
@@ -228,7 +233,7 @@ class Inspection(Showable):
         `likelihood_ratio`. None: none of them states a p-value, or the scan was processed.
         """
         p_values = [r.p_value for r in self.detectors if r.p_value is not None]
-        if not p_values or self.verdict not in ("no_trace", "tampered"):
+        if not p_values or self.verdict == "processed":
             return None
         return likelihood_ratio(min(1.0, min(p_values) * len(p_values)))
 
@@ -245,12 +250,15 @@ class Inspection(Showable):
 
     @property
     def power(self) -> Mapping[str, Power]:
-        """By class of edit: of the detector that finds most of them."""
+        """By class of edit: of the detector that finds most of them, and in this scan of all."""
         best: dict[str, Power] = {}
         for report in self.detectors:
             for name, power in report.power.items():
                 if name not in best or power.share > best[name].share:
                     best[name] = power
+        for name, here in self.planted_here.items():
+            if name in best:
+                best[name] = replace(best[name], here_found=here.found, here_planted=here.planted)
         return ReadOnlyMapping(best)
 
     @property
@@ -377,7 +385,8 @@ def inspect(
     ------
     InputError
         A shape is wrong, a coordinate is not finite, an unknown word for ``sensor``; a result of
-        another scan's watermark, a key without a record; ``plant`` is negative.
+        another scan's watermark, a key without a record; ``plant`` is negative, or not 0 without
+        ``power``.
 
     Notes
     -----
@@ -403,18 +412,24 @@ def inspect(
         raise InputError(f"sensor: expected one of {', '.join(SENSORS)}, got {sensor!r}")
     if plant < 0:
         raise InputError(f"plant: expected at least 0, got {plant}")
+    if plant and not power:
+        raise InputError(f"plant: expected with power, which it is part of; got {plant} without")
     scan = _as_frame(frame)
     signed = _verified(scan, watermark, key)
-    with reporting(progress, "inspect") as report:
-        result = _inspected(
-            scan,
-            signed,
-            _Asked(previous, following, lattice, sensor, origin, printed, threads),
-            report or (lambda _: None),
-        )
-    result = replace(_with_watermark(result, signed), scan=scan.replace(origin=result.origin))
-    if power and plant and signed is None:
-        return _planted(result, previous, following, plant, threads)
+    is_planting = bool(plant) and signed is None
+    own = 1.0 / (1 + plant * len(EDITS)) if is_planting else 1.0
+    with sharing(progress, "inspect") as part:
+        with reporting(part(0.0, own), "inspect") as report:
+            result = _inspected(
+                scan,
+                signed,
+                _Asked(previous, following, lattice, sensor, origin, printed, threads),
+                report or (lambda _: None),
+            )
+        result = replace(_with_watermark(result, signed), scan=scan.replace(origin=result.origin))
+        if is_planting:
+            rest = part(own, 1.0)
+            return _planted(result, previous, following, plant, threads, rest)
     if power:
         return result
     bare = tuple(replace(report, power=NO_POWER) for report in result.detectors)
@@ -427,6 +442,7 @@ def _planted(
     following: ScanLike | None,
     plant: int,
     threads: int,
+    progress: Progress,
 ) -> Inspection:
     """The result with what is found of edits in copies of the scan, where nothing was found yet."""
     scan, sensor, place = result.scan, result.sensor, result.origin
@@ -439,25 +455,10 @@ def _planted(
         before, after = (_at_origin(_as_frame(other), place) for other in (previous, following))
         frames = [before, *frames, after]
     here = measure_power(
-        frames, sensor.lattice, planted=plant, neighbours=len(frames) > 1, threads=threads
-    )
-    reports = tuple(
-        replace(
-            report,
-            power=ReadOnlyMapping(
-                {
-                    name: replace(
-                        power, here_found=here[name].found, here_planted=here[name].planted
-                    )
-                    if name in here
-                    else power
-                    for name, power in report.power.items()
-                }
-            ),
-        )
-        for report in result.detectors
-    )
-    return replace(result, detectors=reports)
+        frames, sensor.lattice, planted=plant, neighbours=len(frames) > 1, threads=threads,
+        progress=progress,
+    )  # fmt: skip
+    return replace(result, planted_here=ReadOnlyMapping(here))
 
 
 class _Asked(NamedTuple):
@@ -615,7 +616,7 @@ def _identified(
     """
     if sensor in ("auto", "lattice"):
         found = known or identify_and_read(scan, lattice=lattice, threads=threads)
-        if sensor == "auto" or found[0].kind == "lattice":
+        if sensor == "auto" or found[0].kind == "lattice" or found[0].turned:
             return found
     return _stated(scan, sensor, threads), None
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.mappings import ReadOnlyMapping
-from manip3d._util.options import generator_of
+from manip3d._util.options import generator_of, reporting, shares, sharing
 from manip3d.authenticate._carriers import ALLOWED, without_bits
 from manip3d.authenticate._generic import consistency_allowing, generic_consistency
 from manip3d.authenticate._lattice import SensorLattice, estimate_lattice
@@ -27,6 +27,7 @@ from manip3d.lidar import Box, LidarFrame
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from manip3d._util.options import Progress
     from manip3d.authenticate._sensors import Sensor
     from manip3d.forge import Forgery
 
@@ -263,6 +264,7 @@ def measure_power(
     false_alarm_rate: float = 0.01,
     rng: int = 0,
     threads: int = 0,
+    progress: Progress = None,
 ) -> dict[str, Power]:
     """Plant edits in clean frames of a scanner and count those that detectors III to V find.
 
@@ -291,6 +293,7 @@ def measure_power(
         Seed of what is edited where.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
+    progress : None, True or callable(fraction, message)
 
     Returns
     -------
@@ -331,25 +334,31 @@ def measure_power(
     if not all(isinstance(frame, LidarFrame) for frame in listed):
         raise InputError("frames: expected LidarFrames")
     judge = _Judge(lattice, embedding, false_alarm_rate, threads)
-    for i, frame in enumerate(listed):
-        before = listed[i - 1] if neighbours and i > 0 else None
-        after = listed[i + 1] if neighbours and i + 1 < len(listed) else None
-        if neighbours and (before is None or after is None):
-            continue
-        cloud = _with_reflectance(frame, embedding)
-        for _ in range(planted):
-            rows = _some_object(_xyz(cloud), random)
-            if rows is None:
-                break
-            for name in wanted:
-                if (name in WHITE_BOX and not lattice.steps) or (
-                    name in REFLECTANCE_EDITS and cloud.shape[1] == 3
-                ):
-                    continue
-                forged = EDITS[name](cloud, rows, lattice, random)
-                tried[name] += 1
-                found[name] += judge.finds(forged, before, after, random)
+    judged = range(1, len(listed) - 1) if neighbours else range(len(listed))
+    with reporting(progress, "plant") as report:
+        told = report or (lambda _: None)
+        for place, i in enumerate(judged):
+            before, after = (listed[i - 1], listed[i + 1]) if neighbours else (None, None)
+            cloud = _with_reflectance(listed[i], embedding)
+            possible = [name for name in wanted if _can_be_planted(name, cloud, lattice)]
+            for trial in range(planted):
+                rows = _some_object(_xyz(cloud), random)
+                if rows is None:
+                    break
+                for number, name in enumerate(possible, 1):
+                    forged = EDITS[name](cloud, rows, lattice, random)
+                    tried[name] += 1
+                    found[name] += judge.finds(forged, before, after, random)
+                    told((place + (trial + number / len(possible)) / planted) / len(judged))
+        told(1.0)
     return {name: Power(found[name], tried[name]) for name in wanted if tried[name]}
+
+
+def _can_be_planted(name: str, cloud: Cloud, lattice: SensorLattice) -> bool:
+    """Whether a class of edits can be made of a scan, with what is known of its scanner."""
+    if name in REFLECTANCE_EDITS and cloud.shape[1] == 3:
+        return False
+    return name not in WHITE_BOX or bool(lattice.steps)
 
 
 FEWEST_CALIBRATED = 4
@@ -367,6 +376,7 @@ def calibrate_lattice(
     source: str = "",
     rng: int = 0,
     threads: int = 0,
+    progress: Progress = None,
 ) -> SensorLattice:
     """Estimate the lattice of a scanner and measure what detector III finds in its scans.
 
@@ -386,6 +396,7 @@ def calibrate_lattice(
         Seed of what is edited where.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
+    progress : None, True or callable(fraction, message)
 
     Returns
     -------
@@ -423,21 +434,27 @@ def calibrate_lattice(
     lattice = estimate_lattice(listed[::2])
     others = [frame.replace(intensity=None) for frame in listed[1::2]]
     rate = rate_of("generic")
-    accused = sum(
-        generic_consistency(
-            frame, calibration=lattice, false_alarm_rate=rate, threads=threads
-        ).verdict == "tampered"
-        for frame in others
-    )  # fmt: skip
-    if accused and binomial_tail(accused, len(others), rate) <= CHANCE:
-        raise InputError(
-            f"frames: expected clean scans that stand on a lattice; detector III accuses {accused} "
-            f"of {len(others)} as they are"
-        )
     classes = [name for name in EDITS if name not in REFLECTANCE_EDITS]
-    measured = measure_power(
-        others, lattice, planted=planted, classes=classes, rng=rng, threads=threads
-    )
+    clean, forged = shares([1.0, planted * len(classes)])
+    with sharing(progress, "calibrate") as part:
+        accused = 0
+        with reporting(part(*clean), "clean scans") as report:
+            for number, frame in enumerate(others, 1):
+                found = generic_consistency(
+                    frame, calibration=lattice, false_alarm_rate=rate, threads=threads
+                )
+                accused += found.verdict == "tampered"
+                if report is not None:
+                    report(number / len(others))
+        if accused and binomial_tail(accused, len(others), rate) <= CHANCE:
+            raise InputError(
+                f"frames: expected clean scans that stand on a lattice; detector III accuses "
+                f"{accused} of {len(others)} as they are"
+            )
+        measured = measure_power(
+            others, lattice, planted=planted, classes=classes, rng=rng, threads=threads,
+            progress=part(*forged),
+        )  # fmt: skip
     told = source or f"{len(others)} clean scans"
     power = {name: replace(each, source=told) for name, each in measured.items()}
     return replace(lattice, power=ReadOnlyMapping(power))

@@ -84,7 +84,8 @@ class Power:
     found, planted : int
         Edits found, of so many planted in clean frames of this scanner.
     here_found, here_planted : int
-        The same in copies of the inspected scan itself; 0 of 0: not tried.
+        The same in copies of the inspected scan itself, by all detectors together; 0 of 0: not
+        tried. Only `Inspection.power` has them.
     source : str
         The clean frames of the first numbers.
     """
@@ -323,14 +324,11 @@ def binomial_tail(least: int, frames: int, rate: float) -> float:
     rate : float
         Probability that one frame alarms, in (0, 1).
     """
-    fewer = sum(
-        math.exp(
-            math.lgamma(frames + 1)
-            - math.lgamma(k + 1)
-            - math.lgamma(frames - k + 1)
-            + k * math.log(rate)
-            + (frames - k) * math.log1p(-rate)
-        )
-        for k in range(min(least, frames + 1))
-    )
-    return max(0.0, 1.0 - fewer)
+
+    def log_share(count: int) -> float:
+        ways = math.lgamma(frames + 1) - math.lgamma(count + 1) - math.lgamma(frames - count + 1)
+        return ways + count * math.log(rate) + (frames - count) * math.log1p(-rate)
+
+    # The upper tail itself: 1 less the lower one has no digit left where it is small.
+    tail = math.fsum(math.exp(log_share(count)) for count in range(max(least, 0), frames + 1))
+    return min(1.0, tail)

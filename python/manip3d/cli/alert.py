@@ -226,14 +226,16 @@ def run(
         view = stack.enter_context(_View(shell, source, total))
         try:
             for alert in _judged(monitor, moments, speed, live=live):
+                told.append(alert.brief())  # first: showing it can fail
                 timeline.add(alert)
                 view.show(alert)
-                told.append(alert.brief())
             last = monitor.finish()
         except (Error, OSError, KeyboardInterrupt) as error:
             if not told:
                 raise
             stopped = error
+            if not isinstance(error, KeyboardInterrupt):
+                last = monitor.finish()
     if not told:
         raise InputError(f"{source}: expected frames, found none")
     whole = key is not None and frames is None and not live
@@ -291,30 +293,54 @@ def _judged(
             yield monitor.skip(motion=motion)
             continue
         if isinstance(moment.frame, str):
-            yield monitor.judge_unread(
-                moment.frame, record=moment.record, carrier=moment.carrier, motion=motion
-            )
+            yield _judged_unread(monitor, moment.frame, moment, motion)
             continue
-        pair = moment.pictures or (None, None)
         judge = partial(
             monitor.judge, moment.frame, speed_mps=abs(ahead), motion=motion, time_s=now,
             waited_s=waited,
         )  # fmt: skip
+        yield _judged_without_refused(judge, moment)
+
+
+def _judged_unread(
+    monitor: AlertMonitor, why: str, moment: _Moment, motion: tuple[float, float, float]
+) -> Alert:
+    """The alert of a scan that cannot be read, without its carrier where that is refused."""
+    judge = partial(monitor.judge_unread, record=moment.record, motion=motion)
+    try:
+        return judge(why, carrier=moment.carrier)
+    except InputError as error:
+        if moment.carrier is None:
+            raise
+        return judge(f"{why}; {error}")
+
+
+def _judged_without_refused(judge: Callable[..., Alert], moment: _Moment) -> Alert:
+    """The alert of a scan; pictures or a carrier that the monitor refuses silence only themselves.
+
+    The monitor refuses before it judges, so that the same frame can be given again.
+    """
+    pair = moment.pictures or (None, None)
+    cameras = {"left": pair[0], "right": pair[1], "pairs": moment.pairs}
+    by_cameras = by_carrier = None  # what the last trial with each of them was refused for
+    for shown, carrier in (
+        (cameras, moment.carrier),
+        ({}, moment.carrier),
+        (cameras, None),
+        ({}, None),
+    ):
+        unread = dict(moment.unread)
+        if not shown and by_cameras is not None:
+            unread["cross-modal"] = str(by_cameras)
+        if carrier is None and by_carrier is not None:
+            unread["watermark"] = str(by_carrier)
         try:
-            yield judge(
-                record=moment.record,
-                carrier=moment.carrier,
-                left=pair[0],
-                right=pair[1],
-                pairs=moment.pairs,
-                unread=moment.unread,
-            )
-        except InputError as error:  # pictures that no camera has taken
-            why = {"watermark": moment.unread.get("watermark", "")}
-            if moment.carrier is not None:
-                why["watermark"] = str(error)
-            told = {name: reason for name, reason in why.items() if reason}
-            yield judge(record=moment.record, unread={**told, "cross-modal": str(error)})
+            return judge(record=moment.record, carrier=carrier, unread=unread, **shown)
+        except InputError as error:
+            refused = error
+            by_cameras = error if shown else by_cameras
+            by_carrier = error if carrier is not None else by_carrier
+    raise refused
 
 
 class _Files(NamedTuple):
@@ -426,7 +452,7 @@ def _moment(
     if why:
         unread["watermark"] = why
     pictures, why = (None, "") if pair is None else _or_why(None, partial(frame.pictures, *pair))
-    seen = {name: _or_why(None, partial(frame.pictures, *each)) for name, each in around.items()}
+    seen = {name: _or_why(None, partial(_pair_of, frame, each)) for name, each in around.items()}
     reasons = [why, *(f"{name}: {why}" for name, (_, why) in seen.items() if why)]
     if any(reasons):
         unread["cross-modal"] = "; ".join(filter(None, reasons))
@@ -445,6 +471,19 @@ def _moment(
         carrier,
         unread,
     )
+
+
+def _pair_of(frame: KittiFrame, cameras: tuple[int, int]) -> tuple[Any, Any] | None:
+    """The pictures of one of several pairs; bad ones are refused here, not with the good ones."""
+    from manip3d.authenticate._stereo import checked_pair
+
+    pictures = frame.pictures(*cameras)
+    if pictures is not None:
+        try:
+            checked_pair(*pictures)
+        except InputError as error:
+            raise FormatError(str(error)) from error
+    return pictures
 
 
 def _or_why(otherwise: Any, read: Callable[[], Any]) -> tuple[Any, str]:

@@ -96,10 +96,21 @@ def _begin(output: Path, settings: Mapping[str, Any], *, force: bool) -> None:
     if not force and output.is_dir() and any(output.iterdir()):
         raise InputError(f"{output}: expected an empty folder or a part of the set; --force "
                          "writes into it all the same")  # fmt: skip
-    for done in (output / _PIECES).glob("drive_*.csv"):
-        done.unlink()
+    for old in _files_of_set(output):
+        old.unlink()
     (output / _PIECES).mkdir(parents=True, exist_ok=True)
     atomic_write(path, json.dumps(dict(settings)) + "\n")
+
+
+def _files_of_set(output: Path) -> list[Path]:
+    """What an earlier run wrote: the pieces first, without which a run makes its frames anew."""
+    from manip3d.experiments import _alert_set
+
+    scan = f"{'[0-9]' * 6}.bin.xz"
+    patterns = [f"{_PIECES}/drive_*.csv", MANIFEST]
+    for attack in _alert_set.ATTACKS:
+        patterns += [f"drive_*/{attack}/{scan}", f"drive_*/{attack}/{scan}.truth.json"]
+    return [path for pattern in patterns for path in output.glob(pattern)]
 
 
 def _pieces(frames: int | None) -> Iterator[_Piece]:

@@ -426,10 +426,10 @@ def alert_set(
 ) -> None:
     """Write the frames and attacks of table 7.2 (ALERT) as files: three simulated drives.
 
-    As many as the dissertation has: 1765 clean frames, and 8735 attacked ones less those without
-    an object that can be attacked so. Scans are OUT/drive_1/additive/000000.bin.xz, the truth of an
-    attack is beside each as .truth.json, and OUT/manifest.csv lists all of them. A run that was
-    stopped goes on where it was when the command is given again.
+    There are as many frames as in the dissertation: 1765 clean ones, and 8735 attacked ones less
+    those without an object that can be attacked so. Scans are OUT/drive_1/additive/000000.bin.xz,
+    the truth of an attack is beside each as .truth.json, and OUT/manifest.csv lists all of them. A
+    run that was stopped goes on where it was when the command is given again.
 
     Example: manip3d forge alert-set attacks --frames 5
     """
@@ -666,8 +666,8 @@ class _AtStep(Sequence[RgbdFrame]):
         self.calibration = frames[0].calibration
         self._frames = frames
         self._ratio = step / own if own > 0 and step > 0 else 1.0
-        most = (len(frames) - 0.5) / self._ratio
-        self._length = int(min(np.ceil(most), sys.maxsize // 4))  # of steps that end in time
+        most = (len(frames) - 0.5) / self._ratio  # steps before the time of the last frame ends
+        self._length = int(min(np.ceil(most), sys.maxsize // 4))
 
     def __len__(self) -> int:
         return self._length

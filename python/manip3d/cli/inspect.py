@@ -48,16 +48,17 @@ def _check_for_many(options: Mapping[str, Any]) -> None:
     for name in ("previous", "following", "watermark", "rows"):
         if options[name] is not None:
             raise InputError(f"--{name}: expected with a single scan, got several")
+    _check_plant(options["plant"], power=options["power"])
     _exit_codes(options["policy"])
     _check_log(options["log"])
 
 
 def _code_of_rows(rows: Sequence[Mapping[str, Any]], options: Mapping[str, Any]) -> int:
-    """The code of the gravest verdict that has one; 1 if a scan of a drive could not be read and
-    nothing is tampered."""
+    """The code of the gravest verdict that has one; 1 if a source or a scan of a drive could not be
+    read and nothing is tampered."""
     codes = _exit_codes(options["policy"])
     verdicts = {row.get("verdict") for row in rows}
-    if any(row.get("failed") for row in rows):
+    if any(row.get("failed") or row.get("error") for row in rows):
         return ("tampered" in verdicts and codes["tampered"]) or 1
     return next((codes[v] for v in GRAVEST_FIRST if v in verdicts and codes[v]), 0)
 
@@ -139,7 +140,8 @@ def inspect(
         typer.Option(
             min=0,
             help="Edits of each class to plant in copies of the scan itself, to count those that "
-            "are found; each takes as long as an inspection.",
+            "are found; each takes as long as an inspection. Only scans of a spinning scanner that "
+            "are no_trace and have no watermark are planted in.",
         ),
     ] = 0,
     policy: Annotated[
@@ -162,8 +164,8 @@ def inspect(
 
     The exit code is 0 for no_trace, 3 for tampered, 4 for processed and undecidable, 1 if a scan
     could not be read, and 130 when interrupted; of several sources it is that of the gravest
-    verdict whose code is not 0. A drive that is tampered ends with 3 although a scan of it could
-    not be read. Each scan of a drive or of packets gets a line, and is judged
+    verdict whose code is not 0. What is tampered ends with 3 although another scan could not be
+    read. Each scan of a drive or of packets gets a line, and is judged
     together with the scans before and after it; it is judged alone where those are missing, and in
     folders without times (object and stereo benchmarks). A drive is tampered where chance does not
     explain its accused scans: of 100 clean scans one may be accused, and 1.1 % of clean drives are
@@ -180,6 +182,7 @@ def inspect(
 
     codes = _exit_codes(policy)
     _check_log(log)
+    _check_plant(plant, power=power)
     kind = expect_kind(source, "scan", "drive", "packets", "recording", verb="inspect")
     shell = Terminal(as_json=as_json, quiet=quiet)
     if kind == "recording" or _is_rgbd(source):
@@ -248,6 +251,11 @@ def _refuse(expected: str, got: str, **options: object) -> None:
             raise InputError(f"--{name}: expected with {expected}, got {got}")
 
 
+def _check_plant(plant: int, *, power: bool) -> None:
+    if plant and not power:
+        raise InputError("--plant: expected with --power, which it is part of; got --no-power")
+
+
 def _check_log(log: Path | None) -> None:
     """Refuse a log that could not be appended to, before anything is read."""
     if log is not None:
@@ -287,6 +295,16 @@ def _record_of(source: str, record: Path | None, key: Path | None) -> bytes | No
     return found
 
 
+def _record_beside(scan: Path) -> bytes:
+    """A record that cannot be read is none: the scan is judged all the same."""
+    from manip3d import authenticate
+
+    try:
+        return authenticate.read_record(authenticate.find_record(scan)) or b""
+    except (Error, OSError):
+        return b""
+
+
 _MOST_LIVE = 60  # frames of a camera
 _LIDAR_SCHEMES = ("pcap", "ouster", "kitti", "bag")
 
@@ -311,7 +329,7 @@ class Drive:
         self._source, self._calibration = source, calibration
 
     def frames(self) -> Iterator[LidarFrame | None]:
-        """The scans; None for one that cannot be read."""
+        """The scans; None for one that cannot be read, with which a recording ends."""
         from manip3d import authenticate, capture
         from manip3d.io import read_scan
         from manip3d.viewer import scan_address
@@ -333,9 +351,16 @@ class Drive:
             known = ", ".join(f"{name}:PATH" for name in _LIDAR_SCHEMES)
             raise InputError(f"{self._source}: expected a file, a folder or one of {known}")
         with capture.open_lidar(uri, calibration=self._calibration) as opened:
-            for number, frame in enumerate(opened):
-                self.names.append(f"frame {number}")
-                yield frame
+            try:
+                for number, frame in enumerate(opened):
+                    self.names.append(f"frame {number}")
+                    yield frame
+            except (Error, OSError) as error:
+                if not self.names:
+                    raise
+                self.errors[len(self.names)] = str(error)
+                self.names.append(f"frame {len(self.names)}")
+                yield None
 
     def numbers(self) -> list[int] | None:
         """Numbers of the scans, by which neighbours are told; None: all follow each other."""
@@ -352,16 +377,10 @@ class Drive:
         return path.is_dir() and not (scan_address(self._source) or "").startswith("bag:")
 
     def records(self) -> Iterator[bytes | None]:
-        """The watermarks' records beside the scans."""
-        from manip3d import authenticate
-
+        """The watermarks' records beside the scans; b'' where one is missing or unreadable."""
         for number in itertools.count():
             path = self.paths.get(number)
-            yield (
-                None
-                if path is None
-                else authenticate.read_record(authenticate.find_record(path)) or b""
-            )
+            yield None if path is None else _record_beside(path)
 
 
 def inspect_drive(

@@ -63,13 +63,15 @@ def lattice(
         frame = read_scan(scan)
         frames.append(frame)
         shell.say(f"read {scan}: {counted(frame.num_points, 'point')}")
-    found = authenticate.calibrate_lattice(
-        frames,
-        planted=planted,
-        source=f"{len(frames) // 2} clean scans of {_named(sources)}",
-        rng=seed,
-        threads=jobs,
-    )
+    with shell.progress("lattice") as progress:
+        found = authenticate.calibrate_lattice(
+            frames,
+            planted=planted,
+            source=f"{len(frames) // 2} clean scans of {_named(sources)}",
+            rng=seed,
+            threads=jobs,
+            progress=progress,
+        )
     found.save(output)
     shell.say(f"wrote {output}")
     power = {name: {**vars(each), "share": each.share} for name, each in found.power.items()}

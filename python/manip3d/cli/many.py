@@ -10,6 +10,7 @@ import copy
 import functools
 import importlib
 import inspect
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from manip3d.batch import SourceFile, Summary
 
 Verb = Callable[..., None]
-_GRAVEST_FIRST = (1, 3, 4)
+_GRAVEST_FIRST = (3, 1, 4)  # tampering outranks what could not be read
 
 
 @dataclass(frozen=True)
@@ -129,7 +130,8 @@ def over_files(
     skipped_code : int
         Exit code of a file that is skipped because it is of a kind the verb does not take.
     exit_code : callable(rows, options) -> int, optional
-        Exit code of all rows together where no file failed; by default the gravest of theirs.
+        Exit code of all rows together; by default the gravest of theirs. Rows of files that failed
+        have an ``error``, and count as 1.
     columns : sequence of str
         What of the rows is printed for people, where any row has it; the table and ``--json`` hold
         everything. Empty: all columns, as CSV.
@@ -165,8 +167,8 @@ def over_files(
             )
             if output is not None:
                 finish(summary, str(output))
-            _refuse_failed(summary, many.noun)
             code = _gravest(summary.rows) if exit_code is None else exit_code(summary.rows, options)
+            _tell_failed(summary, many.noun, code)
             if code:
                 raise typer.Exit(code)
 
@@ -391,14 +393,18 @@ def _cell(value: Any) -> str:
     return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
-def _refuse_failed(summary: Summary, noun: str) -> None:
-    """End with 1 if a file failed."""
-    if summary.failed:
-        raise Error(f"{count(summary.failed)} of {counted(len(summary.rows), noun)} failed")
+def _tell_failed(summary: Summary, noun: str, code: int) -> None:
+    """End with 1 if a file failed; where another one is graver, its code stands."""
+    if not summary.failed:
+        return
+    told = f"{count(summary.failed)} of {counted(len(summary.rows), noun)} failed"
+    if code in (0, 1):
+        raise Error(told)
+    print(f"manip3d: error: {told}", file=sys.stderr)
 
 
 def _gravest(rows: Sequence[Mapping[str, Any]]) -> int:
     """The gravest exit code of a single file; a code of unknown meaning still is no success."""
-    codes = {int(row["exit_code"]) for row in rows}
+    codes = {1 if row.get("error") else int(row["exit_code"]) for row in rows}
     known = (code for code in _GRAVEST_FIRST if code in codes)
     return next(known, max(codes, default=0))

@@ -66,7 +66,7 @@ def attacked(
         copy, place = _copied(inside, box, turn, away)
         if not NEAREST <= math.hypot(*place.center[:2]) <= FARTHEST:
             continue
-        if box.contains(copy.points).any():  # what leaves makes room, but not for its own copy
+        if box.contains(copy.points).any():  # the object itself counts as gone
             continue
         try:
             if attack == "additive":

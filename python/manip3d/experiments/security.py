@@ -348,7 +348,7 @@ ATTACKS: Mapping[str, Callable[[Sequence[Any], np.random.Generator], list[Any]]]
 HARMLESS = "none: points in another order"
 REEMBEDDING = "re-embedding without the key"
 ORACLE = "one point moved, and the verifier asked"
-"""What the verifier says of the forgery goes into a second one, which counts."""
+"""The attacker mends the forgery by what the verifier says of it; the mended one is counted."""
 
 
 def _joined(scan: LidarFrame, other: LidarFrame) -> LidarFrame:

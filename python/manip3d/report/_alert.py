@@ -10,6 +10,7 @@ import math
 import os
 import tempfile
 import weakref
+from array import array
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -72,25 +73,27 @@ class _Records:
     """The records of a drive, one JSON line each in a file, since those of an hour fill memory."""
 
     def __init__(self) -> None:
-        self._lines = tempfile.TemporaryFile()  # noqa: SIM115
+        # Without a buffer: what a full disk refuses would stay in it and fail at each seek after.
+        self._lines = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115
         weakref.finalize(self, self._lines.close)
-        self._count = 0
+        self._ends = array("q", [0])  # of the lines; behind the last is none that is whole
 
     def append(self, record: Mapping[str, Any]) -> None:
-        self._lines.seek(0, os.SEEK_END)
-        self._lines.write(json.dumps(record).encode() + b"\n")
-        self._count += 1
+        line = json.dumps(record).encode() + b"\n"
+        self._lines.seek(self._ends[-1])
+        written = 0
+        while written < len(line):
+            written += self._lines.write(line[written:])
+        self._ends.append(self._ends[-1] + len(line))
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
-        place = 0
-        for _ in range(self._count):
-            self._lines.seek(place)
-            line = self._lines.readline()
-            place = self._lines.tell()
-            yield json.loads(line)
+        for number in range(len(self)):
+            begin, end = self._ends[number : number + 2]
+            self._lines.seek(begin)
+            yield json.loads(self._lines.read(end - begin))
 
     def __len__(self) -> int:
-        return self._count
+        return len(self._ends) - 1
 
 
 class AlertTimeline:
