@@ -65,7 +65,7 @@ def test_the_slope_and_its_interval_are_those_of_a_regression(seed: int, number:
 
 
 def test_the_band_is_the_interval_of_the_line() -> None:
-    """By the covariance of the line's two coefficients, at the first and the last day."""
+    """Compare the band with the covariance of the line's coefficients on two of its days."""
     points = points_of(5, 12)
     days, values = np.array([(p.day, p.value) for p in points]).T
     line, covariance = np.polyfit(days, values, 1, cov=True)  # scaled by s^2

@@ -346,7 +346,7 @@ def test_set_up_touch_and_hazards_on_the_page(chromium: None, tmp_path: Path, wi
 
 
 def test_what_the_patient_says_is_said_on_purpose(chromium: None, tmp_path: Path) -> None:
-    """By the keyboard; sickness and the end of the day; what is asked after a page is loaded."""
+    """Ratings by keyboard, sickness, the end of a session, and the questions after a reload."""
     pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
     from manip3d.diary import Diary
     from manip3d.phantom._diary import DiaryRecorder

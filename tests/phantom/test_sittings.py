@@ -61,7 +61,7 @@ class Sitting:
         self.recorder.start()
 
     def say(self, name: str, **fields: Any) -> dict[str, Any]:
-        """What the page shows after somebody has said something."""
+        """Return the page's text after somebody has said something."""
         self.session.command(name, fields)
         return self.show(2)
 

@@ -347,7 +347,7 @@ class SceneBuilder {
     add(material, "occlusion", "occlusionTexture");
     add(material, "emissive", "emissiveTexture");
     const bool has_image = material.contains("emissiveTexture");
-    // With an image that is missing, the factor alone would make the whole surface glow.
+    // Without its image, the factor alone would make the whole surface glow.
     if (has_image || !m.textures.contains("emissive")) write_light(material, m, has_image);
     scene_.json["materials"].push_back(std::move(material));
   }

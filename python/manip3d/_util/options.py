@@ -65,7 +65,7 @@ def reporting(progress: Progress, message: str) -> Iterator[Callable[[float], ob
 
 @contextmanager
 def sharing(progress: Progress, message: str) -> Iterator[Callable[[float, float], Progress]]:
-    """What gives each of several runs its part of one progress: ``part(begin, end)``.
+    """Share one progress out to several runs: ``part(begin, end)`` reports one of them.
 
     The whole never goes back.
     """
@@ -87,7 +87,7 @@ def sharing(progress: Progress, message: str) -> Iterator[Callable[[float, float
 
 
 def shares(sizes: Iterable[float]) -> list[tuple[float, float]]:
-    """Where the part of each run begins and ends, of runs that take so long."""
+    """Begin and end of each run's part of one progress, from the runs' costs."""
     ends = np.cumsum([0.0, *sizes])
     ends = ends / ends[-1] if ends[-1] > 0.0 else np.linspace(0.0, 1.0, len(ends))
     return [(float(begin), float(end)) for begin, end in itertools.pairwise(ends)]

@@ -686,7 +686,7 @@ class AlertMonitor:
 
 
 def _with_unread(told: WitnessReport, why: str) -> WitnessReport:
-    """What a witness says of whose files some could not be read."""
+    """Report of a witness some of whose files could not be read."""
     if told.verdict == "absent":
         return replace(told, verdict="undecidable", reason=why)
     return replace(told, reason=f"{told.reason} ({why})")

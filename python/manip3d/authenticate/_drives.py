@@ -130,7 +130,7 @@ def _check_each(name: str, values: object, *kinds: type) -> None:
 
 @dataclass(frozen=True, eq=False)
 class DriveInspection:
-    """What the scans of a drive say together; see `judge_drive`.
+    """Verdict of a drive from all of its scans; see `judge_drive`.
 
     Attributes
     ----------

@@ -250,7 +250,7 @@ class SensorLattice:
 
 
 def _power_of(values: Mapping[str, Mapping[str, Any]]) -> Mapping[str, Power]:
-    """What a file says of detector III; ValueError where the counts cannot be."""
+    """Power of detector III from a file; ValueError where the counts are impossible."""
     power = {}
     for name, said in values.items():
         found, planted = int(said["found"]), int(said["planted"])

@@ -181,7 +181,7 @@ def _followed(
 
 
 def _at_even_times(found: list[tuple[RgbdFrame, Skeleton]]) -> list[tuple[RgbdFrame, Skeleton]]:
-    """With the pose before in the place of each frame that is missing by the others' times."""
+    """Repeat the pose before in the place of each frame that the times say is missing."""
     steps = np.diff([float(frame.time) for frame, _ in found]) * 1e-9
     if len(steps) == 0 or not np.median(steps) > 0:
         return found

@@ -344,7 +344,7 @@ def _judged_without_refused(judge: Callable[..., Alert], moment: _Moment) -> Ale
 
 
 class _Files(NamedTuple):
-    """What is watched, and what belongs to it."""
+    """The drive that is watched, and the files that belong to it."""
 
     source: str
     frames: int | None
@@ -444,7 +444,7 @@ def _moment(
     pair: tuple[int, int] | None,
     around: Mapping[str, tuple[int, int]],
 ) -> _Moment:
-    """What is there of a frame, and why the rest is not."""
+    """One frame with what its files hold, and why the others cannot be read."""
     unread: dict[str, str] = {}
     record, carrier, why = None, None, ""
     if files.picture is not None:

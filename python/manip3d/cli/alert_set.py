@@ -103,7 +103,7 @@ def _begin(output: Path, settings: Mapping[str, Any], *, force: bool) -> None:
 
 
 def _files_of_set(output: Path) -> list[Path]:
-    """What an earlier run wrote: the pieces first, without which a run makes its frames anew."""
+    """Remove what an earlier run wrote: the pieces first, without which frames are made anew."""
     from manip3d.experiments import _alert_set
 
     scan = f"{'[0-9]' * 6}.bin.xz"

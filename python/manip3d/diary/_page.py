@@ -392,7 +392,7 @@ def _mcgill(diary: Diary, identifier: str) -> str:
 def _forms(diary: Diary, identifier: str) -> list[str]:
     """A table of scores for each other questionnaire; of another wording, it is another one."""
     filled: dict[Questionnaire, list[Answers]] = {}
-    # By rows: who fills in the same questions by hand is shown here.
+    # Compared by row: the same questions filled in by hand are shown here.
     elsewhere = {one.number for one in diary.ownership(identifier)}
     elsewhere |= {one.number for one in diary.questionnaires(identifier)}
     for one in diary.answers(identifier):

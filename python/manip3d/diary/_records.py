@@ -162,7 +162,7 @@ class ExportedFile:
 
 
 FILM_IN_PAGE = b"data:image/webp;base64,"
-"""What a film on a page begins with."""
+"""The bytes with which a film on a page begins."""
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from manip3d.io._remote import is_url
 from manip3d.mesh import Mesh, Texture
 
 _COMMON = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff")  # how PNG and JPEG files start
-# What becomes of Pillow's modes that have an alpha channel and are none of PNG's.
+# The PNG mode for each mode of Pillow that has an alpha channel and is none of PNG's.
 _WITH_ALPHA = {"PA": "RGBA", "La": "LA", "RGBa": "RGBA"}
 
 _logger = logging.getLogger("manip3d")

@@ -1,4 +1,4 @@
-"""What a file may cost its reader: bytes, points, seconds. `manip3d.io` shows `ReadLimits`."""
+"""Limits on what reading a file may cost: bytes, points, seconds. See `manip3d.io.ReadLimits`."""
 
 from __future__ import annotations
 

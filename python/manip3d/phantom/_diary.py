@@ -125,7 +125,7 @@ class DiaryRecorder:
         self._keep("", write)
 
     def begin_message(self) -> None:
-        """What is told from now on belongs together, for `when_kept`."""
+        """Begin a group: `when_kept` waits for all that is told from now on."""
         assert self._writer is not None
         self._writer.begin()
 
@@ -146,7 +146,7 @@ class DiaryRecorder:
 
     @property
     def trouble(self) -> str:
-        """What is not kept yet, and why, and which films remain without consent; or nothing."""
+        """Return what is not kept yet and why, and which films remain without consent."""
         unkept = "" if self._writer is None else self._writer.trouble
         return " ".join(part for part in (unkept, self._remaining_films) if part)
 

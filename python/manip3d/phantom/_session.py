@@ -269,7 +269,7 @@ class LiveSession:
         self._numbers: dict[int, int] = {}  # of people, by the tracker's id
         self._chosen: int | None = None
         self._heard: dict[int, int] = {}  # last number of each page
-        # Who waits, by page and number, until it is kept; what is lost stays here.
+        # Callbacks by page and number of the message, until it is kept; those of lost ones stay.
         self._waiting: dict[tuple[int, int], list[Callable[[], object]]] = {}
         self._events: deque[tuple[int, list[Any]]] = deque()  # when, and what is told
         self._num_events = 0

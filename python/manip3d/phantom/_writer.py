@@ -56,7 +56,7 @@ class OrderedWriter:
             self._changed.notify_all()
 
     def begin(self) -> None:
-        """What is given from now on belongs together, for `when_written`."""
+        """Begin a group: `when_written` waits for all tasks that are added from now on."""
         with self._changed:
             self._given.clear()
 

@@ -137,7 +137,7 @@ class AlertTimeline:
         self._last = alert.verdict
         if _scan_of(alert) is None or not (is_new or alert.verdict == "tampered"):
             return
-        # Where an attack begins tells more than how it goes on.
+        # The first frame of an attack tells more than the later ones.
         gravity = _gravity(record) + (is_new and alert.verdict == "tampered")
         if len(self._scenes) == _MOST_SCENES:
             least = min(self._scenes, key=lambda scene: (scene.gravity, -scene.number))
@@ -292,7 +292,7 @@ def _facts(source: str, counts: AlertCounts) -> str:
 
 
 def _brief(record: Mapping[str, Any]) -> dict[str, Any]:
-    """What the timeline shows of a frame."""
+    """The record of a frame that the timeline shows."""
     told = {name: {"verdict": each["verdict"]} for name, each in record["witnesses"].items()}
     score = {"score": record["risk"]["score"]}
     return {"verdict": record["verdict"], "witnesses": told, "risk": score}

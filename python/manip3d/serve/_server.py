@@ -38,7 +38,7 @@ _HISTORY = 1000  # latencies that are remembered: half a minute
 _MOST_REASONS = 64  # that are counted apart
 _MOST_REASON_BYTES = 200
 CODE_SECONDS = 120.0
-"""For so long a code of `LocalServer.new_code` lets in."""
+"""Seconds for which a code of `LocalServer.new_code` lets a browser in."""
 _CODE_ATTEMPTS = 5  # wrong ones, of all strangers together, after which a code is void
 _CLOCK = 60_000.0  # ms: a page whose clock is farther off is on another machine
 
@@ -648,7 +648,7 @@ class LocalServer:
         return is_right
 
     async def _join(self, request: web.Request) -> web.StreamResponse:
-        """Where a code is typed; all that the page has is in it, as nothing else is let out."""
+        """The page on which a code is typed; self-contained, as it may load nothing else."""
         from aiohttp import web
 
         policy = (

@@ -107,7 +107,7 @@ class DisplayStudy(Study):
         if not self.counterbalanced:
             return list(self.displays)
         order = self._orders[session.assigned % len(self._orders)]
-        # What was shown keeps its place: another release may have had other orders.
+        # Displays already seen keep their place: another release may have had other orders.
         seen = list(
             dict.fromkeys(
                 str(answer.condition["display"])

@@ -283,7 +283,7 @@ _SCREEN = {
     "screen_px": Kind(float, 0.0, 1e6, optional=True),
     "pixel_ratio": Kind(float, 0.0, 1e3, optional=True),
 }
-"""What a page tells of its screen: the width in CSS pixels, and device pixels to one of these."""
+"""A browser's screen: its width in CSS pixels, and device pixels per CSS pixel."""
 
 
 def _assigned(
