@@ -58,7 +58,7 @@ def test_a_headset_on_the_network_is_served_encrypted() -> None:
         assert f"connect-src wss://{host}:{server.port}/stream" in head
         with RawStream(server) as stream:
             assert stream.status == 101
-            end = time.monotonic() + 5.0
+            end = time.monotonic() + 60.0
             while server.num_clients < 1 and time.monotonic() < end:
                 time.sleep(0.01)
             server.publish(b"a frame", sequence=1, captured_ns=0)
