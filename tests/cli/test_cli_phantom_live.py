@@ -182,6 +182,7 @@ def test_ctrl_c_in_the_middle_of_a_game_keeps_it_in_the_diary(tmp_path: Path) ->
 
 _SIGNALLED_AT_THE_END = """
 import signal
+signal.signal(signal.{name}, signal.SIG_DFL)  # the tests may run under nohup
 from manip3d.phantom._diary import DiaryRecorder
 end = DiaryRecorder.end
 def signalled(recorder):

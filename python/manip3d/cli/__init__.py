@@ -30,7 +30,7 @@ _VERBS = {
     "convert": "Write a mesh or a scan in another format.",
     "simulate": "Make drives, scans and meshes with known truth.",
     "inspect": "Look for edits of a LiDAR scan, a drive or an RGB-D recording.",
-    "lattice": "Estimate the lattice of a scanner, and measure what 'inspect' finds with it.",
+    "lattice": "Estimate the lattice of a scanner, and its power of detection.",
     "demo": "Show on one page what this is for, with pictures.",
     "doctor": "Print what is installed, what is missing, why, and the cure.",
     "reproduce": "Run the experiments behind published tables and figures.",

@@ -37,7 +37,7 @@ def lattice(
     quiet: Quiet = False,
     jobs: Jobs = 0,
 ) -> None:
-    """Estimate the lattice of a scanner, and measure what 'inspect' finds with it.
+    """Estimate the lattice of a scanner, and its power of detection.
 
     Every second scan gives the lattice; the others are judged by it, clean and with edits planted.
     'inspect --lattice' says no_trace of scans of another scanner than an HDL-64E only with a

@@ -428,7 +428,7 @@ def _proof_commands(recorded: bool) -> list[str]:
         "manip3d watermark keygen sensor.key",
         f"manip3d watermark embed {source} --key sensor.key -o signed.bin",
         "manip3d watermark verify signed.bin --key sensor.key",
-        f"manip3d forge lidar translation signed.bin{car} -o moved.bin",
+        f"manip3d forge lidar translation signed.bin{car} --allow-collision -o moved.bin",
         "manip3d watermark verify moved.bin --key sensor.key --record signed.bin.wm",
     ]
 
