@@ -315,7 +315,7 @@ def test_cr_ends_lines_however_long_the_first_one_is() -> None:
 
 
 def test_a_block_may_end_between_cr_and_lf() -> None:
-    """What follows the last CR of a block tells whether it is half of CRLF."""
+    """A CR at the end of a block is half of CRLF if the next block begins with LF."""
     for length in range((1 << 18) - 4, (1 << 18) + 1):
         text = "#" + length * "x" + "\r\n" + SQUARE.replace("\n", "\r\n") + "f 1 2 3\r\n"
         assert read_mesh_bytes(text.encode(), "obj").num_faces == 1

@@ -487,7 +487,7 @@ def _pair_of(frame: KittiFrame, cameras: tuple[int, int]) -> tuple[Any, Any] | N
 
 
 def _or_why(otherwise: Any, read: Callable[[], Any]) -> tuple[Any, str]:
-    """What a file holds and no reason, or what to take instead and why it cannot be read."""
+    """Return what ``read`` gives and no reason, or ``otherwise`` and why it cannot be read."""
     try:
         return read(), ""
     except (FormatError, OSError) as error:

@@ -314,8 +314,7 @@ def _on_grid(frames: Sequence[LidarFrame]) -> list[LidarFrame]:
 
 
 def _mended(received: Sequence[Sent], guard: _Paper | _Keyed | _Hmac) -> list[Sent]:
-    """What the verifier's answer to one question allows: the lowest bits of the points that it
-    suspects are flipped."""
+    """Flip the lowest bits of the points that the verifier suspects, asked once."""
     units = _units(received[-1][0].points)
     units[guard.suspects(received)] ^= 1
     return _changed(received, units / 1000)

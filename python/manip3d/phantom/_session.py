@@ -406,7 +406,7 @@ class LiveSession:
             self._halt = reason, _now().date()
 
     def end(self) -> None:
-        """What was said is kept and a game that goes on is stopped, and told to the recorder.
+        """Keep what was said, stop a game that goes on, and tell the recorder.
 
         No game begins any more, and what pages say from now on is not taken.
         """
