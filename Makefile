@@ -146,7 +146,7 @@ tsan: ## Run the C++ tests under the thread sanitizer
 	.ci/install_packages.sh $(DEV_PACKAGES)
 	cmake --preset tsan >/dev/null
 	cmake --build --preset tsan
-	ctest --preset tsan
+	ctest --preset tsan -j "$$(nproc)"
 
 wheel: setup ## Build dist/: the sdist, and from it a wheel that needs no development package
 	.ci/build_wheel.sh $(BIN)
