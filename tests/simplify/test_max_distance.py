@@ -223,3 +223,11 @@ def test_a_slow_proof_tells_of_its_progress() -> None:
     assert max(fractions) < 1.0 or fractions.count(1.0) == 1
     gaps = np.diff([before, *times, time.process_time()])
     assert gaps.max() < 0.1 * gaps.sum()  # a quarter of the whole when steps alone were told
+
+
+def test_zero_without_a_mode_leaves_vertices_where_they_are() -> None:
+    mesh = hills()
+    found = simplify(mesh, max_distance=0.0)
+    np.testing.assert_array_equal(found.mesh.faces, qem4vr(mesh, max_distance=0.0).mesh.faces)
+    with pytest.raises(InputError, match="max_distance"):
+        simplify(mesh, "quality", max_distance=0.0)
