@@ -90,7 +90,7 @@ def test_play_draws_a_sheet_and_pictures(walk: Path, tmp_path: Path) -> None:
     assert "3 frames in" in done.stdout
     (folder / "notes.png").touch()
     again = ("capture", "play", walk, "--speed", 0, "--frames", 2, "-o", folder)
-    assert "File exists" in manip3d(*again).stderr
+    assert "exists already" in manip3d(*again).stderr
     assert manip3d(*again, "--force").returncode == 0
     assert sorted(path.name for path in folder.iterdir()) == [
         "000000.png", "000001.png", "notes.png",

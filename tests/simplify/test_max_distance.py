@@ -169,8 +169,9 @@ def test_a_limit_is_a_distance(limit: float) -> None:
 
 def test_zero_is_for_methods_that_leave_vertices_where_they_are() -> None:
     with pytest.raises(InputError, match="max_distance: expected a number > 0"):
-        simplify(hills(4), max_distance=0.0)
+        simplify(hills(4), "quality", max_distance=0.0)
     assert simplify(hills(4), "published", max_distance=0.0).distance_bound == 0.0
+    assert simplify(hills(4), max_distance=0.0).distance_bound == 0.0  # published by default
 
 
 def test_quality_says_that_the_distance_stopped_it_and_the_fit_keeps_it() -> None:
@@ -223,11 +224,3 @@ def test_a_slow_proof_tells_of_its_progress() -> None:
     assert max(fractions) < 1.0 or fractions.count(1.0) == 1
     gaps = np.diff([before, *times, time.process_time()])
     assert gaps.max() < 0.1 * gaps.sum()  # a quarter of the whole when steps alone were told
-
-
-def test_zero_without_a_mode_leaves_vertices_where_they_are() -> None:
-    mesh = hills()
-    found = simplify(mesh, max_distance=0.0)
-    np.testing.assert_array_equal(found.mesh.faces, qem4vr(mesh, max_distance=0.0).mesh.faces)
-    with pytest.raises(InputError, match="max_distance"):
-        simplify(mesh, "quality", max_distance=0.0)
