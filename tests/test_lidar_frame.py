@@ -140,3 +140,20 @@ def test_box_contains_what_lies_inside() -> None:
 def test_top_level_names() -> None:
     assert manip3d.LidarFrame is LidarFrame
     assert "read_scan" not in manip3d.__all__
+
+
+@pytest.mark.parametrize(
+    ("center", "size", "yaw", "message"),
+    [
+        ((0, 0), (1, 1, 1), 0.0, "center: expected three numbers"),
+        ((0, 0, 0), 1.0, 0.0, "size: expected three numbers"),
+        (("a", "b", "c"), (1, 1, 1), 0.0, "center: expected three numbers"),
+        ((0, np.nan, 0), (1, 1, 1), 0.0, "center: expected finite numbers"),
+        ((0, 0, 0), (1, np.inf, 1), 0.0, "size: expected finite numbers"),
+        ((0, 0, 0), (1, -1, 1), 0.0, "size: expected numbers >= 0"),
+        ((0, 0, 0), (1, 1, 1), np.nan, "yaw: expected a finite number"),
+    ],
+)
+def test_what_is_no_box_is_refused(center: Any, size: Any, yaw: float, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Box(center, size, yaw)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -73,6 +74,12 @@ class Box:
         ``Car``, ``Pedestrian``, ...
     track : int
         The same object in other frames; -1: not known.
+
+    Raises
+    ------
+    InputError
+        ``center`` or ``size`` are not three numbers; one of them or ``yaw`` is not finite; a size
+        is below 0.
     """
 
     center: tuple[float, float, float]
@@ -80,6 +87,18 @@ class Box:
     yaw: float = 0.0
     label: str = ""
     track: int = -1
+
+    def __post_init__(self) -> None:
+        for name, values in (("center", self.center), ("size", self.size)):
+            numbers = np.asarray(values)
+            if numbers.shape != (3,) or numbers.dtype.kind not in "iuf":
+                raise InputError(f"{name}: expected three numbers, got {values!r}")
+            if not np.isfinite(numbers).all():
+                raise InputError(f"{name}: expected finite numbers, got {values!r}")
+        if not (np.asarray(self.size) >= 0).all():
+            raise InputError(f"size: expected numbers >= 0, got {self.size!r}")
+        if not math.isfinite(self.yaw):
+            raise InputError(f"yaw: expected a finite number, got {self.yaw!r}")
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
         """Which of the (N, 3) points lie inside, faces included."""

@@ -504,3 +504,18 @@ def test_a_url_is_a_source_and_an_output(torus: Path, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert "manip3d-" not in done.stderr  # no temporary name is shown
     assert read_mesh(tmp_path / "out" / "x.glb").num_faces == 1152
+
+
+def test_ctrl_c_during_the_imports_leaves_no_traceback() -> None:
+    code = """
+import sys
+class Interrupting:
+    def find_spec(self, name, path=None, target=None):
+        if name == "typer":
+            raise KeyboardInterrupt
+sys.meta_path.insert(0, Interrupting())
+from manip3d._entry import main
+main()
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
+    assert (done.returncode, done.stderr) == (130, b"")

@@ -76,6 +76,14 @@ def test_a_frame_of_two_drives_with_its_attacks(
     assert kept.stat().st_mtime_ns == written
     assert again.read_bytes() == content
     assert (out / "manifest.csv").read_bytes() == manifest
+
+    # Scans of finished pieces that are gone or cut.
+    kept.write_bytes(kept.read_bytes()[:-1])
+    (out / "drive_3" / "translation" / "000000.bin.xz.truth.json").unlink()
+    assert run(out, "--frames", 1, "-q").exit_code == 0
+    manip3d.io.read_scan(kept)
+    assert (out / "drive_3" / "translation" / "000000.bin.xz.truth.json").is_file()
+    assert (out / "manifest.csv").read_bytes() == manifest
     assert "got one with {'seed': 0, 'frames': 1}" in str(run(out, "--seed", 1).exception)
 
 

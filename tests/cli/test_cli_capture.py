@@ -88,6 +88,13 @@ def test_play_draws_a_sheet_and_pictures(walk: Path, tmp_path: Path) -> None:
     done = manip3d("capture", "play", walk, "--speed", 0, "--frames", 3, "-o", folder)
     assert sorted(path.name for path in folder.iterdir()) == [f"00000{i}.png" for i in range(3)]
     assert "3 frames in" in done.stdout
+    (folder / "notes.png").touch()
+    again = ("capture", "play", walk, "--speed", 0, "--frames", 2, "-o", folder)
+    assert "exists already" in manip3d(*again).stderr
+    assert manip3d(*again, "--force").returncode == 0
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "000000.png", "000001.png", "notes.png",
+    ]  # fmt: skip
 
 
 def test_plain_folders_need_intrinsics(walk: Path, tmp_path: Path) -> None:

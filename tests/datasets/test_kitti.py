@@ -163,6 +163,9 @@ def test_numbers_of_labels_and_times_are_finite(tmp_path: Path, word: str) -> No
     label.write_text(label.read_text().replace("4.0", word, 1))
     with pytest.raises(FormatError, match="line 1: expected a label of 15 words, the last"):
         open_kitti(path)[0].boxes()
+    label.write_text(label.read_text().replace(word, "-4.0", 1))
+    with pytest.raises(FormatError, match="the first 3 are sizes >= 0"):
+        open_kitti(path)[0].boxes()
     label.unlink()
     (path / "times.txt").write_text(f"0.0\n{word}\n")
     with pytest.raises(FormatError, match="line 2: expected a time"):
@@ -282,6 +285,7 @@ def test_tracklets_of_a_raw_drive(tmp_path: Path) -> None:
     [
         ("<h>1.5</h>", "<h>tall</h>", "h, w, l: expected finite numbers"),
         ("<h>1.5</h>", "", "h, w, l: expected finite numbers"),
+        ("<h>1.5</h>", "<h>-1.5</h>", "expected sizes >= 0 of object 0"),
         ("<tx>10</tx>", "<tx>inf</tx>", "tx, ty, tz, rz"),
         ("tracklets", "tricklets", "expected an element tracklets"),
         ("</item>", "", "not well-formed"),

@@ -353,3 +353,24 @@ def test_the_truth_takes_no_more_memory_than_its_masks() -> None:
         assert tracemalloc.get_traced_memory()[1] < 0.2 * size
     finally:
         tracemalloc.stop()
+
+
+def test_a_small_truth_takes_no_more_memory_than_is_allowed(tmp_path: Path) -> None:
+    path, side = tmp_path / "a.npz", 18_500  # 342 million pixels
+    np.savez_compressed(
+        path, kind=np.int64(1), shape=np.array([1, side, side]), numbers=np.zeros(1, np.int64),
+        masks=np.zeros((side * side + 7) // 8, np.uint8),
+    )  # fmt: skip
+    assert path.stat().st_size < 50_000
+    tracemalloc.start()
+    try:
+        with pytest.raises(FormatError, match="more than max_bytes = 167772160"):
+            forge.read_stream_truth(path)
+        assert tracemalloc.get_traced_memory()[1] < 1 << 20
+    finally:
+        tracemalloc.stop()
+    masks = np.zeros((2, 4, 4), np.bool_)
+    forge.StreamTruth(1, masks, np.arange(2)).write(path)
+    assert forge.read_stream_truth(path, max_bytes=32).masks.shape == (2, 4, 4)
+    with pytest.raises(FormatError, match="32 pixels are more than max_bytes = 31"):
+        forge.read_stream_truth(path, max_bytes=31)

@@ -441,4 +441,16 @@ def test_write_new_is_whole_and_never_replaces(
     with pytest.raises(FileExistsError):
         write_new(target, b"fourth")
     assert target.read_bytes() == b"second"
-    assert {each.name for each in tmp_path.iterdir()} == {"a.key", "dangling"}
+
+    def no_links(*_: object) -> None:
+        raise PermissionError(errno.EPERM, "no links here")
+
+    monkeypatch.setattr("os.link", no_links)
+    with pytest.raises(FileExistsError) as caught:
+        write_new(target, b"fifth")
+    assert caught.value.filename == str(target)
+    assert target.read_bytes() == b"second"
+    write_new(tmp_path / "b.key", b"sixth")
+    assert (tmp_path / "b.key").read_bytes() == b"sixth"
+    assert (tmp_path / "b.key").stat().st_mode & 0o777 == 0o600
+    assert {each.name for each in tmp_path.iterdir()} == {"a.key", "b.key", "dangling"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import gc
 import json
 import logging
@@ -12,6 +13,7 @@ import ssl
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -21,6 +23,7 @@ from manip3d import FormatError, InputError
 from manip3d.errors import DeviceError
 
 pytest.importorskip("aiohttp", reason="the extra 'live' is not installed")
+from aiohttp import web
 
 from manip3d.serve import (
     Certificate,
@@ -367,6 +370,35 @@ def test_too_many_streams(server: LocalServer, session: Session) -> None:
     assert [stream.status for stream in streams] == [101] * 7 + [503]
     for stream in streams:
         stream.close()
+
+
+def test_streams_that_open_at_once_are_counted(
+    server: LocalServer, session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    prepare = web.WebSocketResponse.prepare
+
+    async def slow(self: web.WebSocketResponse, request: web.BaseRequest) -> object:
+        await asyncio.sleep(0.5)
+        return await prepare(self, request)
+
+    monkeypatch.setattr(web.WebSocketResponse, "prepare", slow)
+    with ThreadPoolExecutor(12) as pool:
+        streams = list(pool.map(lambda _: RawStream(server), range(12)))
+    assert sorted(stream.status for stream in streams) == [101] * 7 + [503] * 5
+    for stream in streams:
+        stream.close()
+
+
+def test_a_server_that_is_not_ready_in_time_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    server = LocalServer(PAGES, acknowledge)
+
+    async def never_ready(ready: threading.Event) -> None:
+        await asyncio.sleep(0.5)
+
+    monkeypatch.setattr(server, "_serve", never_ready)
+    monkeypatch.setattr("manip3d.serve._server.START_SECONDS", 0.1)
+    with pytest.raises(DeviceError, match=r"not ready within 0\.1 s"):
+        server.start()
 
 
 # --- frames ---------------------------------------------------------------------------------------

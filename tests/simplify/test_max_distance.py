@@ -169,8 +169,9 @@ def test_a_limit_is_a_distance(limit: float) -> None:
 
 def test_zero_is_for_methods_that_leave_vertices_where_they_are() -> None:
     with pytest.raises(InputError, match="max_distance: expected a number > 0"):
-        simplify(hills(4), max_distance=0.0)
+        simplify(hills(4), "quality", max_distance=0.0)
     assert simplify(hills(4), "published", max_distance=0.0).distance_bound == 0.0
+    assert simplify(hills(4), max_distance=0.0).distance_bound == 0.0  # published by default
 
 
 def test_quality_says_that_the_distance_stopped_it_and_the_fit_keeps_it() -> None:

@@ -792,6 +792,9 @@ def test_missing_stimuli_and_wrong_times_are_told(tmp_path: Path) -> None:
             run_study(study, folder)
         with pytest.raises(InputError, match="seconds: expected > 0"):
             run_study(study, folder, seconds=0.0)
+        for endless in (1e300, float("inf"), float("nan")):
+            with pytest.raises(InputError, match="seconds: expected > 0 and <= "):
+                run_study(study, folder, seconds=endless)
     assert not (tmp_path / "stimuli-textured").exists()
 
 

@@ -1,7 +1,7 @@
 """Independent tasks in parallel processes (or on Dask), each outcome as it comes.
 
 An error of a task is part of its outcome, also when the task takes its process down; Ctrl-C stops
-the workers at once.
+the workers at once, and so does the end of the process that started them.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import logging
 import multiprocessing
 import os
 import signal
+import threading
 import traceback
 from collections.abc import Callable, Generator, Hashable, Iterator, Mapping
 from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor
@@ -181,7 +182,19 @@ def _executor(workers: int, dask: str) -> Iterator[Executor]:
 
 def _start_worker(threads: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what Ctrl-C means
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     os.environ["MANIP3D_THREADS"] = str(threads)
+
+
+def _end_with_parent() -> None:
+    """End this process when the one that started it has ended, killed or not.
+
+    Nothing else would: a worker waits for tasks at a pipe that its brothers hold open, too.
+    """
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _dask_client(workers: int, address: str) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 from manip3d._util.paths import path_of
@@ -26,8 +27,12 @@ class Place:
         """Return the size of each file below it, by its relative name; hidden ones are left out."""
         if not is_url(self.folder):
             root = Path(self.folder)
-            files = (path for path in root.rglob("*") if path.is_file())
-            return {str(path.relative_to(root)): path.stat().st_size for path in files}
+            found_here: dict[str, int] = {}
+            for path in root.rglob("*"):
+                with suppress(FileNotFoundError):  # removed by somebody else meanwhile
+                    if path.is_file():
+                        found_here[str(path.relative_to(root))] = path.stat().st_size
+            return found_here
         system, root_name = filesystem(self.folder)
         with naming_remote(self.folder):
             found = system.find(root_name, detail=True)
@@ -59,7 +64,7 @@ class Place:
             return
         if not is_url(self.folder):
             for name in names:
-                (Path(self.folder) / name).unlink()
+                (Path(self.folder) / name).unlink(missing_ok=True)
             return
         system, root = filesystem(self.folder)
         with naming_remote(self.folder):

@@ -3,18 +3,21 @@
 ::
 
     TABLE.rows/run.json        what was asked for, so that another run is not mixed in
-    TABLE.rows/000001.jsonl    a row in each line, with a checksum of itself
+    TABLE.rows/000001.jsonl    a row in each line, with what was asked for and a checksum of itself
 
-Files are written whole and never changed, which object stores can do, too.
+A row says for itself what it is an answer to: of two processes that ask for different things at the
+same time, neither takes the other's. Files are written whole and never changed, which object stores
+can do, too.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import time
 from typing import Any
 
-from manip3d._util.json import sealed, unsealed
+from manip3d._util.json import canonical_json, sealed, unsealed
 from manip3d.batch._places import Place
 from manip3d.errors import InputError
 
@@ -31,7 +34,9 @@ class Rows:
     asked : dict
         Function and options of the run, as JSON values.
     overwrite : bool
-        Forget the rows that are there.
+        Forget the rows that are there, of whatever run.
+    resume : bool
+        Without it, rows of the same function and options are forgotten, too.
 
     Raises
     ------
@@ -39,22 +44,31 @@ class Rows:
         The rows that are there are those of another function or of other options.
     """
 
-    def __init__(self, folder: str, asked: dict[str, Any], *, overwrite: bool = False) -> None:
+    def __init__(
+        self,
+        folder: str,
+        asked: dict[str, Any],
+        *,
+        overwrite: bool = False,
+        resume: bool = True,
+    ) -> None:
         self._place = Place(folder)
+        self._asked = hashlib.sha256(canonical_json(asked)).hexdigest()[:16]
         self._waiting: list[str] = []
         self._flushed_s = time.monotonic()
         self._rows: dict[str, dict[str, Any]] = {}
         parts = sorted(name for name in self._place.names() if name.endswith(".jsonl"))
         self._next = 1 + max((int(p[:-6]) for p in parts if p[:-6].isdecimal()), default=0)
-        self.is_new = overwrite or not self._holds(asked)
+        self.is_new = overwrite or not self._holds(asked) or not resume
         if self.is_new:
-            self._place.write("run.json", json.dumps(sealed({"asked": asked}), indent=1))
+            # The rows go first: a run that is ended in between leaves none under another's name.
             self._place.remove(parts)
+            self._place.write("run.json", json.dumps(sealed({"asked": asked}), indent=1))
             return
         for name in parts:
             for line in self._place.read(name).splitlines():
                 record = unsealed(line)
-                if record is not None:
+                if record is not None and record.get("asked") == self._asked:
                     self._rows[record["key"]] = record["row"]
 
     def _holds(self, asked: dict[str, Any]) -> bool:
@@ -98,7 +112,8 @@ class Rows:
         dict
             The same row.
         """
-        self._waiting.append(json.dumps(sealed({"key": key, "row": row}), separators=(",", ":")))
+        record = {"key": key, "asked": self._asked, "row": row}
+        self._waiting.append(json.dumps(sealed(record), separators=(",", ":")))
         if time.monotonic() - self._flushed_s >= _FLUSH_S:
             self.flush()
         return row

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import json
 import os
@@ -22,6 +23,7 @@ from manip3d._util.paths import path_of
 from manip3d.batch._places import Place
 from manip3d.batch._rows import Rows
 from manip3d.batch._sources import SourceFile, find_files
+from manip3d.batch._stamps import stamp_of_companions, stamp_of_input
 from manip3d.batch._stored import Row, run_stored
 from manip3d.batch._table import TABLE_SUFFIXES, write_table
 from manip3d.errors import FormatError, InputError
@@ -75,6 +77,8 @@ def run(
     jobs: int = 0,
     dask: str = "",
     overwrite: bool = False,
+    resume: bool = True,
+    inputs_of: Callable[[SourceFile], Sequence[str | os.PathLike[str]]] | None = None,
     progress: Progress = None,
     on_error: Callable[[str, str], object] = lambda source, error: None,
 ) -> Summary:
@@ -107,6 +111,12 @@ def run(
         Address of a Dask scheduler whose workers see the same files; ``"local"`` starts one here.
     overwrite : bool
         Make rows and outputs again that are there.
+    resume : bool
+        False: make all rows again; they are only stored. For answers that must be of this moment.
+    inputs_of : callable(SourceFile) -> sequence of path or URL, optional
+        Files and folders that the function reads besides the source: a row is made again when one
+        of them has changed. What a mesh or a scan names beside it (material libraries, textures,
+        buffers, poses) is known without.
     progress : None, True or callable(fraction, message)
     on_error : callable(source, error)
         Called for each file that fails.
@@ -127,8 +137,10 @@ def run(
 
     Notes
     -----
-    A stored row is used again if the source's size and time of change, the options, the library
-    and the size of the output are what they were.
+    A stored row is used again if the function and its options, the library, the size of the output,
+    and of the source, of what it names beside it and of ``inputs_of`` the sizes and times are what
+    they were. Both times of a file count, that of modification and that of change, which no program
+    can set back.
 
     Examples
     --------
@@ -144,14 +156,17 @@ def run(
     folder = None if output is None else Place(os.fspath(output))
     files = _listed(sources, suffixes, folder)
     targets = _targets(files, folder, rename or (lambda name: name))
+    place = _table_of(table, folder)
+    asked = _asked(function, options or {})
+    stamps_of = _stamps_of(inputs_of, is_stored=place is not None)
     tasks, names = {}, {}
     for file in files:
-        asked = dict(options or {}) | dict(options_of(file) if options_of else {})
-        arguments = (function, file.name, targets[file.name], asked)
-        key = _key(file, targets[file.name], options_of(file) if options_of else {})
+        own = dict(options_of(file) if options_of else {})
+        arguments = (function, file.name, targets[file.name], dict(options or {}) | own)
+        key = _key([file.name, targets[file.name], asked, _json_of(own), stamps_of(file)])
         tasks[key], names[key] = (one_file, arguments), file.name
-    place = _table_of(table, folder)
-    store = _store(function, options or {}, place, folder, targets, overwrite)
+    rows_of = functools.partial(Rows, overwrite=overwrite, resume=resume)
+    store = _store(asked, place, folder, targets, overwrite, rows_of)
     try:
         with reporting(progress, "files") as told:
             found = run_stored(
@@ -266,9 +281,29 @@ def _targets(
     return targets
 
 
-def _key(file: SourceFile, target: str | None, options: Mapping[str, Any]) -> str:
-    identity = [file.name, file.stamp, target, _json_of(options), code_fingerprint()]
-    return hashlib.sha256(canonical_json(identity)).hexdigest()[:32]
+def _stamps_of(
+    inputs_of: Callable[[SourceFile], Sequence[str | os.PathLike[str]]] | None, *, is_stored: bool
+) -> Callable[[SourceFile], Any]:
+    """What tells whether the files that a row is made from are what they were."""
+    stamp_of = functools.cache(stamp_of_input)  # one file may be an input of many
+
+    def stamps(file: SourceFile) -> Any:
+        if not is_stored:
+            return file.stamp
+        inputs = [os.fspath(name) for name in (inputs_of(file) if inputs_of else ())]
+        return [file.stamp, stamp_of_companions(file.name), [[n, stamp_of(n)] for n in inputs]]
+
+    return stamps
+
+
+def _key(identity: Sequence[Any]) -> str:
+    return hashlib.sha256(canonical_json([*identity, code_fingerprint()])).hexdigest()[:32]
+
+
+def _asked(function: Work, options: Mapping[str, Any]) -> dict[str, Any]:
+    """What all rows of a run have in common."""
+    name = f"{function.__module__}:{function.__qualname__}"
+    return {"function": name, "options": _json_of(options)}
 
 
 def _json_of(options: Mapping[str, Any]) -> Any:
@@ -318,26 +353,22 @@ class _Checked:
 
 
 def _store(
-    function: Work,
-    options: Mapping[str, Any],
+    asked: dict[str, Any],
     table: str | None,
     output: Place | None,
     targets: Mapping[str, str | None],
     overwrite: bool,
+    rows_of: Callable[..., Rows],
 ) -> _Checked | _Memory:
     """The rows of earlier runs, after a look that nothing of others would be replaced."""
     sizes = {} if output is None else _with_folders(output.sizes())
     if table is None:
         return _Memory()
-    asked = {
-        "function": f"{function.__module__}:{function.__qualname__}",
-        "options": _json_of(options),
-    }
     stem = table[: -len(PurePosixPath(table).suffix)]
     folder = f"{stem}.rows"
     if not overwrite and not Place(folder).names():
         _refuse_existing(table, output, sizes, targets)
-    return _Checked(Rows(folder, asked, overwrite=overwrite), output, sizes)
+    return _Checked(rows_of(folder, asked), output, sizes)
 
 
 def _with_folders(sizes: Mapping[str, int]) -> dict[str, int]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import glob
-import hashlib
 import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
@@ -13,12 +12,17 @@ from typing import Any
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import by_number, path_of
+from manip3d.batch._stamps import (
+    stamp_of_file,
+    stamp_of_files,
+    stamp_of_folder,
+    stamp_of_info,
+)
 from manip3d.errors import InputError
 from manip3d.io._remote import filesystem, is_url, naming_remote
 
 _ADDRESSES = ("sim:", "forged:")
 _MAGIC = re.compile(r"[*?\[]")
-_STAMPS = ("ETag", "etag", "md5Hash", "checksum", "LastModified", "mtime", "modified", "created")
 
 
 @dataclass(frozen=True)
@@ -32,7 +36,9 @@ class SourceFile:
     relative : str
         Its place below the folder or the fixed part of the pattern that it was found by.
     stamp : str
-        Changes when the content does: size and time of change, or what the store keeps.
+        Changes when the content does: size and times of modification and change, or what the store
+        keeps. A file that cannot be asked, such as a dangling link, is ``gone``: what becomes of it
+        is the matter of its own row.
     is_named : bool
         Named itself, or by a pattern; False for what was found in a folder.
     """
@@ -219,7 +225,7 @@ def _plain_name(address: str) -> str:
 def _drives_of(source: str, suffixes: Sequence[str] | None) -> Iterator[SourceFile]:
     if is_pattern(source):
         places, root = [Path(p) for p in glob.glob(source, recursive=True)], _fixed_part(source)
-        taken = [place for place in places if place.is_file() or _is_drive(place)]
+        taken = [place for place in places if not place.is_dir() or _is_drive(place)]
     elif Path(source).is_dir() and not _is_drive(Path(source)):
         taken, root = list(_below(Path(source), suffixes)), source
     else:
@@ -229,8 +235,14 @@ def _drives_of(source: str, suffixes: Sequence[str] | None) -> Iterator[SourceFi
         raise InputError(f"{source}: expected drives in KITTI's layout, found none")
     is_named = is_pattern(source) or not Path(source).is_dir() or _is_drive(Path(source))
     for place in taken:
-        stamp = _stamp_of_folder(place) if place.is_dir() else _stamp_of_file(place)
+        stamp = _stamp_of_drive(place) if place.is_dir() else stamp_of_file(place)
         yield SourceFile(str(place), os.path.relpath(place, root), stamp, is_named)
+
+
+def _stamp_of_drive(folder: Path) -> str:
+    """Changes with the drive's files, and with the calibrations of its day, which lie beside it."""
+    beside = sorted(folder.resolve().parent.glob("calib_*.txt"))
+    return f"{stamp_of_folder(folder)} {stamp_of_files((file.name, file) for file in beside)}"
 
 
 def _is_drive(folder: Path) -> bool:
@@ -248,25 +260,11 @@ def _below(folder: Path, suffixes: Sequence[str] | None) -> Iterator[Path]:
             yield from (Path(top) / name for name in names if _is_wanted(name, suffixes))
 
 
-def _stamp_of_file(path: Path) -> str:
-    status = path.stat()
-    return f"{status.st_size} {status.st_mtime_ns}"
-
-
-def _stamp_of_folder(folder: Path) -> str:
-    """Changes when a file in the folder does, comes or goes."""
-    digest = hashlib.sha256()
-    files = sorted(Path(top) / name for top, _, names in os.walk(folder) for name in names)
-    for file in files:
-        digest.update(f"{file.relative_to(folder)}\0{_stamp_of_file(file)}\n".encode())
-    return f"{len(files)} {digest.hexdigest()[:32]}"
-
-
 def _local(source: str, suffixes: Sequence[str] | None) -> Iterator[SourceFile]:
     path = Path(source)
     if is_pattern(source):
         matched = [Path(p) for p in glob.glob(source, recursive=True)]
-        files, root = [p for p in matched if p.is_file()], _fixed_part(source)
+        files, root = [p for p in matched if not p.is_dir()], _fixed_part(source)
     elif path.is_dir():
         walked = (Path(top) / name for top, _, names in os.walk(path) for name in names)
         files, root = [p for p in walked if _is_wanted(p.name, suffixes)], str(path)
@@ -275,7 +273,7 @@ def _local(source: str, suffixes: Sequence[str] | None) -> Iterator[SourceFile]:
         files, root = [path], str(path.parent)
     _refuse_none(files, source, suffixes)
     for file in files:
-        stamp = _stamp_of_file(file)
+        stamp = stamp_of_file(file)
         yield SourceFile(str(file), os.path.relpath(file, root), stamp, not path.is_dir())
 
 
@@ -297,13 +295,9 @@ def _remote(source: str, suffixes: Sequence[str] | None) -> Iterator[SourceFile]
     _refuse_none(files, source, suffixes)
     for name, info in files.items():
         relative = str(PurePosixPath(name).relative_to(root)) if root else name
-        yield SourceFile(str(system.unstrip_protocol(name)), relative, _stamp(info), not in_folder)
-
-
-def _stamp(info: dict[str, Any]) -> str:
-    """The size and the first thing that the store says of the content or the time."""
-    told = next((str(info[name]) for name in _STAMPS if info.get(name)), "")
-    return f"{info.get('size')} {told}"
+        yield SourceFile(
+            str(system.unstrip_protocol(name)), relative, stamp_of_info(info), not in_folder
+        )
 
 
 def _is_wanted(name: str, suffixes: Sequence[str] | None) -> bool:

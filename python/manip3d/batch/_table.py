@@ -19,10 +19,11 @@ _MOST_ITEMS = 16
 
 @checked
 def write_table(rows: Sequence[Mapping[str, Any]], path: str | os.PathLike[str]) -> None:
-    """Write rows as one table, whole or not at all.
+    r"""Write rows as one table, whole or not at all.
 
     Nested values become columns of their own, such as ``metro.vertex.mean`` and ``bounds.0``;
-    lists of more than 16 items are left out.
+    lists of more than 16 items are left out. Bytes in names of files that are no UTF-8 are escaped:
+    ``a\udcff.bin``.
 
     Parameters
     ----------
@@ -84,7 +85,12 @@ def _flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
         for number, item in enumerate(value if len(value) <= _MOST_ITEMS else ()):
             yield from _flat(item, f"{name}.{number}")
     else:
-        yield name, value
+        yield printable(name), printable(value) if isinstance(value, str) else value
+
+
+def printable(text: str) -> str:
+    """Return the text, with what UTF-8 cannot say, as bytes in names of files, as escapes."""
+    return text.encode("utf-8", "backslashreplace").decode()
 
 
 def _parquet(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> bytes:

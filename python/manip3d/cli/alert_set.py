@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 MANIFEST = "manifest.csv"
 _COLUMNS = ("file", "drive", "frame", "attack", "points", "added", "moved", "removed")
+_SIZES = ("scan_bytes", "truth_bytes")
+"""Further columns of a piece, by which a run that goes on knows that its files are whole."""
 _SETTINGS = "set.json"
 _PIECES = "pieces"
 _PIECE = 5
@@ -51,20 +53,19 @@ def write_set(
     with shell.progress("alert-set") as progress:
         for number, piece in enumerate(pieces):
             done = output / _PIECES / f"drive_{piece.drive}-{piece.first:05d}.csv"
-            if done.is_file():
-                rows += list(csv.DictReader(io.StringIO(regular_bytes(done).decode())))
-            else:
-                made = list(_written(piece, output, seed))
-                atomic_write(done, _csv(made))
-                rows += made
+            found = _whole_rows(done, output)
+            if found is None:
+                found = list(_written(piece, output, seed))
+                atomic_write(done, _csv(found, (*_COLUMNS, *_SIZES)))
+            rows += found
             if progress is not None:
                 progress((number + 1) / len(pieces), done.stem)
-    atomic_write(output / MANIFEST, _csv(rows))
-    found = Counter(str(row["attack"]) for row in rows)
+    atomic_write(output / MANIFEST, _csv(rows, _COLUMNS))
+    written = Counter(str(row["attack"]) for row in rows)
     wanted: Counter[str] = Counter()
     for piece in pieces:
         wanted.update(piece.frames)
-    missing = wanted.total() - found.total()
+    missing = wanted.total() - written.total()
     if missing:
         shell.say(f"{counted(missing, 'attack')} left out: no object of those frames can be "
                   "attacked so and stand in a free place")  # fmt: skip
@@ -73,7 +74,7 @@ def write_set(
         "output": str(output),
         "seed": seed,
         "scans": len(rows),
-        "attacks": {name: {"wanted": wanted[name], "written": found[name]} for name in wanted},
+        "attacks": {name: {"wanted": wanted[name], "written": written[name]} for name in wanted},
     }
 
 
@@ -138,11 +139,13 @@ def _written(piece: _Piece, output: Path, seed: int) -> Iterator[dict[str, Any]]
             name = f"drive_{piece.drive}/{attack}/{number:06d}.bin.xz"
             place = {"file": name, "drive": piece.drive, "frame": number, "attack": attack}
             if attack == "original":
-                yield place | _whole(frame, output / name)
+                counts = _whole(frame, output / name)
+                yield place | counts | _sizes(output / name)
                 continue
             forged = _alert_set.attacked(frame, boxes, attack)
             if forged is not None:
-                yield place | _forged(forged, output / name, place)
+                counts = _forged(forged, output / name, place)
+                yield place | counts | _sizes(output / name)
 
 
 def _whole(frame: LidarFrame, path: Path) -> dict[str, int]:
@@ -161,9 +164,30 @@ def _forged(forged: Forgery, path: Path, place: Mapping[str, Any]) -> dict[str, 
     return {"points": len(forged.points), **counts}
 
 
-def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
+def _whole_rows(piece: Path, output: Path) -> list[dict[str, Any]] | None:
+    """The rows of a piece, if its files are all there in the sizes that they had; else None."""
+    if not piece.is_file():
+        return None
+    rows: list[dict[str, Any]] = list(csv.DictReader(io.StringIO(regular_bytes(piece).decode())))
+    for row in rows:
+        sizes = _sizes(output / row["file"])
+        if any(row.get(name) != str(size) for name, size in sizes.items()):
+            return None
+    return rows
+
+
+def _sizes(path: Path) -> dict[str, int]:
+    """The bytes of a scan and of its truth; 0 where there is none."""
+    files = (path, path.with_name(f"{path.name}.truth.json"))
+    return {
+        name: file.stat().st_size if file.is_file() else 0
+        for name, file in zip(_SIZES, files, strict=True)
+    }
+
+
+def _csv(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> str:
     text = io.StringIO(newline="")
-    table = csv.DictWriter(text, _COLUMNS, lineterminator="\n")
+    table = csv.DictWriter(text, columns, lineterminator="\n", extrasaction="ignore")
     table.writeheader()
     table.writerows(rows)
     return text.getvalue()

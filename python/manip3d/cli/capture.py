@@ -316,6 +316,9 @@ class _Pictures:
         if output.suffix:
             raise InputError(f"output: expected a folder or a .png file, got {output}")
         output.mkdir(parents=True, exist_ok=force)
+        for old in output.glob(f"{'[0-9]' * 6}*.png"):  # which would follow a shorter recording
+            if old.stem.isdecimal():
+                old.unlink()
 
     def add(self, frame: RgbdFrame, *, in_sheet: bool) -> None:
         """One more frame."""

@@ -20,6 +20,7 @@ from manip3d.cli.convert import Up
 from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
 from manip3d.cli.options import Force, Jobs, Json, MostFrames, Output, Quiet, RgbdPlace, Scan, Seed
+from manip3d.cli.signals import ended_like_ctrl_c
 from manip3d.cli.terminal import Terminal, check_output, counted, naming_options
 from manip3d.cli.truth import truth_of
 from manip3d.errors import InputError
@@ -827,7 +828,7 @@ def forge_people(
     from manip3d.simulate import write_forged_people
 
     shell = Terminal(as_json=as_json, quiet=quiet)
-    with shell.progress("forge") as progress, naming_options("output"):
+    with shell.progress("forge") as progress, naming_options("output"), ended_like_ctrl_c():
         made = write_forged_people(
             output,
             people=people,

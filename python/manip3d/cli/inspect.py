@@ -27,7 +27,7 @@ from manip3d.cli.options import (
 )
 from manip3d.cli.terminal import Terminal, check_output, counted, shown, table
 from manip3d.errors import Error, InputError
-from manip3d.io import SCAN_SUFFIXES
+from manip3d.io import SCAN_SUFFIXES, is_url
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -63,6 +63,13 @@ def _code_of_rows(rows: Sequence[Mapping[str, Any]], options: Mapping[str, Any])
     return next((codes[v] for v in GRAVEST_FIRST if v in verdicts and codes[v]), 0)
 
 
+def _records(source: str) -> list[Path]:
+    """The watermark's record of a scan, which is used where there is a key."""
+    from manip3d import authenticate
+
+    return [] if is_url(source) else [authenticate.find_record(source)]
+
+
 @over_files(
     lambda: SCAN_SUFFIXES,
     writable=lambda: (".html", ".json"),
@@ -70,6 +77,7 @@ def _code_of_rows(rows: Sequence[Mapping[str, Any]], options: Mapping[str, Any])
     check=_check_for_many,
     exit_code=_code_of_rows,
     columns=("source", "verdict", "sensor", "p_value", "reason"),
+    beside=_records,
 )
 def inspect(
     source: Annotated[

@@ -11,7 +11,7 @@ import functools
 import importlib
 import inspect
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
@@ -20,7 +20,8 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 import typer
 
 from manip3d.cli import kinds
-from manip3d.cli.options import Dask, FolderJobs, Table, To
+from manip3d.cli.options import Dask, FolderJobs, Table, TableOfNow, To
+from manip3d.cli.signals import ended_like_ctrl_c
 from manip3d.cli.terminal import Terminal, collecting, count, counted, showing_as
 from manip3d.cli.terminal import table as show_table
 from manip3d.errors import Error, InputError
@@ -104,6 +105,8 @@ def over_files(
     exit_code: Callable[[Sequence[Mapping[str, Any]], Mapping[str, Any]], int] | None = None,
     columns: Sequence[str] = (),
     check: Callable[[Mapping[str, Any]], object] = lambda options: None,
+    beside: Callable[[str], Sequence[Path]] = lambda source: (),
+    resumes: bool = True,
 ) -> Callable[[Verb], Verb]:
     """Make a verb of one file (and ``output``) a verb of many.
 
@@ -137,11 +140,17 @@ def over_files(
         everything. Empty: all columns, as CSV.
     check : callable(options), optional
         Refuses options that no file could be worked on with, before any file is looked for.
+    beside : callable(source) -> sequence of Path
+        Files that the verb reads with a source, other than those that a mesh or a scan names. They
+        and all options that are files or folders are inputs: a row is made again when one changes.
+    resumes : bool
+        False: rows of an earlier run are no answer, since the verb says what is true now.
     """
 
     def decorate(verb: Verb) -> Verb:
         several = _SEVERAL_DRIVES if drives else _SEVERAL_FILES
-        signature = _signature(verb, argument, several, has_to=has_to)
+        table_option = Table if resumes else TableOfNow
+        signature = _signature(verb, argument, several, has_to=has_to, table_option=table_option)
 
         has_jobs = "jobs" in inspect.signature(verb).parameters
 
@@ -158,13 +167,16 @@ def over_files(
             files = choose(many.files(sources))
             each = {} if prepare is None else prepare(files, given)
             also, options = depends(given), dict(given)
+            inputs = functools.partial(_inputs, given=options, each=each, beside=beside)
             files = [replace(file, stamp=f"{file.stamp} {also}".rstrip()) for file in files]
             work = {"module": verb.__module__, "verb": verb.__name__, "argument": argument,
                     "skipped_code": skipped_code}  # fmt: skip
             output = given.get("output")
-            summary = _many(
-                work, files, given, many, each, table=table, dask=dask, jobs=jobs, columns=columns
-            )
+            with ended_like_ctrl_c():
+                summary = _many(
+                    work, files, given, many, each, table=table, dask=dask, jobs=jobs,
+                    columns=columns, inputs_of=inputs, resume=resumes,
+                )  # fmt: skip
             if output is not None:
                 finish(summary, str(output))
             code = _gravest(summary.rows) if exit_code is None else exit_code(summary.rows, options)
@@ -206,7 +218,9 @@ def with_defaults(verb: Verb, **defaults: Any) -> Verb:
     return command
 
 
-def _signature(verb: Verb, name: str, more_of_them: str, *, has_to: bool) -> inspect.Signature:
+def _signature(
+    verb: Verb, name: str, more_of_them: str, *, has_to: bool, table_option: Any
+) -> inspect.Signature:
     """The verb's, with several sources and with the options of many files."""
     hints = get_type_hints(verb, include_extras=True)
     parameters = {
@@ -223,7 +237,7 @@ def _signature(verb: Verb, name: str, more_of_them: str, *, has_to: bool) -> ins
         option.parser, option.metavar = _path_or_url, option.metavar or "PATH"
         # Any: typer makes a Path of what the parser of a Path gives.
         parameters["output"] = parameters["output"].replace(annotation=Annotated[Any, option])
-    more |= {"table": (Table, ""), "dask": (Dask, "")}
+    more |= {"table": (table_option, ""), "dask": (Dask, "")}
     for option, (annotation, default) in more.items():
         if option in parameters:
             parameters[option] = parameters[option].replace(annotation=annotation)
@@ -281,6 +295,8 @@ def _many(
     dask: str,
     jobs: int,
     columns: Sequence[str],
+    inputs_of: Callable[[SourceFile], Sequence[str]],
+    resume: bool,
 ) -> Summary:
     """Run the verb on each file and print the rows."""
     from manip3d import batch
@@ -304,6 +320,8 @@ def _many(
             jobs=jobs,
             dask=dask,
             overwrite=given.get("force", False),
+            resume=resume,
+            inputs_of=inputs_of,
             progress=progress,
             on_error=lambda source, error: shell.say(f"{source}: {error}"),
         )
@@ -312,6 +330,39 @@ def _many(
 
 
 _SHARED = ("as_json", "quiet", "force", "jobs")
+_WRITTEN = ("output", "log", "report", "rows", "state")
+"""Options that are files which a verb writes: what it left there is no input of its rows."""
+
+
+def _inputs(
+    file: SourceFile,
+    *,
+    given: Mapping[str, Any],
+    each: Mapping[str, Mapping[str, Any]],
+    beside: Callable[[str], Sequence[Path]],
+) -> list[str]:
+    """The files and folders that a verb reads besides the source: options, and what lies beside."""
+    read = {name: value for name, value in given.items() if name not in _WRITTEN}
+    named = {name for name in _texts([*read.values(), *each.get(file.name, {}).values()])}
+    there = {name for name in named if is_url(name) or _is_there(name)}
+    return sorted(there | {str(path) for path in beside(file.name)})
+
+
+def _texts(values: Iterable[Any]) -> Iterator[str]:
+    """All texts that may name a file; an address, as ``folder:PATH?rate=30``, also by its path."""
+    for value in values:
+        if isinstance(value, str | Path):
+            text = str(value)
+            yield from (text, text.partition(":")[2].partition("?")[0])
+        elif isinstance(value, list | tuple):
+            yield from _texts(value)
+
+
+def _is_there(name: str) -> bool:
+    try:
+        return bool(name) and Path(name).exists()
+    except (OSError, ValueError):  # no name of a file
+        return False
 
 
 def on_file(

@@ -99,6 +99,13 @@ Table = Annotated[
         "from it. Default where -o is given: results.csv in that folder.",
     ),
 ]
+TableOfNow = Annotated[
+    str,
+    typer.Option(
+        metavar="FILE",
+        help="Table of the results, .csv or .parquet, one row a file. All are made anew each time.",
+    ),
+]
 To = Annotated[
     str,
     typer.Option(

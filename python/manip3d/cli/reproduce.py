@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from manip3d.cli.options import MISSED, Force, Json, Processes, Quiet, Scale, Seed, Tier
+from manip3d.cli.signals import ended_like_ctrl_c
 from manip3d.cli.terminal import Terminal, counted, table
 from manip3d.errors import InputError
 
@@ -122,7 +123,7 @@ def run_experiments(
     experiments = select(ids)
     refuse_foreign_folder(folder, force=force)
     try:
-        with terminal.progress("experiments") as progress:
+        with terminal.progress("experiments") as progress, ended_like_ctrl_c():
             summary = run(
                 experiments, folder, plan=Plan(**plan), jobs=jobs, dask=dask, progress=progress
             )

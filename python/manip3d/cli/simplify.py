@@ -376,7 +376,7 @@ def simplify(
         typer.Option(
             min=0.0,
             help="Largest distance between the surfaces, boundaries included, in the file's units; "
-            "0: only collapses that leave the surface exactly as it is.",
+            "0: only collapses that leave the surface exactly as it is, by --mode published.",
         ),
     ] = None,
     mode: Annotated[
@@ -440,7 +440,8 @@ def simplify(
     """
     shell = Terminal(as_json=as_json, quiet=quiet)
     if max_distance == 0 and mode is None:
-        mode = Mode.published  # the mode that leaves vertices where they are
+        mode = Mode.published  # as simplify.simplify does
+        shell.say("--max-distance 0: --mode published, whose vertices stay where they are")
     if method is not None and mode not in (None, Mode.published):
         raise InputError(f"--method {method}: expected --mode published, got {mode}")
     name: str = method or (Method.qem4vr if mode == Mode.published else mode or Mode.quality)

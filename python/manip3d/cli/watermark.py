@@ -316,6 +316,7 @@ def _without_records(files: list[SourceFile]) -> list[SourceFile]:
     depends=key_of,
     choose=_without_records,
     skipped_code=EXIT_CODES["undecidable"],
+    resumes=False,
 )
 def verify(
     source: Source,

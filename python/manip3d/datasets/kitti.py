@@ -412,9 +412,12 @@ def read_labels(path: Path, calibration: KittiCalibration) -> tuple[Box, ...]:
         try:
             values = [_finite(word) for word in words[8:15]]
             height, width, length, x, y, z, rotation = values
+            if min(height, width, length) < 0:
+                raise ValueError
         except ValueError:
             raise FormatError(
-                f"expected a label of 15 words, the last 7 finite numbers, got {line[:80]!r}",
+                "expected a label of 15 words, the last 7 finite numbers, of which the first 3 are "
+                f"sizes >= 0, got {line[:80]!r}",
                 file=str(path),
                 line=number,
             ) from None
@@ -446,6 +449,11 @@ def read_tracklets(path: Path) -> dict[int, tuple[Box, ...]]:
     found: dict[int, list[Box]] = {}
     for track, item in enumerate(tracklets.findall("item")):
         height, width, length = _numbers(item, ("h", "w", "l"), path)
+        if min(height, width, length) < 0:
+            raise FormatError(
+                f"expected sizes >= 0 of object {track}, got {length} {width} {height}",
+                file=str(path),
+            )
         (first,) = _numbers(item, ("first_frame",), path)
         label = (item.findtext("objectType") or "").strip()
         for frame, pose in enumerate(item.findall("poses/item"), round(first)):

@@ -57,6 +57,7 @@ class ForgedFrame:
     stage_ms: dict[str, float] = field(default_factory=dict)
 
 
+_MOST_BYTES = 160 << 20
 _MOST_PIXELS = 2**38  # in all frames: eight hours of a depth camera of 640x480 at 30 Hz
 
 
@@ -123,13 +124,16 @@ def _write_truth(
 
 
 @checked
-def read_stream_truth(path: str | os.PathLike[str]) -> StreamTruth:
+def read_stream_truth(path: str | os.PathLike[str], *, max_bytes: int = _MOST_BYTES) -> StreamTruth:
     """Read what `StreamTruth.write` has written.
 
     Parameters
     ----------
     path : path-like
         An ``.npz`` archive.
+    max_bytes : int
+        Refuse masks of more pixels, each of which takes a byte; by default 160 MiB, which are 772
+        frames of a Kinect V2. Empty masks compress so well that a file says little of their size.
 
     Returns
     -------
@@ -138,7 +142,7 @@ def read_stream_truth(path: str | os.PathLike[str]) -> StreamTruth:
     Raises
     ------
     FormatError
-        The file is no such archive.
+        The file is no such archive, or its masks take more than ``max_bytes``.
     OSError
         It cannot be read.
 
@@ -154,14 +158,14 @@ def read_stream_truth(path: str | os.PathLike[str]) -> StreamTruth:
     """
     content = regular_bytes(path_of(path))
     try:
-        _check_claims(content)
+        _check_claims(content, max_bytes)
         with np.load(io.BytesIO(content), allow_pickle=False) as archive:
             frames, height, width = (int(side) for side in archive["shape"])
             bits, numbers = archive["masks"], archive["numbers"]
             kind = int(archive["kind"])
         size = frames * height * width
-        if size > _MOST_PIXELS:
-            raise ValueError(f"more than {_MOST_PIXELS} pixels")
+        if size > min(_MOST_PIXELS, max_bytes):
+            raise ValueError(f"{size} pixels are more than max_bytes = {max_bytes}")
         if min(frames, height, width) < 0 or (size + 7) // 8 != bits.size or kind not in (1, 2):
             raise ValueError("sizes do not agree")
         flat = np.unpackbits(bits.astype(np.uint8, casting="no", copy=False), count=size)
@@ -187,7 +191,7 @@ def read_stream_truth(path: str | os.PathLike[str]) -> StreamTruth:
     return StreamTruth(kind, masks, numbers)
 
 
-def _check_claims(content: bytes) -> None:
+def _check_claims(content: bytes, max_bytes: int) -> None:
     """Refuse arrays that claim more than there is, before anything is allocated for them."""
     with ZipFile(io.BytesIO(content)) as archive:
         for member in archive.infolist():
@@ -198,6 +202,9 @@ def _check_claims(content: bytes) -> None:
                 shape, _, dtype = np.lib.format.read_array_header_1_0(stream)
                 if math.prod(shape) * dtype.itemsize > member.file_size:
                     raise ValueError(f"{member.filename} claims {shape} {dtype}, and has less")
+                # A byte of the packed masks is eight pixels; a number of 8 bytes is a frame.
+                if math.prod(shape) * dtype.itemsize > max_bytes // 8 + 64:
+                    raise ValueError(f"{member.filename} is for more than max_bytes = {max_bytes}")
 
 
 @checked

@@ -203,8 +203,13 @@ def write_new(path: str | os.PathLike[str], content: bytes) -> None:
             os.link(file, target)  # which fails where somebody was quicker
         except FileExistsError:
             raise is_there from None
-        except OSError:  # a file system without links
-            file.rename(target)
+        except OSError:  # a file system without links: an empty file claims the name
+            os.close(os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
+            try:
+                file.replace(target)
+            except BaseException:
+                target.unlink()
+                raise
         _sync_folder(target.parent)
 
 

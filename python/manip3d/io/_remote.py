@@ -8,11 +8,15 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import gzip
+import lzma
+import mmap
 import os
 import re
 import shutil
 import tempfile
 import urllib.parse
+import zlib
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -29,12 +33,15 @@ _OBJECT_STORES = frozenset(
 )
 _BLOCK = 1 << 20
 _MOST_COMPANIONS = 256
+_MOST_TEXT = 64 << 20
 # What a file names beside it: material libraries and textures, buffers and images.
 _NAMED: dict[str, re.Pattern[bytes]] = {
     ".obj": re.compile(rb"^\s*mtllib\s+(.+?)\s*$", re.MULTILINE),
     ".mtl": re.compile(rb"^\s*(?:map_\w+|bump|disp|decal|refl|norm)\s+(.+?)\s*$", re.MULTILINE),
     ".gltf": re.compile(rb'"uri"\s*:\s*"([^"]+)"'),
 }
+# What lies beside a file under its own name: the pose of a scan, the description of a sensor.
+_OF_ONE_NAME = {".3d": ".pose", ".pcap": ".json"}
 
 
 @checked
@@ -235,7 +242,7 @@ def _fetch_companions(
     """Fetch what the copy names beside it; readers warn of what is not there."""
     waiting, seen = [copy], {copy}
     while waiting:
-        for name in _companions(waiting.pop()):
+        for name in companions(waiting.pop()):
             local = copy.parent / name
             if local in seen or len(seen) > _MOST_COMPANIONS:
                 continue
@@ -248,22 +255,47 @@ def _fetch_companions(
             waiting.append(local)
 
 
-def _companions(path: Path) -> Iterator[PurePosixPath]:
-    """The files that a file names, as far as they lie below its folder."""
-    suffix = path.suffix.lower()
-    if suffix == ".3d":
-        yield PurePosixPath(path.with_suffix(".pose").name)
+def reads_beside(path: PurePosixPath) -> bool:
+    """Return whether a file of this name can have others read with it."""
+    return _plain_suffix(path) in (*_NAMED, *_OF_ONE_NAME)
+
+
+def companions(path: Path) -> Iterator[PurePosixPath]:
+    """Yield the files that a file names, as far as they lie below its folder."""
+    suffix = _plain_suffix(path)
+    if suffix in _OF_ONE_NAME:
+        plain = path if path.suffix.lower() == suffix else path.with_suffix("")
+        yield PurePosixPath(plain.with_suffix(_OF_ONE_NAME[suffix]).name)
     if suffix not in _NAMED:
         return
-    for found in _NAMED[suffix].finditer(path.read_bytes()):
+    for found in _NAMED[suffix].finditer(_text_of(path)):
         text = found[1].decode("utf-8", "replace").replace("\\", "/")
         options = [text.rpartition(" ")[2]] if suffix == ".mtl" else []  # -bm 0.5 image.png
         for name in [text, *options]:
-            plain = urllib.parse.unquote(name) if suffix == ".gltf" else name
-            relative = PurePosixPath(plain)
+            plain_name = urllib.parse.unquote(name) if suffix == ".gltf" else name
+            relative = PurePosixPath(plain_name)
             is_below = not relative.is_absolute() and ".." not in relative.parts
-            if is_below and ":" not in plain and "\0" not in plain and relative.name:
+            if is_below and ":" not in plain_name and "\0" not in plain_name and relative.name:
                 yield relative
+
+
+def _plain_suffix(path: PurePosixPath | Path) -> str:
+    """The suffix in small letters, without that of a compressed file."""
+    return PurePosixPath(path.name.lower().removesuffix(".gz").removesuffix(".xz")).suffix
+
+
+def _text_of(path: Path) -> bytes | mmap.mmap:
+    """The content of a file; of a compressed one as much as no hostile one can make too large."""
+    suffix = path.suffix.lower()
+    if suffix not in (".gz", ".xz"):
+        with path.open("rb") as file:
+            is_empty = not os.fstat(file.fileno()).st_size
+            return b"" if is_empty else mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+    try:
+        with gzip.open(path) if suffix == ".gz" else lzma.open(path) as stream:
+            return stream.read(_MOST_TEXT)
+    except (EOFError, zlib.error, lzma.LZMAError):  # the reader says what is wrong with it
+        return b""
 
 
 def _send(system: Any, files: dict[str, Path]) -> None:

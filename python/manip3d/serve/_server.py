@@ -351,6 +351,7 @@ class LocalServer:
         self._clients: dict[int, tuple[StreamClient, web.WebSocketResponse]] = {}
         self._finished: list[dict[str, Any]] = []
         self._opened = 0
+        self._opening = 0  # streams whose handshake is under way
         self._transports: weakref.WeakSet[asyncio.BaseTransport] = weakref.WeakSet()
         self._heard: weakref.WeakSet[asyncio.BaseTransport] = weakref.WeakSet()
         # Whoever was let in has requests of their own: strangers cannot use them up.
@@ -400,7 +401,7 @@ class LocalServer:
         Raises
         ------
         DeviceError
-            The port is taken.
+            The port is taken; nothing is ready within ten seconds.
         """
         ready = threading.Event()
         failed: list[BaseException] = []
@@ -418,9 +419,12 @@ class LocalServer:
                 raise InputError("server: expected one that was not started yet")
             self._thread = threading.Thread(target=run, name="manip3d-serve", daemon=True)
             self._thread.start()
-        ready.wait(START_SECONDS)
+        is_ready = ready.wait(START_SECONDS)
         if failed:
             raise DeviceError(f"{self.origin}: {failed[0]}") from failed[0]
+        if not is_ready:
+            self.stop()
+            raise DeviceError(f"{self.origin}: not ready within {START_SECONDS:g} s")
         return self
 
     def stop(self) -> None:
@@ -690,13 +694,17 @@ class LocalServer:
         if "Origin" not in request.headers:  # a browser always names it
             self._refuse("foreign origin")
             return web.Response(status=403, text="foreign origin\n")
-        if len(self._clients) >= self.limits.streams:
+        if len(self._clients) + self._opening >= self.limits.streams:
             self._refuse("too many streams")
             return web.Response(status=503, text="too many streams\n")
         stream = web.WebSocketResponse(
             max_msg_size=self.limits.message_bytes, compress=False, heartbeat=15.0, timeout=2.0
         )
-        await stream.prepare(request)
+        self._opening += 1  # one that others must count while this one waits
+        try:
+            await stream.prepare(request)
+        finally:
+            self._opening -= 1
         self._opened += 1
         client = StreamClient(self._opened, self.limits.frames_in_flight)
         self._clients[client.number] = client, stream

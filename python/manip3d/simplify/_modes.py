@@ -31,10 +31,15 @@ _MODES_WITH: dict[str, tuple[Mode, ...]] = {
 }
 
 
+def default_mode(max_distance: float | None) -> Mode:
+    """Return the mode of a run that names none: one that leaves vertices where they are, for 0."""
+    return "published" if max_distance == 0 else "quality"
+
+
 @checked
 def simplify(
     mesh: Mesh,
-    mode: Mode = "quality",
+    mode: Mode | None = None,
     *,
     target_faces: int | None = None,
     ratio: float | None = None,
@@ -51,10 +56,10 @@ def simplify(
     ----------
     mesh : Mesh
         Not changed.
-    mode : 'quality', 'published' or 'fast'
+    mode : 'quality', 'published' or 'fast', optional
         The least error on any mesh (:func:`quality`), the published method with its rules and
         numbers, whose vertices are vertices of the input (:func:`qem4vr`), or speed, at a larger
-        error (:func:`fast`).
+        error (:func:`fast`). Default: 'published' where ``max_distance`` is 0, else 'quality'.
     target_faces : int, optional
         Stop at this many faces or fewer.
     ratio : float in [0, 1], optional
@@ -63,8 +68,8 @@ def simplify(
         No step with a larger error, in the file's unit; each mode says what it measures.
     max_distance : float, optional
         The two-sided Hausdorff distance between the surfaces, boundaries included, in the file's
-        unit, does not exceed it. 0 (exactly coplanar collapses) is for ``mode='published'``;
-        ``mode='fast'`` has no such limit.
+        unit, does not exceed it. 0 allows only collapses that leave the surface exactly as it is,
+        which are those of ``mode='published'``; ``mode='fast'`` has no such limit.
         Targets combine; the first one reached stops. One is needed.
     locked : (V,) bool, optional
         Vertices that stay where they are; for ``mode='quality'`` and ``mode='fast'``.
@@ -99,7 +104,11 @@ def simplify(
     ... )
     >>> manip3d.simplify.simplify(square, ratio=0.5).mesh
     <manip3d.Mesh: 4 vertices, 2 faces>
+    >>> manip3d.simplify.simplify(square, max_distance=0.0).mesh  # the middle is in their plane
+    <manip3d.Mesh: 4 vertices, 2 faces>
     """
+    if mode is None:
+        mode = default_mode(max_distance)
     if mode not in get_args(Mode):
         raise InputError(f"mode: expected 'quality', 'published' or 'fast', got {mode!r}")
     limits: dict[str, Any] = {

@@ -466,8 +466,8 @@ def run_study(
     MissingExtraError
         aiohttp is not installed.
     """
-    if seconds is not None and not seconds > 0:
-        raise InputError(f"seconds: expected > 0, got {seconds}")
+    if seconds is not None and not 0 < seconds <= threading.TIMEOUT_MAX:
+        raise InputError(f"seconds: expected > 0 and <= {threading.TIMEOUT_MAX:.0f}, got {seconds}")
     if participant is not None:
         _refuse_simulated(participant)
         folder.check_code(participant)
