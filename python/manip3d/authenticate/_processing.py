@@ -310,8 +310,7 @@ def first_azimuth(ring: NDArray[np.int32], azimuth: NDArray[np.float32]) -> floa
     rings = int(ring.max(initial=-1)) + 1
     first = np.full(rings + 1, -1)
     first[ring[::-1]] = np.arange(len(ring) - 1, -1, -1)  # the last to be written is the first row
-    least = np.full(rings + 1, np.inf)
-    np.minimum.at(least, ring, azimuth)
+    least = _least_of_rings(ring, azimuth, rings)
     numbers = 1 + np.flatnonzero(first[1:rings] >= 0)
     if len(numbers) < 8:
         return 0.0
@@ -319,6 +318,19 @@ def first_azimuth(ring: NDArray[np.int32], azimuth: NDArray[np.float32]) -> floa
     begins = 180.0 - np.mod(180.0 - np.degrees(starts), 360.0)
     begins[starts <= least[numbers]] = 0.0
     return float(np.median(begins))
+
+
+def _least_of_rings(
+    ring: NDArray[np.int32], azimuth: NDArray[np.float32], rings: int
+) -> NDArray[np.float64]:
+    """The least azimuth of each ring; infinity where it has no point."""
+    least = np.full(rings, np.inf)
+    order = np.argsort(ring, kind="stable")
+    starts = np.searchsorted(ring, np.arange(rings), sorter=order)
+    some = np.flatnonzero(np.diff(np.r_[starts, len(ring)]))
+    if len(some):
+        least[some] = np.minimum.reduceat(azimuth[order], starts[some])
+    return least
 
 
 def _of_thinning(firings: Firings, *, whole: bool) -> list[Processing]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import importlib.resources
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -127,10 +126,7 @@ UNKNOWN = Sensor("unknown", "unknown", "the angles are those of no scanner that 
 @functools.cache
 def kitti_lattice() -> SensorLattice:
     """Return the lattice of KITTI's HDL-64E, estimated from ten frames of drive 2011_09_26_0002."""
-    with importlib.resources.as_file(
-        importlib.resources.files("manip3d.authenticate") / "kitti_hdl64e.json"
-    ) as path:
-        return SensorLattice.load(Path(path))
+    return SensorLattice.load(Path(__file__).with_name("kitti_hdl64e.json"))
 
 
 def is_hdl64e(lattice: SensorLattice) -> bool:
