@@ -142,6 +142,31 @@ def test_scans_in_other_axes_are_named(name: str, monkeypatch: pytest.MonkeyPatc
         assert dict(found.power) == {}
 
 
+@pytest.mark.parametrize(
+    ("unit", "a_metre"),
+    [("millimetres", 1000.0), ("centimetres", 100.0), ("inches", 39.3701), ("feet", 3.28084)],
+)
+def test_scans_in_other_units_are_named(
+    unit: str, a_metre: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Their coordinates are whole numbers of many steps, which nobody has rounded them to."""
+    points = scans.scan(np.random.default_rng(5), authenticate.kitti_lattice())
+    monkeypatch.setattr("manip3d.authenticate._inspect.estimate_origin", None)
+    found = authenticate.inspect((points * a_metre).astype(np.float32))
+    assert found.verdict == "processed"
+    assert found.processing == (Processing("scaled", f"coordinates are in {unit}"),)
+    assert found.sensor is not None
+    assert (found.sensor.name, found.sensor.unit) == ("HDL-64E", unit)
+    assert {unit in detector.reason for detector in found.detectors} == {True}
+    assert dict(found.power) == {}
+
+
+def test_another_scale_is_no_unit() -> None:
+    points = scans.scan(np.random.default_rng(5), authenticate.kitti_lattice())
+    for scale in (1.0, 90.0, 1100.0):
+        assert authenticate.identify_sensor((points * scale).astype(np.float32)).unit == ""
+
+
 def test_every_region_of_the_accusing_detector_is_drawn(tmp_path: Path) -> None:
     """Up to a bound, and the most significant first; the rest is counted."""
     points = street()
@@ -517,6 +542,25 @@ def test_a_dark_car_above_the_lowest_points_is_no_crop() -> None:
     assert len(rows) > 200
     assert not is_cut_below(points, silent_beside(firings, rows, -1, 0))
     assert is_cut_below(points, silent_beside(firings, rows, 1, 0))
+
+
+@pytest.mark.parametrize(("rings", "said"), [(0, 0), (1, 1), (7, 7), (40, 40)])
+def test_a_file_that_ends_too_early_lacks_its_lowest_lasers(rings: int, said: int) -> None:
+    points = closed_in()
+    ring = LATTICE.read(points).ring
+    found = authenticate.inspect(points[ring < 64 - rings], lattice=LATTICE)
+    details = [step.detail for step in found.processing]
+    assert (f"the lowest {said} lasers have no returns" in details) == (rings > 0)
+    assert found.verdict == ("processed" if rings else "no_trace")
+
+
+def test_single_points_of_a_laser_do_not_hide_that_it_is_missing() -> None:
+    points = closed_in()
+    ring = LATTICE.read(points).ring
+    kept = (ring < 60) | ((ring == 63) & (np.arange(len(ring)) % 100 == 0))
+    found = authenticate.inspect(points[kept], lattice=LATTICE)
+    details = [step.detail for step in found.processing]
+    assert "the lowest 4 lasers have no returns" in details
 
 
 def closed_in() -> np.ndarray:

@@ -110,6 +110,9 @@ class Sensor:
         off them; 0: they lie on it.
     turned : str
         How the axes of the scan are turned against x forward, y left, z up; empty: they are not.
+    unit : str
+        Unit of the scan's coordinates: ``millimetres``, ``centimetres``, ``inches`` or ``feet``;
+        empty: metres, or not known.
     """
 
     name: str
@@ -118,6 +121,7 @@ class Sensor:
     lattice: SensorLattice | None = field(default=None, repr=False)
     off_lattice: float = 0.0
     turned: str = ""
+    unit: str = ""
 
 
 UNKNOWN = Sensor("unknown", "unknown", "the angles are those of no scanner that is known here")
@@ -213,9 +217,9 @@ def identify_and_read(
         found = _on_lattice(frame.points, known, reading)
         if found is not None:
             return found, reading
-    sensor = _by_turned_axes(frame.points, threads)
     sensor = (
-        sensor
+        _by_turned_axes(frame.points, threads)
+        or _by_other_unit(frame.points, threads)
         or _by_own_lattice(frame, threads)
         or _by_grid(frame, threads)
         or _by_beams(frame.points)
@@ -286,6 +290,25 @@ def _by_turned_axes(points: NDArray[np.float32], threads: int) -> Sensor | None:
         if found is not None and found.off_lattice == 0.0:
             reason = f"its points lie on the lines of the lattice in {axes}"
             return Sensor(found.name, "spinning", reason, turned=axes)
+    return None
+
+
+UNITS: Mapping[str, float] = MappingProxyType(
+    {"millimetres": 1000.0, "centimetres": 100.0, "inches": 1.0 / 0.0254, "feet": 1.0 / 0.3048}
+)
+"""Units that exports have instead of metres, and how many are a metre."""
+
+
+def _by_other_unit(points: NDArray[np.float32], threads: int) -> Sensor | None:
+    """KITTI's scanner in another unit: some of the points lie on its lines in metres."""
+    known = kitti_lattice()
+    some = points[:: -(-len(points) // MOST_TURNED)]
+    for unit, a_metre in UNITS.items():
+        metres = np.ascontiguousarray(some / np.float32(a_metre))
+        found = _on_lattice(metres, known, known.read(metres, threads=threads))
+        if found is not None and found.off_lattice == 0.0:
+            reason = f"its points lie on the lines of the lattice if they are in {unit}"
+            return Sensor(found.name, "spinning", reason, unit=unit)
     return None
 
 
