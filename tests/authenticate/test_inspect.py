@@ -161,6 +161,18 @@ def test_scans_in_other_units_are_named(
     assert dict(found.power) == {}
 
 
+def test_points_that_are_on_any_line_tell_no_unit_and_no_axes() -> None:
+    """Next to the scanner, where a thousandth of all metres lies, its lines are close together."""
+    random = np.random.default_rng(2)
+    angle, rise = random.uniform(0.0, 2.0 * np.pi, 20_000), random.uniform(-0.4, 0.05, 20_000)
+    rays = np.column_stack([np.cos(angle), np.sin(angle), np.tan(rise)])
+    for distance in (0.3, 1.0, 15.0, 50.0):
+        near = (distance * rays).astype(np.float32)
+        for points in (near, np.ascontiguousarray(near[:, [0, 2, 1]])):
+            found = authenticate.identify_sensor(points)
+            assert (found.unit, found.turned) == ("", "")
+
+
 def test_another_scale_is_no_unit() -> None:
     points = scans.scan(np.random.default_rng(5), authenticate.kitti_lattice())
     for scale in (1.0, 90.0, 1100.0):

@@ -279,15 +279,17 @@ MOST_TURNED = 15_000
 """Points that tell how the axes are turned."""
 
 
+LEAST_MEDIAN = 4.0
+"""Metres: median distance of points that may tell that they are turned, or in another unit. Nearer
+to the scanner its lines are so close to each other that any point lies on one."""
+
+
 def _by_turned_axes(points: NDArray[np.float32], threads: int) -> Sensor | None:
     """KITTI's scanner in other axes: some of the points lie on its lines when turned back."""
-    known = kitti_lattice()
     some = points[:: -(-len(points) // MOST_TURNED)]
     for axes, columns in TURNED_AXES.items():
         upright = np.column_stack([sign * some[:, column] for column, sign in columns])
-        reading = known.read(np.ascontiguousarray(upright, np.float32), threads=threads)
-        found = _on_lattice(upright, known, reading)
-        if found is not None and found.off_lattice == 0.0:
+        if (found := _far_and_on_lattice(upright, threads)) is not None:
             reason = f"its points lie on the lines of the lattice in {axes}"
             return Sensor(found.name, "spinning", reason, turned=axes)
     return None
@@ -301,15 +303,22 @@ UNITS: Mapping[str, float] = MappingProxyType(
 
 def _by_other_unit(points: NDArray[np.float32], threads: int) -> Sensor | None:
     """KITTI's scanner in another unit: some of the points lie on its lines in metres."""
-    known = kitti_lattice()
     some = points[:: -(-len(points) // MOST_TURNED)]
     for unit, a_metre in UNITS.items():
-        metres = np.ascontiguousarray(some / np.float32(a_metre))
-        found = _on_lattice(metres, known, known.read(metres, threads=threads))
-        if found is not None and found.off_lattice == 0.0:
+        if (found := _far_and_on_lattice(some / np.float32(a_metre), threads)) is not None:
             reason = f"its points lie on the lines of the lattice if they are in {unit}"
             return Sensor(found.name, "spinning", reason, unit=unit)
     return None
+
+
+def _far_and_on_lattice(points: NDArray[np.float32], threads: int) -> Sensor | None:
+    """KITTI's scanner, if points that are far enough away to tell lie on its lines."""
+    if not np.median(np.hypot(points[:, 0], points[:, 1])) > LEAST_MEDIAN:
+        return None
+    known = kitti_lattice()
+    upright = np.ascontiguousarray(points, np.float32)
+    found = _on_lattice(upright, known, known.read(upright, threads=threads))
+    return found if found is not None and found.off_lattice == 0.0 else None
 
 
 def _share_of_horizon(holds: NDArray[np.bool_], azimuth: NDArray[np.float32]) -> float:
