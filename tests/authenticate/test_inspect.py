@@ -27,6 +27,7 @@ from manip3d.authenticate._lattice import COLUMNS
 from manip3d.authenticate._processing import (
     FARTHEST_POINTS,
     Firings,
+    _least_of_rings,
     ends_in_silence,
     firings_of,
     first_azimuth,
@@ -476,6 +477,16 @@ def test_silence_straight_ahead_does_not_turn_a_frame(degrees: float) -> None:
     assert abs(turned(street())) < 1.0
     assert turned(drop(street())) < 1.0
     assert turned(turn(street())) == pytest.approx(degrees, abs=0.3)
+
+
+def test_the_least_azimuth_of_each_ring() -> None:
+    random = np.random.default_rng(9)
+    ring = random.integers(-1, 7, 500).astype(np.int32)
+    ring[ring == 4] = 3  # a ring without points
+    azimuth = random.uniform(0.0, 6.0, 500).astype(np.float32)
+    expected = [min(azimuth[ring == k], default=np.inf) for k in range(8)]
+    assert _least_of_rings(ring, azimuth, 8).tolist() == expected
+    assert _least_of_rings(ring[:0], azimuth[:0], 2).tolist() == [np.inf, np.inf]
 
 
 def street_above(cut: float) -> tuple[np.ndarray, Firings]:
