@@ -27,6 +27,7 @@ from manip3d.authenticate._lattice import COLUMNS
 from manip3d.authenticate._processing import (
     FARTHEST_POINTS,
     Firings,
+    _least_of_rings,
     ends_in_silence,
     firings_of,
     first_azimuth,
@@ -140,6 +141,43 @@ def test_scans_in_other_axes_are_named(name: str, monkeypatch: pytest.MonkeyPatc
         assert found.sensor.name == "HDL-64E"
         assert found.origin == (0.0, 0.0, 0.0)
         assert dict(found.power) == {}
+
+
+@pytest.mark.parametrize(
+    ("unit", "a_metre"),
+    [("millimetres", 1000.0), ("centimetres", 100.0), ("inches", 39.3701), ("feet", 3.28084)],
+)
+def test_scans_in_other_units_are_named(
+    unit: str, a_metre: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Their coordinates are whole numbers of many steps, which nobody has rounded them to."""
+    points = scans.scan(np.random.default_rng(5), authenticate.kitti_lattice())
+    monkeypatch.setattr("manip3d.authenticate._inspect.estimate_origin", None)
+    found = authenticate.inspect((points * a_metre).astype(np.float32))
+    assert found.verdict == "processed"
+    assert found.processing == (Processing("scaled", f"coordinates are in {unit}"),)
+    assert found.sensor is not None
+    assert (found.sensor.name, found.sensor.unit) == ("HDL-64E", unit)
+    assert {unit in detector.reason for detector in found.detectors} == {True}
+    assert dict(found.power) == {}
+
+
+def test_points_that_are_on_any_line_tell_no_unit_and_no_axes() -> None:
+    """Next to the scanner, where a thousandth of all metres lies, its lines are close together."""
+    random = np.random.default_rng(2)
+    angle, rise = random.uniform(0.0, 2.0 * np.pi, 20_000), random.uniform(-0.4, 0.05, 20_000)
+    rays = np.column_stack([np.cos(angle), np.sin(angle), np.tan(rise)])
+    for distance in (0.3, 1.0, 15.0, 50.0):
+        near = (distance * rays).astype(np.float32)
+        for points in (near, np.ascontiguousarray(near[:, [0, 2, 1]])):
+            found = authenticate.identify_sensor(points)
+            assert (found.unit, found.turned) == ("", "")
+
+
+def test_another_scale_is_no_unit() -> None:
+    points = scans.scan(np.random.default_rng(5), authenticate.kitti_lattice())
+    for scale in (1.0, 90.0, 1100.0):
+        assert authenticate.identify_sensor((points * scale).astype(np.float32)).unit == ""
 
 
 def test_every_region_of_the_accusing_detector_is_drawn(tmp_path: Path) -> None:
@@ -441,6 +479,16 @@ def test_silence_straight_ahead_does_not_turn_a_frame(degrees: float) -> None:
     assert turned(turn(street())) == pytest.approx(degrees, abs=0.3)
 
 
+def test_the_least_azimuth_of_each_ring() -> None:
+    random = np.random.default_rng(9)
+    ring = random.integers(-1, 7, 500).astype(np.int32)
+    ring[ring == 4] = 3  # a ring without points
+    azimuth = random.uniform(0.0, 6.0, 500).astype(np.float32)
+    expected = [min(azimuth[ring == k], default=np.inf) for k in range(8)]
+    assert _least_of_rings(ring, azimuth, 8).tolist() == expected
+    assert _least_of_rings(ring[:0], azimuth[:0], 2).tolist() == [np.inf, np.inf]
+
+
 def street_above(cut: float) -> tuple[np.ndarray, Firings]:
     """Points of a street above a cut, and its firings."""
     points = street()
@@ -517,6 +565,25 @@ def test_a_dark_car_above_the_lowest_points_is_no_crop() -> None:
     assert len(rows) > 200
     assert not is_cut_below(points, silent_beside(firings, rows, -1, 0))
     assert is_cut_below(points, silent_beside(firings, rows, 1, 0))
+
+
+@pytest.mark.parametrize(("rings", "said"), [(0, 0), (1, 1), (7, 7), (40, 40)])
+def test_a_file_that_ends_too_early_lacks_its_lowest_lasers(rings: int, said: int) -> None:
+    points = closed_in()
+    ring = LATTICE.read(points).ring
+    found = authenticate.inspect(points[ring < 64 - rings], lattice=LATTICE)
+    details = [step.detail for step in found.processing]
+    assert (f"the lowest {said} lasers have no returns" in details) == (rings > 0)
+    assert found.verdict == ("processed" if rings else "no_trace")
+
+
+def test_single_points_of_a_laser_do_not_hide_that_it_is_missing() -> None:
+    points = closed_in()
+    ring = LATTICE.read(points).ring
+    kept = (ring < 60) | ((ring == 63) & (np.arange(len(ring)) % 100 == 0))
+    found = authenticate.inspect(points[kept], lattice=LATTICE)
+    details = [step.detail for step in found.processing]
+    assert "the lowest 4 lasers have no returns" in details
 
 
 def closed_in() -> np.ndarray:

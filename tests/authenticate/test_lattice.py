@@ -13,7 +13,7 @@ import pytest
 import lattice_scans as scans
 import manip3d
 from manip3d import _core, authenticate
-from manip3d.authenticate import SensorLattice, estimate_lattice, generic_consistency
+from manip3d.authenticate import SensorLattice, _lattice, estimate_lattice, generic_consistency
 from manip3d.authenticate._generic import consistency_allowing
 from manip3d.datasets import open_kitti
 from real_data import RealData
@@ -557,3 +557,36 @@ def test_clean_frames_of_other_scanners_are_not_accused(realdata: RealData, name
     assert frames
     for frame in frames:
         assert generic_consistency(frame).verdict == "no_trace"
+
+
+def test_the_encoders_of_rings_that_meet_the_road_are_those_of_a_full_search() -> None:
+    """Nearly all points of such a ring are at one distance, so that places differ little."""
+    random, steps = np.random.default_rng(4), 4000
+    members, rho, angle = [], [], []
+    for k, true in enumerate(np.linspace(-0.06, 0.06, 25)):
+        near, road = random.uniform(1.4, 1.6, 40 + 2 * k), random.uniform(4.0, 4.3, 1100)
+        away = random.permutation(np.concatenate([near, road]))
+        beam = random.integers(0, steps, len(away)) * (2.0 * np.pi / steps) + 3e-4
+        noise = random.normal(0.0, 3e-4, len(away)) / away
+        members.append(np.arange(len(away)) + sum(map(len, members)))
+        rho.append(away)
+        angle.append(beam + np.arcsin(true / away) + noise)
+    distance, azimuth = np.concatenate(rho), np.concatenate(angle)
+    found = _lattice._first_encoders(distance, azimuth, [*members, np.empty(0, np.intp)], steps)
+    assert found.pop() == (0.0, 0.0)  # a laser without points
+    for (lateral, start), r, a in zip(found, rho, angle, strict=True):
+        turns = steps * (a - _lattice.LATERALS[:, None] / r)
+        waves = np.exp(1j * turns).mean(axis=1)
+        best = np.abs(waves).argmax()
+        assert lateral == _lattice.LATERALS[best]
+        assert start == pytest.approx(np.angle(waves[best]) / steps, abs=1e-12)
+
+
+def test_the_steps_are_found_among_few_pairs_and_among_many() -> None:
+    random = np.random.default_rng(5)
+    for steps, points in ((1800, 600), (4000, 60_000)):
+        angle = random.integers(0, steps, points) * (2.0 * np.pi / steps)
+        rho = np.full(points, 20.0)
+        assert _lattice._find_steps(rho, angle, [np.arange(points)]) == steps
+    few = np.arange(360)  # 17 pairs are 343 firings apart
+    assert _lattice._find_steps(rho[few], angle[few], [few]) == 0

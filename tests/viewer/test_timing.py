@@ -11,7 +11,7 @@ import pytest
 
 from manip3d import InputError, Mesh, RenderError
 from manip3d.viewer import frame_times
-from manip3d.viewer.renderer import check
+from manip3d.viewer.renderers import check
 
 
 @pytest.mark.slow

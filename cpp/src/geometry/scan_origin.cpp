@@ -26,8 +26,10 @@ using Eigen::Vector3d;
 
 constexpr std::int64_t kSampled = 400'000;    // points for the density of surfaces
 constexpr std::int64_t kTilePoints = 40'000;  // points for the grid, in tiles that stay whole
+constexpr std::int64_t kCombPoints = 8'000;   // of these, to rule out most of its steps
 constexpr std::int64_t kFewestPoints = 1000;
 constexpr double kTile = 4.0 * kDegree;
+constexpr double kFaint = 0.03;  // coherence, enough to try: it grows as the position gets better
 
 // --- Points --------------------------------------------------------------------------------------
 
@@ -102,7 +104,7 @@ std::vector<Patch> sample_patches(const Points& points, const Progress& progress
 // put there): 0 at the true position, up to noise. A patch of area A at range r, whose normal is
 // turned by t from the ray, covers a solid angle of A cos t / r^2; a cell of the grid covers
 // step^2 rho / r, with rho the distance from the polar axis. So density r rho / cos t is constant.
-double unevenness(const std::vector<Patch>& patches, const Vector3d& origin, int axis,
+double unevenness(std::span<const Patch> patches, const Vector3d& origin, int axis,
                   std::vector<double>& logs, std::vector<double>& scratch) {
   constexpr double kMost = 2.2;      // a larger deviation counts as this one: it tells nothing
   constexpr double kGrazing = 0.03;  // least cosine
@@ -126,7 +128,9 @@ double unevenness(const std::vector<Patch>& patches, const Vector3d& origin, int
 // ever without a lowest place, so that each step makes a limited number of sweeps.
 Vector3d even_position(const std::vector<Patch>& patches, int axis, const Progress& progress) {
   constexpr int kSide = 9;
-  constexpr int kStarts = 6;
+  constexpr std::size_t kFewPatches = 200;  // they rule out most places of the block
+  constexpr int kLikely = 60;
+  constexpr int kStarts = 2;
   constexpr int kSweeps = 16;              // for each size of step
   constexpr double kSmallest = 0.002;      // metres
   constexpr double kSmallestShare = 1e-5;  // or of the extent
@@ -154,9 +158,10 @@ Vector3d even_position(const std::vector<Patch>& patches, int axis, const Progre
   std::vector<double> logs;
   std::vector<double> scratch;
   Ticker ticker(progress, 1U << 5);
-  const auto cost = [&](const Vector3d& p) {
+  const auto cost = [&](const Vector3d& p, std::size_t most) {
     ticker.tick();
-    return unevenness(patches, p, axis, logs, scratch);
+    const std::span<const Patch> some(patches.data(), std::min(most, patches.size()));
+    return unevenness(some, p, axis, logs, scratch);
   };
   std::vector<std::pair<double, int>> costs;
   const auto place = [&](int index) {
@@ -164,7 +169,12 @@ Vector3d even_position(const std::vector<Patch>& patches, int axis, const Progre
     const Vector3d share = 1.5 * (cell / (kSide - 1.0) - Vector3d::Constant(0.5));
     return Vector3d(middle + share.cwiseProduct(extent));
   };
-  for (int i = 0; i < kSide * kSide * kSide; ++i) costs.emplace_back(cost(place(i)), i);
+  for (int i = 0; i < kSide * kSide * kSide; ++i) {
+    costs.emplace_back(cost(place(i), kFewPatches), i);
+  }
+  std::partial_sort(costs.begin(), costs.begin() + kLikely, costs.end());
+  costs.resize(kLikely);
+  for (auto& [height, index] : costs) height = cost(place(index), patches.size());
   std::partial_sort(costs.begin(), costs.begin() + kStarts, costs.end());
   Vector3d best = place(costs[0].second);
   double lowest = costs[0].first;
@@ -178,7 +188,7 @@ Vector3d even_position(const std::vector<Patch>& patches, int axis, const Progre
         for (int move = 0; move < 6; ++move) {
           Vector3d next = p;
           next[move / 2] += move % 2 == 0 ? step[move / 2] : -step[move / 2];
-          const double other = cost(next);
+          const double other = cost(next, patches.size());
           if (other < height) p = next, height = other, better = true;
         }
       }
@@ -300,14 +310,14 @@ class Grid {
 
   void look() { sight_.look(points_, position); }
 
-  // The points in some of the tiles around the position, whole.
-  void keep_tiles() {
+  // About so many points in some of the tiles around the position, whole; `draw` says which tiles.
+  void keep_tiles(std::int64_t most, std::uint64_t draw) {
     look();
-    const double share = static_cast<double>(kTilePoints) / static_cast<double>(points_.size());
+    const double share = static_cast<double>(most) / static_cast<double>(points_.size());
     if (share >= 1.0) return;
     std::vector<Vector3d> kept;
     for (std::size_t i = 0; i < points_.size(); ++i) {
-      if (uniform(2, tile_of(i)) < share) kept.push_back(points_[i]);
+      if (uniform(draw, tile_of(i)) < share) kept.push_back(points_[i]);
     }
     points_ = std::move(kept);
     look();
@@ -322,15 +332,19 @@ class Grid {
     return median(std::span(ranges));
   }
 
-  // The largest step of [shortest, longest] at which phases agree nearly as well as at any.
-  AngleComb find_comb(bool azimuth_angle, double shortest, double longest) {
+  // The largest step of [shortest, longest] at which phases agree nearly as well as at any. A grid
+  // of few of the points may rule out most steps before.
+  AngleComb find_comb(bool azimuth_angle, double shortest, double longest, Grid* few = nullptr) {
     constexpr double kRatio = 1.04;  // eight columns drift by a third of one
     constexpr double kNearly = 0.8;
     std::vector<AngleComb> tried;
+    for (double step = shortest; step <= longest; step *= kRatio) tried.push_back({step, 1.0});
+    if (few != nullptr) few->rule_out(azimuth_angle, tried);
     double best = 0.0;
-    for (double step = shortest; step <= longest; step *= kRatio) {
-      tried.push_back({step, coherence(azimuth_angle, step, kWindows[0])});
-      best = std::max(best, tried.back().coherence);
+    for (AngleComb& comb : tried) {
+      if (comb.coherence == 0.0) continue;
+      comb.coherence = coherence(azimuth_angle, comb.step, kWindows[0]);
+      best = std::max(best, comb.coherence);
     }
     std::size_t last = tried.size() - 1;
     while (last > 0 && !(tried[last].coherence >= kNearly * best)) --last;
@@ -339,6 +353,21 @@ class Grid {
       if (tried[i].coherence > tried[last].coherence) last = i;
     }
     return tried[last];
+  }
+
+  // Sets the coherence of steps to 0 that are not half as coherent as the best of them.
+  void rule_out(bool azimuth_angle, std::vector<AngleComb>& steps) {
+    constexpr double kHalf = 0.5;
+    constexpr double kNoise = 0.01;  // three standard deviations, with kCombPoints
+    double best = 0.0;
+    for (AngleComb& comb : steps) {
+      comb.coherence = coherence(azimuth_angle, comb.step, kWindows[0]);
+      best = std::max(best, comb.coherence);
+    }
+    const double least = std::max(kHalf * best, kFaint) - kNoise;
+    for (AngleComb& comb : steps) {
+      if (!(comb.coherence >= least)) comb.coherence = 0.0;
+    }
   }
 
   // Finds faint rows where columns are plain. Their step is searched around that which gives one
@@ -524,7 +553,6 @@ class Grid {
 constexpr double kCoherent = 0.6;    // of one angle; two scanners with equal shares reach 0.25
 constexpr double kNoticeable = 0.1;  // of the elevations, which alone tell the height
 constexpr double kPlain = 0.3;       // of either, in the narrowest windows
-constexpr double kFaint = 0.03;      // enough to try: it grows as the position gets better
 
 // Coordinates in the order that makes `axis` the third.
 Vector3d turned(const Vector3d& p, int axis) {
@@ -555,12 +583,15 @@ ScanOrigin fit_grid(const Points& sample, const Vector3d& start, int axis, bool 
   result.axis = axis;
   grid.look();
   const double cell_area = grid.cell_area() * thinned;
-  grid.keep_tiles();
+  grid.keep_tiles(kTilePoints, 2);
   if (grid.num_points() < kFewestPoints / 2) return result;
   const double range = grid.median_range();
+  Grid few = grid;
+  few.keep_tiles(kCombPoints, 3);
+  const bool are_enough = few.num_points() >= kCombPoints / 2;
   for (const bool across : {true, false}) {
     AngleComb& comb = across ? grid.azimuth : grid.elevation;
-    comb = grid.find_comb(across, Grid::kFinest, Grid::kCoarsest);
+    comb = grid.find_comb(across, Grid::kFinest, Grid::kCoarsest, are_enough ? &few : nullptr);
     if (!(comb.coherence >= kFaint)) comb = {};
   }
   const double plainer = std::max(grid.azimuth.coherence, grid.elevation.coherence);

@@ -2,264 +2,61 @@
 
 from __future__ import annotations
 
-from manip3d.authenticate._alert import (
-    WITNESSES,
-    Alert,
-    AlertCounts,
-    AlertMonitor,
-    WitnessReport,
-    verdict_of_alerts,
-)
-from manip3d.authenticate._cross_modal import (
-    CrossModalParameters,
-    CrossModalRegion,
-    CrossModalResult,
-    attack_type,
-    cross_modal_consistency,
-)
-from manip3d.authenticate._density import (
-    CALIBRATED_DENSITY,
-    PAPER_DENSITY,
-    SPARSE_DENSITY,
-    DensityParameters,
-    DensityResult,
-    density_consistency,
-)
-from manip3d.authenticate._drives import (
-    DriveInspection,
-    inspect_drive,
-    judge_drive,
-    verdict_of_drive,
-)
-from manip3d.authenticate._generic import (
-    EvidenceReport,
-    GenericResult,
-    SuspectRegion,
-    generic_consistency,
-)
-from manip3d.authenticate._inspect import (
-    DetectorReport,
-    Inspection,
-    combined_verdict,
-    inspect,
-)
-from manip3d.authenticate._lattice import LatticeReading, SensorLattice, estimate_lattice
-from manip3d.authenticate._occlusion import (
-    CALIBRATED_OCCLUSION,
-    PAPER_OCCLUSION,
-    RINGS_OCCLUSION,
-    AngularGrid,
-    OcclusionParameters,
-    OcclusionRegion,
-    OcclusionResult,
-    estimate_grid,
-    occlusion_consistency,
-)
-from manip3d.authenticate._origin import OriginEstimate, estimate_origin
-from manip3d.authenticate._paper_watermark import (
-    PAPER_EMBEDDINGS,
-    PaperComparison,
-    PaperMarked,
-    PaperMetadata,
-    compare_paper,
-    embed_paper,
-    noise_blocks,
-)
-from manip3d.authenticate._picture_files import picture_path, read_carrier, write_carrier
-from manip3d.authenticate._power import EDITS, calibrate_lattice, measure_power
-from manip3d.authenticate._reflectance import (
-    ReflectanceRegion,
-    ReflectanceResult,
-    reflectance_consistency,
-)
-from manip3d.authenticate._rig_files import RIGS_FILE, CameraPair, read_rigs, write_rigs
-from manip3d.authenticate._risk import (
-    ACTIONS,
-    ATTACK_TYPES,
-    AttackObservation,
-    Risk,
-    RiskParameters,
-    RiskTracker,
-    temporal_factor,
-)
-from manip3d.authenticate._sensors import Sensor, identify_sensor, kitti_lattice
-from manip3d.authenticate._sequence import DriveEvidence, drive_evidence
-from manip3d.authenticate._stereo import Disparity, StereoRig, stereo_disparity
-from manip3d.authenticate._streams import (
-    StreamInspection,
-    StreamRegion,
-    StreamReport,
-    depth_noise,
-    inspect_stream,
-    inter_frame_noise,
-    judged_frames,
-)
-from manip3d.authenticate._surround import SurroundResult, surround_consistency
-from manip3d.authenticate._turns import TurnRegion, TurnResult, turn_consistency
-from manip3d.authenticate._verdict import (
-    Calibration,
-    Detection,
-    Power,
-    Processing,
-    Region,
-    RegionLike,
-    Verdict,
-    likelihood_ratio,
-)
-from manip3d.authenticate._watermark import (
-    CARRIERS,
-    EMBEDDINGS,
-    MAX_MOVE_M,
-    KeyFile,
-    Policy,
-    Tile,
-    Watermarked,
-    Watermarker,
-    WatermarkResult,
-    record_of_picture,
-    without_record,
-)
-from manip3d.authenticate._watermark_files import (
-    RECORD_SUFFIX,
-    as_stored,
-    check_holds_float32,
-    copy_rest_of_drive,
-    drive_numbers,
-    drive_records_alone,
-    drive_scans,
-    find_record,
-    plain_name,
-    read_record,
-    record_path,
-    refuse_existing_record,
-    scan_of_record,
-    verdict_of_stream,
-    write_watermarked,
-)
+from manip3d._util.lazy import lazily
 
-__all__ = [
-    "ACTIONS",
-    "ATTACK_TYPES",
-    "CALIBRATED_DENSITY",
-    "CALIBRATED_OCCLUSION",
-    "CARRIERS",
-    "EDITS",
-    "EMBEDDINGS",
-    "MAX_MOVE_M",
-    "PAPER_DENSITY",
-    "PAPER_EMBEDDINGS",
-    "PAPER_OCCLUSION",
-    "RECORD_SUFFIX",
-    "RIGS_FILE",
-    "RINGS_OCCLUSION",
-    "SPARSE_DENSITY",
-    "WITNESSES",
-    "Alert",
-    "AlertCounts",
-    "AlertMonitor",
-    "AngularGrid",
-    "AttackObservation",
-    "Calibration",
-    "CameraPair",
-    "CrossModalParameters",
-    "CrossModalRegion",
-    "CrossModalResult",
-    "DensityParameters",
-    "DensityResult",
-    "Detection",
-    "DetectorReport",
-    "Disparity",
-    "DriveEvidence",
-    "DriveInspection",
-    "EvidenceReport",
-    "GenericResult",
-    "Inspection",
-    "KeyFile",
-    "LatticeReading",
-    "OcclusionParameters",
-    "OcclusionRegion",
-    "OcclusionResult",
-    "OriginEstimate",
-    "PaperComparison",
-    "PaperMarked",
-    "PaperMetadata",
-    "Policy",
-    "Power",
-    "Processing",
-    "ReflectanceRegion",
-    "ReflectanceResult",
-    "Region",
-    "RegionLike",
-    "Risk",
-    "RiskParameters",
-    "RiskTracker",
-    "Sensor",
-    "SensorLattice",
-    "StereoRig",
-    "StreamInspection",
-    "StreamRegion",
-    "StreamReport",
-    "SurroundResult",
-    "SuspectRegion",
-    "Tile",
-    "TurnRegion",
-    "TurnResult",
-    "Verdict",
-    "WatermarkResult",
-    "Watermarked",
-    "Watermarker",
-    "WitnessReport",
-    "as_stored",
-    "attack_type",
-    "calibrate_lattice",
-    "check_holds_float32",
-    "combined_verdict",
-    "compare_paper",
-    "copy_rest_of_drive",
-    "cross_modal_consistency",
-    "density_consistency",
-    "depth_noise",
-    "drive_evidence",
-    "drive_numbers",
-    "drive_records_alone",
-    "drive_scans",
-    "embed_paper",
-    "estimate_grid",
-    "estimate_lattice",
-    "estimate_origin",
-    "find_record",
-    "generic_consistency",
-    "identify_sensor",
-    "inspect",
-    "inspect_drive",
-    "inspect_stream",
-    "inter_frame_noise",
-    "judge_drive",
-    "judged_frames",
-    "kitti_lattice",
-    "likelihood_ratio",
-    "measure_power",
-    "noise_blocks",
-    "occlusion_consistency",
-    "picture_path",
-    "plain_name",
-    "read_carrier",
-    "read_record",
-    "read_rigs",
-    "record_of_picture",
-    "record_path",
-    "reflectance_consistency",
-    "refuse_existing_record",
-    "scan_of_record",
-    "stereo_disparity",
-    "surround_consistency",
-    "temporal_factor",
-    "turn_consistency",
-    "verdict_of_alerts",
-    "verdict_of_drive",
-    "verdict_of_stream",
-    "without_record",
-    "write_carrier",
-    "write_rigs",
-    "write_watermarked",
-]
+__getattr__, __dir__, __all__ = lazily(
+    __name__,
+    {
+        "_alert": "WITNESSES Alert AlertCounts AlertMonitor WitnessReport verdict_of_alerts",
+        "_cross_modal": (
+            "CrossModalParameters CrossModalRegion CrossModalResult attack_type "
+            "cross_modal_consistency"
+        ),
+        "_density": (
+            "CALIBRATED_DENSITY PAPER_DENSITY SPARSE_DENSITY DensityParameters DensityResult "
+            "density_consistency"
+        ),
+        "_drives": "DriveInspection inspect_drive judge_drive verdict_of_drive",
+        "_generic": "EvidenceReport GenericResult SuspectRegion generic_consistency",
+        "_inspect": "DetectorReport Inspection combined_verdict inspect",
+        "_lattice": "LatticeReading SensorLattice estimate_lattice",
+        "_occlusion": (
+            "CALIBRATED_OCCLUSION PAPER_OCCLUSION RINGS_OCCLUSION AngularGrid "
+            "OcclusionParameters OcclusionRegion OcclusionResult estimate_grid "
+            "occlusion_consistency"
+        ),
+        "_origin": "OriginEstimate estimate_origin",
+        "_paper_watermark": (
+            "PAPER_EMBEDDINGS PaperComparison PaperMarked PaperMetadata compare_paper "
+            "embed_paper noise_blocks"
+        ),
+        "_picture_files": "picture_path read_carrier write_carrier",
+        "_power": "EDITS calibrate_lattice measure_power",
+        "_reflectance": "ReflectanceRegion ReflectanceResult reflectance_consistency",
+        "_rig_files": "RIGS_FILE CameraPair read_rigs write_rigs",
+        "_risk": (
+            "ACTIONS ATTACK_TYPES AttackObservation Risk RiskParameters RiskTracker temporal_factor"
+        ),
+        "_sensors": "Sensor identify_sensor kitti_lattice",
+        "_sequence": "DriveEvidence drive_evidence",
+        "_stereo": "Disparity StereoRig stereo_disparity",
+        "_streams": (
+            "StreamInspection StreamRegion StreamReport depth_noise inspect_stream "
+            "inter_frame_noise judged_frames"
+        ),
+        "_surround": "SurroundResult surround_consistency",
+        "_turns": "TurnRegion TurnResult turn_consistency",
+        "_verdict": (
+            "Calibration Detection Power Processing Region RegionLike Verdict likelihood_ratio"
+        ),
+        "_watermark": (
+            "CARRIERS EMBEDDINGS MAX_MOVE_M KeyFile Policy Tile Watermarked Watermarker "
+            "WatermarkResult record_of_picture without_record"
+        ),
+        "_watermark_files": (
+            "RECORD_SUFFIX as_stored check_holds_float32 copy_rest_of_drive drive_numbers "
+            "drive_records_alone drive_scans find_record plain_name read_record record_path "
+            "refuse_existing_record scan_of_record verdict_of_stream write_watermarked"
+        ),
+    },
+)

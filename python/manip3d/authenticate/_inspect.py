@@ -616,7 +616,7 @@ def _identified(
     """
     if sensor in ("auto", "lattice"):
         found = known or identify_and_read(scan, lattice=lattice, threads=threads)
-        if sensor == "auto" or found[0].kind == "lattice" or found[0].turned:
+        if sensor == "auto" or _tells_position(found[0]):
             return found
     return _stated(scan, sensor, threads), None
 
@@ -814,6 +814,8 @@ def _not_judged(
     why = f"{sensor.name} ({sensor.reason}): no detector is calibrated for it"
     if sensor.turned:
         why = f"{sensor.name} in {sensor.turned}: detectors judge x forward, y left, z up"
+    if sensor.unit:
+        why = f"{sensor.name} in {sensor.unit}: detectors judge coordinates in metres"
     if printed:
         why = f"{sensor.name}: the printed thresholds are those of terrestrial scanners"
     reports = tuple(DetectorReport(name, "undecidable", why) for name in FORENSIC)
@@ -870,12 +872,17 @@ def _scanner(
     stated = origin if origin is not None else frame.origin
     if stated is None:
         identified = identify_and_read(frame, lattice=lattice, threads=threads)
-        if frame.num_points and (identified[0].kind == "lattice" or identified[0].turned):
+        if frame.num_points and _tells_position(identified[0]):
             return (0.0, 0.0, 0.0), "the lattice of a spinning scanner", identified
         found = estimate_origin(frame, threads=threads)
         return found.position, found.reason, None
     x, y, z = (float(value) for value in place_of(stated, "origin"))
     return (x, y, z), "argument" if origin is not None else "file", None
+
+
+def _tells_position(sensor: Sensor) -> bool:
+    """Whether a scanner was found whose lattice stands around the origin of the coordinates."""
+    return sensor.kind == "lattice" or bool(sensor.turned or sensor.unit)
 
 
 def _fused(scan: LidarFrame, place: Place, threads: int) -> bool:

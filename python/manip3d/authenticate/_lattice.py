@@ -60,8 +60,17 @@ its line passes there, not how it goes on."""
 FEWEST_PAIRS = 30
 """Fewest pairs of points a given number of firings apart, for the encoder's counts."""
 
-MOST_POINTS = 1000
-"""Most points of a ring for what a few tell as well as all: a search over a grid."""
+MOST_SEARCHED, LIKELY, MOST_POINTS = 300, 4, 1000
+"""Most points of a ring for a search over a grid; places of the grid that are kept of it; most
+points by which the best of these is chosen. A ring that mostly meets the road has all but one
+distance, and few points tell the places apart."""
+
+MOST_PAIRED = 250
+"""Most points of a ring of which pairs, one from either half, propose the line."""
+
+MOST_COMBED = 16_000
+"""Most pairs of points for each number of firings apart, and most points, to which a comb of steps
+is laid: 36 000 combs agree with so many by chance to 0.04 at most, where half is asked for."""
 
 SECTORS = 16
 """Sectors of a ring, judged one by one."""
@@ -355,7 +364,11 @@ def estimate_lattice(
     steps = _find_steps(rho, angle, members)
     lateral, azimuth = np.zeros((2, len(slope)))
     if steps:
-        fits = [_fit_encoder(rho[rows], angle[rows], steps) for rows in members]
+        starts = _first_encoders(rho, angle, members, steps)
+        fits = [
+            _fit_encoder(rho[rows], angle[rows], steps, *start)
+            for rows, start in zip(members, starts, strict=True)
+        ]
         lateral, azimuth = np.array(fits).T
         if not _stands_on_steps(rho, angle, members, lateral, azimuth, steps):
             steps = 0
@@ -455,7 +468,7 @@ def _fit_ring(cloud: _Cloud, ring: NDArray[np.intp]) -> tuple[float, float, int]
 
 def _fit_wide_ring(cloud: _Cloud, ring: NDArray[np.intp]) -> tuple[float, float, int] | None:
     """The line through pairs of points that most others lie on."""
-    some = ring[:: max(1, len(ring) // 500)]
+    some = ring[:: max(1, len(ring) // MOST_PAIRED)]
     rho, z = cloud.rho[some], cloud.points[some, 2]
     order = np.argsort(rho, kind="stable")
     half = len(order) // 2
@@ -514,7 +527,7 @@ def _trust(
 def _find_steps(rho: Floats, angle: Floats, members: Sequence[NDArray[np.intp]]) -> int:
     """Counts per revolution that make whole numbers of the differences within rings."""
     size, fewest, most = 1 << 18, 600, 36000  # bins: seven for each of the most counts
-    coherence = np.zeros(most)
+    turns = np.zeros(size)
     rows = np.concatenate([ring for ring in members if len(ring)])
     same_ring = np.concatenate([np.full(len(ring), k) for k, ring in enumerate(members)])
     for lag in (1, 7, 49, 343):
@@ -522,25 +535,60 @@ def _find_steps(rho: Floats, angle: Floats, members: Sequence[NDArray[np.intp]])
         alike = (same_ring[:-lag] == same_ring[lag:]) & (rho[first] > 10.0)
         # The same parallax: a beam 0.1 m beside the axis turns by less than 2e-5 more.
         alike &= np.abs(1.0 / rho[first] - 1.0 / rho[second]) < 2e-4
-        turn = np.mod(angle[second] - angle[first], 2.0 * math.pi)[alike]
-        if len(turn) < FEWEST_PAIRS:
+        pairs = np.flatnonzero(alike)
+        pairs = pairs[:: max(1, len(pairs) // MOST_COMBED)]
+        if len(pairs) < FEWEST_PAIRS:
             return 0
+        turn = np.mod(angle[second[pairs]] - angle[first[pairs]], 2.0 * math.pi)
         bins = np.minimum((turn * (size / (2.0 * math.pi))).astype(np.int64), size - 1)
-        waves = np.fft.rfft(np.bincount(bins, minlength=size))[:most]
-        middle = np.exp(-1j * math.pi / size * np.arange(most))  # of the bins
-        coherence += np.real(waves * middle) / len(turn) / 4.0
+        turns += np.bincount(bins, minlength=size) / (4.0 * len(turn))
+    middle = np.exp(-1j * math.pi / size * np.arange(most))  # of the bins
+    coherence = np.real(np.fft.rfft(turns)[:most] * middle)
     best = fewest + int(coherence[fewest:].argmax())
     return best if coherence[best] > 0.5 else 0
 
 
-def _fit_encoder(rho: Floats, angle: Floats, steps: int) -> tuple[float, float]:
+def _first_encoders(
+    rho: Floats, angle: Floats, members: Sequence[NDArray[np.intp]], steps: int
+) -> list[tuple[float, float]]:
+    """Lateral distance and angle at count 0 of each laser, as the grid of `LATERALS` tells them.
+
+    They maximise the mean of ``exp(i steps (angle - lateral / rho))`` over its points. The grid is
+    evenly spaced: a product for each point leads from one place to the next.
+    """
+    some = [rows[:: max(1, len(rows) // MOST_SEARCHED)] for rows in members]
+    rows = np.concatenate(some)
+    ends = np.cumsum([0, *map(len, some)])
+    wave = np.exp(1j * steps * (angle[rows] - LATERALS[0] / rho[rows]))
+    turn = np.exp(-1j * steps * (LATERALS[1] - LATERALS[0]) / rho[rows])
+    size = np.empty((len(LATERALS), len(some)))
+    for k in range(len(LATERALS)):
+        size[k] = np.abs(np.diff(np.concatenate([[0.0], np.cumsum(wave)])[ends]))
+        wave *= turn
+    likely = np.argpartition(size, -LIKELY, axis=0)[-LIKELY:]
+    return [
+        _best_encoder(rho[rows], angle[rows], LATERALS[np.sort(places)], steps)
+        for rows, places in zip(members, likely.T, strict=True)
+    ]
+
+
+def _best_encoder(rho: Floats, angle: Floats, laterals: Floats, steps: int) -> tuple[float, float]:
+    """The lateral distance, of some, that a laser's points agree on, and the angle they give."""
+    if len(rho) == 0:
+        return 0.0, 0.0
+    some = slice(None, None, max(1, len(rho) // MOST_POINTS))
+    turns = steps * (angle[some] - laterals[:, None] / rho[some])
+    waves = np.exp(1j * turns).mean(axis=1)
+    best = np.abs(waves).argmax()
+    return float(laterals[best]), float(np.angle(waves[best])) / steps
+
+
+def _fit_encoder(
+    rho: Floats, angle: Floats, steps: int, lateral: float, azimuth: float
+) -> tuple[float, float]:
     """Lateral distance (m) and angle at count 0 (rad, within one step) of one laser."""
     if len(rho) < FEWEST_POINTS:
         return 0.0, 0.0
-    some = slice(None, None, max(1, len(rho) // MOST_POINTS))
-    waves = _waves(rho[some], angle[some], steps)
-    best = np.abs(waves).argmax()
-    lateral, azimuth = float(LATERALS[best]), float(np.angle(waves[best])) / steps
     for _ in range(5):
         error = _off_step(angle - np.arcsin(lateral / rho) - azimuth, steps) * rho
         near = np.abs(error) < LINE_TOLERANCE
@@ -549,18 +597,6 @@ def _fit_encoder(rho: Floats, angle: Floats, steps: int) -> tuple[float, float]:
         turn, shift = line_fit(rho[near], error[near])
         lateral, azimuth = lateral + shift, azimuth + turn
     return lateral, azimuth
-
-
-def _waves(rho: Floats, angle: Floats, steps: int) -> NDArray[np.complex128]:
-    """Mean of ``exp(i steps (angle - lateral / rho))`` for each of `LATERALS`, which are evenly
-    spaced: a product each leads from one to the next."""
-    wave = np.exp(1j * steps * (angle - LATERALS[0] / rho))
-    turn = np.exp(-1j * steps * (LATERALS[1] - LATERALS[0]) / rho)
-    found = np.empty(len(LATERALS), np.complex128)
-    for k in range(len(LATERALS)):
-        found[k] = wave.mean()
-        wave *= turn
-    return found
 
 
 def _stands_on_steps(
@@ -641,17 +677,23 @@ def _find_range_step(
         + z[rows] * slope[k] * cosine[k]
         for k, rows in enumerate(members)
     ]
+    thinned = max(1, sum(len(r) for r in ranges) // MOST_COMBED)
+    few = [r[::thinned] for r in ranges]
     for step in RANGE_STEPS:
-        waves = np.array(
-            [np.exp(2j * math.pi / step * r).mean() if len(r) else 0.0j for r in ranges]
-        )
-        if np.median(np.abs(waves)) < 0.4:
+        if np.median(np.abs(_range_waves(few, step))) < 0.4:
             continue
+        waves = _range_waves(ranges, step)
         phase = np.mod(np.angle(waves) * step / (2.0 * math.pi), step)
         off = np.concatenate([(r - p) / step for r, p in zip(ranges, phase, strict=True)])
         incoherence = float(np.mean(np.abs(off - np.round(off)) > 0.25))
         return step, phase, max(incoherence, 0.01)
     return 0.0, np.zeros(len(slope)), 0.25
+
+
+def _range_waves(ranges: Sequence[Floats], step: float) -> NDArray[np.complex128]:
+    """Mean of ``exp(2 pi i range / step)`` of each laser; 0 where it has no range."""
+    turn = 2j * math.pi / step
+    return np.array([np.exp(turn * r).mean() if len(r) else 0.0j for r in ranges])
 
 
 def _find_coordinate_step(points: Floats) -> float:

@@ -139,6 +139,8 @@ def find_processing(
     reading : LatticeReading or None
         Where the points lie on the sensor's lattice; None: it is read here.
     """
+    if sensor.unit:  # steps of a rounding are those of metres
+        return (Processing("scaled", f"coordinates are in {sensor.unit}"),)
     found = list(_of_coordinates(points))
     if sensor.turned:
         found.append(Processing("turned", sensor.turned))
@@ -279,6 +281,8 @@ def _of_extent(
         found.append(Processing("cropped", f"no points nearer than {distance.min():.1f} m"))
     if firings is not None and _highest_are_silent(firings):
         found.append(Processing("cropped", "the highest lasers have no returns"))
+    if firings is not None and (silent := _silent_at_the_bottom(firings)):
+        found.append(Processing("cropped", f"the lowest {silent} lasers have no returns"))
     if is_cut_above(z, firings):
         found.append(Processing("cropped", f"no points above a height of {z.max():.2f} m"))
     if is_cut_below(wide, firings):
@@ -310,8 +314,7 @@ def first_azimuth(ring: NDArray[np.int32], azimuth: NDArray[np.float32]) -> floa
     rings = int(ring.max(initial=-1)) + 1
     first = np.full(rings + 1, -1)
     first[ring[::-1]] = np.arange(len(ring) - 1, -1, -1)  # the last to be written is the first row
-    least = np.full(rings + 1, np.inf)
-    np.minimum.at(least, ring, azimuth)
+    least = _least_of_rings(ring, azimuth, rings)
     numbers = 1 + np.flatnonzero(first[1:rings] >= 0)
     if len(numbers) < 8:
         return 0.0
@@ -319,6 +322,19 @@ def first_azimuth(ring: NDArray[np.int32], azimuth: NDArray[np.float32]) -> floa
     begins = 180.0 - np.mod(180.0 - np.degrees(starts), 360.0)
     begins[starts <= least[numbers]] = 0.0
     return float(np.median(begins))
+
+
+def _least_of_rings(
+    ring: NDArray[np.int32], azimuth: NDArray[np.float32], rings: int
+) -> NDArray[np.float64]:
+    """The least azimuth of each ring; infinity where it has no point."""
+    least = np.full(rings, np.inf)
+    order = np.argsort(ring, kind="stable")
+    starts = np.searchsorted(ring, np.arange(rings), sorter=order)
+    some = np.flatnonzero(np.diff(np.r_[starts, len(ring)]))
+    if len(some):
+        least[some] = np.minimum.reduceat(azimuth[order], starts[some])
+    return least
 
 
 def _of_thinning(firings: Firings, *, whole: bool) -> list[Processing]:
@@ -355,6 +371,15 @@ def _highest_are_silent(firings: Firings) -> bool:
     """Whether nothing answers the highest eighth of the lasers."""
     highest = firings.answered[: max(1, len(firings.answered) // 8)]
     return bool(np.count_nonzero(highest) < LEAST_OF_HIGHEST * highest.size)
+
+
+def _silent_at_the_bottom(firings: Firings) -> int:
+    """Lasers without returns below one with many: a file that ends too early, ring after ring."""
+    answered = firings.answered.mean(axis=1)
+    lowest = int(np.flatnonzero(np.r_[1.0, answered] >= LEAST_ANSWERED)[-1])  # 0: none answers
+    if lowest == 0 or answered[lowest - 1] <= ANSWERED_BESIDE:
+        return 0
+    return len(answered) - lowest
 
 
 class Firings(NamedTuple):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import importlib.resources
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -111,6 +110,9 @@ class Sensor:
         off them; 0: they lie on it.
     turned : str
         How the axes of the scan are turned against x forward, y left, z up; empty: they are not.
+    unit : str
+        Unit of the scan's coordinates: ``millimetres``, ``centimetres``, ``inches`` or ``feet``;
+        empty: metres, or not known.
     """
 
     name: str
@@ -119,6 +121,7 @@ class Sensor:
     lattice: SensorLattice | None = field(default=None, repr=False)
     off_lattice: float = 0.0
     turned: str = ""
+    unit: str = ""
 
 
 UNKNOWN = Sensor("unknown", "unknown", "the angles are those of no scanner that is known here")
@@ -127,10 +130,7 @@ UNKNOWN = Sensor("unknown", "unknown", "the angles are those of no scanner that 
 @functools.cache
 def kitti_lattice() -> SensorLattice:
     """Return the lattice of KITTI's HDL-64E, estimated from ten frames of drive 2011_09_26_0002."""
-    with importlib.resources.as_file(
-        importlib.resources.files("manip3d.authenticate") / "kitti_hdl64e.json"
-    ) as path:
-        return SensorLattice.load(Path(path))
+    return SensorLattice.load(Path(__file__).with_name("kitti_hdl64e.json"))
 
 
 def is_hdl64e(lattice: SensorLattice) -> bool:
@@ -217,9 +217,9 @@ def identify_and_read(
         found = _on_lattice(frame.points, known, reading)
         if found is not None:
             return found, reading
-    sensor = _by_turned_axes(frame.points, threads)
     sensor = (
-        sensor
+        _by_turned_axes(frame.points, threads)
+        or _by_other_unit(frame.points, threads)
         or _by_own_lattice(frame, threads)
         or _by_grid(frame, threads)
         or _by_beams(frame.points)
@@ -279,18 +279,46 @@ MOST_TURNED = 15_000
 """Points that tell how the axes are turned."""
 
 
+LEAST_MEDIAN = 4.0
+"""Metres: median distance of points that may tell that they are turned, or in another unit. Nearer
+to the scanner its lines are so close to each other that any point lies on one."""
+
+
 def _by_turned_axes(points: NDArray[np.float32], threads: int) -> Sensor | None:
     """KITTI's scanner in other axes: some of the points lie on its lines when turned back."""
-    known = kitti_lattice()
     some = points[:: -(-len(points) // MOST_TURNED)]
     for axes, columns in TURNED_AXES.items():
         upright = np.column_stack([sign * some[:, column] for column, sign in columns])
-        reading = known.read(np.ascontiguousarray(upright, np.float32), threads=threads)
-        found = _on_lattice(upright, known, reading)
-        if found is not None and found.off_lattice == 0.0:
+        if (found := _far_and_on_lattice(upright, threads)) is not None:
             reason = f"its points lie on the lines of the lattice in {axes}"
             return Sensor(found.name, "spinning", reason, turned=axes)
     return None
+
+
+UNITS: Mapping[str, float] = MappingProxyType(
+    {"millimetres": 1000.0, "centimetres": 100.0, "inches": 1.0 / 0.0254, "feet": 1.0 / 0.3048}
+)
+"""Units that exports have instead of metres, and how many are a metre."""
+
+
+def _by_other_unit(points: NDArray[np.float32], threads: int) -> Sensor | None:
+    """KITTI's scanner in another unit: some of the points lie on its lines in metres."""
+    some = points[:: -(-len(points) // MOST_TURNED)]
+    for unit, a_metre in UNITS.items():
+        if (found := _far_and_on_lattice(some / np.float32(a_metre), threads)) is not None:
+            reason = f"its points lie on the lines of the lattice if they are in {unit}"
+            return Sensor(found.name, "spinning", reason, unit=unit)
+    return None
+
+
+def _far_and_on_lattice(points: NDArray[np.float32], threads: int) -> Sensor | None:
+    """KITTI's scanner, if points that are far enough away to tell lie on its lines."""
+    if not np.median(np.hypot(points[:, 0], points[:, 1])) > LEAST_MEDIAN:
+        return None
+    known = kitti_lattice()
+    upright = np.ascontiguousarray(points, np.float32)
+    found = _on_lattice(upright, known, known.read(upright, threads=threads))
+    return found if found is not None and found.off_lattice == 0.0 else None
 
 
 def _share_of_horizon(holds: NDArray[np.bool_], azimuth: NDArray[np.float32]) -> float:

@@ -274,8 +274,8 @@ class Processing:
     ----------
     kind : str
         ``shuffled``, ``rounded``, ``float16``, ``cropped``, ``thinned``, ``filtered``, ``turned``,
-        ``moved``, ``fused``, ``repeated`` or ``reflectances``; of recordings also ``resampled`` and
-        ``lossily coded``.
+        ``scaled``, ``moved``, ``fused``, ``repeated`` or ``reflectances``; of recordings also
+        ``resampled`` and ``lossily coded``.
     detail : str
         In words, with numbers.
     """

@@ -29,22 +29,15 @@ The totals are computed, not measured: no cluster of that size was there.
 
 from __future__ import annotations
 
-from manip3d.batch._rows import Rows
-from manip3d.batch._run import Summary, run
-from manip3d.batch._sources import SourceFile, find_drives, find_files, is_folder, is_pattern
-from manip3d.batch._stored import run_stored
-from manip3d.batch._table import TABLE_SUFFIXES, write_table
+from manip3d._util.lazy import lazily
 
-__all__ = [
-    "TABLE_SUFFIXES",
-    "Rows",
-    "SourceFile",
-    "Summary",
-    "find_drives",
-    "find_files",
-    "is_folder",
-    "is_pattern",
-    "run",
-    "run_stored",
-    "write_table",
-]
+__getattr__, __dir__, __all__ = lazily(
+    __name__,
+    {
+        "_rows": "Rows",
+        "_run": "Summary run",
+        "_sources": "SourceFile find_drives find_files is_folder is_pattern",
+        "_stored": "run_stored",
+        "_table": "TABLE_SUFFIXES write_table",
+    },
+)

@@ -16,38 +16,16 @@ Drivers of RGB-D cameras, each where its library was at build time, and what it 
 
 from __future__ import annotations
 
-from manip3d.capture._bag import holds_clouds
-from manip3d.capture._joints import ExportedJoints, export_joints
-from manip3d.capture._lidar import DEFAULT_PORT, RETURN_TYPES, LidarSource, open_lidar
-from manip3d.capture._rgbd import (
-    ForgedSource,
-    Recording,
-    RgbdSource,
-    Scheme,
-    from_frames,
-    open_rgbd,
-    record,
-)
-from manip3d.capture._sources import open, sources
-from manip3d.capture._velodyne_calibration import VelodyneCalibration, read_velodyne_calibration
+from manip3d._util.lazy import lazily
 
-__all__ = [
-    "DEFAULT_PORT",
-    "RETURN_TYPES",
-    "ExportedJoints",
-    "ForgedSource",
-    "LidarSource",
-    "Recording",
-    "RgbdSource",
-    "Scheme",
-    "VelodyneCalibration",
-    "export_joints",
-    "from_frames",
-    "holds_clouds",
-    "open",
-    "open_lidar",
-    "open_rgbd",
-    "read_velodyne_calibration",
-    "record",
-    "sources",
-]
+__getattr__, __dir__, __all__ = lazily(
+    __name__,
+    {
+        "_bag": "holds_clouds",
+        "_joints": "ExportedJoints export_joints",
+        "_lidar": "DEFAULT_PORT RETURN_TYPES LidarSource open_lidar",
+        "_rgbd": "ForgedSource Recording RgbdSource Scheme from_frames open_rgbd record",
+        "_sources": "open sources",
+        "_velodyne_calibration": "VelodyneCalibration read_velodyne_calibration",
+    },
+)

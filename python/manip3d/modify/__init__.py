@@ -2,80 +2,23 @@
 
 from __future__ import annotations
 
-from manip3d.modify._animation import (
-    Animated,
-    AnimationMesh,
-    PoseScope,
-    Skinning,
-    animate,
-    animation_mesh,
-)
-from manip3d.modify._colliders import TORSO, BodyColliders, ColliderTracker, Hits
-from manip3d.modify._joints import JointLayout, joint_layouts, skeleton_from
-from manip3d.modify._lower_limb import Placement, PlacementEstimator, ShoeCoverTracker, Side
-from manip3d.modify._motions import skeletons_from_motion
-from manip3d.modify._phantom import (
-    BodyMirror,
-    BodyPlane,
-    BodySegmentation,
-    Limb,
-    MirrorMode,
-    PhantomFrame,
-    PhantomPipeline,
-    PhantomQuality,
-    PhantomReason,
-    PhantomState,
-    PixelKind,
-    PlaneRule,
-    Segmentation,
-    Texturing,
-    body_mirror,
-    segment_body,
-)
-from manip3d.modify._pose import PoseTracker, lift_landmarks
-from manip3d.modify._repose import POSABLE_JOINTS, Reposed, repose
-from manip3d.modify._smoothing import JointSmoother, KeyPerson
+from manip3d._util.lazy import lazily
 
-__all__ = [
-    "POSABLE_JOINTS",
-    "TORSO",
-    "Animated",
-    "AnimationMesh",
-    "BodyColliders",
-    "BodyMirror",
-    "BodyPlane",
-    "BodySegmentation",
-    "ColliderTracker",
-    "Hits",
-    "JointLayout",
-    "JointSmoother",
-    "KeyPerson",
-    "Limb",
-    "MirrorMode",
-    "PhantomFrame",
-    "PhantomPipeline",
-    "PhantomQuality",
-    "PhantomReason",
-    "PhantomState",
-    "PixelKind",
-    "Placement",
-    "PlacementEstimator",
-    "PlaneRule",
-    "PoseScope",
-    "PoseTracker",
-    "Reposed",
-    "Segmentation",
-    "ShoeCoverTracker",
-    "Side",
-    "Skinning",
-    "Texturing",
-    "animate",
-    "animation_mesh",
-    "body_mirror",
-    "joint_layouts",
-    "lift_landmarks",
-    "repose",
-    "segment_body",
-    "skeleton_from",
-    "skeletons_from_motion",
-]
+__getattr__, __dir__, __all__ = lazily(
+    __name__,
+    {
+        "_animation": "Animated AnimationMesh PoseScope Skinning animate animation_mesh",
+        "_colliders": "TORSO BodyColliders ColliderTracker Hits",
+        "_joints": "JointLayout joint_layouts skeleton_from",
+        "_lower_limb": "Placement PlacementEstimator ShoeCoverTracker Side",
+        "_motions": "skeletons_from_motion",
+        "_phantom": (
+            "BodyMirror BodyPlane BodySegmentation Limb MirrorMode PhantomFrame "
+            "PhantomPipeline PhantomQuality PhantomReason PhantomState PixelKind PlaneRule "
+            "Segmentation Texturing body_mirror segment_body"
+        ),
+        "_pose": "PoseTracker lift_landmarks",
+        "_repose": "POSABLE_JOINTS Reposed repose",
+        "_smoothing": "JointSmoother KeyPerson",
+    },
+)

@@ -11,7 +11,7 @@ import numpy as np
 from manip3d.errors import MissingExtraError
 from manip3d.mesh import Mesh
 from manip3d.viewer.points import DrawnPoints
-from manip3d.viewer.renderer import egl_window
+from manip3d.viewer.renderers import egl_window
 from manip3d.viewer.scene import (
     Camera,
     Style,

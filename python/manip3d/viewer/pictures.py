@@ -15,7 +15,7 @@ from manip3d.mesh import Mesh
 from manip3d.viewer import _chromium, _pyvista
 from manip3d.viewer.legend import with_legend
 from manip3d.viewer.points import DrawnPoints, drawn_points, scan_points
-from manip3d.viewer.renderer import renderer
+from manip3d.viewer.renderers import renderer
 from manip3d.viewer.scene import (
     BACKGROUND,
     OBLIQUE,

@@ -19,7 +19,7 @@ from manip3d.simplify import (
     QualityResult,
     SimplifyResult,
 )
-from manip3d.viewer.evidence import evidence, forgery_points
+from manip3d.viewer.evidence_points import evidence, forgery_points
 from manip3d.viewer.points import DepthImage, DrawnPoints, rgbd_points, scan_points
 
 Shown = Mesh | DrawnPoints

@@ -14,13 +14,13 @@ from manip3d._util.checked import checked
 from manip3d.errors import InputError, RenderError
 from manip3d.mesh import Mesh
 from manip3d.viewer import _chromium, _pyvista
-from manip3d.viewer.renderer import check
+from manip3d.viewer.renderers import check
 from manip3d.viewer.scene import OBLIQUE, Camera, Style, frame_points
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from manip3d.viewer.renderer import Renderer
+    from manip3d.viewer.renderers import Renderer
 
 SPACING = 0.8  # from one model to the next, of unit diagonals: they stand close and do not overlap
 _PATIENCE = 240.0  # seconds; a program in the place of a graphics card draws slowly

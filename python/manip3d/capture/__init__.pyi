@@ -1,0 +1,37 @@
+from __future__ import annotations
+
+from manip3d.capture._bag import holds_clouds
+from manip3d.capture._joints import ExportedJoints, export_joints
+from manip3d.capture._lidar import DEFAULT_PORT, RETURN_TYPES, LidarSource, open_lidar
+from manip3d.capture._rgbd import (
+    ForgedSource,
+    Recording,
+    RgbdSource,
+    Scheme,
+    from_frames,
+    open_rgbd,
+    record,
+)
+from manip3d.capture._sources import open, sources
+from manip3d.capture._velodyne_calibration import VelodyneCalibration, read_velodyne_calibration
+
+__all__ = [
+    "DEFAULT_PORT",
+    "RETURN_TYPES",
+    "ExportedJoints",
+    "ForgedSource",
+    "LidarSource",
+    "Recording",
+    "RgbdSource",
+    "Scheme",
+    "VelodyneCalibration",
+    "export_joints",
+    "from_frames",
+    "holds_clouds",
+    "open",
+    "open_lidar",
+    "open_rgbd",
+    "read_velodyne_calibration",
+    "record",
+    "sources",
+]

@@ -1,0 +1,69 @@
+from __future__ import annotations
+
+from manip3d.forge._alert import (
+    ALERT_ATTACKS,
+    additive,
+    additive_subtractive,
+    replacement,
+    rotation,
+    subtractive,
+    translation,
+)
+from manip3d.forge._attacks import (
+    crtp,
+    ctp,
+    deform,
+    insert_occluding,
+    range_scale,
+    resample,
+    snap_to_lattice,
+    subtract,
+)
+from manip3d.forge._firings import MOST_SPOOFED, lattice_insert, lattice_remove, spoof
+from manip3d.forge._objects import Segmentation, nearest_object, segment
+from manip3d.forge._stream import (
+    ForgedFrame,
+    ForgedStream,
+    StreamForger,
+    StreamTruth,
+    background_plate,
+    read_stream_truth,
+    stream,
+    without_people,
+)
+from manip3d.forge._truth import Forgery, Lattice
+
+__all__ = [
+    "ALERT_ATTACKS",
+    "MOST_SPOOFED",
+    "ForgedFrame",
+    "ForgedStream",
+    "Forgery",
+    "Lattice",
+    "Segmentation",
+    "StreamForger",
+    "StreamTruth",
+    "additive",
+    "additive_subtractive",
+    "background_plate",
+    "crtp",
+    "ctp",
+    "deform",
+    "insert_occluding",
+    "lattice_insert",
+    "lattice_remove",
+    "nearest_object",
+    "range_scale",
+    "read_stream_truth",
+    "replacement",
+    "resample",
+    "rotation",
+    "segment",
+    "snap_to_lattice",
+    "spoof",
+    "stream",
+    "subtract",
+    "subtractive",
+    "translation",
+    "without_people",
+]

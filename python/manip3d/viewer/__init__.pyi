@@ -1,0 +1,60 @@
+from manip3d.viewer.evidence_points import evidence, forgery_points
+from manip3d.viewer.opening import Opened, kind_of, open_thing, rgbd_address, scan_address
+from manip3d.viewer.page import figure, film, has_display, html, iframe, play, view
+from manip3d.viewer.pictures import comparison, picture, png_bytes, points_picture
+from manip3d.viewer.points import (
+    Classes,
+    Colors,
+    DepthImage,
+    DrawnPoints,
+    Lines,
+    Scale,
+    box_lines,
+    depth_points,
+    drawn_points,
+    rgbd_points,
+    scan_points,
+    skeleton_lines,
+)
+from manip3d.viewer.renderers import renderer
+from manip3d.viewer.scene import Pose
+from manip3d.viewer.showing import shown
+from manip3d.viewer.timing import FrameTimes, frame_times
+
+__all__ = [
+    "Classes",
+    "Colors",
+    "DepthImage",
+    "DrawnPoints",
+    "FrameTimes",
+    "Lines",
+    "Opened",
+    "Pose",
+    "Scale",
+    "box_lines",
+    "comparison",
+    "depth_points",
+    "drawn_points",
+    "evidence",
+    "figure",
+    "film",
+    "forgery_points",
+    "frame_times",
+    "has_display",
+    "html",
+    "iframe",
+    "kind_of",
+    "open_thing",
+    "picture",
+    "play",
+    "png_bytes",
+    "points_picture",
+    "renderer",
+    "rgbd_address",
+    "rgbd_points",
+    "scan_address",
+    "scan_points",
+    "shown",
+    "skeleton_lines",
+    "view",
+]
