@@ -520,9 +520,13 @@ class QualitySimplifier {
     }
     const double error = mesh_.scale() * error_of(v, t, best.position);
     if (error > options_.max_error) return refuse(v, t, Rejection::kErrorLimit);
+    // A proof that failed fails again while nothing changes.
+    if (refused_.contains({v, t})) return refuse(v, t, Rejection::kDistanceLimit);
     if (guard_ && !keeps_distance({v, t}, best.position)) {
+      refused_.insert({v, t});
       return refuse(v, t, Rejection::kDistanceLimit);
     }
+    refused_.clear();
     collapse(v, t, best);
     result_.max_error = std::max(result_.max_error, error);
     if (rules_ != Rules::kAll) ++result_.relaxed_collapses;
@@ -932,7 +936,10 @@ class QualitySimplifier {
   FlatHeap<Entry> queue_, forbidden_;
   Rules rules_ = Rules::kAll;
   std::optional<DistanceGuard> guard_;  // of max_distance
-  double fraction_ = 0.2;               // of the work that was last reported
+  // Edges that the guard refused since the last collapse: one with two blocked ends is queued
+  // twice.
+  std::set<std::pair<std::int32_t, std::int32_t>> refused_;
+  double fraction_ = 0.2;  // of the work that was last reported
   std::vector<std::int32_t> touched_, around_;
   std::vector<DistanceGuard::Change> changed_;
   WedgeMap map_;
