@@ -112,6 +112,9 @@ class CollapseMesh {
   [[nodiscard]] Eigen::Vector3d to_input(const Eigen::Vector3d& p) const {
     return center_ + scale_ * p;
   }
+  [[nodiscard]] Eigen::Vector3d from_input(const Eigen::Vector3d& p) const {
+    return (p - center_) / scale_;
+  }
 
   [[nodiscard]] bool has_texture(std::int32_t wedge) const { return (surface_[wedge] & 1) != 0; }
   /// Equal for wedges of the same material, with or without texture coordinates.

@@ -50,6 +50,13 @@ constexpr double kFarCheaper = 30.0;
 /// It falls only for an error that can be seen: mean distance over the size of the mesh.
 constexpr double kVisible = 1e-3;
 
+/// A vertex owes nothing for its borders and texture if they are off by less than this distance on
+/// average (the diagonal is 1).
+constexpr double kOwesNothing = 1e-9;
+
+/// Weight of the planes of borders that a vertex shall not leave, against its surface.
+constexpr double kHeldFirmly = 1e6;
+
 /// A piece that vanishes is missed more than its distance says.
 constexpr double kPieceFactor = 2.0;
 
@@ -88,7 +95,6 @@ class QualitySimplifier {
         options_(options),
         progress_(progress),
         mesh_(input),
-        fit_(mesh_),
         pieces_(input, mesh_.scale(), part_of(progress, 0.0, 0.1)),
         ring_v_(mesh_.num_vertices()),
         ring_t_(mesh_.num_vertices()),
@@ -514,9 +520,13 @@ class QualitySimplifier {
     }
     const double error = mesh_.scale() * error_of(v, t, best.position);
     if (error > options_.max_error) return refuse(v, t, Rejection::kErrorLimit);
+    // A proof that failed fails again while nothing changes.
+    if (refused_.contains({v, t})) return refuse(v, t, Rejection::kDistanceLimit);
     if (guard_ && !keeps_distance({v, t}, best.position)) {
+      refused_.insert({v, t});
       return refuse(v, t, Rejection::kDistanceLimit);
     }
+    refused_.clear();
     collapse(v, t, best);
     result_.max_error = std::max(result_.max_error, error);
     if (rules_ != Rules::kAll) ++result_.relaxed_collapses;
@@ -814,6 +824,29 @@ class QualitySimplifier {
     ++result_.removed_pieces;
   }
 
+  /// Moves a vertex by a vector that brings an area nearer to the original, if that is legal. One
+  /// for which nothing is owed yet stays in the planes of its borders: beside a texture that has
+  /// kept its place exactly, other faces would pull it away.
+  void move_to_fit(std::int32_t v, const Vector3d& by, double area) {
+    if (is_locked(v) || !(by.squaredNorm() > 0.0)) return;
+    Vector3d step = by;
+    if (border_[v] > 0.0 && owed_[v] <= kOwesNothing * area_[v]) {
+      const Quadric& q = borders_[v];
+      Eigen::Matrix3d planes;
+      planes << q.xx, q.xy, q.xz, q.xy, q.yy, q.yz, q.xz, q.yz, q.zz;
+      planes *= kHeldFirmly * std::sqrt(area);
+      planes.diagonal().array() += area;
+      step = planes.llt().solve(area * by);
+    }
+    const Vector3d p = mesh_.position(v) + step;
+    bool fits = p.allFinite();
+    mesh_.for_each_face(v, [&](std::int32_t f, std::int32_t c) {
+      const auto& face = mesh_.face(f);
+      fits = fits && !check_face(v, face[(c + 1) % 3], face[(c + 2) % 3], p);
+    });
+    if (fits && (!guard_ || keeps_distance({v}, p))) mesh_.move(v, p);
+  }
+
   // --- The result ----------------------------------------------------------------------------
 
   QualityResult finish() {
@@ -825,26 +858,21 @@ class QualitySimplifier {
           progress_(fraction);
         };
       }
-      fit_.run(
+      queue_ = {};  // room for the fit
+      forbidden_ = {};
+      SurfaceFit fit(input_, [this](std::int32_t v) {
+        return pieces_.size() == 0 || pieces_.is_there(pieces_.of_vertex(v));
+      });
+      fit.run(
           mesh_,
-          [&](std::int32_t v) {
-            return pieces_.size() == 0 || pieces_.is_there(pieces_.of_vertex(v));
-          },
-          [&](std::int32_t v, const Vector3d& p) {
-            bool fits = !is_locked(v);
-            mesh_.for_each_face(v, [&](std::int32_t f, std::int32_t c) {
-              const auto& face = mesh_.face(f);
-              fits = fits && !check_face(v, face[(c + 1) % 3], face[(c + 2) % 3], p);
-            });
-            return fits && (!guard_ || keeps_distance({v}, p));
-          },
+          [this](std::int32_t v, const Vector3d& by, double area) { move_to_fit(v, by, area); },
           part_of(tell, 0.8,
                   is_textured_ ? 0.95
                   : guard_     ? 0.99
                                : 1.0));
       if (is_textured_) {
         const auto may_change = [&](std::int32_t v) { return !is_locked(v); };
-        fit_.fit_texture(mesh_, may_change, part_of(progress_, 0.95, 1.0));
+        fit.fit_texture(mesh_, may_change, part_of(progress_, 0.95, 1.0));
       }
     }
     if (mesh_.num_faces() <= options_.target_faces) {
@@ -884,7 +912,6 @@ class QualitySimplifier {
   const QualityOptions& options_;
   const Progress& progress_;
   CollapseMesh mesh_;
-  SurfaceFit fit_;
   Pieces pieces_;
   Ring ring_v_, ring_t_;
   std::vector<Quadric> surface_;           // of a vertex: the original faces it stands for
@@ -909,7 +936,10 @@ class QualitySimplifier {
   FlatHeap<Entry> queue_, forbidden_;
   Rules rules_ = Rules::kAll;
   std::optional<DistanceGuard> guard_;  // of max_distance
-  double fraction_ = 0.2;               // of the work that was last reported
+  // Edges that the guard refused since the last collapse: one with two blocked ends is queued
+  // twice.
+  std::set<std::pair<std::int32_t, std::int32_t>> refused_;
+  double fraction_ = 0.2;  // of the work that was last reported
   std::vector<std::int32_t> touched_, around_;
   std::vector<DistanceGuard::Change> changed_;
   WedgeMap map_;

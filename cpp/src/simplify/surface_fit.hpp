@@ -4,6 +4,7 @@
 #include <functional>
 #include <vector>
 
+#include "manip3d/geometry/bvh.hpp"
 #include "manip3d/geometry/mesh.hpp"
 #include "manip3d/progress.hpp"
 #include "simplify/collapse_mesh.hpp"
@@ -14,33 +15,47 @@ namespace manip3d {
 /// areas [after Hoppe et al. 1993, "Mesh optimization", with the connectivity fixed].
 class SurfaceFit {
  public:
-  /// Takes the centroids of all faces of the mesh.
-  explicit SurfaceFit(const CollapseMesh& mesh);
+  /// Moves a vertex by a vector for an area of the original that asks for it, or leaves it.
+  using Move = std::function<void(std::int32_t v, const Eigen::Vector3d& by, double area)>;
+
+  /// @param original  the mesh that was simplified; it must outlive this.
+  /// @param is_there  whether the piece with this vertex (of the original) still exists.
+  SurfaceFit(const MeshView& original, std::function<bool(std::int32_t)> is_there);
 
   /// Moves each vertex by the mean distance vector from the surface to the points that are
   /// nearest to its faces, a few times.
-  /// @param is_there  whether the piece with this vertex (of the original) still exists.
-  /// @param may_move  whether a vertex may move there.
-  void run(CollapseMesh& mesh, const std::function<bool(std::int32_t)>& is_there,
-           const std::function<bool(std::int32_t, const Eigen::Vector3d&)>& may_move,
-           const Progress& progress);
+  void run(CollapseMesh& mesh, const Move& move, const Progress& progress);
 
-  /// Fits texture coordinates to those of the original at the nearest points; after run().
+  /// Fits texture coordinates to those of the original at the nearest points of run().
   /// @param may_change  whether those of a vertex may.
   void fit_texture(CollapseMesh& mesh, const std::function<bool(std::int32_t)>& may_change,
                    const Progress& progress) const;
 
  private:
-  void step(CollapseMesh& mesh,
-            const std::function<bool(std::int32_t, const Eigen::Vector3d&)>& may_move,
-            const Progress& progress) const;
-  void keep(const std::function<bool(std::int32_t)>& is_there);
+  /// A point of the original and the nearest one of the simplified mesh.
+  struct Sample {
+    std::int32_t face = -1;  // row of now_.faces; -1: none
+    float area = 0.0F;
+    double distance = 0.0;
+    Eigen::Vector3f direction;  // from the surface to the point, a unit vector
+    Eigen::Vector3d barycentric;
+  };
 
-  Vertices points_;
-  std::vector<double> areas_;
-  std::vector<std::int64_t> surfaces_;    // of a point: CollapseMesh::surface()
-  std::vector<Eigen::Vector2d> texture_;  // of a point
-  std::vector<std::int32_t> vertices_;    // one of the face of each point
+  void find_nearest(const CollapseMesh& mesh, int per_face, const Progress& progress);
+  void find_nearest_of(const CollapseMesh& mesh, const TriangleBvh& bvh, std::int64_t face,
+                       std::int32_t& near_face);
+  void drop_far_samples();
+  void step(CollapseMesh& mesh, double least_distance, const Move& move) const;
+  [[nodiscard]] double mean_distance() const;
+  [[nodiscard]] std::int64_t surface_of(std::int64_t sample) const;
+  [[nodiscard]] Eigen::Vector2d texture_of(std::int64_t sample) const;
+
+  const MeshView& original_;
+  std::function<bool(std::int32_t)> is_there_;
+  TriangleMesh now_;                 // the simplified mesh of the last search
+  std::vector<std::int32_t> slots_;  // row of now_.faces -> face of the CollapseMesh
+  int per_face_ = 1;                 // samples of a face of the original
+  std::vector<Sample> samples_;      // in the order of these faces
 };
 
 }  // namespace manip3d
