@@ -47,7 +47,7 @@ class DensityParameters:
     run : int
         Consecutive levels that must be off: "sudden and persistent".
     fall, rise : float
-        Spacing over the usual one of its range, at and beyond which a level is off.
+        Ratio of measured to expected spacing that flags a level.
     deviation : float
         Or, where above 0: robust standard deviations (of the median absolute deviation) from the
         fit, instead of ``fall`` and ``rise``.

@@ -96,7 +96,7 @@ class BagRecording:
         if importlib.util.find_spec("rosbags") is None:
             raise MissingExtraError("rosbags", "bags")
         if not path.is_dir():
-            check_regular(path)  # the operating system's word first
+            check_regular(path)  # raises OSError before the parser runs
         elif not (path / "metadata.yaml").is_file():
             raise FormatError("a folder of a ROS 2 bag has a metadata.yaml", file=str(path))
         self._path = path

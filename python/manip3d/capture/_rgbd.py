@@ -204,7 +204,7 @@ class ForgedSource(RgbdSource):
 
 
 class FrameClock:
-    """Waits for the times of frames, so many times as fast as they were; 0: never.
+    """Waits until frames are due at a playback speed; 0: never waits, 1: real time.
 
     Frames that are made more slowly are not caught up with: the clock waits for them.
     """

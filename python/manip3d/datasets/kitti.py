@@ -402,6 +402,23 @@ def read_labels(path: Path, calibration: KittiCalibration) -> tuple[Box, ...]:
     """Read a file of the object benchmark (``label_2``) as boxes in the LiDAR frame.
 
     ``DontCare`` regions, which have no box, are left out.
+
+    Parameters
+    ----------
+    path : Path
+        A text file with a line of 15 words for each object.
+    calibration : KittiCalibration
+        Its ``T_rect_velo`` takes boxes from the rectified camera to the LiDAR frame.
+
+    Returns
+    -------
+    tuple of Box
+        In the order of the lines.
+
+    Raises
+    ------
+    FormatError
+        A line whose last seven words are not finite numbers, or with a negative size; it is named.
     """
     boxes = []
     velo_rect = np.linalg.inv(calibration.T_rect_velo)

@@ -72,9 +72,8 @@ class Flicker:
     mean_std_mm : float
         Mean over the pixels that every frame covers of the standard deviation of their depth.
     mean_step_mm : float
-        The same from one frame to the next alone: the root of half the mean square of their
-        differences (Allan's deviation). Equal for what has no memory; slow motion, which is no
-        flicker, hardly counts.
+        The same between consecutive frames: the root of half the mean square of their differences
+        (Allan's deviation). Equals `mean_std_mm` for white noise; insensitive to slow drift.
     unstable : float
         Share of the pixels covered by some frame that another one does not cover.
     changed : float or None
@@ -265,8 +264,8 @@ def flicker(
         At least two, of a scene and a camera that do not move, metres.
     intrinsics : Intrinsics
     within : (H, W) bool, optional
-        Pixels to look at: those that stand still, where not everything does. Vertices that
-        changed are counted there too.
+        Pixels to measure; choose those that do not move. Only vertices at these pixels count in
+        ``changed``.
     threads : int
 
     Returns

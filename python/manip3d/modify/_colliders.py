@@ -164,7 +164,7 @@ class ColliderTracker:
     def hits(self, start: ArrayLike, end: ArrayLike, *, radius: ArrayLike = 0.0) -> Hits:
         """What moving spheres touch first between the last frame but one and the last.
 
-        Everything is in motion, and nothing is too fast to be noticed.
+        The detection is continuous in time: fast motion does not tunnel.
 
         Parameters
         ----------

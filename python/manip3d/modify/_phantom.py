@@ -1,4 +1,4 @@
-"""A limb that is missing, made of the one that is there."""
+"""Render a missing limb by mirroring the intact one."""
 
 from __future__ import annotations
 

@@ -503,7 +503,7 @@ class LocalServer:
 
         def connected() -> asyncio.Protocol:
             protocol = accept()
-            # The transport is made after this, and known in the turn after the next.
+            # asyncio sets the transport after this call; it is available two loop iterations later.
             loop.call_soon(lambda: loop.call_soon(self._admit, protocol))
             loop.call_later(self.limits.request_seconds, self._drop_if_silent, protocol)
             return protocol
