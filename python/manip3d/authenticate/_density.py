@@ -34,7 +34,7 @@ USUAL = 0.05
 
 @dataclass(frozen=True)
 class DensityParameters:
-    """How `density_consistency` looks.
+    """Parameters of `density_consistency`.
 
     Attributes
     ----------
@@ -117,7 +117,7 @@ _CALIBRATIONS = (
 
 @dataclass(frozen=True, eq=False)
 class DensityResult(WithoutRate):
-    """What `density_consistency` found.
+    """Result of `density_consistency`.
 
     Attributes
     ----------
@@ -173,7 +173,7 @@ def density_consistency(
     threads: int = 0,
     progress: Progress = None,
 ) -> DensityResult:
-    """Detector I: points of one scanner are as dense as their distance says.
+    """Look for points that are not as dense as their distance says: detector I.
 
     Parameters
     ----------

@@ -105,7 +105,7 @@ SENSORS = ("auto", "lattice", "terrestrial", "other")
 
 @dataclass(frozen=True, eq=False)
 class DetectorReport:
-    """What one detector says of a scan, in the words that all of them share.
+    """Verdict of one detector on a scan, in the words that all of them share.
 
     Attributes
     ----------
@@ -157,7 +157,7 @@ class DetectorReport:
 
 @dataclass(frozen=True, eq=False)
 class Inspection(Showable):
-    """What `inspect` found.
+    """Result of `inspect`.
 
     Attributes
     ----------
@@ -227,7 +227,7 @@ class Inspection(Showable):
 
     @property
     def likelihood_ratio(self) -> float | None:
-        """How much likelier the evidence is under an edit than in a clean scan, at least.
+        """Lower bound of the likelihood ratio of the evidence: edited against clean.
 
         Of the smallest p-value of the detectors that looked, times their number; see
         `likelihood_ratio`. None: none of them states a p-value, or the scan was processed.

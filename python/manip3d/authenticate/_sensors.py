@@ -90,7 +90,7 @@ more."""
 
 @dataclass(frozen=True, eq=False)
 class Sensor:
-    """What `identify_sensor` found.
+    """Result of `identify_sensor`.
 
     Attributes
     ----------

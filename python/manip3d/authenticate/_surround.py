@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class SurroundResult(WithoutRate):
-    """What several stereo pairs say of one LiDAR scan.
+    """Joint result of several stereo pairs for one LiDAR scan.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class SurroundResult(WithoutRate):
 
     @property
     def calibration(self) -> Calibration | None:
-        """Where the parameters of each pair come from, before they are shared."""
+        """Source of each pair's parameters, before the pairs share the rate of false alarms."""
         return CALIBRATION
 
     @property

@@ -37,7 +37,7 @@ Work = Callable[..., Mapping[str, Any]]
 
 @dataclass(frozen=True)
 class Summary:
-    """What became of a batch.
+    """Result of `run`.
 
     Attributes
     ----------

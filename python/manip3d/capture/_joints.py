@@ -35,7 +35,7 @@ _CHILDREN = [[j for j in range(1, 25) if PARENTS[j] == parent] for parent in ran
 
 @dataclass(frozen=True)
 class ExportedJoints:
-    """What `export_joints` has written.
+    """Result of `export_joints`.
 
     Attributes
     ----------

@@ -107,7 +107,7 @@ class RgbdSource(FrameSource[RgbdFrame]):
 
     @property
     def counters(self) -> dict[str, int]:
-        """What was given (``frames``), lost (``dropped``) or refused so far, and why."""
+        """Counts of frames given (``frames``), lost (``dropped``) and refused so far, by reason."""
         found: dict[str, int] = self._source.counters()
         return found
 
@@ -487,7 +487,7 @@ def _frames_of(uri: str, scheme: str) -> Iterable[RgbdFrame]:
 
 @dataclass(frozen=True)
 class Recording:
-    """What `record` has written.
+    """Result of `record`.
 
     Attributes
     ----------

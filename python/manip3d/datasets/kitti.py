@@ -167,7 +167,7 @@ class KittiFrame:
         return read_calibration(folder / f"{self.name}.txt" if self.drive.per_frame else folder)
 
     def velocity(self) -> tuple[float, float, float] | None:
-        """How the car moved: m/s ahead and to the left, rad/s counter-clockwise; None: not told.
+        """Velocity of the car: m/s ahead and to the left, rad/s counter-clockwise; None: unknown.
 
         Raises
         ------

@@ -587,7 +587,7 @@ class ForgedStream:
 
     @property
     def truth(self) -> StreamTruth:
-        """What was forged in the frames that the last iteration has given so far."""
+        """Truth of the frames that the last iteration has given so far."""
         shape = self._shape
         masks = np.empty((shape[0], shape[1] * shape[2]), np.bool_)
         for mask, bits in zip(masks, self._bits, strict=True):

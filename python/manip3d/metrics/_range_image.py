@@ -65,7 +65,7 @@ class RangeImageError:
 
 @dataclass(frozen=True)
 class Flicker:
-    """How restless the meshes of a static scene are; see :func:`flicker`.
+    """Temporal noise of the meshes of a static scene; see :func:`flicker`.
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ class Flicker:
 
 @dataclass(frozen=True)
 class BoundaryNoise:
-    """What a method leaves of flying pixels; see :func:`boundary_noise`.
+    """Flying pixels that remain after a method; see :func:`boundary_noise`.
 
     Attributes
     ----------
@@ -114,7 +114,7 @@ class BoundaryNoise:
 def render_depth(
     mesh: Mesh | DepthMesh, intrinsics: Intrinsics, *, threads: int = 0, progress: Progress = None
 ) -> NDArray[np.float64]:
-    """The depth image that a camera takes of a mesh.
+    """Render the depth image that a camera takes of a mesh.
 
     Parameters
     ----------

@@ -88,7 +88,7 @@ def skeleton_from(
     id: int = 0,
     body: int = NO_BODY,
 ) -> Skeleton:
-    """The Kinect V2's 25 joints from those of another tracker.
+    """Convert the joints of another tracker to the Kinect V2's 25 joints.
 
     Parameters
     ----------

@@ -45,7 +45,7 @@ _CLOCK = 60_000.0  # ms: a page whose clock is farther off is on another machine
 
 @dataclass(frozen=True)
 class Limits:
-    """What one client may cost.
+    """Limits on the resources of one client.
 
     Attributes
     ----------

@@ -46,7 +46,7 @@ __all__ = ["CameraView", "JointSimplification", "cs3_cameras", "relief_cameras"]
 
 @dataclass(frozen=True, eq=False)
 class CameraView:
-    """What one camera saw, and where it stood.
+    """Depth image of one camera, and the camera's pose.
 
     Attributes
     ----------

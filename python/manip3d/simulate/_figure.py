@@ -315,7 +315,7 @@ LIMBS: Mapping[str, tuple[int, ...]] = {
 
 @checked
 def opposite(limb: str) -> str:
-    """The limb on the other side.
+    """Return the limb on the other side.
 
     Parameters
     ----------
