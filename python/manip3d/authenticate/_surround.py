@@ -96,13 +96,6 @@ class SurroundResult(WithoutRate):
         """The scan that was judged."""
         return next(iter(self.pairs.values())).scan
 
-    @property
-    def judged_azimuths_deg(self) -> Mapping[str, tuple[float, float]]:
-        """Leftmost and rightmost azimuth that each pair judges at all, degrees."""
-        return ReadOnlyMapping(
-            {name: found.judged_azimuth_deg for name, found in self.pairs.items()}
-        )
-
     def observation(
         self, *, speed_mps: float, parameters: RiskParameters | None = None
     ) -> AttackObservation | None:
