@@ -49,7 +49,7 @@ class Variant(StrEnum):
 
 _OPTIONS = ("intrinsics", "unit", "variant", "by-distance", "move-points", "max-edge", "depth-step",
             "color", "mask", "confidence", "confidence-max", "points", "method",
-            "min-coverage", "bandwidth", "rate")  # fmt: skip
+            "min-coverage", "max-bridges", "bandwidth", "rate")  # fmt: skip
 
 
 def _of_frames(files: list[SourceFile], options: dict[str, Any]) -> dict[str, dict[str, str]]:
@@ -175,6 +175,15 @@ def depth(
             min=0, max=1, help="Under --strict: exit 4 if less of the measured pixels is covered."
         ),
     ] = 0.9,
+    max_bridges: Annotated[
+        float,
+        typer.Option(
+            min=0,
+            max=1,
+            help="Under --strict: exit 4 if more of the mesh's area bridges gaps or, with "
+            "--depth-step 0, depth steps.",
+        ),
+    ] = 0.1,
     bandwidth: Annotated[
         float | None,
         typer.Option(
@@ -220,6 +229,7 @@ def depth(
             min_coverage,
             bandwidth,
             rate,
+            max_bridges,
         )
         expect_kind(source, "depth", "range grid", verb="depth")
         check_output(output, WRITABLE, force=force)
@@ -234,7 +244,7 @@ def depth(
         )
     _tell(shell, result)
     shell.result(_record(result))
-    if strict and (result.target_missed or result.coverage_missed):
+    if strict and (result.target_missed or result.coverage_missed or result.bridges_missed):
         raise typer.Exit(MISSED)
 
 
@@ -255,13 +265,14 @@ def _sentence(result: DepthFileResult) -> str:
     cut = f", {counted(result.faces_cut, 'face')} across depth steps left out"
     missed = f"; target of {counted(options.points or 0, 'point')} missed"
     share = f"; {count(result.num_bytes or 0)} of {counted(options.max_bytes or 0, 'byte')}"
+    many = f", more than {100 * options.max_bridges:.2g} %" if result.bridges_missed else ""
     low = f", less than {100 * options.min_coverage:.0f} %"
     return (
         f"{options.method}{variant}: {counted(result.points_before, 'point')} -> "
         f"{count(result.points)}, {counted(result.faces, 'face')}{cut if result.faces_cut else ''} "
         f"in {result.seconds * 1000:.1f} ms; covers {100 * result.coverage:.1f} % of the surface's "
         f"pixels{low if result.coverage_missed else ''}{_not_covered(result)}, "
-        f"{100 * result.bridges:.2f} % of its area bridges gaps"
+        f"{100 * result.bridges:.2f} % of its area bridges gaps{many}"
         f"{missed if result.target_missed else ''}"
         f"{share if result.num_bytes is not None else ''}{_left_across_steps(result)}; "
         f"wrote {result.output}"
@@ -282,8 +293,9 @@ def _left_across_steps(result: DepthFileResult) -> str:
     if not result.faces_left:
         return ""
     return (
-        "; the scene has depth steps, neither --depth-step nor --max-edge was given, and "
-        f"{counted(result.faces_left, 'face')} across them stayed"
+        f"; the scene has depth steps, and {counted(result.faces_left, 'face')} across them, "
+        f"{100 * result.left_area:.2f} % of the area, stayed, as --depth-step is 0 and there is no "
+        "--max-edge"
     )
 
 
@@ -312,6 +324,8 @@ def _record(result: DepthFileResult) -> dict[str, Any]:
         "outside": round(result.outside, 6),
         "dropped_pixels": result.dropped_pixels,
         "faces_left": result.faces_left,
+        "left_area": round(result.left_area, 6),
         "target_missed": result.target_missed,
         "coverage_missed": result.coverage_missed,
+        "bridges_missed": result.bridges_missed,
     }

@@ -32,7 +32,7 @@ from manip3d.simplify._depth import (
     _point_grid,
     cs3_grid,
 )
-from manip3d.simplify._depth_steps import StepRule, across_steps
+from manip3d.simplify._depth_steps import StepRule, across_gaps, across_steps
 from manip3d.simplify._pixel_maps import confidence_image, mask_image, masked_depth
 from manip3d.simplify._relief import Effort, Relief
 from manip3d.simplify._relief import _options as relief_options
@@ -235,10 +235,18 @@ def _normals(points: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[n
 
 @dataclass(frozen=True)
 class _Steps:
-    """Which triangles of a view are no surface, as a step in depth lies between their corners."""
+    """Which triangles of a view are no surface: a step or a gap lies between their corners."""
 
     step: float | None
     max_edge: float
+
+    def apart(
+        self, view: _View, pixels: NDArray[np.int32], corners: NDArray[np.int32]
+    ) -> NDArray[np.bool_]:
+        """Return which triangles join surfaces that ``max_edge`` keeps apart, however long."""
+        if math.isinf(self.max_edge) or not len(corners):
+            return np.zeros(len(corners), bool)
+        return across_gaps(corners, pixels, view.points, view.valid, self.max_edge)
 
     def across(
         self, view: _View, pixels: NDArray[np.int32], corners: NDArray[np.int32]
@@ -368,7 +376,7 @@ class _Joint:
             whole = ~steps.across(view, chosen.pixels, chosen.faces)
             self._append(index, view, chosen.with_faces(chosen.faces[whole]))
             return
-        max_edge = steps.max_edge
+        is_relief = isinstance(chosen, Relief)
         _, first = np.unique(_pixel_keys(chosen.pixels), return_index=True)
         own = np.zeros(chosen.num_vertices, bool)
         own[first] = True  # a relief has two vertices where two fans of triangles meet
@@ -393,15 +401,19 @@ class _Joint:
         centroids = (2 * pixels[corners].sum(axis=1) + 3) // 6
         facing = _normals(vertices, faces) * normals[centroids[:, 1], centroids[:, 0]]
         keep &= ~seam | (facing.sum(axis=1) > 0)
-        if max_edge < math.inf:
+        if is_relief:  # a limit on the dense surface: its own triangles may be as long as they are
+            keep &= ~steps.apart(view, pixels, corners)
+        elif steps.max_edge < math.inf:
             sides = vertices[faces] - vertices[np.roll(faces, 1, axis=1)]
-            keep &= np.linalg.norm(sides, axis=2).max(axis=1) <= max_edge
+            keep &= np.linalg.norm(sides, axis=2).max(axis=1) <= steps.max_edge
         keep &= ~steps.across(view, pixels, corners)
         corners = corners[keep]
-        if isinstance(chosen, Relief):
+        if is_relief:
             seam = (corners < len(border[0])).any(axis=1)
             corners[~seam] = self._flipped(view, pixels, corners[~seam])
-            corners = corners[~steps.across(view, pixels, corners)]
+            corners = corners[
+                ~(steps.across(view, pixels, corners) | steps.apart(view, pixels, corners))
+            ]
         faces = vertex[corners]
         texcoords = _uvs(view, vertices[vertex], pixels)
         self.vertices = vertices
@@ -539,8 +551,8 @@ def cs3_cameras(
     def choose(view: _View, open_pixels: NDArray[np.bool_], share: int) -> Cs3Result:
         chosen = cs3_grid(
             view.points,
-            open_pixels,
-            share,
+            open_pixels if share > 0 else np.zeros_like(open_pixels),
+            max(share, 1),
             rows_up=view.rows_up,
             variant=variant,
             threads=threads,
@@ -592,7 +604,9 @@ def relief_cameras(
     -----
     The way is that of `cs3_cameras`. A view without a seam keeps the triangles of its relief; in
     one with a seam, edges beside it are flipped while that lowers the sum of distances between the
-    pixels and their triangles' planes, as in `relief`.
+    pixels and their triangles' planes, as in `relief`. There a triangle joins what ``max_edge``
+    keeps apart if along one of its edges measured points that follow each other lie farther apart
+    than ``max_edge`` for each pixel between them, and these leaps add up to more than one.
 
     Examples
     --------
@@ -670,6 +684,8 @@ def _join(
     if not len(views):
         raise InputError("views: expected at least one")
     remaining = _count(target_points, "target_points")
+    if max_edge is not None and not max_edge > 0:
+        raise InputError(f"max_edge: expected > 0, got {max_edge}")
     if depth_step is not None and not depth_step > 0:
         raise InputError(f"depth_step: expected > 0, got {depth_step}")
     if tolerance is not None and not tolerance > 0:
