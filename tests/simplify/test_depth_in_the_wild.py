@@ -71,6 +71,17 @@ def test_few_points_keep_a_mesh(points: int) -> None:
     assert cut.coverage > 0.7 * found.coverage
 
 
+def test_few_points_are_not_spent_on_faces_across_steps() -> None:
+    depth = box_before_waves()
+    # Where such faces are made first and cut then: 0, 0.362 and 0.397.
+    for points, least in ((3, 0.12), (8, 0.39), (10, 0.48)):
+        found = simplify.relief(depth, CAMERA, points, depth_step=0.05)
+        cut = simplify.cut_depth_steps(found, depth)
+        assert cut.num_faces == found.num_faces > 0
+        assert cut.coverage > least
+        assert found.num_vertices == points
+
+
 def test_faces_between_box_and_wall_are_cut() -> None:
     depth = box_before_waves()
     plain = simplify.relief(depth, CAMERA, 60)  # no boundary at the box: faces join it and the wall
