@@ -21,11 +21,12 @@ from manip3d.cli.options import (
     Strict,
 )
 from manip3d.cli.terminal import Terminal, check_output, count, counted, naming_options
+from manip3d.errors import InputError
 from manip3d.io import DEPTH_SUFFIXES, WRITABLE
 
 if TYPE_CHECKING:
     from manip3d.batch import SourceFile
-    from manip3d.simplify import DepthFileResult
+    from manip3d.simplify import DepthFileResult, JointFileResult
 
 
 class DepthMethod(StrEnum):
@@ -80,9 +81,84 @@ def _expect_budget(*budgets: object) -> None:
         raise typer.BadParameter("give --points, or --bandwidth with --rate", param_hint="--points")
 
 
+_NOT_JOINED = ("mask", "confidence", "bandwidth", "rate", "by_distance", "move_points")
+
+
+def _join(sources: list[str], given: dict[str, Any]) -> bool:
+    """With ``--poses``: one mesh of all files."""
+    if not given["poses"]:
+        return False
+    from manip3d import simplify
+    from manip3d.batch import find_files
+
+    _expect_budget(given["points"])
+    output: Path = given["output"]
+    shell = Terminal(as_json=given["as_json"], quiet=given["quiet"])
+    with naming_options(*_OPTIONS, "poses", *given["shared"]):
+        for name in (*given["shared"], *(n for n in _NOT_JOINED if given[n])):
+            raise InputError(f"{name}: expected without poses")
+        check_output(output, WRITABLE, force=given["force"])
+        files = [file.name for file in find_files(sources, suffixes=(*DEPTH_SUFFIXES, ".ply"))]
+        colors = simplify.colors_of_frames(files, given["color"]) if given["color"] else {}
+        unit = given["unit"]
+        if Path(files[0]).suffix.lower() in DEPTH_SUFFIXES:
+            unit = simplify.common_depth_unit(files, unit, given["intrinsics"])
+        options = simplify.DepthOptions(
+            given["points"],
+            given["method"].value,
+            given["variant"].value,
+            given["intrinsics"],
+            unit,
+            given["max_edge"],
+            given["depth_step"],
+            threads=given["jobs"],
+            min_coverage=given["min_coverage"],
+            max_bridges=given["max_bridges"],
+        )
+        result = simplify.simplify_camera_files(
+            files, given["poses"], output, options, colors=[colors[f] for f in files if colors]
+        )
+    shell.say(_joint_sentence(result))
+    shell.result(_joint_record(result))
+    if given["strict"] and (result.coverage_missed or result.bridges_missed):
+        raise typer.Exit(MISSED)
+    return True
+
+
+def _joint_sentence(result: JointFileResult) -> str:
+    options = result.options
+    low = f", less than {100 * options.min_coverage:.0f} %" if result.coverage_missed else ""
+    many = f", more than {100 * options.max_bridges:.2g} %" if result.bridges_missed else ""
+    return (
+        f"{options.method}: {counted(result.points_before, 'point')} of "
+        f"{counted(len(result.sources), 'view')} -> {count(result.points)}, "
+        f"{counted(result.faces, 'face')} in {result.seconds * 1000:.1f} ms; covers "
+        f"{100 * result.coverage:.1f} % of the measured pixels{low}, "
+        f"{100 * result.bridges:.2f} % of its area bridges gaps{many}; wrote {result.output}"
+    )
+
+
+def _joint_record(result: JointFileResult) -> dict[str, Any]:
+    return {
+        "inputs": [str(source) for source in result.sources],
+        "output": str(result.output),
+        "method": result.options.method,
+        "points_before": result.points_before,
+        "target_points": result.options.points,
+        "points": result.points,
+        "faces": result.faces,
+        "seconds": round(result.seconds, 4),
+        "coverage": round(result.coverage, 6),
+        "bridges": round(result.bridges, 6),
+        "coverage_missed": result.coverage_missed,
+        "bridges_missed": result.bridges_missed,
+    }
+
+
 @over_files(
     lambda: (*DEPTH_SUFFIXES, ".ply"), writable=lambda: WRITABLE, otherwise=".glb",
     prepare=_of_frames, check=lambda given: _expect_budget(*(given[name] for name in _BUDGETS)),
+    together=_join,
 )  # fmt: skip
 def depth(
     source: Annotated[
@@ -169,6 +245,13 @@ def depth(
             "L515. Default: the largest number that the image can hold."
         ),
     ] = None,
+    poses: Annotated[
+        str,
+        typer.Option(
+            help="Where the camera stood at each of several files, which become one mesh: TUM's "
+            "groundtruth.txt (time tx ty tz qx qy qz qw), or a Stanford .conf."
+        ),
+    ] = "",
     min_coverage: Annotated[
         float,
         typer.Option(
@@ -203,14 +286,15 @@ def depth(
 ) -> None:
     """Turn a depth image or a range scan into a sparse textured mesh.
 
-    Several depth images become a folder of .glb files and have one unit. The result is in metres,
-    with +y up in glTF (.glb, .gltf) and in the camera's axes in .ply, .obj, .stl and .off. The
-    depth range and its unit are printed: check them.
+    Several depth images become a folder of .glb files and have one unit; with --poses they become
+    one mesh. The result is in metres, with +y up in glTF (.glb, .gltf) and in the camera's axes in
+    .ply, .obj, .stl and .off. The depth range and its unit are printed: check them.
 
     Example: manip3d depth depth.png --intrinsics kinect-v2 --points 5000 -o person.glb
     """
     from manip3d import simplify
 
+    assert not poses  # those files were joined
     _expect_budget(points, bandwidth, rate)
     shell = Terminal(as_json=as_json, quiet=quiet)
     with naming_options(*_OPTIONS):

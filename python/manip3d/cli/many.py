@@ -104,6 +104,7 @@ def over_files(
     exit_code: Callable[[Sequence[Mapping[str, Any]], Mapping[str, Any]], int] | None = None,
     columns: Sequence[str] = (),
     check: Callable[[Mapping[str, Any]], object] = lambda options: None,
+    together: Callable[[list[str], dict[str, Any]], bool] = lambda sources, options: False,
 ) -> Callable[[Verb], Verb]:
     """Make a verb of one file (and ``output``) a verb of many.
 
@@ -137,6 +138,9 @@ def over_files(
         everything. Empty: all columns, as CSV.
     check : callable(options), optional
         Refuses options that no file could be worked on with, before any file is looked for.
+    together : callable(sources, options) -> bool, optional
+        Makes one thing of all files where the options ask for that, and returns whether it did;
+        ``options["shared"]`` names those of ``--table``, ``--dask`` and ``--to`` that are given.
     """
 
     def decorate(verb: Verb) -> Verb:
@@ -150,6 +154,9 @@ def over_files(
             sources: list[str] = given.pop(argument)
             to, table, dask = given.pop("to", ""), given.pop("table"), given.pop("dask")
             jobs = given["jobs"] if has_jobs else given.pop("jobs")
+            shared = {"table": table, "dask": dask, "to": to}
+            if together(sources, given | {"shared": [n for n, v in shared.items() if v]}):
+                return
             if not table and not dask and _is_one(sources):
                 _one(verb, argument, sources[0], given)
                 return

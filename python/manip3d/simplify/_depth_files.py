@@ -402,17 +402,25 @@ def _read_confidence(path: str | os.PathLike[str], highest: int | None) -> NDArr
     return confidence_of_levels(levels, highest)
 
 
-def _from_image(path: Path, output: Path, options: DepthOptions, maps: _Maps) -> DepthFileResult:
+def _expect_camera(options: DepthOptions) -> None:
     if not options.intrinsics:
         raise InputError(
             f"intrinsics: expected the camera of the depth image: fx,fy,cx,cy, a .json file or one "
             f"of {', '.join(CAMERA_PRESETS)}, got none"
         )
+
+
+def _is_yup(output: Path) -> bool:
+    return output.name.lower().removesuffix(".xz").removesuffix(".gz").endswith(_YUP_SUFFIXES)
+
+
+def _from_image(path: Path, output: Path, options: DepthOptions, maps: _Maps) -> DepthFileResult:
+    _expect_camera(options)
     reading, words = _read(path, options)
     height, width = reading.depth.shape
     camera = read_intrinsics(options.intrinsics, width=width, height=height)
     depth = masked_depth(reading.depth, mask_image(maps.mask, reading.depth.shape))
-    is_yup = output.name.lower().removesuffix(".xz").removesuffix(".gz").endswith(_YUP_SUFFIXES)
+    is_yup = _is_yup(output)
 
     def make(points: int) -> _Made:
         started = time.perf_counter()
