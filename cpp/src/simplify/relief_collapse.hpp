@@ -111,7 +111,7 @@ class Collapser {
   std::vector<std::uint8_t> seen_;
 };
 
-/// So few vertices that each counts; then triangles across steps are a large part of a mesh.
+/// Each of so few vertices counts; triangles across steps are then a large part of a mesh.
 constexpr std::int64_t kFew = 64;
 
 }  // namespace manip3d::relief_detail

@@ -17,7 +17,7 @@ namespace {
 using Corner = std::array<std::int32_t, 2>;
 using Corners = std::array<Corner, 3>;
 
-/// Of the pixels over a triangle: with more of them a step off it, it spans a step.
+/// A triangle spans a step if more than this share of the pixels over it lies a step off it.
 constexpr double kMostOff = 0.25;
 
 std::int64_t orient(const Corner& a, const Corner& b, const Corner& c) {

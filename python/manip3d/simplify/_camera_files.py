@@ -79,7 +79,7 @@ class JointFileResult:
 def poses_of_files(
     sources: Sequence[str | os.PathLike[str]], poses: str | os.PathLike[str]
 ) -> list[NDArray[np.float64]]:
-    """Return where the camera of each file stood.
+    r"""Return where the camera of each file stood.
 
     Parameters
     ----------
@@ -184,7 +184,7 @@ def simplify_camera_files(
     *,
     colors: Sequence[str | os.PathLike[str]] = (),
 ) -> JointFileResult:
-    """Turn several depth images, or several range scans, into one mesh in a file.
+    r"""Turn several depth images, or several range scans, into one mesh in a file.
 
     Parameters
     ----------
