@@ -199,6 +199,12 @@ def make_sources(words: list[str], place: Path) -> None:
     if sources == "play frames/":
         (place / "frames").mkdir(exist_ok=True)
         manip3d.Mesh(np.eye(3), [[0, 1, 2]]).write(place / "frames/0.glb")
+    if sources == "depth rgbd/depth/":
+        (place / "rgbd" / "depth").mkdir(parents=True)
+        Image.fromarray(depth_image()).save(place / "rgbd" / "depth" / "1.000.png")
+        Image.fromarray(depth_image()).save(place / "rgbd" / "depth" / "1.033.png")
+        poses = "1.001 0 0 0 0 0 0 1\n1.034 0.1 0 0 0 0 0 1\n"
+        (place / "rgbd" / "groundtruth.txt").write_text(poses)
     if sources == "report results" and not (place / "results").exists():
         line = "reproduce table-2.1 --scale quick --data simulated -q -o"
         results = str(place / "results")
