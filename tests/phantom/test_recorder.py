@@ -178,7 +178,7 @@ def test_a_second_signal_at_the_end_cuts_the_waiting_and_not_the_report(
     monkeypatch.setattr(DiaryRecorder, "start", note_start)
     before = [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)]
     began = time.monotonic()
-    with holder, signals.interrupted_by_signals():
+    with holder, signals.ended_like_ctrl_c():
         report = phantom.run_live(
             "openni2:", affected="right_arm", diary=path, participant="P01", on_start=on_start
         )
@@ -348,7 +348,7 @@ def test_what_is_refused_leaves_nothing_open(
         def __init__(self, *_: object) -> None:
             ended.append("opened")
 
-        def end(self) -> list[str]:
+        def end(self, hurry: threading.Event) -> list[str]:
             ended.append("ended")
             return []
 
