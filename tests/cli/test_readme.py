@@ -209,7 +209,8 @@ def make_diary(words: list[str], place: Path) -> None:
     if words[:2] == ["diary", "enrol"]:
         return
     (line,) = (line for line in readme_lines() if line.startswith("manip3d diary enrol "))
-    assert CliRunner().invoke(app, shortened(line)).exit_code == 0
+    enrol = [str(place / word) if word == "study.diary" else word for word in shortened(line)]
+    assert CliRunner().invoke(app, enrol).exit_code == 0
 
 
 def make_study(words: list[str], place: Path) -> None:
