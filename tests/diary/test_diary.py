@@ -336,6 +336,15 @@ def test_the_first_changed_row_of_the_audit_is_named(diary: Diary, change: str) 
         diary.check()
 
 
+def test_an_audit_without_rows_is_no_lost_one(diary: Diary) -> None:
+    diary.check()
+    with contextlib.closing(sqlite3.connect(diary.path)) as raw:
+        raw.execute("DELETE FROM meta WHERE name = 'audit head'")
+        raw.commit()
+    with pytest.raises(FormatError, match="the audit is damaged: row 1 "):
+        diary.check()
+
+
 def test_the_chain_of_an_encrypted_audit_cannot_be_made_anew(tmp_path: Path) -> None:
     """Its key does not stand in the file as it is, nor is it the same for two diaries."""
     make_key(tmp_path / "a.key")

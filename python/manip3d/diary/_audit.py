@@ -25,6 +25,11 @@ _SALT = 16
 _HEAD = "audit head"  # entry of `meta`: the number of rows, and a hash of it with the last link
 
 
+def begin_chain(connection: sql.Connection, key: bytes) -> None:
+    """Note that there are no rows yet, so that an audit without rows and a lost one differ."""
+    _write_head(connection, key, 0, "")
+
+
 def append_row(
     connection: sql.Connection,
     key: bytes,

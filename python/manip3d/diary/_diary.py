@@ -60,7 +60,7 @@ except ModuleNotFoundError as error:
     raise MissingExtraError("sqlalchemy", "diary") from error
 
 from manip3d.diary import _schema as schema
-from manip3d.diary._audit import append_row, erase_rows, moment_of, verify
+from manip3d.diary._audit import append_row, begin_chain, erase_rows, moment_of, verify
 
 _CHECK = b"manip3d diary"
 _STUDY = "meta study"  # what the study's identifier is encrypted for
@@ -1258,6 +1258,8 @@ class Diary:
             marks["audit key"] = seal(self._key, self._chain_key, _CHAIN)
         for name, value in marks.items():
             connection.execute(sql.insert(schema.META).values(name=name, value=value))
+        if version < schema.WITH_CHAIN:
+            begin_chain(connection, self._chain_key)
         for _, at, action, number in audit:
             append_row(connection, self._chain_key, action, number, at=at)
 
