@@ -461,9 +461,10 @@ def test_what_the_patient_says_is_said_on_purpose(chromium: None, tmp_path: Path
         stage.server.stop()
         recorder.end()
     with Diary(path) as diary:
-        first, second = diary.sessions("P01")
+        first, second, third = diary.sessions("P01")
         assert [rating.pain for rating in first.ratings] == [3, 2]
-        assert [rating.pain for rating in second.ratings] == [4]
+        assert [rating.pain for one in (second, third) for rating in one.ratings] == [4, 4]
+        assert [one.answered for one in (first, second, third)] == [True, False, True]
         assert [event.kind for event in diary.events("P01")] == ["sickness"]
     assert dict(stage.server.refused) == {}
 
