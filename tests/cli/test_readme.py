@@ -171,7 +171,7 @@ def make_sources(words: list[str], place: Path) -> None:
     if "patient.mkv" in sources and not (place / "patient.mkv").exists():
         manip3d.capture.record("sim:body?amputated=right-arm&frames=3", place / "patient.mkv")
     if "study.diary" in words or words[:2] in (["diary", "keygen"], ["diary", "form"]):
-        make_diary(place)
+        make_diary(words, place)
     if words[:2] == ["diary", "ask"]:
         from manip3d.diary import OWNERSHIP, write_questionnaire
 
@@ -211,17 +211,15 @@ def make_sources(words: list[str], place: Path) -> None:
         assert CliRunner().invoke(app, [*line.split(), results]).exit_code == 0
 
 
-def make_diary(place: Path) -> None:
-    """A study of one participant, and no key or questionnaire."""
-    from manip3d.diary import Diary
-
+def make_diary(words: list[str], place: Path) -> None:
+    """The study of README's own line that enrols somebody, and no key or questionnaire."""
     for name in ("study.diary", "study.key", "form.json", "mcgill.json"):
         (place / name).unlink(missing_ok=True)
-    with Diary(place / "study.diary", create=True) as diary:
-        diary.enrol("P01", limb="left_leg")
-        session = diary.start_session("P01")
-        diary.add_rating("P01", 5, session=session)
-        diary.add_mcgill("P01", [1] * 20, 2, occasion="baseline")
+    if words[:2] == ["diary", "enrol"]:
+        return
+    (line,) = (line for line in readme_lines() if line.startswith("manip3d diary enrol "))
+    enrol = [str(place / word) if word == "study.diary" else word for word in shortened(line)]
+    assert CliRunner().invoke(app, enrol).exit_code == 0
 
 
 def make_study(words: list[str], place: Path) -> None:
