@@ -140,7 +140,9 @@ def key_of(options: Mapping[str, Any]) -> str:
     paths = [Path(each) for each in (given if isinstance(given, (list, tuple)) else [given])]
     with authenticate.KeyRing.open(paths) as ring:
         is_timed = options.get("max_age") is not None
-        stamp = " ".join(f"key {key.key_id} {key.created_ns}" for key in ring.keys)
+        files = [f for p in paths for f in (sorted(p.glob("*.key")) if p.is_dir() else [p])]
+        names = [f"key {key.key_id}" for key in ring.keys]
+        stamp = " ".join([*names, *(str(file.stat().st_mtime_ns) for file in files)])
         return f"{stamp} at {time.time_ns()}" if is_timed else stamp
 
 
