@@ -177,7 +177,7 @@ class KeyRing:
 
     Examples
     --------
-    >>> import tempfile
+    >>> import tempfile, numpy as np
     >>> from manip3d.authenticate import KeyFile, KeyRing, Watermarker
     >>> scan = np.arange(9000, dtype=np.float32).reshape(3000, 3) / 8
     >>> with tempfile.TemporaryDirectory() as folder:
