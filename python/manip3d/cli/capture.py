@@ -465,7 +465,7 @@ def capture_record(
 
     Example: manip3d capture record 'sim:body?motion=wave&frames=30' -o patient.mkv
 
-    Example: manip3d capture record openni2: -o fall.mkv --before 5 --trigger SIGUSR1
+    Example: manip3d capture record 'sim:body?frames=30' -o visit --before 5 --trigger person
     """
     check_recording_output(output, force=force)
     if before and not trigger:
