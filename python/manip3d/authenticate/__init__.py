@@ -7,7 +7,9 @@ from manip3d._util.lazy import lazily
 __getattr__, __dir__, __all__ = lazily(
     __name__,
     {
-        "_alert": "WITNESSES Alert AlertCounts AlertMonitor AlertTally WitnessReport verdict_of_alerts",
+        "_alert": (
+            "WITNESSES Alert AlertCounts AlertMonitor AlertTally WitnessReport verdict_of_alerts"
+        ),
         "_cross_modal": (
             "CrossModalParameters CrossModalRegion CrossModalResult attack_type "
             "cross_modal_consistency"
