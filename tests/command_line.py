@@ -2,27 +2,103 @@
 
 from __future__ import annotations
 
+import atexit
+import functools
 import json
 import os
+import re
+import socket
 import subprocess
 import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+
+READ_AT_START = re.compile(r"PYTHON|LC_|LANG|LD_|OMP_|OPENBLAS_|MALLOC_|GLIBC_")
+"""Variables that Python and libraries read when they are loaded."""
 
 
 def manip3d(
     *arguments: str | Path, stdin: bytes = b"", **environment: str
 ) -> subprocess.CompletedProcess[str]:
-    """Run the command in a process of its own."""
-    done = subprocess.run(
-        [sys.executable, "-m", "manip3d", *map(str, arguments)],
-        capture_output=True,
-        input=stdin,
-        env=os.environ | environment,
-        check=False,
-    )
-    return subprocess.CompletedProcess(
-        done.args, done.returncode, done.stdout.decode(), done.stderr.decode()
-    )
+    """Run the command in a process of its own.
+
+    It is forked from one that has imported all modules, which most commands take longer for than
+    for their work.
+    """
+    words = list(map(str, arguments))
+    whole = dict(os.environ) | environment
+    code, out, err = _server().run(words, whole, stdin)
+    command = [sys.executable, "-m", "manip3d", *words]
+    return subprocess.CompletedProcess(command, code, out.decode(), err.decode())
+
+
+class _Server:
+    """The process of ``command_server.py``."""
+
+    def __init__(self) -> None:
+        self.lock = threading.Lock()
+        self.connection, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        program = Path(__file__).with_name("command_server.py")
+        with other:
+            self.process = subprocess.Popen(
+                [sys.executable, str(program), str(other.fileno())],
+                pass_fds=[other.fileno()],
+                stdin=subprocess.PIPE,  # Python remembers that its streams are pipes
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+            )
+        assert self.connection.recv(100) == b"ready"
+
+    def close(self) -> None:
+        self.connection.close()
+        self.process.communicate()
+
+    def run(
+        self, words: list[str], environment: dict[str, str], stdin: bytes
+    ) -> tuple[int, bytes, bytes]:
+        """Give the exit code, stdout and stderr."""
+        request = {"words": words, "folder": os.getcwd(), "environment": environment}
+        in_read, in_write = os.pipe()
+        out_read, out_write = os.pipe()
+        err_read, err_write = os.pipe()
+        theirs = [in_read, out_write, err_write]
+        with self.lock, ThreadPoolExecutor(3) as pool:
+            try:
+                socket.send_fds(self.connection, [json.dumps(request).encode()], theirs)
+            finally:
+                for descriptor in theirs:
+                    os.close(descriptor)
+            pool.submit(_write, in_write, stdin)
+            out, err = pool.submit(_read, out_read), pool.submit(_read, err_read)
+            code = json.loads(self.connection.recv(100))
+            return code, out.result(), err.result()
+
+
+@functools.cache
+def _server_for(_: frozenset[tuple[str, str]]) -> _Server:
+    server = _Server()
+    atexit.register(server.close)
+    return server
+
+
+def _server() -> _Server:
+    """Give the server that was started with what Python reads at its start."""
+    read = {name: value for name, value in os.environ.items() if READ_AT_START.match(name)}
+    return _server_for(frozenset(read.items()))
+
+
+def _read(descriptor: int) -> bytes:
+    with open(descriptor, "rb") as file:
+        return file.read()
+
+
+def _write(descriptor: int, content: bytes) -> None:
+    try:
+        with open(descriptor, "wb", buffering=0) as file:
+            file.write(content)
+    except BrokenPipeError:  # the command does not read it all
+        pass
 
 
 def error_line(done: subprocess.CompletedProcess[str]) -> str:

@@ -3,6 +3,7 @@
 
 #include <chrono>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 
@@ -133,6 +134,26 @@ void bind_source(py::module_& m) {
            })
       .def("stop", &stop)
       .def("read", &read, py::arg("timeout_ms"))
+      .def(
+          "seek",
+          [](Source& self, std::int64_t index) {
+            self.with([&](const auto& source) {
+              const py::gil_scoped_release nogil;
+              source->seek(index);
+            });
+          },
+          py::arg("index"))
+      .def(
+          "read_at",
+          [](Source& self, std::int64_t index) {
+            RgbdFrame frame;
+            self.with([&](const auto& source) {
+              const py::gil_scoped_release nogil;
+              source->read_at(index, frame);
+            });
+            return frame_fields(std::move(frame));
+          },
+          py::arg("index"))
       .def("is_live", [](Source& self) { return self.shared()->capabilities().is_live; })
       .def("num_frames",
            [](Source& self) {
@@ -176,6 +197,10 @@ void bind_source(py::module_& m) {
 }
 
 void bind_recorder(py::module_& m) {
+  py::enum_<RecordingKind>(m, "RecordingKind")
+      .value("folder", RecordingKind::kFolder)
+      .value("mkv", RecordingKind::kMkv)
+      .value("tum", RecordingKind::kTum);
   py::class_<Recorder>(m, "RgbdRecorder")
       .def(
           "write",
@@ -201,15 +226,15 @@ void bind_recorder(py::module_& m) {
   m.def(
       "open_recorder",
       [](const py::bytes& path, const py::object& calibration, bool lossless_color,
-         int jpeg_quality, bool overwrite) {
-        const RecorderOptions options{lossless_color, jpeg_quality, overwrite};
+         int jpeg_quality, bool overwrite, std::optional<RecordingKind> kind) {
+        const RecorderOptions options{kind, lossless_color, jpeg_quality, overwrite};
         const SharedCalibration cameras = shared_calibration(calibration);
         const std::filesystem::path place = to_path(path, "path");
         const py::gil_scoped_release nogil;
         return std::make_unique<Recorder>(open_recorder(place, cameras, options));
       },
       py::arg("path"), py::arg("calibration"), py::arg("lossless_color"), py::arg("jpeg_quality"),
-      py::arg("overwrite"));
+      py::arg("overwrite"), py::arg("kind") = py::none());
 }
 
 }  // namespace

@@ -159,6 +159,7 @@ Fields to_fields(WatermarkFinding&& finding) {
   } else {
     fields["header"] = py::none();
   }
+  fields["key"] = finding.key ? py::object(to_bytes(*finding.key)) : py::none();
   std::vector<int> tiles;
   for (const WatermarkTile tile : finding.tiles) tiles.push_back(static_cast<int>(tile));
   fields["tiles"] = py::cast(tiles);
@@ -260,6 +261,15 @@ void bind_watermark(py::module_& m) {
              });
            }),
            py::arg("key"))
+      .def(
+          "add_older_key",
+          [](Verifier& self, Key& key, std::int64_t replaced_ns) {
+            key.with([&](const WatermarkKey& open) {
+              self.with(
+                  [&](WatermarkVerifier& verifier) { verifier.add_older_key(open, replaced_ns); });
+            });
+          },
+          py::arg("key"), py::arg("replaced_ns"))
       .def("verify", &verify, py::arg("points").noconvert(), py::arg("intensity").noconvert(),
            py::arg("record"), py::arg("policy"), py::arg("num_dropped"), py::arg("now_ns"),
            py::arg("exact").noconvert() = py::none(), py::arg("picture").noconvert() = py::none())

@@ -407,9 +407,17 @@ int next(MkvReader* reader, MkvPacket* to) {
   return 0;
 }
 
-int seek_last(MkvReader* reader, int track) {
+int seek(MkvReader* reader, int track, int entry) {
   constexpr std::int64_t kEnd = std::numeric_limits<std::int64_t>::max();
-  return av_seek_frame(reader->format.get(), track, kEnd, AVSEEK_FLAG_BACKWARD);
+  AVFormatContext* format = reader->format.get();
+  AVStream* stream = format->streams[track];
+  // FFmpeg reads the index with the first seek, and the place of a packet is known from then on.
+  int code = av_seek_frame(format, track, kEnd, AVSEEK_FLAG_BACKWARD);
+  const int entries = avformat_index_get_entries_count(stream);
+  if (code < 0 || entry >= entries - 1) return code < 0 ? code : entries;
+  const AVIndexEntry* at = avformat_index_get_entry(stream, std::max(entry, 0));
+  code = av_seek_frame(format, track, at->timestamp, AVSEEK_FLAG_BACKWARD);
+  return code < 0 ? code : entries;
 }
 
 int open_decoder(MkvReader* reader, int track, MkvPixels pixels) {
@@ -466,7 +474,7 @@ const MkvCodec& ffmpeg_mkv_codec() {
                                       tag,
                                       duration_us,
                                       next,
-                                      seek_last,
+                                      seek,
                                       open_decoder,
                                       decode,
                                       close<MkvReader>};

@@ -575,7 +575,7 @@ TEST_F(Mkv, ALibraryThatDoesNotFitIsRefusedBeforeAnythingIsTouched) {
   const fs::path path = folder_ / "old.mkv";
   record(path, {}, 3);
   expect_refused(spoiled<[](MkvCodec& codec) { ++codec.version; }>, path,
-                 "the codec library has interface 2, expected 1 (install all of manip3d again)");
+                 "the codec library has interface 3, expected 2 (install all of manip3d again)");
   expect_refused(spoiled<[](MkvCodec& codec) { codec.size -= 8; }>, path, "the codec library has");
   expect_refused(
       spoiled<[](MkvCodec& codec) { codec.missing = [] { return "the muxer of Matroska"; }; }>,

@@ -297,6 +297,30 @@ TEST_F(AzureMkv, PairsImagesByTheirTimes) {
   EXPECT_EQ(source->calibration()->registration->color.width, 64);
 }
 
+TEST_F(AzureMkv, GoesToAFrameByItsIndex) {
+  std::vector<Block> blocks;
+  for (int i = 0; i < 9; ++i) {
+    const std::uint64_t time_us = 33'000U * static_cast<unsigned>(i);
+    if (i % 2 == 0) blocks.push_back({1, time_us, jpeg_});
+    blocks.push_back({2, time_us, i == 4 ? Bytes(100, '\0') : depth_block(kDepth, i)});
+  }
+  write(recording(blocks, kDepth, kColor));
+  const auto source = open_mkv(path_);
+  RgbdFrame frame;
+  for (const int index : {5, 2, 3, 8, 0}) {
+    source->read_at(index, frame);
+    EXPECT_EQ(frame.number, index);
+    EXPECT_EQ(frame.depth.front(), index);
+    EXPECT_EQ(frame.color.empty(), index % 2 != 0);
+  }
+  source->seek(7);
+  ASSERT_EQ(source->read(frame, 0ms), ReadStatus::kFrame);
+  EXPECT_EQ(frame.number, 7);
+  EXPECT_THROW(source->read_at(4, frame), FormatError);  // its image is too short
+  EXPECT_THROW(source->read_at(9, frame), InputError);
+  EXPECT_THROW(source->seek(-1), InputError);
+}
+
 TEST_F(AzureMkv, OffsetsOfTheClockNeverOverflow) {
   const std::uint64_t latest = std::uint64_t{1} << 62;  // microseconds: later than times go
   RgbdFrame frame;

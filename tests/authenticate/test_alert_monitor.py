@@ -22,6 +22,7 @@ from manip3d import Box, LidarFrame
 from manip3d.authenticate import (
     Alert,
     AlertMonitor,
+    AlertTally,
     AttackObservation,
     KeyFile,
     RiskParameters,
@@ -488,24 +489,58 @@ def test_the_page_shows_a_late_attack_and_lists_it_first(tmp_path: Path) -> None
 
 
 def test_a_long_drive_keeps_few_bytes_of_a_frame(tmp_path: Path) -> None:
-    """A brief alert without tiles takes 3.3 kB; with tiles and records in memory 9 kB were kept."""
-    frames, kept = 30, []
-    timeline = AlertTimeline("drive")
+    """Where its record ends in the file; kept alerts took 3.3 kB, with records in memory 9 kB."""
+    tally, timeline = AlertTally(), AlertTimeline("drive")
+    kept = []
     with KeyFile(key_file(tmp_path / "key")) as key:
         monitor = AlertMonitor(Watermarker(key), every_s=math.inf)
         sender = Watermarker(key)
-        sent = [sender.embed(grid_scan(40_000, seed=n)) for n in range(frames + 5)]
-        for number, each in enumerate(sent):
-            if number == 5:
+        scan = grid_scan(2000)
+        for number in range(201):
+            if number == 20:
                 tracemalloc.start()
-            alert = monitor.judge(each.frame, record=each.record, speed_mps=1.0)
+            sent = sender.embed(scan)
+            alert = monitor.judge(sent.frame, record=sent.record, speed_mps=1.0)
+            assert not alert.brief().watermark.tiles  # type: ignore[union-attr]
             timeline.add(alert)
-            kept.append(alert.brief())
+            tally.add(alert)
             del alert
-        size = tracemalloc.get_traced_memory()[0] / frames
+            if number in (100, 200):
+                kept.append(tracemalloc.get_traced_memory()[0])
         tracemalloc.stop()
-    assert size < 4500
-    assert all(not alert.watermark.tiles for alert in kept if alert.watermark is not None)
+    assert tally.verdict()[0] == "authentic"
+    assert kept[1] - kept[0] < 100 * 300  # bytes; the risk looks back at most 720 frames
+
+
+def test_the_page_of_a_long_quiet_drive_is_short(tmp_path: Path) -> None:
+    timeline, monitor = AlertTimeline("drive"), AlertMonitor()
+    sizes = []
+    for count in (1, 2000):
+        for _ in range(count):
+            timeline.add(monitor.skip("too late"))
+        page = tmp_path / "page.html"
+        timeline.write(page, verdict="undecidable", reason="late", counts=monitor.counts)
+        sizes.append(len(page.read_text().split("Frames to look at")[0]))
+    assert sizes[1] < sizes[0] + 100
+    assert "frame 0 to 2000" in page.read_text()
+
+
+def test_a_tally_says_what_all_alerts_together_say(tmp_path: Path) -> None:
+    with KeyFile(key_file(tmp_path / "key")) as key:
+        sender, monitor = Watermarker(key), AlertMonitor(Watermarker(key), every_s=math.inf)
+        sent = [sender.embed(grid_scan(2000, seed=n), is_end=n == 3) for n in range(4)]
+        alerts = [monitor.judge(s.frame, record=s.record, speed_mps=1.0) for s in (*sent, sent[1])]
+    expected = ["undecidable", "undecidable", "undecidable", "authentic", "tampered"]
+    reasons = ["end are missing"] * 3 + ["(4 frames)", "seen before"]
+    tally = AlertTally()
+    with pytest.raises(InputError, match="at least one"):
+        tally.verdict()
+    for count, alert in enumerate(alerts, 1):
+        tally.add(alert.brief())
+        assert tally.verdict(whole=True) == verdict_of_alerts(alerts[:count], whole=True)
+        assert tally.verdict(whole=True)[0] == expected[count - 1]
+        assert reasons[count - 1] in tally.verdict(whole=True)[1]
+    assert tally.num_frames == 5
 
 
 def test_bad_input_is_named() -> None:

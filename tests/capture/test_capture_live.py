@@ -18,15 +18,17 @@ from velodyne_packets import LOWER, block, hdl64e_calibration, packet
 PACKETS_PER_SECOND = 3500  # an HDL-64E
 
 
-def column_packet(index: int) -> bytes:
-    """Six columns of an HDL-64E; the first range holds the packet's number."""
-    blocks = []
-    for column in range(6):
-        azimuth = (6 * index + column) * 18
-        number = 1000 + index % 60000 if column == 0 else 500
-        blocks.append(block(azimuth, [number] + [2000] * 31))
-        blocks.append(block(azimuth, [3000] * 32, flag=LOWER))
-    return packet(blocks, mode=0, product=0)
+def turn_packets(count: int) -> bytes:
+    """Packets of an HDL-64E, six columns each; the first range holds the packet's number."""
+    blocks = [block(0, [500] + [2000] * 31), block(0, [3000] * 32, flag=LOWER)] * 6
+    one = np.frombuffer(packet(blocks, mode=0, product=0), np.uint8)
+    packets = np.tile(one, (count, 1))
+    columns = packets[:, :1200].reshape(count, 6, 2, 100)
+    azimuth = (np.arange(6 * count).reshape(count, 6) * 18 % 36000).astype("<u2")
+    columns[..., 2:4] = azimuth[..., None].view(np.uint8)[:, :, None]
+    number = (1000 + np.arange(count) % 60000).astype("<u2")
+    columns[:, 0, 0, 4:6] = number[:, None].view(np.uint8)
+    return packets.tobytes()
 
 
 # Sends what stdin holds, packet by packet, at a steady rate, from a process of its own.
@@ -47,7 +49,7 @@ SENDER = textwrap.dedent(
 
 def test_nothing_is_lost_at_the_rate_of_an_hdl64e() -> None:
     num_packets = 2 * PACKETS_PER_SECOND
-    data = b"".join(column_packet(i) for i in range(num_packets))
+    data = turn_packets(num_packets)
     calibration = hdl64e_calibration(two_points=False)
     with capture.open("velodyne:0", calibration=calibration) as source:
         command = [sys.executable, "-c", SENDER, str(source.port), str(PACKETS_PER_SECOND)]
@@ -55,17 +57,16 @@ def test_nothing_is_lost_at_the_rate_of_an_hdl64e() -> None:
             assert sender.stdin is not None
             sender.stdin.write(data)
             sender.stdin.close()
-            frames = []
-            while source.counters["packets"] < num_packets:
-                frame = source.read(timeout=20.0)
-                if frame is None:
-                    break
-                frames.append(frame)
-                if len(frames) == num_packets * 6 * 18 // 36000:  # the last one stays open
-                    break
+            # The last turn stays open: who waited for it would wait for the whole timeout.
+            whole_turns = (num_packets * 6 * 18 - 1) // 36000
+            frames = [source.read(timeout=20.0) for _ in range(whole_turns)]
+            end = time.monotonic() + 20.0
+            while source.counters["udp_packets"] < num_packets and time.monotonic() < end:
+                time.sleep(0.01)
         source.stop()
         frames += list(source)
         counters = source.counters
+    assert None not in frames
     assert counters["udp_packets"] == counters["packets"] == num_packets
     assert counters["udp_dropped"] == counters["udp_dropped_kernel"] == 0
     assert counters["points"] == num_packets * 384 == sum(f.num_points for f in frames)

@@ -425,6 +425,31 @@ def test_what_was_judged_counts_though_it_cannot_be_shown(
     assert "ended after 1 frame: [Errno 28]" in json.loads(done.stdout)["reason"]
 
 
+def test_a_page_that_cannot_be_written_takes_no_verdict_away(
+    drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from manip3d.report import AlertTimeline
+
+    key, signed = key_file(tmp_path / "sensor.key"), tmp_path / "signed"
+    embedded(drive, key, signed)
+
+    def fail(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device", "alert.html")
+
+    monkeypatch.setattr(AlertTimeline, "write", fail)
+    page = tmp_path / "alert.html"
+    for code, verdict in ((1, "authentic"), (3, "tampered")):
+        done = in_process(signed, "--key", key, "-o", page, "--json")
+        told = json.loads(done.stdout)
+        assert told["verdict"] == verdict
+        assert len(told["frames"]) == 3
+        assert f"{page} was not written: [Errno 28]" in told["reason"]
+        assert done.exit_code == code, done.output
+        assert verdict in in_process(signed, "--key", key, "-o", page).stdout
+        forged(signed, 1)
+    assert not page.exists()
+
+
 def test_the_last_word_of_forensics_is_heard_though_the_drive_ends_in_an_error(
     drive: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -268,6 +268,21 @@ def test_low_coverage_is_exit_4_under_strict(frame: Path, tmp_path: Path) -> Non
     assert bad.returncode == 2
 
 
+def test_many_bridges_are_exit_4_under_strict(frame: Path, tmp_path: Path) -> None:
+    base = ("cs3", frame, "--points", "300", "--intrinsics", FOCAL, "--json", "--strict", "--force",
+            "--min-coverage", "0", "-o", tmp_path / "x.ply")  # fmt: skip
+    done = manip3d(*base, "--depth-step", "0")
+    record = json.loads(done.stdout)
+    assert done.returncode == 4
+    assert record["bridges_missed"]
+    assert record["bridges"] + record["left_area"] > 0.1
+    assert "gaps, more than 10 %" in done.stderr
+    assert f"{100 * record['left_area']:.2f} % of the area, stayed, as --depth-step" in done.stderr
+    done = manip3d(*base, "--depth-step", "0", "--max-bridges", "1")
+    assert done.returncode == (4 if json.loads(done.stdout)["target_missed"] else 0)
+    assert manip3d(*base, "--max-bridges", "-1").returncode == 2
+
+
 def test_a_folder_becomes_a_folder_and_goes_on_where_it_stopped(
     frames: Path, tmp_path: Path
 ) -> None:

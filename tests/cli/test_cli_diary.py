@@ -241,3 +241,58 @@ def test_fhir_is_of_one_participant(path: str, tmp_path: Path) -> None:
 def test_a_diary_that_is_not_there_is_not_made_by_reading(tmp_path: Path) -> None:
     assert run("list", str(tmp_path / "none")).exit_code == 1
     assert not (tmp_path / "none").exists()
+
+
+def test_texts_of_an_older_diary_cannot_steer_a_terminal_and_can_be_exported(
+    path: str, tmp_path: Path
+) -> None:
+    """Earlier versions took bytes that are no text, and control characters."""
+    ran("rate", path, "P01", "--event", "caf?")
+    ran("rate", path, "P01", "--event", "&31mred")
+    with contextlib.closing(sqlite3.connect(path)) as raw:
+        for row, payload in raw.execute("SELECT id, payload FROM events").fetchall():
+            fields = json.loads(payload)
+            fields["text"] = {"caf?": "caf\udce9", "&31mred": "\x1b[31mred\x07"}[fields["text"]]
+            raw.execute(
+                "UPDATE events SET payload = ? WHERE id = ?", (json.dumps(fields).encode(), row)
+            )
+        raw.commit()
+    shown = ran("show", path, "P01")
+    assert "\x1b" not in shown
+    assert "\x07" not in shown
+    assert r"other \x1b[31mred\x07" in shown
+    assert r"other caf\xe9" in shown
+    ran("export", path, "-o", str(tmp_path / "tables"))
+    assert r"caf\xe9" in (tmp_path / "tables" / "events.csv").read_text("utf-8")
+    for name in ("P01.html", "P01.json"):
+        ran("export", path, "-o", str(tmp_path / name), "--participant", "P01")
+    page = (tmp_path / "P01.html").read_text("utf-8")
+    assert r"caf\xe9" in page
+    assert "\x1b" not in page
+    bundle = json.loads((tmp_path / "P01.json").read_text("utf-8"))
+    told = {e["resource"].get("event", {}).get("text") for e in bundle["entry"]}
+    assert {r"caf\xe9", r"\x1b[31mred\x07"} <= told
+    ran("export", path, "-o", str(tmp_path / "pages"), "--pages")
+
+
+def test_bytes_that_are_no_text_are_refused(path: str) -> None:
+    for text in ("caf\udce9", "\x1b[31mred"):
+        done = run("rate", path, "P01", "--event", text)
+        assert done.exit_code == 1
+        assert "text: expected a text without control characters" in str(done.exception)
+    assert json.loads(ran("show", path, "P01", "--json"))["events"] == []
+
+
+def test_a_changed_audit_is_shown_and_then_named(path: str) -> None:
+    ran("rate", path, "P01", "--pain", "6")
+    assert json.loads(ran("check", path, "--json")) == {"diary": path, "participants": 1}
+    line = ran("audit", path).splitlines()[-1]
+    assert datetime.fromisoformat(" ".join(line.split()[:2])).tzinfo is not None
+    with contextlib.closing(sqlite3.connect(path)) as raw:
+        raw.execute("UPDATE audit SET action = 'consent' WHERE number = 2")
+        raw.commit()
+    done = run("audit", path)
+    assert done.exit_code == 1
+    assert "consent" in done.stdout
+    assert "the audit is damaged: row 2 is not what was written" in str(done.exception)
+    assert run("check", path).exit_code == 1

@@ -43,6 +43,24 @@ def test_a_folder_of_pictures(tmp_path: Path) -> None:
     assert len(list(output.iterdir())) == 1
 
 
+def test_a_folder_of_images_gets_its_camera_and_a_word_about_joints(tmp_path: Path) -> None:
+    """Images that another program wrote: no camera, no skeleton."""
+    (tmp_path / "walk" / "depth").mkdir(parents=True)
+    for i in range(2):
+        depth = np.full((48, 64), 10_000, np.uint16)
+        Image.fromarray(depth).save(tmp_path / "walk" / "depth" / f"{i}.png")
+    words = ("phantom", "render", tmp_path / "walk", "-o", tmp_path / "out")
+    assert "expected the camera of its images" in str(run(*words).exception)
+    camera = ("--intrinsics", "60,60,31.5,23.5", "--units-per-metre", "5000")
+    done = run(*words, *camera)
+    assert done.exit_code == 0, done.output
+    assert "2 frames, right arm; no frame of the source has a skeleton" in done.stderr
+    assert "--pose finds the joints in colour images" in done.stderr
+    assert "not in view" not in done.stderr  # nobody was looked for
+    picture = np.asarray(Image.open(tmp_path / "out" / "000001.png"))
+    assert picture.shape == (48, 3 * 64, 3)
+
+
 def test_other_folders_are_not_replaced(tmp_path: Path) -> None:
     (tmp_path / "letters").mkdir()
     (tmp_path / "letters" / "dear.txt").write_text("keep me")

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from command_line import manip3d
 from manip3d import LidarFrame, capture
 from manip3d.datasets import open_kitti
 from manip3d.io import read_scan
@@ -17,8 +16,7 @@ from velodyne_packets import block, ethernet, packet, pcap, udp_frame
 
 
 def run(*arguments: object, code: int = 0) -> str:
-    command = [sys.executable, "-m", "manip3d", *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = manip3d(*map(str, arguments))
     assert done.returncode == code, done.stderr
     return done.stdout if code == 0 else done.stderr
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
-import sys
 import weakref
 from collections.abc import Iterator
 from dataclasses import replace
@@ -15,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import command_line
 from capsule_body import SMALL, frame, pose
 from manip3d import InputError, RgbdCalibration, RgbdFrame, authenticate, capture, forge
 from manip3d.cli import forge as cli_forge
@@ -24,13 +23,7 @@ from manip3d.cli.terminal import Terminal
 
 
 def manip3d(*arguments: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "manip3d", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        env={**os.environ, "COLUMNS": "200"},
-        timeout=120,
-    )
+    return command_line.manip3d(*map(str, arguments), COLUMNS="200")
 
 
 @pytest.fixture

@@ -13,6 +13,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 import manip3d
+from manip3d.authenticate import KeyFile
 from manip3d.cli import app
 
 RANDOM = np.random.default_rng(0)
@@ -419,3 +420,28 @@ def test_wrong_sources(key: Path, tmp_path: Path) -> None:
     assert run("verify", tmp_path / "nothing.bin", "--key", key).exit_code == 1
     (tmp_path / "text.txt").write_text("a")
     assert run("embed", tmp_path / "text.txt", "--key", key, "-o", "x.bin").exit_code == 1
+
+
+def test_a_drive_of_a_key_that_was_replaced(drive: Path, tmp_path: Path) -> None:
+    """Also by a folder of keys; ``alert run`` takes the same."""
+    (drive / "velodyne_points" / "timestamps.txt").unlink()  # the records bear the clock's time
+    ring = tmp_path / "ring"
+    ring.mkdir()
+    old, new = ring / "old.key", ring / "new.key"
+    before, after = tmp_path / "before", tmp_path / "after"
+    assert run("keygen", old, "-q").exit_code == 0
+    assert run("embed", drive, "--key", old, "-q", "-o", before).exit_code == 0
+    assert run("keygen", new, "-q").exit_code == 0
+    assert run("embed", drive, "--key", old, "-q", "-o", after).exit_code == 0
+    for keys in ((new, "--key", old), (ring,)):
+        code, told = verify(before, *keys)
+        assert code == 0
+        frames = told["frames"]
+        assert isinstance(frames, list)
+        assert {frame["key_id"] for frame in frames} == {KeyFile(old).key_id}
+        code, told = verify(after, *keys)
+        assert code == 4
+        assert "had been replaced" in str(told["reason"])
+    for key, code in ((ring, 0), (new, 4)):
+        watched = CliRunner().invoke(app, ["alert", "run", str(before), "--key", str(key)])
+        assert watched.exit_code == code, watched.output

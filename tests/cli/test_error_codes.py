@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from command_line import manip3d
 from manip3d import errors
 
 
 def run(*words: str) -> tuple[int, dict[str, Any]]:
     """The exit code and the error on stdout."""
-    done = subprocess.run(
-        [sys.executable, "-m", "manip3d", *words], capture_output=True, text=True, check=False
-    )
+    done = manip3d(*words)
     assert done.stderr.startswith("manip3d: error: ")
     return done.returncode, json.loads(done.stdout)["error"]
 
@@ -45,8 +42,7 @@ def test_a_file_that_is_not_there_is_a_file_error(tmp_path: Path) -> None:
 
 
 def test_stdout_stays_empty_without_json(tmp_path: Path) -> None:
-    words = [sys.executable, "-m", "manip3d", "info", str(tmp_path / "nothing.obj")]
-    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    done = manip3d("info", tmp_path / "nothing.obj")
     assert (done.returncode, done.stdout) == (1, "")
 
 

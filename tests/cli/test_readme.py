@@ -21,6 +21,7 @@ import manip3d
 from cave_scans import CAVE, ball
 from manip3d._util.extras import EXTRAS
 from manip3d.cli import _VERBS, app, load
+from manip3d.experiments import _simplification
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text()
@@ -136,6 +137,8 @@ def check(line: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(place)
     monkeypatch.setenv("MANIP3D_DATA", str(place))
     monkeypatch.delenv("DISPLAY", raising=False)
+    (small,) = [(model, 8000) for model, _ in _simplification.SIMULATED if model.mesh == "rocker"]
+    monkeypatch.setattr(_simplification, "SIMULATED", (small,))
     words = shortened(line)
     if any(" ".join(words).startswith(name) for name in NOT_RUN):
         command: click.Command = load(words.pop(0))
@@ -168,7 +171,7 @@ def make_sources(words: list[str], place: Path) -> None:
     if "patient.mkv" in sources and not (place / "patient.mkv").exists():
         manip3d.capture.record("sim:body?amputated=right-arm&frames=3", place / "patient.mkv")
     if "study.diary" in words or words[:2] in (["diary", "keygen"], ["diary", "form"]):
-        make_diary(place)
+        make_diary(words, place)
     if words[:2] == ["diary", "ask"]:
         from manip3d.diary import OWNERSHIP, write_questionnaire
 
@@ -196,23 +199,27 @@ def make_sources(words: list[str], place: Path) -> None:
     if sources == "play frames/":
         (place / "frames").mkdir(exist_ok=True)
         manip3d.Mesh(np.eye(3), [[0, 1, 2]]).write(place / "frames/0.glb")
+    if sources == "depth rgbd/depth/":
+        (place / "rgbd" / "depth").mkdir(parents=True)
+        Image.fromarray(depth_image()).save(place / "rgbd" / "depth" / "1.000.png")
+        Image.fromarray(depth_image()).save(place / "rgbd" / "depth" / "1.033.png")
+        poses = "1.001 0 0 0 0 0 0 1\n1.034 0.1 0 0 0 0 0 1\n"
+        (place / "rgbd" / "groundtruth.txt").write_text(poses)
     if sources == "report results" and not (place / "results").exists():
         line = "reproduce table-2.1 --scale quick --data simulated -q -o"
         results = str(place / "results")
         assert CliRunner().invoke(app, [*line.split(), results]).exit_code == 0
 
 
-def make_diary(place: Path) -> None:
-    """A study of one participant, and no key or questionnaire."""
-    from manip3d.diary import Diary
-
+def make_diary(words: list[str], place: Path) -> None:
+    """The study of README's own line that enrols somebody, and no key or questionnaire."""
     for name in ("study.diary", "study.key", "form.json", "mcgill.json"):
         (place / name).unlink(missing_ok=True)
-    with Diary(place / "study.diary", create=True) as diary:
-        diary.enrol("P01", limb="left_leg")
-        session = diary.start_session("P01")
-        diary.add_rating("P01", 5, session=session)
-        diary.add_mcgill("P01", [1] * 20, 2, occasion="baseline")
+    if words[:2] == ["diary", "enrol"]:
+        return
+    (line,) = (line for line in readme_lines() if line.startswith("manip3d diary enrol "))
+    enrol = [str(place / word) if word == "study.diary" else word for word in shortened(line)]
+    assert CliRunner().invoke(app, enrol).exit_code == 0
 
 
 def make_study(words: list[str], place: Path) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import os
 import random
+import select
 import signal
 import sys
 import time
@@ -35,8 +36,10 @@ def write_for_ever(path: Path, key: Path | None, first: int, out: int) -> None:
             os.write(out, b"%d\n" % number)
 
 
-def killed_child(path: Path, key: Path | None, first: int, seconds: float) -> list[int]:
-    """What a child acknowledged before its end."""
+def killed_child(
+    path: Path, key: Path | None, first: int, seconds: float | None = None
+) -> list[int]:
+    """What a child acknowledged before its end, which comes with the first game if not in time."""
     told, out = os.pipe()
     child = os.fork()
     if child == 0:
@@ -46,7 +49,10 @@ def killed_child(path: Path, key: Path | None, first: int, seconds: float) -> li
         finally:
             os._exit(1)
     os.close(out)
-    time.sleep(seconds)
+    if seconds is None:
+        select.select([told], [], [])
+    else:
+        time.sleep(seconds)
     os.kill(child, signal.SIGKILL)
     _, status = os.waitpid(child, 0)
     if not os.WIFSIGNALED(status):
@@ -59,11 +65,14 @@ def main(folder: Path, kills: int, seed: int, key: Path | None) -> None:
     chance = random.Random(seed)
     acknowledged: set[int] = set()
     idle = 0
+    started = time.monotonic()
+    killed_child(folder / "first.diary", key, 0)
+    longest = 4 * (time.monotonic() - started)  # most kills come after the first game
     for number in range(kills):
         # A new file now and then, so that kills fall into its making too.
         path = folder / f"{number // 10}.diary"
         acknowledged = set() if number % 10 == 0 else acknowledged
-        found = killed_child(path, key, 10_000 * number, chance.uniform(0.0, 0.25))
+        found = killed_child(path, key, 10_000 * number, chance.uniform(0.0, longest))
         idle += not found
         acknowledged |= set(found)
         with Diary(path, key=key, create=True) as diary:

@@ -8,6 +8,7 @@ import os
 import random
 import re
 import sqlite3
+import time
 from collections.abc import Iterator
 from datetime import date, datetime, timedelta, timezone
 from pathlib import Path
@@ -204,6 +205,10 @@ def test_refusals(diary: Diary) -> None:
         (lambda: diary.add_rating("P01", 1, when="soon"), "when: expected"),
         (lambda: diary.add_event("P01", "joy"), "kind: expected"),
         (lambda: diary.add_event("P01", "other", "x" * 2001), "text: expected at most 2000"),
+        (lambda: diary.add_event("P01", "other", "caf\udce9"), "text: expected a text without con"),
+        (lambda: diary.add_event("P01", "other", "\x1b[31mred"), r"without .* got '\\x1b\[31mred'"),
+        (lambda: diary.enrol("P03", limb="left\x07leg"), "limb: expected a text without control"),
+        (lambda: diary.add_game(session, game(name="pi\x00ano")), "game: expected a text without"),
         (lambda: diary.add_mcgill("P01", [1] * 20, 1, occasion="noon"), "occasion: expected"),
         (lambda: diary.delete("P9"), "'P9' is not enrolled"),
     ):
@@ -215,6 +220,158 @@ def test_refusals(diary: Diary) -> None:
     assert len(diary.questionnaires("P01")) == 1
     assert diary.sessions("P01")[0].ratings == ()
     diary.check()
+
+
+def test_a_text_may_have_lines_and_any_script(diary: Diary) -> None:
+    diary.enrol("P01")
+    diary.add_event("P01", "other", "first line\nsecond: Knöchel, 足首")
+    assert diary.events("P01")[0].text == "first line\nsecond: Knöchel, 足首"
+
+
+@pytest.mark.parametrize("name", [":memory:", "file:z.diary", "file:z.diary?mode=memory"])
+def test_a_name_is_always_one_of_a_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with Diary(name, create=True) as diary:
+        diary.enrol("P01")
+    assert (tmp_path / name).stat().st_size > 0
+    with Diary(name) as again:
+        assert [one.identifier for one in again.participants()] == ["P01"]
+
+
+@pytest.fixture
+def local_zone(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """This machine is in a zone six hours behind UTC."""
+    monkeypatch.setenv("TZ", "XST6")
+    time.tzset()
+    yield
+    monkeypatch.undo()
+    time.tzset()
+
+
+@pytest.mark.usefixtures("local_zone")
+def test_a_stop_of_another_time_zone_holds_for_the_day_here(diary: Diary) -> None:
+    """In Tokyo it is the third of March already, here the second."""
+    diary.enrol("P01")
+    tokyo = datetime(2026, 3, 3, 1, 0, tzinfo=timezone(timedelta(hours=9)))
+    diary.add_event("P01", "sickness", at=tokyo)
+    assert diary.halt_reason("P01", today=date(2026, 3, 2)).startswith("You feel sick.")
+    assert diary.halt_reason("P01", today=date(2026, 3, 3)) == ""
+
+
+def test_a_session_closed_without_a_rating_says_so(diary: Diary) -> None:
+    diary.enrol("P01")
+    first, second = (diary.start_session("P01", at=START) for _ in range(2))
+    diary.end_session(first, at=START, answered=False)
+    diary.end_session(second, at=START)
+    found = {one.number: one.answered for one in diary.sessions("P01")}
+    assert found == {first: False, second: True}
+
+
+# --- the audit ------------------------------------------------------------------------------------
+
+
+def test_the_audit_is_by_time_across_time_zones(
+    diary: Diary, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for zone in ("XST6", "XST-9", "XST0"):
+        monkeypatch.setenv("TZ", zone)
+        time.tzset()
+        diary.enrol(f"P{zone[3:]}")
+    monkeypatch.undo()
+    time.tzset()
+    assert [whose for _, _, whose in diary.audit()] == ["P6", "P-9", "P0"]
+
+
+CHANGES = {
+    "when": ("UPDATE audit SET at = '2026-01-01T00:00:00+00:00' WHERE number = 3", 3),
+    "what": ("UPDATE audit SET action = 'consent' WHERE number = 2", 2),
+    "whose": ("UPDATE audit SET participant = NULL WHERE number = 4", 4),
+    "a row less": ("DELETE FROM audit WHERE number = 5", 5),
+    "the last row less": ("DELETE FROM audit WHERE number = (SELECT max(number) FROM audit)", None),
+    "all gone": ("DELETE FROM audit", 1),
+    "erased": (
+        "UPDATE audit SET at = '', action = '', participant = NULL, salt = '' WHERE number = 2",
+        2,
+    ),
+    "a hash": ("UPDATE audit SET digest = replace(digest, 'a', 'b') WHERE number = 6", 6),
+    "order": (
+        "UPDATE audit SET number = CASE number WHEN 2 THEN -3 ELSE -2 END WHERE number IN (2, 3);"
+        "UPDATE audit SET number = -number WHERE number < 0",
+        2,
+    ),
+    "one more": (
+        "INSERT INTO audit SELECT max(number) + 1, at, action, participant, erased, salt, digest, "
+        "link FROM audit",
+        None,
+    ),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_the_first_changed_row_of_the_audit_is_named(diary: Diary, change: str) -> None:
+    fill(diary, "P01")
+    fill(diary, "P02")
+    diary.delete("P01")
+    fill(diary, "P03")
+    diary.delete("P03")
+    last = 23
+    diary.check_audit()
+    statement, row = CHANGES[change]
+    if change in ("when", "what", "whose", "erased"):  # rows 1 to 7 are of P01, and erased
+        number = row or 0
+        statement, row = (
+            statement.replace(f"number = {number}", f"number = {number + 7}"),
+            number + 7,
+        )
+    with contextlib.closing(sqlite3.connect(diary.path)) as raw:
+        assert raw.execute("SELECT max(number) FROM audit").fetchone() == (last,)
+        raw.executescript(statement)
+        raw.commit()
+    named = row or (last if "less" in change else last + 1)
+    with pytest.raises(FormatError, match=rf"the audit is damaged: row {named} "):
+        diary.check_audit()
+    with pytest.raises(FormatError, match="the audit is damaged"):
+        diary.check()
+
+
+def test_an_audit_without_rows_is_no_lost_one(diary: Diary) -> None:
+    diary.check()
+    with contextlib.closing(sqlite3.connect(diary.path)) as raw:
+        raw.execute("DELETE FROM meta WHERE name = 'audit head'")
+        raw.commit()
+    with pytest.raises(FormatError, match="the audit is damaged: row 1 "):
+        diary.check()
+
+
+def test_the_chain_of_an_encrypted_audit_cannot_be_made_anew(tmp_path: Path) -> None:
+    """Its key does not stand in the file as it is, nor is it the same for two diaries."""
+    make_key(tmp_path / "a.key")
+    keys = set()
+    for name in ("one", "two"):
+        with Diary(tmp_path / name, key=tmp_path / "a.key", create=True) as diary:
+            diary.enrol("P01")
+            assert diary._chain_key not in files_beside(diary.path)
+            keys.add(diary._chain_key)
+    assert len(keys) == 2
+
+
+def test_a_damaged_page_is_found_before_anything_is_written(tmp_path: Path) -> None:
+    path = tmp_path / "d"
+    with Diary(path, create=True) as diary:
+        session = fill(diary)
+        for number in range(200):
+            diary.add_game(session, game(number))
+    with contextlib.closing(sqlite3.connect(path)) as raw:
+        raw.execute("PRAGMA journal_mode = DELETE")
+        (page,) = raw.execute("SELECT rootpage FROM sqlite_master WHERE name = 'games'").fetchone()
+    content = bytearray(path.read_bytes())
+    content[4096 * (page - 1) + 8 : 4096 * (page - 1) + 40] = b"\xff" * 32
+    path.write_bytes(content)
+    with pytest.raises(FormatError, match="damaged"):
+        Diary(path)
+    assert path.read_bytes() == content
 
 
 # --- keys -----------------------------------------------------------------------------------------
@@ -275,11 +432,11 @@ def files_beside(path: Path) -> bytes:
 
 
 def payloads(path: Path) -> list[bytes]:
-    """All blobs of the file, as they stand there."""
+    """All blobs of the file, as they stand there, without the last hash of the audit."""
     found: list[bytes] = []
     with contextlib.closing(sqlite3.connect(path)) as raw:
         for (name,) in raw.execute(
-            "SELECT name FROM sqlite_master WHERE type = 'table'"
+            "SELECT name FROM sqlite_master WHERE type = 'table' AND name != 'meta'"
         ).fetchall():
             for row in raw.execute(f"SELECT * FROM {name}").fetchall():
                 found += [value for value in row if isinstance(value, bytes) and len(value) > 13]
@@ -451,6 +608,7 @@ def test_an_older_file_becomes_one_of_today(tmp_path: Path, key: Path | None, ve
     with contextlib.closing(sqlite3.connect(path)) as raw:  # back to what that version knew
         for name in ("anomalies", "ratings", "questionnaires", "events") if version < 2 else ():
             raw.execute(f"DROP TABLE {name}")
+        put_back_old_audit(raw)
         for (name,) in raw.execute(
             "SELECT name FROM sqlite_master WHERE type = 'index' AND sql IS NOT NULL"
         ).fetchall():
@@ -478,6 +636,9 @@ def test_an_older_file_becomes_one_of_today(tmp_path: Path, key: Path | None, ve
         assert again.sessions("P01")[0].games == (game(anomalies=(), **told),)
         again.add_rating("P01", 5)
         again.check()
+        assert [row[1:] for row in again.audit()] == [
+            ("enrol", "P01"), ("session", "P01"), ("rating", "P01")
+        ]  # fmt: skip
         study = again.study
     assert re.fullmatch("[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}", study)
     with Diary(path, key=key) as once_more:
@@ -494,7 +655,9 @@ def test_a_wrong_key_changes_nothing_in_an_older_file(tmp_path: Path) -> None:
     with Diary(path, key=tmp_path / "a.key", create=True):
         pass
     with contextlib.closing(sqlite3.connect(path)) as raw:
-        raw.execute("DELETE FROM meta WHERE name = 'study'")
+        raw.execute("DELETE FROM meta WHERE name != 'check'")
+        raw.execute("DROP TABLE audit")
+        raw.execute(schema.MIGRATIONS[0][-1])
         raw.execute("PRAGMA user_version = 5")
         raw.commit()
     with pytest.raises(FormatError, match="this key does not open it"):
@@ -519,6 +682,21 @@ def test_a_study_without_its_name_is_damaged(tmp_path: Path) -> None:
         with pytest.raises(FormatError, match=message):
             Diary(path)
         path.unlink()
+
+
+def put_back_old_audit(raw: sqlite3.Connection) -> None:
+    """Before version 7 the audit had no hashes; the rows stand in no order."""
+    (whose,) = raw.execute("SELECT id FROM participants").fetchone()
+    raw.execute("DROP TABLE audit")
+    raw.execute(schema.MIGRATIONS[0][-1])
+    raw.executemany(
+        "INSERT INTO audit VALUES (?, ?, ?, ?)",
+        [
+            (3, "2026-03-02T09:30:00-06:00", "session", whose),  # an hour later than ...
+            (5, "2026-03-02T15:30:00+01:00", "enrol", whose),
+        ],
+    )
+    raw.execute("DELETE FROM meta WHERE name LIKE 'audit%'")
 
 
 def shape(path: Path) -> set[tuple[str, ...]]:
@@ -565,7 +743,7 @@ def test_files_that_are_none(tmp_path: Path) -> None:
         pass
     with contextlib.closing(sqlite3.connect(tmp_path / "later")) as raw:
         raw.execute("PRAGMA user_version = 99")
-    with pytest.raises(FormatError, match="of version 6 at most, got 99"):
+    with pytest.raises(FormatError, match="of version 7 at most, got 99"):
         Diary(tmp_path / "later")
 
 

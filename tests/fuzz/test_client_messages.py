@@ -23,6 +23,7 @@ SEEDS = (
     '{"type":"pain","value":7,"page":4294967295,"number":12}',
     '{"type":"unwell","page":1,"number":1}',
     '{"type":"enough","page":2,"number":3}',
+    '{"type":"unanswered","page":2,"number":4}',
     '{"type":"screen"}',
     '{"type":"bad"}',
 )

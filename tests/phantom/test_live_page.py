@@ -425,8 +425,10 @@ def test_what_the_patient_says_is_said_on_purpose(chromium: None, tmp_path: Path
             said("stop")  # the play ends at once
             click("#well")
 
+            assert not is_seen("#unanswered")
             press(tab, "q")
             said("enough")
+            assert is_seen("#unanswered")
             assert text_of(tab, "#card").startswith("Session over\n")
             assert tab.evaluate("document.querySelector('#start').disabled")
             assert "How strong is the phantom pain now?" in text_of(tab, "#card")
@@ -441,6 +443,16 @@ def test_what_the_patient_says_is_said_on_purpose(chromium: None, tmp_path: Path
             said("again")
             rate(tab, 4)
             said("pain")
+            press(tab, "q")
+            said("enough")
+            click("#unanswered")  # of a patient who gives no last rating
+            said("unanswered")
+            assert "This session is over." in text_of(tab, "#card")
+            assert not is_seen("#unanswered")
+            click("#start")
+            said("again")
+            rate(tab, 4)
+            said("pain")
             click("#unwell")
             click("#sick")
             said("unwell")
@@ -449,9 +461,10 @@ def test_what_the_patient_says_is_said_on_purpose(chromium: None, tmp_path: Path
         stage.server.stop()
         recorder.end()
     with Diary(path) as diary:
-        first, second = diary.sessions("P01")
+        first, second, third = diary.sessions("P01")
         assert [rating.pain for rating in first.ratings] == [3, 2]
-        assert [rating.pain for rating in second.ratings] == [4]
+        assert [rating.pain for one in (second, third) for rating in one.ratings] == [4, 4]
+        assert [one.answered for one in (first, second, third)] == [True, False, True]
         assert [event.kind for event in diary.events("P01")] == ["sickness"]
     assert dict(stage.server.refused) == {}
 

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import os
+import signal
 import sqlite3
+import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, ClassVar
@@ -14,8 +18,8 @@ import pytest
 from typer.testing import CliRunner
 
 import capsule_body
-from manip3d import FormatError, InputError, phantom
-from manip3d.cli import app
+from manip3d import FormatError, InputError, capture, phantom
+from manip3d.cli import app, signals
 from manip3d.phantom import GameSummary, LiveReport, LiveSession
 from manip3d.phantom._anomalies import Anomaly
 from manip3d.phantom._log import SessionLog
@@ -117,6 +121,81 @@ def test_what_could_not_be_kept_is_told_at_the_end(
     assert [one.split(",")[0] for one in told] == ["pain 3", "pain 6", "game bubbles"]
     assert "7 points" in told[2]
     assert all("database is locked" in one for one in told)
+
+
+class Camera:
+    """A person who moves; gives no end."""
+
+    number = 0
+
+    def __enter__(self) -> Camera:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def start(self) -> None:
+        pass
+
+    def read(self, timeout: float) -> Any:
+        time.sleep(0.02)
+        self.number += 1
+        frame = capsule_body.painted(self.number % 40)
+        return replace(frame, time=self.number * 33_333_333, number=self.number)
+
+
+@pytest.mark.parametrize("second", [signal.SIGINT, signal.SIGTERM])
+def test_a_second_signal_at_the_end_cuts_the_waiting_and_not_the_report(
+    path: Path, monkeypatch: pytest.MonkeyPatch, second: signal.Signals
+) -> None:
+    """Another program holds the diary; whoever waits for the end presses Ctrl-C again."""
+    monkeypatch.setattr(capture, "open_rgbd", lambda *_, **__: Camera())
+    monkeypatch.setattr(_recorder, "_END_S", 60.0)
+    holder = contextlib.ExitStack()
+
+    def press() -> None:
+        # Only what is told after the start waits for the disk.
+        recorder = started[0]
+        recorder.pain(4)
+        recorder.event("a chair fell over")
+        time.sleep(0.3)
+        for number in (signal.SIGINT, second, signal.SIGINT):
+            os.kill(os.getpid(), number)
+            time.sleep(0.5)
+
+    started: list[DiaryRecorder] = []
+    start = DiaryRecorder.start
+
+    def note_start(recorder: DiaryRecorder, latency: Any = None) -> str:
+        told = start(recorder, latency)
+        holder.enter_context(locked(path))
+        started.append(recorder)
+        return told
+
+    def on_start(url: str, made: object) -> None:
+        threading.Thread(target=press, daemon=True).start()
+
+    monkeypatch.setattr(DiaryRecorder, "start", note_start)
+    before = [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)]
+    began = time.monotonic()
+    with holder, signals.ended_like_ctrl_c():
+        report = phantom.run_live(
+            "openni2:", affected="right_arm", diary=path, participant="P01", on_start=on_start
+        )
+    assert time.monotonic() - began < 30.0
+    assert [one.split(",")[0] for one in report.unkept] == ["pain 4", "adverse event"]
+    assert "a chair fell over: " in report.unkept[1]
+    assert [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)] == before
+
+
+def test_a_hurry_loses_nothing_that_a_working_disk_takes() -> None:
+    writer, hurry = OrderedWriter(), threading.Event()
+    done: list[int] = []
+    for number in range(3):
+        writer.add(f"entry {number}", lambda n=number: (time.sleep(0.05), done.append(n)))  # type: ignore[misc]
+    hurry.set()
+    assert writer.close(10.0, hurry) == []
+    assert done == [0, 1, 2]
 
 
 def test_films_are_dropped_where_consent_is_gone_but_never_the_game(path: Path) -> None:
@@ -269,7 +348,7 @@ def test_what_is_refused_leaves_nothing_open(
         def __init__(self, *_: object) -> None:
             ended.append("opened")
 
-        def end(self) -> list[str]:
+        def end(self, hurry: threading.Event) -> list[str]:
             ended.append("ended")
             return []
 

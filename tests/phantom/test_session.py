@@ -206,7 +206,7 @@ class Heard:
     def last_felt(self, limb: str) -> FeltLimb | None:
         return None
 
-    def close_session(self) -> None:
+    def close_session(self, *, answered: bool = True) -> None:
         self.told.append("closed")
 
     def open_session(self) -> None:

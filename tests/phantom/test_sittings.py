@@ -244,6 +244,34 @@ def test_the_closing_rating_cannot_be_left_out(sitting: Sitting) -> None:
         assert (first.pain_before, first.pain_after, second.games) == (3, 6, ())
 
 
+def test_a_therapist_closes_a_session_without_a_rating(sitting: Sitting) -> None:
+    """The stop rule still compares with the first rating of the sitting that was closed so."""
+    assert sitting.say("unanswered")["game"]["sitting"] == "open"  # nothing was asked yet
+    sitting.say("pain", value=3)
+    sitting.say("ready")
+    sitting.say("enough")
+    assert sitting.say("unanswered")["game"]["sitting"] == "over"
+    sitting.now += timedelta(minutes=5)
+    assert sitting.say("again")["game"]["sitting"] == "open"
+    status = sitting.say("ready")["game"]
+    assert (status["phase"], status["ask"]) == ("waiting", RATE_FIRST)
+    assert "rose from 3 to 6" in sitting.say("pain", value=6)["game"]["halt"]
+    with sitting.end() as diary:
+        first, second = diary.sessions("P01")
+        assert (first.answered, first.pain_after, second.answered) == (False, None, True)
+        assert first.ended == second.started - timedelta(minutes=5)
+        assert [event.kind for event in diary.events("P01")] == ["pain"]
+
+
+def test_a_rating_that_was_not_given_matters_on_its_day_only(sitting: Sitting) -> None:
+    sitting.say("pain", value=3)
+    sitting.say("enough")
+    sitting.say("unanswered")
+    sitting.now += timedelta(days=1)
+    assert sitting.say("pain", value=6)["game"]["halt"] == ""
+    assert sitting.say("ready")["game"]["phase"] == "playing"
+
+
 def test_midnight_within_a_sitting_ends_no_stop(sitting: Sitting) -> None:
     sitting.now = sitting.now.replace(hour=23, minute=50)
     sitting.say("pain", value=3)

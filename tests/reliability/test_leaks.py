@@ -7,6 +7,7 @@ import ctypes
 import gc
 import os
 import sys
+import time
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -23,9 +24,12 @@ sys.path.append(str(Path(__file__).parents[1] / "fuzz"))
 
 import hostile_files
 
-WARM_UP, CALLS = 100, 500
+CALLS, FEWEST_CALLS = 500, 25  # at night CALLS, else as many of them as take WINDOW_S
+WINDOW_S = 0.2  # of processor time
 MOST_PER_CALL = 512  # bytes
-ATTEMPTS = 4  # memory that grows for other reasons does not grow each time
+ATTEMPTS = 8  # memory that grows for other reasons does not grow each time
+
+Growth = Callable[[Callable[[], object]], float]
 
 
 class _MallocInfo(ctypes.Structure):
@@ -64,7 +68,7 @@ def memory() -> NDArray[np.float64]:
     return np.array([info.uordblks + info.hblkhd, pages * os.sysconf("SC_PAGESIZE")], float)
 
 
-def least_growth(call: Callable[[], object], calls: int = CALLS) -> float:
+def least_growth(call: Callable[[], object], calls: int) -> float:
     """Bytes that a call adds, in the best of some windows: a leak is in all of them."""
     least = np.full(2, np.inf)
     for _ in range(ATTEMPTS):
@@ -78,61 +82,48 @@ def least_growth(call: Callable[[], object], calls: int = CALLS) -> float:
 
 
 @pytest.fixture
+def growth(request: pytest.FixtureRequest) -> Growth:
+    """Give the bytes that a call adds once it has been made often enough to be warm."""
+    nightly = request.config.getoption("--hypothesis-profile") == "nightly"
+
+    def measure(call: Callable[[], object]) -> float:
+        call()  # the first one imports and fills caches
+        started = time.process_time()
+        call()
+        seconds = max(time.process_time() - started, 1e-6)
+        calls = CALLS if nightly else int(np.clip(WINDOW_S / seconds, FEWEST_CALLS, CALLS))
+        for _ in range(calls // 5):
+            call()
+        return least_growth(call, calls)
+
+    return measure
+
+
+@pytest.fixture
 def two_cores() -> None:
     if len(os.sched_getaffinity(0)) < 2:
         pytest.skip("needs two cores")
 
 
-def test_the_measure_sees_a_leak() -> None:
+@pytest.mark.parametrize("calls", [FEWEST_CALLS, CALLS])
+def test_the_measure_sees_a_leak(calls: int) -> None:
     kept: list[bytes] = []
-    assert least_growth(lambda: kept.append(bytes(2 * MOST_PER_CALL))) > MOST_PER_CALL
+    assert least_growth(lambda: kept.append(bytes(2 * MOST_PER_CALL)), calls) > MOST_PER_CALL
 
 
-def test_parallel_calls_do_not_leak(two_cores: None) -> None:
+def test_parallel_calls_do_not_leak(two_cores: None, growth: Growth) -> None:
     """Each call once made an arena of oneTBB of its own, of which 14 kB stayed."""
     call = lambda: simplify.dense_mesh(kernels.DEPTH, kernels.CAMERA, threads=2)  # noqa: E731
-    for _ in range(WARM_UP):
-        call()
-    assert least_growth(call) < MOST_PER_CALL
-
-
-few = kernels.scan[::10].copy()
-small = [simplify.CameraView(kernels.DEPTH[::4, ::4], kernels.CAMERA.resized(24, 18))] * 2
-
-LIGHT: dict[str, kernels.Kernel] = {
-    "authenticate.estimate_origin": lambda t: authenticate.estimate_origin(
-        few, known=(0, 0, 0), threads=t
-    ),
-    "authenticate.identify_sensor": lambda t: authenticate.identify_sensor(few, threads=t),
-    "simplify.cs3_cameras": lambda t: simplify.cs3_cameras(small, 30, threads=t),
-    "simplify.relief_cameras": lambda t: simplify.relief_cameras(small, 30, threads=t),
-}
-"""Smaller inputs, with which hundreds of calls take seconds and not minutes."""
-
-SLOW = {
-    "authenticate.estimate_lattice",
-    "authenticate.estimate_origin",
-    "authenticate.turn_consistency",
-}
-"""As slow with any input that it accepts: a tenth of the calls, except at night."""
+    assert growth(call) < MOST_PER_CALL
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", kernels.KERNELS)
-def test_no_kernel_leaks(name: str, two_cores: None, request: pytest.FixtureRequest) -> None:
-    nightly = request.config.getoption("--hypothesis-profile") == "nightly"
-    kernel = kernels.KERNELS[name] if nightly else LIGHT.get(name, kernels.KERNELS[name])
-    share = 10 if name in SLOW and not nightly else 1
-
-    def call() -> object:
-        return kernel(2)
-
-    for _ in range(WARM_UP // share):
-        call()
-    assert least_growth(call, CALLS // share) < MOST_PER_CALL
+def test_no_kernel_leaks(name: str, two_cores: None, growth: Growth) -> None:
+    assert growth(lambda: kernels.KERNELS[name](2)) < MOST_PER_CALL
 
 
-def test_a_monitor_keeps_nothing_of_its_frames(tmp_path: Path) -> None:
+def test_a_monitor_keeps_nothing_of_its_frames(tmp_path: Path, growth: Growth) -> None:
     """Watermark and cameras in every frame; only the risk remembers, so far back."""
     pytest.importorskip("cv2", reason="the extra 'alert' is not installed")
     scan = LidarFrame(grid_scan(1500))
@@ -153,9 +144,7 @@ def test_a_monitor_keeps_nothing_of_its_frames(tmp_path: Path) -> None:
             )
             assert alert.witnesses["watermark"].verdict == "authentic"
 
-        for _ in range(WARM_UP // 4):
-            judge()
-        assert least_growth(judge, CALLS // 10) < MOST_PER_CALL
+        assert growth(judge) < MOST_PER_CALL
         assert monitor.counts.skipped == {"forensics": monitor.counts.frames}
 
 
@@ -177,7 +166,7 @@ def test_a_bad_address_leaks_no_descriptor() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", sorted(hostile_files.KINDS.keys()))
-def test_no_reader_leaks(kind: str, tmp_path: Path) -> None:
+def test_no_reader_leaks(kind: str, tmp_path: Path, growth: Growth) -> None:
     """Neither of a whole file nor of a damaged one, which ends in an error; no file stays open."""
     for module in hostile_files.NEEDS.get(kind, ()):
         pytest.importorskip(module)
@@ -198,8 +187,7 @@ def test_no_reader_leaks(kind: str, tmp_path: Path) -> None:
                 warnings.simplefilter("ignore")
                 hostile_files.KINDS[kind].read(folder, name)
 
-    for _ in range(WARM_UP // 4):
-        read()
-    before = len(os.listdir("/proc/self/fd"))
-    assert least_growth(read, CALLS // 10) < MOST_PER_CALL
-    assert len(os.listdir("/proc/self/fd")) == before
+    read()
+    before = descriptors()
+    assert growth(read) < MOST_PER_CALL
+    assert descriptors() == before

@@ -176,3 +176,29 @@ def test_what_fills_its_share_to_the_byte_is_sent() -> None:
         make, most_points=40, allowance=400, guess=40, bytes_per_point=10, least_share=0.9
     )
     assert found == 40
+
+
+@pytest.mark.parametrize("method", ["relief", "cs3", "uniform", "poisson", "ssa"])
+def test_files_of_all_methods_use_their_share(method: simplify.DepthMethod, tmp_path: Path) -> None:
+    np.save(tmp_path / "d.npy", frames(4)[3])
+    for share in (20_000, 100_000):
+        options = DepthOptions(
+            None, method, intrinsics="110,110,59.5,44.5", unit="mm", bandwidth=share, rate=1
+        )
+        found = simplify.simplify_depth_file(tmp_path / "d.npy", tmp_path / "o.glb", options)
+        assert found.num_bytes is not None
+        assert 0.95 * share <= found.num_bytes <= share
+
+
+def test_a_method_that_has_no_more_points_is_not_asked_again() -> None:
+    asked = []
+
+    def make(points: int) -> tuple[int, int, int]:
+        asked.append(points)
+        return points, min(points - 1, 30), 10 * min(points - 1, 30)
+
+    found = fit_bytes(
+        make, most_points=1000, allowance=9000, guess=20, bytes_per_point=10, least_share=0.9
+    )
+    assert found == asked[1]
+    assert len(asked) == 3

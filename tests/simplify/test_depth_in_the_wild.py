@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from manip3d import InputError, Intrinsics, io, simplify
+from manip3d import FormatError, InputError, Intrinsics, _core, io, simplify
 from manip3d.batch import find_files
+from manip3d.simplify._depth_steps import across_gaps
 
 CAMERA = Intrinsics(160, 120, 130.0, 130.0, 79.5, 59.5)
 
@@ -68,6 +69,17 @@ def test_few_points_keep_a_mesh(points: int) -> None:
     cut = simplify.cut_depth_steps(found, depth)
     assert cut.num_faces > 0
     assert cut.coverage > 0.7 * found.coverage
+
+
+def test_few_points_are_not_spent_on_faces_across_steps() -> None:
+    depth = box_before_waves()
+    # Where such faces are made first and cut then: 0, 0.362 and 0.397.
+    for points, least in ((3, 0.12), (8, 0.39), (10, 0.48)):
+        found = simplify.relief(depth, CAMERA, points, depth_step=0.05)
+        cut = simplify.cut_depth_steps(found, depth)
+        assert cut.num_faces == found.num_faces > 0
+        assert cut.coverage > least
+        assert found.num_vertices == points
 
 
 def test_faces_between_box_and_wall_are_cut() -> None:
@@ -189,6 +201,22 @@ def test_each_image_is_of_one_frame(tmp_path: Path) -> None:
     }  # fmt: skip
 
 
+def test_what_lies_beside_the_images_does_not_count(tmp_path: Path) -> None:
+    for name in ("0001.jpg", "0002.JPG", ".DS_Store", "._0001.jpg", "notes.txt"):
+        (tmp_path / name).touch()
+    pairs = simplify.colors_of_frames(["a.png", "b.png"], tmp_path)
+    assert [Path(image).name for image in pairs.values()] == ["0001.jpg", "0002.JPG"]
+
+
+def test_a_part_of_the_frames_has_its_pictures_by_name(tmp_path: Path) -> None:
+    for i in range(12):
+        (tmp_path / f"{i}.jpg").touch()
+    pairs = simplify.colors_of_frames(["d/7.png", "d/3.png"], tmp_path)
+    assert pairs == {f"d/{i}.png": str(tmp_path / f"{i}.jpg") for i in (7, 3)}
+    with pytest.raises(InputError, match=r"expected 2 images in .*, found 12, not one of each"):
+        simplify.colors_of_frames(["d/7.png", "d/30.png"], tmp_path)
+
+
 def test_the_largest_number_is_no_measurement(tmp_path: Path) -> None:
     image = pytest.importorskip("PIL.Image")
     depth = waves()
@@ -271,6 +299,56 @@ def test_cameras_do_not_join_box_and_wall() -> None:
         simplify.relief_cameras(views, 300, depth_step=0.0)
 
 
+@pytest.mark.parametrize("max_edge", [0.3, 0.05])
+def test_a_limit_on_edges_leaves_the_seam_of_a_wall_whole(max_edge: float) -> None:
+    wall = np.full((120, 160), 2000, np.uint16)
+    pose = np.eye(4)
+    pose[0, 3] = 0.5
+    views = [simplify.CameraView(wall, CAMERA), simplify.CameraView(wall, CAMERA, pose=pose)]
+    joint = simplify.relief_cameras(views, 60, max_edge=max_edge)
+    assert joint.coverage > 0.999
+    sides = joint.vertices[joint.faces] - joint.vertices[np.roll(joint.faces, 1, axis=1)]
+    assert np.linalg.norm(sides, axis=2).max() > 0.5
+
+
+def test_a_limit_on_edges_keeps_box_and_wall_apart_at_the_seam() -> None:
+    pose = np.eye(4)
+    pose[0, 3] = 0.3
+    depth = box_before_waves()
+    views = [simplify.CameraView(depth, CAMERA), simplify.CameraView(depth, CAMERA, pose=pose)]
+    for max_edge, most in ((None, 1.0), (0.2, 0.0)):
+        joint = simplify.relief_cameras(views, 300, max_edge=max_edge)
+        z = joint.vertices[joint.faces, 2]
+        joins = (z.min(axis=1) < 0.75) & (z.max(axis=1) > 1.2)
+        assert joins.any() == (max_edge is None)
+        assert joins.mean() <= most
+        assert joint.coverage > 0.9
+
+
+@pytest.mark.parametrize("join", [simplify.cs3_cameras, simplify.relief_cameras])
+@pytest.mark.parametrize("max_edge", [-1.0, 0.0, float("nan")])
+def test_cameras_refuse_a_limit_that_is_none(
+    join: Callable[..., simplify.JointSimplification], max_edge: float
+) -> None:
+    with pytest.raises(InputError, match="max_edge: expected > 0"):
+        join([simplify.CameraView(waves(), CAMERA)], 50, max_edge=max_edge)
+
+
+def test_edges_that_pass_behind_something_join_no_gap() -> None:
+    depth = slope_behind_pole()
+    points, valid, _ = _core.unproject(depth, CAMERA, 1)
+    points, valid = points.reshape(120, 160, 3), valid.reshape(120, 160).view(np.bool_)
+    pixels = np.array([[20, 60], [140, 60], [140, 110], [80, 60]], np.int32)
+    faces = np.array([[0, 1, 2], [0, 3, 2]], np.int32)
+    assert across_gaps(faces, pixels, points, valid, 0.2).tolist() == [False, True]
+    assert across_gaps(faces, pixels, points, valid, 2.0).tolist() == [False, False]
+    valid[30:90, 70:90] = False  # the pole is not seen: 20 pixels of a slope may be 20 edges
+    points[30:90, 70:90] = np.nan
+    pixels[3, 0] = 60
+    assert across_gaps(faces, pixels, points, valid, 0.05).tolist() == [False, False]
+    assert across_gaps(faces, pixels, points, valid, 0.01).tolist() == [True, True]
+
+
 def test_three_points_are_a_triangle_of_one_camera() -> None:
     pose = np.eye(4)
     pose[0, 3] = 0.2
@@ -292,15 +370,72 @@ def test_cs3_takes_a_mask_and_a_depth_step() -> None:
         simplify.cs3(depth, CAMERA, 200, depth_step=-0.1)
 
 
-def test_cs3_says_that_faces_across_steps_stayed(tmp_path: Path) -> None:
+@pytest.mark.parametrize("method", ["cs3", "relief"])
+def test_faces_across_steps_that_stayed_are_counted(
+    method: simplify.DepthMethod, tmp_path: Path
+) -> None:
     np.save(tmp_path / "a.npy", box_before_waves())
     for step, max_edge in ((0.0, None), (0.05, None), (0.0, 0.2)):
         options = simplify.DepthOptions(
-            200, "cs3", intrinsics="130,130,79.5,59.5", unit="mm", depth_step=step,
+            200, method, intrinsics="130,130,79.5,59.5", unit="mm", depth_step=step,
             max_edge=max_edge,
         )  # fmt: skip
         result = simplify.simplify_depth_file(tmp_path / "a.npy", tmp_path / "a.ply", options)
-        assert (result.faces_left > 0) == (step == 0.0 and max_edge is None)
+        stayed = step == 0.0 and max_edge is None
+        assert (result.faces_left > 0) == stayed
+        assert (result.left_area > 0.3) == stayed
+        assert result.bridges_missed == stayed
+        assert (result.left_area == 0) != stayed
+
+
+def test_an_empty_mesh_is_not_blamed_on_what_was_not_asked_for(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.where(np.arange(24)[:, None] % 2, np.full((24, 48), 2000), 0)
+            .astype(np.uint16))  # fmt: skip
+    for step, max_edge, words in (
+        (0.0, None, "two by two; method"),
+        (0.05, None, "two by two without a depth step; method"),
+        (0.0, 0.1, "two by two without a longer edge than max_edge; method"),
+        (0.05, 0.1, "two by two without a longer edge than max_edge or a depth step; method"),
+    ):
+        options = simplify.DepthOptions(
+            20, intrinsics="40,40,23.5,11.5", unit="mm", depth_step=step, max_edge=max_edge
+        )
+        with pytest.raises(FormatError, match=words):
+            simplify.simplify_depth_file(tmp_path / "a.npy", tmp_path / "a.ply", options)
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("intrinsics", "tum"), ("unit", "mm"), ("depth_step", 0.1), ("depth_step", 0.0)],
+)
+def test_what_a_scan_cannot_follow_is_refused(
+    option: str, value: float | str, tmp_path: Path
+) -> None:
+    lines = ["ply", "format ascii 1.0", "obj_info num_cols 2", "obj_info num_rows 2",
+             "element vertex 4", *(f"property float {axis}" for axis in "xyz"),
+             "element range_grid 4", "property list uchar int vertex_indices", "end_header",
+             "0 0 0", "1 0 0", "0 1 0", "1 1 0", *(f"1 {i}" for i in range(4))]  # fmt: skip
+    (tmp_path / "scan.ply").write_text("\n".join(lines) + "\n")
+    options = simplify.DepthOptions(4)
+    assert simplify.simplify_depth_file(tmp_path / "scan.ply", tmp_path / "a.ply", options).faces
+    asked = replace(options, **{option: value})  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=f"{option}: expected with a depth image, got a scan"):
+        simplify.simplify_depth_file(tmp_path / "scan.ply", tmp_path / "b.ply", asked)
+
+
+def test_numbers_that_are_none_are_refused_by_name() -> None:
+    depth = waves()
+    with pytest.raises(InputError, match="outliers is a number, got 'x'"):
+        simplify.cs3(depth, CAMERA, 50, reading={"outliers": "x"})
+    with pytest.raises(InputError, match="target_points: expected >= 1, got 0"):
+        simplify.cs3(depth, CAMERA, 0)
+    with pytest.raises(InputError, match="num_vertices: expected a whole number, got '3'"):
+        simplify.relief(depth, CAMERA, 50).prefix("3")  # type: ignore[arg-type]
+    for step in (float("inf"), float("nan"), -1.0):
+        with pytest.raises(InputError, match="depth_step: expected >= 0 and finite"):
+            simplify.DepthOptions(50, depth_step=step)
+    with pytest.raises(InputError, match=r"max_bridges: expected 0 to 1, got 1\.5"):
+        simplify.DepthOptions(50, max_bridges=1.5)
 
 
 @pytest.mark.parametrize("move", [False, True])

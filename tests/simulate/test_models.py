@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from dataclasses import asdict
+from functools import cache
 
 import numpy as np
 import pytest
@@ -12,7 +13,11 @@ from manip3d import InputError, Mesh
 from manip3d.simulate import models
 from manip3d.simulate._surfaces import box, join, png, surface_of
 
-SMALL = {name: make(6_000) for name, make in models.MODELS.items()}
+
+@cache
+def small(name: str) -> Mesh:
+    """A model of about 6 000 faces."""
+    return models.MODELS[name](6_000)
 
 
 def volume(mesh: Mesh) -> float:
@@ -35,12 +40,12 @@ def test_size_is_about_what_was_asked_for(name: str, faces: int) -> None:
 def test_same_arguments_same_mesh(name: str) -> None:
     again = models.MODELS[name](6_000)
     for slot in Mesh.__slots__:
-        np.testing.assert_array_equal(getattr(again, slot), getattr(SMALL[name], slot))
+        np.testing.assert_array_equal(getattr(again, slot), getattr(small(name), slot))
 
 
 @pytest.mark.parametrize("name", models.MODELS)
 def test_faces_are_sound(name: str) -> None:
-    summary = SMALL[name].summary()
+    summary = small(name).summary()
     assert summary.degenerate_faces == summary.degenerate_faces_welded == 0
     assert summary.zero_area_faces == 0
     assert summary.unreferenced_vertices == 0
@@ -53,7 +58,7 @@ def test_too_small_is_refused(name: str) -> None:
 
 
 def test_rocker_is_closed_with_four_holes() -> None:
-    mesh = SMALL["rocker"]
+    mesh = small("rocker")
     summary = mesh.summary()
     assert summary.closed
     assert summary.non_manifold_edges == 0
@@ -65,7 +70,7 @@ def test_rocker_is_closed_with_four_holes() -> None:
 
 
 def test_head_is_closed_and_textured_with_seams() -> None:
-    mesh = SMALL["head"]
+    mesh = small("head")
     summary = mesh.summary()
     assert summary.closed
     assert summary.non_manifold_edges == 0
@@ -78,7 +83,7 @@ def test_head_is_closed_and_textured_with_seams() -> None:
 
 
 def test_car_is_unwelded_and_stored_twice() -> None:
-    summary = SMALL["car"].summary()
+    summary = small("car").summary()
     assert summary.duplicate_faces == 0
     assert summary.duplicate_faces_welded == summary.faces // 2
     assert summary.boundary_edges > 0
@@ -88,7 +93,7 @@ def test_car_is_unwelded_and_stored_twice() -> None:
 
 
 def test_lifeboat_is_non_manifold_with_boundaries() -> None:
-    summary = SMALL["lifeboat"].summary()
+    summary = small("lifeboat").summary()
     assert summary.non_manifold_edges > 100
     assert summary.boundary_edges > 100
     assert summary.complex_vertices > 10
@@ -96,7 +101,7 @@ def test_lifeboat_is_non_manifold_with_boundaries() -> None:
 
 
 def test_jet_is_open_textured_and_manifold() -> None:
-    summary = SMALL["jet"].summary()
+    summary = small("jet").summary()
     assert summary.non_manifold_edges == 0
     assert summary.boundary_edges > 0
     assert summary.faces_without_uv == 0
@@ -104,7 +109,7 @@ def test_jet_is_open_textured_and_manifold() -> None:
 
 
 def test_airplane_mixes_everything() -> None:
-    summary = SMALL["airplane"].summary()
+    summary = small("airplane").summary()
     assert summary.non_manifold_edges > 20
     assert summary.boundary_edges > 100
     assert 0 < summary.faces_without_uv < summary.faces
@@ -115,7 +120,7 @@ def test_airplane_mixes_everything() -> None:
 @pytest.mark.parametrize("name", ["airplane", "head", "jet"])
 def test_textures_are_png_files(name: str) -> None:
     image = pytest.importorskip("PIL.Image")
-    textures = [t for m in SMALL[name].materials for t in m.textures.values()]
+    textures = [t for m in small(name).materials for t in m.textures.values()]
     assert textures
     for texture in textures:
         with image.open(io.BytesIO(texture.data)) as picture:
@@ -173,5 +178,5 @@ def test_small_models_refuse_nothing_to_draw() -> None:
 
 
 def test_materials_are_described() -> None:
-    assert len({m.name for m in SMALL["airplane"].materials}) == 6
-    assert asdict(SMALL["car"].materials[1])["alpha_mode"] == "blend"
+    assert len({m.name for m in small("airplane").materials}) == 6
+    assert asdict(small("car").materials[1])["alpha_mode"] == "blend"

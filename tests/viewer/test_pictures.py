@@ -22,13 +22,16 @@ from manip3d.viewer.scene import boundary_edges, frame, rgb, srgb  # noqa: E402
 
 WHITE = (255, 255, 255)
 
-try:
-    renderer()
-except RenderError as error:
-    NO_PICTURES = str(error)
-else:
-    NO_PICTURES = ""
-draws = pytest.mark.skipif(bool(NO_PICTURES), reason=NO_PICTURES)
+draws = pytest.mark.usefixtures("needs_renderer")
+
+
+@pytest.fixture(scope="module")
+def needs_renderer() -> None:
+    """Skip where nothing can be drawn; to find that out takes seconds."""
+    try:
+        renderer()
+    except RenderError as error:
+        pytest.skip(str(error))
 
 
 def png(pixels: object) -> bytes:

@@ -313,8 +313,14 @@ WatermarkedScan WatermarkEmbedder::embed(const PointsView& points, const Waterma
 // --- Verification --------------------------------------------------------------------------------
 
 struct WatermarkVerifier::State {
-  SecretBytes root;
+  struct Root {
+    WatermarkId id;
+    SecretBytes secret;
+    std::int64_t until_ns;  // from then on it has signed nothing; 0: no such time
+  };
+  std::vector<Root> roots;  // the newest first; empty: closed
   SessionKeys keys;
+  std::size_t root_of_keys = 0;  // that the keys of the session were derived from
   SliceTable slices{36};
   LatticeSamples found;
   std::vector<std::uint16_t> slice_of;
@@ -325,17 +331,22 @@ struct WatermarkVerifier::State {
   // The chain.
   bool has_frame = false;
   bool had_end = false;
+  std::size_t root = 0;  // of the last frame
   WatermarkId session{};
   std::uint64_t frame = 0;
   WatermarkTag tag{};
   std::vector<WatermarkId> past;  // sessions before this one, the oldest first
 
+  void add(const WatermarkKey& key, std::int64_t until_ns);
+  void check_open() const;
+  bool find_key(std::span<const std::uint8_t> bytes);
   void find_place(const WatermarkRecord& record, WatermarkFinding& finding) const;
   void go_on(const WatermarkHeader& header, const WatermarkTag& frame_tag);
   void check_content(const PointsView& points, ExactView exact, std::span<const std::uint8_t> bytes,
                      const WatermarkRecord& record, std::uint32_t num_dropped,
                      WatermarkFinding& finding);
-  [[nodiscard]] WatermarkTag state_tag(std::span<const std::uint8_t> bytes) const;
+  [[nodiscard]] WatermarkTag state_tag(std::size_t number,
+                                       std::span<const std::uint8_t> bytes) const;
 };
 
 namespace {
@@ -395,6 +406,9 @@ void conclude(const WatermarkPolicy& policy, WatermarkFinding& finding) {
       say(WatermarkVerdict::kTampered,
           "carrier bits of " + std::to_string(bits) + total + " were changed");
     }
+  } else if (finding.is_of_older_key) {
+    say(WatermarkVerdict::kTampered,
+        "the frame was signed with a key that the stream had replaced");
   } else if (finding.order == WatermarkPlace::kReplay) {
     say(WatermarkVerdict::kTampered, "the frame was seen before, or comes after a later one");
   } else if (finding.order == WatermarkPlace::kGap) {
@@ -416,9 +430,55 @@ void conclude(const WatermarkPolicy& policy, WatermarkFinding& finding) {
 
 }  // namespace
 
+void WatermarkVerifier::State::add(const WatermarkKey& key, std::int64_t until_ns) {
+  const bool expires = key.expires_ns() != 0;
+  const bool expires_first = expires && (until_ns == 0 || key.expires_ns() < until_ns);
+  Root added{key.id(), SecretBytes(key.secret().size()),
+             expires_first ? key.expires_ns() : until_ns};
+  std::copy_n(key.secret().data(), key.secret().size(), added.secret.data());
+  roots.push_back(std::move(added));
+}
+
+void WatermarkVerifier::State::check_open() const {
+  if (roots.empty()) throw Error("the verifier is closed");
+}
+
+// Derives the keys of the session whose record these bytes are; false: no key made it.
+bool WatermarkVerifier::State::find_key(std::span<const std::uint8_t> bytes) {
+  // Only the two ids that choose the keys are read before the tag over the raw bytes holds.
+  WatermarkId of_sensor, of_session;
+  std::copy_n(bytes.data() + kSensorOffset, of_sensor.size(), of_sensor.begin());
+  std::copy_n(bytes.data() + kSessionOffset, of_session.size(), of_session.begin());
+  const auto body = bytes.first(bytes.size() - kRecordEnd);
+  WatermarkTag frame_tag;
+  std::copy_n(bytes.end() - 32, 32, frame_tag.begin());
+  const auto made_it = [&](std::size_t number) {
+    if (number != root_of_keys || !keys.is_for(of_sensor, of_session)) {
+      keys = SessionKeys(roots[number].secret, of_sensor, of_session);
+      root_of_keys = number;
+    }
+    const WatermarkTag own = tag_of_record(keys, "m3d-record", body, {frame_tag});
+    return equal_in_constant_time(own, bytes.subspan(body.size(), 32));
+  };
+  const std::size_t last = root_of_keys;  // first: its keys are derived already
+  if (made_it(last)) return true;
+  for (std::size_t number = 0; number < roots.size(); ++number) {
+    if (number != last && made_it(number)) return true;
+  }
+  return false;
+}
+
 WatermarkVerifier::WatermarkVerifier(const WatermarkKey& key) : state_(std::make_unique<State>()) {
-  state_->root = SecretBytes(key.secret().size());
-  std::copy_n(key.secret().data(), key.secret().size(), state_->root.data());
+  state_->add(key, 0);
+}
+
+void WatermarkVerifier::add_older_key(const WatermarkKey& key, std::int64_t replaced_ns) {
+  State& s = *state_;
+  s.check_open();
+  for (const State::Root& root : s.roots) {
+    if (root.id == key.id()) throw InputError("key: expected one that was not given before");
+  }
+  s.add(key, replaced_ns);
 }
 
 WatermarkVerifier::WatermarkVerifier(WatermarkVerifier&&) noexcept = default;
@@ -427,12 +487,13 @@ WatermarkVerifier::~WatermarkVerifier() = default;
 
 void WatermarkVerifier::close() {
   state_->keys.close();
-  state_->root = SecretBytes();
+  state_->roots.clear();
 }
 
 void WatermarkVerifier::reset() {
   State& s = *state_;
   s.has_frame = s.had_end = false;
+  s.root = 0;
   s.past.clear();
 }
 
@@ -442,7 +503,7 @@ WatermarkFinding WatermarkVerifier::verify(const PointsView& points,
                                            std::int64_t now_ns, ExactView exact,
                                            const std::optional<PictureView>& picture) {
   State& s = *state_;
-  if (s.root.size() == 0) throw Error("the verifier is closed");
+  s.check_open();
   WatermarkFinding finding;
   const auto unverifiable = [&](std::string why) {
     finding.reason = std::move(why);
@@ -460,16 +521,7 @@ WatermarkFinding WatermarkVerifier::verify(const PointsView& points,
       bytes.size() < WatermarkRecord::kFixedSize + kRecordEnd) {
     return unverifiable("the record has no possible length");
   }
-  // Only the two ids that choose the key are read before the tag over the raw bytes holds.
-  WatermarkId sensor, session;
-  std::copy_n(bytes.data() + kSensorOffset, sensor.size(), sensor.begin());
-  std::copy_n(bytes.data() + kSessionOffset, session.size(), session.begin());
-  if (!s.keys.is_for(sensor, session)) s.keys = SessionKeys(s.root, sensor, session);
-  const auto body = bytes.first(bytes.size() - kRecordEnd);
-  WatermarkTag frame_tag;
-  std::copy_n(bytes.end() - 32, 32, frame_tag.begin());
-  const WatermarkTag own = tag_of_record(s.keys, "m3d-record", body, {frame_tag});
-  if (!equal_in_constant_time(own, bytes.subspan(body.size(), 32))) {
+  if (!s.find_key(bytes)) {
     return unverifiable("the record is damaged or was made with another key");
   }
   WatermarkRecord record;
@@ -479,7 +531,12 @@ WatermarkFinding WatermarkVerifier::verify(const PointsView& points,
     return unverifiable("the record is of another version: " + error.reason());
   }
   if (std::string why = objection(policy, record.header); !why.empty()) return unverifiable(why);
+  const State::Root& root = s.roots[s.root_of_keys];
+  if (root.until_ns != 0 && record.header.time_ns >= root.until_ns) {
+    return unverifiable("the record states a time after its key had expired or had been replaced");
+  }
   finding.header = record.header;
+  finding.key = root.id;
   if ((record.header.carrier == kInPicture) != picture.has_value()) {
     return unverifiable(picture
                             ? "the record is not one that a picture carries"
@@ -499,7 +556,11 @@ WatermarkFinding WatermarkVerifier::verify(const PointsView& points,
   finding.freshness = freshness_of(policy, record.header, now_ns);
   conclude(policy, finding);
   // The record is genuine, whatever became of the points: its frame is never new again.
-  if (finding.order != WatermarkPlace::kReplay) s.go_on(record.header, frame_tag);
+  if (finding.order != WatermarkPlace::kReplay) {
+    WatermarkTag frame_tag;
+    std::copy_n(bytes.end() - 32, 32, frame_tag.begin());
+    s.go_on(record.header, frame_tag);
+  }
   return finding;
 }
 
@@ -567,9 +628,11 @@ void WatermarkVerifier::State::find_place(const WatermarkRecord& record,
                                           WatermarkFinding& finding) const {
   const WatermarkHeader& header = record.header;
   finding.order = WatermarkPlace::kUnknown;
-  if (holds(past, header.session)) {
+  // Keys only go forward: whoever holds an old one could begin sessions, and even name this one.
+  finding.is_of_older_key = has_frame && root_of_keys > root;
+  if (finding.is_of_older_key || holds(past, header.session)) {
     finding.order = WatermarkPlace::kReplay;
-  } else if (!has_frame || header.session != session) {
+  } else if (!has_frame || header.session != session || root_of_keys != root) {
     // A session may begin where nothing is known before it, or where the last one has ended.
     if (header.is_genesis && (!has_frame || had_end)) {
       finding.order = WatermarkPlace::kInOrder;
@@ -595,13 +658,15 @@ void WatermarkVerifier::State::go_on(const WatermarkHeader& header, const Waterm
   }
   has_frame = true;
   had_end = header.is_end;
+  root = root_of_keys;
   session = header.session;
   frame = header.frame;
   tag = frame_tag;
 }
 
-WatermarkTag WatermarkVerifier::State::state_tag(std::span<const std::uint8_t> bytes) const {
-  TagHash hash(root.span());
+WatermarkTag WatermarkVerifier::State::state_tag(std::size_t number,
+                                                 std::span<const std::uint8_t> bytes) const {
+  TagHash hash(roots[number].secret.span());
   hash.update("m3d-verifier-state");
   hash.update(bytes);
   return hash.finish();
@@ -609,7 +674,7 @@ WatermarkTag WatermarkVerifier::State::state_tag(std::span<const std::uint8_t> b
 
 std::vector<std::uint8_t> WatermarkVerifier::state() const {
   const State& s = *state_;
-  if (s.root.size() == 0) throw Error("the verifier is closed");
+  s.check_open();
   std::vector<std::uint8_t> bytes;
   bytes.reserve(98 + 16 * s.past.size());
   const auto put = [&](std::span<const std::uint8_t> more) {
@@ -623,20 +688,27 @@ std::vector<std::uint8_t> WatermarkVerifier::state() const {
   put(number);
   put(s.tag);
   for (const WatermarkId& session : s.past) put(session);
-  put(s.state_tag(bytes));
+  put(s.state_tag(s.root, bytes));
   return bytes;
 }
 
 void WatermarkVerifier::restore(std::span<const std::uint8_t> state) {
   State& s = *state_;
-  if (s.root.size() == 0) throw Error("the verifier is closed");
+  s.check_open();
   constexpr std::size_t kFixed = 8 + 2 + 16 + 8 + 32, kTag = 32;
   const bool possible = state.size() >= kFixed + kTag && (state.size() - kFixed - kTag) % 16 == 0 &&
                         state.size() <= kFixed + kTag + 16 * kMaxSessions;
-  if (!possible ||
-      !equal_in_constant_time(s.state_tag(state.first(state.size() - kTag)), state.last(kTag))) {
+  // The key that authenticates it is that of its last frame.
+  std::size_t number = 0;
+  const auto is_of = [&](std::size_t key) {
+    return equal_in_constant_time(s.state_tag(key, state.first(state.size() - kTag)),
+                                  state.last(kTag));
+  };
+  while (possible && number < s.roots.size() && !is_of(number)) ++number;
+  if (!possible || number == s.roots.size()) {
     throw FormatError::at_byte(0, "the state of a verifier is damaged or of another key");
   }
+  s.root = number;
   s.has_frame = state[8] != 0;
   s.had_end = state[9] != 0;
   std::copy_n(state.data() + 10, 16, s.session.begin());

@@ -1,6 +1,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
+#include <string>
 
 #include "capture/image_frames.hpp"
 #include "capture/rgbd_json.hpp"
@@ -49,6 +51,20 @@ bool is_inside(std::string_view path) {
          std::ranges::none_of(parts, [](const auto& part) { return part == ".."; });
 }
 
+/// Nanoseconds of seconds as they are written, where a double would round them: digits, and at most
+/// nine after a point.
+std::optional<std::int64_t> exact_ns(std::string_view seconds) {
+  const std::size_t point = std::min(seconds.find('.'), seconds.size());
+  std::string digits{seconds.substr(0, point)};
+  const std::string_view fraction = seconds.substr(std::min(point + 1, seconds.size()));
+  if (point > 10 || fraction.size() > 9) return std::nullopt;
+  digits += fraction;
+  digits.append(9 - fraction.size(), '0');
+  const auto is_digit = [](char c) { return c >= '0' && c <= '9'; };
+  if (!std::ranges::all_of(digits, is_digit)) return std::nullopt;
+  return std::stoll(digits);
+}
+
 }  // namespace
 
 void parse_frame_line(std::string_view text, std::int64_t line, const std::filesystem::path& folder,
@@ -89,6 +105,9 @@ std::vector<TimedFile> parse_tum_list(std::string_view text) {
     text.remove_prefix(end == std::string_view::npos ? text.size() : end + 1);
     if (words.at_end()) continue;
     constexpr double kMaxSeconds = 9e9;  // nanoseconds fit 64 bits
+    const char* start = words.position();
+    const std::string_view exact = words.word();
+    words.move_to(start);
     const double seconds = words.number("time");
     if (!(std::abs(seconds) <= kMaxSeconds)) {
       throw FormatError::at_line(line, "time: expected seconds up to 9e9");
@@ -97,7 +116,7 @@ std::vector<TimedFile> parse_tum_list(std::string_view text) {
     if (!is_inside(name)) {
       throw FormatError::at_line(line, "file: expected a name inside the sequence's folder");
     }
-    files.push_back({std::llround(seconds * 1e9), std::string(name)});
+    files.push_back({exact_ns(exact).value_or(std::llround(seconds * 1e9)), std::string(name)});
   }
   std::ranges::sort(files, {}, [](const TimedFile& file) {
     return std::pair<std::int64_t, std::string_view>(file.time_ns, file.name);

@@ -70,39 +70,68 @@ std::pair<std::int64_t, bool> count_lines(const fs::path& path) {
 class RecordedFrames {
  public:
   RecordedFrames(fs::path folder, std::int64_t num_lines)
-      : folder_(std::move(folder)),
-        path_(folder_ / "frames.jsonl"),
-        source_(file_source(path_)),
-        buffer_(*source_),
-        lines_left_(num_lines) {}
+      : folder_(std::move(folder)), path_(folder_ / "frames.jsonl"), num_lines_(num_lines) {
+    rewind();
+  }
 
   bool next(FrameFiles& files) {
-    if (lines_left_ == 0) return false;
-    --lines_left_;
+    if (line_ == num_lines_) return false;
+    ++line_;
     try {
       std::string_view text;
-      if (!buffer_.next_line(text)) return false;
-      parse_frame_line(text, buffer_.line(), folder_, files);
+      if (!buffer_->next_line(text)) return false;
+      parse_frame_line(text, buffer_->line(), folder_, files);
     } catch (const FormatError& error) {
       throw error.in_file(path_.string());
     }
     return true;
   }
 
+  void seek(std::int64_t index) {
+    if (index < line_) rewind();
+    std::string_view text;
+    while (line_ < std::min(index, num_lines_) && buffer_->next_line(text)) ++line_;
+  }
+
  private:
+  void rewind() {
+    line_ = 0;
+    buffer_.reset();
+    source_ = file_source(path_);
+    buffer_.emplace(*source_);
+  }
+
   fs::path folder_, path_;
   std::unique_ptr<ByteSource> source_;
-  InputBuffer buffer_;
-  std::int64_t lines_left_;
+  std::optional<InputBuffer> buffer_;
+  std::int64_t num_lines_, line_ = 0;
 };
 
 ImageFrames::Listing recorded_frames(const fs::path& folder) {
   const auto [num_lines, is_cut] = count_lines(folder / "frames.jsonl");
   const auto frames = std::make_shared<RecordedFrames>(folder, num_lines);
   return {[frames](FrameFiles& files) { return frames->next(files); },
+          [frames](std::int64_t index) { frames->seek(index); },
           num_lines,
           {{"incomplete", is_cut ? 1 : 0}},
           std::make_shared<RecordingLock>(folder, RecordingLock::For::kReading)};
+}
+
+/// Frames of which each can be listed by itself.
+ImageFrames::Listing listed(std::int64_t count,
+                            std::function<void(std::int64_t, FrameFiles&)> list_frame,
+                            Counters counters) {
+  const auto at = std::make_shared<std::int64_t>(0);
+  const auto next = [at, count, list = std::move(list_frame)](FrameFiles& files) {
+    if (*at == count) return false;
+    files = {};
+    files.number = *at;
+    list(*at, files);
+    ++*at;
+    return true;
+  };
+  const auto seek = [at, count](std::int64_t index) { *at = std::min(index, count); };
+  return {next, seek, count, std::move(counters)};
 }
 
 // --- plain folders ------------------------------------------------------------------------------
@@ -141,17 +170,13 @@ ImageFrames::Listing plain_frames(const fs::path& folder) {
                       {})
         .in_file(folder.string());
   }
-  const auto next = [depth, color, i = std::size_t{0}](FrameFiles& files) mutable {
-    if (i == depth.size()) return false;
-    files = {};
-    files.number = static_cast<std::int64_t>(i);
-    files.time_ns = files.number * 1'000'000'000 / kFolderRate;
+  const auto list = [depth, color](std::int64_t index, FrameFiles& files) {
+    const auto i = static_cast<std::size_t>(index);
+    files.time_ns = index * 1'000'000'000 / kFolderRate;
     files.depth.path = depth[i];
     if (!color.empty()) files.color.path = color[i];
-    ++i;
-    return true;
   };
-  return {next, std::ssize(depth), {}};
+  return listed(std::ssize(depth), list, {});
 }
 
 // --- TUM ----------------------------------------------------------------------------------------
@@ -203,17 +228,13 @@ ImageFrames::Listing tum_frames(const fs::path& folder) {
   const std::vector<TimedFile> depth = parse_file(folder / "depth.txt", parse_tum_list);
   const std::vector<TimedFile> color = parse_file(folder / "rgb.txt", parse_tum_list);
   const std::vector<std::int64_t> nearest = associate(depth, color, kMostApart);
-  const auto next = [folder, depth, color, nearest, i = std::size_t{0}](FrameFiles& f) mutable {
-    if (i == depth.size()) return false;
-    f = {};
-    f.number = static_cast<std::int64_t>(i);
+  const auto list = [folder, depth, color, nearest](std::int64_t index, FrameFiles& f) {
+    const auto i = static_cast<std::size_t>(index);
     f.time_ns = depth[i].time_ns;
     f.depth.path = folder / depth[i].name;
     if (nearest[i] >= 0) f.color.path = folder / color[static_cast<std::size_t>(nearest[i])].name;
-    ++i;
-    return true;
   };
-  return {next, std::ssize(depth), {{"without_color", std::ranges::count(nearest, -1)}}};
+  return listed(std::ssize(depth), list, {{"without_color", std::ranges::count(nearest, -1)}});
 }
 
 }  // namespace

@@ -34,6 +34,11 @@ class Paced final : public RgbdSource {
   void start() override { recording_->start(); }
   void stop() override { recording_->stop(); }
 
+  void seek(std::int64_t index) override {
+    recording_->seek(index);
+    is_held_ = began_ = false;
+  }
+
   ReadStatus read(RgbdFrame& frame, milliseconds timeout) override {
     if (!is_held_) {
       const ReadStatus status = recording_->read(held_, timeout);
@@ -92,6 +97,12 @@ Counters GrabThread::counters() const {
   Counters counters = camera_counters_;
   counters.emplace_back("dropped", dropped_);
   return counters;
+}
+
+void GrabThread::seek(std::int64_t index) {
+  const std::lock_guard turn(start_stop_);
+  if (thread_.joinable()) throw InputError("source: expected one that does not play yet");
+  camera_->seek(index);
 }
 
 void GrabThread::start() {

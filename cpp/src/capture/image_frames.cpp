@@ -92,6 +92,13 @@ ReadStatus ImageFrames::read(RgbdFrame& frame, std::chrono::milliseconds) {
   return ReadStatus::kEnd;
 }
 
+void ImageFrames::seek(std::int64_t index) {
+  check_frame_index(index);
+  listing_.seek(index);
+  last_.reset();
+  if (listing_.lock) listing_.lock->hold();
+}
+
 void ImageFrames::load(RgbdFrame& frame) try {
   const Intrinsics& depth_camera = stored_->depth;
   frame.number = files_.number;

@@ -38,6 +38,7 @@ class ImageFrames final : public RgbdSource {
  public:
   struct Listing {
     NextFrameFiles next;
+    std::function<void(std::int64_t)> seek;  ///< Goes to a frame, or to the end.
     std::int64_t num_frames = 0;
     Counters counters;                      ///< What the listing itself has counted.
     std::shared_ptr<RecordingLock> lock{};  ///< Until `stop` or the end; of recordings.
@@ -59,6 +60,8 @@ class ImageFrames final : public RgbdSource {
   /// Frames that are not later than the one before are passed over and counted. After a FormatError
   /// the next call goes on behind the damaged frame.
   ReadStatus read(RgbdFrame& frame, std::chrono::milliseconds timeout) override;
+  /// A frame that is out of order is not passed over when it is the one sought.
+  void seek(std::int64_t index) override;
   void stop() override {
     if (listing_.lock) listing_.lock->release();
   }

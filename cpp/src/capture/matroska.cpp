@@ -206,10 +206,10 @@ bool MatroskaReader::next(MatroskaPacket& packet) {
   return true;
 }
 
-bool MatroskaReader::seek_last(int track) {
-  const int code = mkv_codec().seek_last(reader_.get(), track);
+int MatroskaReader::seek(int track, int entry) {
+  const int code = mkv_codec().seek(reader_.get(), track, entry);
   file_.check("cannot read");
-  return code >= 0;
+  return std::max(code, 0);
 }
 
 }  // namespace manip3d

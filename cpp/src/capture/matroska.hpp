@@ -109,11 +109,14 @@ class MatroskaReader {
   /// The next packet of any track; false at the end, or where the rest cannot be made sense of.
   /// @throws std::filesystem::filesystem_error
   bool next(MatroskaPacket& packet);
-  /// Goes on at the last packet of a track that the index of a finished file knows; false: there is
-  /// no index. @throws std::filesystem::filesystem_error
-  bool seek_last(int track);
+  /// Goes on at a packet of a track by its place in the index of a finished file, at most at the
+  /// last one; returns how many there are, 0: there is no index.
+  /// @throws std::filesystem::filesystem_error
+  int seek(int track, int entry);
   /// Lets others record over the file.
   void unlock() { lock_.release(); }
+  void lock() { lock_.hold(); }
+  [[nodiscard]] const std::filesystem::path& path() const { return file_.path; }
 
  private:
   MatroskaFile file_;

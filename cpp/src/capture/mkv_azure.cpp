@@ -90,6 +90,28 @@ class AzureSource final : public RgbdSource {
     return ReadStatus::kEnd;
   }
 
+  /// There is no index of frames in these files: images are passed over, unread, from the
+  /// beginning.
+  void seek(std::int64_t index) override {
+    check_frame_index(index);
+    file_->lock();
+    if (index < number_) {
+      file_ = std::make_unique<MatroskaReader>(file_->path());
+      depths_.clear();
+      colors_.clear();
+      latest_ns_ = std::numeric_limits<std::int64_t>::min();
+      number_ = 0;
+    }
+    for (; number_ < index && fetch(); ++number_) depths_.pop_front();
+  }
+
+  void read_at(std::int64_t index, RgbdFrame& frame) override {
+    RgbdSource::read_at(index, frame);
+    if (frame.number == index) return;
+    throw FormatError("frame " + std::to_string(index) + " is damaged", {})
+        .in_file(file_->path().string());
+  }
+
  private:
   struct Timed {
     std::int64_t time_ns;

@@ -22,6 +22,8 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::int64_t kLasting = 1000;  // microseconds that the writer says a packet lasts
+constexpr int kMostTries = 3;            // an index that is no nonsense takes two
+constexpr int kLastEntry = std::numeric_limits<int>::max();
 constexpr std::size_t kMaxRecordBytes = 1 << 20;  // 64 skeletons take 300 kB
 
 [[noreturn]] void refuse_track(const char* name, const std::string& reason) {
@@ -114,7 +116,8 @@ std::optional<std::int64_t> count_frames(const fs::path& path) try {
   MatroskaReader file(path);
   const auto depth = file.find(mkv::kDepth, MkvKind::kVideo);
   const auto frames = file.find(mkv::kFrames, MkvKind::kText);
-  if (file.duration_us() == 0 || !depth || !frames || !file.seek_last(*depth)) return std::nullopt;
+  if (file.duration_us() == 0 || !depth || !frames) return std::nullopt;
+  if (file.seek(*depth, kLastEntry) == 0) return std::nullopt;
   std::optional<std::int64_t> count;
   for (MatroskaPacket packet; file.next(packet);) {
     if (packet.track != *frames || packet.time_us + kLasting < file.duration_us()) continue;
@@ -133,15 +136,7 @@ class MkvSource final : public RgbdSource {
       : file_(std::move(file)), num_frames_(num_frames) {
     stored_ = options.calibration ? options.calibration : read_calibration(*file_);
     calibration_ = unmirrored(stored_);
-    const Intrinsics& depth = calibration_->depth;
-    const Intrinsics& color =
-        calibration_->registration ? calibration_->registration->color : depth;
-    add_track(mkv::kDepth, MkvPixels::kGray16, {depth.height, depth.width}, depth_);
-    add_track(mkv::kBodyIndex, MkvPixels::kGray8, {depth.height, depth.width}, body_index_);
-    add_track(mkv::kColor, MkvPixels::kRgb, {color.height, color.width}, color_);
-    const auto frames = file_->find(mkv::kFrames, MkvKind::kText);
-    if (!depth_ || !frames) throw FormatError("expected the tracks 'depth' and 'frames'", {});
-    frames_track_ = *frames;
+    open_tracks();
   }
 
   [[nodiscard]] SourceCapabilities capabilities() const override { return {}; }
@@ -177,7 +172,73 @@ class MkvSource final : public RgbdSource {
     return ReadStatus::kEnd;
   }
 
+  void seek(std::int64_t index) override {
+    check_frame_index(index);
+    file_->lock();
+    const bool is_ahead = index >= next_index_;
+    // Packets that are passed over on the way are not decoded: their records come too early.
+    const bool reads_on = is_ahead && (index == next_index_ || file_->duration_us() == 0);
+    if (!reads_on && !go_to_entry(index)) rewind();
+    drop_images();
+    next_index_ = index;
+  }
+
+  void read_at(std::int64_t index, RgbdFrame& frame) override {
+    RgbdSource::read_at(index, frame);
+    if (next_index_ == index + 1) return;
+    throw FormatError("frame " + std::to_string(index) + " is damaged or lost", {})
+        .in_file(file_->path().string());
+  }
+
  private:
+  void open_tracks() {
+    const Intrinsics& depth = calibration_->depth;
+    const Intrinsics& color =
+        calibration_->registration ? calibration_->registration->color : depth;
+    add_track(mkv::kDepth, MkvPixels::kGray16, {depth.height, depth.width}, depth_);
+    add_track(mkv::kBodyIndex, MkvPixels::kGray8, {depth.height, depth.width}, body_index_);
+    add_track(mkv::kColor, MkvPixels::kRgb, {color.height, color.width}, color_);
+    const auto frames = file_->find(mkv::kFrames, MkvKind::kText);
+    if (!depth_ || !frames) throw FormatError("expected the tracks 'depth' and 'frames'", {});
+    frames_track_ = *frames;
+  }
+
+  void rewind() {
+    auto file = std::make_unique<MatroskaReader>(file_->path());
+    for (auto* track : {&depth_, &body_index_, &color_}) track->reset();  // they refer to the file
+    file_ = std::move(file);
+    open_tracks();
+  }
+
+  /// Goes to the last packet of the index that is not behind a frame; false: the index knows none.
+  /// An entry has the index of its frame, or a higher one where frames before it have no entry.
+  bool go_to_entry(std::int64_t index) {
+    auto entry = static_cast<int>(std::min<std::int64_t>(index, kLastEntry));
+    for (int tries = 0; depth_ && tries < kMostTries; ++tries) {
+      const int entries = file_->seek(depth_->number(), entry);
+      entry = std::min(entry, entries - 1);
+      const std::optional<std::int64_t> found = entries == 0 ? std::nullopt : first_index();
+      if (found && *found <= index) return file_->seek(depth_->number(), entry) > 0;
+      if (!found || entry <= 0) return false;
+      entry = static_cast<int>(std::max<std::int64_t>(entry - (*found - index), 0));
+    }
+    return false;
+  }
+
+  /// The index of the first frame from here on whose record can be believed.
+  std::optional<std::int64_t> first_index() {
+    while (file_->next(packet_)) {
+      if (packet_.track != frames_track_) continue;
+      try {
+        const JsonPlace::Json json = checked_record(packet_);
+        return index_of(JsonPlace(json, mkv::kFrames, 0), 0);
+      } catch (const FormatError&) {
+        continue;  // reading counts it
+      }
+    }
+    return std::nullopt;
+  }
+
   void add_track(const char* name, MkvPixels pixels, ImageSize size,
                  std::optional<ImageTrack>& track) {
     if (const auto number = file_->find(name, MkvKind::kVideo)) {
@@ -198,9 +259,9 @@ class MkvSource final : public RgbdSource {
     try {
       const JsonPlace::Json json = checked_record(packet_);
       const JsonPlace record(json, mkv::kFrames, 0);
+      last_time_us_ = packet_.time_us;
       const std::int64_t index = index_of(record, next_index_);
       lost_ += index - std::exchange(next_index_, index + 1);
-      last_time_us_ = packet_.time_us;
       is_known = true;
       fill(record, frame);
       drop_images();

@@ -33,6 +33,14 @@ void check_grows(const char* name, std::int64_t value, std::int64_t before) {
                    std::to_string(before) + "), got " + std::to_string(value));
 }
 
+RecordingKind kind_of(const std::filesystem::path& path) {
+  const std::filesystem::path suffix = path.extension();
+  if (suffix == ".mkv") return RecordingKind::kMkv;
+  if (suffix.empty()) return RecordingKind::kFolder;
+  throw InputError("path: expected a folder or a file that ends in .mkv, got '" + path.string() +
+                   "'");
+}
+
 }  // namespace
 
 std::unique_ptr<RgbdRecorder> open_recorder(const std::filesystem::path& path,
@@ -42,11 +50,15 @@ std::unique_ptr<RgbdRecorder> open_recorder(const std::filesystem::path& path,
     throw InputError("jpeg_quality: expected 1 to 100, got " +
                      std::to_string(options.jpeg_quality));
   }
-  const std::filesystem::path suffix = path.extension();
-  if (suffix == ".mkv") return record_mkv(path, std::move(calibration), options);
-  if (suffix.empty()) return record_folder(path, std::move(calibration), options);
-  throw InputError("path: expected a folder or a file that ends in .mkv, got '" + path.string() +
-                   "'");
+  switch (options.kind ? *options.kind : kind_of(path)) {
+    case RecordingKind::kMkv:
+      return record_mkv(path, std::move(calibration), options);
+    case RecordingKind::kTum:
+      return record_tum(path, std::move(calibration), options);
+    case RecordingKind::kFolder:
+      break;
+  }
+  return record_folder(path, std::move(calibration), options);
 }
 
 RecordingChecks::RecordingChecks(const RgbdCalibration& calibration)

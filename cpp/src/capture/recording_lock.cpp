@@ -23,6 +23,8 @@ RecordingLock::RecordingLock(const std::filesystem::path& path, For purpose)
                    ", which is being read or recorded");
 }
 
+void RecordingLock::hold() { static_cast<void>(::flock(descriptor_.get(), LOCK_SH | LOCK_NB)); }
+
 void RecordingLock::release() { static_cast<void>(::flock(descriptor_.get(), LOCK_UN)); }
 
 }  // namespace manip3d

@@ -18,6 +18,8 @@ class RecordingLock {
   RecordingLock(const std::filesystem::path& path, For purpose);
 
   void release();
+  /// Reads on after `release`.
+  void hold();
 
  private:
   Descriptor descriptor_;

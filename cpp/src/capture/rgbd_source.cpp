@@ -98,6 +98,21 @@ std::vector<RgbdScheme> schemes(bool probe) {
 
 }  // namespace
 
+void RgbdSource::seek(std::int64_t) {
+  throw InputError("source: expected a recording, whose frames have an index; a camera has none");
+}
+
+void RgbdSource::read_at(std::int64_t index, RgbdFrame& frame) {
+  seek(index);
+  if (read(frame, std::chrono::milliseconds(0)) == ReadStatus::kFrame) return;
+  throw InputError("index: expected that of a frame, got " + std::to_string(index));
+}
+
+void check_frame_index(std::int64_t index) {
+  if (index >= 0) return;
+  throw InputError("index: expected >= 0, got " + std::to_string(index));
+}
+
 std::vector<RgbdScheme> rgbd_schemes() { return schemes(true); }
 
 std::unique_ptr<RgbdSource> open_rgbd(const std::string& uri, const RgbdOptions& options) {

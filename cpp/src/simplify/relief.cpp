@@ -165,6 +165,7 @@ struct Relief::Memory {
   relief_detail::BoundaryMover boundary;
   relief_detail::StartMesh start;
   Triangulation mesh;
+  Triangulation careless;  ///< The same where triangles across steps were not refused.
   relief_detail::Collapser collapser;
   relief_detail::Refiner refiner;
   std::vector<Vec3> sight;           ///< By vertex: where it may slide.
@@ -190,7 +191,12 @@ struct Relief::Memory {
   void choose_surface(ReliefEffort effort, std::int64_t target);
   void move_boundary(int sweeps);
   void recall(const PointGridView& grid, const ReliefOptions& options);
-  void select(const ReliefOptions& options, std::int64_t target, ReliefResult& result);
+  void select(const ReliefOptions& options, std::int64_t target, bool refuses_off,
+              ReliefResult& result);
+  void make_mesh(const ReliefOptions& options, std::int64_t target, bool refuses_off,
+                 ReliefResult& result);
+  double coverage_without_off(const Triangulation& of);
+  void make_best_mesh(const ReliefOptions& options, std::int64_t target, ReliefResult& result);
   void refine(const Budget& budget);
   void build_meshes(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
   void take_all(ReliefResult& result);
@@ -235,7 +241,7 @@ void Relief::Memory::recall(const PointGridView& grid, const ReliefOptions& opti
   }
 }
 
-void Relief::Memory::select(const ReliefOptions& options, std::int64_t target,
+void Relief::Memory::select(const ReliefOptions& options, std::int64_t target, bool refuses_off,
                             ReliefResult& result) {
   const Budget budget = budget_of(options.effort);
   const std::int64_t used = worked->num_used();
@@ -253,9 +259,10 @@ void Relief::Memory::select(const ReliefOptions& options, std::int64_t target,
     mesh.assign(*worked, start.build(*worked, splits, finest, keep));
   }
   if (mesh.num_vertices() <= target) return;
-  collapser.assign(*worked, mesh, keep, static_cast<float>(options.stability));
   const std::int64_t area = worked == &surface ? 1 : 4;  // of a pixel
-  result.dropped_pixels = area * collapser.run(*worked, mesh, target, budget.round_share);
+  collapser.assign(*worked, mesh, keep, static_cast<float>(options.stability));
+  result.dropped_pixels =
+      area * collapser.run(*worked, mesh, target, budget.round_share, refuses_off);
   if (result.dropped_pixels > 0) result.stop = ReliefStop::kSmallPieces;
 }
 
@@ -296,20 +303,60 @@ bool Relief::Memory::holds(const Triangulation& smaller) {
   return std::ranges::includes(number, order, {}, pixel_in(mesh), pixel_in(smaller));
 }
 
+void Relief::Memory::make_mesh(const ReliefOptions& options, std::int64_t target, bool refuses_off,
+                               ReliefResult& result) {
+  const Budget budget = budget_of(options.effort);
+  select(options, target, refuses_off, result);
+  // Edges are flipped around the boundary's last places; a quarter of the pixels is quicker.
+  if (worked == &surface) move_boundary(budget.boundary_sweeps);
+  refine(budget);
+  if (worked != &surface) move_boundary(budget.boundary_sweeps);
+}
+
+/// Coverage of the triangles that are left when those that lie off the surface are cut.
+double Relief::Memory::coverage_without_off(const Triangulation& of) {
+  Rows<std::int32_t, 2> pixels(of.num_slots(), 2);
+  Rows<std::int32_t, 3> faces(of.num_face_slots(), 3);
+  Eigen::Index num_faces = 0;
+  for (std::int32_t t = 0; t < of.num_face_slots(); ++t) {
+    if (!of.is_face(t)) continue;
+    const auto& [a, b, c] = of.triangle(t);
+    if (lies_off(surface, {of.vertex(a).pixel, of.vertex(b).pixel, of.vertex(c).pixel})) continue;
+    for (const std::int32_t v : {a, b, c}) {
+      const std::int32_t pixel = of.vertex(v).pixel;
+      pixels.row(v) << static_cast<std::int32_t>(surface.input_u(pixel)),
+          static_cast<std::int32_t>(surface.input_v(pixel));
+    }
+    faces.row(num_faces++) << a, b, c;
+  }
+  return coverage_of(surface, pixels, faces.topRows(num_faces), coverage).coverage;
+}
+
+/// Triangles that join what steps keep apart are cut from the mesh in the end. Of few vertices they
+/// take most; to refuse them costs surface elsewhere, so that it depends which way leaves more.
+void Relief::Memory::make_best_mesh(const ReliefOptions& options, std::int64_t target,
+                                    ReliefResult& result) {
+  make_mesh(options, target, false, result);
+  if (!surface.steps().has_steps() || target > relief_detail::kFew) return;
+  careless = mesh;
+  const auto [stop, dropped] = std::pair(result.stop, result.dropped_pixels);
+  const double covered = coverage_without_off(careless);
+  make_mesh(options, target, true, result);
+  if (coverage_without_off(mesh) > covered) return;
+  std::swap(mesh, careless);
+  result.stop = stop;
+  result.dropped_pixels = dropped;
+}
+
 void Relief::Memory::build_meshes(const PointGridView& grid, const ReliefOptions& options,
                                   ReliefResult& result) {
-  const Budget budget = budget_of(options.effort);
   for (auto size = options.levels.rbegin();; ++size) {
     const bool last = size == options.levels.rend();
     const std::int64_t target = last ? options.target_points : *size;
     choose_surface(options.effort, target);
     recall(grid, options);
     if (!levels.empty()) fix_vertices();
-    select(options, target, result);
-    // Edges are flipped around the boundary's last places; a quarter of the pixels is quicker.
-    if (worked == &surface) move_boundary(budget.boundary_sweeps);
-    refine(budget);
-    if (worked != &surface) move_boundary(budget.boundary_sweeps);
+    make_best_mesh(options, target, result);
     // The vertices of the next smaller level are fixed. Where this size is hardly larger, they can
     // keep every legal collapse from reaching it; then that level is handed out again.
     if (!levels.empty() && (mesh.num_vertices() > target || !holds(levels.back()))) {

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 
+#include "simplify/relief_coverage.hpp"
 #include "simplify/relief_raster.hpp"
 
 namespace manip3d::relief_detail {
@@ -22,7 +23,6 @@ constexpr float kCoverFactor = 10.0F * kMissingFactor;
 // Pixels that are not believed show a surface all the same: losing it counts at least this share of
 // what losing surface of mean confidence does.
 constexpr float kLeastLoss = 0.05F;
-constexpr std::int64_t kFew = 64;  // vertices
 constexpr std::int32_t kNoRound = -2;
 constexpr float kStays = std::numeric_limits<float>::infinity();
 
@@ -67,17 +67,28 @@ std::int64_t doubled_pixels_beside(const Triangulation& mesh, std::int32_t kept)
   return sum;
 }
 
-std::int32_t largest_face(const Triangulation& mesh) {
-  std::int32_t largest = kNone;
-  std::int64_t most = 0;
+Triangle pixels_of(const Triangulation& mesh, const Triangle& t) {
+  return {mesh.vertex(t[0]).pixel, mesh.vertex(t[1]).pixel, mesh.vertex(t[2]).pixel};
+}
+
+bool face_lies_off(const Surface& surface, const Triangulation& mesh, const Triangle& t) {
+  return lies_off(surface, pixels_of(mesh, t));
+}
+
+/// One that lies on the surface, if there is one.
+std::int32_t largest_face(const Surface& surface, const Triangulation& mesh) {
+  std::int32_t largest = kNone, any = kNone;
+  std::int64_t most = 0, most_of_any = 0;
   for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
     if (!mesh.is_face(t)) continue;
     const auto [a, b, c] = mesh.triangle(t);
-    if (mesh.orient(a, b, c) <= most) continue;
-    most = mesh.orient(a, b, c);
+    const std::int64_t doubled = mesh.orient(a, b, c);
+    if (doubled > most_of_any) most_of_any = doubled, any = t;
+    if (doubled <= most || face_lies_off(surface, mesh, mesh.triangle(t))) continue;
+    most = doubled;
     largest = t;
   }
-  return largest;
+  return largest == kNone ? any : largest;
 }
 
 }  // namespace
@@ -208,11 +219,23 @@ int Collapser::cheapest(const Surface& surface, const Triangulation& mesh, std::
     if (nodes_[to].touched == round) continue;
     const float p = price(mesh, v, to, cut) + cover * nodes_[v].factor;
     if (best >= 0 && !(p < lowest)) continue;
-    if (legal && !mesh.can_collapse(surface, v, fan, i)) continue;
+    if (legal && !may_collapse(surface, mesh, v, fan, i)) continue;
     lowest = p;
     best = i;
   }
   return best;
+}
+
+bool Collapser::may_collapse(const Surface& surface, const Triangulation& mesh, std::int32_t v,
+                             const Fan& fan, int i) const {
+  if (!mesh.can_collapse(surface, v, fan, i)) return false;
+  if (!refuses_off_) return true;
+  const std::int32_t to = fan.neighbors[i];
+  for (int k = 0; k < fan.size; ++k) {
+    const std::int32_t a = fan.neighbors[k], b = fan.next(k);
+    if (a != to && b != to && face_lies_off(surface, mesh, {to, a, b})) return false;
+  }
+  return true;
 }
 
 float Collapser::price_of_piece(const Surface& surface, const Triangulation& mesh,
@@ -274,7 +297,7 @@ bool Collapser::collapse(const Surface& surface, Triangulation& mesh, const Move
   int i = 0;
   while (i < fan.num_neighbors && fan.neighbors[i] != move.to) ++i;
   if (i == fan.num_neighbors || nodes_[move.to].touched == round ||
-      !mesh.can_collapse(surface, v, fan, i)) {
+      !may_collapse(surface, mesh, v, fan, i)) {
     float lowest = 0.0F;
     i = cheapest(surface, mesh, v, fan, true, round, lowest);
   }
@@ -294,6 +317,9 @@ bool Collapser::make(const Surface& surface, Triangulation& mesh, const Move& mo
   if (move.to == kCloseHole) {
     const auto others = mesh.hole_of_three(surface, move.vertex);
     if (others[0] == kNone) return false;
+    if (refuses_off_ && face_lies_off(surface, mesh, {move.vertex, others[0], others[1]})) {
+      return false;
+    }
     mesh.close_hole(move.vertex, others);
     return true;
   }
@@ -330,14 +356,17 @@ bool Collapser::leave_out_least(Triangulation& mesh) {
 }
 
 std::int64_t Collapser::run(const Surface& surface, Triangulation& mesh, std::int64_t target,
-                            float round_share) {
-  bool all = false;  // the last round found none among the cheapest
+                            float round_share, bool refuses_off) {
+  bool all = false;     // the last round found none among the cheapest
+  bool forced = false;  // nothing is left but triangles off the surface
   for (std::int32_t round = 0; mesh.num_vertices() > target; ++round) {
     const std::int64_t before = mesh.num_vertices();
     // Few vertices go one by one: the second best of a round may be far from the next round's best.
     const auto many = static_cast<float>(std::max<std::int64_t>(before - kFew, 0));
     const std::int64_t share = 1 + static_cast<std::int64_t>(round_share * many);
     const std::int64_t least = std::max(target, before - share);
+    refuses_off_ =
+        surface.steps().has_steps() && (before == 4 || (refuses_off && before <= kFew && !forced));
     find_moves(surface, mesh);
     // Half as many again, because some will not be legal or will have changed neighbours; as for
     // any lower target, so that lower targets continue where this one stops.
@@ -347,11 +376,16 @@ std::int64_t Collapser::run(const Surface& surface, Triangulation& mesh, std::in
       made = make(surface, mesh, moves_[i], round, target) || made;
     }
     const bool stuck = !made && all;
-    if (stuck && !leave_out_least(mesh)) break;  // other pieces may block the way, as in a hole
+    if (stuck && !leave_out_least(mesh)) {      // other pieces may block the way, as in a hole
+      if (!refuses_off_ || target == 3) break;  // one triangle of many is best
+      forced = true;
+      continue;
+    }
+    forced = forced && !made;
     all = !made;
   }
   if (mesh.num_vertices() > target && !has_fixed_) {
-    const std::int32_t kept = largest_face(mesh);
+    const std::int32_t kept = largest_face(surface, mesh);
     left_out_ += doubled_pixels_beside(mesh, kept);
     mesh.keep_one(kept);
   }

@@ -50,9 +50,11 @@ class Collapser {
               float keep_factor);
   /// Stops at `target` vertices, or with more where vertices that stay leave no other way. Best
   /// first in rounds, each of which removes at most the share `round_share` of the vertices.
+  /// @param refuses_off  among few vertices, triangles a step off the surface are made only where
+  ///                     nothing else is left. A last triangle never is one, if there is another.
   /// @return  pixels of the pieces left out.
   std::int64_t run(const Surface& surface, Triangulation& mesh, std::int64_t target,
-                   float round_share);
+                   float round_share, bool refuses_off);
 
  private:
   static constexpr std::int32_t kCloseHole = -1, kLeaveOut = -2;
@@ -85,6 +87,9 @@ class Collapser {
   /// touched in this round; -1 if there is none. `legal`: only where that is legal.
   int cheapest(const Surface& surface, const Triangulation& mesh, std::int32_t v,
                const Triangulation::Fan& fan, bool legal, std::int32_t round, float& lowest) const;
+  /// Is it legal, and no new triangle off the surface where these are refused?
+  [[nodiscard]] bool may_collapse(const Surface& surface, const Triangulation& mesh, std::int32_t v,
+                                  const Triangulation::Fan& fan, int i) const;
   void find_moves(const Surface& surface, const Triangulation& mesh);
   void sort_moves(std::size_t count);
   bool make(const Surface& surface, Triangulation& mesh, const Move& move, std::int32_t round,
@@ -99,10 +104,14 @@ class Collapser {
   std::int32_t largest_ = 0;
   std::int64_t left_out_ = 0;  ///< Twice the pixels of the pieces left out.
   bool has_fixed_ = false;
-  float least_loss_ = 0.0F;  ///< Least confidence that lost surface is priced with.
+  bool refuses_off_ = false;  ///< No move may make a triangle that lies a step off the surface.
+  float least_loss_ = 0.0F;   ///< Least confidence that lost surface is priced with.
   std::vector<Move> moves_;
   std::vector<std::int32_t> stack_;
   std::vector<std::uint8_t> seen_;
 };
+
+/// Each of so few vertices counts; triangles across steps are then a large part of a mesh.
+constexpr std::int64_t kFew = 64;
 
 }  // namespace manip3d::relief_detail

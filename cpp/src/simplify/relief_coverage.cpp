@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
+#include <cstdlib>
 #include <string>
 #include <utility>
 
@@ -14,6 +16,9 @@ namespace {
 
 using Corner = std::array<std::int32_t, 2>;
 using Corners = std::array<Corner, 3>;
+
+/// A triangle spans a step if more than this share of the pixels over it lies a step off it.
+constexpr double kMostOff = 0.25;
 
 std::int64_t orient(const Corner& a, const Corner& b, const Corner& c) {
   return std::int64_t{b[0] - a[0]} * (c[1] - a[1]) - std::int64_t{b[1] - a[1]} * (c[0] - a[0]);
@@ -78,6 +83,60 @@ float area_of(const Surface& surface, const Corners& t) {
     return surface.sample(p[1] * surface.cols() + p[0]).point();
   };
   return 0.5F * (point(t[1]) - point(t[0])).cross(point(t[2]) - point(t[0])).norm();
+}
+
+/// The pixels over a triangle, its corners aside.
+struct Over {
+  std::int64_t seen = 0, unseen = 0;
+  std::int64_t off = 0;  ///< Seen pixels that are a step off it.
+};
+
+Over pixels_over(const Surface& surface, const Corners& t) {
+  Over over;
+  const InverseDepth plane(surface, t);
+  visit_pixels(surface.cols(), t[0], t[1], t[2], SidePixels::kClosed, [&](std::int32_t p) {
+    const Corner at = {surface.u(p), surface.v(p)};
+    if (at == t[0] || at == t[1] || at == t[2]) return;
+    if (!surface.is_used(p)) {
+      ++over.unseen;
+      return;
+    }
+    ++over.seen;
+    over.off += is_off(surface, p, plane.at(at[0], at[1])) ? 1 : 0;
+  });
+  return over;
+}
+
+/// Do the ends of a line of pixels differ by a step, and steps on the way make most of that?
+bool crosses_step(const Surface& surface, const Corner& from, const Corner& to) {
+  const int du = to[0] - from[0], dv = to[1] - from[1];
+  const int length = std::max(std::abs(du), std::abs(dv));
+  const auto at = [&](int way) {
+    const auto step = [&](int along) {
+      return static_cast<int>(std::floor((2.0 * way * along + length) / (2.0 * length)));
+    };
+    return (from[1] + step(dv)) * surface.cols() + from[0] + step(du);
+  };
+  const auto is_step = [&](float one, float other) {
+    return surface.steps().is_step(std::min(one, other), std::max(one, other));
+  };
+  const float begin = surface.depth(at(0)), end = surface.depth(at(length));
+  if (!is_step(begin, end)) return false;
+  float before = begin, climbed = 0.0F;
+  for (int way = 1; way <= length; ++way) {
+    const std::int32_t pixel = at(way);
+    if (!surface.is_used(pixel)) continue;
+    const float depth = surface.depth(pixel);
+    if (is_step(before, depth)) climbed += depth - before;
+    before = depth;
+  }
+  return std::abs(climbed) > 0.5F * std::abs(end - begin);
+}
+
+Corners corners_at(const Surface& surface, const std::array<std::int32_t, 3>& pixels) {
+  Corners t{};
+  for (int i = 0; i < 3; ++i) t[i] = {surface.u(pixels[i]), surface.v(pixels[i])};
+  return t;
 }
 
 /// Counter-clockwise with v up, in pixels of the surface.
@@ -154,21 +213,21 @@ std::vector<float> off_surface(const Surface& surface,
   for (Eigen::Index f = 0; f < faces.rows(); ++f) {
     const Corners t = corners_of(surface, pixels, faces, f);
     if (orient(t[0], t[1], t[2]) == 0 || !surface.holds_all(t)) continue;
-    const InverseDepth plane(surface, t);
-    std::int64_t seen = 0, unseen = 0, off = 0;
-    visit_pixels(surface.cols(), t[0], t[1], t[2], SidePixels::kClosed, [&](std::int32_t p) {
-      const Corner at = {surface.u(p), surface.v(p)};
-      if (at == t[0] || at == t[1] || at == t[2]) return;
-      if (!surface.is_used(p)) {
-        ++unseen;
-        return;
-      }
-      ++seen;
-      off += is_off(surface, p, plane.at(at[0], at[1])) ? 1 : 0;
-    });
+    const auto [seen, unseen, off] = pixels_over(surface, t);
     if (seen > unseen) shares[f] = static_cast<float>(off) / static_cast<float>(seen);
   }
   return shares;
+}
+
+bool lies_off(const Surface& surface, const std::array<std::int32_t, 3>& pixels) {
+  const Corners t = corners_at(surface, pixels);
+  if (!surface.steps().has_steps() || orient(t[0], t[1], t[2]) <= 0) return false;
+  if (!crosses_step(surface, t[0], t[1]) && !crosses_step(surface, t[1], t[2]) &&
+      !crosses_step(surface, t[2], t[0])) {
+    return false;
+  }
+  const Over over = pixels_over(surface, t);
+  return static_cast<double>(over.off) > kMostOff * static_cast<double>(over.seen);
 }
 
 }  // namespace relief_detail

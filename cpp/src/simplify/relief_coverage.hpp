@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -24,5 +25,9 @@ DepthCoverage coverage_of(const Surface& surface,
 std::vector<float> off_surface(const Surface& surface,
                                const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
                                const Eigen::Ref<const Rows<std::int32_t, 3>>& faces);
+
+/// Does a triangle join what is apart? One of its sides crosses a step, and a quarter of the pixels
+/// over it lies a step off it.
+bool lies_off(const Surface& surface, const std::array<std::int32_t, 3>& pixels);
 
 }  // namespace manip3d::relief_detail

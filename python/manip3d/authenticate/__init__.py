@@ -7,7 +7,9 @@ from manip3d._util.lazy import lazily
 __getattr__, __dir__, __all__ = lazily(
     __name__,
     {
-        "_alert": "WITNESSES Alert AlertCounts AlertMonitor WitnessReport verdict_of_alerts",
+        "_alert": (
+            "WITNESSES Alert AlertCounts AlertMonitor AlertTally WitnessReport verdict_of_alerts"
+        ),
         "_cross_modal": (
             "CrossModalParameters CrossModalRegion CrossModalResult attack_type "
             "cross_modal_consistency"
@@ -50,7 +52,7 @@ __getattr__, __dir__, __all__ = lazily(
             "Calibration Detection Power Processing Region RegionLike Verdict likelihood_ratio"
         ),
         "_watermark": (
-            "CARRIERS EMBEDDINGS MAX_MOVE_M KeyFile Policy Tile Watermarked Watermarker "
+            "CARRIERS EMBEDDINGS MAX_MOVE_M KeyFile KeyRing Policy Tile Watermarked Watermarker "
             "WatermarkResult record_of_picture without_record"
         ),
         "_watermark_files": (

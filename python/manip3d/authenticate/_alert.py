@@ -35,7 +35,7 @@ from manip3d.authenticate._stereo import StereoRig, checked_pair, opencv, stereo
 from manip3d.authenticate._surround import SurroundResult
 from manip3d.authenticate._verdict import binomial_tail
 from manip3d.authenticate._watermark import Policy, Watermarker, WatermarkResult
-from manip3d.authenticate._watermark_files import verdict_of_stream
+from manip3d.authenticate._watermark_files import StreamTally
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame
 
@@ -823,35 +823,118 @@ def verdict_of_alerts(alerts: Sequence[Alert], *, whole: bool = False) -> tuple[
     """
     if len(alerts) == 0:
         raise InputError("alerts: expected at least one, got none")
-    is_chance, note = _accused_by_cameras(alerts)
-    told = [_without_cameras(alert) if is_chance else (alert.verdict, alert.reason)
-            for alert in alerts]  # fmt: skip
-    verdict, reason = _gravest(told)
-    if verdict == "authentic" and whole:
-        stream, why = verdict_of_stream([a.watermark for a in alerts if a.watermark is not None])
-        if stream != "authentic":
-            verdict, reason = stream, f"watermark: {why}"
-    return verdict, reason + note
+    tally = AlertTally()
+    for alert in alerts:
+        tally.add(alert)
+    return tally.verdict(whole=whole)
 
 
-def _gravest(told: Sequence[tuple[str, str]]) -> tuple[str, str]:
+class AlertTally:
+    """The verdict of a stream so far, in memory that does not grow with its frames.
+
+    `verdict_of_alerts` says the same of alerts that were kept.
+
+    Examples
+    --------
+    >>> from manip3d.authenticate import AlertMonitor, AlertTally
+    >>> tally = AlertTally()
+    >>> for _ in range(3):
+    ...     tally.add(AlertMonitor().skip("too late"))
+    >>> tally.verdict()
+    ('undecidable', 'too late (3 of 3 frames)')
+    """
+
+    def __init__(self) -> None:
+        self._told = _Gravest()
+        self._without_cameras = _Gravest()  # where chance explains how often the cameras accuse
+        self._accused = self._seen = 0  # frames, by the cameras
+        self._stream = StreamTally()
+
+    @property
+    def num_frames(self) -> int:
+        """Frames so far."""
+        return self._told.count
+
+    @checked
+    def add(self, alert: Alert) -> None:
+        """Take the next frame.
+
+        Parameters
+        ----------
+        alert : Alert
+            Also one of `Alert.brief`.
+        """
+        self._told.add(alert.verdict, alert.reason)
+        self._without_cameras.add(*_without_cameras(alert))
+        seen = alert.witnesses["cross-modal"].verdict
+        self._accused += seen == "tampered"
+        self._seen += seen not in _UNHEARD
+        if alert.watermark is not None:
+            self._stream.add(alert.watermark)
+
+    @checked
+    def verdict(self, *, whole: bool = False) -> tuple[str, str]:
+        """Return the verdict of the frames so far, and its reason.
+
+        Parameters
+        ----------
+        whole : bool
+            As for `verdict_of_alerts`.
+
+        Returns
+        -------
+        (verdict, reason)
+
+        Raises
+        ------
+        InputError
+            There was no frame.
+        """
+        if not self.num_frames:
+            raise InputError("alerts: expected at least one, got none")
+        is_chance, note = _accused_by_cameras(self._accused, self._seen)
+        told = self._without_cameras if is_chance else self._told
+        verdict, reason = told.verdict()
+        if verdict == "authentic" and whole:
+            stream, why = self._stream.verdict()
+            if stream != "authentic":
+                verdict, reason = stream, f"watermark: {why}"
+        return verdict, reason + note
+
+
+class _Gravest:
     """The gravest verdict of frames, the first reason for it, and of how many frames it is."""
-    for verdict, *others in (("tampered",), ("undecidable", "skipped")):
-        reasons = [reason for said, reason in told if said in (verdict, *others)]
-        if reasons:
-            return verdict, f"{reasons[0]} ({len(reasons)} of {len(told)} frames)"
-    every = all(said == "authentic" for said, _ in told)
-    return "authentic" if every else "no_trace", f"{told[0][1]} ({len(told)} frames)"
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._first = ""
+        self._every_authentic = True
+        self._loud: dict[str, tuple[str, int]] = {}  # the first reason, and frames
+
+    def add(self, verdict: str, reason: str) -> None:
+        self._first = self._first if self.count else reason
+        self.count += 1
+        self._every_authentic = self._every_authentic and verdict == "authentic"
+        name = "undecidable" if verdict == "skipped" else verdict
+        if name in ("tampered", "undecidable"):
+            first, frames = self._loud.get(name, (reason, 0))
+            self._loud[name] = first, frames + 1
+
+    def verdict(self) -> tuple[str, str]:
+        for name in ("tampered", "undecidable"):
+            if name in self._loud:
+                reason, frames = self._loud[name]
+                return name, f"{reason} ({frames} of {self.count} frames)"
+        verdict = "authentic" if self._every_authentic else "no_trace"
+        return verdict, f"{self._first} ({self.count} frames)"
 
 
 LEAST_CHANCE = 0.01
 """Share of clean drives, at most, that are doubted because of the cameras alone."""
 
 
-def _accused_by_cameras(alerts: Sequence[Alert]) -> tuple[bool, str]:
+def _accused_by_cameras(accused: int, judged: int) -> tuple[bool, str]:
     """Whether chance explains how many frames the cameras accuse, and a note of these frames."""
-    told = [alert.witnesses["cross-modal"].verdict for alert in alerts]
-    accused, judged = told.count("tampered"), len(told) - sum(map(told.count, _UNHEARD))
     if not accused:
         return True, ""
     of_clean, clean = CLEAN_ACCUSED

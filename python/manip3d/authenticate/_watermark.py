@@ -9,6 +9,8 @@ import threading
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
@@ -78,8 +80,8 @@ class KeyFile:
 
     Notes
     -----
-    Keys are replaced by giving a sensor a new file, under a new name; records name no key, so a
-    verifier of old records needs the old file. The key is symmetric: whoever can verify could also
+    Keys are replaced by giving a sensor a new file, under a new name; a verifier of old records
+    needs the old file, too, see `KeyRing`. The key is symmetric: whoever can verify could also
     embed. It is held in memory that swap and core dumps leave out, and wiped by `close`.
     """
 
@@ -145,6 +147,131 @@ class KeyFile:
     def __repr__(self) -> str:
         state = "" if self._key.is_open else ", closed"
         return f"<manip3d.authenticate.KeyFile: {self.key_id[:8]}{state}>"
+
+
+@checked
+class KeyRing:
+    """The keys that a sensor has had, one after the other; a verifier takes all of them.
+
+    A record names no key: its own tag tells which key made it. The newest key embeds. Older ones
+    verify only records that state a time before the next key was made, and no key verifies records
+    that state a time at which it had expired. In a stream that has gone on to a newer key, also by
+    the verifier's state file, frames of an older one are replays.
+
+    Parameters
+    ----------
+    keys : sequence of KeyFile
+        In any order; `KeyFile.created_ns` tells which is the newest.
+
+    Raises
+    ------
+    InputError
+        No keys, or the same key twice.
+
+    Notes
+    -----
+    Make the new key when the sensor is to use it: what the old one signs from then on is refused.
+    The time that a record states is the embedder's word. Whoever has stolen an old key can sign
+    with an earlier time, which only a verifier notices that has seen a newer key in the stream:
+    leave a stolen key out of the ring, and its records are unverifiable.
+
+    Examples
+    --------
+    >>> import tempfile, numpy as np
+    >>> from manip3d.authenticate import KeyFile, KeyRing, Watermarker
+    >>> scan = np.arange(9000, dtype=np.float32).reshape(3000, 3) / 8
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     old = KeyFile.create(folder + "/2025.key")
+    ...     sent = Watermarker(old).embed(scan)
+    ...     new = KeyFile.create(folder + "/2026.key")
+    ...     late = Watermarker(old).embed(scan)
+    ...     marker = Watermarker(KeyRing([old, new]))
+    ...     print(marker.verify(sent.frame, sent.record).verdict)
+    ...     print(marker.verify(late.frame, late.record).reason)
+    authentic
+    the record states a time after its key had expired or had been replaced
+    """
+
+    def __init__(self, keys: Sequence[KeyFile]) -> None:
+        newest_first = sorted(keys, key=lambda key: (key.created_ns, key.key_id), reverse=True)
+        if not newest_first:
+            raise InputError("keys: expected at least one, got none")
+        for one, other in pairwise(newest_first):
+            if one.key_id == other.key_id:
+                raise InputError(f"keys: expected each key once, got {one.key_id[:8]} twice")
+        self.keys = tuple(newest_first)
+
+    @classmethod
+    def open(cls, paths: Sequence[str | os.PathLike[str]]) -> KeyRing:
+        """Open key files, and the key files of folders.
+
+        Parameters
+        ----------
+        paths : sequence of path
+            Key files, and folders whose files that end in ``.key`` are taken.
+
+        Returns
+        -------
+        KeyRing
+
+        Raises
+        ------
+        InputError
+            A folder without key files, or as `KeyFile` and `KeyRing`.
+        FormatError, OSError
+            As `KeyFile`.
+        """
+        files = [file for path in paths for file in _key_files(path_of(path))]
+        opened: list[KeyFile] = []
+        try:
+            opened += (KeyFile(file) for file in files)
+            return cls(opened)
+        except BaseException:
+            for key in opened:
+                key.close()
+            raise
+
+    @property
+    def newest(self) -> KeyFile:
+        """The key that embeds."""
+        return self.keys[0]
+
+    def close(self) -> None:
+        """Wipe all keys; may be called twice."""
+        for key in self.keys:
+            key.close()
+
+    def __enter__(self) -> KeyRing:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        names = ", ".join(key.key_id[:8] for key in self.keys)
+        return f"<manip3d.authenticate.KeyRing: {names}>"
+
+
+def _key_files(path: Path) -> list[Path]:
+    """The key file, or those of a folder."""
+    if not path.is_dir():
+        return [path]
+    found = sorted(path.glob("*.key"))
+    if not found:
+        raise InputError(f"{path}: expected a folder with files that end in .key, found none")
+    return found
+
+
+def _verifier_of(ring: KeyRing) -> _core.WatermarkVerifier:
+    verifier = _core.WatermarkVerifier(ring.newest._key)
+    for newer, older in pairwise(ring.keys):
+        verifier.add_older_key(older._key, newer.created_ns)
+    return verifier
 
 
 @checked
@@ -306,6 +433,8 @@ class WatermarkResult(Showable):
         What was verified.
     units_per_m : int
         Steps a metre of the grid whose points carry the bits; 0: none does.
+    key_id : str
+        Identifier of the key that made the record; empty where the record could not be used.
     """
 
     verdict: WatermarkVerdict
@@ -324,6 +453,7 @@ class WatermarkResult(Showable):
     is_end: bool = False
     scan: LidarFrame | None = None
     units_per_m: int = 0
+    key_id: str = ""
 
     name = "watermark"
     title = "Keyed watermark"
@@ -372,6 +502,7 @@ class WatermarkResult(Showable):
             "freshness": self.freshness,
             "frame": self.number,
             "session": self.session,
+            "key_id": self.key_id,
             "embedding": self.embedding,
             "is_end": self.is_end,
             "tiles": len(self.tiles),
@@ -398,7 +529,8 @@ class Watermarker:
 
     Parameters
     ----------
-    key : KeyFile
+    key : KeyFile or KeyRing
+        The newest key of a ring embeds, and each one verifies what was signed in its time.
     sensor : str
         Name of the sensor, at most 16 bytes of UTF-8; the records are bound to it.
     embedding : 'lbm', 'qim' or 'detached'
@@ -462,7 +594,7 @@ class Watermarker:
 
     def __init__(
         self,
-        key: KeyFile,
+        key: KeyFile | KeyRing,
         *,
         sensor: str = "",
         embedding: str = "lbm",
@@ -484,9 +616,10 @@ class Watermarker:
             raise InputError(f"units_per_m: expected 1000 with embedding 'qim', got {units_per_m}")
         self._options = (slices, least_points, round_points, units_per_m)
         self._origin = None if origin is None else vector(origin, 3, "origin")
-        self._key = key
+        ring = key if isinstance(key, KeyRing) else KeyRing([key])
+        self._key = ring.newest
         self._embedder: _core.WatermarkEmbedder | None = None
-        self._verifier = _core.WatermarkVerifier(key._key)
+        self._verifier = _verifier_of(ring)
         self._turn = threading.Lock()
         self._kept = None if state is None else VerifiedFrames(path_of(state), self._verifier)
 
@@ -939,6 +1072,7 @@ def _result(found: Mapping[str, Any], frame: LidarFrame) -> WatermarkResult:
         time_ns=header["time_ns"],
         is_end=header["is_end"],
         units_per_m=header["units_per_m"],
+        key_id=found["key"].hex(),
     )
 
 

@@ -693,28 +693,60 @@ def verdict_of_stream(
     """
     if len(results) == 0:
         raise InputError("results: expected at least one, got none")
-    for verdict in ("tampered", "undecidable"):
-        found = [result for result in results if result.verdict == verdict]
-        if found:
-            one = f" ({len(found)} of {len(results)} frames)" if len(results) > 1 else ""
-            return verdict, found[0].reason + one
-    missing = _missing_of_whole(results) if whole else ""
-    if missing:
-        return "undecidable", f"every frame holds, but {missing}"
-    return "authentic", results[-1].reason if len(results) == 1 else (
-        f"every point of {len(results)} frames is the one that was signed"
-    )
+    tally = StreamTally()
+    for result in results:
+        tally.add(result)
+    return tally.verdict(whole=whole)
 
 
-def _missing_of_whole(results: Sequence[WatermarkResult]) -> str:
-    """Why frames that hold are not one whole session; empty: they are.
+class StreamTally:
+    """What `verdict_of_stream` needs of the frames so far, however many they are."""
 
-    A verifier takes the first frame of a session wherever the one before has ended, so that several
-    sessions in any order, some of them left out, look like a chain.
-    """
-    sessions = len({result.session for result in results})
-    if sessions > 1:
-        return f"they are of {sessions} sessions, and none says which belong together, or how many"
-    if results[0].number != 0:
-        return "the frames at the beginning are missing"
-    return "" if results[-1].is_end else "the frames at the end are missing"
+    def __init__(self) -> None:
+        self._count = 0
+        self._loud: dict[str, tuple[str, int]] = {}  # the first reason, and frames
+        self._sessions: set[str] = set()
+        self._first: int | None = None  # number of the first frame
+        self._ends = False
+        self._reason = ""
+
+    def add(self, result: WatermarkResult) -> None:
+        """Take the next frame."""
+        if not self._count:
+            self._first = result.number
+        self._count += 1
+        self._sessions.add(result.session)
+        self._ends, self._reason = result.is_end, result.reason
+        if result.verdict != "authentic":
+            first, frames = self._loud.get(result.verdict, (result.reason, 0))
+            self._loud[result.verdict] = first, frames + 1
+
+    def verdict(self, *, whole: bool = True) -> tuple[WatermarkVerdict, str]:
+        """As `verdict_of_stream`."""
+        verdicts: tuple[WatermarkVerdict, ...] = ("tampered", "undecidable")
+        for verdict in verdicts:
+            if verdict in self._loud:
+                reason, frames = self._loud[verdict]
+                one = f" ({frames} of {self._count} frames)" if self._count > 1 else ""
+                return verdict, reason + one
+        missing = self._missing_of_whole() if whole else ""
+        if missing:
+            return "undecidable", f"every frame holds, but {missing}"
+        return "authentic", self._reason if self._count == 1 else (
+            f"every point of {self._count} frames is the one that was signed"
+        )
+
+    def _missing_of_whole(self) -> str:
+        """Why frames that hold are not one whole session; empty: they are.
+
+        A verifier takes the first frame of a session wherever the one before has ended, so that
+        several sessions in any order, some of them left out, look like a chain.
+        """
+        if len(self._sessions) > 1:
+            return (
+                f"they are of {len(self._sessions)} sessions, and none says which belong together, "
+                "or how many"
+            )
+        if self._first != 0:
+            return "the frames at the beginning are missing"
+        return "" if self._ends else "the frames at the end are missing"

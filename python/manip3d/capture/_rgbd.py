@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 import os
 import threading
 import time
@@ -13,24 +14,26 @@ from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, overload, runtime_checkable
 
 from manip3d import _core
+from manip3d._util.callers import caller_level
 from manip3d._util.checked import checked
 from manip3d._util.options import reporting
 from manip3d._util.paths import path_of
 from manip3d.camera import Intrinsics, Registration
 from manip3d.capture._forged import MOST_KEPT, SwitchedForgery, motion_of, read_plan
 from manip3d.capture._frame_source import FrameSource
+from manip3d.capture._one_camera import with_one_camera
 from manip3d.errors import InputError
 from manip3d.rgbd import RgbdCalibration, RgbdFrame, Skeleton
 
 if TYPE_CHECKING:
     from manip3d._util.options import Progress
 
-_CALLER = 3  # whose line a warning names: @checked is in between
 _LONGEST_BEFORE = 60.0  # seconds
 _PEOPLE = ("utd-mhad", "labanotation", "people")
+_RECORDINGS = ("folder", "mkv", "tum")  # files that can be read again, and written
 
 
 @dataclass(frozen=True)
@@ -80,6 +83,11 @@ class RgbdSource(FrameSource[RgbdFrame]):
     with `start`, but not after `stop`. Sources made by `from_frames` begin anew if their frames are
     a sequence, a simulator or a data set, not if they come from an iterator.
 
+    What begins anew has an index too: ``source[10]`` is the eleventh frame, ``source[-1]`` the last
+    one, ``source[10:20]`` a list; reading goes on where it was, unless `seek` moves it. ``len()``
+    is `num_frames`, and a `TypeError` where nobody knows it. Folders and recordings of this library
+    go to a frame at once, those of the Azure Kinect by passing over the frames before it.
+
     The images of a frame are its own: nothing changes in them when the next one comes, and they
     come out of the core without a copy.
 
@@ -90,11 +98,19 @@ class RgbdSource(FrameSource[RgbdFrame]):
         Frames come when they come, and the latest one wins.
     """
 
-    def __init__(self, uri: str, source: Any, reopen: Callable[[], Any] | None = None) -> None:
+    def __init__(
+        self,
+        uri: str,
+        source: Any,
+        reopen: Callable[[], Any] | None = None,
+        open_indexed: Callable[[], Any] | None = None,
+    ) -> None:
         self.uri = uri
         self.is_live = bool(source.is_live())
         self._source = source
-        self._reopen = None if self.is_live else reopen
+        self._reopen = reopen
+        self._open_indexed = open_indexed or reopen
+        self._indexed: Any = None
         self._is_started = self._is_stopped = False
         self._calibration: RgbdCalibration | None = None
         self.start()
@@ -120,7 +136,8 @@ class RgbdSource(FrameSource[RgbdFrame]):
     def start(self) -> None:
         """Open the device again after a `DeviceError`; a recording begins anew, with its counters.
 
-        `open` does it the first time.
+        `open` does it the first time. A recording that is played in real time goes on where an
+        error stopped it, as a camera does.
 
         Raises
         ------
@@ -129,9 +146,76 @@ class RgbdSource(FrameSource[RgbdFrame]):
         FormatError, OSError
             The recording is no longer what it was.
         """
-        if self._is_started and self._reopen is not None:
-            self._source.stop()
-            self._source = self._reopen()
+        if self._is_started and self._reopen is not None and not self.is_live:
+            self._open_again(self._reopen)
+        self._begin()
+
+    def _open_again(self, reopen: Callable[[], Any]) -> None:
+        self._source.stop()
+        self._source = reopen()
+
+    def seek(self, index: int) -> None:
+        """Go to a frame, which is the next one that is read; the counters begin anew.
+
+        A damaged frame is passed over in files that say which one it is, and named in others.
+
+        Parameters
+        ----------
+        index : int
+            0 is the first frame and -1 the last; `num_frames` is the end.
+
+        Raises
+        ------
+        InputError
+            A camera or an iterator, or there are not so many frames.
+        """
+        length = self.num_frames
+        if length is None and index < 0:
+            raise InputError(f"index: expected >= 0, as nobody knows how many there are: {index}")
+        if length is not None and not -length <= index <= length:
+            raise InputError(f"index: expected {-length} to {length}, got {index}")
+        self._open_again(self._recorded(self._reopen))
+        self._source.seek(index if index >= 0 else index + (length or 0))
+        self._begin()
+
+    def _recorded(self, reopen: Callable[[], Any] | None) -> Callable[[], Any]:
+        if reopen is None:
+            raise InputError(
+                f"source: expected a recording, whose frames have an index, got {self.uri}"
+            )
+        return reopen
+
+    @overload
+    def __getitem__(self, index: int) -> RgbdFrame: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[RgbdFrame]: ...
+    def __getitem__(self, index: int | slice) -> RgbdFrame | list[RgbdFrame]:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        at, length = operator.index(index), self.num_frames
+        at += length if at < 0 and length is not None else 0
+        if at < 0 or (length is not None and at >= length):
+            raise IndexError(f"frame {index} of {length or 'an unknown number'}")
+        open_indexed = self._recorded(self._open_indexed)
+        if self._indexed is None:
+            self._indexed = open_indexed()
+        try:
+            found = self._indexed.read_at(at)
+        except InputError:
+            raise IndexError(f"frame {index}: the recording ends before it") from None
+        finally:
+            self._indexed.stop()  # between two frames nobody reads
+        return self._to_frame(found) if isinstance(found, Mapping) else found
+
+    def __len__(self) -> int:
+        if (length := self.num_frames) is None:
+            raise TypeError(f"{self.uri}: nobody knows how many frames there are")
+        return length
+
+    def __bool__(self) -> bool:
+        return True  # however many frames
+
+    def _begin(self) -> None:
         self._is_started = True
         self._has_ended = self._is_stopped = False
         self._source.start()
@@ -161,7 +245,8 @@ class RgbdSource(FrameSource[RgbdFrame]):
 
     def _rewind(self) -> None:
         if self._reopen is not None and not self._is_stopped:
-            self.start()
+            self._open_again(self._reopen)
+            self._begin()
 
     def _to_frame(self, fields: Mapping[str, Any]) -> RgbdFrame:
         skeletons = tuple(Skeleton(**skeleton) for skeleton in fields["skeletons"])
@@ -174,6 +259,7 @@ class RgbdSource(FrameSource[RgbdFrame]):
         """
         self._is_stopped = True
         self._source.stop()
+        self._indexed = None
 
 
 @checked
@@ -233,6 +319,18 @@ class FrameClock:
         self._speed = 0.0
 
 
+@runtime_checkable
+class _Indexed(Protocol):
+    def __getitem__(self, index: int, /) -> RgbdFrame: ...
+
+
+def _length_of(frames: Iterable[RgbdFrame]) -> int | None:
+    try:
+        return len(frames) if isinstance(frames, Sized) else None
+    except TypeError:  # a source whose length nobody knows
+        return None
+
+
 class _Iterated:
     """Any iterable of frames; the same face as the core's sources."""
 
@@ -242,7 +340,8 @@ class _Iterated:
         calibration: RgbdCalibration | None,
         speed: float = 0.0,
     ) -> None:
-        self._length = len(frames) if isinstance(frames, Sized) else None
+        self._all = frames
+        self._length = _length_of(frames)
         self._frames = iter(frames)
         self._first: RgbdFrame | None = None
         if calibration is None:
@@ -267,6 +366,22 @@ class _Iterated:
             self._first = None
             self._given += 1
             return frame
+
+    def seek(self, index: int) -> None:
+        """Go to a frame; those before it are made where they cannot be left out."""
+        with self._lock:
+            self._first = None
+            if self._length is not None and isinstance(self._all, _Indexed):
+                self._frames = map(self._all.__getitem__, range(index, self._length))
+            else:
+                self._frames = islice(iter(self._all), index, None)
+
+    def read_at(self, index: int) -> RgbdFrame:
+        """The frame of an index."""
+        self.seek(index)
+        if (frame := next(self._frames, None)) is None:
+            raise InputError(f"index: expected that of a frame, got {index}")
+        return frame
 
     def calibration(self) -> RgbdCalibration:
         """Return the calibration of the source, else of its first frame."""
@@ -339,9 +454,14 @@ def from_frames(frames: Iterable[RgbdFrame], *, uri: str = "frames") -> RgbdSour
     return _source_of(frames, uri)
 
 
-def _source_of(frames: Iterable[RgbdFrame], uri: str, speed: float = 0.0) -> RgbdSource:
+def _source_of(
+    frames: Iterable[RgbdFrame], uri: str, speed: float = 0.0, start: int = 0
+) -> RgbdSource:
     def opened() -> _Iterated:
-        return _Iterated(frames, getattr(frames, "calibration", None), speed)
+        source = _Iterated(frames, getattr(frames, "calibration", None), speed)
+        if start:
+            source.seek(start)
+        return source
 
     # An iterator can only be gone through once.
     return RgbdSource(uri, opened(), None if isinstance(frames, Iterator) else opened)
@@ -354,6 +474,7 @@ def open_rgbd(
     speed: float = 0.0,
     camera: Intrinsics | RgbdCalibration | None = None,
     units_per_metre: float | None = None,
+    start: int = 0,
 ) -> RgbdSource:
     """Open an RGB-D camera, a recording, a folder of images or a simulated person.
 
@@ -375,6 +496,9 @@ def open_rgbd(
         others, one is taken that is nearly right, with a warning.
     units_per_metre : float, optional
         Stored units per metre of depth images. By default 1000 for folders and 5000 for ``tum:``.
+    start : int
+        Index of the first frame that is read, of recordings, simulated people and data sets; the
+        source begins there again each time. ``source[0]`` is the first frame of all even so.
 
     Returns
     -------
@@ -416,33 +540,53 @@ def open_rgbd(
     [0, 1, 2]
     """
     scheme = uri.partition(":")[0]
+    if start < 0:
+        raise InputError(f"start: expected >= 0, got {start}")
     if scheme == "forged":
         if camera is not None or units_per_metre is not None:
             raise InputError("camera, units_per_metre: expected none of them for forged:")
+        if start:
+            raise InputError("start: expected 0 for forged:, whose frames depend on those before")
         return _open_forged(uri, speed)
     if scheme == "sim" or scheme in _PEOPLE:
         if camera is not None or units_per_metre is not None:
             raise InputError(f"camera, units_per_metre: expected none of them for {scheme}:")
         if not 0.0 <= speed < math.inf:
             raise InputError(f"speed: expected a finite number >= 0, got {speed}")
-        return _source_of(_frames_of(uri, scheme), uri, speed)
+        return _checked_start(_source_of(_frames_of(uri, scheme), uri, speed, start), start)
     if units_per_metre is not None and not units_per_metre > 0:
         raise InputError(f"units_per_metre: expected > 0, got {units_per_metre}")
     # Not a RgbdCalibration, which takes no mirrored camera: the core turns the images round.
     given = SimpleNamespace(depth=camera, registration=None)
     calibration = given if isinstance(camera, Intrinsics) else camera
 
-    def opened() -> Any:
+    def opened(speed: float = 0.0) -> Any:
         return _core.open_rgbd(os.fsencode(uri), speed, units_per_metre or 0.0, calibration)
 
-    source = RgbdSource(uri, opened(), opened)
+    def begun() -> Any:
+        source = opened(speed)
+        if start:
+            source.seek(start)
+        return source
+
+    first = begun()
+    again = scheme in _RECORDINGS or not first.is_live()
+    source = RgbdSource(uri, first, begun if again else None, opened if again else None)
     if source.counters.get("nominal_camera"):
         warnings.warn(
             "camera: expected a calibration.json, or freiburg1, freiburg2 or freiburg3 in the name "
             f"of a TUM sequence, got {uri}: the pixels of the camera that is taken (fx = fy = 525, "
             "cx = 319.5, cy = 239.5) are up to 3 % off",
-            stacklevel=_CALLER,
+            stacklevel=caller_level(),
         )
+    return _checked_start(source, start)
+
+
+def _checked_start(source: RgbdSource, start: int) -> RgbdSource:
+    length = source.num_frames
+    if start and length is not None and start >= length:
+        source.stop()
+        raise InputError(f"start: expected less than the {length} frames of {source.uri}: {start}")
     return source
 
 
@@ -528,7 +672,7 @@ def record(
     overwrite: bool = False,
     progress: Progress = None,
 ) -> Recording:
-    """Write frames to a recording: a folder, or Matroska for ``.mkv``.
+    """Write frames to a recording: a folder, Matroska for ``.mkv``, or a TUM sequence.
 
     What was written is whole if this is stopped by Ctrl-C, by an error or by a kill.
 
@@ -537,7 +681,9 @@ def record(
     source : str or iterable of RgbdFrame
         A URI for `open`, or what gives frames: a source, a simulator, a list.
     path : path-like
-        A new folder, or a file that ends in ``.mkv``.
+        A new folder, or a file that ends in ``.mkv``. ``folder:``, ``mkv:`` or ``tum:`` before it
+        says the kind. ``tum:FOLDER`` is a sequence for programs that read those of the TUM RGB-D
+        benchmark: see `Notes`.
     frames : int, optional
         Stop after so many.
     seconds : float, optional
@@ -571,6 +717,15 @@ def record(
     FormatError, DeviceError
         The source raised it.
 
+    Notes
+    -----
+    A TUM sequence has ``depth.txt`` and ``rgb.txt`` with a time in seconds and a file in each line,
+    16-bit depth of 5000 units a metre, colour as PNG, ``associations.txt`` with the pairs, and
+    ``calibration.json``, by which `open` knows the camera; times are exact. It has one camera, so
+    colour of another one is looked up for each depth pixel. Skeletons, body indices and frame
+    numbers are left out; depths beyond 13.107 m become 0 and are counted as ``too_far``. There is
+    no ``groundtruth.txt``, because frames do not tell where their camera was.
+
     Examples
     --------
     >>> from dataclasses import replace
@@ -588,6 +743,14 @@ def record(
     >>> frames[2] = replace(frames[2], skeletons=(Skeleton(np.full((25, 3), 2.0)),))
     >>> capture.record(frames, "visit", trigger=lambda f: bool(f.skeletons), before=1.0).frames
     3
+
+    A sequence for other programs:
+
+    >>> capture.record(frames, "tum:sequence").path.name
+    'sequence'
+    >>> with capture.open("tum:sequence") as source:
+    ...     len(source), source[-1].time
+    (3, 66000000)
     """
     for name, value in (("frames", frames), ("seconds", seconds)):
         if value is not None and not value > 0:
@@ -596,30 +759,50 @@ def record(
         raise InputError(f"before: expected 0 to {_LONGEST_BEFORE:g} seconds, got {before}")
     if before and trigger is None:
         raise InputError("before: expected a trigger with it, got None")
+    place, kind = _place_of(path)
     if isinstance(source, RgbdSource):
         opened = source
     elif isinstance(source, str):
         opened = open_rgbd(source)
     else:
         opened = from_frames(source)
+    is_tum = kind == _core.RecordingKind.tum
     recorder = _core.open_recorder(
-        os.fsencode(path_of(path)), opened.calibration, lossless_color, jpeg_quality, overwrite
+        os.fsencode(place),
+        RgbdCalibration(opened.calibration.depth) if is_tum else opened.calibration,
+        lossless_color,
+        jpeg_quality,
+        overwrite,
+        kind,
     )
+
+    def write(frame: RgbdFrame) -> None:
+        recorder.write(with_one_camera(frame) if is_tum else frame)
+
     try:
         with reporting(progress, "record") as report:
-            copied = _copy(
-                opened, recorder, frames, seconds, _since(trigger, before, opened), report
-            )
+            copied = _copy(opened, write, frames, seconds, _since(trigger, before, opened), report)
     finally:
         recorder.close()
         if isinstance(source, str):
             opened.stop()
-    return Recording(Path(path), *copied, recorder.counters(), opened.counters)
+    return Recording(place, *copied, recorder.counters(), opened.counters)
+
+
+def _place_of(path: str | os.PathLike[str]) -> tuple[Path, Any]:
+    """The path of a recording to be written, and its kind where the address says it."""
+    whole = path_of(path)
+    scheme, colon, rest = str(whole).partition(":")
+    if not colon or scheme not in _RECORDINGS:
+        return whole, None
+    if not rest:
+        raise InputError(f"path: expected a place after {scheme}:, got none")
+    return Path(rest), getattr(_core.RecordingKind, scheme)
 
 
 def _copy(
     source: RgbdSource,
-    recorder: Any,
+    write: Callable[[RgbdFrame], None],
     frames: int | None,
     seconds: float | None,
     wanted: Iterator[tuple[Sequence[RgbdFrame], RgbdFrame]],
@@ -637,7 +820,7 @@ def _copy(
             stop = "seconds"
             break
         for one in (*earlier, frame):
-            recorder.write(one)
+            write(one)
             written, with_skeleton = written + 1, with_skeleton + bool(one.skeletons)
         count, last = count + 1, frame.time
         if report is not None:

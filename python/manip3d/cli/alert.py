@@ -121,8 +121,12 @@ def run(
         ),
     ],
     key: Annotated[
-        Path | None,
-        typer.Option("--key", help="Key file of the watermark; without one it is not verified."),
+        list[Path] | None,
+        typer.Option(
+            "--key",
+            help="Key file of the watermark, or a folder of .key files; without one it is not "
+            "verified. Give it again for the keys that the sensor had before.",
+        ),
     ] = None,
     embedding: OnlyEmbedding = "",
     sensor: OnlySensor = "",
@@ -182,7 +186,8 @@ def run(
     nothing was found, 3 when a frame was tampered with, and 4 when nothing can be said of a frame
     or when the drive is not one whole session of a watermark (with --frames and --live a part of
     one will do). A picture, record or speed that cannot be read silences no other witness; a drive
-    that ends in an error is judged by the frames before it.
+    that ends in an error is judged by the frames before it. The verdict is said also where the
+    output cannot be written; the exit code is 1 then unless a frame was tampered with.
     Of several drives, each is watched by itself, and the output is a folder with the page of each
     and one of all vehicles, overview.html.
 
@@ -191,7 +196,7 @@ def run(
     from manip3d import authenticate, report
 
     shell = Terminal(as_json=as_json, quiet=quiet)
-    if key is None:
+    if not key:
         _refuse_without_key(
             {"embedding": embedding, "sensor": sensor, "session": session, "max-age": max_age,
              "max-points": None if max_points == MOST_POINTS else max_points,
@@ -207,17 +212,17 @@ def run(
         carrier="picture" if picture else "sidecar",
     )
     check_output(output, report.ALERT_KINDS, force=force)
-    files = _Files(source, frames, calibration, rigs, None if key is None else picture, shell.say)
+    files = _Files(source, frames, calibration, rigs, picture if key else None, shell.say)
     rig, moments, total = _opened(files)
     timeline = report.AlertTimeline(source)
-    told: list[Alert] = []
+    tally = authenticate.AlertTally()
     stopped: BaseException | None = None
     last = None
     with ExitStack() as stack:
         marker = None
-        if key is not None:
-            secret = stack.enter_context(authenticate.KeyFile(key))
-            marker = stack.enter_context(authenticate.Watermarker(secret, state=state))
+        if key:
+            ring = stack.enter_context(authenticate.KeyRing.open(key))
+            marker = stack.enter_context(authenticate.Watermarker(ring, state=state))
         if budget is None:
             budget = _LIVE_BUDGET if live else math.inf
         monitor = authenticate.AlertMonitor(
@@ -226,34 +231,41 @@ def run(
         view = stack.enter_context(_View(shell, source, total))
         try:
             for alert in _judged(monitor, moments, speed, live=live):
-                told.append(alert.brief())  # first: showing it can fail
+                tally.add(alert)  # first: showing it can fail
                 timeline.add(alert)
                 view.show(alert)
             last = monitor.finish()
         except (Error, OSError, KeyboardInterrupt) as error:
-            if not told:
+            if not tally.num_frames:
                 raise
             stopped = error
             if not isinstance(error, KeyboardInterrupt):
                 last = monitor.finish()
-    if not told:
+    if not tally.num_frames:
         raise InputError(f"{source}: expected frames, found none")
-    whole = key is not None and frames is None and not live
-    verdict, reason = authenticate.verdict_of_alerts(told, whole=whole and stopped is None)
+    whole = bool(key) and frames is None and not live
+    verdict, reason = tally.verdict(whole=whole and stopped is None)
     if last is not None and last.verdict == "tampered" and verdict != "tampered":
         verdict, reason = "tampered", f"forensics: {last.reason}"
     if stopped is not None:
-        verdict, reason = _until(stopped, len(told), verdict, reason)
+        verdict, reason = _until(stopped, tally.num_frames, verdict, reason)
     counts = monitor.counts
+    unwritten: OSError | None = None
     if output is not None:
-        timeline.write(output, verdict=verdict, reason=reason, counts=counts)
-        shell.say(f"wrote {output}")
+        try:
+            timeline.write(output, verdict=verdict, reason=reason, counts=counts)
+            shell.say(f"wrote {output}")
+        except OSError as error:
+            unwritten = error
+            reason += f"; {output} was not written: {error}"
     # Every frame's numbers at once: only where somebody takes them.
     is_taken = as_json or shell.is_collecting
     summary = timeline.summary(verdict, reason, counts) if is_taken else None
     shell.result(summary, lambda console: _show(console, timeline, verdict, reason, counts))
     if isinstance(stopped, KeyboardInterrupt):
         raise stopped
+    if unwritten is not None and verdict != "tampered":
+        raise unwritten  # an alarm is more than an error, an error more than no alarm
     raise typer.Exit(EXIT_CODES[verdict])
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable
+from contextlib import ExitStack
 from dataclasses import asdict
 from itertools import islice, pairwise
 from pathlib import Path
@@ -25,6 +26,7 @@ from manip3d.cli.options import (
     RgbdPlace,
 )
 from manip3d.cli.terminal import Terminal, check_output, count, counted, naming_options, table
+from manip3d.cli.triggers import trigger_of
 from manip3d.errors import InputError, MissingExtraError
 from manip3d.rgbd import RgbdFrame
 
@@ -42,6 +44,9 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
+FirstFrame = Annotated[
+    int, typer.Option("--start", min=0, help="Index of the first frame; 0 is the first of all.")
+]
 _SHEET_FRAMES = 24
 _LIVE_SECONDS = 2.0
 
@@ -73,6 +78,7 @@ def open_source(
     intrinsics: str = "",
     units_per_metre: float = 0.0,
     speed: float = 0.0,
+    start: int = 0,
 ) -> RgbdSource:
     """The RGB-D source that the user names by its address, file or folder; says what it is.
 
@@ -88,7 +94,7 @@ def open_source(
         expect_kind(source, "recording", verb="capture")
     folder = f"folder:{source}" if Path(source).is_dir() else source
     uri = rgbd_address(source) or folder
-    options: dict[str, Any] = {"speed": speed} if speed else {}
+    options: dict[str, Any] = {"speed": speed, "start": start}
     if intrinsics:
         options["camera"] = camera_of_folder(intrinsics, uri)
     if units_per_metre:
@@ -114,6 +120,20 @@ def camera_of_folder(text: str, uri: str) -> Intrinsics:
         return read_intrinsics(text, width=width, height=height)
 
 
+def check_recording_output(output: Path, *, force: bool) -> None:
+    """Check ``-o`` of a recording, whose kind may stand before it: ``tum:walk``.
+
+    Raises
+    ------
+    InputError
+        As `check_output`.
+    """
+    scheme, _, place = str(output).partition(":")
+    if scheme == "tum" and place:
+        output = Path(place)
+    check_output(output, (".mkv",), force=force, folder=True)
+
+
 def write_recording(
     source: RgbdSource,
     output: Path,
@@ -123,12 +143,27 @@ def write_recording(
     seconds: float | None,
     lossless_color: bool,
     jpeg_quality: int,
+    trigger: str = "",
+    before: float = 0.0,
     force: bool,
 ) -> dict[str, Any]:
-    """Write a recording; Ctrl-C ends it whole."""
+    """Write a recording; Ctrl-C ends it whole.
+
+    Raises
+    ------
+    InputError
+        The trigger did not come; there is no frame then.
+    """
     from manip3d import capture
 
-    with source, terminal.progress("record") as progress:
+    with ExitStack() as opened:
+        begins = None
+        if trigger:
+            begins, wanted = opened.enter_context(trigger_of(trigger))
+            kept = f"; the last {before:g} s are kept" if before else ""
+            terminal.say(f"waiting for {wanted}{kept}")
+        opened.enter_context(source)
+        progress = opened.enter_context(terminal.progress("record"))
         done = capture.record(
             source,
             output,
@@ -136,8 +171,14 @@ def write_recording(
             seconds=seconds,
             lossless_color=lossless_color,
             jpeg_quality=jpeg_quality,
+            trigger=begins,
+            before=before,
             overwrite=force,
             progress=progress,
+        )
+    if trigger and not done.frames:
+        raise InputError(
+            f"--trigger {trigger}: it did not come before the source ended; {output} has no frame"
         )
     told = "" if done.frames_with_skeleton else "; no frame of the source has a skeleton"
     terminal.say(f"wrote {output}: {counted(done.frames, 'frame')}, {done.seconds:.2f} s{told}")
@@ -145,14 +186,21 @@ def write_recording(
 
 
 def play(
-    source: RgbdSource, output: Path | None, terminal: Terminal, *, frames: int | None, force: bool
+    source: RgbdSource,
+    output: Path | None,
+    terminal: Terminal,
+    *,
+    frames: int | None,
+    force: bool,
+    start: int = 0,
 ) -> dict[str, Any]:
     """Read frame after frame, as fast as the source gives them; pictures of them to ``output``.
 
     ``.png`` gets a sheet of up to 24 frames, a folder a picture of each.
     """
     pictures = _Pictures(output, force=force)
-    total = min((n for n in (frames, source.num_frames) if n), default=None)
+    left = None if source.num_frames is None else source.num_frames - start
+    total = min((n for n in (frames, left) if n), default=None)
     keep = _spread(total)
     shown = 0
     begin = time.perf_counter()
@@ -381,12 +429,27 @@ def capture_list(as_json: Json = False) -> None:
 def capture_record(
     source: RgbdPlace,
     output: Annotated[
-        Path, typer.Option("-o", "--output", help="A new folder, or a file that ends in .mkv.")
+        Path,
+        typer.Option(
+            "-o", "--output", help="A new folder, a file that ends in .mkv, or tum:FOLDER."
+        ),
     ],
     frames: MostFrames = None,
     seconds: Annotated[
-        float | None, typer.Option(help="Stop this many seconds after the first frame.")
+        float | None,
+        typer.Option(help="Stop this many seconds after the first frame, or the trigger's."),
     ] = None,
+    start: FirstFrame = 0,
+    trigger: Annotated[
+        str,
+        typer.Option(
+            metavar="EVENT", help="Begin at an event: key (Enter), person, SIGUSR1 or SIGUSR2."
+        ),
+    ] = "",
+    before: Annotated[
+        float,
+        typer.Option(min=0, max=60, help="Seconds before the trigger that are written, too."),
+    ] = 0.0,
     lossless_color: Annotated[
         bool, typer.Option("--lossless-color", help="Store colour exactly, not as JPEG.")
     ] = False,
@@ -399,13 +462,21 @@ def capture_record(
 ) -> None:
     """Write frames of a camera or another source to a recording.
 
-    Ctrl-C ends the recording; what was written is whole.
+    Ctrl-C ends the recording; what was written is whole. With --trigger it begins at an event, and
+    --before adds the seconds before that. 'tum:FOLDER' as output is a sequence for programs that
+    read the TUM RGB-D benchmark.
 
     Example: manip3d capture record 'sim:body?motion=wave&frames=30' -o patient.mkv
+
+    Example: manip3d capture record 'sim:body?frames=30' -o visit --before 5 --trigger person
     """
-    check_output(output, (".mkv",), force=force, folder=True)
+    check_recording_output(output, force=force)
+    if before and not trigger:
+        raise InputError("--before: expected --trigger with it")
     shell = Terminal(as_json=as_json, quiet=quiet)
-    opened = open_source(source, shell, intrinsics=intrinsics, units_per_metre=units_per_metre)
+    opened = open_source(
+        source, shell, intrinsics=intrinsics, units_per_metre=units_per_metre, start=start
+    )
     record = write_recording(
         opened,
         output,
@@ -414,6 +485,8 @@ def capture_record(
         seconds=seconds,
         lossless_color=lossless_color,
         jpeg_quality=quality,
+        trigger=trigger,
+        before=before,
         force=force,
     )
     shell.result(record)
@@ -432,6 +505,7 @@ def capture_play(
         float, typer.Option(min=0, help="Playback speed; 0: as fast as read, 1: real time.")
     ] = 1.0,
     frames: MostFrames = None,
+    start: FirstFrame = 0,
     intrinsics: FolderIntrinsics = "",
     units_per_metre: FolderUnits = 0.0,
     force: Force = False,
@@ -445,9 +519,14 @@ def capture_play(
     check_output(output, (".png",), force=force, folder=True)
     shell = Terminal(as_json=as_json, quiet=quiet)
     opened = open_source(
-        source, shell, intrinsics=intrinsics, units_per_metre=units_per_metre, speed=speed
+        source,
+        shell,
+        intrinsics=intrinsics,
+        units_per_metre=units_per_metre,
+        speed=speed,
+        start=start,
     )
-    record = play(opened, output, shell, frames=frames, force=force)
+    record = play(opened, output, shell, frames=frames, force=force, start=start)
     shell.result(record, lambda console: show_play(console, record))
 
 

@@ -21,11 +21,12 @@ from manip3d.cli.options import (
     Strict,
 )
 from manip3d.cli.terminal import Terminal, check_output, count, counted, naming_options
+from manip3d.errors import InputError
 from manip3d.io import DEPTH_SUFFIXES, WRITABLE
 
 if TYPE_CHECKING:
     from manip3d.batch import SourceFile
-    from manip3d.simplify import DepthFileResult
+    from manip3d.simplify import DepthFileResult, JointFileResult
 
 
 class DepthMethod(StrEnum):
@@ -49,7 +50,7 @@ class Variant(StrEnum):
 
 _OPTIONS = ("intrinsics", "unit", "variant", "by-distance", "move-points", "max-edge", "depth-step",
             "color", "mask", "confidence", "confidence-max", "points", "method",
-            "min-coverage", "bandwidth", "rate")  # fmt: skip
+            "min-coverage", "max-bridges", "bandwidth", "rate")  # fmt: skip
 
 
 def _of_frames(files: list[SourceFile], options: dict[str, Any]) -> dict[str, dict[str, str]]:
@@ -80,9 +81,84 @@ def _expect_budget(*budgets: object) -> None:
         raise typer.BadParameter("give --points, or --bandwidth with --rate", param_hint="--points")
 
 
+_NOT_JOINED = ("mask", "confidence", "bandwidth", "rate", "by_distance", "move_points")
+
+
+def _join(sources: list[str], given: dict[str, Any]) -> bool:
+    """With ``--poses``: one mesh of all files."""
+    if not given["poses"]:
+        return False
+    from manip3d import simplify
+    from manip3d.batch import find_files
+
+    _expect_budget(given["points"])
+    output: Path = given["output"]
+    shell = Terminal(as_json=given["as_json"], quiet=given["quiet"])
+    with naming_options(*_OPTIONS, "poses", *given["shared"]):
+        for name in (*given["shared"], *(n for n in _NOT_JOINED if given[n])):
+            raise InputError(f"{name}: expected without poses")
+        check_output(output, WRITABLE, force=given["force"])
+        files = [file.name for file in find_files(sources, suffixes=(*DEPTH_SUFFIXES, ".ply"))]
+        colors = simplify.colors_of_frames(files, given["color"]) if given["color"] else {}
+        unit = given["unit"]
+        if Path(files[0]).suffix.lower() in DEPTH_SUFFIXES:
+            unit = simplify.common_depth_unit(files, unit, given["intrinsics"])
+        options = simplify.DepthOptions(
+            given["points"],
+            given["method"].value,
+            given["variant"].value,
+            given["intrinsics"],
+            unit,
+            given["max_edge"],
+            given["depth_step"],
+            threads=given["jobs"],
+            min_coverage=given["min_coverage"],
+            max_bridges=given["max_bridges"],
+        )
+        result = simplify.simplify_camera_files(
+            files, given["poses"], output, options, colors=[colors[f] for f in files if colors]
+        )
+    shell.say(_joint_sentence(result))
+    shell.result(_joint_record(result))
+    if given["strict"] and (result.coverage_missed or result.bridges_missed):
+        raise typer.Exit(MISSED)
+    return True
+
+
+def _joint_sentence(result: JointFileResult) -> str:
+    options = result.options
+    low = f", less than {100 * options.min_coverage:.0f} %" if result.coverage_missed else ""
+    many = f", more than {100 * options.max_bridges:.2g} %" if result.bridges_missed else ""
+    return (
+        f"{options.method}: {counted(result.points_before, 'point')} of "
+        f"{counted(len(result.sources), 'view')} -> {count(result.points)}, "
+        f"{counted(result.faces, 'face')} in {result.seconds * 1000:.1f} ms; covers "
+        f"{100 * result.coverage:.1f} % of the measured pixels{low}, "
+        f"{100 * result.bridges:.2f} % of its area bridges gaps{many}; wrote {result.output}"
+    )
+
+
+def _joint_record(result: JointFileResult) -> dict[str, Any]:
+    return {
+        "inputs": [str(source) for source in result.sources],
+        "output": str(result.output),
+        "method": result.options.method,
+        "points_before": result.points_before,
+        "target_points": result.options.points,
+        "points": result.points,
+        "faces": result.faces,
+        "seconds": round(result.seconds, 4),
+        "coverage": round(result.coverage, 6),
+        "bridges": round(result.bridges, 6),
+        "coverage_missed": result.coverage_missed,
+        "bridges_missed": result.bridges_missed,
+    }
+
+
 @over_files(
     lambda: (*DEPTH_SUFFIXES, ".ply"), writable=lambda: WRITABLE, otherwise=".glb",
     prepare=_of_frames, check=lambda given: _expect_budget(*(given[name] for name in _BUDGETS)),
+    together=_join,
 )  # fmt: skip
 def depth(
     source: Annotated[
@@ -169,12 +245,28 @@ def depth(
             "L515. Default: the largest number that the image can hold."
         ),
     ] = None,
+    poses: Annotated[
+        str,
+        typer.Option(
+            help="Where the camera stood at each of several files, which become one mesh: TUM's "
+            "groundtruth.txt (time tx ty tz qx qy qz qw), or a Stanford .conf."
+        ),
+    ] = "",
     min_coverage: Annotated[
         float,
         typer.Option(
             min=0, max=1, help="Under --strict: exit 4 if less of the measured pixels is covered."
         ),
     ] = 0.9,
+    max_bridges: Annotated[
+        float,
+        typer.Option(
+            min=0,
+            max=1,
+            help="Under --strict: exit 4 if more of the mesh's area bridges gaps or, with "
+            "--depth-step 0, depth steps.",
+        ),
+    ] = 0.1,
     bandwidth: Annotated[
         float | None,
         typer.Option(
@@ -194,14 +286,15 @@ def depth(
 ) -> None:
     """Turn a depth image or a range scan into a sparse textured mesh.
 
-    Several depth images become a folder of .glb files and have one unit. The result is in metres,
-    with +y up in glTF (.glb, .gltf) and in the camera's axes in .ply, .obj, .stl and .off. The
-    depth range and its unit are printed: check them.
+    Several depth images become a folder of .glb files and have one unit; with --poses they become
+    one mesh. The result is in metres, with +y up in glTF (.glb, .gltf) and in the camera's axes in
+    .ply, .obj, .stl and .off. The depth range and its unit are printed: check them.
 
     Example: manip3d depth depth.png --intrinsics kinect-v2 --points 5000 -o person.glb
     """
     from manip3d import simplify
 
+    assert not poses  # those files were joined
     _expect_budget(points, bandwidth, rate)
     shell = Terminal(as_json=as_json, quiet=quiet)
     with naming_options(*_OPTIONS):
@@ -220,6 +313,7 @@ def depth(
             min_coverage,
             bandwidth,
             rate,
+            max_bridges,
         )
         expect_kind(source, "depth", "range grid", verb="depth")
         check_output(output, WRITABLE, force=force)
@@ -234,7 +328,7 @@ def depth(
         )
     _tell(shell, result)
     shell.result(_record(result))
-    if strict and (result.target_missed or result.coverage_missed):
+    if strict and (result.target_missed or result.coverage_missed or result.bridges_missed):
         raise typer.Exit(MISSED)
 
 
@@ -255,13 +349,14 @@ def _sentence(result: DepthFileResult) -> str:
     cut = f", {counted(result.faces_cut, 'face')} across depth steps left out"
     missed = f"; target of {counted(options.points or 0, 'point')} missed"
     share = f"; {count(result.num_bytes or 0)} of {counted(options.max_bytes or 0, 'byte')}"
+    many = f", more than {100 * options.max_bridges:.2g} %" if result.bridges_missed else ""
     low = f", less than {100 * options.min_coverage:.0f} %"
     return (
         f"{options.method}{variant}: {counted(result.points_before, 'point')} -> "
         f"{count(result.points)}, {counted(result.faces, 'face')}{cut if result.faces_cut else ''} "
         f"in {result.seconds * 1000:.1f} ms; covers {100 * result.coverage:.1f} % of the surface's "
         f"pixels{low if result.coverage_missed else ''}{_not_covered(result)}, "
-        f"{100 * result.bridges:.2f} % of its area bridges gaps"
+        f"{100 * result.bridges:.2f} % of its area bridges gaps{many}"
         f"{missed if result.target_missed else ''}"
         f"{share if result.num_bytes is not None else ''}{_left_across_steps(result)}; "
         f"wrote {result.output}"
@@ -282,8 +377,9 @@ def _left_across_steps(result: DepthFileResult) -> str:
     if not result.faces_left:
         return ""
     return (
-        "; the scene has depth steps, neither --depth-step nor --max-edge was given, and "
-        f"{counted(result.faces_left, 'face')} across them stayed"
+        f"; the scene has depth steps, and {counted(result.faces_left, 'face')} across them, "
+        f"{100 * result.left_area:.2f} % of the area, stayed, as --depth-step is 0 and there is no "
+        "--max-edge"
     )
 
 
@@ -312,6 +408,8 @@ def _record(result: DepthFileResult) -> dict[str, Any]:
         "outside": round(result.outside, 6),
         "dropped_pixels": result.dropped_pixels,
         "faces_left": result.faces_left,
+        "left_area": round(result.left_area, 6),
         "target_missed": result.target_missed,
         "coverage_missed": result.coverage_missed,
+        "bridges_missed": result.bridges_missed,
     }

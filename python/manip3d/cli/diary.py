@@ -14,7 +14,7 @@ import typer
 from manip3d.cli.options import Force, Json, Quiet
 from manip3d.cli.phantom import LimbName
 from manip3d.cli.terminal import Terminal, check_output, counted, table
-from manip3d.errors import InputError
+from manip3d.errors import FormatError, InputError, printable
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -88,7 +88,7 @@ def enrol(
 
     Use a pseudonym, and keep elsewhere who it is. The days of the protocol are counted from today.
 
-    Example: manip3d diary enrol study.diary P02 --limb left-leg
+    Example: manip3d diary enrol study.diary P01 --limb left-leg
     """
     with _opened(path, key, create=True) as diary:
         person = diary.enrol(
@@ -130,7 +130,7 @@ def consent(
     shell = Terminal(as_json=as_json, quiet=quiet)
     shell.say(f"{participant} {'consents' if clips else 'does not consent'} to films")
     for file in left:
-        shell.say(f"still shows films of {participant}: {file}")
+        shell.say(printable(f"still shows films of {participant}: {file}"))
     shell.result({"participant": participant, "clips": clips, "left": [str(one) for one in left]})
     if failed is not None:
         raise failed
@@ -189,7 +189,7 @@ def list_participants(path: File, key: Key = None, as_json: Json = False) -> Non
     def show(console: Console) -> None:
         names = ("participant", "limb", "enrolled", "sessions", "last", "complete", "events")
         cells = [
-            [row["participant"], row["limb"].replace("_", " "), row["enrolled"][:10],
+            [row["participant"], printable(row["limb"].replace("_", " ")), row["enrolled"][:10],
              str(row["sessions"]), (row["last"] or "-")[:16].replace("T", " "),
              f"{row['complete']} of {row['expected']}", str(row["events"])]
             for row in rows
@@ -232,8 +232,9 @@ def show_participant(path: File, participant: Who, key: Key = None, as_json: Jso
     }  # fmt: skip
 
     def show(console: Console) -> None:
-        limb = f", {person.limb.replace('_', ' ')}" if person.limb else ""
-        console.print(f"{person.identifier}{limb}, enrolled {_day(person.enrolled)}")
+        limb = printable(f", {person.limb.replace('_', ' ')}") if person.limb else ""
+        told = f"{person.identifier}{limb}, enrolled {_day(person.enrolled)}"
+        console.print(told, markup=False)
         console.print(
             f"{done.complete} of {done.expected} sessions complete in {counted(done.days, 'day')}, "
             f"{done.partial} more in part{_left_out(done.simulated)}"
@@ -242,6 +243,7 @@ def show_participant(path: File, participant: Who, key: Key = None, as_json: Jso
         for session in sessions:
             stuck = sum(len(game.anomalies) for game in session.games)
             pain = f"{_dash(session.pain_before)} -> {_dash(session.pain_after)}"
+            pain += "" if session.answered else " (not answered at the end)"
             games = (
                 ", ".join(
                     f"{game.game} {game.score}{' (simulated)' if game.is_simulated else ''}"
@@ -249,7 +251,7 @@ def show_participant(path: File, participant: Who, key: Key = None, as_json: Jso
                 )
                 or "none"
             )
-            rows.append([_day(session.started), games, pain, str(stuck)])
+            rows.append([_day(session.started), printable(games), pain, str(stuck)])
         if rows:
             table(console, rows, ("session", "games and scores", "pain", "anomalies"))
         for one in filled:
@@ -263,11 +265,10 @@ def show_participant(path: File, participant: Who, key: Key = None, as_json: Jso
             if form.number not in elsewhere:
                 told = ", ".join(f"{name} {score:.4g}" for name, score in form.scores.items())
                 title = f"{form.questionnaire.name}, {form.occasion}, {_day(form.at)}"
-                console.print(f"{title}: {told}", markup=False)
+                console.print(printable(f"{title}: {told}"), markup=False)
         for event in events:
-            console.print(
-                f"adverse event, {_day(event.at)}: {event.kind} {event.text}", markup=False
-            )
+            told = f"adverse event, {_day(event.at)}: {event.kind} {event.text}"
+            console.print(printable(told), markup=False)
 
     Terminal(as_json=as_json).result(record, show)
 
@@ -514,7 +515,7 @@ def delete(
     with _opened(path, key) as diary:
         exports = diary.exports(participant)  # who is not there is said before asking
         for one in exports:
-            shell.say(f"exported: {one.path} ({one.state})")
+            shell.say(printable(f"exported: {one.path} ({one.state})"))
         if not is_sure and not typer.confirm(f"Delete all of {participant} from {path}?", err=True):
             raise InputError("nothing deleted")
         chosen = [one.path for one in exports if with_exports and one.state == "unchanged"]
@@ -531,7 +532,7 @@ def delete(
     if removed:
         shell.say(f"removed {counted(len(removed), 'exported file')}")
     for file in left:
-        shell.say(f"still holds data of {participant}: {file}")
+        shell.say(printable(f"still holds data of {participant}: {file}"))
     shell.result(
         {
             "diary": str(path),
@@ -556,7 +557,7 @@ def _remove(shell: Terminal, files: Sequence[Path]) -> list[Path]:
         try:
             file.unlink()
         except OSError as error:
-            shell.say(f"cannot remove {file}: {error.strerror}")
+            shell.say(printable(f"cannot remove {file}: {error.strerror}"))
         else:
             removed.append(file)
     for folder in {file.parent for file in removed if _is_of_folder(file)}:
@@ -569,15 +570,24 @@ def _remove(shell: Terminal, files: Sequence[Path]) -> list[Path]:
 def audit(path: File, key: Key = None, as_json: Json = False) -> None:
     """List what was done to a diary, by time: enrolments, sessions, exports, deletions ...
 
-    Whose it was is empty for participants who were deleted.
+    Times are those of the clock where it was done, with its offset from UTC. What was done to
+    participants who were deleted is deleted too. Each row is bound to those before it by a keyed
+    hash; where a row was changed or is missing, the first one is named and the exit code is 1.
 
     Example: manip3d diary audit study.diary
     """
+    broken: FormatError | None = None
     with _opened(path, key) as diary:
         rows = diary.audit()
+        try:
+            diary.check_audit()
+        except FormatError as error:
+            broken = error  # said after the list, which may still show what happened
 
     def show(console: Console) -> None:
-        cells = [[at.strftime("%Y-%m-%d %H:%M:%S"), action, whose] for at, action, whose in rows]
+        cells = [
+            [at.isoformat(" ", "seconds"), printable(action), whose] for at, action, whose in rows
+        ]
         table(console, cells, ("when", "what", "whose"))
 
     Terminal(as_json=as_json).result(
@@ -585,6 +595,24 @@ def audit(path: File, key: Key = None, as_json: Json = False) -> None:
          for at, action, whose in rows],
         show,
     )  # fmt: skip
+    if broken is not None:
+        raise broken
+
+
+@app.command("check")
+def check(path: File, key: Key = None, as_json: Json = False, quiet: Quiet = False) -> None:
+    """Read the whole diary: pages of the file, each entry, films, and the chain of the audit.
+
+    The first thing that is not as it was written is named, and the exit code is 1.
+
+    Example: manip3d diary check study.diary
+    """
+    with _opened(path, key) as diary:
+        diary.check()
+        people = len(diary.participants())
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    shell.say(f"{path}: nothing is damaged ({counted(people, 'participant')})")
+    shell.result({"diary": str(path), "participants": people})
 
 
 @app.command("analyse")

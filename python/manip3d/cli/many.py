@@ -107,6 +107,7 @@ def over_files(
     check: Callable[[Mapping[str, Any]], object] = lambda options: None,
     beside: Callable[[str], Sequence[Path]] = lambda source: (),
     resumes: bool = True,
+    together: Callable[[list[str], dict[str, Any]], bool] = lambda sources, options: False,
 ) -> Callable[[Verb], Verb]:
     """Make a verb of one file (and ``output``) a verb of many.
 
@@ -145,6 +146,9 @@ def over_files(
         and all options that are files or folders are inputs: a row is made again when one changes.
     resumes : bool
         False: rows of an earlier run are no answer, since the verb says what is true now.
+    together : callable(sources, options) -> bool, optional
+        Makes one thing of all files where the options ask for that, and returns whether it did;
+        ``options["shared"]`` names those of ``--table``, ``--dask`` and ``--to`` that are given.
     """
 
     def decorate(verb: Verb) -> Verb:
@@ -159,6 +163,9 @@ def over_files(
             sources: list[str] = given.pop(argument)
             to, table, dask = given.pop("to", ""), given.pop("table"), given.pop("dask")
             jobs = given["jobs"] if has_jobs else given.pop("jobs")
+            shared = {"table": table, "dask": dask, "to": to}
+            if together(sources, given | {"shared": [n for n, v in shared.items() if v]}):
+                return
             if not table and not dask and _is_one(sources):
                 _one(verb, argument, sources[0], given)
                 return

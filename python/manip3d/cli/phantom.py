@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import ExitStack
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -10,13 +11,24 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from manip3d.cli import kinds
+from manip3d.cli.capture import open_source
 from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
-from manip3d.cli.options import Force, Jobs, Json, MostFrames, Output, Quiet
+from manip3d.cli.options import (
+    FolderIntrinsics,
+    FolderUnits,
+    Force,
+    Jobs,
+    Json,
+    MostFrames,
+    Output,
+    Quiet,
+)
 from manip3d.cli.signals import ended_like_ctrl_c
 from manip3d.cli.terminal import Terminal, check_output, counted, naming_options
 
 if TYPE_CHECKING:
+    from manip3d.capture import RgbdSource
     from manip3d.serve import Certificate
 
 app = typer.Typer(
@@ -120,6 +132,8 @@ def phantom_render(
         float, typer.Option(help="Direction from which the mesh is drawn, degrees.")
     ] = 35.0,
     frames: MostFrames = None,
+    intrinsics: FolderIntrinsics = "",
+    units_per_metre: FolderUnits = 0.0,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -136,9 +150,14 @@ def phantom_render(
     expect_kind(source, "recording", verb="phantom render")
     check_output(output, (".mp4",), force=force, folder=True)
     shell = Terminal(as_json=as_json, quiet=quiet)
-    with shell.progress("render") as progress, naming_options("output"):
+    with ExitStack() as opened, shell.progress("render") as progress, naming_options("output"):
+        place: str | RgbdSource = source
+        if intrinsics or units_per_metre:
+            place = opened.enter_context(
+                open_source(source, shell, intrinsics=intrinsics, units_per_metre=units_per_metre)
+            )
         film = render_phantom(
-            source,
+            place,
             output,
             affected=limb.value.replace("-", "_") if limb else None,
             mode=mode.value,
@@ -154,9 +173,14 @@ def phantom_render(
         )
     told = film.affected.replace("_", " ")
     if not film.frames_with_skeleton:
-        told += "; no frame of the source has a skeleton, so there is no phantom limb"
+        told += (
+            "; nobody was found in the colour images, so there is no phantom limb"
+            if pose
+            else "; no frame of the source has a skeleton, so there is no phantom limb "
+            "(--pose finds the joints in colour images)"
+        )
     shell.say(f"wrote {output}: {counted(film.frames, 'frame')}, {told}")
-    for message, number in film.messages.items():
+    for message, number in film.messages.items() if film.frames_with_skeleton else ():
         shell.say(f"{counted(number, 'frame')}: {message}")
     shell.result(
         {

@@ -40,7 +40,15 @@ Source = Annotated[
     typer.Argument(metavar="SOURCE", help="A scan, or a folder of a KITTI drive."),
 ]
 Key = Annotated[Path, typer.Option("--key", help="Key file, as 'watermark keygen' makes it.")]
-
+Keys = Annotated[
+    list[Path],
+    typer.Option(
+        "--key",
+        help="Key file, as 'watermark keygen' makes it, or a folder of .key files. Give it again "
+        "for the keys that the sensor had before: they verify what they signed until the next one "
+        "was made.",
+    ),
+]
 
 Picture = Annotated[
     str,
@@ -126,12 +134,15 @@ def key_of(options: Mapping[str, Any]) -> str:
 
     from manip3d import authenticate
 
-    if options.get("key") is None:
+    given = options.get("key")
+    if not given:
         return ""
-    path = Path(options["key"])
-    with authenticate.KeyFile(path) as key:
+    paths = [Path(each) for each in (given if isinstance(given, (list, tuple)) else [given])]
+    with authenticate.KeyRing.open(paths) as ring:
         is_timed = options.get("max_age") is not None
-        stamp = f"key {key.key_id} {path.stat().st_mtime_ns}"
+        files = [f for p in paths for f in (sorted(p.glob("*.key")) if p.is_dir() else [p])]
+        names = [f"key {key.key_id}" for key in ring.keys]
+        stamp = " ".join([*names, *(str(file.stat().st_mtime_ns) for file in files)])
         return f"{stamp} at {time.time_ns()}" if is_timed else stamp
 
 
@@ -320,7 +331,7 @@ def _without_records(files: list[SourceFile]) -> list[SourceFile]:
 )
 def verify(
     source: Source,
-    key: Key,
+    key: Keys,
     record: Annotated[
         Path | None, typer.Option(help="Record of a single scan; by default SCAN.wm beside it.")
     ] = None,
@@ -347,7 +358,7 @@ def verify(
     nothing can be said. Frames that are missing in a drive, also at its end, are noticed; a single
     scan is judged by its content, wherever its frame was. Of a folder, records whose scans are
     missing and files that hold no scan are undecidable; what was taken away with its record is
-    noticed in a drive only.
+    noticed in a drive only. Of several keys, the record's own tag tells which made it.
 
     Example: manip3d watermark verify signed --key sensor.key
     """
@@ -372,8 +383,8 @@ def verify(
     scans = _verified_scans(source, has_pictures=bool(picture))
     results = []
     with (
-        authenticate.KeyFile(key) as secret,
-        authenticate.Watermarker(secret, state=state) as marker,
+        authenticate.KeyRing.open(key) as ring,
+        authenticate.Watermarker(ring, state=state) as marker,
         shell.progress("verify") as progress,
     ):
         for number, path in enumerate(scans):

@@ -105,7 +105,7 @@ def _log_pose(path: Path, frame: str) -> NDArray[np.float64]:
 
 def _quaternion_pose(path: Path, frame: str) -> NDArray[np.float64]:
     """A line ``tx ty tz qx qy qz qw`` per frame; the first is frame 1."""
-    from manip3d.datasets.scans import rigid
+    from manip3d.io._poses import rigid
 
     values = np.loadtxt(path, dtype=np.float64, ndmin=2)[int(frame) - 1]
     pose = rigid(values)

@@ -16,6 +16,7 @@ from typing import Any, Literal, Self, get_args
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
+from manip3d._util.texts import has_control_characters
 from manip3d.diary._clips import Clip, Pictures, seal_pictures, unseal_pictures
 from manip3d.diary._mcgill import score_mcgill
 from manip3d.diary._protocol import PAIN, SICKNESS, judge_rating
@@ -59,9 +60,11 @@ except ModuleNotFoundError as error:
     raise MissingExtraError("sqlalchemy", "diary") from error
 
 from manip3d.diary import _schema as schema
+from manip3d.diary._audit import append_row, begin_chain, erase_rows, moment_of, verify
 
 _CHECK = b"manip3d diary"
 _STUDY = "meta study"  # what the study's identifier is encrypted for
+_CHAIN = "meta audit key"
 _OWNERSHIP, _FELT, _FORM = "ownership", "felt", "form"  # kinds of questionnaires
 _BUSY_S = 5.0  # another program that writes is waited for
 
@@ -114,7 +117,8 @@ class Diary:
         self._key = require_key_material(key)
         self._check_file(create)
         self._engine = sql.create_engine(
-            sql.URL.create("sqlite", database=str(self.path)),
+            # SQLite takes `:memory:` for no file, and SQLAlchemy `file:` for an address.
+            sql.URL.create("sqlite", database=os.path.abspath(self.path)),
             poolclass=sql.pool.NullPool,  # nobody holds the file between two calls
             connect_args={"timeout": _BUSY_S},
         )
@@ -129,6 +133,7 @@ class Diary:
             if now < schema.VERSION:
                 self._migrate(connection, now)
             self._study = self._read_study(connection)
+            self._chain_key = unseal(self._key, self._meta(connection, "audit key"), _CHAIN)
 
     def __enter__(self) -> Self:
         return self
@@ -180,10 +185,11 @@ class Diary:
         Raises
         ------
         InputError
-            The pseudonym is taken, in capital or small letters, or no pseudonym, or the time has no
-            offset from UTC.
+            The pseudonym is taken, in capital or small letters, or no pseudonym, the limb has
+            control characters, or the time has no offset from UTC.
         """
         name = identifier_of(identifier)
+        _check_texts({"limb": limb})
         moment = aware(at, "at")
         with self._engine.begin() as connection:
             for _, _, found in self._all(connection):
@@ -301,38 +307,50 @@ class Diary:
         """
         self._set_time(session, "begun", aware(at, "at"), keep=True)
 
-    def end_session(self, session: int, *, at: datetime | None = None) -> None:
+    def end_session(
+        self, session: int, *, at: datetime | None = None, answered: bool = True
+    ) -> None:
         """Say when a sitting ended.
 
         Parameters
         ----------
         session : int
         at : datetime, optional
+        answered : bool
+            False: the patient was asked for a last rating of the pain and gave none.
 
         Raises
         ------
         InputError
             No such session.
         """
-        self._set_time(session, "ended", aware(at, "at"))
+        self._set_time(session, "ended", aware(at, "at"), about={"answered": answered})
 
-    def _set_time(self, session: int, name: str, at: datetime, *, keep: bool = False) -> None:
-        """Set a time of a sitting; ``keep``: unless it is set."""
+    def _set_time(
+        self,
+        session: int,
+        name: str,
+        at: datetime,
+        *,
+        keep: bool = False,
+        about: Mapping[str, bool] | None = None,
+    ) -> None:
+        """Set a time of a sitting and what else is known of it; ``keep``: unless it is set."""
         with self._engine.begin() as connection:
             number, key = self._of_session(connection, session)
             table = schema.SESSIONS
             payload = connection.execute(
                 sql.select(table.c.payload).where(table.c.id == session)
             ).scalar_one()
-            about = _about(number, table, session)
-            fields = unseal_fields(key, payload, about)
+            place = _about(number, table, session)
+            fields = unseal_fields(key, payload, place)
             if keep and fields.get(name):
                 return
-            fields[name] = at.isoformat()
+            fields |= {name: at.isoformat(), **(about or {})}
             connection.execute(
                 sql.update(table)
                 .where(table.c.id == session)
-                .values(payload=seal_fields(key, fields, about))
+                .values(payload=seal_fields(key, fields, place))
             )
 
     def add_game(
@@ -408,6 +426,7 @@ class Diary:
         key: bytes | None,
         fields: Mapping[str, Any],
     ) -> None:
+        _check_texts(fields)
         table = schema.GAMES
         done = connection.execute(
             sql.update(table)
@@ -703,7 +722,8 @@ class Diary:
         Raises
         ------
         InputError
-            No such participant, session or kind, or too long a text.
+            No such participant, session or kind, or a text that is too long or has control
+            characters other than line feeds.
         """
         if kind not in ("pain", "sickness", "other"):
             raise InputError(f"kind: expected pain, sickness or other, got {kind!r}")
@@ -803,10 +823,11 @@ class Diary:
         with self._engine.begin() as connection:
             number, _ = self._find(connection, identifier)
         with self._without_remains() as connection:
+            erased = erase_rows(connection, number)
             connection.execute(
                 sql.delete(schema.PARTICIPANTS).where(schema.PARTICIPANTS.c.id == number)
             )
-            self._note(connection, "delete", None)
+            self._note(connection, "delete", None, erased)
 
     @contextlib.contextmanager
     def _without_remains(self) -> Iterator[sql.Connection]:
@@ -1094,6 +1115,8 @@ class Diary:
         ----------
         identifier : str
         today : date, optional
+            A day of this machine's time zone, by default the present one. Events of that day count
+            wherever they were written down: a diary may come from another time zone.
 
         Returns
         -------
@@ -1108,28 +1131,59 @@ class Diary:
         """
         day = today or date.today()
         for event in self.events(identifier):
-            if event.at.date() == day and event.kind != "other":
+            if event.local_date == day and event.kind != "other":
                 return SICKNESS if event.kind == "sickness" else event.text or PAIN
         return ""
 
     def audit(self) -> list[tuple[datetime, str, str]]:
-        """List what was done, by time: when, what (``enrol``, ``game``, ``delete`` ...), and whose;
-        the last one is empty where the participant was deleted."""
-        with self._engine.begin() as connection:
-            names = {number: fields["identifier"] for number, _, fields in self._all(connection)}
-            rows = connection.execute(sql.select(schema.AUDIT).order_by(schema.AUDIT.c.at)).all()
-        return [
-            (datetime.fromisoformat(row.at), row.action, names.get(row.participant, ""))
-            for row in rows
-        ]
+        """List what was done, by time, without what was done to participants who were deleted.
 
-    def check(self) -> None:
-        """Read the whole file and open every payload.
+        Returns
+        -------
+        list of (datetime, str, str)
+            When, what (``enrol``, ``game``, ``delete`` ...), and whose; the last one is empty for a
+            deletion. See `check_audit` for whether it is what was written.
 
         Raises
         ------
         FormatError
-            The file is damaged, or a payload was changed.
+            A time is none: the diary is damaged.
+        """
+        table = schema.AUDIT
+        with self._engine.begin() as connection:
+            names = {number: fields["identifier"] for number, _, fields in self._all(connection)}
+            rows = connection.execute(
+                sql.select(table).where(table.c.salt != "").order_by(table.c.number)
+            ).all()
+        found = [
+            (moment_of(row.at, str(self.path)), row.action, names.get(row.participant, ""))
+            for row in rows
+        ]
+        return sorted(found, key=lambda one: one[0])
+
+    def check_audit(self) -> None:
+        """Compare each row of the audit with its hashes, which bind it to all rows before it.
+
+        The hashes need a key, which an encrypted diary keeps encrypted: who has no key file can
+        change no row unnoticed. In a plain diary that key stands in the file, so that damage and
+        changes with other programs are found, but no forgery by who takes this key. A copy of the
+        whole file of an earlier day is valid.
+
+        Raises
+        ------
+        FormatError
+            Names the first row that is not what was written, or is missing.
+        """
+        with self._engine.begin() as connection:
+            verify(connection, self._chain_key, str(self.path))
+
+    def check(self) -> None:
+        """Read the whole file, open every payload and compare the audit with its hashes.
+
+        Raises
+        ------
+        FormatError
+            The file is damaged, or a payload or a row of the audit was changed.
         """
         with self._engine.begin() as connection:
             told = connection.exec_driver_sql("PRAGMA integrity_check").scalars().all()
@@ -1144,6 +1198,7 @@ class Diary:
                     self._rows(connection, table, number, key)
                 for _ in self._pictures(connection, number, key):
                     pass
+            verify(connection, self._chain_key, str(self.path))
 
     # --- the file --------------------------------------------------------------------------------
 
@@ -1157,12 +1212,17 @@ class Diary:
                 raise FormatError("expected a regular file", file=str(self.path))
             raise FileNotFoundError(2, "No such file or directory", str(self.path))
         try:
-            with contextlib.closing(sqlite3.connect(self.path, timeout=_BUSY_S)) as plain:
+            # An absolute path: `:memory:` would be no file.
+            with contextlib.closing(
+                sqlite3.connect(os.path.abspath(self.path), timeout=_BUSY_S)
+            ) as plain:
                 mark, version = (
                     int(plain.execute(f"PRAGMA {name}").fetchone()[0])
                     for name in ("application_id", "user_version")
                 )
                 holds = int(plain.execute("SELECT count(*) FROM sqlite_master").fetchone()[0])
+                if mark == schema.APPLICATION:
+                    self._check_pages(plain)
         except sqlite3.DatabaseError as error:
             raise FormatError(f"expected a diary: {error}", file=str(self.path)) from error
         # A file without tables: new, or its maker was killed before it was a diary.
@@ -1177,16 +1237,37 @@ class Diary:
                 file=str(self.path),
             )
 
+    def _check_pages(self, plain: sqlite3.Connection) -> None:
+        """Refuse a damaged file before anything is written into it."""
+        # 1 ms for 300 games, 60 ms for 200 MB of films, as long as quick_check takes.
+        (told,) = plain.execute("PRAGMA integrity_check(1)").fetchone()
+        if told != "ok":
+            raise FormatError(f"the diary is damaged: {told}", file=str(self.path))
+
     def _migrate(self, connection: sql.Connection, version: int) -> None:
         """Bring the file to the version of today; 0: it is new."""
+        audit = self._old_audit(connection) if 0 < version < schema.WITH_CHAIN else []
         schema.migrate(connection, version)
         marks = {}
         if version == 0:  # what a key is checked by when the diary is opened
             marks["check"] = seal(self._key, _CHECK, "meta")
         if version < schema.WITH_STUDY:
             marks["study"] = seal(self._key, str(uuid.uuid4()).encode(), _STUDY)
+        if version < schema.WITH_CHAIN:
+            self._chain_key = new_key()
+            marks["audit key"] = seal(self._key, self._chain_key, _CHAIN)
         for name, value in marks.items():
             connection.execute(sql.insert(schema.META).values(name=name, value=value))
+        if version < schema.WITH_CHAIN:
+            begin_chain(connection, self._chain_key)
+        for _, at, action, number in audit:
+            append_row(connection, self._chain_key, action, number, at=at)
+
+    def _old_audit(self, connection: sql.Connection) -> list[tuple[datetime, str, str, int | None]]:
+        """Instant, time, action and participant of each row of an audit without hashes, by time."""
+        rows = connection.exec_driver_sql("SELECT at, action, participant FROM audit").all()
+        found = [(moment_of(at, str(self.path)), at, what, whose) for at, what, whose in rows]
+        return sorted(found, key=lambda row: row[0])
 
     def _meta(self, connection: sql.Connection, name: str) -> bytes:
         table = schema.META
@@ -1283,6 +1364,7 @@ class Diary:
         fields: Mapping[str, Any],
         **parents: int | None,
     ) -> int:
+        _check_texts(fields)
         row = _new_number()
         payload = seal_fields(key, fields, _about(number, table, row))
         connection.execute(
@@ -1342,18 +1424,19 @@ class Diary:
             tuple(sorted(games, key=lambda game: game.at)),
             tuple(sorted(ratings, key=lambda rating: rating.at)),
             datetime.fromisoformat(about["begun"]) if about.get("begun") else None,
+            bool(about.get("answered", True)),
         )
 
-    def _note(self, connection: sql.Connection, action: str, number: int | None) -> None:
+    def _note(
+        self,
+        connection: sql.Connection,
+        action: str,
+        number: int | None,
+        erased: Sequence[int] = (),
+    ) -> None:
         """One more line of the audit."""
-        connection.execute(
-            sql.insert(schema.AUDIT).values(
-                id=_new_number(),
-                at=datetime.now().astimezone().isoformat(),
-                action=action,
-                participant=number,
-            )
-        )
+        at = datetime.now().astimezone().isoformat()
+        append_row(connection, self._chain_key, action, number, at=at, erased=erased)
 
 
 def _on_begin(connection: sql.Connection) -> None:
@@ -1363,6 +1446,15 @@ def _on_begin(connection: sql.Connection) -> None:
 def _new_number() -> int:
     """Random, so that gaps between numbers do not tell of somebody who was deleted."""
     return secrets.randbelow(2**62 - 1) + 1
+
+
+def _check_texts(fields: Mapping[str, Any]) -> None:
+    """Refuse what no copy could hold and a terminal would obey."""
+    for name, value in fields.items():
+        if isinstance(value, str) and has_control_characters(value):
+            raise InputError(
+                f"{name}: expected a text without control characters, got {value[:60]!a}"
+            )
 
 
 def _about(number: int, table: sql.Table | None = None, row: int = 0) -> str:

@@ -14,8 +14,10 @@ from typing import Any
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
+from manip3d._util.texts import legible
 from manip3d.diary._diary import Diary
 from manip3d.diary._records import (
+    NOT_ANSWERED,
     AdverseEvent,
     Answers,
     DiaryGame,
@@ -135,8 +137,9 @@ def _cell(value: Any) -> Any:
     """Text that a spreadsheet would take for a formula gets an apostrophe."""
     if isinstance(value, datetime):
         return value.isoformat()
-    if isinstance(value, str) and value[:1] in ("=", "+", "-", "@", "\t", "\r"):
-        return "'" + value
+    if isinstance(value, str):
+        text = legible(value)
+        return f"'{text}" if value[:1] in ("=", "+", "-", "@", "\t", "\r") else text
     return "" if value is None else value
 
 
@@ -147,7 +150,7 @@ def _tables(diary: Diary, identifiers: Iterable[str]) -> _Tables:
     found: dict[str, tuple[Sequence[str], list[list[Any]]]] = {
         "participants": (("participant", "limb", "enrolled", "clips"), []),
         "sessions": (("participant", "session", "started", "ended", "games", "pain_before",
-                      "pain_after"), []),
+                      "pain_after", "answered"), []),
         "games": (("participant", "session", "number", "at", *_GAME_COLUMNS), []),
         "anomalies": (("participant", "session", "game", "start_s", "end_s"), []),
         "ratings": (("participant", "at", "when", "pain"), []),
@@ -168,7 +171,7 @@ def _tables(diary: Diary, identifiers: Iterable[str]) -> _Tables:
         for count, session in enumerate(diary.sessions(name), 1):
             rows["sessions"].append(
                 [name, count, session.started, session.ended, len(session.games),
-                 session.pain_before, session.pain_after]
+                 session.pain_before, session.pain_after, session.answered]
             )  # fmt: skip
             for number, game in enumerate(session.games, 1):
                 values = [getattr(game, column) for column in _GAME_COLUMNS]
@@ -309,8 +312,19 @@ def fhir_bundle(diary: Diary, identifier: str) -> dict[str, Any]:
         "resourceType": "Bundle",
         "type": "collection",
         "timestamp": datetime.now().astimezone().isoformat(),
-        "entry": [{"fullUrl": url, "resource": resource} for url, resource in found.items()],
+        "entry": [
+            {"fullUrl": url, "resource": _legible(resource)} for url, resource in found.items()
+        ],
     }
+
+
+def _legible(value: Any) -> Any:
+    """The same resource; older diaries may hold texts that FHIR and UTF-8 do not."""
+    if isinstance(value, dict):
+        return {name: _legible(part) for name, part in value.items()}
+    if isinstance(value, list):
+        return [_legible(part) for part in value]
+    return legible(value) if isinstance(value, str) else value
 
 
 def _url(table: str, row: int) -> str:
@@ -502,6 +516,8 @@ def _session(
         period["end"] = session.ended.isoformat()
     found["effectivePeriod"] = period
     found["valueInteger"] = len(session.games)  # how many games were played
+    if not session.answered:
+        found["note"] = [{"text": NOT_ANSWERED}]
     if members:
         found["hasMember"] = members
     return found

@@ -11,12 +11,14 @@ from datetime import date, datetime, timedelta
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
+from manip3d._util.texts import legible
 from manip3d.diary._clips import film
 from manip3d.diary._diary import Diary
 from manip3d.diary._protocol import Protocol, adherence
 from manip3d.diary._questionnaires import Questionnaire
 from manip3d.diary._records import (
     FILM_IN_PAGE,
+    NOT_ANSWERED,
     Answers,
     DiaryGame,
     DiarySession,
@@ -230,7 +232,7 @@ def _alarms(
     if halt:
         found.append(f"Stopped today: {halt}")
     since = today - timedelta(days=_RECENT_DAYS)
-    recent = [e for e in diary.events(person.identifier) if since < e.at.date() <= today]
+    recent = [e for e in diary.events(person.identifier) if since < e.local_date <= today]
     if recent:
         kinds = ", ".join(sorted({event.kind for event in recent}))
         found.append(
@@ -259,7 +261,7 @@ def _page(
     limb = f", {person.limb.replace('_', ' ')}" if person.limb else ""
     parts = [
         *([f'<p><a href="{_INDEX}">All participants</a></p>'] if is_linked else []),
-        f"<h1>{html.escape(person.identifier + limb)}</h1>",
+        f"<h1>{html.escape(legible(person.identifier + limb))}</h1>",
         f'<p class="quiet">Enrolled {_day(person.enrolled)}. {_INTENDED_USE}</p>',
         "<h2>Sessions done</h2>",
         f"<p>{done.complete} of {done.expected} sessions with all {plan.games_a_session} games "
@@ -438,6 +440,7 @@ def _sessions(sessions: Sequence[DiarySession]) -> str:
             for start, end in game.anomalies
         ]
         pain = f"{_dash(session.pain_before)} to {_dash(session.pain_after)}"
+        pain += "" if session.answered else f". {NOT_ANSWERED}"
         rows.append((_day(session.started), games, pain, ", ".join(stuck) or "-"))
     return _table(("Begun", "Games and scores", "Pain", "No point though in reach"), rows)
 
@@ -453,7 +456,7 @@ def _films(diary: Diary, identifier: str) -> str:
     return "\n".join(
         f'<figure><img alt="" src="{FILM_IN_PAGE.decode()}'
         f'{base64.b64encode(film(clip)).decode()}">'
-        f"<figcaption>{_day(clip.at)}, {html.escape(clip.game)}: no point from {clip.start:.0f} to "
+        f"<figcaption>{_day(clip.at)}, {_cell(clip.game)}: no point from {clip.start:.0f} to "
         f"{clip.end:.0f} s of play, though something was in reach. The phantom limb is bluish."
         "</figcaption></figure>"
         for clip in found
@@ -467,7 +470,7 @@ class _Html(str):
 
 
 def _cell(value: str) -> str:
-    return value if isinstance(value, _Html) else html.escape(value)
+    return value if isinstance(value, _Html) else html.escape(legible(value))
 
 
 def _table(names: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from datetime import datetime
+from datetime import date, datetime
 from pathlib import Path
 from typing import Literal
 
@@ -161,6 +161,9 @@ class ExportedFile:
         return content[8:12] == b"WEBP" or FILM_IN_PAGE in content
 
 
+NOT_ANSWERED = "The rating of the pain at the end was not answered."
+"""What copies say of a session that was closed without it."""
+
 FILM_IN_PAGE = b"data:image/webp;base64,"
 """The bytes with which a film on a page begins."""
 
@@ -219,6 +222,8 @@ class DiarySession:
     ratings : tuple of Rating
     begun : datetime or None
         When the first game or touch cue began.
+    answered : bool
+        False: the patient was asked for a last rating of the pain and gave none.
     """
 
     number: int
@@ -227,6 +232,7 @@ class DiarySession:
     games: tuple[DiaryGame, ...]
     ratings: tuple[Rating, ...]
     begun: datetime | None = None
+    answered: bool = True
 
     @property
     def pain_before(self) -> int | None:
@@ -367,3 +373,8 @@ class AdverseEvent:
     kind: Literal["pain", "sickness", "other"]
     text: str
     number: int = field(default=0, compare=False)
+
+    @property
+    def local_date(self) -> date:
+        """The day in the time zone of this machine, which may not be where it was written down."""
+        return self.at.astimezone().date()

@@ -58,10 +58,14 @@ EVENTS = _table("events", "session")
 AUDIT = Table(
     "audit",
     _metadata,
-    Column("id", Integer, primary_key=True),
+    Column("number", Integer, primary_key=True),
     Column("at", Text, nullable=False),
     Column("action", Text, nullable=False),
-    Column("participant", _belongs_to("participants")),
+    Column("participant", ForeignKey("participants.id", ondelete="SET NULL")),
+    Column("erased", Text, nullable=False),
+    Column("salt", Text, nullable=False),
+    Column("digest", Text, nullable=False),
+    Column("link", Text, nullable=False),
 )
 
 _ID = "id INTEGER PRIMARY KEY"
@@ -102,9 +106,17 @@ MIGRATIONS: Sequence[Sequence[str]] = (
     # 5 to 6: `meta` names the study, encrypted like payloads, so that `Diary` writes it;
     # questionnaires may be of any form.
     (),
+    (  # 6 to 7: the audit is a chain of hashes; `Diary` takes the rows of before over
+        "DROP TABLE audit",
+        "CREATE TABLE audit (number INTEGER PRIMARY KEY, at TEXT NOT NULL, action TEXT NOT NULL, "
+        "participant INTEGER REFERENCES participants ON DELETE SET NULL, erased TEXT NOT NULL, "
+        "salt TEXT NOT NULL, digest TEXT NOT NULL, link TEXT NOT NULL)",
+        "CREATE INDEX audit_of_participant ON audit (participant)",
+    ),
 )
 VERSION = len(MIGRATIONS)
 WITH_STUDY = 6
+WITH_CHAIN = 7
 
 
 def migrate(connection: Connection, start: int, to: int = VERSION) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable, Sequence
 from datetime import datetime
 from typing import TYPE_CHECKING, Literal
@@ -76,6 +77,7 @@ class DiaryRecorder:
         self._withdrawals = 0  # of consent
         self._remaining_films = ""  # that were exported before consent was withdrawn
         self._ratings: list[Rating] = []
+        self._unanswered: list[Rating] = []  # of sittings that were closed without a last rating
         self._has_begun = False
         self._writer: OrderedWriter | None = None
 
@@ -93,23 +95,35 @@ class DiaryRecorder:
         self._writer = OrderedWriter()
         return self._diary.halt_reason(self._participant)
 
-    def end(self) -> list[str]:
-        """The page is gone; return what was not kept, in words."""
+    def end(self, hurry: threading.Event | None = None) -> list[str]:
+        """The page is gone; return what was not kept, in words.
+
+        ``hurry``: wait for the disk no longer when this is set.
+        """
         unkept: list[str] = []
         if self._writer is not None:
             self.close_session()
-            unkept = self._writer.close(_END_S)
+            unkept = self._writer.close(_END_S, hurry)
         self._diary.close()
         return unkept
 
-    def close_session(self) -> None:
-        """The sitting is over; a second call changes nothing."""
+    def close_session(self, *, answered: bool = True) -> None:
+        """The sitting is over; a second call changes nothing.
+
+        ``answered``: whether the patient gave the last rating, where it was asked for. Without it
+        nobody knows whether the pain rose: ratings of another sitting are compared with the first
+        one of this sitting, or a new one would switch the stop rule off.
+        """
         if not self._is_open:
             return
         self._is_open = False
+        self._unanswered = [] if answered else [*self._unanswered, *self._ratings]
         # A program that ran on over night was no sitting of a night.
         at = _now() if _now().date() == self._latest.date() else self._latest
-        self._keep_of_session("", lambda row: self._diary.end_session(row, at=at))
+        self._keep_of_session(
+            "" if answered else f"no rating at the end of the session, {at:%H:%M}",
+            lambda row: self._diary.end_session(row, at=at, answered=answered),
+        )
 
     def open_session(self) -> None:
         """Another sitting begins, with a first rating of its own; one that is open is closed."""
@@ -117,6 +131,7 @@ class DiaryRecorder:
         row: list[int] = []
         self._session, self._is_open, self._latest = row, True, _now()
         self._ratings, self._has_begun, self._row = [], False, None
+        self._unanswered = [r for r in self._unanswered if r.at.date() == self._latest.date()]
         at = self._latest
 
         def write() -> None:
@@ -211,12 +226,15 @@ class DiaryRecorder:
 
         at = _now()
         when: Moment = "after" if self._has_begun else "before"
-        reason = judge_rating(self._ratings, value, at, when=when)
+        reason = judge_rating([*self._unanswered, *self._ratings], value, at, when=when)
         self._ratings.append(Rating(at, value, when))
-        self._keep_of_session(
-            f"pain {value}, {at:%H:%M}",
-            lambda row: self._diary.add_rating(self._participant, value, session=row, at=at),
-        )
+
+        def write(row: int) -> None:
+            told = self._diary.add_rating(self._participant, value, session=row, at=at)
+            if reason and not told:  # the diary compares ratings of one sitting
+                self._diary.add_event(self._participant, "pain", reason, session=row, at=at)
+
+        self._keep_of_session(f"pain {value}, {at:%H:%M}", write)
         return reason
 
     def event(self, text: str) -> None:

@@ -18,6 +18,7 @@ from manip3d._util.extras import require
 from manip3d.errors import DeviceError, InputError
 from manip3d.modify import Limb, PoseTracker
 from manip3d.phantom._diary import DiaryRecorder
+from manip3d.phantom._interrupts import Interrupts
 from manip3d.phantom._log import SessionLog
 from manip3d.phantom._page import live_pages
 from manip3d.phantom._session import LIMBS, MESSAGES, GameSummary, LiveSession
@@ -163,7 +164,8 @@ def run_live(
         file. Without it a new one is made for each session with another ``host`` than a loopback
         address, which browsers ask about each time.
     seconds : float, optional
-        Stop after so many; without it at Ctrl-C.
+        Stop after so many; without it at Ctrl-C. While the end waits for the diary's disk, another
+        Ctrl-C cuts the waiting short.
     jpeg_quality : int
         JPEG quality of the colour images, 1 to 100.
     gain : float
@@ -213,12 +215,13 @@ def run_live(
         require("live")
     frames, first, states = 0, None, dict[str, int]()
     unkept: list[str] = []
-    with ExitStack() as opened:  # closed before the server, and if anything here is refused
+    # The stack is closed before the server, and if anything here is refused.
+    with Interrupts() as interrupts, ExitStack() as opened:
         recorder = None
         if diary is not None:
             recorder = DiaryRecorder(diary, str(participant), diary_key, source or "sim:")
             ended = recorder.end
-            opened.callback(lambda: unkept.extend(ended()))
+            opened.callback(lambda: unkept.extend(ended(interrupts.hurry)))
             if affected is None and recorder.limb in LIMBS:
                 limb = recorder.limb
         address = source or simulated_patient(limb, game)
@@ -279,6 +282,7 @@ def run_live(
             except KeyboardInterrupt:  # how a session without a limit ends
                 pass
             finally:
+                interrupts.note_end()
                 session.end()
                 opened.close()
     return LiveReport(

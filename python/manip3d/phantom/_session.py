@@ -64,6 +64,7 @@ MESSAGES: Mapping[str, Mapping[str, Kind]] = {
     "ready": {},
     "stop": {},
     "enough": _KEPT,
+    "unanswered": _KEPT,
     "again": {},
     "pain": {"value": Kind(int, 0, 10), **_KEPT},
     "unwell": _KEPT,
@@ -148,8 +149,10 @@ class Recorder(Protocol):
     def last_felt(self, limb: str) -> FeltLimb | None:
         """How the patient felt that limb when they last said so."""
 
-    def close_session(self) -> None:
-        """The patient has had enough: the sitting is over; a second call changes nothing."""
+    def close_session(self, *, answered: bool = True) -> None:
+        """The patient has had enough: the sitting is over; a second call changes nothing.
+
+        ``answered``: whether the patient gave the rating that was asked for at the end."""
 
     def open_session(self) -> None:
         """Another sitting begins, with a first rating of its own; one that is open is closed."""
@@ -531,6 +534,9 @@ class LiveSession:
             self._stop()
         elif name == "enough":
             self._end_sitting()
+        elif name == "unanswered":
+            if self._sitting == "ending":
+                self._close_sitting(answered=False)
         elif name == "again":
             if self._sitting == "over":  # "ending" waits for the last rating
                 self._begin_sitting()
@@ -564,6 +570,12 @@ class LiveSession:
         self._stop()
         self._cue, self._ask = None, ""
         self._sitting = "over" if self._recorder is None else "ending"
+
+    def _close_sitting(self, *, answered: bool) -> None:
+        """The last rating was given, or the therapist says that there is none."""
+        assert self._recorder is not None
+        self._sitting = "over"
+        self._recorder.close_session(answered=answered)
 
     @property
     def _halted(self) -> str:
@@ -607,8 +619,7 @@ class LiveSession:
             self._pain, self._ask = int(fields["value"]), ""
             halt = self._recorder.pain(self._pain)
             if self._sitting == "ending":
-                self._sitting = "over"
-                self._recorder.close_session()
+                self._close_sitting(answered=True)
         elif name == "unwell":
             halt = self._recorder.unwell()
         else:

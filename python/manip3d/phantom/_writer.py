@@ -8,6 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 _AGAIN_S = 1.0  # between attempts to write what could not be written
+_LOOK_S = 0.1  # between looks at whether somebody is in a hurry
+_HURRY_S = 1.0  # a disk that works writes all in this time, and nothing is reported as lost
 
 
 @dataclass(eq=False)
@@ -92,10 +94,18 @@ class OrderedWriter:
                 parts.append(f"Cannot be kept in the diary: {self._lost[0]}{more}.")
             return " ".join(parts)
 
-    def close(self, seconds: float) -> list[str]:
-        """Wait until all is written, but no longer than so many seconds; list what is not."""
+    def close(self, seconds: float, hurry: threading.Event | None = None) -> list[str]:
+        """Wait until all is written, but no longer than so many seconds; list what is not.
+
+        ``hurry``: as soon as it is set, wait for one more second only.
+        """
+        end = time.monotonic() + seconds
         with self._changed:
-            self._changed.wait_for(lambda: not self._tasks, seconds)
+            while self._tasks and time.monotonic() < end:
+                # Who sets it may be a signal's handler, which must not notify.
+                self._changed.wait(min(_LOOK_S, max(0.0, end - time.monotonic())))
+                if hurry is not None and hurry.is_set():
+                    end, hurry = min(end, time.monotonic() + _HURRY_S), None
             why = self._trouble or "it took too long"
             left = [f"{task.what}: {why}" for task in self._tasks if task.what]
             self._tasks.clear()

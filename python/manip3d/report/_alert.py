@@ -8,6 +8,7 @@ import html
 import json
 import math
 import os
+import sys
 import tempfile
 import weakref
 from array import array
@@ -25,7 +26,7 @@ from manip3d.io._files import atomic_write
 from manip3d.simulate._surfaces import png
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -225,7 +226,7 @@ class AlertTimeline:
             f"<h3>{html.escape(scene.title)}</h3><div class=scene>{scene.maps}{scene.above}</div>"
             for scene in sorted(self._scenes, key=lambda scene: scene.number)
         )
-        shown = [_brief(record) for record in self._records]
+        strip = strip_of(self._records, _ROWS)
         return (
             "<!doctype html><html lang=en><meta charset=utf-8>"
             '<meta name=viewport content="width=device-width">'
@@ -233,7 +234,7 @@ class AlertTimeline:
             f"<h1 class={verdict}>{verdict}</h1><p>{html.escape(reason)}</p>"
             + _facts(self.source, counts)
             + "<h2>Timeline</h2>"
-            + _timeline(shown, self._levels)
+            + _timeline(strip, self._levels)
             + (f"<h2>What was seen</h2>{_legend(self._scenes)}{scenes}" if scenes else "")
             + _table(*self.gravest(_MOST_ROWS))
             + "<p class=fine>A watermark protects a scan from where it is embedded to where it is "
@@ -305,40 +306,46 @@ def _facts(source: str, counts: AlertCounts) -> str:
     return "<ul>" + "".join(f"<li>{html.escape(fact)}</li>" for fact in facts) + "</ul>"
 
 
-def _brief(record: Mapping[str, Any]) -> dict[str, Any]:
-    """The record of a frame that the timeline shows."""
-    told = {name: {"verdict": each["verdict"]} for name, each in record["witnesses"].items()}
-    score = {"score": record["risk"]["score"]}
-    return {"verdict": record["verdict"], "witnesses": told, "risk": score}
+@dataclass(frozen=True)
+class Strip:
+    """What the timeline shows of each frame, in a few bytes."""
+
+    verdicts: Mapping[str, Sequence[str]]
+    scores: Sequence[float]
 
 
-def _timeline(records: Sequence[dict[str, Any]], levels: tuple[float, float]) -> str:
+def strip_of(records: Iterable[Mapping[str, Any]], names: Sequence[str] = _ROWS[:1]) -> Strip:
+    """Return the rows of the timeline with these names."""
+    verdicts: dict[str, list[str]] = {name: [] for name in names}
+    scores = array("d")
+    for record in records:
+        for name in names:
+            verdicts[name].append(sys.intern(_verdict(record, name)))
+        scores.append(float(record["risk"]["score"]))
+    return Strip(verdicts, scores)
+
+
+def _timeline(strip: Strip, levels: tuple[float, float]) -> str:
     """One row of cells for each witness, the risk below, and what the colours mean."""
-    used = {_verdict(record, name) for record in records for name in _ROWS}
+    used = {verdict for row in strip.verdicts.values() for verdict in row}
     legend = "".join(
         f"<li><b style='background:{_COLORS[name]}'></b>{meaning}"
         for name, meaning in _MEANING.items()
         if name in used
     )
-    return _strip_of(records, levels, _ROWS) + f"<ul class=legend>{legend}</ul>"
+    return drawn(strip, levels) + f"<ul class=legend>{legend}</ul>"
 
 
-def _strip_of(
-    records: Sequence[dict[str, Any]],
-    levels: tuple[float, float],
-    names: Sequence[str] = _ROWS[:1],
-) -> str:
+def drawn(strip: Strip, levels: tuple[float, float]) -> str:
     """One row of cells for each name, and the risk below with the levels medium and high."""
-    count = max(len(records), 1)
+    count = max(len(strip.scores), 1)
     parts = ["<div class=time>"]
-    for name in names:
-        cells = "".join(_cells([_verdict(record, name) for record in records]))
+    for name, verdicts in strip.verdicts.items():
+        cells = "".join(_cells(verdicts))
         parts.append(
             f"<span>{name}</span><svg viewBox='0 0 {count} 1' height=22 "
             f"preserveAspectRatio=none role=img aria-label='{name}'>{cells}</svg>"
         )
-    scores = [float(record["risk"]["score"]) for record in records]
-    steps = "".join(f"L{n} {1 - s:.4f}L{n + 1} {1 - s:.4f}" for n, s in enumerate(scores))
     lines = "".join(
         f"<path d='M0 {1 - level}H{count}' stroke='#9aa0a6' stroke-dasharray='4' fill=none "
         "vector-effect=non-scaling-stroke></path>"
@@ -347,14 +354,25 @@ def _strip_of(
     parts.append(
         f"<span>risk<br>0 to 1</span><svg viewBox='0 0 {count} 1' height=80 "
         "preserveAspectRatio=none role=img aria-label='risk score'>"
-        f"<path d='M0 1{steps}L{count} 1Z' fill='#c6282855'></path>{lines}</svg>"
-        f"<span></span><span>frame 0 to {len(records) - 1}; lines at {levels[0]:g} (medium) "
+        f"<path d='M0 1{_steps(strip.scores)}L{count} 1Z' fill='#c6282855'></path>{lines}</svg>"
+        f"<span></span><span>frame 0 to {len(strip.scores) - 1}; lines at {levels[0]:g} (medium) "
         f"and {levels[1]:g} (high)</span></div>"
     )
     return "".join(parts)
 
 
-def _verdict(record: dict[str, Any], row: str) -> str:
+def _steps(scores: Sequence[float]) -> str:
+    """The line of the risk: level over each run of frames of the same score."""
+    parts = []
+    for end in range(1, len(scores) + 1):
+        shown = f"{1 - scores[end - 1]:.4f}"
+        if end < len(scores) and f"{1 - scores[end]:.4f}" == shown:
+            continue
+        parts.append(f"V{shown}H{end}")
+    return "".join(parts)
+
+
+def _verdict(record: Mapping[str, Any], row: str) -> str:
     told = record["verdict"] if row == "verdict" else record["witnesses"][row]["verdict"]
     return str(told)
 

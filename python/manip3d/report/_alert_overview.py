@@ -15,7 +15,7 @@ from manip3d._util.paths import path_of
 from manip3d.authenticate import RiskParameters
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_write
-from manip3d.report._alert import _QUIET, _STYLE, _strip_of
+from manip3d.report._alert import _QUIET, _STYLE, drawn, strip_of
 
 _GRAVEST_FIRST = ("failed", "tampered", "undecidable", "no_trace", "authentic")
 
@@ -103,7 +103,7 @@ def _vehicle(drive: Mapping[str, Any]) -> str:
     lines = "".join(f"<li>{html.escape(fact)}" for fact in facts)
     return (
         f"<section>{shown}<p>{html.escape(str(drive['reason']))}</p>"
-        f"{_strip_of(frames, levels)}<ul>{lines}</ul></section>"
+        f"{drawn(strip_of(frames), levels)}<ul>{lines}</ul></section>"
     )
 
 

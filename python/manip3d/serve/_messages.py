@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
 from manip3d._util.checked import checked
+from manip3d._util.texts import has_control_characters
 from manip3d.errors import FormatError, InputError
 
 MAX_LENGTH = 2048
@@ -79,7 +79,7 @@ class Kind:
             raise FormatError(
                 f"{name}: expected at most {self.length} characters, got {len(value)}"
             )
-        if any(unicodedata.category(sign) in ("Cc", "Cs") and sign != "\n" for sign in value):
+        if has_control_characters(value):
             raise FormatError(f"{name}: expected a text without control characters")
         return value
 

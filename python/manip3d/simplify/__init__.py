@@ -1,5 +1,10 @@
 """Fewer points and faces for the same shape."""
 
+from manip3d.simplify._camera_files import (
+    JointFileResult,
+    poses_of_files,
+    simplify_camera_files,
+)
 from manip3d.simplify._cameras import (
     CameraView,
     JointSimplification,
@@ -95,6 +100,7 @@ __all__ = [
     "DepthSimplification",
     "Duplicates",
     "Effort",
+    "JointFileResult",
     "JointSimplification",
     "LinkCondition",
     "LodChain",
@@ -127,6 +133,7 @@ __all__ = [
     "grid_delaunay",
     "lod_chain",
     "polygon_budget",
+    "poses_of_files",
     "qem4vr",
     "qem_bp",
     "qem_btp",
@@ -141,6 +148,7 @@ __all__ = [
     "scene_lods",
     "share_budget",
     "simplify",
+    "simplify_camera_files",
     "simplify_depth",
     "simplify_depth_file",
     "simplify_scene",

@@ -97,7 +97,8 @@ def fit_bytes(
     bytes_per_point : float
         What another point is taken to add, before two tries tell.
     least_share : float
-        An item of fewer bytes than this share of the allowance is tried again with more points.
+        An item of fewer bytes than this share of the allowance is tried again with more points,
+        unless it has no more points than the one of fewer that fitted before: there are no more.
 
     Returns
     -------
@@ -106,6 +107,7 @@ def fit_bytes(
     """
     fits: tuple[Item, int, int] | None = None
     too_large: tuple[int, int] | None = None
+    most = 0  # points of what fits
     points = _clamp(guess, LEAST_POINTS, most_points)
     slope = bytes_per_point
     before: tuple[int, int] | None = None
@@ -119,10 +121,11 @@ def fit_bytes(
             slope = (size - before[1]) / (points - before[0])
         before = points, size
         if size <= allowance:
-            fits = item, points, size
-            is_all = points == most_points or count < points
+            is_all = points == most_points or (count < points and 0 < count <= most)
+            best = item if fits is None or count > most else fits[0]
+            fits, most = (best, points, size), max(count, most)
             if is_all or size >= least_share * allowance or number == _MOST_TRIES - 1:
-                return item
+                return best
         else:
             too_large = points, size
             if points == LEAST_POINTS:

@@ -32,7 +32,7 @@ from manip3d.simplify._depth import (
     _point_grid,
     cs3_grid,
 )
-from manip3d.simplify._depth_steps import StepRule, across_steps
+from manip3d.simplify._depth_steps import StepRule, across_gaps, across_steps
 from manip3d.simplify._pixel_maps import confidence_image, mask_image, masked_depth
 from manip3d.simplify._relief import Effort, Relief
 from manip3d.simplify._relief import _options as relief_options
@@ -40,6 +40,8 @@ from manip3d.simplify._relief import _run as run_relief
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
+
+_PLACES = 20_000
 
 __all__ = ["CameraView", "JointSimplification", "cs3_cameras", "relief_cameras"]
 
@@ -116,6 +118,7 @@ class JointSimplification(Showable):
     colors: tuple[NDArray[np.uint8] | None, ...] = field(repr=False)
     _measured: tuple[tuple[_View, float], ...] = field(repr=False)
     _threads: int = field(repr=False)
+    _steps: _Steps = field(repr=False)
 
     @property
     def num_vertices(self) -> int:
@@ -127,13 +130,40 @@ class JointSimplification(Showable):
         """Number of triangles."""
         return len(self.faces)
 
+    @property
+    def num_measured(self) -> int:
+        """Measured pixels of all views."""
+        return sum(int(view.valid.sum()) for view, _ in self._measured)
+
+    @cached_property
+    def bridges(self) -> float:
+        """Share of the area that lies farther than the ``tolerance`` from each view's dense mesh.
+
+        Of 20 000 places spread evenly over the area; measured when it is first asked for. The dense
+        meshes are without what ``max_edge`` and ``depth_step`` leave out.
+        """
+        if not self.num_faces:
+            return 0.0
+        places = _spread(self.vertices, self.faces)
+        for view, tolerance in self._measured:
+            max_edge = self._steps.max_edge
+            dense = _core.grid_mesh(
+                view.points, view.valid, view.rows_up, max_edge, None, self._threads
+            )
+            faces = self._steps.surface(view, dense["faces"])
+            if len(faces) and len(places):
+                mesh = Mesh(view.world, faces)
+                distance, _, _ = _core.closest_points(mesh, places, self._threads, None)
+                places = np.ascontiguousarray(places[distance > tolerance])
+        return len(places) / _PLACES
+
     @cached_property
     def coverage(self) -> float:
         """Share of the measured pixels of all views that lie within the ``tolerance`` of the mesh.
 
         Measured when it is first asked for.
         """
-        total = sum(int(view.valid.sum()) for view, _ in self._measured)
+        total = self.num_measured
         if total == 0 or not self.num_faces:
             return 0.0
         mesh = Mesh(self.vertices, self.faces)
@@ -227,6 +257,19 @@ def _take(view: CameraView, index: int, threads: int) -> _View:
     return _View(points, valid, rows_up, pose, color, view.registration, confidence, focal)
 
 
+def _spread(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.float64]:
+    """Places at equal steps of area, in their faces by the R2 sequence (Roberts 2018)."""
+    areas = np.linalg.norm(_normals(vertices, faces), axis=1)
+    way = (np.arange(_PLACES) + 0.5) / _PLACES * areas.sum()
+    face = np.minimum(np.searchsorted(np.cumsum(areas), way), len(faces) - 1)
+    number = np.arange(1, _PLACES + 1)[:, None]
+    share = np.mod(number * np.array([0.7548776662466927, 0.5698402909980532]), 1.0)
+    share = np.where(share.sum(axis=1, keepdims=True) > 1, 1 - share, share)
+    p, q, r = (vertices[faces[face, i]] for i in range(3))
+    places: NDArray[np.float64] = p + share[:, :1] * (q - p) + share[:, 1:] * (r - p)
+    return places
+
+
 def _normals(points: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.float64]:
     p, q, r = (points[faces[:, i]] for i in range(3))
     normals: NDArray[np.float64] = np.cross(q - p, r - p)
@@ -235,10 +278,18 @@ def _normals(points: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[n
 
 @dataclass(frozen=True)
 class _Steps:
-    """Which triangles of a view are no surface, as a step in depth lies between their corners."""
+    """Which triangles of a view are no surface: a step or a gap lies between their corners."""
 
     step: float | None
     max_edge: float
+
+    def apart(
+        self, view: _View, pixels: NDArray[np.int32], corners: NDArray[np.int32]
+    ) -> NDArray[np.bool_]:
+        """Return which triangles join surfaces that ``max_edge`` keeps apart, however long."""
+        if math.isinf(self.max_edge) or not len(corners):
+            return np.zeros(len(corners), bool)
+        return across_gaps(corners, pixels, view.points, view.valid, self.max_edge)
 
     def across(
         self, view: _View, pixels: NDArray[np.int32], corners: NDArray[np.int32]
@@ -368,7 +419,7 @@ class _Joint:
             whole = ~steps.across(view, chosen.pixels, chosen.faces)
             self._append(index, view, chosen.with_faces(chosen.faces[whole]))
             return
-        max_edge = steps.max_edge
+        is_relief = isinstance(chosen, Relief)
         _, first = np.unique(_pixel_keys(chosen.pixels), return_index=True)
         own = np.zeros(chosen.num_vertices, bool)
         own[first] = True  # a relief has two vertices where two fans of triangles meet
@@ -393,15 +444,19 @@ class _Joint:
         centroids = (2 * pixels[corners].sum(axis=1) + 3) // 6
         facing = _normals(vertices, faces) * normals[centroids[:, 1], centroids[:, 0]]
         keep &= ~seam | (facing.sum(axis=1) > 0)
-        if max_edge < math.inf:
+        if is_relief:  # a limit on the dense surface: its own triangles may be as long as they are
+            keep &= ~steps.apart(view, pixels, corners)
+        elif steps.max_edge < math.inf:
             sides = vertices[faces] - vertices[np.roll(faces, 1, axis=1)]
-            keep &= np.linalg.norm(sides, axis=2).max(axis=1) <= max_edge
+            keep &= np.linalg.norm(sides, axis=2).max(axis=1) <= steps.max_edge
         keep &= ~steps.across(view, pixels, corners)
         corners = corners[keep]
-        if isinstance(chosen, Relief):
+        if is_relief:
             seam = (corners < len(border[0])).any(axis=1)
             corners[~seam] = self._flipped(view, pixels, corners[~seam])
-            corners = corners[~steps.across(view, pixels, corners)]
+            corners = corners[
+                ~(steps.across(view, pixels, corners) | steps.apart(view, pixels, corners))
+            ]
         faces = vertex[corners]
         texcoords = _uvs(view, vertices[vertex], pixels)
         self.vertices = vertices
@@ -539,8 +594,8 @@ def cs3_cameras(
     def choose(view: _View, open_pixels: NDArray[np.bool_], share: int) -> Cs3Result:
         chosen = cs3_grid(
             view.points,
-            open_pixels,
-            share,
+            open_pixels if share > 0 else np.zeros_like(open_pixels),
+            max(share, 1),
             rows_up=view.rows_up,
             variant=variant,
             threads=threads,
@@ -592,7 +647,9 @@ def relief_cameras(
     -----
     The way is that of `cs3_cameras`. A view without a seam keeps the triangles of its relief; in
     one with a seam, edges beside it are flipped while that lowers the sum of distances between the
-    pixels and their triangles' planes, as in `relief`.
+    pixels and their triangles' planes, as in `relief`. There a triangle joins what ``max_edge``
+    keeps apart if along one of its edges measured points that follow each other lie farther apart
+    than ``max_edge`` for each pixel between them, and these leaps add up to more than one.
 
     Examples
     --------
@@ -670,6 +727,8 @@ def _join(
     if not len(views):
         raise InputError("views: expected at least one")
     remaining = _count(target_points, "target_points")
+    if max_edge is not None and not max_edge > 0:
+        raise InputError(f"max_edge: expected > 0, got {max_edge}")
     if depth_step is not None and not depth_step > 0:
         raise InputError(f"depth_step: expected > 0, got {depth_step}")
     if tolerance is not None and not tolerance > 0:
@@ -730,4 +789,5 @@ def _join(
         tuple(view.color for view in taken),
         tuple(zip(taken, near, strict=True)),
         threads,
+        steps,
     )

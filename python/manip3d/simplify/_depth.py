@@ -550,6 +550,8 @@ def _options(
         raise InputError(f"variant: expected one of {', '.join(_VARIANTS)}, got {variant!r}")
     options = _core.Cs3Options()
     options.target_points = _count(target_points, "target_points")
+    if options.target_points < 1:
+        raise InputError(f"target_points: expected >= 1, got {target_points}")
     options.importance, options.sampling = _VARIANTS[variant]
     options.max_edge = _limit(max_edge)
     options.distance_dependent = bool(distance_dependent)
@@ -576,6 +578,9 @@ def _reading(choices: dict[str, str | float]) -> _core.Cs3Reading:
     reading = _core.Cs3Reading()
     for name, value in choices.items():
         if name == "outliers":
+            is_number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+            if not is_number:
+                raise InputError(f"reading: outliers is a number, got {value!r}")
             reading.outliers = float(value)
         elif name not in _READINGS:
             raise InputError(f"reading: expected {', '.join([*_READINGS, 'outliers'])}: {name!r}")

@@ -42,10 +42,10 @@ if TYPE_CHECKING:
 
 DepthMethod = Literal["relief", "cs3", "uniform", "poisson", "ssa"]
 _METHODS = ("relief", "cs3", "uniform", "poisson", "ssa")
+_IMAGE_SUFFIXES = (*DEPTH_SUFFIXES, ".jpg", ".jpeg", ".bmp", ".ppm", ".webp")
 _YUP_SUFFIXES = (".glb", ".gltf")
 _FRAMES_FOR_A_GUESS = 9
 _BYTES_PER_POINT = 40.0  # of a .glb: a vertex with texture coordinates and two faces
-_MOST_POINTS = 2**31 - 1
 _NO_MILLIMETRES = 65535
 
 
@@ -61,13 +61,14 @@ class DepthOptions:
     variant : 'cios', 'lios', 'cnms' or 'lnms'
         Variant of ``cs3``.
     intrinsics : str
-        Camera of a depth image, as `manip3d.camera.read_intrinsics` takes it; a scan needs none.
+        Camera of a depth image, as `manip3d.camera.read_intrinsics` takes it; not of a scan.
     unit : str
-        Unit of a depth image, as `manip3d.io.read_depth_guessing` takes it.
+        Unit of a depth image, as `manip3d.io.read_depth_guessing` takes it; not of a scan.
     max_edge : float or None
         Faces with a longer edge are left out; metres, or the unit of the scan.
     depth_step : float
-        Faces across a larger step in depth are left out, see `cut_depth_steps`; 0: none is.
+        Faces across a larger step in depth are left out, see `cut_depth_steps`; 0: none is. For a
+        scan, which has no depth, only the default.
     by_distance : bool
         More points where it is near (``cs3`` of a depth image).
     move_points : bool
@@ -79,6 +80,8 @@ class DepthOptions:
         Share of the measured pixels, 0 to 1, below which a result counts as missed.
     bandwidth, rate : float or None, bytes and frames a second
         Both or none: the files of a result have no more bytes than such a frame's share.
+    max_bridges : float
+        Share of the mesh's area, 0 to 1, above which bridges count as missed.
     """
 
     points: int | None
@@ -95,6 +98,7 @@ class DepthOptions:
     min_coverage: float = 0.9
     bandwidth: float | None = None
     rate: float | None = None
+    max_bridges: float = 0.1
 
     @property
     def max_bytes(self) -> int | None:
@@ -114,10 +118,11 @@ class DepthOptions:
             raise InputError(f"move_points: expected with method relief only, got {self.method}")
         if self.points is not None and not self.points >= LEAST_POINTS:
             raise InputError(f"points: expected at least {LEAST_POINTS}, got {self.points}")
-        if not self.depth_step >= 0:
-            raise InputError(f"depth_step: expected >= 0, got {self.depth_step}")
-        if not 0 <= self.min_coverage <= 1:
-            raise InputError(f"min_coverage: expected 0 to 1, got {self.min_coverage}")
+        if not 0 <= self.depth_step <= float(np.finfo(np.float32).max):
+            raise InputError(f"depth_step: expected >= 0 and finite, got {self.depth_step}")
+        for name in ("min_coverage", "max_bridges"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise InputError(f"{name}: expected 0 to 1, got {getattr(self, name)}")
         if (self.bandwidth is None) != (self.rate is None):
             raise InputError("bandwidth, rate: expected both or none of them")
         if self.max_bytes is None and self.points is None:
@@ -142,8 +147,10 @@ class DepthFileResult:
     faces_cut : int
         Faces that were left out because they spanned a step in depth.
     faces_left : int
-        Faces across steps in depth that are still there, because neither ``depth_step`` nor
-        ``max_edge`` leaves them out (not of ``relief``).
+        Faces across steps in depth (`DEPTH_STEP`) that are still there, because ``depth_step`` is 0
+        and there is no ``max_edge``.
+    left_area : float
+        Their share of the faces' area.
     dropped_pixels : int
         Pixels of small pieces of the surface that a ``relief`` left out.
     stop : str
@@ -176,6 +183,7 @@ class DepthFileResult:
     faces: int = 0
     faces_cut: int = 0
     faces_left: int = 0
+    left_area: float = 0.0
     dropped_pixels: int = 0
     stop: str = "target"
     reached: str | None = None
@@ -193,6 +201,11 @@ class DepthFileResult:
         Measured pixels outside the dense mesh count as not covered.
         """
         return not self.coverage * (1.0 - self.outside) >= self.options.min_coverage
+
+    @property
+    def bridges_missed(self) -> bool:
+        """More than ``options.max_bridges`` of the area are bridges or faces across steps."""
+        return not self.bridges + self.left_area <= self.options.max_bridges
 
     @property
     def target_missed(self) -> bool:
@@ -389,17 +402,25 @@ def _read_confidence(path: str | os.PathLike[str], highest: int | None) -> NDArr
     return confidence_of_levels(levels, highest)
 
 
-def _from_image(path: Path, output: Path, options: DepthOptions, maps: _Maps) -> DepthFileResult:
+def _expect_camera(options: DepthOptions) -> None:
     if not options.intrinsics:
         raise InputError(
             f"intrinsics: expected the camera of the depth image: fx,fy,cx,cy, a .json file or one "
             f"of {', '.join(CAMERA_PRESETS)}, got none"
         )
+
+
+def _is_yup(output: Path) -> bool:
+    return output.name.lower().removesuffix(".xz").removesuffix(".gz").endswith(_YUP_SUFFIXES)
+
+
+def _from_image(path: Path, output: Path, options: DepthOptions, maps: _Maps) -> DepthFileResult:
+    _expect_camera(options)
     reading, words = _read(path, options)
     height, width = reading.depth.shape
     camera = read_intrinsics(options.intrinsics, width=width, height=height)
     depth = masked_depth(reading.depth, mask_image(maps.mask, reading.depth.shape))
-    is_yup = output.name.lower().removesuffix(".xz").removesuffix(".gz").endswith(_YUP_SUFFIXES)
+    is_yup = _is_yup(output)
 
     def make(points: int) -> _Made:
         started = time.perf_counter()
@@ -408,16 +429,19 @@ def _from_image(path: Path, output: Path, options: DepthOptions, maps: _Maps) ->
         found = uncut
         if options.depth_step:
             found = cut_depth_steps(uncut, depth, step=options.depth_step)
-        left = 0
-        if options.method != "relief" and not options.depth_step and options.max_edge is None:
-            left = uncut.num_faces - cut_depth_steps(uncut, depth).num_faces
+        left, left_area = 0, 0.0
+        if not options.depth_step and options.max_edge is None:
+            without = cut_depth_steps(uncut, depth)
+            left = uncut.num_faces - without.num_faces
+            left_area = 1.0 - _area(without) / (_area(uncut) or 1.0) if left else 0.0
         mesh = found.mesh
         if is_yup:  # cameras look along +z, y down; glTF has +y up
             mesh = mesh.replace(vertices=mesh.vertices * np.array([1.0, -1.0, -1.0]))
-        return _Made(found, mesh, uncut.num_faces - found.num_faces, seconds, faces_left=left)
+        cut = uncut.num_faces - found.num_faces
+        return _Made(found, mesh, cut, seconds, faces_left=left, left_area=left_area)
 
     measured = int(np.count_nonzero(depth > 0))
-    made = _write(make, path, output, options, measured)
+    made = _write(make, path, output, options, measured, has_steps=options.depth_step > 0)
     return _result(
         path, output, options, made, measured, depth=words, unit=reading.unit
     )  # fmt: skip
@@ -433,17 +457,32 @@ class _Made:
     seconds: float
     num_bytes: int | None = None
     faces_left: int = 0
+    left_area: float = 0.0
+
+
+def _area(found: DepthSimplification) -> float:
+    p, q, r = (found.vertices[found.faces[:, i]].astype(np.float64) for i in range(3))
+    return float(np.linalg.norm(np.cross(q - p, r - p), axis=1).sum()) / 2
 
 
 def _write(
-    make: Callable[[int], _Made], source: Path, output: Path, options: DepthOptions, measured: int
+    make: Callable[[int], _Made],
+    source: Path,
+    output: Path,
+    options: DepthOptions,
+    measured: int,
+    *,
+    has_steps: bool,
 ) -> _Made:
-    """Make a mesh of the points that are asked for or that the bytes allow, and write it."""
+    """Make a mesh of the points that are asked for or that the bytes allow, and write it.
+
+    ``has_steps``: the source has depth, and its steps are left out.
+    """
     allowance = options.max_bytes
     if allowance is None:
         assert options.points is not None
         made = make(options.points)
-        _expect_faces(made, source, options, measured)
+        _expect_faces(made, source, options, measured, has_steps=has_steps)
         write_mesh(made.mesh, output)
         return made
     seconds, least = 0.0, 0
@@ -454,7 +493,7 @@ def _write(
             trial = Path(folder, str(points), output.name)
             trial.parent.mkdir(exist_ok=True)
             made = make(points)
-            _expect_faces(made, source, options, measured)
+            _expect_faces(made, source, options, measured, has_steps=has_steps)
             seconds += made.seconds
             write_mesh(made.mesh, trial)
             least = sum(path.stat().st_size for path in trial.parent.iterdir())
@@ -462,7 +501,7 @@ def _write(
 
         fitting = fit_bytes(
             written,
-            most_points=_MOST_POINTS if options.points is None else options.points,
+            most_points=max(LEAST_POINTS, min(options.points or measured, measured)),
             allowance=allowance,
             guess=allowance / _BYTES_PER_POINT,
             bytes_per_point=_BYTES_PER_POINT,
@@ -478,7 +517,9 @@ def _write(
     return replace(fitting, seconds=seconds)
 
 
-def _expect_faces(made: _Made, source: Path, options: DepthOptions, measured: int) -> None:
+def _expect_faces(
+    made: _Made, source: Path, options: DepthOptions, measured: int, *, has_steps: bool
+) -> None:
     """An empty mesh is never written: nobody would look for the reason."""
     if made.mesh.num_faces > 0:
         return
@@ -487,9 +528,12 @@ def _expect_faces(made: _Made, source: Path, options: DepthOptions, measured: in
     elif made.faces_cut > 0:
         found = f"found depth steps across all {made.faces_cut} faces: see depth_step"
     elif options.method == "relief":
+        rules = ["a longer edge than max_edge"] if options.max_edge is not None else []
+        rules += ["a depth step"] if has_steps else []
+        without = f" without {' or '.join(rules)}" if rules else ""
         found = (
-            f"found {measured} measured pixels, of which no three meet in a square of two by two "
-            "without a longer edge than max_edge or a depth step; method cs3 joins single pixels"
+            f"found {measured} measured pixels, of which no three meet in a square of two by two"
+            f"{without}; method cs3 joins single pixels"
         )
     else:
         found = f"found {measured} measured pixels, but no face between those that were chosen"
@@ -529,8 +573,7 @@ def _read_unit(path: Path, options: DepthOptions) -> tuple[DepthReading, str]:
 
 
 def _from_scan(path: Path, output: Path, options: DepthOptions, maps: _Maps) -> DepthFileResult:
-    if options.by_distance:
-        raise InputError("by_distance: expected with a depth image, got a scan")
+    _expect_options_of_scan(options)
     grid = read_range_grid(path)
     mask = mask_image(maps.mask, grid.valid.shape)
     valid = grid.valid if mask is None else grid.valid & mask
@@ -553,8 +596,21 @@ def _from_scan(path: Path, output: Path, options: DepthOptions, maps: _Maps) -> 
         return _Made(found, found.mesh, 0, time.perf_counter() - started)
 
     measured = int(valid.sum())
-    made = _write(make, path, output, options, measured)
+    made = _write(make, path, output, options, measured, has_steps=False)
     return _result(path, output, options, made, measured)
+
+
+def _expect_options_of_scan(options: DepthOptions) -> None:
+    """Nothing that is asked for is left undone in silence."""
+    given = {
+        "by_distance": options.by_distance,
+        "intrinsics": options.intrinsics != "",
+        "unit": options.unit != "guess",
+        "depth_step": options.depth_step != DEPTH_STEP,
+    }
+    for name, is_given in given.items():
+        if is_given:
+            raise InputError(f"{name}: expected with a depth image, got a scan")
 
 
 def _result(
@@ -584,6 +640,7 @@ def _result(
         bridges=found.bridges,
         outside=found.outside,
         faces_left=made.faces_left,
+        left_area=made.left_area,
         dropped_pixels=getattr(found, "dropped_pixels", 0),
         **more,
     )
@@ -610,14 +667,15 @@ def colors_of_frames(
 ) -> dict[str, str]:
     """Return the colour image of each depth image: by name, or both in the order of their names.
 
-    Where each depth image has a colour image of its own name, suffix aside, that is its image. Else
-    both are put in order, numbers in names by their size.
+    Where each depth image has a colour image of its own name, suffix aside, that is its image, and
+    other images are left aside. Else both are put in order, numbers in names by their size. Hidden
+    files and files that are no images, by their suffix, do not count.
 
     Parameters
     ----------
     frames : sequence of path-like
     colors : path-like
-        Folder of as many colour images; or masks, or confidences.
+        Folder of the colour images; or masks, or confidences.
     name : str
         The argument that an error is about.
 
@@ -629,7 +687,7 @@ def colors_of_frames(
     Raises
     ------
     InputError
-        They are not as many.
+        They are not as many, where names do not tell.
 
     Examples
     --------
@@ -641,21 +699,28 @@ def colors_of_frames(
     >>> simplify.colors_of_frames(["d1.png", "d2.png"], "colors")
     {'d1.png': 'colors/a.jpg', 'd2.png': 'colors/b.jpg'}
     """
-    images = [path for path in path_of(colors, name).iterdir() if path.is_file()]
+    images = [path for path in path_of(colors, name).iterdir() if _is_image(path)]
     images.sort(key=lambda path: by_number(path.name))
-    if len(images) != len(frames):
-        raise InputError(
-            f"{name}: expected {len(frames)} images in {os.fspath(colors)}, found {len(images)}"
-        )
     for frame in frames:
         path_of(frame, "frames")
     names = sorted((os.fspath(frame) for frame in frames), key=by_number)
-    image_of = {path.stem: str(path) for path in images}
     stems = [Path(frame).stem for frame in names]
-    is_one_each = len(image_of) == len(images) and len(set(stems)) == len(stems)
-    if is_one_each and set(stems) == set(image_of):
+    named = Counter(path.stem for path in images)
+    if len(set(stems)) == len(stems) and all(named[stem] == 1 for stem in stems):
+        image_of = {path.stem: str(path) for path in images}
         return {frame: image_of[stem] for frame, stem in zip(names, stems, strict=True)}
+    if len(images) != len(frames):
+        raise InputError(
+            f"{name}: expected {len(frames)} images in {os.fspath(colors)}, found {len(images)}, "
+            "not one of each depth image's name"
+        )
     return dict(zip(names, map(str, images), strict=True))
+
+
+def _is_image(path: Path) -> bool:
+    return (
+        path.suffix.lower() in _IMAGE_SUFFIXES and not path.name.startswith(".") and path.is_file()
+    )
 
 
 @checked

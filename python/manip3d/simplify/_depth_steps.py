@@ -15,6 +15,8 @@ from manip3d.simplify._depth import DenseImage, DepthMesh, DepthSimplification
 from manip3d.simplify._relief import Relief
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import ArrayLike, NDArray
 
     from manip3d.camera import Intrinsics
@@ -165,6 +167,50 @@ def across_steps(
     return np.asarray(crosses & ((off < 0) | (off > _MOST_OFF)))
 
 
+def across_gaps(
+    faces: NDArray[np.int32],
+    pixels: NDArray[np.int32],
+    points: NDArray[np.float32],
+    valid: NDArray[np.bool_],
+    max_edge: float,
+) -> NDArray[np.bool_]:
+    """Which faces join surfaces that no chain of dense edges up to ``max_edge`` joins there.
+
+    What only stands in front of an edge is passed: the leaps there and back cancel out.
+    """
+    codes, of_side = _sides(faces, len(pixels))
+    begin, end = pixels[codes // len(pixels)], pixels[codes % len(pixels)]
+    joins = np.zeros(len(codes), np.bool_)
+    for block, samples in _lines(begin, end):
+        u, v = _on_line(begin[block], end[block], samples)
+        joins[block] = _leaps(u, v, points, valid, max_edge)
+    return np.asarray(joins[of_side.reshape(-1, 3)].any(axis=1))
+
+
+def _leaps(
+    u: NDArray[Any],
+    v: NDArray[Any],
+    points: NDArray[np.float32],
+    valid: NDArray[np.bool_],
+    max_edge: float,
+) -> NDArray[np.bool_]:
+    """For each row of pixels: whether the leaps between its points add up to more than one."""
+    last = np.maximum.accumulate(np.where(valid[v, u], np.arange(u.shape[1]), 0), axis=1)
+    u, v = np.take_along_axis(u, last, axis=1), np.take_along_axis(v, last, axis=1)
+    between = np.diff(points[v, u].astype(np.float64), axis=1)
+    # A diagonal is two dense edges.
+    edges = np.abs(np.diff(u, axis=1)) + np.abs(np.diff(v, axis=1))
+    is_leap = np.linalg.norm(between, axis=2) > max_edge * edges
+    leaps = np.where(is_leap[..., None], between, 0.0).sum(axis=1)
+    return np.asarray(np.linalg.norm(leaps, axis=1) > max_edge)
+
+
+def _sides(faces: NDArray[np.int32], num_pixels: int) -> tuple[NDArray[np.int64], NDArray[Any]]:
+    """Each edge once, as one number, and the edge of each side of each face."""
+    sides = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    return np.unique(sides[:, 0].astype(np.int64) * num_pixels + sides[:, 1], return_inverse=True)
+
+
 def _by_edges(
     faces: NDArray[np.int32],
     pixels: NDArray[Any],
@@ -177,10 +223,7 @@ def _by_edges(
 
     ``passing``: to cross something and come back to the same surface is no step.
     """
-    sides = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    codes, of_side = np.unique(
-        sides[:, 0].astype(np.int64) * len(pixels) + sides[:, 1], return_inverse=True
-    )
+    codes, of_side = _sides(faces, len(pixels))
     crosses = _crosses_step(
         pixels[codes // len(pixels)], pixels[codes % len(pixels)], image, rule, passing
     )
@@ -195,33 +238,38 @@ def _crosses_step(
     passing: bool,
 ) -> NDArray[np.bool_]:
     """For each pair of pixels: whether the depth along the line between them has a step."""
+    crosses = np.zeros(len(begin), np.bool_)
+    for block, samples in _lines(begin, end):
+        u, v = _on_line(begin[block], end[block], samples)
+        crosses[block] = _has_step(image[v, u], rule, passing)
+    return crosses
+
+
+def _lines(begin: NDArray[Any], end: NDArray[Any]) -> Iterator[tuple[NDArray[np.intp], int]]:
+    """Lines of about one length together, and how many pixels the longest of them has."""
     length = np.abs(end - begin).max(axis=1)
     longest_of_all = length.max(initial=0)  # without faces there are no lines
-    crosses = np.zeros(len(begin), np.bool_)
     longest = 1
-    while True:  # lines of about one length together
+    while True:
         alike = np.flatnonzero((length <= longest) & (length > longest // 2))
         for first in range(0, len(alike), _BLOCK // longest):
-            block = alike[first : first + _BLOCK // longest]
-            depths = _along(begin[block], end[block], image, longest + 1)
-            crosses[block] = _has_step(depths, rule, passing)
+            yield alike[first : first + _BLOCK // longest], longest + 1
         if longest >= longest_of_all:
-            return crosses
+            return
         longest *= 2
 
 
-def _along(
-    begin: NDArray[Any], end: NDArray[Any], image: NDArray[np.float32], samples: int
-) -> NDArray[np.float32]:
-    """Depth at each pixel of the lines; shorter ones repeat their last pixel."""
+def _on_line(
+    begin: NDArray[Any], end: NDArray[Any], samples: int
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Each pixel of the lines, u and v; shorter ones repeat their last pixel."""
     length = np.maximum(np.abs(end - begin).max(axis=1), 1)[:, None]
     way = np.minimum(np.arange(samples), length)
     u, v = (
         begin[:, axis, None] + (2 * way * (end - begin)[:, axis, None] + length) // (2 * length)
         for axis in (0, 1)
     )
-    depths: NDArray[np.float32] = image[v, u]
-    return depths
+    return u, v
 
 
 def _has_step(depth: NDArray[np.float32], rule: StepRule, passing: bool) -> NDArray[np.bool_]:

@@ -92,8 +92,9 @@ class Relief(DepthSimplification):
         Raises
         ------
         InputError
-            All levels are larger.
+            All levels are larger, or ``num_vertices`` is no whole number.
         """
+        num_vertices = _whole("num_vertices", num_vertices)
         for count, faces in ((self.num_vertices, self.faces), *self.levels):
             if count <= num_vertices:
                 return DepthSimplification(
@@ -545,10 +546,16 @@ class ReliefStream:
 
             if self._budget is None:
                 return make(self._most_points)
-            return self._within_bytes(self._budget, make, time_ns)
+            measured = max(int(np.count_nonzero(valid)), LEAST_POINTS)
+            most_points = min(self._most_points, measured)
+            return self._within_bytes(self._budget, make, most_points, time_ns)
 
     def _within_bytes(
-        self, budget: SlidingSecond, make: Callable[[int], Relief], time_ns: int | None
+        self,
+        budget: SlidingSecond,
+        make: Callable[[int], Relief],
+        most_points: int,
+        time_ns: int | None,
     ) -> Relief:
         """The frame of as many points as its bytes hold; an empty one if these are too few."""
         if time_ns is None:
@@ -578,7 +585,7 @@ class ReliefStream:
             guess, least_share = points + (0.97 * allowance - size) / _BYTES_PER_POINT, 0.7
         found = fit_bytes(
             encoded,
-            most_points=self._most_points,
+            most_points=most_points,
             allowance=allowance,
             guess=guess,
             bytes_per_point=_BYTES_PER_POINT,

@@ -356,9 +356,13 @@ class BodySimulator:
     def __len__(self) -> int:
         return self.frames
 
+    def __getitem__(self, index: int) -> RgbdFrame:
+        if not -self.frames <= index < self.frames:
+            raise IndexError(f"frame {index} of {self.frames}")
+        return self.frame(index % self.frames / self.rate)
+
     def __iter__(self) -> Iterator[RgbdFrame]:
-        for number in range(self.frames):
-            yield self.frame(number / self.rate)
+        return map(self.__getitem__, range(self.frames))
 
     def frame(self, time: float) -> RgbdFrame:
         """Return what the sensor delivers at a time.

@@ -183,13 +183,20 @@ struct WatermarkFinding {
   WatermarkFreshness freshness = WatermarkFreshness::kUnknown;
   /// Fields of a record whose own tag holds; of another one nothing is told.
   std::optional<WatermarkHeader> header;
-  bool picture_changed = false;  ///< The picture is not the one that the record binds.
+  std::optional<WatermarkId> key;  ///< The key that made the record, where `header` is known.
+  bool is_of_older_key = false;    ///< The stream had gone on to a newer key before.
+  bool picture_changed = false;    ///< The picture is not the one that the record binds.
   std::vector<WatermarkTile> tiles;
   std::vector<std::int32_t> rows;          ///< Points of which only carrier bits differ, ascending.
   std::vector<std::uint16_t> tile_of_row;  ///< (N,) Where the record's header is known.
 };
 
 /// Verifies the frames of a stream one after the other, with the chain of frames as its state.
+///
+/// A record names no key: its own tag tells which key made it. Records are refused that state a
+/// time at which their key had expired or had been replaced. The time is what the embedder says, so
+/// that a thief of an old key can state an earlier one; in a stream that has gone on to a newer key
+/// his frames are replays all the same.
 class WatermarkVerifier {
  public:
   /// @throws Error  the key is closed.
@@ -197,6 +204,12 @@ class WatermarkVerifier {
   WatermarkVerifier(WatermarkVerifier&&) noexcept;
   WatermarkVerifier& operator=(WatermarkVerifier&&) noexcept;
   ~WatermarkVerifier();
+
+  /// Takes a key that those given so far have replaced.
+  /// @param replaced_ns  From then on it has signed nothing, nanoseconds since 1970.
+  /// @throws InputError  the verifier has this key already.
+  /// @throws Error  the key or the verifier is closed.
+  void add_older_key(const WatermarkKey& key, std::int64_t replaced_ns);
 
   /// @param num_dropped  Points of the file without coordinates.
   /// @param now_ns       Nanoseconds since 1970.
@@ -208,9 +221,10 @@ class WatermarkVerifier {
                           std::int64_t now_ns = 0, ExactView exact = {},
                           const std::optional<PictureView>& picture = std::nullopt);
 
-  /// The chain's state, authenticated with the key: for a verifier that goes on later.
+  /// The chain's state, authenticated with the key of its last frame: for a verifier that goes on
+  /// later.
   [[nodiscard]] std::vector<std::uint8_t> state() const;
-  /// @throws FormatError  damaged, or of another key.
+  /// @throws FormatError  damaged, or of a key that the verifier does not have.
   void restore(std::span<const std::uint8_t> state);
   /// Forgets the frames seen.
   void reset();

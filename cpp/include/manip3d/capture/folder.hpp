@@ -47,4 +47,13 @@ std::unique_ptr<RgbdRecorder> record_folder(const std::filesystem::path& folder,
                                             std::shared_ptr<const RgbdCalibration> calibration,
                                             const RecorderOptions& options);
 
+/// A sequence as open_tum() and the benchmark's own tools read it: depth/ and rgb/ with an image
+/// for each time, named after it, depth.txt, rgb.txt, associations.txt (a line for each frame with
+/// colour: time and file of both images) and calibration.json. Colour is PNG. Skeletons, body
+/// indices and numbers have no place in it; depths beyond 13.107 m are 0, and counted as `too_far`.
+/// @throws as open_recorder; also InputError for a calibration with a registration.
+std::unique_ptr<RgbdRecorder> record_tum(const std::filesystem::path& folder,
+                                         std::shared_ptr<const RgbdCalibration> calibration,
+                                         const RecorderOptions& options);
+
 }  // namespace manip3d

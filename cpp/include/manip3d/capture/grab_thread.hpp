@@ -26,6 +26,7 @@ class GrabThread final : public RgbdSource {
   /// The camera's, as of its last frame, and `dropped`.
   [[nodiscard]] Counters counters() const override;
   [[nodiscard]] std::optional<std::int64_t> num_frames() const override { return num_frames_; }
+  void seek(std::int64_t index) override;
   void start() override;
   ReadStatus read(RgbdFrame& frame, std::chrono::milliseconds timeout) override;
   /// The frame that waits can still be read. `start` and `stop` may be called from any threads at

@@ -11,7 +11,7 @@
 namespace manip3d {
 
 /// Grows when anything in this file changes.
-inline constexpr std::uint32_t kMkvVersion = 1;
+inline constexpr std::uint32_t kMkvVersion = 2;
 
 enum class MkvPixels : std::int32_t { kGray8, kGray16, kRgb };  ///< Layout of pixels in memory.
 enum class MkvKind : std::int32_t { kVideo, kText, kAttachment, kOther };
@@ -79,7 +79,9 @@ struct MkvCodec {
   const char* (*tag)(MkvReader* reader, const char* name);       ///< Value of a tag of the file.
   std::int64_t (*duration_us)(MkvReader* reader);                ///< 0: the file does not say.
   int (*next)(MkvReader* reader, MkvPacket* packet);
-  int (*seek_last)(MkvReader* reader, int track);  ///< Goes to the last packet of the index.
+  /// Goes to a packet of a track by its place in the index, at most to the last one, and returns
+  /// how many the index of this file has.
+  int (*seek)(MkvReader* reader, int track, int entry);
   /// FFV1 of any version, its CRCs checked; first open_decoder for the track.
   int (*open_decoder)(MkvReader* reader, int track, MkvPixels pixels);
   int (*decode)(MkvReader* reader, int track, MkvBytes packet, void* image);

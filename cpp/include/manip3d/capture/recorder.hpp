@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <optional>
 
 #include "manip3d/capture/rgbd_source.hpp"
 #include "manip3d/geometry/rgbd_frame.hpp"
@@ -31,13 +32,16 @@ class RgbdRecorder {
   [[nodiscard]] virtual Counters counters() const = 0;
 };
 
+enum class RecordingKind : std::uint8_t { kFolder, kMkv, kTum };
+
 struct RecorderOptions {
-  bool lossless_color = false;  ///< Instead of JPEG.
-  int jpeg_quality = 90;        ///< 1 to 100.
-  bool overwrite = false;       ///< Replace a recording of the same kind that is there.
+  std::optional<RecordingKind> kind{};  ///< None: Matroska for `.mkv`, else a folder.
+  bool lossless_color = false;          ///< Instead of JPEG.
+  int jpeg_quality = 90;                ///< 1 to 100.
+  bool overwrite = false;               ///< Replace a recording of the same kind that is there.
 };
 
-/// Starts a recording: in a folder, or in Matroska for `.mkv`.
+/// Starts a recording.
 /// @throws InputError  an unknown suffix, a path that exists or that somebody has open, an option
 /// or calibration out of range.
 /// @throws DeviceError  the codec library of Matroska is absent.

@@ -31,7 +31,19 @@ class RgbdSource : public FrameSource<RgbdFrame> {
   [[nodiscard]] virtual Counters counters() const = 0;
   /// How many there are in all; none: nobody knows.
   [[nodiscard]] virtual std::optional<std::int64_t> num_frames() const { return std::nullopt; }
+  /// Goes to a frame of a recording, counted from 0: the next `read` gives it, or the next whole
+  /// one after it, or kEnd beyond the last. One that plays in real time takes it before `start`
+  /// only.
+  /// @throws InputError  no recording, one that plays, or an index below 0.
+  virtual void seek(std::int64_t index);
+  /// Reads that frame and no other; `read` goes on behind it.
+  /// @throws InputError  as `seek`, or there are not so many.
+  /// @throws FormatError  the frame is damaged or lost.
+  virtual void read_at(std::int64_t index, RgbdFrame& frame);
 };
+
+/// What sources that seek ask of an index. @throws InputError  below 0.
+void check_frame_index(std::int64_t index);
 
 struct RgbdOptions {
   /// Playback speed of recordings; 0: as fast as read, 1: real time, by the frames' times. Frames

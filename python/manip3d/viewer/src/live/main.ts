@@ -115,6 +115,13 @@ const rating = element(
   element("label", {}, "Phantom pain now, 0 to 10 ", pain),
   element("button", { id: "say-pain" }, "Say it"),
 );
+// For the therapist of a patient who gives no last rating: the session would else never be over.
+const unanswered = element(
+  "button",
+  { id: "unanswered", type: "button", hidden: "" },
+  "Close without a rating",
+);
+rating.append(unanswered);
 const enough = element("button", { id: "enough" }, "End this session", element("kbd", {}, "Q"));
 const enoughTold = element("span", { id: "enough-told", role: "status" });
 const unwell = element("button", { id: "unwell" }, "I feel sick");
@@ -377,6 +384,7 @@ function tellGame(status: Status, message: string): void {
   const goesOn = isTouching(status);
   const isOver = game.sitting !== "open";
   enough.disabled = isOver;
+  unanswered.hidden = game.sitting !== "ending";
   write(painTold, rated || (game.pain === null ? "" : `Noted: ${game.pain}.`));
   if (document.activeElement !== gameChoice) gameChoice.value = game.name;
   if (document.activeElement !== difficulty) difficulty.value = String(game.difficulty);
@@ -522,6 +530,7 @@ rating.addEventListener("submit", (event) => {
   keepOfPatient({ type: "pain", value: Number(pain.value) });
   pain.value = "";
 });
+unanswered.addEventListener("click", () => keepOfPatient({ type: "unanswered" }));
 /** Asks whether somebody who feels sick wants no more today; the play stops at once. */
 function askWhetherSick(isAsked: boolean): void {
   sure.hidden = !isAsked;

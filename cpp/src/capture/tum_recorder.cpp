@@ -1,0 +1,128 @@
+#include <algorithm>
+#include <array>
+#include <cstdio>
+#include <cstdlib>
+#include <limits>
+#include <string>
+#include <utility>
+
+#include "capture/image_codec.hpp"
+#include "capture/recording_folder.hpp"
+#include "manip3d/capture/folder.hpp"
+#include "manip3d/error.hpp"
+
+namespace manip3d {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kUnitsPerMillimetre = 5;  // 5000 units are a metre
+constexpr int kFarthest = std::numeric_limits<std::uint16_t>::max() / kUnitsPerMillimetre;
+constexpr std::int64_t kNanoseconds = 1'000'000'000;
+constexpr std::int64_t kLatest = 9'000'000'000 * kNanoseconds;  // what the reader takes
+constexpr std::array kLists = {"depth.txt", "rgb.txt", "associations.txt"};
+
+/// Seconds with nine digits after the point.
+std::string seconds_text(std::int64_t time_ns) {
+  const std::int64_t size = std::abs(time_ns);
+  char text[32];
+  std::snprintf(text, sizeof(text), "%s%lld.%09lld", time_ns < 0 ? "-" : "",
+                static_cast<long long>(size / kNanoseconds),
+                static_cast<long long>(size % kNanoseconds));
+  return text;
+}
+
+class TumRecorder final : public RgbdRecorder {
+ public:
+  TumRecorder(const fs::path& folder, const RgbdCalibration& calibration,
+              const RecorderOptions& options)
+      : folder_(folder), checks_(calibration) {
+    if (calibration.registration) {
+      throw InputError(
+          "calibration: expected colour images of the depth camera: a TUM sequence "
+          "has no registration");
+    }
+    const std::string text = calibration_text(calibration);
+    const RecordingLayout layout{{kLists.begin(), kLists.end()}, {"depth", "rgb"}};
+    lock_ = prepare_folder(folder, layout, options.overwrite);
+    write_text(folder / kCalibrationFile, text);
+    depth_ = begun_list("depth.txt", "# depth maps\n# timestamp filename\n");
+    color_ = begun_list("rgb.txt", "# color images\n# timestamp filename\n");
+    pairs_ = begun_list("associations.txt", "");
+  }
+
+  void write(const RgbdFrame& frame) override {
+    if (is_closed_) throw InputError("write: the recording is closed");
+    RecordingChecks checks = checks_;
+    checks.check(frame);
+    if (frame.time_ns < -kLatest || frame.time_ns > kLatest) {
+      throw InputError("frame.time: expected at most 9e9 seconds, got " +
+                       std::to_string(frame.time_ns) + " ns");
+    }
+    const std::string time = seconds_text(frame.time_ns);
+    const std::string depth = time + " depth/" + time + ".png";
+    const std::string color = time + " rgb/" + time + ".png";
+    FrameImages images;
+    const std::int64_t too_far = to_units(frame.depth);
+    images.write(folder_ / "depth" / (time + ".png"), encode_png(units_, frame.cols));
+    const bool has_color = !frame.color.empty();
+    if (has_color) {
+      images.write(folder_ / "rgb" / (time + ".png"), encode_png(frame.color, frame.cols, 3));
+    }
+    const std::int64_t bytes = images.keep();  // before a list can name one of them
+    if (has_color) color_->append(color + "\n");
+    depth_->append(depth + "\n");  // a frame without this line is not there
+    if (has_color) pairs_->append(color + " " + depth + "\n");
+    bytes_ += bytes;
+    too_far_ += too_far;
+    checks_ = checks;
+    ++frames_;
+  }
+
+  void close() override {
+    if (std::exchange(is_closed_, true)) return;
+    for (LineLog* list : {depth_.get(), color_.get(), pairs_.get()}) list->close();
+    lock_->release();
+  }
+
+  [[nodiscard]] Counters counters() const override {
+    return {{"frames", frames_}, {"bytes", bytes_}, {"too_far", too_far_}};
+  }
+
+ private:
+  [[nodiscard]] std::unique_ptr<LineLog> begun_list(const char* name, const std::string& head) {
+    auto list = std::make_unique<LineLog>(folder_ / name);
+    list->append(head);
+    return list;
+  }
+
+  /// Fills units_; returns how many pixels are farther than 16 bits of them reach, and have none.
+  std::int64_t to_units(const std::vector<std::uint16_t>& depth) {
+    std::int64_t too_far = 0;
+    units_.resize(depth.size());
+    std::ranges::transform(depth, units_.begin(), [&](std::uint16_t millimetres) {
+      const bool fits = millimetres <= kFarthest;
+      too_far += fits ? 0 : 1;
+      return static_cast<std::uint16_t>(fits ? kUnitsPerMillimetre * millimetres : 0);
+    });
+    return too_far;
+  }
+
+  fs::path folder_;
+  RecordingChecks checks_;
+  std::unique_ptr<RecordingLock> lock_;
+  std::unique_ptr<LineLog> depth_, color_, pairs_;
+  std::vector<std::uint16_t> units_;
+  std::int64_t frames_ = 0, bytes_ = 0, too_far_ = 0;
+  bool is_closed_ = false;
+};
+
+}  // namespace
+
+std::unique_ptr<RgbdRecorder> record_tum(const fs::path& folder,
+                                         std::shared_ptr<const RgbdCalibration> calibration,
+                                         const RecorderOptions& options) {
+  return std::make_unique<TumRecorder>(folder, *calibration, options);
+}
+
+}  // namespace manip3d

@@ -1,0 +1,151 @@
+"""The audit of a diary: rows of which each is bound to all before it by a keyed hash.
+
+A row has two hashes (HMAC-SHA256): ``digest`` of what it says, with a random salt, and ``link`` of
+the link before it and the digest. When a participant is deleted, what their rows say is erased with
+the salts. The digests remain and tell nothing, so that the links still hold, and the row of the
+deletion lists the numbers of the rows that it erased.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import json
+import secrets
+from collections.abc import Sequence
+from datetime import datetime
+from typing import Any
+
+import sqlalchemy as sql
+
+from manip3d.diary import _schema as schema
+from manip3d.errors import FormatError
+
+_SALT = 16
+_HEAD = "audit head"  # entry of `meta`: the number of rows, and a hash of it with the last link
+
+
+def begin_chain(connection: sql.Connection, key: bytes) -> None:
+    """Note that there are no rows yet, so that an audit without rows and a lost one differ."""
+    _write_head(connection, key, 0, "")
+
+
+def append_row(
+    connection: sql.Connection,
+    key: bytes,
+    action: str,
+    participant: int | None,
+    *,
+    at: str,
+    erased: Sequence[int] = (),
+) -> None:
+    """Add a row inside the transaction of the connection.
+
+    ``erased``: numbers of the rows of a participant who was deleted, of `erase_rows`.
+    """
+    table = schema.AUDIT
+    last = connection.execute(
+        sql.select(table.c.number, table.c.link).order_by(table.c.number.desc()).limit(1)
+    ).first()
+    number, before = (1, "") if last is None else (last.number + 1, last.link)
+    row = {
+        "number": number,
+        "at": at,
+        "action": action,
+        "participant": participant,
+        "erased": json.dumps(list(erased)),
+        "salt": secrets.token_hex(_SALT),
+    }
+    digest = _digest(key, row)
+    link = _hash(key, "link", before, digest)
+    connection.execute(sql.insert(table).values(**row, digest=digest, link=link))
+    _write_head(connection, key, number, link)
+
+
+def erase_rows(connection: sql.Connection, participant: int) -> list[int]:
+    """Erase what the rows of a participant say; return the numbers of these rows."""
+    table = schema.AUDIT
+    theirs = table.c.participant == participant
+    numbers = connection.execute(sql.select(table.c.number).where(theirs).order_by(table.c.number))
+    found = [int(number) for number in numbers.scalars()]
+    connection.execute(
+        sql.update(table).where(theirs).values(at="", action="", participant=None, salt="")
+    )
+    return found
+
+
+def verify(connection: sql.Connection, key: bytes, file: str) -> None:
+    """Compare every row with its hashes.
+
+    Raises
+    ------
+    FormatError
+        Names the first row that is not what was written, or is missing.
+    """
+
+    def broken(number: int, what: str) -> FormatError:
+        return FormatError(f"the audit is damaged: row {number} {what}", file=file)
+
+    before, count = "", 0
+    empty, erased = set[int](), set[int]()
+    table = schema.AUDIT
+    for row in connection.execute(sql.select(table).order_by(table.c.number)).mappings():
+        count += 1
+        if row["number"] != count:
+            raise broken(count, "is missing")
+        if row["salt"] == "":
+            empty.add(count)
+            is_same = (row["at"], row["action"], row["participant"]) == ("", "", None)
+        else:
+            is_same = hmac.compare_digest(_digest(key, row), str(row["digest"]))
+            erased |= set(json.loads(row["erased"])) if is_same else set()
+        before = _hash(key, "link", before, str(row["digest"]))
+        if not (is_same and hmac.compare_digest(before, str(row["link"]))):
+            raise broken(count, "is not what was written")
+    expected = _read_head(connection)
+    if expected is None or not hmac.compare_digest(expected, _head(key, count, before)):
+        kept = 0 if expected is None else int.from_bytes(expected[:8], "big")
+        if kept > count:
+            raise broken(count + 1, "is missing")
+        raise broken(max(count, 1), "is not the last one that was written")
+    if empty != erased:
+        raise broken(min(empty ^ erased), "was erased or filled in, and not by a deletion")
+
+
+def moment_of(text: str, file: str) -> datetime:
+    """Return the time of a row."""
+    try:
+        found = datetime.fromisoformat(text)
+    except ValueError:
+        found = None
+    if found is None or found.tzinfo is None:
+        raise FormatError("the audit is damaged: expected a time with its offset", file=file)
+    return found
+
+
+def _digest(key: bytes, row: Any) -> str:
+    names = ("number", "at", "action", "participant", "erased")
+    return _hash(key, "row", row["salt"], json.dumps([row[name] for name in names]))
+
+
+def _hash(key: bytes, *parts: str) -> str:
+    """A hash of texts; JSON keeps ("a", "bc") and ("ab", "c") apart."""
+    return hmac.new(key, json.dumps(parts).encode(), hashlib.sha256).hexdigest()
+
+
+def _head(key: bytes, count: int, link: str) -> bytes:
+    return count.to_bytes(8, "big") + bytes.fromhex(_hash(key, "head", str(count), link))
+
+
+def _write_head(connection: sql.Connection, key: bytes, count: int, link: str) -> None:
+    table = schema.META
+    connection.execute(sql.delete(table).where(table.c.name == _HEAD))
+    connection.execute(sql.insert(table).values(name=_HEAD, value=_head(key, count, link)))
+
+
+def _read_head(connection: sql.Connection) -> bytes | None:
+    table = schema.META
+    found = connection.execute(
+        sql.select(table.c.value).where(table.c.name == _HEAD)
+    ).scalar_one_or_none()
+    return None if found is None else bytes(found)

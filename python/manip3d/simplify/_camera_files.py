@@ -1,0 +1,305 @@
+"""Several depth images or range scans, and where their cameras stood, to one mesh in a file."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from manip3d._util.checked import checked
+from manip3d._util.paths import path_of
+from manip3d.camera import read_intrinsics
+from manip3d.errors import FormatError, InputError
+from manip3d.io import DEPTH_SUFFIXES, read_range_grid, write_mesh
+from manip3d.io._poses import poses_by_file, rigid
+from manip3d.io._text_files import text_of
+from manip3d.simplify._cameras import CameraView, JointSimplification, cs3_cameras, relief_cameras
+from manip3d.simplify._depth_files import (
+    DepthOptions,
+    _color_image,
+    _expect_camera,
+    _expect_options_of_scan,
+    _is_yup,
+    _read,
+)
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = ["JointFileResult", "poses_of_files", "simplify_camera_files"]
+
+_MOST_SECONDS_APART = 0.02  # as TUM's own tool associates depth images and poses
+_UNITS = 1e-3  # how far a quaternion's length may be from 1
+
+
+@dataclass(frozen=True)
+class JointFileResult:
+    """What became of several depth images or scans.
+
+    Attributes
+    ----------
+    sources : tuple of Path
+    output : Path
+    options : DepthOptions
+    points_before, points, faces : int
+        Measured points of all views, and vertices and faces of the mesh.
+    seconds : float
+        Time of the method alone.
+    coverage, bridges : float
+        As of `JointSimplification`.
+    """
+
+    sources: tuple[Path, ...]
+    output: Path
+    options: DepthOptions
+    points_before: int
+    points: int
+    faces: int
+    seconds: float
+    coverage: float
+    bridges: float
+
+    @property
+    def coverage_missed(self) -> bool:
+        """Less than ``options.min_coverage`` of the measured pixels are covered."""
+        return not self.coverage >= self.options.min_coverage
+
+    @property
+    def bridges_missed(self) -> bool:
+        """More than ``options.max_bridges`` of the area are bridges."""
+        return not self.bridges <= self.options.max_bridges
+
+
+@checked
+def poses_of_files(
+    sources: Sequence[str | os.PathLike[str]], poses: str | os.PathLike[str]
+) -> list[NDArray[np.float64]]:
+    r"""Return where the camera of each file stood.
+
+    Parameters
+    ----------
+    sources : sequence of path-like
+    poses : path-like
+        A Stanford ``.conf`` file, as `manip3d.datasets.read_poses` takes it, with the files' names;
+        or lines ``time tx ty tz qx qy qz qw`` (TUM's ``groundtruth.txt``, camera to world, lines
+        with ``#`` left out). There the files' names are times, and the pose is that of the nearest
+        time, at most 0.02 s away; or there are as many lines as files, in the order of the files.
+
+    Returns
+    -------
+    list of (4, 4) float64
+        Rigid transforms to the frame of all.
+
+    Raises
+    ------
+    InputError
+        A file has no pose.
+    FormatError, OSError
+        ``poses`` cannot be read.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from manip3d import simplify
+    >>> _ = Path("truth.txt").write_text("# time x y z q\n1.00 1 2 3 0 0 0 1\n1.05 4 5 6 0 0 0 1")
+    >>> (pose,) = simplify.poses_of_files(["depth/1.04.png"], "truth.txt")
+    >>> pose[:3, 3].tolist()
+    [4.0, 5.0, 6.0]
+    """
+    files = [path_of(source, "sources") for source in sources]
+    place = path_of(poses, "poses")
+    if place.suffix.lower() == ".conf":
+        named = poses_by_file(place)
+        for file in files:
+            if _plain(file) not in named:
+                raise InputError(f"poses: expected one of {_plain(file)} in {place}, found none")
+        return [named[_plain(file)] for file in files]
+    times, found = _trajectory(place)
+    try:
+        asked = np.array([float(file.stem) for file in files])
+    except ValueError:
+        return _in_order(files, found, place)
+    if not len(times):
+        raise FormatError("expected lines 'time tx ty tz qx qy qz qw', found none", file=str(place))
+    nearest = np.abs(asked[:, None] - times).argmin(axis=1)
+    apart = np.abs(asked - times[nearest])
+    if (apart <= _MOST_SECONDS_APART).all():
+        return [found[i] for i in nearest]
+    if len(found) == len(files):
+        return found
+    worst = int(apart.argmax())
+    raise InputError(
+        f"poses: expected a pose within {_MOST_SECONDS_APART} s of {files[worst]}, the nearest is "
+        f"{apart[worst]:.3f} s away"
+    )
+
+
+def _plain(file: Path) -> str:
+    return file.name.removesuffix(".xz").removesuffix(".gz")
+
+
+def _in_order(
+    files: Sequence[Path], found: list[NDArray[np.float64]], place: Path
+) -> list[NDArray[np.float64]]:
+    if len(found) != len(files):
+        raise InputError(
+            f"poses: expected file names that are times, or {len(files)} poses in {place}, found "
+            f"{len(found)}"
+        )
+    return found
+
+
+def _trajectory(place: Path) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
+    times, poses = [], []
+    for number, line in enumerate(text_of(place).splitlines(), start=1):
+        words = line.replace(",", " ").split()
+        if not words or words[0].startswith("#"):
+            continue
+        try:
+            values = np.array(words, dtype=np.float64)
+        except ValueError:
+            values = np.empty(0)
+        is_pose = values.shape == (8,) and np.isfinite(values).all()
+        if not is_pose or not abs(np.linalg.norm(values[4:]) - 1) <= _UNITS:
+            text = "expected eight numbers: time tx ty tz qx qy qz qw, a quaternion of length 1"
+            raise FormatError(text, file=str(place), line=number)
+        times.append(values[0])
+        pose = rigid(values[1:])
+        pose[:3, :3] = pose[:3, :3].T  # here the quaternion is that of the rotation itself
+        poses.append(pose)
+    return np.array(times), poses
+
+
+@checked
+def simplify_camera_files(
+    sources: Sequence[str | os.PathLike[str]],
+    poses: str | os.PathLike[str],
+    output: str | os.PathLike[str],
+    options: DepthOptions,
+    *,
+    colors: Sequence[str | os.PathLike[str]] = (),
+) -> JointFileResult:
+    r"""Turn several depth images, or several range scans, into one mesh in a file.
+
+    Parameters
+    ----------
+    sources : sequence of path-like
+        As of `simplify_depth_file`; the earlier ones are preferred where several see the same.
+    poses : path-like
+        As of `poses_of_files`.
+    output : path-like
+        A mesh file, in the frame of the poses; glTF of depth images turned by half around x.
+    options : DepthOptions
+        With ``points``; method ``relief`` or ``cs3``.
+    colors : sequence of path-like
+        The colour image of each source, or none.
+
+    Returns
+    -------
+    JointFileResult
+
+    Raises
+    ------
+    InputError
+        As `poses_of_files`, `relief_cameras` and `simplify_depth_file`; an option that does not go
+        with several views.
+    FormatError, OSError
+        As `simplify_depth_file`: nothing is written where there is no face.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pathlib import Path
+    >>> from manip3d import simplify
+    >>> for name in ("1.00.npy", "1.05.npy"):
+    ...     np.save(name, np.full((480, 640), 2.0, np.float32))
+    >>> _ = Path("truth.txt").write_text("1.00 0 0 0 0 0 0 1\n1.05 0.5 0 0 0 0 0 1")
+    >>> options = simplify.DepthOptions(100, intrinsics="tum")
+    >>> found = simplify.simplify_camera_files(
+    ...     ["1.00.npy", "1.05.npy"], "truth.txt", "wall.ply", options
+    ... )
+    >>> found.points <= 100, found.coverage > 0.99, found.bridges
+    (True, True, 0.0)
+    """
+    files = tuple(path_of(source, "sources") for source in sources)
+    target = path_of(output, "output")
+    if options.method not in ("relief", "cs3"):
+        raise InputError(f"method: expected relief or cs3 with poses, got {options.method}")
+    if options.points is None or options.by_distance or options.move_points:
+        raise InputError("points: expected with poses, without bandwidth, by_distance, move_points")
+    if colors and len(colors) != len(files):
+        raise InputError(f"colors: expected {len(files)} or none, got {len(colors)}")
+    placed = poses_of_files(files, place := path_of(poses, "poses"))
+    are_images = [_plain(file).lower().endswith(DEPTH_SUFFIXES) for file in files]
+    if len(set(are_images)) > 1:
+        raise InputError("sources: expected depth images or scans with poses, got both")
+    pictures = [None if not colors else path_of(colors[i], "colors") for i in range(len(files))]
+    view_of = _image_view if all(are_images) else _scan_view
+    views = [
+        view_of(file, options, pose, picture)
+        for file, pose, picture in zip(files, placed, pictures, strict=True)
+    ]
+    steps = options.depth_step if options.depth_step and all(are_images) else None
+    started = time.perf_counter()
+    joint = _joined(views, options, options.points, steps)
+    seconds = time.perf_counter() - started
+    if not joint.num_faces:
+        raise FormatError(f"expected a surface in {len(files)} views, found none", file=str(place))
+    _write(joint, target, turned=all(are_images) and _is_yup(target))
+    return JointFileResult(
+        files,
+        target,
+        options,
+        joint.num_measured,
+        len(np.unique(joint.faces)),
+        joint.num_faces,
+        seconds,
+        joint.coverage,
+        joint.bridges,
+    )
+
+
+def _joined(
+    views: Sequence[CameraView], options: DepthOptions, points: int, steps: float | None
+) -> JointSimplification:
+    edge, threads = options.max_edge, options.threads
+    if options.method == "relief":
+        return relief_cameras(views, points, max_edge=edge, depth_step=steps, threads=threads)
+    return cs3_cameras(
+        views, points, variant=options.variant, max_edge=edge, depth_step=steps, threads=threads
+    )
+
+
+def _image_view(
+    file: Path, options: DepthOptions, pose: NDArray[np.float64], picture: Path | None
+) -> CameraView:
+    _expect_camera(options)
+    reading, _ = _read(file, options)
+    height, width = reading.depth.shape
+    return CameraView(
+        reading.depth,
+        read_intrinsics(options.intrinsics, width=width, height=height),
+        pose=pose,
+        color=None if picture is None else _color_image(picture),
+    )
+
+
+def _scan_view(
+    file: Path, options: DepthOptions, pose: NDArray[np.float64], picture: Path | None
+) -> CameraView:
+    _expect_options_of_scan(options)
+    grid = read_range_grid(file)
+    color = None if picture is None else _color_image(picture)
+    return CameraView(points=grid.points, valid=grid.valid, pose=pose, color=color)
+
+
+def _write(joint: JointSimplification, target: Path, *, turned: bool) -> None:
+    mesh = joint.mesh
+    if turned:  # cameras look along +z, y down; glTF has +y up
+        mesh = mesh.replace(vertices=mesh.vertices * np.array([1.0, -1.0, -1.0]))
+    write_mesh(mesh, target)

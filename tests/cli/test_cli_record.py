@@ -1,0 +1,117 @@
+"""``manip3d capture record``: events that begin a recording, the first frame, TUM sequences."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from itertools import islice
+from pathlib import Path
+
+import pytest
+
+import rgbd_frames
+from command_line import error_line, manip3d
+from manip3d import InputError, capture
+from manip3d.cli.triggers import trigger_of
+
+
+@pytest.fixture
+def walk(tmp_path: Path) -> Path:
+    folder = tmp_path / "walk"
+    capture.record(rgbd_frames.frames(9), folder, lossless_color=True)
+    return folder
+
+
+def test_a_signal_is_a_trigger_while_it_is_waited_for() -> None:
+    frame = next(rgbd_frames.frames(1))
+    before = signal.getsignal(signal.SIGUSR2)
+    with trigger_of("SIGUSR2") as (has_come, told):
+        assert f"kill -s USR2 {os.getpid()}" in told
+        assert not has_come(frame)
+        os.kill(os.getpid(), signal.SIGUSR2)
+        assert has_come(frame)
+        assert has_come(frame)
+    assert signal.getsignal(signal.SIGUSR2) == before
+    with pytest.raises(InputError, match="--trigger: expected one of key, person, SIGUSR1"):
+        trigger_of("SIGKILL").__enter__()
+
+
+def test_a_key_is_a_trigger(monkeypatch: pytest.MonkeyPatch) -> None:
+    frame = next(rgbd_frames.frames(1))
+    ours, theirs = os.pipe()
+    with os.fdopen(ours) as typed:
+        monkeypatch.setattr(sys, "stdin", typed)
+        with trigger_of("key") as (has_come, _):
+            assert not has_come(frame)
+            os.write(theirs, b"\n")
+            assert has_come(frame)
+            assert not has_come(frame)
+            os.close(theirs)
+            with pytest.raises(InputError, match="standard input has ended"):
+                has_come(frame)
+    monkeypatch.setattr(sys, "stdin", io.StringIO())
+    with pytest.raises(InputError, match="expected a terminal"):
+        trigger_of("key").__enter__()
+
+
+def test_a_recording_begins_with_the_seconds_before_a_signal(tmp_path: Path) -> None:
+    """A person who stands for a minute; 0.2 s are six frames, where so many came before."""
+    words = ["record", "sim:body?frames=1800&color=none", "-o", str(tmp_path / "a"), "--json"]
+    words += ["--trigger", "SIGUSR1", "--before", "0.2", "--frames", "3"]
+    program = subprocess.Popen(
+        [sys.executable, "-m", "manip3d", "capture", *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert program.stderr is not None
+    told = next(line for line in program.stderr if "waiting for" in line)
+    assert told.strip().endswith(
+        f"waiting for SIGUSR1: kill -s USR1 {program.pid}; the last 0.2 s are kept"
+    )
+    time.sleep(4.0)  # frames are made meanwhile
+    program.send_signal(signal.SIGUSR1)
+    out, _ = program.communicate(timeout=120)
+    assert program.returncode == 0
+    record = json.loads(out)
+    numbers = [frame.number for frame in capture.open_rgbd(f"folder:{tmp_path / 'a'}")]
+    begun = numbers[-1] - 2  # the first of the three
+    assert numbers == list(range(begun - min(begun, 6), begun + 3))
+    assert (record["frames"], record["stop"]) == (len(numbers), "frames")
+
+
+def test_a_trigger_that_does_not_come_is_an_error(walk: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    done = manip3d("capture", "record", walk, "-o", out, "--trigger", "SIGUSR1")
+    assert done.returncode == 1
+    assert "--trigger SIGUSR1: it did not come before the source ended" in done.stderr
+    refused = manip3d("capture", "record", walk, "-o", tmp_path / "b", "--before", "1")
+    assert "--before: expected --trigger with it" in error_line(refused)
+    seen = manip3d("capture", "record", walk, "-o", tmp_path / "c", "--trigger", "person", "-q")
+    assert (seen.returncode, seen.stderr) == (0, "")
+    assert capture.open_rgbd(f"folder:{tmp_path / 'c'}").num_frames == 9
+
+
+def test_a_tum_sequence_of_the_frames_from_one_on(walk: Path, tmp_path: Path) -> None:
+    out = tmp_path / "sequence"
+    words = ("capture", "record", walk, "-o", f"tum:{out}", "--start", "7")
+    done = manip3d(*words, "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["frames"] == 2
+    refused = manip3d(*words)
+    assert (refused.returncode, refused.stdout) == (1, "")
+    assert "exists already; --force replaces it" in refused.stderr
+    assert manip3d(*words, "--force", "-q").returncode == 0
+    info = json.loads(manip3d("capture", "info", out, "--json").stdout)
+    assert (info["source"], info["frames"]) == (f"tum:{out}", 2)
+    expected = [frame.time for frame in islice(rgbd_frames.frames(9), 7, None)]
+    assert [info["first_time_ns"], info["last_time_ns"]] == expected
+    played = manip3d("capture", "play", walk, "--speed", "0", "--start", "6", "--json")
+    assert json.loads(played.stdout)["frames"] == 3
+    beyond = manip3d("capture", "play", walk, "--start", "9")
+    assert "start: expected less than the 9 frames" in error_line(beyond)

@@ -1,0 +1,124 @@
+"""Several files and the poses of their cameras: one mesh in a file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from command_line import error_line, manip3d
+from manip3d import FormatError, InputError, io, simplify
+
+CAMERA = "130,130,79.5,59.5"
+TURNED = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]])  # by 90 degrees around z: q = (0, 0, s, s)
+POSES = """# timestamp tx ty tz qx qy qz qw
+10.000 0 0 0 0 0 0 1
+10.030 0.5 0 0 0 0 0 1
+10.060 1 2 3 0 0 0.70710678 0.70710678
+"""
+
+
+@pytest.fixture
+def walls(tmp_path: Path) -> Path:
+    """Two images of a wall with a box before it, the second from half a metre to the right."""
+    for name, shift in (("10.005.npy", 0), ("10.031.npy", 36)):  # 0.5 m at 1.8 m are 36 pixels
+        depth = np.full((120, 160), 1800, np.uint16)
+        depth[40:80, 70 - shift : 110 - shift] = 1795
+        np.save(tmp_path / name, depth)
+    (tmp_path / "groundtruth.txt").write_text(POSES)
+    return tmp_path
+
+
+def test_poses_of_a_trajectory_by_time_and_in_order(tmp_path: Path) -> None:
+    (tmp_path / "truth.txt").write_text(POSES)
+    found = simplify.poses_of_files(["d/10.04.png", "d/10.055.png"], tmp_path / "truth.txt")
+    np.testing.assert_array_equal(found[0][:3, 3], [0.5, 0, 0])
+    np.testing.assert_allclose(found[1][:3, :3], TURNED, atol=1e-8)
+    np.testing.assert_array_equal(found[1][:3, 3], [1, 2, 3])
+    ordered = simplify.poses_of_files(["a.png", "b.png", "c.png"], tmp_path / "truth.txt")
+    np.testing.assert_allclose(ordered[2], found[1])
+    with pytest.raises(InputError, match=r"expected file names that are times, or 2 poses"):
+        simplify.poses_of_files(["a.png", "b.png"], tmp_path / "truth.txt")
+    with pytest.raises(InputError, match=r"within 0\.02 s of .*11\.png, the nearest is 0\.940 s"):
+        simplify.poses_of_files(["10.06.png", "11.png"], tmp_path / "truth.txt")
+
+
+@pytest.mark.parametrize(
+    "line", ["1 2 3", "1 0 0 0 0 0 0 2", "1 0 0 nan 0 0 0 1", "a b c d e f g h"]
+)
+def test_lines_that_are_no_poses_are_told(line: str, tmp_path: Path) -> None:
+    (tmp_path / "truth.txt").write_text(f"# time\n{line}\n")
+    with pytest.raises(FormatError, match="expected eight numbers: time tx ty tz") as error:
+        simplify.poses_of_files(["1.png"], tmp_path / "truth.txt")
+    assert error.value.line == 2
+
+
+def test_poses_of_scans_are_found_by_name(tmp_path: Path) -> None:
+    (tmp_path / "a.conf").write_text("camera 0 0 0 0 0 0 1\nbmesh one.ply 1 2 3 0 0 0 1\n")
+    (pose,) = simplify.poses_of_files(["x/one.ply.xz"], tmp_path / "a.conf")
+    np.testing.assert_array_equal(pose[:3, 3], [1, 2, 3])
+    with pytest.raises(InputError, match=r"expected one of two\.ply in"):
+        simplify.poses_of_files(["two.ply"], tmp_path / "a.conf")
+
+
+@pytest.mark.parametrize("method", ["relief", "cs3"])
+def test_several_images_become_one_mesh(walls: Path, method: str) -> None:
+    base = ("depth", walls / "10.005.npy", walls / "10.031.npy", "--intrinsics", CAMERA, "--points",
+            "100", "--method", method, "--poses", walls / "groundtruth.txt", "--json",
+            "--strict")  # fmt: skip
+    done = manip3d(*base, "-o", walls / "wall.ply")
+    assert done.returncode == 0, done.stderr
+    record = json.loads(done.stdout)
+    assert record["points_before"] == 2 * 120 * 160
+    assert 80 < record["points"] <= 100
+    assert record["coverage"] > 0.97
+    assert record["bridges"] < 0.01
+    assert "% of the measured pixels" in done.stderr
+    mesh = io.read_mesh(walls / "wall.ply")
+    width = np.ptp(np.asarray(mesh.vertices)[:, 0])
+    assert width == pytest.approx(0.5 + 159 / 130 * 1.8, abs=0.05)
+    assert manip3d(*base, "-o", walls / "wall.ply").returncode != 0  # it is there
+    low = manip3d(*base, "-o", walls / "b.ply", "--min-coverage", "1", "--points", "3")
+    assert low.returncode == 4
+
+
+def test_the_mesh_of_a_gltf_is_upright(walls: Path) -> None:
+    options = simplify.DepthOptions(50, intrinsics=CAMERA, unit="mm")
+    files = [walls / "10.005.npy", walls / "10.031.npy"]
+    simplify.simplify_camera_files(files, walls / "groundtruth.txt", walls / "a.glb", options)
+    assert np.asarray(io.read_mesh(walls / "a.glb").vertices)[:, 2].max() < -1.7
+
+
+def test_what_several_views_cannot_follow_is_refused(walls: Path) -> None:
+    base = ("depth", walls / "10.005.npy", "-o", walls / "x.ply", "--intrinsics", CAMERA, "-q",
+            "--points", "50", "--poses", walls / "groundtruth.txt")  # fmt: skip
+    for option in (("--move-points",), ("--table", "t.csv"), ("--mask", "m.png")):
+        assert f"{option[0]}: expected without" in error_line(manip3d(*base, *option))
+    assert "--method: expected relief or cs3" in error_line(manip3d(*base, "--method", "ssa"))
+    assert not (walls / "x.ply").exists()
+
+
+def box(jump: float) -> tuple[NDArray[np.uint16], simplify.CameraView]:
+    from manip3d import Intrinsics
+
+    depth = np.full((120, 160), 2000, np.uint16)
+    depth[30:90, 50:110] = 2000 - round(1000 * jump)
+    return depth, simplify.CameraView(depth, Intrinsics(160, 120, 130.0, 130.0, 79.5, 59.5))
+
+
+def test_bridges_are_what_lies_far_from_each_dense_mesh() -> None:
+    _, view = box(1.0)
+    shares = {}
+    for step in (None, 0.05):
+        joint = simplify.relief_cameras([view], 200, depth_step=step)
+        shares[step] = joint.bridges
+        assert joint.num_measured == 120 * 160
+    assert shares[None] == 0  # without steps the dense mesh joins box and wall as well
+    assert shares[0.05] < 0.01
+    joined = simplify.cs3_cameras([view], 30)
+    cut = simplify.cs3_cameras([view], 30, depth_step=0.05)
+    assert cut.bridges < 0.02
+    assert joined.bridges > 0.1  # triangles from the box to the wall, long ones
