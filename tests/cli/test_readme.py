@@ -199,7 +199,7 @@ def make_sources(words: list[str], place: Path) -> None:
     if sources == "play frames/":
         (place / "frames").mkdir(exist_ok=True)
         manip3d.Mesh(np.eye(3), [[0, 1, 2]]).write(place / "frames/0.glb")
-    if sources == "depth rgbd/depth/":
+    if sources.startswith("depth rgbd/depth/") and not (place / "rgbd").exists():
         (place / "rgbd" / "depth").mkdir(parents=True)
         Image.fromarray(depth_image()).save(place / "rgbd" / "depth" / "1.000.png")
         Image.fromarray(depth_image()).save(place / "rgbd" / "depth" / "1.033.png")
