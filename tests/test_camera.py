@@ -205,3 +205,17 @@ def test_a_size_that_the_core_cannot_be_asked_about(size: int, tmp_path: Path) -
     path.write_text(f'{{"width": 64, "height": {size}, "fx": 50, "fy": 50, "cx": 31, "cy": 23}}')
     with pytest.raises(FormatError, match=r"a\.json.*intrinsics.height"):
         camera._camera_of_file(path, 64, 48)
+
+
+def test_the_same_camera_has_equal_numbers_and_rays() -> None:
+    rays = np.zeros((2, 3, 2), np.float32)
+    plain = Intrinsics(3, 2, 1.0, 1.0, 1.0, 0.5)
+    with_rays = Intrinsics(3, 2, 1.0, 1.0, 1.0, 0.5, rays=rays)
+    assert camera.same_camera(plain, Intrinsics(3, 2, 1.0, 1.0, 1.0, 0.5))
+    assert not camera.same_camera(plain, Intrinsics(3, 2, 1.0, 1.0, 1.0, 0.6))
+    assert camera.same_camera(with_rays, Intrinsics(3, 2, 1.0, 1.0, 1.0, 0.5, rays=rays.copy()))
+    assert not camera.same_camera(with_rays, plain)
+    assert not camera.same_camera(plain, with_rays)
+    assert not camera.same_camera(
+        with_rays, Intrinsics(3, 2, 1.0, 1.0, 1.0, 0.5, rays=rays + np.float32(0.1))
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import importlib
 import inspect
 import io
@@ -64,6 +65,19 @@ WITHOUT_EXAMPLE = {
 """Functions whose smallest input is too large for a docstring."""
 
 
+IMPERATIVES = re.compile(
+    "(Add|Analyse|Append|Bring|Call|Combine|Compare|Compute|Convert|Copy|Delete|Describe|Displace|Draw"
+    "|Embed|Enclose|Estimate|Find|Fit|Forge|Guess|Inject|Insert|Judge|Leave|Let|Lift|Look|Make"
+    "|Match|Measure|Move|Open|Plant|Play|Read|Reduce|Refuse|Remove|Render|Resample|Return|Run|Say"
+    "|Scale|Scan|Score|Segment|Serve|Show|Simplify|Simulate|Take|Tell|Triangulate|Turn|Write"
+    "|Yield) "
+)
+"""Verbs that the summary of a public function may begin with; add one where it says more."""
+
+QUESTION = re.compile(r"(How|What|When|Where|Which|Who|Why)\b")
+"""Openings of a summary that name a question instead of the thing."""
+
+
 def public_functions() -> Iterator[tuple[str, Callable[..., Any]]]:
     for room in ROOMS:
         module = importlib.import_module(f"manip3d.{room}")
@@ -112,6 +126,14 @@ def test_errors_are_described(name: str) -> None:
 @pytest.mark.parametrize("name", sorted(set(FUNCTIONS) - WITHOUT_EXAMPLE))
 def test_there_is_an_example(name: str) -> None:
     assert ">>>" in sections(FUNCTIONS[name]).get("Examples", "")
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_the_summary_is_a_sentence_in_the_imperative(name: str) -> None:
+    summary, _, rest = (inspect.getdoc(FUNCTIONS[name]) or "").partition("\n")
+    assert IMPERATIVES.match(summary), summary
+    assert summary.endswith("."), summary
+    assert not rest or rest.startswith("\n"), "the summary has one line"
 
 
 def public_classes() -> Iterator[tuple[str, type]]:
@@ -163,6 +185,36 @@ def test_each_method_says_what_it_does(name: str) -> None:
         and not inspect.getdoc(getattr(thing, member))
     ]
     assert not silent
+
+
+def public_members(of: type) -> Iterator[tuple[str, Any]]:
+    """Methods and properties that the class itself defines."""
+    for name, member in vars(of).items():
+        if not name.startswith("_") and (
+            isinstance(member, property | functools.cached_property)
+            or inspect.isroutine(getattr(of, name))
+        ):
+            yield name, getattr(of, name)
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_each_parameter_of_a_method_is_described_and_no_other(name: str) -> None:
+    methods = {
+        n: m
+        for n, m in public_members(CLASSES[name])
+        if inspect.isfunction(m) or inspect.ismethod(m)
+    }
+    for member, method in methods.items():
+        taken = set(inspect.signature(method).parameters) - {"self"}
+        found = described(sections(method).get("Parameters", "")) - {""}
+        assert found == taken, member
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_summaries_of_a_class_name_the_thing_and_no_question(name: str) -> None:
+    members = {name: CLASSES[name]} | dict(public_members(CLASSES[name]))
+    asking = [each for each, it in members.items() if QUESTION.match(inspect.getdoc(it) or "")]
+    assert not asking
 
 
 def test_descriptions_name_what_they_describe() -> None:

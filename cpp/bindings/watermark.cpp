@@ -352,12 +352,6 @@ void bind_watermark(py::module_& m) {
         return to_numpy(without_record(*picture_view(picture)));
       },
       py::arg("picture").noconvert());
-  m.def(
-      "watermark_header",
-      [](const py::bytes& record) {
-        return to_fields(WatermarkRecord::parse(from_bytes(record)).header);
-      },
-      py::arg("record"));
 }
 
 }  // namespace manip3d::bindings

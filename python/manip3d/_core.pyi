@@ -164,7 +164,6 @@ __all__: list[str] = [
     "texture_error",
     "unproject",
     "unproject_pixels",
-    "watermark_header",
     "watermark_in_picture",
     "watermark_order",
     "welded_boundary",
@@ -2460,7 +2459,6 @@ def unproject_pixels(
     depth: numpy.typing.NDArray[numpy.float64],
     camera: typing.Any,
 ) -> numpy.ndarray: ...
-def watermark_header(record: bytes) -> dict[str, typing.Any]: ...
 def watermark_in_picture(picture: numpy.typing.NDArray[numpy.uint8]) -> bytes: ...
 def watermark_order(
     points: numpy.typing.NDArray[numpy.float32],

@@ -200,6 +200,18 @@ class Intrinsics:
         )
 
 
+def same_camera(one: Intrinsics, other: Intrinsics) -> bool:
+    """Return whether two cameras have equal intrinsics, distortion and ray table."""
+    if one is other:
+        return True
+    names = ("width", "height", "fx", "fy", "cx", "cy", "distortion", "mirrored")
+    if any(getattr(one, name) != getattr(other, name) for name in names):
+        return False
+    if one.rays is None or other.rays is None:
+        return one.rays is other.rays
+    return one.rays is other.rays or np.array_equal(one.rays, other.rays)
+
+
 @dataclass(frozen=True, eq=False)
 class Registration:
     """Where the pixels of a depth camera lie in a colour image.

@@ -199,7 +199,7 @@ def make_sources(words: list[str], place: Path) -> None:
     if sources == "play frames/":
         (place / "frames").mkdir(exist_ok=True)
         manip3d.Mesh(np.eye(3), [[0, 1, 2]]).write(place / "frames/0.glb")
-    if sources == "depth rgbd/depth/":
+    if sources.startswith("depth rgbd/depth/") and not (place / "rgbd").exists():
         (place / "rgbd" / "depth").mkdir(parents=True)
         Image.fromarray(depth_image()).save(place / "rgbd" / "depth" / "1.000.png")
         Image.fromarray(depth_image()).save(place / "rgbd" / "depth" / "1.033.png")
@@ -305,6 +305,9 @@ def test_other_lines_of_readme_name_what_is_there() -> None:
         words = shlex.split(line, comments=True)
         if words[0] == "make":
             assert re.search(rf"^{words[1]}:", makefile, re.MULTILINE), line
+        elif words[0] == "sudo":
+            assert words[1:3] == ["apt-get", "install"], line
+            assert set(words[3:]) <= set(re.split(r"[\s,)]+", makefile)), line
         else:
             assert words[:2] == ["pip", "install"], line
             extras = re.search(r"\[(.*)\]", words[2])
@@ -346,8 +349,13 @@ def test_every_extra_is_known_and_in_readme() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     extras = set(project["optional-dependencies"]) - {"all", "dev", "peers"}
     assert set(EXTRAS) == extras
-    table = "".join(line for line in README.splitlines() if line.startswith("| `"))
+    rows = [line for line in README.splitlines() if line.startswith("| `")]
+    (of_all,) = (row for row in rows if row.startswith("| `all` |"))
+    table = "".join(row for row in rows if row != of_all)
     assert {extra for extra in extras if f"`{extra}`" not in table} == set()
+    (included,) = re.findall(r"\[(.*)\]", project["optional-dependencies"]["all"][0])
+    left_out = extras - {"demo"} - set(included.split(","))  # others of them have all of the demo's
+    assert set(re.findall(r"`(\w+)`", of_all)) == left_out | {"all"}
 
 
 WITHOUT_EXTRAS = """\
@@ -390,7 +398,7 @@ def run_without_extras(arguments: list[str], folder: Path) -> subprocess.Complet
 def test_lines_of_readme_need_the_extra_that_they_name(
     line: str, place: Path, tmp_path: Path
 ) -> None:
-    named = re.search(r"# (?:\w+, )*(\w+)$", re.sub("# exit code .*", "", line))
+    named = re.search(r"\bneeds (?:\w+, )*(\w+)$", line)
     words = shortened(line)
     if "-o" in words:
         at = words.index("-o") + 1

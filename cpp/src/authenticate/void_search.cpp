@@ -16,7 +16,8 @@ namespace {
 
 // A fired step has at least 0.74 of the votes of its busiest neighbour in KITTI's frames; a step
 // between two firings has none, or those of an object pasted there.
-// Where hardly a step is without a firing, there is one at each, and few votes have other reasons.
+// If nearly every step has a firing, assume one at each; a step with few votes then has another
+// cause.
 constexpr double kFiredShare = 0.6;
 constexpr double kSparseShare = 0.8;  // of all steps; KITTI's frames have firings at 0.54
 constexpr int kNeighbours = 2;
@@ -44,7 +45,8 @@ constexpr int kLongestColumnGap = 250;
 constexpr int kEarlierSpan = 2;
 constexpr int kEarlierAnswers = 4;
 
-// What moves by turns by at most so many firings (8 degrees) and lasers from one frame to the next.
+// Largest shift of a hole between consecutive frames that is explained by motion: firings (8
+// degrees) and lasers.
 constexpr int kHoleColumns = 48;
 constexpr int kHoleRings = 2;
 

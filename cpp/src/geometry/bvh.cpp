@@ -38,7 +38,7 @@ float round_down(double value) {
 }
 float round_up(double value) { return -round_down(-value); }
 
-// What a box's squared distance in float must exceed to be out of reach.
+// Smallest float squared distance that safely excludes a box.
 float bound(double squared_limit) {
   constexpr double kLargest = std::numeric_limits<float>::max();
   constexpr double kSmallest = std::numeric_limits<float>::min();  // squares may underflow

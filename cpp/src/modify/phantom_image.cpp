@@ -70,7 +70,7 @@ void draw(const MirroredPoint& point, std::int32_t pixel, PixelKind kind,
   image.source_depth[pixel] = point.source_depth;
 }
 
-/// What stands between the camera and a point at a pixel.
+/// Depth in front of which a mirrored point is drawn at a pixel.
 float barrier(std::int32_t pixel, Limb affected, const PhantomImage& image) {
   const bool stump =
       image.kind[pixel] == PixelKind::kBody && image.label[pixel] == limb_label(affected);
@@ -444,7 +444,7 @@ void draw_between(const MirroredPoint& a, const MirroredPoint& b, const PixelPro
 
 PixelBox bridge_gaps(const std::vector<MirroredPoint>& mirrored, const PixelProjector& projector,
                      const PhantomImage& image, std::vector<std::int32_t>& scratch) {
-  // What the scratch held before is told apart by the source that an entry must lead back to.
+  // Stale entries of the scratch fail `mirrored[i].source == pixel`.
   for (std::size_t i = 0; i < mirrored.size(); ++i) {
     scratch[mirrored[i].source] = static_cast<std::int32_t>(i);
   }

@@ -43,11 +43,11 @@ constexpr double kSurfaceShare = 0.2;
 /// A strip of width d along a border is d / 2 away from the border on average.
 constexpr double kStripDistance = 0.5;
 
-/// How much dearer than a collapse that the link condition forbids a legal one is before that rule
-/// falls; 3 to 100 do the same on the models that need it.
+/// The link condition is waived if the cheapest legal collapse costs this many times more than the
+/// forbidden one; 3 to 100 do the same on the models that need it.
 constexpr double kFarCheaper = 30.0;
 
-/// It falls only for an error that can be seen: mean distance over the size of the mesh.
+/// It is waived only for an error that can be seen: mean distance over the size of the mesh.
 constexpr double kVisible = 1e-3;
 
 /// A vertex owes nothing for its borders and texture if they are off by less than this distance on

@@ -162,8 +162,8 @@ void StartMesh::find_busy_tiles(const Surface& surface, float threshold) {
   }
 }
 
-/// Calls visit(u) for u = first, first + stride, ... below `end` where the tile of pixel (u, v) is
-/// busy; of pixels between tiles the next one, as both are where such a pixel is an end.
+/// Visits every stride-th pixel of row v in busy tiles, from `first` to below `end`; a border pixel
+/// belongs to the next tile.
 template <typename Visit>
 void StartMesh::visit_busy(int cols, int v, int first, int stride, int end, Visit&& visit) {
   const int across = cols / kTile, down = static_cast<int>(busy_.size()) / across;

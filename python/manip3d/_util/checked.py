@@ -62,7 +62,7 @@ def checked(function: _Checked) -> _Checked:
 
 
 class _Kind:
-    """What an annotation accepts: some of these."""
+    """Accepted types of one annotation, with the text that names them in errors."""
 
     def __init__(
         self, text: str, accepts: Callable[[Any], bool], item: _Kind | None = None
@@ -75,7 +75,10 @@ class _Kind:
         return self.text
 
     def complaint(self, value: Any) -> str:
-        """The text after a refused argument's name; in a sequence, the first wrong item's."""
+        """Return what follows the argument's name in an error.
+
+        For a sequence it names the first wrong item.
+        """
         if self.item is not None and _is_sequence(value):
             for index, each in enumerate(value):
                 if not self.item.accepts(each):

@@ -52,7 +52,7 @@ chosen: the stated rate of false accusations of a frame (experiment ``table-7.2-
 @checked
 @dataclass(frozen=True)
 class CrossModalParameters:
-    """How `cross_modal_consistency` looks.
+    """Parameters of `cross_modal_consistency`.
 
     Attributes
     ----------
@@ -229,7 +229,7 @@ class CrossModalRegion:
 
 @dataclass(frozen=True, eq=False)
 class CrossModalResult(WithoutRate):
-    """What `cross_modal_consistency` found.
+    """Result of `cross_modal_consistency`.
 
     Attributes
     ----------
@@ -324,7 +324,15 @@ class CrossModalResult(WithoutRate):
     def cells_in_region(
         self, speed_mps: float, parameters: RiskParameters | None = None
     ) -> tuple[int, int]:
-        """Return how many cells of the safety region were changed, and how many are judged."""
+        """Return how many cells of the safety region were changed, and how many are judged.
+
+        Parameters
+        ----------
+        speed_mps : float, m/s
+            Speed of the car, which says how far the safety region reaches.
+        parameters : RiskParameters, optional
+            The safety region.
+        """
         region = RiskParameters() if parameters is None else parameters
         inside = self._in_region(region, speed_mps) & self.judged
         return int(np.count_nonzero(inside & (self.mask != 0))), int(np.count_nonzero(inside))

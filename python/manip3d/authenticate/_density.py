@@ -34,7 +34,7 @@ USUAL = 0.05
 
 @dataclass(frozen=True)
 class DensityParameters:
-    """How `density_consistency` looks.
+    """Parameters of `density_consistency`.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class DensityParameters:
     run : int
         Consecutive levels that must be off: "sudden and persistent".
     fall, rise : float
-        Spacing over the usual one of its range, at and beyond which a level is off.
+        Ratio of measured to expected spacing that flags a level.
     deviation : float
         Or, where above 0: robust standard deviations (of the median absolute deviation) from the
         fit, instead of ``fall`` and ``rise``.
@@ -117,7 +117,7 @@ _CALIBRATIONS = (
 
 @dataclass(frozen=True, eq=False)
 class DensityResult(WithoutRate):
-    """What `density_consistency` found.
+    """Result of `density_consistency`.
 
     Attributes
     ----------
@@ -173,7 +173,7 @@ def density_consistency(
     threads: int = 0,
     progress: Progress = None,
 ) -> DensityResult:
-    """Detector I: points of one scanner are as dense as their distance says.
+    """Look for points that are not as dense as their distance says: detector I.
 
     Parameters
     ----------

@@ -88,7 +88,7 @@ IN_WORDS: dict[Verdict, str] = {
 
 @dataclass(frozen=True)
 class EvidenceReport:
-    """What one kind of evidence says of a frame.
+    """Verdict of one kind of evidence on a frame.
 
     Attributes
     ----------
@@ -140,7 +140,7 @@ class SuspectRegion:
 
 @dataclass(frozen=True, eq=False)
 class GenericResult(Showable):
-    """What detector III says of a frame; see :func:`generic_consistency`.
+    """Result of detector III for a frame; see :func:`generic_consistency`.
 
     Attributes
     ----------

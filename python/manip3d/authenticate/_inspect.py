@@ -105,7 +105,7 @@ SENSORS = ("auto", "lattice", "terrestrial", "other")
 
 @dataclass(frozen=True, eq=False)
 class DetectorReport:
-    """What one detector says of a scan, in the words that all of them share.
+    """Verdict of one detector on a scan, in the words that all of them share.
 
     Attributes
     ----------
@@ -157,7 +157,7 @@ class DetectorReport:
 
 @dataclass(frozen=True, eq=False)
 class Inspection(Showable):
-    """What `inspect` found.
+    """Result of `inspect`.
 
     Attributes
     ----------
@@ -227,7 +227,7 @@ class Inspection(Showable):
 
     @property
     def likelihood_ratio(self) -> float | None:
-        """How much likelier the evidence is under an edit than in a clean scan, at least.
+        """Lower bound of the likelihood ratio of the evidence: edited against clean.
 
         Of the smallest p-value of the detectors that looked, times their number; see
         `likelihood_ratio`. None: none of them states a p-value, or the scan was processed.
@@ -663,28 +663,9 @@ def _by_lattice(
     sensor, reading = identified
     centred = _at_origin(scan, place)
     (before, after), why_not, repeats = _usable(centred, beside)
-    both = before is not None and after is not None  # what is missing is detector IV's to find
-    generic = None
-    if sensor.off_lattice == 0.0 and sensor.lattice is not None:
-        judge = functools.partial(
-            consistency_allowing,
-            embedding,
-            lattice=sensor.lattice,
-            previous=None if both else before,
-            following=None if both else after,
-            units_per_m=units_per_m,
-            false_alarm_rate=rate_of("generic"),
-            threads=threads,
-        )
-        generic = judge(centred, reading=reading)
-    repeated: tuple[Processing, ...] = ()
-    if generic is not None and generic.evidence["duplicate"].share > 0.0:
-        copies = copies_of_earlier(centred.points)
-        if copies.any():
-            kept = np.flatnonzero(~copies)
-            generic = judge(centred.select(kept)).with_rows(kept, centred)
-            detail = f"{np.count_nonzero(copies)} points repeat another one"
-            repeated = (Processing("repeated", detail),)
+    generic, repeated = _judged_by_lattice(
+        centred, identified, (before, after), embedding, units_per_m, threads
+    )
     repeated_turns = tuple(Processing("repeated", detail) for detail in repeats)
     coarse = rounding_of(embedding, units_per_m)
     found = find_processing(centred.points, sensor, generic, centred.intensity, reading)
@@ -693,35 +674,13 @@ def _by_lattice(
     changed = [step for step in processing if step.kind not in COORDINATES_KEPT]
     if generic is not None and changed:
         generic = generic.without(_spoiled(generic, processing))
-    has_thresholds = sensor.name == HDL64E  # of detectors IV and V
-    why = f"detector III judges the {sensor.name}"
-    if not has_thresholds and not known_power("generic", sensor, embedding):
-        why += ", and what share of edits it finds was not measured for this scanner"
-    turns = None
-    judged = has_thresholds and generic is not None and not changed and not repeated
-    if judged and sensor.lattice is not None and before is not None and after is not None:
-        turns = turn_consistency(
-            centred, before, after, lattice=sensor.lattice,
-            false_alarm_rate=rate_of("turns"), threads=threads,
-        )  # fmt: skip
-    reflectance = None
-    if judged and sensor.lattice is not None and centred.intensity is not None:
-        reflectance = reflectances_read(
-            reading, centred, sensor.lattice, previous=None if turns is None else before,
-            following=None if turns is None else after, turns=turns,
-            false_alarm_rate=rate_of("reflectance"), threads=threads,
-        )  # fmt: skip
-    of_turns: tuple[DetectorReport, ...] = ()
-    if turns is not None:
-        of_turns = (_of_turns(turns, place, sensor, embedding),)
-    elif all(other is not None for other in beside) and (why_not or not has_thresholds):
-        why_not = why_not or [f"there are no thresholds for a {sensor.name}"]
-        of_turns = (DetectorReport("turns", "undecidable", "; ".join(why_not)),)
+    turns, reflectance = None, None
+    if sensor.name == HDL64E and generic is not None and not changed and not repeated:
+        turns, reflectance = _beside_turns(centred, identified, (before, after), threads)
     reports = (
-        DetectorReport("density", "undecidable", why),
-        DetectorReport("occlusion", "undecidable", why),
+        *_not_applicable(sensor, embedding),
         _of_generic(generic, place, sensor, embedding),
-        *of_turns,
+        *_turns_report(turns, beside, why_not, place, sensor, embedding),
         *(() if reflectance is None else (_of_reflectance(reflectance, place, sensor, embedding),)),
     )
     return _combined(
@@ -730,6 +689,92 @@ def _by_lattice(
         blind=BLIND if reports[-1].name == "reflectance" and reports[-1].power
         else (*BLIND, BLIND_WITHOUT_REFLECTANCES),
     )  # fmt: skip
+
+
+def _judged_by_lattice(
+    centred: LidarFrame,
+    identified: _Identified,
+    beside: _Beside,
+    embedding: str,
+    units_per_m: int,
+    threads: int,
+) -> tuple[GenericResult | None, tuple[Processing, ...]]:
+    """Detector III's result, and the repetition of points, which are judged once only."""
+    sensor, reading = identified
+    if sensor.off_lattice != 0.0 or sensor.lattice is None:
+        return None, ()
+    before, after = beside
+    both = before is not None and after is not None  # what is missing is detector IV's to find
+    judge = functools.partial(
+        consistency_allowing,
+        embedding,
+        lattice=sensor.lattice,
+        previous=None if both else before,
+        following=None if both else after,
+        units_per_m=units_per_m,
+        false_alarm_rate=rate_of("generic"),
+        threads=threads,
+    )
+    generic = judge(centred, reading=reading)
+    if not generic.evidence["duplicate"].share > 0.0:
+        return generic, ()
+    copies = copies_of_earlier(centred.points)
+    if not copies.any():
+        return generic, ()
+    kept = np.flatnonzero(~copies)
+    detail = f"{np.count_nonzero(copies)} points repeat another one"
+    return (
+        judge(centred.select(kept)).with_rows(kept, centred),
+        (Processing("repeated", detail),),
+    )
+
+
+def _beside_turns(
+    centred: LidarFrame, identified: _Identified, beside: _Beside, threads: int
+) -> tuple[TurnResult | None, ReflectanceResult | None]:
+    """Results of detectors IV and V, where there is what they need."""
+    (sensor, reading), (before, after) = identified, beside
+    if sensor.lattice is None:
+        return None, None
+    turns = None
+    if before is not None and after is not None:
+        turns = turn_consistency(
+            centred, before, after, lattice=sensor.lattice,
+            false_alarm_rate=rate_of("turns"), threads=threads,
+        )  # fmt: skip
+    if centred.intensity is None:
+        return turns, None
+    reflectance = reflectances_read(
+        reading, centred, sensor.lattice, previous=None if turns is None else before,
+        following=None if turns is None else after, turns=turns,
+        false_alarm_rate=rate_of("reflectance"), threads=threads,
+    )  # fmt: skip
+    return turns, reflectance
+
+
+def _not_applicable(sensor: Sensor, embedding: str) -> tuple[DetectorReport, ...]:
+    """Reports of detectors I and II, which do not judge scans on a lattice."""
+    why = f"detector III judges the {sensor.name}"
+    if sensor.name != HDL64E and not known_power("generic", sensor, embedding):
+        why += ", and what share of edits it finds was not measured for this scanner"
+    return tuple(DetectorReport(name, "undecidable", why) for name in ("density", "occlusion"))
+
+
+def _turns_report(
+    turns: TurnResult | None,
+    beside: _Beside,
+    why_not: Sequence[str],
+    place: Place,
+    sensor: Sensor,
+    embedding: str,
+) -> tuple[DetectorReport, ...]:
+    """Report of detector IV, or why it could not judge frames that were given; else none."""
+    if turns is not None:
+        return (_of_turns(turns, place, sensor, embedding),)
+    if any(other is None for other in beside) or (not why_not and sensor.name == HDL64E):
+        return ()
+    reasons = why_not or [f"there are no thresholds for a {sensor.name}"]
+    return (DetectorReport("turns", "undecidable", "; ".join(reasons)),)
 
 
 _Beside = tuple["LidarFrame | None", "LidarFrame | None"]

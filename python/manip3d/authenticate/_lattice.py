@@ -84,7 +84,7 @@ LATERALS = np.arange(-0.08, 0.0801, 0.002)
 
 @dataclass(frozen=True, eq=False)
 class SensorLattice:
-    """Where the returns of one scanner can lie; see :func:`estimate_lattice`.
+    """Lattice of possible returns of one scanner; see :func:`estimate_lattice`.
 
     Attributes
     ----------
@@ -183,7 +183,15 @@ class SensorLattice:
         return np.column_stack([reach * cos - lateral * sin, reach * sin + lateral * cos, height])
 
     def distance(self, points: ArrayLike, ring: ArrayLike) -> Floats:
-        """Distance of points along the beams of their lasers, metres: what the scanner measures."""
+        """Return the distance of points along the beams of their lasers, as it is measured, metres.
+
+        Parameters
+        ----------
+        points : (N, 3), metres
+            In the scanner's frame.
+        ring : (N,) int
+            Index of each point's laser.
+        """
         xyz = as_rows(points, 3, np.float64, "points")
         rows = np.asarray(ring, np.intp)
         cosine = 1.0 / np.sqrt(1.0 + self.slope[rows] ** 2)
@@ -273,7 +281,7 @@ def _power_of(values: Mapping[str, Mapping[str, Any]]) -> Mapping[str, Power]:
 
 @dataclass(frozen=True, eq=False)
 class LatticeReading:
-    """Where points lie on a lattice; see :meth:`SensorLattice.read`. One value per point.
+    """Positions of points on a lattice, one per point; see :meth:`SensorLattice.read`.
 
     Attributes
     ----------

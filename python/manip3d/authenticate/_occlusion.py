@@ -52,7 +52,7 @@ class AngularGrid:
 
 @dataclass(frozen=True)
 class OcclusionParameters:
-    """How `occlusion_consistency` looks.
+    """Parameters of `occlusion_consistency`.
 
     Attributes
     ----------
@@ -156,7 +156,7 @@ class OcclusionRegion:
 
 @dataclass(frozen=True, eq=False)
 class OcclusionResult(WithoutRate):
-    """What `occlusion_consistency` found.
+    """Result of `occlusion_consistency`.
 
     Attributes
     ----------
@@ -260,7 +260,7 @@ def occlusion_consistency(
     origin: ArrayLike | None = None,
     threads: int = 0,
 ) -> OcclusionResult:
-    """Detector II: a scanner sees nothing behind what stands in front.
+    """Look for points behind what stands in front of them: detector II.
 
     Parameters
     ----------

@@ -31,7 +31,7 @@ NO_ORIGIN = "no single position explains the scan; give origin= if it is known"
 
 @dataclass(frozen=True)
 class OriginEstimate:
-    """What `estimate_origin` found.
+    """Result of `estimate_origin`.
 
     Attributes
     ----------

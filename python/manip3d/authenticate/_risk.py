@@ -39,7 +39,7 @@ _OBSERVED_M = 100.0  # the way over which the past counts (section 7.3.3)
 @checked
 @dataclass(frozen=True)
 class RiskParameters:
-    """What the risk factor depends on beside the attack.
+    """Parameters of the risk factor.
 
     Attributes
     ----------
@@ -173,7 +173,7 @@ class RiskParameters:
 @checked
 @dataclass(frozen=True)
 class AttackObservation:
-    """What one frame shows of an attack.
+    """Position and extent of an attack in one frame.
 
     Attributes
     ----------

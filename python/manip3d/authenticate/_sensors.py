@@ -90,7 +90,7 @@ more."""
 
 @dataclass(frozen=True, eq=False)
 class Sensor:
-    """What `identify_sensor` found.
+    """Result of `identify_sensor`.
 
     Attributes
     ----------
@@ -220,7 +220,7 @@ def identify_and_read(
     sensor = (
         _by_turned_axes(frame.points, threads)
         or _by_other_unit(frame.points, threads)
-        or _by_own_lattice(frame, threads)
+        or _by_own_lattice(frame)
         or _by_grid(frame, threads)
         or _by_beams(frame.points)
     )
@@ -334,7 +334,7 @@ def _share_of_horizon(holds: NDArray[np.bool_], azimuth: NDArray[np.float32]) ->
     return float(np.mean(np.bincount(sector, holds, SECTORS)[some] / points[some]))
 
 
-def _by_own_lattice(frame: LidarFrame, threads: int) -> Sensor | None:
+def _by_own_lattice(frame: LidarFrame) -> Sensor | None:
     """A scanner whose lattice the scan itself tells, well enough to judge the scan by it."""
     try:
         lattice = estimate_lattice(frame)

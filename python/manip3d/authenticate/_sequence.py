@@ -28,7 +28,7 @@ hour. The largest evidence of a drive was 1e1.9, the threshold is 1e4.6."""
 
 @dataclass(frozen=True, eq=False)
 class DriveEvidence:
-    """What the frames of a drive say together; see :func:`drive_evidence`.
+    """Joint evidence of the frames of a drive; see :func:`drive_evidence`.
 
     Attributes
     ----------

@@ -78,7 +78,7 @@ other 10 before a still frame of the kitchen, all of which repeats, are ``proces
 def depth_noise(
     depth: NDArray[np.uint16], *, region: int = 32, sigma: float = 1.1
 ) -> NDArray[np.float64]:
-    """Mean of abs(I - G I) in each square region of a depth image (section 5.2.1).
+    """Compute the mean of abs(I - G I) in each square region of a depth image (section 5.2.1).
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class SurroundResult(WithoutRate):
-    """What several stereo pairs say of one LiDAR scan.
+    """Joint result of several stereo pairs for one LiDAR scan.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class SurroundResult(WithoutRate):
 
     @property
     def calibration(self) -> Calibration | None:
-        """Where the parameters of each pair come from, before they are shared."""
+        """Source of each pair's parameters, before the pairs share the rate of false alarms."""
         return CALIBRATION
 
     @property
@@ -95,13 +95,6 @@ class SurroundResult(WithoutRate):
     def scan(self) -> LidarFrame | None:
         """The scan that was judged."""
         return next(iter(self.pairs.values())).scan
-
-    @property
-    def judged_azimuths_deg(self) -> Mapping[str, tuple[float, float]]:
-        """Leftmost and rightmost azimuth that each pair judges at all, degrees."""
-        return ReadOnlyMapping(
-            {name: found.judged_azimuth_deg for name, found in self.pairs.items()}
-        )
 
     def observation(
         self, *, speed_mps: float, parameters: RiskParameters | None = None

@@ -99,7 +99,7 @@ class TurnRegion:
 
 @dataclass(frozen=True, eq=False)
 class TurnResult:
-    """What detector IV says of a frame; see :func:`turn_consistency`.
+    """Result of detector IV for a frame; see :func:`turn_consistency`.
 
     Attributes
     ----------

@@ -56,7 +56,7 @@ def rate_of(detector: str, false_alarm_rate: float = FALSE_ALARM_RATE) -> float:
 
 @dataclass(frozen=True)
 class Calibration:
-    """Where the thresholds of a detector come from.
+    """Source of a detector's thresholds.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class Calibration:
 
 @dataclass(frozen=True)
 class Power:
-    """How many edits of one class a detector finds.
+    """Share of the edits of one class that a detector finds.
 
     Attributes
     ----------
@@ -168,7 +168,7 @@ class RegionLike(Protocol):
 
 @runtime_checkable
 class Detection(Protocol):
-    """What every detector of an edited LiDAR scan returns, whatever it looks at.
+    """Result that all detectors of edited LiDAR scans share.
 
     Attributes
     ----------
@@ -236,7 +236,7 @@ class Detection(Protocol):
 
     @property
     def calibration(self) -> Calibration | None:
-        """Where the thresholds come from."""
+        """Source of the thresholds."""
         ...
 
 

@@ -121,12 +121,12 @@ class KeyFile:
 
     @property
     def created_ns(self) -> int:
-        """When it was made, nanoseconds since 1970."""
+        """Time of its creation, nanoseconds since 1970."""
         return self._key.created_ns
 
     @property
     def expires_ns(self) -> int:
-        """When it must no longer embed, nanoseconds since 1970; 0: never."""
+        """Time from which it must not embed, nanoseconds since 1970; 0: it does not expire."""
         return self._key.expires_ns
 
     def close(self) -> None:

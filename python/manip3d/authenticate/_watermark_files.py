@@ -103,8 +103,8 @@ def find_record(scan: str | os.PathLike[str]) -> Path:
 def read_record(path: str | os.PathLike[str]) -> bytes | None:
     """Return the bytes of a record; None: there is no such file.
 
-    Of a file that is longer than any record, the first 16 385 bytes are returned, which no
-    verifier accepts.
+    At most 16 385 bytes are returned, one more than the longest valid record, so that a verifier
+    rejects longer files.
 
     Parameters
     ----------

@@ -37,7 +37,7 @@ Work = Callable[..., Mapping[str, Any]]
 
 @dataclass(frozen=True)
 class Summary:
-    """What became of a batch.
+    """Result of `run`.
 
     Attributes
     ----------
@@ -247,7 +247,7 @@ def _fraction_only(told: Callable[[float], object] | None) -> Callable[[float, s
 
 
 def _listed(sources: Any, suffixes: Sequence[str] | None, output: Place | None) -> list[SourceFile]:
-    """The files; not what an earlier run has put into an output folder below the sources."""
+    """List the source files, without outputs of an earlier run that lie below the sources."""
     several = [sources] if isinstance(sources, str | os.PathLike) else list(sources)
     listed = [file for file in several if isinstance(file, SourceFile)]
     rest = [source for source in several if not isinstance(source, SourceFile)]

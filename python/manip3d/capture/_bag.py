@@ -38,7 +38,7 @@ _MOST_INDEX = 1 << 24  # bytes of the connections that are looked at
 
 @checked
 def holds_clouds(path: str | os.PathLike[str]) -> bool:
-    """Whether a ROS 1 bag is a LiDAR's, and no recording of an RGB-D camera, which has images.
+    """Return whether a ROS 1 bag is a LiDAR's: a recording of an RGB-D camera has images.
 
     The types of its connections say so, which stand in the index at the end of the bag,
     uncompressed.
@@ -96,7 +96,7 @@ class BagRecording:
         if importlib.util.find_spec("rosbags") is None:
             raise MissingExtraError("rosbags", "bags")
         if not path.is_dir():
-            check_regular(path)  # the operating system's word first
+            check_regular(path)  # raises OSError before the parser runs
         elif not (path / "metadata.yaml").is_file():
             raise FormatError("a folder of a ROS 2 bag has a metadata.yaml", file=str(path))
         self._path = path

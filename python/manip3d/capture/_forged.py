@@ -14,10 +14,9 @@ from urllib.parse import parse_qsl
 import numpy as np
 
 from manip3d._util.paths import path_of
-from manip3d.camera import Registration
+from manip3d.camera import Registration, same_camera
 from manip3d.errors import FormatError, InputError
 from manip3d.forge import StreamForger, background_plate
-from manip3d.forge._stream import same_camera
 from manip3d.io import read_bvh
 from manip3d.io._files import open_regular
 from manip3d.modify import skeletons_from_motion

@@ -35,7 +35,7 @@ _CHILDREN = [[j for j in range(1, 25) if PARENTS[j] == parent] for parent in ran
 
 @dataclass(frozen=True)
 class ExportedJoints:
-    """What `export_joints` has written.
+    """Result of `export_joints`.
 
     Attributes
     ----------
@@ -230,9 +230,10 @@ def _motion(found: Sequence[tuple[RgbdFrame, Skeleton]]) -> str:
 
 
 def _without_gaps(found: Sequence[tuple[RgbdFrame, Skeleton]]) -> Floats:
-    """(F, 25, 3); a joint that is not tracked stays where it was seen last, or first.
+    """Fill gaps in joint positions, (F, 25, 3): an untracked joint keeps its last seen position.
 
-    One that was never seen is where its parent is; the root, where the next joint up the spine is.
+    Before its first sighting it has its first seen position. A joint that was never seen is put at
+    its parent; the root, at the nearest spine joint that was seen.
     """
     places = np.array([skeleton.positions for _, skeleton in found], np.float64)
     seen = np.array([skeleton.states != NOT_TRACKED for _, skeleton in found])

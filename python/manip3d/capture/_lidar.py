@@ -47,7 +47,7 @@ class LidarSource(FrameSource[LidarFrame]):
 
     @property
     def counters(self) -> dict[str, int]:
-        """What was seen and refused so far."""
+        """Counts of packets and points that were seen and refused so far."""
         found: dict[str, int] = self._source.counters()
         return found | {"skipped": self._skipped}
 

@@ -30,7 +30,7 @@ class OusterRecording:
             from ouster.sdk import core, open_source
         except ImportError:
             raise MissingExtraError("ouster-sdk", "ouster") from None
-        check_regular(path)  # the operating system's word first
+        check_regular(path)  # raises OSError before the parser runs
         if not meta.is_file():
             raise InputError(f"metadata: expected the sensor's JSON file, {meta} is not there")
         self._path, self._core = path, core

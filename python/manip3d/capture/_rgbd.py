@@ -123,7 +123,7 @@ class RgbdSource(FrameSource[RgbdFrame]):
 
     @property
     def counters(self) -> dict[str, int]:
-        """What was given (``frames``), lost (``dropped``) or refused so far, and why."""
+        """Counts of frames given (``frames``), lost (``dropped``) and refused so far, by reason."""
         found: dict[str, int] = self._source.counters()
         return found
 
@@ -290,7 +290,7 @@ class ForgedSource(RgbdSource):
 
 
 class FrameClock:
-    """Waits for the times of frames, so many times as fast as they were; 0: never.
+    """Waits until frames are due at a playback speed; 0: never waits, 1: real time.
 
     Frames that are made more slowly are not caught up with: the clock waits for them.
     """
@@ -631,7 +631,7 @@ def _frames_of(uri: str, scheme: str) -> Iterable[RgbdFrame]:
 
 @dataclass(frozen=True)
 class Recording:
-    """What `record` has written.
+    """Result of `record`.
 
     Attributes
     ----------

@@ -41,7 +41,7 @@ _OPTIONAL = ("range_offset_x", "range_offset_y", "vertical_offset", "horizontal_
 
 @dataclass(frozen=True, eq=False)
 class VelodyneCalibration:
-    """Where each laser looks and what its ranges need, in the terms of the HDL-64E's db.xml.
+    """Directions and range corrections of the lasers, in the terms of the HDL-64E's db.xml.
 
     Attributes
     ----------

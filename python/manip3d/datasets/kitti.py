@@ -167,7 +167,7 @@ class KittiFrame:
         return read_calibration(folder / f"{self.name}.txt" if self.drive.per_frame else folder)
 
     def velocity(self) -> tuple[float, float, float] | None:
-        """How the car moved: m/s ahead and to the left, rad/s counter-clockwise; None: not told.
+        """Velocity of the car: m/s ahead and to the left, rad/s counter-clockwise; None: unknown.
 
         Raises
         ------
@@ -402,6 +402,23 @@ def read_labels(path: Path, calibration: KittiCalibration) -> tuple[Box, ...]:
     """Read a file of the object benchmark (``label_2``) as boxes in the LiDAR frame.
 
     ``DontCare`` regions, which have no box, are left out.
+
+    Parameters
+    ----------
+    path : Path
+        A text file with a line of 15 words for each object.
+    calibration : KittiCalibration
+        Its ``T_rect_velo`` takes boxes from the rectified camera to the LiDAR frame.
+
+    Returns
+    -------
+    tuple of Box
+        In the order of the lines.
+
+    Raises
+    ------
+    FormatError
+        A line whose last seven words are not finite numbers, or with a negative size; it is named.
     """
     boxes = []
     velo_rect = np.linalg.inv(calibration.T_rect_velo)

@@ -52,7 +52,7 @@ class StandIn:
 
     @property
     def role(self) -> str:
-        """What its numbers are: the published model's, a stand-in's, or a mesh's beside them."""
+        """Role of its numbers: the published model's, a stand-in's, or a mesh's beside them."""
         if self.same_file:
             return f"the published {self.published}"
         return f"stand-in for {self.published}" if self.published else "beside the published models"

@@ -257,6 +257,7 @@ def _t_estimate(value: float, spread: float, df: float) -> Estimate:
 
 
 def _share(number: int, of: int) -> Share:
+    """Share with its exact (Clopper-Pearson) confidence interval."""
     from scipy import special
 
     tail = (1.0 - _LEVEL) / 2

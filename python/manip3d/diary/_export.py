@@ -72,8 +72,10 @@ def export_csv(
     participants: Sequence[str] | None = None,
     overwrite: bool = False,
 ) -> None:
-    """Write a folder of tables: participants, sessions, games, anomalies, ratings, questionnaires,
-    events, ownership, felt limbs, and all answers and scores of questionnaires, one in a row.
+    """Write a diary as a folder of tables.
+
+    The tables are participants, sessions, games, anomalies, ratings, questionnaires, events,
+    ownership, felt limbs, and all answers and scores of questionnaires, one in a row.
 
     Parameters
     ----------
@@ -248,8 +250,9 @@ def export_fhir(
 
 @checked
 def fhir_bundle(diary: Diary, identifier: str) -> dict[str, Any]:
-    """Make a FHIR R4 Bundle (a collection) of a participant: Patient, Observations, AdverseEvents,
-    QuestionnaireResponses.
+    """Make a FHIR R4 Bundle (a collection) of a participant.
+
+    It holds a Patient, Observations, AdverseEvents and QuestionnaireResponses.
 
     Ratings have LOINC's code 72514-3; sessions, games, the McGill indices, answers after touch cues
     and the limb as it is felt, for which there is no code, are named in words. Each resource has

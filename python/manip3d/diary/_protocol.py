@@ -17,7 +17,7 @@ STOP_RISE = 2
 
 @dataclass(frozen=True)
 class Protocol:
-    """What is to be done (section 4.8.3): 4 weeks, two sessions every day, three games in each.
+    """Protocol of section 4.8.3: 4 weeks, two sessions every day, three games in each.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class Protocol:
 
 @dataclass(frozen=True)
 class Adherence:
-    """How much of the protocol was done so far.
+    """Share of the protocol that was done so far.
 
     Attributes
     ----------

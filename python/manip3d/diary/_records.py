@@ -170,7 +170,7 @@ FILM_IN_PAGE = b"data:image/webp;base64,"
 
 @dataclass(frozen=True)
 class Rating:
-    """How strong the pain was, from 0 (none) to 10 (the worst).
+    """Intensity of the pain, from 0 (none) to 10 (the worst).
 
     Attributes
     ----------
@@ -330,7 +330,7 @@ class Answers:
 
 @dataclass(frozen=True)
 class FeltRecord:
-    """How the patient feels the limb that is not there.
+    """The phantom limb as the patient feels it.
 
     Attributes
     ----------

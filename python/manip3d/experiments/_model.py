@@ -21,7 +21,7 @@ Scale = Literal["quick", "full"]
 
 @dataclass(frozen=True)
 class Plan:
-    """What a run was asked for.
+    """Options of a run.
 
     Attributes
     ----------
@@ -62,7 +62,15 @@ class Case:
         return f"{self.run.__module__}:{self.run.__qualname__}"
 
     def key(self, inputs_sha256: Mapping[str, str], code: str) -> str:
-        """Name of its result: a hash of function, options, the inputs' bytes and the code."""
+        """Return the name of its result: a hash of function, options, inputs and code.
+
+        Parameters
+        ----------
+        inputs_sha256 : mapping of str to str
+            SHA-256 of each input by its name.
+        code : str
+            Fingerprint of the code.
+        """
         record = {
             "function": self.function,
             "options": dict(self.options),
@@ -83,7 +91,7 @@ DATA_KINDS: dict[str, str] = {
 
 @dataclass(frozen=True)
 class Finding:
-    """What one model (or other part) says about a claim.
+    """Verdict of one model (or other part) on a claim.
 
     Attributes
     ----------
@@ -158,13 +166,19 @@ class Verdict:
 
 
 def _every_row(_: Row) -> bool:
-    """Return True: a claim needs every row unless it says otherwise."""
+    """Return True: a claim needs every row unless it says otherwise.
+
+    Parameters
+    ----------
+    _ : dict
+        The row; it is not looked at.
+    """
     return True
 
 
 @dataclass(frozen=True)
 class Claim:
-    """What a source says in words, as a predicate over an experiment's rows.
+    """Claim of a source as a predicate over an experiment's rows.
 
     Attributes
     ----------
@@ -195,11 +209,16 @@ class Claim:
     reported: bool = False
 
     def verdict(self, rows: Sequence[Row]) -> Verdict:
-        """The claim judged on the rows that it needs.
+        """Judge the claim on the rows that it needs.
 
         Without any, or if one of them failed, the claim is not judged; what the other models say
         stands in the findings. Models with a failed case are left out, since judges compare whole
         models.
+
+        Parameters
+        ----------
+        rows : sequence of dict
+            All rows of the experiment.
         """
         needed = [row for row in rows if self.about(row)]
         if not needed:
@@ -281,7 +300,7 @@ def counted(number: int, noun: str, plural: str = "") -> str:
 
 @dataclass(frozen=True)
 class Column:
-    """How a report shows one value of the rows.
+    """Presentation of one value of the rows in a report.
 
     Attributes
     ----------
@@ -333,7 +352,13 @@ class Sheet:
 
 
 def _as_it_is(row: Row) -> Row:
-    """Nothing is printed about the row."""
+    """Return the row without adding anything to it.
+
+    Parameters
+    ----------
+    row : dict
+        One result.
+    """
     return row
 
 

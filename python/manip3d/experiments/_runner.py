@@ -43,7 +43,7 @@ _log = logging.getLogger("manip3d")
 
 @dataclass(frozen=True)
 class RunSummary:
-    """What a run did.
+    """Result of a run.
 
     Attributes
     ----------

@@ -36,7 +36,7 @@ def additive(
     allow_collision: bool = False,
     threads: int = 0,
 ) -> Forgery:
-    """Attack 1: append the points of an object that was cut from another frame.
+    """Append the points of an object that was cut from another frame: attack 1.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def additive(
 def subtractive(
     scan: ScanLike, box: Box | None = None, *, origin: ArrayLike | None = None, threads: int = 0
 ) -> Forgery:
-    """Attack 2: delete the points of an object, the nearest by default.
+    """Delete the points of an object, the nearest by default: attack 2.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def additive_subtractive(
     allow_collision: bool = False,
     threads: int = 0,
 ) -> Forgery:
-    """Attack 3: append an object as `additive` does, and delete one as `subtractive` does.
+    """Append an object as `additive` does, delete one as `subtractive` does: attack 3.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ def replacement(
     allow_collision: bool = False,
     threads: int = 0,
 ) -> Forgery:
-    """Attack 4: delete an object, and paste another one centred on the removed points.
+    """Delete an object, and paste another one centred on the removed points: attack 4.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ def translation(
     allow_collision: bool = False,
     threads: int = 0,
 ) -> Forgery:
-    """Attack 5: move an object, the nearest by default, away from the scanner.
+    """Move an object, the nearest by default, away from the scanner: attack 5.
 
     Parameters
     ----------
@@ -301,7 +301,7 @@ def rotation(
     allow_collision: bool = False,
     threads: int = 0,
 ) -> Forgery:
-    """Attack 6: turn an object, the nearest by default, about the vertical through its centroid.
+    """Turn an object, by default the nearest, about the vertical through its centroid: attack 6.
 
     Parameters
     ----------

@@ -46,7 +46,7 @@ def ctp(
     intensity: ArrayLike = 0.0,
     threads: int = 0,
 ) -> Forgery:
-    """Copy-Transform-Paste: scale, rotate and translate an object's points, and append them.
+    """Forge by Copy-Transform-Paste: append an object's points, scaled, rotated and translated.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def crtp(
     rng: Rng = 0,
     threads: int = 0,
 ) -> Forgery:
-    """Copy-Resample-Transform-Paste: `ctp` after giving the object the scene's density.
+    """Forge by Copy-Resample-Transform-Paste: `ctp` with an object of the scene's density.
 
     The object is resampled by gamma = MID_object / MID_scene, where MID is the mean distance to
     the nearest neighbour: thinned out below 1, interpolated on its surface above.
@@ -169,7 +169,7 @@ def resample(
     rng: Rng = 0,
     threads: int = 0,
 ) -> NDArray[np.float32]:
-    """Points of an object whose mean nearest-neighbour distance is ``spacing``; see `crtp`.
+    """Resample an object to a mean nearest-neighbour distance of ``spacing``; see `crtp`.
 
     Parameters
     ----------

@@ -36,7 +36,13 @@ class Segmentation:
     boxes: tuple[Box, ...]
 
     def rows(self, index: int) -> NDArray[np.int32]:
-        """Rows of the points of one object."""
+        """Return the rows of the points of one object.
+
+        Parameters
+        ----------
+        index : int
+            Index of ``boxes``.
+        """
         return np.flatnonzero(self.label == index).astype(np.int32)
 
 
@@ -113,7 +119,7 @@ def segment(
 
 @checked
 def nearest_object(scan: ScanLike, *, origin: ArrayLike | None = None) -> Box:
-    """The box of the object that is nearest to the scanner, as `segment` finds it.
+    """Return the box of the object nearest to the scanner, as `segment` finds it.
 
     Parameters
     ----------

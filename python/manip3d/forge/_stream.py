@@ -22,6 +22,7 @@ from manip3d import _core
 from manip3d._util.arrays import vector
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
+from manip3d.camera import same_camera
 from manip3d.errors import FormatError, InputError
 from manip3d.io._files import atomic_write, regular_bytes
 from manip3d.modify import JointSmoother, PoseScope, Skinning, animate, animation_mesh, segment_body
@@ -587,7 +588,7 @@ class ForgedStream:
 
     @property
     def truth(self) -> StreamTruth:
-        """What was forged in the frames that the last iteration has given so far."""
+        """Truth of the frames that the last iteration has given so far."""
         shape = self._shape
         masks = np.empty((shape[0], shape[1] * shape[2]), np.bool_)
         for mask, bits in zip(masks, self._bits, strict=True):
@@ -884,15 +885,6 @@ def _forge(
     )
     watch.done("body index")
     return ForgedFrame(forged, drawn, watch.spent_ms)
-
-
-def same_camera(one: Any, other: Any) -> bool:
-    if one is other:
-        return True
-    names = ("width", "height", "fx", "fy", "cx", "cy", "distortion", "mirrored")
-    same = all(getattr(one, name) == getattr(other, name) for name in names)
-    rays = (one.rays, other.rays)
-    return same and (rays[0] is rays[1] or (None not in rays and np.array_equal(*rays)))
 
 
 def _people(

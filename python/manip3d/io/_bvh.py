@@ -34,7 +34,7 @@ _CHANNELS = {
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Where the joints of a skeleton are over time.
+    """Positions of the joints of a skeleton over time.
 
     Attributes
     ----------

@@ -41,7 +41,7 @@ def require(package: str, extra: str, distribution: str | None = None) -> Any:
 
 @checked
 def texture_path(mesh: Mesh, texture: Texture) -> Path | None:
-    """Where the image of a texture lies.
+    """Return the path of a texture's image.
 
     A relative path starts in the folder of ``mesh.source`` and never leaves it, not even through
     symbolic links; an absolute one is taken as it is (files cannot bring one in, unless read with

@@ -43,7 +43,7 @@ def _pye57() -> Any:
 def read_all(path: Path, limit: int) -> list[LidarFrame]:
     """Every scan position, in the file's order; see `manip3d.io.read_scans`."""
     pye57 = _pye57()
-    with open_regular(path) as stream:  # the operating system's word first
+    with open_regular(path) as stream:  # raises OSError before the parser runs
         if stream.read(8) != b"ASTM-E57":
             raise FormatError("expected an E57 file", file=str(path), byte_offset=0)
     try:

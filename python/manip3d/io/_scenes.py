@@ -156,7 +156,15 @@ class Scene:
         return replace(self, meshes=tuple(changed))
 
     def write(self, path: str | os.PathLike[str], *, max_vertices: int | None = None) -> None:
-        """Write the scene; see :func:`manip3d.io.write_scene`."""
+        """Write the scene; see :func:`manip3d.io.write_scene`.
+
+        Parameters
+        ----------
+        path : path
+            File to write.
+        max_vertices : int, optional
+            As for `manip3d.io.write_mesh`.
+        """
         write_scene(self, path, max_vertices=max_vertices)
 
 

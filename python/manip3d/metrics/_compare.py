@@ -23,7 +23,7 @@ _STAGES = 5
 
 @dataclass(frozen=True)
 class Comparison:
-    """What `compare` measured.
+    """Result of `compare`.
 
     Attributes
     ----------

@@ -136,7 +136,7 @@ def nearest_distances(
     threads: int = 0,
     progress: Progress = None,
 ) -> NDArray[np.float64]:
-    """Distance of each point from its nearest other point, exactly.
+    """Compute the exact distance of each point from its nearest other point.
 
     Parameters
     ----------

@@ -65,16 +65,15 @@ class RangeImageError:
 
 @dataclass(frozen=True)
 class Flicker:
-    """How restless the meshes of a static scene are; see :func:`flicker`.
+    """Temporal noise of the meshes of a static scene; see :func:`flicker`.
 
     Attributes
     ----------
     mean_std_mm : float
         Mean over the pixels that every frame covers of the standard deviation of their depth.
     mean_step_mm : float
-        The same from one frame to the next alone: the root of half the mean square of their
-        differences (Allan's deviation). Equal for what has no memory; slow motion, which is no
-        flicker, hardly counts.
+        The same between consecutive frames: the root of half the mean square of their differences
+        (Allan's deviation). Equals `mean_std_mm` for white noise; insensitive to slow drift.
     unstable : float
         Share of the pixels covered by some frame that another one does not cover.
     changed : float or None
@@ -92,7 +91,7 @@ class Flicker:
 
 @dataclass(frozen=True)
 class BoundaryNoise:
-    """What a method leaves of flying pixels; see :func:`boundary_noise`.
+    """Flying pixels that remain after a method; see :func:`boundary_noise`.
 
     Attributes
     ----------
@@ -115,7 +114,7 @@ class BoundaryNoise:
 def render_depth(
     mesh: Mesh | DepthMesh, intrinsics: Intrinsics, *, threads: int = 0, progress: Progress = None
 ) -> NDArray[np.float64]:
-    """The depth image that a camera takes of a mesh.
+    """Render the depth image that a camera takes of a mesh.
 
     Parameters
     ----------
@@ -265,8 +264,8 @@ def flicker(
         At least two, of a scene and a camera that do not move, metres.
     intrinsics : Intrinsics
     within : (H, W) bool, optional
-        Pixels to look at: those that stand still, where not everything does. Vertices that
-        changed are counted there too.
+        Pixels to measure; choose those that do not move. Only vertices at these pixels count in
+        ``changed``.
     threads : int
 
     Returns

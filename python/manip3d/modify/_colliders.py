@@ -48,7 +48,7 @@ class BodyColliders:
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """What each of N targets touched first.
+    """First contacts of N targets.
 
     Attributes
     ----------
@@ -162,9 +162,9 @@ class ColliderTracker:
         return _colliders(*self._core.now())
 
     def hits(self, start: ArrayLike, end: ArrayLike, *, radius: ArrayLike = 0.0) -> Hits:
-        """What moving spheres touch first between the last frame but one and the last.
+        """Find what moving spheres touch first between the last two frames.
 
-        Everything is in motion, and nothing is too fast to be noticed.
+        The detection is continuous in time: fast motion does not tunnel.
 
         Parameters
         ----------

@@ -88,7 +88,7 @@ def skeleton_from(
     id: int = 0,
     body: int = NO_BODY,
 ) -> Skeleton:
-    """The Kinect V2's 25 joints from those of another tracker.
+    """Convert the joints of another tracker to the Kinect V2's 25 joints.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def skeleton_from(
 
 
 def _weighted_sum(weights: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Term after term: a matrix product rounds as the processor's BLAS does.
+    """Sum the weighted points one term at a time; rounding then is the same with every BLAS.
 
     With fused multiply-add the weighted sum of x and -x is not zero, and the sign of a joint in
     the middle of the body would depend on the machine.

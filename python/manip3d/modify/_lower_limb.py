@@ -91,7 +91,7 @@ class ShoeCoverTracker:
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Where two targets stand that a seated person's feet can reach.
+    """Positions of two targets that a seated person's feet can reach.
 
     Attributes
     ----------
@@ -154,7 +154,14 @@ class PlacementEstimator:
         )
 
     def update(self, skeleton: Skeleton, intact: Side) -> Placement | None:
-        """The placement after one more frame; None: knee, ankle or torso were never tracked.
+        """Return the placement after one more frame; None: knee, ankle or torso were never tracked.
+
+        Parameters
+        ----------
+        skeleton : Skeleton
+            The person in this frame.
+        intact : {'left', 'right'}
+            Side of the intact leg.
 
         Raises
         ------

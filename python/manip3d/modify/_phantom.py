@@ -1,4 +1,4 @@
-"""A limb that is missing, made of the one that is there."""
+"""Render a missing limb by mirroring the intact one."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _MODES = {
 
 
 class PixelKind(enum.IntEnum):
-    """What a pixel of a `PhantomFrame` shows."""
+    """Content of a pixel of a `PhantomFrame`."""
 
     NONE = 0  #: nothing
     BODY = 1  #: the person, as measured
@@ -47,7 +47,7 @@ class PixelKind(enum.IntEnum):
 
 
 class PhantomState(enum.StrEnum):
-    """What became of the phantom in one frame."""
+    """State of the phantom in one frame."""
 
     TRACKING = "tracking"  #: the intact limb is seen, and mirrored
     DEGRADED = "degraded"  #: the same, but the picture is not to be believed
@@ -58,7 +58,7 @@ class PhantomState(enum.StrEnum):
 
 
 class PhantomReason(enum.StrEnum):
-    """Why the intact limb is not mirrored."""
+    """Reason why the intact limb is not mirrored."""
 
     NONE = "none"  #: it is
     NO_PERSON = "no_person"  #: the key person's skeleton, or its pixels, are not there
@@ -77,7 +77,7 @@ class PhantomReason(enum.StrEnum):
 
     @property
     def message(self) -> str:
-        """What an operator can do about it, in a sentence."""
+        """Advice to the operator, a sentence."""
         return _MESSAGES[self]
 
 
@@ -103,7 +103,7 @@ _MESSAGES = {
 
 @dataclass(frozen=True)
 class PhantomQuality:
-    """How far a frame with a phantom is from what nobody would believe.
+    """Plausibility measures of a frame with a phantom.
 
     Attributes
     ----------
@@ -592,7 +592,7 @@ class BodyMirror:
 def body_mirror(
     skeleton: Skeleton, affected: Limb, *, mode: MirrorMode = "reflection"
 ) -> BodyMirror | None:
-    """The mirror of `PhantomPipeline` for one skeleton, unfiltered.
+    """Compute the mirror of `PhantomPipeline` for one skeleton, unfiltered.
 
     Parameters
     ----------
@@ -643,7 +643,7 @@ def body_mirror(
 
 @dataclass(frozen=True, eq=False)
 class BodySegmentation:
-    """Which bone each pixel of a person belongs to.
+    """Bone of each pixel of a person.
 
     Attributes
     ----------
@@ -671,7 +671,7 @@ def segment_body(
     seeds: Literal["line", "middle"] = "line",
     reach: float = 0.1,
 ) -> BodySegmentation:
-    """Segmentation of a person: each pixel to its nearest bone.
+    """Segment a person: assign each pixel to its nearest bone.
 
     Parameters
     ----------

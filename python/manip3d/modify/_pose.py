@@ -51,7 +51,7 @@ def lift_landmarks(
     window: int = 5,
     min_visibility: float = 0.5,
 ) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
-    """MediaPipe's landmarks in the picture as joints in space, by the depth that lies under them.
+    """Lift MediaPipe's landmarks in the picture to joints in space by the depth under them.
 
     Parameters
     ----------

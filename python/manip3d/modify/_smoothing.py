@@ -165,12 +165,28 @@ class KeyPerson:
         self._core = _core.KeyPerson(options)
 
     def find(self, people: Sequence[Skeleton], camera: Intrinsics, time: float) -> Skeleton | None:
-        """The key person among ``people``, or none while it is lost; ``time`` (s) grows."""
+        """Return the key person among the people, or None while it is lost.
+
+        Parameters
+        ----------
+        people : sequence of Skeleton
+            The people in view.
+        camera : Intrinsics
+            The depth camera that sees them.
+        time : float, seconds
+            Time of the frame; it grows from call to call.
+        """
         index = self._core.find(people, camera, float(time))
         return None if index is None else people[index]
 
     def select(self, person: int) -> Self:
-        """Take the person of this `Skeleton.id` as soon as it is among the people."""
+        """Take the person of this `Skeleton.id` as soon as it is among the people.
+
+        Parameters
+        ----------
+        person : int
+            `Skeleton.id` of the person to follow.
+        """
         self._core.select(int(person))
         return self
 

@@ -49,7 +49,7 @@ _AGAIN_S = 1.0  # between attempts to open a camera that is gone
 
 @dataclass(frozen=True)
 class LiveReport:
-    """What `run_live` did.
+    """Result of `run_live`.
 
     Attributes
     ----------

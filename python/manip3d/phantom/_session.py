@@ -726,7 +726,7 @@ class LiveSession:
         return True
 
     def _keep_clips(self) -> None:
-        """The pictures of anomalies that are over now."""
+        """Store the recorded frames of each anomaly that has ended."""
         for anomaly in self._watch.found[len(self._clips) :]:
             ring = self._ring
             self._clips.append(() if ring is None else ring.take(anomaly.start, anomaly.end))

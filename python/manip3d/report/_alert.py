@@ -98,7 +98,7 @@ class _Records:
 
 
 class AlertTimeline:
-    """What a monitor said of a drive, frame by frame, for a page or for JSON.
+    """Verdicts of a monitor on a drive, frame by frame, for a page or for JSON.
 
     The numbers of the frames go to a temporary file, and pictures are kept of a few: those where
     the verdict changes, of which the gravest stay.
@@ -155,7 +155,13 @@ class AlertTimeline:
         return list(self._records)
 
     def gravest(self, count: int) -> tuple[list[dict[str, Any]], int]:
-        """Return the records to look at first, tampered frames before others, and of how many."""
+        """Return the records to look at first, tampered frames before others, and of how many.
+
+        Parameters
+        ----------
+        count : int
+            Largest number of records to return.
+        """
         loud = (record for record in self._records if record["verdict"] not in _QUIET)
         first = heapq.nsmallest(count, loud, key=lambda each: (-_gravity(each), each["frame"]))
         return first, self._num_loud
@@ -197,7 +203,15 @@ class AlertTimeline:
         atomic_write(path, text.encode())
 
     def summary(self, verdict: str, reason: str, counts: AlertCounts) -> dict[str, Any]:
-        """Return everything but the pictures, ready for JSON."""
+        """Return everything but the pictures, ready for JSON.
+
+        Parameters
+        ----------
+        verdict, reason : str
+            Verdict on the whole drive and its reason.
+        counts : AlertCounts
+            Numbers of frames by verdict.
+        """
         return {
             "source": self.source,
             "verdict": verdict,

@@ -18,7 +18,7 @@ MAX_LENGTH = 2048
 
 @dataclass(frozen=True)
 class Kind:
-    """What the field of a message may hold.
+    """Accepted values of a message's field.
 
     Attributes
     ----------
@@ -44,6 +44,13 @@ class Kind:
 
     def read(self, name: str, value: Any) -> int | float | str:
         """Return the value of a field.
+
+        Parameters
+        ----------
+        name : str
+            Name of the field, for errors.
+        value : object
+            Its value in the message.
 
         Raises
         ------

@@ -45,7 +45,7 @@ _CLOCK = 60_000.0  # ms: a page whose clock is farther off is on another machine
 
 @dataclass(frozen=True)
 class Limits:
-    """What one client may cost.
+    """Limits on the resources of one client.
 
     Attributes
     ----------
@@ -503,7 +503,7 @@ class LocalServer:
 
         def connected() -> asyncio.Protocol:
             protocol = accept()
-            # The transport is made after this, and known in the turn after the next.
+            # asyncio sets the transport after this call; it is available two loop iterations later.
             loop.call_soon(lambda: loop.call_soon(self._admit, protocol))
             loop.call_later(self.limits.request_seconds, self._drop_if_silent, protocol)
             return protocol

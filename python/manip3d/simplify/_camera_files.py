@@ -39,7 +39,7 @@ _UNITS = 1e-3  # how far a quaternion's length may be from 1
 
 @dataclass(frozen=True)
 class JointFileResult:
-    """What became of several depth images or scans.
+    """Result for several depth images or scans.
 
     Attributes
     ----------

@@ -48,7 +48,7 @@ __all__ = ["CameraView", "JointSimplification", "cs3_cameras", "relief_cameras"]
 
 @dataclass(frozen=True, eq=False)
 class CameraView:
-    """What one camera saw, and where it stood.
+    """Depth image of one camera, and the camera's pose.
 
     Attributes
     ----------
@@ -387,9 +387,9 @@ class _Joint:
         self.corner_texcoords = np.empty((0, 3, 2), np.float32)
 
     def border_in(
-        self, view: _View, dense: Mesh, pixel_of: NDArray[np.int32], tolerance: float, threads: int
+        self, dense: Mesh, pixel_of: NDArray[np.int32], tolerance: float, threads: int
     ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-        """Vertices on the border that the view sees too, and the pixels nearest to them there."""
+        """Vertices on the border that a view sees too, and the pixels nearest to them there."""
         if not len(self.faces) or not dense.num_faces:
             return np.empty(0, np.int32), np.empty((0, 2), np.int32)
         border = _Surface(self.vertices, self.faces).boundary.astype(np.int32)
@@ -771,7 +771,7 @@ def _join(
             share = max(share, LEAST_POINTS)
         share = max(0, min(share, remaining - (LEAST_POINTS if i < largest else 0)))
         chosen = choose(view, open_pixels, share)
-        border = joint.border_in(view, surfaces[i].mesh, dense[i]["pixels"], near[i], threads)
+        border = joint.border_in(surfaces[i].mesh, dense[i]["pixels"], near[i], threads)
         before = len(joint.vertices)
         joint.add(i, view, chosen, open_pixels, border, normals[i], steps)
         remaining -= len(joint.vertices) - before

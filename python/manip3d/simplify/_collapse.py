@@ -152,7 +152,7 @@ def clean(mesh: Mesh, *, weld: bool = True, duplicates: Duplicates = "same") -> 
 
 
 class StopReason(enum.StrEnum):
-    """Why a simplification ended."""
+    """Reason why a simplification ended."""
 
     TARGET_REACHED = "target_reached"
     ERROR_LIMIT = "error_limit"  #: every collapse left is above ``max_error`` or not legal
@@ -357,7 +357,7 @@ def qem4vr(
     link_condition: LinkCondition = "manifold",
     progress: Progress = None,
 ) -> SimplifyResult:
-    """QEM4VR: edge collapse that keeps boundaries, material seams and texture coordinates.
+    """Simplify by QEM4VR, which keeps boundaries, material seams and texture coordinates.
 
     Works on any triangle mesh: open, non-manifold, with several materials, several texture
     coordinates per vertex and faces without any. Output vertices are input vertices.
@@ -493,7 +493,7 @@ def qem_orig(
     link_condition: LinkCondition = "manifold",
     progress: Progress = None,
 ) -> SimplifyResult:
-    """QEM_ORIG: quadrics of the faces alone [Garland & Heckbert 1997], subset placement.
+    """Simplify by QEM_ORIG: face quadrics alone [Garland & Heckbert 1997], subset placement.
 
     The baseline without a term for boundaries or texture. Texture coordinates are carried along and
     decide nothing.
@@ -546,7 +546,7 @@ def qem_bp(
     link_condition: LinkCondition = "manifold",
     progress: Progress = None,
 ) -> SimplifyResult:
-    """QEM_BP: :func:`qem_orig` with preserved boundaries.
+    """Simplify by QEM_BP: :func:`qem_orig` with preserved boundaries.
 
     Parameters
     ----------
@@ -598,7 +598,7 @@ def qem_tp(
     link_condition: LinkCondition = "manifold",
     progress: Progress = None,
 ) -> SimplifyResult:
-    """QEM_TP: quadrics over (x, y, z, u, v) for each texture coordinate of a vertex (eq. 2.7).
+    """Simplify by QEM_TP: quadrics over (x, y, z, u, v) for each texture coordinate (eq. 2.7).
 
     The texture-preserving baseline. Positions are scaled to a unit diagonal. Refuses a mesh with
     faces without texture coordinates: ``stop`` is ``refused`` and ``message`` says why, the failure
@@ -652,7 +652,7 @@ def qem_btp(
     link_condition: LinkCondition = "manifold",
     progress: Progress = None,
 ) -> SimplifyResult:
-    """QEM_BTP: :func:`qem_tp` with the preserved boundaries of :func:`qem_bp`.
+    """Simplify by QEM_BTP: :func:`qem_tp` with the preserved boundaries of :func:`qem_bp`.
 
     Parameters
     ----------

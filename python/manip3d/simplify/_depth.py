@@ -234,7 +234,7 @@ def _limit(value: float | None) -> float:
 
 
 class Reached(enum.StrEnum):
-    """How the number of points came about."""
+    """Reason why the number of points is what it is."""
 
     FACTOR = "factor"  #: a factor on the radii gives it, within 1 %
     CUT = "cut"  #: no factor gives so few; the order was cut off at the target
@@ -376,13 +376,19 @@ class DepthSimplification(DepthMesh):
         return len(np.unique(self.faces))
 
     def with_faces(self, faces: NDArray[np.int32]) -> Self:
-        """The same points with other triangles, whose coverage is yet to be measured."""
+        """Return the same points with other triangles, whose coverage is yet to be measured.
+
+        Parameters
+        ----------
+        faces : (F, 3) int32
+            Indices of the points.
+        """
         return replace(self, faces=faces, cover=None)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Cs3Result(DepthSimplification):
-    """What `cs3` returns: a sparse mesh, and how it came about.
+    """Result of `cs3`: a sparse mesh, and how it came about.
 
     Attributes
     ----------
@@ -413,7 +419,7 @@ def dense_mesh(
     max_edge: float | None = None,
     threads: int = 1,
 ) -> DepthMesh:
-    """The full mesh of a depth image: what simplification is compared with.
+    """Return the full mesh of a depth image, with which simplification is compared.
 
     Parameters
     ----------
@@ -473,7 +479,7 @@ def dense_mesh_grid(
     max_edge: float | None = None,
     threads: int = 1,
 ) -> DepthMesh:
-    """The full mesh of a range scan; see `dense_mesh`.
+    """Return the full mesh of a range scan; see `dense_mesh`.
 
     Parameters
     ----------
@@ -738,7 +744,7 @@ def cs3(
     threads: int = 1,
     reading: dict[str, str | float] | None = None,
 ) -> Cs3Result:
-    """Curvature-sensitive simplification of a depth image (CS3, dissertation chapter 3).
+    """Simplify a depth image by its curvature (CS3, dissertation chapter 3).
 
     Parameters
     ----------
@@ -832,7 +838,7 @@ def cs3_grid(
     threads: int = 1,
     reading: dict[str, str | float] | None = None,
 ) -> Cs3Result:
-    """CS3 on a grid of points that is no pinhole image, such as a range scan; see `cs3`.
+    """Simplify a grid of points that is no pinhole image, such as a range scan; see `cs3`.
 
     Parameters
     ----------
@@ -873,7 +879,7 @@ def cs3_grid(
 
 @checked
 def grid_delaunay(pixels: ArrayLike) -> NDArray[np.int32]:
-    """Delaunay triangulation of distinct pixels: exact, and unique although many are cocircular.
+    """Triangulate distinct pixels (Delaunay): exact, and unique although many are cocircular.
 
     Parameters
     ----------

@@ -51,7 +51,7 @@ _NO_MILLIMETRES = 65535
 
 @dataclass(frozen=True)
 class DepthOptions:
-    """What is asked for when depth images or range scans become sparse meshes.
+    """Options for making sparse meshes of depth images or range scans.
 
     Attributes
     ----------
@@ -131,7 +131,7 @@ class DepthOptions:
 
 @dataclass(frozen=True)
 class DepthFileResult:
-    """What became of one depth image or scan.
+    """Result for one depth image or scan.
 
     Attributes
     ----------

@@ -284,7 +284,7 @@ def polygon_budget(
     share: float = 0.8,
     other_ms: float = 0.0,
 ) -> int:
-    """How many triangles a headset draws in time.
+    """Compute how many triangles a headset draws in time.
 
     Parameters
     ----------

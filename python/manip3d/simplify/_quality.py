@@ -129,7 +129,7 @@ def quality(
     importance: ArrayLike | None = None,
     progress: Progress = None,
 ) -> QualityResult:
-    """Edge collapse with vertices where the error is least, on any mesh, textured or not.
+    """Simplify any mesh, textured or not, by edge collapse to the vertices of least error.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ def fast(
     threads: int = 0,
     progress: Progress = None,
 ) -> QualityResult:
-    """Edge collapse in batches, for speed, on any mesh, textured or not.
+    """Simplify any mesh, textured or not, by edge collapse in batches, for speed.
 
     Parameters
     ----------

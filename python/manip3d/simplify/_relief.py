@@ -46,7 +46,7 @@ Effort = Literal["live", "fast", "balanced", "fine", "best"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Relief(DepthSimplification):
-    """What `relief` returns: a sparse mesh, and how it came about.
+    """Result of `relief`: a sparse mesh, and how it came about.
 
     Attributes
     ----------

@@ -122,7 +122,15 @@ class SceneLods:
     error_measure: str = ""
 
     def write(self, path: str | os.PathLike[str], *, max_vertices: int | None = None) -> None:
-        """Write all levels; see :func:`manip3d.io.write_lods`."""
+        """Write all levels; see :func:`manip3d.io.write_lods`.
+
+        Parameters
+        ----------
+        path : path
+            File to write.
+        max_vertices : int, optional
+            As for `manip3d.io.write_mesh`.
+        """
         from manip3d.io import write_lods
 
         write_lods(

@@ -224,7 +224,7 @@ def pose_figure(pose: Pose, ground: tuple[float, float, float]) -> PosedFigure:
 
 
 def _local_rotations(pose: Pose) -> Array:
-    """(16, 3, 3): of each frame within its parent."""
+    """Return the rotation of each frame relative to its parent, (16, 3, 3)."""
     left = _arm(pose.left_arm) + _leg(pose.left_leg)
     right = [
         product(product(MIRROR, r), MIRROR) for r in _arm(pose.right_arm) + _leg(pose.right_leg)
@@ -315,7 +315,7 @@ LIMBS: Mapping[str, tuple[int, ...]] = {
 
 @checked
 def opposite(limb: str) -> str:
-    """The limb on the other side.
+    """Return the limb on the other side.
 
     Parameters
     ----------

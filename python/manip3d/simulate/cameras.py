@@ -141,7 +141,7 @@ def stereo_pair(
     rng: Rng = 0,
     threads: int = 0,
 ) -> StereoPair:
-    """What the cameras of the car see at a time: one ray a pixel, in the middle of the pixel.
+    """Render the cameras of the car at a time, with one ray through the middle of each pixel.
 
     Parameters
     ----------

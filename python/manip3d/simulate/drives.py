@@ -101,7 +101,7 @@ def drive(
     rng: Rng = 0,
     threads: int = 0,
 ) -> Iterator[DriveFrame]:
-    """Drive along a street, one frame for each turn of the LiDAR.
+    """Yield the frames of a drive along a street, one for each turn of the LiDAR.
 
     Parameters
     ----------

@@ -52,7 +52,7 @@ _NEAREST, _FARTHEST = 2.1, 2.7  # metres from the camera to a person
 
 @dataclass(frozen=True)
 class ForgedPeople:
-    """What `write_forged_people` has made.
+    """Result of `write_forged_people`.
 
     Attributes
     ----------

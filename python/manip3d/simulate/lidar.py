@@ -146,7 +146,7 @@ def hdl64e(
     rng: Rng = 0,
     threads: int = 0,
 ) -> LidarScan:
-    """One sweep of an HDL-64E on the car that drives along a street.
+    """Simulate one sweep of an HDL-64E on the car that drives along a street.
 
     Parameters
     ----------

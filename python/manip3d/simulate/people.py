@@ -86,7 +86,7 @@ _EYES = np.zeros(3, np.float32)
 
 @dataclass(frozen=True, eq=False)
 class BodyTruth:
-    """What is really there.
+    """Ground truth of a simulated frame.
 
     Attributes
     ----------
@@ -661,7 +661,7 @@ def _seen(joints: NDArray[np.float64], view: _View, number: int) -> NDArray[np.b
 
 @checked
 def cast_mesh(mesh: Mesh, camera: Intrinsics, *, threads: int = 0) -> Floats:
-    """Depth of a mesh, (H, W) float32 in metres, by an ideal camera at the origin; 0: nothing.
+    """Render the depth of a mesh, (H, W) float32 in metres, by an ideal camera at the origin.
 
     Parameters
     ----------
@@ -673,6 +673,7 @@ def cast_mesh(mesh: Mesh, camera: Intrinsics, *, threads: int = 0) -> Floats:
     Returns
     -------
     (H, W) float32, metres
+        0: nothing.
 
     Raises
     ------

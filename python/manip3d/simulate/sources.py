@@ -24,7 +24,7 @@ _Number = TypeVar("_Number", int, float)
 
 @checked
 def open_source(address: str, *, threads: int = 0) -> Iterator[LidarFrame] | BodySimulator:
-    """Simulated scans or RGB-D frames of a person by their address, one after the other.
+    """Open simulated scans or RGB-D frames of a person by their address.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def open_source(address: str, *, threads: int = 0) -> Iterator[LidarFrame] | Bod
 
 @checked
 def open_drive(address: str, *, threads: int = 0) -> Iterator[DriveFrame]:
-    """Simulated frames of a car with LiDAR and cameras by their address.
+    """Open the simulated frames of a car with LiDAR and cameras by their address.
 
     Parameters
     ----------

@@ -133,7 +133,7 @@ class Street:
 
 @checked
 def street(rng: Rng = 0) -> Street:
-    """A street of 420 m with houses, parked cars, trees, lamps, people and traffic.
+    """Make a street of 420 m with houses, parked cars, trees, lamps, people and traffic.
 
     Parameters
     ----------

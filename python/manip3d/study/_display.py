@@ -78,7 +78,15 @@ class DisplayStudy(Study):
 
     @classmethod
     def read(cls, top: Section, base: Path | None) -> DisplayStudy:
-        """Read it from a definition."""
+        """Read the study from a definition.
+
+        Parameters
+        ----------
+        top : Section
+            The whole definition.
+        base : Path or None
+            Not used: the study has no files of its own.
+        """
         common = Common.read(top, ("display",))
         own = top.section("display")
         parts = tuple(_part(section) for section in own.sections("parts", most=20))
@@ -103,7 +111,13 @@ class DisplayStudy(Study):
         return len(self._orders) if self.counterbalanced else 1
 
     def order_of(self, session: Session) -> list[str]:
-        """The displays in this participant's order."""
+        """Return the displays in this participant's order.
+
+        Parameters
+        ----------
+        session : Session
+            The participant's answers so far.
+        """
         if not self.counterbalanced:
             return list(self.displays)
         order = self._orders[session.assigned % len(self._orders)]
@@ -118,7 +132,13 @@ class DisplayStudy(Study):
         return seen + [self.displays[n] for n in order if self.displays[n] not in seen]
 
     def steps(self, session: Session) -> list[Step]:
-        """All steps of the study's own."""
+        """Return all steps of the study's own.
+
+        Parameters
+        ----------
+        session : Session
+            The participant's answers so far.
+        """
         found = []
         for number, display in enumerate(self.order_of(session)):
             truth = {"display": display, "session": number + 1}
@@ -221,7 +241,12 @@ class DisplayStudy(Study):
         }
 
     def summary(self, sessions: Sequence[Session]) -> list[dict[str, Any]]:
-        """Histograms: one row for each group, display and question.
+        """Return histograms: one row for each group, display and question.
+
+        Parameters
+        ----------
+        sessions : sequence of Session
+            One per participant.
 
         Returns
         -------

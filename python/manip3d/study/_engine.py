@@ -55,11 +55,23 @@ class Study(ABC):
 
     @abstractmethod
     def next_step(self, session: Session) -> Step | None:
-        """The first step of the study's own that has no answer yet; None: it is over."""
+        """Return the first step of the study's own that has no answer yet; None: it is over.
+
+        Parameters
+        ----------
+        session : Session
+            The participant's answers so far.
+        """
 
     @abstractmethod
     def progress(self, session: Session) -> float:
-        """Share of the study's own steps that are answered."""
+        """Return the share of the study's own steps that are answered.
+
+        Parameters
+        ----------
+        session : Session
+            The participant's answers so far.
+        """
 
     @property
     def num_orders(self) -> int:
@@ -72,39 +84,91 @@ class Study(ABC):
 
     @abstractmethod
     def variables(self) -> Sequence[tuple[str, Field]]:
-        """What a participant answers in all: the title of its part, and the question.
+        """Variables of the answers: part title and question by name.
 
         Names are those of `wide`.
         """
 
     @abstractmethod
     def wide(self, session: Session) -> dict[str, Value]:
-        """One row for a participant, by the names of `variables`; only what is answered."""
+        """Return one row for a participant, by the names of `variables`; only what is answered.
+
+        Parameters
+        ----------
+        session : Session
+            The participant's answers so far.
+        """
 
     @abstractmethod
     def summary(self, sessions: Sequence[Session]) -> list[dict[str, Any]]:
-        """What the answers say, as rows of a table."""
+        """Return the summary of the answers as rows of a table.
+
+        Parameters
+        ----------
+        sessions : sequence of Session
+            One per participant.
+        """
 
     @abstractmethod
     def simulate(self, session: Session, step: Step, rng: np.random.Generator) -> dict[str, Value]:
-        """Answers of a simulated participant to one of the study's own steps."""
+        """Return the answers of a simulated participant to one of the study's own steps.
+
+        Parameters
+        ----------
+        session : Session
+            The participant's answers so far.
+        step : Step
+            The step to answer.
+        rng : numpy.random.Generator
+            Source of the answers.
+        """
 
     def stimulus(self, name: str) -> Stimulus:
-        """A stimulus as the page gets it: under an address that says nothing about it."""
+        """Return a stimulus as the page gets it: under an address that says nothing about it.
+
+        Parameters
+        ----------
+        name : str
+            Name among `files`.
+        """
         kind = _TYPES[Path(name).suffix.lower()][0]
         return Stimulus(address_of(self.common.seed, name), kind)  # type: ignore[arg-type]
 
     def order(self, session: Session, purpose: str, count: int) -> list[int]:
-        """0 to ``count`` - 1 in this participant's own order, the same whenever it is asked."""
+        """Return 0 to ``count`` - 1 in this participant's own order, the same at each call.
+
+        Parameters
+        ----------
+        session : Session
+            The participant.
+        purpose : str
+            Name of the use, so that each use has random numbers of its own.
+        count : int
+            Length of the order.
+        """
         return [int(n) for n in self.generator(session, purpose).permutation(count)]
 
     def generator(self, session: Session, purpose: str) -> np.random.Generator:
-        """Random numbers for one purpose of one participant."""
+        """Return random numbers for one purpose of one participant.
+
+        Parameters
+        ----------
+        session : Session
+            The participant.
+        purpose : str
+            Name of the use, so that each use has random numbers of its own.
+        """
         text = f"{self.common.seed}/{session.number}/{purpose}"
         return np.random.default_rng(int.from_bytes(hashlib.sha256(text.encode()).digest()))
 
     def step(self, session: Session) -> Step | None:
-        """What the participant sees now; None: they have finished, or did not agree."""
+        """Return the participant's present step; None: they have finished, or did not agree.
+
+        Parameters
+        ----------
+        session : Session
+            The participant's answers so far.
+        """
         for step in self.opening():
             answer = session.answer(step.id)
             if answer is None:
@@ -379,7 +443,7 @@ def _message(kind: str, **values: Any) -> str:
 
 @dataclass(frozen=True)
 class StudyReport:
-    """What `run_study` did.
+    """Result of `run_study`.
 
     Attributes
     ----------

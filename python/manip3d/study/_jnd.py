@@ -87,7 +87,13 @@ class Staircase:
         self._direction = 0
 
     def answer(self, is_right: bool) -> None:
-        """Take the answer to the comparison at `level`."""
+        """Take the answer to the comparison at `level`.
+
+        Parameters
+        ----------
+        is_right : bool
+            Whether the participant chose the original.
+        """
         assert self.trials is not None
         assert self.reversals is not None
         self.trials.append((self.level, is_right))
@@ -105,7 +111,7 @@ class Staircase:
 
 @dataclass(frozen=True)
 class Rules:
-    """How long a staircase goes on.
+    """Stopping rules of a staircase.
 
     Attributes
     ----------
@@ -129,7 +135,13 @@ class Rules:
         return Staircase(self.start, self.step, self.lowest, self.highest)
 
     def is_over(self, stairs: Staircase) -> bool:
-        """Whether it has said enough."""
+        """Return whether the staircase has enough reversals, or as many comparisons as it may.
+
+        Parameters
+        ----------
+        stairs : Staircase
+            The staircase so far.
+        """
         assert stairs.trials is not None
         assert stairs.reversals is not None
         return len(stairs.reversals) >= self.reversals or len(stairs.trials) >= self.most_trials
@@ -222,7 +234,15 @@ class JndStudy(Study):
 
     @classmethod
     def read(cls, top: Section, base: Path | None) -> JndStudy:
-        """Read it from a definition."""
+        """Read the study from a definition.
+
+        Parameters
+        ----------
+        top : Section
+            The whole definition.
+        base : Path or None
+            Folder that relative paths start from; None: the files of the stimuli are not needed.
+        """
         common = Common.read(top, ("jnd",))
         own = top.section("jnd")
         models = []
@@ -282,7 +302,13 @@ class JndStudy(Study):
         return list(range(self.rules.lowest, self.rules.highest + 1, self.rules.step))
 
     def staircases(self, session: Session) -> list[Staircase]:
-        """Where each staircase of a participant stands."""
+        """Return the state of each staircase of a participant.
+
+        Parameters
+        ----------
+        session : Session
+            The participant's answers so far.
+        """
         found = [self.rules.begin() for _ in self.conditions]
         places = {condition: n for n, condition in enumerate(self.conditions)}
         for answer in session.answers:
@@ -386,7 +412,12 @@ class JndStudy(Study):
         return {"chosen": original if is_right else {"left": "right", "right": "left"}[original]}
 
     def summary(self, sessions: Sequence[Session]) -> list[dict[str, Any]]:
-        """Thresholds: one row for each participant and staircase, then one for each method.
+        """Return thresholds: one row for each participant and staircase, then one for each method.
+
+        Parameters
+        ----------
+        sessions : sequence of Session
+            One per participant.
 
         Returns
         -------

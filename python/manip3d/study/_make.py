@@ -20,7 +20,7 @@ _MISSED = 0.5  # percent of the polygons by which a level may miss
 
 @dataclass(frozen=True)
 class MadeStimuli:
-    """What `make_stimuli` has made.
+    """Result of `make_stimuli`.
 
     Attributes
     ----------

@@ -81,7 +81,13 @@ class SimulatedObserver:
             raise InputError(f"law: expected weibull or lognormal, got {self.law!r}")
 
     def probability(self, difference: float) -> float:
-        """Share of right answers to a difference in percent."""
+        """Return the share of right answers at a difference.
+
+        Parameters
+        ----------
+        difference : float, percent
+            Difference of the compared polygon counts; 0 and less: the observer guesses.
+        """
         if difference <= 0.0:
             return GUESS
         if self.law == "weibull":

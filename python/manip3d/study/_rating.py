@@ -171,7 +171,15 @@ class RatingStudy(Study):
 
     @classmethod
     def read(cls, top: Section, base: Path | None) -> RatingStudy:
-        """Read it from a definition, and the stimuli that it names."""
+        """Read the study from a definition, and the stimuli that it names.
+
+        Parameters
+        ----------
+        top : Section
+            The whole definition.
+        base : Path or None
+            Folder that relative paths start from; None: the items stand in the definition.
+        """
         common = Common.read(top, ("rating",))
         own = top.section("rating")
         composition = own.word("composition", ("published", "any"), "published")
@@ -195,7 +203,13 @@ class RatingStudy(Study):
         return self._keys[item]
 
     def steps(self, session: Session) -> list[Step]:
-        """All steps of the study's own, in this participant's order."""
+        """Return all steps of the study's own, in this participant's order.
+
+        Parameters
+        ----------
+        session : Session
+            The participant's answers so far.
+        """
         found = []
         examples = [item for item in self.items if item.example]
         for number, item in enumerate(examples):
@@ -284,7 +298,12 @@ class RatingStudy(Study):
         return values
 
     def summary(self, sessions: Sequence[Session]) -> list[dict[str, Any]]:
-        """Confusion and agreement: one row for each form, modality, resolution and truth.
+        """Return confusion and agreement: one row for each form, modality, resolution and truth.
+
+        Parameters
+        ----------
+        sessions : sequence of Session
+            One per participant.
 
         Returns
         -------

@@ -63,7 +63,7 @@ class Field:
 
     @property
     def kind(self) -> Kind:
-        """What its message may hold."""
+        """Accepted values of its message."""
         if self.type == "text":
             return Kind(str, length=MOST_TEXT)
         if self.type == "choice":
@@ -75,6 +75,11 @@ class Field:
 
     def read(self, value: int | float | str) -> Value:
         """Return the answer that a message's value means; None where it was left empty.
+
+        Parameters
+        ----------
+        value : int, float or str
+            As `kind` accepts it.
 
         Raises
         ------
@@ -103,7 +108,7 @@ class Field:
         return int(number)
 
     def message(self) -> dict[str, Any]:
-        """What the page needs to ask it."""
+        """Description of the field for the page."""
         return {
             "name": self.name,
             "label": self.label,
@@ -170,7 +175,13 @@ class Step:
     condition: Mapping[str, Any] = field(default_factory=dict)
 
     def message(self, *, px_per_degree: float | None) -> dict[str, Any]:
-        """The step as the page gets it: nothing that would tell the truth."""
+        """Return the step as the page gets it, without the truth.
+
+        Parameters
+        ----------
+        px_per_degree : float or None
+            Resolution of the participant's screen, by which stimuli are sized; None: not measured.
+        """
         width = 0.0 if px_per_degree is None else self.size_deg * px_per_degree
         return {
             "type": "step",

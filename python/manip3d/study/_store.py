@@ -38,7 +38,7 @@ _MOST_BYTES = 16 << 20  # of a definition with the checksums of its stimuli
 
 @dataclass(frozen=True)
 class Answer:
-    """What a participant answered to one step.
+    """Answer of a participant to one step.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class Answer:
 
 @dataclass
 class Session:
-    """What is known of one participant.
+    """Answers and conditions of one participant.
 
     Attributes
     ----------
@@ -88,7 +88,13 @@ class Session:
     screen: dict[str, float] = field(default_factory=dict, compare=False)
 
     def answer(self, step: str) -> Answer | None:
-        """The answer to a step."""
+        """Return the answer to a step, or None.
+
+        Parameters
+        ----------
+        step : str
+            `Step.id`.
+        """
         return next((each for each in self.answers if each.step == step), None)
 
     @property

@@ -43,7 +43,7 @@ _HEADER_BYTES = 1 << 16  # where a PLY file names its elements
 
 @dataclass(frozen=True, eq=False)
 class Opened:
-    """What was opened.
+    """Result of `open_any`.
 
     Attributes
     ----------

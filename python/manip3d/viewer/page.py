@@ -388,7 +388,7 @@ def film(
     up: Up | None = None,
     max_faces: int = FILM_FACES,
 ) -> str:
-    """A page that plays a sequence of meshes, with a time bar.
+    """Make a page that plays a sequence of meshes, with a time bar.
 
     The page holds all it needs, as that of `html`. Frames are left out where the machine cannot
     draw them in time, so that the film keeps its speed.

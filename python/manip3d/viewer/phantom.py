@@ -36,7 +36,7 @@ _HELD = 64
 
 @dataclass(frozen=True)
 class PhantomFilm:
-    """What `render_phantom` has drawn.
+    """Result of `render_phantom`.
 
     Attributes
     ----------

@@ -238,7 +238,7 @@ def comparison(
     backfaces: bool = True,
     background: str | Rgb = BACKGROUND,
 ) -> Image:
-    """Pictures of several things side by side, all from the camera that frames the first.
+    """Draw several things side by side, all from the camera that frames the first.
 
     Parameters
     ----------

@@ -118,13 +118,19 @@ class Scale:
         return ramp()[self.levels()]
 
     def select(self, index: NDArray[Any]) -> Scale:
-        """The column of some of the points; the colours keep their meaning."""
+        """Return the column of some of the points; the colours keep their meaning.
+
+        Parameters
+        ----------
+        index : (M,) int or bool
+            Rows of the points that are kept, or a mask.
+        """
         return Scale(self.name, self.values[index], self.unit, self.ends)
 
 
 @dataclass(frozen=True, eq=False)
 class Classes:
-    """What each point is, one of a few things.
+    """Class of each point.
 
     Attributes
     ----------
@@ -160,7 +166,13 @@ class Classes:
         return np.isin(self.values, np.asarray(self.emphasis, np.uint8))
 
     def select(self, index: NDArray[Any]) -> Classes:
-        """The column of some of the points."""
+        """Return the column of some of the points.
+
+        Parameters
+        ----------
+        index : (M,) int or bool
+            Rows of the points that are kept, or a mask.
+        """
         return replace(self, values=self.values[index])
 
 
@@ -183,7 +195,13 @@ class Colors:
         return self.values
 
     def select(self, index: NDArray[Any]) -> Colors:
-        """The column of some of the points."""
+        """Return the column of some of the points.
+
+        Parameters
+        ----------
+        index : (M,) int or bool
+            Rows of the points that are kept, or a mask.
+        """
         return Colors(self.name, self.values[index])
 
 
@@ -391,11 +409,16 @@ class DrawnPoints(Showable):
         return np.where(first.is_emphasized(), EMPHASIS, 1.0)
 
     def thinned(self, max_points: int) -> DrawnPoints:
-        """At most so many of the points, taken evenly by chance.
+        """Return at most so many of the points, taken evenly by chance.
 
         Emphasised ones come first, but take no more than half of the places as long as others are
         there to show what stands around them. The same points are taken every time. ``detail``
         says how many are shown.
+
+        Parameters
+        ----------
+        max_points : int
+            Largest number of points to keep.
 
         Raises
         ------
@@ -796,7 +819,7 @@ class DepthImage(Showable):
 
     @property
     def note(self) -> str:
-        """What was assumed, in words; empty if nothing was."""
+        """Assumptions that were made, in words; empty if none were."""
         if self.intrinsics is not None:
             return ""
         return f"camera assumed: focal length {self.camera.fx:.0f} pixels"

@@ -113,7 +113,17 @@ class Pose:
     aspect: float
 
     def camera(self, bounds: Points, size: tuple[int, int], zoom: float) -> Camera:
-        """The camera of a picture of ``size`` pixels that shows what lies within ``bounds``."""
+        """Return the camera of a picture that shows what lies within ``bounds``.
+
+        Parameters
+        ----------
+        bounds : (2, 3)
+            Lowest and highest corner of the scene.
+        size : (int, int), pixels
+            Width and height of the picture.
+        zoom : float
+            Magnification; 1: the whole scene.
+        """
         if not (zoom > 0.0 and math.isfinite(zoom)):
             raise InputError(f"zoom: expected a number > 0, got {zoom}")
         tan = math.tan(math.radians(self.view_angle / 2.0)) / zoom

@@ -29,7 +29,7 @@ _WARMING = 2  # frames before those that are timed; as in stage.js
 
 @dataclass(frozen=True)
 class FrameTimes:
-    """What `frame_times` measured.
+    """Result of `frame_times`.
 
     Attributes
     ----------

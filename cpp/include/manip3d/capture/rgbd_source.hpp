@@ -46,8 +46,8 @@ class RgbdSource : public FrameSource<RgbdFrame> {
 void check_frame_index(std::int64_t index);
 
 struct RgbdOptions {
-  /// For recordings. 0: every frame, when it is read. Otherwise as a camera would give them, by
-  /// their times, so many times as fast: frames that a slow reader misses are counted as `dropped`.
+  /// Playback speed of recordings; 0: as fast as read, 1: real time, by the frames' times. Frames
+  /// that a slow reader misses are counted as `dropped`.
   double speed = 0.0;
   /// For folders of images, which have none of their own; for recordings, instead of their own. A
   /// mirrored camera has its images turned round on entry.
