@@ -1,6 +1,7 @@
 """Depth images to sparse meshes beside the dense mesh and an edge collapse: time, error, points.
 
-``python benchmarks/bench_relief.py [--cases ...] [--shares ...] [--rounds N] [-o results.json]``
+``python benchmarks/bench_relief.py [--parts ...] [--cases ...] [--shares ...] [--rounds N]
+[-o results.json]``
 
 One core, same run, equal number of vertices. The peers' time is that of the dense mesh and the
 library's own call. A round runs all once; times are the least of the rounds. Errors are mean
@@ -8,6 +9,10 @@ distances (`area` samples, one-sided, over the bounding box's diagonal) from the
 
 Prefix meshes (`levels`) are made at 4, 2, 1, 1/2 and 1/4 times the points of a share, together and
 each in a run of its own.
+
+Buffers: the time of `gpu_buffers` for a frame of 640 x 480 pixels, of the dense mesh and at each
+share; memory is given back before each call. Sequences: flicker of recorded and simulated ones,
+each frame alone and by `ReliefStream`, as `manip3d reproduce sequences-3` measures it.
 """
 
 from __future__ import annotations
@@ -16,7 +21,8 @@ import argparse
 import contextlib
 import json
 import math
-from collections.abc import Callable
+import statistics
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
@@ -26,13 +32,17 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from manip3d import Mesh, datasets, metrics, simplify
+from manip3d import Intrinsics, Mesh, datasets, metrics, simplify
+from manip3d.experiments import sequences_3
+from manip3d.experiments._model import Plan
 from measuring import environment, measure, one_thread
 from peers import PEERS, NotInstalledError
 
 EFFORTS = get_args(simplify.Effort)
 COLLAPSES = ("meshoptimizer subset", "meshoptimizer attributes", "meshoptimizer update")
 MOST_SAMPLES = 400_000
+PARTS = ("buffers", "sequences", "cases")
+FLICKER = ("flicker_mm", "step_mm", "changed")
 PUBLISHED_SHARE = 0.05  # of the points, as in the published tables
 SHARES = (PUBLISHED_SHARE, 0.01, 0.005)
 PREFIXES = (4.0, 2.0, 1.0, 0.5, 0.25)  # of the points of a share
@@ -241,17 +251,80 @@ def show(name: str, rows: list[dict[str, Any]]) -> None:
     Console(width=110).print(table)
 
 
+def run_buffers(shares: Sequence[float], rounds: int) -> list[dict[str, Any]]:
+    """Time of the conversion to render buffers, whatever was seen: a bowl fills the image."""
+    v, u = np.mgrid[0:480, 0:640]
+    depth = (1500 + 400 * np.sin(u / 60) * np.cos(v / 50)).astype(np.uint16)
+    camera = Intrinsics(640, 480, 525.0, 525.0, 319.5, 239.5)
+    meshes = {"dense": simplify.dense_mesh(depth, camera)}
+    meshes |= {f"{100 * s:g} %": simplify.relief(depth, camera, round(s * depth.size))
+               for s in shares}  # fmt: skip
+    rows = []
+    for name, mesh in meshes.items():
+        seconds = [measure(mesh.gpu_buffers)[1].cpu_s for _ in range(max(rounds, 20))]
+        rows.append({
+            "mesh": name,
+            "vertices": mesh.num_vertices,
+            "median_ms": 1e3 * statistics.median(seconds),
+            "slowest_ms": 1e3 * max(seconds),
+        })  # fmt: skip
+    return rows
+
+
+def show_rows(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
+    """A table of all columns."""
+    table = Table(title=title)
+    for head in rows[0]:
+        table.add_column(head, justify="right")
+    for row in rows:
+        table.add_row(*(f"{x:.3g}" if isinstance(x, float) else str(x) for x in row.values()))
+    Console(width=140).print(table)
+
+
+def run_sequences(named: str) -> list[dict[str, Any]]:
+    """Flicker of the sequences that are here, frames alone beside the stream, and the ratio."""
+    found: dict[tuple[str, str], Mapping[str, Any]] = {}
+    for case in sequences_3.EXPERIMENT.cases(Plan()):
+        model, method = case.options["model"], case.options["method"]
+        if method.startswith("relief") and named in model:
+            found[model, method] = case.run(case)
+    return [
+        {
+            "sequence": model,
+            "method": method,
+            "measure": measure,
+            "frames": row["frames"],
+            "alone": alone[measure],
+            "stream": row[measure],
+            "ratio": row[measure] / alone[measure],
+        }
+        for (model, method), row in found.items()
+        if "stream" in method and (alone := found[model, method.replace(" stream", "")])
+        for measure in FLICKER
+    ]
+
+
 def main() -> None:
     """Run the cases that are here."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cases", nargs="*", default=[*SCANS, *PEOPLE, *SCENES])
     parser.add_argument("--shares", nargs="*", type=float, default=SHARES)
+    parser.add_argument("--parts", nargs="*", choices=PARTS, default=PARTS)
+    parser.add_argument("--sequence", default="", help="only those with this in their name")
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("-o", "--output", type=Path)
     arguments = parser.parse_args()
     one_thread()
     results: dict[str, Any] = {"environment": environment(), "cases": {}}
-    for name in arguments.cases:
+    if "buffers" in arguments.parts:
+        results["buffers"] = run_buffers(arguments.shares, arguments.rounds)
+        show_rows("gpu_buffers, 640 x 480", results["buffers"])
+    if "sequences" in arguments.parts:
+        results["sequences"] = run_sequences(arguments.sequence)
+        show_rows("flicker, 5 % of the points", results["sequences"])
+    if arguments.output:
+        arguments.output.write_text(json.dumps(results, indent=1) + "\n")
+    for name in arguments.cases if "cases" in arguments.parts else ():
         for share in arguments.shares:
             try:
                 case = case_of(name, share)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import signal
@@ -15,7 +16,8 @@ import numpy as np
 import pytest
 
 from command_line import error_line, manip3d
-from manip3d import read_mesh
+from manip3d import read_mesh, simplify
+from manip3d.camera import read_intrinsics
 from manip3d.simulate import depth as simulated
 
 Image = pytest.importorskip("PIL.Image")
@@ -441,3 +443,91 @@ def test_points_by_bandwidth(frames: Path, tmp_path: Path) -> None:
     assert "--bandwidth, --rate: expected both" in error_line(
         manip3d(*one, "-q", "--force", "--rate", "10")
     )
+
+
+def still_pixels(folder: Path) -> float:
+    """Share of the vertices' lines of sight that a mesh has in common with the one before."""
+    seen = []
+    for path in sorted(folder.glob("*.glb")):
+        vertices = np.asarray(read_mesh(path).vertices)
+        seen.append(set(map(tuple, np.rint(1e3 * vertices[:, :2] / vertices[:, 2:]).astype(int))))
+    shares = [len(one & two) / len(two) for one, two in itertools.pairwise(seen)]
+    assert len(shares) == 3
+    return float(np.mean(shares))
+
+
+def test_a_stable_folder_is_what_a_stream_makes_of_it(frames: Path, tmp_path: Path) -> None:
+    base = ("depth", frames, "--points", "150", "--intrinsics", FOCAL, "--json")
+    rows = json.loads(manip3d(*base, "--stable", "-o", tmp_path / "stable").stdout)
+    assert [row["points"] for row in rows] == [150] * 4
+    assert all(row["coverage"] > 0.9 and row["unit"] == "mm" for row in rows)
+    manip3d(*base, "-o", tmp_path / "alone", "--jobs", "1")
+    assert still_pixels(tmp_path / "stable") > 0.6 > 0.4 > still_pixels(tmp_path / "alone")
+
+    sources = sorted(frames.iterdir())
+    depths = [np.array(Image.open(path)) for path in sources]
+    camera = read_intrinsics(FOCAL, width=depths[0].shape[1], height=depths[0].shape[0])
+    stream = simplify.ReliefStream(camera, 150, depth_step=simplify.DEPTH_STEP)
+    for source, depth in zip(sources, depths, strict=True):
+        found = stream.simplify(depth)
+        found = simplify.cut_depth_steps(found, found.surface.depth)  # type: ignore[union-attr]
+        written = read_mesh(tmp_path / "stable" / f"{source.stem}.glb")
+        expected = found.mesh.vertices * [1, -1, -1]
+        np.testing.assert_allclose(
+            np.sort(written.vertices, axis=0), np.sort(expected, axis=0), atol=1e-6
+        )
+
+
+def test_a_stable_folder_never_goes_on_in_the_middle(frames: Path, tmp_path: Path) -> None:
+    whole = (frames / "001.depth.png").read_bytes()
+    (frames / "001.depth.png").write_bytes(b"torn")
+    base = ("depth", frames, "--points", "150", "--intrinsics", FOCAL, "--stable")
+    output = tmp_path / "out"
+    done = manip3d(*base, "-o", output, "--json")
+    assert done.returncode == 1
+    assert [bool(row["error"]) for row in json.loads(done.stdout)] == [False, True, False, False]
+    (frames / "001.depth.png").write_bytes(whole)
+    done = manip3d(*base, "-o", output)
+    assert done.returncode == 0
+    assert "earlier run" not in done.stderr
+    manip3d(*base, "-o", tmp_path / "anew", "--jobs", "2", "-q")  # threads
+    for path in sorted((tmp_path / "anew").glob("*.glb")):
+        assert (output / path.name).read_bytes() == path.read_bytes()
+
+
+def test_a_stable_folder_with_colors_masks_and_bandwidth(frames: Path, tmp_path: Path) -> None:
+    colors = tmp_path / "colors"
+    colors.mkdir()
+    for number in range(4):
+        image = np.full((120, 160, 3), 60 * number, np.uint8)
+        Image.fromarray(image).save(colors / f"{number}.png")
+    mask = tmp_path / "mask.npy"
+    np.save(mask, np.tile(np.arange(160) < 90, (120, 1)))
+    base = ("depth", frames, "--intrinsics", FOCAL, "--stable", "--json", "--color", colors)
+    asked = ("--bandwidth", "80000", "--rate", "10", "--mask", mask, "-o", tmp_path / "out")
+    rows = json.loads(manip3d(*base, *asked).stdout)
+    sizes = [path.stat().st_size for path in sorted((tmp_path / "out").glob("*.glb"))]
+    assert [row["bytes"] for row in rows] == sizes
+    assert all(7000 < size <= 8000 for size in sizes)
+    depths = [np.array(Image.open(path)) for path in sorted(frames.iterdir())]
+    assert [row["points_before"] for row in rows] == [np.count_nonzero(d[:, :90]) for d in depths]
+    last = read_mesh(tmp_path / "out" / "003.depth.glb")
+    assert "base_color" in last.materials[0].textures
+
+
+def test_what_a_stable_folder_cannot_follow_is_refused(frames: Path, tmp_path: Path) -> None:
+    base = ("--points", "99", "--intrinsics", FOCAL, "-q", "--stable", "-o")
+    folder = ("depth", frames, *base, tmp_path / "out")
+    for options, message in (
+        (("--method", "cs3"), "--method: expected relief for a sequence, got cs3"),
+        (("--dask", "local"), "--dask: expected without stable"),
+        (("--poses", "poses.txt"), "--stable: expected without poses"),
+    ):
+        done = manip3d(*folder, *options)
+        assert done.returncode == 1
+        assert message in done.stderr
+    one = manip3d("depth", frames / "000.depth.png", *base, tmp_path / "x.glb")
+    assert "--stable: expected with several depth images, got one" in error_line(one)
+    Image.fromarray(np.full((60, 80), 2000, np.uint16)).save(frames / "004.depth.png")
+    done = manip3d(*(word for word in folder if word != "-q"))
+    assert "expected an image of 160 x 120 pixels as the first of the sequence" in done.stderr

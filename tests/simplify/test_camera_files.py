@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -73,7 +74,8 @@ def test_several_images_become_one_mesh(walls: Path, method: str) -> None:
     assert done.returncode == 0, done.stderr
     record = json.loads(done.stdout)
     assert record["points_before"] == 2 * 120 * 160
-    assert 80 < record["points"] <= 100
+    assert 99 <= record["points"] <= 100
+    assert record["target_missed"] is False
     assert record["coverage"] > 0.97
     assert record["bridges"] < 0.01
     assert "% of the measured pixels" in done.stderr
@@ -83,6 +85,26 @@ def test_several_images_become_one_mesh(walls: Path, method: str) -> None:
     assert manip3d(*base, "-o", walls / "wall.ply").returncode != 0  # it is there
     low = manip3d(*base, "-o", walls / "b.ply", "--min-coverage", "1", "--points", "3")
     assert low.returncode == 4
+
+
+@pytest.mark.parametrize(("points", "missed"), [(98, True), (99, False)])
+def test_a_missed_target_of_several_views(points: int, missed: bool) -> None:
+    options = simplify.DepthOptions(100)
+    result = simplify.JointFileResult((), Path("x"), options, 500, points, 9, 0.0, 1.0, 0.0)
+    assert result.target_missed is missed
+    assert not replace(result, points_before=points).target_missed  # there are no more
+
+
+def test_strict_fails_where_several_views_have_too_few_points(walls: Path) -> None:
+    """Both views show one wall: half of what is asked for falls out as seen twice."""
+    (walls / "groundtruth.txt").write_text(POSES.replace("0.5", "0.0"))
+    base = ("depth", walls / "10.005.npy", walls / "10.031.npy", "--intrinsics", CAMERA, "--points",
+            "38000", "--poses", walls / "groundtruth.txt", "-o", walls / "a.ply")  # fmt: skip
+    done = manip3d(*base, "--strict", "--json")
+    assert done.returncode == 4
+    assert json.loads(done.stdout)["target_missed"]
+    assert "points missed" in done.stderr
+    assert manip3d(*base, "--force").returncode == 0
 
 
 def test_the_mesh_of_a_gltf_is_upright(walls: Path) -> None:

@@ -560,10 +560,12 @@ def test_a_stream_flickers_at_most_half_as_much(move_points: bool) -> None:
     stream = simplify.ReliefStream(STREAM_CAMERA, 250, move_points=move_points)
     together = [stream.simplify(f) for f in frames]
     assert all(r.num_vertices == 250 for r in together)
-    changed_alone, deviation_alone = flicker(alone[5:])
-    changed, deviation = flicker(together[5:])
+    settled = 7  # 1 / newest_share frames: until then a pixel's mean still loses noise
+    changed_alone, deviation_alone = flicker(alone[settled:])
+    changed, deviation = flicker(together[settled:])
     assert changed < 0.5 * changed_alone
-    assert deviation < 0.501 * deviation_alone  # 0.50004; of moved points 0.46
+    # 0.474, of moved points 0.421; with other noise 0.465 to 0.505 (six seeds), and 0.41 to 0.48.
+    assert deviation < 0.5 * deviation_alone
 
 
 def test_a_stream_keeps_its_edges() -> None:

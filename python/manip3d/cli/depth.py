@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
+from contextvars import ContextVar
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -26,7 +30,10 @@ from manip3d.io import DEPTH_SUFFIXES, WRITABLE
 
 if TYPE_CHECKING:
     from manip3d.batch import SourceFile
-    from manip3d.simplify import DepthFileResult, JointFileResult
+    from manip3d.simplify import DepthFileResult, DepthOptions, DepthSequence, JointFileResult
+
+_sequence: ContextVar[DepthSequence | None] = ContextVar("sequence", default=None)
+"""What the files of a command with ``--stable`` go through."""
 
 
 class DepthMethod(StrEnum):
@@ -50,7 +57,7 @@ class Variant(StrEnum):
 
 _OPTIONS = ("intrinsics", "unit", "variant", "by-distance", "move-points", "max-edge", "depth-step",
             "color", "mask", "confidence", "confidence-max", "points", "method",
-            "min-coverage", "max-bridges", "bandwidth", "rate")  # fmt: skip
+            "min-coverage", "max-bridges", "bandwidth", "rate", "stable")  # fmt: skip
 
 
 def _of_frames(files: list[SourceFile], options: dict[str, Any]) -> dict[str, dict[str, str]]:
@@ -81,7 +88,42 @@ def _expect_budget(*budgets: object) -> None:
         raise typer.BadParameter("give --points, or --bandwidth with --rate", param_hint="--points")
 
 
-_NOT_JOINED = ("mask", "confidence", "bandwidth", "rate", "by_distance", "move_points")
+def _options_of(given: Mapping[str, Any]) -> DepthOptions:
+    """What a command that goes through its files in one process asks for; jobs are threads."""
+    from manip3d.simplify import DepthOptions
+
+    names = ("points", "intrinsics", "unit", "max_edge", "depth_step", "by_distance", "move_points",
+             "seed", "min_coverage", "bandwidth", "rate", "max_bridges")  # fmt: skip
+    return DepthOptions(
+        method=given["method"].value,
+        variant=given["variant"].value,
+        threads=given["jobs"],
+        **{name: given[name] for name in names},
+    )
+
+
+@contextmanager
+def _through(sequence: DepthSequence) -> Iterator[None]:
+    token = _sequence.set(sequence)
+    try:
+        yield
+    finally:
+        _sequence.reset(token)
+
+
+def _in_order(given: Mapping[str, Any]) -> AbstractContextManager[None] | None:
+    """With ``--stable``: each mesh depends on those of the files before."""
+    if not given["stable"]:
+        return None
+    from manip3d.simplify import DepthSequence
+
+    with naming_options(*_OPTIONS, "dask"):
+        if "dask" in given["shared"]:
+            raise InputError("dask: expected without stable, which goes through files in order")
+        return _through(DepthSequence(_options_of(given)))
+
+
+_NOT_JOINED = ("mask", "confidence", "bandwidth", "rate", "by_distance", "move_points", "stable")
 
 
 def _join(sources: list[str], given: dict[str, Any]) -> bool:
@@ -103,24 +145,14 @@ def _join(sources: list[str], given: dict[str, Any]) -> bool:
         unit = given["unit"]
         if Path(files[0]).suffix.lower() in DEPTH_SUFFIXES:
             unit = simplify.common_depth_unit(files, unit, given["intrinsics"])
-        options = simplify.DepthOptions(
-            given["points"],
-            given["method"].value,
-            given["variant"].value,
-            given["intrinsics"],
-            unit,
-            given["max_edge"],
-            given["depth_step"],
-            threads=given["jobs"],
-            min_coverage=given["min_coverage"],
-            max_bridges=given["max_bridges"],
-        )
+        options = _options_of(given | {"unit": unit})
         result = simplify.simplify_camera_files(
             files, given["poses"], output, options, colors=[colors[f] for f in files if colors]
         )
     shell.say(_joint_sentence(result))
     shell.result(_joint_record(result))
-    if given["strict"] and (result.coverage_missed or result.bridges_missed):
+    missed = result.target_missed or result.coverage_missed or result.bridges_missed
+    if given["strict"] and missed:
         raise typer.Exit(MISSED)
     return True
 
@@ -129,12 +161,14 @@ def _joint_sentence(result: JointFileResult) -> str:
     options = result.options
     low = f", less than {100 * options.min_coverage:.0f} %" if result.coverage_missed else ""
     many = f", more than {100 * options.max_bridges:.2g} %" if result.bridges_missed else ""
+    few = f"; target of {counted(options.points or 0, 'point')} missed"
     return (
         f"{options.method}: {counted(result.points_before, 'point')} of "
         f"{counted(len(result.sources), 'view')} -> {count(result.points)}, "
         f"{counted(result.faces, 'face')} in {result.seconds * 1000:.1f} ms; covers "
         f"{100 * result.coverage:.1f} % of the measured pixels{low}, "
-        f"{100 * result.bridges:.2f} % of its area bridges gaps{many}; wrote {result.output}"
+        f"{100 * result.bridges:.2f} % of its area bridges gaps{many}"
+        f"{few if result.target_missed else ''}; wrote {result.output}"
     )
 
 
@@ -150,6 +184,7 @@ def _joint_record(result: JointFileResult) -> dict[str, Any]:
         "seconds": round(result.seconds, 4),
         "coverage": round(result.coverage, 6),
         "bridges": round(result.bridges, 6),
+        "target_missed": result.target_missed,
         "coverage_missed": result.coverage_missed,
         "bridges_missed": result.bridges_missed,
     }
@@ -158,7 +193,7 @@ def _joint_record(result: JointFileResult) -> dict[str, Any]:
 @over_files(
     lambda: (*DEPTH_SUFFIXES, ".ply"), writable=lambda: WRITABLE, otherwise=".glb",
     prepare=_of_frames, check=lambda given: _expect_budget(*(given[name] for name in _BUDGETS)),
-    together=_join,
+    together=_join, in_order=_in_order,
 )  # fmt: skip
 def depth(
     source: Annotated[
@@ -277,6 +312,16 @@ def depth(
     rate: Annotated[
         float | None, typer.Option(help="Frames a second that share --bandwidth.")
     ] = None,
+    stable: Annotated[
+        bool,
+        typer.Option(
+            "--stable",
+            help="Files are the frames of one camera, in the order of their names: depths are "
+            "smoothed over time and vertices kept, so that meshes stay still where the picture "
+            "does (--method relief). One process, --jobs are threads; each run makes all files "
+            "anew.",
+        ),
+    ] = False,
     force: Force = False,
     strict: Strict = False,
     as_json: Json = False,
@@ -287,8 +332,9 @@ def depth(
     """Turn a depth image or a range scan into a sparse textured mesh.
 
     Several depth images become a folder of .glb files and have one unit; with --poses they become
-    one mesh. The result is in metres, with +y up in glTF (.glb, .gltf) and in the camera's axes in
-    .ply, .obj, .stl and .off. The depth range and its unit are printed: check them.
+    one mesh, and with --stable meshes that stay still. The result is in metres, with +y up in glTF
+    (.glb, .gltf) and in the camera's axes in .ply, .obj, .stl and .off. The depth range and its
+    unit are printed: check them.
 
     Example: manip3d depth depth.png --intrinsics kinect-v2 --points 5000 -o person.glb
     """
@@ -317,10 +363,13 @@ def depth(
         )
         expect_kind(source, "depth", "range grid", verb="depth")
         check_output(output, WRITABLE, force=force)
-        result = simplify.simplify_depth_file(
+        sequence = _sequence.get()
+        if stable and sequence is None:
+            raise InputError("stable: expected with several depth images, got one")
+        make = functools.partial(simplify.simplify_depth_file, options=options)
+        result = (make if sequence is None else sequence.simplify_file)(
             source,
             output,
-            options,
             color=color or None,
             mask=mask or None,
             confidence=confidence or None,

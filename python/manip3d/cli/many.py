@@ -12,7 +12,7 @@ import importlib
 import inspect
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
@@ -108,6 +108,9 @@ def over_files(
     beside: Callable[[str], Sequence[Path]] = lambda source: (),
     resumes: bool = True,
     together: Callable[[list[str], dict[str, Any]], bool] = lambda sources, options: False,
+    in_order: Callable[[Mapping[str, Any]], AbstractContextManager[object] | None] = (
+        lambda options: None
+    ),
 ) -> Callable[[Verb], Verb]:
     """Make a verb of one file (and ``output``) a verb of many.
 
@@ -149,6 +152,10 @@ def over_files(
     together : callable(sources, options) -> bool, optional
         Makes one thing of all files where the options ask for that, and returns whether it did;
         ``options["shared"]`` names those of ``--table``, ``--dask`` and ``--to`` that are given.
+    in_order : callable(options) -> context manager or None, optional
+        Where files depend on the ones before: all of them are worked on anew, one after another in
+        this process, within the context. None: files do not depend on each other. Options are those
+        of ``together``, as ``prepare`` left them.
     """
 
     def decorate(verb: Verb) -> Verb:
@@ -164,7 +171,8 @@ def over_files(
             to, table, dask = given.pop("to", ""), given.pop("table"), given.pop("dask")
             jobs = given["jobs"] if has_jobs else given.pop("jobs")
             shared = {"table": table, "dask": dask, "to": to}
-            if together(sources, given | {"shared": [n for n, v in shared.items() if v]}):
+            asked = {"shared": [n for n, v in shared.items() if v]}
+            if together(sources, given | asked):
                 return
             if not table and not dask and _is_one(sources):
                 _one(verb, argument, sources[0], given)
@@ -173,16 +181,18 @@ def over_files(
             many = _kind_of_many(drives)(suffixes(), to, writable(), otherwise)
             files = choose(many.files(sources))
             each = {} if prepare is None else prepare(files, given)
+            chain = in_order(given | asked)
             also, options = depends(given), dict(given)
             inputs = functools.partial(_inputs, given=options, each=each, beside=beside)
             files = [replace(file, stamp=f"{file.stamp} {also}".rstrip()) for file in files]
             work = {"module": verb.__module__, "verb": verb.__name__, "argument": argument,
                     "skipped_code": skipped_code}  # fmt: skip
             output = given.get("output")
-            with ended_like_ctrl_c():
+            with ended_like_ctrl_c(), chain or nullcontext():
                 summary = _many(
-                    work, files, given, many, each, table=table, dask=dask, jobs=jobs,
-                    columns=columns, inputs_of=inputs, resume=resumes,
+                    work, files, given, many, each, table=table, dask=dask,
+                    jobs=jobs if chain is None else 1, columns=columns, inputs_of=inputs,
+                    resume=resumes and chain is None,
                 )  # fmt: skip
             if output is not None:
                 finish(summary, str(output))

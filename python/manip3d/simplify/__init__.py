@@ -53,6 +53,7 @@ from manip3d.simplify._depth_files import (
     simplify_depth,
     simplify_depth_file,
 )
+from manip3d.simplify._depth_sequence import DepthSequence
 from manip3d.simplify._depth_steps import DEPTH_STEP, cut_depth_steps
 from manip3d.simplify._lod import (
     LodChain,
@@ -97,6 +98,7 @@ __all__ = [
     "DepthMesh",
     "DepthMethod",
     "DepthOptions",
+    "DepthSequence",
     "DepthSimplification",
     "Duplicates",
     "Effort",

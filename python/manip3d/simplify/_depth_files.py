@@ -28,7 +28,7 @@ from manip3d.io import (
 )
 from manip3d.io._files import open_regular
 from manip3d.simplify._bandwidth import LEAST_POINTS, Bandwidth, fit_bytes
-from manip3d.simplify._depth import DepthSimplification, Variant, cs3, cs3_grid
+from manip3d.simplify._depth import DenseImage, DepthSimplification, Variant, cs3, cs3_grid
 from manip3d.simplify._depth_steps import DEPTH_STEP, cut_depth_steps
 from manip3d.simplify._pixel_maps import confidence_of_levels, mask_image, masked_depth
 from manip3d.simplify._relief import relief, relief_grid
@@ -364,14 +364,7 @@ def simplify_depth_file(
     (True, True)
     """
     path, target = path_of(source, "source"), path_of(output, "output")
-    _check_confidence(options, confidence is not None)
-    if confidence_max is not None and confidence is None:
-        raise InputError("confidence_max: expected with confidence")
-    maps = _Maps(
-        None if color is None else _color_image(path_of(color, "color")),
-        None if mask is None else read_pixel_map(path_of(mask, "mask")) != 0,
-        None if confidence is None else _read_confidence(confidence, confidence_max),
-    )
+    maps = _read_maps(options, color, mask, confidence, confidence_max)
     if path.suffix.lower() in DEPTH_SUFFIXES:
         return _from_image(path, target, options, maps)
     return _from_scan(path, target, options, maps)
@@ -384,6 +377,23 @@ class _Maps:
     color: NDArray[np.uint8] | None
     mask: NDArray[np.bool_] | None
     confidence: NDArray[Any] | None
+
+
+def _read_maps(
+    options: DepthOptions,
+    color: str | os.PathLike[str] | None,
+    mask: str | os.PathLike[str] | None,
+    confidence: str | os.PathLike[str] | None,
+    confidence_max: int | None,
+) -> _Maps:
+    _check_confidence(options, confidence is not None)
+    if confidence_max is not None and confidence is None:
+        raise InputError("confidence_max: expected with confidence")
+    return _Maps(
+        None if color is None else _color_image(path_of(color, "color")),
+        None if mask is None else read_pixel_map(path_of(mask, "mask")) != 0,
+        None if confidence is None else _read_confidence(confidence, confidence_max),
+    )
 
 
 def _read_confidence(path: str | os.PathLike[str], highest: int | None) -> NDArray[Any]:
@@ -414,24 +424,47 @@ def _is_yup(output: Path) -> bool:
     return output.name.lower().removesuffix(".xz").removesuffix(".gz").endswith(_YUP_SUFFIXES)
 
 
-def _from_image(path: Path, output: Path, options: DepthOptions, maps: _Maps) -> DepthFileResult:
+_Take = Callable[
+    ["NDArray[Any]", Intrinsics, DepthOptions, _Maps], Callable[[int], DepthSimplification]
+]
+"""What takes up an image, so that meshes of so many points can be made of it."""
+
+
+def _alone(
+    depth: NDArray[Any], camera: Intrinsics, options: DepthOptions, maps: _Maps
+) -> Callable[[int], DepthSimplification]:
+    def uncut(points: int) -> DepthSimplification:
+        color, confidence = maps.color, maps.confidence
+        return _uncut(depth, camera, options, points, color, confidence=confidence)
+
+    return uncut
+
+
+def _from_image(
+    path: Path, output: Path, options: DepthOptions, maps: _Maps, take: _Take = _alone
+) -> DepthFileResult:
     _expect_camera(options)
     reading, words = _read(path, options)
     height, width = reading.depth.shape
     camera = read_intrinsics(options.intrinsics, width=width, height=height)
     depth = masked_depth(reading.depth, mask_image(maps.mask, reading.depth.shape))
     is_yup = _is_yup(output)
+    started = time.perf_counter()
+    uncut_of = take(depth, camera, options, maps)
+    taking_up = time.perf_counter() - started
 
     def make(points: int) -> _Made:
         started = time.perf_counter()
-        uncut = _uncut(depth, camera, options, points, maps.color, confidence=maps.confidence)
+        uncut = uncut_of(points)
         seconds = time.perf_counter() - started
         found = uncut
+        assert isinstance(uncut.surface, DenseImage)
+        seen = uncut.surface.depth  # the image, or its mean over time
         if options.depth_step:
-            found = cut_depth_steps(uncut, depth, step=options.depth_step)
+            found = cut_depth_steps(uncut, seen, step=options.depth_step)
         left, left_area = 0, 0.0
         if not options.depth_step and options.max_edge is None:
-            without = cut_depth_steps(uncut, depth)
+            without = cut_depth_steps(uncut, seen)
             left = uncut.num_faces - without.num_faces
             left_area = 1.0 - _area(without) / (_area(uncut) or 1.0) if left else 0.0
         mesh = found.mesh
@@ -442,6 +475,7 @@ def _from_image(path: Path, output: Path, options: DepthOptions, maps: _Maps) ->
 
     measured = int(np.count_nonzero(depth > 0))
     made = _write(make, path, output, options, measured, has_steps=options.depth_step > 0)
+    made = replace(made, seconds=made.seconds + taking_up)
     return _result(
         path, output, options, made, measured, depth=words, unit=reading.unit
     )  # fmt: skip

@@ -517,38 +517,48 @@ class ReliefStream:
         InputError
             As `relief`; an earlier ``time_ns`` than that of the frame before.
         """
+        with self._lock:
+            make, measured = self._take(depth, color, mask, confidence)
+            if self._budget is None:
+                return make(self._most_points)
+            most_points = min(self._most_points, max(measured, LEAST_POINTS))
+            return self._within_bytes(self._budget, make, most_points, time_ns)
+
+    def _take(
+        self,
+        depth: ArrayLike,
+        color: ArrayLike | None,
+        mask: ArrayLike | None,
+        confidence: ArrayLike | None,
+    ) -> tuple[Callable[[int], Relief], int]:
+        """Smooth the next frame; what makes a mesh of so many points, and its measured pixels."""
         image = _depth_image(depth, self._intrinsics)
         picture = _color_image(color, image.shape, self._registration)
         image = masked_depth(image, mask_image(mask, image.shape))
         shares = confidence_image(confidence, image.shape)
-        with self._lock:
-            smooth = self._smoother.add(image)
-            points, valid, rows_up = _core.unproject(
-                smooth, self._intrinsics, self._options.num_threads
-            )
-            surface = DenseImage(
-                smooth, self._intrinsics, self._options.max_edge, self._options.max_step
+        smooth = self._smoother.add(image)
+        points, valid, rows_up = _core.unproject(
+            smooth, self._intrinsics, self._options.num_threads
+        )
+        surface = DenseImage(
+            smooth, self._intrinsics, self._options.max_edge, self._options.max_step
+        )
+
+        def make(target: int) -> Relief:
+            self._options.target_points = target
+            return _run(
+                self._solver,
+                points.reshape(*image.shape, 3),
+                valid.reshape(image.shape).view(np.bool_),
+                rows_up,
+                self._options,
+                picture,
+                self._registration,
+                surface,
+                shares,
             )
 
-            def make(target: int) -> Relief:
-                self._options.target_points = target
-                return _run(
-                    self._solver,
-                    points.reshape(*image.shape, 3),
-                    valid.reshape(image.shape).view(np.bool_),
-                    rows_up,
-                    self._options,
-                    picture,
-                    self._registration,
-                    surface,
-                    shares,
-                )
-
-            if self._budget is None:
-                return make(self._most_points)
-            measured = max(int(np.count_nonzero(valid)), LEAST_POINTS)
-            most_points = min(self._most_points, measured)
-            return self._within_bytes(self._budget, make, most_points, time_ns)
+        return make, int(np.count_nonzero(valid))
 
     def _within_bytes(
         self,

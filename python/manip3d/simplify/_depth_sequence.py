@@ -1,0 +1,135 @@
+"""Depth images in their order, from files to meshes that stay still where the pictures do."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from manip3d._util.checked import checked
+from manip3d._util.paths import path_of
+from manip3d.camera import Intrinsics
+from manip3d.errors import InputError
+from manip3d.io import DEPTH_SUFFIXES
+from manip3d.simplify._depth import DepthSimplification
+from manip3d.simplify._depth_files import (
+    DepthFileResult,
+    DepthOptions,
+    _expect_camera,
+    _from_image,
+    _Maps,
+    _read_maps,
+)
+from manip3d.simplify._relief import ReliefStream
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = ["DepthSequence"]
+
+
+@checked
+class DepthSequence:
+    """Turn the depth images of one camera, one after another, into meshes that stay still.
+
+    Each file is what `simplify_depth_file` makes of it, but by a `ReliefStream`: pixels are
+    smoothed over time while they change little, and vertices are kept from mesh to mesh. The images
+    are to be given in the order in which they were taken. One that cannot be read is left out, and
+    the next follows the one before it.
+
+    Parameters
+    ----------
+    options : DepthOptions
+        Of all images; method ``relief``. Give the unit of the images: ``guess`` asks each of them.
+
+    Raises
+    ------
+    InputError
+        Another method, or no camera.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import io, simplify
+    >>> sequence = simplify.DepthSequence(simplify.DepthOptions(100, intrinsics="tum", unit="mm"))
+    >>> noise = np.random.default_rng(0)
+    >>> for number in range(3):
+    ...     depth = 2000 + noise.integers(0, 9, (480, 640)).astype(np.uint16)
+    ...     np.save(f"{number}.npy", depth)
+    ...     found = sequence.simplify_file(f"{number}.npy", f"{number}.ply")
+    >>> found.points, found.options.method
+    (100, 'relief')
+    """
+
+    def __init__(self, options: DepthOptions) -> None:
+        if options.method != "relief":
+            raise InputError(f"method: expected relief for a sequence, got {options.method}")
+        _expect_camera(options)
+        self._options = options
+        self._stream: ReliefStream | None = None
+        self._camera: Intrinsics | None = None
+        self._lock = threading.Lock()
+
+    @property
+    def options(self) -> DepthOptions:
+        """What was asked for."""
+        return self._options
+
+    def simplify_file(
+        self,
+        source: str | os.PathLike[str],
+        output: str | os.PathLike[str],
+        *,
+        color: str | os.PathLike[str] | None = None,
+        mask: str | os.PathLike[str] | None = None,
+        confidence: str | os.PathLike[str] | None = None,
+        confidence_max: int | None = None,
+    ) -> DepthFileResult:
+        """Turn the next depth image into a mesh in a file.
+
+        Parameters
+        ----------
+        source : path-like
+            A depth image (``manip3d.io.DEPTH_SUFFIXES``) of the size of the first one.
+        output, color, mask, confidence, confidence_max
+            As of `simplify_depth_file`.
+
+        Returns
+        -------
+        DepthFileResult
+            Coverage, bridges and steps are those of the smoothed image.
+
+        Raises
+        ------
+        InputError, FormatError, OSError, MissingExtraError
+            As `simplify_depth_file`; an InputError for a scan, and for an image of another size.
+        """
+        path, target = path_of(source, "source"), path_of(output, "output")
+        if path.suffix.lower() not in DEPTH_SUFFIXES:
+            raise InputError(f"source: expected a depth image in a sequence, got {path.name}")
+        maps = _read_maps(self._options, color, mask, confidence, confidence_max)
+        with self._lock:
+            return _from_image(path, target, self._options, maps, self._take)
+
+    def _take(
+        self, depth: NDArray[Any], camera: Intrinsics, options: DepthOptions, maps: _Maps
+    ) -> Callable[[int], DepthSimplification]:
+        if self._camera is None or self._stream is None:
+            self._camera = camera
+            self._stream = ReliefStream(
+                camera,
+                options.points or depth.size,
+                move_points=options.move_points,
+                max_edge=options.max_edge,
+                depth_step=options.depth_step or None,
+                threads=options.threads,
+            )
+        first = self._camera
+        if (camera.width, camera.height) != (first.width, first.height):
+            raise InputError(
+                f"source: expected an image of {first.width} x {first.height} pixels as the first "
+                f"of the sequence, got {camera.width} x {camera.height}"
+            )
+        # The mask has been taken out of the depth already.
+        return self._stream._take(depth, maps.color, None, maps.confidence)[0]
