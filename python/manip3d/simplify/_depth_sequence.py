@@ -41,7 +41,8 @@ class DepthSequence:
     Parameters
     ----------
     options : DepthOptions
-        Of all images; method ``relief``. Give the unit of the images: ``guess`` asks each of them.
+        Options of all images; method ``relief``. Give the unit of the images: ``guess`` asks each
+        of them.
 
     Raises
     ------
@@ -73,7 +74,7 @@ class DepthSequence:
 
     @property
     def options(self) -> DepthOptions:
-        """What was asked for."""
+        """Options of all images."""
         return self._options
 
     def simplify_file(
