@@ -468,7 +468,7 @@ def _fit_ring(cloud: _Cloud, ring: NDArray[np.intp]) -> tuple[float, float, int]
 
 def _fit_wide_ring(cloud: _Cloud, ring: NDArray[np.intp]) -> tuple[float, float, int] | None:
     """The line through pairs of points that most others lie on."""
-    some = ring[:: max(1, len(ring) // MOST_PAIRED)]
+    some = ring[:: max(1, -(-len(ring) // MOST_PAIRED))]
     rho, z = cloud.rho[some], cloud.points[some, 2]
     order = np.argsort(rho, kind="stable")
     half = len(order) // 2
@@ -536,7 +536,7 @@ def _find_steps(rho: Floats, angle: Floats, members: Sequence[NDArray[np.intp]])
         # The same parallax: a beam 0.1 m beside the axis turns by less than 2e-5 more.
         alike &= np.abs(1.0 / rho[first] - 1.0 / rho[second]) < 2e-4
         pairs = np.flatnonzero(alike)
-        pairs = pairs[:: max(1, len(pairs) // MOST_COMBED)]
+        pairs = pairs[:: max(1, -(-len(pairs) // MOST_COMBED))]
         if len(pairs) < FEWEST_PAIRS:
             return 0
         turn = np.mod(angle[second[pairs]] - angle[first[pairs]], 2.0 * math.pi)
@@ -556,7 +556,7 @@ def _first_encoders(
     They maximise the mean of ``exp(i steps (angle - lateral / rho))`` over its points. The grid is
     evenly spaced: a product for each point leads from one place to the next.
     """
-    some = [rows[:: max(1, len(rows) // MOST_SEARCHED)] for rows in members]
+    some = [rows[:: max(1, -(-len(rows) // MOST_SEARCHED))] for rows in members]
     rows = np.concatenate(some)
     ends = np.cumsum([0, *map(len, some)])
     wave = np.exp(1j * steps * (angle[rows] - LATERALS[0] / rho[rows]))
@@ -576,7 +576,7 @@ def _best_encoder(rho: Floats, angle: Floats, laterals: Floats, steps: int) -> t
     """The lateral distance, of some, that a laser's points agree on, and the angle they give."""
     if len(rho) == 0:
         return 0.0, 0.0
-    some = slice(None, None, max(1, len(rho) // MOST_POINTS))
+    some = slice(None, None, max(1, -(-len(rho) // MOST_POINTS)))
     turns = steps * (angle[some] - laterals[:, None] / rho[some])
     waves = np.exp(1j * turns).mean(axis=1)
     best = np.abs(waves).argmax()
@@ -677,7 +677,7 @@ def _find_range_step(
         + z[rows] * slope[k] * cosine[k]
         for k, rows in enumerate(members)
     ]
-    thinned = max(1, sum(len(r) for r in ranges) // MOST_COMBED)
+    thinned = max(1, -(-sum(len(r) for r in ranges) // MOST_COMBED))
     few = [r[::thinned] for r in ranges]
     for step in RANGE_STEPS:
         if np.median(np.abs(_range_waves(few, step))) < 0.4:

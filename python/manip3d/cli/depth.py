@@ -100,15 +100,12 @@ def _join(sources: list[str], given: dict[str, Any]) -> bool:
         check_output(output, WRITABLE, force=given["force"])
         files = [file.name for file in find_files(sources, suffixes=(*DEPTH_SUFFIXES, ".ply"))]
         colors = simplify.colors_of_frames(files, given["color"]) if given["color"] else {}
-        unit = given["unit"]
-        if Path(files[0]).suffix.lower() in DEPTH_SUFFIXES:
-            unit = simplify.common_depth_unit(files, unit, given["intrinsics"])
         options = simplify.DepthOptions(
             given["points"],
             given["method"].value,
             given["variant"].value,
             given["intrinsics"],
-            unit,
+            given["unit"],
             given["max_edge"],
             given["depth_step"],
             threads=given["jobs"],
