@@ -61,16 +61,17 @@ FEWEST_PAIRS = 30
 """Fewest pairs of points a given number of firings apart, for the encoder's counts."""
 
 MOST_SEARCHED, LIKELY, MOST_POINTS = 300, 4, 1000
-"""Most points of a ring for a search over a grid; places of the grid that are kept of it; most
-points by which the best of these is chosen. A ring that mostly meets the road has all but one
-distance, and few points tell the places apart."""
+"""Points of a ring for a search over a grid; places of the grid that are kept of it; points by
+which the best of these is chosen. Of longer rings so many to twice as many are taken. A ring that
+mostly meets the road has all but one distance, and few points tell the places apart."""
 
 MOST_PAIRED = 250
-"""Most points of a ring of which pairs, one from either half, propose the line."""
+"""Points of a ring (twice as many at most); pairs, one from either half, propose the line."""
 
 MOST_COMBED = 16_000
-"""Most pairs of points for each number of firings apart, and most points, to which a comb of steps
-is laid: 36 000 combs agree with so many by chance to 0.04 at most, where half is asked for."""
+"""Pairs of points for each number of firings apart, and points (twice as many at most), to which a
+comb of steps is laid: 36 000 combs agree with so many by chance to 0.04 at most, where half is
+asked for."""
 
 SECTORS = 16
 """Sectors of a ring, judged one by one."""
@@ -468,7 +469,7 @@ def _fit_ring(cloud: _Cloud, ring: NDArray[np.intp]) -> tuple[float, float, int]
 
 def _fit_wide_ring(cloud: _Cloud, ring: NDArray[np.intp]) -> tuple[float, float, int] | None:
     """The line through pairs of points that most others lie on."""
-    some = ring[:: max(1, -(-len(ring) // MOST_PAIRED))]
+    some = ring[:: max(1, len(ring) // MOST_PAIRED)]
     rho, z = cloud.rho[some], cloud.points[some, 2]
     order = np.argsort(rho, kind="stable")
     half = len(order) // 2
@@ -536,7 +537,7 @@ def _find_steps(rho: Floats, angle: Floats, members: Sequence[NDArray[np.intp]])
         # The same parallax: a beam 0.1 m beside the axis turns by less than 2e-5 more.
         alike &= np.abs(1.0 / rho[first] - 1.0 / rho[second]) < 2e-4
         pairs = np.flatnonzero(alike)
-        pairs = pairs[:: max(1, -(-len(pairs) // MOST_COMBED))]
+        pairs = pairs[:: max(1, len(pairs) // MOST_COMBED)]
         if len(pairs) < FEWEST_PAIRS:
             return 0
         turn = np.mod(angle[second[pairs]] - angle[first[pairs]], 2.0 * math.pi)
@@ -556,7 +557,7 @@ def _first_encoders(
     They maximise the mean of ``exp(i steps (angle - lateral / rho))`` over its points. The grid is
     evenly spaced: a product for each point leads from one place to the next.
     """
-    some = [rows[:: max(1, -(-len(rows) // MOST_SEARCHED))] for rows in members]
+    some = [rows[:: max(1, len(rows) // MOST_SEARCHED)] for rows in members]
     rows = np.concatenate(some)
     ends = np.cumsum([0, *map(len, some)])
     wave = np.exp(1j * steps * (angle[rows] - LATERALS[0] / rho[rows]))
@@ -576,7 +577,7 @@ def _best_encoder(rho: Floats, angle: Floats, laterals: Floats, steps: int) -> t
     """The lateral distance, of some, that a laser's points agree on, and the angle they give."""
     if len(rho) == 0:
         return 0.0, 0.0
-    some = slice(None, None, max(1, -(-len(rho) // MOST_POINTS)))
+    some = slice(None, None, max(1, len(rho) // MOST_POINTS))
     turns = steps * (angle[some] - laterals[:, None] / rho[some])
     waves = np.exp(1j * turns).mean(axis=1)
     best = np.abs(waves).argmax()
@@ -677,7 +678,7 @@ def _find_range_step(
         + z[rows] * slope[k] * cosine[k]
         for k, rows in enumerate(members)
     ]
-    thinned = max(1, -(-sum(len(r) for r in ranges) // MOST_COMBED))
+    thinned = max(1, sum(len(r) for r in ranges) // MOST_COMBED)
     few = [r[::thinned] for r in ranges]
     for step in RANGE_STEPS:
         if np.median(np.abs(_range_waves(few, step))) < 0.4:
