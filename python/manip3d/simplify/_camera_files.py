@@ -256,7 +256,8 @@ def simplify_camera_files(
     target = path_of(output, "output")
     if options.method not in ("relief", "cs3"):
         raise InputError(f"method: expected relief or cs3 with poses, got {options.method}")
-    if options.points is None or options.by_distance or options.move_points:
+    points = options.points
+    if points is None or options.by_distance or options.move_points:
         raise InputError("points: expected with poses, without bandwidth, by_distance, move_points")
     if colors and len(colors) != len(files):
         raise InputError(f"colors: expected {len(files)} or none, got {len(colors)}")
@@ -274,7 +275,7 @@ def simplify_camera_files(
     ]
     steps = options.depth_step if options.depth_step and all(are_images) else None
     started = time.perf_counter()
-    joint = _joined(views, options, options.points, steps)
+    joint = _joined(views, options, points, steps)
     seconds = time.perf_counter() - started
     if not joint.num_faces:
         raise FormatError(f"expected a surface in {len(files)} views, found none", file=str(place))
