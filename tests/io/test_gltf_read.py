@@ -500,6 +500,16 @@ def test_left_out_with_a_warning(tmp_path: Path, changes: dict[str, Any], warnin
     assert seen.mesh.num_faces == 2
 
 
+def test_tangents_are_left_out_with_a_warning(tmp_path: Path) -> None:
+    scene = Scene()
+    tangent = scene.accessor(np.tile(np.float32([1, 0, 0, 1]), (len(SQUARE), 1)))
+    for _ in range(2):
+        scene.primitive({"POSITION": scene.accessor(SQUARE), "TANGENT": tangent}, mode=5)
+    seen = report(tmp_path, scene.glb())
+    assert seen.mesh.num_faces == 4
+    assert seen.warnings == ("tangents are left out",)
+
+
 def test_points_lines_and_morph_targets_are_left_out(tmp_path: Path) -> None:
     scene = Scene()
     position = scene.accessor(SQUARE)

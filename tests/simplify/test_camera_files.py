@@ -47,6 +47,42 @@ def test_poses_of_a_trajectory_by_time_and_in_order(tmp_path: Path) -> None:
         simplify.poses_of_files(["10.06.png", "11.png"], tmp_path / "truth.txt")
 
 
+def test_times_are_never_dropped_for_the_order(tmp_path: Path) -> None:
+    lines = [f"{k}.00 {k} 0 0 0 0 0 1" for k in (1, 2, 3)]
+    (tmp_path / "truth.txt").write_text("\n".join(lines))
+
+    def places(*names: str) -> list[float]:
+        return [p[0, 3] for p in simplify.poses_of_files(names, tmp_path / "truth.txt")]
+
+    assert places("3.00.png", "1.00.png", "2.01.png.xz") == [3, 1, 2]
+    assert places("nan.png", "inf.png", "1_0.png") == [1, 2, 3]
+    assert places("000100.png", "000200.png", "000300.png") == [1, 2, 3]  # counts
+    with pytest.raises(InputError, match=r"of 2\.03\.png, the nearest is 0\.030 s away"):
+        places("3.00.png", "1.00.png", "2.03.png")
+    with pytest.raises(InputError, match=r"of .*\.05\.png, the nearest is 0\.050 s away"):
+        places("3.05.png", "1.05.png", "2.05.png")  # another clock, and another order
+    with pytest.raises(InputError, match=r"of nan\.png, whose name is no time"):
+        places("1.00.png", "nan.png", "3.00.png")
+
+
+def test_all_images_of_a_mesh_have_one_unit(tmp_path: Path) -> None:
+    """The numbers of one frame fit another unit better than those of most do."""
+    for k, depth in enumerate((8000, 8100, 1200)):
+        np.save(tmp_path / f"{k}.00.npy", np.full((48, 64), depth, np.uint16))
+    lines = [f"{k}.00 {4 * k} 0 0 0 0 0 1" for k in range(3)]
+    (tmp_path / "truth.txt").write_text("\n".join(lines))
+    files = [tmp_path / f"{k}.00.npy" for k in range(3)]
+    camera = "60,60,31.5,23.5"
+    options = simplify.DepthOptions(60, intrinsics=camera)
+    found = simplify.simplify_camera_files(
+        files, tmp_path / "truth.txt", tmp_path / "a.ply", options
+    )
+    assert simplify.common_depth_unit(files[2:]) == "mm"
+    assert found.options.unit == simplify.common_depth_unit(files) == "tum"  # fifths of them
+    depths = np.asarray(io.read_mesh(tmp_path / "a.ply").vertices)[:, 2]
+    assert np.unique(depths) == pytest.approx([0.24, 1.6, 1.62])
+
+
 @pytest.mark.parametrize(
     "line", ["1 2 3", "1 0 0 0 0 0 0 2", "1 0 0 nan 0 0 0 1", "a b c d e f g h"]
 )

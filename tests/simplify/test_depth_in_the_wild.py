@@ -316,12 +316,11 @@ def test_a_limit_on_edges_keeps_box_and_wall_apart_at_the_seam() -> None:
     pose[0, 3] = 0.3
     depth = box_before_waves()
     views = [simplify.CameraView(depth, CAMERA), simplify.CameraView(depth, CAMERA, pose=pose)]
-    for max_edge, most in ((None, 1.0), (0.2, 0.0)):
+    for max_edge in (None, 0.2):
         joint = simplify.relief_cameras(views, 300, max_edge=max_edge)
         z = joint.vertices[joint.faces, 2]
         joins = (z.min(axis=1) < 0.75) & (z.max(axis=1) > 1.2)
         assert joins.any() == (max_edge is None)
-        assert joins.mean() <= most
         assert joint.coverage > 0.9
 
 

@@ -199,6 +199,20 @@ def test_pieces_vanish_in_the_order_of_their_distance() -> None:
     assert result.mesh.num_faces <= 12
 
 
+def test_vertices_of_no_piece_are_asked_for_none() -> None:
+    """A vertex that only faces with repeated corners use: sanitizers see where it is looked up."""
+    hills = [exact_models.hill(12) for _ in range(2)]
+    apart = together(hills[0], hills[1].replace(vertices=hills[1].vertices + np.array([9.0, 0, 0])))
+    alone = apart.num_vertices
+    mesh = apart.replace(
+        vertices=np.concatenate([apart.vertices, [[0.0, 0.0, 5.0]]]),
+        faces=np.concatenate([[[alone, alone, 0], [alone, alone, alone]], apart.faces]),
+    )
+    result = simplify.quality(mesh, target_faces=60).mesh
+    expected = simplify.quality(apart, target_faces=60).mesh
+    np.testing.assert_allclose(result.vertices, expected.vertices, atol=1e-9)
+
+
 def test_the_last_piece_never_vanishes() -> None:
     result = simplify.quality(
         together(tetrahedron((0, 0, 0), 1), tetrahedron((5, 0, 0), 1)), target_faces=1

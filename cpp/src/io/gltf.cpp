@@ -496,6 +496,7 @@ class Reader {
     }
     if (!is_scene_ && place.has("targets")) warn_once("morph targets are left out");
     const JsonPlace attributes = place.member("attributes");
+    if (!is_scene_ && attributes.has("TANGENT")) warn_once("tangents are left out");
     p.position = attribute(attributes, "POSITION", 3, 3);
     if (p.position == nullptr) {
       if (!is_scene_) warn_once("primitives without POSITION are left out");

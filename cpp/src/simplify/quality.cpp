@@ -50,12 +50,15 @@ constexpr double kFarCheaper = 30.0;
 /// It is waived only for an error that can be seen: mean distance over the size of the mesh.
 constexpr double kVisible = 1e-3;
 
-/// A vertex owes nothing for its borders and texture if they are off by less than this distance on
-/// average (the diagonal is 1).
+/// A vertex whose borders and texture are still exact owes at most this for them, over its area (a
+/// distance; the diagonal is 1).
 constexpr double kOwesNothing = 1e-9;
 
 /// Weight of the planes of borders that a vertex shall not leave, against its surface.
 constexpr double kHeldFirmly = 1e6;
+
+/// Edges whose proofs failed that are remembered at most (50 MB); those of others are tried again.
+constexpr std::size_t kMostRefused = 1 << 20;
 
 /// A piece that vanishes is missed more than its distance says.
 constexpr double kPieceFactor = 2.0;
@@ -523,7 +526,7 @@ class QualitySimplifier {
     // A proof that failed fails again while nothing changes.
     if (refused_.contains({v, t})) return refuse(v, t, Rejection::kDistanceLimit);
     if (guard_ && !keeps_distance({v, t}, best.position)) {
-      refused_.insert({v, t});
+      if (refused_.size() < kMostRefused) refused_.insert({v, t});
       return refuse(v, t, Rejection::kDistanceLimit);
     }
     refused_.clear();

@@ -17,7 +17,8 @@ namespace {
 using Corner = std::array<std::int32_t, 2>;
 using Corners = std::array<Corner, 3>;
 
-/// A triangle spans a step if more than this share of the pixels over it lies a step off it.
+/// A triangle spans a step if more than this share of the pixels seen over it lies a step off it;
+/// the same as _MOST_OFF in _depth_steps.py.
 constexpr double kMostOff = 0.25;
 
 std::int64_t orient(const Corner& a, const Corner& b, const Corner& c) {
@@ -107,7 +108,8 @@ Over pixels_over(const Surface& surface, const Corners& t) {
   return over;
 }
 
-/// Do the ends of a line of pixels differ by a step, and steps on the way make most of that?
+/// Do the ends of a line of pixels differ by a step, and steps on the way make most of that? The
+/// same rule as _has_step in _depth_steps.py with `passing`.
 bool crosses_step(const Surface& surface, const Corner& from, const Corner& to) {
   const int du = to[0] - from[0], dv = to[1] - from[1];
   const int length = std::max(std::abs(du), std::abs(dv));
@@ -227,7 +229,8 @@ bool lies_off(const Surface& surface, const std::array<std::int32_t, 3>& pixels)
     return false;
   }
   const Over over = pixels_over(surface, t);
-  return static_cast<double>(over.off) > kMostOff * static_cast<double>(over.seen);
+  return over.seen <= over.unseen ||
+         static_cast<double>(over.off) > kMostOff * static_cast<double>(over.seen);
 }
 
 }  // namespace relief_detail

@@ -26,8 +26,9 @@ std::vector<float> off_surface(const Surface& surface,
                                const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
                                const Eigen::Ref<const Rows<std::int32_t, 3>>& faces);
 
-/// Does a triangle join what is apart? One of its sides crosses a step, and a quarter of the pixels
-/// over it lies a step off it.
+/// Does a triangle join what is apart? One of its sides crosses a step, and no more than half of
+/// the pixels over it are seen, or more than a quarter of those lies a step off it. The rule by
+/// which across_steps() in _depth_steps.py leaves faces out.
 bool lies_off(const Surface& surface, const std::array<std::int32_t, 3>& pixels);
 
 }  // namespace manip3d::relief_detail

@@ -2,12 +2,12 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <utility>
 
 #include "manip3d/geometry/bvh.hpp"
 #include "manip3d/geometry/parallel.hpp"
+#include "manip3d/geometry/topology.hpp"
 
 namespace manip3d {
 namespace {
@@ -98,7 +98,8 @@ void SurfaceFit::find_nearest(const CollapseMesh& mesh, int per_face, const Prog
 
 void SurfaceFit::find_nearest_of(const CollapseMesh& mesh, const TriangleBvh& bvh,
                                  std::int64_t face, std::int32_t& near_face) {
-  if (!is_there_(original_.faces(face, 0))) return;
+  // A vertex that only such faces use belongs to no piece, which is_there_ must not be asked about.
+  if (is_degenerate(original_.faces, face) || !is_there_(original_.faces(face, 0))) return;
   Eigen::Matrix3d corners;
   for (int c = 0; c < 3; ++c) {
     corners.col(c) = mesh.from_input(original_.vertices.row(original_.faces(face, c)).transpose());

@@ -11,19 +11,21 @@
 
 namespace manip3d {
 
-/// Fits the vertices of a simplified mesh to the surface that it stands for, given as points with
-/// areas [after Hoppe et al. 1993, "Mesh optimization", with the connectivity fixed].
+/// Fits the vertices of a simplified mesh to the surface that it stands for, of which each face
+/// gives a point or three [after Hoppe et al. 1993, "Mesh optimization", with the connectivity
+/// fixed].
 class SurfaceFit {
  public:
   /// Moves a vertex by a vector for an area of the original that asks for it, or leaves it.
   using Move = std::function<void(std::int32_t v, const Eigen::Vector3d& by, double area)>;
 
   /// @param original  the mesh that was simplified; it must outlive this.
-  /// @param is_there  whether the piece with this vertex (of the original) still exists.
+  /// @param is_there  whether the piece with this vertex (of the original, in a face with three
+  ///                  different corners) still exists.
   SurfaceFit(const MeshView& original, std::function<bool(std::int32_t)> is_there);
 
-  /// Moves each vertex by the mean distance vector from the surface to the points that are
-  /// nearest to its faces, a few times.
+  /// Moves each vertex by the mean of the vectors from its faces to the samples that are nearest to
+  /// them, weighted by area and by how near to the vertex, a few times.
   void run(CollapseMesh& mesh, const Move& move, const Progress& progress);
 
   /// Fits texture coordinates to those of the original at the nearest points of run().

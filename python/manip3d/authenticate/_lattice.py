@@ -61,16 +61,17 @@ FEWEST_PAIRS = 30
 """Fewest pairs of points a given number of firings apart, for the encoder's counts."""
 
 MOST_SEARCHED, LIKELY, MOST_POINTS = 300, 4, 1000
-"""Most points of a ring for a search over a grid; places of the grid that are kept of it; most
-points by which the best of these is chosen. A ring that mostly meets the road has all but one
-distance, and few points tell the places apart."""
+"""Points of a ring for a search over a grid; places of the grid that are kept of it; points by
+which the best of these is chosen. Of longer rings so many to twice as many are taken. A ring that
+mostly meets the road has all but one distance, and few points tell the places apart."""
 
 MOST_PAIRED = 250
-"""Most points of a ring of which pairs, one from either half, propose the line."""
+"""Points of a ring (twice as many at most); pairs, one from either half, propose the line."""
 
 MOST_COMBED = 16_000
-"""Most pairs of points for each number of firings apart, and most points, to which a comb of steps
-is laid: 36 000 combs agree with so many by chance to 0.04 at most, where half is asked for."""
+"""Pairs of points for each number of firings apart, and points (twice as many at most), to which a
+comb of steps is laid: 36 000 combs agree with so many by chance to 0.04 at most, where half is
+asked for."""
 
 SECTORS = 16
 """Sectors of a ring, judged one by one."""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 import numpy as np
 
 from manip3d.authenticate._reflectance import is_in_hundredths, why_rewritten
+from manip3d.authenticate._sensors import is_hdl64e, kitti_lattice
 from manip3d.authenticate._verdict import Processing
 
 if TYPE_CHECKING:
@@ -281,8 +282,9 @@ def _of_extent(
         found.append(Processing("cropped", f"no points nearer than {distance.min():.1f} m"))
     if firings is not None and _highest_are_silent(firings):
         found.append(Processing("cropped", "the highest lasers have no returns"))
-    if firings is not None and (silent := _silent_at_the_bottom(firings)):
-        found.append(Processing("cropped", f"the lowest {silent} lasers have no returns"))
+    if firings is not None and (silent := _silent_at_the_bottom(firings, sensor.lattice)):
+        lasers = "laser has" if silent == 1 else f"{silent} lasers have"
+        found.append(Processing("cropped", f"the lowest {lasers} nearly no returns"))
     if is_cut_above(z, firings):
         found.append(Processing("cropped", f"no points above a height of {z.max():.2f} m"))
     if is_cut_below(wide, firings):
@@ -373,13 +375,24 @@ def _highest_are_silent(firings: Firings) -> bool:
     return bool(np.count_nonzero(highest) < LEAST_OF_HIGHEST * highest.size)
 
 
-def _silent_at_the_bottom(firings: Firings) -> int:
-    """Lasers without returns below one with many: a file that ends too early, ring after ring."""
+def _silent_at_the_bottom(firings: Firings, lattice: SensorLattice) -> int:
+    """Lasers without returns below one with many: a file that ends too early, ring after ring.
+
+    How few returns are none was measured on the unit of KITTI. The lowest lasers of another
+    HDL-64E may mostly meet its own carrier, and those of other scanners may always do.
+    """
+    if not is_hdl64e(lattice):
+        return 0
     answered = firings.answered.mean(axis=1)
-    lowest = int(np.flatnonzero(np.r_[1.0, answered] >= LEAST_ANSWERED)[-1])  # 0: none answers
+    is_heard = answered >= LEAST_ANSWERED if _is_unit_of_kitti(lattice) else answered > 0.0
+    lowest = int(np.flatnonzero(np.r_[True, is_heard])[-1])  # 0: none answers
     if lowest == 0 or answered[lowest - 1] <= ANSWERED_BESIDE:
         return 0
     return len(answered) - lowest
+
+
+def _is_unit_of_kitti(lattice: SensorLattice) -> bool:
+    return np.array_equal(lattice.slope, kitti_lattice().slope)
 
 
 class Firings(NamedTuple):

@@ -142,10 +142,7 @@ def _join(sources: list[str], given: dict[str, Any]) -> bool:
         check_output(output, WRITABLE, force=given["force"])
         files = [file.name for file in find_files(sources, suffixes=(*DEPTH_SUFFIXES, ".ply"))]
         colors = simplify.colors_of_frames(files, given["color"]) if given["color"] else {}
-        unit = given["unit"]
-        if Path(files[0]).suffix.lower() in DEPTH_SUFFIXES:
-            unit = simplify.common_depth_unit(files, unit, given["intrinsics"])
-        options = _options_of(given | {"unit": unit})
+        options = _options_of(given)
         result = simplify.simplify_camera_files(
             files, given["poses"], output, options, colors=[colors[f] for f in files if colors]
         )

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import os
+import re
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,6 +28,7 @@ from manip3d.simplify._depth_files import (
     _expect_options_of_scan,
     _is_yup,
     _read,
+    common_depth_unit,
 )
 
 if TYPE_CHECKING:
@@ -100,7 +103,9 @@ def poses_of_files(
         A Stanford ``.conf`` file, as `manip3d.datasets.read_poses` takes it, with the files' names;
         or lines ``time tx ty tz qx qy qz qw`` (TUM's ``groundtruth.txt``, camera to world, lines
         with ``#`` left out). There the files' names are times, and the pose is that of the nearest
-        time, at most 0.02 s away; or there are as many lines as files, in the order of the files.
+        time, at most 0.02 s away. Files whose names are no times take as many lines in the order
+        given: no name is a number, or numbers and times ascend and most names (``000001.png``)
+        are none of the times.
 
     Returns
     -------
@@ -132,23 +137,43 @@ def poses_of_files(
                 raise InputError(f"poses: expected one of {_plain(file)} in {place}, found none")
         return [named[_plain(file)] for file in files]
     times, found = _trajectory(place)
-    try:
-        asked = np.array([float(file.stem) for file in files])
-    except ValueError:
+    asked = np.array([_number_in(file) for file in files])
+    if np.isnan(asked).all():
         return _in_order(files, found, place)
     if not len(times):
         raise FormatError("expected lines 'time tx ty tz qx qy qz qw', found none", file=str(place))
-    nearest = np.abs(asked[:, None] - times).argmin(axis=1)
-    apart = np.abs(asked - times[nearest])
-    if (apart <= _MOST_SECONDS_APART).all():
+    return _by_time(files, asked, times, found)
+
+
+def _by_time(
+    files: Sequence[Path],
+    asked: NDArray[np.float64],
+    times: NDArray[np.float64],
+    found: list[NDArray[np.float64]],
+) -> list[NDArray[np.float64]]:
+    off = np.nan_to_num(np.abs(asked[:, None] - times), nan=np.inf)
+    nearest, apart = off.argmin(axis=1), off.min(axis=1)
+    is_near = apart <= _MOST_SECONDS_APART
+    if is_near.all():
         return [found[i] for i in nearest]
-    if len(found) == len(files):
+    are_counts = 2 * np.count_nonzero(is_near) < len(files)
+    if are_counts and len(found) == len(files) and _ascend(asked) and _ascend(times):
         return found
     worst = int(apart.argmax())
-    raise InputError(
-        f"poses: expected a pose within {_MOST_SECONDS_APART} s of {files[worst]}, the nearest is "
-        f"{apart[worst]:.3f} s away"
-    )
+    asks = f"poses: expected a pose within {_MOST_SECONDS_APART} s of {files[worst]}"
+    if np.isinf(apart[worst]):
+        raise InputError(f"{asks}, whose name is no time")
+    raise InputError(f"{asks}, the nearest is {apart[worst]:.3f} s away")
+
+
+def _number_in(file: Path) -> float:
+    """The number that is a file's name; NaN where it is none."""
+    stem = Path(_plain(file)).stem
+    return float(stem) if re.fullmatch(r"-?[0-9]+(\.[0-9]*)?", stem) else math.nan
+
+
+def _ascend(values: NDArray[np.float64]) -> bool:
+    return bool((np.diff(values) > 0).all())
 
 
 def _plain(file: Path) -> str:
@@ -207,7 +232,8 @@ def simplify_camera_files(
     output : path-like
         A mesh file, in the frame of the poses; glTF of depth images turned by half around x.
     options : DepthOptions
-        With ``points``; method ``relief`` or ``cs3``.
+        With ``points``; method ``relief`` or ``cs3``. A ``unit`` to guess is that which
+        `common_depth_unit` finds for all.
     colors : sequence of path-like
         The colour image of each source, or none.
 
@@ -242,7 +268,8 @@ def simplify_camera_files(
     target = path_of(output, "output")
     if options.method not in ("relief", "cs3"):
         raise InputError(f"method: expected relief or cs3 with poses, got {options.method}")
-    if options.points is None or options.by_distance or options.move_points:
+    points = options.points
+    if points is None or options.by_distance or options.move_points:
         raise InputError("points: expected with poses, without bandwidth, by_distance, move_points")
     if colors and len(colors) != len(files):
         raise InputError(f"colors: expected {len(files)} or none, got {len(colors)}")
@@ -250,6 +277,8 @@ def simplify_camera_files(
     are_images = [_plain(file).lower().endswith(DEPTH_SUFFIXES) for file in files]
     if len(set(are_images)) > 1:
         raise InputError("sources: expected depth images or scans with poses, got both")
+    if all(are_images):  # what each one's numbers look like could differ
+        options = replace(options, unit=common_depth_unit(files, options.unit, options.intrinsics))
     pictures = [None if not colors else path_of(colors[i], "colors") for i in range(len(files))]
     view_of = _image_view if all(are_images) else _scan_view
     views = [
@@ -258,7 +287,11 @@ def simplify_camera_files(
     ]
     steps = options.depth_step if options.depth_step and all(are_images) else None
     started = time.perf_counter()
+<<<<<<< HEAD
     joint = _filled(views, options, options.points, steps)
+=======
+    joint = _joined(views, options, points, steps)
+>>>>>>> m2
     seconds = time.perf_counter() - started
     if not joint.num_faces:
         raise FormatError(f"expected a surface in {len(files)} views, found none", file=str(place))

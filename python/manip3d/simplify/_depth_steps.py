@@ -30,7 +30,7 @@ f = 525 pixels a surface would have to be turned by 87.8 degrees (arctan 0.05 f)
 
 _TAN_78 = math.tan(math.radians(78))
 _NOISE_AT_1_M = 1.425e-3  # as of DepthStepOptions
-_MOST_OFF = 0.25  # of a face's pixels
+_MOST_OFF = 0.25  # of a face's pixels; the same as kMostOff in relief_coverage.cpp
 _BLOCK = 1 << 21  # samples that are looked at together
 
 
@@ -273,7 +273,10 @@ def _on_line(
 
 
 def _has_step(depth: NDArray[np.float32], rule: StepRule, passing: bool) -> NDArray[np.bool_]:
-    """Whether the ends of a row differ, and two of its measured samples in a row do."""
+    """Whether the ends of a row differ, and two of its measured samples in a row do.
+
+    ``passing``: the same rule as ``crosses_step`` in ``relief_coverage.cpp``.
+    """
     last = np.where(depth > 0, np.arange(depth.shape[1]), 0)
     filled = np.take_along_axis(depth, np.maximum.accumulate(last, axis=1), axis=1)
     is_step = rule.differ(filled[:, :-1], filled[:, 1:])
