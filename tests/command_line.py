@@ -7,6 +7,7 @@ import functools
 import json
 import os
 import re
+import signal
 import socket
 import subprocess
 import sys
@@ -14,8 +15,12 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-READ_AT_START = re.compile(r"PYTHON|LC_|LANG|LD_|OMP_|OPENBLAS_|MALLOC_|GLIBC_")
+READ_AT_START = re.compile(
+    r"PYTHON|LC_|LANG|LD_|OMP_|OPENBLAS_|MALLOC_|GLIBC_|TERMINAL_WIDTH|FORCE_COLOR|NO_COLOR|PY_COLORS"
+)
 """Variables that Python and libraries read when they are loaded."""
+LONGEST_S = 300.0
+"""How long a command may take."""
 
 
 def manip3d(
@@ -28,7 +33,7 @@ def manip3d(
     """
     words = list(map(str, arguments))
     whole = dict(os.environ) | environment
-    code, out, err = _server().run(words, whole, stdin)
+    code, out, err = _server(whole).run(words, whole, stdin)
     command = [sys.executable, "-m", "manip3d", *words]
     return subprocess.CompletedProcess(command, code, out.decode(), err.decode())
 
@@ -36,29 +41,42 @@ def manip3d(
 class _Server:
     """The process of ``command_server.py``."""
 
-    def __init__(self) -> None:
+    def __init__(self, environment: dict[str, str]) -> None:
+        self.number = 0  # of the last request, which its answer names
         self.lock = threading.Lock()
         self.connection, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         program = Path(__file__).with_name("command_server.py")
         with other:
             self.process = subprocess.Popen(
                 [sys.executable, str(program), str(other.fileno())],
+                env=environment,
                 pass_fds=[other.fileno()],
                 stdin=subprocess.PIPE,  # Python remembers that its streams are pipes
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
+                process_group=0,  # of its own, with the commands that it runs
             )
-        assert self.connection.recv(100) == b"ready"
+        self.connection.settimeout(LONGEST_S)
+        if self.connection.recv(100) != b"ready":
+            self.kill()
+            raise AssertionError("Python does not start with this environment")
 
     def close(self) -> None:
         self.connection.close()
-        self.process.communicate()
+        if self.process.returncode is None:
+            self.process.communicate()
 
     def run(
         self, words: list[str], environment: dict[str, str], stdin: bytes
     ) -> tuple[int, bytes, bytes]:
         """Give the exit code, stdout and stderr."""
-        request = {"words": words, "folder": os.getcwd(), "environment": environment}
+        self.number += 1
+        request = {
+            "number": self.number,
+            "words": words,
+            "folder": os.getcwd(),
+            "environment": environment,
+        }
         in_read, in_write = os.pipe()
         out_read, out_write = os.pipe()
         err_read, err_write = os.pipe()
@@ -71,20 +89,32 @@ class _Server:
                     os.close(descriptor)
             pool.submit(_write, in_write, stdin)
             out, err = pool.submit(_read, out_read), pool.submit(_read, err_read)
-            code = json.loads(self.connection.recv(100))
+            try:
+                number, code = json.loads(self.connection.recv(100))
+                assert number == self.number
+            except BaseException:  # the command still runs: nobody may be given its answer
+                self.kill()
+                _server_for.cache_clear()
+                raise
             return code, out.result(), err.result()
+
+    def kill(self) -> None:
+        """End the process and the command that it runs, whose pipes the threads here read."""
+        os.killpg(self.process.pid, signal.SIGKILL)
+        self.close()
 
 
 @functools.cache
-def _server_for(_: frozenset[tuple[str, str]]) -> _Server:
-    server = _Server()
+def _server_for(environment: frozenset[tuple[str, str]]) -> _Server:
+    rest = {name: value for name, value in os.environ.items() if not READ_AT_START.match(name)}
+    server = _Server(rest | dict(environment))
     atexit.register(server.close)
     return server
 
 
-def _server() -> _Server:
+def _server(environment: dict[str, str]) -> _Server:
     """Give the server that was started with what Python reads at its start."""
-    read = {name: value for name, value in os.environ.items() if READ_AT_START.match(name)}
+    read = {name: value for name, value in environment.items() if READ_AT_START.match(name)}
     return _server_for(frozenset(read.items()))
 
 

@@ -1,7 +1,8 @@
 """Forks a process for each command line that arrives, with the modules imported already.
 
-Started by ``command_line.py``, with the number of a socket. A request holds words, folder and
-environment, with the descriptors of stdin, stdout and stderr; the answer is the exit code.
+Started by ``command_line.py``, with the number of a socket. A request holds number, words, folder
+and environment, with the descriptors of stdin, stdout and stderr; the answer is its number and the
+exit code.
 """
 
 from __future__ import annotations
@@ -33,18 +34,19 @@ def next_request(connection: socket.socket) -> dict[str, Any]:
         message, descriptors, _, _ = socket.recv_fds(connection, MOST_BYTES, 3)
         if not message:
             sys.exit(0)
+        request: dict[str, Any] = json.loads(message)
         child = os.fork()
         if child == 0:
             connection.close()
             for number, descriptor in enumerate(descriptors):
                 os.dup2(descriptor, number)
                 os.close(descriptor)
-            request: dict[str, Any] = json.loads(message)
             return request
         for descriptor in descriptors:
             os.close(descriptor)
         _, status = os.waitpid(child, 0)
-        connection.send(json.dumps(os.waitstatus_to_exitcode(status)).encode())
+        answer = [request["number"], os.waitstatus_to_exitcode(status)]
+        connection.send(json.dumps(answer).encode())
 
 
 def main() -> None:

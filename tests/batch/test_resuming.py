@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import importlib
 import inspect
 import os
@@ -20,12 +21,14 @@ import pytest
 from typer.testing import CliRunner
 
 from manip3d import Mesh, batch, cli
+from manip3d._util import fingerprint
 from manip3d._util.paths import by_number
 from manip3d.batch import Rows, _run
 from manip3d.batch._places import Place
-from manip3d.batch._stamps import stamp_of_folder
+from manip3d.batch._stamps import Stamps, stamp_of_folder, stamp_of_info
 from manip3d.batch._stored import Finished
 from manip3d.errors import InputError
+from manip3d.io._remote import companions
 from toy_work import running, upper
 from watermark_scans import key_file
 
@@ -78,8 +81,6 @@ def test_further_inputs_and_answers_of_the_moment(texts: Path, tmp_path: Path) -
 
 @pytest.mark.parametrize("compressed", [False, True])
 def test_what_a_mesh_names_is_an_input(compressed: bool, tmp_path: Path) -> None:
-    import gzip
-
     folder = tmp_path / "meshes"
     (folder / "maps").mkdir(parents=True)
     text = b"mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
@@ -100,6 +101,134 @@ def test_what_a_mesh_names_is_an_input(compressed: bool, tmp_path: Path) -> None
     assert [again(), again()] == [1, 0]
     (folder / "a.mtl").write_text("newmtl skin\n")
     assert [again(), again()] == [1, 0]
+
+
+def test_all_that_a_mesh_names_is_an_input(tmp_path: Path) -> None:
+    folder = tmp_path / "meshes"
+    folder.mkdir()
+    (folder / "a.obj").write_text("mtllib one.mtl two.mtl\nv 0 0 0\n")
+    (folder / "b.ply").write_text("ply\ncomment TextureFile skin.png\nend_header\n")
+    for name in ("one.mtl", "two.mtl", "skin.png"):
+        (folder / name).write_text("1")
+
+    def again() -> list[str]:
+        made: list[str] = []
+        batch.run(
+            _nothing, folder, suffixes=[".obj", ".ply"], table=tmp_path / "t.csv", jobs=1,
+            progress=lambda fraction, name: made.append(Path(name).name),
+        )  # fmt: skip
+        return sorted({name for name in made if name in ("a.obj", "b.ply")})
+
+    again()
+    for name, mesh in (("one.mtl", "a.obj"), ("two.mtl", "a.obj"), ("skin.png", "b.ply")):
+        assert again() == []
+        rewrite(folder / name, b"2")
+        assert again() == [mesh]
+
+
+TEXTURE = "ply\ncomment TextureFile my skin.png\nend_header\ncomment TextureFile not this.png\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "expected"),
+    [
+        ("a.obj", "mtllib a.mtl b.mtl\n", ["a.mtl b.mtl", "a.mtl", "b.mtl"]),
+        ("a.obj", "\ufeff  mtllib\ta.mtl  \r\nv 0 0 0\r\n", ["a.mtl"]),
+        ("a.obj", "# old \\\nmtllib a.mtl \\\nb.mtl\n", ["a.mtl  b.mtl", "a.mtl", "b.mtl"]),
+        ("a.obj", "v 0 0 0\rmtllib a.mtl\rv 0 0 0\r", ["a.mtl"]),
+        ("a.obj", "v 0 0 0\n" * 300_000 + "mtllib a.mtl", ["a.mtl"]),
+        ("a.mtl", "MAP_KD my skin.png\n", ["my skin.png"]),
+        ("a.mtl", "map_Kd -bm 1 my skin.png\n",
+         ["-bm 1 my skin.png", "1 my skin.png", "my skin.png", "skin.png"]),
+        ("a.ply", TEXTURE, ["my skin.png"]),
+        ("a.gltf", '{"uri":\n"a%20b.bin", "uri": "data:,", "uri": "../c.bin"}', ["a b.bin"]),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("compressed", [False, True])
+def test_the_names_in_a_file_are_those_that_its_reader_takes(
+    name: str, content: str, expected: list[str], compressed: bool, tmp_path: Path
+) -> None:
+    path = tmp_path / (f"{name}.gz" if compressed else name)
+    written = content.encode()
+    path.write_bytes(gzip.compress(written) if compressed else written)
+    assert [str(one) for one in companions(path)] == expected
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".mtl"])
+def test_blank_lines_are_read_in_linear_time(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"a{suffix}"
+    path.write_bytes(b"\n" * 400_000)  # a quarter of an hour where the time grows with the square
+    begin = time.process_time()
+    assert list(companions(path)) == []
+    assert time.process_time() - begin < 5
+
+
+def test_a_run_behind_a_url_is_resumed(request: pytest.FixtureRequest) -> None:
+    fsspec = pytest.importorskip("fsspec", reason="the extra 'remote' is not installed")
+    place = f"memory://resuming-{os.getpid()}"
+    memory = fsspec.filesystem("memory")
+    request.addfinalizer(lambda: memory.rm(place, recursive=True))
+    for name in ("a.obj", "b.obj"):
+        memory.pipe(f"{place}/{name}", b"mtllib a.mtl\n")
+    memory.pipe(f"{place}/a.mtl", b"1")
+
+    def again(output: str | None) -> int:
+        table = f"{place}/table.csv"
+        options = {} if output is None else {"rename": lambda name: f"{name}.txt"}
+        summary = batch.run(
+            _copied, f"{place}/*.obj", output, table=table, jobs=1, overwrite=False, **options
+        )  # fmt: skip
+        assert summary.failed == 0, summary.rows
+        return len(summary.rows) - summary.resumed
+
+    for output in (None, f"{place}/out", place):  # the last one beside the sources
+        made = [again(output) for _ in range(3)]
+        assert made == [2, 0, 0], output
+        memory.pipe(f"{place}/a.mtl", str(output).encode())
+        assert [again(output), again(output)] == [2, 0], output
+        memory.rm(f"{place}/table.rows", recursive=True)
+        memory.rm(f"{place}/table.csv")
+
+
+def test_a_folder_that_cannot_be_listed_costs_rows_and_not_the_run(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    memory = pytest.importorskip("fsspec", reason="needs the extra 'remote'").filesystem("memory")
+
+    def refused(*arguments: object, **options: object) -> None:
+        raise PermissionError("no listing")
+
+    monkeypatch.setattr(type(memory), "find", refused)
+    first, second = Stamps(), Stamps()
+    name = "memory://no-listing/a.obj"
+    assert first.of_companions(name) == first.of_companions("memory://no-listing/b.obj")
+    assert first.of_companions(name) != second.of_companions(name)
+
+
+@pytest.mark.parametrize(
+    "told", ["ETag", "Content-MD5", "Digest", "Last-Modified", "md5Hash", "created", "mtime"]
+)
+def test_whatever_a_store_says_of_the_content_counts(told: str) -> None:
+    info = {"name": "a", "size": 1, "mtime": 5.0, "type": "file"}
+    assert stamp_of_info(info | {told: "1"}) != stamp_of_info(info | {told: "2"})
+
+
+def test_a_file_behind_a_url_of_this_machine_cannot_be_set_back(texts: Path) -> None:
+    pytest.importorskip("fsspec", reason="the extra 'remote' is not installed")
+    url, table = f"file://{texts}/*.txt", texts.parent / "t.csv"
+
+    def again() -> int:
+        return 2 - batch.run(_nothing, url, table=table, jobs=1).resumed
+
+    assert [again(), again()] == [2, 0]
+    rewrite(texts / "a.txt", b"c")
+    assert [again(), again()] == [1, 0]
+
+
+def _copied(source: Path, output: Path | None) -> dict[str, Any]:
+    if output is not None:
+        shutil.copyfile(source, output)
+    return {}
 
 
 def _nothing(source: Path, output: Path | None) -> dict[str, Any]:
@@ -151,6 +280,21 @@ def test_two_runs_at_a_time_keep_their_rows_apart(tmp_path: Path) -> None:
     second.save("a", {"faces": 100})
     second.flush()
     assert Rows(folder, {"ratio": 0.1}).load("a") == {"faces": 100}
+
+
+def test_two_runs_of_one_thing_lose_no_rows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = str(tmp_path / "t.rows")
+    first, second = (Rows(folder, {"ratio": 0.5}) for _ in range(2))
+    for key, rows in (("a", first), ("b", second)):
+        rows.save(key, {"faces": 500})
+        rows.flush()
+    both = Rows(folder, {"ratio": 0.5})
+    assert both.load("a") == both.load("b") == {"faces": 500}
+    names = Place.names
+    monkeypatch.setattr(Place, "names", lambda place: [*names(place), "000009-gone.jsonl"])
+    assert Rows(folder, {"ratio": 0.5}).load("a") == {"faces": 500}
 
 
 # --- files that are not there, and names that are no text -----------------------------------------
@@ -226,13 +370,21 @@ def _is_alive(process: int) -> bool:
 def test_what_asks_a_command_to_end_ends_its_batch_like_ctrl_c(
     texts: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    told: list[str] = []
+
     def ended(*arguments: object, **options: object) -> None:
-        os.kill(os.getpid(), signal.SIGTERM)
-        time.sleep(5)
+        told.append("begun")
+        try:
+            os.kill(os.getpid(), signal.SIGTERM)
+            time.sleep(5)
+        except KeyboardInterrupt:
+            told.append("like Ctrl-C")
+            raise
 
     monkeypatch.setattr(batch, "run", ended)
     done = CliRunner().invoke(cli.app, ["info", str(texts / "*.txt")])
-    assert done.exit_code != 0
+    assert told == ["begun", "like Ctrl-C"]
+    assert done.exit_code == 130
     assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
 
 
@@ -246,7 +398,7 @@ VERBS: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("SRC.obj", "-o", "out", "--faces", "9", "--importance", "w.npy"),
         ("s0.obj", "s0.mtl", "skin.png", "w.npy"),
     ),
-    "lod": (("SRC.obj", "-o", "out"), ("s0.obj", "s0.mtl", "skin.png")),
+    "lod": (("SRC.ply", "-o", "out"), ("s0.ply", "skin.png")),
     "depth": (
         ("SRC.pgm", "-o", "out", "--points", "9", "--intrinsics", "camera.json"),
         ("s0.pgm", "camera.json"),
@@ -324,6 +476,16 @@ def test_a_changed_input_is_another_task(
         before = after
 
 
+def test_rows_of_other_verbs_or_reports_are_made_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    _write_inputs()
+    before = _keys_of("lod", VERBS["lod"][0], monkeypatch)
+    monkeypatch.setattr(fingerprint, "presentation_fingerprint", lambda: "of other code")
+    assert not set(before) & set(_keys_of("lod", VERBS["lod"][0], monkeypatch))
+
+
 def _write_inputs() -> None:
     """Two sources of each kind, and all that they and the options name."""
     for drive in ("d0", "d1"):
@@ -333,6 +495,7 @@ def _write_inputs() -> None:
     for stem in ("s0", "s1", "original"):
         Path(f"{stem}.obj").write_text(f"mtllib {stem}.mtl\nv 0 0 0\n\n")
         Path(f"{stem}.mtl").write_text("newmtl a\nmap_Kd skin.png\n\n")
+        Path(f"{stem}.ply").write_text("ply\ncomment TextureFile skin.png\nend_header\n\n")
         for suffix in (".bin", ".bin.wm", ".3d", ".pose", ".mkv", ".pgm"):
             Path(f"{stem}{suffix}").write_bytes(bytes(16))
     for name in ("skin.png", "w.npy", "db.xml", "c.png", "lattice.json", "camera.json", "pose.bvh",
@@ -352,7 +515,7 @@ def _keys_of(verb: str, words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(_run, "run_stored", not_run)
     several = {"SRC": ["d0", "d1"]} | {
         f"SRC{suffix}": [f"s0{suffix}", f"s1{suffix}"]
-        for suffix in (".obj", ".pgm", ".3d", ".bin", ".mkv")
+        for suffix in (".obj", ".ply", ".pgm", ".3d", ".bin", ".mkv")
     }
     for old in ("out", "t.csv", "t.rows"):
         shutil.rmtree(old, ignore_errors=True)
@@ -399,6 +562,11 @@ def test_a_repeated_verification_sees_what_was_destroyed_since(tmp_path: Path) -
         (tmp_path / "scans" / f"s{number}.bin").write_bytes(rows.tobytes())
     command = ("watermark", "embed", tmp_path / "scans", "--key", key, "-o", out, "--jobs", 1)
     assert run(*command)[0] == 0
+    assert "2 from an earlier run" in run(*command)[1]
+    (out / "s0.bin.wm").unlink()
+    code, told = run(*command)
+    assert (code, "(1 from an earlier run)" in told) == (0, True)
+    assert (out / "s0.bin.wm").is_file()
     verify = ("watermark", "verify", out, "--key", key, "--table", tmp_path / "v.csv", "--jobs", 1)
     assert run(*verify)[0] == 0
     with (out / "s0.bin.wm").open("ab") as record:

@@ -12,7 +12,10 @@ from PIL import Image
 
 import command_line
 import rgbd_frames
+from command_line import error_line
 from manip3d import capture
+from manip3d.cli import capture as cli_capture
+from manip3d.cli.terminal import Terminal
 
 
 def manip3d(*arguments: object) -> subprocess.CompletedProcess[str]:
@@ -81,13 +84,39 @@ def test_play_draws_a_sheet_and_pictures(walk: Path, tmp_path: Path) -> None:
     done = manip3d("capture", "play", walk, "--speed", 0, "--frames", 3, "-o", folder)
     assert sorted(path.name for path in folder.iterdir()) == [f"00000{i}.png" for i in range(3)]
     assert "3 frames in" in done.stdout
-    (folder / "notes.png").touch()
+    for others in ("notes.png", "0000000000.png", "0000001.png"):
+        (folder / others).touch()
     again = ("capture", "play", walk, "--speed", 0, "--frames", 2, "-o", folder)
     assert "exists already" in manip3d(*again).stderr
     assert manip3d(*again, "--force").returncode == 0
     assert sorted(path.name for path in folder.iterdir()) == [
-        "000000.png", "000001.png", "notes.png",
+        "000000.png", "0000000000.png", "0000001.png", "000001.png", "notes.png",
     ]  # fmt: skip
+
+
+def test_play_removes_no_picture_before_it_has_read_all(
+    walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    (folder / "000007.png").touch()
+
+    def broken(frame: object) -> None:
+        raise OSError("no frame")
+
+    monkeypatch.setattr(cli_capture, "picture", broken)
+    source = cli_capture.open_source(str(walk), Terminal(quiet=True))
+    with pytest.raises(OSError, match="no frame"):
+        cli_capture.play(source, folder, Terminal(quiet=True), frames=None, force=True)
+    assert (folder / "000007.png").is_file()
+
+
+@pytest.mark.parametrize("place", [".", "depth"])
+def test_play_writes_nothing_into_the_folder_that_it_reads(walk: Path, place: str) -> None:
+    before = sorted(walk.rglob("*"))
+    done = manip3d("capture", "play", walk, "-o", walk / place, "--force", "-q")
+    assert "expected a place outside of the recording" in error_line(done)
+    assert sorted(walk.rglob("*")) == before
 
 
 def test_plain_folders_need_intrinsics(walk: Path, tmp_path: Path) -> None:

@@ -90,6 +90,13 @@ def test_a_trigger_that_does_not_come_is_an_error(walk: Path, tmp_path: Path) ->
     done = manip3d("capture", "record", walk, "-o", out, "--trigger", "SIGUSR1")
     assert done.returncode == 1
     assert "--trigger SIGUSR1: it did not come before the source ended" in done.stderr
+    assert not out.exists()
+    film = manip3d("capture", "record", walk, "-o", tmp_path / "a.mkv", "--trigger", "SIGUSR1")
+    assert "a.mkv was not written" in film.stderr
+    out.mkdir()
+    again = manip3d("capture", "record", walk, "-o", out, "--trigger", "SIGUSR1", "--force")
+    assert "it did not come" in again.stderr
+    assert [path.name for path in tmp_path.iterdir() if path != walk] == ["out"]  # it was there
     refused = manip3d("capture", "record", walk, "-o", tmp_path / "b", "--before", "1")
     assert "--before: expected --trigger with it" in error_line(refused)
     seen = manip3d("capture", "record", walk, "-o", tmp_path / "c", "--trigger", "person", "-q")

@@ -369,8 +369,33 @@ def test_a_small_truth_takes_no_more_memory_than_is_allowed(tmp_path: Path) -> N
         assert tracemalloc.get_traced_memory()[1] < 1 << 20
     finally:
         tracemalloc.stop()
+    np.savez_compressed(  # numbers of no mask
+        path, kind=np.int64(1), shape=np.array([1, 2, 4]), numbers=np.zeros(10**7, np.int64),
+        masks=np.zeros(1, np.uint8),
+    )  # fmt: skip
+    tracemalloc.start()
+    try:
+        with pytest.raises(FormatError, match="numbers do not agree with the masks"):
+            forge.read_stream_truth(path)
+        assert tracemalloc.get_traced_memory()[1] < 1 << 20
+    finally:
+        tracemalloc.stop()
     masks = np.zeros((2, 4, 4), np.bool_)
     forge.StreamTruth(1, masks, np.arange(2)).write(path)
     assert forge.read_stream_truth(path, max_bytes=32).masks.shape == (2, 4, 4)
     with pytest.raises(FormatError, match="32 pixels are more than max_bytes = 31"):
         forge.read_stream_truth(path, max_bytes=31)
+
+
+def test_many_small_frames_and_long_recordings_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    small = np.zeros((1000, 2, 2), np.bool_)
+    forge.StreamTruth(1, small, np.arange(1000)).write(path)
+    assert forge.read_stream_truth(path, max_bytes=4000).numbers[-1] == 999
+    long = np.zeros((780, 424, 512), np.bool_)  # 26 seconds of a Kinect V2: more than 160 MiB
+    sides = 210 + np.random.default_rng(0).integers(0, 20, (780, 300))
+    for mask, rights in zip(long, sides, strict=True):
+        mask[60:360] = (np.arange(512) >= 150) & (np.arange(512) < rights[:, None])
+    forge.StreamTruth(1, long, np.arange(780)).write(path)
+    del small
+    np.testing.assert_array_equal(forge.read_stream_truth(path).masks, long)

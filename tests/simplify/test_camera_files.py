@@ -180,3 +180,10 @@ def test_bridges_are_what_lies_far_from_each_dense_mesh() -> None:
     cut = simplify.cs3_cameras([view], 30, depth_step=0.05)
     assert cut.bridges < 0.02
     assert joined.bridges > 0.1  # triangles from the box to the wall, long ones
+
+
+def test_the_budget_of_a_joint_mesh_is_points(tmp_path: Path) -> None:
+    done = manip3d("depth", "a.png", "b.png", "--poses", "p.txt", "-o", tmp_path / "a.glb")
+    assert done.returncode == 2
+    assert "give --points" in done.stderr
+    assert "--bandwidth" not in done.stderr

@@ -22,8 +22,8 @@ def code_fingerprint() -> str:
 
 @cache
 def presentation_fingerprint() -> str:
-    """A hash of the command line and the viewer, which `code_fingerprint` leaves out."""
-    return _fingerprint(b"", lambda parts: bool({"cli", "viewer"} & parts))
+    """A hash of the command line, reports and viewer, which `code_fingerprint` leaves out."""
+    return _fingerprint(b"", lambda parts: bool({"cli", "report", "viewer"} & parts))
 
 
 def _fingerprint(start: bytes, wanted: Callable[[set[str]], bool]) -> str:

@@ -189,7 +189,7 @@ def _start_worker(threads: int) -> None:
 def _end_with_parent() -> None:
     """End this process when the one that started it has ended, killed or not.
 
-    Nothing else would: a worker waits for tasks at a pipe that its brothers hold open, too.
+    Nothing else would: a worker waits for tasks at a pipe that the other workers hold open, too.
     """
     parent = multiprocessing.parent_process()
     if parent is not None:

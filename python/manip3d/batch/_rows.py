@@ -3,17 +3,18 @@
 ::
 
     TABLE.rows/run.json        what was asked for, so that another run is not mixed in
-    TABLE.rows/000001.jsonl    a row in each line, with what was asked for and a checksum of itself
+    TABLE.rows/000001-….jsonl  a row in each line, with what was asked for and a checksum of itself
 
 A row says for itself what it is an answer to: of two processes that ask for different things at the
 same time, neither takes the other's. Files are written whole and never changed, which object stores
-can do, too.
+can do, too; their names are partly random, so that no process replaces those of another.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import secrets
 import time
 from typing import Any
 
@@ -58,7 +59,7 @@ class Rows:
         self._flushed_s = time.monotonic()
         self._rows: dict[str, dict[str, Any]] = {}
         parts = sorted(name for name in self._place.names() if name.endswith(".jsonl"))
-        self._next = 1 + max((int(p[:-6]) for p in parts if p[:-6].isdecimal()), default=0)
+        self._next = 1 + max((int(p[:6]) for p in parts if p[:6].isdecimal()), default=0)
         self.is_new = overwrite or not self._holds(asked) or not resume
         if self.is_new:
             # The rows go first: a run that is ended in between leaves none under another's name.
@@ -66,7 +67,11 @@ class Rows:
             self._place.write("run.json", json.dumps(sealed({"asked": asked}), indent=1))
             return
         for name in parts:
-            for line in self._place.read(name).splitlines():
+            try:
+                lines = self._place.read(name).splitlines()
+            except FileNotFoundError:  # removed by another run meanwhile, which begins anew
+                continue
+            for line in lines:
                 record = unsealed(line)
                 if record is not None and record.get("asked") == self._asked:
                     self._rows[record["key"]] = record["row"]
@@ -121,7 +126,8 @@ class Rows:
     def flush(self) -> None:
         """Store the rows that are not yet."""
         if self._waiting:
-            self._place.write(f"{self._next:06d}.jsonl", "\n".join(self._waiting) + "\n")
+            name = f"{self._next:06d}-{secrets.token_hex(4)}.jsonl"
+            self._place.write(name, "\n".join(self._waiting) + "\n")
             self._next += 1
             self._waiting = []
         self._flushed_s = time.monotonic()

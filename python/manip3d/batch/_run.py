@@ -23,7 +23,7 @@ from manip3d._util.paths import path_of
 from manip3d.batch._places import Place
 from manip3d.batch._rows import Rows
 from manip3d.batch._sources import SourceFile, find_files
-from manip3d.batch._stamps import stamp_of_companions, stamp_of_input
+from manip3d.batch._stamps import BESIDE, Stamps
 from manip3d.batch._stored import Row, run_stored
 from manip3d.batch._table import TABLE_SUFFIXES, write_table
 from manip3d.errors import FormatError, InputError
@@ -43,9 +43,10 @@ class Summary:
     ----------
     rows : list of dict
         One for each file, in the order of their names: ``source``, ``output``, ``error`` (empty
-        where there is none), ``output_bytes``, ``task_seconds``, and what the function returned
-        under other names than these. A file that failed has ``error_details`` instead: ``code``,
-        ``message``, and where the error has them ``file``, ``line`` and ``byte_offset``.
+        where there is none), ``output_bytes`` (with the records and truths beside it),
+        ``task_seconds``, and what the function returned under other names than these. A file that
+        failed has ``error_details`` instead: ``code``, ``message``, and where the error has them
+        ``file``, ``line`` and ``byte_offset``.
     resumed : int
         Rows that an earlier run had made.
     failed : int
@@ -139,8 +140,8 @@ def run(
     -----
     A stored row is used again if the function and its options, the library, the size of the output,
     and of the source, of what it names beside it and of ``inputs_of`` the sizes and times are what
-    they were. Both times of a file count, that of modification and that of change, which no program
-    can set back.
+    they were. Both times of a file count, that of modification and that of change, which no
+    ordinary call sets back.
 
     Examples
     --------
@@ -158,7 +159,7 @@ def run(
     targets = _targets(files, folder, rename or (lambda name: name))
     place = _table_of(table, folder)
     asked = _asked(function, options or {})
-    stamps_of = _stamps_of(inputs_of, is_stored=place is not None)
+    stamps_of = _stamps_of(inputs_of, place, folder, targets)
     tasks, names = {}, {}
     for file in files:
         own = dict(options_of(file) if options_of else {})
@@ -232,10 +233,12 @@ def one_file(function: Work, source: str, output: str | None, options: Mapping[s
 
 
 def _bytes_of(output: Path) -> int | None:
-    """The size of a file, or of all files of a folder; None: there is nothing."""
-    if output.is_dir():
-        return sum(Place(str(output)).sizes().values())
-    return output.stat().st_size if output.is_file() else None
+    """The size of a file, or of all files of a folder, and what is beside; None: there is none."""
+    if not output.exists():
+        return None
+    sizes = Place(str(output)).sizes().values() if output.is_dir() else [output.stat().st_size]
+    beside = (output.with_name(f"{output.name}{suffix}") for suffix in BESIDE)
+    return sum(sizes) + sum(path.stat().st_size for path in beside if path.is_file())
 
 
 def _plain(value: Any) -> Any:
@@ -282,18 +285,26 @@ def _targets(
 
 
 def _stamps_of(
-    inputs_of: Callable[[SourceFile], Sequence[str | os.PathLike[str]]] | None, *, is_stored: bool
+    inputs_of: Callable[[SourceFile], Sequence[str | os.PathLike[str]]] | None,
+    table: str | None,
+    output: Place | None,
+    targets: Mapping[str, str | None],
 ) -> Callable[[SourceFile], Any]:
     """What tells whether the files that a row is made from are what they were."""
-    stamp_of = functools.cache(stamp_of_input)  # one file may be an input of many
+    if table is None:
+        return lambda file: file.stamp
+    stamps = Stamps(
+        None if output is None else output.folder,
+        (table, _rows_folder(table)),
+        [target for target in targets.values() if target is not None],
+    )
 
-    def stamps(file: SourceFile) -> Any:
-        if not is_stored:
-            return file.stamp
+    def stamps_of(file: SourceFile) -> Any:
         inputs = [os.fspath(name) for name in (inputs_of(file) if inputs_of else ())]
-        return [file.stamp, stamp_of_companions(file.name), [[n, stamp_of(n)] for n in inputs]]
+        named = [[name, stamps.of_input(name)] for name in inputs]
+        return [file.stamp, stamps.of_companions(file.name), named]
 
-    return stamps
+    return stamps_of
 
 
 def _key(identity: Sequence[Any]) -> str:
@@ -343,7 +354,10 @@ class _Checked:
         if row is None or self._output is None or row["output_bytes"] is None:
             return row
         name = str(row["output"]).removeprefix(self._output.of(""))
-        return row if self._sizes.get(name) == row["output_bytes"] else None
+        if name not in self._sizes:
+            return None
+        there = sum(self._sizes.get(f"{name}{suffix}", 0) for suffix in ("", *BESIDE))
+        return row if there == row["output_bytes"] else None
 
     def save(self, key: str, row: Row) -> Row:
         return self._rows.save(key, row)
@@ -364,11 +378,15 @@ def _store(
     sizes = {} if output is None else _with_folders(output.sizes())
     if table is None:
         return _Memory()
-    stem = table[: -len(PurePosixPath(table).suffix)]
-    folder = f"{stem}.rows"
+    folder = _rows_folder(table)
     if not overwrite and not Place(folder).names():
         _refuse_existing(table, output, sizes, targets)
     return _Checked(rows_of(folder, asked), output, sizes)
+
+
+def _rows_folder(table: str) -> str:
+    """Where the rows of a table are stored as they come."""
+    return f"{table.removesuffix(PurePosixPath(table).suffix)}.rows"
 
 
 def _with_folders(sizes: Mapping[str, int]) -> dict[str, int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import time
 from collections.abc import Iterable
 from contextlib import ExitStack
@@ -128,10 +129,20 @@ def check_recording_output(output: Path, *, force: bool) -> None:
     InputError
         As `check_output`.
     """
+    check_output(place_of_recording(output), (".mkv",), force=force, folder=True)
+
+
+def place_of_recording(output: Path) -> Path:
+    """The path of a recording, without its kind before it."""
     scheme, _, place = str(output).partition(":")
-    if scheme == "tum" and place:
-        output = Path(place)
-    check_output(output, (".mkv",), force=force, folder=True)
+    return Path(place) if scheme == "tum" and place else output
+
+
+def _remove_recording(place: Path) -> None:
+    if place.is_dir():
+        shutil.rmtree(place)
+    else:
+        place.unlink(missing_ok=True)
 
 
 def write_recording(
@@ -152,10 +163,12 @@ def write_recording(
     Raises
     ------
     InputError
-        The trigger did not come; there is no frame then.
+        The trigger did not come; a recording that was made for it is removed.
     """
     from manip3d import capture
 
+    place = place_of_recording(output)
+    was_there = place.exists()
     with ExitStack() as opened:
         begins = None
         if trigger:
@@ -177,9 +190,12 @@ def write_recording(
             progress=progress,
         )
     if trigger and not done.frames:
-        raise InputError(
-            f"--trigger {trigger}: it did not come before the source ended; {output} has no frame"
-        )
+        if was_there:
+            found = f"{output} has no frame"
+        else:
+            _remove_recording(place)
+            found = f"{output} was not written"
+        raise InputError(f"--trigger {trigger}: it did not come before the source ended; {found}")
     told = "" if done.frames_with_skeleton else "; no frame of the source has a skeleton"
     terminal.say(f"wrote {output}: {counted(done.frames, 'frame')}, {done.seconds:.2f} s{told}")
     return {**asdict(done), "path": str(done.path), "source": source.uri}
@@ -198,6 +214,7 @@ def play(
 
     ``.png`` gets a sheet of up to 24 frames, a folder a picture of each.
     """
+    _refuse_folder_of(source, output)
     pictures = _Pictures(output, force=force)
     left = None if source.num_frames is None else source.num_frames - start
     total = min((n for n in (frames, left) if n), default=None)
@@ -364,9 +381,6 @@ class _Pictures:
         if output.suffix:
             raise InputError(f"output: expected a folder or a .png file, got {output}")
         output.mkdir(parents=True, exist_ok=force)
-        for old in output.glob(f"{'[0-9]' * 6}*.png"):  # which would follow a shorter recording
-            if old.stem.isdecimal():
-                old.unlink()
 
     def add(self, frame: RgbdFrame, *, in_sheet: bool) -> None:
         """One more frame."""
@@ -380,9 +394,24 @@ class _Pictures:
         self._written += 1
 
     def finish(self) -> None:
-        """Write the sheet."""
-        if self._output is not None and self._output.suffix:
+        """Write the sheet, or remove the pictures of a longer, older recording."""
+        if self._output is None:
+            return
+        if self._output.suffix:
             _write_png(self._output, _tiled(self._sheet))
+            return
+        for old in self._output.glob(f"{'[0-9]' * 6}.png"):
+            if int(old.stem) >= self._written:
+                old.unlink()
+
+
+def _refuse_folder_of(source: RgbdSource, output: Path | None) -> None:
+    """Refuse to write pictures among those that are read."""
+    folder = Path(source.uri.partition(":")[2].partition("?")[0])
+    if output is None or not folder.is_dir():
+        return
+    if output.resolve().is_relative_to(folder.resolve()):
+        raise InputError(f"output: expected a place outside of the recording, got {output}")
 
 
 def _tiled(images: Iterable[NDArray[np.uint8]]) -> NDArray[np.uint8]:

@@ -83,9 +83,9 @@ def _of_frames(files: list[SourceFile], options: dict[str, Any]) -> dict[str, di
 _BUDGETS = ("points", "bandwidth", "rate")
 
 
-def _expect_budget(*budgets: object) -> None:
+def _expect_budget(*budgets: object, wanted: str = "--points, or --bandwidth with --rate") -> None:
     if all(budget is None for budget in budgets):
-        raise typer.BadParameter("give --points, or --bandwidth with --rate", param_hint="--points")
+        raise typer.BadParameter(f"give {wanted}", param_hint="--points")
 
 
 def _options_of(given: Mapping[str, Any]) -> DepthOptions:
@@ -133,7 +133,7 @@ def _join(sources: list[str], given: dict[str, Any]) -> bool:
     from manip3d import simplify
     from manip3d.batch import find_files
 
-    _expect_budget(given["points"])
+    _expect_budget(given["points"], wanted="--points")
     output: Path = given["output"]
     shell = Terminal(as_json=given["as_json"], quiet=given["quiet"])
     with naming_options(*_OPTIONS, "poses", *given["shared"]):

@@ -167,6 +167,8 @@ def over_files(
 
         @functools.wraps(verb)
         def command(**given: Any) -> None:
+            from manip3d._util.fingerprint import presentation_fingerprint
+
             sources: list[str] = given.pop(argument)
             to, table, dask = given.pop("to", ""), given.pop("table"), given.pop("dask")
             jobs = given["jobs"] if has_jobs else given.pop("jobs")
@@ -184,7 +186,8 @@ def over_files(
             chain = in_order(given | asked)
             also, options = depends(given), dict(given)
             inputs = functools.partial(_inputs, given=options, each=each, beside=beside)
-            files = [replace(file, stamp=f"{file.stamp} {also}".rstrip()) for file in files]
+            also = f"{also} {presentation_fingerprint()}".lstrip()  # verbs make the rows, too
+            files = [replace(file, stamp=f"{file.stamp} {also}") for file in files]
             work = {"module": verb.__module__, "verb": verb.__name__, "argument": argument,
                     "skipped_code": skipped_code}  # fmt: skip
             output = given.get("output")

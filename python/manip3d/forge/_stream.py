@@ -59,6 +59,7 @@ class ForgedFrame:
 
 
 _MOST_BYTES = 160 << 20
+_MOST_PIXELS_OF_A_BYTE = 2048  # masks with a person in them are 200 to 500, empty ones 8000
 _MOST_PIXELS = 2**38  # in all frames: eight hours of a depth camera of 640x480 at 30 Hz
 
 
@@ -86,7 +87,8 @@ class StreamTruth:
         Parameters
         ----------
         path : path
-            An ``.npz`` file; `read_stream_truth` reads it.
+            An ``.npz`` file; `read_stream_truth` reads it, if it is told ``max_bytes`` where more
+            than 160 MiB of pixels have nearly no forged one among them.
 
         Raises
         ------
@@ -125,16 +127,17 @@ def _write_truth(
 
 
 @checked
-def read_stream_truth(path: str | os.PathLike[str], *, max_bytes: int = _MOST_BYTES) -> StreamTruth:
+def read_stream_truth(path: str | os.PathLike[str], *, max_bytes: int | None = None) -> StreamTruth:
     """Read what `StreamTruth.write` has written.
 
     Parameters
     ----------
     path : path-like
         An ``.npz`` archive.
-    max_bytes : int
-        Refuse masks of more pixels, each of which takes a byte; by default 160 MiB, which are 772
-        frames of a Kinect V2. Empty masks compress so well that a file says little of their size.
+    max_bytes : int, optional
+        Refuse masks of more pixels, each of which takes a byte. Default: 160 MiB, which are 772
+        frames of a Kinect V2, or 2048 for each byte of the file if that is more: masks with a
+        person in them compress less, empty ones so well that a file says little of their size.
 
     Returns
     -------
@@ -158,20 +161,24 @@ def read_stream_truth(path: str | os.PathLike[str], *, max_bytes: int = _MOST_BY
     [0, 100]
     """
     content = regular_bytes(path_of(path))
+    if max_bytes is None:
+        max_bytes = max(_MOST_BYTES, _MOST_PIXELS_OF_A_BYTE * len(content))
     try:
-        _check_claims(content, max_bytes)
+        claimed_numbers = _check_claims(content, max_bytes)
         with np.load(io.BytesIO(content), allow_pickle=False) as archive:
             frames, height, width = (int(side) for side in archive["shape"])
+            size = frames * height * width
+            if size > min(_MOST_PIXELS, max_bytes):
+                raise ValueError(f"{size} pixels are more than max_bytes = {max_bytes}")
+            if claimed_numbers != (frames,) or (frames and not size):
+                raise ValueError("numbers do not agree with the masks")
             bits, numbers = archive["masks"], archive["numbers"]
             kind = int(archive["kind"])
-        size = frames * height * width
-        if size > min(_MOST_PIXELS, max_bytes):
-            raise ValueError(f"{size} pixels are more than max_bytes = {max_bytes}")
         if min(frames, height, width) < 0 or (size + 7) // 8 != bits.size or kind not in (1, 2):
             raise ValueError("sizes do not agree")
         flat = np.unpackbits(bits.astype(np.uint8, casting="no", copy=False), count=size)
         masks = flat.view(np.bool_).reshape(frames, height, width)
-        if numbers.shape != (frames,) or numbers.dtype != np.int64:
+        if numbers.dtype != np.int64:
             raise ValueError("numbers do not agree with the masks")
     except (
         ValueError,
@@ -192,8 +199,12 @@ def read_stream_truth(path: str | os.PathLike[str], *, max_bytes: int = _MOST_BY
     return StreamTruth(kind, masks, numbers)
 
 
-def _check_claims(content: bytes, max_bytes: int) -> None:
-    """Refuse arrays that claim more than there is, before anything is allocated for them."""
+def _check_claims(content: bytes, max_bytes: int) -> tuple[int, ...]:
+    """Refuse arrays that claim more than there is, before anything is allocated for them.
+
+    Returns the shape that the numbers claim, which is to agree with that of the masks.
+    """
+    numbers: tuple[int, ...] = ()
     with ZipFile(io.BytesIO(content)) as archive:
         for member in archive.infolist():
             with archive.open(member) as stream:
@@ -203,9 +214,12 @@ def _check_claims(content: bytes, max_bytes: int) -> None:
                 shape, _, dtype = np.lib.format.read_array_header_1_0(stream)
                 if math.prod(shape) * dtype.itemsize > member.file_size:
                     raise ValueError(f"{member.filename} claims {shape} {dtype}, and has less")
-                # A byte of the packed masks is eight pixels; a number of 8 bytes is a frame.
-                if math.prod(shape) * dtype.itemsize > max_bytes // 8 + 64:
+                if member.filename == "numbers.npy":
+                    numbers = shape
+                    continue
+                if math.prod(shape) * dtype.itemsize > max_bytes // 8 + 64:  # eight pixels a byte
                     raise ValueError(f"{member.filename} is for more than max_bytes = {max_bytes}")
+    return numbers
 
 
 @checked
@@ -612,7 +626,8 @@ class ForgedStream:
         Parameters
         ----------
         path : path
-            An ``.npz`` file; `read_stream_truth` reads it.
+            An ``.npz`` file; `read_stream_truth` reads it, if it is told ``max_bytes`` where more
+            than 160 MiB of pixels have nearly no forged one among them.
 
         Raises
         ------

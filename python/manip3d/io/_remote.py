@@ -6,18 +6,20 @@ folder for as long as it is read or written.
 
 from __future__ import annotations
 
+import codecs
 import contextlib
 import errno
 import gzip
 import lzma
-import mmap
 import os
 import re
 import shutil
+import sys
 import tempfile
 import urllib.parse
 import zlib
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -34,11 +36,20 @@ _OBJECT_STORES = frozenset(
 _BLOCK = 1 << 20
 _MOST_COMPANIONS = 256
 _MOST_TEXT = 64 << 20
+_MOST_GLTF = 1 << 30
+_MOST_WORDS = 32
+_CONTINUED = re.compile(rb"\\\r?\n")
+_TAILS = re.compile(r"(?=\s(\S.*))")
+_END_OF_HEADER = re.compile(rb"^end_header", re.MULTILINE)
 # What a file names beside it: material libraries and textures, buffers and images.
 _NAMED: dict[str, re.Pattern[bytes]] = {
-    ".obj": re.compile(rb"^\s*mtllib\s+(.+?)\s*$", re.MULTILINE),
-    ".mtl": re.compile(rb"^\s*(?:map_\w+|bump|disp|decal|refl|norm)\s+(.+?)\s*$", re.MULTILINE),
+    ".obj": re.compile(rb"^[ \t]*mtllib[ \t]+((?:\\\r?\n|[^\r\n])+)", re.MULTILINE),
+    ".mtl": re.compile(
+        rb"^[ \t]*(?:map_\w+|bump|disp|decal|refl|norm)[ \t]+((?:\\\r?\n|[^\r\n])+)",
+        re.MULTILINE | re.IGNORECASE,
+    ),
     ".gltf": re.compile(rb'"uri"\s*:\s*"([^"]+)"'),
+    ".ply": re.compile(rb"^comment[ \t]+TextureFile[ \t]+([^\r\n]+)", re.MULTILINE),
 }
 # What lies beside a file under its own name: the pose of a scan, the description of a sensor.
 _OF_ONE_NAME = {".3d": ".pose", ".pcap": ".json"}
@@ -268,15 +279,26 @@ def companions(path: Path) -> Iterator[PurePosixPath]:
         yield PurePosixPath(plain.with_suffix(_OF_ONE_NAME[suffix]).name)
     if suffix not in _NAMED:
         return
-    for found in _NAMED[suffix].finditer(_text_of(path)):
-        text = found[1].decode("utf-8", "replace").replace("\\", "/")
-        options = [text.rpartition(" ")[2]] if suffix == ".mtl" else []  # -bm 0.5 image.png
-        for name in [text, *options]:
-            plain_name = urllib.parse.unquote(name) if suffix == ".gltf" else name
-            relative = PurePosixPath(plain_name)
-            is_below = not relative.is_absolute() and ".." not in relative.parts
-            if is_below and ":" not in plain_name and "\0" not in plain_name and relative.name:
-                yield relative
+    for text in _texts_of(path, suffix):
+        for found in _NAMED[suffix].finditer(text):
+            name = _CONTINUED.sub(b" ", found[1]).decode("utf-8", "replace")
+            yield from _files_below(name.strip(), suffix)
+
+
+def _files_below(text: str, suffix: str) -> Iterator[PurePosixPath]:
+    """The files that a line may mean, without those above or beside the folder."""
+    whole = text.replace("\\", "/")
+    parts: list[str] = []
+    if suffix == ".obj":  # one name with blanks, or several names
+        parts = whole.split()
+    elif suffix == ".mtl" and whole.startswith("-"):  # -bm 0.5 my image.png
+        parts = [match[1] for match in islice(_TAILS.finditer(whole), _MOST_WORDS)]
+    for name in dict.fromkeys([whole, *parts]):
+        plain_name = urllib.parse.unquote(name) if suffix == ".gltf" else name
+        relative = PurePosixPath(plain_name)
+        is_below = not relative.is_absolute() and ".." not in relative.parts
+        if is_below and ":" not in plain_name and "\0" not in plain_name and relative.name:
+            yield relative
 
 
 def _plain_suffix(path: PurePosixPath | Path) -> str:
@@ -284,18 +306,45 @@ def _plain_suffix(path: PurePosixPath | Path) -> str:
     return PurePosixPath(path.name.lower().removesuffix(".gz").removesuffix(".xz")).suffix
 
 
-def _text_of(path: Path) -> bytes | mmap.mmap:
-    """The content of a file; of a compressed one as much as no hostile one can make too large."""
-    suffix = path.suffix.lower()
-    if suffix not in (".gz", ".xz"):
-        with path.open("rb") as file:
-            is_empty = not os.fstat(file.fileno()).st_size
-            return b"" if is_empty else mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+def _texts_of(path: Path, suffix: str) -> Iterator[bytes]:
+    """The content of a file in pieces of whole lines, of which few are in memory at a time.
+
+    Of a compressed file there is as much as no hostile one can make too large; of a PLY file there
+    is the header; a glTF file is one piece, since a line break may stand within an entry.
+    """
+    packing = path.suffix.lower()
+    opened: Any = {".gz": gzip.open, ".xz": lzma.open}.get(packing, open)
+    most = _MOST_TEXT if packing in (".gz", ".xz") else sys.maxsize
     try:
-        with gzip.open(path) if suffix == ".gz" else lzma.open(path) as stream:
-            return stream.read(_MOST_TEXT)
-    except (EOFError, zlib.error, lzma.LZMAError):  # the reader says what is wrong with it
-        return b""
+        with opened(path, "rb") as stream:
+            if suffix == ".ply":
+                yield _END_OF_HEADER.split(stream.read(_BLOCK), maxsplit=1)[0]
+            elif suffix == ".gltf":
+                yield stream.read(min(most, _MOST_GLTF))
+            else:
+                yield from _lines_of(stream, most)
+    except (
+        EOFError,
+        zlib.error,
+        lzma.LZMAError,
+        gzip.BadGzipFile,
+    ):  # the reader says what is wrong with it
+        return
+
+
+def _lines_of(stream: Any, most: int) -> Iterator[bytes]:
+    """Blocks that end with a line, as long as they are no more than ``most`` bytes in all."""
+    block = stream.read(min(_BLOCK, most))
+    rest, line_end = b"", b"\r" if b"\r" in block and b"\n" not in block else b"\n"
+    block = block.removeprefix(codecs.BOM_UTF8)
+    while block:
+        most -= len(block)
+        lines, found, rest = (rest + block).rpartition(line_end)
+        if found:
+            yield lines.replace(b"\r", b"\n") if line_end == b"\r" else lines
+        rest = rest[:_BLOCK]  # no line that names a file is longer
+        block = stream.read(min(_BLOCK, most))
+    yield rest
 
 
 def _send(system: Any, files: dict[str, Path]) -> None:
