@@ -121,7 +121,7 @@ def camera_of_folder(text: str, uri: str) -> Intrinsics:
 
 
 def check_recording_output(output: Path, *, force: bool) -> None:
-    """Check ``-o`` of a recording, whose kind may stand before it: ``tum:walk``.
+    """Check ``-o`` of a recording, whose kind may stand before it: ``tum:walk``, ``mkv:a.mkv``.
 
     Raises
     ------
@@ -129,7 +129,7 @@ def check_recording_output(output: Path, *, force: bool) -> None:
         As `check_output`.
     """
     scheme, _, place = str(output).partition(":")
-    if scheme == "tum" and place:
+    if scheme in ("folder", "mkv", "tum") and place:
         output = Path(place)
     check_output(output, (".mkv",), force=force, folder=True)
 
@@ -157,12 +157,12 @@ def write_recording(
     from manip3d import capture
 
     with ExitStack() as opened:
+        opened.enter_context(source)  # first: it is open, and is closed whatever fails
         begins = None
         if trigger:
             begins, wanted = opened.enter_context(trigger_of(trigger))
             kept = f"; the last {before:g} s are kept" if before else ""
             terminal.say(f"waiting for {wanted}{kept}")
-        opened.enter_context(source)
         progress = opened.enter_context(terminal.progress("record"))
         done = capture.record(
             source,
@@ -451,9 +451,15 @@ def capture_record(
         typer.Option(min=0, max=60, help="Seconds before the trigger that are written, too."),
     ] = 0.0,
     lossless_color: Annotated[
-        bool, typer.Option("--lossless-color", help="Store colour exactly, not as JPEG.")
+        bool,
+        typer.Option(
+            "--lossless-color", help="Store colour exactly, not as JPEG; tum: always does."
+        ),
     ] = False,
-    quality: Annotated[int, typer.Option(min=1, max=100, help="Quality of JPEG, 1 to 100.")] = 90,
+    quality: Annotated[
+        int,
+        typer.Option(min=1, max=100, help="Quality of JPEG, 1 to 100; without effect for tum:."),
+    ] = 90,
     intrinsics: FolderIntrinsics = "",
     units_per_metre: FolderUnits = 0.0,
     force: Force = False,
