@@ -35,6 +35,7 @@ class FakeCamera final : public RgbdSource {
     calibration_ = std::make_shared<RgbdCalibration>();
   }
   void stop() override { ++stops; }
+  void seek(std::int64_t index) override { made_ = index; }
   ReadStatus read(RgbdFrame& frame, milliseconds timeout) override {
     if (count_ == 0) std::this_thread::sleep_for(timeout);  // a camera that gives nothing
     if (count_ == 0) return ReadStatus::kTimeout;
@@ -146,6 +147,18 @@ TEST(GrabThread, UnpluggedIsADeviceErrorAndItCanBeOpenedAgain) {
   EXPECT_EQ(seen.starts, 2);
   EXPECT_EQ(seen.stops, 1);
   EXPECT_EQ(source.read(frame, kLong), ReadStatus::kEnd);
+}
+
+TEST(GrabThread, SeekLeavesNoFrameOfBefore) {
+  GrabThread source(std::make_unique<FakeCamera>(-1));
+  source.start();
+  while (count_of(source, "frames") < 3) std::this_thread::sleep_for(milliseconds(1));
+  source.stop();  // with a frame that nobody has read
+  source.seek(100'000);
+  source.start();
+  RgbdFrame frame;
+  ASSERT_EQ(source.read(frame, kLong), ReadStatus::kFrame);
+  EXPECT_GE(frame.number, 100'000);
 }
 
 TEST(InRealTime, FramesComeAtTheirTimes) {

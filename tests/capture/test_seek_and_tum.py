@@ -147,6 +147,43 @@ def test_a_damaged_frame_is_named_by_its_index(tmp_path: Path) -> None:
     assert_same(found, frames[5])
 
 
+def test_a_list_of_frames_that_is_gone_for_a_while_is_an_error_each_time(tmp_path: Path) -> None:
+    numbers = [frame.number for frame in recorded(tmp_path / "walk")]
+    with capture.open_rgbd(address(tmp_path / "walk")) as source:
+        assert source[5].number == numbers[5]
+        lines = (tmp_path / "walk" / "frames.jsonl").rename(tmp_path / "elsewhere")
+        for index in (1, 5, 0):  # the first one crashed the second
+            with pytest.raises(FileNotFoundError):
+                source[index]
+        lines.rename(tmp_path / "walk" / "frames.jsonl")
+        assert source[1].number == numbers[1]
+
+
+def test_an_index_while_another_thread_stops(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    numbers = [frame.number for frame in recorded(tmp_path / "walk", 3)]
+    source = capture.open_rgbd(address(tmp_path / "walk"))
+    open_indexed = source._open_indexed
+    assert open_indexed is not None
+
+    class Stopped:
+        """Another thread stops the source while this one is read."""
+
+        def __init__(self) -> None:
+            self.inner = open_indexed()
+
+        def read_at(self, index: int) -> Any:
+            source.stop()
+            return self.inner.read_at(index)
+
+        def stop(self) -> None:
+            self.inner.stop()
+
+    monkeypatch.setattr(source, "_open_indexed", Stopped)
+    assert source[1].number == numbers[1]
+
+
 def test_sequences_have_an_index_and_iterators_have_none() -> None:
     frames = list(rgbd_frames.frames(5))
     source = capture.from_frames(frames)
@@ -246,6 +283,18 @@ def test_a_tum_sequence_without_colour_and_a_second_one_in_its_place(tmp_path: P
     early = replace(next(rgbd_frames.frames(1)), time=-1_500_000_000)
     capture.record([early], f"tum:{tmp_path / 'early'}")
     assert next(iter(capture.open_rgbd(f"tum:{tmp_path / 'early'}"))).time == -1_500_000_000
+
+
+def test_a_tum_sequence_onto_itself_is_refused_before_it_is_touched(tmp_path: Path) -> None:
+    place = f"tum:{tmp_path / 'walk'}"
+    capture.record(rgbd_frames.frames(3), place)
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    with pytest.raises(InputError, match=r"nobody has open, got .*walk, which is being read"):
+        capture.record(place, place, overwrite=True)
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+    with capture.open_rgbd(place) as source:
+        assert len(list(source)) == 3
+    capture.record(rgbd_frames.frames(2), place, overwrite=True)  # nobody reads it any more
 
 
 def test_colour_of_another_camera_is_looked_up(tmp_path: Path) -> None:

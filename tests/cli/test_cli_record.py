@@ -17,6 +17,8 @@ import pytest
 import rgbd_frames
 from command_line import error_line, manip3d
 from manip3d import InputError, capture
+from manip3d.cli.capture import check_recording_output, write_recording
+from manip3d.cli.terminal import Terminal
 from manip3d.cli.triggers import trigger_of
 
 
@@ -102,6 +104,37 @@ def test_a_trigger_that_does_not_come_is_an_error(walk: Path, tmp_path: Path) ->
     seen = manip3d("capture", "record", walk, "-o", tmp_path / "c", "--trigger", "person", "-q")
     assert (seen.returncode, seen.stderr) == (0, "")
     assert capture.open_rgbd(f"folder:{tmp_path / 'c'}").num_frames == 9
+
+
+def test_an_unknown_trigger_leaves_no_camera_open(tmp_path: Path) -> None:
+    source = capture.from_frames(list(rgbd_frames.frames(2)))
+    with pytest.raises(InputError, match="--trigger: expected one of"):
+        write_recording(
+            source,
+            tmp_path / "out",
+            Terminal(quiet=True),
+            frames=None,
+            seconds=None,
+            lossless_color=False,
+            jpeg_quality=90,
+            trigger="SIGKILL",
+            force=False,
+        )
+    assert source._is_stopped
+
+
+@pytest.mark.parametrize(("scheme", "name"), [("folder", "a"), ("mkv", "a.mkv"), ("tum", "a")])
+def test_an_output_with_its_kind_is_checked_like_one_without(
+    tmp_path: Path, scheme: str, name: str
+) -> None:
+    place = tmp_path / name
+    check_recording_output(Path(f"{scheme}:{place}"), force=False)
+    place.touch()
+    with pytest.raises(InputError) as plain:
+        check_recording_output(place, force=False)
+    with pytest.raises(InputError) as told:
+        check_recording_output(Path(f"{scheme}:{place}"), force=False)
+    assert str(told.value) == str(plain.value)
 
 
 def test_a_tum_sequence_of_the_frames_from_one_on(walk: Path, tmp_path: Path) -> None:

@@ -336,6 +336,42 @@ def test_the_first_changed_row_of_the_audit_is_named(diary: Diary, change: str) 
         diary.check()
 
 
+@pytest.mark.parametrize("value", ["'ü'", "x'ff00'", "7"])
+@pytest.mark.parametrize("column", ["at", "action", "salt", "erased", "digest", "link"])
+def test_whatever_stands_in_a_row_of_the_audit_is_named(
+    diary: Diary, column: str, value: str
+) -> None:
+    diary.enrol("P01")
+    diary.start_session("P01")
+    with contextlib.closing(sqlite3.connect(diary.path)) as raw:
+        raw.execute(f"UPDATE audit SET {column} = {value} WHERE number = 2")
+        raw.commit()
+    with pytest.raises(FormatError, match="the audit is damaged: row 2 is not what was written"):
+        diary.check_audit()
+    if column == "at":
+        with pytest.raises(FormatError, match="expected a time with its offset"):
+            diary.audit()
+
+
+@pytest.mark.parametrize("value", ["ü", b"\xff", "2026-03-02T09:30:00"])
+def test_an_older_diary_with_a_bad_time_still_opens(tmp_path: Path, value: str | bytes) -> None:
+    with Diary(tmp_path / "old", create=True) as today:
+        today.enrol("P01")
+    with contextlib.closing(sqlite3.connect(tmp_path / "old")) as raw:
+        put_back_old_audit(raw)
+        raw.execute("UPDATE audit SET at = ? WHERE action = 'session'", (value,))
+        raw.execute("PRAGMA user_version = 6")
+        raw.commit()
+    with Diary(tmp_path / "old") as diary:
+        assert [one.identifier for one in diary.participants()] == ["P01"]
+        diary.check()  # from now on it is what it was
+        with pytest.raises(FormatError, match="the audit is damaged: expected a time"):
+            diary.audit()
+    with contextlib.closing(sqlite3.connect(tmp_path / "old")) as raw:
+        rows = raw.execute("SELECT action, at FROM audit ORDER BY number").fetchall()
+    assert rows == [("session", value), ("enrol", "2026-03-02T15:30:00+01:00")]
+
+
 def test_an_audit_without_rows_is_no_lost_one(diary: Diary) -> None:
     diary.check()
     with contextlib.closing(sqlite3.connect(diary.path)) as raw:

@@ -263,6 +263,70 @@ def test_a_therapist_closes_a_session_without_a_rating(sitting: Sitting) -> None
         assert [event.kind for event in diary.events("P01")] == ["pain"]
 
 
+def test_a_program_that_ends_while_it_asks_got_no_answer(sitting: Sitting) -> None:
+    """The comparison goes on after a restart, also over one in which nothing was said."""
+    sitting.say("pain", value=3)
+    sitting.say("ready")
+    sitting.say("enough")  # and Ctrl-C
+    for _ in range(2):
+        sitting.end().close()
+        sitting.now += timedelta(minutes=5)
+        sitting.open()
+    assert "rose from 3 to 6" in sitting.say("pain", value=6)["game"]["halt"]
+    with sitting.end() as diary:
+        assert [session.answered for session in diary.sessions("P01")] == [False, True, True]
+        assert [event.kind for event in diary.events("P01")] == ["pain"]
+
+
+def test_who_did_not_answer_has_not_answered_on_the_next_day(sitting: Sitting) -> None:
+    sitting.say("pain", value=3)
+    sitting.say("enough")
+    sitting.now += timedelta(days=1)
+    assert sitting.say("pain", value=6)["game"]["halt"] == ""
+    with sitting.end() as diary:
+        assert [session.answered for session in diary.sessions("P01")] == [False, True]
+
+
+def test_a_restart_compares_with_what_was_not_answered_today_only(sitting: Sitting) -> None:
+    sitting.say("pain", value=3)
+    sitting.say("enough")
+    sitting.end().close()
+    sitting.now += timedelta(days=1)
+    sitting.open()
+    assert sitting.say("pain", value=6)["game"]["halt"] == ""
+    sitting.say("enough")
+    sitting.say("pain", value=6)  # answered: the next sitting begins with a rating of its own
+    sitting.end().close()
+    sitting.open()
+    assert sitting.say("pain", value=8)["game"]["halt"] == ""
+
+
+def test_a_rating_that_stops_is_kept_once_and_with_its_reason(
+    sitting: Sitting, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The disk is full while the second row of a rating is written."""
+    sitting.say("pain", value=3)
+    sitting.say("enough")
+    sitting.say("unanswered")
+    sitting.say("again")
+    sitting.now += timedelta(minutes=1)  # later than a correction
+    diary = sitting.recorder._diary
+    wait_for(lambda: len(diary.sessions("P01")) == 2)
+    add, failures = type(diary)._add, [OSError("disk full")]
+
+    def fails_once(self: Diary, connection: Any, table: Any, *rest: Any, **parents: Any) -> int:
+        if table.name == "events" and failures:
+            raise failures.pop()
+        return add(self, connection, table, *rest, **parents)
+
+    monkeypatch.setattr(type(diary), "_add", fails_once)
+    assert "rose from 3 to 6" in sitting.say("pain", value=6)["game"]["halt"]
+    with sitting.end() as diary:
+        assert failures == []
+        assert [rating.pain for rating in diary.ratings("P01")] == [3, 6]
+        assert [(e.kind, "3 to 6" in e.text) for e in diary.events("P01")] == [("pain", True)]
+
+
 def test_a_rating_that_was_not_given_matters_on_its_day_only(sitting: Sitting) -> None:
     sitting.say("pain", value=3)
     sitting.say("enough")

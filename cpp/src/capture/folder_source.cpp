@@ -95,10 +95,11 @@ class RecordedFrames {
 
  private:
   void rewind() {
-    line_ = 0;
+    auto fresh = file_source(path_);  // may throw: until it is open, the old one stays whole
     buffer_.reset();
-    source_ = file_source(path_);
+    source_ = std::move(fresh);
     buffer_.emplace(*source_);
+    line_ = 0;
   }
 
   fs::path folder_, path_;
@@ -225,6 +226,8 @@ Calibration tum_calibration(const TumCamera& camera) {
 
 ImageFrames::Listing tum_frames(const fs::path& folder) {
   constexpr std::int64_t kMostApart = 20'000'000;  // associate.py of the benchmark: 0.02 s
+  // Before the lists are read: nobody writes another recording over them meanwhile.
+  auto lock = std::make_shared<RecordingLock>(folder, RecordingLock::For::kReading);
   const std::vector<TimedFile> depth = parse_file(folder / "depth.txt", parse_tum_list);
   const std::vector<TimedFile> color = parse_file(folder / "rgb.txt", parse_tum_list);
   const std::vector<std::int64_t> nearest = associate(depth, color, kMostApart);
@@ -234,7 +237,10 @@ ImageFrames::Listing tum_frames(const fs::path& folder) {
     f.depth.path = folder / depth[i].name;
     if (nearest[i] >= 0) f.color.path = folder / color[static_cast<std::size_t>(nearest[i])].name;
   };
-  return listed(std::ssize(depth), list, {{"without_color", std::ranges::count(nearest, -1)}});
+  ImageFrames::Listing found =
+      listed(std::ssize(depth), list, {{"without_color", std::ranges::count(nearest, -1)}});
+  found.lock = std::move(lock);
+  return found;
 }
 
 }  // namespace

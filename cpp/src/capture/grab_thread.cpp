@@ -103,6 +103,8 @@ void GrabThread::seek(std::int64_t index) {
   const std::lock_guard turn(start_stop_);
   if (thread_.joinable()) throw InputError("source: expected one that does not play yet");
   camera_->seek(index);
+  const std::lock_guard lock(mutex_);
+  is_waiting_ = false;  // the frame that was kept is of another place
 }
 
 void GrabThread::start() {

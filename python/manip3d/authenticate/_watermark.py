@@ -171,9 +171,11 @@ class KeyRing:
     Notes
     -----
     Make the new key when the sensor is to use it: what the old one signs from then on is refused.
-    The time that a record states is the embedder's word. Whoever has stolen an old key can sign
-    with an earlier time, which only a verifier notices that has seen a newer key in the stream:
-    leave a stolen key out of the ring, and its records are unverifiable.
+    The time that a record states is the embedder's word. Of scans that bring their own time, that
+    one is stated: a drive of 2011 that is signed today with the old key verifies. Whoever has
+    stolen an old key can sign with an earlier time, which only a verifier notices that has seen a
+    newer key in the stream: leave a stolen key out of the ring, and its records are unverifiable. A
+    state file whose last frame was of a key that is left out is refused.
 
     Examples
     --------

@@ -79,9 +79,11 @@ def core_schemes() -> list[Scheme]:
 class RgbdSource(FrameSource[RgbdFrame]):
     """Frames of an RGB-D camera or recording one after the other; made by `open`.
 
-    Iterating goes on where reading stopped; once a recording has ended, it begins anew, as it does
-    with `start`, but not after `stop`. Sources made by `from_frames` begin anew if their frames are
-    a sequence, a simulator or a data set, not if they come from an iterator.
+    Iterating goes on where reading stopped; once a recording has ended, it begins anew, but not
+    after `stop`. `start` begins anew a recording that is read as fast as it can be, whether it has
+    ended or not; one that is played in real time goes on, as a camera does. Sources made by
+    `from_frames` begin anew if their frames are a sequence, a simulator or a data set, not if they
+    come from an iterator.
 
     What begins anew has an index too: ``source[10]`` is the eleventh frame, ``source[-1]`` the last
     one, ``source[10:20]`` a list; reading goes on where it was, unless `seek` moves it. ``len()``
@@ -197,14 +199,15 @@ class RgbdSource(FrameSource[RgbdFrame]):
         if at < 0 or (length is not None and at >= length):
             raise IndexError(f"frame {index} of {length or 'an unknown number'}")
         open_indexed = self._recorded(self._open_indexed)
-        if self._indexed is None:
-            self._indexed = open_indexed()
+        indexed = self._indexed  # another thread may stop the source meanwhile
+        if indexed is None:
+            indexed = self._indexed = open_indexed()
         try:
-            found = self._indexed.read_at(at)
+            found = indexed.read_at(at)
         except InputError:
             raise IndexError(f"frame {index}: the recording ends before it") from None
         finally:
-            self._indexed.stop()  # between two frames nobody reads
+            indexed.stop()  # between two frames nobody reads
         return self._to_frame(found) if isinstance(found, Mapping) else found
 
     def __len__(self) -> int:

@@ -122,7 +122,7 @@ def camera_of_folder(text: str, uri: str) -> Intrinsics:
 
 
 def check_recording_output(output: Path, *, force: bool) -> None:
-    """Check ``-o`` of a recording, whose kind may stand before it: ``tum:walk``.
+    """Check ``-o`` of a recording, whose kind may stand before it: ``tum:walk``, ``mkv:a.mkv``.
 
     Raises
     ------
@@ -135,7 +135,7 @@ def check_recording_output(output: Path, *, force: bool) -> None:
 def place_of_recording(output: Path) -> Path:
     """The path of a recording, without its kind before it."""
     scheme, _, place = str(output).partition(":")
-    return Path(place) if scheme == "tum" and place else output
+    return Path(place) if scheme in ("folder", "mkv", "tum") and place else output
 
 
 def _remove_recording(place: Path) -> None:
@@ -170,12 +170,12 @@ def write_recording(
     place = place_of_recording(output)
     was_there = place.exists()
     with ExitStack() as opened:
+        opened.enter_context(source)  # first: it is open, and is closed whatever fails
         begins = None
         if trigger:
             begins, wanted = opened.enter_context(trigger_of(trigger))
             kept = f"; the last {before:g} s are kept" if before else ""
             terminal.say(f"waiting for {wanted}{kept}")
-        opened.enter_context(source)
         progress = opened.enter_context(terminal.progress("record"))
         done = capture.record(
             source,
@@ -480,9 +480,15 @@ def capture_record(
         typer.Option(min=0, max=60, help="Seconds before the trigger that are written, too."),
     ] = 0.0,
     lossless_color: Annotated[
-        bool, typer.Option("--lossless-color", help="Store colour exactly, not as JPEG.")
+        bool,
+        typer.Option(
+            "--lossless-color", help="Store colour exactly, not as JPEG; tum: always does."
+        ),
     ] = False,
-    quality: Annotated[int, typer.Option(min=1, max=100, help="Quality of JPEG, 1 to 100.")] = 90,
+    quality: Annotated[
+        int,
+        typer.Option(min=1, max=100, help="Quality of JPEG, 1 to 100; without effect for tum:."),
+    ] = 90,
     intrinsics: FolderIntrinsics = "",
     units_per_metre: FolderUnits = 0.0,
     force: Force = False,

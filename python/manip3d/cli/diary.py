@@ -503,7 +503,7 @@ def delete(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Delete a participant: no byte of them remains in the diary.
+    """Delete a participant: no byte of what they said and did remains in the diary.
 
     Files of exports are listed, tables of several participants too; --exports removes those that
     nobody has changed. Other copies are not reached, nor what the disk itself keeps of overwritten

@@ -15,7 +15,8 @@ _NAMES = ("SIGTERM", "SIGHUP")  # a shutdown; a terminal that was closed. Window
 def ended_like_ctrl_c() -> Iterator[None]:
     """Have what ends a program end it as Ctrl-C does, with all that is to be written.
 
-    A second one changes nothing: the end is under way. What is ignored, as by ``nohup``, stays so.
+    A second one interrupts nothing: the end is under way, and who waits in it may hear the signal,
+    as `manip3d phantom live` does. What is ignored, as by ``nohup``, stays so.
     """
     if threading.current_thread() is not threading.main_thread():  # it alone may do this
         yield
@@ -24,10 +25,13 @@ def ended_like_ctrl_c() -> Iterator[None]:
     before = {number: signal.getsignal(number) for number in numbers}
     heard = {number for number in numbers if before[number] == signal.SIG_DFL}
 
+    is_ending = False
+
     def interrupt(number: int, frame: FrameType | None) -> None:
-        for one in heard:
-            signal.signal(one, signal.SIG_IGN)
-        raise KeyboardInterrupt
+        nonlocal is_ending
+        if not is_ending:
+            is_ending = True
+            raise KeyboardInterrupt
 
     for number in heard:
         signal.signal(number, interrupt)

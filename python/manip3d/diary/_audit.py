@@ -97,10 +97,10 @@ def verify(connection: sql.Connection, key: bytes, file: str) -> None:
             empty.add(count)
             is_same = (row["at"], row["action"], row["participant"]) == ("", "", None)
         else:
-            is_same = hmac.compare_digest(_digest(key, row), str(row["digest"]))
+            is_same = _is_equal(_digest(key, row), row["digest"])
             erased |= set(json.loads(row["erased"])) if is_same else set()
         before = _hash(key, "link", before, str(row["digest"]))
-        if not (is_same and hmac.compare_digest(before, str(row["link"]))):
+        if not (is_same and _is_equal(before, row["link"])):
             raise broken(count, "is not what was written")
     expected = _read_head(connection)
     if expected is None or not hmac.compare_digest(expected, _head(key, count, before)):
@@ -112,25 +112,41 @@ def verify(connection: sql.Connection, key: bytes, file: str) -> None:
         raise broken(min(empty ^ erased), "was erased or filled in, and not by a deletion")
 
 
-def moment_of(text: str, file: str) -> datetime:
+def moment_of(text: object, file: str) -> datetime:
     """Return the time of a row."""
-    try:
-        found = datetime.fromisoformat(text)
-    except ValueError:
-        found = None
-    if found is None or found.tzinfo is None:
+    found = time_in(text)
+    if found is None:
         raise FormatError("the audit is damaged: expected a time with its offset", file=file)
     return found
 
 
+def time_in(text: object) -> datetime | None:
+    """The time that a row says, if it is one: a damaged row may hold anything."""
+    try:
+        found = datetime.fromisoformat(text)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        return None
+    return None if found.tzinfo is None else found
+
+
+def _is_equal(expected: str, found: object) -> bool:
+    """Compare hashes in constant time; a damaged one may be no ASCII."""
+    return hmac.compare_digest(expected.encode(), str(found).encode(errors="replace"))
+
+
 def _digest(key: bytes, row: Any) -> str:
     names = ("number", "at", "action", "participant", "erased")
-    return _hash(key, "row", row["salt"], json.dumps([row[name] for name in names]))
+    return _hash(key, "row", row["salt"], _json([row[name] for name in names]))
 
 
 def _hash(key: bytes, *parts: str) -> str:
     """A hash of texts; JSON keeps ("a", "bc") and ("ab", "c") apart."""
-    return hmac.new(key, json.dumps(parts).encode(), hashlib.sha256).hexdigest()
+    return hmac.new(key, _json(parts).encode(), hashlib.sha256).hexdigest()
+
+
+def _json(values: Sequence[Any]) -> str:
+    """JSON of what a row says; of a damaged row, also of bytes."""
+    return json.dumps(values, default=str)
 
 
 def _head(key: bytes, count: int, link: str) -> bytes:

@@ -9,7 +9,7 @@ import sqlite3
 import uuid
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
-from datetime import date, datetime
+from datetime import UTC, date, datetime
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self, get_args
@@ -60,7 +60,14 @@ except ModuleNotFoundError as error:
     raise MissingExtraError("sqlalchemy", "diary") from error
 
 from manip3d.diary import _schema as schema
-from manip3d.diary._audit import append_row, begin_chain, erase_rows, moment_of, verify
+from manip3d.diary._audit import (
+    append_row,
+    begin_chain,
+    erase_rows,
+    moment_of,
+    time_in,
+    verify,
+)
 
 _CHECK = b"manip3d diary"
 _STUDY = "meta study"  # what the study's identifier is encrypted for
@@ -445,6 +452,7 @@ class Diary:
         session: int | None = None,
         when: Moment | None = None,
         at: datetime | None = None,
+        reason: str = "",
     ) -> str:
         """Keep how strong the pain is.
 
@@ -458,19 +466,26 @@ class Diary:
             By default ``before`` until the first game or touch cue of the session begins (see
             `begin_play`), then ``after``; ``other`` without a session.
         at : datetime, optional
+        reason : str
+            Why the session must stop, as the caller found by ratings of other sessions, in at most
+            2000 characters. It is kept and returned where the ratings of this one give no reason.
 
         Returns
         -------
         str
             Why the session must stop, where the pain is 2 or more above its first rating (which
             another one may correct within half a minute, before any play); it is kept as an
-            adverse event too. Else empty.
+            adverse event too, in the same transaction as the rating. Else ``reason``.
 
         Raises
         ------
         InputError
-            No such participant or session, or no such rating.
+            No such participant or session, no such rating, or a reason that is too long or has
+            control characters.
         """
+        if len(reason) > 2000:
+            raise InputError(f"reason: expected at most 2000 characters, got {len(reason)}")
+        _check_texts({"reason": reason})
         if not 0 <= pain <= 10:
             raise InputError(f"pain: expected 0 to 10, got {pain}")
         if when is not None and when not in get_args(Moment):
@@ -478,13 +493,12 @@ class Diary:
         moment = aware(at, "at")
         with self._engine.begin() as connection:
             number, key = self._find(connection, identifier)
-            reason = ""
             if session is not None:
                 self._check_owner(connection, session, number)
                 past = self._session(connection, session, number, key)
                 if when is None or when == "after":
                     when = when or ("after" if past.begun or past.games else "before")
-                    reason = judge_rating(past.ratings, pain, moment, when=when)
+                    reason = judge_rating(past.ratings, pain, moment, when=when) or reason
             fields = {"at": moment.isoformat(), "pain": pain, "when": when or "other"}
             self._add(connection, schema.RATINGS, number, key, fields, session=session)
             if reason:
@@ -802,7 +816,8 @@ class Diary:
         return [ExportedFile(Path(path), kept[path]) for path in sorted(kept)]
 
     def delete(self, identifier: str) -> None:
-        """Delete a participant so that no byte of them remains in the file or beside it.
+        """Delete a participant so that no byte of what they said and did remains in the file or
+        beside it. The audit still tells how many of its rows were theirs, and between which others.
 
         The rows are overwritten with zeros, the file is written anew without them, and its
         write-ahead log is removed. Copies, exports (see `exports`) and what the disk itself keeps
@@ -1260,14 +1275,18 @@ class Diary:
             connection.execute(sql.insert(schema.META).values(name=name, value=value))
         if version < schema.WITH_CHAIN:
             begin_chain(connection, self._chain_key)
-        for _, at, action, number in audit:
+        for at, action, number in audit:
             append_row(connection, self._chain_key, action, number, at=at)
 
-    def _old_audit(self, connection: sql.Connection) -> list[tuple[datetime, str, str, int | None]]:
-        """Instant, time, action and participant of each row of an audit without hashes, by time."""
+    def _old_audit(self, connection: sql.Connection) -> list[tuple[str, str, int | None]]:
+        """Time, action and participant of each row of an audit without hashes, by time.
+
+        What is no time is taken over as it stands, first: `audit` names it, and the diary opens.
+        """
         rows = connection.exec_driver_sql("SELECT at, action, participant FROM audit").all()
-        found = [(moment_of(at, str(self.path)), at, what, whose) for at, what, whose in rows]
-        return sorted(found, key=lambda row: row[0])
+        first = datetime.min.replace(tzinfo=UTC)
+        return sorted(((at, what, whose) for at, what, whose in rows),
+                      key=lambda row: time_in(row[0]) or first)  # fmt: skip
 
     def _meta(self, connection: sql.Connection, name: str) -> bytes:
         table = schema.META

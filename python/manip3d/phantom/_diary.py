@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import threading
 from collections.abc import Callable, Sequence
 from datetime import datetime
 from typing import TYPE_CHECKING, Literal
@@ -87,6 +86,7 @@ class DiaryRecorder:
         ``latency``: gives milliseconds to the page, if they are known by now.
         """
         self._latency = latency
+        self._unanswered = self._unanswered_today()
         self._session, self._is_open = (
             [self._diary.start_session(self._participant, at=_now())],
             True,
@@ -95,15 +95,28 @@ class DiaryRecorder:
         self._writer = OrderedWriter()
         return self._diary.halt_reason(self._participant)
 
-    def end(self, hurry: threading.Event | None = None) -> list[str]:
+    def _unanswered_today(self) -> list[Rating]:
+        """Ratings of today's sittings that were closed without a last one; a sitting with ratings
+        that was closed otherwise ends the comparison, as in `close_session`."""
+        found: list[Rating] = []
+        for sitting in self._diary.sessions(self._participant):
+            if sitting.started.astimezone().date() != _now().date():
+                continue
+            if not sitting.answered:
+                found += sitting.ratings
+            elif sitting.ended is not None and sitting.ratings:
+                found = []
+        return found
+
+    def end(self, is_hurried: Callable[[], bool] | None = None) -> list[str]:
         """The page is gone; return what was not kept, in words.
 
-        ``hurry``: wait for the disk no longer when this is set.
+        ``is_hurried``: wait for the disk no longer as soon as it returns True.
         """
         unkept: list[str] = []
         if self._writer is not None:
             self.close_session()
-            unkept = self._writer.close(_END_S, hurry)
+            unkept = self._writer.close(_END_S, is_hurried)
         self._diary.close()
         return unkept
 
@@ -117,7 +130,10 @@ class DiaryRecorder:
         if not self._is_open:
             return
         self._is_open = False
-        self._unanswered = [] if answered else [*self._unanswered, *self._ratings]
+        if answered and self._ratings:
+            self._unanswered = []
+        else:
+            self._unanswered = [*self._unanswered, *self._ratings]
         # A program that ran on over night was no sitting of a night.
         at = _now() if _now().date() == self._latest.date() else self._latest
         self._keep_of_session(
@@ -229,12 +245,14 @@ class DiaryRecorder:
         reason = judge_rating([*self._unanswered, *self._ratings], value, at, when=when)
         self._ratings.append(Rating(at, value, when))
 
-        def write(row: int) -> None:
-            told = self._diary.add_rating(self._participant, value, session=row, at=at)
-            if reason and not told:  # the diary compares ratings of one sitting
-                self._diary.add_event(self._participant, "pain", reason, session=row, at=at)
-
-        self._keep_of_session(f"pain {value}, {at:%H:%M}", write)
+        self._keep_of_session(
+            f"pain {value}, {at:%H:%M}",
+            # The diary compares ratings of one sitting only. One transaction: what is tried again
+            # is written once, and no rating is kept without the reason to stop.
+            lambda row: self._diary.add_rating(
+                self._participant, value, session=row, at=at, reason=reason
+            ),
+        )
         return reason
 
     def event(self, text: str) -> None:

@@ -14,19 +14,15 @@ _Handler = Callable[[int, FrameType | None], object]
 
 class Interrupts:
     """The first signal does what it did before, as to raise KeyboardInterrupt; later ones interrupt
-    nothing and only set `hurry`, so that the end of the session waits no longer than it must.
+    nothing and are only noted, so that the end of the session waits no longer than it must. A first
+    one that interrupts nothing, as where the earlier handler only notes it, does not count.
 
-    Signals are left alone outside the main thread, where none arrives, and where they are ignored,
-    as under nohup.
-
-    Attributes
-    ----------
-    hurry : threading.Event
+    Signals are left alone outside the main thread, where none arrives, and where no handler of
+    Python's is installed: where they are ignored, as under nohup, or end the process (`SIG_DFL`).
     """
 
     def __init__(self) -> None:
-        self.hurry = threading.Event()
-        self._is_ending = False
+        self._is_ending = self._is_hurried = False
         self._before: dict[int, _Handler] = {}
 
     def __enter__(self) -> Self:
@@ -53,9 +49,16 @@ class Interrupts:
         """The session ends, for whatever reason: from now on no signal interrupts."""
         self._is_ending = True
 
+    def is_hurried(self) -> bool:
+        """Whether a signal came while the session ended."""
+        return self._is_hurried
+
     def _hear(self, number: int, frame: FrameType | None) -> None:
         if self._is_ending:
-            self.hurry.set()
+            self._is_hurried = True  # no lock, as in an Event: the thread interrupted may hold it
             return
-        self._is_ending = True
-        self._before[number](number, frame)
+        try:
+            self._before[number](number, frame)
+        except BaseException:
+            self._is_ending = True
+            raise

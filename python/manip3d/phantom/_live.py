@@ -221,7 +221,7 @@ def run_live(
         if diary is not None:
             recorder = DiaryRecorder(diary, str(participant), diary_key, source or "sim:")
             ended = recorder.end
-            opened.callback(lambda: unkept.extend(ended(interrupts.hurry)))
+            opened.callback(lambda: unkept.extend(ended(interrupts.is_hurried)))
             if affected is None and recorder.limb in LIMBS:
                 limb = recorder.limb
         address = source or simulated_patient(limb, game)

@@ -416,6 +416,7 @@ class LiveSession:
         with self._entry:
             self._is_over = True
         self._obey(only=_NOT_LOST)
+        self._note_unanswered()
         self._stop()
 
     def notice(self, message: str) -> bytes:
@@ -535,8 +536,7 @@ class LiveSession:
         elif name == "enough":
             self._end_sitting()
         elif name == "unanswered":
-            if self._sitting == "ending":
-                self._close_sitting(answered=False)
+            self._note_unanswered()
         elif name == "again":
             if self._sitting == "over":  # "ending" waits for the last rating
                 self._begin_sitting()
@@ -557,6 +557,7 @@ class LiveSession:
         self._last_said = now
 
     def _begin_sitting(self) -> None:
+        self._note_unanswered()
         self._stop()
         self._game, self._cue = None, None
         self._sitting, self._pain, self._ask = "open", None, ""
@@ -576,6 +577,11 @@ class LiveSession:
         assert self._recorder is not None
         self._sitting = "over"
         self._recorder.close_session(answered=answered)
+
+    def _note_unanswered(self) -> None:
+        """The rating that was asked for at the end of a sitting comes no more."""
+        if self._sitting == "ending":
+            self._close_sitting(answered=False)
 
     @property
     def _halted(self) -> str:

@@ -94,18 +94,18 @@ class OrderedWriter:
                 parts.append(f"Cannot be kept in the diary: {self._lost[0]}{more}.")
             return " ".join(parts)
 
-    def close(self, seconds: float, hurry: threading.Event | None = None) -> list[str]:
+    def close(self, seconds: float, is_hurried: Callable[[], bool] | None = None) -> list[str]:
         """Wait until all is written, but no longer than so many seconds; list what is not.
 
-        ``hurry``: as soon as it is set, wait for one more second only.
+        ``is_hurried``: as soon as it returns True, wait for one more second only.
         """
         end = time.monotonic() + seconds
         with self._changed:
             while self._tasks and time.monotonic() < end:
-                # Who sets it may be a signal's handler, which must not notify.
+                # Who is in a hurry may be a signal's handler, which must not notify.
                 self._changed.wait(min(_LOOK_S, max(0.0, end - time.monotonic())))
-                if hurry is not None and hurry.is_set():
-                    end, hurry = min(end, time.monotonic() + _HURRY_S), None
+                if is_hurried is not None and is_hurried():
+                    end, is_hurried = min(end, time.monotonic() + _HURRY_S), None
             why = self._trouble or "it took too long"
             left = [f"{task.what}: {why}" for task in self._tasks if task.what]
             self._tasks.clear()

@@ -287,7 +287,7 @@ def simplify_camera_files(
     ]
     steps = options.depth_step if options.depth_step and all(are_images) else None
     started = time.perf_counter()
-    joint = _filled(views, options, options.points, steps)
+    joint = _filled(views, options, points, steps)
     seconds = time.perf_counter() - started
     if not joint.num_faces:
         raise FormatError(f"expected a surface in {len(files)} views, found none", file=str(place))
