@@ -309,6 +309,8 @@ READ_FILES = {
     "authenticate.write_carrier",
     "authenticate.write_watermarked",
     "simplify.simplify_depth_file",
+    "simplify.simplify_camera_files",
+    "simplify.poses_of_files",
     "simplify.common_depth_unit",
     "simplify.colors_of_frames",
 }

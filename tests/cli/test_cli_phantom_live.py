@@ -185,9 +185,9 @@ import signal
 signal.signal(signal.{name}, signal.SIG_DFL)  # the tests may run under nohup
 from manip3d.phantom._diary import DiaryRecorder
 end = DiaryRecorder.end
-def signalled(recorder):
+def signalled(recorder, *hurry):
     signal.raise_signal(signal.{name})
-    return end(recorder)
+    return end(recorder, *hurry)
 DiaryRecorder.end = signalled
 from manip3d.__main__ import main
 main()

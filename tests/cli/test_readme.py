@@ -67,7 +67,7 @@ def commands(
 def examples(command: click.Command) -> list[str]:
     """The example lines of a command's help."""
     text = " ".join((command.callback.__doc__ or "").split()) if command.callback else ""
-    return re.findall(r"Example: (manip3d .*)$", text)
+    return re.findall(r"Example: (manip3d .*?)(?= Example: |$)", text)
 
 
 HELP_LINES = [line for _, command in commands() for line in examples(command)]
@@ -201,8 +201,9 @@ def make_sources(words: list[str], place: Path) -> None:
         manip3d.Mesh(np.eye(3), [[0, 1, 2]]).write(place / "frames/0.glb")
     if sources.startswith("depth rgbd/depth/") and not (place / "rgbd").exists():
         (place / "rgbd" / "depth").mkdir(parents=True)
-        Image.fromarray(depth_image()).save(place / "rgbd" / "depth" / "1.000.png")
-        Image.fromarray(depth_image()).save(place / "rgbd" / "depth" / "1.033.png")
+        whole = np.pad(depth_image(), ((0, 56), (0, 128)), mode="edge")  # the size of TUM's cameras
+        Image.fromarray(whole).save(place / "rgbd" / "depth" / "1.000.png")
+        Image.fromarray(whole).save(place / "rgbd" / "depth" / "1.033.png")
         poses = "1.001 0 0 0 0 0 0 1\n1.034 0.1 0 0 0 0 0 1\n"
         (place / "rgbd" / "groundtruth.txt").write_text(poses)
     if sources == "report results" and not (place / "results").exists():

@@ -461,8 +461,11 @@ def test_scans_that_are_not_finite(name: str, value: float) -> None:
         (lambda s: forge.crtp(s, np.ones((5, 3)), position=(0, 0, 0)), "different places"),
         (lambda s: forge.subtract(s), "either a box or rows"),
         (lambda s: forge.subtract(s, rows=[9999]), "rows: expected 0 to 3999, got 9999"),
-        (lambda s: forge.subtract(s, Box((0, 0, 0), (-1, 1, 1))), "sizes >= 0"),
-        (lambda s: forge.subtract(s, Box((0, 0, np.nan), (1, 1, 1))), "box"),
+        (lambda s: forge.subtract(s, Box((0, 0, 0), (-1, 1, 1))), "size: expected numbers >= 0"),
+        (
+            lambda s: forge.subtract(s, Box((0, 0, np.nan), (1, 1, 1))),
+            "center: expected finite numbers",
+        ),
         (lambda s: forge.deform(s, BOX, amplitude=np.nan), "amplitude"),
         (lambda s: forge.insert_occluding(s, grid_plate(), position=(0, 0, 0)), "one side"),
         (

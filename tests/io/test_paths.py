@@ -109,6 +109,20 @@ ENTRIES: dict[str, Callable[[str], object]] = {
     "simplify.simplify_depth_file confidence": lambda p: simplify.simplify_depth_file(
         "a", "b", OPTIONS, confidence=p
     ),
+    "simplify.poses_of_files sources": lambda p: simplify.poses_of_files([p], "a"),
+    "simplify.poses_of_files poses": lambda p: simplify.poses_of_files(["a"], p),
+    "simplify.simplify_camera_files sources": lambda p: simplify.simplify_camera_files(
+        [p], "a", "b", OPTIONS
+    ),
+    "simplify.simplify_camera_files poses": lambda p: simplify.simplify_camera_files(
+        ["a"], p, "b", OPTIONS
+    ),
+    "simplify.simplify_camera_files output": lambda p: simplify.simplify_camera_files(
+        ["a"], "b", p, OPTIONS
+    ),
+    "simplify.simplify_camera_files colors": lambda p: simplify.simplify_camera_files(
+        ["a"], "b", "c", OPTIONS, colors=[p]
+    ),
     "simplify.colors_of_frames frames": lambda p: simplify.colors_of_frames([p], "."),
     "simplify.colors_of_frames colors": lambda p: simplify.colors_of_frames([], p),
     "simplify.common_depth_unit frames": lambda p: simplify.common_depth_unit([p]),

@@ -123,6 +123,7 @@ def values() -> Iterator[object]:
         modify.Hits,
         modify.Placement,
         simplify.DepthFileResult,
+        simplify.JointFileResult,
     ):  # plain values, whatever they hold
         yield kind(**{field.name: np.arange(3.0) for field in dataclasses.fields(kind)})
     forged = np.concatenate([CAVE, ball(0.6, 20_000) + np.float32([3, 1, 0])])

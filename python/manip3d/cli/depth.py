@@ -280,7 +280,7 @@ def depth(
     poses: Annotated[
         str,
         typer.Option(
-            help="Where the camera stood at each of several files, which become one mesh: TUM's "
+            help="Poses of the camera at several files, which become one mesh: TUM's "
             "groundtruth.txt (time tx ty tz qx qy qz qw), or a Stanford .conf."
         ),
     ] = "",
