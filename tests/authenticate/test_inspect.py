@@ -580,7 +580,7 @@ def test_a_file_that_ends_too_early_lacks_its_lowest_lasers(rings: int) -> None:
 
 
 def test_single_points_of_a_laser_hide_that_it_is_missing_only_of_an_unknown_unit() -> None:
-    """Of another unit than KITTI's the lowest laser may well meet its own carrier."""
+    """The lowest laser of another unit than KITTI's may well meet its own carrier."""
     said = "the lowest 4 lasers have nearly no returns"
     for lattice, share in ((LATTICE, 0.0), (LATTICE, 0.01), (kitti_lattice(), 0.01)):
         points = scans.scan(np.random.default_rng(8), lattice)
