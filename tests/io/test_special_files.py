@@ -161,7 +161,7 @@ OURS = {
     "experiments/cameras_5.py": 1,
     "experiments/stories.py": 2,
     "io/_interop.py": 1,
-    "io/_remote.py": 3,
+    "io/_remote.py": 2,
     "modify/_joints.py": 1,
     "modify/_motions.py": 1,
     "report/_html.py": 1,

@@ -273,13 +273,13 @@ def simplify_camera_files(
         raise InputError("points: expected with poses, without bandwidth, by_distance, move_points")
     if colors and len(colors) != len(files):
         raise InputError(f"colors: expected {len(files)} or none, got {len(colors)}")
+    pictures = [None if not colors else path_of(colors[i], "colors") for i in range(len(files))]
     placed = poses_of_files(files, place := path_of(poses, "poses"))
     are_images = [_plain(file).lower().endswith(DEPTH_SUFFIXES) for file in files]
     if len(set(are_images)) > 1:
         raise InputError("sources: expected depth images or scans with poses, got both")
     if all(are_images):  # what each one's numbers look like could differ
         options = replace(options, unit=common_depth_unit(files, options.unit, options.intrinsics))
-    pictures = [None if not colors else path_of(colors[i], "colors") for i in range(len(files))]
     view_of = _image_view if all(are_images) else _scan_view
     views = [
         view_of(file, options, pose, picture)
