@@ -69,8 +69,8 @@ void LineLog::append(const std::string& line) {
     if (written < 0 && errno == EINTR) continue;
     if (written < 0) {
       const int reason = errno;
-      // What cannot be cut off now stays a line without its end, which readers pass over; more
-      // must not be written behind it.
+      // A partial line that cannot be cut off now stays without its end, and readers pass over
+      // it; more must not be written behind it.
       if (::ftruncate(descriptor_, size_) != 0 || ::lseek(descriptor_, size_, SEEK_SET) < 0) {
         ::close(std::exchange(descriptor_, -1));
       }

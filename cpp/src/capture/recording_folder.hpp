@@ -15,7 +15,7 @@
 #include "manip3d/geometry/rgbd_frame.hpp"
 
 /// @file
-/// What the recorders of folders have in common: folders that are theirs, and files that are whole.
+/// Shared parts of the recorders of folders: folders that are theirs, and files that are whole.
 namespace manip3d {
 
 inline constexpr const char* kCalibrationFile = "calibration.json";
@@ -43,7 +43,7 @@ class LineLog {
   off_t size_ = 0;
 };
 
-/// What a recorder puts into its folder beside calibration.json.
+/// Files and folders that a recorder makes beside calibration.json.
 struct RecordingLayout {
   std::vector<std::string_view> lists;  ///< Text files; the first one marks the recording.
   std::vector<std::string_view> image_folders;

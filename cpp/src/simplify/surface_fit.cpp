@@ -21,9 +21,9 @@ constexpr int kSteps = 3;
 /// Points that are farther away than this many mean distances belong to something that is gone.
 constexpr double kFarAway = 8.0;
 
-/// Where a face of the simplified mesh stands for fewer faces of the original than this, each of
-/// those gives several points: with half of the faces left, one of each (two to a face) would draw
-/// the vertices to where these points are met and the surface between them is not.
+/// Number of original faces for each face left, below which each original face gives several
+/// points: with half of the faces left, one of each (two to a face) would draw the vertices to
+/// where these points are met and the surface between them is not.
 constexpr std::int64_t kManyFaces = 30;
 constexpr int kMostPoints = 3;
 

@@ -290,7 +290,7 @@ def _stamps_of(
     output: Place | None,
     targets: Mapping[str, str | None],
 ) -> Callable[[SourceFile], Any]:
-    """What tells whether the files that a row is made from are what they were."""
+    """Return the function that stamps a file and all other inputs of its row."""
     if table is None:
         return lambda file: file.stamp
     stamps = Stamps(
@@ -312,7 +312,7 @@ def _key(identity: Sequence[Any]) -> str:
 
 
 def _asked(function: Work, options: Mapping[str, Any]) -> dict[str, Any]:
-    """What all rows of a run have in common."""
+    """Function and options of a run, which all its rows share."""
     name = f"{function.__module__}:{function.__qualname__}"
     return {"function": name, "options": _json_of(options)}
 
@@ -385,7 +385,7 @@ def _store(
 
 
 def _rows_folder(table: str) -> str:
-    """Where the rows of a table are stored as they come."""
+    """Folder in which the rows of a table are stored as they come."""
     return f"{table.removesuffix(PurePosixPath(table).suffix)}.rows"
 
 

@@ -19,7 +19,7 @@ _STAMPS = (
     "checksum", "generation", "sha", "CRC", "LastModified", "Last-Modified", "last_modified",
     "updated", "modify", "modified", "modificationTime", "mtime", "ctime", "created", "date_time",
 )  # fmt: skip
-"""What file systems of fsspec call what changes with the content."""
+"""Names that file systems of fsspec give to times and hashes that change with the content."""
 _MOST_COMPANIONS = 256
 BESIDE = (".wm", ".truth.json", ".truth.npz")
 """Suffixes of what verbs write beside an output: records of watermarks, and truths of forgeries."""

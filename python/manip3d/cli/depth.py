@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from manip3d.simplify import DepthFileResult, DepthOptions, DepthSequence, JointFileResult
 
 _sequence: ContextVar[DepthSequence | None] = ContextVar("sequence", default=None)
-"""What the files of a command with ``--stable`` go through."""
+"""Sequence through which the files of a command with ``--stable`` go."""
 
 
 class DepthMethod(StrEnum):
@@ -89,7 +89,7 @@ def _expect_budget(*budgets: object, wanted: str = "--points, or --bandwidth wit
 
 
 def _options_of(given: Mapping[str, Any]) -> DepthOptions:
-    """What a command that goes through its files in one process asks for; jobs are threads."""
+    """Options of a command that goes through its files in one process; jobs are threads."""
     from manip3d.simplify import DepthOptions
 
     names = ("points", "intrinsics", "unit", "max_edge", "depth_step", "by_distance", "move_points",

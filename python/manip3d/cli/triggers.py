@@ -1,4 +1,4 @@
-"""What begins a recording from outside: a signal, a key or a person."""
+"""Triggers that begin a recording from outside: a signal, a key or a person."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ class RgbdSource : public FrameSource<RgbdFrame> {
   virtual void read_at(std::int64_t index, RgbdFrame& frame);
 };
 
-/// What sources that seek ask of an index. @throws InputError  below 0.
+/// Check the index of a frame to seek. @throws InputError  below 0.
 void check_frame_index(std::int64_t index);
 
 struct RgbdOptions {
