@@ -363,6 +363,7 @@ LAUNDERING: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "voxels": lambda p: p[np.unique(np.floor(p / 0.1), axis=0, return_index=True)[1]],
     "twice": lambda p: np.concatenate([p, p]),
     "three of a hundred lost": lambda p: p[np.random.default_rng(0).random(len(p)) < 0.97],
+    "one of a hundred lost": lambda p: p[np.random.default_rng(0).random(len(p)) < 0.99],
     "a laser left out": lambda p: p[LATTICE.read(p).ring != 20],
     "fine voxels in file order": lambda p: p[
         np.sort(np.unique(np.floor(p / 0.05), axis=0, return_index=True)[1])
@@ -644,6 +645,27 @@ def test_near_points_are_missed_where_the_lowest_lasers_are_silent() -> None:
     found = street_with(cut)
     assert found.verdict == "processed"
     assert "no points nearer than" in found.reason
+
+
+def test_a_crop_takes_the_own_car_of_kitti_away() -> None:
+    """Posts of its rack stand 1.5 to 1.9 m away in every frame; other scanners have another car."""
+    known = kitti_lattice()
+    whole = scans.scan(np.random.default_rng(8), known)
+    reading = known.read(whole)
+    post = np.flatnonzero((reading.ring == 62) & (abs(reading.count - 1380) < 10))
+    reach = np.linspace(1.35, 1.6, len(post))
+    whole[post] = scans.rounded(
+        scans.beam_points(known, reading.ring[post], reading.count[post], reach)
+    )
+    whole = whole[scans.in_file_order(known, whole)]
+    assert authenticate.inspect(whole).verdict == "no_trace"
+    distance = np.linalg.norm(whole, axis=1)
+    for cut in (distance > 3.0, (np.abs(whole[:, :2]) > [2.5, 1.5]).any(axis=1)):
+        found = authenticate.inspect(whole[cut])
+        assert found.verdict == "processed"
+        assert found.reason == "cropped: the scanner's own car does not answer"
+    other = authenticate.inspect(closed_in(), lattice=LATTICE)
+    assert (other.verdict, other.processing) == ("no_trace", ())
 
 
 def test_moved_object_is_found_with_a_tight_box() -> None:

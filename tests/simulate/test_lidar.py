@@ -70,6 +70,20 @@ def test_the_named_encoder_value_is_the_point_s(scans: list[LidarScan]) -> None:
     assert ((encoder - scan.encoder[scan.firing]) % 4000 == 0).all()
 
 
+def test_the_rack_of_the_own_car_answers(scans: list[LidarScan]) -> None:
+    """As in KITTI's frames, near points of the lowest lasers that belong to no object."""
+    for scan in scans:
+        distance = np.linalg.norm(scan.points, axis=1)
+        near = (distance < 2.0) & (scan.object == -1)
+        assert 10 <= np.count_nonzero(near) <= 20
+        assert distance[near].min() > 1.5
+        assert set(scan.ring[near]) == {62}
+        assert set(scan.label[near]) == {Label.CAR}
+        assert not scan.intensity[near].any()
+        fired = scan.firing.astype(int) * 64 + scan.ring
+        assert len(np.unique(fired)) == len(fired)  # a laser has one return a firing
+
+
 def test_firings_follow_the_clock(scans: list[LidarScan]) -> None:
     for scan in scans:
         assert 2146 <= len(scan.encoder) <= 2151
