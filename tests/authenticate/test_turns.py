@@ -130,6 +130,42 @@ def report_page(found: authenticate.Inspection, folder: Path) -> str:
     return (folder / "evidence.html").read_text()
 
 
+@pytest.mark.parametrize("lacking", [[63], [61, 62, 63], [20]])
+@pytest.mark.parametrize("is_whole_drive", [True, False])
+def test_what_was_removed_is_missed_in_the_lasers_that_a_file_has(
+    turns: list[np.ndarray], lacking: list[int], is_whole_drive: bool
+) -> None:
+    def less(points: np.ndarray) -> np.ndarray:
+        return points[~np.isin(LATTICE.read(points).ring, lacking)]
+
+    def on_its_car(points: np.ndarray) -> np.ndarray:
+        """With a return from the car that carries the scanner, so that nothing near is missed."""
+        whole = with_far_point(points.copy())
+        reading = LATTICE.read(whole)
+        row = np.flatnonzero(reading.ring == 60)[:1]
+        near = scans.beam_points(LATTICE, reading.ring[row], reading.count[row], np.full(1, 1.8))
+        whole[row] = scans.rounded(near)
+        return whole[scans.in_file_order(LATTICE, whole)]
+
+    before, now, after = map(on_its_car, turns)
+    if is_whole_drive:
+        before, after = less(before), less(after)
+    judge = functools.partial(
+        authenticate.inspect, previous=before, following=after, lattice=LATTICE
+    )
+    clean = judge(less(now))
+    assert [step.kind for step in clean.processing] == ["lasers"]
+    assert clean.verdict == "processed"
+    assert clean.turns is not None
+    assert clean.turns.verdict == "no_trace"
+    found = judge(less(now[~turn_scans.box_at(0, 0.0).contains(now)]))
+    assert found.verdict == "tampered"
+    assert found.accusing is not None
+    assert found.accusing.name == "turns"
+    box = turn_scans.box_at(0, 0.0)
+    assert np.abs(np.subtract(found.regions[0].box.center[:2], box.center[:2])).max() < 1.5
+
+
 def test_inspect_asks_the_turns(turns: list[np.ndarray], tmp_path: Path) -> None:
     frame = with_far_point(turns[1][~turn_scans.box_at(0, 0.0).contains(turns[1])])
     before, now, after = (LidarFrame(p, origin=(0, 0, 0)) for p in (turns[0], frame, turns[2]))

@@ -45,8 +45,10 @@ from manip3d.authenticate._power import (
 )
 from manip3d.authenticate._processing import (
     COORDINATES_KEPT,
+    STILL_COMPARED,
     copies_of_earlier,
     find_processing,
+    silent_lasers,
 )
 from manip3d.authenticate._reflectance import ReflectanceResult, reflectances_read
 from manip3d.authenticate._sensors import HDL64E, Sensor, identify_and_read, nothing_to_tell
@@ -401,9 +403,9 @@ def inspect(
     it was signed. The lowest bits (`lbm`) take the steps of the scanner's ranges with them, so that
     fewer edits that were made before embedding are found; ``power`` says how many.
 
-    Of a scan that was processed as a whole, even if only its lowest laser was left out, detector
-    III does not judge what is missing, and IV and V do not run: it is ``processed``, whether or not
-    something was removed from it as well.
+    Of a scan that was processed as a whole, detector III does not judge what is missing, and IV and
+    V do not run: it is ``processed``, whether or not something was removed from it as well. Only
+    where whole lasers were left out, IV and V judge what the others saw.
 
     Examples
     --------
@@ -679,7 +681,10 @@ def _by_lattice(
     if generic is not None and changed:
         generic = generic.without(_spoiled(generic, processing))
     turns, reflectance = None, None
-    if sensor.name == HDL64E and generic is not None and not changed and not repeated:
+    is_compared = all(step.kind in STILL_COMPARED for step in processing)
+    if sensor.name == HDL64E and generic is not None and is_compared and not repeated:
+        if changed:
+            before, after = _in_lasers_of(centred, identified, (before, after), threads)
         turns, reflectance = _beside_turns(centred, identified, (before, after), threads)
     reports = (
         *_not_applicable(sensor, embedding),
@@ -731,6 +736,22 @@ def _judged_by_lattice(
         judge(centred.select(kept)).with_rows(kept, centred),
         (Processing("repeated", detail),),
     )
+
+
+def _in_lasers_of(
+    centred: LidarFrame, identified: _Identified, beside: _Beside, threads: int
+) -> _Beside:
+    """The turns before and after without the lasers that the frame lacks."""
+    (sensor, reading), (before, after) = identified, beside
+    if sensor.lattice is None or before is None or after is None:
+        return beside
+    lattice, silent = sensor.lattice, silent_lasers(centred.points, sensor.lattice, reading)
+
+    def reduced(turn: LidarFrame) -> LidarFrame:
+        ring = lattice.read(turn.points, threads=threads).ring
+        return turn.select(np.flatnonzero(~np.isin(ring, silent)))
+
+    return reduced(before), reduced(after)
 
 
 def _beside_turns(

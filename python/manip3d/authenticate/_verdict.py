@@ -273,9 +273,9 @@ class Processing:
     Attributes
     ----------
     kind : str
-        ``shuffled``, ``rounded``, ``float16``, ``cropped``, ``thinned``, ``filtered``, ``turned``,
-        ``scaled``, ``moved``, ``fused``, ``repeated`` or ``reflectances``; of recordings also
-        ``resampled`` and ``lossily coded``.
+        ``shuffled``, ``rounded``, ``float16``, ``cropped``, ``thinned``, ``lasers`` (some were left
+        out), ``filtered``, ``turned``, ``scaled``, ``moved``, ``fused``, ``repeated`` or
+        ``reflectances``; of recordings also ``resampled`` and ``lossily coded``.
     detail : str
         In words, with numbers.
     """

@@ -227,7 +227,8 @@ def hdl64e(
         hits.object[k],
         firing[k].astype(np.uint16),
     )
-    return LidarScan(*_with_own_car(columns, encoder, laser_bias), encoder, moment)
+    p, i, of_ring, label, of_object, fired = _with_own_car(columns, encoder, laser_bias)
+    return LidarScan(p, i, of_ring, label, of_object, fired, encoder, moment)
 
 
 def _in_world(
