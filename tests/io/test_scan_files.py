@@ -459,6 +459,67 @@ def test_nuscenes_has_five_columns(tmp_path: Path) -> None:
         read_scan(path)
 
 
+COLUMNS = ("x", "y", "z", "intensity", "column_5", "column_6", "column_7")
+
+
+def rows_of_a_turn(columns: int, num_points: int) -> np.ndarray:
+    """What a scanner of 32 lasers sees in a yard: x, y, z, intensity, ring, time, azimuth."""
+    rng = np.random.default_rng(columns)
+    firing, ring = np.divmod(np.arange(num_points), 32)
+    azimuth = firing * (2.0 * np.pi * 32 / num_points)
+    reach = 10.0 + 5.0 * np.sin(3.0 * azimuth) + rng.normal(0.0, 0.02, num_points)
+    position = reach * np.stack([np.cos(azimuth), np.sin(azimuth), np.tan((ring - 24) / 50.0)])
+    others = (rng.integers(0, 256, num_points), ring, firing * 5e-5, np.degrees(azimuth))
+    return np.column_stack([*position, *others])[:, :columns].astype(np.float32)
+
+
+@pytest.mark.parametrize("order", ["firings", "rings", "shuffled"])
+@pytest.mark.parametrize("num_points", [20_000, 20_001])  # whole rows of four floats, or not
+@pytest.mark.parametrize("columns", [4, 5, 6, 7])
+def test_the_values_of_a_bin_tell_how_many_columns_it_has(
+    tmp_path: Path, columns: int, num_points: int, order: str
+) -> None:
+    rows = rows_of_a_turn(columns, num_points)
+    number = np.arange(num_points)
+    if order == "rings":
+        rows = rows[np.lexsort((number, number % 32))]
+    elif order == "shuffled":
+        rows = rows[np.random.default_rng(1).permutation(num_points)]
+    path = tmp_path / "scan.bin"
+    path.write_bytes(rows.tobytes())
+    frame = read_scan(path)
+    assert frame.format is not None
+    assert [name for name, _, _ in frame.format.columns] == list(COLUMNS[:columns])
+    assert np.array_equal(frame.points, rows[:, :3])
+    assert frame.intensity is not None
+    assert np.array_equal(frame.intensity, rows[:, 3])
+    for number, name in enumerate(COLUMNS[4:columns], 4):
+        assert np.array_equal(frame.fields[name], rows[:, number])
+    frame.write(tmp_path / "again.bin")
+    assert (tmp_path / "again.bin").read_bytes() == path.read_bytes()
+    frame.write(tmp_path / "scan.ply")
+    assert np.array_equal(read_scan(tmp_path / "scan.ply").points, frame.points)
+    path.write_bytes(rows.tobytes()[:-4])
+    with pytest.raises(FormatError, match=f"ends within a point: .* multiple of {4 * columns} b"):
+        read_scan(path)
+
+
+def test_few_or_equal_values_tell_no_columns(tmp_path: Path) -> None:
+    path = tmp_path / "scan.bin"
+    for rows in (rows_of_a_turn(5, 800), np.zeros((20_000, 5), np.float32)):
+        path.write_bytes(rows.tobytes())
+        assert read_scan(path).num_points == rows.size // 4
+
+
+@pytest.mark.parametrize("columns", [4, 6])
+def test_a_pcd_bin_has_five_columns_or_is_refused(tmp_path: Path, columns: int) -> None:
+    path = tmp_path / "scan.pcd.bin"
+    path.write_bytes(rows_of_a_turn(columns, 20_000).tobytes())
+    expected = f"rows look like {columns} floats each; a .pcd.bin has 5 .* rename the file"
+    with pytest.raises(FormatError, match=expected):
+        read_scan(path)
+
+
 def test_messages_show_the_bytes_of_files_as_escapes(tmp_path: Path) -> None:
     path = tmp_path / os.fsdecode(b"a\xff\x1b[31m.pcd")
     path.write_bytes(b"VERSION 0.7\nFIELDS x \xff\x1b[2J\nSIZE 4 4\nTYPE F Q\n")

@@ -49,6 +49,21 @@ def test_counts_and_the_same_bytes_written_back(
     assert back.read_bytes() == stored
 
 
+def test_a_scan_of_nuscenes_under_kitti_s_name(realdata: RealData, tmp_path: Path) -> None:
+    """Its size is one of whole rows of four floats, too, of which none would be a point."""
+    stored = realdata("lidar/other_sensors/nuscenes_hdl32e.pcd.bin")
+    expected = read_scan(stored)
+    path = tmp_path / "nuscenes.bin"
+    path.write_bytes(stored.read_bytes())
+    assert path.stat().st_size % 16 == 0
+    frame = read_scan(path)
+    assert np.array_equal(frame.points, expected.points)
+    assert expected.ring is not None
+    assert np.array_equal(frame.fields["column_5"], expected.ring)
+    frame.write(tmp_path / "again.bin")
+    assert (tmp_path / "again.bin").read_bytes() == stored.read_bytes()
+
+
 def test_fields_of_the_real_scans(realdata: RealData) -> None:
     forest = read_scan(realdata("lidar/tls/riegl_vz400i_forest.ply.xz"))
     first = forest.fields["target_index"] == 1

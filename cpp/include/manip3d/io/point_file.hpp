@@ -69,10 +69,11 @@ struct ReadPointsOptions {
 /// Reads a point file; `.gz` and `.xz` are decompressed on the fly. The suffix tells the format.
 ///
 /// KITTI's `.bin` has rows of four floats: x, y, z, intensity, all finite; nuScenes' `.pcd.bin` has
-/// the ring as a fifth. 3DTK's `.3d` has three
-/// or more finite numbers a line: x, y, z, and c3, c4, ... as double. PCD may be ascii, binary or
-/// binary_compressed. PLY: the element `vertex`, which has no lists and comes first; other elements
-/// are left out. Values of these two are as stored, NaN included.
+/// the ring as a fifth. A `.bin` whose values say that rows have 3, 5, 6 or 7 floats has x, y, z,
+/// intensity, column_5, ...; a `.pcd.bin` with another number than 5 is an error. 3DTK's `.3d` has
+/// three or more finite numbers a line: x, y, z, and c3, c4, ... as double. PCD may be ascii,
+/// binary or binary_compressed. PLY: the element `vertex`, which has no lists and comes first;
+/// other elements are left out. Values of these two are as stored, NaN included.
 /// @throws FormatError  with the file's name and the line or byte where reading stopped.
 /// @throws InputError  unknown suffix.
 /// @throws std::filesystem::filesystem_error  missing file and the like.
