@@ -71,6 +71,8 @@ def test_a_clean_and_a_forged_scan() -> None:
     assert clean.verdict == "no_trace"
     assert clean.origin == (0.0, 0.0, 0.0)
     assert clean.origin_from == "argument"
+    assert "removed" not in clean.power  # detectors I and II look for what was added, and say so
+    assert any("removed" in name for name in clean.blind)
     assert told == sorted(told)
     assert told[-1] == 1.0
     found = authenticate.inspect(FORGED, origin=(0, 0, 0))
@@ -109,6 +111,8 @@ def test_no_trace_states_the_power_and_what_it_is_blind_to() -> None:
     assert found.power["moved"].share == 1.0
     assert found.power["removed"].share < 0.5
     assert any("white-box" in name for name in found.blind)
+    assert any("one by one" in name for name in found.blind)
+    assert not any("removed" in name for name in found.blind)  # its power is measured
     assert found.p_value == 1.0
     assert "authentic" not in json.dumps(found.record())
 

@@ -38,6 +38,7 @@ from manip3d.authenticate._occlusion import (
 from manip3d.authenticate._origin import LEAST_EXPLAINED, estimate_origin
 from manip3d.authenticate._power import (
     BLIND,
+    BLIND_TERRESTRIAL,
     BLIND_WITHOUT_REFLECTANCES,
     EDITS,
     known_power,
@@ -874,8 +875,9 @@ def _by_angles(
     )
     processing = find_processing(_at_origin(scan, place).points, sensor, None)
     return _combined(
-        scan, place, source, sensor, reports, processing, density=density, occlusion=occlusion
-    )
+        scan, place, source, sensor, reports, processing, density=density, occlusion=occlusion,
+        blind=(*BLIND, BLIND_TERRESTRIAL),
+    )  # fmt: skip
 
 
 def _not_judged(

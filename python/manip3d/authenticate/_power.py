@@ -39,11 +39,15 @@ if TYPE_CHECKING:
 BLIND = (
     "reflectance rewritten within the noise, or with that of other firings of the same lasers",
     "ranges of existing firings rewritten on the lattice (white-box)",
+    "points left out one by one, fewer than one of a hundred",
 )
 """Classes of edits that no detector here finds."""
 
 BLIND_WITHOUT_REFLECTANCES = "reflectance rewritten: the scan has none that can be judged"
 """Beside those, where detector V says nothing."""
+
+BLIND_TERRESTRIAL = "points removed, cropped or moved together: only what was added is looked for"
+"""Beside the others, in scans that detectors I and II judge."""
 
 NEAREST, FARTHEST = 5.0, 25.0
 """Metres: where planted edits stand."""
