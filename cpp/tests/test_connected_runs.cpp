@@ -5,8 +5,10 @@
 
 #include "allocations.hpp"
 #include "geometry/median.hpp"
+#include "geometry/shared_union_find.hpp"
 #include "geometry/union_find.hpp"
 #include "manip3d/geometry/connected_runs.hpp"
+#include "manip3d/geometry/parallel.hpp"
 #include "manip3d/geometry/random.hpp"
 
 namespace manip3d {
@@ -97,6 +99,19 @@ TEST(UnionFind, TheLeastIsTheRoot) {
   std::vector<std::int32_t> roots;
   for (std::int32_t i = 0; i < 6; ++i) roots.push_back(sets.root(i));
   EXPECT_EQ(roots, (std::vector<std::int32_t>{0, 0, 2, 3, 3, 3}));
+}
+
+TEST(SharedUnionFind, ThreadsThatJoinAtTheSameTimeLoseNothing) {
+  // Chains of every seventh number, from each number to the one before and the one after.
+  constexpr std::int64_t kSize = 100'000;
+  SharedUnionFind sets(kSize);
+  EXPECT_EQ(sets.num_sets(), kSize);
+  parallel_chunks(kSize - 7, 64, 4, [&](std::int64_t begin, std::int64_t end) {
+    for (auto i = static_cast<std::int32_t>(begin); i < end; ++i) sets.join(i + 7, i);
+  });
+  EXPECT_EQ(sets.num_sets(), 7);
+  sets.join(99'999, 99'998);
+  EXPECT_EQ(sets.num_sets(), 6);
 }
 
 TEST(Median, OfAnEvenNumberIsTheUpperOrTheLower) {

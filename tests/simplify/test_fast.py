@@ -65,6 +65,21 @@ def test_blocks_do_not_depend_on_the_number_of_threads() -> None:
         assert_same(one, simplify.fast(hill, ratio=0.1, threads=threads))
 
 
+def test_equal_faces_and_pieces_of_many_blocks_do_not_depend_on_the_number_of_threads() -> None:
+    """Two hills of three blocks each, all faces twice: copies go, and no hill joins the other."""
+    hill = exact_models.hill(160)
+    other = hill.replace(vertices=hill.vertices * [1, 1, -1] - [0, 0, 1])
+    faces = np.concatenate([hill.faces, other.faces + hill.num_vertices])
+    twice = np.concatenate([faces, np.roll(faces, 1, axis=1)])
+    both = Mesh(np.concatenate([hill.vertices, other.vertices]), twice)
+    one = simplify.fast(both, target_faces=2000, threads=1)
+    assert one.dropped_faces == len(faces)
+    assert one.mesh.num_faces in (2000, 1999)
+    assert one.mesh.summary().components == 2
+    for threads in (2, 3):
+        assert_same(one, simplify.fast(both, target_faces=2000, threads=threads))
+
+
 def test_the_order_of_the_input_hardly_matters() -> None:
     """Vertices and faces in another order: the surface is as close."""
     hill = exact_models.hill(80)

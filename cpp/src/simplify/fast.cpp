@@ -13,6 +13,8 @@
 #include <string>
 #include <utility>
 
+#include "geometry/bulk.hpp"
+#include "geometry/shared_union_find.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/parallel.hpp"
 #include "manip3d/geometry/topology.hpp"
@@ -35,6 +37,10 @@ using Triple = std::array<std::int32_t, 3>;
 constexpr int kBlockBits = 14;
 constexpr std::int64_t kBlock = std::int64_t{1} << kBlockBits;
 
+/// A block of a level is so many blocks (as a power of two) of the level below. What crosses blocks
+/// waits for the level at which it does not.
+constexpr int kLevelBits = 3;
+
 /// The part of the vertices that may go in a pass. More is faster, and then cheap regions are
 /// finished later than dear ones.
 constexpr double kShareOfPass = 0.5;
@@ -43,6 +49,7 @@ constexpr double kShareOfPass = 0.5;
 constexpr double kShareOfSmallPass = 0.1;
 constexpr double kSmallCandidates = 1.0;
 constexpr std::int64_t kSmall = 5000;
+static_assert(kSmall <= kBlock);
 
 /// In a small pass nothing is done that costs so many times as much as a collapse that has to wait
 /// for the next pass, because a neighbour went in this one.
@@ -70,8 +77,8 @@ constexpr std::int64_t kHubPatience = 1 << 14;
 /// A piece that vanishes is missed more than its distance says; this is squared, like all prices.
 constexpr double kFastPieceFactor = 4.0;
 
-/// Tasks that share the vertices when neighbourhoods are looked up.
-constexpr int kAdjacencyTasks = 2;
+/// Tasks that share the vertices where things are sorted by vertex.
+constexpr int kRangeTasks = 2;
 
 constexpr std::uint32_t kNoEdge = 0xFFFFFFFFU;
 constexpr std::uint32_t kTooDear = 0xFFFFFFFEU;  // above max_error
@@ -145,8 +152,9 @@ bool has_complex_edge(const std::vector<std::int32_t>& ends) {
 
 /// Buffers and counters of one task.
 struct Worker {
+  int level = 0;
   std::vector<PricedEdge> candidates, sorted;
-  std::vector<PricedEdge> crossing;  // edges of this block that touch others
+  std::vector<PricedEdge> waiting;  // edges of this block that touch others, for the next level
   Fan first, second;
   std::vector<std::int32_t> ends;
   std::vector<Side> sides, twins;
@@ -166,14 +174,15 @@ Vector3f position_of(const QuadricVertex& v) { return {v.x, v.y, v.z}; }
 
 class FastSimplifier {
  public:
-  FastSimplifier(const MeshView& input, const FastOptions& options, const Progress& progress)
+  FastSimplifier(const MeshView& input, const BoundingBox& box, const FastOptions& options,
+                 const Progress& progress)
       : input_(input),
         options_(options),
         progress_(progress),
-        box_(bounding_box(input)),
+        box_(box),
         scale_(box_.diagonal() > 0.0 ? box_.diagonal() : 1.0),
         center_(box_.center()),
-        order_(spatial_order(input, box_, part_of(progress, 0.0, 0.05))) {
+        order_(spatial_order(input, box_, options.num_threads, part_of(progress, 0.0, 0.05))) {
     load_vertices();
     load_faces();
     build_adjacency();
@@ -225,7 +234,34 @@ class FastSimplifier {
       for (auto v = static_cast<std::int32_t>(begin); v < end; ++v) body(v);
     });
   }
-  [[nodiscard]] std::int64_t num_blocks() const { return (num_faces() + kBlock - 1) / kBlock; }
+  /// Calls body(is_mine) in tasks, each of which looks through all faces for a range of vertices of
+  /// its own: what is in order for each vertex does not depend on the number of tasks.
+  template <typename Body>
+  void in_ranges(const Body& body) const {
+    const int tasks = options_.num_threads == 1 ? 1 : kRangeTasks;
+    over(tasks, 1, [&](std::int64_t task, std::int64_t) {
+      const auto low = static_cast<std::int32_t>(num_vertices() * task / tasks);
+      const auto high = static_cast<std::int32_t>(num_vertices() * (task + 1) / tasks);
+      const auto width = static_cast<std::uint32_t>(high - low);
+      body([=](std::int32_t v) { return static_cast<std::uint32_t>(v - low) < width; });
+    });
+  }
+  [[nodiscard]] std::int64_t num_blocks(int level = 0) const {
+    const std::int64_t block = kBlock << (kLevelBits * level);
+    return (num_faces() + block - 1) / block;
+  }
+  /// The level at which all faces are in one block.
+  [[nodiscard]] int top_level() const {
+    int level = 0;
+    while (num_blocks(level) > 1) ++level;
+    return level;
+  }
+  template <typename Body>
+  void for_each_worker(const Body& body) {
+    for (std::vector<Worker>& level : workers_) {
+      for (Worker& worker : level) body(worker);
+    }
+  }
   template <typename Body>
   void over_blocks(const Body& body) const {
     over(num_faces(), kBlock,
@@ -259,33 +295,41 @@ class FastSimplifier {
     }
   }
 
-  [[nodiscard]] Triple ranks_of(Eigen::Index f) const {
-    const std::int32_t* face = input_.faces.data() + 3 * f;
-    return {order_.rank[face[0]], order_.rank[face[1]], order_.rank[face[2]]};
-  }
   [[nodiscard]] static bool is_degenerate(const Triple& f) {
     return f[0] == f[1] || f[1] == f[2] || f[2] == f[0];
   }
+  [[nodiscard]] static std::int32_t lowest(const Triple& f) { return std::min({f[0], f[1], f[2]}); }
 
   /// Faces in the order of their lowest vertices.
   void load_faces() {
-    const Eigen::Index count = input_.num_faces();
-    std::vector<std::int32_t> start(vertices_.size() + 1, 0);
-    for (Eigen::Index f = 0; f < count; ++f) {
-      const Triple face = ranks_of(f);
-      if (!is_degenerate(face)) ++start[std::min({face[0], face[1], face[2]}) + 1];
-    }
+    const auto count = static_cast<std::int64_t>(input_.num_faces());
+    Bulk<Triple> ranks(count);
+    over(count, kBlock, [&](std::int64_t begin, std::int64_t end) {
+      for (std::int64_t f = begin; f < end; ++f) {
+        const std::int32_t* face = input_.faces.data() + 3 * f;
+        ranks[f] = {order_.rank[face[0]], order_.rank[face[1]], order_.rank[face[2]]};
+      }
+    });
     report(0.06);
+    std::vector<std::int32_t> start(vertices_.size() + 1, 0);
+    in_ranges([&](const auto& is_mine) {
+      for (const Triple& face : ranks) {
+        if (is_mine(lowest(face)) && !is_degenerate(face)) ++start[lowest(face) + 1];
+      }
+    });
     for (std::size_t v = 1; v < start.size(); ++v) start[v] += start[v - 1];
     faces_.resize(start.back());
     face_ids_.resize(start.back());
-    for (Eigen::Index f = 0; f < count; ++f) {
-      const Triple face = ranks_of(f);
-      if (is_degenerate(face)) continue;
-      const std::int32_t row = start[std::min({face[0], face[1], face[2]})]++;
-      faces_[row] = face;
-      face_ids_[row] = static_cast<std::int32_t>(f);
-    }
+    result_.dropped_faces += count - start.back();
+    in_ranges([&](const auto& is_mine) {
+      for (std::int64_t f = 0; f < count; ++f) {
+        const Triple& face = ranks[f];
+        if (!is_mine(lowest(face)) || is_degenerate(face)) continue;
+        const std::int32_t row = start[lowest(face)]++;
+        faces_[row] = face;
+        face_ids_[row] = static_cast<std::int32_t>(f);
+      }
+    });
     report(0.08);
   }
 
@@ -331,44 +375,52 @@ class FastSimplifier {
       }
       return result;
     };
-    const auto lowest = [&](std::int32_t f) {
-      return std::min({faces_[f][0], faces_[f][1], faces_[f][2]});
-    };
-    std::vector<std::uint8_t> is_copy;
-    std::vector<std::int32_t> here;
-    const auto mark = [&](std::int32_t f) {
-      if (is_copy.empty()) is_copy.assign(faces_.size(), 0);
-      is_copy[f] = 1;
-    };
     const auto count = static_cast<std::int32_t>(faces_.size());
-    for (std::int32_t begin = 0, end = 0; begin < count; begin = end) {
-      const std::int32_t v = lowest(begin);
-      while (end < count && lowest(end) == v) ++end;
-      if (end - begin <= 8) {
-        for (std::int32_t f = begin; f < end; ++f) {
-          for (std::int32_t g = begin; g < f; ++g) {
-            if (key(f) == key(g)) {
-              mark(f);
-              break;
-            }
-          }
-        }
-        continue;
+    std::vector<std::vector<std::int32_t>> copies(num_blocks());
+    over_blocks([&](std::int64_t block, std::int64_t begin, std::int64_t end) {
+      std::vector<std::int32_t> here;
+      auto f = static_cast<std::int32_t>(begin);
+      // Faces with the same lowest vertex belong to the block that they begin in.
+      while (f > 0 && f < end && lowest(faces_[f]) == lowest(faces_[f - 1])) ++f;
+      for (std::int32_t next = f; f < end; f = next) {
+        here.clear();
+        const std::int32_t v = lowest(faces_[f]);
+        for (; next < count && lowest(faces_[next]) == v; ++next) here.push_back(next);
+        append_copies(here, key, copies[block]);
       }
-      here.clear();
-      for (std::int32_t f = begin; f < end; ++f) here.push_back(f);
-      std::sort(here.begin(), here.end(), [&](std::int32_t f, std::int32_t g) {
-        const auto a = key(f), b = key(g);
-        return a != b ? a < b : f < g;
-      });
-      for (std::size_t i = 1; i < here.size(); ++i) {
-        if (key(here[i]) == key(here[i - 1])) mark(here[i]);
-      }
+    });
+    std::vector<std::uint8_t> is_copy;
+    for (const std::vector<std::int32_t>& of_block : copies) {
+      if (!of_block.empty()) is_copy.resize(faces_.size(), 0);
+      for (const std::int32_t f : of_block) is_copy[f] = 1;
     }
     if (is_copy.empty()) return;
     result_.dropped_faces += std::count(is_copy.begin(), is_copy.end(), 1);
     keep_faces([&](std::int32_t f) { return is_copy[f] == 0; });
     build_adjacency();
+  }
+
+  /// Those of the faces `here` (in order) whose key an earlier one has.
+  template <typename Key>
+  static void append_copies(std::vector<std::int32_t>& here, const Key& key,
+                            std::vector<std::int32_t>& copies) {
+    if (here.size() <= 8) {
+      for (std::size_t i = 1; i < here.size(); ++i) {
+        const auto own = key(here[i]);
+        if (std::any_of(here.begin(), here.begin() + static_cast<std::ptrdiff_t>(i),
+                        [&](std::int32_t f) { return key(f) == own; })) {
+          copies.push_back(here[i]);
+        }
+      }
+      return;
+    }
+    std::sort(here.begin(), here.end(), [&](std::int32_t f, std::int32_t g) {
+      const auto a = key(f), b = key(g);
+      return a != b ? a < b : f < g;
+    });
+    for (std::size_t i = 1; i < here.size(); ++i) {
+      if (key(here[i]) == key(here[i - 1])) copies.push_back(here[i]);
+    }
   }
 
   /// Keeps the faces for which keep(face) holds, in order.
@@ -395,36 +447,24 @@ class FastSimplifier {
 
   // --- Neighbourhoods ------------------------------------------------------------------------
 
-  /// Lists of corners (3 face + 0..2) by vertex, in the order of the faces. Each task takes a range
-  /// of vertices and looks through all faces: so the lists do not depend on the number of tasks.
+  /// Lists of corners (3 face + 0..2) by vertex, in the order of the faces.
   void build_adjacency() {
     first_.assign(vertices_.size() + 1, 0);
     corners_.resize(3 * faces_.size());
-    const std::size_t num_corners = corners_.size();
-    const std::int32_t* vertex = faces_.empty() ? nullptr : faces_.front().data();
-    const int tasks = options_.num_threads == 1 ? 1 : kAdjacencyTasks;
-    const auto in_ranges = [&](const auto& body) {
-      over(tasks, 1, [&](std::int64_t task, std::int64_t) {
-        const auto low = static_cast<std::int32_t>(num_vertices() * task / tasks);
-        const auto high = static_cast<std::int32_t>(num_vertices() * (task + 1) / tasks);
-        body(low, high);
-      });
-    };
-    in_ranges([&](std::int32_t low, std::int32_t high) {
-      const auto width = static_cast<std::uint32_t>(high - low);
-      for (std::size_t i = 0; i < num_corners; ++i) {
-        if (static_cast<std::uint32_t>(vertex[i] - low) < width) ++first_[vertex[i]];
+    in_ranges([&](const auto& is_mine) {
+      for (const Triple& face : faces_) {
+        for (const std::int32_t v : face) {
+          if (is_mine(v)) ++first_[v];
+        }
       }
     });
     std::uint32_t sum = 0;
     for (std::uint32_t& count : first_) count = sum += count;
     // From the last corner to the first: what ends the list of a vertex becomes where it starts.
-    in_ranges([&](std::int32_t low, std::int32_t high) {
-      const auto width = static_cast<std::uint32_t>(high - low);
-      for (std::size_t i = num_corners; i-- > 0;) {
-        if (static_cast<std::uint32_t>(vertex[i] - low) < width) {
-          corners_[--first_[vertex[i]]] = static_cast<std::uint32_t>(i);
-        }
+    in_ranges([&](const auto& is_mine) {
+      const std::int32_t* vertex = faces_.empty() ? nullptr : faces_.front().data();
+      for (std::size_t i = corners_.size(); i-- > 0;) {
+        if (is_mine(vertex[i])) corners_[--first_[vertex[i]]] = static_cast<std::uint32_t>(i);
       }
     });
   }
@@ -433,11 +473,20 @@ class FastSimplifier {
     return std::span(corners_).subspan(first_[v], first_[v + 1] - first_[v]);
   }
 
-  /// The block that has all faces of a vertex, or -1.
-  [[nodiscard]] std::int64_t block_of(std::int32_t v) const {
-    if (first_[v] == first_[v + 1]) return -1;
-    const std::uint32_t low = corners_[first_[v]] / 3, high = corners_[first_[v + 1] - 1] / 3;
-    return (low >> kBlockBits) == (high >> kBlockBits) ? low >> kBlockBits : -1;
+  /// Finds for each vertex the lowest level at which one block has all its faces.
+  void find_levels() {
+    level_.resize(vertices_.size());
+    over_vertices([&](std::int32_t v) {
+      level_[v] = 0;
+      if (first_[v] == first_[v + 1]) return;
+      std::uint32_t low = (corners_[first_[v]] / 3) >> kBlockBits;
+      std::uint32_t high = (corners_[first_[v + 1] - 1] / 3) >> kBlockBits;
+      for (; low != high; low >>= kLevelBits, high >>= kLevelBits) ++level_[v];
+    });
+  }
+  [[nodiscard]] int level_of(const PricedEdge& edge) const {
+    const auto [v, t] = edge_at(edge.slot);
+    return std::max(level_[v], level_[t]);
   }
 
   /// Calls body(face, next, last): the other corners of each face of v, counter-clockwise.
@@ -578,13 +627,10 @@ class FastSimplifier {
 
   /// Pieces (faces joined by vertices), if there are several: each may vanish as a whole.
   void find_pieces() {
+    if (is_connected()) return;
     welded_.faces.resize(num_faces(), 3);
     for (std::size_t f = 0; f < faces_.size(); ++f) {
       welded_.faces.row(static_cast<Eigen::Index>(f)) << faces_[f][0], faces_[f][1], faces_[f][2];
-    }
-    if (find_components(welded_.faces, num_vertices()).count < 2) {
-      welded_ = {};
-      return;
     }
     welded_.vertices.resize(num_vertices(), 3);
     for (std::int32_t v = 0; v < num_vertices(); ++v) {
@@ -597,6 +643,18 @@ class FastSimplifier {
       const std::int32_t piece = pieces_->of_vertex(static_cast<std::int32_t>(v));
       if (is_locked_[v] != 0 && piece >= 0) is_kept_[piece] = 1;
     }
+  }
+
+  /// Whether all faces hang together. Every vertex has a face.
+  [[nodiscard]] bool is_connected() const {
+    SharedUnionFind sets(num_vertices());
+    over(num_faces(), kBlock, [&](std::int64_t begin, std::int64_t end) {
+      for (std::int64_t f = begin; f < end; ++f) {
+        sets.join(faces_[f][0], faces_[f][1]);
+        sets.join(faces_[f][1], faces_[f][2]);
+      }
+    });
+    return sets.num_sets() < 2;
   }
 
   [[nodiscard]] std::int32_t piece_of(const Triple& face) const {
@@ -678,22 +736,17 @@ class FastSimplifier {
     if (is_small()) is_beside_.assign(vertices_.size(), 0);
     refusals_.assign(vertices_.size(), 0);
     over_vertices([&](std::int32_t v) { remap_[v] = v; });
-    for (std::size_t b = workers_.size(); b < static_cast<std::size_t>(num_blocks()) + 1; ++b) {
-      workers_.emplace_back();
-    }
+    find_levels();
     gather_candidates(limit);
     // With flips allowed some faces double others and go too: the target is neared by halves.
     const std::int64_t quota =
         rules_ == Rules::kFlips ? (needed + 1) / 2 : std::min(needed, 2 * wanted_);
-    collapse_blocks(quota);
-    const std::int64_t made = collapse_crossing(quota);
+    const std::int64_t made = collapse_candidates(quota);
     if (rules_ != Rules::kAll) result_.relaxed_collapses += made;
     if (made > 0) compact();
     const double price_limit = std::bit_cast<float>(std::min(limit, kDearest));
     const std::int64_t vanished = remove_pieces(is_everything_ ? 0.0 : price_limit, Choice::kCheap);
-    const bool leaves_dear = std::any_of(workers_.begin(), workers_.end(),
-                                         [](const Worker& worker) { return worker.leaves_dear; });
-    if (made > 0 && leaves_dear) return true;
+    if (made > 0 && workers_.front().front().leaves_dear) return true;  // a small pass: one block
     if (vanished > 0 || 4 * made >= wanted_) {
       if (4 * made >= 3 * wanted_) patience_ = std::max(1.0, 0.5 * patience_);
       return true;
@@ -766,10 +819,11 @@ class FastSimplifier {
                            std::int64_t& num_too_dear) {
     constexpr int kShift = 18;  // five bits of the mantissa
     constexpr std::size_t kBins = std::size_t{1} << (32 - kShift);
-    constexpr std::int64_t kSlices = 8;
     const auto num_keys = static_cast<std::int64_t>(keys_.size());
-    const std::int64_t slice = std::max<std::int64_t>(1, (num_keys + kSlices - 1) / kSlices);
-    histogram_.assign(kSlices * kBins, 0);
+    // Each slice has a histogram of its own, which is as much work as 16 thousand edges.
+    const std::int64_t num_slices = std::clamp<std::int64_t>(num_keys >> 17, 1, 8);
+    const std::int64_t slice = (num_keys + num_slices - 1) / num_slices;
+    histogram_.assign(num_slices * kBins, 0);
     over(num_keys, slice, [&](std::int64_t begin, std::int64_t end) {
       std::uint32_t* bins = histogram_.data() + begin / slice * static_cast<std::int64_t>(kBins);
       for (std::int64_t i = begin; i < end; ++i) ++bins[keys_[i] >> kShift];
@@ -808,73 +862,101 @@ class FastSimplifier {
     return {std::min(a, b), std::max(a, b)};
   }
 
+  /// Of each block of faces the edges below the limit: those inside it, and those that wait.
   void gather_candidates(std::uint32_t limit) {
+    prepare_workers();
     over_blocks([&](std::int64_t block, std::int64_t begin, std::int64_t end) {
-      Worker& worker = workers_[block];
-      worker.candidates.clear();
-      worker.crossing.clear();
+      Worker& worker = workers_[0][block];
       for (std::int64_t slot = 3 * begin; slot < 3 * end; ++slot) {
-        const std::uint32_t key = keys_[slot];
-        if (key > limit) continue;
-        const PricedEdge candidate{key, static_cast<std::uint32_t>(slot)};
-        const auto [v, t] = edge_at(candidate.slot);
-        const bool inside = block_of(v) == block && block_of(t) == block;
-        (inside ? worker.candidates : worker.crossing).push_back(candidate);
+        if (keys_[slot] > limit) continue;
+        put({keys_[slot], static_cast<std::uint32_t>(slot)}, worker);
       }
       sort_candidates(worker.candidates, worker.sorted);
     });
   }
 
-  /// Each block by itself: an edge inside it touches only faces and vertices of its own.
-  void collapse_blocks(std::int64_t needed) {
-    std::int64_t inside = 0, all = 0;
-    for (std::int64_t b = 0; b < num_blocks(); ++b) {
-      inside += static_cast<std::int64_t>(workers_[b].candidates.size());
-      all += static_cast<std::int64_t>(workers_[b].crossing.size());
-    }
-    all += inside;
-    const bool few = needed < 64 * num_blocks();
-    for (std::int64_t b = 0; b < num_blocks(); ++b) {
-      Worker& worker = workers_[b];
-      worker.quota = 0;
-      worker.leaves_dear = false;
-      if (few || all == 0) {
-        worker.crossing.insert(worker.crossing.end(), worker.candidates.begin(),
-                               worker.candidates.end());
-        continue;
+  /// The same of a block of a higher level, from what waits in its blocks of the level below.
+  void gather_waiting(int level) {
+    const auto below = static_cast<std::int64_t>(workers_[level - 1].size());
+    over(num_blocks(level), 1, [&](std::int64_t block, std::int64_t) {
+      Worker& worker = workers_[level][block];
+      const std::int64_t begin = block << kLevelBits, end = (block + 1) << kLevelBits;
+      for (std::int64_t b = begin; b < std::min(end, below); ++b) {
+        for (const PricedEdge& edge : workers_[level - 1][b].waiting) put(edge, worker);
       }
-      // More than a fair share would leave nothing for the edges between blocks.
-      worker.quota = static_cast<std::int64_t>(static_cast<double>(needed) *
-                                               static_cast<double>(worker.candidates.size()) /
-                                               static_cast<double>(all));
-    }
-    over_blocks([&](std::int64_t block, std::int64_t, std::int64_t) {
-      Worker& worker = workers_[block];
-      worker.removed = worker.collapses = 0;
-      if (worker.quota > 0) collapse_in_order(worker.candidates, worker, worker.quota, false);
+      sort_candidates(worker.candidates, worker.sorted);
     });
   }
 
-  /// What crosses blocks, one after the other; returns how many collapses the pass has made.
-  std::int64_t collapse_crossing(std::int64_t needed) {
-    Worker& worker = workers_.back();
-    worker.candidates.clear();
-    std::int64_t removed = 0, collapses = 0;
-    for (std::int64_t b = 0; b < num_blocks(); ++b) {
-      removed += workers_[b].removed;
-      collapses += workers_[b].collapses;
-      worker.candidates.insert(worker.candidates.end(), workers_[b].crossing.begin(),
-                               workers_[b].crossing.end());
+  void put(const PricedEdge& edge, Worker& worker) const {
+    (level_of(edge) <= worker.level ? worker.candidates : worker.waiting).push_back(edge);
+  }
+
+  /// A worker for each block of each level, without candidates.
+  void prepare_workers() {
+    const int top = top_level();
+    if (workers_.size() <= static_cast<std::size_t>(top)) workers_.resize(top + 1);
+    for (int level = 0; level < static_cast<int>(workers_.size()); ++level) {
+      if (workers_[level].size() < static_cast<std::size_t>(num_blocks(level))) {
+        workers_[level].resize(num_blocks(level));
+      }
+      for (Worker& worker : workers_[level]) {
+        worker.level = level;
+        worker.candidates.clear();
+        worker.waiting.clear();
+        worker.removed = worker.collapses = 0;
+        worker.leaves_dear = false;
+      }
     }
-    sort_candidates(worker.candidates, worker.sorted);
-    worker.removed = worker.collapses = 0;
-    collapse_in_order(worker.candidates, worker, needed - removed, true);
-    return collapses + worker.collapses;
+  }
+
+  /// Level after level; returns how many collapses were made. A block of a level works by itself:
+  /// an edge inside it touches only faces and vertices of its own.
+  std::int64_t collapse_candidates(std::int64_t quota) {
+    std::int64_t removed = 0, collapses = 0;
+    const int top = top_level();
+    for (int level = 0; level <= top; ++level) {
+      if (level > 0) gather_waiting(level);
+      share_out(quota - removed, level, level == top);
+      over(num_blocks(level), 1, [&](std::int64_t block, std::int64_t) {
+        Worker& worker = workers_[level][block];
+        if (worker.quota > 0) {
+          collapse_in_order(worker.candidates, worker, worker.quota, level == top);
+        }
+      });
+      for (const Worker& worker : workers_[level]) {
+        removed += worker.removed;
+        collapses += worker.collapses;
+      }
+    }
+    return collapses;
+  }
+
+  /// Says how many faces each block of a level may remove: its share, by its candidates. More would
+  /// leave nothing for the edges between blocks.
+  void share_out(std::int64_t needed, int level, bool is_top) {
+    std::int64_t all = 0;
+    for (const Worker& worker : workers_[level]) {
+      all += static_cast<std::int64_t>(worker.candidates.size() + worker.waiting.size());
+    }
+    const bool few = needed < 64 * num_blocks(level);
+    for (Worker& worker : workers_[level]) {
+      if (is_top) {
+        worker.quota = needed;
+      } else if (few || all == 0) {
+        worker.quota = 0;
+        worker.waiting.insert(worker.waiting.end(), worker.candidates.begin(),
+                              worker.candidates.end());
+      } else {
+        worker.quota = static_cast<std::int64_t>(static_cast<double>(needed) *
+                                                 static_cast<double>(worker.candidates.size()) /
+                                                 static_cast<double>(all));
+      }
+    }
   }
 
   void collapse_in_order(const std::vector<PricedEdge>& candidates, Worker& worker,
                          std::int64_t quota, bool may_exceed) {
-    worker.leaves_dear = false;
     const float slack = is_small() ? 1.0F : kLeap;
     worker.most = std::max(limit_, key_of(slack * std::bit_cast<float>(limit_)));
     bool has_waiting = !is_small();
@@ -1017,10 +1099,9 @@ class FastSimplifier {
   [[nodiscard]] bool takes_last_face_of_locked(std::int32_t v, std::int32_t t, const Fan& first,
                                                const Worker& worker) const {
     if (is_locked_.empty()) return false;
-    const bool sees_all = &worker == &workers_.back();
     return std::any_of(first.across.begin(), first.across.end(), [&](std::int32_t w) {
       if (!is_locked(w)) return false;
-      if (!sees_all && block_of(w) < 0) return true;
+      if (level_[w] > worker.level) return true;
       bool stays = false;
       for_each_face(w, [&](std::uint32_t, std::uint32_t, std::int32_t a, std::int32_t b) {
         const std::int32_t x = remap_[a], y = remap_[b];
@@ -1321,26 +1402,9 @@ class FastSimplifier {
   /// Puts the pass into effect: vertices that went are closed up, faces renumbered, those without
   /// area left out.
   void compact() {
-    std::int32_t row = 0;
-    for (std::int32_t v = 0; v < num_vertices(); ++v) {
-      // A lower vertex than v took it in, whose new number is known.
-      const std::int32_t kept = remap_[v];
-      if (kept != v) {
-        remap_[v] = remap_[kept];
-        continue;
-      }
-      if (row != v) {
-        vertices_[row] = vertices_[v];
-        id_[row] = id_[v];
-        is_open_[row] = is_open_[v];
-      }
-      remap_[v] = row++;
-    }
-    vertices_.resize(row);
-    id_.resize(row);
-    is_open_.resize(row);
+    close_up_vertices();
     std::vector<std::int64_t>& kept = kept_of_block_;
-    kept.assign(num_blocks() + 1, 0);
+    kept.assign(num_blocks(), 0);
     over_blocks([&](std::int64_t block, std::int64_t begin, std::int64_t end) {
       std::int64_t to = begin;
       for (std::int64_t f = begin; f < end; ++f) {
@@ -1359,22 +1423,55 @@ class FastSimplifier {
       }
       kept[block] = to - begin;
     });
-    std::int64_t to = 0;
-    const auto close_up = [&](auto& rows, std::int64_t from, std::int64_t length, std::int64_t at) {
-      if (!rows.empty() && from != at) {
-        std::copy_n(rows.begin() + from, length, rows.begin() + at);
-      }
-    };
-    for (std::int64_t block = 0; block + 1 < static_cast<std::int64_t>(kept.size()); ++block) {
-      const std::int64_t from = block << kBlockBits, length = kept[block];
-      close_up(faces_, from, length, to);
-      close_up(face_ids_, from, length, to);
-      close_up(wedges_, from, length, to);
-      close_up(normals_, from, length, to);
-      to += length;
-    }
-    resize_faces(to);
+    const std::int64_t count = close_up(kept, kBlock, faces_, face_ids_, wedges_, normals_);
+    resize_faces(count);
     remove_double_faces();
+  }
+
+  /// Puts together what chunks kept of their rows, each at its beginning; tables without rows stay
+  /// so. Changes `kept` to where each chunk begins then, and returns how many rows there are.
+  template <typename... Tables>
+  static std::int64_t close_up(std::vector<std::int64_t>& kept, std::int64_t chunk,
+                               Tables&... tables) {
+    std::int64_t from = 0, to = 0;
+    for (std::int64_t& length : kept) {
+      const auto close_up_table = [&](auto& rows) {
+        if (!rows.empty() && from != to) {
+          std::copy_n(rows.begin() + from, length, rows.begin() + to);
+        }
+      };
+      (close_up_table(tables), ...);
+      from += chunk;
+      to += std::exchange(length, to);
+    }
+    return to;
+  }
+
+  /// The vertices that stay; remap_ says where all are then.
+  void close_up_vertices() {
+    constexpr std::int64_t kChunk = kBlock / 2;
+    std::vector<std::int64_t>& start = kept_of_block_;
+    start.assign((num_vertices() + kChunk - 1) / kChunk, 0);
+    number_.resize(num_vertices());  // in its chunk
+    over(num_vertices(), kChunk, [&](std::int64_t begin, std::int64_t end) {
+      std::int64_t to = begin;
+      for (std::int64_t v = begin; v < end; ++v) {
+        if (remap_[v] != v) continue;
+        number_[v] = static_cast<std::int32_t>(to - begin);
+        vertices_[to] = vertices_[v];
+        id_[to] = id_[v];
+        is_open_[to++] = is_open_[v];
+      }
+      start[begin / kChunk] = to - begin;
+    });
+    const std::int64_t count = close_up(start, kChunk, vertices_, id_, is_open_);
+    over_vertices([&](std::int32_t v) {
+      const std::int32_t kept = remap_[v];
+      remap_[v] = static_cast<std::int32_t>(start[kept / kChunk]) + number_[kept];
+    });
+    vertices_.resize(count);
+    id_.resize(count);
+    is_open_.resize(count);
   }
 
   /// Removes all but the first of the faces on the same three vertices, and of faces back to back
@@ -1384,7 +1481,7 @@ class FastSimplifier {
     is_doubling_.assign(vertices_.size(), 0);
     std::vector<Triple> twins;
     bool is_needed = false;
-    for (Worker& worker : workers_) {
+    for_each_worker([&](Worker& worker) {
       is_needed = is_needed || !worker.doubling.empty();
       for (const std::int32_t v : worker.doubling) is_doubling_[remap_[v]] = 1;
       for (Triple face : worker.twin_faces) {
@@ -1394,7 +1491,7 @@ class FastSimplifier {
       }
       worker.doubling.clear();
       worker.twin_faces.clear();
-    }
+    });
     if (!is_needed) return;
     std::sort(twins.begin(), twins.end());
     std::vector<std::pair<Triple, std::int32_t>> keys;
@@ -1426,12 +1523,12 @@ class FastSimplifier {
 
   QualityResult finish() {
     double squared_error = 0.0;
-    for (const Worker& worker : workers_) {
+    for_each_worker([&](const Worker& worker) {
       squared_error = std::max(squared_error, static_cast<double>(worker.squared_error));
       for (std::size_t i = 0; i < worker.rejected.size(); ++i) {
         result_.rejected[i] += worker.rejected[i];
       }
-    }
+    });
     result_.max_error = std::max(piece_error_, scale_ * std::sqrt(squared_error));
     if (num_faces() <= options_.target_faces) {
       result_.stop = CollapseStop::kTargetReached;
@@ -1439,9 +1536,6 @@ class FastSimplifier {
       result_.stop = CollapseStop::kErrorLimit;
     } else {
       result_.stop = CollapseStop::kNoLegalCollapse;
-    }
-    for (Eigen::Index f = 0; f < input_.num_faces(); ++f) {
-      result_.dropped_faces += is_degenerate(ranks_of(f)) ? 1 : 0;
     }
     extract();
     return std::move(result_);
@@ -1479,9 +1573,11 @@ class FastSimplifier {
       if (into_[id] >= 0) output[id] = output[into_[id]];
     }
     result_.vertex_map.resize(input_.num_vertices());
-    for (std::size_t v = 0; v < result_.vertex_map.size(); ++v) {
-      result_.vertex_map[v] = order_.rank[v] < 0 ? -1 : output[order_.rank[v]];
-    }
+    over(input_.num_vertices(), kBlock, [&](std::int64_t begin, std::int64_t end) {
+      for (std::int64_t v = begin; v < end; ++v) {
+        result_.vertex_map[v] = order_.rank[v] < 0 ? -1 : output[order_.rank[v]];
+      }
+    });
     const auto count = static_cast<Eigen::Index>(faces_.size());
     result_.face_map.assign(input_.num_faces(), -1);
     out.faces.resize(count, 3);
@@ -1545,7 +1641,7 @@ class FastSimplifier {
   Vector3d center_;
   SpatialOrder order_;
 
-  std::vector<QuadricVertex> vertices_;
+  Bulk<QuadricVertex> vertices_;
   std::vector<std::int32_t> id_;          // of a vertex: its number at the beginning
   std::vector<std::uint8_t> is_open_;     // of a vertex: not closed around, or with several wedges
   std::vector<std::uint8_t> is_complex_;  // of a vertex: with complex edges; empty: none
@@ -1554,23 +1650,26 @@ class FastSimplifier {
   std::vector<std::uint8_t> is_locked_;   // of a vertex at the beginning; empty: none
   std::vector<Vector3f> colors_;          // of a vertex at the beginning; empty: none
 
-  std::vector<Triple> faces_;
-  std::vector<std::int32_t> face_ids_;  // of a face: row of the input
-  std::vector<Triple> wedges_;          // of a face; empty: nothing to tell apart
-  std::vector<Triple> normals_;         // of a face; empty: none
+  Bulk<Triple> faces_;
+  Bulk<std::int32_t> face_ids_;  // of a face: row of the input
+  std::vector<Triple> wedges_;   // of a face; empty: nothing to tell apart
+  std::vector<Triple> normals_;  // of a face; empty: none
   WedgeTable table_;
   std::vector<std::int32_t> wedge_into_;
 
-  std::vector<std::uint32_t> first_, corners_;  // of a vertex: its corners
-  std::vector<std::uint32_t> keys_;             // of a corner: the price of the edge to the next
+  std::vector<std::uint32_t> first_;  // of a vertex: where its corners begin
+  Bulk<std::uint32_t> corners_;       // by vertex: 3 face + 0..2
+  Bulk<std::uint32_t> keys_;          // of a corner: the price of the edge to the next
   std::vector<std::uint32_t> histogram_;
-  std::vector<std::int32_t> remap_;        // in a pass, of a vertex: what it went into
+  Bulk<std::int32_t> remap_;               // in a pass, of a vertex: what it went into
+  Bulk<std::int32_t> number_;              // after a pass, of a vertex that stays: in its chunk
   std::vector<std::uint8_t> is_doubling_;  // in a pass, of a vertex left: faces may be double
   std::vector<std::uint8_t> is_taken_;     // in a pass, of a vertex: has collapsed
   std::vector<std::uint8_t> is_beside_;    // in a small pass, of a vertex: lost or got a face
   std::vector<std::uint16_t> refusals_;    // in a pass, of a vertex
   std::vector<std::int64_t> kept_of_block_;
-  std::vector<Worker> workers_;
+  std::vector<std::uint8_t> level_;  // in a pass, of a vertex: where one block has all its faces
+  std::vector<std::vector<Worker>> workers_;  // of a level, of a block
 
   TriangleMesh welded_;
   std::optional<MeshView> view_;
@@ -1617,7 +1716,7 @@ QualityResult simplify_fast(const MeshView& mesh, const FastOptions& options,
   const UsualUnit usual(mesh);
   FastOptions in_unit = options;
   in_unit.max_error = usual.from_file(options.max_error);
-  QualityResult result = FastSimplifier(usual.mesh(), in_unit, progress).run();
+  QualityResult result = FastSimplifier(usual.mesh(), usual.box(), in_unit, progress).run();
   usual.to_file(result.mesh.vertices);
   result.max_error = usual.to_file(result.max_error);
   return result;

@@ -6,6 +6,9 @@
 #include <tuple>
 #include <utility>
 
+#include "geometry/bulk.hpp"
+#include "manip3d/geometry/parallel.hpp"
+
 namespace manip3d {
 namespace {
 
@@ -23,10 +26,10 @@ struct Coded {
 };
 
 /// Stable radix sort of 30 bits.
-void sort_by_code(std::vector<Coded>& items) {
+void sort_by_code(Bulk<Coded>& items) {
   constexpr int kBits = 10;
   constexpr std::size_t kBins = 1U << kBits;
-  std::vector<Coded> other(items.size());
+  Bulk<Coded> other(items.size());
   for (int shift = 0; shift < 30; shift += kBits) {
     std::array<std::uint32_t, kBins> start{};
     for (const Coded& item : items) ++start[(item.code >> shift) & (kBins - 1)];
@@ -39,24 +42,27 @@ void sort_by_code(std::vector<Coded>& items) {
 
 }  // namespace
 
-SpatialOrder spatial_order(const MeshView& mesh, const BoundingBox& box, const Progress& progress) {
+SpatialOrder spatial_order(const MeshView& mesh, const BoundingBox& box, int num_threads,
+                           const Progress& progress) {
   SpatialOrder order;
   order.rank.assign(mesh.num_vertices(), -1);
   for (Eigen::Index i = 0; i < mesh.faces.size(); ++i) order.rank[mesh.faces.data()[i]] = 0;
   if (progress) progress(0.1);
   const double extent = (box.max - box.min).maxCoeff();
   const double cells = extent > 0.0 && std::isfinite(extent) ? 1023.0 / extent : 0.0;
-  std::vector<Coded> items;
-  items.reserve(mesh.num_vertices());
-  for (std::int32_t v = 0; v < static_cast<std::int32_t>(mesh.num_vertices()); ++v) {
-    if (order.rank[v] < 0) continue;
-    std::uint32_t code = 0;
-    for (int k = 0; k < 3; ++k) {
-      const double cell = cells > 0.0 ? (mesh.vertices(v, k) - box.min[k]) * cells : 0.0;
-      code |= spread(static_cast<std::uint32_t>(std::clamp(cell, 0.0, 1023.0))) << k;
-    }
-    items.push_back({code, v});
-  }
+  Bulk<Coded> items(mesh.num_vertices());
+  parallel_chunks(
+      mesh.num_vertices(), 1 << 14, num_threads, [&](std::int64_t begin, std::int64_t end) {
+        for (auto v = static_cast<std::int32_t>(begin); v < end; ++v) {
+          std::uint32_t code = 0;
+          for (int k = 0; k < 3; ++k) {
+            const double cell = cells > 0.0 ? (mesh.vertices(v, k) - box.min[k]) * cells : 0.0;
+            code |= spread(static_cast<std::uint32_t>(std::clamp(cell, 0.0, 1023.0))) << k;
+          }
+          items[v] = {code, v};
+        }
+      });
+  std::erase_if(items, [&](const Coded& item) { return order.rank[item.vertex] < 0; });
   if (progress) progress(0.3);
   sort_by_code(items);
   if (progress) progress(0.6);

@@ -15,7 +15,9 @@ struct SpatialOrder {
   std::vector<std::int32_t> source;  ///< Lowest input vertex of each rank.
 };
 
-/// By Morton code on a grid of 1024 cells along the box, then by coordinates.
-SpatialOrder spatial_order(const MeshView& mesh, const BoundingBox& box, const Progress& progress);
+/// By Morton code on a grid of 1024 cells along the box, then by coordinates. `num_threads` as in
+/// parallel_chunks().
+SpatialOrder spatial_order(const MeshView& mesh, const BoundingBox& box, int num_threads,
+                           const Progress& progress);
 
 }  // namespace manip3d

@@ -12,16 +12,13 @@ namespace {
 
 constexpr int kMostExponent = 200;
 
-/// The bounding box has this diagonal, also where the squares of its sides overflow or vanish.
-double diagonal_of(const MeshView& mesh) {
-  const BoundingBox box = bounding_box(mesh);
-  return (box.max - box.min).stableNorm();
-}
+/// The diagonal of a box, also where the squares of its sides overflow or vanish.
+double diagonal_of(const BoundingBox& box) { return (box.max - box.min).stableNorm(); }
 
 }  // namespace
 
-UsualUnit::UsualUnit(const MeshView& mesh) : mesh_(mesh) {
-  const double diagonal = diagonal_of(mesh);
+UsualUnit::UsualUnit(const MeshView& mesh) : mesh_(mesh), box_(bounding_box(mesh)) {
+  const double diagonal = diagonal_of(box_);
   if (!std::isfinite(diagonal)) {
     throw InputError(
         "vertices: expected a bounding box whose diagonal is a finite number, got infinity");
@@ -32,6 +29,7 @@ UsualUnit::UsualUnit(const MeshView& mesh) : mesh_(mesh) {
   if (exponent == usual) return;
   unit_ = std::ldexp(1.0, exponent - usual);
   vertices_ = mesh.vertices / unit_;
+  box_ = {box_.min / unit_, box_.max / unit_};
   using Map = MeshView::Map<Vertices>;
   new (&mesh_.vertices) Map(vertices_.data(), vertices_.rows(), 3);  // Eigen's way to rebind a map
 }

@@ -17,6 +17,7 @@ class UsualUnit {
   ~UsualUnit() = default;
 
   [[nodiscard]] const MeshView& mesh() const { return mesh_; }
+  [[nodiscard]] const BoundingBox& box() const { return box_; }
   /// A length of the file in this unit; what is finite stays so.
   [[nodiscard]] double from_file(double length) const;
   [[nodiscard]] double to_file(double length) const { return length * unit_; }
@@ -26,6 +27,7 @@ class UsualUnit {
 
  private:
   MeshView mesh_;
+  BoundingBox box_;
   Vertices vertices_;  // empty: those of the file
   double unit_ = 1.0;
 };

@@ -26,8 +26,9 @@ struct FastOptions {
 /// Vertices at the same place are welded, equal faces are taken once, and everything is sorted in
 /// space first. Then passes: all edges are priced by the sum of their ends' quadrics [Garland &
 /// Heckbert 1997], and those below a limit collapse from the cheapest one on, each vertex at most
-/// once in a pass. Blocks of faces work independently, what crosses their borders follows in one
-/// queue; the blocks do not depend on the number of threads, so neither does the result.
+/// once in a pass. Blocks of faces work independently; what crosses their borders follows in blocks
+/// that are eight times as large, and so on. The blocks do not depend on the number of threads, so
+/// neither does the result.
 /// O(V + F) for each pass, of which there are O(log(F / target)).
 ///
 /// Vertices and faces come out in an order in space. The error of a step is the root mean square
