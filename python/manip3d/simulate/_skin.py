@@ -219,9 +219,7 @@ def _bandage(stump: _Tube, top: float) -> _Tube:
     )
 
 
-def _empty_sleeve(
-    limb: _Tube, kind: Literal["arm", "leg"], side: str, end: float
-) -> tuple[_Tube, _Sleeve]:
+def _empty_sleeve(limb: _Tube, kind: str, side: str, end: float) -> tuple[_Tube, _Sleeve]:
     """Flat cloth from the end of a left stump to where the wrist or the ankle was.
 
     A sleeve hangs from the end of an arm; the leg of trousers goes on to the knee, as on a seat,
