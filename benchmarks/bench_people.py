@@ -20,6 +20,14 @@ doubled   body pixels of the affected limb are more than 10 % as many as it had.
           knee beside a hand, as the joints of seated thighs lie deep: it says too much there.
 floating  the largest piece of the phantom begins more than 10 cm (arms) or 16 cm (legs) from its
           root.
+
+A second table says what the legs' frames that are cut have lost, as means in percent of the
+person's pixels below the hips. `limb` is flesh of the affected limb itself, nearest to one of its
+bones: an amputee has none there, and it is lost where the two legs do not mirror each other about
+the plane. `body` is nearest to another bone, and `background` farther than 20 cm from all bones:
+both are removed by error. `best plane` is what of the limb is lost if the plane is turned about
+the vertical and shifted until the two recorded legs cover each other best, which nobody can do
+for a person without the second leg; `turn` is the median of that turn.
 """
 
 from __future__ import annotations
@@ -65,6 +73,17 @@ def is_seated(frame: RgbdFrame) -> bool:
     return bool(knees[1] - hips[1] < hips[2] - knees[2])
 
 
+@dataclass(frozen=True)
+class Loss:
+    """What a frame has lost below the hips, in shares of the person's pixels there."""
+
+    limb: float
+    body: float
+    background: float
+    best_plane: float
+    turn_deg: float
+
+
 @dataclass
 class Tally:
     """Frames by state, reason and fault."""
@@ -74,6 +93,7 @@ class Tally:
     reasons: Counter[str] = field(default_factory=Counter)
     faults: Counter[str] = field(default_factory=Counter)
     unsaid: Counter[str] = field(default_factory=Counter)
+    losses: list[Loss] = field(default_factory=list)
 
     def add(self, result: PhantomFrame, faults: set[str]) -> None:
         """One more frame."""
@@ -83,6 +103,14 @@ class Tally:
         self.faults.update(faults)
         if result.state.value == "tracking":
             self.unsaid.update(faults)
+
+    def loss_row(self) -> list[str]:
+        """Means over the frames that are cut, and the rate of those that are cut by error alone."""
+        parts = np.array([(c.limb, c.body, c.background, c.best_plane) for c in self.losses])
+        turns = np.median([c.turn_deg for c in self.losses])
+        by_error = sum(c.body + c.background > 0.15 for c in self.losses) / self.frames
+        means = [f"{100 * mean:.1f}" for mean in parts.mean(axis=0)]
+        return [str(len(self.losses)), *means, f"{turns:.0f}", f"{100 * by_error:.1f}"]
 
     def row(self) -> list[str]:
         """Percent of the frames: states, faults, and those under tracking (of these)."""
@@ -190,6 +218,59 @@ def shares(
     }
 
 
+def coverage(
+    points: NDArray[Any], origin: NDArray[np.float64], normal: NDArray[np.float64], camera: Any
+) -> NDArray[np.bool_]:
+    """Pixels that points cover after reflection, gaps between neighbours closed."""
+    from scipy import ndimage
+
+    off = (points - origin) @ normal
+    u, v = np.rint(camera.project(points - 2.0 * off[:, None] * normal)).astype(int).T
+    covered = np.zeros((camera.height, camera.width), bool)
+    inside = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
+    covered[v[inside], u[inside]] = True
+    return np.asarray(ndimage.binary_closing(covered, np.ones((5, 5))))
+
+
+def loss_below(
+    frame: RgbdFrame, result: PhantomFrame, limb: str, bones: BodySegmentation
+) -> Loss | None:
+    """What was lost below the hips and to whom it belonged; None where there was no plane."""
+    from manip3d.modify import PixelKind
+    from manip3d.simulate import LIMBS as CHAINS
+    from manip3d.simulate import opposite
+
+    if result.plane is None:
+        return None
+    camera = frame.calibration.depth
+    points = camera.unproject(frame.depth).astype(float)
+    person = frame.body_index == 0
+    part = person & (points[..., 1] > frame.skeletons[0].positions[0, 1])
+    lost = part & (result.kinds == PixelKind.NONE)
+    far = bones.distances > 0.20
+    mine = np.isin(bones.labels, CHAINS[limb][1:]) & ~far
+    intact = points[person & np.isin(bones.labels, CHAINS[opposite(limb)][1:])]
+    gone = part & mine & (result.kinds != PixelKind.BODY)
+    best, best_turn = np.inf, 0.0
+    n = result.plane.normal
+    for turn in np.radians(np.arange(-18, 19, 3)):
+        c, s = np.cos(turn), np.sin(turn)
+        turned = np.array([c * n[0] - s * n[2], n[1], s * n[0] + c * n[2]])
+        for shift in np.arange(-0.06, 0.07, 0.02):
+            covered = coverage(intact, result.plane.origin + shift * n, turned, camera)
+            left = float((gone & ~covered).sum())
+            if left < best:
+                best, best_turn = left, abs(float(np.degrees(turn)))
+    pixels = max(1, int(part.sum()))
+    return Loss(
+        limb=float((lost & mine).sum()) / pixels,
+        body=float((lost & ~mine & ~far).sum()) / pixels,
+        background=float((lost & far).sum()) / pixels,
+        best_plane=best / pixels,
+        turn_deg=best_turn,
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class Shown:
     """A picture of the sheet."""
@@ -242,8 +323,13 @@ def main() -> None:
                     names.append(f"a24, a25: {kind}")
                     if is_seated(frame):
                         names.append(f"of these seated: {kind}")
+                loss = None
+                if "cut" in faults and limb.endswith("leg"):
+                    loss = loss_below(frame, result, limb, bones)
                 for name in names:
-                    groups.setdefault(name, Tally()).add(result, faults)
+                    tally = groups.setdefault(name, Tally())
+                    tally.add(result, faults)
+                    tally.losses += [loss] if loss else []
                 tracking = result.state.value == "tracking"
                 score = result.quality.score
                 if options.sort in FAULTS:
@@ -262,6 +348,11 @@ def main() -> None:
         head += [fault, "tracking"]
     order = sorted(groups, key=lambda name: (name != "all", name not in LIMBS, name))
     print(tables.table([*head, "reasons"], [[name, *groups[name].row()] for name in order]))
+    if any(groups[name].losses for name in order):
+        head = ["cut, legs", "frames cut", "limb", "body", "background"]
+        head += ["best plane", "turn", "cut by error"]
+        order = [name for name in order if groups[name].losses]
+        print(tables.table(head, [[name, *groups[name].loss_row()] for name in order]))
     if options.sheet:
         draw(sorted(pictures, key=lambda p: -p.score)[:40], options.sheet)
 

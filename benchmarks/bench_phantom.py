@@ -84,6 +84,7 @@ def profile(limb: str, frames: list[RgbdFrame], rounds: int) -> Profile:
                 frame.body_index,
                 frame.calibration.depth,
                 frame.calibration.registration,
+                frame.color,
                 frame.skeletons,
                 frame.time,
                 frame.number,

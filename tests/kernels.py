@@ -93,6 +93,7 @@ moves = io.Motion(
     np.stack([f.skeletons[0].positions.astype(np.float64) * (1.0, -1.0, -1.0) for f in walk]),
     1.0 / 30.0,
 )
+colored = dataclasses.replace(person, color=np.full((*person.depth.shape, 3), 90, np.uint8))
 LABELS = modify.segment_body(person.depth, person.calibration.depth, skeleton).labels
 person_mesh = modify.animation_mesh(person.depth, person.calibration.depth, LABELS)
 
@@ -186,6 +187,7 @@ KERNELS: dict[str, Kernel] = {
     "simplify.grid_delaunay": lambda _: simplify.grid_delaunay(np.argwhere(DEPTH % 7 == 0)),
     "modify.repose": lambda t: modify.repose(hill.vertices, skeleton, threads=t),
     "modify.body_mirror": lambda _: modify.body_mirror(skeleton, "right_arm"),
+    "modify.clothing_colors": lambda _: modify.clothing_colors(colored),
     "modify.segment_body": lambda _: modify.segment_body(
         person.depth, person.calibration.depth, skeleton
     ),

@@ -190,7 +190,7 @@ OF_A_SECOND = {
     "simplify.cs3", "simplify.cs3_grid", "simplify.relief", "simplify.relief_grid",
     "simplify.sample_depth", "simplify.sample_depth_grid", "simplify.simplify_depth",
     "simplify.confidence_of_levels", "simplify.cut_depth_steps", "simplify.grid_delaunay",
-    "modify.body_mirror",
+    "modify.body_mirror", "modify.clothing_colors",
     "modify.segment_body", "modify.lift_landmarks", "modify.skeleton_from", "modify.joint_layouts",
     "modify.skeletons_from_motion", "simplify.polygon_budget",
     "forge.range_scale", "forge.ctp", "forge.subtract", "forge.deform", "forge.additive",

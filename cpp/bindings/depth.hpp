@@ -3,9 +3,11 @@
 #include <pybind11/pybind11.h>
 
 #include <cstdint>
+#include <optional>
 #include <string>
 
 #include "manip3d/geometry/camera.hpp"
+#include "manip3d/geometry/color_image.hpp"
 #include "manip3d/geometry/depth_image.hpp"
 #include "numpy.hpp"
 
@@ -23,6 +25,13 @@ void check_image(const CArray<T>& array, py::ssize_t channels, const char* name)
 
 /// A borrowed depth image.
 DepthView depth_view(const py::array& depth);
+
+/// A borrowed colour image; without pixels where there is none.
+inline ColorView color_view(const std::optional<CArray<std::uint8_t>>& image, const char* name) {
+  if (!image) return {};
+  check_image(*image, 3, name);
+  return {image->shape(0), image->shape(1), image->data()};
+}
 
 /// A `manip3d.Intrinsics`; `keep` holds its ray table.
 Intrinsics to_intrinsics(const py::object& camera, py::object& keep);

@@ -11,6 +11,7 @@
 #include "array_pool.hpp"
 #include "depth.hpp"
 #include "exclusive.hpp"
+#include "manip3d/modify/clothing.hpp"
 #include "manip3d/modify/joint_smoother.hpp"
 #include "manip3d/modify/key_person.hpp"
 #include "manip3d/modify/mirror.hpp"
@@ -31,6 +32,44 @@ std::vector<Skeleton> to_skeletons(const People& people) {
   std::vector<Skeleton> skeletons;
   for (const py::handle person : people) skeletons.push_back(to_skeleton(person));
   return skeletons;
+}
+
+constexpr auto kNumShares = static_cast<py::ssize_t>(kNumHues + kNumShades);
+
+std::vector<ClothingColors> to_clothes(const std::optional<CArray<float>>& rows) {
+  std::vector<ClothingColors> clothes;
+  if (!rows) return clothes;
+  if (rows->ndim() != 2 || rows->shape(1) != kNumShares) {
+    throw InputError("clothes: expected shape (N, " + std::to_string(kNumShares) + ")");
+  }
+  for (py::ssize_t i = 0; i < rows->shape(0); ++i) {
+    std::copy_n(rows->data(i, 0), kNumShares, clothes.emplace_back().shares.begin());
+  }
+  return clothes;
+}
+
+CArray<float> clothing_colors_of(const py::array& depth,
+                                 const std::optional<CArray<std::uint8_t>>& body_index,
+                                 const py::object& camera, const py::object& registration,
+                                 const CArray<std::uint8_t>& color, const People& people) {
+  py::object keep;
+  const Intrinsics intrinsics = to_intrinsics(camera, keep);
+  const PixelRays rays(intrinsics);
+  std::optional<Registration> to_color;
+  if (!registration.is_none()) to_color = to_registration(registration);
+  const ColoredScene scene{depth_view(depth),
+                           body_index ? body_index->data() : nullptr,
+                           &intrinsics,
+                           &rays,
+                           to_color ? &*to_color : nullptr,
+                           color_view(color, "color")};
+  const std::vector<Skeleton> skeletons = to_skeletons(people);
+  CArray<float> rows({static_cast<py::ssize_t>(skeletons.size()), kNumShares});
+  for (std::size_t i = 0; i < skeletons.size(); ++i) {
+    const ClothingColors worn = clothing_colors(skeletons[i], scene);
+    std::ranges::copy(worn.shares, rows.mutable_data(static_cast<py::ssize_t>(i), 0));
+  }
+  return rows;
 }
 
 /// The caller's image, which is written to.
@@ -123,7 +162,8 @@ class PipelineRunner {
   explicit PipelineRunner(const PhantomOptions& options) : pipeline_(options) {}
 
   Fields process(const py::array& depth, const std::optional<CArray<std::uint8_t>>& body_index,
-                 const py::object& camera, const py::object& registration, const People& people,
+                 const py::object& camera, const py::object& registration,
+                 const std::optional<CArray<std::uint8_t>>& colors, const People& people,
                  std::int64_t time_ns, std::int64_t number, const py::object& out) {
     PhantomInput input;
     input.depth = depth_view(depth);
@@ -138,6 +178,7 @@ class PipelineRunner {
     std::optional<Registration> color;
     if (!registration.is_none()) color = to_registration(registration);
     input.registration = color ? &*color : nullptr;
+    input.color = color_view(colors, "color");
     const std::vector<Skeleton> skeletons = to_skeletons(people);
     input.people = skeletons;
     input.time_ns = time_ns;
@@ -232,13 +273,16 @@ void bind_joints(py::module_& m) {
       .def(
           "find",
           [](Exclusive<KeyPerson>& self, const People& people, const py::object& camera,
-             double time) -> std::optional<std::size_t> {
+             double time,
+             const std::optional<CArray<float>>& clothes) -> std::optional<std::size_t> {
             py::object rays;
             const std::vector<Skeleton> skeletons = to_skeletons(people);
             const Intrinsics intrinsics = to_intrinsics(camera, rays);
-            return self.with([&](KeyPerson& key) { return key.find(skeletons, intrinsics, time); });
+            const std::vector<ClothingColors> worn = to_clothes(clothes);
+            return self.with(
+                [&](KeyPerson& key) { return key.find(skeletons, intrinsics, time, worn); });
           },
-          py::arg("people"), py::arg("camera"), py::arg("time"))
+          py::arg("people"), py::arg("camera"), py::arg("time"), py::arg("clothes").noconvert())
       .def("select", exclusively(&KeyPerson::select), py::arg("id"))
       .def("reset", exclusively(&KeyPerson::reset));
 }
@@ -274,7 +318,8 @@ void bind_pipeline(py::module_& m) {
       .def(py::init<const PhantomOptions&>(), py::arg("options"))
       .def("process", exclusively(&PipelineRunner::process), py::arg("depth"),
            py::arg("body_index").noconvert(), py::arg("camera"), py::arg("registration"),
-           py::arg("people"), py::arg("time_ns"), py::arg("number"), py::arg("out"))
+           py::arg("color").noconvert(), py::arg("people"), py::arg("time_ns"), py::arg("number"),
+           py::arg("out"))
       .def("select", exclusively(&PipelineRunner::select), py::arg("id"))
       .def("reset", exclusively(&PipelineRunner::reset));
 }
@@ -285,6 +330,9 @@ void bind_kernels(py::module_& m) {
       .def_readwrite("near", &PersonMaskOptions::near)
       .def_readwrite("far", &PersonMaskOptions::far)
       .def_readwrite("margin", &PersonMaskOptions::margin);
+  m.def("clothing_colors", &clothing_colors_of, py::arg("depth"), py::arg("body_index").noconvert(),
+        py::arg("camera"), py::arg("registration"), py::arg("color").noconvert(),
+        py::arg("people"));
   m.def(
       "segment_person",
       [](const py::array& depth, const std::optional<CArray<std::uint8_t>>& body_index,

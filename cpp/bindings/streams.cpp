@@ -121,12 +121,6 @@ py::object animate_vertices(const CArray<float>& vertices, const Bytes& labels,
   return py::make_tuple(to_numpy(std::move(to)), from_skeleton(move_skeleton(source, *motions)));
 }
 
-ColorView color_view(const std::optional<Bytes>& image, const char* name) {
-  if (!image) return {};
-  check_image(*image, 3, name);
-  return {image->shape(0), image->shape(1), image->data()};
-}
-
 std::optional<Registration> optional_registration(const py::object& registration) {
   if (registration.is_none()) return {};
   return to_registration(registration);

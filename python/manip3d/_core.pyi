@@ -89,6 +89,7 @@ __all__: list[str] = [
     "check_registration",
     "clean",
     "closest_points",
+    "clothing_colors",
     "compare_cross_modal",
     "compare_paper_watermark",
     "compare_reflectance",
@@ -1466,6 +1467,7 @@ class KeyPerson:
         people: collections.abc.Iterable[typing.Any],
         camera: typing.Any,
         time: typing.SupportsFloat | typing.SupportsIndex,
+        clothes: numpy.typing.NDArray[numpy.float32] | None,
     ) -> int | None: ...
     def reset(self) -> None: ...
     def select(self, id: typing.SupportsInt | typing.SupportsIndex) -> None: ...
@@ -1550,6 +1552,7 @@ class PhantomPipeline:
         body_index: numpy.typing.NDArray[numpy.uint8] | None,
         camera: typing.Any,
         registration: typing.Any,
+        color: numpy.typing.NDArray[numpy.uint8] | None,
         people: collections.abc.Iterable[typing.Any],
         time_ns: typing.SupportsInt | typing.SupportsIndex,
         number: typing.SupportsInt | typing.SupportsIndex,
@@ -1936,6 +1939,14 @@ def closest_points(
     threads: typing.SupportsInt | typing.SupportsIndex,
     progress: typing.Any,
 ) -> tuple[numpy.ndarray, numpy.ndarray, numpy.ndarray]: ...
+def clothing_colors(
+    depth: numpy.ndarray,
+    body_index: numpy.typing.NDArray[numpy.uint8] | None,
+    camera: typing.Any,
+    registration: typing.Any,
+    color: numpy.typing.NDArray[numpy.uint8],
+    people: collections.abc.Iterable[typing.Any],
+) -> numpy.typing.NDArray[numpy.float32]: ...
 def compare_cross_modal(
     points: numpy.typing.NDArray[numpy.float32],
     disparity: numpy.typing.NDArray[numpy.float32],

@@ -16,7 +16,7 @@ import textwrap
 import threading
 import time
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -770,13 +770,96 @@ def test_a_trigger_that_never_comes_and_seconds_that_are_none(tmp_path: Path) ->
         capture.record(there, tmp_path / "b", before=1.0)
 
 
+class Made(Sequence[RgbdFrame]):
+    """Frames of a simulator or a data set that take time to be made."""
+
+    def __init__(self, clock: list[float], seconds: float, rate: float | None) -> None:
+        self.clock, self.seconds, self.made = clock, seconds, list[int]()
+        if rate is not None:
+            self.rate = rate
+
+    def __len__(self) -> int:
+        return 30
+
+    def __getitem__(self, index: Any) -> RgbdFrame:
+        if not 0 <= index < 30:
+            raise IndexError
+        self.clock[0] += self.seconds
+        self.made.append(index)
+        image = next(iter(rgbd_frames.frames(1)))
+        return replace(image, time=index * 100_000_000, number=index)
+
+
+@pytest.fixture
+def wall(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """A clock that stands unless somebody sleeps."""
+    now = [100.0]
+    monkeypatch.setattr(_rgbd.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(_rgbd.time, "sleep", lambda seconds: now.__setitem__(0, now[0] + seconds))
+    return now
+
+
+def played(
+    frames: Made, reader_s: float, speed: float = 1.0
+) -> tuple[list[int], capture.RgbdSource]:
+    """Numbers of the frames that a reader gets who takes so long with each."""
+    source = _rgbd._source_of(frames, "made", speed)
+    numbers = []
+    for frame in source:
+        numbers.append(frame.number)
+        frames.clock[0] += reader_s
+    return numbers, source
+
+
+def test_a_simulator_does_not_make_the_frames_that_its_reader_misses(wall: list[float]) -> None:
+    """Frames of 0.1 s; making one takes 0.04 s, and the reader 0.26: every third one is seen."""
+    frames = Made(wall, 0.04, rate=10.0)
+    numbers, source = played(frames, 0.26)
+    assert numbers == frames.made
+    assert numbers == [0, *range(2, 29, 3), 29]
+    assert source.counters == {"frames": len(numbers), "dropped": 30 - len(numbers)}
+    assert wall[0] == pytest.approx(103.1, abs=0.3)  # in real time
+
+
+def test_a_data_set_leaves_out_the_frames_that_its_reader_misses(wall: list[float]) -> None:
+    numbers, source = played(Made(wall, 0.0, rate=None), 0.24)
+    steps = np.diff(numbers)
+    assert set(steps.tolist()) <= {1, 2, 3}
+    assert steps.mean() == pytest.approx(2.4, abs=0.3)
+    assert source.counters["dropped"] == 30 - len(numbers)
+
+
+@pytest.mark.parametrize("rate", [10.0, None])
+def test_a_quick_reader_gets_all_frames_at_their_times(
+    wall: list[float], rate: float | None
+) -> None:
+    numbers, source = played(Made(wall, 0.03, rate=rate), 0.01, speed=2.0)
+    assert numbers == list(range(30))
+    assert source.counters["dropped"] == 0
+    assert wall[0] == pytest.approx(100.0 + 2.9 / 2.0, abs=0.1)
+
+
+def test_frames_that_are_made_more_slowly_than_they_are_played_are_not_caught_up_with(
+    wall: list[float],
+) -> None:
+    """Were all late ones left out, none but the first and the last would be seen."""
+    numbers, _ = played(Made(wall, 0.3, rate=None), 0.0)
+    assert len(numbers) > 10
+
+
+def test_speed_0_waits_for_its_reader(wall: list[float]) -> None:
+    numbers, source = played(Made(wall, 0.3, rate=10.0), 5.0, speed=0.0)
+    assert numbers == list(range(30))
+    assert source.counters["dropped"] == 0
+
+
 def test_simulated_people_are_given_at_their_times() -> None:
     pytest.importorskip("open3d")
     with capture.open_rgbd("sim:body?frames=3&room=no&rate=2", speed=50.0) as source:
-        first = source.read()
-        assert first is not None
-        assert [frame.time - first.time for frame in source] == [500_000_000, 1_000_000_000]
-        assert source.counters["frames"] == 3
+        times = [frame.time for frame in source]
+        assert times[0] == 0
+        assert times[-1] == 1_000_000_000  # the last one is never left out
+        assert source.counters["frames"] + source.counters["dropped"] == 3
     with capture.open_rgbd("sim:body?frames=3&room=no&rate=1", speed=0.001) as source:
         source.read()
         assert source.read(timeout=0.0) is None  # not yet
@@ -784,23 +867,23 @@ def test_simulated_people_are_given_at_their_times() -> None:
         assert source.read(timeout=60.0) is not None  # the frame that it had
 
 
-def test_the_clock_of_frames_waits_for_their_times(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Twice as fast as they were; a frame that is late moves those behind it."""
-    now = [100.0]
-    monkeypatch.setattr(_rgbd.time, "monotonic", lambda: now[0])
-    monkeypatch.setattr(_rgbd.time, "sleep", lambda seconds: now.__setitem__(0, now[0] + seconds))
+def test_the_clock_of_frames_waits_for_their_times(wall: list[float]) -> None:
+    """Twice as fast as they were."""
     clock = _rgbd.FrameClock(2.0)
     assert clock.is_due(5_000_000_000, 1000)
-    assert now[0] == 100.0
+    assert wall[0] == 100.0
     assert clock.is_due(5_500_000_000, 1000)
-    assert now[0] == pytest.approx(100.25)
+    assert wall[0] == pytest.approx(100.25)
     assert not clock.is_due(60_000_000_000, 100)
-    assert now[0] == pytest.approx(100.35)
-    now[0] = 200.0
-    assert clock.is_due(6_000_000_000, 1000)  # late
+    assert wall[0] == pytest.approx(100.35)
+    wall[0] = 200.0
+    assert clock.late_s(6_000_000_000) == pytest.approx(199.0)
+    assert clock.is_due(6_000_000_000, 1000)
+    clock.restart(6_000_000_000)
     assert clock.is_due(7_000_000_000, 1000)
-    assert now[0] == pytest.approx(200.5)
+    assert wall[0] == pytest.approx(200.5)
     clock.stop()
+    assert clock.late_s(0) == 0.0
     assert clock.is_due(90_000_000_000, 0)
 
 

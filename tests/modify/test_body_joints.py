@@ -10,9 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from capsule_body import SMALL, bones, jittered, pixel_rays, pose, render
+from capsule_body import SMALL, bones, frame, jittered, pixel_rays, pose, render
 from manip3d import InputError, Intrinsics, Skeleton
-from manip3d.modify import JointSmoother, KeyPerson, body_mirror, segment_body
+from manip3d.modify import (
+    JointSmoother,
+    KeyPerson,
+    body_mirror,
+    clothing_colors,
+    segment_body,
+)
 from manip3d.rgbd import JOINTS, MIRRORED_JOINTS, PARENTS
 
 # ---- smoothing ------------------------------------------------------------------------------
@@ -238,6 +244,123 @@ def test_people_without_a_place_are_not_chosen() -> None:
     assert found(key, [lost, behind, person(3, 0.5)], 0.1) == 3
     with pytest.raises(InputError, match="patience"):
         KeyPerson(patience=float("nan"))
+
+
+RED, BLUE = np.eye(15, dtype=np.float32)[[0, 8]]
+REDDISH = 0.8 * RED + 0.2 * np.eye(15, dtype=np.float32)[1]  # Hellinger distance 0.32 from RED
+
+
+def dressed(
+    key: KeyPerson, people: list[tuple[Skeleton, NDArray[np.float32]]], time: float
+) -> int | None:
+    """Who of the people, each with its clothes, is the key person."""
+    one = key.find([p for p, _ in people], SMALL, time, clothes=[c for _, c in people])
+    return None if one is None else one.id
+
+
+def test_ids_swapped_while_two_people_cross_are_told_by_their_clothes() -> None:
+    """They pass each other within 20 cm, so that no place tells them apart."""
+    key = KeyPerson()
+    for k in range(60):
+        x = 0.02 * (k - 30)  # of the patient, in red; the visitor comes the other way
+        swap = k >= 30
+        patient, visitor = person(1 + swap, x), person(2 - swap, -1.3 * x, 2.7)
+        assert dressed(key, [(visitor, BLUE), (patient, REDDISH)], k / 30) == patient.id, k
+
+
+def test_without_colours_people_who_cross_are_told_by_ids() -> None:
+    """The same walk in clothes that are not seen: whoever has the id is followed."""
+    key, unseen = KeyPerson(), np.zeros(15, np.float32)
+    for k in range(60):
+        x = 0.02 * (k - 30)
+        swap = k >= 30
+        both = [(person(2 - swap, -1.3 * x, 2.7), unseen), (person(1 + swap, x), unseen)]
+        assert dressed(key, both, k / 30) == 1, k
+
+
+def test_a_patient_hidden_by_a_visitor_comes_back_under_the_visitors_id() -> None:
+    key = KeyPerson()
+    assert dressed(key, [(person(1, 0.0), RED), (person(2, 0.6), BLUE)], 0.0) == 1
+    assert dressed(key, [], 0.4) is None
+    assert dressed(key, [(person(2, 0.2), REDDISH), (person(1, -0.5), BLUE)], 0.5) == 2
+
+
+def test_of_two_newcomers_of_one_size_the_one_in_the_patients_clothes_is_taken() -> None:
+    key = KeyPerson()
+    assert dressed(key, [(person(1, 0.0), RED)], 0.0) == 1
+    assert dressed(key, [], 0.4) is None
+    both = [(person(5, 0.1), BLUE), (person(6, -0.8), REDDISH)]
+    assert dressed(key, both, 0.5) == 6
+    key = KeyPerson()  # without colours both may be it
+    assert found(key, [person(1, 0.0)], 0.0) == 1
+    assert found(key, [p for p, _ in both], 0.5) is None
+
+
+def test_a_newcomer_in_other_clothes_is_not_taken() -> None:
+    key = KeyPerson()
+    assert dressed(key, [(person(1, 0.0), RED)], 0.0) == 1
+    for k in range(1, 50):
+        assert dressed(key, [(person(7, 0.1), BLUE)], 0.2 * k) is None  # not after patience either
+    assert dressed(key, [(person(8, 0.3), RED)], 9.9) == 8
+
+
+def test_an_id_is_believed_while_nobody_else_wears_the_clothes() -> None:
+    """A jacket is put on, or an arm hides the shirt: nobody else is the patient for it."""
+    key = KeyPerson()
+    assert dressed(key, [(person(1, 0.0), RED), (person(2, 0.7), RED)], 0.0) == 1
+    assert dressed(key, [(person(1, 0.0), BLUE), (person(2, 0.7), BLUE)], 0.1) == 1
+    far = [(person(1, 0.0), BLUE), (person(2, 1.9), RED)]
+    assert dressed(key, far, 0.2) == 1
+
+
+def test_clothes_are_one_row_for_each_person() -> None:
+    with pytest.raises(InputError, match="clothes: expected one for each of 1 people, got 2"):
+        KeyPerson().find([person(1, 0.0)], SMALL, 0.0, clothes=[RED, BLUE])
+    with pytest.raises(InputError, match=r"clothes: expected shape \(N, 15\)"):
+        KeyPerson().find([person(1, 0.0)], SMALL, 0.0, clothes=[RED[:3]])
+    with pytest.raises(InputError, match="clothes: expected shares from 0 to 1"):
+        KeyPerson().find([person(1, 0.0)], SMALL, 0.0, clothes=[RED * np.float32(np.nan)])
+
+
+@pytest.mark.parametrize(
+    ("rgb", "row"),
+    [
+        ((200, 0, 0), {0: 1.0}),
+        ((100, 0, 0), {0: 1.0}),  # half the light
+        ((0, 0, 180), {8: 1.0}),
+        ((200, 50, 0), {0: 0.5, 1: 0.5}),  # hue 15 degrees
+        ((0, 0, 0), {12: 1.0}),
+        ((80, 80, 80), {12: 0.5, 13: 0.5}),
+        ((255, 255, 255), {14: 1.0}),
+        ((120, 90, 90), {0: 0.5, 13: 0.5}),  # saturation 0.25
+    ],
+)
+def test_colours_of_clothes(rgb: tuple[int, int, int], row: dict[int, float]) -> None:
+    image = frame(pose())
+    color = np.broadcast_to(np.array(rgb, np.uint8), (*image.depth.shape, 3)).copy()
+    expected = np.zeros(15)
+    expected[list(row)] = list(row.values())
+    measured = clothing_colors(replace(image, color=color))
+    np.testing.assert_allclose(measured, [expected], atol=1e-5)
+
+
+def test_clothes_are_those_of_the_trunk_alone() -> None:
+    """An arm before the chest, the background and a person of no index are left out."""
+    both = pose(), pose(at=(0.0, 0, 2.44), identity=2, body=1)
+    image = frame(both[0], people=both)
+    there = image.depth > 0
+    color = np.where(there[..., None], (200, 0, 0), (0, 0, 200)).astype(np.uint8)
+    image = replace(image, color=color)
+    rows = clothing_colors(image)
+    assert rows[0, 0] > 0.999
+    assert not rows[1].any()  # none of the pixels has its index
+    arm = image.depth.copy()
+    arm[:, 90:100] = np.where(there[:, 90:100], 2000, 0)
+    color = color.copy()
+    color[:, 90:100] = (0, 200, 0)
+    assert clothing_colors(replace(image, depth=arm, color=color))[0, 0] > 0.999
+    with pytest.raises(InputError, match="frame: expected a colour image, got none"):
+        clothing_colors(replace(image, color=None))
 
 
 # ---- mirror ---------------------------------------------------------------------------------

@@ -725,8 +725,15 @@ def test_calibrations_may_change_and_may_be_wrong() -> None:
     assert pipeline.process(frame(pose(), KINECT, number=1)).depth.shape == (424, 512)
     with pytest.raises(InputError, match=r"depth: expected shape \(160, 192\)"):
         pipeline._core.process(  # a frame whose sizes do not agree cannot be made in Python
-            np.zeros((3, 4), np.uint16), None, SMALL, None, (), 10**9, 2, _Buffers.of_size(3, 4)
-        )
+            np.zeros((3, 4), np.uint16), None, SMALL, None, None, (), 10**9, 2,
+            _Buffers.of_size(3, 4),
+        )  # fmt: skip
+    shape = SMALL.height, SMALL.width
+    with pytest.raises(InputError, match=r"color: expected shape \(160, 192, 3\).*got \(3, 4, 3\)"):
+        pipeline._core.process(
+            np.zeros(shape, np.uint16), None, SMALL, None, np.zeros((3, 4, 3), np.uint8), (),
+            10**9, 2, _Buffers.of_size(*shape),
+        )  # fmt: skip
     assert pipeline.process(frame(pose(), number=30)).state is PhantomState.TRACKING
 
 

@@ -327,6 +327,27 @@ def test_swapped_ids_leave_the_phantom_with_the_patient() -> None:
         assert abs(result.skeleton.positions[0][0]) < 0.1
 
 
+def test_the_phantom_stays_with_the_patients_shirt() -> None:
+    """Ids are swapped while the visitor passes behind the patient, as near as 25 cm."""
+    followed = []
+    for in_color in (True, False):
+        pipeline = PhantomPipeline("right_arm")
+        for number in range(40):
+            x = 0.02 * (number - 20)
+            swap = number >= 20
+            patient = pose(at=(0, 0, 2.44), identity=1 + swap)
+            visitor = pose(at=(0.12 + x if x > 0 else x - 0.12, 0, 2.60), identity=2 - swap, body=1)
+            image = crowd(patient, visitor, number)
+            assert image.body_index is not None
+            color = np.zeros((*image.depth.shape, 3), np.uint8)
+            color[image.body_index == 0] = (190, 40, 30)
+            color[image.body_index == 1] = (30, 60, 190)
+            image = replace(image, color=color if in_color else None)
+            result = pipeline.process(image)
+        followed.append(result.skeleton.id)
+    assert followed == [2, 1]  # the patient's, and the visitor's who took over the id
+
+
 def test_a_patient_who_comes_back_aside_is_known_at_once() -> None:
     pipeline = PhantomPipeline("right_arm")
     for number in range(5):

@@ -166,7 +166,8 @@ OBJECTS: dict[str, tuple[dict[str, Any], Methods]] = {
     ),
     "modify.KeyPerson": (
         {"patience": 1.0, "reach": 0.5, "forget": 10.0},
-        {"find": {"people": [POSE], "camera": capsule_body.SMALL, "time": 0.0},
+        {"find": {"people": [POSE], "camera": capsule_body.SMALL, "time": 0.0,
+                  "clothes": np.zeros((1, 15), np.float32)},
          "select": {"person": 1}},
     ),
 }  # fmt: skip

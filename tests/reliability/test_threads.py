@@ -277,6 +277,7 @@ def test_an_object_cannot_be_used_from_within_itself() -> None:
             None,
             frame.calibration.depth,
             None,
+            None,
             Hostile(),
             0,
             0,

@@ -420,3 +420,95 @@ def test_a_tracker_may_swap_ids() -> None:
     during = {s.body: s.id for s in simulator.frame(2.7).skeletons}
     assert before == {0: 1, 1: 2}
     assert during == {0: 2, 1: 1}
+
+
+def stump_pixels(limb: str, dressing: str, **options: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Points and colours of the bones of a stump."""
+    simulator = BodySimulator(amputated=limb, dressing=dressing, noise=0.0, room=False, **options)
+    capture = simulator.capture(0.5)
+    there = np.isin(capture.truth.bones, LIMBS[limb][1:])
+    assert capture.frame.color is not None
+    points = DEPTH_CAMERA.unproject(capture.truth.depth)
+    return points[there], capture.frame.color[there].astype(int)
+
+
+def test_a_bandage_is_white_and_makes_the_stump_thicker() -> None:
+    options = {"motion": "still", "stump": 0.2}
+    (bare, blue), (bound, white) = (
+        stump_pixels("right_arm", name, **options) for name in ("bare", "bandage")
+    )
+    assert (white.min(axis=1) > 90).mean() > 0.4
+    assert (blue.min(axis=1) > 90).mean() < 0.2
+    above_end = bare[:, 1].max() - np.array([0.07, 0.05])
+    widths = [
+        np.ptp(points[(points[:, 1] > above_end[0]) & (points[:, 1] < above_end[1]), 0])
+        for points in (bare, bound)
+    ]
+    assert widths[1] - widths[0] == pytest.approx(0.016, abs=0.008)
+    assert bound[:, 1].max() - bare[:, 1].max() < 0.02
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_an_empty_sleeve_hangs_down_whatever_the_stump_does(side: str) -> None:
+    """The stump is raised sideways; below its end flat cloth hangs, of the shirt's colour."""
+    limb = f"{side}_arm"
+    options = {"motion": "elbow-bent", "side": "both", "stump": 0.15}
+    bare, _ = stump_pixels(limb, "bare", **options)
+    points, colors = stump_pixels(limb, "sleeve", **options)
+    hanging = points[:, 1] > bare[:, 1].max() + 0.05
+    # From the wrist to the stump's end, less what the bare end reaches beyond it.
+    assert points[:, 1].max() - bare[:, 1].max() == pytest.approx(0.285, abs=0.015)
+    cloth = points[hanging]
+    is_low = cloth[:, 1] > np.median(cloth[:, 1])
+    high, low = cloth[~is_low], cloth[is_low]
+    assert abs(high[:, 0].mean() - low[:, 0].mean()) < 0.005  # upright
+    assert np.ptp(cloth[:, 2]) < 0.03  # flat
+    r, g, b = colors[hanging].T
+    assert ((b > r) & (b > g)).all()
+
+
+def test_an_empty_leg_of_trousers_lies_on_the_seat_and_hangs_from_the_knee() -> None:
+    options = {"motion": "knee-extension", "stump": 0.15}
+    truth = BodySimulator(amputated="left_leg", noise=0.0, **options).capture(0.5).truth  # type: ignore[arg-type]
+    bare, _ = stump_pixels("left_leg", "bare", **options)
+    points, _ = stump_pixels("left_leg", "sleeve", **options)
+    knee, ankle = truth.joints[[13, 14]]
+    assert bare[:, 1].max() < knee[1] + 0.1
+    assert points[:, 1].max() == pytest.approx(knee[1] + 0.355, abs=0.03)
+    below = points[points[:, 1] > knee[1] + 0.08]
+    assert abs(below[:, 2] - knee[2]).max() < 0.05
+    assert ankle[2] < knee[2] + 0.1  # the person has all joints, the truth's too
+
+
+def test_a_wheelchair_stands_around_who_sits_in_it() -> None:
+    options = {"motion": "still", "noise": 0.0, "color": "none"}
+    sitting = BodySimulator(chair="wheelchair", **options)  # type: ignore[arg-type]
+    seated, truth = sitting.background(0.0).depth, sitting.capture(0.0).truth
+    chair = BodySimulator(sitting=True, **options).background(0.0).depth  # type: ignore[arg-type]
+    np.testing.assert_array_equal(
+        truth.joints,
+        BodySimulator(sitting=True, **options).capture(0.0).truth.joints,  # type: ignore[arg-type]
+    )
+    points = DEPTH_CAMERA.unproject(seated.astype(np.float32) / 1000)[seated < chair]
+    wheels = points[np.abs(np.abs(points[:, 0]) - 0.315) < 0.014]
+    assert len(wheels) > 300
+    reach = np.hypot(wheels[:, 1] - (0.95 - 0.30), wheels[:, 2] - (2.4384 + 0.12))
+    assert np.quantile(reach, 0.95) == pytest.approx(0.30, abs=0.01)
+    feet = truth.joints[[15, 19]]
+    rests = points[(points[:, 1] > 0.90) & (np.abs(points[:, 0]) < 0.21)]
+    for foot in feet:
+        assert np.linalg.norm((rests - foot)[:, [0, 2]], axis=1).min() < 0.10
+
+
+@pytest.mark.parametrize(
+    ("address", "text"),
+    [
+        ("sim:body?dressing=bandage", "dressing: expected bare without amputated, got 'bandage'"),
+        ("sim:body?dressing=gold", "dressing: expected one of bare, bandage, sleeve, got 'gold'"),
+        ("sim:body?chair=sofa", "chair: expected one of chair, wheelchair, got 'sofa'"),
+        ("sim:body?chair=wheelchair&sitting=no", "chair: expected chair where sitting is no"),
+    ],
+)
+def test_a_stump_and_a_chair_that_cannot_be(address: str, text: str) -> None:
+    with pytest.raises(InputError, match=text):
+        open_source(address)

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <string>
 #include <utility>
 
@@ -14,6 +15,9 @@ namespace manip3d {
 namespace {
 
 constexpr double kMoment = 0.3;  // seconds for which a place tells a person
+// Hellinger distances: two pictures of one shirt in other light differ by less than the first, and
+// shirts of other colours by more than the second; between them clothes say nothing.
+constexpr double kSameClothes = 0.35, kOtherClothes = 0.6;
 
 /// From the base of the spine to the shoulders, metres; 0: not seen.
 double trunk_length(const Skeleton& person) {
@@ -30,7 +34,7 @@ std::optional<std::size_t> cheapest(std::span<const Skeleton> people, double mos
   for (std::size_t i = 0; i < people.size(); ++i) {
     const auto base = spine_base(people[i]);
     if (!base) continue;
-    const double value = cost(people[i].id, *base);
+    const double value = cost(i, *base);
     if (value < least || (best && value == least && people[i].id < people[*best].id)) {
       least = value;
       best = i;
@@ -82,6 +86,7 @@ void KeyPerson::reset() {
   seen_ = false;
   selected_.reset();
   trunk_length_ = 0.0;
+  clothes_ = {};
   num_others_ = 0;
 }
 
@@ -119,27 +124,57 @@ std::optional<std::size_t> KeyPerson::with_id(std::span<const Skeleton> people,
   return std::nullopt;
 }
 
-/// The nearest of those who are not known.
+/// The nearest of those who are not known and may wear its clothes.
 std::optional<std::size_t> KeyPerson::nearby(std::span<const Skeleton> people, double within,
                                              double time_s) const {
-  return cheapest(people, within * within, [&](std::int64_t id, const Eigen::Vector3f& p) {
-    return is_other(id, time_s) ? kInfinity : (p - position_).cast<double>().squaredNorm();
+  return cheapest(people, within * within, [&](std::size_t i, const Eigen::Vector3f& p) {
+    if (is_other(people[i].id, time_s) || wears_other_clothes(i)) return kInfinity;
+    return (p - position_).cast<double>().squaredNorm();
   });
 }
 
-/// By id, or by place where ids were swapped or renewed from one frame to the next.
+/// Distance of a person's clothes from the key person's; NaN where either is not known.
+double KeyPerson::clothes_differ(std::size_t person) const {
+  const bool is_seen = person < seen_clothes_.size() && seen_clothes_[person].is_known();
+  if (!is_seen || !clothes_.is_known()) return std::numeric_limits<double>::quiet_NaN();
+  return difference(seen_clothes_[person], clothes_);
+}
+
+bool KeyPerson::wears_other_clothes(std::size_t person) const {
+  return clothes_differ(person) > kOtherClothes;
+}
+
+/// The only one within reach who wears the key person's clothes.
+std::optional<std::size_t> KeyPerson::in_its_clothes(std::span<const Skeleton> people,
+                                                     double within) const {
+  std::optional<std::size_t> found;
+  for (std::size_t i = 0; i < people.size(); ++i) {
+    const auto base = spine_base(people[i]);
+    if (!base || !((*base - position_).cast<double>().norm() < within)) continue;
+    if (!(clothes_differ(i) < kSameClothes)) continue;
+    if (found) return std::nullopt;
+    found = i;
+  }
+  return found;
+}
+
+/// By id, by clothes where who has the id wears others, or by place where ids were swapped or
+/// renewed from one frame to the next.
 std::optional<std::size_t> KeyPerson::followed(std::span<const Skeleton> people,
                                                double time_s) const {
   constexpr double kNear = 0.15, kFar = 0.30;  // metres
   constexpr double kWalk = 1.5, kRun = 3.0;    // metres a second
   const auto mine = with_id(people, id_);
   const double lost = lost_for(time_s);
+  if (mine && wears_other_clothes(*mine)) {
+    if (const auto same = in_its_clothes(people, kFar + kRun * lost)) return same;
+  }
   if (lost > kMoment) return mine;
   const double within = kNear + kWalk * lost;
-  const auto there = cheapest(people, within * within, [&](std::int64_t, const Eigen::Vector3f& p) {
+  const auto there = cheapest(people, within * within, [&](std::size_t, const Eigen::Vector3f& p) {
     return (p - position_).cast<double>().squaredNorm();
   });
-  if (!there) return mine;
+  if (!there || wears_other_clothes(*there)) return mine;
   if (!mine) return is_other(people[*there].id, time_s) ? std::nullopt : there;
   const double jump = (*spine_base(people[*mine]) - position_).cast<double>().norm();
   return jump > kFar + kRun * lost ? there : mine;
@@ -152,14 +187,15 @@ bool KeyPerson::has_same_size(const Skeleton& person) const {
   return !comparable || std::abs(length / trunk_length_ - 1.0) <= kSameSize;
 }
 
-/// The only one in view who is not known, of the same size: at once when nobody else is in view, as
-/// somebody who walks in beside others may be anybody.
+/// The only one in view who is not known, of the same size and not in other clothes: at once when
+/// nobody else is in view, as somebody who walks in beside others may be anybody.
 std::optional<std::size_t> KeyPerson::newcomer(std::span<const Skeleton> people,
                                                double time_s) const {
   if (people.size() > 1 && lost_for(time_s) <= kMoment) return std::nullopt;
   std::optional<std::size_t> found;
   for (std::size_t i = 0; i < people.size(); ++i) {
     if (!spine_base(people[i]) || is_other(people[i].id, time_s)) continue;
+    if (wears_other_clothes(i)) continue;
     if (found) return std::nullopt;
     found = i;
   }
@@ -170,14 +206,20 @@ std::optional<std::size_t> KeyPerson::most_central(std::span<const Skeleton> peo
                                                    const Intrinsics& camera, double time_s) const {
   const Eigen::Vector2d centre(0.5 * static_cast<double>(camera.width - 1),
                                0.5 * static_cast<double>(camera.height - 1));
-  return cheapest(people, kInfinity, [&](std::int64_t id, const Eigen::Vector3f& p) {
-    if (is_other(id, time_s)) return kInfinity;
+  return cheapest(people, kInfinity, [&](std::size_t i, const Eigen::Vector3f& p) {
+    if (is_other(people[i].id, time_s)) return kInfinity;
     return (project(camera, p.cast<double>()) - centre).squaredNorm();  // NaN behind the camera
   });
 }
 
 std::optional<std::size_t> KeyPerson::find(std::span<const Skeleton> people,
-                                           const Intrinsics& camera, double time_s) {
+                                           const Intrinsics& camera, double time_s,
+                                           std::span<const ClothingColors> clothes) {
+  if (!clothes.empty() && clothes.size() != people.size()) {
+    throw InputError("clothes: expected one for each of " + std::to_string(people.size()) +
+                     " people, got " + std::to_string(clothes.size()));
+  }
+  seen_clothes_ = clothes;
   std::optional<std::size_t> found;
   const double lost = lost_for(time_s);
   if (selected_) found = with_id(people, *selected_);
@@ -190,8 +232,12 @@ std::optional<std::size_t> KeyPerson::find(std::span<const Skeleton> people,
     if (!found) found = newcomer(people, time_s);
     if (!found && lost >= options_.patience) found = nearby(people, options_.reach, time_s);
   }
-  if (found) remember(people[*found], time_s);
+  if (found) {
+    remember(people[*found], time_s);
+    remember_clothes(*found);
+  }
   see_others(people, time_s);
+  seen_clothes_ = {};
   return found;
 }
 
@@ -210,6 +256,21 @@ void KeyPerson::remember(const Skeleton& person, double time_s) {
   const auto known =
       std::find_if(others_.begin(), end, [&](const Other& o) { return o.id == id_; });
   if (known != end) *known = others_[--num_others_];
+}
+
+/// A running mean; clothes that look quite different for a moment, as behind an arm, are left out.
+void KeyPerson::remember_clothes(std::size_t person) {
+  if (person >= seen_clothes_.size() || !seen_clothes_[person].is_known()) return;
+  if (!clothes_.is_known()) {
+    clothes_ = seen_clothes_[person];
+    return;
+  }
+  if (wears_other_clothes(person)) return;
+  constexpr float kMemory = 0.95F;  // from frame to frame
+  for (std::size_t i = 0; i < clothes_.shares.size(); ++i) {
+    clothes_.shares[i] =
+        kMemory * clothes_.shares[i] + (1.0F - kMemory) * seen_clothes_[person].shares[i];
+  }
 }
 
 }  // namespace manip3d

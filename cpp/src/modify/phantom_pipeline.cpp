@@ -252,6 +252,15 @@ class PhantomPipeline::Workspace {
                        std::to_string(depth.rows) + ", " + std::to_string(depth.cols) + ")");
     }
     if (input.registration != nullptr) check_registration(*input.registration);
+    if (input.color.pixels == nullptr) return;
+    const Intrinsics& color =
+        input.registration != nullptr ? input.registration->color : input.camera;
+    if (input.color.rows != color.height || input.color.cols != color.width) {
+      throw InputError("color: expected shape (" + std::to_string(color.height) + ", " +
+                       std::to_string(color.width) + ", 3) as the calibration says, got (" +
+                       std::to_string(input.color.rows) + ", " + std::to_string(input.color.cols) +
+                       ", 3)");
+    }
   }
 
   /// Frames that are not newer are late, unless there are so many of them that the source's clock
@@ -345,7 +354,8 @@ class PhantomPipeline::Workspace {
 
   /// The smoothed skeleton; for a while the last one, when there is none.
   std::optional<Skeleton> find_key_person(const PhantomInput& input, double time_s) {
-    const auto index = key_person_.find(input.people, input.camera, time_s);
+    look_at_clothes(input);
+    const auto index = key_person_.find(input.people, input.camera, time_s, clothes_);
     is_here_ = index.has_value();
     if (!index) {
       const double most = options_.hold_seconds + options_.fade_seconds;
@@ -361,6 +371,16 @@ class PhantomPipeline::Workspace {
     person_ = smoother_.add(raw);
     if (!options_.smooths) restore_positions(raw);
     return person_;
+  }
+
+  void look_at_clothes(const PhantomInput& input) {
+    clothes_.clear();
+    if (input.color.pixels == nullptr) return;
+    const ColoredScene scene{input.depth, input.body_index,   &*camera_,
+                             &rays_,      input.registration, input.color};
+    for (const Skeleton& person : input.people) {
+      clothes_.push_back(clothing_colors(person, scene));
+    }
   }
 
   /// A tracker may take left for right for a moment, which does not move a limb to the other side.
@@ -688,6 +708,7 @@ class PhantomPipeline::Workspace {
   std::vector<std::int32_t> vertex_of_;
   std::vector<float> source_depth_;
   std::vector<Removal> removal_;
+  std::vector<ClothingColors> clothes_;  ///< Clothes of the people in this frame.
 };
 
 PhantomPipeline::PhantomPipeline(const PhantomOptions& options)

@@ -292,28 +292,40 @@ class ForgedSource(RgbdSource):
             self.start()
 
 
-class FrameClock:
-    """Waits until frames are due at a playback speed; 0: never waits, 1: real time.
+_LATE_S = 0.05  # behind which a frame is not shown
 
-    Frames that are made more slowly are not caught up with: the clock waits for them.
+
+class FrameClock:
+    """Tells when frames are due at a playback speed; 0: at once, 1: in real time.
+
+    It begins with the first frame that it is asked for.
     """
 
     def __init__(self, speed: float) -> None:
         self._speed = speed
         self._began: tuple[float, int] | None = None
 
-    def is_due(self, time_ns: int, timeout_ms: int) -> bool:
-        """Wait for the time of a frame, at most so long."""
+    def late_s(self, time_ns: int) -> float:
+        """Return by how much the time of a frame is over, in seconds of the source."""
         speed = self._speed  # another thread may stop the clock meanwhile
         if not speed > 0.0:
-            return True
-        now = time.monotonic()
+            return 0.0
         if self._began is None:
-            self._began = now, time_ns
+            self.restart(time_ns)
+        assert self._began is not None
         began, first = self._began
-        left = began + (time_ns - first) * 1e-9 / speed - now
-        if left < 0.0:
-            self._began = now, time_ns
+        return (time.monotonic() - began) * speed - (time_ns - first) * 1e-9
+
+    def restart(self, time_ns: int) -> None:
+        """Make a frame due now, and those after it by their times."""
+        self._began = time.monotonic(), time_ns
+
+    def is_due(self, time_ns: int, timeout_ms: int) -> bool:
+        """Wait for the time of a frame, at most so long."""
+        speed = self._speed
+        if not speed > 0.0:
+            return True
+        left = -self.late_s(time_ns) / speed
         time.sleep(min(max(left, 0.0), timeout_ms / 1000.0))
         return left <= timeout_ms / 1000.0
 
@@ -335,7 +347,11 @@ def _length_of(frames: Iterable[RgbdFrame]) -> int | None:
 
 
 class _Iterated:
-    """Any iterable of frames; the same face as the core's sources."""
+    """Any iterable of frames; the same face as the core's sources.
+
+    Played by their times, frames whose time is over are left out, as of recordings. A simulator
+    says its ``rate``, and such frames of it are not even made.
+    """
 
     def __init__(
         self,
@@ -345,24 +361,28 @@ class _Iterated:
     ) -> None:
         self._all = frames
         self._length = _length_of(frames)
+        self._rate: float = getattr(frames, "rate", 0.0)
+        self._clock = FrameClock(speed)
+        self._given = self._dropped = 0
+        self._index = 0
         self._frames = iter(frames)
         self._first: RgbdFrame | None = None
         if calibration is None:
-            self._first = next(self._frames, None)
+            self._first = self._made()
             if not isinstance(self._first, RgbdFrame):
                 raise InputError(f"source: expected frames of an RGB-D camera, got {self._first!r}")
             calibration = self._first.calibration
         self._calibration = calibration
-        self._given = 0
-        self._clock = FrameClock(speed)
         self._lock = threading.RLock()
 
     def read(self, timeout_ms: int) -> RgbdFrame | bool:
         """The next frame; True: it is not its time yet; False: there is none."""
         with self._lock:
-            frame = self._first or next(self._frames, None)
+            frame = self._first or self._made()
             if frame is None:
                 return False
+            if not self._rate:
+                frame = self._in_time(frame)
             if not self._clock.is_due(frame.time, timeout_ms):
                 self._first = frame
                 return True
@@ -370,14 +390,41 @@ class _Iterated:
             self._given += 1
             return frame
 
+    def _made(self) -> RgbdFrame | None:
+        """The next frame; of a simulator the latest one that is due, if its reader is late."""
+        if self._rate and self._given and self._length is not None:
+            late = self._clock.late_s(round(self._index / self._rate * 1e9))
+            missed = min(int(late * self._rate), self._length - 1 - self._index)
+            if missed > 0:
+                self._go_to(self._index + missed)
+                self._dropped += missed
+        self._index += 1
+        return next(self._frames, None)
+
+    def _in_time(self, frame: RgbdFrame) -> RgbdFrame:
+        """The frame, or the first one after it whose time is not over, or else the last one."""
+        late = self._clock.late_s(frame.time)
+        while late > _LATE_S and (after := self._made()) is not None:
+            self._dropped += 1
+            frame, before = after, late
+            late = self._clock.late_s(frame.time)
+            if late >= before:  # frames are made more slowly than they are played
+                self._clock.restart(frame.time)
+                break
+        return frame
+
     def seek(self, index: int) -> None:
         """Go to a frame; those before it are made where they cannot be left out."""
         with self._lock:
             self._first = None
-            if self._length is not None and isinstance(self._all, _Indexed):
-                self._frames = map(self._all.__getitem__, range(index, self._length))
-            else:
-                self._frames = islice(iter(self._all), index, None)
+            self._go_to(index)
+
+    def _go_to(self, index: int) -> None:
+        self._index = index
+        if self._length is not None and isinstance(self._all, _Indexed):
+            self._frames = map(self._all.__getitem__, range(index, self._length))
+        else:
+            self._frames = islice(iter(self._all), index, None)
 
     def read_at(self, index: int) -> RgbdFrame:
         """The frame of an index."""
@@ -391,8 +438,8 @@ class _Iterated:
         return self._calibration
 
     def counters(self) -> dict[str, int]:
-        """Frames given."""
-        return {"frames": self._given}
+        """Frames given, and frames left out because their time was over."""
+        return {"frames": self._given, "dropped": self._dropped}
 
     def num_frames(self) -> int | None:
         """The length of a sequence."""
@@ -491,7 +538,7 @@ def open_rgbd(
     speed : float
         Playback speed of recordings. 0: every frame, as fast as read. 1: real time, by the frames'
         times; frames that a slow reader misses are counted as ``dropped``. 2: twice as fast.
-        Simulated people and data sets wait for their reader and drop no frame.
+        Simulated people and data sets are played in the same way.
     camera : Intrinsics or RgbdCalibration, optional
         Camera of a folder of images that has no ``calibration.json``; for other files it replaces
         their own. A mirrored camera has its images turned round. That of a ``tum:`` sequence

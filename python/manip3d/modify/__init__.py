@@ -19,6 +19,6 @@ __getattr__, __dir__, __all__ = lazily(
         ),
         "_pose": "PoseTracker lift_landmarks",
         "_repose": "POSABLE_JOINTS Reposed repose",
-        "_smoothing": "JointSmoother KeyPerson",
+        "_smoothing": "JointSmoother KeyPerson clothing_colors",
     },
 )

@@ -32,7 +32,7 @@ from manip3d.modify._phantom import (
 )
 from manip3d.modify._pose import PoseTracker, lift_landmarks
 from manip3d.modify._repose import POSABLE_JOINTS, Reposed, repose
-from manip3d.modify._smoothing import JointSmoother, KeyPerson
+from manip3d.modify._smoothing import JointSmoother, KeyPerson, clothing_colors
 
 __all__ = [
     "POSABLE_JOINTS",
@@ -70,6 +70,7 @@ __all__ = [
     "animate",
     "animation_mesh",
     "body_mirror",
+    "clothing_colors",
     "joint_layouts",
     "lift_landmarks",
     "repose",

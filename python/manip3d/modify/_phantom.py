@@ -485,12 +485,14 @@ class PhantomPipeline:
         calibration = frame.calibration
         depth = np.ascontiguousarray(frame.depth)
         body_index = None if frame.body_index is None else np.ascontiguousarray(frame.body_index)
+        color = None if frame.color is None else np.ascontiguousarray(frame.color)
         with self._lock:
             report = self._core.process(
                 depth,
                 body_index,
                 calibration.depth,
                 calibration.registration,
+                color,
                 frame.skeletons,
                 frame.time,
                 frame.number,

@@ -7,7 +7,7 @@ import ipaddress
 import json
 import os
 import time
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -36,14 +36,12 @@ from manip3d.viewer.phantom import limb_of
 if TYPE_CHECKING:
     from manip3d.capture import RgbdSource
     from manip3d.rgbd import RgbdFrame
-    from manip3d.simulate import BodySimulator
 
     _Found = RgbdFrame | str | None
 
 __all__ = ["LiveReport", "run_live", "simulated_patient"]
 
-_DATA_SETS = ("utd-mhad", "labanotation", "people")
-_LATE_S = 0.05  # behind which a frame of a recording is not shown
+_ENDLESS = 1 << 31  # frames of a simulated person, who exercises until the session ends
 _AGAIN_S = 1.0  # between attempts to open a camera that is gone
 
 
@@ -352,46 +350,20 @@ def _frames(address: str) -> Generator[_Found, None, None]:
 
     What is wrong with the address is said at once, not with the first frame.
     """
-    if address.startswith("sim:"):
-        from manip3d.simulate import BodySimulator
-        from manip3d.simulate.sources import open_source
-
-        simulator = open_source(address)
-        if not isinstance(simulator, BodySimulator):
-            raise InputError(f"source: expected sim:body... of simulated people, got {address!r}")
-        last = simulator.frames if "frames" in parse_qs(urlsplit(address).query) else None
-        return _simulated(simulator, last)
+    is_simulated = address.startswith("sim:body")
+    has_end = is_simulated and "frames" in parse_qs(urlsplit(address).query)
+    if is_simulated and not has_end:
+        address += f"{'&' if '?' in address else '?'}frames={_ENDLESS}"
     from manip3d.capture import open_rgbd
 
-    if address.partition(":")[0] in _DATA_SETS:  # they know no time but that of their frames
-        open_rgbd(address).stop()
-        return _data_set(address)
-    return _captured(address, open_rgbd(address, speed=1.0))
+    return _captured(address, open_rgbd(address, speed=1.0), once=has_end)
 
 
-def _simulated(simulator: BodySimulator, last: int | None) -> Generator[_Found, None, None]:
-    """A person who moves in real time however long a frame takes to make; frames are left out."""
-    number, began = 0, None
-    while last is None or number < last:
-        frame = simulator.frame(number / simulator.rate)
-        if began is None:
-            began = time.monotonic()
-        time.sleep(max(0.0, began + number / simulator.rate - time.monotonic()))
-        yield frame
-        number = max(number + 1, int((time.monotonic() - began) * simulator.rate))
+def _captured(address: str, source: RgbdSource, *, once: bool) -> Generator[_Found, None, None]:
+    """A camera, waited for where it is gone; or a recording, over and over again.
 
-
-def _data_set(address: str) -> Generator[_Found, None, None]:
-    from manip3d.capture import open_rgbd
-
-    while True:
-        with open_rgbd(address) as source:
-            yield from _paced(source)
-        yield None
-
-
-def _captured(address: str, source: RgbdSource) -> Generator[_Found, None, None]:
-    """A camera, waited for where it is gone; or a recording, over and over again."""
+    ``once``: the source is not opened again after its end.
+    """
     from manip3d.capture import open_rgbd
 
     while True:
@@ -402,6 +374,8 @@ def _captured(address: str, source: RgbdSource) -> Generator[_Found, None, None]
                 yield found
         if not seen:
             raise InputError(f"{address}: expected frames, found none")
+        if once:
+            return
         yield None
         source = open_rgbd(address, speed=1.0)
 
@@ -426,19 +400,3 @@ def _until_the_end(source: RgbdSource) -> Iterator[RgbdFrame | str]:
             yield "The camera gives no frames."
         else:  # the recording is over
             return
-
-
-def _paced(frames: Iterable[RgbdFrame]) -> Iterator[RgbdFrame]:
-    """Frames at the times that they tell; those whose time is over are left out."""
-    began: float | None = None
-    for frame in frames:
-        due = frame.time / 1e9
-        if began is None:
-            began = time.monotonic() - due
-        late = time.monotonic() - began - due
-        if late > _LATE_S:
-            continue
-        time.sleep(max(0.0, -late))
-        yield frame
-    if began is None:
-        raise InputError("source: expected frames, found none")

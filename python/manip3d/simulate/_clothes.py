@@ -18,7 +18,7 @@ SIDE = 256
 
 @dataclass(frozen=True)
 class Clothes:
-    """Colours; ``stripes`` puts white ones on the shirt."""
+    """Colours; ``stripes`` puts white ones on the shirt, whose sleeves may reach to the wrists."""
 
     shirt: Color = (58, 104, 160)
     trousers: Color = (66, 62, 66)
@@ -26,6 +26,7 @@ class Clothes:
     skin: Color = (214, 164, 132)
     hair: Color = (58, 40, 30)
     stripes: bool = False
+    long_sleeves: bool = False
 
 
 COVER: Color = (36, 78, 205)
@@ -33,7 +34,7 @@ COVER: Color = (36, 78, 205)
 
 
 def paint(clothes: Clothes) -> NDArray[np.uint8]:
-    """(7, SIDE, SIDE, 3): the tiles of `_skin.TILES`, then the foot with a shoe cover."""
+    """(8, SIDE, SIDE, 3): the tiles of `_skin.TILES`, then the foot with a shoe cover."""
     painters = {
         "torso": _torso,
         "head": _head,
@@ -41,6 +42,7 @@ def paint(clothes: Clothes) -> NDArray[np.uint8]:
         "leg": _leg,
         "foot": _shoe,
         "skin": _skin,
+        "bandage": _bandage,
     }
     tiles = [painters[name](clothes) for name in TILES]
     return np.clip(np.stack([*tiles, _cover()]), 0, 255).astype(np.uint8)
@@ -124,9 +126,10 @@ def _arm(clothes: Clothes) -> Array:
     _, along = _place()
     down = 0.652 * along - 0.040  # metres below the shoulder
     image = _shirt(clothes, 0.652)
-    bare = down > 0.19
+    sleeve = 0.50 if clothes.long_sleeves else 0.19
+    bare = down > sleeve
     image[bare] = clothes.skin
-    image[(down > 0.182) & ~bare] = np.array(clothes.shirt) * 0.7
+    image[(down > sleeve - 0.008) & ~bare] = np.array(clothes.shirt) * 0.7
     return image
 
 
@@ -151,6 +154,14 @@ def _cover() -> Array:
     angle, along = _place()
     crumpled = 1.0 + 0.06 * np.sin(21.0 * along + 2.0 * np.cos(3.0 * angle)) * np.cos(4.0 * angle)
     return _plain(COVER) * crumpled[..., None]
+
+
+def _bandage(clothes: Clothes) -> Array:
+    """Turns of white elastic cloth that rise around the limb."""
+    angle, along = _place()
+    image = _plain((232, 226, 212))
+    image[((5.0 * along + angle / (2.0 * np.pi)) % 1.0) < 0.12] *= 0.86
+    return image
 
 
 def _skin(clothes: Clothes) -> Array:

@@ -38,6 +38,46 @@ def box_mesh(box: Box) -> tuple[Floats, NDArray[np.int32]]:
     return vertices, np.array(faces, np.int32)
 
 
+@dataclass(frozen=True)
+class Wheel:
+    """An upright wheel about an axle along x, and its colour."""
+
+    centre: Point
+    radius: float
+    color: tuple[int, int, int]
+
+
+def wheel_mesh(wheel: Wheel) -> tuple[Floats, NDArray[np.int32]]:
+    """Vertices and faces of a rim 25 mm broad and as high, and of eight spokes."""
+    segments, half = 48, 0.0125
+    angle = np.arange(segments) * 2.0 * np.pi / segments
+    circle = np.stack([np.zeros(segments), np.cos(angle), np.sin(angle)], axis=1)
+    rings = [
+        wheel.centre + radius * circle + (aside, 0.0, 0.0)
+        for radius, aside in (
+            (wheel.radius, -half),
+            (wheel.radius, half),
+            (wheel.radius - 2.0 * half, half),
+            (wheel.radius - 2.0 * half, -half),
+        )
+    ]
+    a = np.arange(segments)
+    b = (a + 1) % segments
+    vertices, faces = [np.concatenate(rings)], []
+    for ring in range(4):
+        here, there = segments * ring, segments * ((ring + 1) % 4)
+        faces += [np.stack([here + a, here + b, there + b], 1)]
+        faces += [np.stack([here + a, there + b, there + a], 1)]
+    for spoke in range(8):
+        way = circle[spoke * segments // 8]
+        aside = 0.004 * np.cross(way, (1.0, 0.0, 0.0))
+        first = sum(map(len, vertices))
+        ends = [wheel.centre, wheel.centre + wheel.radius * way]
+        vertices.append(np.array([end + sign * aside for end in ends for sign in (-1, 1)]))
+        faces.append(first + np.array([[0, 1, 3], [0, 3, 2]]))
+    return np.concatenate(vertices).astype(np.float32), np.concatenate(faces).astype(np.int32)
+
+
 @dataclass(frozen=True, eq=False)
 class Background:
     """What a camera sees of the scenery: exact images of (H, W) pixels.
@@ -116,8 +156,17 @@ _WALLS = {"room": _WALL, "office": (176, 190, 196), "hall": (214, 198, 168)}
 _FLOORS = {"room": _FLOOR, "office": (104, 112, 124), "hall": (168, 150, 122)}
 
 
+CHAIRS = ("chair", "wheelchair")
+"""What a person may sit on."""
+
+
 def furnish(
-    scene: str, seat: float | None, turn: float, distance: float, camera_height: float
+    scene: str,
+    seat: float | None,
+    turn: float,
+    distance: float,
+    camera_height: float,
+    chair: str = "chair",
 ) -> Scenery:
     """A scene around a person, and a chair under one who sits.
 
@@ -132,18 +181,20 @@ def furnish(
     distance : float, metres
         Distance of the person; the wall stands 1.4 m behind, in a hall 2.6 m.
     camera_height : float, metres
+    chair : str
+        Name out of `CHAIRS`.
     """
     vertices: list[Floats] = []
     faces: list[NDArray[np.int32]] = []
     colors: list[Floats] = []
 
-    def add(box: Box, place: NDArray[np.float64] | None = None) -> None:
-        corners, sides = box_mesh(box)
+    def add(thing: Box | Wheel, place: NDArray[np.float64] | None = None) -> None:
+        corners, sides = wheel_mesh(thing) if isinstance(thing, Wheel) else box_mesh(thing)
         if place is not None:
             corners = (product(corners, about("y", -turn).T) + place).astype(np.float32)
-        faces.append(sides + 8 * len(vertices))
+        faces.append(sides + sum(map(len, vertices)))
         vertices.append(corners)
-        colors.append(np.repeat(np.array([box.color], np.float32), len(sides), axis=0))
+        colors.append(np.repeat(np.array([thing.color], np.float32), len(sides), axis=0))
 
     if not scene:
         nothing = np.zeros((0, 3), np.float32)
@@ -156,8 +207,8 @@ def furnish(
     for box in {"room": [], "office": _office(floor, wall), "hall": _hall(floor, wall)}[scene]:
         add(box)
     if seat is not None:
-        for box in _chair():
-            add(box, np.array([0.0, floor, seat]))
+        for thing in _wheelchair() if chair == "wheelchair" else _chair():
+            add(thing, np.array([0.0, floor, seat]))
     return Scenery(np.concatenate(vertices), np.concatenate(faces), np.concatenate(colors))
 
 
@@ -208,6 +259,35 @@ def _chair() -> list[Box]:
     seat = Box((-0.22, top, -0.18), (0.22, top + 0.035, 0.22), _WOOD)
     back = Box((-0.20, top - 0.42, 0.20), (0.20, top - 0.10, 0.23), _WOOD)
     return [*legs, seat, back]
+
+
+def _wheelchair() -> list[Box | Wheel]:
+    """A wheelchair in the frame of `_chair`: seat, back, armrests, footrests and four wheels."""
+    top = -(SITTING_HEIGHT - 0.11)
+    cloth, rubber = (44, 46, 58), (38, 38, 40)
+    things: list[Box | Wheel] = [
+        Box((-0.22, top, -0.18), (0.22, top + 0.03, 0.22), cloth),
+        Box((-0.21, top - 0.45, 0.20), (0.21, top - 0.02, 0.22), cloth),
+    ]
+    for side in (-1.0, 1.0):
+        inner, outer = sorted((side * 0.245, side * 0.275))
+        things += [
+            Box((inner, top - 0.22, -0.12), (outer, top - 0.19, 0.20), cloth),  # armrest
+            Box((inner, top - 0.19, -0.12), (outer, top + 0.03, -0.10), _METAL),
+            Box((inner, top - 0.50, 0.20), (outer, -0.20, 0.23), _METAL),  # frame of the back
+            Box((inner, top - 0.50, 0.23), (outer, top - 0.47, 0.33), rubber),  # handle
+            Box((inner, top, -0.22), (outer, top + 0.03, 0.23), _METAL),
+            Box((inner, top + 0.03, -0.22), (outer, -0.19, -0.19), _METAL),
+            Wheel((side * 0.315, -0.30, 0.12), 0.30, rubber),
+            Wheel((side * 0.26, -0.095, -0.20), 0.095, rubber),
+        ]
+    for side in (-1.0, 1.0):
+        inner, outer = sorted((side * 0.04, side * 0.20))
+        things.append(Box((inner, -0.03, -0.56), (outer, -0.01, -0.38), _METAL))  # footrest
+        tube = sorted((side * 0.205, side * 0.225))
+        things.append(Box((tube[0], top + 0.03, -0.40), (tube[1], -0.01, -0.38), _METAL))
+        things.append(Box((tube[0], top, -0.40), (tube[1], top + 0.03, -0.18), _METAL))
+    return things
 
 
 def _pattern(points: Floats, is_floor: NDArray[np.bool_]) -> Floats:

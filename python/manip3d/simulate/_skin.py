@@ -29,9 +29,12 @@ from manip3d.simulate._figure import (
 
 Array = NDArray[np.float64]
 _Number = TypeVar("_Number", np.float64, np.intp)
-Tile = Literal["torso", "head", "arm", "leg", "foot", "skin"]
+Tile = Literal["torso", "head", "arm", "leg", "foot", "skin", "bandage"]
 
-TILES: tuple[Tile, ...] = ("torso", "head", "arm", "leg", "foot", "skin")
+TILES: tuple[Tile, ...] = ("torso", "head", "arm", "leg", "foot", "skin", "bandage")
+
+DRESSINGS = ("bare", "bandage", "sleeve")
+"""What a stump may wear: nothing of its own, a bandage around its end, or an empty sleeve."""
 
 _BEND = 0.05
 """Metres before and after a joint over which rings turn from one frame to the next."""
@@ -44,6 +47,12 @@ _CLOTHED = 1.1
 
 _CAP = 0.035
 """Metres over which a stump closes."""
+
+_BANDAGE = 0.008
+"""Thickness of a bandage, metres."""
+
+_SLEEVE_THICK = 0.012
+"""Half the thickness of an empty sleeve, metres."""
 
 _BREATH = (0.38, 0.10)
 """Metres above the pelvis where the chest moves most when it breathes, and how far up and down."""
@@ -67,6 +76,40 @@ class _Tube:
     along: Array  # (R,), of the texture: 0 to 1
     axis: int = 1
     exponent: float = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Sleeve:
+    """Cloth beyond a joint or a stump's end: it hangs straight down, whatever the limb does.
+
+    Attributes
+    ----------
+    limp : int
+        Frame that has no limb any more and moves the cloth.
+    bearer : int
+        Frame from which it hangs.
+    end : (3,) float64, metres
+        Place at rest below which it hangs.
+    """
+
+    limp: int
+    bearer: int
+    end: Array
+
+    def hung(self, figure: PosedFigure) -> PosedFigure:
+        """The figure with the limp frame upright below the end of its bearer."""
+        rotations, origins = figure.rotations.copy(), figure.origins.copy()
+        heading = rotations[0, :, 0]  # to the person's left
+        down = np.array([0.0, 1.0, 0.0])
+        ahead = np.cross(heading, -down)
+        ahead /= np.linalg.norm(ahead)
+        rotations[self.limp] = np.column_stack([np.cross(-down, ahead), -down, ahead])
+        hangs_from = origins[self.bearer] + product(
+            rotations[self.bearer], self.end - FRAME_ORIGIN[self.bearer]
+        )
+        reach = product(rotations[self.limp], self.end - FRAME_ORIGIN[self.limp])
+        origins[self.limp] = hangs_from - reach
+        return replace(figure, rotations=rotations, origins=origins)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,9 +140,12 @@ class Skin:
     _vertex_ring: NDArray[np.intp]
     _vertex_offset: Array
     _vertex_breath: Array  # share of the breath that it moves ahead by
+    _sleeve: _Sleeve | None = None
 
     def vertices(self, figure: PosedFigure) -> NDArray[np.float32]:
         """(V, 3), metres, in the camera's frame."""
+        if self._sleeve is not None:
+            figure = self._sleeve.hung(figure)
         weight = self._ring_weight[:, None]
         centers = np.zeros_like(self._ring_center)
         for column, share in ((0, 1.0 - weight), (1, weight)):
@@ -125,23 +171,88 @@ class Skin:
         return rotations_of(blend / np.linalg.norm(blend, axis=1, keepdims=True))
 
 
-def build_skin(amputated: str | None = None, stump: float = 0.15, girth: float = 1.0) -> Skin:
+def build_skin(
+    amputated: str | None = None, stump: float = 0.15, girth: float = 1.0, dressing: str = "bare"
+) -> Skin:
     """The surface of a whole person, or of one whose limb ends ``stump`` metres from its root.
 
-    ``girth`` scales the thickness of trunk, arms and legs.
+    ``girth`` scales the thickness of trunk, arms and legs; ``dressing``, out of `DRESSINGS`, is
+    what the stump wears.
     """
     tubes = [_torso(girth), _neck_and_head(), *_nose_and_ears()]
+    sleeve = None
     for side in ("left", "right"):
         for kind, whole, root in (("arm", _arm(girth), 4), ("leg", _leg(girth), 12)):
             limb = whole
             if amputated == f"{side}_{kind}":
-                limb = [_cut(whole[0], REST_JOINTS[root, 1] - stump)]
+                end = REST_JOINTS[root, 1] - stump
+                limb = [_cut(whole[0], end)]
+                if dressing == "bandage":
+                    limb.append(_bandage(limb[0], end + 0.6 * stump))
+                elif dressing == "sleeve":
+                    cloth, sleeve = _empty_sleeve(whole[0], kind, side, end)
+                    limb.append(cloth)
             tubes += (
                 [_named(tube, f"{side}_{kind}") for tube in limb]
                 if side == "left"
                 else [_mirrored(_named(tube, f"{side}_{kind}")) for tube in limb]
             )
-    return _joined(tubes)
+    return replace(_joined(tubes), _sleeve=sleeve)
+
+
+def _bandage(stump: _Tube, top: float) -> _Tube:
+    """A layer around the end of a stump, from the height ``top`` down."""
+    below = stump.centers[:, 1] < top
+    thick = np.full(int(below.sum()), _BANDAGE)
+    thick[0] = thick[-1] = -0.001  # the edge ends within the limb, and the end is closed
+    centers = stump.centers[below].copy()
+    centers[-1, 1] -= _BANDAGE
+    return replace(
+        stump,
+        tile="bandage",
+        centers=centers,
+        radii=np.maximum(stump.radii[below] + thick[:, None], 1e-3),
+        frames=stump.frames[below],
+        weights=stump.weights[below],
+        bones=stump.bones[below],
+        along=_along(centers[:, 1]),
+    )
+
+
+def _empty_sleeve(limb: _Tube, kind: str, side: str, end: float) -> tuple[_Tube, _Sleeve]:
+    """Flat cloth from the end of a left stump to where the wrist or the ankle was.
+
+    A sleeve hangs from the end of an arm; the leg of trousers goes on to the knee, as on a seat,
+    and hangs from there.
+    """
+    joint, last = (5, 6) if kind == "arm" else (13, 14)
+    bearer, limp = ("upper-arm", "forearm") if kind == "arm" else ("thigh", "shin")
+    hangs = end if kind == "arm" else min(end, float(REST_JOINTS[joint, 1]))
+    top, bottom = end + 0.02, float(REST_JOINTS[last, 1]) + 0.04
+    place = np.linspace(top, bottom, 40)
+    height = limb.centers[::-1, 1]  # ascending
+    width, back, front = (np.interp(place, height, limb.radii[::-1, i]) for i in (0, 2, 3))
+    way = np.clip((top - place) / 0.10, 0.0, 1.0)[:, None]
+    round_part = np.column_stack([width, width, back, front]) + 0.006
+    folds = 1.0 + 0.12 * np.sin(40.0 * place)
+    flat = np.column_stack([1.15 * width * folds] * 2 + [np.full(40, _SLEEVE_THICK)] * 2)
+    radii = (1.0 - way) * round_part + way * flat
+    radii[[0, -1]] = 0.003  # closed
+    frames, weights = _chain(place, [hangs], [f"left-{bearer}", f"left-{limp}"])
+    centers = _upright(place, float(limb.centers[0, 0]))
+    cloth = replace(
+        limb,
+        centers=centers,
+        radii=radii,
+        frames=frames,
+        weights=weights,
+        bones=np.full(40, joint),
+        along=0.75 * _along(place),  # above cuffs and socks
+    )
+    mirror = 1.0 if side == "left" else -1.0
+    from_end = np.array([mirror * centers[0, 0], hangs, 0.0])
+    limp_frame, bearing_frame = (FRAMES.index(f"{side}-{frame}") for frame in (limp, bearer))
+    return cloth, _Sleeve(limp_frame, bearing_frame, from_end)
 
 
 def _named(tube: _Tube, name: str) -> _Tube:

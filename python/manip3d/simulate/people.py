@@ -35,8 +35,8 @@ from manip3d.simulate._clothes import SIDE, Clothes, paint
 from manip3d.simulate._figure import LIMBS, PosedFigure, opposite, pose_figure
 from manip3d.simulate._motions import MOTIONS, pose_at, walk
 from manip3d.simulate._raycast import CHUNK, RayCaster
-from manip3d.simulate._scenery import SCENES, Box, Scenery, box_mesh, furnish
-from manip3d.simulate._skin import TILES, Skin, build_skin
+from manip3d.simulate._scenery import CHAIRS, SCENES, Box, Scenery, box_mesh, furnish
+from manip3d.simulate._skin import DRESSINGS, TILES, Skin, build_skin
 from manip3d.simulate._time_of_flight import MAX_DEPTH, measure
 
 __all__ = [
@@ -200,10 +200,16 @@ class BodySimulator:
         ``left_arm``, ``right_arm``, ``left_leg`` or ``right_leg``.
     stump : float, metres
         What is left of the limb, from the shoulder or the hip on.
+    dressing : str
+        Wear of the stump: ``bare`` (of the shirt or the trousers only), ``bandage``, or ``sleeve``
+        for an empty sleeve or leg of trousers, which hangs down.
     girth : float
         Thickness of trunk, arms and legs against that of the default one.
     sitting : bool, optional
-        On a chair; by default where the exercise is one for legs and not ``stepping``.
+        On a chair; by default where the exercise is one for legs and not ``stepping``, and in a
+        wheelchair.
+    chair : str
+        What a sitting person sits on: ``chair`` or ``wheelchair``.
     distance : float, metres
         From the camera to the base of the spine, along the optical axis.
     turn, turning : float, degrees; degrees per second
@@ -279,8 +285,10 @@ class BodySimulator:
     side: str = ""
     amputated: str | None = None
     stump: float = 0.15
+    dressing: str = "bare"
     girth: float = 1.0
     sitting: bool | None = None
+    chair: str = "chair"
     distance: float = 8.0 * FEET
     turn: float = 0.0
     turning: float = 0.0
@@ -318,6 +326,8 @@ class BodySimulator:
             ("cover", self.cover, ["none", "left", "right", "both"]),
             ("color", self.color, ["depth", "full", "none"]),
             ("scene", self.scene, list(SCENES)),
+            ("dressing", self.dressing, list(DRESSINGS)),
+            ("chair", self.chair, list(CHAIRS)),
         ):
             if value not in choices:
                 names = ", ".join(str(choice) for choice in choices if choice)
@@ -342,6 +352,10 @@ class BodySimulator:
             number = getattr(self, name)
             if not low <= number <= high:
                 raise InputError(f"{name}: expected {low:g} to {high:g}, got {number!r}")
+        if self.dressing != "bare" and self.amputated is None:
+            raise InputError(f"dressing: expected bare without amputated, got {self.dressing!r}")
+        if self.chair == "wheelchair" and self.sitting is False:
+            raise InputError("chair: expected chair where sitting is no, got 'wheelchair'")
         if self.tracker:
             object.__setattr__(self, "flying", True)
             for name, number in _TRACKERS[self.tracker].items():
@@ -474,7 +488,7 @@ class BodySimulator:
     def _is_sitting(self) -> bool:
         if self.sitting is not None:
             return self.sitting
-        return self.motion in ("knee-extension", "dorsiflexion")
+        return self.chair == "wheelchair" or self.motion in ("knee-extension", "dorsiflexion")
 
     @functools.cached_property
     def _moving(self) -> tuple[bool, bool]:
@@ -486,21 +500,22 @@ class BodySimulator:
     @functools.cached_property
     def _skin(self) -> Skin:
         if self.amputated:
-            return build_skin(self.amputated, self.stump, self.girth)
+            return build_skin(self.amputated, self.stump, self.girth, self.dressing)
         return _whole(self.girth)
 
     @functools.cached_property
     def _scenery(self) -> Scenery:
         seat = self.distance if self._is_sitting else None
         scene = self.scene if self.room else ""
-        return furnish(scene, seat, self.turn, self.distance, CAMERA_HEIGHT)
+        return furnish(scene, seat, self.turn, self.distance, CAMERA_HEIGHT, self.chair)
 
     @functools.cached_property
     def _wardrobe(self) -> tuple[_Look, ...]:
         covered = {"none": (), "both": ("left_leg", "right_leg")}.get(
             self.cover, (f"{self.cover}_leg",)
         )
-        person = _Look.of(self._skin, Clothes(stripes=self.stripes), covered)
+        clothes = Clothes(stripes=self.stripes, long_sleeves=self.dressing == "sleeve")
+        person = _Look.of(self._skin, clothes, covered)
         return (person, _Look.of(_whole(1.0), _VISITOR, ()))
 
     def _cast(self, time: float) -> _Cast:

@@ -4,6 +4,7 @@
 #include <optional>
 
 #include "manip3d/geometry/camera.hpp"
+#include "manip3d/geometry/color_image.hpp"
 
 /// @file
 /// A person put before another scene: depth and colour image of a forged stream (dissertation
@@ -19,12 +20,6 @@ struct CompositeOptions {
   CompositeSurface surface = CompositeSurface::kMesh;
   bool fill_pinholes = true;  ///< Fills gaps of drawn points from 4-neighbours, never outwards.
   int blend = 1;              ///< Colour pixels over which the person's edge fades; 0: none.
-};
-
-/// A colour image, borrowed; (rows, cols, 3) R, G, B.
-struct ColorView {
-  std::int64_t rows = 0, cols = 0;
-  const std::uint8_t* pixels = nullptr;
 };
 
 /// A person's surface and where its colours come from; borrowed.

@@ -9,6 +9,7 @@
 
 #include "manip3d/geometry/camera.hpp"
 #include "manip3d/geometry/skeleton.hpp"
+#include "manip3d/modify/clothing.hpp"
 
 namespace manip3d {
 
@@ -31,13 +32,19 @@ std::optional<Eigen::Vector3f> spine_base(const Skeleton& person);
 /// beside people who are known; after `patience` the newcomer nearest to where it was last seen,
 /// within `reach`. People who were seen beside it are known, and never taken, until nobody has seen
 /// them for `forget`: who of them is the key person after all has to be selected.
+///
+/// Clothes, where they are seen, speak for place and id: who has the id and wears other colours
+/// than the key person did is passed over for the only one nearby who wears its colours, and a
+/// newcomer in other colours is not taken.
 class KeyPerson {
  public:
   /// @throws InputError  an option that is not >= 0.
   explicit KeyPerson(const KeyPersonOptions& options = {});
   /// Which of the people it is; none while it is lost. Times grow.
+  /// @param clothes  those of the people, in their order; empty: not known.
+  /// @throws InputError  not as many clothes as people.
   std::optional<std::size_t> find(std::span<const Skeleton> people, const Intrinsics& camera,
-                                  double time_s);
+                                  double time_s, std::span<const ClothingColors> clothes = {});
   /// Takes the person of an id as soon as it is in view.
   void select(std::int64_t id) { selected_ = id; }
   /// Seconds since it was last seen; infinite if nobody ever was.
@@ -60,10 +67,15 @@ class KeyPerson {
   [[nodiscard]] std::optional<std::size_t> most_central(std::span<const Skeleton> people,
                                                         const Intrinsics& camera,
                                                         double time_s) const;
+  [[nodiscard]] std::optional<std::size_t> in_its_clothes(std::span<const Skeleton> people,
+                                                          double within) const;
+  [[nodiscard]] double clothes_differ(std::size_t person) const;
+  [[nodiscard]] bool wears_other_clothes(std::size_t person) const;
   [[nodiscard]] bool has_same_size(const Skeleton& person) const;
   [[nodiscard]] bool is_other(std::int64_t id, double time_s) const;
   void see_others(std::span<const Skeleton> people, double time_s);
   void remember(const Skeleton& person, double time_s);
+  void remember_clothes(std::size_t person);
 
   KeyPersonOptions options_;
   bool seen_ = false;
@@ -71,7 +83,9 @@ class KeyPerson {
   std::optional<std::int64_t> selected_;
   double last_seen_ = 0.0;
   Eigen::Vector3f position_ = Eigen::Vector3f::Zero();
-  double trunk_length_ = 0.0;  ///< Mean, metres; 0: not known.
+  double trunk_length_ = 0.0;                     ///< Mean, metres; 0: not known.
+  ClothingColors clothes_;                        ///< Mean of the key person's.
+  std::span<const ClothingColors> seen_clothes_;  ///< Clothes in this frame; for a call of find().
   std::array<Other, 16>
       others_{};  ///< People seen beside it; who was seen longest ago is replaced.
   std::size_t num_others_ = 0;

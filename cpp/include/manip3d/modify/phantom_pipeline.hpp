@@ -7,6 +7,7 @@
 #include <span>
 
 #include "manip3d/geometry/camera.hpp"
+#include "manip3d/geometry/color_image.hpp"
 #include "manip3d/geometry/depth_image.hpp"
 #include "manip3d/geometry/grid_mesh.hpp"
 #include "manip3d/geometry/skeleton.hpp"
@@ -58,6 +59,7 @@ struct PhantomInput {
   const std::uint8_t* body_index = nullptr;  ///< (rows, cols) or null.
   Intrinsics camera;                         ///< A ray table stays the same as long as it lives.
   const Registration* registration = nullptr;
+  ColorView color;  ///< The people's clothes tell them apart; without pixels: only ids and places.
   std::span<const Skeleton> people;
   std::int64_t time_ns = 0, number = 0;
 };
