@@ -13,6 +13,7 @@
 #include "depth.hpp"
 #include "exclusive.hpp"
 #include "manip3d/simplify/depth_smoother.hpp"
+#include "manip3d/simplify/edge_steps.hpp"
 #include "modules.hpp"
 #include "numpy.hpp"
 
@@ -148,6 +149,23 @@ void bind_relief(py::module_& m) {
       },
       py::arg("points").noconvert(), py::arg("valid").noconvert(), py::arg("pixels").noconvert(),
       py::arg("faces").noconvert(), py::arg("max_edge"), py::arg("max_step"), py::arg("focal"));
+  m.def(
+      "faces_across_steps",
+      [](const CArray<float>& image, const CArray<std::int32_t>& pixels,
+         const CArray<std::int32_t>& faces, double share, double slope, double noise,
+         bool passing) {
+        const DepthView view = depth_view(image);
+        const auto at = rows<Rows<std::int32_t, 2>>(pixels, "pixels");
+        const auto triangles = rows<Rows<std::int32_t, 3>>(faces, "faces");
+        std::vector<std::uint8_t> across;
+        {
+          const py::gil_scoped_release nogil;
+          across = faces_across_steps(view, at, triangles, {share, slope, noise, passing});
+        }
+        return to_numpy(std::move(across));
+      },
+      py::arg("image").noconvert(), py::arg("pixels").noconvert(), py::arg("faces").noconvert(),
+      py::arg("share"), py::arg("slope"), py::arg("noise"), py::arg("passing"));
   py::class_<Exclusive<DepthSmoother>>(m, "DepthSmoother")
       .def(py::init([](double newest_share, double gate) {
              return std::make_unique<Exclusive<DepthSmoother>>(

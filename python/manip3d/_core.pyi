@@ -105,6 +105,7 @@ __all__: list[str] = [
     "encode_stream_frame",
     "estimate_scan_grid",
     "estimate_scan_origin",
+    "faces_across_steps",
     "faces_left",
     "faces_off_surface",
     "fmpd",
@@ -2081,6 +2082,15 @@ def estimate_scan_origin(
     threads: typing.SupportsInt | typing.SupportsIndex,
     progress: typing.Any,
 ) -> tuple[bool, tuple[float, float, float], int, float, float, float, float, float]: ...
+def faces_across_steps(
+    image: numpy.typing.NDArray[numpy.float32],
+    pixels: numpy.typing.NDArray[numpy.int32],
+    faces: numpy.typing.NDArray[numpy.int32],
+    share: typing.SupportsFloat | typing.SupportsIndex,
+    slope: typing.SupportsFloat | typing.SupportsIndex,
+    noise: typing.SupportsFloat | typing.SupportsIndex,
+    passing: bool,
+) -> numpy.ndarray: ...
 def faces_left(mesh: typing.Any, collapses: numpy.typing.NDArray[numpy.int32]) -> numpy.ndarray: ...
 def faces_off_surface(
     points: numpy.typing.NDArray[numpy.float32],

@@ -136,3 +136,11 @@ def test_a_camera_that_knows_its_unit_is_believed_and_doubts_are_said(tmp_path: 
     np.save(tmp_path / "depth.npy", depth.astype(np.float32) / 1000)
     result = simplify.simplify_depth_file(tmp_path / "depth.npy", tmp_path / "z.ply", asked)
     assert result.unit == "m"  # fractions are metres, whatever the camera
+
+
+@pytest.mark.parametrize(("corner", "named"), [(4, "faces: .* 4"), (-1, "faces: .* -1")])
+def test_a_face_of_vertices_that_are_not_there_is_refused(corner: int, named: str) -> None:
+    mesh = dense_mesh(wall_with_box()[:2, :2].copy(), Intrinsics(2, 2, 60.0, 60.0, 0.5, 0.5))
+    faces = np.array([[0, 1, 2], [0, 1, corner]], np.int32)
+    with pytest.raises(InputError, match=named):
+        cut_depth_steps(mesh.with_faces(faces), wall_with_box()[:2, :2])

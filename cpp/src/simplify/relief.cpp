@@ -49,22 +49,26 @@ struct Budget {
   int boundary_sweeps;
   /// If positive: from kHalf on every second pixel is triangulated, with so many bisections.
   double half_start;
+  bool by_tile;  ///< The first triangulation is ordered tile by tile.
+  /// If positive: Collapser::sweep() first. Of 0.4, 0.6 and 0.9, tried on two scenes and a scan,
+  /// 0.9 takes 0.4 to 0.7 of the time of collapses in order of price, at no more error.
+  float sweep_share;
 };
 
 Budget budget_of(ReliefEffort effort) {
   switch (effort) {
     case ReliefEffort::kLive:
-      return {0.4, 2, 0.4F, 1, 1.0F, 0, 0, 2, 2.0};
+      return {0.4, 2, 0.4F, 1, 1.0F, 0, 0, 2, 2.0, true, 0.9F};
     case ReliefEffort::kFast:
-      return {0.7, 1, 0.3F, 3, 0.3F, 0, 0, 4, 0.0};
+      return {0.7, 1, 0.3F, 3, 0.3F, 0, 0, 4, 0.0, false, 0.0F};
     case ReliefEffort::kBalanced:
-      return {1.0, 1, 0.2F, 3, 0.3F, 1, 1, 4, 0.0};
+      return {1.0, 1, 0.2F, 3, 0.3F, 1, 1, 4, 0.0, false, 0.0F};
     case ReliefEffort::kFine:
-      return {3.0, 1, 0.2F, 4, 0.3F, 2, 1, 4, 0.0};
+      return {3.0, 1, 0.2F, 4, 0.3F, 2, 1, 4, 0.0, false, 0.0F};
     case ReliefEffort::kBest:
       break;
   }
-  return {1e9, 1, 0.1F, 8, 0.3F, 4, 2, 4, 0.0};
+  return {1e9, 1, 0.1F, 8, 0.3F, 4, 2, 4, 0.0, false, 0.0F};
 }
 
 void check_options(const ReliefOptions& options) {
@@ -252,15 +256,20 @@ void Relief::Memory::select(const ReliefOptions& options, std::int64_t target, b
   result.stop = used <= target ? ReliefStop::kAllPoints : ReliefStop::kTarget;
   result.dropped_pixels = 0;
   if (used <= target) splits = used, finest = 1;
-  mesh.assign(*worked, start.build(*worked, splits, finest, keep));
+  const auto triangulate = [&] {
+    const std::span<const Triangle> faces = start.build(*worked, splits, finest, keep);
+    mesh.assign(*worked, budget.by_tile ? start.order_by_tile(*worked) : faces);
+  };
+  triangulate();
   while (mesh.num_vertices() < target && (splits < used || finest > 1)) {
     splits = std::min(2 * splits, used);
     if (splits == used) finest = 1;
-    mesh.assign(*worked, start.build(*worked, splits, finest, keep));
+    triangulate();
   }
   if (mesh.num_vertices() <= target) return;
   const std::int64_t area = worked == &surface ? 1 : 4;  // of a pixel
   collapser.assign(*worked, mesh, keep, static_cast<float>(options.stability));
+  if (budget.sweep_share > 0.0F) collapser.sweep(*worked, mesh, target, budget.sweep_share);
   result.dropped_pixels =
       area * collapser.run(*worked, mesh, target, budget.round_share, refuses_off);
   if (result.dropped_pixels > 0) result.stop = ReliefStop::kSmallPieces;

@@ -61,6 +61,16 @@ bool is_linked(const Surface& surface, PixelPlace p, PixelPlace q) {
   return (cell(std::min(p[0], q[0]), p[1]) & kFull) == kFull;
 }
 
+/// Calls visit(pixel, place) for the pixels in and on a triangle: one division for each row.
+template <typename Visit>
+void visit_places(int cols, const std::array<PixelPlace, 3>& t, Visit&& visit) {
+  visit_spans(cols, t[0], t[1], t[2], SidePixels::kClosed,
+              [&](std::int32_t first, std::int32_t last) {
+                const std::int32_t v = first / cols, u = first - v * cols;
+                for (std::int32_t p = first; p <= last; ++p) visit(p, PixelPlace{u + p - first, v});
+              });
+}
+
 /// Change of the covered surface, in pixels, when a boundary vertex moves by a pixel, seen at one
 /// of its two boundary edges: `from` and `to` are its places, `end` is the edge's other end, and
 /// the mesh lies on the left of the edge, which begins at the vertex where `starts` is true. A
@@ -76,8 +86,7 @@ int worth(const Surface& surface, const PixelPlace& from, const PixelPlace& to,
   std::array<PixelPlace, 3> t = {from, end, to};
   if (doubled_area(t[0], t[1], t[2]) < 0) std::swap(t[1], t[2]);
   int sum = 0;
-  visit_pixels(surface.cols(), t[0], t[1], t[2], SidePixels::kClosed, [&](std::int32_t pixel) {
-    const PixelPlace p = {surface.u(pixel), surface.v(pixel)};
+  visit_places(surface.cols(), t, [&](std::int32_t pixel, const PixelPlace& p) {
     if (is_on(p, kept, end)) return;
     const PixelPlace back = {p[0] - (to[0] - from[0]), p[1] - (to[1] - from[1])};
     const bool is_surface = surface.is_used(pixel) && (!gains || is_linked(surface, p, back));
@@ -176,8 +185,7 @@ bool BoundaryMover::move(const Surface& surface, Triangulation& mesh, std::int32
     if (turn < 0) std::swap(t[1], t[2]);
     bool free = true;
     if (turn != 0) {
-      visit_pixels(surface.cols(), t[0], t[1], t[2], SidePixels::kClosed, [&](std::int32_t p) {
-        const Pixel at = {surface.u(p), surface.v(p)};
+      visit_places(surface.cols(), t, [&](std::int32_t p, const Pixel& at) {
         free = free && (at == from || at == to_first || at == to_last || mesh.num_at(p) == 0);
       });
     }

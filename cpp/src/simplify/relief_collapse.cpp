@@ -302,14 +302,66 @@ bool Collapser::collapse(const Surface& surface, Triangulation& mesh, const Move
     i = cheapest(surface, mesh, v, fan, true, round, lowest);
   }
   if (i < 0) return false;
+  merge(mesh, v, fan, i);
+  nodes_[v].touched = nodes_[fan.neighbors[i]].touched = round;
+  return true;
+}
+
+void Collapser::merge(Triangulation& mesh, std::int32_t v, const Fan& fan, int i) {
   const std::int32_t to = fan.neighbors[i];
   const Vec3 offset = mesh.vertex(v).point - mesh.vertex(to).point;
   mesh.collapse(v, fan, i);
   nodes_[to].surface.add(nodes_[v].surface, offset);
   boundary_[to].add(boundary_[v], offset);
   nodes_[to].spent = std::sqrt(nodes_[to].surface.c * nodes_[to].surface.weight);
-  nodes_[v].touched = nodes_[to].touched = round;
-  return true;
+}
+
+bool Collapser::may_sweep(const Triangulation& mesh, std::int32_t v, Fan& fan) const {
+  return mesh.vertex(v).alive() && !is_fixed(v) && mesh.fan(v, fan) && !mesh.is_alone(fan.faces[0]);
+}
+
+/// The price below which this share of the vertices merge, as every eighth of them tells.
+float Collapser::sampled_price(const Surface& surface, const Triangulation& mesh, float share) {
+  constexpr std::int32_t kStride = 8;
+  Fan fan;
+  make_room(prices_, mesh.num_slots() / kStride + 1);
+  prices_.clear();
+  for (std::int32_t v = 0; v < mesh.num_slots(); v += kStride) {
+    if (!may_sweep(mesh, v, fan)) continue;
+    float price = 0.0F;
+    cheapest(surface, mesh, v, fan, false, kNoRound, price);
+    prices_.push_back(price);
+  }
+  if (prices_.empty()) return 0.0F;
+  const auto at =
+      prices_.begin() + static_cast<std::ptrdiff_t>(share * static_cast<float>(prices_.size() - 1));
+  std::nth_element(prices_.begin(), at, prices_.end());
+  return *at;
+}
+
+void Collapser::sweep_below(const Surface& surface, Triangulation& mesh, std::int64_t target,
+                            float limit) {
+  Fan fan;
+  for (std::int32_t v = 0; v < mesh.num_slots() && mesh.num_vertices() > target; ++v) {
+    if (!may_sweep(mesh, v, fan)) continue;
+    float price = 0.0F;
+    const int i = cheapest(surface, mesh, v, fan, false, kNoRound, price);
+    if (i >= 0 && price <= limit && may_collapse(surface, mesh, v, fan, i)) merge(mesh, v, fan, i);
+  }
+}
+
+void Collapser::sweep(const Surface& surface, Triangulation& mesh, std::int64_t target,
+                      float sweep_share) {
+  refuses_off_ = false;
+  constexpr std::int64_t kLeast = 8 * kFew;
+  for (;;) {
+    const std::int64_t before = mesh.num_vertices();
+    const std::int64_t surplus = before - target;
+    if (before < kLeast || 4 * surplus < before) return;
+    const float wanted = sweep_share * static_cast<float>(surplus) / static_cast<float>(before);
+    sweep_below(surface, mesh, target, sampled_price(surface, mesh, wanted));
+    if (10 * (before - mesh.num_vertices()) < surplus) return;
+  }
 }
 
 bool Collapser::make(const Surface& surface, Triangulation& mesh, const Move& move,

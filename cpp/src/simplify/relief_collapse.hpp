@@ -48,6 +48,10 @@ class Collapser {
   /// @param keep  by pixel, may be empty: vertices there cost `keep_factor` times as much, or stay.
   void assign(const Surface& surface, const Triangulation& mesh, std::span<const Keep> keep,
               float keep_factor);
+  /// Many collapses in little time, before run(): vertices one after the other merge where that
+  /// costs no more than a limit, below which the sampled share `sweep_share` of the prices lies.
+  /// Again and again until that is a small part of what is left to remove.
+  void sweep(const Surface& surface, Triangulation& mesh, std::int64_t target, float sweep_share);
   /// Stops at `target` vertices, or with more where vertices that stay leave no other way. Best
   /// first in rounds, each of which removes at most the share `round_share` of the vertices.
   /// @param refuses_off  among few vertices, triangles a step off the surface are made only where
@@ -95,6 +99,12 @@ class Collapser {
   bool make(const Surface& surface, Triangulation& mesh, const Move& move, std::int32_t round,
             std::int64_t target);
   bool collapse(const Surface& surface, Triangulation& mesh, const Move& move, std::int32_t round);
+  /// Merges the fan's centre v into its neighbour number i.
+  void merge(Triangulation& mesh, std::int32_t v, const Triangulation::Fan& fan, int i);
+  [[nodiscard]] bool may_sweep(const Triangulation& mesh, std::int32_t v,
+                               Triangulation::Fan& fan) const;
+  float sampled_price(const Surface& surface, const Triangulation& mesh, float share);
+  void sweep_below(const Surface& surface, Triangulation& mesh, std::int64_t target, float limit);
   bool leave_out_least(Triangulation& mesh);
   void leave_out(Triangulation& mesh, std::int32_t piece, std::span<const std::int32_t> faces);
 
@@ -107,6 +117,7 @@ class Collapser {
   bool refuses_off_ = false;  ///< No move may make a triangle that lies a step off the surface.
   float least_loss_ = 0.0F;   ///< Least confidence that lost surface is priced with.
   std::vector<Move> moves_;
+  std::vector<float> prices_;
   std::vector<std::int32_t> stack_;
   std::vector<std::uint8_t> seen_;
 };

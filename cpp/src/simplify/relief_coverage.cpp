@@ -71,12 +71,41 @@ class InverseDepth {
   double start_ = 0.0, along_u_ = 0.0, along_v_ = 0.0;
 };
 
-/// Is a triangle a step in depth before or behind a pixel?
+/// Is a triangle a step in depth before or behind a pixel? `most` is the largest depth that is no
+/// step behind it.
+bool is_off(float depth, float most, float inverse_depth) {
+  // The two depths are compared as a ratio, which needs no division, and without a branch.
+  return !((depth * depth * inverse_depth <= most) & (depth <= most * depth * inverse_depth));
+}
+
 bool is_off(const Surface& surface, std::int32_t pixel, float inverse_depth) {
-  // The two depths are compared as a ratio, which needs no division.
   const float depth = surface.depth(pixel);
-  const float most = depth + surface.steps().limit(depth);
-  return !(depth * depth * inverse_depth <= most && depth <= most * depth * inverse_depth);
+  return is_off(depth, depth + surface.steps().limit(depth), inverse_depth);
+}
+
+/// What is_off() asks of each pixel: triangles meet in pixels, which would work it out again.
+void find_depths(const Surface& surface, CoverageScratch& scratch) {
+  const auto num_pixels = static_cast<std::int32_t>(surface.num_pixels());
+  const StepRule steps = surface.steps();
+  scratch.depths.resize(surface.num_pixels());
+  CoverageScratch::Range* const to = scratch.depths.data();
+  for (std::int32_t p = 0; p < num_pixels; ++p) {
+    const float depth = surface.depth(p);
+    to[p] = {depth, depth + steps.limit(depth)};
+  }
+}
+
+/// Marks those of neighbouring pixels of a row that a triangle is no step away from.
+void cover_row(const Surface& surface, const InverseDepth& plane, std::int32_t first,
+               std::int32_t last, CoverageScratch& scratch) {
+  const int v = surface.v(first), u = first - v * surface.cols(), size = last - first + 1;
+  const CoverageScratch::Range* const depths = scratch.depths.data() + first;
+  std::uint8_t* const covered = scratch.covered.data() + first;
+  const InverseDepth own = plane;  // bytes may alias whatever is in memory
+  for (int i = 0; i < size; ++i) {
+    const bool off = is_off(depths[i].depth, depths[i].most, own.at(u + i, v));
+    covered[i] = static_cast<std::uint8_t>(covered[i] | (off ? 0 : 1));
+  }
 }
 
 float area_of(const Surface& surface, const Corners& t) {
@@ -109,7 +138,7 @@ Over pixels_over(const Surface& surface, const Corners& t) {
 }
 
 /// Do the ends of a line of pixels differ by a step, and steps on the way make most of that? The
-/// same rule as _has_step in _depth_steps.py with `passing`.
+/// same rule as StepFinder in edge_steps.cpp with `passing`.
 bool crosses_step(const Surface& surface, const Corner& from, const Corner& to) {
   const int du = to[0] - from[0], dv = to[1] - from[1];
   const int length = std::max(std::abs(du), std::abs(dv));
@@ -169,22 +198,18 @@ DepthCoverage coverage_of(const Surface& surface,
   covered.assign(surface.num_pixels(), 0);
   count_flaws(surface, scratch.flaws);
   double area = 0.0, bridges = 0.0;
+  const bool has_steps = surface.steps().has_steps();
+  if (has_steps) find_depths(surface, scratch);
   for (Eigen::Index f = 0; f < faces.rows(); ++f) {
     const Corners t = corners_of(surface, pixels, faces, f);
     // A corner may be a far pixel that the surface leaves out: its face covers nothing.
     if (orient(t[0], t[1], t[2]) == 0 || !surface.holds_all(t)) continue;
     std::int64_t inside = 0, without = 0;
-    const bool has_steps = surface.steps().has_steps();
     const InverseDepth plane = has_steps ? InverseDepth(surface, t) : InverseDepth();
     visit_spans(surface.cols(), t[0], t[1], t[2], SidePixels::kClosed,
                 [&](std::int32_t first, std::int32_t last) {
                   if (has_steps) {
-                    const int v = surface.v(first);
-                    for (std::int32_t p = first; p <= last; ++p) {
-                      covered[p] |= is_off(surface, p, plane.at(surface.u(first) + p - first, v))
-                                        ? std::uint8_t{0}
-                                        : std::uint8_t{1};
-                    }
+                    cover_row(surface, plane, first, last, scratch);
                   } else {
                     std::fill(covered.begin() + first, covered.begin() + last + 1, 1);
                   }

@@ -13,6 +13,10 @@ namespace manip3d::relief_detail {
 struct CoverageScratch {
   std::vector<std::uint8_t> covered;
   std::vector<std::int32_t> flaws;
+  struct Range {
+    float depth = 0.0F, most = 0.0F;  ///< `most`: the largest depth that is no step behind it.
+  };
+  std::vector<Range> depths;  ///< By pixel, where there are steps.
 };
 
 /// Like depth_coverage(), for a surface that was built before.

@@ -4,6 +4,7 @@
 #include <bit>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 namespace manip3d::relief_detail {
 namespace {
@@ -262,6 +263,21 @@ std::span<const Triangle> StartMesh::build(const Surface& surface, std::int64_t 
   measure(surface, finest, keep);
   emit(surface, threshold_for(surface, num_vertices, finest));
   return faces_;
+}
+
+std::span<const Triangle> StartMesh::order_by_tile(const Surface& surface) {
+  const int across = surface.cols() / kTile + 1;
+  const auto tile_of = [&](const Triangle& t) {
+    const int v = surface.v(t[0]), u = t[0] - v * surface.cols();
+    return v / kTile * across + u / kTile;
+  };
+  first_in_.assign(static_cast<std::size_t>(across) * (surface.rows() / kTile + 1) + 1, 0);
+  for (const Triangle& t : faces_) ++first_in_[tile_of(t) + 1];
+  std::partial_sum(first_in_.begin(), first_in_.end(), first_in_.begin());
+  make_room(ordered_, static_cast<std::int64_t>(faces_.size()));
+  ordered_.resize(faces_.size());
+  for (const Triangle& t : faces_) ordered_[first_in_[tile_of(t)]++] = t;
+  return ordered_;
 }
 
 }  // namespace manip3d::relief_detail

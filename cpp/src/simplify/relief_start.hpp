@@ -21,6 +21,9 @@ class StartMesh {
   /// @param keep  by pixel, may be empty: pixels that become vertices in any case.
   std::span<const Triangle> build(const Surface& surface, std::int64_t num_vertices, int finest,
                                   std::span<const Keep> keep);
+  /// The same triangles tile by tile: neighbours are then near each other in memory, which what
+  /// goes around vertices waits for.
+  std::span<const Triangle> order_by_tile(const Surface& surface);
 
  private:
   void measure(const Surface& surface, int finest, std::span<const Keep> keep);
@@ -38,7 +41,8 @@ class StartMesh {
   std::vector<float> errors_;  ///< By pixel: of the bisection there, at least that of its parts.
   std::vector<std::uint8_t> busy_;  ///< By tile: is something in it bisected?
   std::vector<std::int32_t> histogram_;
-  std::vector<Triangle> faces_;
+  std::vector<Triangle> faces_, ordered_;
+  std::vector<std::int32_t> first_in_;  ///< By tile: where in `ordered_` it starts.
 };
 
 }  // namespace manip3d::relief_detail

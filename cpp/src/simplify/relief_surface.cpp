@@ -369,22 +369,31 @@ void Surface::cut_rows(const DenseRule& rule, std::int64_t begin, std::int64_t e
       const unsigned valid = above[u] | above[u + 1] << 1U | below[u + 1] << 2U | below[u] << 3U;
       cells[u] = cell_by_bits[bits[u] | valid];
     }
-    if (steps_.has_steps()) cut_steps(v);
+    if (steps_.has_steps()) cut_steps(v, {row_bits_.data() + first, width});
   }
 }
 
-void Surface::cut_steps(int v) {
+void Surface::cut_steps(int v, std::span<std::uint16_t> stepped) {
+  const StepRule steps = steps_;
+  const double unit = unit_, middle = center_.z();
   const auto is_step = [&](float low, float high) {
-    const auto nearest = static_cast<float>(unit_ * low + center_.z());
-    return !(unit_ * double{high - low} <= double{steps_.limit(nearest)});
+    const auto nearest = static_cast<float>(unit * low + middle);
+    return !(unit * double{high - low} <= double{steps.limit(nearest)});
   };
+  // Whole cells without a step have none in their halves either: a row of them at a time.
+  const auto size = static_cast<std::size_t>(used_cols_ - 1);
+  const Sample *above = samples_.data() + std::ptrdiff_t{v} * cols_, *below = above + cols_;
+  for (std::size_t u = 0; u < size; ++u) {
+    const float low =
+        std::min(std::min(above[u].z, above[u + 1].z), std::min(below[u].z, below[u + 1].z));
+    const float high =
+        std::max(std::max(above[u].z, above[u + 1].z), std::max(below[u].z, below[u + 1].z));
+    stepped[u] = is_step(low, high) ? 1 : 0;
+  }
   for (int u = 0; u + 1 < used_cols_; ++u) {
     const std::int32_t a = v * cols_ + u;
     std::uint8_t& cell = cells_[a];
-    if (cell == 0) continue;
-    const auto [low, high] = std::minmax(
-        {samples_[a].z, samples_[a + 1].z, samples_[a + cols_].z, samples_[a + cols_ + 1].z});
-    if ((cell & kFull) == kFull && !is_step(low, high)) continue;  // then its halves are none
+    if (cell == 0 || ((cell & kFull) == kFull && stepped[u] == 0)) continue;
     for (const bool second : {false, true}) {
       const std::uint8_t half = second ? kSecond : kFirst;
       if ((cell & half) == 0) continue;
@@ -438,8 +447,9 @@ void Surface::count_used() {
   double total = 0.0;
   used_.resize(samples_.size());
   for (std::size_t p = 0; p < samples_.size(); ++p) {
-    used_[p] = samples_[p].weight > 0.0F ? 1 : 0;
-    num_used_ += used_[p];
+    const bool used = samples_[p].weight > 0.0F;
+    used_[p] = used ? 1 : 0;
+    num_used_ += used ? 1 : 0;
     total += samples_[p].weight;
   }
   mean_area_ =

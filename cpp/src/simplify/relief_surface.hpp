@@ -152,7 +152,8 @@ class Surface {
   /// The rows of cells of one chunk.
   void cut_rows(const DenseRule& rule, std::int64_t begin, std::int64_t end);
   /// Leaves out the triangles of a row of cells that span a step in depth.
-  void cut_steps(int v);
+  /// @param stepped  scratch: one for each cell of the row.
+  void cut_steps(int v, std::span<std::uint16_t> stepped);
   void add_areas();
   void count_used();
   void weigh(const PointGridView& grid, std::span<const float> confidence);

@@ -212,6 +212,10 @@ Triangulation::Bay Triangulation::bay(const Surface& surface, std::int32_t v,
   const Vertex& a = vertices_[fan.neighbors[0]];
   const Vertex& c = vertices_[fan.neighbors[fan.num_neighbors - 1]];
   Bay bay;
+  if (orient(v, fan.neighbors[0], fan.neighbors[fan.num_neighbors - 1]) == -1) {
+    bay.free = num_at_[b.pixel] == 1;  // there are no pixels in it but its corners
+    return bay;
+  }
   int without = 0, pixels = 0;
   visit_pixels(surface.cols(), {a.u, a.v}, {b.u, b.v}, {c.u, c.v}, SidePixels::kClosed,
                [&](std::int32_t p) {

@@ -152,19 +152,30 @@ def across_steps(
     surface: DenseGrid | None,
 ) -> NDArray[np.bool_]:
     """Which faces span a step; ``surface``: where they come from one whose boundaries are steps."""
-    crosses = _by_edges(faces, pixels, image, rule, passing=surface is not None)
-    if surface is None:
-        return crosses
+    corners = np.ascontiguousarray(faces, np.int32)
+    places = np.ascontiguousarray(pixels, np.int32)
+    crosses = _core.faces_across_steps(
+        np.ascontiguousarray(image),
+        places,
+        corners,
+        rule.step,
+        rule.slope,
+        rule.noise,
+        surface is not None,
+    ).view(np.bool_)
+    if surface is None or not crosses.any():
+        return np.asarray(crosses)
     off = _core.faces_off_surface(
         surface.points,
         surface.valid,
-        pixels,
-        faces,
+        places,
+        np.ascontiguousarray(corners[crosses]),
         surface.max_edge,
         surface.depth_step,
         surface.focal,
     )
-    return np.asarray(crosses & ((off < 0) | (off > _MOST_OFF)))
+    crosses[crosses] = (off < 0) | (off > _MOST_OFF)
+    return np.asarray(crosses)
 
 
 def across_gaps(
@@ -211,40 +222,6 @@ def _sides(faces: NDArray[np.int32], num_pixels: int) -> tuple[NDArray[np.int64]
     return np.unique(sides[:, 0].astype(np.int64) * num_pixels + sides[:, 1], return_inverse=True)
 
 
-def _by_edges(
-    faces: NDArray[np.int32],
-    pixels: NDArray[Any],
-    image: NDArray[np.float32],
-    rule: StepRule,
-    *,
-    passing: bool,
-) -> NDArray[np.bool_]:
-    """For each face: whether one of its edges crosses a step.
-
-    ``passing``: to cross something and come back to the same surface is no step.
-    """
-    codes, of_side = _sides(faces, len(pixels))
-    crosses = _crosses_step(
-        pixels[codes // len(pixels)], pixels[codes % len(pixels)], image, rule, passing
-    )
-    return np.asarray(crosses[of_side.reshape(-1, 3)].any(axis=1))
-
-
-def _crosses_step(
-    begin: NDArray[Any],
-    end: NDArray[Any],
-    image: NDArray[np.float32],
-    rule: StepRule,
-    passing: bool,
-) -> NDArray[np.bool_]:
-    """For each pair of pixels: whether the depth along the line between them has a step."""
-    crosses = np.zeros(len(begin), np.bool_)
-    for block, samples in _lines(begin, end):
-        u, v = _on_line(begin[block], end[block], samples)
-        crosses[block] = _has_step(image[v, u], rule, passing)
-    return crosses
-
-
 def _lines(begin: NDArray[Any], end: NDArray[Any]) -> Iterator[tuple[NDArray[np.intp], int]]:
     """Lines of about one length together, and how many pixels the longest of them has."""
     length = np.abs(end - begin).max(axis=1)
@@ -270,19 +247,3 @@ def _on_line(
         for axis in (0, 1)
     )
     return u, v
-
-
-def _has_step(depth: NDArray[np.float32], rule: StepRule, passing: bool) -> NDArray[np.bool_]:
-    """Whether the ends of a row differ, and two of its measured samples in a row do.
-
-    ``passing``: the same rule as ``crosses_step`` in ``relief_coverage.cpp``.
-    """
-    last = np.where(depth > 0, np.arange(depth.shape[1]), 0)
-    filled = np.take_along_axis(depth, np.maximum.accumulate(last, axis=1), axis=1)
-    is_step = rule.differ(filled[:, :-1], filled[:, 1:])
-    first, last_one = filled[:, 0], filled[:, -1]
-    ends = rule.differ(first, last_one)
-    if passing:  # up and down again: the steps' sum is what is left of them at the end
-        climbed = np.abs(np.sum(np.diff(filled, axis=1), axis=1, where=is_step))
-        ends &= climbed > 0.5 * np.abs(last_one - first)
-    return np.asarray(is_step.any(axis=1) & ends)

@@ -242,8 +242,9 @@ def relief(
     lower the sum of distances between the pixels and their triangles' planes. Silhouettes and
     depth discontinuities (``max_edge``) are boundaries of the mesh from the start, and vertices
     there move pixel by pixel to where the surface ends. With 64 pixels or more to a vertex
-    ``live`` works on every second one. Any target is met: where it costs less than the next
-    collapse, holes are closed, bays of the silhouette filled and small pieces left out;
+    ``live`` works on every second one; most of its edges collapse one after the other, below a
+    limit for the price that rises from pass to pass. Any target is met: where it costs less than
+    the next collapse, holes are closed, bays of the silhouette filled and small pieces left out;
     ``coverage`` and ``bridges`` say how much.
 
     A confidence multiplies the distance that decides whether a bisection is needed at its pixel,

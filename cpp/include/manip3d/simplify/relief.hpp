@@ -73,7 +73,8 @@ struct ReliefResult {
 ///    estimate of area times distance, what the mean measures, where quadrics alone
 ///    [Garland & Heckbert 1997] measure squares.
 ///    Vertices on the boundary then move pixel by pixel to where the surface ends. kLive does all
-///    but that with every second pixel, where there are 64 or more to a vertex.
+///    but that with every second pixel, where there are 64 or more to a vertex, and most collapses
+///    in the order of the vertices, below a limit for the price that rises from pass to pass.
 /// 3. Edges are flipped and vertices moved to other measured points nearby while that lowers the
 ///    sum of distances between the pixels and the planes of their triangles [cf. Dyn, Levin &
 ///    Rippa 1990, data dependent triangulations].
