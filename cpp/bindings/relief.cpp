@@ -15,11 +15,10 @@
 #include "manip3d/simplify/depth_smoother.hpp"
 #include "modules.hpp"
 #include "numpy.hpp"
+#include "python_types.hpp"
 
 namespace manip3d::bindings {
 namespace {
-
-using Fields = py::typing::Dict<py::str, py::object>;
 
 Fields to_fields(ReliefResult&& result) {
   Fields fields;
