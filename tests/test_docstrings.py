@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from numpydoc.validate import validate
 
 import manip3d
 
@@ -103,14 +104,6 @@ def described(parameters: str) -> set[str]:
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
-def test_each_parameter_is_described_and_no_other(name: str) -> None:
-    function = FUNCTIONS[name]
-    assert described(sections(function).get("Parameters", "")) - {""} == set(
-        inspect.signature(function).parameters
-    )
-
-
-@pytest.mark.parametrize("name", FUNCTIONS)
 def test_what_comes_back_is_described(name: str) -> None:
     function = FUNCTIONS[name]
     returns_nothing = inspect.signature(function).return_annotation in ("None", None)
@@ -129,11 +122,8 @@ def test_there_is_an_example(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
-def test_the_summary_is_a_sentence_in_the_imperative(name: str) -> None:
-    summary, _, rest = (inspect.getdoc(FUNCTIONS[name]) or "").partition("\n")
-    assert IMPERATIVES.match(summary), summary
-    assert summary.endswith("."), summary
-    assert not rest or rest.startswith("\n"), "the summary has one line"
+def test_the_summary_is_in_the_imperative(name: str) -> None:
+    assert IMPERATIVES.match(inspect.getdoc(FUNCTIONS[name]) or "")
 
 
 def public_classes() -> Iterator[tuple[str, type]]:
@@ -197,17 +187,43 @@ def public_members(of: type) -> Iterator[tuple[str, Any]]:
             yield name, getattr(of, name)
 
 
-@pytest.mark.parametrize("name", CLASSES)
-def test_each_parameter_of_a_method_is_described_and_no_other(name: str) -> None:
-    methods = {
-        n: m
-        for n, m in public_members(CLASSES[name])
-        if inspect.isfunction(m) or inspect.ismethod(m)
-    }
-    for member, method in methods.items():
-        taken = set(inspect.signature(method).parameters) - {"self"}
-        found = described(sections(method).get("Parameters", "")) - {""}
-        assert found == taken, member
+NUMPYDOC = {
+    *(
+        "GL01",
+        "GL02",
+        "GL03",
+        "GL05",
+        "GL06",
+        "GL07",
+        "GL09",
+        "GL10",
+    ),  # quotes, sections
+    *("SS01", "SS02", "SS03", "SS04", "SS06"),  # a summary: one line with a capital and a full stop
+    *("PR01", "PR02", "PR05", "PR06", "PR09", "PR10"),  # each parameter and no other, its type
+    *("RT05", "YD01"),  # what comes back
+}
+"""Checks of `numpydoc` that this package agrees with.
+
+The others ask for sections that not everything needs (ES, EX, SA), for an order and a description
+of each parameter of its own where several share one (PR03, PR04, PR07), for a capital where a
+description begins with a symbol of the paper (PR08, RT04), for one returned value (RT01 to RT03),
+and for a verb in the summary of a property (SS05). GL08 does not know inherited docstrings.
+"""
+
+
+@pytest.mark.parametrize("name", [*FUNCTIONS, *CLASSES])
+def test_numpydoc_finds_nothing(name: str) -> None:
+    found = {name: NUMPYDOC}
+    if name in CLASSES:  # whose fields may be described as attributes
+        found = {f"{name}.{member}": NUMPYDOC for member, _ in public_members(CLASSES[name])}
+        found[name] = NUMPYDOC - {"PR01"}
+    errors = [
+        (each, *error)
+        for each, checks in found.items()
+        for error in validate(f"manip3d.{each}")["errors"]
+        if error[0] in checks
+    ]
+    assert not errors
 
 
 @pytest.mark.parametrize("name", CLASSES)

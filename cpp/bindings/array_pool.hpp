@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "manip3d/error.hpp"
+#include "python_types.hpp"
 
 namespace manip3d::bindings {
 
@@ -20,7 +21,8 @@ namespace manip3d::bindings {
 class ArrayPool {
  public:
   /// An array with undefined contents.
-  pybind11::array empty(const std::vector<pybind11::ssize_t>& shape, const pybind11::object& type) {
+  pybind11::array empty(const std::vector<pybind11::ssize_t>& shape,
+                        const Named<"numpy.typing.DTypeLike">& type) {
     const auto dtype = pybind11::dtype::from_args(type);
     constexpr pybind11::ssize_t kMost = pybind11::ssize_t{1} << 40;  // bytes
     pybind11::ssize_t size = dtype.itemsize();

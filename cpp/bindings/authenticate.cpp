@@ -13,6 +13,7 @@
 #include "manip3d/geometry/scan_origin.hpp"
 #include "modules.hpp"
 #include "points.hpp"
+#include "python_types.hpp"
 
 namespace manip3d::bindings {
 namespace {
@@ -31,7 +32,11 @@ ScanGrid to_grid(const Grid& grid) {
           std::get<3>(grid), std::get<4>(grid), std::get<5>(grid)};
 }
 
-py::tuple to_python(const OcclusionComponent& c) {
+/// Cells, solid angle, range, area, first and last row, first and last column, box.
+using OcclusionTuple = py::typing::Tuple<std::int64_t, double, double, double, std::int64_t,
+                                         std::int64_t, std::int64_t, std::int64_t, BoxTuple>;
+
+OcclusionTuple to_python(const OcclusionComponent& c) {
   return py::make_tuple(c.cells, c.solid_angle, c.range, c.area, c.first_row, c.last_row,
                         c.first_column, c.last_column, box_to_python(c.box));
 }
@@ -56,7 +61,7 @@ void bind_authenticate(py::module_& m) {
   m.def(
       "estimate_scan_origin",
       [](const CArray<float>& points, const std::optional<Eigen::Vector3d>& known, int threads,
-         const py::object& progress) {
+         const PyProgress& progress) {
         const PointsView view = points_view(points, {});
         const Progress report = interruptible(progress);
         ScanOrigin r;
@@ -83,7 +88,7 @@ void bind_authenticate(py::module_& m) {
               {origin, to_grid(grid), min_gap, accumulate, min_cells, min_area, max_range, threads},
               interruptible());
         }
-        py::list components;
+        py::typing::List<OcclusionTuple> components;
         for (const OcclusionComponent& c : r.components) components.append(to_python(c));
         return py::make_tuple(r.rows, r.columns, r.first_row, to_numpy(std::move(r.mask)),
                               to_numpy(std::move(r.raw_mask)), r.occupied_cells, r.multiple_cells,

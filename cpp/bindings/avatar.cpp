@@ -18,6 +18,7 @@
 #include "manip3d/modify/shoe_cover.hpp"
 #include "modules.hpp"
 #include "numpy.hpp"
+#include "python_types.hpp"
 #include "rgbd.hpp"
 
 namespace manip3d::bindings {
@@ -27,8 +28,11 @@ py::array_t<float> to_array(const Eigen::Vector3f& vector) {
   return py::array_t<float>(3, vector.data());
 }
 
+using FloatArray = py::array_t<float>;
+
 /// All bones: start, end, radius, 0 where there is none; and the torso's box.
-py::tuple to_tables(const BodyColliders& body) {
+py::typing::Tuple<FloatArray, FloatArray, FloatArray, FloatArray> to_tables(
+    const BodyColliders& body) {
   CArray<float> capsules({kNumJoints, std::size_t{7}});
   for (std::size_t bone = 0; bone < kNumJoints; ++bone) {
     const Capsule& capsule = body.capsules[bone];
@@ -43,7 +47,10 @@ py::tuple to_tables(const BodyColliders& body) {
                         to_array(body.torso.half_size));
 }
 
-py::tuple first_hits(Exclusive<ColliderTracker>& self, const CArray<float>& from,
+/// Time, bone, point of each target.
+using HitTables = py::typing::Tuple<py::array_t<double>, py::array_t<std::int8_t>, FloatArray>;
+
+HitTables first_hits(Exclusive<ColliderTracker>& self, const CArray<float>& from,
                      const CArray<float>& to, const CArray<float>& radius) {
   const auto starts = rows<Rows<float, 3>>(from, "start");
   const auto ends = rows<Rows<float, 3>>(to, "end");
@@ -77,7 +84,7 @@ class Shoe {
  public:
   explicit Shoe(const ShoeCoverOptions& options) : tracker_(options) {}
 
-  py::object update(const py::object& frame, const py::object& skeleton, bool left) {
+  OptionalFields update(const PyRgbdFrame& frame, const PySkeleton& skeleton, bool left) {
     const py::object calibration = frame.attr("calibration");
     if (!calibration.is(seen_)) {
       frame_.calibration = std::make_shared<RgbdCalibration>(to_calibration(calibration));
@@ -103,7 +110,7 @@ class Shoe {
   py::object seen_ = py::none();
 };
 
-py::object to_dict(const std::optional<Placement>& placement) {
+OptionalFields to_dict(const std::optional<Placement>& placement) {
   if (!placement) return py::none();
   py::dict fields;
   fields["knee_height"] = placement->knee_height;
@@ -117,8 +124,8 @@ py::object to_dict(const std::optional<Placement>& placement) {
 
 /// Moved vertices and the fields of the moved skeleton, or None where a torso is missing.
 template <typename Scalar>
-py::object repose(const CArray<Scalar>& vertices, const py::object& skeleton,
-                  const py::object& rest, const ReposeOptions& options) {
+VerticesAndSkeleton repose(const CArray<Scalar>& vertices, const PySkeleton& skeleton,
+                           const OptionalPySkeleton& rest, const ReposeOptions& options) {
   const auto from = rows<Rows<Scalar, 3>>(vertices, "vertices");
   const Skeleton now = to_skeleton(skeleton);
   const Skeleton at_rest = rest.is_none() ? Skeleton() : to_skeleton(rest);
@@ -149,7 +156,7 @@ void bind_avatar(py::module_& m) {
            py::arg("min_radius"), py::arg("max_radius"), py::arg("first_radius"))
       .def(
           "update",
-          [](Exclusive<ColliderTracker>& self, const py::object& skeleton,
+          [](Exclusive<ColliderTracker>& self, const PySkeleton& skeleton,
              const CArray<std::uint8_t>& label, const CArray<float>& squared_distance) {
             const Skeleton pose = to_skeleton(skeleton);
             const std::span labels(label.data(), static_cast<std::size_t>(label.size()));
@@ -193,7 +200,7 @@ void bind_avatar(py::module_& m) {
            py::arg("tolerance"))
       .def(
           "update",
-          [](Exclusive<PlacementEstimator>& self, const py::object& skeleton, bool left_is_intact) {
+          [](Exclusive<PlacementEstimator>& self, const PySkeleton& skeleton, bool left_is_intact) {
             const Skeleton pose = to_skeleton(skeleton);
             return to_dict(self.with([&](PlacementEstimator& estimator) {
               return estimator.update(pose, left_is_intact);

@@ -11,11 +11,11 @@
 #include "mesh.hpp"
 #include "modules.hpp"
 #include "paths.hpp"
+#include "python_types.hpp"
 
 namespace manip3d::bindings {
 namespace {
 
-using Fields = py::typing::Dict<py::str, py::object>;
 using Lasers = Rows<double, 8>;  // the members of LaserCalibration, in their order
 
 VelodyneCalibration velodyne_calibration(const CArray<double>& array, double range_unit) {
@@ -80,7 +80,7 @@ Fields to_fields(const VelodyneCounters& c) {
 
 // The next frame's fields; True: none in time; False: none any more.
 template <typename Source>
-py::object read_frame(Exclusive<Source>& self, int timeout_ms) {
+FieldsOrBool read_frame(Exclusive<Source>& self, int timeout_ms) {
   VelodyneFrame frame;
   const ReadStatus status = self.with([&](Source& source) {
     const py::gil_scoped_release nogil;

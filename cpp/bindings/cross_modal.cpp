@@ -48,7 +48,11 @@ constexpr std::tuple kCrossModalResult{
     Field{"judged_points", &CrossModalResult::judged_points},
 };
 
-std::array<double, 3> to_array(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
+using XyzArray = std::array<double, 3>;
+using CrossModalTuple = py::typing::Tuple<bool, std::int64_t, std::int64_t, std::int64_t, double,
+                                          double, double, double, XyzArray, XyzArray, XyzArray>;
+
+XyzArray to_array(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
 
 }  // namespace
 
@@ -77,7 +81,7 @@ void bind_cross_modal(py::module_& m) {
           const py::gil_scoped_release nogil;
           result = compare_cross_modal(view, image, left, options, interruptible());
         }
-        py::list components;
+        py::typing::List<CrossModalTuple> components;
         for (const CrossModalComponent& c : result.components) {
           components.append(py::make_tuple(c.added, c.cells, c.empty, c.dark, c.solid_angle, c.area,
                                            c.evidence, c.difference, to_array(c.lower),

@@ -21,6 +21,7 @@
 #include "manip3d/simplify/grid_delaunay.hpp"
 #include "modules.hpp"
 #include "numpy.hpp"
+#include "python_types.hpp"
 
 namespace manip3d::bindings {
 
@@ -43,11 +44,7 @@ Intrinsics to_intrinsics(const py::object& camera, py::object& keep) {
   return result;
 }
 
-namespace {
-
-using Fields = py::typing::Dict<py::str, py::object>;
-
-}  // namespace
+namespace {}  // namespace
 
 DepthView depth_view(const py::array& depth) {
   DepthView view;
@@ -102,6 +99,8 @@ Fields to_fields(DepthMesh&& mesh) {
   return fields;
 }
 
+using MeshArrays = Named<"manip3d.simplify._depth._Buffers">;
+
 /// The caller's arrays, which are written to.
 struct OutputArrays {
   py::array_t<float> vertices, texcoords;
@@ -153,8 +152,8 @@ Fields to_fields(const Cs3Report& report) {
 /// A Cs3 with the rays of the camera it saw last; one frame at a time.
 class Cs3Runner {
  public:
-  Fields run_depth(const py::array& depth, const py::object& camera, const Cs3Options& options,
-                   const py::object& registration, const py::object& out) {
+  Fields run_depth(const py::array& depth, const PyIntrinsics& camera, const Cs3Options& options,
+                   const OptionalPyRegistration& registration, const MeshArrays& out) {
     const DepthView view = depth_view(depth);
     if (!camera.is(camera_)) {
       py::object keep;
@@ -165,14 +164,14 @@ class Cs3Runner {
   }
 
   Fields run_grid(const CArray<float>& points, const CArray<bool>& valid, bool rows_up,
-                  const Cs3Options& options, const py::object& out) {
+                  const Cs3Options& options, const MeshArrays& out) {
     const BorrowedGrid grid(points, valid, rows_up);
     return run(RangeImage(grid.view), options, py::none(), out);
   }
 
  private:
-  Fields run(const RangeImage& image, const Cs3Options& options, const py::object& registration,
-             const py::object& out) {
+  Fields run(const RangeImage& image, const Cs3Options& options,
+             const OptionalPyRegistration& registration, const MeshArrays& out) {
     OutputArrays arrays(out);
     const OptionalRegistration color(registration);
     Cs3Report report;
@@ -263,18 +262,18 @@ void bind_depth(py::module_& m) {
   bind_cs3(m);
   m.def(
       "check_intrinsics",
-      [](const py::object& camera) {
+      [](const PyIntrinsics& camera) {
         py::object rays;
         check_intrinsics(to_intrinsics(camera, rays));
       },
       py::arg("camera"));
   m.def(
       "check_registration",
-      [](const py::object& registration) { check_registration(to_registration(registration)); },
+      [](const PyRegistration& registration) { check_registration(to_registration(registration)); },
       py::arg("registration"));
   m.def(
       "unproject",
-      [](const py::array& depth, const py::object& camera, int threads) {
+      [](const py::array& depth, const PyIntrinsics& camera, int threads) {
         const DepthView view = depth_view(depth);
         py::object rays;
         const Intrinsics intrinsics = to_intrinsics(camera, rays);
@@ -290,7 +289,7 @@ void bind_depth(py::module_& m) {
       py::arg("depth"), py::arg("camera"), py::arg("threads"));
   m.def(
       "unproject_pixels",
-      [](const CArray<double>& pixels, const CArray<double>& depth, const py::object& camera) {
+      [](const CArray<double>& pixels, const CArray<double>& depth, const PyIntrinsics& camera) {
         const auto uv = rows<Rows<double, 2>>(pixels, "pixels");
         const auto z = rows<Eigen::VectorXd>(depth, "depth");
         if (z.size() != uv.rows()) throw InputError("depth: expected one number per pixel");
@@ -309,7 +308,7 @@ void bind_depth(py::module_& m) {
       py::arg("pixels").noconvert(), py::arg("depth").noconvert(), py::arg("camera"));
   m.def(
       "project",
-      [](const CArray<double>& points, const py::object& camera) {
+      [](const CArray<double>& points, const PyIntrinsics& camera) {
         const auto xyz = rows<Rows<double, 3>>(points, "points");
         py::object rays;
         const Intrinsics intrinsics = to_intrinsics(camera, rays);
@@ -326,7 +325,7 @@ void bind_depth(py::module_& m) {
   m.def(
       "grid_mesh",
       [](const CArray<float>& points, const CArray<bool>& valid, bool rows_up, double max_edge,
-         const py::object& registration, int threads) {
+         const OptionalPyRegistration& registration, int threads) {
         const BorrowedGrid grid(points, valid, rows_up);
         const OptionalRegistration camera(registration);
         DepthMesh mesh;
@@ -340,7 +339,7 @@ void bind_depth(py::module_& m) {
       py::arg("max_edge"), py::arg("registration"), py::arg("threads"));
   m.def(
       "registered_texcoords",
-      [](const CArray<float>& vertices, const py::object& registration) {
+      [](const CArray<float>& vertices, const PyRegistration& registration) {
         const auto points = rows<Rows<float, 3>>(vertices, "vertices");
         const Registration camera = to_registration(registration);
         Rows<float, 2> texcoords(points.rows(), 2);

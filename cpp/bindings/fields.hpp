@@ -1,7 +1,6 @@
 #pragma once
 
 #include <pybind11/pybind11.h>
-#include <pybind11/typing.h>
 
 #include <tuple>
 #include <type_traits>
@@ -9,12 +8,11 @@
 #include <vector>
 
 #include "numpy.hpp"
+#include "python_types.hpp"
 
 /// @file
 /// Structs as tables of their members: one line for each member, whatever is made of it.
 namespace manip3d::bindings {
-
-using Fields = py::typing::Dict<py::str, py::object>;
 
 /// A member of a struct and its name in Python.
 template <typename T, typename Member>

@@ -24,7 +24,13 @@ OrientedBox to_box(const Box& box) {
   return {std::get<0>(box), std::get<1>(box), std::get<2>(box)};
 }
 
-py::tuple to_python(Forgery&& forged) {
+/// Points, intensity, rows added, moved, moved from and removed, box, transform.
+using ForgedTuple = py::typing::Tuple<py::array_t<float>, std::optional<py::array_t<float>>,
+                                      py::array_t<std::int32_t>, py::array_t<std::int32_t>,
+                                      py::array_t<std::int32_t>, py::array_t<std::int32_t>,
+                                      BoxTuple, py::array_t<double>>;
+
+ForgedTuple to_python(Forgery&& forged) {
   const bool has_intensity = forged.intensity.size() > 0;
   const Eigen::Matrix<double, 4, 4, Eigen::RowMajor> transform = forged.transform;
   return py::make_tuple(
@@ -51,7 +57,7 @@ ScanLattice to_lattice(const Rings& rings, double azimuth_step, double azimuth_p
 
 // Runs an attack without the GIL; hears Ctrl-C.
 template <typename Attack>
-py::tuple forged_by(const Attack& attack) {
+ForgedTuple forged_by(const Attack& attack) {
   Forgery forged;
   {
     const py::gil_scoped_release nogil;
@@ -223,7 +229,7 @@ void bind_forge(py::module_& m) {
               {origin, max_range, ground_height, ground_slope, tolerance, min_points, max_size},
               interruptible());
         }
-        py::list boxes;
+        py::typing::List<BoxTuple> boxes;
         for (const OrientedBox& box : result.boxes) boxes.append(box_to_python(box));
         return py::make_tuple(to_numpy(std::move(result.labels)), boxes);
       },

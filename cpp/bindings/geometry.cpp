@@ -13,11 +13,11 @@
 #include "mesh.hpp"
 #include "modules.hpp"
 #include "points.hpp"
+#include "python_types.hpp"
 
 namespace manip3d::bindings {
 namespace {
 
-using Fields = py::typing::Dict<py::str, py::object>;
 using TwoArrays = py::typing::Tuple<py::array, py::array>;
 
 py::array corners(const BoundingBox& box) {
@@ -63,7 +63,7 @@ Fields to_fields(const MeshSummary& summary) {
 void bind_geometry(py::module_& m) {
   m.def(
       "check_mesh",
-      [](const py::object& mesh) {
+      [](const PyMesh& mesh) {
         const BorrowedMesh borrowed(mesh);
         const py::gil_scoped_release nogil;
         check_mesh(borrowed.view());
@@ -71,7 +71,7 @@ void bind_geometry(py::module_& m) {
       py::arg("mesh"));
   m.def(
       "bounding_box",
-      [](const py::object& mesh) {
+      [](const PyMesh& mesh) {
         const BorrowedMesh borrowed(mesh);
         check_mesh(borrowed.view());
         return corners(bounding_box(borrowed.view()));
@@ -79,7 +79,7 @@ void bind_geometry(py::module_& m) {
       py::arg("mesh"));
   m.def(
       "count_components",
-      [](const py::object& mesh) {
+      [](const PyMesh& mesh) {
         const BorrowedMesh borrowed(mesh);
         const py::gil_scoped_release nogil;
         check_mesh(borrowed.view());
@@ -88,7 +88,7 @@ void bind_geometry(py::module_& m) {
       py::arg("mesh"));
   m.def(
       "summarize",
-      [](const py::object& mesh) {
+      [](const PyMesh& mesh) {
         const BorrowedMesh borrowed(mesh);
         MeshSummary summary;
         {
@@ -100,7 +100,7 @@ void bind_geometry(py::module_& m) {
       py::arg("mesh"));
   m.def(
       "shading_normals",
-      [](const py::object& mesh, double crease_angle, int threads) {
+      [](const PyMesh& mesh, double crease_angle, int threads) {
         const BorrowedMesh borrowed(mesh);
         ShadingNormals shading;
         {
@@ -113,7 +113,7 @@ void bind_geometry(py::module_& m) {
       py::arg("mesh"), py::arg("crease_angle"), py::arg("threads"));
   m.def(
       "welded_boundary",
-      [](const py::object& mesh) {
+      [](const PyMesh& mesh) {
         const BorrowedMesh borrowed(mesh);
         Rows<std::int32_t, 2> edges;
         {
@@ -126,7 +126,7 @@ void bind_geometry(py::module_& m) {
   m.def(
       "nearest_distances",
       [](const CArray<float>& points, const std::optional<Eigen::Vector3d>& origin,
-         double resolution, int threads, const py::object& progress) {
+         double resolution, int threads, const PyProgress& progress) {
         const PointsView view = points_view(points, {});
         const Progress report = interruptible(progress);
         LargeArray<double> distances;

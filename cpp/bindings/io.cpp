@@ -17,21 +17,30 @@
 #include "mesh.hpp"
 #include "modules.hpp"
 #include "paths.hpp"
+#include "python_types.hpp"
 
 namespace manip3d::bindings {
 namespace {
 
 using RowMatrix4 = Eigen::Matrix<double, 4, 4, Eigen::RowMajor>;
 
-py::list to_list(const std::vector<std::string>& strings) {
-  py::list list;
+using Strings = py::typing::List<py::str>;
+using MeshAndNotes = py::typing::Tuple<PyMesh, py::str, std::int64_t, std::int64_t, Strings>;
+using SceneNodes =
+    py::typing::List<py::typing::Tuple<py::str, int, int, py::array_t<double>, bool>>;
+using SceneMeshes = py::typing::List<py::typing::Tuple<py::str, PyMesh, py::str>>;
+using SceneTables = py::typing::Tuple<SceneNodes, SceneMeshes, py::bytes, py::bytes, Strings>;
+using Level = py::typing::List<OptionalPyMesh>;
+
+Strings to_list(const std::vector<std::string>& strings) {
+  Strings list;
   // Files hold any bytes; what is no UTF-8 is shown, not refused.
   for (const std::string& s : strings) list.append(readable(s));
   return list;
 }
 
 // (mesh, format, number of polygons, number of skipped items, warnings)
-py::tuple to_tuple(ReadResult&& result) {
+MeshAndNotes to_tuple(ReadResult&& result) {
   const py::list warnings = to_list(result.warnings);
   return py::make_tuple(mesh_to_python(std::move(result.mesh)), format_name(result.format),
                         result.num_polygons, result.num_skipped, warnings);
@@ -46,7 +55,7 @@ ReadOptions read_options(bool allow_outside, std::uint64_t max_bytes) {
 
 // (nodes, meshes, document, buffer, warnings); a node is (name, parent, mesh, transform, is drawn),
 // a mesh (name, mesh, why it is fixed).
-py::tuple to_tuple(Scene&& scene) {
+SceneTables to_tuple(Scene&& scene) {
   const py::list materials = materials_to_python(scene.materials);
   py::list nodes, meshes;
   for (const SceneNode& node : scene.nodes) {
@@ -62,7 +71,7 @@ py::tuple to_tuple(Scene&& scene) {
 }
 
 /// The meshes of a level of detail, borrowed for the length of a call; None: as it was read.
-SceneLevel borrow_level(const py::list& meshes, std::vector<std::unique_ptr<BorrowedMesh>>& keep) {
+SceneLevel borrow_level(const Level& meshes, std::vector<std::unique_ptr<BorrowedMesh>>& keep) {
   SceneLevel level;
   for (const py::handle mesh : meshes) {
     if (mesh.is_none()) {
@@ -81,7 +90,7 @@ void bind_io(py::module_& m) {
   m.def(
       "read_scene",
       [](const py::bytes& path, bool allow_outside, std::uint64_t max_bytes,
-         const py::object& progress) {
+         const PyProgress& progress) {
         const auto file = to_path(path, "path");
         Scene scene;
         {
@@ -95,7 +104,7 @@ void bind_io(py::module_& m) {
   m.def(
       "write_scene",
       [](const py::bytes& path, const std::string& document, const std::string& buffer,
-         const std::vector<py::list>& levels, std::int64_t max_vertices,
+         const std::vector<Level>& levels, std::int64_t max_vertices,
          const std::vector<double>& coverages) {
         const auto file = to_path(path, "path");
         std::vector<std::unique_ptr<BorrowedMesh>> keep;
@@ -116,7 +125,7 @@ void bind_io(py::module_& m) {
   m.def(
       "read_mesh",
       [](const py::bytes& path, bool allow_outside, std::uint64_t max_bytes,
-         const py::object& progress) {
+         const PyProgress& progress) {
         const auto file = to_path(path, "path");
         ReadResult result;
         {
@@ -130,7 +139,7 @@ void bind_io(py::module_& m) {
   m.def(
       "read_mesh_bytes",
       [](const py::bytes& data, const std::string& suffix, std::uint64_t max_bytes,
-         const py::object& progress) {
+         const PyProgress& progress) {
         char* start = nullptr;
         py::ssize_t size = 0;
         if (PyBytes_AsStringAndSize(data.ptr(), &start, &size) != 0) throw py::error_already_set();
@@ -147,8 +156,9 @@ void bind_io(py::module_& m) {
       py::arg("data"), py::arg("suffix"), py::arg("max_bytes"), py::arg("progress") = py::none());
   m.def(
       "write_mesh",
-      [](const py::object& mesh, const py::bytes& path, const py::bytes& texture_folder,
-         std::int64_t max_vertices, const py::list& coarser, const std::vector<double>& coverages) {
+      [](const PyMesh& mesh, const py::bytes& path, const py::bytes& texture_folder,
+         std::int64_t max_vertices, const py::typing::List<PyMesh>& coarser,
+         const std::vector<double>& coverages) {
         const BorrowedMesh borrowed(mesh);
         std::vector<std::unique_ptr<BorrowedMesh>> levels;
         const std::vector<Material> materials = materials_of(mesh);
@@ -171,7 +181,7 @@ void bind_io(py::module_& m) {
       py::arg("coarser"), py::arg("coverages"));
   m.def(
       "read_range_grid",
-      [](const py::bytes& path, std::uint64_t max_bytes, const py::object& progress) {
+      [](const py::bytes& path, std::uint64_t max_bytes, const PyProgress& progress) {
         const auto file = to_path(path, "path");
         RangeGrid grid;
         {

@@ -18,11 +18,11 @@
 #include "modules.hpp"
 #include "numpy.hpp"
 #include "points.hpp"
+#include "python_types.hpp"
 
 namespace manip3d::bindings {
 namespace {
 
-using Fields = py::typing::Dict<py::str, py::object>;
 // Slope, offset, lateral, azimuth, range phase, center, slope error.
 using RingTable = Rows<double, 7>;
 
@@ -93,7 +93,10 @@ py::list to_list(std::vector<TurnRegion>&& regions) {
 
 constexpr const char* kReflectanceNames[] = {"even", "changed"};
 
-py::list to_list(std::vector<ReflectanceRegion>&& regions) {
+/// Kind, strength, rows.
+using ReflectanceTuple = py::typing::Tuple<py::str, double, py::array_t<std::int32_t>>;
+
+py::typing::List<ReflectanceTuple> to_list(std::vector<ReflectanceRegion>&& regions) {
   py::list list;
   for (ReflectanceRegion& region : regions) {
     list.append(py::make_tuple(kReflectanceNames[static_cast<int>(region.kind)], region.strength,

@@ -9,14 +9,17 @@
 #include "manip3d/metrics/texture_error.hpp"
 #include "mesh.hpp"
 #include "modules.hpp"
+#include "python_types.hpp"
 
 namespace manip3d::bindings {
 namespace {
 
-py::tuple to_python(const Deviation& d) { return py::make_tuple(d.mean, d.rms, d.max, d.samples); }
+using DeviationTuple = std::tuple<double, double, double, std::int64_t>;
 
-py::object to_python(const std::optional<Deviation>& d) {
-  if (!d) return py::none();
+DeviationTuple to_python(const Deviation& d) { return {d.mean, d.rms, d.max, d.samples}; }
+
+std::optional<DeviationTuple> to_python(const std::optional<Deviation>& d) {
+  if (!d) return std::nullopt;
   return to_python(*d);
 }
 
@@ -25,8 +28,8 @@ py::object to_python(const std::optional<Deviation>& d) {
 void bind_metrics(py::module_& m) {
   m.def(
       "closest_points",
-      [](const py::object& mesh, const CArray<double>& points, int threads,
-         const py::object& progress) {
+      [](const PyMesh& mesh, const CArray<double>& points, int threads,
+         const PyProgress& progress) {
         const BorrowedMesh borrowed(mesh);
         const auto queries = rows<Vertices>(points, "points");
         const Progress report = interruptible(progress);
@@ -42,8 +45,8 @@ void bind_metrics(py::module_& m) {
       py::arg("mesh"), py::arg("points").noconvert(), py::arg("threads"), py::arg("progress"));
   m.def(
       "metro",
-      [](const py::object& original, const py::object& simplified, bool area, std::int64_t samples,
-         std::uint64_t seed, int threads, const py::object& progress) {
+      [](const PyMesh& original, const PyMesh& simplified, bool area, std::int64_t samples,
+         std::uint64_t seed, int threads, const PyProgress& progress) {
         const BorrowedMesh a(original);
         const BorrowedMesh b(simplified);
         const MetroOptions options{area ? Sampling::kArea : Sampling::kVertex, samples, seed,
@@ -61,8 +64,8 @@ void bind_metrics(py::module_& m) {
       py::arg("seed"), py::arg("threads"), py::arg("progress"));
   m.def(
       "hausdorff_bound",
-      [](const py::object& original, const py::object& simplified, double tolerance, int threads,
-         const py::object& progress) {
+      [](const PyMesh& original, const PyMesh& simplified, double tolerance, int threads,
+         const PyProgress& progress) {
         const BorrowedMesh a(original);
         const BorrowedMesh b(simplified);
         const Progress report = interruptible(progress);
@@ -78,8 +81,8 @@ void bind_metrics(py::module_& m) {
       py::arg("progress"));
   m.def(
       "texture_error",
-      [](const py::object& original, const py::object& simplified, std::int64_t samples,
-         std::uint64_t seed, double epsilon, int threads, const py::object& progress) {
+      [](const PyMesh& original, const PyMesh& simplified, std::int64_t samples, std::uint64_t seed,
+         double epsilon, int threads, const PyProgress& progress) {
         const BorrowedMesh a(original);
         const BorrowedMesh b(simplified);
         const TextureErrorOptions options{samples, seed, epsilon, threads};
@@ -96,8 +99,8 @@ void bind_metrics(py::module_& m) {
       py::arg("epsilon"), py::arg("threads"), py::arg("progress"));
   m.def(
       "fmpd",
-      [](const py::object& original, const py::object& simplified, bool clip, int threads,
-         const py::object& progress) {
+      [](const PyMesh& original, const PyMesh& simplified, bool clip, int threads,
+         const PyProgress& progress) {
         const BorrowedMesh a(original);
         const BorrowedMesh b(simplified);
         const FmpdOptions options{clip, threads};
@@ -114,8 +117,8 @@ void bind_metrics(py::module_& m) {
       py::arg("progress"));
   m.def(
       "boundary_gap",
-      [](const py::object& original, const py::object& simplified, double tolerance, bool weld,
-         int threads, const py::object& progress) {
+      [](const PyMesh& original, const PyMesh& simplified, double tolerance, bool weld, int threads,
+         const PyProgress& progress) {
         const BorrowedMesh a(original);
         const BorrowedMesh b(simplified);
         const BoundaryGapOptions options{tolerance, weld, threads};

@@ -19,14 +19,14 @@
 #include "manip3d/modify/segmentation.hpp"
 #include "modules.hpp"
 #include "numpy.hpp"
+#include "python_types.hpp"
 #include "rgbd.hpp"
 
 namespace manip3d::bindings {
 namespace {
 
-using Fields = py::typing::Dict<py::str, py::object>;
-
-using People = py::typing::Iterable<py::object>;
+using People = py::typing::Iterable<PySkeleton>;
+using PhantomArrays = Named<"manip3d.modify._phantom._Buffers">;
 
 std::vector<Skeleton> to_skeletons(const People& people) {
   std::vector<Skeleton> skeletons;
@@ -162,9 +162,9 @@ class PipelineRunner {
   explicit PipelineRunner(const PhantomOptions& options) : pipeline_(options) {}
 
   Fields process(const py::array& depth, const std::optional<CArray<std::uint8_t>>& body_index,
-                 const py::object& camera, const py::object& registration,
+                 const PyIntrinsics& camera, const OptionalPyRegistration& registration,
                  const std::optional<CArray<std::uint8_t>>& colors, const People& people,
-                 std::int64_t time_ns, std::int64_t number, const py::object& out) {
+                 std::int64_t time_ns, std::int64_t number, const PhantomArrays& out) {
     PhantomInput input;
     input.depth = depth_view(depth);
     if (body_index) {
@@ -256,7 +256,7 @@ void bind_joints(py::module_& m) {
       .def(py::init<const JointSmootherOptions&>(), py::arg("options"))
       .def(
           "add",
-          [](Exclusive<JointSmoother>& self, const py::object& raw) -> Fields {
+          [](Exclusive<JointSmoother>& self, const PySkeleton& raw) -> Fields {
             const Skeleton skeleton = to_skeleton(raw);
             return from_skeleton(
                 self.with([&](JointSmoother& smoother) { return smoother.add(skeleton); }));
@@ -272,7 +272,7 @@ void bind_joints(py::module_& m) {
       .def(py::init<const KeyPersonOptions&>(), py::arg("options"))
       .def(
           "find",
-          [](Exclusive<KeyPerson>& self, const People& people, const py::object& camera,
+          [](Exclusive<KeyPerson>& self, const People& people, const PyIntrinsics& camera,
              double time,
              const std::optional<CArray<float>>& clothes) -> std::optional<std::size_t> {
             py::object rays;
@@ -336,7 +336,7 @@ void bind_kernels(py::module_& m) {
   m.def(
       "segment_person",
       [](const py::array& depth, const std::optional<CArray<std::uint8_t>>& body_index,
-         const py::object& camera, const py::object& skeleton, const PersonMaskOptions& options,
+         const PyIntrinsics& camera, const PySkeleton& skeleton, const PersonMaskOptions& options,
          BoneRule rule) {
         const DepthView view = depth_view(depth);
         if (body_index) check_image(*body_index, 0, "body_index");
@@ -364,7 +364,7 @@ void bind_kernels(py::module_& m) {
       py::arg("options"), py::arg("rule"));
   m.def(
       "body_mirror",
-      [](const py::object& skeleton, Limb affected, MirrorMode mode) -> py::object {
+      [](const PySkeleton& skeleton, Limb affected, MirrorMode mode) -> OptionalFields {
         const Skeleton person = to_skeleton(skeleton);
         const auto frame = body_frame(person, affected);
         if (!frame) return py::none();

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <pybind11/stl.h>
+#include <pybind11/typing.h>
 
 #include <memory>
 #include <utility>
@@ -20,7 +21,9 @@ inline PointsView points_view(const CArray<float>& points, const CArray<float>& 
 }
 
 /// (center, size, yaw)
-inline py::tuple box_to_python(const OrientedBox& box) {
+using BoxTuple = py::typing::Tuple<py::typing::List<double>, py::typing::List<double>, double>;
+
+inline BoxTuple box_to_python(const OrientedBox& box) {
   return py::make_tuple(std::vector<double>{box.center.x(), box.center.y(), box.center.z()},
                         std::vector<double>{box.size.x(), box.size.y(), box.size.z()}, box.yaw);
 }

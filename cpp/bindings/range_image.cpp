@@ -4,12 +4,13 @@
 #include "interruptible.hpp"
 #include "mesh.hpp"
 #include "modules.hpp"
+#include "python_types.hpp"
 
 namespace manip3d::bindings {
 namespace {
 
 /// The lines of sight of a `manip3d.Intrinsics`; those fitted to the grid for None.
-RangeCamera to_range_camera(const py::object& intrinsics, const PointGridView& grid) {
+RangeCamera to_range_camera(const OptionalPyIntrinsics& intrinsics, const PointGridView& grid) {
   if (intrinsics.is_none()) return fit_range_camera(grid);
   py::object rays;
   return pinhole_range_camera(to_intrinsics(intrinsics, rays));
@@ -20,8 +21,8 @@ RangeCamera to_range_camera(const py::object& intrinsics, const PointGridView& g
 void bind_range_image(py::module_& m) {
   m.def(
       "render_depth",
-      [](const py::object& mesh, const CArray<float>& points, const CArray<bool>& valid,
-         bool rows_up, const py::object& intrinsics, int threads, const py::object& progress) {
+      [](const PyMesh& mesh, const CArray<float>& points, const CArray<bool>& valid, bool rows_up,
+         const OptionalPyIntrinsics& intrinsics, int threads, const PyProgress& progress) {
         const BorrowedMesh borrowed(mesh);
         const BorrowedGrid grid(points, valid, rows_up);
         const RangeCamera camera = to_range_camera(intrinsics, grid.view);
@@ -37,8 +38,8 @@ void bind_range_image(py::module_& m) {
       py::arg("rows_up"), py::arg("intrinsics"), py::arg("threads"), py::arg("progress"));
   m.def(
       "range_image_error",
-      [](const py::object& mesh, const CArray<float>& points, const CArray<bool>& valid,
-         bool rows_up, const py::object& intrinsics, int threads, const py::object& progress) {
+      [](const PyMesh& mesh, const CArray<float>& points, const CArray<bool>& valid, bool rows_up,
+         const OptionalPyIntrinsics& intrinsics, int threads, const PyProgress& progress) {
         const BorrowedMesh borrowed(mesh);
         const BorrowedGrid grid(points, valid, rows_up);
         const RangeCamera camera = to_range_camera(intrinsics, grid.view);

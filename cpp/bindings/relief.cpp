@@ -16,11 +16,10 @@
 #include "manip3d/simplify/edge_steps.hpp"
 #include "modules.hpp"
 #include "numpy.hpp"
+#include "python_types.hpp"
 
 namespace manip3d::bindings {
 namespace {
-
-using Fields = py::typing::Dict<py::str, py::object>;
 
 Fields to_fields(ReliefResult&& result) {
   Fields fields;

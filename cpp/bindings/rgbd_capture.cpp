@@ -13,12 +13,12 @@
 #include "manip3d/capture/rgbd_source.hpp"
 #include "modules.hpp"
 #include "paths.hpp"
+#include "python_types.hpp"
 #include "rgbd.hpp"
 
 namespace manip3d::bindings {
 namespace {
 
-using Fields = py::typing::Dict<py::str, py::object>;
 using Source = Exclusive<std::unique_ptr<RgbdSource>>;
 using Recorder = Exclusive<std::unique_ptr<RgbdRecorder>>;
 using SharedCalibration = std::shared_ptr<const RgbdCalibration>;
@@ -40,7 +40,7 @@ FoundMkvCodec import_mkv() {
   }
 }
 
-SharedCalibration shared_calibration(const py::object& calibration) {
+SharedCalibration shared_calibration(const OptionalPyCalibration& calibration) {
   if (calibration.is_none()) return nullptr;
   return std::make_shared<const RgbdCalibration>(to_calibration(calibration));
 }
@@ -63,7 +63,7 @@ Fields camera_fields(const Intrinsics& camera) {
 }
 
 // The fields of a manip3d.RgbdCalibration; None: not known yet.
-py::object calibration_fields(const SharedCalibration& calibration) {
+OptionalFields calibration_fields(const SharedCalibration& calibration) {
   if (!calibration) return py::none();
   Fields fields;
   fields["depth"] = camera_fields(calibration->depth);
@@ -103,7 +103,7 @@ Fields counter_fields(const Counters& counters) {
 }
 
 // The next frame's fields; True: none in time; False: none any more.
-py::object read(Source& self, int timeout_ms) {
+FieldsOrBool read(Source& self, int timeout_ms) {
   RgbdFrame frame;
   const ReadStatus status = self.with([&](const auto& source) {
     const py::gil_scoped_release nogil;
@@ -169,7 +169,8 @@ void bind_source(py::module_& m) {
       });
   m.def(
       "open_rgbd",
-      [](const py::bytes& uri, double speed, double units_per_metre, const py::object& camera) {
+      [](const py::bytes& uri, double speed, double units_per_metre,
+         const OptionalPyCalibration& camera) {
         const RgbdOptions options{speed, shared_calibration(camera), units_per_metre};
         const std::string place = to_c_text(uri, "uri");
         const py::gil_scoped_release nogil;
@@ -204,7 +205,7 @@ void bind_recorder(py::module_& m) {
   py::class_<Recorder>(m, "RgbdRecorder")
       .def(
           "write",
-          [](Recorder& self, const py::object& from) {
+          [](Recorder& self, const PyRgbdFrame& from) {
             RgbdFrame frame;
             to_frame(from, frame);
             self.with([&](const auto& recorder) {
@@ -225,7 +226,7 @@ void bind_recorder(py::module_& m) {
       });
   m.def(
       "open_recorder",
-      [](const py::bytes& path, const py::object& calibration, bool lossless_color,
+      [](const py::bytes& path, const OptionalPyCalibration& calibration, bool lossless_color,
          int jpeg_quality, bool overwrite, std::optional<RecordingKind> kind) {
         const RecorderOptions options{kind, lossless_color, jpeg_quality, overwrite};
         const SharedCalibration cameras = shared_calibration(calibration);

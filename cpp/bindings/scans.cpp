@@ -10,6 +10,7 @@
 #include "mesh.hpp"
 #include "modules.hpp"
 #include "paths.hpp"
+#include "python_types.hpp"
 
 namespace manip3d::bindings {
 namespace {
@@ -26,9 +27,13 @@ FieldType field_type(const std::string& name) {
   return static_cast<FieldType>(found - std::begin(kTypeNames));
 }
 
-// [(name, type, values per point)]
-py::list to_list(const std::vector<PointField>& fields) {
-  py::list list;
+// (name, type, values per point)
+using FieldList = py::typing::List<py::typing::Tuple<py::str, py::str, std::int64_t>>;
+// (key, value)
+using Header = py::typing::List<py::typing::Tuple<py::str, py::str>>;
+
+FieldList to_list(const std::vector<PointField>& fields) {
+  FieldList list;
   for (const PointField& field : fields) {
     list.append(py::make_tuple(readable(field.name), kTypeNames[static_cast<int>(field.type)],
                                field.count));
@@ -36,16 +41,15 @@ py::list to_list(const std::vector<PointField>& fields) {
   return list;
 }
 
-// [(key, value)]
-py::list to_list(const PointHeader& header) {
-  py::list list;
+Header to_list(const PointHeader& header) {
+  Header list;
   for (const auto& [key, value] : header) {
     list.append(py::make_tuple(key, py::str(readable(value))));
   }
   return list;
 }
 
-PointHeader to_header(const py::list& list) {
+PointHeader to_header(const Header& list) {
   PointHeader header;
   for (const py::handle& item : list) {
     const auto entry = py::cast<py::tuple>(item);
@@ -54,7 +58,7 @@ PointHeader to_header(const py::list& list) {
   return header;
 }
 
-std::vector<PointField> to_fields(const py::list& list) {
+std::vector<PointField> to_fields(const FieldList& list) {
   std::vector<PointField> fields;
   for (const py::handle& item : list) {
     const auto entry = py::cast<py::tuple>(item);
@@ -78,22 +82,22 @@ void bind_scans(py::module_& m) {
       py::arg("points").noconvert(), py::arg("intensity").noconvert());
   m.def(
       "read_points",
-      [](const py::bytes& path, std::uint64_t max_bytes, const py::object& progress) {
+      [](const py::bytes& path, std::uint64_t max_bytes, const PyProgress& progress) {
         const auto file = to_path(path, "path");
         PointTable table;
         {
           const py::gil_scoped_release nogil;
           table = read_points(file, ReadPointsOptions{max_bytes}, interruptible(progress));
         }
-        const py::list fields = to_list(table.fields);
-        const py::list header = to_list(table.header);
+        const FieldList fields = to_list(table.fields);
+        const Header header = to_list(table.header);
         return py::make_tuple(point_format_name(table.format), fields, header, table.num_points,
                               to_numpy(std::move(table.rows)));
       },
       py::arg("path"), py::arg("max_bytes"), py::arg("progress") = py::none());
   m.def(
       "write_points",
-      [](const py::bytes& path, const py::list& fields, const py::list& header,
+      [](const py::bytes& path, const FieldList& fields, const Header& header,
          std::int64_t num_points, const CArray<char>& bytes) {
         const auto file = to_path(path, "path");
         const PointTableView table{to_fields(fields),
@@ -106,7 +110,7 @@ void bind_scans(py::module_& m) {
       py::arg("path"), py::arg("fields"), py::arg("header"), py::arg("num_points"),
       py::arg("bytes").noconvert());
   m.def("point_suffixes", [] {
-    py::list list;
+    py::typing::List<py::str> list;
     for (const std::string& suffix : point_suffixes()) list.append(suffix);
     return list;
   });

@@ -9,6 +9,7 @@
 #include "manip3d/simplify/quality.hpp"
 #include "mesh.hpp"
 #include "modules.hpp"
+#include "python_types.hpp"
 
 namespace manip3d::bindings {
 namespace {
@@ -66,7 +67,7 @@ void bind_clean(py::module_& m) {
       .value("any", Duplicates::kAny);
   m.def(
       "clean",
-      [](const py::object& mesh, bool weld, Duplicates duplicates) {
+      [](const PyMesh& mesh, bool weld, Duplicates duplicates) {
         const BorrowedMesh borrowed(mesh);
         CleanResult result;
         {
@@ -168,7 +169,7 @@ void bind_qem(py::module_& m) {
   bind_options(m);
   m.def(
       "simplify_qem",
-      [](const py::object& mesh, const QemOptions& options, const py::object& progress) {
+      [](const PyMesh& mesh, const QemOptions& options, const PyProgress& progress) {
         const BorrowedMesh borrowed(mesh);
         QemResult result;
         const Progress report = interruptible(progress);
@@ -181,7 +182,7 @@ void bind_qem(py::module_& m) {
       py::arg("mesh"), py::arg("options"), py::arg("progress") = py::none());
   m.def(
       "faces_left",
-      [](const py::object& mesh, const CArray<std::int32_t>& collapses) {
+      [](const PyMesh& mesh, const CArray<std::int32_t>& collapses) {
         const BorrowedMesh borrowed(mesh);
         const auto vertices = rows<Rows<std::int32_t, 2>>(collapses, "collapses");
         std::vector<std::pair<std::int32_t, std::int32_t>> record;
@@ -198,7 +199,7 @@ void bind_qem(py::module_& m) {
       py::arg("mesh"), py::arg("collapses").noconvert());
   m.def(
       "replay_collapses",
-      [](const py::object& mesh, const QemOptions& options, const CArray<std::int32_t>& collapses,
+      [](const PyMesh& mesh, const QemOptions& options, const CArray<std::int32_t>& collapses,
          const CArray<double>& errors, std::int64_t target_faces) {
         const BorrowedMesh borrowed(mesh);
         const auto vertices = rows<Rows<std::int32_t, 2>>(collapses, "collapses");
@@ -236,7 +237,7 @@ void bind_quality(py::module_& m) {
       .def_readwrite("importance", &QualityOptions::importance);
   m.def(
       "simplify_quality",
-      [](const py::object& mesh, const QualityOptions& options, const py::object& progress) {
+      [](const PyMesh& mesh, const QualityOptions& options, const PyProgress& progress) {
         const BorrowedMesh borrowed(mesh);
         QualityResult result;
         const Progress report = interruptible(progress);
@@ -260,7 +261,7 @@ void bind_fast(py::module_& m) {
       .def_readwrite("num_threads", &FastOptions::num_threads);
   m.def(
       "simplify_fast",
-      [](const py::object& mesh, const FastOptions& options, const py::object& progress) {
+      [](const PyMesh& mesh, const FastOptions& options, const PyProgress& progress) {
         const BorrowedMesh borrowed(mesh);
         QualityResult result;
         const Progress report = interruptible(progress);

@@ -17,6 +17,7 @@
 #include "manip3d/modify/speckles.hpp"
 #include "modules.hpp"
 #include "numpy.hpp"
+#include "python_types.hpp"
 #include "rgbd.hpp"
 
 namespace manip3d::bindings {
@@ -24,9 +25,9 @@ namespace {
 
 using Bytes = CArray<std::uint8_t>;
 
-py::tuple segment_region(const py::array& depth, const std::optional<Bytes>& body_index,
-                         const py::object& camera, const py::object& skeleton,
-                         const PersonMaskOptions& mask, const RegionOptions& options) {
+py::typing::Tuple<Bytes, py::array_t<float>> segment_region(
+    const py::array& depth, const std::optional<Bytes>& body_index, const PyIntrinsics& camera,
+    const PySkeleton& skeleton, const PersonMaskOptions& mask, const RegionOptions& options) {
   const DepthView view = depth_view(depth);
   if (body_index) check_image(*body_index, 0, "body_index");
   py::object keep;
@@ -52,7 +53,8 @@ py::tuple segment_region(const py::array& depth, const std::optional<Bytes>& bod
 }
 
 /// Copies of depth and labels with single lost pixels filled.
-py::tuple without_speckles(const CArray<std::uint16_t>& depth, const Bytes& labels) {
+py::typing::Tuple<CArray<std::uint16_t>, Bytes> without_speckles(const CArray<std::uint16_t>& depth,
+                                                                 const Bytes& labels) {
   check_image(depth, 0, "depth");
   check_image(labels, 0, "labels");
   if (labels.shape(0) != depth.shape(0) || labels.shape(1) != depth.shape(1)) {
@@ -73,8 +75,13 @@ py::tuple without_speckles(const CArray<std::uint16_t>& depth, const Bytes& labe
   return py::make_tuple(filled, bones);
 }
 
-py::tuple make_animation_mesh(const py::array& depth, const Bytes& labels, const py::object& camera,
-                              const py::object& skeleton, const AnimationMeshOptions& options) {
+/// Vertices, pixels, labels, faces.
+using MeshTables = py::typing::Tuple<py::array_t<float>, py::array_t<std::int32_t>,
+                                     py::array_t<std::uint8_t>, py::array_t<std::int32_t>>;
+
+MeshTables make_animation_mesh(const py::array& depth, const Bytes& labels,
+                               const PyIntrinsics& camera, const OptionalPySkeleton& skeleton,
+                               const AnimationMeshOptions& options) {
   const DepthView view = depth_view(depth);
   check_image(labels, 0, "labels");
   if (labels.shape(0) != view.rows || labels.shape(1) != view.cols) {
@@ -95,9 +102,9 @@ py::tuple make_animation_mesh(const py::array& depth, const Bytes& labels, const
 }
 
 /// Moved vertices and the fields of the moved skeleton, or None where a torso is missing.
-py::object animate_vertices(const CArray<float>& vertices, const Bytes& labels,
-                            const py::object& skeleton, const py::object& pose, PoseScope scope,
-                            Skinning method) {
+VerticesAndSkeleton animate_vertices(const CArray<float>& vertices, const Bytes& labels,
+                                     const PySkeleton& skeleton, const PySkeleton& pose,
+                                     PoseScope scope, Skinning method) {
   const auto from = rows<Rows<float, 3>>(vertices, "vertices");
   if (labels.ndim() != 1 || labels.shape(0) != from.rows()) {
     throw InputError("labels: expected shape (" + std::to_string(from.rows()) + ",)");
@@ -121,18 +128,18 @@ py::object animate_vertices(const CArray<float>& vertices, const Bytes& labels,
   return py::make_tuple(to_numpy(std::move(to)), from_skeleton(move_skeleton(source, *motions)));
 }
 
-std::optional<Registration> optional_registration(const py::object& registration) {
+std::optional<Registration> optional_registration(const OptionalPyRegistration& registration) {
   if (registration.is_none()) return {};
   return to_registration(registration);
 }
 
-py::tuple composite_person(const CArray<float>& vertices, const CArray<std::int32_t>& faces,
-                           const CArray<float>& seen, const CArray<std::int32_t>& pixels,
-                           const std::optional<Bytes>& person_color,
-                           const py::object& person_registration, bool in_place,
-                           const CArray<std::uint16_t>& depth, const py::object& camera,
-                           const std::optional<Bytes>& color, const py::object& registration,
-                           const CompositeOptions& options) {
+py::typing::Tuple<CArray<std::uint16_t>, Bytes, std::optional<Bytes>> composite_person(
+    const CArray<float>& vertices, const CArray<std::int32_t>& faces, const CArray<float>& seen,
+    const CArray<std::int32_t>& pixels, const std::optional<Bytes>& person_color,
+    const OptionalPyRegistration& person_registration, bool in_place,
+    const CArray<std::uint16_t>& depth, const PyIntrinsics& camera,
+    const std::optional<Bytes>& color, const OptionalPyRegistration& registration,
+    const CompositeOptions& options) {
   const auto at = rows<Rows<float, 3>>(vertices, "vertices");
   const auto from = rows<Rows<float, 3>>(seen, "seen");
   const auto triangles = rows<Rows<std::int32_t, 3>>(faces, "faces");

@@ -18,11 +18,10 @@
 #include "modules.hpp"
 #include "paths.hpp"
 #include "points.hpp"
+#include "python_types.hpp"
 
 namespace manip3d::bindings {
 namespace {
-
-using Fields = py::typing::Dict<py::str, py::object>;
 
 py::bytes to_bytes(std::span<const std::uint8_t> bytes) {
   return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
@@ -86,11 +85,16 @@ using Embedder = Exclusive<WatermarkEmbedder>;
 using Verifier = Exclusive<WatermarkVerifier>;
 using Key = Exclusive<WatermarkKey>;
 
-py::tuple embed(Embedder& self, const CArray<float>& points, const CArray<float>& intensity,
-                std::int64_t time_ns, std::uint32_t num_dropped, bool is_end,
-                const std::optional<py::bytes>& context, const std::optional<CArray<double>>& exact,
-                const std::array<std::int64_t, 3>& offset,
-                const std::optional<CArray<std::uint8_t>>& picture) {
+/// Points, record, number of the frame, number of tiles, exact points, picture.
+using EmbeddedTuple = py::typing::Tuple<py::array_t<float>, py::bytes, std::uint64_t, int,
+                                        py::array_t<double>, py::array_t<std::uint8_t>>;
+
+EmbeddedTuple embed(Embedder& self, const CArray<float>& points, const CArray<float>& intensity,
+                    std::int64_t time_ns, std::uint32_t num_dropped, bool is_end,
+                    const std::optional<py::bytes>& context,
+                    const std::optional<CArray<double>>& exact,
+                    const std::array<std::int64_t, 3>& offset,
+                    const std::optional<CArray<std::uint8_t>>& picture) {
   const PointsView view = points_view(points, intensity);
   const ExactView wide = exact_view(exact);
   WatermarkFrame frame{time_ns, num_dropped, is_end, std::nullopt, offset, picture_view(picture)};

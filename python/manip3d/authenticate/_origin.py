@@ -70,7 +70,7 @@ def estimate_origin(
     scan : LidarFrame, (N, 3) or (N, 4) float32
         In any order; what its file says of the position is not looked at.
     known : (3,), optional
-        Judge this position only: does the scan stand on a grid around it?
+        Judge this position only, by whether the scan stands on a grid around it.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
     progress : None, True or callable(fraction, message)

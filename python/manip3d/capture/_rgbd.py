@@ -607,7 +607,7 @@ def open_rgbd(
     if units_per_metre is not None and not units_per_metre > 0:
         raise InputError(f"units_per_metre: expected > 0, got {units_per_metre}")
     # Not a RgbdCalibration, which takes no mirrored camera: the core turns the images round.
-    given = SimpleNamespace(depth=camera, registration=None)
+    given: Any = SimpleNamespace(depth=camera, registration=None)
     calibration = given if isinstance(camera, Intrinsics) else camera
 
     def opened(speed: float = 0.0) -> Any:

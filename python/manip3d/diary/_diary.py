@@ -816,9 +816,9 @@ class Diary:
         return [ExportedFile(Path(path), kept[path]) for path in sorted(kept)]
 
     def delete(self, identifier: str) -> None:
-        """Delete a participant so that no byte of what they said and did remains in the file or
-        beside it. The audit still tells how many of its rows were theirs, and between which others.
+        """Delete a participant: no byte of what they said and did remains in the file or beside it.
 
+        The audit still tells how many of its rows were theirs, and between which others.
         The rows are overwritten with zeros, the file is written anew without them, and its
         write-ahead log is removed. Copies, exports (see `exports`) and what the disk itself keeps
         of overwritten files are not reached: encrypt the disk too.

@@ -236,8 +236,10 @@ class DiarySession:
 
     @property
     def pain_before(self) -> int | None:
-        """The first rating, where it was given before the first game or touch cue; another one
-        within half a minute corrects it."""
+        """The first rating, where it was given before the first game or touch cue.
+
+        Another one within half a minute corrects it.
+        """
         return first_pain(rating for rating in self.ratings if rating.when == "before")
 
     @property

@@ -112,9 +112,11 @@ def segment(
         min_points,
         max_size,
     )
-    return Segmentation(
-        label, tuple(Box(tuple(center), tuple(size), yaw) for center, size, yaw in boxes)
+    found = tuple(
+        Box((x, y, z), (length, width, height), yaw)
+        for (x, y, z), (length, width, height), yaw in boxes
     )
+    return Segmentation(label, found)
 
 
 @checked

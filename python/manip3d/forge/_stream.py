@@ -581,7 +581,12 @@ class ForgedStream:
         return (forged.frame for forged in self.frames())
 
     def frames(self) -> Iterator[ForgedFrame]:
-        """Give each frame with the mask of what is forged in it."""
+        """Give each frame with the mask of what is forged in it.
+
+        Yields
+        ------
+        ForgedFrame
+        """
         self.missed, self.forged_pixels, self._bits, self._numbers = 0, 0, [], []
         forger = copy(self._forger)  # each iteration begins again, whatever another one does
         forger.reset()

@@ -367,7 +367,7 @@ def write_table(frame: LidarFrame, name: str) -> None:
     own = frame.format is not None and frame.format.name == table.name
     layout = frame.format if own and frame.format is not None else table.layout(frame)
     rows = _packed(frame, layout)
-    header = _header(layout, frame)
-    columns = [list(column) for column in layout.columns]
-    _core.write_points(os.fsencode(name), columns, header, len(rows), rows.view(np.int8))
+    header = [(key, value) for key, value in _header(layout, frame)]
+    data = rows.view(np.int8)
+    _core.write_points(os.fsencode(name), list(layout.columns), header, len(rows), data)
     return

@@ -333,7 +333,7 @@ def relief_grid(
     confidence : (H, W) float, 0 to 1, optional
         As of `relief`.
     rows_up : bool
-        Seen from the sensor, do rows go upward (Stanford's scans) or downward (images)?
+        Whether rows go upward, seen from the sensor (Stanford's scans), or downward (images).
     move_points : bool
         As of `relief`, but along the mean normal of the surface; texture coordinates follow to
         where the moved vertex lies on the surface.

@@ -250,8 +250,9 @@ def comparison(
         Pictures per row; default: all in one row, at most four.
     size : (width, height), pixels
         Size of one picture, without its caption.
-    azimuth, elevation, zoom, up, place, color_by, legend, shading, texture, wireframe, boundary, \
-    backfaces, background
+    azimuth, elevation, zoom, up, place, color_by, legend
+        As for `picture`.
+    shading, texture, wireframe, boundary, backfaces, background
         As for `picture`.
 
     Returns
