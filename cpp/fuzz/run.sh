@@ -11,7 +11,9 @@ build=${FUZZ_BUILD:-$here/../../build/fuzz/cpp/fuzz}
 executions=${1:?usage: run.sh EXECUTIONS [TARGET...]}
 shift
 # Kernels are no parsers: each execution runs them several times over. The longest begin.
-export kernels=" detectors cross_modal relief phantom cs3 attacks metrics grid_delaunay simplify "
+kernels=" detectors phantom relief watermark watermark_picture cs3 attacks metrics cross_modal "
+kernels+="simplify grid_delaunay "
+export kernels
 if [ $# -eq 0 ]; then
   set -- $kernels
   for source in "$here"/fuzz_*.cpp; do

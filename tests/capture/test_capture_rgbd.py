@@ -281,37 +281,43 @@ FAILING = textwrap.dedent(
 )
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
-def test_every_failing_system_call_leaves_the_frames_before(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("call", "calls"),
+    [
+        ("write", 4),
+        pytest.param("rename", 13, marks=pytest.mark.slow),
+        ("fsync", 3),
+    ],
+)
+def test_every_failing_system_call_leaves_the_frames_before(
+    call: str, calls: int, tmp_path: Path
+) -> None:
     probe = ["strace", "-f", "-qq", "-e", "trace=none", "true"]
     if subprocess.run(probe, capture_output=True).returncode:
         pytest.skip("strace may not trace here")
     path = os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
     environment = {**os.environ, "PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "1"}
     expected = list(rgbd_frames.frames(4))
-    for call, calls in (("write", 4), ("rename", 13), ("fsync", 3)):
-        for k in range(1, calls + 1):
-            folder = tmp_path / f"{call}{k}"
-            command = ["strace", "-f", "-qq", "-o", os.devnull, "-e", f"trace={call}"]
-            command += ["-P", str(folder / "frames.jsonl")] if call == "write" else []
-            command += ["-e", f"inject={call}:error=EIO:when={k}"]
-            command += [sys.executable, "-c", FAILING, str(folder)]
-            done = subprocess.run(command, capture_output=True, text=True, env=environment)
-            assert done.returncode == errno.EIO, (call, k, done.stderr)
-            if not (folder / "frames.jsonl").exists():
-                continue  # it failed with the calibration, before any frame
-            with opened(folder) as source:
-                found = list(source)
-                assert source.counters["damaged"] == source.counters["incomplete"] == 0
-            images = [
-                name for name in ("depth", "body_index", "colour") if (folder / name).exists()
-            ]
-            assert all(len(os.listdir(folder / name)) == len(found) for name in images)
-            for frame, other in zip(expected, found, strict=False):
-                assert_same(frame, other)
-            if call == "write":
-                assert len(found) == k - 1
+    for k in range(1, calls + 1):
+        folder = tmp_path / f"{call}{k}"
+        command = ["strace", "-f", "-qq", "-o", os.devnull, "-e", f"trace={call}"]
+        command += ["-P", str(folder / "frames.jsonl")] if call == "write" else []
+        command += ["-e", f"inject={call}:error=EIO:when={k}"]
+        command += [sys.executable, "-c", FAILING, str(folder)]
+        done = subprocess.run(command, capture_output=True, text=True, env=environment)
+        assert done.returncode == errno.EIO, (call, k, done.stderr)
+        if not (folder / "frames.jsonl").exists():
+            continue  # it failed with the calibration, before any frame
+        with opened(folder) as source:
+            found = list(source)
+            assert source.counters["damaged"] == source.counters["incomplete"] == 0
+        images = [name for name in ("depth", "body_index", "colour") if (folder / name).exists()]
+        assert all(len(os.listdir(folder / name)) == len(found) for name in images)
+        for frame, other in zip(expected, found, strict=False):
+            assert_same(frame, other)
+        if call == "write":
+            assert len(found) == k - 1
 
 
 # --- damaged and hostile recordings ---------------------------------------------------------------

@@ -71,8 +71,13 @@ def test_every_notebook_is_looked_at() -> None:
     assert set(NOTEBOOKS) == set(FEWEST_VIEWS) == set(OWN_FILES)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", NOTEBOOKS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        name if name.startswith("03") else pytest.param(name, marks=pytest.mark.slow)
+        for name in NOTEBOOKS
+    ],
+)
 def test_runs_in_quick_mode(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     nbclient = pytest.importorskip("nbclient")
     pytest.importorskip("ipykernel")

@@ -186,8 +186,9 @@ def programs() -> Iterator[list[subprocess.Popen[str]]]:
         program.communicate(timeout=30)
 
 
+@pytest.mark.parametrize("pains", [(3,), pytest.param((3, 4), marks=pytest.mark.slow)])
 def test_what_was_recorded_survives_a_kill_in_the_middle_of_a_game(
-    tmp_path: Path, programs: list[subprocess.Popen[str]]
+    pains: tuple[int, ...], tmp_path: Path, programs: list[subprocess.Popen[str]]
 ) -> None:
     pytest.importorskip("open3d", reason="the extra 'simulate' is not installed")
     pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
@@ -212,7 +213,7 @@ def test_what_was_recorded_survives_a_kill_in_the_middle_of_a_game(
         return player, score
 
     scores = []
-    for pain in (3, 4):
+    for pain in pains:
         program, url = started(path)
         programs.append(program)
         player, score = play(url, pain)
@@ -222,15 +223,14 @@ def test_what_was_recorded_survives_a_kill_in_the_middle_of_a_game(
         player.close()
     with Diary(path) as diary:
         diary.check()
-        first, second = diary.sessions("P01")
-        stopped, going = zip(*(s.games for s in (first, second)), strict=True)
+        sessions = diary.sessions("P01")
+        stopped, going = zip(*(session.games for session in sessions), strict=True)
         assert [game.score for game in stopped] == scores
         assert {game.ending for game in stopped} == {"stopped"}
         assert {game.ending for game in going} == {"interrupted"}
         assert all(9.5 < game.seconds + game.paused_s < 12.0 for game in going)
-        assert (first.pain_before, second.pain_before) == (3, 4)
-        assert first.ended is None
-        assert second.ended is None
+        assert tuple(session.pain_before for session in sessions) == pains
+        assert {session.ended for session in sessions} == {None}
 
 
 def test_a_page_that_hangs_slows_nobody(tmp_path: Path) -> None:

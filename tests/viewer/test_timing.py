@@ -14,8 +14,7 @@ from manip3d.viewer import frame_times
 from manip3d.viewer.renderers import check
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("drawn_by", ["chromium", "pyvista"])
+@pytest.mark.parametrize("drawn_by", ["pyvista", pytest.param("chromium", marks=pytest.mark.slow)])
 def test_frames_of_a_scene_are_timed(bundle: None, quad: Mesh, drawn_by: Any) -> None:
     try:
         check(drawn_by)
