@@ -33,7 +33,7 @@ from manip3d.errors import InputError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from manip3d.authenticate import Alert, AlertCounts, WatchedDrive
+    from manip3d.authenticate import Alert, AlertCounts, DriveWatch, WatchedDrive
     from manip3d.batch import Summary
     from manip3d.report import AlertTimeline
 
@@ -216,7 +216,20 @@ def run(
             monitor, drive.moments, speed_mps=speed, live=live,
             whole=bool(key) and frames is None and not live, show=show,
         )  # fmt: skip
-    verdict, reason, counts = watched.verdict, watched.reason, monitor.counts
+    _told(shell, timeline, watched, monitor.counts, output, as_json=as_json)
+
+
+def _told(
+    shell: Terminal,
+    timeline: AlertTimeline,
+    watched: DriveWatch,
+    counts: AlertCounts,
+    output: Path | None,
+    *,
+    as_json: bool,
+) -> None:
+    """Write and print what was found, and end with the exit code of the verdict."""
+    verdict, reason = watched.verdict, watched.reason
     unwritten: OSError | None = None
     if output is not None:
         try:
