@@ -123,6 +123,10 @@ KERNELS: dict[str, Kernel] = {
     "authenticate.verdict_of_alerts": lambda _: authenticate.verdict_of_alerts(
         [authenticate.AlertMonitor().skip()]
     ),
+    "authenticate.watch_drive": lambda _: authenticate.watch_drive(
+        authenticate.AlertMonitor(),
+        [authenticate.DriveMoment("no scan"), authenticate.DriveMoment("none here either")],
+    ),
     "authenticate.temporal_factor": lambda _: authenticate.temporal_factor([True, False]),
     "authenticate.depth_noise": lambda _: authenticate.depth_noise(DEPTH),
     "authenticate.inter_frame_noise": lambda _: authenticate.inter_frame_noise(walk),

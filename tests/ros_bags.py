@@ -71,3 +71,63 @@ def write_bag(
 
 
 TYPES = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+
+IMAGE = "sensor_msgs/msg/Image"
+COMPRESSED = "sensor_msgs/msg/CompressedImage"
+INFO = "sensor_msgs/msg/CameraInfo"
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
+
+
+def header(stamp: float, frame: str) -> Any:
+    time = TYPES.types["builtin_interfaces/msg/Time"](int(stamp), round(stamp % 1 * 1e9))
+    return TYPES.types["std_msgs/msg/Header"](time, frame)
+
+
+def image(pixels: np.ndarray[Any, Any], encoding: str, stamp: float, **changed: Any) -> Any:
+    """A picture with five bytes beside each row that are none of its pixels."""
+    height, width = pixels.shape[:2]
+    rows = np.pad(pixels.reshape(height, -1), ((0, 0), (0, 5)))
+    fields = {"height": height, "width": width, "step": rows.shape[1], "data": rows.reshape(-1)}
+    fields |= changed
+    return TYPES.types[IMAGE](
+        header(stamp, "camera"), fields["height"], fields["width"], encoding, 0, fields["step"],
+        fields["data"],
+    )  # fmt: skip
+
+
+def compressed(data: bytes, kind: str, stamp: float) -> Any:
+    return TYPES.types[COMPRESSED](header(stamp, "camera"), kind, np.frombuffer(data, np.uint8))
+
+
+def camera_info(
+    projection: np.ndarray[Any, Any], frame: str = "camera", distortion: float = 0.0
+) -> Any:
+    region = TYPES.types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
+    return TYPES.types[INFO](
+        header(0.0, frame), 0, 0, "plumb_bob", np.array([distortion, 0, 0, 0, 0.0]),
+        projection[:, :3].reshape(-1).astype(float), np.eye(3).reshape(-1),
+        projection.reshape(-1).astype(float), 0, 0, region,
+    )  # fmt: skip
+
+
+def transform(parent: str, child: str, matrix: np.ndarray[Any, Any]) -> Any:
+    """The fixed transform from child to parent, a rotation that is no half turn."""
+    m = matrix[:3, :3]
+    w = np.sqrt(1.0 + np.trace(m)) / 2.0
+    turn = np.array([m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]]) / (4.0 * w)
+    make = {name: TYPES.types[f"geometry_msgs/msg/{name}"]
+            for name in ("Vector3", "Quaternion", "Transform", "TransformStamped")}  # fmt: skip
+    moved = make["Transform"](make["Vector3"](*matrix[:3, 3]), make["Quaternion"](*turn, w))
+    return make["TransformStamped"](header(0.0, parent), child, moved)
+
+
+def write_mixed_bag(path: Path, messages: Sequence[tuple[float, str, str, Any]]) -> Path:
+    """A ROS 2 bag of (time in seconds, topic, type, message), in this order."""
+    with rosbag2.Writer(path, version=8, storage_plugin=rosbag2.StoragePlugin.MCAP) as writer:
+        made: dict[str, Any] = {}
+        for time, topic, kind, each in messages:
+            if topic not in made:
+                made[topic] = writer.add_connection(topic, kind, typestore=TYPES)
+            raw = TYPES.serialize_cdr(each, kind)
+            writer.write(made[topic], round((1 + time) * 1e9), raw)
+    return path

@@ -207,3 +207,26 @@ def test_bad_rings_are_named(keys: list[KeyFile], tmp_path: Path) -> None:
     verifier = _core.WatermarkVerifier(keys[0]._key)
     with pytest.raises(InputError, match="not given before"):
         verifier.add_older_key(keys[0]._key, 1)
+
+
+def test_inspect_takes_keys_that_follow_each_other(tmp_path: Path) -> None:
+    """Scans of the old key and of the new one are verified by one call, and in a drive."""
+    from manip3d.authenticate import inspect, inspect_drive
+
+    keys = tmp_path / "keys"
+    keys.mkdir()
+    sent = []
+    for name in ("old", "new"):
+        with KeyFile.create(keys / f"{name}.key") as key, Watermarker(key) as marker:
+            sent.append(marker.embed(grid_scan(3000)))
+    with KeyRing.open([keys]) as ring, KeyFile(keys / "new.key") as new:
+        for each, verdict in zip(sent, ("undecidable", "no_trace"), strict=True):
+            alone = inspect(each.frame, watermark=each.record, key=new, power=False)
+            assert next(r for r in alone.detectors if r.name == "watermark").verdict == verdict
+            both = inspect(each.frame, watermark=each.record, key=ring, power=False)
+            assert next(r for r in both.detectors if r.name == "watermark").verdict == "no_trace"
+        frames = [each.frame for each in sent]
+        records = [each.record for each in sent]
+        for found in inspect_drive(frames, records=records, key=ring, power=False):
+            assert found is not None
+            assert next(r for r in found.detectors if r.name == "watermark").verdict == "no_trace"

@@ -333,6 +333,46 @@ def test_no_edit_is_called_authentic(key: KeyFile, embedding: str) -> None:
     assert _any_edit_called_authentic(key, embedding, trials, seed=1) == []
 
 
+def test_no_delivery_out_of_turn_is_called_authentic(key: KeyFile) -> None:
+    """Replays, rollbacks, exchanged records, edits and what the report names, in one stream."""
+    random = np.random.default_rng(2)
+    trials = int(os.environ.get("MANIP3D_WATERMARK_EDITS", "10000")) // 10
+    sender = marker_of(key)
+    sent = [sender.embed(frame(600, n)) for n in range(60)]
+    verifier, accepted, done = marker_of(key), -1, dict.fromkeys(DELIVERIES, 0)
+    for _ in range(trials):
+        if accepted > len(sent) - 3:  # the stream is over; the next verifier begins anew
+            verifier, accepted = marker_of(key), -1
+        kind = str(random.choice(DELIVERIES)) if accepted >= 0 else "next"
+        number = int(random.integers(accepted + 1)) if kind == "rollback" else accepted + 1
+        scan, record = sent[number].frame, sent[number].record
+        if kind == "edit":
+            scan, record, _ = _edits(random, sent[number])
+        elif kind == "record of another frame":
+            record = sent[(number + 1 + int(random.integers(len(sent) - 1))) % len(sent)].record
+        elif kind == "oracle":
+            scan, _, _ = _edits(random, sent[number])
+            found = verifier.verify(scan, record)
+            points = scan.points.copy()
+            points[found.suspected, 2] += np.float32(0.001)
+            scan = scan.replace(points=points)
+        told = verifier.verify(scan, record).verdict
+        if told == "authentic":
+            assert record == sent[number].record
+            assert number > accepted, kind
+            assert rows_of(scan) == rows_of(sent[number].frame), kind
+            accepted = number
+            done[kind] += 1
+        elif kind == "next":
+            # A genuine record of a later frame came before: its verifier knows no earlier ones.
+            verifier, accepted = marker_of(key), -1
+    assert done["next"] >= trials // 20
+    assert done["rollback"] == done["record of another frame"] == 0
+
+
+DELIVERIES = ("next", "rollback", "edit", "record of another frame", "oracle")
+
+
 def test_the_report_is_no_oracle_for_forging(key: KeyFile) -> None:
     """Move a point, ask which bits are wrong, flip those, ask again: never accepted."""
     sent = marker_of(key).embed(frame())

@@ -276,7 +276,7 @@ def test_a_damaged_picture_speed_or_record_silences_no_alarm(drive: Path, tmp_pa
     assert "unreadable" in cameras[1]["reason"]
     assert "0000000001.png" in cameras[1]["reason"]
     assert "unreadable" not in cameras[2]["reason"]
-    assert "frame 0000000002 at the speed of --speed" in done.stderr
+    assert "frame 0000000002 has no speed of its own" in done.stderr
     assert "expected 30 numbers" in done.stderr
 
     cv2 = pytest.importorskip("cv2")
@@ -476,7 +476,7 @@ def test_a_drive_without_times_is_played_as_a_scanner_turns(
     (drive / "velodyne_points" / "timestamps.txt").unlink()
     slept: list[float] = []
     clock = SimpleNamespace(monotonic=lambda: 7.0 + sum(slept), sleep=slept.append)
-    monkeypatch.setattr("manip3d.cli.alert.time", clock)
+    monkeypatch.setattr("manip3d.authenticate._watch.time", clock)
     done = in_process(drive, "--live", "--json")
     assert slept == pytest.approx([0.1, 0.1])
     assert len(json.loads(done.stdout)["frames"]) == 3

@@ -151,6 +151,15 @@ ENTRIES: dict[str, Callable[[str], object]] = {
     "report.write_alert_overview output": lambda p: report.write_alert_overview(
         [{"source": "a", "error": "b"}], p + ".html"
     ),
+    "capture.watched_recording uri": lambda p: capture.watched_recording(f"pcap:{p}"),
+    "capture.watched_recording calibration": lambda p: capture.watched_recording(
+        "velodyne:0", calibration=p
+    ),
+    "capture.watched_recording rigs": lambda p: capture.watched_recording(f"bag:{p}", rigs=p),
+    "datasets.watched_kitti folder": datasets.watched_kitti,
+    "datasets.watched_kitti calibration": lambda p: datasets.watched_kitti(".", calibration=p),
+    "datasets.watched_kitti rigs": lambda p: datasets.watched_kitti(".", rigs=p),
+    "datasets.watched_kitti carriers": lambda p: datasets.watched_kitti(p, carriers=p),
     "authenticate.read_rigs path": authenticate.read_rigs,
     "authenticate.write_rigs path": write_rigs,
     "io.write_lods path": lambda p: io.write_lods([mesh], p + ".glb"),

@@ -51,6 +51,7 @@ __getattr__, __dir__, __all__ = lazily(
         "_verdict": (
             "Calibration Detection Power Processing Region RegionLike Verdict likelihood_ratio"
         ),
+        "_watch": "TURN_S DriveMoment DriveWatch WatchedDrive watch_drive",
         "_watermark": (
             "CARRIERS EMBEDDINGS MAX_MOVE_M KeyFile KeyRing Policy Tile Watermarked Watermarker "
             "WatermarkResult record_of_picture without_record"

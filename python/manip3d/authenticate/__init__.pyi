@@ -105,6 +105,7 @@ from manip3d.authenticate._verdict import (
     Verdict,
     likelihood_ratio,
 )
+from manip3d.authenticate._watch import TURN_S, DriveMoment, DriveWatch, WatchedDrive, watch_drive
 from manip3d.authenticate._watermark import (
     CARRIERS,
     EMBEDDINGS,
@@ -153,6 +154,7 @@ __all__ = [
     "RIGS_FILE",
     "RINGS_OCCLUSION",
     "SPARSE_DENSITY",
+    "TURN_S",
     "WITNESSES",
     "Alert",
     "AlertCounts",
@@ -172,6 +174,8 @@ __all__ = [
     "Disparity",
     "DriveEvidence",
     "DriveInspection",
+    "DriveMoment",
+    "DriveWatch",
     "EvidenceReport",
     "GenericResult",
     "Inspection",
@@ -207,6 +211,7 @@ __all__ = [
     "TurnRegion",
     "TurnResult",
     "Verdict",
+    "WatchedDrive",
     "WatermarkResult",
     "Watermarked",
     "Watermarker",
@@ -260,6 +265,7 @@ __all__ = [
     "verdict_of_alerts",
     "verdict_of_drive",
     "verdict_of_stream",
+    "watch_drive",
     "without_record",
     "write_carrier",
     "write_rigs",

@@ -19,7 +19,7 @@ from manip3d.authenticate._inspect import DetectorReport, Inspection, inspect
 from manip3d.authenticate._lattice import SensorLattice
 from manip3d.authenticate._sequence import FRAMES_PER_SECOND, DriveEvidence, drive_evidence
 from manip3d.authenticate._verdict import FALSE_ALARM_RATE, binomial_tail, rate_of
-from manip3d.authenticate._watermark import KeyFile, Policy, Watermarker
+from manip3d.authenticate._watermark import KeyFile, KeyRing, Policy, Watermarker
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame
 
@@ -48,7 +48,7 @@ def inspect_drive(
     origin: ArrayLike | None = None,
     numbers: Iterable[int] | None = None,
     records: Iterable[bytes | None] | None = None,
-    key: KeyFile | None = None,
+    key: KeyFile | KeyRing | None = None,
     power: bool = True,
     printed: bool = False,
     threads: int = 0,
@@ -71,7 +71,7 @@ def inspect_drive(
         scans of other places must not be taken for neighbours.
     records : iterable of (bytes or None), optional
         The watermark's record of each frame; they are verified as one chain.
-    key : KeyFile, optional
+    key : KeyFile or KeyRing, optional
         Verifies the records.
 
     Yields
@@ -367,7 +367,7 @@ def _with_following(
 def _each(
     pairs: Iterator[tuple[_Numbered, _Numbered | None]],
     records: Iterator[bytes | None],
-    key: KeyFile | None,
+    key: KeyFile | KeyRing | None,
     judge: Callable[..., Inspection],
     lattice: SensorLattice | None,
     threads: int,

@@ -64,7 +64,7 @@ from manip3d.authenticate._verdict import (
     likelihood_ratio,
     rate_of,
 )
-from manip3d.authenticate._watermark import KeyFile, Policy, Watermarker, WatermarkResult
+from manip3d.authenticate._watermark import KeyFile, KeyRing, Policy, Watermarker, WatermarkResult
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame, ScanLike, to_scan
 from manip3d.lidar import place as place_of
@@ -331,7 +331,7 @@ def inspect(
     sensor: str = "auto",
     origin: ArrayLike | None = None,
     watermark: bytes | WatermarkResult | None = None,
-    key: KeyFile | None = None,
+    key: KeyFile | KeyRing | None = None,
     power: bool = True,
     plant: int = 0,
     printed: bool = False,
@@ -364,7 +364,7 @@ def inspect(
         The scan's record, which ``key`` verifies, or what `Watermarker.verify` said of this scan.
         What the embedding moved is allowed for then, and nothing more. Without it a scan whose
         points carry a watermark's bits is ``processed``, and so is one whose record does not hold.
-    key : KeyFile, optional
+    key : KeyFile or KeyRing, optional
         Verifies a record; without it, a record says nothing.
     power : bool
         State the share of edits of each class that are found in scans of this scanner.
@@ -519,7 +519,7 @@ def _inspected(
 
 
 def _verified(
-    scan: LidarFrame, watermark: bytes | WatermarkResult | None, key: KeyFile | None
+    scan: LidarFrame, watermark: bytes | WatermarkResult | None, key: KeyFile | KeyRing | None
 ) -> WatermarkResult | None:
     """What the verifier says of the record; None where there is none, or no key."""
     if isinstance(watermark, WatermarkResult):

@@ -22,6 +22,7 @@ __getattr__, __dir__, __all__ = lazily(
     __name__,
     {
         "_bag": "holds_clouds",
+        "_bag_stereo": "watched_recording",
         "_joints": "ExportedJoints export_joints",
         "_lidar": "DEFAULT_PORT RETURN_TYPES LidarSource open_lidar",
         "_rgbd": "ForgedSource Recording RgbdSource Scheme from_frames open_rgbd record",

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from manip3d.capture._bag import holds_clouds
+from manip3d.capture._bag_stereo import watched_recording
 from manip3d.capture._joints import ExportedJoints, export_joints
 from manip3d.capture._lidar import DEFAULT_PORT, RETURN_TYPES, LidarSource, open_lidar
 from manip3d.capture._rgbd import (
@@ -34,4 +35,5 @@ __all__ = [
     "read_velodyne_calibration",
     "record",
     "sources",
+    "watched_recording",
 ]

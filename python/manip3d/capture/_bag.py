@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import json
 import os
@@ -9,8 +10,9 @@ import subprocess
 import sys
 import threading
 import weakref
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -89,10 +91,19 @@ def holds_clouds(path: str | os.PathLike[str]) -> bool:
     return b"type=" in connections and _IMAGE not in connections
 
 
+class BagPicture(NamedTuple):
+    """A picture of a bag, undecoded: what its message says, and its bytes."""
+
+    header: Mapping[str, Any]
+    data: bytes
+
+
 class BagRecording:
     """Frames of one topic of a bag; the same face as the core's sources."""
 
-    def __init__(self, path: Path, topic: str, max_bytes: int | None = None) -> None:
+    def __init__(
+        self, path: Path, topic: str, max_bytes: int | None = None, *, pictures: bool = False
+    ) -> None:
         if importlib.util.find_spec("rosbags") is None:
             raise MissingExtraError("rosbags", "bags")
         if not path.is_dir():
@@ -108,8 +119,11 @@ class BagRecording:
         script = Path(__file__).with_name("_bag_process.py")
         # -P: this folder does not say what the script imports.
         self._process = subprocess.Popen(
-            [sys.executable, "-P", str(script), str(path.absolute()), topic, str(_MEMORY)],
-            stdin=subprocess.DEVNULL,
+            [
+                *(sys.executable, "-P", str(script), str(path.absolute()), topic, str(_MEMORY)),
+                *(["pictures"] if pictures else []),
+            ],
+            stdin=subprocess.PIPE if pictures else subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             start_new_session=True,  # Ctrl-C is for the reader of the frames
@@ -125,11 +139,36 @@ class BagRecording:
             if "end" in header:
                 self._close()
                 return False
-            frame = self._frame(header, self._data(header))
-            self._counters["frames"] += 1
-            self._counters["points"] += frame.num_points
-            self._counters["no_return"] += frame.num_dropped
-            return frame
+            return self._counted(self._frame(header, self._data(header)))
+
+    def cameras(self) -> dict[str, Any]:
+        """What the bag tells of its cameras, before anything else is read of it."""
+        cameras: dict[str, Any] = self._header()["cameras"]
+        return cameras
+
+    def messages(self, topics: Sequence[str]) -> Iterator[LidarFrame | BagPicture]:
+        """The clouds, and beside them the pictures of these topics, as they were recorded."""
+        assert self._process.stdin is not None
+        self._process.stdin.write(json.dumps(list(topics)).encode() + b"\n")
+        self._process.stdin.close()
+        while "end" not in (header := self._header()):
+            data = self._data(header)
+            if "picture" in header:
+                yield BagPicture(header, data)
+            else:
+                yield self._counted(self._frame(header, data))
+        self._close()
+
+    def close(self) -> None:
+        """End the process that reads the bag; may be called twice."""
+        with self._lock:
+            self._close()
+
+    def _counted(self, frame: LidarFrame) -> LidarFrame:
+        self._counters["frames"] += 1
+        self._counters["points"] += frame.num_points
+        self._counters["no_return"] += frame.num_dropped
+        return frame
 
     def counters(self) -> dict[str, int]:
         """Frames, points, and points without coordinates."""
@@ -218,5 +257,7 @@ class BagRecording:
 def _end(process: subprocess.Popen[bytes]) -> None:
     process.kill()
     process.wait()
-    if process.stdout is not None:
-        process.stdout.close()
+    for pipe in (process.stdin, process.stdout):
+        if pipe is not None:
+            with contextlib.suppress(BrokenPipeError):
+                pipe.close()

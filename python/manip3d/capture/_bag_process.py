@@ -1,8 +1,10 @@
 """Reads a ROS bag in a process of its own: no damaged or hostile bag takes the caller along.
 
-A script: ``python _bag_process.py PATH TOPIC BYTES``. It imports nothing of manip3d and writes to
-its standard output, for each message of the topic, a line of JSON and then as many bytes as the
-line says. The last line holds ``end`` or ``error``.
+A script: ``python _bag_process.py PATH TOPIC BYTES [pictures]``. It imports nothing of manip3d and
+writes to its standard output, for each message of the topic, a line of JSON and then as many bytes
+as the line says. The last line holds ``end`` or ``error``. With ``pictures`` the first line holds
+the bag's ``cameras``, and the topics of the pictures that are to be written beside the clouds are
+read from the standard input, a JSON list in one line.
 """
 
 from __future__ import annotations
@@ -14,16 +16,20 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
+IMAGE = "sensor_msgs/msg/Image"
+COMPRESSED = "sensor_msgs/msg/CompressedImage"
+CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
 
 
-def main(path: Path, topic: str, limit: int, out: BinaryIO) -> None:
+def main(path: Path, topic: str, limit: int, out: BinaryIO, *, pictures: bool = False) -> None:
     """Write the messages of a bag's topic; with an empty name of its only topic of clouds."""
     _, hard = resource.getrlimit(resource.RLIMIT_AS)
     if hard != resource.RLIM_INFINITY:
         limit = min(limit, hard)  # nobody may raise it
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     try:
-        _write_messages(path, topic, out)
+        _write_messages(path, topic, out, pictures=pictures)
         _line(out, {"end": True})
     except BrokenPipeError:
         return  # nobody wants more
@@ -33,7 +39,7 @@ def main(path: Path, topic: str, limit: int, out: BinaryIO) -> None:
         _line(out, {"error": f"{type(error).__name__}: {str(error)[:300]}"})
 
 
-def _write_messages(path: Path, topic: str, out: BinaryIO) -> None:
+def _write_messages(path: Path, topic: str, out: BinaryIO, *, pictures: bool) -> None:
     from rosbags.rosbag1 import Reader as Ros1Reader
     from rosbags.rosbag2 import Reader as Ros2Reader
     from rosbags.typesys import Stores, get_typestore
@@ -51,17 +57,85 @@ def _write_messages(path: Path, topic: str, out: BinaryIO) -> None:
             others = sorted({each.msgtype for each in bag.connections})
             raise ValueError(f"no topic of {CLOUD}; found {', '.join(others)[:200] or 'nothing'}")
         wanted = [each for each in clouds if each.topic == (topic or names[0])]
+        if pictures:
+            _line(out, {"cameras": _cameras(bag, read, wanted)})
+            chosen = json.loads(sys.stdin.readline())
+            wanted += [
+                each
+                for each in bag.connections
+                if each.topic in chosen and each.msgtype in (IMAGE, COMPRESSED)
+            ]
         for connection, received, raw in bag.messages(connections=wanted):
-            _cloud(out, read(raw, CLOUD), connection.topic, received)
+            write = _cloud if connection.msgtype == CLOUD else _picture
+            write(out, read(raw, connection.msgtype), connection.topic, received)
+
+
+def _cameras(bag: Any, read: Any, clouds: list[Any]) -> dict[str, Any]:
+    """The topics of pictures, the first calibration of each camera, and the fixed transforms."""
+    first = next(bag.messages(connections=clouds), None)
+    lidar = "" if first is None else read(first[2], CLOUD).header.frame_id
+    infos: dict[str, Any] = {}
+    for connection in bag.connections:
+        if connection.msgtype == CAMERA_INFO:
+            for _, _, raw in bag.messages(connections=[connection]):
+                infos[connection.topic] = _camera_info(read(raw, CAMERA_INFO))
+                break
+    fixed = [
+        each
+        for each in bag.connections
+        if each.msgtype == TRANSFORMS and each.topic.endswith("tf_static")
+    ]
+    transforms = [
+        _transform(each)
+        for _, _, raw in (bag.messages(connections=fixed) if fixed else ())
+        for each in read(raw, TRANSFORMS).transforms
+    ]
+    names = {each.topic for each in bag.connections if each.msgtype in (IMAGE, COMPRESSED)}
+    return {"pictures": sorted(names), "infos": infos, "transforms": transforms, "lidar": lidar}
+
+
+def _camera_info(info: Any) -> dict[str, Any]:
+    """Distortion, rectifying rotation and projection, whose names are capitals in ROS 1."""
+    values = {
+        name: [float(v) for v in getattr(info, name, getattr(info, name.upper(), ()))]
+        for name in ("d", "r", "p")
+    }
+    return {"frame_id": info.header.frame_id, **values}
+
+
+def _transform(each: Any) -> dict[str, Any]:
+    shift, turn = each.transform.translation, each.transform.rotation
+    return {
+        "parent": each.header.frame_id,
+        "child": each.child_frame_id,
+        "translation": [float(v) for v in (shift.x, shift.y, shift.z)],
+        "rotation": [float(v) for v in (turn.x, turn.y, turn.z, turn.w)],
+    }
+
+
+def _picture(out: BinaryIO, picture: Any, topic: str, received: int) -> None:
+    data = picture.data.tobytes()
+    header = {"picture": topic, "stamp_ns": _stamp(picture) or int(received), "size": len(data)}
+    if hasattr(picture, "format"):
+        header["format"] = picture.format
+    else:
+        header["encoding"] = picture.encoding
+        header |= {name: int(getattr(picture, name)) for name in ("height", "width", "step")}
+    _line(out, header)
+    out.write(data)
+    out.flush()
+
+
+def _stamp(message: Any) -> int:
+    return int(message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec)
 
 
 def _cloud(out: BinaryIO, cloud: Any, topic: str, received: int) -> None:
-    stamp = cloud.header.stamp.sec * 1_000_000_000 + cloud.header.stamp.nanosec
     data = cloud.data.tobytes()
     header = {
         "topic": topic,
         "received_ns": int(received),
-        "stamp_ns": int(stamp),
+        "stamp_ns": _stamp(cloud),
         "frame_id": cloud.header.frame_id,
         "height": int(cloud.height),
         "width": int(cloud.width),
@@ -85,4 +159,10 @@ def _line(out: BinaryIO, record: dict[str, Any]) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), sys.argv[2], int(sys.argv[3]), sys.stdout.buffer)
+    main(
+        Path(sys.argv[1]),
+        sys.argv[2],
+        int(sys.argv[3]),
+        sys.stdout.buffer,
+        pictures="pictures" in sys.argv[4:],
+    )

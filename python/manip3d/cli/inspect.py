@@ -26,13 +26,14 @@ from manip3d.cli.options import (
     Quiet,
 )
 from manip3d.cli.terminal import Terminal, check_output, counted, shown, table
+from manip3d.cli.watermark import key_of
 from manip3d.errors import Error, InputError
 from manip3d.io import SCAN_SUFFIXES, is_url
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from manip3d.authenticate import DriveInspection, Inspection, KeyFile, StreamInspection
+    from manip3d.authenticate import DriveInspection, Inspection, KeyRing, StreamInspection
     from manip3d.capture import RgbdSource
     from manip3d.lidar import LidarFrame
     from manip3d.rgbd import RgbdFrame
@@ -78,6 +79,7 @@ def _records(source: str) -> list[Path]:
     exit_code=_code_of_rows,
     columns=("source", "verdict", "sensor", "p_value", "reason"),
     beside=_records,
+    depends=lambda options: key_of({"key": options["key"]}),
 )
 def inspect(
     source: Annotated[
@@ -122,9 +124,11 @@ def inspect(
         ),
     ] = None,
     key: Annotated[
-        Path | None,
+        list[Path] | None,
         typer.Option(
-            help="Key file that verifies the watermark: what embedding moved is allowed for."
+            "--key",
+            help="Key file that verifies the watermark, or a folder of .key files: what embedding "
+            "moved is allowed for. Give it again for the keys that the sensor had before.",
         ),
     ] = None,
     calibration: Calibration = None,
@@ -197,7 +201,7 @@ def inspect(
         check_output(output, report.EVIDENCE_KINDS, force=force)
         _refuse(
             "a LiDAR scan or drive", "an RGB-D recording", rows=rows, previous=previous,
-            following=following, lattice=lattice, key=key, watermark=watermark,
+            following=following, lattice=lattice, key=key or None, watermark=watermark,
             calibration=calibration, origin=origin, printed=printed or None, plant=plant or None,
             sensor=None if sensor == "auto" else sensor,
         )  # fmt: skip
@@ -209,7 +213,7 @@ def inspect(
             "a single scan", "a drive", previous=previous, following=following,
             watermark=watermark, rows=rows, plant=plant or None,
         )  # fmt: skip
-        with _key_of(key) as secret:
+        with _keys_of(key) as secret:
             together = inspect_drive(
                 source, output, log, shell, calibration=calibration, key=secret,
                 options={"lattice": known, "sensor": sensor, "origin": origin, "power": power,
@@ -224,7 +228,7 @@ def inspect(
     check_output(rows, (".csv",), force=force)
     frame = read_scan(source)
     shell.say(f"read {source}: {counted(frame.num_points, 'point')}")
-    with shell.progress("inspect") as progress, _key_of(key) as secret:
+    with shell.progress("inspect") as progress, _keys_of(key) as secret:
         found = authenticate.inspect(
             frame,
             watermark=_record_of(source, watermark, key),
@@ -283,17 +287,17 @@ def _append(log: Path, found: Inspection | StreamInspection, source: str, shell:
     shell.say(f"appended to {log}: {digest}")
 
 
-def _key_of(path: Path | None) -> AbstractContextManager[KeyFile | None]:
+def _keys_of(paths: Sequence[Path] | None) -> AbstractContextManager[KeyRing | None]:
     from manip3d import authenticate
 
-    return nullcontext() if path is None else authenticate.KeyFile(path)
+    return authenticate.KeyRing.open(paths) if paths else nullcontext()
 
 
-def _record_of(source: str, record: Path | None, key: Path | None) -> bytes | None:
+def _record_of(source: str, record: Path | None, key: Sequence[Path] | None) -> bytes | None:
     """The record that was named, or the one beside the scan; b'' is a record that is missing."""
     from manip3d import authenticate
 
-    if record is None and key is None:
+    if record is None and not key:
         return None
     if record is None:
         return authenticate.read_record(authenticate.find_record(source)) or b""
@@ -398,7 +402,7 @@ def inspect_drive(
     shell: Terminal,
     *,
     calibration: Path | None,
-    key: KeyFile | None,
+    key: KeyRing | None,
     options: Mapping[str, Any],
 ) -> DriveInspection:
     """Inspect scan after scan, a line each, and return what they say together."""

@@ -491,11 +491,15 @@ def picture_of(scan: Path, source: str, picture: str) -> Path | None:
         return None
     if not Path(source).is_dir():
         return Path(picture)
+    return folder_of_pictures(source, picture) / f"{scan.name.split('.')[0]}.png"
+
+
+def folder_of_pictures(source: str, picture: str) -> Path:
+    """Return the folder of a drive's pictures by its name in the drive."""
     folder = Path(source) / picture
     if Path(picture).is_absolute() or ".." in Path(picture).parts or not folder.is_dir():
         raise InputError(f"--picture: expected a folder of pictures in {source}, got {picture}")
-    inside = folder / "data" if (folder / "data").is_dir() else folder
-    return inside / f"{scan.name.split('.')[0]}.png"
+    return folder / "data" if (folder / "data").is_dir() else folder
 
 
 def _check_folder(source: str, output: Path, *, force: bool) -> None:

@@ -27,6 +27,7 @@ from manip3d.datasets._registry import (
     registry,
     require,
 )
+from manip3d.datasets._watched import watched_kitti
 from manip3d.datasets.kitti import KittiCalibration, KittiDrive, KittiFrame, open_kitti
 from manip3d.datasets.people import RgbdSequence, open_people, people_uris
 from manip3d.datasets.range_images import RangeImageFolder, open_range_images
@@ -92,4 +93,5 @@ __all__ = [
     "scan_path",
     "source_of",
     "steps_by_hand",
+    "watched_kitti",
 ]

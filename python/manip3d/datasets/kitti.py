@@ -7,7 +7,6 @@ compressed (``.bin.xz``). Nothing is read before it is asked for.
 from __future__ import annotations
 
 import functools
-import io
 import math
 import os
 from collections.abc import Iterator, Mapping
@@ -23,7 +22,7 @@ from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
 from manip3d.io._files import regular_bytes
 from manip3d.io._frame_times import frame_times
-from manip3d.io._images import require
+from manip3d.io._images import decoded_picture
 from manip3d.io._scan_files import read_scan, scan_paths
 from manip3d.io._text_files import parse_xml, text_of
 from manip3d.lidar import Box, LidarFrame
@@ -555,17 +554,10 @@ def _find_calibration(path: Path, given: Path | None) -> tuple[Path | None, bool
 
 
 def _picture(path: Path) -> NDArray[np.uint8]:
-    image_module = require("PIL.Image", "alert", "pillow")
     try:
-        with image_module.open(io.BytesIO(regular_bytes(path)), formats=("PNG", "JPEG")) as image:
-            pixels: NDArray[np.uint8] = np.asarray(
-                image if image.mode == "L" else image.convert("RGB")
-            )
-    except OSError as error:
-        raise FormatError(f"unreadable picture: {error}", file=str(path)) from error
-    except (ValueError, SyntaxError, image_module.DecompressionBombError) as error:
-        raise FormatError(f"unreadable picture: {error}", file=str(path)) from error
-    return pixels
+        return decoded_picture(regular_bytes(path), "alert")
+    except FormatError as error:
+        raise FormatError(error.reason, file=str(path)) from error
 
 
 def _first(candidates: Iterator[Path] | list[Path]) -> Path | None:

@@ -8,15 +8,20 @@ import io
 import logging
 import os
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
-from manip3d.errors import MissingExtraError
+from manip3d.errors import FormatError, MissingExtraError
 from manip3d.io._files import open_regular, regular_bytes
 from manip3d.io._remote import is_url
 from manip3d.mesh import Mesh, Texture
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 _COMMON = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff")  # how PNG and JPEG files start
 # The PNG mode for each mode of Pillow that has an alpha channel and is none of PNG's.
@@ -149,3 +154,26 @@ def _as_png(mesh: Mesh, texture: Texture) -> Texture:
         return texture
     path = None if texture.path is None else str(Path(texture.path).with_suffix(".png"))
     return Texture(path=path, data=stream.getvalue())
+
+
+def decoded_picture(data: bytes, extra: str) -> NDArray[np.uint8]:
+    """Decode a PNG or JPEG: (H, W) if it is grey, else (H, W, 3) red, green, blue.
+
+    Raises
+    ------
+    FormatError
+        It is another kind of file, damaged or cut off, too large, or has more than 8 bits.
+    MissingExtraError
+        Pillow is not installed.
+    """
+    image_module = require("PIL.Image", extra, "pillow")
+    try:
+        with image_module.open(io.BytesIO(data), formats=("PNG", "JPEG")) as image:
+            if image.mode.startswith(("I", "F")):
+                raise FormatError(f"expected a picture of 8 bits, got the mode {image.mode}")
+            pixels: NDArray[np.uint8] = np.asarray(
+                image if image.mode == "L" else image.convert("RGB")
+            )
+    except (OSError, ValueError, SyntaxError, image_module.DecompressionBombError) as error:
+        raise FormatError(f"unreadable picture: {error}") from error
+    return pixels

@@ -13,7 +13,7 @@ from manip3d.simulate.people import (
     cast_mesh,
     opposite,
 )
-from manip3d.simulate.sources import open_drive, open_source
+from manip3d.simulate.sources import open_drive, open_source, watched_street
 from manip3d.simulate.streets import Street, street
 from manip3d.simulate.terrestrial import TerrestrialScan, terrestrial_scan
 
@@ -41,6 +41,7 @@ __all__ = [
     "street",
     "streets",
     "terrestrial_scan",
+    "watched_street",
     "write_drive",
     "write_forged_people",
 ]

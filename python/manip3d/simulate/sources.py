@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, TypeVar
 from urllib.parse import parse_qsl, urlsplit
 
 from manip3d._util.checked import checked
 from manip3d._util.times import nanoseconds
+from manip3d.authenticate import DriveMoment, WatchedDrive
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame
-from manip3d.simulate import scenes
+from manip3d.simulate import cameras, scenes
 from manip3d.simulate.drives import EPOCH_NS, DriveFrame, drive
 from manip3d.simulate.people import BodySimulator
 from manip3d.simulate.streets import street
 from manip3d.simulate.terrestrial import terrestrial_scan
 
-__all__ = ["open_drive", "open_source"]
+__all__ = ["open_drive", "open_source", "watched_street"]
 
 _Number = TypeVar("_Number", int, float)
 
@@ -124,6 +126,53 @@ def open_drive(address: str, *, threads: int = 0) -> Iterator[DriveFrame]:
     surround = _yes_or_no("surround", options.pop("surround", "no"))
     _refuse_others(options, address)
     return drive(street(seed), frames, start=start, surround=surround, rng=seed, threads=threads)
+
+
+@checked
+def watched_street(address: str, *, frames: int | None = None, threads: int = 0) -> WatchedDrive:
+    """Open a simulated drive as `manip3d.authenticate.watch_drive` watches it.
+
+    Parameters
+    ----------
+    address : str
+        As for `open_drive`.
+    frames : int, optional
+        The most frames to take.
+    threads : int
+        As for `open_drive`.
+
+    Returns
+    -------
+    manip3d.authenticate.WatchedDrive
+
+    Raises
+    ------
+    InputError, MissingExtraError
+        As for `open_drive`.
+
+    Examples
+    --------
+    >>> drive = watched_street("sim:street?seed=3&frames=2")  # doctest: +SKIP
+    """
+    source = open_drive(address, threads=threads)
+    first = next(source)
+    around = cameras.surround_rigs()
+    taken = itertools.islice(itertools.chain([first], source), frames)
+    return WatchedDrive(
+        around if first.around else around["front"], map(_moment, taken), frames or 0
+    )
+
+
+def _moment(frame: DriveFrame) -> DriveMoment:
+    one = None if frame.pictures is None else (frame.pictures.left, frame.pictures.right)
+    pairs = {name: (pair.left, pair.right) for name, pair in frame.around.items()}
+    return DriveMoment(
+        frame.scan.frame,
+        None if pairs else one,
+        velocity=frame.velocity,
+        time_s=frame.time,
+        pairs=pairs or None,
+    )
 
 
 def _body(options: Mapping[str, str], address: str, threads: int) -> BodySimulator:

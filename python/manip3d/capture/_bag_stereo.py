@@ -1,0 +1,364 @@
+"""Recordings of a LiDAR as they are watched, with the pictures of stereo pairs in ROS bags."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from manip3d._util.checked import checked
+from manip3d._util.linear import product
+from manip3d._util.paths import path_of
+from manip3d._util.times import SECOND_NS
+from manip3d.authenticate import TURN_S, DriveMoment, StereoRig, WatchedDrive, read_rigs
+from manip3d.capture._bag import BagPicture, BagRecording
+from manip3d.capture._lidar import LidarSource, open_lidar
+from manip3d.errors import FormatError, InputError
+from manip3d.io._images import decoded_picture
+from manip3d.lidar import LidarFrame
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_CHANNELS = {"mono8": 1, "rgb8": 3, "bgr8": 3}
+_BAYER = {"bayer_rggb8": "BG", "bayer_bggr8": "RG", "bayer_gbrg8": "GR", "bayer_grbg8": "GB"}
+"""OpenCV's names, which are those of the second and third pixel of the second row."""
+_SAME_NS = 1_000_000
+"""Left and right pictures are of one moment where their stamps differ by at most a millisecond."""
+_MOST_WAITING = 10
+"""Scans that wait for pictures that are recorded later than they."""
+_MOST_KEPT = 1 << 29
+"""Bytes of pictures, at most, that wait for those of the other camera, or for their scan."""
+_MOST_PIXELS = 1 << 26
+
+
+@checked
+def watched_recording(
+    uri: str,
+    *,
+    calibration: str | os.PathLike[str] | None = None,
+    rigs: str | os.PathLike[str] | None = None,
+    cameras: str | None = None,
+    frames: int | None = None,
+    note: Callable[[str], object] | None = None,
+) -> WatchedDrive:
+    """Open a recording of a LiDAR as `manip3d.authenticate.watch_drive` watches it.
+
+    The bag of a car may hold rectified pictures of a stereo pair (sensor_msgs/Image and
+    CompressedImage). Geometry comes from the CameraInfo beside each picture's topic
+    (``P`` and ``R``), the left camera's pose from ``/tf_static``. A scan is compared with the pair
+    whose stamp is nearest, within half the time to the nearer one of the scans beside it; the two
+    pictures of a pair have the same stamp, to a millisecond.
+
+    Parameters
+    ----------
+    uri : str
+        As for `open_lidar`.
+    calibration : path, optional
+        As for `open_lidar`.
+    rigs : path, optional
+        File of the geometry of the pair in a bag, as `manip3d.authenticate.write_rigs` writes it;
+        the numbers of its cameras mean nothing here.
+    cameras : str, optional
+        ``LEFT,RIGHT``: topics of the pictures in a bag; ``none``: no pictures. By default the only
+        pair of topics whose names differ in ``left`` and ``right`` and whose geometry is known.
+    frames : int, optional
+        The most scans to take.
+    note : callable, optional
+        Called with a sentence that says which pictures are compared, or why none are.
+
+    Returns
+    -------
+    manip3d.authenticate.WatchedDrive
+        A picture that cannot be decoded is told in its moment.
+
+    Raises
+    ------
+    InputError
+        Topics that the bag lacks, or whose geometry is not known; several pairs to choose from;
+        ``rigs`` or ``cameras`` for something else than a bag; several pairs in ``rigs``.
+    FormatError, OSError
+        As for `open_lidar` and `manip3d.authenticate.read_rigs`.
+
+    Examples
+    --------
+    >>> from manip3d import capture
+    >>> capture.watched_recording("pcap:turns.pcap", cameras="/left,/right")
+    Traceback (most recent call last):
+        ...
+    manip3d.errors.InputError: cameras: expected with a ROS bag, got pcap:turns.pcap
+    """
+    if not uri.startswith("bag:"):
+        for name, value in (("rigs", rigs), ("cameras", cameras)):
+            if value is not None:
+                raise InputError(f"{name}: expected with a ROS bag, got {uri}")
+    if not uri.startswith("bag:") or cameras == "none":
+        scans = _scans(open_lidar(uri, calibration=calibration))
+        return WatchedDrive(None, itertools.islice(scans, frames), frames or 0)
+    if calibration is not None:
+        raise InputError("calibration: expected none for bag:")
+    place, _, topic = uri.removeprefix("bag:").partition("#")
+    bag = BagRecording(path_of(place, "uri"), topic, pictures=True)
+    try:
+        known = None if rigs is None else _only_rig(rigs)
+        pair, rig, why = _chosen(bag.cameras(), known, cameras)
+    except BaseException:
+        bag.close()
+        raise
+    if note is not None and why:
+        note(why)
+    moments = matched(bag.messages(pair), pair)
+    return WatchedDrive(rig, itertools.islice(moments, frames), frames or 0)
+
+
+def _scans(recording: LidarSource) -> Iterator[DriveMoment]:
+    with recording:
+        for frame in recording:
+            yield _moment(frame)
+
+
+def _only_rig(path: str | os.PathLike[str]) -> StereoRig:
+    rigs = read_rigs(path)
+    if len(rigs) != 1:
+        raise InputError(f"rigs: expected one pair for a ROS bag, got {', '.join(sorted(rigs))}")
+    return next(iter(rigs.values())).rig
+
+
+def _chosen(
+    found: Mapping[str, Any], known: StereoRig | None, cameras: str | None
+) -> tuple[tuple[str, ...], StereoRig | None, str]:
+    """The topics of the pair, its geometry, and a sentence that says so or why there is none."""
+    topics: list[str] = found["pictures"]
+    if cameras is not None:
+        left, comma, right = cameras.partition(",")
+        if not comma or not {left, right} <= set(topics) or left == right:
+            raise InputError(
+                f"cameras: expected none or LEFT,RIGHT of {', '.join(topics) or 'no topics'}, "
+                f"got {cameras!r}"
+            )
+        rig = known or _rig_of(found, left, right)
+        if isinstance(rig, str):
+            raise InputError(f"cameras: {rig}")
+        return (left, right), rig, ""
+    pairs = [(name, name.replace("left", "right")) for name in topics if "left" in name]
+    pairs = [pair for pair in pairs if pair[1] in topics]
+    rigs = {pair: known or _rig_of(found, *pair) for pair in pairs}
+    usable = [(pair, rig) for pair, rig in rigs.items() if isinstance(rig, StereoRig)]
+    if len(usable) > 1:
+        names = "; ".join(",".join(pair) for pair, _ in usable)
+        raise InputError(f"cameras: expected none or one of {names}")
+    if usable:
+        ((left, right), rig) = usable[0]
+        return (left, right), rig, f"the LiDAR is compared with {left} and {right}"
+    reasons = "; ".join(str(reason) for reason in rigs.values())
+    return (), None, f"no pictures are compared: {reasons}" if reasons else ""
+
+
+def _rig_of(found: Mapping[str, Any], left: str, right: str) -> StereoRig | str:
+    """The geometry of a pair by CameraInfo and fixed transforms, or what of it is missing.
+
+    ``P`` of sensor_msgs/CameraInfo projects the rectified picture; its fourth column holds
+    -focal * baseline of the right camera. ``R`` turns the camera into the rectified one.
+    """
+    infos = []
+    for topic in (left, right):
+        name = topic.removesuffix("/compressed").rpartition("/")[0] + "/camera_info"
+        info = found["infos"].get(name)
+        if info is None:
+            return f"no CameraInfo {name} beside {topic}"
+        turn = np.array(info["r"] if any(info["r"]) else np.eye(3).ravel().tolist())
+        if "rect" not in topic and (any(info["d"]) or not np.allclose(turn, np.eye(3).ravel())):
+            return f"the pictures of {topic} are not rectified (image_proc makes image_rect)"
+        if len(info["p"]) != 12 or len(turn) != 9 or not np.isfinite([*info["p"], *turn]).all():
+            return f"{name}: expected finite matrices P (3, 4) and R (3, 3)"
+        infos.append((np.array(info["p"]).reshape(3, 4), turn.reshape(3, 3), info["frame_id"]))
+    (p, rotation, frame), (other, _, _) = infos
+    if not np.allclose(p[:, :3], other[:, :3]):
+        return f"{left} and {right} are no rectified pair: their P differ"
+    lidar = found["lidar"]
+    pose = _pose(found["transforms"], lidar, frame)
+    if pose is None:
+        return f"/tf_static does not lead from {lidar!r} to {frame!r}"
+    pose[:3, :3] = product(pose[:3, :3], rotation.T)
+    try:
+        baseline = float((p[0, 3] - other[0, 3]) / p[0, 0])
+        return StereoRig(float(p[0, 0]), (float(p[0, 2]), float(p[1, 2])), baseline, pose)
+    except (InputError, ZeroDivisionError) as error:
+        return f"{left} and {right}: {error}"
+
+
+def _pose(
+    transforms: Iterable[Mapping[str, Any]], to: str, frame: str
+) -> NDArray[np.float64] | None:
+    """T_to_frame by a chain of fixed transforms; None: there is no chain."""
+    edges: dict[str, list[tuple[str, NDArray[np.float64]]]] = {}
+    for each in transforms:
+        matrix = _rigid(each)
+        if matrix is None:
+            continue
+        parent, child = each["parent"].lstrip("/"), each["child"].lstrip("/")
+        edges.setdefault(parent, []).append((child, matrix))
+        edges.setdefault(child, []).append((parent, np.asarray(np.linalg.inv(matrix), np.float64)))
+    poses = {to.lstrip("/"): np.eye(4)}
+    reached = deque(poses)
+    while reached:
+        name = reached.popleft()
+        for beside, matrix in edges.get(name, ()):
+            if beside not in poses:
+                poses[beside] = product(poses[name], matrix)
+                reached.append(beside)
+    return poses.get(frame.lstrip("/"))
+
+
+def _rigid(transform: Mapping[str, Any]) -> NDArray[np.float64] | None:
+    """T_parent_child of a shift and a quaternion (x, y, z, w); None: it is none."""
+    x, y, z, w = turn = np.array(transform["rotation"])
+    length = float(turn @ turn)
+    if not 0.99 < length < 1.01 or not np.isfinite(transform["translation"]).all():
+        return None
+    s = 2.0 / length
+    matrix = np.eye(4)
+    matrix[:3, :3] = [
+        [1 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w)],
+        [s * (x * y + z * w), 1 - s * (x * x + z * z), s * (y * z - x * w)],
+        [s * (x * z - y * w), s * (y * z + x * w), 1 - s * (x * x + y * y)],
+    ]
+    matrix[:3, 3] = transform["translation"]
+    return matrix
+
+
+class _Pair(NamedTuple):
+    stamp_ns: int
+    left: BagPicture
+    right: BagPicture
+
+    @property
+    def size(self) -> int:
+        return len(self.left.data) + len(self.right.data)
+
+
+class _Pairs:
+    """The pictures of two cameras, joined to pairs; those that no later scan can be near to go."""
+
+    def __init__(self, topics: tuple[str, ...]) -> None:
+        self._topics = topics
+        self._single: tuple[deque[BagPicture], deque[BagPicture]] = (deque(), deque())
+        self._joined: deque[_Pair] = deque()
+
+    def add(self, picture: BagPicture) -> None:
+        """Join a picture with the other camera's of the same moment, or keep it for that."""
+        side = self._topics.index(picture.header["picture"])
+        stamp, others = picture.header["stamp_ns"], self._single[1 - side]
+        other = next((o for o in others if abs(o.header["stamp_ns"] - stamp) <= _SAME_NS), None)
+        if other is None:
+            self._single[side].append(picture)
+        else:
+            others.remove(other)
+            left, right = (picture, other) if side == 0 else (other, picture)
+            self._joined.append(_Pair(left.header["stamp_ns"], left, right))
+        for kept in self._single:
+            while sum(len(each.data) for each in kept) > _MOST_KEPT:
+                kept.popleft()
+        while sum(pair.size for pair in self._joined) > _MOST_KEPT:
+            self._joined.popleft()
+
+    def is_past(self, scan: LidarFrame) -> bool:
+        """Whether a pair is there that is not older than the scan."""
+        return any(pair.stamp_ns >= (scan.time_ns or 0) for pair in self._joined)
+
+    def taken(self, scan: LidarFrame, before: int | None, after: int | None) -> _Pair | None:
+        """The pair of the nearest stamp, within half the time to the scan before or after."""
+        now = scan.time_ns or 0
+        gaps = [abs(other - now) for other in (before, after) if other not in (None, now)]
+        farthest = min(gaps, default=round(TURN_S * SECOND_NS)) / 2
+        near = min(self._joined, key=lambda pair: abs(pair.stamp_ns - now), default=None)
+        self._joined = deque(pair for pair in self._joined if pair.stamp_ns > now)
+        self._single = tuple(
+            deque(each for each in kept if each.header["stamp_ns"] > now - _SAME_NS)
+            for kept in self._single
+        )  # type: ignore[assignment]
+        return near if near is not None and abs(near.stamp_ns - now) <= farthest else None
+
+
+def matched(
+    messages: Iterable[LidarFrame | BagPicture], topics: tuple[str, ...]
+) -> Iterator[DriveMoment]:
+    """Each scan with the pair of the nearest stamp, within half the time to its nearer neighbour.
+
+    A scan waits for the scan after it and for a pair that is not older than itself, but never for
+    more than ten further scans.
+    """
+    scans: deque[LidarFrame] = deque()
+    pairs = _Pairs(topics)
+    before: int | None = None
+    for message in itertools.chain(messages, [None]):
+        if isinstance(message, BagPicture):
+            pairs.add(message)
+        elif message is not None:
+            scans.append(message)
+        while scans and (
+            message is None
+            or not topics
+            or len(scans) > _MOST_WAITING
+            or (len(scans) > 1 and pairs.is_past(scans[0]))
+        ):
+            scan = scans.popleft()
+            after = scans[0].time_ns if scans else None
+            yield _moment(scan, pairs.taken(scan, before, after))
+            before = scan.time_ns
+
+
+def _moment(scan: LidarFrame, pair: _Pair | None = None) -> DriveMoment:
+    """A scan with its pictures, or why they cannot be decoded."""
+    time_s = None if scan.time_ns is None else scan.time_ns / SECOND_NS
+    if pair is None:
+        return DriveMoment(scan, time_s=time_s)
+    try:
+        pictures = (decoded(pair.left), decoded(pair.right))
+    except FormatError as error:
+        return DriveMoment(scan, time_s=time_s, unread={"cross-modal": f"unreadable: {error}"})
+    return DriveMoment(scan, pictures, time_s=time_s)
+
+
+def decoded(picture: BagPicture) -> NDArray[np.uint8]:
+    """Decode a picture of a bag: (H, W) grey or (H, W, 3) red, green, blue.
+
+    Raises
+    ------
+    FormatError
+        Another encoding than rgb8, bgr8, mono8, bayer_*8, JPEG and PNG, or too few bytes.
+    MissingExtraError
+        OpenCV (``bayer_*8``) or Pillow (JPEG, PNG) is not installed.
+    """
+    header, name = picture.header, picture.header["picture"]
+    if "format" in header:
+        try:
+            return decoded_picture(picture.data, "alert")
+        except FormatError as error:
+            raise FormatError(f"{name}: {error.reason}") from error
+    encoding = header["encoding"]
+    channels = 1 if encoding in _BAYER else _CHANNELS.get(encoding)
+    if channels is None:
+        known = ", ".join([*_CHANNELS, *_BAYER])
+        raise FormatError(f"{name}: expected one of the encodings {known}, got {encoding!r}")
+    height, width, step = header["height"], header["width"], header["step"]
+    row = width * channels
+    if not 0 < height * width <= _MOST_PIXELS or step < row or height * step > len(picture.data):
+        raise FormatError(
+            f"{name}: {height} rows of {width} pixels do not fit {len(picture.data)} bytes with "
+            f"rows of {step}"
+        )
+    rows = np.frombuffer(picture.data, np.uint8, height * step).reshape(height, step)[:, :row]
+    if encoding in _BAYER:
+        from manip3d.authenticate._stereo import opencv
+
+        cv2 = opencv()
+        code = getattr(cv2, f"COLOR_Bayer{_BAYER[encoding]}2RGB")
+        pixels: NDArray[np.uint8] = cv2.cvtColor(np.ascontiguousarray(rows), code)
+        return pixels
+    pixels = rows if channels == 1 else rows.reshape(height, width, channels)
+    return np.ascontiguousarray(pixels[..., ::-1] if encoding == "bgr8" else pixels)

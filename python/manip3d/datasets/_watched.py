@@ -1,0 +1,183 @@
+"""Drives in KITTI's layout, as `manip3d.authenticate.watch_drive` watches them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from manip3d._util.checked import checked
+from manip3d._util.paths import path_of
+from manip3d._util.times import SECOND_NS
+from manip3d.authenticate import (
+    RIGS_FILE,
+    DriveMoment,
+    StereoRig,
+    WatchedDrive,
+    find_record,
+    read_carrier,
+    read_record,
+    read_rigs,
+)
+from manip3d.authenticate._stereo import checked_pair
+from manip3d.datasets.kitti import KittiFrame, open_kitti
+from manip3d.errors import FormatError, InputError
+
+_FRONT_PAIRS = ((2, 3), (0, 1))
+"""KITTI's colour pair, then its grey one."""
+
+
+class _Wanted(NamedTuple):
+    """What is read of each frame beside its scan."""
+
+    records: bool
+    carriers: Path | None
+    front: tuple[int, int] | None
+    around: Mapping[str, tuple[int, int]]
+    note: Callable[[str], object] | None
+
+
+@checked
+def watched_kitti(
+    folder: str | os.PathLike[str],
+    *,
+    calibration: str | os.PathLike[str] | None = None,
+    rigs: str | os.PathLike[str] | None = None,
+    records: bool = False,
+    carriers: str | os.PathLike[str] | None = None,
+    frames: int | None = None,
+    note: Callable[[str], object] | None = None,
+) -> WatchedDrive:
+    """Open a drive in KITTI's layout with its cameras and the records of its watermark.
+
+    Parameters
+    ----------
+    folder : path
+        As for `open_kitti`.
+    calibration : path, optional
+        As for `open_kitti`.
+    rigs : path, optional
+        Stereo pairs, as `manip3d.authenticate.write_rigs` writes them; by default ``rigs.json`` in
+        the folder, else KITTI's colour pair, else its grey one.
+    records : bool
+        Read the watermark's record of each scan.
+    carriers : path, optional
+        Folder of the pictures that carry the records; without it the records stand beside the
+        scans.
+    frames : int, optional
+        The most frames to take.
+    note : callable, optional
+        Called with a sentence for each frame whose speed cannot be read.
+
+    Returns
+    -------
+    manip3d.authenticate.WatchedDrive
+        What cannot be read of a frame is told in its moment, and silences nothing else.
+
+    Raises
+    ------
+    InputError
+        There are no scans.
+    FormatError, OSError
+        Calibration or rigs cannot be read.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pathlib import Path
+    >>> from manip3d import LidarFrame, datasets, io
+    >>> Path("drive/velodyne").mkdir(parents=True)
+    >>> io.write_scan(LidarFrame(np.ones((5, 3), np.float32)), "drive/velodyne/000000.bin")
+    >>> [moment.frame.num_points for moment in datasets.watched_kitti("drive").moments]
+    [5]
+    """
+    source = path_of(folder, "folder")
+    drive = open_kitti(source, calibration=calibration)
+    if not len(drive):
+        raise InputError(f"{source}: expected scans, found none")
+    chosen = drive[: len(drive) if frames is None else frames]
+    beside = source / RIGS_FILE
+    path = rigs if rigs is not None or not beside.is_file() else beside
+    around = {} if path is None else read_rigs(path)
+    front = None if around else _front_pair(chosen)
+    cameras: StereoRig | Mapping[str, StereoRig] | None
+    cameras = {name: each.rig for name, each in around.items()} or None
+    if front is not None:
+        cameras = StereoRig.from_calibration(chosen[0].calibration(), left=front[0], right=front[1])
+    wanted = _Wanted(
+        records,
+        None if carriers is None else path_of(carriers, "carriers"),
+        front,
+        {name: (left, right) for name, (_, left, right) in around.items()},
+        note,
+    )
+    return WatchedDrive(cameras, (_moment(frame, wanted) for frame in chosen), len(chosen))
+
+
+def _front_pair(frames: Sequence[KittiFrame]) -> tuple[int, int] | None:
+    """The first of KITTI's pairs of which any frame has pictures."""
+    return next((p for p in _FRONT_PAIRS for frame in frames if set(p) <= set(frame.images)), None)
+
+
+def _moment(frame: KittiFrame, wanted: _Wanted) -> DriveMoment:
+    """One frame with what its files hold, and why the others cannot be read."""
+    unread: dict[str, str] = {}
+    record, carrier, why = None, None, ""
+    if wanted.records:
+        (record, carrier), why = _or_why((None, None), partial(_record_of, frame, wanted.carriers))
+    if why:
+        unread["watermark"] = why
+    pictures, why = None, ""
+    if wanted.front is not None:
+        pictures, why = _or_why(None, partial(frame.pictures, *wanted.front))
+    seen = {
+        name: _or_why(None, partial(_pair_of, frame, each)) for name, each in wanted.around.items()
+    }
+    reasons = [why, *(f"{name}: {why}" for name, (_, why) in seen.items() if why)]
+    if any(reasons):
+        unread["cross-modal"] = "; ".join(filter(None, reasons))
+    pairs = {name: both for name, (both, _) in seen.items() if both is not None}
+    velocity, why = _or_why(None, frame.velocity)
+    if why and wanted.note is not None:
+        wanted.note(f"frame {frame.name} has no speed of its own: {why}")
+    scan, why = _or_why(None, frame.scan)
+    time_s = None if frame.time_ns is None else frame.time_ns / SECOND_NS
+    return DriveMoment(
+        why if scan is None else scan,
+        pictures,
+        record,
+        velocity,
+        time_s,
+        pairs or None,
+        carrier,
+        unread,
+    )
+
+
+def _pair_of(frame: KittiFrame, cameras: tuple[int, int]) -> tuple[Any, Any] | None:
+    """The pictures of one of several pairs; bad ones are refused here, not with the good ones."""
+    pictures = frame.pictures(*cameras)
+    if pictures is not None:
+        try:
+            checked_pair(*pictures)
+        except InputError as error:
+            raise FormatError(str(error)) from error
+    return pictures
+
+
+def _or_why(otherwise: Any, read: Callable[[], Any]) -> tuple[Any, str]:
+    """Return what ``read`` gives and no reason, or ``otherwise`` and why it cannot be read."""
+    try:
+        return read(), ""
+    except (FormatError, OSError) as error:
+        return otherwise, f"unreadable: {error}"
+
+
+def _record_of(frame: KittiFrame, carriers: Path | None) -> tuple[bytes | None, Any]:
+    """The record of a scan: that beside it, or the picture that carries it."""
+    if carriers is None:
+        return read_record(find_record(frame.scan_path)), None
+    seen = carriers / f"{frame.scan_path.name.split('.')[0]}.png"
+    return None, read_carrier(seen) if seen.is_file() else None
