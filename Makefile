@@ -40,7 +40,7 @@ BUILD = $(PIP_INSTALL) -v --no-build-isolation --no-deps --config-settings=build
 	--config-settings=cmake.define.MANIP3D_WERROR=$(WERROR) \
 	--config-settings=cmake.define.MANIP3D_TESTS=$(1) --editable .
 
-.PHONY: help setup demo test ctest pytest lint tidy stubs bench fuzz asan tsan wheel wheel-test clean
+.PHONY: help setup demo test ctest pytest lint tidy stubs bench fuzz asan tsan tsan-capture wheel wheel-test clean
 
 help: ## List the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -143,10 +143,12 @@ asan: setup ## Run both test suites under the address and undefined-behaviour sa
 		$$python -m pytest --tx "$$(nproc)*popen//python=$$python" --dist worksteal $(PYTEST_ASAN)
 
 tsan: ## Run the C++ tests under the thread sanitizer
+tsan-capture: ## Run those of what reads and records sensors under it
+tsan tsan-capture:
 	.ci/install_packages.sh $(DEV_PACKAGES)
-	cmake --preset tsan >/dev/null
-	cmake --build --preset tsan
-	ctest --preset tsan -j "$$(nproc)"
+	cmake --preset $@ >/dev/null
+	cmake --build --preset $@
+	ctest --preset $@ -j "$$(nproc)"
 
 wheel: setup ## Build dist/: the sdist, and from it a wheel that needs no development package
 	.ci/build_wheel.sh $(BIN)
