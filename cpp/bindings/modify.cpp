@@ -50,7 +50,8 @@ std::vector<ClothingColors> to_clothes(const std::optional<CArray<float>>& rows)
 
 CArray<float> clothing_colors_of(const py::array& depth,
                                  const std::optional<CArray<std::uint8_t>>& body_index,
-                                 const py::object& camera, const py::object& registration,
+                                 const PyIntrinsics& camera,
+                                 const OptionalPyRegistration& registration,
                                  const CArray<std::uint8_t>& color, const People& people) {
   py::object keep;
   const Intrinsics intrinsics = to_intrinsics(camera, keep);

@@ -1995,10 +1995,10 @@ def closest_points(
 def clothing_colors(
     depth: numpy.ndarray,
     body_index: numpy.typing.NDArray[numpy.uint8] | None,
-    camera: typing.Any,
-    registration: typing.Any,
+    camera: manip3d.camera.Intrinsics,
+    registration: manip3d.camera.Registration | None,
     color: numpy.typing.NDArray[numpy.uint8],
-    people: collections.abc.Iterable[typing.Any],
+    people: collections.abc.Iterable[manip3d.rgbd.Skeleton],
 ) -> numpy.typing.NDArray[numpy.float32]: ...
 def compare_cross_modal(
     points: numpy.typing.NDArray[numpy.float32],
