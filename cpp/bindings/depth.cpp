@@ -44,8 +44,6 @@ Intrinsics to_intrinsics(const py::object& camera, py::object& keep) {
   return result;
 }
 
-namespace {}  // namespace
-
 DepthView depth_view(const py::array& depth) {
   DepthView view;
   if (py::isinstance<CArray<std::uint16_t>>(depth)) {

@@ -57,16 +57,20 @@ double median_difference(std::string_view floats, std::size_t apart) {
 // How many floats make a row, by content: values of one column differ less from each other than
 // those of several columns do. In scans of eleven scanners, written with 4, 5 and 6 columns in
 // their order or shuffled, the ratio to the median of the wrong columns was 0.67 at most, and of
-// files with the expected columns to that of others 1.1 at least.
+// files with the expected columns to that of others 1.1 at least. By chance the columns of one row
+// may resemble others of the next row, but hardly those of the row after it too.
 std::size_t columns_by_content(std::string_view floats, std::size_t expected) {
   constexpr double kMuchLess = 0.7;
   constexpr double kLess = 0.8;  // so that a multiple of the columns is not taken for them
   if (floats.size() < 2 * kWindow * sizeof(float)) return expected;
-  const double as_expected = median_difference(floats, expected);
+  const double as_expected =
+      std::min(median_difference(floats, expected), median_difference(floats, 2 * expected));
   double least = std::numeric_limits<double>::max();
   std::size_t best = expected;
   for (std::size_t columns = 3; columns <= 7; ++columns) {
-    const double found = columns == expected ? as_expected : median_difference(floats, columns);
+    const double found = columns == expected ? as_expected
+                                             : std::max(median_difference(floats, columns),
+                                                        median_difference(floats, 2 * columns));
     if (found >= kLess * least) continue;
     least = found;
     best = columns;
@@ -171,6 +175,12 @@ PointTable read_kitti(ByteSource& source, const Progress& progress) {
 
 void write_kitti(Output& output, const PointTableView& table) {
   const std::size_t columns = table.fields.size() < 3 ? kKittiColumns : table.fields.size();
+  const std::string_view rows(table.rows.data(), table.rows.size());
+  if (columns != kKittiColumns && columns_by_content(rows, kKittiColumns) != columns) {
+    throw InputError("fields: the values do not tell a reader of .bin that each point has " +
+                     std::to_string(columns) +
+                     " floats instead of 4. Write x, y, z, intensity only, or a .ply or .pcd");
+  }
   write_rows(output, table, kitti_fields(columns),
              "fields: KITTI's .bin holds float x, y, z, intensity, column_5, ... and no others");
 }

@@ -400,7 +400,7 @@ class FastSimplifier {
     build_adjacency();
   }
 
-  /// Those of the faces `here` (in order) whose key an earlier one has.
+  /// Appends the faces of `here` (in order) whose key an earlier one has.
   template <typename Key>
   static void append_copies(std::vector<std::int32_t>& here, const Key& key,
                             std::vector<std::int32_t>& copies) {
@@ -632,6 +632,10 @@ class FastSimplifier {
     for (std::size_t f = 0; f < faces_.size(); ++f) {
       welded_.faces.row(static_cast<Eigen::Index>(f)) << faces_[f][0], faces_[f][1], faces_[f][2];
     }
+    if (find_components(welded_.faces, num_vertices()).count < 2) {
+      welded_ = {};
+      return;
+    }
     welded_.vertices.resize(num_vertices(), 3);
     for (std::int32_t v = 0; v < num_vertices(); ++v) {
       welded_.vertices.row(v) = input_.vertices.row(order_.source[v]);
@@ -645,7 +649,8 @@ class FastSimplifier {
     }
   }
 
-  /// Whether all faces hang together. Every vertex has a face.
+  /// Whether all vertices hang together: quicker than find_components(), but one without a face,
+  /// or whose faces have no area, counts as a part of its own.
   [[nodiscard]] bool is_connected() const {
     SharedUnionFind sets(num_vertices());
     over(num_faces(), kBlock, [&](std::int64_t begin, std::int64_t end) {
@@ -822,7 +827,7 @@ class FastSimplifier {
     const auto num_keys = static_cast<std::int64_t>(keys_.size());
     // Each slice has a histogram of its own, which is as much work as 16 thousand edges.
     const std::int64_t num_slices = std::clamp<std::int64_t>(num_keys >> 17, 1, 8);
-    const std::int64_t slice = (num_keys + num_slices - 1) / num_slices;
+    const std::int64_t slice = std::max<std::int64_t>(1, (num_keys + num_slices - 1) / num_slices);
     histogram_.assign(num_slices * kBins, 0);
     over(num_keys, slice, [&](std::int64_t begin, std::int64_t end) {
       std::uint32_t* bins = histogram_.data() + begin / slice * static_cast<std::int64_t>(kBins);
@@ -862,7 +867,7 @@ class FastSimplifier {
     return {std::min(a, b), std::max(a, b)};
   }
 
-  /// Of each block of faces the edges below the limit: those inside it, and those that wait.
+  /// Sorts the edges below the limit by block of faces: those inside it, and those that wait.
   void gather_candidates(std::uint32_t limit) {
     prepare_workers();
     over_blocks([&](std::int64_t block, std::int64_t begin, std::int64_t end) {

@@ -83,7 +83,7 @@ bool is_off(const Surface& surface, std::int32_t pixel, float inverse_depth) {
   return is_off(depth, depth + surface.steps().limit(depth), inverse_depth);
 }
 
-/// What is_off() asks of each pixel: triangles meet in pixels, which would work it out again.
+/// Finds the depths that is_off() compares, once for each pixel: several triangles meet in a pixel.
 void find_depths(const Surface& surface, CoverageScratch& scratch) {
   const auto num_pixels = static_cast<std::int32_t>(surface.num_pixels());
   const StepRule steps = surface.steps();
