@@ -189,52 +189,6 @@ def test_processed_images_are_not_accused(change: Any, request: pytest.FixtureRe
     assert found.processing[0].kind == request.node.callspec.id
 
 
-def shadowed(count: int = 12) -> list[RgbdFrame]:
-    """A box before a wall as structured light sees it: a shadow of 10 pixels on the left."""
-    frames = stream(count, soft=False)
-    for frame in frames:
-        frame.depth[60:200, 110:120] = 0
-    return frames
-
-
-def filled(frame: RgbdFrame, choose: str) -> RgbdFrame:
-    """The shadow filled with values beside it; single missing pixels stay."""
-    depth = frame.depth.copy()
-    for v in range(depth.shape[0]):
-        hole = np.flatnonzero((depth[v] == 0) & (np.arange(320) >= 110) & (np.arange(320) < 120))
-        if len(hole) < 10:
-            continue
-        left, right = depth[v, hole[0] - 1], depth[v, hole[-1] + 1]
-        from_left = {
-            "left neighbour": np.ones(10, bool),
-            "farthest": np.full(10, left > right),
-            "nearest value": np.full(10, left < right),
-            "nearest pixel": np.arange(10) < 5,
-        }[choose]
-        depth[v, hole] = np.where(from_left, left, right)
-    return replace(frame, depth=depth)
-
-
-@pytest.mark.parametrize("choose", ["left neighbour", "farthest", "nearest value", "nearest pixel"])
-def test_a_camera_whose_shadows_were_filled_is_not_accused(choose: str) -> None:
-    clean = shadowed()
-    assert authenticate.inspect_stream(clean).verdict == "no_trace"
-    found = authenticate.inspect_stream([filled(frame, choose) for frame in clean])
-    assert found.verdict == "processed"
-    assert [step.kind for step in found.processing] == ["filled"]
-    assert found.regions == ()
-    assert found.score is not None and found.score > 0.9  # noqa: PT018
-
-
-def test_somebody_before_a_flat_background_is_not_taken_for_a_filled_shadow() -> None:
-    frames = stream(soft=False)
-    for frame in frames:
-        wall = np.ones(frame.depth.shape, bool)
-        wall[INSIDE] = False
-        frame.depth[wall & (frame.depth > 0)] = 3000
-    assert authenticate.inspect_stream(frames).verdict == "tampered"
-
-
 def test_images_cut_to_the_size_of_another_camera_are_told_by_their_field_of_view() -> None:
     def cut(fx: float, *, turned: bool = False) -> list[RgbdFrame]:
         camera = Intrinsics(320, 240, fx, fx, 159.5, 119.5)
@@ -332,21 +286,6 @@ def test_clean_recordings_are_not_accused(name: str, realdata: RealData) -> None
     realdata.needs(name.removeprefix("people:"))
     found = authenticate.inspect_stream(datasets.open_people(name))
     assert found.verdict in ("no_trace", "undecidable")
-
-
-@pytest.mark.realdata
-@pytest.mark.parametrize("how", ["shadows filled from the left", "shadows filled, nearest"])
-def test_a_clean_recording_with_filled_shadows_is_processed(how: str, realdata: RealData) -> None:
-    from manip3d import datasets
-    from manip3d.experiments.cameras_5 import PROCESSING
-
-    realdata.needs("person_turning")
-    frames = datasets.open_people("people:person_turning")[:12]
-    depths = PROCESSING[how]([frame.depth for frame in frames])
-    found = authenticate.inspect_stream(
-        [replace(frame, depth=depth) for frame, depth in zip(frames, depths, strict=True)]
-    )
-    assert [step.kind for step in found.processing] == ["filled"]
 
 
 @pytest.mark.realdata

@@ -45,11 +45,6 @@ _MOST_TINY = 5e-4  # share of pixels nearer than any camera measures
 _MOST_OFF_CENTRE = 0.1  # of the image's side
 _LEAST_VIEW_DEG = 50.0  # along the longer side; the narrowest camera of the data sees 57
 _RELIEF = 0.25  # share of the depth: then a camera's shadow is several pixels wide
-_BASELINE = 0.1  # m, between emitter and camera; the widest of the common depth cameras
-_WIDEST_RUN = 64  # pixels that are looked at
-_SHADOW_MARGIN = 4  # pixels that cameras lose beside a shadow
-_LEAST_COPIES = 6  # equal pixels across a step: a shadow of four pixels or more was filled
-_FILLED = 0.5  # most rows of one side
 _SIZES = {
     (160, 120), (320, 240), (640, 480), (512, 424), (1280, 720), (848, 480), (640, 360),
     (480, 270), (424, 240), (1280, 800), (640, 400), (640, 576), (320, 288), (512, 512),
@@ -72,12 +67,11 @@ POWER: Mapping[str, Power] = ReadOnlyMapping(
         "still background": Power(32, 32, source=_STREAMS),
         "running background": Power(32, 32, source=_STREAMS),
         "still background, full of near things": Power(6, 16, source=_KITCHEN),
-        "running background, moving camera": Power(7, 16, source=_KITCHEN),
+        "running background, moving camera": Power(10, 16, source=_KITCHEN),
     }
 )
 """Forged streams of `manip3d.forge.stream`, both types, that are found; from ``figure-5.8``. The
-other 10 before a still frame of the kitchen, all of which repeats, are ``processed``, as are 3 of
-its running ones, whose coarse steps of depth look like filled shadows."""
+other 10 before a still frame of the kitchen, all of which repeats, are ``processed``."""
 
 
 @checked
@@ -292,9 +286,7 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
     speckles without a measurement), images without silhouettes and streams of few frames are
     ``undecidable``; images of unusual size, rounded, doubled or lossily coded ones, and those of
     which a part repeats exactly behind a camera's own silhouettes, are ``processed``: codecs and
-    filters over time do that, too. So are images whose silhouettes are sharp because their shadows
-    were filled: values are repeated across them as far as a shadow reaches. No verdict says that a
-    stream is authentic.
+    filters over time do that, too. No verdict says that a stream is authentic.
 
     An image that was cut to the size of some camera is told by the field of view that its
     calibration leaves, if that is below 50 degrees. One that was made smaller by leaving pixels
@@ -352,9 +344,6 @@ def _concluded(
         return StreamInspection("processed", why, edges.score, processing=processing, **base)
     if frozen.verdict == "undecidable":
         return StreamInspection("undecidable", frozen.reason, edges.score, **base)
-    if edges.verdict == "processed":
-        steps = (Processing("filled", edges.reason),)
-        return StreamInspection("processed", edges.reason, edges.score, processing=steps, **base)
     if len(frozen_masks) and edges.score is not None and edges.score >= SHARP:
         if edges.verdict == "tampered":  # somebody who keeps still repeats depths, too
             frozen_masks = frozen_masks | edge_masks
@@ -589,9 +578,6 @@ def _silhouettes(
     if score < SHARP:
         why = f"silhouettes are as soft as a camera's in {len(frames)} frames that were judged"
         return StreamReport("silhouettes", "no_trace", why, score), (), nothing
-    if (filled := _filled(frames, found)) >= _FILLED:
-        why = f"beside {filled:.0%} of the rows of silhouettes a value is repeated: filled shadows"
-        return StreamReport("silhouettes", "processed", why, score), (), nothing
     regions = []
     for frame, objects, mask in zip(frames, found, masks, strict=True):
         for cut in objects:
@@ -654,51 +640,6 @@ def _cut_out(frame: RgbdFrame) -> list[_Cut]:
     left, right = (np.bincount(which, weights=spans[:, side]) / rows for side in (6, 7))
     share = np.minimum(left, right)
     return [_Cut(float(share[i]), spans[which == i]) for i in np.flatnonzero(rows >= _LEAST_ROWS)]
-
-
-def _filled(frames: Sequence[RgbdFrame], found: Sequence[Sequence[_Cut]]) -> float:
-    """Share of the sharp rows of one side, the more suspicious one, that were made by filling.
-
-    A tool that fills a shadow with the value beside it leaves a step from one pixel to the next
-    between a row of equal values and the surface that they did not come from. Both sides count
-    because structured light casts its shadow on one only. Equal values that reach farther than the
-    shadow of a camera are a flat background.
-    """
-    copied, sharp = np.zeros(2), np.zeros(2)
-    for frame, objects in zip(frames, found, strict=True):
-        spans = [cut.spans for cut in objects if cut.share >= SHARP]
-        if not spans:
-            continue
-        all_spans = np.concatenate(spans)
-        for side in (0, 1):
-            is_sharp = all_spans[:, 6 + side] > 0
-            copied[side] += _filled_rows(frame, all_spans[is_sharp], side)
-            sharp[side] += np.count_nonzero(is_sharp)
-    return float((copied / np.maximum(sharp, 1)).max())
-
-
-def _filled_rows(frame: RgbdFrame, spans: NDArray[np.int32], side: int) -> int:
-    """How many spans have equal values along a shadow on a side (0: left) that is sharp."""
-    rows, outward = spans[:, 0], (-1, 1)[side]
-    outside = spans[:, 2] if side else spans[:, 1] - 1
-    inside = outside - outward
-    equal = _equal_run(frame.depth, rows, outside, outward)
-    equal = equal + _equal_run(frame.depth, rows, inside, -outward)
-    # The parallax of light from a baseline: b f (1 / z - 1 / z').
-    near, far = (frame.depth[rows, columns].astype(np.float64) for columns in (inside, outside))
-    parallax = 1000.0 / near - 1000.0 / far
-    widest = _BASELINE * frame.calibration.depth.fx * parallax + _SHADOW_MARGIN
-    return int(np.count_nonzero((equal >= _LEAST_COPIES) & (equal <= widest)))
-
-
-def _equal_run(
-    depth: Depth, rows: NDArray[np.int32], columns: NDArray[np.int32], way: int
-) -> NDArray[np.int64]:
-    """How many pixels from each place on, along its row, show the value of that place."""
-    reached = columns[:, None] + way * np.arange(_WIDEST_RUN)
-    inside = (reached >= 0) & (reached < depth.shape[1])
-    values = depth[rows[:, None], np.clip(reached, 0, depth.shape[1] - 1)]
-    return np.asarray(np.cumprod((values == values[:, :1]) & inside, axis=1).sum(axis=1))
 
 
 def _rendered(frames: Sequence[RgbdFrame]) -> str | None:

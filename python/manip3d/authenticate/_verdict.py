@@ -275,7 +275,7 @@ class Processing:
     kind : str
         ``shuffled``, ``rounded``, ``float16``, ``cropped``, ``thinned``, ``lasers`` (some were left
         out), ``filtered``, ``turned``, ``scaled``, ``moved``, ``fused``, ``repeated`` or
-        ``reflectances``; of recordings also ``resampled``, ``lossily coded`` and ``filled``.
+        ``reflectances``; of recordings also ``resampled`` and ``lossily coded``.
     detail : str
         In words, with numbers.
     """

@@ -175,22 +175,6 @@ def _held(depths: Sequence[Depth]) -> list[Depth]:
     return held
 
 
-def _shadows_filled(depth: Depth, *, nearest: bool) -> Depth:
-    """Holes of more than four pixels of a row take the value on their left, or the nearer pixel's.
-
-    The first is what librealsense's hole filling does. Single missing pixels stay.
-    """
-    height, width = depth.shape
-    columns = np.broadcast_to(np.arange(width), (height, width))
-    left = np.maximum.accumulate(np.where(depth > 0, columns, -1), axis=1)
-    beyond = np.where(depth > 0, columns, width)[:, ::-1]
-    right = np.minimum.accumulate(beyond, axis=1)[:, ::-1]
-    is_hole = (depth == 0) & (right - left > 5) & (left >= 0) & (right < width)
-    source = np.where(nearest & (right - columns < columns - left), right, left)
-    copied = np.take_along_axis(depth, np.clip(source, 0, width - 1), axis=1)
-    return np.where(is_hole, copied, depth)
-
-
 def _each(change: Callable[[Depth], Depth]) -> Callable[[Sequence[Depth]], list[Depth]]:
     return lambda depths: [change(depth) for depth in depths]
 
@@ -205,22 +189,13 @@ PROCESSING: dict[str, Callable[[Sequence[Depth]], list[Depth]]] = {
     "JPEG": _each(_jpeg),
     "blocks repeated": _skipped_blocks,
     "pixels held": _held,
-    "shadows filled from the left": _each(lambda depth: _shadows_filled(depth, nearest=False)),
-    "shadows filled, nearest": _each(lambda depth: _shadows_filled(depth, nearest=True)),
 }
 
 
 _SCALED = ("3/4 the size, smooth", "3/4 the size, nearest")
 
-_MAY_CHANGE_NOTHING = (
-    "as it is",
-    "blocks repeated",
-    "pixels held",
-    "shadows filled from the left",
-    "shadows filled, nearest",
-)
-"""Where a camera moves nothing is repeated, and without a person before a background no silhouette
-becomes sharp: the recording is as clean as before."""
+_MAY_CHANGE_NOTHING = ("as it is", "blocks repeated", "pixels held")
+"""Where a camera moves nothing is repeated, and the recording is as clean as before."""
 
 
 def _nobody(kind: str) -> Callable[[Sequence[Row]], Iterator[Finding]]:
