@@ -5,14 +5,17 @@ from __future__ import annotations
 import io
 import json
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from manip3d import FormatError, InputError, capture, datasets, forge, simulate
+from manip3d import FormatError, InputError, LidarFrame, capture, datasets, forge, simulate
 from manip3d.authenticate import CameraPair, DriveMoment, StereoRig, write_rigs
+from manip3d.capture import _bag_stereo
+from manip3d.capture._bag import BagPicture, BagRecording
 from manip3d.simulate import cameras
 
 pytest.importorskip("rosbags.rosbag2", reason="the extra 'bags' is not installed")
@@ -221,6 +224,10 @@ def test_pairs_are_chosen_where_there_are_several(tmp_path: Path) -> None:
     ("same P", "baseline: expected a number > 0"),
     ("NaN", "expected finite matrices P"),
     ("distorted", "are not rectified"),
+    ("zero P", "/stereo/right/camera_info: the camera is not calibrated"),
+    ("two focal lengths", "expected one focal length, got 360 and 720"),
+    ("askew", "are no rectified pair"),
+    ("no rotation", "expected a rotation R"),
 ])  # fmt: skip
 def test_pictures_without_geometry_are_named_and_not_compared(
     tmp_path: Path, changed: str, reason: str
@@ -230,10 +237,21 @@ def test_pictures_without_geometry_are_named_and_not_compared(
         made = [each for each in made if each[1] != "/stereo/left/camera_info"]
     if changed == "no tf":
         made = [each for each in made if each[1] != "/tf_static"]
-    other = {"other P": PROJECTION * 2, "same P": PROJECTION, "NaN": PROJECTION * np.nan}
+    other = {
+        "other P": PROJECTION * 2,
+        "same P": PROJECTION,
+        "NaN": PROJECTION * np.nan,
+        "zero P": PROJECTION * 0,
+        "two focal lengths": RIGHT * [[1], [2], [1]],
+        "askew": np.add(RIGHT, [[0, 0, 0, 0], [0, 0, 0, 20], [0, 0, 0, 0]]),
+        "no rotation": RIGHT,
+    }
     if changed in other:
         made = [each for each in made if each[1] != "/stereo/right/camera_info"]
-        made.append((0.0, "/stereo/right/camera_info", INFO, camera_info(other[changed])))
+        info = camera_info(other[changed])
+        if changed == "no rotation":
+            info.r[:] = np.arange(9.0)
+        made.append((0.0, "/stereo/right/camera_info", INFO, info))
     topics = LEFT_TOPIC, RIGHT_TOPIC
     if changed == "distorted":
         topics = topics[0].replace("rect", "raw"), topics[1].replace("rect", "raw")
@@ -257,6 +275,64 @@ def test_pictures_without_geometry_are_named_and_not_compared(
     write_rigs({n: CameraPair(rig, 2, 3) for n in ("front", "left")}, tmp_path / "two.json")
     with pytest.raises(InputError, match="rigs: expected one pair for a ROS bag, got front, left"):
         moments(bag, rigs=tmp_path / "two.json")
+
+
+def test_raw_pictures_of_a_folder_with_rect_in_its_name_are_raw(tmp_path: Path) -> None:
+    made = [scan(1.0), calibration()[2]]
+    for side, projection in (("left", PROJECTION), ("right", RIGHT)):
+        info = camera_info(projection, distortion=0.1)
+        made += [(1.0, f"/direct/{side}/image_raw", IMAGE, image(GREY, "mono8", 1.0)),
+                 (1.0, f"/direct/{side}/camera_info", INFO, info)]  # fmt: skip
+    notes: list[str] = []
+    bag = write_mixed_bag(tmp_path / "bag", made)
+    assert capture.watched_recording(f"bag:{bag}", note=notes.append).rig is None
+    assert "are not rectified" in notes[0]
+
+
+@pytest.mark.parametrize(("key", "values"), [("r", [0.5] * 4), ("r", []), ("p", [1.0] * 9)])
+def test_matrices_of_another_size_are_named(key: str, values: list[float]) -> None:
+    info = {"p": PROJECTION.ravel().tolist(), "r": [0.0] * 9, "d": [], "frame_id": "camera"}
+    infos = {"/left/camera_info": {**info, key: values}, "/right/camera_info": info}
+    found = {"infos": infos, "transforms": [], "lidar": "velodyne"}
+    reason = _bag_stereo._rig_of(found, "/left/image_raw", "/right/image_raw")
+    assert reason == "/left/camera_info: expected finite matrices P (3, 4) and R (3, 3)"
+
+
+def _picture(side: str, stamp_ns: int) -> BagPicture:
+    header = {"picture": side, "stamp_ns": stamp_ns, "encoding": "mono8"}
+    return BagPicture({**header, "height": 1, "width": 1, "step": 1}, b"7")
+
+
+@pytest.mark.parametrize(("others", "is_joined"), [(100, True), (2000, False)])
+def test_only_so_many_pictures_wait_for_the_other_camera(others: int, is_joined: bool) -> None:
+    waiting = [_picture("left", 10_000_000 * number) for number in range(others)]
+    at_begin = LidarFrame(np.zeros((1, 3), np.float32), time_ns=0)
+    messages = [*waiting, _picture("right", 0), at_begin]
+    (found,) = _bag_stereo.matched(messages, ("left", "right"))
+    assert (found.pictures is not None) == is_joined
+
+
+def test_scans_before_an_error_are_not_lost() -> None:
+    scans = [LidarFrame(np.full((1, 3), n, np.float32), time_ns=n * 10**8) for n in range(5)]
+
+    def damaged() -> Iterator[LidarFrame]:
+        yield from scans
+        raise FormatError("damaged bag")
+
+    seen = []
+    with pytest.raises(FormatError, match="damaged bag"):
+        seen.extend(each.frame for each in _bag_stereo.matched(damaged(), ("left", "right")))
+    assert seen == scans
+
+
+def test_a_reader_that_ends_before_it_is_asked_is_a_typed_error(tmp_path: Path) -> None:
+    bag = write_mixed_bag(tmp_path / "bag", [*calibration(), scan(1.0)])
+    recording = BagRecording(bag, "", pictures=True)
+    recording.cameras()
+    recording._process.kill()
+    recording._process.wait()
+    with pytest.raises(FormatError, match="damaged bag: its reader ended"):
+        next(recording.messages([]))
 
 
 def test_options_of_bags_are_refused_elsewhere(tmp_path: Path) -> None:

@@ -404,7 +404,7 @@ def inspect(
     it was signed. The lowest bits (`lbm`) take the steps of the scanner's ranges with them, so that
     fewer edits that were made before embedding are found; ``power`` says how many.
 
-    Of a scan that was processed as a whole, detector III does not judge what is missing, and IV and
+    Where a scan was processed as a whole, detector III does not judge what is missing, and IV and
     V do not run: it is ``processed``, whether or not something was removed from it as well. Only
     where whole lasers were left out, IV and V judge what the others saw.
 

@@ -64,7 +64,7 @@ class WatchedDrive(NamedTuple):
         Cameras, as `AlertMonitor` takes them.
     moments : iterator of DriveMoment
     num_frames : int
-        Frames of the drive; 0: not known before it ends.
+        Frames of the drive at most, as many as were asked for; 0: not known before it ends.
     """
 
     rig: StereoRig | Mapping[str, StereoRig] | None

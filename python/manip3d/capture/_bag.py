@@ -142,15 +142,17 @@ class BagRecording:
             return self._counted(self._frame(header, self._data(header)))
 
     def cameras(self) -> dict[str, Any]:
-        """What the bag tells of its cameras, before anything else is read of it."""
+        """The topics, CameraInfos and fixed transforms; called first, and once."""
         cameras: dict[str, Any] = self._header()["cameras"]
         return cameras
 
     def messages(self, topics: Sequence[str]) -> Iterator[LidarFrame | BagPicture]:
         """The clouds, and beside them the pictures of these topics, as they were recorded."""
         assert self._process.stdin is not None
-        self._process.stdin.write(json.dumps(list(topics)).encode() + b"\n")
-        self._process.stdin.close()
+        # A reader that has ended says why below, or says nothing and is told to have ended.
+        with contextlib.suppress(BrokenPipeError):
+            self._process.stdin.write(json.dumps(list(topics)).encode() + b"\n")
+            self._process.stdin.close()
         while "end" not in (header := self._header()):
             data = self._data(header)
             if "picture" in header:

@@ -6,7 +6,7 @@ import itertools
 import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -17,12 +17,14 @@ from manip3d._util.times import SECOND_NS
 from manip3d.authenticate import TURN_S, DriveMoment, StereoRig, WatchedDrive, read_rigs
 from manip3d.capture._bag import BagPicture, BagRecording
 from manip3d.capture._lidar import LidarSource, open_lidar
-from manip3d.errors import FormatError, InputError
+from manip3d.errors import Error, FormatError, InputError
 from manip3d.io._images import decoded_picture
 from manip3d.lidar import LidarFrame
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+_Item = TypeVar("_Item")
 
 _CHANNELS = {"mono8": 1, "rgb8": 3, "bgr8": 3}
 _BAYER = {"bayer_rggb8": "BG", "bayer_bggr8": "RG", "bayer_gbrg8": "GR", "bayer_grbg8": "GB"}
@@ -33,7 +35,11 @@ _MOST_WAITING = 10
 """Scans that wait for pictures that are recorded later than they."""
 _MOST_KEPT = 1 << 29
 """Bytes of pictures, at most, that wait for those of the other camera, or for their scan."""
+_MOST_WAITING_PICTURES = 1 << 10
+"""Pictures, or pairs, that wait at most, however small they are."""
 _MOST_PIXELS = 1 << 26
+_MOST_ASKEW = 0.01
+"""Share of the baseline that one camera may be above the other; KITTI's are at 0.005."""
 
 
 @checked
@@ -170,14 +176,16 @@ def _rig_of(found: Mapping[str, Any], left: str, right: str) -> StereoRig | str:
         info = found["infos"].get(name)
         if info is None:
             return f"no CameraInfo {name} beside {topic}"
-        turn = np.array(info["r"] if any(info["r"]) else np.eye(3).ravel().tolist())
-        if "rect" not in topic and (any(info["d"]) or not np.allclose(turn, np.eye(3).ravel())):
+        matrices = _matrices(info, name)
+        if isinstance(matrices, str):
+            return matrices
+        is_raw = "rect" not in topic.removesuffix("/compressed").rpartition("/")[2]
+        if is_raw and (any(info["d"]) or not np.allclose(matrices[1], np.eye(3))):
             return f"the pictures of {topic} are not rectified (image_proc makes image_rect)"
-        if len(info["p"]) != 12 or len(turn) != 9 or not np.isfinite([*info["p"], *turn]).all():
-            return f"{name}: expected finite matrices P (3, 4) and R (3, 3)"
-        infos.append((np.array(info["p"]).reshape(3, 4), turn.reshape(3, 3), info["frame_id"]))
+        infos.append((*matrices, info["frame_id"]))
     (p, rotation, frame), (other, _, _) = infos
-    if not np.allclose(p[:, :3], other[:, :3]):
+    shift = p[:, 3] - other[:, 3]
+    if not np.allclose(p[:, :3], other[:, :3]) or abs(shift[1]) > _MOST_ASKEW * abs(shift[0]):
         return f"{left} and {right} are no rectified pair: their P differ"
     lidar = found["lidar"]
     pose = _pose(found["transforms"], lidar, frame)
@@ -185,10 +193,30 @@ def _rig_of(found: Mapping[str, Any], left: str, right: str) -> StereoRig | str:
         return f"/tf_static does not lead from {lidar!r} to {frame!r}"
     pose[:3, :3] = product(pose[:3, :3], rotation.T)
     try:
-        baseline = float((p[0, 3] - other[0, 3]) / p[0, 0])
+        baseline = float(shift[0] / p[0, 0])
         return StereoRig(float(p[0, 0]), (float(p[0, 2]), float(p[1, 2])), baseline, pose)
-    except (InputError, ZeroDivisionError) as error:
+    except InputError as error:
         return f"{left} and {right}: {error}"
+
+
+def _matrices(
+    info: Mapping[str, Any], name: str
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | str:
+    """P (3, 4) and R (3, 3) of a CameraInfo, or why they are no rectified camera's."""
+    numbers = [*info["p"], *info["r"]]
+    if len(info["p"]) != 12 or len(info["r"]) != 9 or not np.isfinite(numbers).all():
+        return f"{name}: expected finite matrices P (3, 4) and R (3, 3)"
+    p = np.array(info["p"], np.float64).reshape(3, 4)
+    if not p[0, 0] > 0.0:
+        return f"{name}: the camera is not calibrated"
+    if not np.isclose(p[0, 0], p[1, 1], rtol=1e-3):
+        return f"{name}: expected one focal length, got {p[0, 0]:g} and {p[1, 1]:g}"
+    turn = np.array(info["r"], np.float64).reshape(3, 3)
+    if not turn.any():
+        return p, np.eye(3)  # ROS leaves R out so
+    if not np.allclose(product(turn, turn.T), np.eye(3), atol=1e-4) or np.linalg.det(turn) < 0.0:
+        return f"{name}: expected a rotation R"
+    return p, turn
 
 
 def _pose(
@@ -232,13 +260,35 @@ def _rigid(transform: Mapping[str, Any]) -> NDArray[np.float64] | None:
 
 
 class _Pair(NamedTuple):
-    stamp_ns: int
     left: BagPicture
     right: BagPicture
 
-    @property
-    def size(self) -> int:
-        return len(self.left.data) + len(self.right.data)
+
+class _Waiting(Generic[_Item]):
+    """Pictures or pairs by their stamps; where there are too many of them, the first ones go."""
+
+    def __init__(self) -> None:
+        self.items: deque[tuple[int, int, _Item]] = deque()
+        self._bytes = 0
+
+    def add(self, stamp_ns: int, size: int, item: _Item) -> None:
+        self.items.append((stamp_ns, size, item))
+        self._bytes += size
+        while self._bytes > _MOST_KEPT or len(self.items) > _MOST_WAITING_PICTURES:
+            self._bytes -= self.items.popleft()[1]
+
+    def taken(self, stamp_ns: int) -> _Item | None:
+        """Take out what has this stamp, to a millisecond; None: nothing has."""
+        for number, (stamp, size, item) in enumerate(self.items):
+            if abs(stamp - stamp_ns) <= _SAME_NS:
+                del self.items[number]
+                self._bytes -= size
+                return item
+        return None
+
+    def forget_until(self, stamp_ns: int) -> None:
+        self.items = deque(item for item in self.items if item[0] > stamp_ns)
+        self._bytes = sum(size for _, size, _ in self.items)
 
 
 class _Pairs:
@@ -246,42 +296,35 @@ class _Pairs:
 
     def __init__(self, topics: tuple[str, ...]) -> None:
         self._topics = topics
-        self._single: tuple[deque[BagPicture], deque[BagPicture]] = (deque(), deque())
-        self._joined: deque[_Pair] = deque()
+        self._single = (_Waiting[BagPicture](), _Waiting[BagPicture]())
+        self._joined = _Waiting[_Pair]()
 
     def add(self, picture: BagPicture) -> None:
         """Join a picture with the other camera's of the same moment, or keep it for that."""
         side = self._topics.index(picture.header["picture"])
-        stamp, others = picture.header["stamp_ns"], self._single[1 - side]
-        other = next((o for o in others if abs(o.header["stamp_ns"] - stamp) <= _SAME_NS), None)
+        stamp = picture.header["stamp_ns"]
+        other = self._single[1 - side].taken(stamp)
         if other is None:
-            self._single[side].append(picture)
-        else:
-            others.remove(other)
-            left, right = (picture, other) if side == 0 else (other, picture)
-            self._joined.append(_Pair(left.header["stamp_ns"], left, right))
-        for kept in self._single:
-            while sum(len(each.data) for each in kept) > _MOST_KEPT:
-                kept.popleft()
-        while sum(pair.size for pair in self._joined) > _MOST_KEPT:
-            self._joined.popleft()
+            self._single[side].add(stamp, len(picture.data), picture)
+            return
+        pair = _Pair(picture, other) if side == 0 else _Pair(other, picture)
+        size = len(picture.data) + len(other.data)
+        self._joined.add(pair.left.header["stamp_ns"], size, pair)
 
     def is_past(self, scan: LidarFrame) -> bool:
         """Whether a pair is there that is not older than the scan."""
-        return any(pair.stamp_ns >= (scan.time_ns or 0) for pair in self._joined)
+        return any(stamp >= (scan.time_ns or 0) for stamp, _, _ in self._joined.items)
 
     def taken(self, scan: LidarFrame, before: int | None, after: int | None) -> _Pair | None:
         """The pair of the nearest stamp, within half the time to the scan before or after."""
         now = scan.time_ns or 0
         gaps = [abs(other - now) for other in (before, after) if other not in (None, now)]
         farthest = min(gaps, default=round(TURN_S * SECOND_NS)) / 2
-        near = min(self._joined, key=lambda pair: abs(pair.stamp_ns - now), default=None)
-        self._joined = deque(pair for pair in self._joined if pair.stamp_ns > now)
-        self._single = tuple(
-            deque(each for each in kept if each.header["stamp_ns"] > now - _SAME_NS)
-            for kept in self._single
-        )  # type: ignore[assignment]
-        return near if near is not None and abs(near.stamp_ns - now) <= farthest else None
+        near = min(self._joined.items, key=lambda item: abs(item[0] - now), default=None)
+        self._joined.forget_until(now)
+        for kept in self._single:
+            kept.forget_until(now - _SAME_NS)
+        return near[2] if near is not None and abs(near[0] - now) <= farthest else None
 
 
 def matched(
@@ -290,18 +333,19 @@ def matched(
     """Each scan with the pair of the nearest stamp, within half the time to its nearer neighbour.
 
     A scan waits for the scan after it and for a pair that is not older than itself, but never for
-    more than ten further scans.
+    more than ten further scans. An error of the messages is raised after the scans before it.
     """
     scans: deque[LidarFrame] = deque()
     pairs = _Pairs(topics)
     before: int | None = None
-    for message in itertools.chain(messages, [None]):
+    for message in _with_end(messages):
         if isinstance(message, BagPicture):
             pairs.add(message)
-        elif message is not None:
+        elif isinstance(message, LidarFrame):
             scans.append(message)
         while scans and (
             message is None
+            or isinstance(message, Exception)
             or not topics
             or len(scans) > _MOST_WAITING
             or (len(scans) > 1 and pairs.is_past(scans[0]))
@@ -310,6 +354,20 @@ def matched(
             after = scans[0].time_ns if scans else None
             yield _moment(scan, pairs.taken(scan, before, after))
             before = scan.time_ns
+        if isinstance(message, Exception):
+            raise message
+
+
+def _with_end(
+    messages: Iterable[LidarFrame | BagPicture],
+) -> Iterator[LidarFrame | BagPicture | Exception | None]:
+    """The messages, and then None or the error with which they end."""
+    try:
+        yield from messages
+    except (Error, OSError) as error:
+        yield error
+    else:
+        yield None
 
 
 def _moment(scan: LidarFrame, pair: _Pair | None = None) -> DriveMoment:

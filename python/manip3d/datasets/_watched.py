@@ -30,7 +30,7 @@ _FRONT_PAIRS = ((2, 3), (0, 1))
 
 
 class _Wanted(NamedTuple):
-    """What is read of each frame beside its scan."""
+    """The files that are read of each frame beside its scan."""
 
     records: bool
     carriers: Path | None

@@ -204,6 +204,8 @@ class KittiFrame:
         ------
         FormatError
             A picture is damaged, or the two differ in size.
+        OSError
+            A picture cannot be read.
         MissingExtraError
             Pillow is not installed.
         """
