@@ -511,6 +511,30 @@ def test_few_or_equal_values_tell_no_columns(tmp_path: Path) -> None:
         assert read_scan(path).num_points == rows.size // 4
 
 
+def test_columns_that_a_reader_could_not_tell_are_not_written(tmp_path: Path) -> None:
+    path = tmp_path / "scan.bin"
+    path.write_bytes(rows_of_a_turn(5, 20_000).tobytes())
+    few = read_scan(path).select(np.arange(800))
+    with pytest.raises(InputError, match="do not tell a reader of .bin that each point has 5"):
+        few.write(tmp_path / "few.bin")
+    assert not (tmp_path / "few.bin").exists()
+
+
+def test_four_columns_that_resemble_those_of_the_next_row_are_four(tmp_path: Path) -> None:
+    row = np.arange(28_800)
+    radius = np.where(row % 2, 5, 60)
+    azimuth = row // 2 * 1e-4
+    rows = np.column_stack([
+        radius * np.cos(azimuth),
+        radius * np.sin(azimuth + 0.8),
+        np.full(row.shape, -1 / 3),
+        np.random.default_rng(1).uniform(size=row.shape),
+    ]).astype(np.float32)  # fmt: skip
+    path = tmp_path / "scan.bin"
+    path.write_bytes(rows.tobytes())
+    assert read_scan(path).num_points == len(rows)
+
+
 @pytest.mark.parametrize("columns", [4, 6])
 def test_a_pcd_bin_has_five_columns_or_is_refused(tmp_path: Path, columns: int) -> None:
     path = tmp_path / "scan.pcd.bin"

@@ -41,7 +41,7 @@ def read_scan(
     -------
     LidarFrame
         KITTI's ``.bin``: metres, x forward, y left, z up, the scanner at the origin; a file whose
-        values say that rows have five to seven floats instead of x, y, z and intensity has the
+        values say that rows have three, five, six or seven floats instead of x, y, z and intensity has the
         others in ``fields`` as ``column_5`` and so on. nuScenes' ``.pcd.bin``: coordinates as they
         are, the scanner at the origin. PCD: the scanner at its viewpoint. PLY: coordinates as they
         are, the scanner's place not known. 3DTK's ``.3d``: turned to metres and our axes, the
