@@ -515,7 +515,7 @@ def test_columns_that_a_reader_could_not_tell_are_not_written(tmp_path: Path) ->
     path = tmp_path / "scan.bin"
     path.write_bytes(rows_of_a_turn(5, 20_000).tobytes())
     few = read_scan(path).select(np.arange(800))
-    with pytest.raises(InputError, match="do not tell a reader of .bin that each point has 5"):
+    with pytest.raises(InputError, match=r"do not tell a reader of \.bin that each point has 5"):
         few.write(tmp_path / "few.bin")
     assert not (tmp_path / "few.bin").exists()
 
