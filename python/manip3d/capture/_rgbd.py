@@ -293,6 +293,7 @@ class ForgedSource(RgbdSource):
 
 
 _LATE_S = 0.05  # behind which a frame is not shown
+_MOST_SEARCH_S = 0.1  # in a read(), for a frame that is not late
 
 
 class FrameClock:
@@ -402,9 +403,14 @@ class _Iterated:
         return next(self._frames, None)
 
     def _in_time(self, frame: RgbdFrame) -> RgbdFrame:
-        """The frame, or the first one after it whose time is not over, or else the last one."""
+        """The frame, or the first one after it whose time is not over, or else the last one.
+
+        After a tenth of a second the frame at hand is given, late as it is: the reader waits, and
+        where frames are made hardly faster than they are played nothing else would end this soon.
+        """
+        until = time.monotonic() + _MOST_SEARCH_S
         late = self._clock.late_s(frame.time)
-        while late > _LATE_S and (after := self._made()) is not None:
+        while late > _LATE_S and time.monotonic() < until and (after := self._made()) is not None:
             self._dropped += 1
             frame, before = after, late
             late = self._clock.late_s(frame.time)
@@ -446,7 +452,7 @@ class _Iterated:
         return self._length
 
     def is_live(self) -> bool:
-        """A simulator waits for its reader."""
+        """Frames are made when they are asked for."""
         return False
 
     def start(self) -> None:
