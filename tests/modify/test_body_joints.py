@@ -296,6 +296,16 @@ def test_of_two_newcomers_of_one_size_the_one_in_the_patients_clothes_is_taken()
     assert found(key, [p for p, _ in both], 0.5) is None
 
 
+def test_who_comes_after_the_key_person_is_forgotten_is_known_by_new_clothes() -> None:
+    key = KeyPerson(forget=5.0)
+    assert dressed(key, [(person(1, 0.0), RED)], 0.0) == 1
+    for k in range(60):
+        assert dressed(key, [(person(9, 0.0), BLUE)], 6.0 + k / 30) == 9
+    both = [(person(9, 0.0), BLUE), (person(12, 0.25), RED)]
+    assert dressed(key, both, 8.1) == 9
+    assert dressed(key, [(person(10, 0.0), BLUE)], 9.0) == 10
+
+
 def test_a_newcomer_in_other_clothes_is_not_taken() -> None:
     key = KeyPerson()
     assert dressed(key, [(person(1, 0.0), RED)], 0.0) == 1

@@ -227,6 +227,10 @@ std::optional<std::size_t> KeyPerson::find(std::span<const Skeleton> people,
     reset();
   } else if (lost >= options_.forget) {
     found = most_central(people, camera, time_s);
+    if (found) {  // perhaps somebody else, of another size and in other clothes
+      trunk_length_ = 0.0;
+      clothes_ = {};
+    }
   } else {
     found = followed(people, time_s);
     if (!found) found = newcomer(people, time_s);
