@@ -75,7 +75,7 @@ def is_seated(frame: RgbdFrame) -> bool:
 
 @dataclass(frozen=True)
 class Loss:
-    """What a frame has lost below the hips, in shares of the person's pixels there."""
+    """The losses of a frame below the hips, in shares of the person's pixels there."""
 
     limb: float
     body: float
@@ -235,7 +235,7 @@ def coverage(
 def loss_below(
     frame: RgbdFrame, result: PhantomFrame, limb: str, bones: BodySegmentation
 ) -> Loss | None:
-    """What was lost below the hips and to whom it belonged; None where there was no plane."""
+    """The pixels lost below the hips, by owner; None where there was no plane."""
     from manip3d.modify import PixelKind
     from manip3d.simulate import LIMBS as CHAINS
     from manip3d.simulate import opposite

@@ -157,7 +157,7 @@ _FLOORS = {"room": _FLOOR, "office": (104, 112, 124), "hall": (168, 150, 122)}
 
 
 CHAIRS = ("chair", "wheelchair")
-"""What a person may sit on."""
+"""The seats of a simulated person."""
 
 
 def furnish(

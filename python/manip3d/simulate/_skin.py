@@ -34,7 +34,7 @@ Tile = Literal["torso", "head", "arm", "leg", "foot", "skin", "bandage"]
 TILES: tuple[Tile, ...] = ("torso", "head", "arm", "leg", "foot", "skin", "bandage")
 
 DRESSINGS = ("bare", "bandage", "sleeve")
-"""What a stump may wear: nothing of its own, a bandage around its end, or an empty sleeve."""
+"""The dressings of a stump: nothing of its own, a bandage around its end, or an empty sleeve."""
 
 _BEND = 0.05
 """Metres before and after a joint over which rings turn from one frame to the next."""
