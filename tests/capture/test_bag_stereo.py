@@ -419,3 +419,14 @@ def test_a_bag_of_a_drive_gets_the_verdicts_of_its_folder(tmp_path: Path) -> Non
     assert [frame["cross-modal"][0] for frame in verdicts[0]] == [
         "no_trace", "tampered", "no_trace",
     ]  # fmt: skip
+
+
+def test_options_that_contradict_are_refused(tmp_path: Path) -> None:
+    bag = f"bag:{tmp_path / 'drive.bag'}"
+    with pytest.raises(InputError, match="rigs: expected with cameras"):
+        capture.watched_recording(bag, cameras="none", rigs=tmp_path / "rigs.json")
+    for watched in (capture.watched_recording, simulate.watched_street, datasets.watched_kitti):
+        with pytest.raises(InputError, match="frames: expected at least 1, got 0"):
+            watched(bag, frames=0)
+    with pytest.raises(InputError, match="carriers: expected a folder"):
+        datasets.watched_kitti(tmp_path, carriers=tmp_path / "pictures")

@@ -869,13 +869,35 @@ def test_speed_0_waits_for_its_reader(wall: list[float]) -> None:
     assert source.counters["dropped"] == 0
 
 
-def test_simulated_people_are_given_at_their_times() -> None:
+@pytest.mark.parametrize(("speed", "dropped"), [(1.0, 1), (20.0, 0)])
+def test_how_late_a_frame_may_be_is_told_by_the_readers_clock(
+    wall: list[float], speed: float, dropped: int
+) -> None:
+    """A reader 0.02 s late misses 0.4 s of a source at speed 20, which nobody sees."""
+    source = _rgbd._source_of(Made(wall, 0.0, rate=None), "made", speed)
+    source.read()
+    wall[0] += 0.1 / speed + max(0.02, 0.06 / speed)
+    source.read()
+    assert source.counters["dropped"] == dropped
+
+
+def test_simulated_people_are_given_at_their_times(wall: list[float]) -> None:
     pytest.importorskip("open3d")
-    with capture.open_rgbd("sim:body?frames=3&room=no&rate=2", speed=50.0) as source:
-        times = [frame.time for frame in source]
-        assert times[0] == 0
-        assert times[-1] == 1_000_000_000  # the last one is never left out
-        assert source.counters["frames"] + source.counters["dropped"] == 3
+    with capture.open_rgbd("sim:body?frames=4&room=no&rate=2", speed=50.0) as source:
+        given = [(frame.time, wall[0] - 100.0) for frame in source]
+    times = [0, 500_000_000, 1_000_000_000, 1_500_000_000]
+    assert [time for time, _ in given] == times
+    assert [after for _, after in given] == pytest.approx([0.0, 0.01, 0.02, 0.03])
+    assert source.counters == {"frames": 4, "dropped": 0}
+    with capture.open_rgbd("sim:body?frames=4&room=no&rate=2", speed=0.5) as source:
+        source.read()
+        wall[0] += 2.5  # its reader misses the second one
+        assert [frame.time for frame in source] == times[2:]
+        assert source.counters == {"frames": 3, "dropped": 1}
+
+
+def test_a_stop_ends_the_wait_for_the_time_of_a_frame() -> None:
+    pytest.importorskip("open3d")
     with capture.open_rgbd("sim:body?frames=3&room=no&rate=1", speed=0.001) as source:
         source.read()
         assert source.read(timeout=0.0) is None  # not yet

@@ -463,7 +463,7 @@ COLUMNS = ("x", "y", "z", "intensity", "column_5", "column_6", "column_7")
 
 
 def rows_of_a_turn(columns: int, num_points: int) -> np.ndarray:
-    """What a scanner of 32 lasers sees in a yard: x, y, z, intensity, ring, time, azimuth."""
+    """Rows of a scanner of 32 lasers in a yard: x, y, z, intensity, ring, time, azimuth."""
     rng = np.random.default_rng(columns)
     firing, ring = np.divmod(np.arange(num_points), 32)
     azimuth = firing * (2.0 * np.pi * 32 / num_points)

@@ -306,6 +306,17 @@ def test_who_comes_after_the_key_person_is_forgotten_is_known_by_new_clothes() -
     assert dressed(key, [(person(10, 0.0), BLUE)], 9.0) == 10
 
 
+def test_somebody_of_another_size_in_the_patients_colours_is_not_the_patient() -> None:
+    """The patient's shirt is covered while a child in the same red stands 0.2 m away."""
+    patient, child = pose(identity=1), pose(identity=2)
+    base = child.positions[0]
+    small = (base + 0.5 * (child.positions - base) + (0.2, 0.0, 0.0)).astype(np.float32)
+    for other, wanted in ((replace(child, positions=small), 1), (person(2, 0.2), 2)):
+        key = KeyPerson()
+        assert dressed(key, [(patient, RED)], 0.0) == 1
+        assert dressed(key, [(patient, BLUE), (other, RED)], 0.1) == wanted
+
+
 def test_a_newcomer_in_other_clothes_is_not_taken() -> None:
     key = KeyPerson()
     assert dressed(key, [(person(1, 0.0), RED)], 0.0) == 1
@@ -324,10 +335,15 @@ def test_an_id_is_believed_while_nobody_else_wears_the_clothes() -> None:
 
 
 def test_clothes_are_one_row_for_each_person() -> None:
-    with pytest.raises(InputError, match="clothes: expected one for each of 1 people, got 2"):
-        KeyPerson().find([person(1, 0.0)], SMALL, 0.0, clothes=[RED, BLUE])
-    with pytest.raises(InputError, match=r"clothes: expected shape \(N, 15\)"):
-        KeyPerson().find([person(1, 0.0)], SMALL, 0.0, clothes=[RED[:3]])
+    for clothes, got in (
+        ([RED, BLUE], "2, 15"),
+        ([RED[:3]], "1, 3"),
+        ([[]], "1, 0"),
+        ([], "0, 15"),
+    ):
+        with pytest.raises(InputError, match=rf"expected shape \(1, 15\), got \({got}\)"):
+            KeyPerson().find([person(1, 0.0)], SMALL, 0.0, clothes=clothes)
+    assert KeyPerson().find([], SMALL, 0.0, clothes=[]) is None
     with pytest.raises(InputError, match="clothes: expected shares from 0 to 1"):
         KeyPerson().find([person(1, 0.0)], SMALL, 0.0, clothes=[RED * np.float32(np.nan)])
 

@@ -467,6 +467,13 @@ def test_an_empty_sleeve_hangs_down_whatever_the_stump_does(side: str) -> None:
     assert ((b > r) & (b > g)).all()
 
 
+@pytest.mark.parametrize(("limb", "most"), [("left_arm", 0.26), ("right_leg", 0.39)])
+def test_a_sleeve_needs_a_stump_that_ends_above_the_joint(limb: str, most: float) -> None:
+    BodySimulator(amputated=limb, dressing="sleeve", stump=most)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"dressing: .* above the elbow or knee, at most 0"):
+        BodySimulator(amputated=limb, dressing="sleeve", stump=most + 0.02)  # type: ignore[arg-type]
+
+
 def test_an_empty_leg_of_trousers_lies_on_the_seat_and_hangs_from_the_knee() -> None:
     options = {"motion": "knee-extension", "stump": 0.15}
     truth = BodySimulator(amputated="left_leg", noise=0.0, **options).capture(0.5).truth  # type: ignore[arg-type]

@@ -71,7 +71,7 @@ def test_the_named_encoder_value_is_the_point_s(scans: list[LidarScan]) -> None:
 
 
 def test_the_rack_of_the_own_car_answers(scans: list[LidarScan]) -> None:
-    """As in KITTI's frames, near points of the lowest lasers that belong to no object."""
+    """KITTI's frames, too, have near points of the lowest lasers that belong to no object."""
     for scan in scans:
         distance = np.linalg.norm(scan.points, axis=1)
         near = (distance < 2.0) & (scan.object == -1)

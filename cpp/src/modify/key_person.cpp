@@ -151,7 +151,7 @@ std::optional<std::size_t> KeyPerson::in_its_clothes(std::span<const Skeleton> p
   for (std::size_t i = 0; i < people.size(); ++i) {
     const auto base = spine_base(people[i]);
     if (!base || !((*base - position_).cast<double>().norm() < within)) continue;
-    if (!(clothes_differ(i) < kSameClothes)) continue;
+    if (!(clothes_differ(i) < kSameClothes) || !has_same_size(people[i])) continue;
     if (found) return std::nullopt;
     found = i;
   }

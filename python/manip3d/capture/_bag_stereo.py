@@ -98,6 +98,10 @@ def watched_recording(
         ...
     manip3d.errors.InputError: cameras: expected with a ROS bag, got pcap:turns.pcap
     """
+    if frames is not None and frames < 1:
+        raise InputError(f"frames: expected at least 1, got {frames}")
+    if cameras == "none" and rigs is not None:
+        raise InputError("rigs: expected with cameras, got cameras='none'")
     if not uri.startswith("bag:"):
         for name, value in (("rigs", rigs), ("cameras", cameras)):
             if value is not None:

@@ -292,7 +292,7 @@ class ForgedSource(RgbdSource):
             self.start()
 
 
-_LATE_S = 0.05  # behind which a frame is not shown
+_LATE_S = 0.05  # of the reader's time, behind which a frame is not shown
 _MOST_SEARCH_S = 0.1  # in a read(), for a frame that is not late
 
 
@@ -364,6 +364,7 @@ class _Iterated:
         self._length = _length_of(frames)
         self._rate: float = getattr(frames, "rate", 0.0)
         self._clock = FrameClock(speed)
+        self._late_s = _LATE_S * max(1.0, speed)  # in seconds of the source, as the clock's
         self._given = self._dropped = 0
         self._index = 0
         self._frames = iter(frames)
@@ -410,7 +411,9 @@ class _Iterated:
         """
         until = time.monotonic() + _MOST_SEARCH_S
         late = self._clock.late_s(frame.time)
-        while late > _LATE_S and time.monotonic() < until and (after := self._made()) is not None:
+        while (
+            late > self._late_s and time.monotonic() < until and (after := self._made()) is not None
+        ):
             self._dropped += 1
             frame, before = after, late
             late = self._clock.late_s(frame.time)

@@ -64,8 +64,8 @@ def watched_kitti(
     records : bool
         Read the watermark's record of each scan.
     carriers : path, optional
-        Folder of the pictures that carry the records; without it the records stand beside the
-        scans.
+        Folder of the pictures that carry the records, which are read then; without it the records
+        stand beside the scans.
     frames : int, optional
         The most frames to take.
     note : callable, optional
@@ -79,7 +79,7 @@ def watched_kitti(
     Raises
     ------
     InputError
-        There are no scans.
+        There are no scans; ``carriers`` is no folder; ``frames`` is below 1.
     FormatError, OSError
         Calibration or rigs cannot be read.
 
@@ -93,6 +93,11 @@ def watched_kitti(
     >>> [moment.frame.num_points for moment in datasets.watched_kitti("drive").moments]
     [5]
     """
+    if frames is not None and frames < 1:
+        raise InputError(f"frames: expected at least 1, got {frames}")
+    pictures = None if carriers is None else path_of(carriers, "carriers")
+    if pictures is not None and not pictures.is_dir():
+        raise InputError(f"carriers: expected a folder, got {pictures}")
     source = path_of(folder, "folder")
     drive = open_kitti(source, calibration=calibration)
     if not len(drive):
@@ -107,8 +112,8 @@ def watched_kitti(
     if front is not None:
         cameras = StereoRig.from_calibration(chosen[0].calibration(), left=front[0], right=front[1])
     wanted = _Wanted(
-        records,
-        None if carriers is None else path_of(carriers, "carriers"),
+        records or pictures is not None,
+        pictures,
         front,
         {name: (left, right) for name, (_, left, right) in around.items()},
         note,

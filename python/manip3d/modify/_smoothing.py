@@ -138,12 +138,14 @@ class JointSmoother:
         return self
 
 
-def _shares(clothes: ArrayLike) -> NDArray[np.float32]:
+def _shares(clothes: ArrayLike, num_people: int) -> NDArray[np.float32]:
     rows = np.asarray(clothes, np.float64)
+    if rows.shape == (0,):  # a list of nobody's clothes has no columns
+        rows = rows.reshape(0, 15)
+    if rows.shape != (num_people, 15):
+        raise InputError(f"clothes: expected shape ({num_people}, 15), got {rows.shape}")
     if not ((rows >= 0.0) & (rows <= 1.0)).all():
         raise InputError("clothes: expected shares from 0 to 1")
-    if rows.size == 0:  # a list of nobody's clothes has no columns
-        rows = rows.reshape(0, 15)
     return np.ascontiguousarray(rows, np.float32)
 
 
@@ -268,7 +270,7 @@ class KeyPerson:
             ``clothes`` has another shape than one row for each of the people, or a share that is
             not 0 to 1.
         """
-        worn = None if clothes is None else _shares(clothes)
+        worn = None if clothes is None else _shares(clothes, len(people))
         index = self._core.find(people, camera, float(time), worn)
         return None if index is None else people[index]
 

@@ -32,7 +32,7 @@ from manip3d.rgbd import (
     Skeleton,
 )
 from manip3d.simulate._clothes import SIDE, Clothes, paint
-from manip3d.simulate._figure import LIMBS, PosedFigure, opposite, pose_figure
+from manip3d.simulate._figure import LIMBS, REST_JOINTS, PosedFigure, opposite, pose_figure
 from manip3d.simulate._motions import MOTIONS, pose_at, walk
 from manip3d.simulate._raycast import CHUNK, RayCaster
 from manip3d.simulate._scenery import CHAIRS, SCENES, Box, Scenery, box_mesh, furnish
@@ -202,7 +202,8 @@ class BodySimulator:
         What is left of the limb, from the shoulder or the hip on.
     dressing : str
         Wear of the stump: ``bare`` (of the shirt or the trousers only), ``bandage``, or ``sleeve``
-        for an empty sleeve or leg of trousers, which hangs down.
+        for an empty sleeve or leg of trousers, which hangs down; the stump of a sleeve ends above
+        the elbow (0.265 m) or the knee (0.4 m).
     girth : float
         Thickness of trunk, arms and legs against that of the default one.
     sitting : bool, optional
@@ -354,6 +355,14 @@ class BodySimulator:
                 raise InputError(f"{name}: expected {low:g} to {high:g}, got {number!r}")
         if self.dressing != "bare" and self.amputated is None:
             raise InputError(f"dressing: expected bare without amputated, got {self.dressing!r}")
+        if self.dressing == "sleeve" and self.amputated is not None:
+            root, joint = LIMBS[self.amputated][:2]
+            longest = float(np.linalg.norm(REST_JOINTS[joint] - REST_JOINTS[root]))
+            if self.stump > longest:
+                raise InputError(
+                    "dressing: expected an empty sleeve with a stump that ends above the elbow or "
+                    f"knee, at most {longest:.2f} m, got {self.stump:g} m"
+                )
         if self.chair == "wheelchair" and self.sitting is False:
             raise InputError("chair: expected chair where sitting is no, got 'wheelchair'")
         if self.tracker:

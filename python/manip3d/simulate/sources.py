@@ -154,6 +154,8 @@ def watched_street(address: str, *, frames: int | None = None, threads: int = 0)
     --------
     >>> drive = watched_street("sim:street?seed=3&frames=2")  # doctest: +SKIP
     """
+    if frames is not None and frames < 1:
+        raise InputError(f"frames: expected at least 1, got {frames}")
     source = open_drive(address, threads=threads)
     first = next(source)
     around = cameras.surround_rigs()
