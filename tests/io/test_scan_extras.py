@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import struct
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from manip3d.io import read_scan
 from manip3d.lidar import ScanFormat
 
 laspy = pytest.importorskip("laspy")
-pytest.importorskip("lazrs")
+lazrs = pytest.importorskip("lazrs")
 
 
 def write_las(path: Path, *, far: bool = False, num_points: int = 500) -> Any:
@@ -267,6 +268,8 @@ def chunk_table(data: bytes) -> int:
         (lambda d: damaged(d, start_of_points(d), "q", 2**40), "expected the chunk table"),
         (lambda d: damaged(d, start_of_points(d), "q", -1), "expected the chunk table"),
         (lambda d: damaged(d, struct.unpack_from("<Q", d, 235)[0] + 20, "Q", 2**60), "a record of"),
+        (lambda d: damaged(d, laszip_record(d) + 36, "H", 5), "items of 7 bytes in points of 32"),
+        (lambda d: damaged(d, laszip_record(d) + 12, "I", 0), "chunks of at least one point"),
         (lambda d: damaged(d, 25, "B", 7), "expected LAS 1.0 to 1.4, got 1.7"),
         (lambda d: d[: chunk_table(d) + 4], "expected the chunk table|file ends|records claimed"),
     ],
@@ -277,6 +280,64 @@ def test_laz_that_claims_more_than_it_holds(tmp_path: Path, spoil: Any, reason: 
     assert read_scan(path).num_points == 100
     path.write_bytes(spoil(whole))
     with pytest.raises(FormatError, match=reason):
+        read_scan(path)
+
+
+def laszip_record(data: bytes) -> int:
+    return data.index(b"laszip encoded") + 52
+
+
+def test_las_coordinates_beyond_float32(tmp_path: Path) -> None:
+    """Their mean overflows: refused as they stand, and NumPy warns of nothing."""
+    las = laspy.LasData(laspy.LasHeader(point_format=0, version="1.2"))
+    las.points = laspy.ScaleAwarePointRecord.zeros(40, header=las.header)
+    las.y = np.arange(40)
+    las.write(str(tmp_path / "a.las"))
+    whole = (tmp_path / "a.las").read_bytes()
+    (tmp_path / "a.las").write_bytes(damaged(whole, 139, "d", 4e304))  # the step of y
+    with pytest.raises(FormatError, match="that fit a float"):
+        read_scan(tmp_path / "a.las")
+
+
+@pytest.mark.parametrize("num_points", [101, 0x8000C350, 0xFFFFFF50])
+def test_one_chunk_may_claim_any_size(tmp_path: Path, num_points: int) -> None:
+    """The parallel decoder reserved 32 bytes for each and ended the process."""
+    path = tmp_path / "a.laz"
+    whole = write_layered(path)
+    expected = read_scan(path).points
+    path.write_bytes(damaged(whole, laszip_record(whole) + 12, "I", num_points))
+    np.testing.assert_array_equal(read_scan(path).points, expected)
+
+
+@pytest.mark.parametrize(("version", "kind"), [("1.2", 3), ("1.4", 6)])
+def test_chunks_of_varying_sizes(tmp_path: Path, version: str, kind: int) -> None:
+    """Such a file's chunk table also says how many points each chunk has: never more than all."""
+    las = laspy.LasData(laspy.LasHeader(point_format=kind, version=version))
+    las.points = laspy.ScaleAwarePointRecord.zeros(300, header=las.header)
+    las.x = np.arange(300) / 100
+    path = tmp_path / "a.laz"
+    las.write(str(path))
+    whole = path.read_bytes()
+    record = lazrs.LazVlr.new_for_compression(kind, 0, True)
+    data, place = bytes(record.record_data()), laszip_record(whole)
+    stream = BytesIO()
+    stream.write(whole[:place] + data + whole[place + len(data) : start_of_points(whole)])
+    writer = lazrs.LasZipCompressor(stream, record)
+    rows = np.frombuffer(las.points.array.tobytes(), np.uint8).reshape(300, -1)
+    writer.compress_many(rows[:100].reshape(-1))
+    writer.finish_current_chunk()
+    writer.compress_many(rows[100:].reshape(-1))
+    writer.done()
+    path.write_bytes(stream.getvalue())
+    np.testing.assert_allclose(read_scan(path).points[:, 0], np.arange(300) / 100, atol=0.005)
+
+    stream.seek(start_of_points(whole))
+    table = lazrs.read_chunk_table(stream, record)
+    assert [points for points, _ in table] == [100, 200]
+    stream.seek(chunk_table(stream.getvalue()))
+    lazrs.write_chunk_table(stream, [(2**30, table[0][1]), table[1]], record)
+    path.write_bytes(stream.getvalue())
+    with pytest.raises(FormatError, match="a chunk of 1073741824 points in a file of 300"):
         read_scan(path)
 
 

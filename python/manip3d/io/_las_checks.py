@@ -7,7 +7,6 @@ The decoder of LAZ reserves what a file claims: a chunk table of 2^32 - 1 entrie
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, NoReturn
@@ -61,8 +60,13 @@ def _fail(byte: int, reason: str) -> NoReturn:
     raise _Failure(byte, reason)
 
 
-def check_las(path: Path, limit: int) -> None:
+def check_las(path: Path, limit: int) -> int:
     """Refuse counts and sizes that the file's bytes cannot hold; nothing is allocated for them.
+
+    Returns
+    -------
+    int
+        Number of chunks of compressed points, 0 where none are.
 
     Raises
     ------
@@ -82,9 +86,9 @@ def check_las(path: Path, limit: int) -> None:
                         107,
                         f"{header.count} points claimed, but {size - header.start} bytes follow",
                     )
-                return
+                return 0
             refuse_expansion(header.count * header.row, size, limit, str(path))
-            _check_compressed(stream, header, size)
+            return _check_compressed(stream, header, size)
     except _Failure as failure:
         byte, reason = failure.args
         raise FormatError(reason, file=str(path), byte_offset=byte) from None
@@ -127,10 +131,10 @@ def _check_extended_records(stream: BinaryIO, header: _Header, size: int) -> Non
         place += _EVLR + length
 
 
-def _check_compressed(stream: BinaryIO, header: _Header, size: int) -> None:
+def _check_compressed(stream: BinaryIO, header: _Header, size: int) -> int:
     laszip = _laszip_record(stream, header)
     if header.count == 0:
-        return
+        return 0
     table = _chunk_table_place(stream, header, size)
     stream.seek(table)
     head = stream.read(8)
@@ -146,6 +150,9 @@ def _check_compressed(stream: BinaryIO, header: _Header, size: int) -> None:
         _fail(table + 4, f"{num_chunks} chunks claimed for {header.count} points, at most {most}")
     if laszip.compressor == _LAYERED:
         _check_layers(stream, header, laszip, table)
+    else:
+        _chunk_sizes(stream, header, laszip)
+    return int(num_chunks)
 
 
 def _laszip_record(stream: BinaryIO, header: _Header) -> _LasZip:
@@ -159,12 +166,12 @@ def _laszip_record(stream: BinaryIO, header: _Header) -> _LasZip:
         if place + _VLR + length > header.start:
             _fail(place + 20, f"a record of {length} bytes reaches into the points")
         if (user, record) == _LASZIP:
-            return _parse_laszip(stream.read(length), place + _VLR)
+            return _parse_laszip(stream.read(length), place + _VLR, header.row)
         place += _VLR + length
     _fail(header.size, "compressed points without LASzip's record")
 
 
-def _parse_laszip(data: bytes, place: int) -> _LasZip:
+def _parse_laszip(data: bytes, place: int, row: int) -> _LasZip:
     if len(data) < 34:
         _fail(place, "file ends within LASzip's record")
     (compressor,) = struct.unpack_from("<H", data, 0)
@@ -173,6 +180,8 @@ def _parse_laszip(data: bytes, place: int) -> _LasZip:
     if len(data) < 34 + 6 * num_items:
         _fail(place + 32, f"{num_items} items claimed in a record of {len(data)} bytes")
     items = [struct.unpack_from("<HHH", data, 34 + 6 * i)[:2] for i in range(num_items)]
+    if sum(size for _, size in items) != row:
+        _fail(place + 34, f"items of {sum(size for _, size in items)} bytes in points of {row}")
     return _LasZip(compressor, chunk_size, tuple((kind, size) for kind, size in items), data)
 
 
@@ -213,7 +222,7 @@ def _check_layers(stream: BinaryIO, header: _Header, laszip: _LasZip, table: int
         place += num_bytes
 
 
-def _chunk_sizes(stream: BinaryIO, header: _Header, laszip: _LasZip) -> Iterator[int]:
+def _chunk_sizes(stream: BinaryIO, header: _Header, laszip: _LasZip) -> list[int]:
     """Bytes of each chunk; the table is compressed, its number of entries is checked before."""
     lazrs = _lazrs()
     stream.seek(header.start)
@@ -223,8 +232,11 @@ def _chunk_sizes(stream: BinaryIO, header: _Header, laszip: _LasZip) -> Iterator
         raise
     except BaseException as error:  # panics of Rust are no Exception
         _fail(header.start, f"damaged chunk table: {str(error)[:200]}")
-    for _, num_bytes in table:
-        yield int(num_bytes)
+    if laszip.chunk_size == _VARIABLE:
+        most = max((num_points for num_points, _ in table), default=0)
+        if most > header.count:
+            _fail(header.start, f"a chunk of {most} points in a file of {header.count}")
+    return [int(num_bytes) for _, num_bytes in table]
 
 
 def _lazrs() -> Any:

@@ -37,9 +37,12 @@ def _laspy() -> Any:
 def read(path: Path, limit: int) -> LidarFrame:
     """As `manip3d.io.read_scan`; points are moved near 0 where they lie far from it."""
     laspy = _laspy()
-    check_las(path, limit)
+    num_chunks = check_las(path, limit)
+    # The parallel decoder reserves a whole chunk of the size that the file claims; a single chunk
+    # may claim any size, and decoding it in parallel gains nothing.
+    parallel, serial = laspy.LazBackend.LazrsParallel, laspy.LazBackend.Lazrs
     try:
-        las = laspy.read(path)
+        las = laspy.read(path, laz_backend=(parallel, serial) if num_chunks > 1 else serial)
         exact = np.column_stack([np.asarray(las[axis], np.float64) for axis in "xyz"])
         columns = {
             name: np.array(las[name])
@@ -53,7 +56,8 @@ def read(path: Path, limit: int) -> LidarFrame:
             raise
         raise FormatError(f"damaged LAS: {str(error)[:200]}", file=str(path)) from error
     to_file = np.eye(4)
-    if len(exact) and np.isfinite(exact).all() and np.abs(exact).max() > _FAR:
+    # Points beyond what float32 holds are refused below, as they stand in the file.
+    if len(exact) and _FAR < np.abs(exact).max() <= np.finfo(np.float32).max:
         to_file[:3, 3] = np.round(exact.mean(axis=0))
     layout = ScanFormat("las", header={"las": las.header}, to_file=to_file)
     points = measured_points(exact, layout, str(path))
