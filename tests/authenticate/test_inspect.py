@@ -304,6 +304,73 @@ def test_the_power_of_one_scanner_is_not_that_of_another() -> None:
     assert authenticate.inspect(forged, origin=(0, 0, 0), lattice=lattice).verdict == "tampered"
 
 
+def of_unknown_scanner() -> LidarFrame:
+    """A street seen by 64 lasers that look lower than an HDL-64E's, with the laser of each point.
+
+    One more, the lowest, sees nothing but the scanner's own case, less than half a metre away.
+    """
+    sensor = replace(LATTICE, slope=np.tan(np.arctan(LATTICE.slope) * 1.6))
+    points = scans.scan(np.random.default_rng(11), sensor)
+    angle = np.random.default_rng(12).uniform(0.0, 2.0 * np.pi, 400)
+    rho = 0.33 + 0.15 * np.sin(3.0 * angle) ** 2
+    below = sensor.slope[-1] - 1.5 * (sensor.slope[-2] - sensor.slope[-1])
+    case = np.column_stack([rho * np.cos(angle), rho * np.sin(angle), below * rho + 0.12])
+    ring = np.concatenate([sensor.read(points).ring, np.full(400, 64)])
+    whole = np.concatenate([points, scans.rounded(case)])
+    return LidarFrame(whole, ring=ring.astype(np.uint16), origin=(0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("kept", "is_own"),
+    [
+        (lambda xyz: np.ones(len(xyz), bool), True),
+        (lambda xyz: np.random.default_rng(0).random(len(xyz)) < 0.9, True),
+        (lambda xyz: xyz[:, 2] > -1.2, False),  # too little for a lattice
+        (lambda xyz: np.hypot(xyz[:, 0], xyz[:, 1]) > 4.0, False),
+        (lambda xyz: xyz[:, 0] > 0.0, False),
+    ],
+)
+def test_what_a_scan_does_not_tell_of_its_scanner_accuses_nobody(
+    kept: Callable[[np.ndarray], np.ndarray], is_own: bool
+) -> None:
+    """Neither a laser without a line nor one that saw little, nor the order of its points."""
+    frame = of_unknown_scanner()
+    found = authenticate.inspect(frame.select(np.flatnonzero(kept(frame.points))))
+    assert found.sensor is not None
+    assert found.sensor.is_own is is_own
+    assert (found.verdict, found.processing) == ("undecidable", ())
+    assert ("was not measured for this scanner" in found.reason) is is_own
+
+
+def test_a_lattice_that_the_scan_tells_still_accuses_what_was_pasted() -> None:
+    frame = of_unknown_scanner()
+    car = np.array([9.0, -4.0, -1.0]) + np.random.default_rng(0).uniform(-0.8, 0.8, (600, 3))
+    ring = np.random.default_rng(1).integers(16, 48, 600)
+    forged = LidarFrame(
+        np.concatenate([frame.points, car.astype(np.float32)]),
+        ring=np.concatenate([frame.ring, ring]).astype(np.uint16),
+        origin=(0.0, 0.0, 0.0),
+    )
+    found = authenticate.inspect(forged)
+    assert found.sensor is not None
+    assert found.sensor.is_own
+    assert found.verdict == "tampered"
+    assert found.detectors[2].regions
+    rows = np.concatenate([region.rows for region in found.detectors[2].regions])
+    assert (rows >= frame.num_points).mean() > 0.95
+
+
+def test_a_scan_of_what_is_near_is_on_no_lattice() -> None:
+    """Half a metre away the lines of an HDL-64E are 4 mm apart: any point lies on one."""
+    rng = np.random.default_rng(3)
+    angle, height = rng.uniform(0.0, 2.0 * np.pi, 20_000), rng.uniform(-0.5, 0.3, 20_000)
+    rho = rng.uniform(0.4, 0.6, 20_000)
+    near = np.column_stack([rho * np.cos(angle), rho * np.sin(angle), height])
+    found = authenticate.inspect(near.astype(np.float32), origin=(0, 0, 0))
+    assert found.sensor is not None
+    assert (found.verdict, found.sensor.lattice) == ("undecidable", None)
+
+
 def test_a_lattice_with_measured_power_earns_no_trace(tmp_path: Path) -> None:
     frames = [sixteen_street(seed) for seed in range(10, 14)]
     told: list[float] = []

@@ -218,13 +218,19 @@ class GenericResult(Showable):
         regions = tuple(replace(region, rows=rows[region.rows]) for region in self.regions)
         return replace(self, regions=regions, suspected=rows[self.suspected], scan=scan)
 
-    def without(self, kinds: Collection[str]) -> GenericResult:
+    def without(
+        self, kinds: Collection[str], *, why: str = "processed", quiet: Verdict = "processed"
+    ) -> GenericResult:
         """Return the result as it is without some kinds of evidence.
 
         Parameters
         ----------
         kinds : collection of str
             Kinds of evidence that stand on what a frame as a whole no longer has.
+        why : str
+            Key of `REASONS`: why they are left out.
+        quiet : Verdict
+            Verdict of a frame that was judged and has no other evidence.
         """
         points = 0 if self.scan is None else self.scan.num_points
         tests = math.log10(max(1, sum(said.used for said in self.evidence.values())))
@@ -236,13 +242,14 @@ class GenericResult(Showable):
             if 10.0**log <= self.false_alarm_rate:
                 kept.append(replace(region, p_value=10.0**log, strength=strength))
         evidence = {
-            kind: replace(said, used=False, reason=REASONS["processed"])
+            kind: replace(said, used=False, reason=REASONS[why])
             if kind in kinds and said.used
             else said
             for kind, said in self.evidence.items()
         }
         rows = [region.rows for region in kept]
-        quiet: Verdict = "undecidable" if self.verdict == "undecidable" else "processed"
+        if self.verdict == "undecidable":
+            quiet = "undecidable"
         return replace(
             self,
             verdict="tampered" if kept else quiet,
@@ -402,6 +409,7 @@ def consistency_allowing(
     reading: LatticeReading | None = None,
     units_per_m: int = MILLIMETRES,
     false_alarm_rate: float = 0.01,
+    is_stated: bool = True,
     threads: int = 0,
 ) -> GenericResult:
     """Return what detector III says of a frame with what an embedding moved allowed for.
@@ -415,6 +423,9 @@ def consistency_allowing(
         read anew: its lattice knows fewer steps.
     units_per_m : int
         Steps a metre of the embedding's grid.
+    is_stated : bool
+        False: the lattice was read off the frame itself, so that what contradicts it is no sign of
+        processing.
     """
     cloud = _points_of(frame, "points")
     limits = _Limits()
@@ -428,7 +439,7 @@ def consistency_allowing(
         lattice, reading = allowing(lattice, embedding), None
     scan = frame if isinstance(frame, LidarFrame) else LidarFrame(cloud, origin=(0.0, 0.0, 0.0))
     found = _examined(cloud, lattice, previous, following, limits, reading, threads)
-    return _judged(found, scan, lattice, false_alarm_rate, is_stated=True)
+    return _judged(found, scan, lattice, false_alarm_rate, is_stated=is_stated)
 
 
 def _points_of(frame: LidarFrame | ArrayLike | None, name: str) -> NDArray[np.float32]:

@@ -723,8 +723,11 @@ def _judged_by_lattice(
         following=None if both else after,
         units_per_m=units_per_m,
         false_alarm_rate=rate_of("generic"),
+        is_stated=not sensor.is_own,
         threads=threads,
     )
+    if sensor.is_own:
+        judge = functools.partial(_where_told, judge, sensor.lattice)
     generic = judge(centred, reading=reading)
     if not generic.evidence["duplicate"].share > 0.0:
         return generic, ()
@@ -737,6 +740,19 @@ def _judged_by_lattice(
         judge(centred.select(kept)).with_rows(kept, centred),
         (Processing("repeated", detail),),
     )
+
+
+def _where_told(
+    judge: Callable[[LidarFrame], GenericResult],
+    lattice: SensorLattice,
+    scan: LidarFrame,
+    *,
+    reading: LatticeReading | None = None,
+) -> GenericResult:
+    """Judge what a lattice that was read off the scan tells of it: no holes, nor who else fired."""
+    kept = np.flatnonzero(lattice.is_told_by_scan(scan.points, reading))
+    judged = judge(scan.select(kept)).with_rows(kept, scan)
+    return judged.without(("firing", "void"), why="unknown", quiet="no_trace")
 
 
 def _in_lasers_of(

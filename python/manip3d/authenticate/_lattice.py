@@ -57,6 +57,9 @@ NARROW = 0.05
 """Metres: a ring of less extent from the axis (the scanner's own car, a wall around it) says where
 its line passes there, not how it goes on."""
 
+NEAREST = 0.5
+"""Metres from the axis: nearer there is the scanner's own case, or no return at all."""
+
 FEWEST_PAIRS = 30
 """Fewest pairs of points a given number of firings apart, for the encoder's counts."""
 
@@ -199,6 +202,49 @@ class SensorLattice:
         reach = np.sqrt(np.maximum(xyz[:, 0] ** 2 + xyz[:, 1] ** 2 - self.lateral[rows] ** 2, 0.0))
         along: Floats = (reach + xyz[:, 2] * self.slope[rows]) * cosine
         return along
+
+    def is_told_by_scan(
+        self, points: NDArray[np.float32], reading: LatticeReading | None = None
+    ) -> NDArray[np.bool_]:
+        """Return the points that the lattice can judge when it was estimated from their own scan.
+
+        A laser that saw little, or little but the scanner's own case, has no line or one that holds
+        nowhere else, and a line far from what it was fitted to is a guess.
+
+        Parameters
+        ----------
+        points : (N, 3) float32, metres
+        reading : LatticeReading or None
+            Where they lie on the lattice; None: it is read here.
+
+        Returns
+        -------
+        (N,) bool
+            False nearer to the axis than `estimate_lattice` looks; farther above or below all lines
+            than half of the distance between the two outermost; and where of the points of the same
+            laser, at distances that differ by less than a third, fewer than `FEWEST_POINTS` or
+            fewer than half are on the lattice.
+        """
+        x, y, z = points.astype(np.float64).T
+        rho = np.hypot(x, y)
+        order = np.argsort(self.slope)
+        (low, above), (below, high) = order[:2], order[-2:]
+        lower = self.slope[low] - (self.slope[above] - self.slope[low]) / 2.0
+        upper = self.slope[high] + (self.slope[high] - self.slope[below]) / 2.0
+        told: NDArray[np.bool_] = rho > NEAREST
+        told &= (z >= lower * rho + self.offset[low]) & (z <= upper * rho + self.offset[high])
+        reading = self.read(points) if reading is None else reading
+        told &= reading.ring >= 0
+        error = np.maximum(np.abs(reading.line_error), np.abs(reading.step_error))
+        on = error < LINE_TOLERANCE
+        place = np.log(np.maximum(rho, NEAREST) / NEAREST) / math.log(4.0 / 3.0)
+        bins = int(place.max(initial=0.0)) + 1
+        cell = reading.ring.clip(0) * bins + place.astype(np.intp)
+        size = len(self.slope) * bins
+        there = np.bincount(cell[told], minlength=size)
+        good = np.bincount(cell[told & on], minlength=size)
+        told &= ((good >= FEWEST_POINTS) & (2 * good >= there))[cell]
+        return told
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write it as JSON.
@@ -415,7 +461,7 @@ class _Cloud:
         if not np.isfinite(xyz).all():
             raise InputError("frames: expected finite coordinates")
         rho = np.hypot(xyz[:, 0], xyz[:, 1])
-        there = rho > 0.5  # nearer there is the scanner's own case, or no return at all
+        there = rho > NEAREST
         xyz, rho = xyz[there], rho[there]
         azimuth = np.mod(np.arctan2(xyz[:, 1], xyz[:, 0]), 2.0 * math.pi)
         if labels is None:

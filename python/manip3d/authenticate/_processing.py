@@ -228,6 +228,9 @@ def _of_lattice(
 ) -> list[Processing]:
     found = []
     contradicted = generic.contradicted
+    if sensor.is_own:  # such a lattice tells neither the order of the points nor what is missing
+        fused = Processing("fused", "most directions hold several returns")
+        return [fused] if "duplicate" in contradicted else []
     if "line" in contradicted:
         return [Processing("moved", "points lie beside the lines of the scanner everywhere")]
     if "order" in contradicted:

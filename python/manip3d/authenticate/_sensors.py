@@ -113,6 +113,10 @@ class Sensor:
     unit : str
         Unit of the scan's coordinates: ``millimetres``, ``centimetres``, ``inches`` or ``feet``;
         empty: metres, or not known.
+    is_own : bool
+        Whether the lattice was read off the scan itself. Such a lattice says where returns of its
+        lasers lie; not whether the scanner has further lasers above or below them, in which order
+        it writes its points, or where it looks.
     """
 
     name: str
@@ -122,6 +126,7 @@ class Sensor:
     off_lattice: float = 0.0
     turned: str = ""
     unit: str = ""
+    is_own: bool = False
 
 
 UNKNOWN = Sensor("unknown", "unknown", "the angles are those of no scanner that is known here")
@@ -241,13 +246,19 @@ def _on_lattice(
     points: NDArray[np.float32], lattice: SensorLattice, reading: LatticeReading
 ) -> Sensor | None:
     """The scanner of the lattice, if most points lie on its lines or were moved off them a bit."""
+    rho = np.hypot(points[:, 0], points[:, 1])
+    apart = rho > LINES_APART
+    if np.count_nonzero(apart) < FEWEST_POINTS:
+        return None
     error = np.abs(reading.line_error)
     on = (reading.ring >= 0) & (error < LINE_TOLERANCE)
     crowded = np.bincount(reading.ring[on], minlength=1) >= 20
     name = _name_of(lattice)
-    if _share_of_horizon(on, reading.azimuth) > 0.5 and np.count_nonzero(crowded) >= FEWEST_RINGS:
+    if (
+        _share_of_horizon(on[apart], reading.azimuth[apart]) > 0.5
+        and np.count_nonzero(crowded) >= FEWEST_RINGS
+    ):
         return Sensor(name, "lattice", "its points lie on the lines of the lattice", lattice)
-    rho = np.hypot(points[:, 0], points[:, 1])
     middle = (rho > 8.0) & (rho < 25.0)  # where lines are apart by more than they are blurred
     if np.count_nonzero(middle) < FEWEST_POINTS:
         return None
@@ -278,6 +289,10 @@ rotation of four about each upright is enough."""
 MOST_TURNED = 15_000
 """Points that tell how the axes are turned."""
 
+
+LINES_APART = 1.5
+"""Metres from the axis: there the lines of KITTI's HDL-64E are 7 to 20 mm apart. Nearer to the
+scanner, chance puts most points within `LINE_TOLERANCE` of one."""
 
 LEAST_MEDIAN = 4.0
 """Metres: median distance of points that may tell that they are turned, or in another unit. Nearer
@@ -344,7 +359,9 @@ def _by_own_lattice(frame: LidarFrame) -> Sensor | None:
         return None
     if lattice.slope_error.max() > LARGEST_SLOPE_ERROR:
         return None
-    return Sensor(_name_of(lattice), "lattice", "its points tell the lattice themselves", lattice)
+    return Sensor(
+        _name_of(lattice), "lattice", "its points tell the lattice themselves", lattice, is_own=True
+    )
 
 
 def _by_grid(frame: LidarFrame, threads: int) -> Sensor | None:
