@@ -22,7 +22,7 @@ PACKAGES := g++ cmake ninja-build libeigen3-dev libnanoflann-dev libtbb-dev libl
 PACKAGES += $(if $(filter /usr/bin/python3,$(or $(shell command -v $(PYTHON)),/usr/bin/python3)),python3-dev python3-venv)
 # What `make demo` does without: C++ tests, recordings, cameras.
 DEV_PACKAGES := $(PACKAGES) libgtest-dev libavcodec-dev libavformat-dev libavutil-dev libopenni2-dev
-FUZZ_PACKAGES := clang-19 libclang-rt-19-dev
+SANITIZER_PACKAGES := clang-19 libclang-rt-19-dev
 
 CPP_FILES := $(shell find cpp -name '*.?pp' -o -name CMakeLists.txt)
 CPP_FORMATTED := $(shell find cpp benchmarks -name '*.?pp' 2>/dev/null)
@@ -114,31 +114,33 @@ tidy: setup ## Run clang-tidy over the C++ core
 bench: setup ## Compare with the peers that are installed (benchmarks/setup.sh)
 	$(BIN)/python -m benchmarks
 
+# `fuzz` and `asan` share a folder, so that the library is compiled once for both.
 fuzz: ## Run each fuzz target over its corpus, then FUZZ_RUNS times
-	.ci/install_packages.sh $(DEV_PACKAGES) $(FUZZ_PACKAGES)
-	cmake --preset fuzz >/dev/null
-	cmake --build --preset fuzz
+	.ci/install_packages.sh $(DEV_PACKAGES) $(SANITIZER_PACKAGES)
+	cmake --preset sanitizers >/dev/null
+	cmake --build --preset sanitizers --target cpp/fuzz/all
 	cpp/fuzz/run.sh $(FUZZ_RUNS)
 
-# The instrumented module lies in build/asan/site and goes before the editable one: entries of
+# The instrumented module lies in build/sanitizers/site and goes before the editable one: entries of
 # PYTHONPATH do not run .venv's .pth files, which install the editable package's import hook. -S:
 # packages of the Python that .venv was made of stay out.
-ASAN_SITE := $(CURDIR)/build/asan/site
+ASAN_SITE := $(CURDIR)/build/sanitizers/site
 # Left out: what is slow, and what mostly runs other people's code (VTK, Open3D, libE57, Rust, SQLite).
 # Tests that read a process’s memory or limit it (mebibyte, special files, tests/fuzz, leaks) are not for
 # instrumented code: a limit on the address space leaves the sanitizer no shadow.
 PYTEST_ASAN ?= -q -m 'not slow and not realdata' -k 'not mebibyte and not key_in_memory and not failing_system' --ignore=tests/viewer --ignore=tests/fuzz --ignore=tests/diary --ignore=tests/reliability/test_leaks.py \
 	$(addprefix --ignore=tests/,capture/test_capture_openni2.py cli/test_cli.py cli/test_cli_cs3.py cli/test_cli_diary.py cli/test_cli_scans.py experiments/test_experiments_chapter3.py experiments/test_experiments_chapter4.py experiments/test_experiments_runner.py io/test_interop.py io/test_special_files.py experiments/test_notebooks.py io/test_scan_extras.py)
 asan: setup ## Run both test suites under the address and undefined-behaviour sanitizers
-	cmake --preset asan -DMANIP3D_PYTHON=ON -DPython_EXECUTABLE=$(CURDIR)/$(BIN)/python >/dev/null
-	cmake --build --preset asan
-	ctest --preset asan -j "$$(nproc)"
+	.ci/install_packages.sh $(SANITIZER_PACKAGES)
+	cmake --preset sanitizers -DMANIP3D_FUZZ=OFF -DMANIP3D_PYTHON=ON -DPython_EXECUTABLE=$(CURDIR)/$(BIN)/python >/dev/null
+	cmake --build --preset sanitizers
+	ctest --preset sanitizers -j "$$(nproc)"
 	@rm -rf $(ASAN_SITE) && mkdir -p $(ASAN_SITE)
 	@cp -rs $(CURDIR)/python/manip3d $(ASAN_SITE)/ && rm -f $(ASAN_SITE)/manip3d/_core*.so
-	@cmake --install build/asan --prefix $(ASAN_SITE) >/dev/null
+	@cmake --install build/sanitizers --component python --prefix $(ASAN_SITE) >/dev/null
 	@python="$$($(BIN)/python -c 'import sys; print(sys._base_executable)') -S"; \
 		env PYTHONPATH=$(ASAN_SITE):$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') \
-		LD_PRELOAD="$$(g++ -print-file-name=libasan.so) $$(g++ -print-file-name=libstdc++.so)" \
+		LD_PRELOAD="$$(clang++-19 -print-file-name=libclang_rt.asan-$$(uname -m).so) $$(g++ -print-file-name=libstdc++.so)" \
 		PYTHONMALLOC=malloc ASAN_OPTIONS=detect_leaks=0:symbolize=0 \
 		$$python -m pytest --tx "$$(nproc)*popen//python=$$python" --dist worksteal $(PYTEST_ASAN)
 

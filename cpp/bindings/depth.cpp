@@ -248,7 +248,7 @@ Faces triangulate(const Eigen::Map<const Rows<std::int32_t, 2>>& rows) {
   for (std::int32_t t = 0; t < delaunay.num_faces(); ++t) {
     const auto corners = delaunay.triangle(t);
     for (int i = 0; i < 3; ++i) {
-      faces(t, i) = order[static_cast<std::size_t>(corners[static_cast<std::size_t>(i)])];
+      faces(t, i) = order[corners[i]];
     }
   }
   return faces;

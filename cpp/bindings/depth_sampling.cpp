@@ -9,8 +9,8 @@ namespace {
 py::array pixel_rows(const std::vector<Pixel>& pixels) {
   Rows<std::int32_t, 2> rows(static_cast<Eigen::Index>(pixels.size()), 2);
   for (Eigen::Index i = 0; i < rows.rows(); ++i) {
-    rows(i, 0) = pixels[static_cast<std::size_t>(i)].u;
-    rows(i, 1) = pixels[static_cast<std::size_t>(i)].v;
+    rows(i, 0) = pixels[i].u;
+    rows(i, 1) = pixels[i].v;
   }
   return to_numpy(std::move(rows));
 }

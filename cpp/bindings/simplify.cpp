@@ -88,7 +88,7 @@ CollapseArrays to_arrays(const std::vector<Collapse>& collapses) {
   const auto count = static_cast<Eigen::Index>(collapses.size());
   CollapseArrays arrays{Rows<std::int32_t, 2>(count, 2), Eigen::VectorXd(count)};
   for (Eigen::Index i = 0; i < count; ++i) {
-    const Collapse& collapse = collapses[static_cast<std::size_t>(i)];
+    const Collapse& collapse = collapses[i];
     arrays.vertices.row(i) << collapse.removed, collapse.kept;
     arrays.errors(i) = collapse.error;
   }

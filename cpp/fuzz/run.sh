@@ -2,12 +2,12 @@
 # Runs each fuzz target over its corpus, then EXECUTIONS times from a fixed seed; one per core.
 # usage: cpp/fuzz/run.sh EXECUTIONS [TARGET...]      TARGET: obj, mtl, ply, ...; default: all
 # Kernels (metrics, simplify, cs3, phantom, ...) run a tenth of that.
-# Build first: cmake --preset fuzz && cmake --build --preset fuzz. FUZZ_BUILD names another folder.
+# Build first: cmake --preset sanitizers && cmake --build --preset sanitizers. FUZZ_BUILD names another folder.
 # Ends with 1 when a target found something; the input is left in the folder `findings`.
 set -u
 shopt -s nullglob
 here=$(cd "$(dirname "$0")" && pwd)
-build=${FUZZ_BUILD:-$here/../../build/fuzz/cpp/fuzz}
+build=${FUZZ_BUILD:-$here/../../build/sanitizers/cpp/fuzz}
 executions=${1:?usage: run.sh EXECUTIONS [TARGET...]}
 shift
 # Kernels are no parsers: each execution runs them several times over. The longest begin.

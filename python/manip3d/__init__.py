@@ -7,20 +7,18 @@ from typing import TYPE_CHECKING, Any
 
 from manip3d._util import main_interpreter  # noqa: F401
 
-# isort: split
-from manip3d._core import __version__
-from manip3d.errors import (
-    DeviceError,
-    Error,
-    FormatError,
-    InputError,
-    MissingExtraError,
-    RenderError,
-)
-
 if TYPE_CHECKING:
     from manip3d import camera, io
+    from manip3d._core import __version__
     from manip3d.camera import Intrinsics, Registration
+    from manip3d.errors import (
+        DeviceError,
+        Error,
+        FormatError,
+        InputError,
+        MissingExtraError,
+        RenderError,
+    )
     from manip3d.io import read_mesh
     from manip3d.lidar import Box, LidarFrame
     from manip3d.mesh import Material, Mesh, Texture
@@ -85,19 +83,29 @@ _MODULES = frozenset(
 )
 _HOMES = {
     "Box": "lidar",
+    "DeviceError": "errors",
+    "Error": "errors",
+    "FormatError": "errors",
+    "InputError": "errors",
     "Intrinsics": "camera",
     "LidarFrame": "lidar",
     "Material": "mesh",
     "Mesh": "mesh",
+    "MissingExtraError": "errors",
     "Registration": "camera",
+    "RenderError": "errors",
     "RgbdCalibration": "rgbd",
     "RgbdFrame": "rgbd",
     "Skeleton": "rgbd",
     "Texture": "mesh",
+    "__version__": "_core",
     "read_mesh": "io",
     "view": "viewer",
 }
-"""Where each name of the top level is defined: numpy is imported with the first that is used."""
+"""Where each name of the top level is defined, to be imported when it is first used.
+
+The command begins with an import of this package, before it can say how Ctrl-C ends it.
+"""
 
 
 def __getattr__(name: str) -> Any:

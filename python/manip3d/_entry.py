@@ -8,6 +8,7 @@ def main() -> NoReturn:
     """Run the command line; ends the process with its exit code."""
     try:
         from manip3d import cli
-    except KeyboardInterrupt:  # the imports take about 0.1 s
+
+        cli.main()
+    except KeyboardInterrupt:  # during the imports, which take about 0.1 s
         sys.exit(130)
-    cli.main()

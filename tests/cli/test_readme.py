@@ -155,7 +155,7 @@ def check(line: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     takes_force = words[0] not in ("info", "compare", "doctor", "data") and "list" not in words
     writes_nothing = (["capture", "info"], ["watermark", "keygen"], ["phantom", "live"])
     takes_force = takes_force and words[:2] not in writes_nothing
-    takes_force = takes_force and (words[0] != "diary" or words[1] in ("export", "clips"))
+    takes_force = takes_force and (words[0] != "diary" or words[1] in ("export", "clips", "rescue"))
     if words[0] == "study":
         takes_force = words[1] in ("define", "stimuli", "results")
     done = CliRunner().invoke(app, [*words, *(["--force"] if takes_force else [])])

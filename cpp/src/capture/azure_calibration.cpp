@@ -139,7 +139,7 @@ Eigen::Vector2d normalized(const Intrinsics& camera, double u, double v) {
 /// @throws InputError  the lens' model does not hold over half of the image or more.
 std::vector<float> ray_table(const Intrinsics& camera, const Lens& lens) {
   std::vector<float> rays;
-  rays.reserve(static_cast<std::size_t>(2 * camera.width * camera.height));
+  rays.reserve(2 * camera.width * camera.height);
   std::size_t known = 0;
   for (std::int64_t v = 0; v < camera.height; ++v) {
     for (std::int64_t u = 0; u < camera.width; ++u) {

@@ -235,7 +235,7 @@ ImageFrames::Listing tum_frames(const fs::path& folder) {
     const auto i = static_cast<std::size_t>(index);
     f.time_ns = depth[i].time_ns;
     f.depth.path = folder / depth[i].name;
-    if (nearest[i] >= 0) f.color.path = folder / color[static_cast<std::size_t>(nearest[i])].name;
+    if (nearest[i] >= 0) f.color.path = folder / color[nearest[i]].name;
   };
   ImageFrames::Listing found =
       listed(std::ssize(depth), list, {{"without_color", std::ranges::count(nearest, -1)}});

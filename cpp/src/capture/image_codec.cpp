@@ -123,7 +123,7 @@ DecodedImage<std::uint8_t> decode_png_rgb(ByteSpan data, std::int64_t max_pixels
   PngReader png(data);
   png.read_header(max_pixels);
   DecodedImage<std::uint8_t> image{png.rows(), png.cols(), {}};
-  image.pixels.resize(static_cast<std::size_t>(3 * image.rows * image.cols));
+  image.pixels.resize(3 * image.rows * image.cols);
   png.read_pixels(image.pixels.data(), 3, [](png_structp reader) {
     png_set_expand(reader);
     png_set_scale_16(reader);
@@ -197,7 +197,7 @@ DecodedImage<std::uint8_t> decode_jpeg(ByteSpan data, std::int64_t max_pixels) {
   const ImageSize size = decoder.size(data);
   check_size(size.rows, size.cols, max_pixels);
   DecodedImage<std::uint8_t> image{size.rows, size.cols, {}};
-  image.pixels.resize(static_cast<std::size_t>(3 * size.rows * size.cols));
+  image.pixels.resize(3 * size.rows * size.cols);
   decoder.decode(data, size, image.pixels.data());
   return image;
 }
@@ -217,7 +217,7 @@ DecodedImage<std::uint16_t> decode_depth(ByteSpan data, std::int64_t max_pixels)
   if (!png.is_grey() || png.bit_depth() < 8) refuse_kind("16 or 8 bits", png);
   const bool is_narrow = png.bit_depth() == 8;
   DecodedImage<std::uint16_t> image{png.rows(), png.cols(), {}};
-  image.pixels.resize(static_cast<std::size_t>(image.rows * image.cols));
+  image.pixels.resize(image.rows * image.cols);
   png.read_pixels(image.pixels.data(), 2, [](png_structp reader) {
     png_set_expand_16(reader);
     if (std::endian::native == std::endian::little) png_set_swap(reader);
@@ -233,7 +233,7 @@ DecodedImage<std::uint8_t> decode_grey(ByteSpan data, std::int64_t max_pixels) {
   png.read_header(max_pixels);
   if (!png.is_grey() || png.bit_depth() != 8) refuse_kind("8 bits", png);
   DecodedImage<std::uint8_t> image{png.rows(), png.cols(), {}};
-  image.pixels.resize(static_cast<std::size_t>(image.rows * image.cols));
+  image.pixels.resize(image.rows * image.cols);
   png.read_pixels(image.pixels.data(), 1, [](png_structp) {});
   return image;
 }

@@ -191,7 +191,7 @@ class AzureSource final : public RgbdSource {
     frame.color.clear();
     frame.color_rows = frame.color_cols = 0;
     if (color != nullptr) {
-      frame.color.resize(static_cast<std::size_t>(3 * color_size_->rows * color_size_->cols));
+      frame.color.resize(3 * color_size_->rows * color_size_->cols);
       jpeg_.decode(color->bytes, *color_size_, frame.color.data());
       frame.color_rows = color_size_->rows;
       frame.color_cols = color_size_->cols;

@@ -126,7 +126,7 @@ class SdkCamera final : public RgbdSource {
     frame.time_ns = images.time_ns;
     frame.rows = images.depth.rows;
     frame.cols = images.depth.cols;
-    frame.depth.resize(static_cast<std::size_t>(frame.rows * frame.cols));
+    frame.depth.resize(frame.rows * frame.cols);
     if (images.depth.pixels == SdkPixels::kDepth16) {
       convert_depth<std::uint16_t>(images.depth, images.millimetres, frame.depth.data());
     } else {
@@ -152,7 +152,7 @@ class SdkCamera final : public RgbdSource {
     }
     frame.color_rows = image.rows;
     frame.color_cols = image.cols;
-    frame.color.resize(static_cast<std::size_t>(3 * image.rows * image.cols));
+    frame.color.resize(3 * image.rows * image.cols);
     convert_color(image, frame.color.data());
   }
 

@@ -98,13 +98,11 @@ class LocalPlanes {
   [[nodiscard]] Eigen::Vector3d point(std::int64_t row) const {
     return points_.row(row).transpose().cast<double>();
   }
-  const Eigen::Vector3d& normal(std::int64_t row) {
-    return planes_[static_cast<std::size_t>(row)].normal;
-  }
+  const Eigen::Vector3d& normal(std::int64_t row) { return planes_[row].normal; }
 
  private:
   const Plane& plane(std::int64_t row) {
-    Plane& known = planes_[static_cast<std::size_t>(row)];
+    Plane& known = planes_[row];
     if (known.state == Plane::State::kUnknown) known = fitted(row);
     return known;
   }

@@ -158,14 +158,14 @@ class ShellReader {
       const JsonPlace primitives = item("meshes", m).member("primitives");
       for (std::int64_t i = 0; i < primitives.size(); ++i) {
         const JsonPlace place = primitives.item(i);
-        Json& primitive = mesh["primitives"][static_cast<std::size_t>(i)];
+        Json& primitive = mesh["primitives"][i];
         keep_members(place.member("attributes"), primitive["attributes"]);
         if (const auto indices = place.find("indices")) {
           primitive["indices"] = keep_accessor(*indices);
         }
         const auto targets = place.find("targets");
         for (std::int64_t t = 0; targets && t < targets->size(); ++t) {
-          keep_members(targets->item(t), primitive["targets"][static_cast<std::size_t>(t)]);
+          keep_members(targets->item(t), primitive["targets"][t]);
         }
       }
     }
@@ -208,7 +208,7 @@ class ShellReader {
       const JsonPlace samplers = item("animations", index).member("samplers");
       for (std::int64_t i = 0; i < samplers.size(); ++i) {
         const JsonPlace place = samplers.item(i);
-        Json& sampler = json()["animations"][index]["samplers"][static_cast<std::size_t>(i)];
+        Json& sampler = json()["animations"][index]["samplers"][i];
         sampler["input"] = keep_accessor(place.member("input"));
         sampler["output"] = keep_accessor(place.member("output"));
       }

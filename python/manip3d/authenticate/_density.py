@@ -243,50 +243,21 @@ def density_consistency(
             )
     else:
         spacing_of = np.ascontiguousarray(distances, np.float64)
-    sectors, edges, counts, means = _core.density_levels(
-        scene.points,
-        spacing_of,
-        place,
-        parameters.sector,
-        parameters.level_width,
-        parameters.level_growth,
-        MAX_RANGE,
-        parameters.sector > 0,
-        threads_of(threads),
-    )
-    spacing = np.where(counts >= parameters.fewest, means, np.nan).reshape(sectors, -1)
-    spacing = _moving_average(spacing, parameters.window)
+    edges, spacing = _levels(scene.points, spacing_of, place, parameters, threads)
     signal = _typical(spacing)
     ranges = (edges[1:] + edges[:-1]) / 2
-    fit = _proportional_fit(signal, ranges) if sectors == 1 else _monotone_fit(signal, ranges)
+    fit = _proportional_fit(signal, ranges) if len(spacing) == 1 else _monotone_fit(signal, ranges)
     if not np.count_nonzero(np.isfinite(signal)) > parameters.run:
         return _undecidable("too few levels of range hold enough points", parameters)
     with np.errstate(divide="ignore", invalid="ignore"):  # duplicates everywhere: no spacing
         ratio = spacing / fit
     if parameters.deviation == 0.0 and not (usual := _share_off(ratio, parameters)) < USUAL:
-        everywhere = f"in {usual:.0%} of the places: not a law of this scan"
-        nowhere = "no spacing is known: the points are there twice"
-        return _undecidable(
-            nowhere if np.isnan(usual) else f"spacing off its range's {everywhere}", parameters
-        )
+        return _undecidable(_no_law(usual), parameters)
     off, score = _off(ratio, parameters)
-    marked = np.ascontiguousarray(off.ravel(), np.uint8)
-    suspected = np.empty(0, np.int32)
-    if off.any():
-        suspected = _core.points_of_levels(
-            scene.points,
-            marked,
-            place,
-            parameters.sector,
-            parameters.level_width,
-            parameters.level_growth,
-            MAX_RANGE,
-            threads_of(threads),
-        )
-    verdict: Verdict = "tampered" if off.any() else "no_trace"
+    suspected = _points_of(off, scene.points, place, parameters, threads)
     reason = f"spacing off its range's over at least {parameters.run} levels"
     return DensityResult(
-        verdict,
+        "tampered" if off.any() else "no_trace",
         reason if off.any() else "spacing follows range",
         ranges,
         signal,
@@ -303,6 +274,29 @@ def density_consistency(
 
 
 MAX_RANGE = 500.0
+
+
+def _levels(
+    points: NDArray[np.float32],
+    spacing_of: Floats,
+    place: Floats,
+    parameters: DensityParameters,
+    threads: int,
+) -> tuple[Floats, Floats]:
+    """Borders of the levels of range, (L + 1,), and the smoothed spacing of each sector, (S, L)."""
+    sectors, edges, counts, means = _core.density_levels(
+        points,
+        spacing_of,
+        place,
+        parameters.sector,
+        parameters.level_width,
+        parameters.level_growth,
+        MAX_RANGE,
+        parameters.sector > 0,
+        threads_of(threads),
+    )
+    spacing = np.where(counts >= parameters.fewest, means, np.nan).reshape(sectors, -1)
+    return edges, _moving_average(spacing, parameters.window)
 
 
 def _moving_average(values: Floats, window: int) -> Floats:
@@ -398,6 +392,35 @@ def _share_off(ratio: Floats, parameters: DensityParameters) -> float:
         return float("nan")
     sides = np.count_nonzero(known <= parameters.fall), np.count_nonzero(known >= parameters.rise)
     return max(sides) / len(known)
+
+
+def _no_law(usual: float) -> str:
+    """Why nothing is judged where the share of places that are off is not small, or not known."""
+    if np.isnan(usual):
+        return "no spacing is known: the points are there twice"
+    return f"spacing off its range's in {usual:.0%} of the places: not a law of this scan"
+
+
+def _points_of(
+    off: NDArray[np.bool_],
+    points: NDArray[np.float32],
+    place: Floats,
+    parameters: DensityParameters,
+    threads: int,
+) -> NDArray[np.int32]:
+    """Rows of the points in levels that are off, ascending."""
+    if not off.any():
+        return np.empty(0, np.int32)
+    return _core.points_of_levels(
+        points,
+        np.ascontiguousarray(off.ravel(), np.uint8),
+        place,
+        parameters.sector,
+        parameters.level_width,
+        parameters.level_growth,
+        MAX_RANGE,
+        threads_of(threads),
+    )
 
 
 def _ranges(off: NDArray[np.bool_], edges: Floats) -> Floats:

@@ -317,14 +317,10 @@ def occlusion_consistency(
         return _undecidable(NO_ORIGIN, grid, parameters)
     first_echoes = _first_echoes(scene)
     points = scene.points if first_echoes is None else scene.points[first_echoes]
-    if grid is None:
-        grid = estimate_grid(points, origin=place, threads=threads)
-        grid = grid if grid.elevation_strength > 0.0 else _ring_cells(grid)
+    grid = grid or _grid_of(points, place, threads)
     calibration = None
     if parameters is None:
-        on_grid = grid.elevation_strength > 0.0
-        parameters = CALIBRATED_OCCLUSION if on_grid else RINGS_OCCLUSION
-        calibration = GRID_CALIBRATION if on_grid else RINGS_CALIBRATION
+        parameters, calibration = _parameters_for(grid)
     rows, columns, first, mask, raw, occupied, multiple, found, suspected, component = (
         _core.occlusion_consistency(
             points,
@@ -347,17 +343,7 @@ def occlusion_consistency(
     regions = tuple(region for region in every if region.area >= parameters.min_area)
     suspected = suspected[component < len(regions)]  # the largest come first
     share = multiple / max(occupied, 1)
-    verdict: Verdict = "tampered" if regions else "no_trace"
-    reason = "nothing is seen behind anything"
-    if occupied < FEWEST_CELLS:
-        verdict = "undecidable"
-        reason = f"all points lie in {occupied} directions"
-    elif share > parameters.fused:
-        verdict = "undecidable"
-        reason = f"{share:.0%} of the directions hold several ranges: no single position"
-    elif regions:
-        places = "1 region" if len(regions) == 1 else f"{len(regions)} regions"
-        reason = f"{places} in which something is seen behind something else"
+    verdict, reason = _judged(len(regions), occupied, share, parameters)
     return OcclusionResult(
         verdict,
         reason,
@@ -384,6 +370,34 @@ def _first_echoes(scan: Scan) -> NDArray[np.int64] | None:
             number = np.asarray(scan.frame.fields[name])
             return np.flatnonzero(number <= max(int(number.min(initial=1)), 1))
     return None
+
+
+def _grid_of(points: NDArray[np.float32], place: NDArray[np.float64], threads: int) -> AngularGrid:
+    """The scan's own grid, with rows for rings where elevations have no period."""
+    grid = estimate_grid(points, origin=place, threads=threads)
+    return grid if grid.elevation_strength > 0.0 else _ring_cells(grid)
+
+
+def _parameters_for(grid: AngularGrid) -> tuple[OcclusionParameters, Calibration]:
+    """Calibrated parameters for elevations on a grid, or for rings."""
+    if grid.elevation_strength > 0.0:
+        return CALIBRATED_OCCLUSION, GRID_CALIBRATION
+    return RINGS_OCCLUSION, RINGS_CALIBRATION
+
+
+def _judged(
+    num_regions: int, occupied: int, share: float, parameters: OcclusionParameters
+) -> tuple[Verdict, str]:
+    """Verdict and reason; ``share`` of the ``occupied`` cells hold several ranges."""
+    if occupied < FEWEST_CELLS:
+        return "undecidable", f"all points lie in {occupied} directions"
+    if share > parameters.fused:
+        reason = f"{share:.0%} of the directions hold several ranges: no single position"
+        return "undecidable", reason
+    if num_regions:
+        places = "1 region" if num_regions == 1 else f"{num_regions} regions"
+        return "tampered", f"{places} in which something is seen behind something else"
+    return "no_trace", "nothing is seen behind anything"
 
 
 def _ring_cells(grid: AngularGrid) -> AngularGrid:

@@ -615,6 +615,33 @@ def check(path: File, key: Key = None, as_json: Json = False, quiet: Quiet = Fal
     shell.result({"diary": str(path), "participants": people})
 
 
+@app.command("rescue")
+def rescue(
+    path: File,
+    output: Annotated[Path, typer.Option("--output", "-o", help="The new diary.")],
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Copy what can be read of a damaged diary into a new one, which opens with the same key.
+
+    What is missing is listed, and the exit code is then 1. The damaged file stays as it is.
+
+    Example: manip3d diary rescue study.diary -o rescued.diary
+    """
+    from manip3d.diary import rescue_diary
+
+    found = rescue_diary(path, output, overwrite=force)
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    for line in found.missing:
+        shell.say(line)
+    whole = "nothing is missing" if not found.missing else "the rest is missing"
+    shell.say(f"wrote {output}: {counted(found.num_rows, 'row')}, {whole}")
+    shell.result({"diary": str(output), "rows": found.num_rows, "missing": list(found.missing)})
+    if found.missing:
+        raise typer.Exit(1)
+
+
 @app.command("analyse")
 def analyse(path: File, key: Key = None, as_json: Json = False) -> None:
     """Analyse a study: McGill at baseline, week 1 and week 4, responders, adherence.

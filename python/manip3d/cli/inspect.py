@@ -244,6 +244,22 @@ def inspect(
             threads=jobs,
             progress=progress,
         )
+    _hand_out(found, source, shell, output=output, rows=rows, log=log)
+    raise typer.Exit(codes[found.verdict])
+
+
+def _hand_out(
+    found: Inspection,
+    source: str,
+    shell: Terminal,
+    *,
+    output: Path | None,
+    rows: Path | None,
+    log: Path | None,
+) -> None:
+    """Write the files that were asked for, then show the result."""
+    from manip3d import report
+
     if output is not None:
         report.write_evidence(found, output, source=source)
         shell.say(f"wrote {output}")
@@ -253,7 +269,6 @@ def inspect(
     if log is not None:
         _append(log, found, source, shell)
     shell.result({"source": source} | found.record(), lambda console: show(console, found))
-    raise typer.Exit(codes[found.verdict])
 
 
 def _refuse(expected: str, got: str, **options: object) -> None:

@@ -40,6 +40,7 @@ from manip3d.diary._records import (
     Participant,
     Rating,
 )
+from manip3d.diary._rescue import DiaryRescue, rescue_diary
 from manip3d.diary._sealing import make_key
 
 __all__ = [
@@ -54,6 +55,7 @@ __all__ = [
     "Diary",
     "DiaryAnalysis",
     "DiaryGame",
+    "DiaryRescue",
     "DiarySession",
     "Estimate",
     "ExportedFile",
@@ -78,6 +80,7 @@ __all__ = [
     "fit_mixed_model",
     "load_questionnaire",
     "make_key",
+    "rescue_diary",
     "score_mcgill",
     "simulate_cohort",
     "stop_reason",

@@ -1257,7 +1257,10 @@ class Diary:
         # 1 ms for 300 games, 60 ms for 200 MB of films, as long as quick_check takes.
         (told,) = plain.execute("PRAGMA integrity_check(1)").fetchone()
         if told != "ok":
-            raise FormatError(f"the diary is damaged: {told}", file=str(self.path))
+            raise FormatError(
+                f"the diary is damaged: {told}; 'manip3d diary rescue' copies what can be read",
+                file=str(self.path),
+            )
 
     def _migrate(self, connection: sql.Connection, version: int) -> None:
         """Bring the file to the version of today; 0: it is new."""

@@ -145,14 +145,7 @@ def write_forged_people(
     >>> len(made.rows)  # doctest: +SKIP
     36
     """
-    for name, value, most in (
-        ("people", people, len(PEOPLE)),
-        ("actions", actions, len(ACTIONS)),
-        ("scenes", scenes, len(SCENES)),
-        ("frames", frames, 100_000),
-    ):
-        if not 1 <= value <= most:
-            raise InputError(f"{name}: expected 1 to {most}, got {value}")
+    _check_numbers(people=people, actions=actions, scenes=scenes, frames=frames)
     if jobs < 0 or not 0 <= seed < 2**31:
         raise InputError(f"jobs, seed: expected >= 0, got {jobs} and {seed}")
     if not kinds or not set(kinds) <= set(KINDS) or len(set(kinds)) != len(kinds):
@@ -210,6 +203,18 @@ def write_forged_people(
     }
     atomic_write(target / "provenance.json", json.dumps(provenance, indent=1) + "\n")
     return ForgedPeople(target, rows, found.resumed, len(found.failed))
+
+
+def _check_numbers(**given: int) -> None:
+    most = {
+        "people": len(PEOPLE),
+        "actions": len(ACTIONS),
+        "scenes": len(SCENES),
+        "frames": 100_000,
+    }
+    for name, value in given.items():
+        if not 1 <= value <= most[name]:
+            raise InputError(f"{name}: expected 1 to {most[name]}, got {value}")
 
 
 def _check_space(folder: Path, streams: Sequence[_Stream]) -> None:

@@ -1,0 +1,181 @@
+"""A damaged diary: what can be read is copied, what cannot is said."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import shutil
+import sqlite3
+import stat
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+
+import pytest
+
+from command_line import manip3d
+from manip3d import FormatError, InputError
+
+pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
+pytest.importorskip("cryptography", reason="the extra 'diary' is not installed")
+
+from manip3d.diary import Diary, DiaryGame, export_csv, make_key, rescue_diary
+
+PAGE = 4096
+START = datetime(2026, 3, 2, 9, 0, tzinfo=timezone(timedelta(hours=-6)))
+GAMES = 120
+FILM = b"\xff\xd8" + bytes(9000)  # it goes on in other pages than its row's
+
+
+def game(number: int) -> DiaryGame:
+    return DiaryGame(
+        at=START + timedelta(minutes=number), game="piano", difficulty=2, seed=number,
+        ending="time", seconds=60.0, paused_s=2.5, score=17, misses=3, by_phantom=8,
+        anomalies=((4.0, 16.5),) if number == 0 else (), limb="left_leg",
+        source="openni2:", version="0.1", latency_ms=31.5, tracked=0.96,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A diary of two people; the second one plays."""
+    path = tmp_path_factory.mktemp("made") / "kept.diary"
+    make_key(path.with_name("a.key"))
+    with Diary(path, key=path.with_name("a.key"), create=True) as diary:
+        diary.enrol("P01", at=START)
+        diary.enrol("P02", clips=True, at=START)
+        session = diary.start_session("P02", at=START)
+        for number in range(GAMES):
+            diary.add_game(session, game(number), [[(0.0, FILM)]] if number == 0 else [])
+        diary.add_rating("P02", 4, session=session, at=START)
+    with contextlib.closing(sqlite3.connect(path)) as raw:
+        raw.execute("PRAGMA journal_mode = DELETE")
+    return path
+
+
+@pytest.fixture
+def kept(made: Path, tmp_path: Path) -> Path:
+    """A copy of it, to be damaged."""
+    shutil.copy(made.with_name("a.key"), tmp_path)
+    return Path(shutil.copy(made, tmp_path))
+
+
+def pages(path: Path, name: str, kind: str) -> list[int]:
+    """Number of the root of a table or an index, or of the leaves below a root."""
+    content = path.read_bytes()
+    with contextlib.closing(sqlite3.connect(path)) as raw:
+        (root,) = raw.execute(
+            "SELECT rootpage FROM sqlite_master WHERE name = ?", (name,)
+        ).fetchone()
+    begin = PAGE * (root - 1)
+    if kind == "root":
+        return [root]
+    assert content[begin] == 5, "the table has one page only"
+    cells = int.from_bytes(content[begin + 3 : begin + 5], "big")
+    found = []
+    for cell in range(cells):  # a cell of an inner page begins with the number of its child
+        at = begin + 12 + 2 * cell
+        place = begin + int.from_bytes(content[at : at + 2], "big")
+        found.append(int.from_bytes(content[place : place + 4], "big"))
+    return [*found, int.from_bytes(content[begin + 8 : begin + 12], "big")]
+
+
+def destroy(path: Path, page: int) -> bytes:
+    content = bytearray(path.read_bytes())
+    content[PAGE * (page - 1) : PAGE * page] = b"\xa5" * PAGE
+    path.write_bytes(content)
+    return bytes(content)
+
+
+def games(path: Path) -> dict[int, int]:
+    """Number and seed of each game of a diary in which nothing is damaged."""
+    with Diary(path, key=path.with_name("a.key")) as diary:
+        diary.check()
+        found = [one for session in diary.sessions("P02") for one in session.games]
+        return {one.number: one.seed for one in found}
+
+
+def test_a_damaged_index_loses_nothing(kept: Path, tmp_path: Path) -> None:
+    before = games(kept)
+    damaged = destroy(kept, pages(kept, "games_of_participant", "root")[0])
+    with pytest.raises(FormatError, match="'manip3d diary rescue' copies what can be read"):
+        Diary(kept, key=tmp_path / "a.key")
+    new = tmp_path / "new.diary"
+    found = rescue_diary(kept, new)
+    assert found.missing == ()
+    assert found.output == new
+    assert kept.read_bytes() == damaged
+    assert stat.S_IMODE(new.stat().st_mode) == 0o600
+    assert games(new) == before
+    with Diary(new, key=tmp_path / "a.key") as diary:
+        assert [person.identifier for person in diary.participants()] == ["P01", "P02"]
+        assert [clip.pictures[0] for clip in diary.clips("P02")] == [(0.0, FILM)]
+        export_csv(diary, tmp_path / "tables")
+    assert len((tmp_path / "tables" / "games.csv").read_text().splitlines()) == 1 + GAMES
+
+
+def test_a_damaged_page_loses_its_rows_only(kept: Path, tmp_path: Path) -> None:
+    before = games(kept)
+    leaves = pages(kept, "games", "leaves")
+    assert len(leaves) > 4
+    destroy(kept, leaves[2])
+    (told,) = rescue_diary(kept, tmp_path / "new.diary").missing
+    numbers = re.fullmatch(r"games: rows after (\d+) before (\d+) cannot be read", told)
+    assert numbers is not None
+    first, last = map(int, numbers.groups())
+    lost = {number for number in before if first < number < last}
+    assert 0 < len(lost) < GAMES // 2
+    found = games(tmp_path / "new.diary")
+    assert found == {number: seed for number, seed in before.items() if number not in lost}
+
+
+def test_a_row_that_goes_on_in_a_damaged_page_is_missing_alone(kept: Path, tmp_path: Path) -> None:
+    before = games(kept)
+    with contextlib.closing(sqlite3.connect(kept)) as raw:
+        number, payload = raw.execute("SELECT id, payload FROM clips").fetchone()
+    destroy(kept, kept.read_bytes().index(payload[2000:2100]) // PAGE + 1)
+    found = rescue_diary(kept, tmp_path / "new.diary")
+    assert found.missing == (f"clips: row {number} cannot be read",)
+    assert games(tmp_path / "new.diary") == before
+
+
+def test_rows_of_somebody_who_is_missing_go_with_them(kept: Path, tmp_path: Path) -> None:
+    destroy(kept, pages(kept, "participants", "root")[0])
+    found = rescue_diary(kept, tmp_path / "new.diary")
+    assert found.missing[0] == "participants: rows from the first to the last cannot be read"
+    assert f"games: {GAMES} of participants that cannot be read" in found.missing
+    with Diary(tmp_path / "new.diary", key=tmp_path / "a.key") as diary:
+        assert diary.participants() == []
+
+
+def test_what_would_not_open_is_no_rescue(kept: Path, tmp_path: Path) -> None:
+    new = tmp_path / "new.diary"
+    with pytest.raises(InputError, match="output: expected another file than the diary"):
+        rescue_diary(kept, kept, overwrite=True)
+    destroy(kept, pages(kept, "meta", "root")[0])
+    with pytest.raises(FormatError, match=r"audit key, check, study cannot be read"):
+        rescue_diary(kept, new)
+    (tmp_path / "text").write_text("no diary\n" * 1000)
+    with pytest.raises(FormatError, match="file is not a database"):
+        rescue_diary(tmp_path / "text", new)
+    with contextlib.closing(sqlite3.connect(tmp_path / "other")) as other:
+        other.execute("CREATE TABLE a (b)")
+    with pytest.raises(FormatError, match="expected a diary, got another file"):
+        rescue_diary(tmp_path / "other", new)
+    with pytest.raises(FileNotFoundError):
+        rescue_diary(tmp_path / "absent", new)
+    assert not new.exists()
+    new.write_text("mine")
+    with pytest.raises(InputError, match=r"output: .*new.diary exists"):
+        rescue_diary(kept, new)
+    assert new.read_text() == "mine"
+
+
+def test_the_command_says_what_is_missing(kept: Path, tmp_path: Path) -> None:
+    whole = manip3d("diary", "rescue", kept, "-o", tmp_path / "whole.diary")
+    assert whole.returncode == 0, whole.stderr
+    assert "nothing is missing" in whole.stderr
+    destroy(kept, pages(kept, "games", "leaves")[2])
+    done = manip3d("diary", "rescue", kept, "-o", tmp_path / "new.diary", "--json")
+    assert done.returncode == 1
+    assert "games: rows after" in done.stdout
+    assert (tmp_path / "new.diary").exists()
