@@ -19,7 +19,7 @@ from manip3d import authenticate, report
 from manip3d.cli import app
 from manip3d.report._drive_evidence import scanner_poses
 from real_data import RealData
-from velodyne_packets import pcap
+from velodyne_packets import ethernet, pcap, udp_frame
 
 LATTICE = scans.lattice()
 SCANS = Path("velodyne_points") / "data"
@@ -193,6 +193,15 @@ def test_tampering_outranks_what_cannot_be_read(drive: Path, tmp_path: Path) -> 
     assert run(drive, *lattice).exit_code == 3
     assert run(drive, *lattice, "--policy", "tampered=9").exit_code == 9
     assert run(drive, *lattice, "--policy", "tampered=0").exit_code == 1
+
+
+def test_packets_of_no_scanner_are_said_to_be_so(tmp_path: Path) -> None:
+    """Another maker's packets, for one: their number is told."""
+    recording = tmp_path / "a.pcap"
+    recording.write_bytes(pcap([ethernet(udp_frame(b"noise"))] * 3))
+    done = run(recording, "-q")
+    assert done.exit_code == 1
+    assert "holds no scan; counted: bad length 3" in str(done.exception)
 
 
 def test_a_recording_that_is_cut_off_keeps_its_verdict(

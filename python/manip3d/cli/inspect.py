@@ -27,7 +27,7 @@ from manip3d.cli.options import (
 )
 from manip3d.cli.terminal import Terminal, check_output, counted, shown, table
 from manip3d.cli.watermark import key_of
-from manip3d.errors import Error, InputError
+from manip3d.errors import Error, FormatError, InputError
 from manip3d.io import SCAN_SUFFIXES, is_url
 
 if TYPE_CHECKING:
@@ -382,6 +382,12 @@ class Drive:
                 for number, frame in enumerate(opened):
                     self.names.append(f"frame {number}")
                     yield frame
+                if not self.names:
+                    counters = opened.counters.items()
+                    counted = ", ".join(
+                        f"{name.replace('_', ' ')} {n}" for name, n in counters if n
+                    )
+                    raise FormatError(f"holds no scan; counted: {counted or 'nothing'}", file=uri)
             except (Error, OSError) as error:
                 if not self.names:
                     raise
