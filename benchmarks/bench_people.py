@@ -1,9 +1,9 @@
 """The phantom limb on recorded people: what of each picture is wrong, and whether the gate says so.
 
-``python benchmarks/bench_people.py [--half tuning|reporting] [--sheet FILE.png]`` reads the trials
-of UTD-MHAD (``MANIP3D_DATA``) and prints one table; the sheet shows the worst frames by a measure.
-A trial belongs to the tuning half if its action and its subject are both odd or both even: options
-are chosen on that half, and the other one is reported.
+``python benchmarks/bench_people.py [--half tuning|reporting] [--sheet FILE.png] [--simulated]``
+reads the trials of UTD-MHAD (``MANIP3D_DATA``) and prints one table; the sheet shows the worst
+frames by a measure. A trial belongs to the tuning half if its action and its subject are both odd
+or both even: options are chosen on that half, and the other one is reported.
 
 The measures are taken from the picture and the raw joints, apart from the pipeline's own gate:
 
@@ -28,6 +28,10 @@ the plane. `body` is nearest to another bone, and `background` farther than 20 c
 both are removed by error. `best plane` is what of the limb is lost if the plane is turned about
 the vertical and shifted until the two recorded legs cover each other best, which nobody can do
 for a person without the second leg; `turn` is the median of that turn.
+
+``--simulated`` prints another table instead, of simulated seated people with the errors of a
+Kinect V1's tracker, each of them once without the affected leg and once with both: `cut` of people
+who have the leg counts the flesh of that leg, which no patient has.
 """
 
 from __future__ import annotations
@@ -271,6 +275,58 @@ def loss_below(
     )
 
 
+def lost_below_hips(frame: RgbdFrame, result: PhantomFrame) -> float:
+    """The share of the person's pixels below the hips that show nothing."""
+    from manip3d.modify import PixelKind
+
+    points = frame.calibration.depth.unproject(frame.depth)
+    part = (frame.body_index == 0) & (points[..., 1] > frame.skeletons[0].positions[0, 1])
+    return float((part & (result.kinds == PixelKind.NONE)).sum()) / max(1, int(part.sum()))
+
+
+def simulated_row(has_leg: bool, turn: float) -> list[str]:
+    """Simulated seated people turned by an angle: percent of the frames, and of those tracked."""
+    from manip3d.modify import PhantomPipeline
+    from manip3d.simulate import BodySimulator, opposite
+
+    lost: list[float] = []
+    tracked: list[bool] = []
+    motions = ("still", "knee-extension", "dorsiflexion")
+    for leg, motion, aside in itertools.product(LIMBS[2:], motions, sorted({-turn, turn})):
+        pipeline = PhantomPipeline(leg)
+        simulator = BodySimulator(
+            motion=motion,
+            side=opposite(leg).split("_")[0],
+            amputated=None if has_leg else leg,
+            sitting=True,
+            turn=aside,
+            sway=5.0,
+            tracker="kinect-v1",
+            color="none",
+            frames=60,
+            seed=3,
+        )
+        for number, frame in enumerate(simulator):
+            result = pipeline.process(frame)
+            if number % 2 == 0:
+                lost.append(lost_below_hips(frame, result))
+                tracked.append(result.state.value == "tracking")
+    cut = np.array(lost) > 0.15
+    unsaid = (cut & tracked).sum() / max(1, sum(tracked))
+    shares = (np.mean(tracked), cut.mean(), unsaid, np.mean(lost))
+    who = f"{'both legs' if has_leg else 'one leg'}, turned {turn:.0f} degrees"
+    return [who, str(len(lost)), *(f"{100 * share:.1f}" for share in shares)]
+
+
+def print_simulated() -> None:
+    """Print the table of simulated people."""
+    import tables
+
+    rows = [simulated_row(has_leg, turn) for has_leg in (False, True) for turn in (0.0, 15.0)]
+    head = ["simulated, seated; % of the frames", "frames", "tracking", "cut", "tracking", "lost"]
+    print(tables.table(head, rows))
+
+
 @dataclass(frozen=True, eq=False)
 class Shown:
     """A picture of the sheet."""
@@ -297,7 +353,11 @@ def main() -> None:
     parser.add_argument("--sheet")
     parser.add_argument("--sort", default="score", help="score, or a fault under tracking")
     parser.add_argument("--reason", help="only frames of the sheet with this reason")
+    parser.add_argument("--simulated", action="store_true", help="simulated people alone")
     options = parser.parse_args()
+    if options.simulated:
+        print_simulated()
+        return
     groups: dict[str, Tally] = {}
     pictures: list[Shown] = []
     for uri in datasets.people_uris():

@@ -48,6 +48,13 @@ std::vector<ClothingColors> to_clothes(const std::optional<CArray<float>>& rows)
   return clothes;
 }
 
+void check_body_index(const CArray<std::uint8_t>& body_index, const DepthView& depth) {
+  check_image(body_index, 0, "body_index");
+  if (body_index.shape(0) != depth.rows || body_index.shape(1) != depth.cols) {
+    throw InputError("body_index: expected the shape of depth");
+  }
+}
+
 CArray<float> clothing_colors_of(const py::array& depth,
                                  const std::optional<CArray<std::uint8_t>>& body_index,
                                  const PyIntrinsics& camera,
@@ -58,12 +65,17 @@ CArray<float> clothing_colors_of(const py::array& depth,
   const PixelRays rays(intrinsics);
   std::optional<Registration> to_color;
   if (!registration.is_none()) to_color = to_registration(registration);
-  const ColoredScene scene{depth_view(depth),
-                           body_index ? body_index->data() : nullptr,
-                           &intrinsics,
-                           &rays,
-                           to_color ? &*to_color : nullptr,
-                           color_view(color, "color")};
+  const DepthView view = depth_view(depth);
+  if (view.rows != intrinsics.height || view.cols != intrinsics.width) {
+    throw InputError("depth: expected the size of its camera");
+  }
+  if (body_index) check_body_index(*body_index, view);
+  const ColorView colors = color_view(color, "color");
+  if (!to_color && (colors.rows != view.rows || colors.cols != view.cols)) {
+    throw InputError("color: expected the size of depth where there is no registration");
+  }
+  const ColoredScene scene{view,  body_index ? body_index->data() : nullptr, &intrinsics,
+                           &rays, to_color ? &*to_color : nullptr,           colors};
   const std::vector<Skeleton> skeletons = to_skeletons(people);
   CArray<float> rows({static_cast<py::ssize_t>(skeletons.size()), kNumShares});
   for (std::size_t i = 0; i < skeletons.size(); ++i) {
@@ -169,10 +181,7 @@ class PipelineRunner {
     PhantomInput input;
     input.depth = depth_view(depth);
     if (body_index) {
-      check_image(*body_index, 0, "body_index");
-      if (body_index->shape(0) != input.depth.rows || body_index->shape(1) != input.depth.cols) {
-        throw InputError("body_index: expected the shape of depth");
-      }
+      check_body_index(*body_index, input.depth);
       input.body_index = body_index->data();
     }
     input.camera = to_intrinsics(camera, rays_);

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from capsule_body import SMALL, bones, frame, jittered, pixel_rays, pose, render
-from manip3d import InputError, Intrinsics, Skeleton
+from manip3d import InputError, Intrinsics, Skeleton, _core
 from manip3d.modify import (
     JointSmoother,
     KeyPerson,
@@ -334,6 +335,29 @@ def test_an_id_is_believed_while_nobody_else_wears_the_clothes() -> None:
     assert dressed(key, far, 0.2) == 1
 
 
+def test_a_jacket_that_is_put_on_is_learnt_while_nobody_is_near() -> None:
+    """Afterwards the patient comes back under a new id; with a visitor near, nothing is learnt."""
+    for visitor_at, comes_back_as in ((2.0, 5), (0.8, 6)):
+        key = KeyPerson()
+        visitor = person(2, visitor_at), REDDISH
+        assert dressed(key, [(person(1, 0.0), RED), visitor], 0.0) == 1
+        for k in range(1, 151):
+            assert dressed(key, [(person(1, 0.0), BLUE), visitor], k / 30) == 1
+        assert dressed(key, [], 5.4) is None
+        both = [(person(5, 0.2), BLUE), (person(6, -0.2), RED)]
+        assert dressed(key, both, 5.5) == comes_back_as
+
+
+def test_clothes_that_are_hidden_for_a_moment_are_not_forgotten() -> None:
+    """An arm lies before the shirt for a second: the patient in red is still told from others."""
+    key = KeyPerson()
+    assert dressed(key, [(person(1, 0.0), RED)], 0.0) == 1
+    for k in range(1, 31):
+        assert dressed(key, [(person(1, 0.0), BLUE)], k / 30) == 1
+    assert dressed(key, [], 1.4) is None
+    assert dressed(key, [(person(5, 0.2), BLUE), (person(6, -0.2), RED)], 1.5) == 6
+
+
 def test_clothes_are_one_row_for_each_person() -> None:
     for clothes, got in (
         ([RED, BLUE], "2, 15"),
@@ -387,6 +411,28 @@ def test_clothes_are_those_of_the_trunk_alone() -> None:
     assert clothing_colors(replace(image, depth=arm, color=color))[0, 0] > 0.999
     with pytest.raises(InputError, match="frame: expected a colour image, got none"):
         clothing_colors(replace(image, color=None))
+
+
+def test_the_core_checks_the_pictures_of_clothes() -> None:
+    """The facade's frames always fit; other callers of the core must not read beyond an image."""
+    image = frame(pose())
+    color = np.zeros((*image.depth.shape, 3), np.uint8)
+    index = np.zeros(image.depth.shape, np.uint8)
+    camera = image.calibration.depth
+
+    def colors(depth: Any, body_index: Any, color: Any) -> Any:
+        return _core.clothing_colors(depth, body_index, camera, None, color, image.skeletons)
+
+    assert colors(image.depth, index, color).shape == (1, 15)
+    for name, wrong in (
+        ("depth: expected the size of its camera", (image.depth[:-1].copy(), None, color)),
+        ("depth: expected", (image.depth.astype(np.float64), None, color)),
+        ("body_index: expected the shape of depth", (image.depth, index[:, :-1].copy(), color)),
+        ("color: expected the size of depth", (image.depth, None, color[:-1].copy())),
+        ("color", (image.depth, None, index)),
+    ):
+        with pytest.raises(InputError, match=name):
+            colors(*wrong)
 
 
 # ---- mirror ---------------------------------------------------------------------------------

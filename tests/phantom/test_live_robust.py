@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, cast
 
 import numpy as np
 import pytest
@@ -106,6 +106,33 @@ def test_a_camera_that_is_pulled_out_is_waited_for(monkeypatch: pytest.MonkeyPat
     assert report.states["tracking"] > 50
     assert report.frames == 138
     assert dict(report.refused) == {}
+
+
+@pytest.mark.parametrize("is_live", [False, True])
+def test_only_a_camera_is_said_to_give_no_frames(
+    monkeypatch: pytest.MonkeyPatch, is_live: bool
+) -> None:
+    """A recording of one frame in some seconds is waited for, and ends where it is over."""
+
+    class Slow(PulledCamera):
+        def __init__(self) -> None:
+            super().__init__()
+            self.is_live = is_live
+            self.asked = 0
+
+        def read(self, timeout: float) -> RgbdFrame | None:
+            self.asked += 1
+            if self.asked in (2, 4):
+                return capsule_body.painted(self.asked)
+            if self.asked < 5:
+                time.sleep(timeout)  # until then no frame is due
+            return None
+
+    monkeypatch.setattr(_live, "_AGAIN_S", 0.2)
+    found = list(_live._captured("slow", cast(capture.RgbdSource, Slow()), once=True))
+    told = [each for each in found if isinstance(each, str)]
+    assert told == ["The camera gives no frames."] * (2 if is_live else 0)
+    assert len(found) - len(told) == 2
 
 
 def test_a_camera_without_a_body_tracker_is_shown_with_pose(

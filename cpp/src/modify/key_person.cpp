@@ -237,8 +237,9 @@ std::optional<std::size_t> KeyPerson::find(std::span<const Skeleton> people,
     if (!found && lost >= options_.patience) found = nearby(people, options_.reach, time_s);
   }
   if (found) {
+    const bool is_same = is_surely_the_same(people, *found, time_s);
     remember(people[*found], time_s);
-    remember_clothes(*found);
+    remember_clothes(*found, is_same);
   }
   see_others(people, time_s);
   seen_clothes_ = {};
@@ -262,18 +263,36 @@ void KeyPerson::remember(const Skeleton& person, double time_s) {
   if (known != end) *known = others_[--num_others_];
 }
 
-/// A running mean; clothes that look quite different for a moment, as behind an arm, are left out.
-void KeyPerson::remember_clothes(std::size_t person) {
+/// Under its id and at its place in the last frame, with nobody near whom it could be mistaken for.
+bool KeyPerson::is_surely_the_same(std::span<const Skeleton> people, std::size_t person,
+                                   double time_s) const {
+  constexpr double kNear = 0.15, kAlone = 1.0;  // metres
+  constexpr double kWalk = 1.5;                 // metres a second
+  const double lost = lost_for(time_s);
+  if (people[person].id != id_ || lost > kMoment) return false;
+  const Eigen::Vector3f here = *spine_base(people[person]);
+  if ((here - position_).cast<double>().norm() > kNear + kWalk * lost) return false;
+  for (std::size_t i = 0; i < people.size(); ++i) {
+    const auto base = i == person ? std::nullopt : spine_base(people[i]);
+    if (base && (*base - here).cast<double>().norm() < kAlone) return false;
+  }
+  return true;
+}
+
+/// A running mean. Clothes that look quite different, as behind an arm or when a jacket is put on,
+/// are learnt ten times more slowly, and only if the wearer is surely the key person.
+void KeyPerson::remember_clothes(std::size_t person, bool is_surely_the_same) {
   if (person >= seen_clothes_.size() || !seen_clothes_[person].is_known()) return;
   if (!clothes_.is_known()) {
     clothes_ = seen_clothes_[person];
     return;
   }
-  if (wears_other_clothes(person)) return;
-  constexpr float kMemory = 0.95F;  // from frame to frame
+  const bool is_changed = wears_other_clothes(person);
+  if (is_changed && !is_surely_the_same) return;
+  const float memory = is_changed ? 0.995F : 0.95F;  // from frame to frame
   for (std::size_t i = 0; i < clothes_.shares.size(); ++i) {
     clothes_.shares[i] =
-        kMemory * clothes_.shares[i] + (1.0F - kMemory) * seen_clothes_[person].shares[i];
+        memory * clothes_.shares[i] + (1.0F - memory) * seen_clothes_[person].shares[i];
   }
 }
 

@@ -219,7 +219,8 @@ class KeyPerson:
     ``reach``. Others who were seen beside it are no newcomers until they were not seen for
     ``forget``: `select` takes one of them. Where clothes are given, whoever has the id and wears
     other colours is passed over for the only one nearby in the key person's colours, and a newcomer
-    in other colours is not taken.
+    in other colours is not taken. Another shirt or a jacket is learnt within some 4 seconds at 30
+    frames a second, while its wearer keeps id and place and nobody else is within 1 m.
 
     Parameters
     ----------

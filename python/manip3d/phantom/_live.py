@@ -396,7 +396,7 @@ def _until_the_end(source: RgbdSource) -> Iterator[RgbdFrame | str]:
             continue
         if frame is not None:
             yield frame
-        elif time.monotonic() - asked >= 0.9 * _AGAIN_S:
-            yield "The camera gives no frames."
-        else:  # the recording is over
+        elif time.monotonic() - asked < 0.9 * _AGAIN_S:  # the recording is over
             return
+        elif source.is_live:  # a slow recording is waited for
+            yield "The camera gives no frames."

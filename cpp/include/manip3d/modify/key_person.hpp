@@ -75,7 +75,9 @@ class KeyPerson {
   [[nodiscard]] bool is_other(std::int64_t id, double time_s) const;
   void see_others(std::span<const Skeleton> people, double time_s);
   void remember(const Skeleton& person, double time_s);
-  void remember_clothes(std::size_t person);
+  [[nodiscard]] bool is_surely_the_same(std::span<const Skeleton> people, std::size_t person,
+                                        double time_s) const;
+  void remember_clothes(std::size_t person, bool is_surely_the_same);
 
   KeyPersonOptions options_;
   bool seen_ = false;
