@@ -97,6 +97,20 @@ def test_a_flat_square_becomes_two_faces_with_its_outline() -> None:
     assert result.max_error < 1e-5
 
 
+@pytest.mark.parametrize("share", [0.5, 0.1])
+def test_a_sheet_with_front_and_back_keeps_its_outline(share: float) -> None:
+    """Its rim has two faces as all edges have, and shrank at no price until its area was gone."""
+    front = flat(12)
+    sheet = Mesh(front.vertices, np.concatenate([front.faces, front.faces[:, ::-1]]))
+    hill = exact_models.hill()
+    beside = Mesh(hill.vertices + np.array([0, 0, 3]), hill.faces)
+    both = together(sheet, beside)
+    result = simplify.quality(both, target_faces=round(share * both.num_faces)).mesh
+    sides = result.faces[result.vertices[result.faces][:, :, 2].max(axis=1) < 1]
+    assert area(Mesh(result.vertices, sides)) == pytest.approx(2.0, abs=0.01)
+    assert len(sides) <= 8  # rounding noise of volumes that cancel sent its vertices far away
+
+
 def test_a_hole_closes_when_that_is_cheapest() -> None:
     xy, faces = grid(9)
     middle = np.all(np.abs(xy[faces].mean(axis=1) - 0.5) < 1 / 18, axis=1)

@@ -64,6 +64,14 @@ constexpr std::size_t kMostRefused = 1 << 20;
 /// A piece that vanishes is missed more than its distance says.
 constexpr double kPieceFactor = 2.0;
 
+/// The faces of an edge lie on one side if the mean of the unit vectors towards them is this long:
+/// two of them open by less than 16 degrees.
+constexpr double kOneSided = 0.99;
+
+/// The sum of the area vectors around an edge is rounding noise below this share of their lengths,
+/// as where front and back of a sheet cancel: no volume tells where the new vertex lies.
+constexpr double kLeastVolume = 1e-6;
+
 /// How far outside of the box of its original faces a vertex may end up, over the diagonal of the
 /// box. The tip of a cone with the volume of a spherical cap that reaches 50 degrees from its axis
 /// is as far outside; farther tips follow volumes that are mostly gone, and look like spikes.
@@ -251,6 +259,21 @@ class QualitySimplifier {
     for (const std::int32_t wedge : wedges) texture_[wedge] += texture;
   }
 
+  /// Whether all faces of an edge of v lie on one side of it: on a boundary, and on the rim of a
+  /// sheet whose front and back are faces of their own, where the surface ends as well.
+  [[nodiscard]] bool is_one_sided(std::int32_t v, const RingEdge& edge) const {
+    if (edge.num_faces == 1) return true;
+    const Vector3d along = (mesh_.position(edge.vertex) - mesh_.position(v)).normalized();
+    Vector3d sum = Vector3d::Zero();
+    mesh_.for_each_face(v, [&](std::int32_t f, std::int32_t c) {
+      const std::int32_t a = mesh_.face(f)[(c + 1) % 3], b = mesh_.face(f)[(c + 2) % 3];
+      if (a != edge.vertex && b != edge.vertex) return;
+      const Vector3d to_third = mesh_.position(a == edge.vertex ? b : a) - mesh_.position(v);
+      sum += (to_third - along.dot(to_third) * along).normalized();
+    });
+    return sum.norm() > kOneSided * edge.num_faces;
+  }
+
   /// Planes through boundaries and seams, perpendicular to their faces; each end stands for half
   /// of an edge. A corner of a border has two planes and is dear, a straight one is cheap along it.
   void add_borders(std::int32_t v) {
@@ -259,8 +282,9 @@ class QualitySimplifier {
       for (const std::size_t other : {(c + 1) % 3, (c + 2) % 3}) {
         const std::int32_t t = mesh_.face(f)[other];
         const RingEdge& edge = *ring_v_.find(t);
-        const bool is_boundary = edge.num_faces == 1;
-        if (t < v || (!is_boundary && !edge.is_seam)) continue;
+        if (t < v) continue;
+        const bool is_boundary = is_one_sided(v, edge);
+        if (!is_boundary && !edge.is_seam) continue;
         const Vector3d along = mesh_.position(t) - mesh_.position(v);
         const Vector3d across = along.cross(area_vector(f));
         const double length = across.norm();
@@ -423,7 +447,9 @@ class QualitySimplifier {
       for (const auto& [wedge, quadric] : wedges_) squares.add(quadric, weight);
     }
     squares.add(middle, kTowardsMiddle * (area_[v] + area_[t]) + 1e-9 * length * length);
-    const Vector3d best = squares.solve(star.normal, star.offset);
+    const bool has_volume = star.normal.norm() > kLeastVolume * star.area;
+    const Vector3d best =
+        squares.solve(has_volume ? star.normal : Vector3d(Vector3d::Zero()), star.offset);
     return best.allFinite() ? best : middle;
   }
 
