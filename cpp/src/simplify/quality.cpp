@@ -12,6 +12,7 @@
 #include <tuple>
 #include <utility>
 
+#include "geometry/union_find.hpp"
 #include "manip3d/error.hpp"
 #include "simplify/attribute_quadric.hpp"
 #include "simplify/collapse_mesh.hpp"
@@ -63,6 +64,23 @@ constexpr std::size_t kMostRefused = 1 << 20;
 /// A piece that vanishes is missed more than its distance says.
 constexpr double kPieceFactor = 2.0;
 
+/// The faces of an edge lie on one side if the mean of the unit vectors towards them is this long:
+/// two of them open by less than 16 degrees.
+constexpr double kOneSided = 0.99;
+
+/// The sum of the area vectors around an edge is rounding noise below this share of their lengths,
+/// as where front and back of a sheet cancel: no volume tells where the new vertex lies.
+constexpr double kLeastVolume = 1e-6;
+
+/// How far outside of the box of its original faces a vertex may end up, over the diagonal of the
+/// box. The tip of a cone with the volume of a spherical cap that reaches 50 degrees from its axis
+/// is as far outside; farther tips follow volumes that are mostly gone, and look like spikes.
+constexpr double kReach = 0.1;
+
+/// How far outside of the box of its original chart a texture coordinate may be fitted, over the
+/// diagonal of the box. Rounded borders of charts ask for this much on the models with most seams.
+constexpr double kTextureReach = 0.02;
+
 struct Entry {
   double price;           // per face that goes
   std::int32_t a, b;      // an edge; b < 0: the piece a
@@ -103,6 +121,7 @@ class QualitySimplifier {
         ring_t_(mesh_.num_vertices()),
         surface_(mesh_.num_vertices()),
         borders_(mesh_.num_vertices()),
+        part_(mesh_.num_vertices()),
         area_(mesh_.num_vertices(), 0.0),
         border_(mesh_.num_vertices(), 0.0),
         owed_(mesh_.num_vertices(), 0.0),
@@ -118,7 +137,10 @@ class QualitySimplifier {
       });
     }
     Ticker ticker(progress);
-    if (is_textured_) measure_texture();
+    if (is_textured_) {
+      measure_texture();
+      find_charts();
+    }
     for (std::int32_t f = 0; f < mesh_.num_slots(); ++f) {
       ticker.tick();
       if (mesh_.is_alive(f)) add_face(f);
@@ -191,9 +213,34 @@ class QualitySimplifier {
     texture_.resize(mesh_.num_wedges());
   }
 
+  /// Charts are wedges joined by faces: a collapse never merges wedges of two charts.
+  void find_charts() {
+    UnionFind sets(mesh_.num_wedges());
+    for (std::int32_t f = 0; f < mesh_.num_slots(); ++f) {
+      if (!mesh_.is_alive(f)) continue;
+      const auto& wedges = mesh_.wedges(f);
+      sets.join(wedges[0], wedges[1]);
+      sets.join(wedges[0], wedges[2]);
+    }
+    chart_.resize(mesh_.num_wedges());
+    for (std::int32_t w = 0; w < mesh_.num_wedges(); ++w) {
+      const std::int32_t root = sets.root(w);  // the least of its set
+      if (root == w) {
+        chart_[w] = static_cast<std::int32_t>(chart_box_.size());
+        chart_box_.emplace_back();
+      } else {
+        chart_[w] = chart_[root];
+      }
+      chart_box_[chart_[w]].extend(mesh_.uv(w));
+    }
+  }
+
   /// Each corner stands for a third of the face.
   void add_face(std::int32_t f) {
     const auto& face = mesh_.face(f);
+    Eigen::AlignedBox3d box;
+    for (const std::int32_t v : face) box.extend(mesh_.position(v));
+    for (const std::int32_t v : face) part_[v].extend(box);
     const Vector3d normal = area_vector(f);
     const double length = normal.norm();
     if (!(length > 0.0)) return;
@@ -212,6 +259,21 @@ class QualitySimplifier {
     for (const std::int32_t wedge : wedges) texture_[wedge] += texture;
   }
 
+  /// Whether all faces of an edge of v lie on one side of it: on a boundary, and on the rim of a
+  /// sheet whose front and back are faces of their own, where the surface ends as well.
+  [[nodiscard]] bool is_one_sided(std::int32_t v, const RingEdge& edge) const {
+    if (edge.num_faces == 1) return true;
+    const Vector3d along = (mesh_.position(edge.vertex) - mesh_.position(v)).normalized();
+    Vector3d sum = Vector3d::Zero();
+    mesh_.for_each_face(v, [&](std::int32_t f, std::int32_t c) {
+      const std::int32_t a = mesh_.face(f)[(c + 1) % 3], b = mesh_.face(f)[(c + 2) % 3];
+      if (a != edge.vertex && b != edge.vertex) return;
+      const Vector3d to_third = mesh_.position(a == edge.vertex ? b : a) - mesh_.position(v);
+      sum += (to_third - along.dot(to_third) * along).normalized();
+    });
+    return sum.norm() > kOneSided * edge.num_faces;
+  }
+
   /// Planes through boundaries and seams, perpendicular to their faces; each end stands for half
   /// of an edge. A corner of a border has two planes and is dear, a straight one is cheap along it.
   void add_borders(std::int32_t v) {
@@ -220,8 +282,9 @@ class QualitySimplifier {
       for (const std::size_t other : {(c + 1) % 3, (c + 2) % 3}) {
         const std::int32_t t = mesh_.face(f)[other];
         const RingEdge& edge = *ring_v_.find(t);
-        const bool is_boundary = edge.num_faces == 1;
-        if (t < v || (!is_boundary && !edge.is_seam)) continue;
+        if (t < v) continue;
+        const bool is_boundary = is_one_sided(v, edge);
+        if (!is_boundary && !edge.is_seam) continue;
         const Vector3d along = mesh_.position(t) - mesh_.position(v);
         const Vector3d across = along.cross(area_vector(f));
         const double length = across.norm();
@@ -384,7 +447,9 @@ class QualitySimplifier {
       for (const auto& [wedge, quadric] : wedges_) squares.add(quadric, weight);
     }
     squares.add(middle, kTowardsMiddle * (area_[v] + area_[t]) + 1e-9 * length * length);
-    const Vector3d best = squares.solve(star.normal, star.offset);
+    const bool has_volume = star.normal.norm() > kLeastVolume * star.area;
+    const Vector3d best =
+        squares.solve(has_volume ? star.normal : Vector3d(Vector3d::Zero()), star.offset);
     return best.allFinite() ? best : middle;
   }
 
@@ -708,6 +773,7 @@ class QualitySimplifier {
     mesh_.collapse(v, t, map_);
     mesh_.move(t, plan.position);
     if (is_doubling) remove_duplicates(t);
+    part_[t].extend(part_[v]);
     surface_[t] += surface_[v];
     borders_[t] += borders_[v];
     area_[t] += area_[v];
@@ -722,6 +788,7 @@ class QualitySimplifier {
     }
     if (!mesh_.is_isolated(t)) push_edges(t);
     for (const std::int32_t w : neighbours_) {
+      if (mesh_.is_isolated(w)) part_[t].extend(part_[w]);
       if (w == t || !blocked_[w] || mesh_.is_isolated(w)) continue;
       blocked_[w] = false;
       push_edges(w);
@@ -841,13 +908,32 @@ class QualitySimplifier {
       planes.diagonal().array() += area;
       step = planes.llt().solve(area * by);
     }
-    const Vector3d p = mesh_.position(v) + step;
+    move_if_legal(v, mesh_.position(v) + step);
+  }
+
+  void move_if_legal(std::int32_t v, const Vector3d& p) {
     bool fits = p.allFinite();
     mesh_.for_each_face(v, [&](std::int32_t f, std::int32_t c) {
       const auto& face = mesh_.face(f);
       fits = fits && !check_face(v, face[(c + 1) % 3], face[(c + 2) % 3], p);
     });
     if (fits && (!guard_ || keeps_distance({v}, p))) mesh_.move(v, p);
+  }
+
+  /// The point of a box, widened by a share of its diagonal, that is nearest to p.
+  template <typename Point, typename Box>
+  static Point within(const Box& box, double reach, const Point& p) {
+    const Point margin = Point::Constant(reach * box.diagonal().norm());
+    return p.cwiseMax(box.min() - margin).cwiseMin(box.max() + margin);
+  }
+
+  /// Vertices lie where the volume is kept, which can be far away from all that they stand for.
+  void pull_back_spikes() {
+    for (std::int32_t v = 0; v < mesh_.num_vertices(); ++v) {
+      if (mesh_.is_isolated(v) || is_locked(v)) continue;
+      const Vector3d p = within(part_[v], kReach, mesh_.position(v));
+      if (p != mesh_.position(v)) move_if_legal(v, p);
+    }
   }
 
   // --- The result ----------------------------------------------------------------------------
@@ -863,6 +949,7 @@ class QualitySimplifier {
       }
       queue_ = {};  // room for the fit
       forbidden_ = {};
+      pull_back_spikes();
       SurfaceFit fit(input_, [this](std::int32_t v) {
         return pieces_.size() == 0 || pieces_.is_there(pieces_.of_vertex(v));
       });
@@ -875,7 +962,10 @@ class QualitySimplifier {
                                : 1.0));
       if (is_textured_) {
         const auto may_change = [&](std::int32_t v) { return !is_locked(v); };
-        fit.fit_texture(mesh_, may_change, part_of(progress_, 0.95, 1.0));
+        const auto set_texture = [&](std::int32_t wedge, const Vector2d& uv) {
+          mesh_.set_uv(wedge, within(chart_box_[chart_[wedge]], kTextureReach, uv));
+        };
+        fit.fit_texture(mesh_, may_change, set_texture, part_of(progress_, 0.95, 1.0));
       }
     }
     if (mesh_.num_faces() <= options_.target_faces) {
@@ -920,6 +1010,7 @@ class QualitySimplifier {
   std::vector<Quadric> surface_;           // of a vertex: the original faces it stands for
   std::vector<Quadric> borders_;           // of a vertex: the boundaries and seams
   std::vector<AttributeQuadric> texture_;  // of a wedge
+  std::vector<Eigen::AlignedBox3d> part_;  // of a vertex: the box of those faces
   std::vector<double> area_;               // of a vertex: of those faces
   double whole_area_ = 0.0;                // of all of them
   std::vector<double> border_;             // of a vertex: weighted length of those borders
@@ -932,8 +1023,10 @@ class QualitySimplifier {
   std::vector<double> importance_;         // of a vertex; empty: all 1
   std::set<std::int32_t> kept_pieces_;     // those with a locked vertex
   bool is_textured_;
-  double texture_length_ = 0.0;  // on the surface, of a unit of texture
-  std::int32_t center_ = -1;     // the vertex whose edges are being priced, or -1
+  std::vector<std::int32_t> chart_;             // of a wedge
+  std::vector<Eigen::AlignedBox2d> chart_box_;  // of a chart: its original texture coordinates
+  double texture_length_ = 0.0;                 // on the surface, of a unit of texture
+  std::int32_t center_ = -1;                    // the vertex whose edges are being priced, or -1
   Star center_star_;
   std::vector<StarFace> center_faces_;
   FlatHeap<Entry> queue_, forbidden_;

@@ -191,7 +191,7 @@ Vector2d SurfaceFit::texture_of(std::int64_t sample) const {
 
 void SurfaceFit::fit_texture(CollapseMesh& mesh,
                              const std::function<bool(std::int32_t)>& may_change,
-                             const Progress& progress) const {
+                             const SetTexture& set, const Progress& progress) const {
   Ticker ticker(progress);
   const auto wedges_of = [&](const Sample& sample) -> const auto& {
     return mesh.wedges(slots_[sample.face]);
@@ -241,7 +241,7 @@ void SurfaceFit::fit_texture(CollapseMesh& mesh,
       }
     }
     for (std::int32_t w = 0; w < mesh.num_wedges(); ++w) {
-      if (weight[w] > 0.0) mesh.set_uv(w, mesh.uv(w) + pull[w] / weight[w]);
+      if (weight[w] > 0.0) set(w, mesh.uv(w) + pull[w] / weight[w]);
     }
   }
 }

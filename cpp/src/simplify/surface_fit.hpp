@@ -19,6 +19,8 @@ class SurfaceFit {
   /// Moves a vertex by a vector for an area of the original that asks for it, or leaves it.
   using Move = std::function<void(std::int32_t v, const Eigen::Vector3d& by, double area)>;
 
+  using SetTexture = std::function<void(std::int32_t wedge, const Eigen::Vector2d& uv)>;
+
   /// @param original  the mesh that was simplified; it must outlive this.
   /// @param is_there  whether the piece with this vertex (of the original, in a face with three
   ///                  different corners) still exists.
@@ -30,8 +32,9 @@ class SurfaceFit {
 
   /// Fits texture coordinates to those of the original at the nearest points of run().
   /// @param may_change  whether those of a vertex may.
+  /// @param set         gives a wedge a texture coordinate near to the one that fits.
   void fit_texture(CollapseMesh& mesh, const std::function<bool(std::int32_t)>& may_change,
-                   const Progress& progress) const;
+                   const SetTexture& set, const Progress& progress) const;
 
  private:
   /// A point of the original and the nearest one of the simplified mesh.

@@ -40,7 +40,7 @@ _TABLES = ("vertices", "faces", "texcoords", "face_texcoords", "normals", "face_
 # vertex.
 _BYTES = {
     "fast": (125, 215, 12, 300, 20, 45, 25, 10, 15),
-    "quality": (450, 200, 12, 480, 30, 230, 30, 50, 30),
+    "quality": (474, 200, 12, 528, 30, 245, 30, 50, 30),
 }
 _BYTES_LEFT = {"fast": 60, "quality": 210}  # more for each face of the result
 _MARGIN = 1.1
