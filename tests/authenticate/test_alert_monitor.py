@@ -24,6 +24,7 @@ from manip3d.authenticate import (
     AlertMonitor,
     AlertTally,
     AttackObservation,
+    DriveMoment,
     KeyFile,
     RiskParameters,
     StereoRig,
@@ -31,6 +32,7 @@ from manip3d.authenticate import (
     WitnessReport,
     _alert,
     verdict_of_alerts,
+    watch_drive,
 )
 from manip3d.errors import InputError
 from manip3d.report import AlertTimeline
@@ -404,6 +406,22 @@ def test_a_drive_that_was_cut_is_not_authentic(tmp_path: Path) -> None:
     assert verdict == "undecidable"
     assert "end are missing" in reason
     assert verdict_of_alerts(alerts[:2])[0] == "authentic"
+
+
+def test_an_error_of_the_caller_is_no_verdict_on_the_drive() -> None:
+    def fails(alert: Alert) -> None:
+        if alert.number == 1:
+            raise OSError(28, "No space left on device")
+
+    def interrupts(alert: Alert) -> None:
+        if alert.number == 1:
+            raise KeyboardInterrupt
+
+    drive = [DriveMoment(FRAME)] * 3
+    with pytest.raises(OSError, match="No space left"):
+        watch_drive(AlertMonitor(), drive, show=fails)
+    watched = watch_drive(AlertMonitor(), drive, show=interrupts)
+    assert (watched.num_frames, watched.reason) == (2, "ended after 2 frames: it was interrupted")
 
 
 def test_forensics_take_a_verified_watermark_for_no_edit(tmp_path: Path) -> None:

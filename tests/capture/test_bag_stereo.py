@@ -16,6 +16,7 @@ from manip3d import FormatError, InputError, LidarFrame, capture, datasets, forg
 from manip3d.authenticate import CameraPair, DriveMoment, StereoRig, write_rigs
 from manip3d.capture import _bag_stereo
 from manip3d.capture._bag import BagPicture, BagRecording
+from manip3d.io._images import decoded_picture
 from manip3d.simulate import cameras
 
 pytest.importorskip("rosbags.rosbag2", reason="the extra 'bags' is not installed")
@@ -37,6 +38,7 @@ from ros_bags import (  # noqa: E402
     transform,
     write_mixed_bag,
 )
+from velodyne_packets import pcap  # noqa: E402
 
 PROJECTION = np.array([[360.0, 0, 320, 0], [0, 360, 80, 0], [0, 0, 1, 0]])
 RIGHT = PROJECTION + np.array([[0, 0, 0, -360 * 0.5], [0, 0, 0, 0], [0, 0, 0, 0]])
@@ -184,6 +186,11 @@ BAD_PICTURES = {
     "nothing": (compressed(b"", "png", 1.0), "unreadable picture"),
     "a depth image": (compressed(bytes(12) + _png(), "16UC1; compressedDepth", 1.0), "unreadable"),
 }
+
+
+def test_the_refusal_of_16_bits_is_told_once() -> None:
+    with pytest.raises(FormatError, match=r"^expected a picture of 8 bits, got the mode I;16: how"):
+        decoded_picture(_png("I;16"), "alert")
 
 
 @pytest.mark.parametrize("name", BAD_PICTURES)
@@ -362,6 +369,39 @@ def test_damaged_bags_with_pictures_are_typed_errors_or_moments(tmp_path: Path) 
         except FormatError as error:
             refused += error.file == str(path)
     assert refused >= 4
+
+
+def test_scans_before_the_damage_are_intact(tmp_path: Path) -> None:
+    bag = write_mixed_bag(
+        tmp_path / "bag", [*calibration(), *(scan(1.0 + n / 10) for n in range(3))]
+    )
+    (path,) = bag.glob("*.mcap")
+    whole, before = path.read_bytes(), moments(path)
+    third = whole.index(points_of(12).tobytes())
+    ended = 0
+    for back in range(0, 200, 20):  # the header of the third cloud, which lies before its points
+        path.write_bytes(whole[: third - back] + b"\xff" * 8 + whole[third - back + 8 :])
+        seen: list[DriveMoment] = []
+        try:
+            seen.extend(capture.watched_recording(f"bag:{path}").moments)
+        except FormatError as error:
+            ended += error.file == str(path)
+        assert len(seen) >= 2
+        for found, wanted in zip(seen[:2], before, strict=False):
+            assert isinstance(found.frame, LidarFrame)
+            assert isinstance(wanted.frame, LidarFrame)
+            assert found.time_s == wanted.time_s
+            assert found.frame.points.tobytes() == wanted.frame.points.tobytes()
+    assert ended >= 4
+
+
+def test_a_recording_without_scans_is_named(tmp_path: Path) -> None:
+    empty, bag = tmp_path / "empty.pcap", write_mixed_bag(tmp_path / "bag", [*both(1.0, 7)])
+    empty.write_bytes(pcap([]))
+    with pytest.raises(FormatError, match=r"empty\.pcap: expected scans, found none"):
+        list(capture.watched_recording(f"pcap:{empty}").moments)
+    with pytest.raises(FormatError, match="no topic of sensor_msgs/msg/PointCloud2"):
+        moments(bag)
 
 
 def _bag_of(drive: Path, target: Path) -> Path:

@@ -422,7 +422,7 @@ def test_what_was_judged_counts_though_it_cannot_be_shown(
     monkeypatch.setattr(AlertTimeline, "add", fail)
     done = in_process(signed, "--key", key, "--json")
     assert done.exit_code == 3, done.output
-    assert "ended after 1 frame: [Errno 28]" in json.loads(done.stdout)["reason"]
+    assert "not kept: [Errno 28]" in json.loads(done.stdout)["reason"]
 
 
 def test_a_page_that_cannot_be_written_takes_no_verdict_away(

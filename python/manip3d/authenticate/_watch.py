@@ -121,7 +121,8 @@ def watch_drive(
     whole : bool
         The drive is to be one whole session of a watermark, as for `AlertTally.verdict`.
     show : callable, optional
-        Called with each `Alert`, in order.
+        Called with each `Alert`, in order. An error that it raises is the caller's, and says
+        nothing about the drive: it is passed on.
 
     Returns
     -------
@@ -145,20 +146,19 @@ def watch_drive(
     ('undecidable', 2)
     """
     tally = AlertTally()
-    stopped: BaseException | None = None
+    errors: list[BaseException] = []
     last = None
     try:
-        for alert in _judged(monitor, iter(moments), speed_mps, live=live):
-            tally.add(alert)  # first: showing it can fail
+        for alert in _until_error(_judged(monitor, iter(moments), speed_mps, live=live), errors):
+            tally.add(alert)
             if show is not None:
                 show(alert)
         last = monitor.finish()
-    except (Error, OSError, KeyboardInterrupt) as error:
-        if not tally.num_frames:
-            raise
-        stopped = error
-        if not isinstance(error, KeyboardInterrupt):
-            last = monitor.finish()
+    except KeyboardInterrupt as error:
+        errors.append(error)
+    stopped = errors[-1] if errors else None
+    if stopped is not None and not tally.num_frames:
+        raise stopped
     if not tally.num_frames:
         raise InputError("moments: expected frames, found none")
     verdict, reason = tally.verdict(whole=whole and stopped is None)
@@ -167,6 +167,14 @@ def watch_drive(
     if stopped is not None:
         verdict, reason = _until(stopped, tally.num_frames, verdict, reason)
     return DriveWatch(verdict, reason, tally.num_frames, stopped)
+
+
+def _until_error(alerts: Iterator[Alert], errors: list[BaseException]) -> Iterator[Alert]:
+    """The alerts of a drive up to the error in which it ends; that is put into `errors`."""
+    try:
+        yield from alerts
+    except (Error, OSError) as error:
+        errors.append(error)
 
 
 def _until(stopped: BaseException, count: int, verdict: str, reason: str) -> tuple[str, str]:

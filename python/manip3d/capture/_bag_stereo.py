@@ -107,7 +107,7 @@ def watched_recording(
             if value is not None:
                 raise InputError(f"{name}: expected with a ROS bag, got {uri}")
     if not uri.startswith("bag:") or cameras == "none":
-        scans = _scans(open_lidar(uri, calibration=calibration))
+        scans = _scans(open_lidar(uri, calibration=calibration), uri)
         return WatchedDrive(None, itertools.islice(scans, frames), frames or 0)
     if calibration is not None:
         raise InputError("calibration: expected none for bag:")
@@ -121,14 +121,22 @@ def watched_recording(
         raise
     if note is not None and why:
         note(why)
-    moments = matched(bag.messages(pair), pair)
+    moments = _expect_some(matched(bag.messages(pair), pair), place)
     return WatchedDrive(rig, itertools.islice(moments, frames), frames or 0)
 
 
-def _scans(recording: LidarSource) -> Iterator[DriveMoment]:
+def _scans(recording: LidarSource, uri: str) -> Iterator[DriveMoment]:
     with recording:
-        for frame in recording:
-            yield _moment(frame)
+        yield from _expect_some((_moment(frame) for frame in recording), uri.partition(":")[2])
+
+
+def _expect_some(moments: Iterator[DriveMoment], file: str) -> Iterator[DriveMoment]:
+    """The moments of a file that must hold at least one scan."""
+    first = next(moments, None)
+    if first is None:
+        raise FormatError("expected scans, found none", file=file)
+    yield first
+    yield from moments
 
 
 def _only_rig(path: str | os.PathLike[str]) -> StereoRig:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -118,8 +119,8 @@ def run(
         Path | None,
         typer.Option(
             help="Stereo pairs of the drive, which may look all around; by default rigs.json in "
-            "its folder, else KITTI's front pair. Of a ROS bag the only pair of the file, in place "
-            "of the calibration in the bag."
+            "its folder, else KITTI's front pair. For a ROS bag the file must hold one pair, which "
+            "replaces the calibration in the bag."
         ),
     ] = None,
     cameras: Annotated[
@@ -208,14 +209,24 @@ def run(
         )
         view = stack.enter_context(_View(shell, source, drive.num_frames))
 
+        unwritten: list[OSError] = []
+
         def show(alert: Alert) -> None:
-            timeline.add(alert)
             view.show(alert)
+            try:
+                if not unwritten:
+                    timeline.add(alert)
+            except OSError as error:  # the drive is judged all the same
+                unwritten.append(error)
 
         watched = authenticate.watch_drive(
             monitor, drive.moments, speed_mps=speed, live=live,
             whole=bool(key) and frames is None and not live, show=show,
         )  # fmt: skip
+    if unwritten and watched.verdict != "tampered":
+        raise unwritten[0]
+    if unwritten:
+        watched = replace(watched, reason=f"{watched.reason}; not kept: {unwritten[0]}")
     _told(shell, timeline, watched, monitor.counts, output, as_json=as_json)
 
 
@@ -238,7 +249,7 @@ def _told(
         except OSError as error:
             unwritten = error
             reason += f"; {output} was not written: {error}"
-    # Every frame's numbers at once: only where somebody takes them.
+    # The numbers of every frame are gathered only for output that holds them.
     is_taken = as_json or shell.is_collecting
     summary = timeline.summary(verdict, reason, counts) if is_taken else None
     shell.result(summary, lambda console: _show(console, timeline, verdict, reason, counts))
@@ -342,7 +353,12 @@ class _View:
         for row in self._recent:
             style = "red" if row[1] == "tampered" else "yellow" if row[1] == "undecidable" else ""
             grid.add_row(*row, style=style)
-        self._live.update(grid, refresh=True)
+        try:
+            self._live.update(grid, refresh=True)
+        except OSError:  # the terminal is gone, and the drive is judged all the same
+            live, self._live = self._live, None
+            with suppress(OSError):
+                live.__exit__(None, None, None)
 
 
 _COLUMNS = ("frame", "verdict", "attack", "risk", "ms", "why")

@@ -170,10 +170,15 @@ def decoded_picture(data: bytes, extra: str) -> NDArray[np.uint8]:
     try:
         with image_module.open(io.BytesIO(data), formats=("PNG", "JPEG")) as image:
             if image.mode.startswith(("I", "F")):
-                raise FormatError(f"expected a picture of 8 bits, got the mode {image.mode}")
+                raise FormatError(
+                    f"expected a picture of 8 bits, got the mode {image.mode}: how many of its "
+                    "bits the camera used is unknown; scale both pictures of a pair alike"
+                )
             pixels: NDArray[np.uint8] = np.asarray(
                 image if image.mode == "L" else image.convert("RGB")
             )
+    except FormatError:  # a ValueError, too
+        raise
     except (OSError, ValueError, SyntaxError, image_module.DecompressionBombError) as error:
         raise FormatError(f"unreadable picture: {error}") from error
     return pixels
