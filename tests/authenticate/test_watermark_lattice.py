@@ -213,7 +213,7 @@ def test_a_survey_file_carries_its_watermark(key: KeyFile, tmp_path: Path) -> No
     with Watermarker(key) as sender:
         sent = sender.embed(read)
         write_watermarked(sent, out)
-        with pytest.raises(InputError, match="keeps coordinates of float64"):
+        with pytest.raises(InputError, match="does not keep the coordinates"):
             write_watermarked(sent, tmp_path / "narrow.bin")
         assert not (tmp_path / "narrow.bin").exists()
     back = read_scan(out)
