@@ -15,6 +15,7 @@ import numpy as np
 from manip3d._util.checked import checked
 from manip3d.authenticate._lattice import (
     LINE_TOLERANCE,
+    LINES_APART,
     LatticeReading,
     SensorLattice,
     estimate_lattice,
@@ -289,10 +290,6 @@ rotation of four about each upright is enough."""
 MOST_TURNED = 15_000
 """Points that tell how the axes are turned."""
 
-
-LINES_APART = 1.5
-"""Metres from the axis: there the lines of KITTI's HDL-64E are 7 to 20 mm apart. Nearer to the
-scanner, chance puts most points within `LINE_TOLERANCE` of one."""
 
 LEAST_MEDIAN = 4.0
 """Metres: median distance of points that may tell that they are turned, or in another unit. Nearer
