@@ -143,8 +143,69 @@ def test_rows_of_somebody_who_is_missing_go_with_them(kept: Path, tmp_path: Path
     found = rescue_diary(kept, tmp_path / "new.diary")
     assert found.missing[0] == "participants: rows from the first to the last cannot be read"
     assert f"games: {GAMES} of participants that cannot be read" in found.missing
+    assert any("a check calls them damaged" in told for told in found.missing)
     with Diary(tmp_path / "new.diary", key=tmp_path / "a.key") as diary:
         assert diary.participants() == []
+        with pytest.raises(FormatError, match="audit"):
+            diary.check()
+
+
+def test_what_lies_between_two_damaged_pages_is_read(kept: Path, tmp_path: Path) -> None:
+    before = games(kept)
+    leaves = pages(kept, "games", "leaves")
+    assert len(leaves) > 4
+    destroy(kept, leaves[1])
+    destroy(kept, leaves[-2])
+    missing = rescue_diary(kept, tmp_path / "new.diary").missing
+    lost = set()
+    gaps = [told for told in missing if told.startswith("games: ")]
+    assert len(gaps) == 2
+    for told in gaps:
+        numbers = re.fullmatch(r"games: rows after (\d+) before (\d+) cannot be read", told)
+        assert numbers is not None
+        first, last = map(int, numbers.groups())
+        lost |= {number for number in before if first < number < last}
+    assert 0 < len(lost) < GAMES * 3.5 / len(leaves)
+    found = games(tmp_path / "new.diary")
+    assert found == {number: seed for number, seed in before.items() if number not in lost}
+
+
+def test_a_page_that_repeats_an_earlier_one_ends(kept: Path, tmp_path: Path) -> None:
+    """A write went to the wrong place: the rows of the page lead back to what was read."""
+    before = games(kept)
+    leaves = pages(kept, "games", "leaves")
+    content = bytearray(kept.read_bytes())
+    source, target = (slice(PAGE * (page - 1), PAGE * page) for page in (leaves[1], leaves[3]))
+    content[target] = content[source]
+    kept.write_bytes(content)
+    rescue_diary(kept, tmp_path / "new.diary")
+    rescued = games(tmp_path / "new.diary")
+    assert rescued.items() <= before.items()
+    assert len(rescued) > GAMES * (1 - 3.0 / len(leaves))
+
+
+def test_a_full_disk_is_no_damage(kept: Path, tmp_path: Path) -> None:
+    resource = pytest.importorskip("resource")
+    new, limits = tmp_path / "new.diary", resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (5 * PAGE, limits[1]))
+    try:
+        with pytest.raises(OSError, match="cannot be written"):
+            rescue_diary(kept, new)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert not new.exists()
+    assert rescue_diary(kept, new).missing == ()
+
+
+def test_a_diary_that_is_written_is_no_damage(kept: Path, tmp_path: Path) -> None:
+    new = tmp_path / "new.diary"
+    with contextlib.closing(sqlite3.connect(kept, isolation_level=None)) as other:
+        other.execute("BEGIN EXCLUSIVE")
+        with pytest.raises(OSError, match="locked"):
+            rescue_diary(kept, new)
+    new.with_name("new.diary-wal").write_bytes(b"of another diary")
+    with pytest.raises(InputError, match=r"output: .*new.diary-wal belongs to a diary"):
+        rescue_diary(kept, new, overwrite=True)
 
 
 def test_what_would_not_open_is_no_rescue(kept: Path, tmp_path: Path) -> None:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import sqlite3
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
 from manip3d._util.checked import checked
@@ -16,7 +18,8 @@ from manip3d.diary import _schema as schema
 from manip3d.errors import FormatError, InputError
 from manip3d.io._files import atomic_path
 
-_FIRST, _LAST = -(2**63), 2**63 - 1  # of the numbers of rows in SQLite
+_FIRST, _LAST = -(2**63), 2**63 - 1  # before and behind the numbers of rows in SQLite
+_HALVINGS = 12  # of the numbers between two damaged pages, which are random or consecutive
 
 
 @dataclass(frozen=True)
@@ -59,19 +62,22 @@ def rescue_diary(
     Raises
     ------
     InputError
-        ``output`` exists, or is the diary itself.
+        ``output`` exists, or is the diary itself, or has a journal of SQLite beside it.
     FormatError
         The file is no diary, or is damaged where it says what its tables are or by which key it
         is read.
     OSError
-        A file cannot be read or written.
+        A file cannot be read or written; another program writes to the diary.
 
     Notes
     -----
-    Rows are read by their numbers, without any index, from both ends of each table up to a page
-    that cannot be read. An index is made anew, so that nothing is missing where only that was
-    damaged. Rows of a participant or of a session that is missing go with it, as when that is
-    deleted. Payloads are copied as they are: `Diary.check` says whether they were changed.
+    Rows are read by their numbers, without any index: from both ends of each table up to a page
+    that cannot be read, then what lies between two such pages. An index is made anew, so that
+    nothing is missing where only that was damaged. Rows that another page has replaced leave no
+    trace and are not named. Rows of a participant or of a session that is missing go with it, as
+    when that is deleted. Payloads are copied as they are: `Diary.check` says whether they were
+    changed. Where entries of the audit or the participants they name are missing, it calls the
+    audit damaged; the damaged file stays the evidence.
 
     Examples
     --------
@@ -87,44 +93,64 @@ def rescue_diary(
     if target.exists() and source.exists() and target.samefile(source):
         raise InputError(f"output: expected another file than the diary, got {target}")
     if not source.is_file():
-        raise FileNotFoundError(2, "No such file or directory", str(source))
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(source))
+    for beside in (Path(f"{target}{ending}") for ending in ("-wal", "-shm", "-journal")):
+        if beside.exists():  # SQLite would play it back into the new diary
+            raise InputError(f"output: {beside} belongs to a diary that was not closed")
     missing: list[str] = []
     with atomic_path(target) as made:
         made.chmod(0o600)
         with _connected(source, "ro") as old, _connected(made, "rw") as new:
             try:
-                _make_tables(old, new, source)
-                for table in _tables(new):
-                    missing += _copy(old, new, table)
+                old.execute("BEGIN")  # what is written meanwhile is not seen
+                version = _version(old, source)
             except sqlite3.DatabaseError as error:
+                _raise_if_busy(error, source)
                 raise FormatError(f"cannot be rescued: {error}", file=str(source)) from error
-            _check_marks(new, source)
-            missing += _remove_orphans(new)
-            num_rows = sum(
-                int(new.execute(f"SELECT count(*) FROM {table}").fetchone()[0])
-                for table in _tables(new)
-            )
-            new.commit()
+            try:
+                new.execute("BEGIN")
+                _make_tables(new, version)
+                for table in _tables(new):
+                    missing += _copy(old, new, table, source)
+                _check_marks(new, source)
+                missing += _remove_orphans(new)
+                num_rows = sum(
+                    int(new.execute(f"SELECT count(*) FROM {table}").fetchone()[0])
+                    for table in _tables(new)
+                )
+                new.execute("COMMIT")
+            except sqlite3.Error as error:
+                raise OSError(errno.EIO, f"cannot be written: {error}", str(target)) from error
     return DiaryRescue(target, num_rows, tuple(missing))
 
 
 def _connected(path: Path, mode: str) -> contextlib.closing[sqlite3.Connection]:
     where = f"file:{quote(os.path.abspath(path))}?mode={mode}"
-    return contextlib.closing(sqlite3.connect(where, uri=True))
+    return contextlib.closing(sqlite3.connect(where, uri=True, isolation_level=None))
 
 
-def _make_tables(old: sqlite3.Connection, new: sqlite3.Connection, source: Path) -> None:
-    """Make the empty tables of the old file's version."""
+def _raise_if_busy(error: sqlite3.Error, source: Path) -> None:
+    """Another program holds the diary: that says nothing about damage."""
+    if error.sqlite_errorcode & 0xFF in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
+        raise OSError(errno.EBUSY, str(error), str(source)) from error
+
+
+def _version(old: sqlite3.Connection, source: Path) -> int:
     mark, version = (
         int(old.execute(f"PRAGMA {name}").fetchone()[0])
         for name in ("application_id", "user_version")
     )
     if mark != schema.APPLICATION or not 0 < version <= schema.VERSION:
         raise FormatError("expected a diary, got another file or version", file=str(source))
+    return version
+
+
+def _make_tables(new: sqlite3.Connection, version: int) -> None:
+    """Make the empty tables of the old file's version."""
     for statements in schema.MIGRATIONS[:version]:
         for statement in statements:
             new.execute(statement)
-    new.execute(f"PRAGMA application_id = {mark}")
+    new.execute(f"PRAGMA application_id = {schema.APPLICATION}")
     new.execute(f"PRAGMA user_version = {version}")
 
 
@@ -133,42 +159,77 @@ def _tables(connection: sqlite3.Connection) -> list[str]:
     return [name for (name,) in found.fetchall()]
 
 
-def _copy(old: sqlite3.Connection, new: sqlite3.Connection, table: str) -> list[str]:
+def _copy(old: sqlite3.Connection, new: sqlite3.Connection, table: str, source: Path) -> list[str]:
     """Copy the rows of a table that can be read; say which cannot."""
     columns = [name for _, name, *_ in new.execute(f"PRAGMA table_info({table})")]
     names, places = ", ".join(columns), ", ".join("?" for _ in columns)
+    reader = _Reader(old, source)
     unread: list[str] = []
-    for number in _numbers(old, table, unread):
+    lost: list[list[int]] = []
+    for number in _numbers(reader, table, (_FIRST, _LAST), lost, _HALVINGS):
+        row = reader.one(f"SELECT {names} FROM {table} NOT INDEXED WHERE rowid = ?", number)
         try:
-            row = old.execute(
-                f"SELECT {names} FROM {table} NOT INDEXED WHERE rowid = ?", (number,)
-            ).fetchone()
-            new.execute(
-                f"INSERT INTO {table} (rowid, {names}) VALUES (?, {places})", (number, *row)
-            )
-        except sqlite3.DatabaseError:
+            if row:
+                new.execute(
+                    f"INSERT INTO {table} (rowid, {names}) VALUES (?, {places})", (number, *row)
+                )
+        except (sqlite3.IntegrityError, sqlite3.DataError):  # damage that still reads as a row
+            row = None
+        if not row:
             unread.append(f"{table}: row {number} cannot be read")
-    return unread
+    return unread + [_in_words(table, *between) for between in lost]
 
 
-def _numbers(old: sqlite3.Connection, table: str, unread: list[str]) -> Iterator[int]:
-    """Numbers of the rows from both ends of a table, up to what cannot be read on either side."""
+class _Reader:
+    """Reads single rows of a file that is damaged somewhere."""
+
+    def __init__(self, old: sqlite3.Connection, source: Path) -> None:
+        self._old, self._source = old, source
+
+    def one(self, query: str, *values: int) -> tuple[Any, ...] | None:
+        """The first row that a query finds, () where there is none; None: it cannot be read."""
+        try:
+            return tuple(self._old.execute(query, values).fetchone() or ())
+        except sqlite3.DatabaseError as error:
+            _raise_if_busy(error, self._source)
+            return None
+
+
+def _numbers(
+    reader: _Reader, table: str, between: tuple[int, int], lost: list[list[int]], halvings: int
+) -> Iterator[int]:
+    """Numbers of the rows between two numbers, from both ends up to what cannot be read.
+
+    What is left between two damaged pages is halved, and each half read in the same way. What
+    cannot be read is added to ``lost``: the numbers before and behind it.
+    """
+    first, last = between
     query = f"SELECT rowid FROM {table} NOT INDEXED WHERE rowid > ? AND rowid < ? ORDER BY rowid "
-    first, last = _FIRST, _LAST
-    try:
-        while found := old.execute(query + "LIMIT 1", (first, last)).fetchone():
-            (first,) = found
-            yield first
+    # A page that is a copy of another one leads back, to rows that were read before.
+    while (found := reader.one(query + "LIMIT 1", first, last)) and first < found[0] < last:
+        (first,) = found
+        yield first
+    if found == ():
         return
-    except sqlite3.DatabaseError:
-        pass
-    with contextlib.suppress(sqlite3.DatabaseError):
-        while found := old.execute(query + "DESC LIMIT 1", (first, last)).fetchone():
-            (last,) = found
-            yield last
+    while (found := reader.one(query + "DESC LIMIT 1", first, last)) and first < found[0] < last:
+        (last,) = found
+        yield last
+    if found == ():
+        return
+    middle = (first + last) // 2
+    if halvings and first + 1 < middle:
+        yield from _numbers(reader, table, (first, middle + 1), lost, halvings - 1)
+        yield from _numbers(reader, table, (middle, last), lost, halvings - 1)
+    elif lost and first < lost[-1][1]:  # both halves of what was halved
+        lost[-1][1] = last
+    else:
+        lost.append([first, last])
+
+
+def _in_words(table: str, first: int, last: int) -> str:
     begin = f"after {first}" if first != _FIRST else "from the first"
     end = f"before {last}" if last != _LAST else "to the last"
-    unread.append(f"{table}: rows {begin} {end} cannot be read")
+    return f"{table}: rows {begin} {end} cannot be read"
 
 
 def _check_marks(new: sqlite3.Connection, source: Path) -> None:
@@ -188,8 +249,11 @@ def _remove_orphans(new: sqlite3.Connection) -> list[str]:
     while orphans := new.execute("PRAGMA foreign_key_check").fetchall():
         for table, parent in sorted({(table, parent) for table, _, parent, _ in orphans}):
             numbers = {(row,) for name, row, of, _ in orphans if (name, of) == (table, parent)}
-            if table == "audit":  # who did it is forgotten, as when a participant is deleted
+            if table == "audit":
                 change = "UPDATE audit SET participant = NULL WHERE rowid = ?"
+                told.append(
+                    f"audit: of whom {len(numbers)} entries are; a check calls them damaged"
+                )
             else:
                 change = f"DELETE FROM {table} WHERE rowid = ?"
                 told.append(f"{table}: {len(numbers)} of {parent} that cannot be read")
