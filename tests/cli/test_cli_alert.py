@@ -414,12 +414,17 @@ def test_what_was_judged_counts_though_it_cannot_be_shown(
 
     key, signed = key_file(tmp_path / "sensor.key"), tmp_path / "signed"
     embedded(drive, key, signed)
-    forged(signed, 0)
 
     def fail(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(AlertTimeline, "add", fail)
+    page = tmp_path / "alert.json"
+    done = in_process(signed, "--key", key, "--json", "-o", page)
+    assert isinstance(done.exception, OSError)  # an error is more than no alarm
+    assert "not kept: [Errno 28]" in json.loads(done.stdout)["reason"]
+    assert not page.exists()
+    forged(signed, 0)
     done = in_process(signed, "--key", key, "--json")
     assert done.exit_code == 3, done.output
     assert "not kept: [Errno 28]" in json.loads(done.stdout)["reason"]

@@ -223,11 +223,10 @@ def run(
             monitor, drive.moments, speed_mps=speed, live=live,
             whole=bool(key) and frames is None and not live, show=show,
         )  # fmt: skip
-    if unwritten and watched.verdict != "tampered":
-        raise unwritten[0]
-    if unwritten:
-        watched = replace(watched, reason=f"{watched.reason}; not kept: {unwritten[0]}")
-    _told(shell, timeline, watched, monitor.counts, output, as_json=as_json)
+    unkept = unwritten[0] if unwritten else None
+    if unkept is not None:
+        watched = replace(watched, reason=f"{watched.reason}; not kept: {unkept}")
+    _told(shell, timeline, watched, monitor.counts, output, unkept, as_json=as_json)
 
 
 def _told(
@@ -236,13 +235,17 @@ def _told(
     watched: DriveWatch,
     counts: AlertCounts,
     output: Path | None,
+    unkept: OSError | None,
     *,
     as_json: bool,
 ) -> None:
-    """Write and print what was found, and end with the exit code of the verdict."""
+    """Write and print what was found, and end with the exit code of the verdict.
+
+    A timeline that lacks frames, which ``unkept`` says, is not written.
+    """
     verdict, reason = watched.verdict, watched.reason
-    unwritten: OSError | None = None
-    if output is not None:
+    unwritten = unkept
+    if output is not None and unkept is None:
         try:
             timeline.write(output, verdict=verdict, reason=reason, counts=counts)
             shell.say(f"wrote {output}")

@@ -384,10 +384,8 @@ class Drive:
                     yield frame
                 if not self.names:
                     counters = opened.counters.items()
-                    counted = ", ".join(
-                        f"{name.replace('_', ' ')} {n}" for name, n in counters if n
-                    )
-                    raise FormatError(f"holds no scan; counted: {counted or 'nothing'}", file=uri)
+                    told = ", ".join(f"{name.replace('_', ' ')} {n}" for name, n in counters if n)
+                    raise FormatError(f"holds no scan; counted: {told or 'nothing'}", file=uri)
             except (Error, OSError) as error:
                 if not self.names:
                     raise
