@@ -102,7 +102,7 @@ _HOMES = {
     "read_mesh": "io",
     "view": "viewer",
 }
-"""Where each name of the top level is defined, to be imported when it is first used.
+"""The module of each name of the top level; it is imported when the name is first used.
 
 The command begins with an import of this package, before it can say how Ctrl-C ends it.
 """

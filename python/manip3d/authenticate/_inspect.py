@@ -749,7 +749,7 @@ def _where_told(
     *,
     reading: LatticeReading | None = None,
 ) -> GenericResult:
-    """Judge what a lattice that was read off the scan tells of it: no holes, nor who else fired."""
+    """Judge the points that a lattice read off the scan tells of, without holes and firings."""
     kept = np.flatnonzero(lattice.is_told_by_scan(scan.points, reading))
     judged = judge(scan.select(kept)).with_rows(kept, scan)
     return judged.without(("firing", "void"), why="unknown", quiet="no_trace")

@@ -1,4 +1,4 @@
-"""What can still be read of a damaged diary, in a new file."""
+"""A damaged diary is copied into a new file, as far as it can be read."""
 
 from __future__ import annotations
 
