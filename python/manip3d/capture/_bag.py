@@ -184,6 +184,9 @@ class BagRecording:
         header: dict[str, Any] = json.loads(line)
         if "error" in header:
             raise self._refuse(f"damaged bag: {header['error']}")
+        if "kinds" in header:
+            found = ", ".join(header["kinds"])[:200] or "no topic"
+            raise self._refuse(f"no point clouds (sensor_msgs/msg/PointCloud2); it holds {found}")
         if "topics" in header:
             self._close()
             names = ", ".join(header["topics"]) or "none"

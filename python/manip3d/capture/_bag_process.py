@@ -54,8 +54,8 @@ def _write_messages(path: Path, topic: str, out: BinaryIO, *, pictures: bool) ->
             _line(out, {"topics": names})
             return
         if not names:
-            others = sorted({each.msgtype for each in bag.connections})
-            raise ValueError(f"no topic of {CLOUD}; found {', '.join(others)[:200] or 'nothing'}")
+            _line(out, {"kinds": sorted({each.msgtype for each in bag.connections})})
+            return
         wanted = [each for each in clouds if each.topic == (topic or names[0])]
         if pictures:
             _line(out, {"cameras": _cameras(bag, read, wanted)})
