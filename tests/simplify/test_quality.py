@@ -214,6 +214,30 @@ def test_pieces_vanish_in_the_order_of_their_distance() -> None:
     assert result.mesh.num_faces <= 12
 
 
+def facet_charts(mesh: Mesh) -> Mesh:
+    """The mesh with a chart of its own for each face, as packers of light maps write it."""
+    columns = int(np.ceil(np.sqrt(mesh.num_faces)))
+    cell = np.arange(mesh.num_faces)
+    corner = np.stack([cell % columns, cell // columns], axis=1)[:, None, :]
+    inside = np.array([[0.1, 0.1], [0.8, 0.1], [0.1, 0.8]])
+    return mesh.replace(
+        texcoords=((corner + inside) / columns).reshape(-1, 2),
+        face_texcoords=np.arange(3 * mesh.num_faces).reshape(-1, 3),
+    )
+
+
+def test_a_piece_that_stands_out_stays_where_every_edge_is_a_seam() -> None:
+    """It went where it had seams and stayed without: all edges of others paid for their strips."""
+    ball = exact_models.ball(26)
+    bump = exact_models.ball(9)
+    mesh = together(ball, bump.replace(vertices=0.3 * bump.vertices + [1.02, 0.0, 0.0]))
+    for target in (200, 120):
+        plain = simplify.quality(mesh, target_faces=target)
+        textured = simplify.quality(facet_charts(mesh), target_faces=target)
+        assert plain.removed_pieces == textured.removed_pieces == 0
+        assert 1.25 < textured.mesh.vertices[:, 0].max() < 1.4
+
+
 def test_vertices_of_no_piece_are_asked_for_none() -> None:
     """A vertex that only faces with repeated corners use: sanitizers see where it is looked up."""
     hills = [exact_models.hill(12) for _ in range(2)]

@@ -109,6 +109,13 @@ struct Star {
   double offset = 0.0;
 };
 
+/// What a piece of the input has to lose beside its place.
+struct PieceBorders {
+  double length = 0.0;      // of its boundaries and seams, times their weights
+  double area = 0.0;        // of its faces
+  double importance = 0.0;  // the largest of its vertices
+};
+
 class QualitySimplifier {
  public:
   QualitySimplifier(const MeshView& input, const QualityOptions& options, const Progress& progress)
@@ -150,8 +157,12 @@ class QualitySimplifier {
       add_borders(v);
     }
     for (std::int32_t i = 0; i < pieces_.size(); ++i) {
+      PieceBorders& own = piece_borders_.emplace_back();
       for (const std::int32_t v : pieces_.vertices(i)) {
         if (is_locked(v)) kept_pieces_.insert(i);
+        own.length += border_[v];
+        own.area += area_[v];
+        own.importance = std::max(own.importance, importance(v));
       }
     }
     for (Eigen::Index v = 0; v < input.colors.rows(); ++v) {
@@ -408,6 +419,15 @@ class QualitySimplifier {
     return std::sqrt(std::max(0.0, squares) * area);
   }
 
+  /// The price of the strips that borders sweep, for the sum of their squared distances and the
+  /// weighted length: no more area is swept than there is around them, however many borders cross
+  /// it (on models that give each face a chart of its own, all edges are borders).
+  [[nodiscard]] double strips(double squares, double length, double area) const {
+    if (!(squares > 0.0) || !(length > 0.0)) return 0.0;
+    const double most = std::max(options_.boundary_weight, options_.seam_weight);
+    return kStripDistance * std::min(squares, most * area * std::sqrt(squares / length));
+  }
+
   Plan plan(std::int32_t v, std::int32_t t, std::int32_t num_edge_faces, Place place) {
     if (is_textured_) gather_wedges(v, t);
     Quadric borders = borders_[v];
@@ -417,7 +437,7 @@ class QualitySimplifier {
     Plan plan;
     plan.position = position(v, t, place, star, borders, length);
     const Vector3d& p = plan.position;
-    plan.owed = kStripDistance * std::max(0.0, borders(p));
+    plan.owed = strips(borders(p), border_[v] + border_[t], area_[v] + area_[t]);
     if (is_textured_) {
       for (const auto& [wedge, quadric] : wedges_) {
         plan.owed += texture_factor() * integral(quadric(p), quadric.weight);
@@ -512,16 +532,14 @@ class QualitySimplifier {
   }
 
   [[nodiscard]] double piece_price(std::int32_t i) const {
-    double factor = kPieceFactor;
-    if (!importance_.empty()) {
-      double largest = 0.0;
-      for (const std::int32_t v : pieces_.vertices(i)) largest = std::max(largest, importance(v));
-      factor *= largest;
-    }
+    const PieceBorders& own = piece_borders_[i];
+    const double distance = pieces_.mean_distance(i);
+    const double price = kPieceFactor * pieces_.cost(i) +
+                         strips(own.length * distance * distance, own.length, own.area);
     // Faces beyond the target are no gain.
     const std::int64_t needed =
         std::max<std::int64_t>(1, mesh_.num_faces() - options_.target_faces);
-    return factor * pieces_.cost(i) / static_cast<double>(std::min(pieces_.num_faces(i), needed));
+    return own.importance * price / static_cast<double>(std::min(pieces_.num_faces(i), needed));
   }
 
   /// Something else has become cheaper than what was on top.
@@ -1021,7 +1039,8 @@ class QualitySimplifier {
   std::vector<Vector3d> colors_;           // of a vertex; empty: none
   std::vector<bool> is_locked_;            // of a vertex; empty: none
   std::vector<double> importance_;         // of a vertex; empty: all 1
-  std::set<std::int32_t> kept_pieces_;     // those with a locked vertex
+  std::vector<PieceBorders> piece_borders_;
+  std::set<std::int32_t> kept_pieces_;  // those with a locked vertex
   bool is_textured_;
   std::vector<std::int32_t> chart_;             // of a wedge
   std::vector<Eigen::AlignedBox2d> chart_box_;  // of a chart: its original texture coordinates

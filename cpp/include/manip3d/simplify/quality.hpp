@@ -49,8 +49,9 @@ struct QualityResult {
 /// the strips that boundaries and seams sweep, and of the texture [Hoppe 1999]. What costs least
 /// per face comes next. A new vertex lies where the squared distances are least, with the volume
 /// kept. A piece (faces joined by vertices) may vanish as a whole, for the distance of its surface
-/// to the rest. In the end vertices that stand far out of the original faces they stand for are
-/// drawn back, and all are fitted to the original surface, texture coordinates within their charts.
+/// and of its borders to the rest. In the end vertices that stand far out of the original faces
+/// they stand for are drawn back, and all are fitted to the original surface, texture coordinates
+/// within their charts.
 ///
 /// No face turns over, none is degenerate or double, and no edge gets a third face, as long as the
 /// target can be reached so. Locked vertices stay in any case, with their texture coordinates and
