@@ -642,6 +642,11 @@ class FastSimplifier {
     }
     view_.emplace(welded_);
     pieces_.emplace(*view_, scale_, part_of(progress_, 0.16, 0.2));
+    piece_weight_.assign(pieces_->size(), 0.0);
+    for (std::int32_t v = 0; v < num_vertices(); ++v) {
+      const std::int32_t piece = pieces_->of_vertex(v);
+      if (piece >= 0) piece_weight_[piece] += vertices_[v].weight;
+    }
     is_kept_.assign(pieces_->size(), 0);
     for (std::size_t v = 0; v < is_locked_.size(); ++v) {
       const std::int32_t piece = pieces_->of_vertex(static_cast<std::int32_t>(v));
@@ -666,10 +671,13 @@ class FastSimplifier {
     return pieces_->of_vertex(id_[face[0]]);
   }
 
-  /// In the unit of the collapses' prices: squared distance times area, per two faces.
+  /// In the unit of the collapses' prices: squared distance times the weight of planes (area, and
+  /// that of boundaries and seams), per two faces.
   [[nodiscard]] double piece_price(std::int32_t i) const {
-    return kFastPieceFactor * pieces_->cost(i) * pieces_->mean_distance(i) * 2.0 /
-           static_cast<double>(pieces_->num_faces(i));
+    const double distance = pieces_->mean_distance(i);
+    const double price = (kFastPieceFactor - 1.0) * pieces_->cost(i) * distance +
+                         piece_weight_[i] * distance * distance;
+    return price * 2.0 / static_cast<double>(pieces_->num_faces(i));
   }
 
   /// Which pieces remove_pieces() takes.
@@ -1679,6 +1687,7 @@ class FastSimplifier {
   TriangleMesh welded_;
   std::optional<MeshView> view_;
   std::optional<Pieces> pieces_;
+  std::vector<double> piece_weight_;   // of all planes of a piece, as read
   std::vector<std::uint8_t> is_kept_;  // pieces with locked vertices
 
   float squared_limit_ = std::numeric_limits<float>::infinity();
