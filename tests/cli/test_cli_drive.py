@@ -202,6 +202,7 @@ def test_packets_of_no_scanner_are_said_to_be_so(tmp_path: Path) -> None:
     done = run(recording, "-q")
     assert done.exit_code == 1
     assert "holds no scan; counted: bad length 3" in str(done.exception)
+    assert "an Ouster's recording needs its JSON file" in str(done.exception)
 
 
 def test_a_recording_that_is_cut_off_keeps_its_verdict(

@@ -214,6 +214,17 @@ def test_what_a_source_is(tmp_path: Path, quad: Mesh) -> None:
     assert scan_address("a.pcap") == "pcap:a.pcap"
 
 
+def test_packets_beside_the_metadata_of_an_ouster_are_its(tmp_path: Path) -> None:
+    recording = str(tmp_path / "a.pcap")
+    metadata = tmp_path / "a.json"
+    metadata.write_text('{"product": "VLP-16"}')
+    assert scan_address(recording) == f"pcap:{recording}"
+    metadata.write_text('{"beam_intrinsics": {"beam_altitude_angles": [1.0]}}')
+    assert scan_address(recording) == f"ouster:{recording}"
+    metadata.write_bytes(metadata.read_bytes() + bytes(1 << 20))
+    assert scan_address(recording) == f"pcap:{recording}"
+
+
 def test_depth_images_open_with_and_without_a_camera(tmp_path: Path) -> None:
     np.save(tmp_path / "d.npy", bumps())
     opened = open_thing(tmp_path / "d.npy")

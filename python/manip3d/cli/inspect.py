@@ -385,7 +385,14 @@ class Drive:
                 if not self.names:
                     counters = opened.counters.items()
                     told = ", ".join(f"{name.replace('_', ' ')} {n}" for name, n in counters if n)
-                    raise FormatError(f"holds no scan; counted: {told or 'nothing'}", file=uri)
+                    hint = (
+                        "; an Ouster's recording needs its JSON file of the same name beside it"
+                        if uri.startswith("pcap:") and opened.counters["bad_length"]
+                        else ""
+                    )
+                    raise FormatError(
+                        f"holds no scan; counted: {told or 'nothing'}{hint}", file=uri
+                    )
             except (Error, OSError) as error:
                 if not self.names:
                     raise

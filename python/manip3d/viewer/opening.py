@@ -18,6 +18,7 @@ from manip3d import capture, io
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
+from manip3d.io._files import limited_bytes
 from manip3d.io._scan_files import SCAN_SUFFIXES
 from manip3d.io._scan_tables import scan_suffix
 from manip3d.lidar import LidarFrame
@@ -39,6 +40,7 @@ _BAGS = (".mcap", ".db3")
 _LIDAR_SCHEMES = ("pcap:", "ouster:", "kitti:", "velodyne:", "bag:")
 _SCHEME = re.compile(r"[a-z][a-z0-9-]+:")  # of two characters at least: C:\scan.pcd is a file
 _HEADER_BYTES = 1 << 16  # where a PLY file names its elements
+_METADATA_BYTES = 1 << 20  # of an Ouster's JSON file, which has about 10 kB
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +111,7 @@ def scan_address(source: str) -> str | None:
     ----------
     source : str
         A file, a folder or an address; a bag also with one of its topics, as ``drive.bag#/top``.
+        A ``.pcap`` beside an Ouster's JSON file of the same name is read as an Ouster's.
 
     Returns
     -------
@@ -134,7 +137,7 @@ def scan_address(source: str) -> str | None:
     if source.startswith(_LIDAR_SCHEMES):
         return source
     if scan_suffix(source) in _PACKETS:
-        return f"pcap:{source}"
+        return f"{'ouster' if _has_ouster_metadata(Path(source)) else 'pcap'}:{source}"
     file, mark, topic = source.rpartition("#")
     if mark and topic and not Path(source).exists() and Path(file).exists():
         address = scan_address(file)
@@ -145,6 +148,15 @@ def scan_address(source: str) -> str | None:
         return f"bag:{source}"
     is_drive = (path / "velodyne").is_dir() or (path / "velodyne_points").is_dir()
     return f"kitti:{source}" if is_drive else None
+
+
+def _has_ouster_metadata(recording: Path) -> bool:
+    """Whether a sensor's JSON file, which only Ouster's recordings need, lies beside this one."""
+    try:
+        metadata = limited_bytes(recording.with_suffix(".json"), _METADATA_BYTES)
+    except (FormatError, OSError):
+        return False
+    return b'"beam_altitude_angles"' in metadata
 
 
 def _is_ros1(path: Path) -> bool:
