@@ -342,6 +342,19 @@ def test_what_a_scan_does_not_tell_of_its_scanner_accuses_nobody(
     assert ("was not measured for this scanner" in found.reason) is is_own
 
 
+def test_a_lattice_that_one_scan_tells_accuses_no_other_of_its_drive() -> None:
+    """The last scan of a recording is a part of a turn."""
+    whole = of_unknown_scanner()
+    part = whole.select(np.flatnonzero(whole.points[:, 0] > np.abs(whole.points[:, 1])))
+    first, last = authenticate.inspect_drive([whole, part])
+    assert first is not None
+    assert last is not None
+    assert first.sensor is not None
+    assert first.sensor.is_own
+    assert (first.verdict, first.processing) == ("undecidable", ())
+    assert (last.verdict, last.processing) == ("undecidable", ())
+
+
 def test_a_lattice_that_the_scan_tells_still_accuses_what_was_pasted() -> None:
     frame = of_unknown_scanner()
     car = np.array([9.0, -4.0, -1.0]) + np.random.default_rng(0).uniform(-0.8, 0.8, (600, 3))

@@ -62,7 +62,8 @@ def inspect_drive(
         None and whose neighbours are judged without it.
     lattice : SensorLattice, optional
         Lattice of the scanner. Without it the lattice by which the first scan that has one was
-        judged is tried first on all later scans.
+        judged is tried first on all later scans, unless that scan told it itself: such a lattice
+        judges that scan alone.
     sensor, origin, power, printed, threads
         As of `inspect`.
     numbers : iterable of int, optional
@@ -399,7 +400,7 @@ def _each(
                     waiting.append(pool.submit(judge, *scans, lattice, signed, 1))
                 else:
                     found = judge(*scans, lattice, signed, threads)
-                    if lattice is None and found.sensor is not None:
+                    if lattice is None and found.sensor is not None and not found.sensor.is_own:
                         lattice = found.sensor.lattice
                     waiting.append(found)
             before = frame, number
