@@ -14,7 +14,7 @@ import pytest
 
 import lattice_scans as scans
 from cave_scans import CAVE, ball
-from manip3d import FormatError, InputError, LidarFrame, authenticate, io, report
+from manip3d import FormatError, InputError, LidarFrame, authenticate, io, report, simulate
 from manip3d.authenticate import (
     DetectorReport,
     Inspection,
@@ -36,6 +36,7 @@ from manip3d.authenticate._processing import (
 )
 from manip3d.authenticate._sensors import is_hdl64e
 from manip3d.authenticate._verdict import FALSE_ALARM_RATE, RATE_SHARES, rate_of
+from manip3d.lidar import ScanFormat
 from manip3d.report._evidence import _drawn_regions, _how_many
 
 LATTICE = scans.lattice()
@@ -353,6 +354,24 @@ def test_a_lattice_that_one_scan_tells_accuses_no_other_of_its_drive() -> None:
     assert first.sensor.is_own
     assert (first.verdict, first.processing) == ("undecidable", ())
     assert (last.verdict, last.processing) == ("undecidable", ())
+
+
+def test_the_parts_of_turns_at_the_ends_of_a_recording_were_not_cropped() -> None:
+    """Packets tell which turns are whole; a file that lacks the same points was cropped."""
+    street = simulate.street(rng=3)
+    turns = [simulate.hdl64e(street, 1.0 + 0.1 * i, rng=i).frame for i in range(3)]
+    azimuth = np.arctan2(turns[2].points[:, 1], turns[2].points[:, 0])
+    cropped = turns[2].select(np.flatnonzero(azimuth > 0.5))
+    packets = ScanFormat("velodyne", header={"is_complete": False})
+    part = cropped.replace(format=packets)
+    *_, of_file = authenticate.inspect_drive([*turns[:2], cropped])
+    *_, of_packets = authenticate.inspect_drive([*turns[:2], part])
+    assert of_file is not None
+    assert of_packets is not None
+    assert {step.kind for step in of_file.processing} == {"cropped"}
+    assert (of_file.verdict, of_packets.verdict) == ("processed", "undecidable")
+    assert of_packets.processing == ()
+    assert "a part of this turn only" in of_packets.reason
 
 
 def test_a_lattice_that_the_scan_tells_still_accuses_what_was_pasted() -> None:

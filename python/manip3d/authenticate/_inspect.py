@@ -656,6 +656,11 @@ def _neighbour(
     return _at_origin(frame, place)
 
 
+def _is_part_of_turn(scan: LidarFrame) -> bool:
+    """Whether the packets say so, as where a recording begins and ends: nobody cropped it."""
+    return scan.format is not None and scan.format.header.get("is_complete") is False
+
+
 def _by_lattice(
     scan: LidarFrame,
     place: Place,
@@ -693,6 +698,11 @@ def _by_lattice(
         *_turns_report(turns, beside, why_not, place, sensor, embedding),
         *(() if reflectance is None else (_of_reflectance(reflectance, place, sensor, embedding),)),
     )
+    if _is_part_of_turn(scan) and {step.kind for step in processing} == {"cropped"}:
+        processing = ()
+        if all(each.verdict != "tampered" for each in reports):
+            why = "the recording holds a part of this turn only"
+            reports = tuple(DetectorReport(each.name, "undecidable", why) for each in reports)
     return _combined(
         scan, place, source, sensor, reports, processing, generic=generic, turns=turns,
         reflectance=reflectance,
