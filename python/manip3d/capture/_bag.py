@@ -183,7 +183,7 @@ class BagRecording:
             raise self._refuse("damaged bag: its reader ended")
         header: dict[str, Any] = json.loads(line)
         if "error" in header:
-            raise self._refuse(f"damaged bag: {header['error']}")
+            raise self._refuse(f"the bag cannot be read: {header['error']}")
         if "kinds" in header:
             found = ", ".join(header["kinds"])[:200] or "no topic"
             raise self._refuse(f"no point clouds (sensor_msgs/msg/PointCloud2); it holds {found}")
