@@ -512,6 +512,7 @@ void Surface::assign_half(const Surface& whole) {
   rows_ = padded(used_rows_);
   const auto size = static_cast<std::size_t>(cols_) * static_cast<std::size_t>(rows_);
   samples_.assign(size, {});
+  valid_.assign(size, 0);
   confidence_.assign(whole.has_confidence() ? size : 0, 0.0F);
   cells_.assign(size, 0);
   const auto pixel_of_whole = [&](int u, int v) {
@@ -520,6 +521,7 @@ void Surface::assign_half(const Surface& whole) {
   for (int v = 0; v < used_rows_; ++v) {
     const std::int32_t to = v * cols_, from = pixel_of_whole(0, v);
     for (int u = 0; u < used_cols_; ++u) samples_[to + u] = whole.samples_[from + 2 * u];
+    for (int u = 0; u < used_cols_; ++u) valid_[to + u] = whole.valid_[from + 2 * u];
     if (!has_confidence()) continue;
     for (int u = 0; u < used_cols_; ++u) confidence_[to + u] = whole.confidence_[from + 2 * u];
   }
