@@ -300,6 +300,12 @@ def test_what_a_small_file_may_become_is_bounded() -> None:
     assert read_mesh_bytes(much, "glb", max_bytes=10**9).num_faces == 1_000_000
 
 
+def test_nodes_for_meshes_without_them_are_in_the_budget() -> None:
+    content = document(meshes=[{"primitives": []}] * 200_000, nodes=[], scenes=[])
+    with pytest.raises(manip3d.FormatError, match="/meshes: the mesh takes more than"):
+        read_mesh_bytes(glb(content, b""), "glb", max_bytes=60_000_000)
+
+
 def test_images_count_as_often_as_they_are_named() -> None:
     image = PNG + b"\0" * 100_000
     content = square(

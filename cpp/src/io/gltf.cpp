@@ -185,6 +185,9 @@ class Reader {
       version.fail("expected glTF 2.x, got version " + version.text());
     }
     check_extensions();
+    if (document_.place_meshes_without_nodes()) {
+      warn_once("the file has no nodes: all its meshes are read, where their vertices are");
+    }
     if (is_scene_) return;
     if (document_.count("animations") > 0) warn_once("animations are left out");
     if (document_.count("skins") > 0)

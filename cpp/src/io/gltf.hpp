@@ -48,7 +48,8 @@ class GltfBudget {
 /// Node transforms are applied; one that mirrors turns its triangles around. Primitives of one
 /// node that share their POSITION accessor share their vertices; instances of a mesh share their
 /// texture coordinates. All component types, strides, sparse accessors, triangles, strips and
-/// fans, KHR_mesh_quantization, KHR_texture_transform (in the texture coordinates). Points, lines,
+/// fans, KHR_mesh_quantization, KHR_texture_transform (in the texture coordinates).
+/// A file without nodes has all its meshes read as they are, with a warning. Points, lines,
 /// skins, morph targets, animations, extensions of lights, materials and image formats, and others
 /// that are not required are left out with a warning. Where only some primitives have vertex
 /// colours, the others are white.

@@ -65,6 +65,9 @@ class GltfDocument {
   const GltfAccessor& accessor(const JsonPlace& user);
   ByteSpan buffer_view(const JsonPlace& user);
 
+  /// Gives each mesh of a file without nodes a node of its own. @return whether it did.
+  bool place_meshes_without_nodes();
+
  private:
   void split_chunks(ByteSpan file);
   void parse_json(ByteSpan text);
