@@ -198,22 +198,6 @@ ZOO: dict[str, tuple[bytes, str]] = {
     ),
     "no rotation": (nodes({"mesh": 0, "rotation": [0, 0, 0, 0]}), "/nodes/0/rotation"),
     "words for numbers": (nodes({"mesh": 0, "scale": ["a", 1, 1]}), "/nodes/0/scale/0"),
-    "draco without fallback": (
-        square(
-            meshes=[
-                {
-                    "primitives": [
-                        {
-                            "attributes": {"POSITION": 0},
-                            "extensions": {"KHR_draco_mesh_compression": {}},
-                        }
-                    ]
-                }
-            ],
-            accessors=[{"componentType": 5126, "count": 3, "type": "VEC3"}],
-        ),
-        "extension KHR_draco_mesh_compression is not read",
-    ),
     "meshopt without fallback": (
         square(
             buffers=[

@@ -547,7 +547,6 @@ def test_points_lines_and_morph_targets_are_left_out(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        "KHR_draco_mesh_compression",
         "EXT_meshopt_compression",
         "EXT_mesh_gpu_instancing",
     ],
