@@ -197,7 +197,36 @@ def two_sources() -> bytes:
     return scene.glb()
 
 
+def announcing(faces: bytes, points: bytes = b"\x04") -> bytes:
+    """A sequential stream whose head has these counts, as numbers of seven bits a byte."""
+    content = stream()
+    assert content[11:13] == bytes([2, 4])
+    return content[:11] + faces + points + content[13:]
+
+
+def hollow_indices() -> bytes:
+    scene = DracoScene()
+    scene.draco(stream())
+    primitive = scene.json["meshes"][0]["primitives"][0]
+    primitive["attributes"]["POSITION"] = scene.accessor(SQUARE)
+    primitive["extensions"][NAME]["bufferView"] = scene.view(b"no Draco")
+    return scene.glb()
+
+
 ZOO = {
+    "a billion points": (
+        with_stream(announcing(b"\x02", b"\x80\x80\x80\x80\x04")),
+        "the mesh takes more than",
+    ),
+    "a billion faces": (
+        with_stream(announcing(b"\x80\x80\x80\x80\x04")),
+        "the mesh takes more than",
+    ),
+    "metadata": (
+        with_stream(stream()[:10] + b"\x80" + stream()[11:]),
+        "metadata of a Draco stream",
+    ),
+    "only the indices": (hollow_indices(), f"/{NAME}: damaged Draco stream"),
     "no stream": (with_stream(b"no Draco"), f"/{NAME}: damaged Draco stream"),
     "empty": (with_stream(b""), f"/{NAME}: damaged Draco stream"),
     "cut": (with_stream(stream()[:-20]), f"/{NAME}: damaged Draco stream"),

@@ -943,7 +943,8 @@ GltfBudget::GltfBudget(std::int64_t stored_bytes, std::uint64_t max_bytes)
 void GltfBudget::charge(std::int64_t bytes, const std::string& who) {
   spent_ += bytes;
   const std::int64_t limit =
-      max_bytes_ > 0 ? max_bytes_ : std::max(kFreeBytes, kFreeRatio * stored_bytes_);
+      max_bytes_ > 0 ? max_bytes_
+                     : std::max(kFreeBytes, kFreeRatio * (stored_bytes_ + 4 * compressed_));
   if (spent_ <= limit) return;
   throw FormatError::at_byte(0, who + ": the mesh takes more than " + std::to_string(limit) +
                                     " bytes, much for a file of " + std::to_string(stored_bytes_) +

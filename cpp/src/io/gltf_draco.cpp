@@ -17,9 +17,7 @@ namespace {
 constexpr const char* kDraco = "KHR_draco_mesh_compression";
 constexpr std::int64_t kDracoTriangles = 4;
 constexpr std::int64_t kMaxDracoId = std::numeric_limits<std::uint32_t>::max();
-// The limit of a mesh's memory goes by the size of its file. Draco takes a fifth to a tenth of what
-// plain accessors take, so that its bytes count five times.
-constexpr std::int64_t kDracoBytesMore = 4;
+constexpr std::int64_t kBytesPerElement = 12;  // three numbers of a face or a point, at least
 constexpr std::int64_t kJsonBytesPerAccessor = 1024;  // a buffer and a bufferView, as objects
 
 template <typename T>
@@ -79,6 +77,33 @@ DracoElements encode_draco_as(const JsonPlace& accessor, std::size_t index,
   }
 }
 
+/// Faces and points that the head of a stream announces: the library makes room for them before it
+/// looks at the rest. Draco bitstream 2.2, sections 3 and 4; a face of the edgebreaker has three
+/// points at most. Metadata stand before the counts; no writer of glTF is known to store any.
+std::int64_t announced_elements(const JsonPlace& draco, ByteSpan stream) {
+  constexpr std::size_t kHead = 11, kMethod = 8, kFlags = 10;
+  constexpr unsigned kEdgebreaker = 1, kMetadata = 0x80;
+  const auto byte = [&](std::size_t i) {
+    if (i >= stream.size()) draco.fail("damaged Draco stream: it ends within its head");
+    return std::to_integer<unsigned>(stream[i]);
+  };
+  if ((byte(kFlags) & kMetadata) != 0) draco.fail("metadata of a Draco stream are not read");
+  const bool is_edgebreaker = byte(kMethod) == kEdgebreaker;
+  std::size_t at = kHead + (is_edgebreaker ? 1 : 0);
+  const auto count = [&] {
+    std::int64_t value = 0;
+    for (int shift = 0; shift < 35; shift += 7) {
+      const unsigned part = byte(at++);
+      value |= static_cast<std::int64_t>(part & 0x7FU) << shift;
+      if ((part & 0x80U) == 0) break;
+    }
+    return value;
+  };
+  const std::int64_t first = count(), second = count();
+  // Sequential: faces, points; edgebreaker: vertices, faces.
+  return is_edgebreaker ? first + 4 * second : first + second;
+}
+
 /// Decodes what the primitives of a document refer to; the document stays as it is.
 class DracoReader {
  public:
@@ -89,8 +114,7 @@ class DracoReader {
   void read(const JsonPlace& primitive) {
     const JsonPlace draco = primitive.member("extensions").member(kDraco);
     const JsonPlace attributes = primitive.member("attributes");
-    const auto position = attributes.find("POSITION");
-    if (position && document_.object("accessors", *position).has("bufferView")) return;
+    if (is_plain(primitive, draco)) return;
     if (const auto mode = primitive.find("mode"); mode && mode->integer(0, 6) != kDracoTriangles) {
       mode->fail("expected triangles (4) of a Draco stream");
     }
@@ -110,6 +134,22 @@ class DracoReader {
   std::vector<DracoElements> take() { return std::move(elements_); }
 
  private:
+  /// Whether all that the stream would give stands in bufferViews, too.
+  [[nodiscard]] bool is_plain(const JsonPlace& primitive, const JsonPlace& draco) const {
+    const JsonPlace attributes = primitive.member("attributes");
+    const auto has_view = [&](const JsonPlace& user) {
+      return document_.object("accessors", user).has("bufferView");
+    };
+    const auto indices = primitive.find("indices");
+    if (!attributes.has("POSITION") || !indices || !has_view(*indices)) return false;
+    const auto& ids = draco.member("attributes").value();
+    if (!ids.is_object()) return false;
+    return std::ranges::all_of(ids.items(), [&](const auto& item) {
+      const auto user = attributes.find(item.key().c_str());
+      return user && has_view(*user);
+    });
+  }
+
   const DracoMesh& decoded(const JsonPlace& draco) {
     const JsonPlace view = draco.member("bufferView");
     const std::string stream = document_.object("bufferViews", view).pointer();
@@ -117,7 +157,9 @@ class DracoReader {
     if (known != meshes_.end()) return known->second;
     if (!decode_) draco.fail(std::string("extension ") + kDraco + " is not read");
     const ByteSpan bytes = document_.buffer_view(view);
-    budget_.add_file(kDracoBytesMore * static_cast<std::int64_t>(bytes.size()));
+    budget_.add_compressed(static_cast<std::int64_t>(bytes.size()));
+    const std::int64_t announced = kBytesPerElement * announced_elements(draco, bytes);
+    budget_.charge(announced, draco.pointer());
     DracoMesh mesh;
     try {
       mesh = decode_(bytes);
@@ -128,7 +170,8 @@ class DracoReader {
     for (const auto& [id, attribute] : mesh.attributes) {
       num_values += static_cast<std::int64_t>(attribute.values.size());
     }
-    budget_.charge(num_values * static_cast<std::int64_t>(sizeof(double)), draco.pointer());
+    const std::int64_t needed = num_values * static_cast<std::int64_t>(sizeof(double));
+    budget_.charge(std::max<std::int64_t>(0, needed - announced), draco.pointer());
     return meshes_.emplace(stream, std::move(mesh)).first->second;
   }
 

@@ -19,7 +19,7 @@ def decode_draco(stream: bytes) -> tuple[NDArray[Any], dict[int, NDArray[Any]]] 
     try:
         mesh = DracoPy.decode(stream)
     except MemoryError:
-        raise
+        return "the Draco stream takes more memory than there is"
     except Exception as error:  # whatever the library makes of a damaged stream
         return f"damaged Draco stream: {str(error)[:200]}"
     if not hasattr(mesh, "faces"):

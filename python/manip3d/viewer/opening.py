@@ -154,7 +154,7 @@ def _has_ouster_metadata(recording: Path) -> bool:
     """Whether a sensor's JSON file, which only Ouster's recordings need, lies beside this one."""
     try:
         metadata = limited_bytes(recording.with_suffix(".json"), _METADATA_BYTES)
-    except (FormatError, OSError):
+    except (FormatError, OSError, ValueError):  # ValueError: a name with a zero byte
         return False
     return b'"beam_altitude_angles"' in metadata
 
