@@ -37,6 +37,9 @@ Fields to_fields(ReliefResult&& result) {
   fields["coverage"] = result.cover.coverage;
   fields["bridges"] = result.cover.bridges;
   fields["outside"] = result.cover.outside;
+  const DepthCoverage& left = result.cover_without_off;
+  fields["without_off"] = py::make_tuple(left.coverage, left.bridges, left.outside);
+  fields["off"] = to_numpy(std::move(result.off));
   fields["mean_move"] = result.mean_move;
   fields["max_move"] = result.max_move;
   return fields;

@@ -88,3 +88,44 @@ def test_a_stream_leaves_the_same_steps_out() -> None:
         assert found.coverage == alone.coverage
     with pytest.raises(InputError, match="depth_step"):
         simplify.ReliefStream(CAMERA, 60, depth_step=-1.0).simplify(depth)
+
+
+def noisy_disc(seed: int) -> NDArray[np.uint16]:
+    """Noise makes steps on the surfaces too, and some faces join what they keep apart."""
+    rng = np.random.default_rng(seed)
+    depth = disc_before_slope() * rng.normal(1.0, 0.03, (48, 64))
+    depth[rng.random(depth.shape) < 0.05] = 0
+    return depth.astype(np.uint16)
+
+
+def test_a_relief_knows_its_faces_across_steps() -> None:
+    """With other triangles it knows none: they are looked for in the image then."""
+    num_cut = 0
+    for seed in range(6):
+        depth = noisy_disc(seed)
+        metres = np.where(depth > 0, depth / np.float32(1000), np.float32(np.nan))
+        for image in (depth, metres):
+            for points in (300, 100, 20):
+                found = simplify.relief(image, CAMERA, points, depth_step=0.05)
+                cut = simplify.cut_depth_steps(found, image)
+                looked_for = simplify.cut_depth_steps(found.with_faces(found.faces), image)
+                assert np.array_equal(cut.faces, looked_for.faces)
+                assert cut.coverage == looked_for.coverage
+                assert cut.bridges == looked_for.bridges
+                assert cut.outside == looked_for.outside
+                num_cut += found.num_faces - cut.num_faces
+    assert num_cut > 20
+
+
+def test_faces_across_steps_of_another_image_or_rule_are_looked_for() -> None:
+    depth = noisy_disc(0)
+    found = simplify.relief(depth, CAMERA, 300, depth_step=0.05)
+    assert simplify.cut_depth_steps(found, depth).num_faces < found.num_faces
+    wall = np.full((48, 64), 3000, np.uint16)
+    assert simplify.cut_depth_steps(found, wall).num_faces == found.num_faces
+    assert simplify.cut_depth_steps(found, depth, step=10.0).num_faces == found.num_faces
+    # As metres they are so far away that noise explains each step.
+    far = simplify.cut_depth_steps(found, depth.astype(np.float32))
+    assert far.num_faces == found.num_faces
+    wide = Intrinsics(64, 48, 6.0, 6.0, 31.5, 23.5)
+    assert simplify.cut_depth_steps(found, depth, intrinsics=wide).num_faces == found.num_faces

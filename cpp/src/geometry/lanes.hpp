@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 #include <cstring>
 #if defined(__SSE2__)
@@ -19,7 +20,24 @@ inline Float4 load4(const float* from) {
   std::memcpy(&lanes, from, sizeof lanes);
   return lanes;
 }
+inline Int4 load4(const std::int32_t* from) {
+  Int4 lanes;
+  std::memcpy(&lanes, from, sizeof lanes);
+  return lanes;
+}
 inline void store4(float* to, Float4 lanes) { std::memcpy(to, &lanes, sizeof lanes); }
+
+inline Float4 sqrt4(Float4 lanes) {
+#if defined(__SSE2__)
+  __m128 roots;
+  std::memcpy(&roots, &lanes, sizeof roots);
+  roots = _mm_sqrt_ps(roots);
+  std::memcpy(&lanes, &roots, sizeof roots);
+#else
+  for (int i = 0; i < 4; ++i) lanes[i] = std::sqrt(lanes[i]);
+#endif
+  return lanes;
+}
 
 /// Bit i: is lane i of a comparison true?
 inline unsigned true_lanes(Int4 compared) {

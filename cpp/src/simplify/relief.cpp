@@ -338,7 +338,7 @@ double Relief::Memory::coverage_without_off(const Triangulation& of) {
     }
     faces.row(num_faces++) << a, b, c;
   }
-  return coverage_of(surface, pixels, faces.topRows(num_faces), coverage).coverage;
+  return coverage_of(surface, pixels, faces.topRows(num_faces), {}, coverage).whole.coverage;
 }
 
 /// Triangles that join what steps keep apart are cut from the mesh in the end. Of few vertices they
@@ -502,8 +502,12 @@ void Relief::run(const PointGridView& grid, const ReliefOptions& options, Relief
     m.build_meshes(grid, options, result);
   }
   m.write(grid, options, result);
-  result.cover =
-      relief_detail::coverage_of(m.surface, result.mesh.pixels, result.mesh.faces, m.coverage);
+  const DepthMesh& mesh = result.mesh;
+  find_off(m.surface, mesh.pixels, mesh.faces, result.off);
+  const auto [whole, without_off] =
+      coverage_of(m.surface, mesh.pixels, mesh.faces, result.off, m.coverage);
+  result.cover = whole;
+  result.cover_without_off = without_off;
   if (options.stability > 1.0) m.before.assign(m.surface, m.mesh);
 }
 

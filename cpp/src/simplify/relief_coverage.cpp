@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdlib>
 #include <string>
+#include <tuple>
 #include <utility>
 
 #include "manip3d/error.hpp"
@@ -20,6 +21,9 @@ using Corners = std::array<Corner, 3>;
 /// A triangle spans a step if more than this share of the pixels seen over it lies a step off it;
 /// the same as _MOST_OFF in _depth_steps.py.
 constexpr double kMostOff = 0.25;
+
+/// What covers a pixel, as bits: a face that is off the surface, or one that is not.
+constexpr std::uint8_t kByOthers = 1, kByOff = 2;
 
 std::int64_t orient(const Corner& a, const Corner& b, const Corner& c) {
   return std::int64_t{b[0] - a[0]} * (c[1] - a[1]) - std::int64_t{b[1] - a[1]} * (c[0] - a[0]);
@@ -96,15 +100,16 @@ void find_depths(const Surface& surface, CoverageScratch& scratch) {
 }
 
 /// Marks those of neighbouring pixels of a row that a triangle is no step away from.
+/// @param mark  the bit that tells by which kind of face.
 void cover_row(const Surface& surface, const InverseDepth& plane, std::int32_t first,
-               std::int32_t last, CoverageScratch& scratch) {
+               std::int32_t last, std::uint8_t mark, CoverageScratch& scratch) {
   const int v = surface.v(first), u = first - v * surface.cols(), size = last - first + 1;
   const CoverageScratch::Range* const depths = scratch.depths.data() + first;
   std::uint8_t* const covered = scratch.covered.data() + first;
   const InverseDepth own = plane;  // bytes may alias whatever is in memory
   for (int i = 0; i < size; ++i) {
     const bool off = is_off(depths[i].depth, depths[i].most, own.at(u + i, v));
-    covered[i] = static_cast<std::uint8_t>(covered[i] | (off ? 0 : 1));
+    covered[i] = static_cast<std::uint8_t>(covered[i] | (off ? 0 : mark));
   }
 }
 
@@ -138,30 +143,44 @@ Over pixels_over(const Surface& surface, const Corners& t) {
 }
 
 /// Do the ends of a line of pixels differ by a step, and steps on the way make most of that? The
-/// same rule as StepFinder in edge_steps.cpp with `passing`.
-bool crosses_step(const Surface& surface, const Corner& from, const Corner& to) {
+/// same rule as StepFinder in edge_steps.cpp with `passing`, and the same line for both triangles
+/// at an edge.
+bool crosses_step(const Surface& surface, const Corner& one, const Corner& other) {
+  const bool in_order = std::tie(one[1], one[0]) <= std::tie(other[1], other[0]);
+  const Corner& from = in_order ? one : other;
+  const Corner& to = in_order ? other : one;
+  const auto is_step = [&](float z, float next) {
+    return surface.steps().is_step(std::min(z, next), std::max(z, next));
+  };
+  const float begin = surface.depth(from[1] * surface.cols() + from[0]);
+  const float end = surface.depth(to[1] * surface.cols() + to[0]);
+  if (!is_step(begin, end)) return false;
   const int du = to[0] - from[0], dv = to[1] - from[1];
   const int length = std::max(std::abs(du), std::abs(dv));
-  const auto at = [&](int way) {
-    const auto step = [&](int along) {
-      return static_cast<int>(std::floor((2.0 * way * along + length) / (2.0 * length)));
-    };
-    return (from[1] + step(dv)) * surface.cols() + from[0] + step(du);
+  const auto along = [length](int way, int delta) {
+    const int doubled = 2 * way * delta + length, step = 2 * length;
+    return doubled / step - (doubled % step < 0 ? 1 : 0);
   };
-  const auto is_step = [&](float one, float other) {
-    return surface.steps().is_step(std::min(one, other), std::max(one, other));
-  };
-  const float begin = surface.depth(at(0)), end = surface.depth(at(length));
-  if (!is_step(begin, end)) return false;
   float before = begin, climbed = 0.0F;
   for (int way = 1; way <= length; ++way) {
-    const std::int32_t pixel = at(way);
-    if (!surface.is_used(pixel)) continue;
+    const std::int32_t pixel =
+        (from[1] + along(way, dv)) * surface.cols() + from[0] + along(way, du);
+    if (!surface.is_valid(pixel)) continue;
     const float depth = surface.depth(pixel);
     if (is_step(before, depth)) climbed += depth - before;
     before = depth;
   }
   return std::abs(climbed) > 0.5F * std::abs(end - begin);
+}
+
+bool lies_off(const Surface& surface, const Corners& t) {
+  if (!crosses_step(surface, t[0], t[1]) && !crosses_step(surface, t[1], t[2]) &&
+      !crosses_step(surface, t[2], t[0])) {
+    return false;
+  }
+  const Over over = pixels_over(surface, t);
+  return over.seen <= over.unseen ||
+         static_cast<double>(over.off) > kMostOff * static_cast<double>(over.seen);
 }
 
 Corners corners_at(const Surface& surface, const std::array<std::int32_t, 3>& pixels) {
@@ -182,53 +201,82 @@ Corners corners_of(const Surface& surface, const Eigen::Ref<const Rows<std::int3
   return t;
 }
 
+/// Pixels and areas of a mesh, face by face.
+struct Covered {
+  double area = 0.0, bridges = 0.0;
+  std::int64_t pixels = 0;
+
+  void add(double face_area, double bridge) {
+    area += face_area;
+    bridges += bridge;
+  }
+  [[nodiscard]] DepthCoverage of(const Surface& surface) const {
+    DepthCoverage result;
+    result.coverage = static_cast<double>(pixels) / static_cast<double>(surface.num_used());
+    result.bridges = area > 0.0 ? bridges / area : 0.0;
+    result.outside = share_outside(surface);
+    return result;
+  }
+  static double share_outside(const Surface& surface) {
+    if (surface.num_valid() == 0) return 0.0;
+    return 1.0 - static_cast<double>(surface.num_used()) / static_cast<double>(surface.num_valid());
+  }
+};
+
+/// Marks the pixels that a face covers.
+/// @return  the part of its area that lies over pixels without surface.
+double cover_face(const Surface& surface, const Corners& t, std::uint8_t mark,
+                  CoverageScratch& scratch) {
+  const bool has_steps = surface.steps().has_steps();
+  const InverseDepth plane = has_steps ? InverseDepth(surface, t) : InverseDepth();
+  std::int64_t inside = 0, without = 0;
+  visit_spans(surface.cols(), t[0], t[1], t[2], SidePixels::kClosed,
+              [&](std::int32_t first, std::int32_t last) {
+                if (has_steps) {
+                  cover_row(surface, plane, first, last, mark, scratch);
+                } else {
+                  const auto begin = scratch.covered.begin();
+                  std::fill(begin + first, begin + last + 1, mark);
+                }
+                inside += last - first + 1;
+                if (scratch.flaws[first] == scratch.flaws[last + 1]) return;
+                for (std::int32_t p = first; p <= last; ++p) {
+                  without += !surface.is_used(p) || holds_cut_cell(surface, t, p) ? 1 : 0;
+                }
+              });
+  return double{area_of(surface, t)} * static_cast<double>(without) / static_cast<double>(inside);
+}
+
 }  // namespace
 
-DepthCoverage coverage_of(const Surface& surface,
-                          const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
-                          const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,
-                          CoverageScratch& scratch) {
-  DepthCoverage result;
-  if (surface.num_valid() > 0) {
-    result.outside =
-        1.0 - static_cast<double>(surface.num_used()) / static_cast<double>(surface.num_valid());
-  }
+CutCoverage coverage_of(const Surface& surface,
+                        const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
+                        const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,
+                        std::span<const std::uint8_t> off, CoverageScratch& scratch) {
+  CutCoverage result;
+  result.whole.outside = result.without_off.outside = Covered::share_outside(surface);
   if (surface.num_used() == 0) return result;
-  std::vector<std::uint8_t>& covered = scratch.covered;
-  covered.assign(surface.num_pixels(), 0);
+  scratch.covered.assign(surface.num_pixels(), 0);
   count_flaws(surface, scratch.flaws);
-  double area = 0.0, bridges = 0.0;
-  const bool has_steps = surface.steps().has_steps();
-  if (has_steps) find_depths(surface, scratch);
+  if (surface.steps().has_steps()) find_depths(surface, scratch);
+  Covered whole, without_off;
   for (Eigen::Index f = 0; f < faces.rows(); ++f) {
     const Corners t = corners_of(surface, pixels, faces, f);
     // A corner may be a far pixel that the surface leaves out: its face covers nothing.
     if (orient(t[0], t[1], t[2]) == 0 || !surface.holds_all(t)) continue;
-    std::int64_t inside = 0, without = 0;
-    const InverseDepth plane = has_steps ? InverseDepth(surface, t) : InverseDepth();
-    visit_spans(surface.cols(), t[0], t[1], t[2], SidePixels::kClosed,
-                [&](std::int32_t first, std::int32_t last) {
-                  if (has_steps) {
-                    cover_row(surface, plane, first, last, scratch);
-                  } else {
-                    std::fill(covered.begin() + first, covered.begin() + last + 1, 1);
-                  }
-                  inside += last - first + 1;
-                  if (scratch.flaws[first] == scratch.flaws[last + 1]) return;
-                  for (std::int32_t p = first; p <= last; ++p) {
-                    without += !surface.is_used(p) || holds_cut_cell(surface, t, p) ? 1 : 0;
-                  }
-                });
-    const double own = area_of(surface, t);
-    area += own;
-    bridges += own * static_cast<double>(without) / static_cast<double>(inside);
+    const bool is_off = !off.empty() && off[f] != 0;
+    const double bridge = cover_face(surface, t, is_off ? kByOff : kByOthers, scratch);
+    const double area = area_of(surface, t);
+    whole.add(area, bridge);
+    if (!is_off) without_off.add(area, bridge);
   }
-  std::int64_t both = 0;
-  for (std::size_t p = 0; p < covered.size(); ++p) {
-    both += covered[p] & static_cast<int>(surface.is_used(static_cast<std::int32_t>(p)));
+  for (std::size_t p = 0; p < scratch.covered.size(); ++p) {
+    const std::uint8_t by = surface.is_used(static_cast<std::int32_t>(p)) ? scratch.covered[p] : 0;
+    whole.pixels += by != 0 ? 1 : 0;
+    without_off.pixels += (by & kByOthers) != 0 ? 1 : 0;
   }
-  result.coverage = static_cast<double>(both) / static_cast<double>(surface.num_used());
-  result.bridges = area > 0.0 ? bridges / area : 0.0;
+  result.whole = whole.of(surface);
+  result.without_off = without_off.of(surface);
   return result;
 }
 
@@ -248,14 +296,19 @@ std::vector<float> off_surface(const Surface& surface,
 
 bool lies_off(const Surface& surface, const std::array<std::int32_t, 3>& pixels) {
   const Corners t = corners_at(surface, pixels);
-  if (!surface.steps().has_steps() || orient(t[0], t[1], t[2]) <= 0) return false;
-  if (!crosses_step(surface, t[0], t[1]) && !crosses_step(surface, t[1], t[2]) &&
-      !crosses_step(surface, t[2], t[0])) {
-    return false;
+  return surface.steps().has_steps() && orient(t[0], t[1], t[2]) > 0 && lies_off(surface, t);
+}
+
+void find_off(const Surface& surface, const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
+              const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,
+              std::vector<std::uint8_t>& off) {
+  off.clear();
+  if (!surface.steps().has_steps()) return;
+  for (Eigen::Index f = 0; f < faces.rows(); ++f) {
+    const Corners t = corners_of(surface, pixels, faces, f);
+    const bool has_area = orient(t[0], t[1], t[2]) != 0 && surface.holds_all(t);
+    off.push_back(has_area && lies_off(surface, t) ? 1 : 0);
   }
-  const Over over = pixels_over(surface, t);
-  return over.seen <= over.unseen ||
-         static_cast<double>(over.off) > kMostOff * static_cast<double>(over.seen);
 }
 
 }  // namespace relief_detail
@@ -301,7 +354,7 @@ DepthCoverage depth_coverage(const PointGridView& grid,
   relief_detail::Surface surface;
   surface.assign(grid, rule, {}, 1);
   relief_detail::CoverageScratch scratch;
-  return relief_detail::coverage_of(surface, pixels, faces, scratch);
+  return relief_detail::coverage_of(surface, pixels, faces, {}, scratch).whole;
 }
 
 std::vector<float> faces_off_surface(const PointGridView& grid,

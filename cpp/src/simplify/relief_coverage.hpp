@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "manip3d/simplify/depth_coverage.hpp"
@@ -19,11 +20,17 @@ struct CoverageScratch {
   std::vector<Range> depths;  ///< By pixel, where there are steps.
 };
 
+/// Coverage of a mesh and of the same mesh without the faces that are off the surface.
+struct CutCoverage {
+  DepthCoverage whole, without_off;
+};
+
 /// Like depth_coverage(), for a surface that was built before.
-DepthCoverage coverage_of(const Surface& surface,
-                          const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
-                          const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,
-                          CoverageScratch& scratch);
+/// @param off  by face: whether it is left out of `without_off`; may be empty: none is.
+CutCoverage coverage_of(const Surface& surface,
+                        const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
+                        const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,
+                        std::span<const std::uint8_t> off, CoverageScratch& scratch);
 
 /// Share of each face's pixels that are a step off it; see faces_off_surface().
 std::vector<float> off_surface(const Surface& surface,
@@ -34,5 +41,9 @@ std::vector<float> off_surface(const Surface& surface,
 /// the pixels over it are seen, or more than a quarter of those lies a step off it. The rule by
 /// which across_steps() in _depth_steps.py leaves faces out.
 bool lies_off(const Surface& surface, const std::array<std::int32_t, 3>& pixels);
+
+/// The same for each face of a mesh, as 0 or 1; empty if there is no limit on steps.
+void find_off(const Surface& surface, const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
+              const Eigen::Ref<const Rows<std::int32_t, 3>>& faces, std::vector<std::uint8_t>& off);
 
 }  // namespace manip3d::relief_detail

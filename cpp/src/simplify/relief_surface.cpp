@@ -8,6 +8,7 @@
 
 #include "geometry/cell_cut.hpp"
 #include "geometry/constants.hpp"
+#include "geometry/lanes.hpp"
 #include "manip3d/geometry/parallel.hpp"
 #include "simplify/importance_rows.hpp"
 
@@ -178,7 +179,7 @@ class CellRows {
 };
 
 /// A third of the areas of the triangles of a row of cells. Cell u is entry u + 1, and there is one
-/// without triangles on each side.
+/// without triangles before them and four after them: cells are looked at four at a time.
 struct AreaRow {
   AreaRow(Rooms<float>& areas, std::span<std::int32_t> all)
       : first(areas.row()), second(areas.row()), cells(all) {}
@@ -194,30 +195,40 @@ struct AreaRow {
               std::span<const std::uint8_t> row);
 };
 
+/// Four neighbouring points of a row.
+struct Point4 {
+  Point4(const CoordinateRow& row, std::ptrdiff_t u)
+      : x(load4(&row.x[u])), y(load4(&row.y[u])), z(load4(&row.z[u])) {}
+  Point4(Float4 x4, Float4 y4, Float4 z4) : x(x4), y(y4), z(z4) {}
+  Float4 x, y, z;
+};
+
+Point4 choose4(Int4 condition, const Point4& p, const Point4& q) {
+  return {condition ? p.x : q.x, condition ? p.y : q.y, condition ? p.z : q.z};
+}
+
+/// A third of the areas of four triangles.
+Float4 thirds(const Point4& p, const Point4& q, const Point4& r) {
+  constexpr float kSixth = 1.0F / 6.0F;  // half a cross product for each of three corners
+  const Float4 ax = q.x - p.x, ay = q.y - p.y, az = q.z - p.z;
+  const Float4 bx = r.x - p.x, by = r.y - p.y, bz = r.z - p.z;
+  const Float4 nx = ay * bz - az * by, ny = az * bx - ax * bz, nz = ax * by - ay * bx;
+  return all_of(kSixth) * sqrt4(nx * nx + (ny * ny + nz * nz));
+}
+
 void AreaRow::assign(const CoordinateRow& above, const CoordinateRow& below,
                      std::span<const std::uint8_t> row) {
-  constexpr float kSixth = 1.0F / 6.0F;  // half a cross product for each of three corners
-  const float *ax = above.x.data(), *ay = above.y.data(), *az = above.z.data();
-  const float *cx = below.x.data(), *cy = below.y.data(), *cz = below.z.data();
-  const auto third = [](float qx, float qy, float qz, float rx, float ry, float rz) {
-    const float nx = qy * rz - qz * ry, ny = qz * rx - qx * rz, nz = qx * ry - qy * rx;
-    return kSixth * std::sqrt(nx * nx + (ny * ny + nz * nz));
-  };
-  float *f = first.data() + 1, *s = second.data() + 1;
-  const auto size = static_cast<std::ptrdiff_t>(row.size());
   std::copy(row.begin(), row.end(), cells.begin() + 1);
-  const std::int32_t* const cell = cells.data() + 1;
-  for (std::ptrdiff_t u = 0; u < size; ++u) {
-    const bool turned = (cell[u] & kCutFromBToC) != 0;
-    const float xa = ax[u], ya = ay[u], za = az[u], xb = ax[u + 1], yb = ay[u + 1], zb = az[u + 1];
-    const float xc = cx[u], yc = cy[u], zc = cz[u], xd = cx[u + 1], yd = cy[u + 1], zd = cz[u + 1];
-    // The first is a, b and c if turned, else d; the second b if turned, else a, and d and c.
-    const float xr = turned ? xc : xd, yr = turned ? yc : yd, zr = turned ? zc : zd;
-    const float xp = turned ? xb : xa, yp = turned ? yb : ya, zp = turned ? zb : za;
-    const float third1 = third(xb - xa, yb - ya, zb - za, xr - xa, yr - ya, zr - za);
-    const float third2 = third(xd - xp, yd - yp, zd - zp, xc - xp, yc - yp, zc - zp);
-    f[u] = (cell[u] & kFirst) != 0 ? third1 : 0.0F;
-    s[u] = (cell[u] & kSecond) != 0 ? third2 : 0.0F;
+  const auto size = static_cast<std::ptrdiff_t>(row.size());
+  for (std::ptrdiff_t u = 0; u < size; u += 4) {
+    const Int4 cell = load4(&cells[u + 1]);
+    const auto has = [&cell](std::int32_t bit) -> Int4 { return (cell & bit) != 0; };
+    const Int4 turned = has(kCutFromBToC);
+    const Point4 a(above, u), b(above, u + 1), c(below, u), d(below, u + 1);
+    const Float4 one = thirds(a, b, choose4(turned, c, d));
+    const Float4 other = thirds(choose4(turned, b, a), d, c);
+    store4(&first[u + 1], has(kFirst) ? one : all_of(0.0F));
+    store4(&second[u + 1], has(kSecond) ? other : all_of(0.0F));
   }
 }
 
@@ -407,17 +418,18 @@ void Surface::cut_steps(int v, std::span<std::uint16_t> stepped) {
 
 void Surface::add_areas() {
   constexpr std::int64_t kFloatRows = 4 + 6 + 1;
-  const auto width = static_cast<std::size_t>(used_cols_) + 1;
-  make_room(row_floats_, kFloatRows * (used_cols_ + 1));
+  const std::int64_t padded_cols = std::int64_t{used_cols_} + 4;
+  const auto width = static_cast<std::size_t>(padded_cols);
+  make_room(row_floats_, kFloatRows * padded_cols);
   row_floats_.resize(kFloatRows * width);
-  make_room(row_cells_, 2 * (used_cols_ + 1));
+  make_room(row_cells_, 2 * padded_cols);
   row_cells_.resize(2 * width);
   Rooms<float> rooms(row_floats_.data(), width);
   // Areas of the cells below and above a row of pixels.
   AreaRow before(rooms, {row_cells_.data(), width});
   AreaRow row(rooms, {row_cells_.data() + width, width});
   CoordinateRow points(rooms), next(rooms);
-  const std::span<float> weights = rooms.row().first(width - 1);
+  const std::span<float> weights = rooms.row().first(static_cast<std::size_t>(used_cols_));
   for (AreaRow* areas : {&before, &row}) areas->clear();
   num_faces_ = 0;
   points.assign(used_row(0));
@@ -512,6 +524,7 @@ void Surface::assign_half(const Surface& whole) {
   rows_ = padded(used_rows_);
   const auto size = static_cast<std::size_t>(cols_) * static_cast<std::size_t>(rows_);
   samples_.assign(size, {});
+  valid_.assign(size, 0);
   confidence_.assign(whole.has_confidence() ? size : 0, 0.0F);
   cells_.assign(size, 0);
   const auto pixel_of_whole = [&](int u, int v) {
@@ -520,6 +533,7 @@ void Surface::assign_half(const Surface& whole) {
   for (int v = 0; v < used_rows_; ++v) {
     const std::int32_t to = v * cols_, from = pixel_of_whole(0, v);
     for (int u = 0; u < used_cols_; ++u) samples_[to + u] = whole.samples_[from + 2 * u];
+    for (int u = 0; u < used_cols_; ++u) valid_[to + u] = whole.valid_[from + 2 * u];
     if (!has_confidence()) continue;
     for (int u = 0; u < used_cols_; ++u) confidence_[to + u] = whole.confidence_[from + 2 * u];
   }

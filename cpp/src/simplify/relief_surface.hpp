@@ -95,6 +95,8 @@ class Surface {
   [[nodiscard]] const Sample& sample(std::int32_t pixel) const { return samples_[pixel]; }
   /// Does some dense triangle of an area use the pixel?
   [[nodiscard]] bool is_used(std::int32_t pixel) const { return used_[pixel] != 0; }
+  /// Was the pixel measured? Also a lone one, which no triangle uses.
+  [[nodiscard]] bool is_valid(std::int32_t pixel) const { return valid_[pixel] != 0; }
   [[nodiscard]] bool has_confidence() const { return !confidence_.empty(); }
   [[nodiscard]] float confidence(std::int32_t pixel) const {
     return confidence_.empty() ? 1.0F : confidence_[pixel];

@@ -12,7 +12,7 @@ from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d.errors import InputError
 from manip3d.simplify._depth import DenseImage, DepthMesh, DepthSimplification
-from manip3d.simplify._relief import Relief
+from manip3d.simplify._relief import OffSurface, Relief
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -97,13 +97,17 @@ def cut_depth_steps(
     image = np.asarray(depth)
     if image.ndim != 2:
         raise InputError(f"depth: expected shape (H, W), got {image.shape}")
-    with np.errstate(over="ignore"):  # beyond float32: as infinite as beyond float64
-        image = np.nan_to_num(image.astype(np.float32), posinf=0.0, neginf=0.0)
     if intrinsics is None and isinstance(found, DepthSimplification):
         focal = found.surface.focal
     else:
         focal = 0.0 if intrinsics is None else min(intrinsics.fx, abs(intrinsics.fy))
-    metres = 1e-3 if np.asarray(depth).dtype == np.uint16 else 1.0
+    known = _known_off(found, image, step, focal)
+    if known is not None:
+        cut = found.with_faces(np.ascontiguousarray(found.faces[~known.faces]))
+        return replace(cut, cover=known.cover) if isinstance(cut, DepthSimplification) else cut
+    metres = 1e-3 if image.dtype == np.uint16 else 1.0
+    with np.errstate(over="ignore"):  # beyond float32: as infinite as beyond float64
+        image = np.nan_to_num(image.astype(np.float32), posinf=0.0, neginf=0.0)
     rule = StepRule.of(step, focal, metres)
     pixels = found.pixels
     if len(pixels) and (pixels.min() < 0 or (pixels.max(axis=0) >= image.shape[::-1]).any()):
@@ -137,6 +141,21 @@ class StepRule:
         with np.errstate(over="ignore"):  # steps may be as large as numbers are
             limit = nearest * np.maximum(self.step, self.slope + self.noise * nearest)
         return np.asarray((np.abs(one - other) > limit) & (one > 0))
+
+
+def _known_off(
+    found: DepthMesh, image: NDArray[Any], step: float, focal: float
+) -> OffSurface | None:
+    """The faces across steps that a relief of the same image by the same rule has found itself."""
+    if not (isinstance(found, Relief) and isinstance(found.surface, DenseImage)):
+        return None
+    own = found.surface
+    has_same_unit = (image.dtype == np.uint16) == (own.depth.dtype == np.uint16)
+    is_same_rule = has_same_unit and (step, focal) == (own.depth_step, own.focal)
+    has_nan = own.depth.dtype.kind == "f"
+    if not is_same_rule or not np.array_equal(image, own.depth, equal_nan=has_nan):
+        return None
+    return found._off
 
 
 def _has_boundaries(found: DepthMesh) -> TypeGuard[Relief]:

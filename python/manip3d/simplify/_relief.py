@@ -44,6 +44,22 @@ _BYTES_PER_POINT = 22.0
 Effort = Literal["live", "fast", "balanced", "fine", "best"]
 
 
+@dataclass(frozen=True, eq=False)
+class OffSurface:
+    """What `cut_depth_steps` leaves out of a relief with ``depth_step``, found on its own surface.
+
+    Attributes
+    ----------
+    faces : (m,) bool
+        Which faces join what a step keeps apart.
+    cover : (float, float, float)
+        ``coverage``, ``bridges`` and ``outside`` of the mesh without them.
+    """
+
+    faces: NDArray[np.bool_]
+    cover: tuple[float, float, float]
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Relief(DepthSimplification):
     """Result of `relief`: a sparse mesh, and how it came about.
@@ -72,6 +88,7 @@ class Relief(DepthSimplification):
     max_move: float
     levels: tuple[tuple[int, NDArray[np.int32]], ...] = field(repr=False)
     encoded: bytes | None = field(default=None, repr=False)
+    _off: OffSurface | None = field(default=None, repr=False)
 
     def with_faces(self, faces: NDArray[np.int32]) -> Self:
         """The same points with other triangles, yet to be measured and encoded.
@@ -80,7 +97,7 @@ class Relief(DepthSimplification):
         ----------
         faces : (m, 3) int32
         """
-        return replace(super().with_faces(faces), encoded=None)
+        return replace(super().with_faces(faces), encoded=None, _off=None)
 
     def prefix(self, num_vertices: int) -> DepthSimplification:
         """The largest of `levels` with at most so many vertices, over the first of these.
@@ -158,6 +175,8 @@ def _run(
     fields = solver.run(points, valid, rows_up, options, confidence)
     fields["stop"] = fields["stop"].name
     fields["cover"] = fields.pop("coverage"), fields.pop("bridges"), fields.pop("outside")
+    off, left = fields.pop("off"), fields.pop("without_off")
+    fields["_off"] = OffSurface(off.view(np.bool_), left) if np.isfinite(options.max_step) else None
     fields["surface"] = surface
     if registration is not None:
         fields["texcoords"] = _core.registered_texcoords(fields["vertices"], registration)
@@ -623,6 +642,7 @@ def _without_points(found: Relief) -> Relief:
         pixels=found.pixels[:0],
         texcoords=found.texcoords[:0],
         cover=(0.0, 0.0, 0.0),
+        _off=None,
         mean_move=0.0,
         max_move=0.0,
     )

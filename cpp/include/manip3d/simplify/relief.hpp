@@ -56,6 +56,11 @@ struct ReliefResult {
   ReliefStop stop = ReliefStop::kTarget;
   std::int64_t dropped_pixels = 0;  ///< kSmallPieces: pixels of the pieces left out.
   DepthCoverage cover;              ///< Coverage of the mesh before points move.
+  /// By face, with a limit on steps: 1 if it joins what a step keeps apart. Along one of its sides
+  /// steps make most of the difference in depth, and faces_off_surface() gives more than a quarter
+  /// or nothing. Empty without a limit.
+  std::vector<std::uint8_t> off;
+  DepthCoverage cover_without_off;  ///< The same as `cover` without these faces.
   double mean_move = 0.0;           ///< move_points: of the vertices, in units of the points.
   double max_move = 0.0;
 };
