@@ -10,6 +10,7 @@
 #include "simplify/relief_boundary.hpp"
 #include "simplify/relief_collapse.hpp"
 #include "simplify/relief_coverage.hpp"
+#include "simplify/relief_pinholes.hpp"
 #include "simplify/relief_refine.hpp"
 #include "simplify/relief_start.hpp"
 #include "simplify/relief_surface.hpp"
@@ -163,6 +164,7 @@ std::vector<Triangle> triangles_of(const Surface& surface, const PointGridView& 
 }  // namespace
 
 struct Relief::Memory {
+  relief_detail::PinholeFiller pinholes;
   Surface surface;
   Surface half;                      ///< Every second pixel of it.
   const Surface* worked = &surface;  ///< The surface that is triangulated: `surface` or `half`.
@@ -192,6 +194,12 @@ struct Relief::Memory {
         options.levels.empty() ? options.target_points : options.levels.back();
     return surface.num_used() <= least;
   }
+  /// Takes the dense surface of a grid, continued over its pinholes unless the target leaves room
+  /// for all pixels; the grid that it is of.
+  PointGridView take_surface(const PointGridView& grid, const ReliefOptions& options,
+                             std::span<const float> confidence);
+  /// Moves vertices from filled pixels to measured ones.
+  void leave_pinholes(const PointGridView& grid);
   void choose_surface(ReliefEffort effort, std::int64_t target);
   void move_boundary(int sweeps);
   void recall(const PointGridView& grid, const ReliefOptions& options);
@@ -213,6 +221,24 @@ struct Relief::Memory {
   void write_faces(const Triangulation& from, bool rows_up, Rows<std::int32_t, 3>& to);
   void move_points(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
 };
+
+PointGridView Relief::Memory::take_surface(const PointGridView& grid, const ReliefOptions& options,
+                                           std::span<const float> confidence) {
+  if (pinholes.fill(grid, options.dense, confidence)) {
+    surface.assign(pinholes.grid(), options.dense, pinholes.confidence(), options.num_threads);
+    if (!takes_all(options)) return pinholes.grid();
+    pinholes.clear();
+  }
+  surface.assign(grid, options.dense, confidence, options.num_threads);
+  return grid;
+}
+
+void Relief::Memory::leave_pinholes(const PointGridView& grid) {
+  if (pinholes.num_filled() == 0) return;
+  refiner.leave_pixels(surface, mesh, [&](std::int32_t pixel) {
+    return pinholes.is_filled(surface.input_v(pixel) * grid.cols + surface.input_u(pixel));
+  });
+}
 
 /// Every second pixel is a quarter of the work. Of 0.4, 1, 2 and 4 bisections per target point, 2
 /// leaves less error than all pixels did on four of five images at 1 % of the points, in no more
@@ -366,6 +392,7 @@ void Relief::Memory::build_meshes(const PointGridView& grid, const ReliefOptions
     recall(grid, options);
     if (!levels.empty()) fix_vertices();
     make_best_mesh(options, target, result);
+    leave_pinholes(grid);
     // The vertices of the next smaller level are fixed. Where this size is hardly larger, they can
     // keep every legal collapse from reaching it; then that level is handed out again.
     if (!levels.empty() && (mesh.num_vertices() > target || !holds(levels.back()))) {
@@ -489,7 +516,8 @@ void Relief::run(const PointGridView& grid, const ReliefOptions& options, Relief
   check_confidence(grid, confidence);
   Memory& m = *memory_;
   m.levels.clear();
-  m.surface.assign(grid, options.dense, confidence, options.num_threads);
+  const PointGridView taken = m.take_surface(grid, options, confidence);
+  result.filled_pixels = m.pinholes.num_filled();
   if (m.surface.empty()) {
     m.mesh.clear();
     m.levels.assign(options.levels.size(), m.mesh);
@@ -499,9 +527,9 @@ void Relief::run(const PointGridView& grid, const ReliefOptions& options, Relief
     m.take_all(result);
     m.levels.assign(options.levels.size(), m.mesh);
   } else {
-    m.build_meshes(grid, options, result);
+    m.build_meshes(taken, options, result);
   }
-  m.write(grid, options, result);
+  m.write(taken, options, result);
   const DepthMesh& mesh = result.mesh;
   find_off(m.surface, mesh.pixels, mesh.faces, result.off);
   const auto [whole, without_off] =

@@ -136,6 +136,49 @@ int Refiner::flip_edges(const Surface& surface, Triangulation& mesh, int sweeps,
   return total;
 }
 
+float Refiner::error_at(const Surface& surface, const Triangulation& mesh,
+                        const Triangulation::Fan& fan, std::int32_t pixel, float most,
+                        std::array<float, Triangulation::kMaxFan>& errors) {
+  const SurfaceCorner center{surface.u(pixel), surface.v(pixel), surface.sample(pixel).point()};
+  float sum = 0.0F;
+  for (int i = 0; i < fan.size && sum < most; ++i) {
+    const SurfaceCorner a = corner_of(mesh, fan.neighbors[i]), b = corner_of(mesh, fan.next(i));
+    if (std::int64_t{a.u - center.u} * (b.v - center.v) -
+            std::int64_t{a.v - center.v} * (b.u - center.u) <=
+        0)
+      return most;
+    errors[i] = triangle_error(surface, center, a, b);
+    sum += errors[i];
+  }
+  return sum;
+}
+
+void Refiner::leave_pixels(const Surface& surface, Triangulation& mesh,
+                           const std::function<bool(std::int32_t)>& is_left) {
+  constexpr int kRadius = 2;
+  Triangulation::Fan fan;
+  std::array<float, Triangulation::kMaxFan> errors{};
+  for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
+    const Triangulation::Vertex& vertex = mesh.vertex(v);
+    if (!vertex.alive() || vertex.on_boundary || !is_left(vertex.pixel) || !mesh.fan(v, fan)) {
+      continue;
+    }
+    float least = kInfinityF;
+    std::int32_t best = -1;
+    for (int row = std::max(vertex.v - kRadius, 0);
+         row <= std::min(vertex.v + kRadius, surface.rows() - 1); ++row) {
+      for (int column = std::max(vertex.u - kRadius, 0);
+           column <= std::min(vertex.u + kRadius, surface.cols() - 1); ++column) {
+        const std::int32_t pixel = row * surface.cols() + column;
+        if (!surface.is_used(pixel) || is_left(pixel)) continue;
+        const float error = error_at(surface, mesh, fan, pixel, least, errors);
+        if (error < least) least = error, best = pixel;
+      }
+    }
+    if (best >= 0) mesh.move(v, surface, best);
+  }
+}
+
 int Refiner::move_vertices(const Surface& surface, Triangulation& mesh, int radius,
                            std::span<const Keep> keep) {
   Triangulation::Fan fan;
@@ -158,20 +201,8 @@ int Refiner::move_vertices(const Surface& surface, Triangulation& mesh, int radi
           continue;
         const std::int32_t pixel = (v0 + dv) * surface.cols() + u0 + du;
         if (!surface.is_used(pixel)) continue;
-        const SurfaceCorner center{u0 + du, v0 + dv, surface.sample(pixel).point()};
-        float sum = 0.0F;
-        int i = 0;
-        for (; i < fan.size && sum < now; ++i) {
-          const SurfaceCorner a = corner_of(mesh, fan.neighbors[i]),
-                              b = corner_of(mesh, fan.next(i));
-          if (std::int64_t{a.u - center.u} * (b.v - center.v) -
-                  std::int64_t{a.v - center.v} * (b.u - center.u) <=
-              0)
-            break;
-          errors[i] = triangle_error(surface, center, a, b);
-          sum += errors[i];
-        }
-        if (i < fan.size || !(sum < 0.999F * now)) continue;
+        const float sum = error_at(surface, mesh, fan, pixel, now, errors);
+        if (!(sum < 0.999F * now)) continue;
         now = sum;
         best = pixel;
         best_errors = errors;

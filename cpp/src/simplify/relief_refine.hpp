@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <vector>
 
@@ -34,6 +35,10 @@ class Refiner {
   /// @param keep  by pixel, may be empty: vertices there stay, or need a far better pixel to move.
   int move_vertices(const Surface& surface, Triangulation& mesh, int radius,
                     std::span<const Keep> keep);
+  /// Moves the interior vertices at some pixels to the used one among the 24 pixels around that
+  /// leaves the least error; those that have none stay.
+  void leave_pixels(const Surface& surface, Triangulation& mesh,
+                    const std::function<bool(std::int32_t)>& is_left);
   /// Slides each vertex in its direction: by what gives the least sum of squared distances
   /// (weighted by area) between the pixels and the triangles, by half of it or not at all,
   /// whichever of these leaves the least error around the vertex.
@@ -49,6 +54,11 @@ class Refiner {
   void accept(const Surface& surface, Triangulation& mesh, const std::vector<Vec3>& directions);
   static Block normal_equations(const Surface& surface, const Triangulation& mesh,
                                 const std::vector<Vec3>& directions, std::int32_t t);
+  /// The error around a vertex if it were at another pixel, by triangle; `most` or more where it
+  /// may not be there.
+  static float error_at(const Surface& surface, const Triangulation& mesh,
+                        const Triangulation::Fan& fan, std::int32_t pixel, float most,
+                        std::array<float, Triangulation::kMaxFan>& errors);
   float mean_error(const Surface& surface, const Triangulation& mesh);
   float error_of(const Surface& surface, const Triangulation& mesh, std::int32_t t);
 
