@@ -30,6 +30,7 @@ using SceneNodes =
     py::typing::List<py::typing::Tuple<py::str, int, int, py::array_t<double>, bool>>;
 using SceneMeshes = py::typing::List<py::typing::Tuple<py::str, PyMesh, py::str>>;
 using SceneTables = py::typing::Tuple<SceneNodes, SceneMeshes, py::bytes, py::bytes, Strings>;
+using PyDraco = py::typing::Callable<py::object(py::bytes)>;
 using Level = py::typing::List<OptionalPyMesh>;
 
 Strings to_list(const std::vector<std::string>& strings) {
@@ -46,10 +47,38 @@ MeshAndNotes to_tuple(ReadResult&& result) {
                         result.num_polygons, result.num_skipped, warnings);
 }
 
-ReadOptions read_options(bool allow_outside, std::uint64_t max_bytes) {
+DracoMesh::Attribute to_attribute(const py::handle& array) {
+  const auto given = py::cast<py::array>(array);
+  const auto rows = py::array_t<double, py::array::c_style | py::array::forcecast>(given);
+  if (rows.ndim() != 2) throw InputError("draco: expected arrays of two dimensions");
+  return {static_cast<int>(rows.shape(1)), given.dtype().kind() != 'f',
+          std::vector<double>(rows.data(), rows.data() + rows.size())};
+}
+
+/// A decoder that calls `decode(stream)`, which gives (faces, {unique id: values}) or the text of
+/// an error. It borrows the callable for the length of a call, because copies are made without the
+/// GIL.
+DracoDecoder draco_decoder(const PyDraco& decode) {
+  return [callable = py::handle(decode)](std::span<const std::byte> stream) {
+    const py::gil_scoped_acquire gil;
+    const py::object result =
+        callable(py::bytes(reinterpret_cast<const char*>(stream.data()), stream.size()));
+    if (py::isinstance<py::str>(result)) throw FormatError(py::cast<std::string>(result), {});
+    const auto tables = py::cast<std::pair<py::array, py::dict>>(result);
+    DracoMesh mesh;
+    mesh.corners = to_attribute(tables.first.attr("reshape")(-1, 1));
+    for (const auto& [id, values] : tables.second) {
+      mesh.attributes.emplace(py::cast<std::uint32_t>(id), to_attribute(values));
+    }
+    return mesh;
+  };
+}
+
+ReadOptions read_options(bool allow_outside, std::uint64_t max_bytes, const PyDraco& draco) {
   ReadOptions options;
   options.allow_outside = allow_outside;
   options.max_bytes = max_bytes;
+  options.draco = draco_decoder(draco);
   return options;
 }
 
@@ -89,17 +118,18 @@ SceneLevel borrow_level(const Level& meshes, std::vector<std::unique_ptr<Borrowe
 void bind_io(py::module_& m) {
   m.def(
       "read_scene",
-      [](const py::bytes& path, bool allow_outside, std::uint64_t max_bytes,
+      [](const py::bytes& path, bool allow_outside, std::uint64_t max_bytes, const PyDraco& draco,
          const PyProgress& progress) {
         const auto file = to_path(path, "path");
+        const ReadOptions options = read_options(allow_outside, max_bytes, draco);
         Scene scene;
         {
           const py::gil_scoped_release nogil;
-          scene = read_scene(file, read_options(allow_outside, max_bytes), interruptible(progress));
+          scene = read_scene(file, options, interruptible(progress));
         }
         return to_tuple(std::move(scene));
       },
-      py::arg("path"), py::arg("allow_outside"), py::arg("max_bytes"),
+      py::arg("path"), py::arg("allow_outside"), py::arg("max_bytes"), py::arg("draco"),
       py::arg("progress") = py::none());
   m.def(
       "write_scene",
@@ -124,22 +154,24 @@ void bind_io(py::module_& m) {
       py::arg("max_vertices"), py::arg("coverages"));
   m.def(
       "read_mesh",
-      [](const py::bytes& path, bool allow_outside, std::uint64_t max_bytes,
+      [](const py::bytes& path, bool allow_outside, std::uint64_t max_bytes, const PyDraco& draco,
          const PyProgress& progress) {
         const auto file = to_path(path, "path");
+        const ReadOptions options = read_options(allow_outside, max_bytes, draco);
         ReadResult result;
         {
           const py::gil_scoped_release nogil;
-          result = read_mesh(file, read_options(allow_outside, max_bytes), interruptible(progress));
+          result = read_mesh(file, options, interruptible(progress));
         }
         return to_tuple(std::move(result));
       },
-      py::arg("path"), py::arg("allow_outside"), py::arg("max_bytes"),
+      py::arg("path"), py::arg("allow_outside"), py::arg("max_bytes"), py::arg("draco"),
       py::arg("progress") = py::none());
   m.def(
       "read_mesh_bytes",
       [](const py::bytes& data, const std::string& suffix, std::uint64_t max_bytes,
-         const PyProgress& progress) {
+         const PyDraco& draco, const PyProgress& progress) {
+        const ReadOptions options = read_options(false, max_bytes, draco);
         char* start = nullptr;
         py::ssize_t size = 0;
         if (PyBytes_AsStringAndSize(data.ptr(), &start, &size) != 0) throw py::error_already_set();
@@ -148,12 +180,12 @@ void bind_io(py::module_& m) {
         ReadResult result;
         {
           const py::gil_scoped_release nogil;
-          result = read_mesh(bytes, format_of_suffix(suffix), read_options(false, max_bytes),
-                             interruptible(progress));
+          result = read_mesh(bytes, format_of_suffix(suffix), options, interruptible(progress));
         }
         return to_tuple(std::move(result));
       },
-      py::arg("data"), py::arg("suffix"), py::arg("max_bytes"), py::arg("progress") = py::none());
+      py::arg("data"), py::arg("suffix"), py::arg("max_bytes"), py::arg("draco"),
+      py::arg("progress") = py::none());
   m.def(
       "write_mesh",
       [](const PyMesh& mesh, const py::bytes& path, const py::bytes& texture_folder,
@@ -183,10 +215,12 @@ void bind_io(py::module_& m) {
       "read_range_grid",
       [](const py::bytes& path, std::uint64_t max_bytes, const PyProgress& progress) {
         const auto file = to_path(path, "path");
+        ReadOptions options;
+        options.max_bytes = max_bytes;
         RangeGrid grid;
         {
           const py::gil_scoped_release nogil;
-          grid = read_range_grid(file, read_options(false, max_bytes), interruptible(progress));
+          grid = read_range_grid(file, options, interruptible(progress));
         }
         return py::make_tuple(grid.num_rows, grid.num_cols, to_numpy(std::move(grid.vertex)),
                               to_numpy(std::move(grid.points)));

@@ -5,6 +5,7 @@
 #include <cstdlib>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "io/gltf.hpp"
@@ -49,13 +50,29 @@ void check_round_trip(const TriangleMesh& mesh) {
   if (again.materials.size() != mesh.materials.size()) std::abort();
 }
 
+/// Any bytes as a Draco stream: the first say how many components and vertices there are.
+manip3d::DracoMesh decode_draco(std::span<const std::byte> stream) {
+  if (stream.size() < 3) throw manip3d::FormatError("damaged Draco stream", {});
+  const auto number = [&](std::size_t i) { return std::to_integer<int>(stream[i]); };
+  manip3d::DracoMesh mesh;
+  mesh.corners = {1, true, {}};
+  manip3d::DracoMesh::Attribute attribute{number(0) % 6, number(1) % 2 == 1, {}};
+  attribute.values.resize(static_cast<std::size_t>(attribute.num_components * number(2)));
+  for (std::size_t i = 3; i < stream.size(); ++i) {
+    mesh.corners.values.push_back(number(i));
+    if (i - 3 < attribute.values.size()) attribute.values[i - 3] = number(i);
+  }
+  mesh.attributes.emplace(0, std::move(attribute));
+  return mesh;
+}
+
 }  // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   try {
     const manip3d::ReadResult content =
         manip3d::parse_gltf(std::as_bytes(std::span(data, size)), resource,
-                            manip3d::GltfBudget(static_cast<std::int64_t>(size)));
+                            manip3d::GltfBudget(static_cast<std::int64_t>(size)), {}, decode_draco);
     manip3d::check_mesh(content.mesh);
     for (const std::int32_t material : content.mesh.face_material) {
       if (material >= static_cast<std::int64_t>(content.mesh.materials.size())) std::abort();
@@ -64,9 +81,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   } catch (const manip3d::FormatError&) {
   }
   try {
-    const manip3d::Scene scene =
-        manip3d::parse_gltf_scene(std::as_bytes(std::span(data, size)), resource,
-                                  manip3d::GltfBudget(static_cast<std::int64_t>(size)));
+    const manip3d::Scene scene = manip3d::parse_gltf_scene(
+        std::as_bytes(std::span(data, size)), resource,
+        manip3d::GltfBudget(static_cast<std::int64_t>(size)), {}, decode_draco);
     for (const manip3d::SceneMesh& mesh : scene.meshes) manip3d::check_mesh(mesh.mesh);
   } catch (const manip3d::FormatError&) {
   }

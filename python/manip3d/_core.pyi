@@ -2406,12 +2406,14 @@ def read_mesh(
     path: bytes,
     allow_outside: bool,
     max_bytes: typing.SupportsInt | typing.SupportsIndex,
+    draco: collections.abc.Callable[[bytes], typing.Any],
     progress: collections.abc.Callable[[float], object] | None = None,
 ) -> tuple[manip3d.mesh.Mesh, str, int, int, list[str]]: ...
 def read_mesh_bytes(
     data: bytes,
     suffix: str,
     max_bytes: typing.SupportsInt | typing.SupportsIndex,
+    draco: collections.abc.Callable[[bytes], typing.Any],
     progress: collections.abc.Callable[[float], object] | None = None,
 ) -> tuple[manip3d.mesh.Mesh, str, int, int, list[str]]: ...
 def read_points(
@@ -2428,6 +2430,7 @@ def read_scene(
     path: bytes,
     allow_outside: bool,
     max_bytes: typing.SupportsInt | typing.SupportsIndex,
+    draco: collections.abc.Callable[[bytes], typing.Any],
     progress: collections.abc.Callable[[float], object] | None = None,
 ) -> tuple[
     list[tuple[str, int, int, numpy.typing.NDArray[numpy.float64], bool]],

@@ -487,6 +487,7 @@ KINDS = {
 
 
 NEEDS = {
+    "mesh.glb": ("DracoPy",),
     "scan.las": ("laspy",),
     "scan.laz": ("laspy", "lazrs"),
     "scan.e57": ("pye57",),

@@ -198,22 +198,6 @@ ZOO: dict[str, tuple[bytes, str]] = {
     ),
     "no rotation": (nodes({"mesh": 0, "rotation": [0, 0, 0, 0]}), "/nodes/0/rotation"),
     "words for numbers": (nodes({"mesh": 0, "scale": ["a", 1, 1]}), "/nodes/0/scale/0"),
-    "draco without fallback": (
-        square(
-            meshes=[
-                {
-                    "primitives": [
-                        {
-                            "attributes": {"POSITION": 0},
-                            "extensions": {"KHR_draco_mesh_compression": {}},
-                        }
-                    ]
-                }
-            ],
-            accessors=[{"componentType": 5126, "count": 3, "type": "VEC3"}],
-        ),
-        "extension KHR_draco_mesh_compression is not read",
-    ),
     "meshopt without fallback": (
         square(
             buffers=[
@@ -298,6 +282,12 @@ def test_what_a_small_file_may_become_is_bounded() -> None:
     with pytest.raises(manip3d.FormatError, match="more than 67108864 bytes"):
         read_mesh_bytes(much, "glb")
     assert read_mesh_bytes(much, "glb", max_bytes=10**9).num_faces == 1_000_000
+
+
+def test_nodes_for_meshes_without_them_are_in_the_budget() -> None:
+    content = document(meshes=[{"primitives": []}] * 200_000, nodes=[], scenes=[])
+    with pytest.raises(manip3d.FormatError, match="/meshes: the mesh takes more than"):
+        read_mesh_bytes(glb(content, b""), "glb", max_bytes=60_000_000)
 
 
 def test_images_count_as_often_as_they_are_named() -> None:

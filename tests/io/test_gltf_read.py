@@ -11,7 +11,7 @@ import pytest
 
 import manip3d
 from gltf_files import FACES, PNG, SQUARE, SQUARE_BUFFER, Scene, data_uri, document, glb, square
-from manip3d.io import read_mesh_bytes, read_report
+from manip3d.io import read_mesh_bytes, read_report, read_scene
 
 
 def read(content: bytes) -> manip3d.Mesh:
@@ -98,6 +98,29 @@ def test_instances_follow_in_depth_first_order() -> None:
     mesh = read(square(nodes=nodes, scenes=[{"nodes": [1, 0]}]))
     assert mesh.num_faces == 8
     np.testing.assert_array_equal(mesh.vertices[::4, 0], [10, 11, 12, 100])
+
+
+@pytest.mark.parametrize("scenes", [[], [{}], [{"nodes": []}, {}]])
+def test_without_nodes_all_meshes_are_read_where_they_are(
+    scenes: list[dict[str, Any]], tmp_path: Path
+) -> None:
+    """trimesh reads such files the same way."""
+    primitives = [{"attributes": {"POSITION": 0}, "indices": 1}]
+    content = document(meshes=[{"primitives": primitives}] * 2, nodes=[], scenes=scenes)
+    for empty in [key for key in ("nodes", "scenes") if not content[key]] + ["scene"]:
+        del content[empty]
+    seen = report(tmp_path, glb(content, SQUARE_BUFFER))
+    np.testing.assert_array_equal(seen.mesh.vertices, np.vstack([SQUARE, SQUARE]))
+    np.testing.assert_array_equal(seen.mesh.faces, np.vstack([FACES, FACES + 4]))
+    warning = "the file has no nodes: all its meshes are read, where their vertices are"
+    assert seen.warnings == (warning,)
+    scene = read_scene(tmp_path / "scene.glb")
+    assert scene.num_faces == 4
+    assert scene.fixed == ("", "")
+    assert scene.warnings == (warning,)
+    scene.write(tmp_path / "again.glb")
+    assert report(tmp_path, (tmp_path / "again.glb").read_bytes()).warnings == ()
+    assert manip3d.read_mesh(tmp_path / "again.glb").num_faces == 4
 
 
 def test_the_default_scene_is_read_alone() -> None:
@@ -524,7 +547,6 @@ def test_points_lines_and_morph_targets_are_left_out(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        "KHR_draco_mesh_compression",
         "EXT_meshopt_compression",
         "EXT_mesh_gpu_instancing",
     ],

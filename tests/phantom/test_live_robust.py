@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import signal
 import subprocess
@@ -19,7 +20,7 @@ import numpy as np
 import pytest
 
 import capsule_body
-from manip3d import DeviceError, capture
+from manip3d import DeviceError, InputError, capture
 from manip3d.phantom import _live, run_live
 from manip3d.rgbd import RgbdFrame
 from manip3d.viewer.page import BUNDLE
@@ -37,6 +38,8 @@ def _bundle() -> None:
 
 class PulledCamera:
     """Gives frames; its cable is pulled out and put back twice."""
+
+    num_frames: int | None = None
 
     def __init__(self) -> None:
         self.number = 0
@@ -129,10 +132,42 @@ def test_only_a_camera_is_said_to_give_no_frames(
             return None
 
     monkeypatch.setattr(_live, "_AGAIN_S", 0.2)
-    found = list(_live._captured("slow", cast(capture.RgbdSource, Slow()), once=True))
+    found = list(_live._captured("slow", cast(capture.RgbdSource, Slow()), math.inf, once=True))
     told = [each for each in found if isinstance(each, str)]
     assert told == ["The camera gives no frames."] * (2 if is_live else 0)
     assert len(found) - len(told) == 2
+
+
+def test_a_recording_whose_next_frame_is_far_away_does_not_outlast_the_session() -> None:
+    class Still(PulledCamera):
+        is_live = False
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.waits: list[float] = []
+
+        def read(self, timeout: float) -> RgbdFrame | None:
+            self.waits.append(timeout)
+            if len(self.waits) == 1:
+                return capsule_body.painted(0)
+            if len(self.waits) > 9:
+                raise AssertionError("it is still read")
+            time.sleep(timeout)
+            return None
+
+    still = Still()
+    end = time.monotonic() + 1.5
+    found = list(_live._captured("still", cast(capture.RgbdSource, still), end, once=False))
+    assert len(found) == 1  # and it does not begin again
+    assert all(wait <= _live._AGAIN_S for wait in still.waits)
+    assert sum(still.waits[1:]) <= 1.5
+
+
+def test_a_source_without_frames_is_refused_before_a_page_is_shown() -> None:
+    shown: list[str] = []
+    with pytest.raises(InputError, match=r"^sim:body\?frames=0: expected frames, found none$"):
+        run_live("sim:body?frames=0", on_start=lambda url, _: shown.append(url))
+    assert shown == []
 
 
 def test_a_camera_without_a_body_tracker_is_shown_with_pose(

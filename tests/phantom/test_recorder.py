@@ -129,6 +129,8 @@ class Camera:
 
     number = 0
 
+    num_frames = None  # nobody knows when a camera ends
+
     def __enter__(self) -> Camera:
         return self
 

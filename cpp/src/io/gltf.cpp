@@ -129,8 +129,8 @@ Transform node_transform(const JsonPlace& node) {
 
 class Reader {
  public:
-  Reader(ByteSpan data, const GltfResource& resource, GltfBudget& budget)
-      : budget_(budget), document_(data, resource, budget) {}
+  Reader(ByteSpan data, const GltfResource& resource, GltfBudget& budget, const DracoDecoder& draco)
+      : budget_(budget), document_(data, resource, budget), draco_(draco) {}
 
   ReadResult read(const Progress& progress) {
     check_asset();
@@ -184,7 +184,11 @@ class Reader {
     if (!version.text().starts_with("2.")) {
       version.fail("expected glTF 2.x, got version " + version.text());
     }
+    document_.expand_draco(draco_);
     check_extensions();
+    if (document_.place_meshes_without_nodes()) {
+      warn_once("the file has no nodes: all its meshes are read, where their vertices are");
+    }
     if (is_scene_) return;
     if (document_.count("animations") > 0) warn_once("animations are left out");
     if (document_.count("skins") > 0)
@@ -502,7 +506,6 @@ class Reader {
       if (!is_scene_) warn_once("primitives without POSITION are left out");
       return std::nullopt;
     }
-    check_compression(place, p);
     p.normal = attribute(attributes, "NORMAL", 3, 3);
     p.texcoord = attribute(attributes, "TEXCOORD_0", 2, 2);
     p.color = attribute(attributes, "COLOR_0", 3, 4);
@@ -563,15 +566,6 @@ class Reader {
       Eigen::Map<Eigen::Vector2d>(transform.scale.data()) = numbers<2>(*scale);
     }
     return transform;
-  }
-
-  /// Where Draco is optional, the plain accessors are there as well; zeros would be a lie.
-  static void check_compression(const JsonPlace& place, const Primitive& p) {
-    const auto extensions = place.find("extensions");
-    if (extensions && extensions->has("KHR_draco_mesh_compression") &&
-        p.position->dense.data == nullptr) {
-      place.fail("extension KHR_draco_mesh_compression is not read");
-    }
   }
 
   const std::vector<Primitive>& primitives_of(std::int64_t mesh) {
@@ -892,6 +886,7 @@ class Reader {
 
   GltfBudget& budget_;
   GltfDocument document_;
+  const DracoDecoder& draco_;
   bool is_scene_ = false;
   ReadResult result_;
   TriangleMesh& mesh_ = result_.mesh;
@@ -956,25 +951,25 @@ void GltfBudget::charge(std::int64_t bytes, const std::string& who) {
 }
 
 ReadResult parse_gltf(std::span<const std::byte> data, const GltfResource& resource,
-                      GltfBudget budget, const Progress& progress) {
-  return Reader(data, resource, budget).read(progress);
+                      GltfBudget budget, const Progress& progress, const DracoDecoder& draco) {
+  return Reader(data, resource, budget, draco).read(progress);
 }
 
 Scene parse_gltf_scene(std::span<const std::byte> data, const GltfResource& resource,
-                       GltfBudget budget, const Progress& progress) {
-  return Reader(data, resource, budget).read_scene(resource, progress);
+                       GltfBudget budget, const Progress& progress, const DracoDecoder& draco) {
+  return Reader(data, resource, budget, draco).read_scene(resource, progress);
 }
 
 ReadResult read_gltf(ByteSource& source, const ReadOptions& options, const Progress& progress) {
   GltfBudget budget(static_cast<std::int64_t>(source.stored_size()), options.max_bytes);
   const Bytes file = read_all(source, std::numeric_limits<std::size_t>::max(), &budget);
-  return parse_gltf(file, resource_beside(options), budget, progress);
+  return parse_gltf(file, resource_beside(options), budget, progress, options.draco);
 }
 
 Scene read_gltf_scene(ByteSource& source, const ReadOptions& options, const Progress& progress) {
   GltfBudget budget(static_cast<std::int64_t>(source.stored_size()), options.max_bytes);
   const Bytes file = read_all(source, std::numeric_limits<std::size_t>::max(), &budget);
-  return parse_gltf_scene(file, resource_beside(options), budget, progress);
+  return parse_gltf_scene(file, resource_beside(options), budget, progress, options.draco);
 }
 
 }  // namespace manip3d

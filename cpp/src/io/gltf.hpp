@@ -48,21 +48,27 @@ class GltfBudget {
 /// Node transforms are applied; one that mirrors turns its triangles around. Primitives of one
 /// node that share their POSITION accessor share their vertices; instances of a mesh share their
 /// texture coordinates. All component types, strides, sparse accessors, triangles, strips and
-/// fans, KHR_mesh_quantization, KHR_texture_transform (in the texture coordinates). Points, lines,
+/// fans, KHR_mesh_quantization, KHR_draco_mesh_compression, KHR_texture_transform (in the texture
+/// coordinates).
+/// A file without nodes has all its meshes read as they are, with a warning. Points, lines,
 /// skins, morph targets, animations, extensions of lights, materials and image formats, and others
 /// that are not required are left out with a warning. Where only some primitives have vertex
 /// colours, the others are white.
 /// @param data       a .gltf or .glb, told apart by the first four bytes.
 /// @param resource   called for external buffers; external images stay paths.
 /// @param budget     what reading it may cost.
+/// @param draco      decodes KHR_draco_mesh_compression; empty: primitives that only a Draco stream
+///                   holds are refused.
 /// @throws FormatError  not glTF 2.x, lengths or indices that do not fit, nodes that are no forest,
 ///                      nesting deeper than 64, a required extension that is not known (it is
 ///                      named), a mesh beyond the budget. The message holds a JSON pointer.
 ReadResult parse_gltf(std::span<const std::byte> data, const GltfResource& resource,
-                      GltfBudget budget, const Progress& progress = {});
+                      GltfBudget budget, const Progress& progress = {},
+                      const DracoDecoder& draco = {});
 
 /// The same file as a scene: see read_scene(). Its images are read by `resource`, too.
 Scene parse_gltf_scene(std::span<const std::byte> data, const GltfResource& resource,
-                       GltfBudget budget, const Progress& progress = {});
+                       GltfBudget budget, const Progress& progress = {},
+                       const DracoDecoder& draco = {});
 
 }  // namespace manip3d

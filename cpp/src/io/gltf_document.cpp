@@ -263,6 +263,17 @@ void GltfDocument::parse_json(ByteSpan bytes) {
   json_ = manip3d::parse_json(text, json_offset_);
 }
 
+bool GltfDocument::place_meshes_without_nodes() {
+  const std::int64_t num_meshes = count("meshes");
+  if (num_meshes == 0 || count("nodes") > 0) return false;
+  constexpr std::int64_t kValuesPerNode = 3;  // the object, its member, the index among the roots
+  budget_.charge(num_meshes * kValuesPerNode * kBytesPerValue, "/meshes");
+  for (const char* array : {"nodes", "scenes", "scene"}) json_.erase(array);
+  for (std::int64_t m = 0; m < num_meshes; ++m) json_["nodes"].push_back({{"mesh", m}});
+  for (std::int64_t m = 0; m < num_meshes; ++m) json_["scenes"][0]["nodes"].push_back(m);
+  return true;
+}
+
 JsonPlace GltfDocument::object(const char* array, const JsonPlace& user) const {
   const std::int64_t size = count(array);
   if (size == 0) user.fail(std::string("the file has no ") + array);

@@ -50,6 +50,14 @@ struct GltfAccessor {
   [[nodiscard]] std::vector<std::uint32_t> decode_indices() const;
 };
 
+/// The elements of an accessor that lay in a Draco stream.
+struct DracoElements {
+  std::size_t accessor;
+  std::int64_t stride;
+  bool is_attribute;
+  Bytes bytes;
+};
+
 /// The JSON of a .gltf or .glb and the bytes it refers to; nothing is believed unchecked.
 class GltfDocument {
  public:
@@ -65,9 +73,16 @@ class GltfDocument {
   const GltfAccessor& accessor(const JsonPlace& user);
   ByteSpan buffer_view(const JsonPlace& user);
 
+  /// Puts plain accessors in the place of Draco streams (KHR_draco_mesh_compression).
+  /// @throws FormatError  a stream that is damaged, or does not suit its accessors.
+  void expand_draco(const DracoDecoder& decode);
+  /// Gives each mesh of a file without nodes a node of its own. @return whether it did.
+  bool place_meshes_without_nodes();
+
  private:
   void split_chunks(ByteSpan file);
   void parse_json(ByteSpan text);
+  void add_elements(DracoElements elements);
   ByteSpan buffer(const JsonPlace& user);
   Bytes read_external(const JsonPlace& uri, std::int64_t length);
   GltfAccessor read_accessor(const JsonPlace& place);

@@ -17,6 +17,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = {
     "velodyne": ("yaml",),
     "las": ("laspy", "lazrs"),
     "e57": ("pye57",),
+    "draco": ("DracoPy",),
     "ouster": ("ouster",),
     "bags": ("rosbags",),
     "pose": ("mediapipe",),

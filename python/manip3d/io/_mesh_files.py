@@ -15,6 +15,7 @@ from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import InputError
+from manip3d.io._draco import decode_draco
 from manip3d.io._files import regular_bytes
 from manip3d.io._images import texture_path, with_common_images
 from manip3d.io._limits import byte_limit, check_points, clock
@@ -112,7 +113,7 @@ def read_report(
     """
     limit = byte_limit(max_bytes)
     with clock(os.fspath(path)) as look, local_copy(path, max_bytes=limit or None) as local:
-        found = _core.read_mesh(os.fsencode(local), bool(allow_outside), limit, look)
+        found = _core.read_mesh(os.fsencode(local), bool(allow_outside), limit, decode_draco, look)
         report = _report(found, os.fspath(path))
         if is_url(path):
             _take_textures(report.mesh, local)
@@ -157,6 +158,8 @@ def read_mesh(
     ------
     FormatError
         The file is damaged or hostile; names the file and the line or byte.
+    MissingExtraError
+        A glTF is compressed with Draco and DracoPy is not installed (extra ``draco``).
     OSError
         `FileNotFoundError` and the like.
 
@@ -212,7 +215,9 @@ def read_mesh_bytes(
     if suffix and suffix not in READABLE:
         raise InputError(f"format: expected one of {', '.join(READABLE)}, got {format!r}")
     with clock("") as look:
-        found = _core.read_mesh_bytes(bytes(data), suffix, byte_limit(max_bytes), look)
+        found = _core.read_mesh_bytes(
+            bytes(data), suffix, byte_limit(max_bytes), decode_draco, look
+        )
     return _report(found, None).mesh
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d.errors import InputError
+from manip3d.io._draco import decode_draco
 from manip3d.io._limits import byte_limit, check_points, clock
 from manip3d.io._remote import local_copy, local_output
 from manip3d.mesh import Mesh
@@ -210,7 +211,7 @@ def read_scene(
     limit = byte_limit(max_bytes)
     with clock(os.fspath(path)) as look, local_copy(path, max_bytes=limit or None) as local:
         nodes, meshes, document, buffer, warnings = _core.read_scene(
-            os.fsencode(local), bool(allow_outside), limit, look
+            os.fsencode(local), bool(allow_outside), limit, decode_draco, look
         )
     check_points(sum(mesh.num_vertices for _, mesh, _ in meshes), os.fspath(path))
     for text in warnings:

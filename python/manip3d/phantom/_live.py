@@ -5,11 +5,12 @@ from __future__ import annotations
 import functools
 import ipaddress
 import json
+import math
 import os
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, urlsplit
 
@@ -211,7 +212,6 @@ def run_live(
     limb = affected or (limb_of(source) if source else "right_leg" if plays_legs else "right_arm")
     if source is None or source.startswith("sim:"):
         require("live")
-    frames, first, states = 0, None, dict[str, int]()
     unkept: list[str] = []
     # The stack is closed before the server, and if anything here is refused.
     with Interrupts() as interrupts, ExitStack() as opened:
@@ -239,12 +239,13 @@ def run_live(
         tracker = PoseTracker() if pose else None
         if tracker is not None:
             opened.callback(tracker.close)
-        end = None if seconds is None else began + seconds
-        feed = _frames(address)
+        end = math.inf if seconds is None else began + seconds
+        feed = _frames(address, end)
         opened.callback(feed.close)
         pages = live_pages(limb, address, asks=recorder is not None)
         made = _certificate(host, certificate)
         server = LocalServer(pages, on_message, host=host, port=port, certificate=made)
+        show = _Show(session, server, tracker, began)
         with SessionLog(log) as journal, server:
             if recorder is not None:
                 session.halt(recorder.start(lambda: _latency(server)))
@@ -253,49 +254,79 @@ def run_live(
             if open_page is not None:
                 open_page(server.new_url())
             try:
-                for found in feed:
-                    if found is None:
-                        session.restart()
-                        if tracker is not None:
-                            tracker.reset()
-                        continue
-                    captured_ns = time.time_ns()
-                    sequence = session.sequence
-                    if isinstance(found, str):
-                        message: bytes | None = session.notice(found)
-                    else:
-                        if tracker is not None and found.color is not None:
-                            found = tracker.annotate(found)
-                        message = session.process(found, captured_ns=captured_ns)
-                    if message is not None:
-                        server.publish(message, sequence=sequence, captured_ns=captured_ns)
-                        state = session.state
-                        states[state] = states.get(state, 0) + 1
-                        frames += not isinstance(found, str)
-                        if first is None:
-                            first = time.monotonic() - began
-                    journal.tell(session, server, frames, states)
-                    if end is not None and time.monotonic() >= end:
-                        break
+                show.run(feed, end, journal)
             except KeyboardInterrupt:  # how a session without a limit ends
                 pass
             finally:
                 interrupts.note_end()
                 session.end()
                 opened.close()
-    return LiveReport(
-        affected=limb,
-        frames=frames,
-        seconds=time.monotonic() - began,
-        first_frame_s=first,
-        states=states,
-        stage_ms=session.stage_ms,
-        clients=tuple(server.report()),
-        refused=dict(server.refused),
-        games=tuple(session.summaries),
-        unkept=tuple(unkept),
-        lost_log_lines=journal.lost_lines,
-    )
+    return show.report(limb, unkept, journal)
+
+
+@dataclass
+class _Show:
+    """The way of each frame from the source to the page, and the counts of the report."""
+
+    session: LiveSession
+    server: LocalServer
+    tracker: PoseTracker | None
+    began: float
+    frames: int = 0
+    first_frame_s: float | None = None
+    states: dict[str, int] = field(default_factory=dict)
+
+    def run(self, feed: Iterator[_Found], end: float, journal: SessionLog) -> None:
+        """Show what the source gives until it or the time is over."""
+        for found in feed:
+            if found is None:
+                self._begin_again()
+                continue
+            self._take(found)
+            journal.tell(self.session, self.server, self.frames, self.states)
+            if time.monotonic() >= end:
+                return
+
+    def _begin_again(self) -> None:
+        self.session.restart()
+        if self.tracker is not None:
+            self.tracker.reset()
+
+    def _take(self, found: RgbdFrame | str) -> None:
+        captured_ns = time.time_ns()
+        sequence = self.session.sequence
+        message = self._message(found, captured_ns)
+        if message is None:
+            return
+        self.server.publish(message, sequence=sequence, captured_ns=captured_ns)
+        state = self.session.state
+        self.states[state] = self.states.get(state, 0) + 1
+        self.frames += not isinstance(found, str)
+        if self.first_frame_s is None:
+            self.first_frame_s = time.monotonic() - self.began
+
+    def _message(self, found: RgbdFrame | str, captured_ns: int) -> bytes | None:
+        if isinstance(found, str):
+            return self.session.notice(found)
+        if self.tracker is not None and found.color is not None:
+            found = self.tracker.annotate(found)
+        return self.session.process(found, captured_ns=captured_ns)
+
+    def report(self, limb: str, unkept: Iterable[str], journal: SessionLog) -> LiveReport:
+        """Return the counts of a session that is over."""
+        return LiveReport(
+            affected=limb,
+            frames=self.frames,
+            seconds=time.monotonic() - self.began,
+            first_frame_s=self.first_frame_s,
+            states=self.states,
+            stage_ms=self.session.stage_ms,
+            clients=tuple(self.server.report()),
+            refused=dict(self.server.refused),
+            games=tuple(self.session.summaries),
+            unkept=tuple(unkept),
+            lost_log_lines=journal.lost_lines,
+        )
 
 
 def _latency(server: LocalServer) -> float | None:
@@ -344,9 +375,9 @@ def hear(
             client.say(json.dumps({"taken": fields["number"]}))
 
 
-def _frames(address: str) -> Generator[_Found, None, None]:
+def _frames(address: str, end: float) -> Generator[_Found, None, None]:
     """Frames in real time; a sentence where there is none for the moment; None before a recording
-    begins again.
+    begins again. The monotonic time ``end`` stops the waiting for a frame.
 
     What is wrong with the address is said at once, not with the first frame.
     """
@@ -356,10 +387,15 @@ def _frames(address: str) -> Generator[_Found, None, None]:
         address += f"{'&' if '?' in address else '?'}frames={_ENDLESS}"
     from manip3d.capture import open_rgbd
 
-    return _captured(address, open_rgbd(address, speed=1.0), once=has_end)
+    source = open_rgbd(address, speed=1.0)
+    if source.num_frames == 0:
+        raise InputError(f"{address}: expected frames, found none")
+    return _captured(address, source, end, once=has_end)
 
 
-def _captured(address: str, source: RgbdSource, *, once: bool) -> Generator[_Found, None, None]:
+def _captured(
+    address: str, source: RgbdSource, end: float, *, once: bool
+) -> Generator[_Found, None, None]:
     """A camera, waited for where it is gone; or a recording, over and over again.
 
     ``once``: the source is not opened again after its end.
@@ -369,9 +405,11 @@ def _captured(address: str, source: RgbdSource, *, once: bool) -> Generator[_Fou
     while True:
         seen = False
         with source:
-            for found in _until_the_end(source):
+            for found in _until_the_end(source, end):
                 seen = seen or not isinstance(found, str)
                 yield found
+        if time.monotonic() >= end:
+            return
         if not seen:
             raise InputError(f"{address}: expected frames, found none")
         if once:
@@ -380,15 +418,17 @@ def _captured(address: str, source: RgbdSource, *, once: bool) -> Generator[_Fou
         source = open_rgbd(address, speed=1.0)
 
 
-def _until_the_end(source: RgbdSource) -> Iterator[RgbdFrame | str]:
+def _until_the_end(source: RgbdSource, end: float) -> Iterator[RgbdFrame | str]:
     is_there = True
     while True:
         asked = time.monotonic()
+        # The first frame is waited for even where it took longer than that to open the source.
+        wait = min(_AGAIN_S, end - asked) if asked < end else _AGAIN_S
         try:
             if not is_there:
                 source.start()
                 is_there = True
-            frame = source.read(_AGAIN_S)
+            frame = source.read(wait)
         except DeviceError:
             is_there = False
             yield "The camera is gone: check its cable."
@@ -396,7 +436,9 @@ def _until_the_end(source: RgbdSource) -> Iterator[RgbdFrame | str]:
             continue
         if frame is not None:
             yield frame
-        elif time.monotonic() - asked < 0.9 * _AGAIN_S:  # the recording is over
+            continue
+        now = time.monotonic()
+        if now - asked < 0.9 * wait or now >= end:  # the recording or the session is over
             return
-        elif source.is_live:  # a slow recording is waited for
+        if source.is_live:  # a slow recording is waited for
             yield "The camera gives no frames."

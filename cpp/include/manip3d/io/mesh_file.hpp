@@ -3,6 +3,8 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
+#include <map>
 #include <optional>
 #include <span>
 #include <string>
@@ -19,6 +21,20 @@ namespace manip3d {
 
 enum class MeshFormat : std::uint8_t { kObj, kPly, kOff, kStl, kGltf, kGlb };
 
+/// The mesh of a Draco stream, as glTF's extension KHR_draco_mesh_compression stores it.
+struct DracoMesh {
+  struct Attribute {
+    int num_components = 0;
+    bool is_integer = false;
+    std::vector<double> values;  ///< Vertex after vertex.
+  };
+  Attribute corners;                              ///< Vertex indices, three a face.
+  std::map<std::uint32_t, Attribute> attributes;  ///< By their unique ids.
+};
+
+/// Decodes a Draco stream. @throws FormatError  it is damaged.
+using DracoDecoder = std::function<DracoMesh(std::span<const std::byte> stream)>;
+
 struct ReadOptions {
   /// Let OBJ and glTF name files outside of their own folder (absolute paths, `..`, links).
   bool allow_outside = false;
@@ -28,6 +44,8 @@ struct ReadOptions {
   /// Where files named by the mesh file lie; empty: nowhere, they are left out with a warning.
   /// Set by read_mesh(path).
   std::filesystem::path folder;
+  /// Called for glTF compressed with Draco; empty: it is refused.
+  DracoDecoder draco = {};
 };
 
 struct ReadResult {

@@ -1,0 +1,217 @@
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <map>
+#include <string>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+#include "io/gltf_document.hpp"
+
+namespace manip3d {
+namespace {
+
+constexpr const char* kDraco = "KHR_draco_mesh_compression";
+constexpr std::int64_t kDracoTriangles = 4;
+constexpr std::int64_t kMaxDracoId = std::numeric_limits<std::uint32_t>::max();
+// The limit of a mesh's memory goes by the size of its file. Draco takes a fifth to a tenth of what
+// plain accessors take, so that its bytes count five times.
+constexpr std::int64_t kDracoBytesMore = 4;
+constexpr std::int64_t kJsonBytesPerAccessor = 1024;  // a buffer and a bufferView, as objects
+
+template <typename T>
+void store_draco(const JsonPlace& accessor, double value, std::byte* out) {
+  if constexpr (std::is_integral_v<T>) {
+    if (!(value >= std::numeric_limits<T>::lowest() && value <= std::numeric_limits<T>::max())) {
+      accessor.fail("the Draco stream holds " + std::to_string(value) +
+                    ", which its component type cannot");
+    }
+  }
+  const T stored = static_cast<T>(value);
+  std::memcpy(out, &stored, sizeof(T));
+}
+
+/// The numbers of a stream in the component type T of an accessor. Attributes start at multiples of
+/// four bytes, glTF 2.0 section 3.6.2.4.
+template <typename T>
+DracoElements encode_draco(const JsonPlace& accessor, std::size_t index,
+                           const DracoMesh::Attribute& attribute, bool is_attribute) {
+  if (std::is_integral_v<T> != attribute.is_integer) {
+    accessor.fail(std::string("the Draco stream holds ") +
+                  (attribute.is_integer ? "integers" : "floats") +
+                  ", the component type says otherwise");
+  }
+  const std::int64_t columns = attribute.num_components;
+  const auto packed = static_cast<std::int64_t>(sizeof(T)) * columns;
+  const std::int64_t stride = is_attribute ? (packed + 3) / 4 * 4 : packed;
+  const auto num_values = static_cast<std::int64_t>(attribute.values.size());
+  DracoElements elements{index, stride, is_attribute, {}};
+  elements.bytes.resize(static_cast<std::size_t>(num_values / columns * stride));
+  for (std::int64_t i = 0; i < num_values; ++i) {
+    const std::int64_t at =
+        i / columns * stride + i % columns * static_cast<std::int64_t>(sizeof(T));
+    store_draco<T>(accessor, attribute.values[i], elements.bytes.data() + at);
+  }
+  return elements;
+}
+
+DracoElements encode_draco_as(const JsonPlace& accessor, std::size_t index,
+                              const DracoMesh::Attribute& attribute, bool is_attribute) {
+  const JsonPlace type = accessor.member("componentType");
+  switch (type.integer(5120, 5126)) {
+    case 5120:
+      return encode_draco<std::int8_t>(accessor, index, attribute, is_attribute);
+    case 5121:
+      return encode_draco<std::uint8_t>(accessor, index, attribute, is_attribute);
+    case 5122:
+      return encode_draco<std::int16_t>(accessor, index, attribute, is_attribute);
+    case 5123:
+      return encode_draco<std::uint16_t>(accessor, index, attribute, is_attribute);
+    case 5125:
+      return encode_draco<std::uint32_t>(accessor, index, attribute, is_attribute);
+    case 5126:
+      return encode_draco<float>(accessor, index, attribute, is_attribute);
+    default:
+      type.fail("expected 5120, 5121, 5122, 5123, 5125 or 5126, got 5124");
+  }
+}
+
+/// Decodes what the primitives of a document refer to; the document stays as it is.
+class DracoReader {
+ public:
+  DracoReader(GltfDocument& document, const DracoDecoder& decode, GltfBudget& budget)
+      : document_(document), decode_(decode), budget_(budget) {}
+
+  /// The attributes and indices of a primitive, unless there are plain ones, too.
+  void read(const JsonPlace& primitive) {
+    const JsonPlace draco = primitive.member("extensions").member(kDraco);
+    const JsonPlace attributes = primitive.member("attributes");
+    const auto position = attributes.find("POSITION");
+    if (position && document_.object("accessors", *position).has("bufferView")) return;
+    if (const auto mode = primitive.find("mode"); mode && mode->integer(0, 6) != kDracoTriangles) {
+      mode->fail("expected triangles (4) of a Draco stream");
+    }
+    const DracoMesh& mesh = decoded(draco);
+    const JsonPlace ids = draco.member("attributes");
+    static_cast<void>(ids.member("POSITION"));
+    for (const auto& [name, id] : ids.value().items()) {
+      const JsonPlace place = ids.member(name.c_str());
+      const auto found =
+          mesh.attributes.find(static_cast<std::uint32_t>(place.integer(0, kMaxDracoId)));
+      if (found == mesh.attributes.end()) place.fail("the Draco stream has no such attribute");
+      add(attributes.member(name.c_str()), found->second, true);
+    }
+    add(primitive.member("indices"), mesh.corners, false);
+  }
+
+  std::vector<DracoElements> take() { return std::move(elements_); }
+
+ private:
+  const DracoMesh& decoded(const JsonPlace& draco) {
+    const JsonPlace view = draco.member("bufferView");
+    const std::string stream = document_.object("bufferViews", view).pointer();
+    const auto known = meshes_.find(stream);
+    if (known != meshes_.end()) return known->second;
+    if (!decode_) draco.fail(std::string("extension ") + kDraco + " is not read");
+    const ByteSpan bytes = document_.buffer_view(view);
+    budget_.add_file(kDracoBytesMore * static_cast<std::int64_t>(bytes.size()));
+    DracoMesh mesh;
+    try {
+      mesh = decode_(bytes);
+    } catch (const FormatError& error) {
+      draco.fail(error.reason());
+    }
+    auto num_values = static_cast<std::int64_t>(mesh.corners.values.size());
+    for (const auto& [id, attribute] : mesh.attributes) {
+      num_values += static_cast<std::int64_t>(attribute.values.size());
+    }
+    budget_.charge(num_values * static_cast<std::int64_t>(sizeof(double)), draco.pointer());
+    return meshes_.emplace(stream, std::move(mesh)).first->second;
+  }
+
+  /// Primitives may share an accessor where they share its stream.
+  void add(const JsonPlace& user, const DracoMesh::Attribute& attribute, bool is_attribute) {
+    const JsonPlace accessor = document_.object("accessors", user);
+    const auto [known, is_new] = sources_.try_emplace(accessor.pointer(), &attribute);
+    if (!is_new) {
+      if (known->second != &attribute) accessor.fail("two Draco attributes give its elements");
+      return;
+    }
+    constexpr std::array<const char*, 4> kTypes = {"SCALAR", "VEC2", "VEC3", "VEC4"};
+    const int columns = attribute.num_components;
+    if (columns < 1 || columns > 4 || accessor.member("type").text() != kTypes[columns - 1]) {
+      accessor.fail("the Draco stream has " + std::to_string(columns) +
+                    " components, the type says otherwise");
+    }
+    const auto rows = static_cast<std::int64_t>(attribute.values.size()) / columns;
+    const std::int64_t count = accessor.member("count").integer(0, kMaxDracoId);
+    if (count != rows) {
+      accessor.fail("says " + std::to_string(count) + " elements, the Draco stream has " +
+                    std::to_string(rows));
+    }
+    const auto index = static_cast<std::size_t>(user.integer(0, kMaxDracoId));
+    elements_.push_back(encode_draco_as(accessor, index, attribute, is_attribute));
+    budget_.charge(static_cast<std::int64_t>(elements_.back().bytes.size()) + kJsonBytesPerAccessor,
+                   accessor.pointer());
+  }
+
+  GltfDocument& document_;
+  const DracoDecoder& decode_;
+  GltfBudget& budget_;
+  std::map<std::string, DracoMesh> meshes_;  ///< By the pointer of the bufferView.
+  std::map<std::string, const DracoMesh::Attribute*> sources_;  ///< By the pointer of the accessor.
+  std::vector<DracoElements> elements_;
+};
+
+/// Whether a primitive names the extension; a malformed one is refused where it is read.
+bool has_draco(const JsonPlace::Json& primitive) {
+  if (!primitive.is_object()) return false;
+  const auto extensions = primitive.find("extensions");
+  return extensions != primitive.end() && extensions->is_object() && extensions->contains(kDraco);
+}
+
+}  // namespace
+
+void GltfDocument::expand_draco(const DracoDecoder& decode) {
+  DracoReader reader(*this, decode, budget_);
+  std::vector<std::pair<std::int64_t, std::int64_t>> found;
+  for (std::int64_t m = 0; m < count("meshes"); ++m) {
+    const JsonPlace mesh = root().member("meshes").item(m);
+    const auto list = mesh.is_object() ? mesh.find("primitives") : std::nullopt;
+    if (!list || !list->value().is_array()) continue;
+    for (std::int64_t i = 0; i < list->size(); ++i) {
+      if (!has_draco(list->item(i).value())) continue;
+      reader.read(list->item(i));
+      found.emplace_back(m, i);
+    }
+  }
+  for (DracoElements& elements : reader.take()) add_elements(std::move(elements));
+  for (const auto& [m, i] : found) {
+    JsonPlace::Json& primitive = json_["meshes"][m]["primitives"][i];
+    primitive["extensions"].erase(kDraco);
+    if (primitive["extensions"].empty()) primitive.erase("extensions");
+  }
+  for (const char* list : {"extensionsUsed", "extensionsRequired"}) {
+    const auto names = json_.find(list);
+    if (names == json_.end() || !names->is_array()) continue;
+    names->erase(std::remove(names->begin(), names->end(), kDraco), names->end());
+  }
+}
+
+void GltfDocument::add_elements(DracoElements elements) {
+  const std::size_t size = elements.bytes.size();
+  const std::size_t buffer = json_["buffers"].size();
+  JsonPlace::Json view = {{"buffer", buffer}, {"byteLength", size}};
+  if (elements.is_attribute) view["byteStride"] = elements.stride;
+  JsonPlace::Json& accessor = json_["accessors"][elements.accessor];
+  accessor["bufferView"] = json_["bufferViews"].size();
+  accessor.erase("byteOffset");
+  json_["bufferViews"].push_back(std::move(view));
+  json_["buffers"].push_back({{"byteLength", size}, {"uri", ""}});  // its bytes are here already
+  buffers_.emplace("/buffers/" + std::to_string(buffer), std::move(elements.bytes));
+}
+
+}  // namespace manip3d

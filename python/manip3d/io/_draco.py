@@ -1,0 +1,27 @@
+"""Draco streams of glTF's extension KHR_draco_mesh_compression, through DracoPy."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from manip3d.errors import MissingExtraError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+def decode_draco(stream: bytes) -> tuple[NDArray[Any], dict[int, NDArray[Any]]] | str:
+    """Faces (F, 3) and vertex attributes (V, C) by unique id, or what is wrong with the stream."""
+    try:
+        import DracoPy
+    except ImportError:
+        raise MissingExtraError("DracoPy", "draco") from None
+    try:
+        mesh = DracoPy.decode(stream)
+    except MemoryError:
+        raise
+    except Exception as error:  # whatever the library makes of a damaged stream
+        return f"damaged Draco stream: {str(error)[:200]}"
+    if not hasattr(mesh, "faces"):
+        return "expected a mesh, got the point cloud of a Draco stream"
+    return mesh.faces, {found["unique_id"]: found["data"] for found in mesh.attributes}
