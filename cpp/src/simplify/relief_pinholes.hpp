@@ -18,8 +18,9 @@ class PinholeFiller {
  public:
   /// Continues the surface over holes of at most kPinhole pixels with measured ones all around, no
   /// step in depth and no edge that is too long among these: each pixel becomes the mean of its
-  /// four neighbours. They have confidence 0, so that they are no evidence.
-  /// @return  false: there are none, and grid() is not to be used.
+  /// four neighbours. They have confidence 0, so that they are no evidence. A pixel with steps all
+  /// around it is a hole, too.
+  /// @return  false: fewer than one pixel of a thousand is in one, and grid() is not to be used.
   bool fill(const PointGridView& grid, const DenseRule& rule, std::span<const float> confidence);
 
   [[nodiscard]] PointGridView grid() const { return filled_; }
@@ -35,7 +36,8 @@ class PinholeFiller {
     int size = 0;
     std::array<std::int64_t, kPinhole> pixels;
   };
-  void find_holes();
+  void find_holes(const StepRule& steps);
+  void find_strays(const StepRule& steps);
   void gather(std::int64_t first);
   /// Is a hole amid one surface? Those of its neighbours that are open end the surface.
   [[nodiscard]] bool is_amid_surface(const Hole& hole, const StepRule& steps,

@@ -153,30 +153,59 @@ float Refiner::error_at(const Surface& surface, const Triangulation& mesh,
   return sum;
 }
 
-void Refiner::leave_pixels(const Surface& surface, Triangulation& mesh,
+void Refiner::leave_pixels(const Surface& surface, Triangulation& mesh, std::span<const Keep> keep,
                            const std::function<bool(std::int32_t)>& is_left) {
-  constexpr int kRadius = 2;
+  constexpr int kSweeps = 4;  // what its neighbours did can free a vertex
   Triangulation::Fan fan;
-  std::array<float, Triangulation::kMaxFan> errors{};
-  for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
-    const Triangulation::Vertex& vertex = mesh.vertex(v);
-    if (!vertex.alive() || vertex.on_boundary || !is_left(vertex.pixel) || !mesh.fan(v, fan)) {
-      continue;
-    }
-    float least = kInfinityF;
-    std::int32_t best = -1;
-    for (int row = std::max(vertex.v - kRadius, 0);
-         row <= std::min(vertex.v + kRadius, surface.rows() - 1); ++row) {
-      for (int column = std::max(vertex.u - kRadius, 0);
-           column <= std::min(vertex.u + kRadius, surface.cols() - 1); ++column) {
-        const std::int32_t pixel = row * surface.cols() + column;
-        if (!surface.is_used(pixel) || is_left(pixel)) continue;
-        const float error = error_at(surface, mesh, fan, pixel, least, errors);
-        if (error < least) least = error, best = pixel;
+  bool is_done = false;
+  for (int sweep = 0; sweep < kSweeps && !is_done; ++sweep) {
+    is_done = true;
+    for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
+      const Triangulation::Vertex& vertex = mesh.vertex(v);
+      if (!vertex.alive() || !is_left(vertex.pixel) || !mesh.fan(v, fan) ||
+          (!keep.empty() && keep[vertex.pixel] == Keep::kFixed)) {
+        continue;
+      }
+      const std::int32_t best =
+          vertex.on_boundary ? -1 : best_beside(surface, mesh, fan, vertex.pixel, is_left);
+      if (best >= 0) {
+        mesh.move(v, surface, best);
+      } else if (!merge(surface, mesh, v, fan)) {
+        is_done = false;
       }
     }
-    if (best >= 0) mesh.move(v, surface, best);
   }
+}
+
+bool Refiner::merge(const Surface& surface, Triangulation& mesh, std::int32_t v,
+                    const Triangulation::Fan& fan) {
+  for (int i = 0; i < fan.num_neighbors; ++i) {
+    if (!mesh.can_collapse(surface, v, fan, i)) continue;
+    mesh.collapse(v, fan, i);
+    return true;
+  }
+  return false;
+}
+
+std::int32_t Refiner::best_beside(const Surface& surface, const Triangulation& mesh,
+                                  const Triangulation::Fan& fan, std::int32_t pixel,
+                                  const std::function<bool(std::int32_t)>& is_left) {
+  constexpr int kRadius = 2;
+  std::array<float, Triangulation::kMaxFan> errors{};
+  const int u = surface.u(pixel), v = surface.v(pixel);
+  float least = kInfinityF;
+  std::int32_t best = -1;
+  for (int row = std::max(v - kRadius, 0); row <= std::min(v + kRadius, surface.rows() - 1);
+       ++row) {
+    for (int column = std::max(u - kRadius, 0); column <= std::min(u + kRadius, surface.cols() - 1);
+         ++column) {
+      const std::int32_t other = row * surface.cols() + column;
+      if (!surface.is_used(other) || is_left(other)) continue;
+      const float error = error_at(surface, mesh, fan, other, least, errors);
+      if (error < least) least = error, best = other;
+    }
+  }
+  return best;
 }
 
 int Refiner::move_vertices(const Surface& surface, Triangulation& mesh, int radius,

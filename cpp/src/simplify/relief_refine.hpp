@@ -35,9 +35,10 @@ class Refiner {
   /// @param keep  by pixel, may be empty: vertices there stay, or need a far better pixel to move.
   int move_vertices(const Surface& surface, Triangulation& mesh, int radius,
                     std::span<const Keep> keep);
-  /// Moves the interior vertices at some pixels to the used one among the 24 pixels around that
-  /// leaves the least error; those that have none stay.
-  void leave_pixels(const Surface& surface, Triangulation& mesh,
+  /// Empties some pixels: an interior vertex there moves to the used pixel among the 24 around it
+  /// that leaves the least error; one that has none, or is on the boundary, merges into a neighbour
+  /// where that is legal.
+  void leave_pixels(const Surface& surface, Triangulation& mesh, std::span<const Keep> keep,
                     const std::function<bool(std::int32_t)>& is_left);
   /// Slides each vertex in its direction: by what gives the least sum of squared distances
   /// (weighted by area) between the pixels and the triangles, by half of it or not at all,
@@ -59,6 +60,12 @@ class Refiner {
   static float error_at(const Surface& surface, const Triangulation& mesh,
                         const Triangulation::Fan& fan, std::int32_t pixel, float most,
                         std::array<float, Triangulation::kMaxFan>& errors);
+  /// Merges a vertex into the first neighbour that it may merge into; false: there is none.
+  static bool merge(const Surface& surface, Triangulation& mesh, std::int32_t v,
+                    const Triangulation::Fan& fan);
+  static std::int32_t best_beside(const Surface& surface, const Triangulation& mesh,
+                                  const Triangulation::Fan& fan, std::int32_t pixel,
+                                  const std::function<bool(std::int32_t)>& is_left);
   float mean_error(const Surface& surface, const Triangulation& mesh);
   float error_of(const Surface& surface, const Triangulation& mesh, std::int32_t t);
 

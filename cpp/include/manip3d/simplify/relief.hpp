@@ -69,9 +69,10 @@ struct ReliefResult {
 /// Few vertices for the dense surface of a point grid (that of grid_mesh()), so that the mean
 /// distance from the surface to the mesh is small.
 ///
-/// 0. Holes of up to four pixels amid one surface are no ends of it: the surface is continued over
-///    them, with confidence 0, unless the target leaves room for all pixels. No vertex stays there
-///    but on the boundary, or where no other pixel would do.
+/// 0. Holes of up to four pixels amid one surface are no ends of it, and a measurement with steps
+///    all around it is such a hole: the surface is continued over them, with confidence 0, unless
+///    they are fewer than one pixel of a thousand, or the target leaves room for all pixels. No
+///    vertex is there in the end.
 /// 1. An adaptive triangulation by longest-edge bisection, down to single pixels where the surface
 ///    ends or is cut: silhouettes and depth discontinuities are boundaries of the mesh from the
 ///    start.
