@@ -6,7 +6,7 @@
 namespace manip3d::relief_detail {
 namespace {
 
-/// Of the pixels at least so many must be in pinholes: fewer cost less time as ends of the surface
+/// Least share of the pixels that pinholes must hold: fewer cost less time as ends of the surface
 /// than a second surface does (real images with 4 to 300 pinholes took a fifth longer).
 constexpr double kLeastShare = 1e-3;
 

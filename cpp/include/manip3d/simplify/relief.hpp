@@ -55,7 +55,7 @@ struct ReliefResult {
   std::vector<ReliefLevel> levels;  ///< Sizes as in ReliefOptions::levels, or less.
   ReliefStop stop = ReliefStop::kTarget;
   std::int64_t dropped_pixels = 0;  ///< kSmallPieces: pixels of the pieces left out.
-  std::int64_t filled_pixels = 0;   ///< Of pinholes that the surface was continued over.
+  std::int64_t filled_pixels = 0;   ///< Pixels of pinholes that the surface was continued over.
   DepthCoverage cover;              ///< Coverage of the mesh before points move.
   /// By face, with a limit on steps: 1 if it joins what a step keeps apart. Along one of its sides
   /// steps make most of the difference in depth, and faces_off_surface() gives more than a quarter
