@@ -34,6 +34,7 @@ Fields to_fields(ReliefResult&& result) {
   fields["levels"] = py::tuple(levels);
   fields["stop"] = result.stop;
   fields["dropped_pixels"] = result.dropped_pixels;
+  fields["filled_pixels"] = result.filled_pixels;
   fields["coverage"] = result.cover.coverage;
   fields["bridges"] = result.cover.bridges;
   fields["outside"] = result.cover.outside;

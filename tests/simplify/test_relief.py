@@ -694,3 +694,85 @@ def test_moves_lower_the_error_on_scenes_with_many_depth_steps(
         for move in (False, True)
     )
     assert after < before
+
+
+def amid(holes: NDArray[np.bool_]) -> int:
+    """Pixels of holes of at most four that share sides, away from the border and larger ones."""
+    label = np.zeros(holes.shape, int)
+    parts: list[set[tuple[int, int]]] = []
+    for start in zip(*np.nonzero(holes), strict=True):
+        if label[start]:
+            continue
+        part, ahead = set[tuple[int, int]](), [start]
+        while ahead:
+            v, u = ahead.pop()
+            inside = 0 <= v < holes.shape[0] and 0 <= u < holes.shape[1]
+            if not inside or not holes[v, u] or (v, u) in part:
+                continue
+            part.add((v, u))
+            ahead += [(v - 1, u), (v + 1, u), (v, u - 1), (v, u + 1)]
+        parts.append(part)
+        for pixel in part:
+            label[pixel] = len(parts)
+    height, width = holes.shape
+    is_open = [
+        len(part) > 4 or any(v in (0, height - 1) or u in (0, width - 1) for v, u in part)
+        for part in parts
+    ]
+    changed = True
+    while changed:
+        changed = False
+        for number, part in enumerate(parts):
+            around = {
+                label[v + dv, u + du] - 1
+                for v, u in part
+                for dv in (-1, 0, 1)
+                for du in (-1, 0, 1)
+                if 0 <= v + dv < height and 0 <= u + du < width and label[v + dv, u + du]
+            }
+            if not is_open[number] and any(is_open[other] for other in around):
+                is_open[number] = changed = True
+    return sum(len(part) for part, opened in zip(parts, is_open, strict=True) if not opened)
+
+
+@pytest.mark.parametrize("effort", ["live", "balanced"])
+@pytest.mark.parametrize("share", [0.01, 0.1, 0.25])
+def test_pinholes_do_not_end_the_surface(effort: simplify.Effort, share: float) -> None:
+    points = bumps(120, 160)
+    valid = np.random.default_rng(3).random((120, 160)) >= share
+    found = simplify.relief_grid(points, valid, 300, effort=effort)
+    assert found.filled_pixels == amid(~valid)
+    check_promises(found, points, valid, 300)
+    if share <= 0.1:
+        assert found.coverage > 0.98
+
+
+def test_a_plane_with_pinholes_is_two_faces() -> None:
+    y, x = np.mgrid[0:41, 0:41] * 0.01
+    points = np.stack([x, -y, 1 + 0.3 * x - 0.2 * y], axis=2)
+    valid = np.ones((41, 41), bool)
+    valid[10, 10] = valid[20, 20:24] = valid[30, 30] = valid[31, 30] = valid[31, 31] = False
+    found = simplify.relief_grid(points, valid, 4)
+    assert (found.num_vertices, found.num_faces, found.filled_pixels) == (4, 2, 8)
+
+
+def test_a_hole_between_two_surfaces_stays_one() -> None:
+    """A pinhole at a step in depth, one beside the border, and a larger one end the surface."""
+    depth = np.full((40, 60), 2.0, np.float32)
+    depth[:, 30:] = 1.0
+    depth[20, 30] = depth[0, 5] = 0.0
+    depth[10, 10:15] = 0.0
+    depth[30, 10] = depth[30, 12] = 0.0
+    depth[30, 50] = 4.0  # a stray: steps all around it
+    found = simplify.relief(depth, Intrinsics(60, 40, 50.0, 50.0, 30.0, 20.0), 200, depth_step=0.05)
+    assert found.filled_pixels == 3
+    u, v = found.pixels.T
+    assert (depth[v, u] > 0).all()
+    assert (depth[v, u] < 4).all()
+
+
+def test_room_for_all_points_fills_nothing() -> None:
+    points, valid = bumps(20, 20), np.ones((20, 20), bool)
+    valid[9, 9] = False
+    assert simplify.relief_grid(points, valid, 399).filled_pixels == 0
+    assert simplify.relief_grid(points, valid, 398).filled_pixels == 1

@@ -10,6 +10,7 @@
 #include "simplify/relief_boundary.hpp"
 #include "simplify/relief_collapse.hpp"
 #include "simplify/relief_coverage.hpp"
+#include "simplify/relief_pinholes.hpp"
 #include "simplify/relief_refine.hpp"
 #include "simplify/relief_start.hpp"
 #include "simplify/relief_surface.hpp"
@@ -163,8 +164,10 @@ std::vector<Triangle> triangles_of(const Surface& surface, const PointGridView& 
 }  // namespace
 
 struct Relief::Memory {
+  relief_detail::PinholeFiller pinholes;
   Surface surface;
-  Surface half;                      ///< Every second pixel of it.
+  Surface measured;  ///< The same without what lies over pinholes, if there are any.
+  Surface half;      ///< Every second pixel of it.
   const Surface* worked = &surface;  ///< The surface that is triangulated: `surface` or `half`.
   relief_detail::BoundaryMover boundary;
   relief_detail::StartMesh start;
@@ -172,9 +175,10 @@ struct Relief::Memory {
   Triangulation careless;  ///< The same where triangles across steps were not refused.
   relief_detail::Collapser collapser;
   relief_detail::Refiner refiner;
-  std::vector<Vec3> sight;           ///< By vertex: where it may slide.
-  std::vector<std::int32_t> order;   ///< Vertices by pixel.
-  std::vector<std::int32_t> number;  ///< Vertex -> output vertex.
+  std::vector<Vec3> sight;               ///< By vertex: where it may slide.
+  std::vector<std::int32_t> order;       ///< Vertices by pixel.
+  std::vector<std::int32_t> number;      ///< Vertex -> output vertex; kNone: left out.
+  std::vector<std::uint8_t> is_written;  ///< By vertex; empty: all are.
   struct Placed {
     std::int32_t pixel, number;
     auto operator<=>(const Placed&) const = default;
@@ -192,6 +196,17 @@ struct Relief::Memory {
         options.levels.empty() ? options.target_points : options.levels.back();
     return surface.num_used() <= least;
   }
+  /// Takes the dense surface of a grid, continued over its pinholes unless the target leaves room
+  /// for all pixels; the grid that it is of.
+  PointGridView take_surface(const PointGridView& grid, const ReliefOptions& options,
+                             std::span<const float> confidence);
+  /// Moves vertices from filled pixels to measured ones.
+  void leave_pinholes();
+  [[nodiscard]] bool is_pinhole(std::int32_t pixel) const {
+    return pinholes.num_filled() > 0 &&
+           pinholes.is_filled(surface.input_v(pixel) * pinholes.grid().cols +
+                              surface.input_u(pixel));
+  }
   void choose_surface(ReliefEffort effort, std::int64_t target);
   void move_boundary(int sweeps);
   void recall(const PointGridView& grid, const ReliefOptions& options);
@@ -207,12 +222,33 @@ struct Relief::Memory {
   void fix_vertices();
   [[nodiscard]] bool holds(const Triangulation& smaller);
   void find_sight(const ReliefOptions& options);
+  /// Which vertices are in triangles with all corners at measured pixels, if there are pinholes: a
+  /// vertex that could not leave one goes, with its triangles.
+  void find_written(const Triangulation& of);
   /// @param once  the triangles of a pixel share a vertex, also where they meet nowhere else.
   std::int32_t number_vertices(const Triangulation& of, bool once);
   void write(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
   void write_faces(const Triangulation& from, bool rows_up, Rows<std::int32_t, 3>& to);
   void move_points(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
 };
+
+PointGridView Relief::Memory::take_surface(const PointGridView& grid, const ReliefOptions& options,
+                                           std::span<const float> confidence) {
+  surface.assign(grid, options.dense, confidence, options.num_threads);
+  pinholes.clear();
+  if (surface.empty() || takes_all(options)) return grid;
+  if (!pinholes.fill(grid, options.dense, confidence)) return grid;
+  std::swap(surface, measured);
+  surface.assign(pinholes.grid(), options.dense, pinholes.confidence(), options.num_threads);
+  return pinholes.grid();
+}
+
+void Relief::Memory::leave_pinholes() {
+  if (pinholes.num_filled() == 0) return;
+  const std::span<const Keep> kept = worked == &surface ? keep : std::span<const Keep>();
+  refiner.leave_pixels(surface, mesh, kept,
+                       [this](std::int32_t pixel) { return is_pinhole(pixel); });
+}
 
 /// Every second pixel is a quarter of the work. Of 0.4, 1, 2 and 4 bisections per target point, 2
 /// leaves less error than all pixels did on four of five images at 1 % of the points, in no more
@@ -366,6 +402,7 @@ void Relief::Memory::build_meshes(const PointGridView& grid, const ReliefOptions
     recall(grid, options);
     if (!levels.empty()) fix_vertices();
     make_best_mesh(options, target, result);
+    leave_pinholes();
     // The vertices of the next smaller level are fixed. Where this size is hardly larger, they can
     // keep every legal collapse from reaching it; then that level is handed out again.
     if (!levels.empty() && (mesh.num_vertices() > target || !holds(levels.back()))) {
@@ -387,7 +424,21 @@ void Relief::Memory::find_sight(const ReliefOptions& options) {
   }
 }
 
+void Relief::Memory::find_written(const Triangulation& of) {
+  is_written.clear();
+  if (pinholes.num_filled() == 0) return;
+  is_written.resize(of.num_slots());
+  for (std::int32_t t = 0; t < of.num_face_slots(); ++t) {
+    if (!of.is_face(t)) continue;
+    const Triangle& corners = of.triangle(t);
+    const auto is_over = [&](std::int32_t v) { return is_pinhole(of.vertex(v).pixel); };
+    if (std::ranges::any_of(corners, is_over)) continue;
+    for (const std::int32_t v : corners) is_written[v] = 1;
+  }
+}
+
 std::int32_t Relief::Memory::number_vertices(const Triangulation& of, bool once) {
+  find_written(of);
   of.sorted_vertices(order);
   relief_detail::make_room(number, of.num_slots());
   number.resize(of.num_slots());
@@ -395,6 +446,10 @@ std::int32_t Relief::Memory::number_vertices(const Triangulation& of, bool once)
   std::int32_t i = 0, latest = Triangulation::kNone;
   for (const std::int32_t v : order) {
     const std::int32_t pixel = of.vertex(v).pixel;
+    if (!is_written.empty() && is_written[v] == 0) {
+      number[v] = Triangulation::kNone;
+      continue;
+    }
     if (once && latest != Triangulation::kNone && of.vertex(latest).pixel == pixel) {
       number[v] = number[latest];
     } else if (i < num_before && placed[i].pixel == pixel) {
@@ -441,12 +496,17 @@ void Relief::Memory::write(const PointGridView& grid, const ReliefOptions& optio
 
 void Relief::Memory::write_faces(const Triangulation& from, bool rows_up,
                                  Rows<std::int32_t, 3>& to) {
+  const auto is_kept = [&](std::int32_t t) {
+    return from.is_face(t) && std::ranges::none_of(from.triangle(t), [this](std::int32_t v) {
+             return number[v] == Triangulation::kNone;
+           });
+  };
   Eigen::Index num_faces = 0;
-  for (std::int32_t t = 0; t < from.num_face_slots(); ++t) num_faces += from.is_face(t);
+  for (std::int32_t t = 0; t < from.num_face_slots(); ++t) num_faces += is_kept(t) ? 1 : 0;
   to.resize(num_faces, 3);
   Eigen::Index row = 0;
   for (std::int32_t t = 0; t < from.num_face_slots(); ++t) {
-    if (!from.is_face(t)) continue;
+    if (!is_kept(t)) continue;
     auto [a, b, c] = from.triangle(t);
     if (!rows_up) std::swap(b, c);
     to.row(row++) << number[a], number[b], number[c];
@@ -489,7 +549,8 @@ void Relief::run(const PointGridView& grid, const ReliefOptions& options, Relief
   check_confidence(grid, confidence);
   Memory& m = *memory_;
   m.levels.clear();
-  m.surface.assign(grid, options.dense, confidence, options.num_threads);
+  const PointGridView taken = m.take_surface(grid, options, confidence);
+  result.filled_pixels = m.pinholes.num_filled();
   if (m.surface.empty()) {
     m.mesh.clear();
     m.levels.assign(options.levels.size(), m.mesh);
@@ -499,13 +560,14 @@ void Relief::run(const PointGridView& grid, const ReliefOptions& options, Relief
     m.take_all(result);
     m.levels.assign(options.levels.size(), m.mesh);
   } else {
-    m.build_meshes(grid, options, result);
+    m.build_meshes(taken, options, result);
   }
-  m.write(grid, options, result);
+  m.write(taken, options, result);
   const DepthMesh& mesh = result.mesh;
-  find_off(m.surface, mesh.pixels, mesh.faces, result.off);
+  const Surface& measured = m.pinholes.num_filled() > 0 ? m.measured : m.surface;
+  find_off(measured, mesh.pixels, mesh.faces, result.off);
   const auto [whole, without_off] =
-      coverage_of(m.surface, mesh.pixels, mesh.faces, result.off, m.coverage);
+      coverage_of(measured, mesh.pixels, mesh.faces, result.off, m.coverage);
   result.cover = whole;
   result.cover_without_off = without_off;
   if (options.stability > 1.0) m.before.assign(m.surface, m.mesh);

@@ -136,6 +136,78 @@ int Refiner::flip_edges(const Surface& surface, Triangulation& mesh, int sweeps,
   return total;
 }
 
+float Refiner::error_at(const Surface& surface, const Triangulation& mesh,
+                        const Triangulation::Fan& fan, std::int32_t pixel, float most,
+                        std::array<float, Triangulation::kMaxFan>& errors) {
+  const SurfaceCorner center{surface.u(pixel), surface.v(pixel), surface.sample(pixel).point()};
+  float sum = 0.0F;
+  for (int i = 0; i < fan.size && sum < most; ++i) {
+    const SurfaceCorner a = corner_of(mesh, fan.neighbors[i]), b = corner_of(mesh, fan.next(i));
+    if (std::int64_t{a.u - center.u} * (b.v - center.v) -
+            std::int64_t{a.v - center.v} * (b.u - center.u) <=
+        0)
+      return most;
+    errors[i] = triangle_error(surface, center, a, b);
+    sum += errors[i];
+  }
+  return sum;
+}
+
+void Refiner::leave_pixels(const Surface& surface, Triangulation& mesh, std::span<const Keep> keep,
+                           const std::function<bool(std::int32_t)>& is_left) {
+  constexpr int kSweeps = 4;  // what its neighbours did can free a vertex
+  Triangulation::Fan fan;
+  bool is_done = false;
+  for (int sweep = 0; sweep < kSweeps && !is_done; ++sweep) {
+    is_done = true;
+    for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
+      const Triangulation::Vertex& vertex = mesh.vertex(v);
+      if (!vertex.alive() || !is_left(vertex.pixel) || !mesh.fan(v, fan) ||
+          (!keep.empty() && keep[vertex.pixel] == Keep::kFixed)) {
+        continue;
+      }
+      const std::int32_t best =
+          vertex.on_boundary ? -1 : best_beside(surface, mesh, fan, vertex.pixel, is_left);
+      if (best >= 0) {
+        mesh.move(v, surface, best);
+      } else if (!merge(surface, mesh, v, fan)) {
+        is_done = false;
+      }
+    }
+  }
+}
+
+bool Refiner::merge(const Surface& surface, Triangulation& mesh, std::int32_t v,
+                    const Triangulation::Fan& fan) {
+  for (int i = 0; i < fan.num_neighbors; ++i) {
+    if (!mesh.can_collapse(surface, v, fan, i)) continue;
+    mesh.collapse(v, fan, i);
+    return true;
+  }
+  return false;
+}
+
+std::int32_t Refiner::best_beside(const Surface& surface, const Triangulation& mesh,
+                                  const Triangulation::Fan& fan, std::int32_t pixel,
+                                  const std::function<bool(std::int32_t)>& is_left) {
+  constexpr int kRadius = 2;
+  std::array<float, Triangulation::kMaxFan> errors{};
+  const int u = surface.u(pixel), v = surface.v(pixel);
+  float least = kInfinityF;
+  std::int32_t best = -1;
+  for (int row = std::max(v - kRadius, 0); row <= std::min(v + kRadius, surface.rows() - 1);
+       ++row) {
+    for (int column = std::max(u - kRadius, 0); column <= std::min(u + kRadius, surface.cols() - 1);
+         ++column) {
+      const std::int32_t other = row * surface.cols() + column;
+      if (!surface.is_used(other) || is_left(other)) continue;
+      const float error = error_at(surface, mesh, fan, other, least, errors);
+      if (error < least) least = error, best = other;
+    }
+  }
+  return best;
+}
+
 int Refiner::move_vertices(const Surface& surface, Triangulation& mesh, int radius,
                            std::span<const Keep> keep) {
   Triangulation::Fan fan;
@@ -158,20 +230,8 @@ int Refiner::move_vertices(const Surface& surface, Triangulation& mesh, int radi
           continue;
         const std::int32_t pixel = (v0 + dv) * surface.cols() + u0 + du;
         if (!surface.is_used(pixel)) continue;
-        const SurfaceCorner center{u0 + du, v0 + dv, surface.sample(pixel).point()};
-        float sum = 0.0F;
-        int i = 0;
-        for (; i < fan.size && sum < now; ++i) {
-          const SurfaceCorner a = corner_of(mesh, fan.neighbors[i]),
-                              b = corner_of(mesh, fan.next(i));
-          if (std::int64_t{a.u - center.u} * (b.v - center.v) -
-                  std::int64_t{a.v - center.v} * (b.u - center.u) <=
-              0)
-            break;
-          errors[i] = triangle_error(surface, center, a, b);
-          sum += errors[i];
-        }
-        if (i < fan.size || !(sum < 0.999F * now)) continue;
+        const float sum = error_at(surface, mesh, fan, pixel, now, errors);
+        if (!(sum < 0.999F * now)) continue;
         now = sum;
         best = pixel;
         best_errors = errors;

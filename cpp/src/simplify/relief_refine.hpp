@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <vector>
 
@@ -34,6 +35,11 @@ class Refiner {
   /// @param keep  by pixel, may be empty: vertices there stay, or need a far better pixel to move.
   int move_vertices(const Surface& surface, Triangulation& mesh, int radius,
                     std::span<const Keep> keep);
+  /// Empties some pixels: an interior vertex there moves to the used pixel among the 24 around it
+  /// that leaves the least error; one that has none, or is on the boundary, merges into a neighbour
+  /// where that is legal.
+  void leave_pixels(const Surface& surface, Triangulation& mesh, std::span<const Keep> keep,
+                    const std::function<bool(std::int32_t)>& is_left);
   /// Slides each vertex in its direction: by what gives the least sum of squared distances
   /// (weighted by area) between the pixels and the triangles, by half of it or not at all,
   /// whichever of these leaves the least error around the vertex.
@@ -49,6 +55,17 @@ class Refiner {
   void accept(const Surface& surface, Triangulation& mesh, const std::vector<Vec3>& directions);
   static Block normal_equations(const Surface& surface, const Triangulation& mesh,
                                 const std::vector<Vec3>& directions, std::int32_t t);
+  /// The error around a vertex if it were at another pixel, by triangle; `most` or more where it
+  /// may not be there.
+  static float error_at(const Surface& surface, const Triangulation& mesh,
+                        const Triangulation::Fan& fan, std::int32_t pixel, float most,
+                        std::array<float, Triangulation::kMaxFan>& errors);
+  /// Merges a vertex into the first neighbour that it may merge into; false: there is none.
+  static bool merge(const Surface& surface, Triangulation& mesh, std::int32_t v,
+                    const Triangulation::Fan& fan);
+  static std::int32_t best_beside(const Surface& surface, const Triangulation& mesh,
+                                  const Triangulation::Fan& fan, std::int32_t pixel,
+                                  const std::function<bool(std::int32_t)>& is_left);
   float mean_error(const Surface& surface, const Triangulation& mesh);
   float error_of(const Surface& surface, const Triangulation& mesh, std::int32_t t);
 

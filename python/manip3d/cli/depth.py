@@ -416,6 +416,8 @@ def _not_covered(result: DepthFileResult) -> str:
         words += f", {100 * result.outside:.1f} % of the measured pixels lie on no surface"
     if result.dropped_pixels:
         words += f", {counted(result.dropped_pixels, 'pixel')} of small pieces left out"
+    if result.filled_pixels:
+        words += f", {counted(result.filled_pixels, 'pixel')} in pinholes filled"
     return words
 
 
@@ -453,6 +455,7 @@ def _record(result: DepthFileResult) -> dict[str, Any]:
         "bridges": round(result.bridges, 6),
         "outside": round(result.outside, 6),
         "dropped_pixels": result.dropped_pixels,
+        "filled_pixels": result.filled_pixels,
         "faces_left": result.faces_left,
         "left_area": round(result.left_area, 6),
         "target_missed": result.target_missed,

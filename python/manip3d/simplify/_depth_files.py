@@ -153,6 +153,8 @@ class DepthFileResult:
         Their share of the faces' area.
     dropped_pixels : int
         Pixels of small pieces of the surface that a ``relief`` left out.
+    filled_pixels : int
+        Pixels of pinholes that a ``relief`` continued the surface over.
     stop : str
         As of `DepthSimplification`.
     reached : str or None
@@ -185,6 +187,7 @@ class DepthFileResult:
     faces_left: int = 0
     left_area: float = 0.0
     dropped_pixels: int = 0
+    filled_pixels: int = 0
     stop: str = "target"
     reached: str | None = None
     literal_count: int | None = None
@@ -676,6 +679,7 @@ def _result(
         faces_left=made.faces_left,
         left_area=made.left_area,
         dropped_pixels=getattr(found, "dropped_pixels", 0),
+        filled_pixels=getattr(found, "filled_pixels", 0),
         **more,
     )
 

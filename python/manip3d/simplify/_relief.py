@@ -74,6 +74,10 @@ class Relief(DepthSimplification):
         are left, and the mesh is empty.
     dropped_pixels : int
         Pixels of the pieces left out.
+    filled_pixels : int
+        Unmeasured pixels, in holes of at most four amid a surface, and single measurements with
+        steps all around them, that the surface was continued over; 0 if they are fewer than one of
+        a thousand pixels. No vertex is there.
     mean_move, max_move : float
         How far vertices moved from their measured points (``move_points``), in the points' unit.
     levels : tuple of (num_vertices, (m, 3) int32)
@@ -84,6 +88,7 @@ class Relief(DepthSimplification):
     """
 
     dropped_pixels: int
+    filled_pixels: int
     mean_move: float
     max_move: float
     levels: tuple[tuple[int, NDArray[np.int32]], ...] = field(repr=False)

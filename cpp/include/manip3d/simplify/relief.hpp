@@ -55,6 +55,7 @@ struct ReliefResult {
   std::vector<ReliefLevel> levels;  ///< Sizes as in ReliefOptions::levels, or less.
   ReliefStop stop = ReliefStop::kTarget;
   std::int64_t dropped_pixels = 0;  ///< kSmallPieces: pixels of the pieces left out.
+  std::int64_t filled_pixels = 0;   ///< Pixels of pinholes that the surface was continued over.
   DepthCoverage cover;              ///< Coverage of the mesh before points move.
   /// By face, with a limit on steps: 1 if it joins what a step keeps apart. Along one of its sides
   /// steps make most of the difference in depth, and faces_off_surface() gives more than a quarter
@@ -68,6 +69,10 @@ struct ReliefResult {
 /// Few vertices for the dense surface of a point grid (that of grid_mesh()), so that the mean
 /// distance from the surface to the mesh is small.
 ///
+/// 0. Holes of up to four pixels amid one surface are no ends of it, and a measurement with steps
+///    all around it is such a hole: the surface is continued over them, with confidence 0, unless
+///    they are fewer than one pixel of a thousand, or the target leaves room for all pixels. No
+///    vertex is there in the end.
 /// 1. An adaptive triangulation by longest-edge bisection, down to single pixels where the surface
 ///    ends or is cut: silhouettes and depth discontinuities are boundaries of the mesh from the
 ///    start.

@@ -1,0 +1,62 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "simplify/relief_surface.hpp"
+
+namespace manip3d::relief_detail {
+
+/// Largest hole, in pixels that share sides, that the surface is continued over.
+inline constexpr int kPinhole = 4;
+
+/// A grid without its pinholes: cameras lose single pixels everywhere on a surface, which is not an
+/// end of it. Each would cost the triangulation a boundary.
+class PinholeFiller {
+ public:
+  /// Continues the surface over holes of at most kPinhole pixels with measured ones all around, no
+  /// step in depth and no edge that is too long among these: each pixel becomes the mean of its
+  /// four neighbours. They have confidence 0, so that they are no evidence. A pixel with steps all
+  /// around it is a hole, too.
+  /// @return  false: fewer than one pixel of a thousand is in one, and grid() is not to be used.
+  bool fill(const PointGridView& grid, const DenseRule& rule, std::span<const float> confidence);
+
+  [[nodiscard]] PointGridView grid() const { return filled_; }
+  [[nodiscard]] std::span<const float> confidence() const { return confidence_; }
+  [[nodiscard]] std::int64_t num_filled() const { return num_filled_; }
+  /// Is this pixel of the grid a filled one?
+  [[nodiscard]] bool is_filled(std::int64_t pixel) const { return state_[pixel] == kFilled; }
+  void clear() { num_filled_ = 0; }
+
+ private:
+  enum State : std::uint8_t { kMeasured, kUnseen, kOpen, kFilled };
+  struct Hole {
+    int size = 0;
+    std::array<std::int64_t, kPinhole> pixels;
+  };
+  void find_holes(const StepRule& steps);
+  void find_strays(const StepRule& steps);
+  void gather(std::int64_t first);
+  /// Is a hole amid one surface? Those of its neighbours that are open end the surface.
+  [[nodiscard]] bool is_amid_surface(const Hole& hole, const StepRule& steps,
+                                     double max_edge) const;
+  void open_beside_open();
+  void interpolate();
+
+  template <typename Visit>
+  void visit_around(std::int64_t pixel, Visit&& visit) const;
+
+  PointGridView grid_, filled_;
+  std::vector<std::uint8_t> state_;  ///< By pixel.
+  std::vector<Hole> holes_;
+  std::vector<std::int64_t> open_;  ///< Pixels of holes that turned out open, to be looked around.
+  std::vector<std::int32_t> hole_at_;
+  std::vector<float> points_;
+  std::vector<std::uint8_t> valid_;
+  std::vector<float> confidence_;
+  std::int64_t num_filled_ = 0;
+};
+
+}  // namespace manip3d::relief_detail
