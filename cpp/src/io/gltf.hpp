@@ -35,9 +35,8 @@ class GltfBudget {
 
   /// Another file was read.
   void add_file(std::int64_t stored_bytes) { stored_bytes_ += stored_bytes; }
-  /// So many bytes of the files are a Draco stream, which takes a fifth to a tenth of what plain
-  /// accessors take: they count five times. Streams may overlap, all of them are no more than the
-  /// files.
+  /// Counts the bytes of a Draco stream five times: plain accessors take five to ten times as many.
+  /// Streams may overlap, but together they count as no more than the files.
   void add_compressed(std::int64_t bytes) {
     compressed_ = std::min(compressed_ + bytes, stored_bytes_);
   }
