@@ -124,7 +124,7 @@ def test_faces_across_steps_of_another_image_or_rule_are_looked_for() -> None:
     wall = np.full((48, 64), 3000, np.uint16)
     assert simplify.cut_depth_steps(found, wall).num_faces == found.num_faces
     assert simplify.cut_depth_steps(found, depth, step=10.0).num_faces == found.num_faces
-    # As metres they are so far away that noise explains each step.
+    # Taken for metres, the depths are so large that noise explains each step.
     far = simplify.cut_depth_steps(found, depth.astype(np.float32))
     assert far.num_faces == found.num_faces
     wide = Intrinsics(64, 48, 6.0, 6.0, 31.5, 23.5)

@@ -109,7 +109,7 @@ struct Star {
   double offset = 0.0;
 };
 
-/// What a piece of the input has to lose beside its place.
+/// The borders of a piece of the input, which go with it.
 struct PieceBorders {
   double length = 0.0;      // of its boundaries and seams, times their weights
   double area = 0.0;        // of its faces

@@ -22,7 +22,7 @@ using Corners = std::array<Corner, 3>;
 /// the same as _MOST_OFF in _depth_steps.py.
 constexpr double kMostOff = 0.25;
 
-/// What covers a pixel, as bits: a face that is off the surface, or one that is not.
+/// Bits of a pixel: a face that is not off the surface covers it, or one that is.
 constexpr std::uint8_t kByOthers = 1, kByOff = 2;
 
 std::int64_t orient(const Corner& a, const Corner& b, const Corner& c) {
