@@ -44,6 +44,11 @@ _LEAST_SPECKLES = 2e-4  # share of pixels; cameras lose 3e-4 and more, rendering
 _MOST_TINY = 5e-4  # share of pixels nearer than any camera measures
 _MOST_OFF_CENTRE = 0.1  # of the image's side
 _LEAST_VIEW_DEG = 50.0  # along the longer side; the narrowest camera of the data sees 57
+_RIM = 3  # pixels of one surface on each side of a sharp step
+_KEPT = (
+    0.5  # share of rims; forged streams have 0.30 at most, a filter that keeps pixels 0.62 to 0.69
+)
+_KEPT_MORE = 1.25  # times the share of the image; before somebody cut out it is 0.45 at most
 _RELIEF = 0.25  # share of the depth: then a camera's shadow is several pixels wide
 _SIZES = {
     (160, 120), (320, 240), (640, 480), (512, 424), (1280, 720), (848, 480), (640, 360),
@@ -286,7 +291,9 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
     speckles without a measurement), images without silhouettes and streams of few frames are
     ``undecidable``; images of unusual size, rounded, doubled or lossily coded ones, and those of
     which a part repeats exactly behind a camera's own silhouettes, are ``processed``: codecs and
-    filters over time do that, too. No verdict says that a stream is authentic.
+    filters over time do that, too. So are those whose silhouettes are sharp because what a camera
+    misses beside them keeps the depth of the frame before, as RealSense's filter over time does
+    before a moving camera. No verdict says that a stream is authentic.
 
     An image that was cut to the size of some camera is told by the field of view that its
     calibration leaves, if that is below 50 degrees. One that was made smaller by leaving pixels
@@ -344,6 +351,9 @@ def _concluded(
         return StreamInspection("processed", why, edges.score, processing=processing, **base)
     if frozen.verdict == "undecidable":
         return StreamInspection("undecidable", frozen.reason, edges.score, **base)
+    if edges.verdict == "processed":
+        step = Processing("filtered", edges.reason)
+        return StreamInspection("processed", edges.reason, edges.score, processing=(step,), **base)
     if len(frozen_masks) and edges.score is not None and edges.score >= SHARP:
         if edges.verdict == "tampered":  # somebody who keeps still repeats depths, too
             frozen_masks = frozen_masks | edge_masks
@@ -450,6 +460,10 @@ def _processing(frames: Sequence[RgbdFrame]) -> tuple[Processing, ...]:
     if _is_held(frames):
         detail = f"no pixel changes by less than {_SMALL} mm from frame to frame, and many by more"
         found.append(Processing("filtered", detail))
+    lost, gained, num_pairs = _lost_and_gained(frames)
+    if num_pairs >= _LEAST_PAIRS and gained > _LEAST_GAINED and lost < _LEAST_LOST * gained:
+        detail = f"{gained:.2%} of the pixels appear from frame to frame, {lost:.2%} disappear"
+        found.append(Processing("filtered", f"{detail}: missing ones kept their depth"))
     doubled = max(float(np.mean([_doubled(image) for image in pair])) for pair in zip(
         *((f.depth, f.depth.T) for f in some), strict=True
     ))  # fmt: skip
@@ -487,6 +501,21 @@ def _changes(one: Depth, other: Depth) -> tuple[int, int]:
     return int((change < _SMALL).sum()), len(change)
 
 
+def _lost_and_gained(frames: Sequence[RgbdFrame]) -> tuple[float, float, int]:
+    """Shares of pixels that disappear and appear from a frame to the next, over so many pairs.
+
+    A camera loses as many as it gains, but for those at the edge of what it sees.
+    """
+    pairs = [(a.depth, b.depth) for a, b in pairwise(frames) if b.number == a.number + 1]
+    if not pairs:
+        return 0.0, 0.0, 0
+    lost = float(np.mean([np.mean((a > 0) & (b == 0)) for a, b in pairs]))
+    gained = float(np.mean([np.mean((a == 0) & (b > 0)) for a, b in pairs]))
+    return lost, gained, len(pairs)
+
+
+_LEAST_LOST = 0.2  # of what is gained; clean recordings of five pairs and more have 0.65 at least
+_LEAST_GAINED = 2e-4  # of the pixels
 _SMALL = 15  # mm
 _LEAST_CHANGED = 0.001  # of the pixels, from frame to frame
 _LEAST_DEPTH = 150  # mm; no depth camera measures nearer
@@ -578,6 +607,13 @@ def _silhouettes(
     if score < SHARP:
         why = f"silhouettes are as soft as a camera's in {len(frames)} frames that were judged"
         return StreamReport("silhouettes", "no_trace", why, score), (), nothing
+    rim, elsewhere = _repeated_rims(frames, found)
+    if rim >= max(_KEPT, _KEPT_MORE * elsewhere):
+        why = (
+            f"silhouettes are sharp, but {rim:.0%} of their rims repeat the frame before, "
+            f"{elsewhere:.0%} of the image: missing pixels kept their depth"
+        )
+        return StreamReport("silhouettes", "processed", why, score), (), nothing
     regions = []
     for frame, objects, mask in zip(frames, found, masks, strict=True):
         for cut in objects:
@@ -640,6 +676,38 @@ def _cut_out(frame: RgbdFrame) -> list[_Cut]:
     left, right = (np.bincount(which, weights=spans[:, side]) / rows for side in (6, 7))
     share = np.minimum(left, right)
     return [_Cut(float(share[i]), spans[which == i]) for i in np.flatnonzero(rows >= _LEAST_ROWS)]
+
+
+def _repeated_rims(
+    frames: Sequence[RgbdFrame], found: Sequence[Sequence[_Cut]]
+) -> tuple[float, float]:
+    """Share of sharp rims, on the side where it is larger, and of all pixels that repeat.
+
+    Where the camera's shadow moves over a thing, a filter that keeps what is missing now leaves the
+    thing's rim as it was in the frame before. Somebody who was cut out has a rim of their own in
+    each frame; it repeats less often than a background does.
+    """
+    rims, repeated = np.zeros(2), np.zeros(2)
+    elsewhere = []
+    for before, frame, objects in zip(frames, frames[1:], found[1:], strict=False):
+        if frame.number != before.number + 1:
+            continue
+        same = (frame.depth == before.depth) & (frame.depth > 0)
+        elsewhere.append(
+            same.sum() / max(1, np.count_nonzero((frame.depth > 0) & (before.depth > 0)))
+        )
+        for cut in objects:
+            if cut.share < SHARP:
+                continue
+            for side, (first, inward) in enumerate(
+                ((cut.spans[:, 1], 1), (cut.spans[:, 2] - 1, -1))
+            ):
+                is_sharp = cut.spans[:, 6 + side] > 0
+                row, column = cut.spans[is_sharp, 0], first[is_sharp]
+                rim = same[row[:, None], column[:, None] + inward * np.arange(_RIM)]
+                rims[side] += len(rim)
+                repeated[side] += np.count_nonzero(rim.all(axis=1))
+    return float((repeated / np.maximum(rims, 1)).max()), float(np.mean(elsewhere or [0.0]))
 
 
 def _rendered(frames: Sequence[RgbdFrame]) -> str | None:

@@ -175,6 +175,17 @@ def _held(depths: Sequence[Depth]) -> list[Depth]:
     return held
 
 
+def _kept(depths: Sequence[Depth], *, least: int, last: int) -> list[Depth]:
+    """Missing pixels keep their depth if so many of the last frames had one, as RealSense's do."""
+    kept = [depths[0]]
+    measured = [depths[0] > 0]
+    for depth in depths[1:]:
+        is_kept = np.sum(measured[-last:], axis=0) >= least
+        kept.append(np.where((depth == 0) & is_kept, kept[-1], depth))
+        measured.append(depth > 0)
+    return kept
+
+
 def _each(change: Callable[[Depth], Depth]) -> Callable[[Sequence[Depth]], list[Depth]]:
     return lambda depths: [change(depth) for depth in depths]
 
@@ -189,13 +200,22 @@ PROCESSING: dict[str, Callable[[Sequence[Depth]], list[Depth]]] = {
     "JPEG": _each(_jpeg),
     "blocks repeated": _skipped_blocks,
     "pixels held": _held,
+    "missing pixels kept, 2 of 4": lambda depths: _kept(depths, least=2, last=4),
+    "missing pixels kept, 1 of 8": lambda depths: _kept(depths, least=1, last=8),
 }
 
 
 _SCALED = ("3/4 the size, smooth", "3/4 the size, nearest")
 
-_MAY_CHANGE_NOTHING = ("as it is", "blocks repeated", "pixels held")
-"""Where a camera moves nothing is repeated, and the recording is as clean as before."""
+_MAY_CHANGE_NOTHING = (
+    "as it is",
+    "blocks repeated",
+    "pixels held",
+    "missing pixels kept, 2 of 4",
+    "missing pixels kept, 1 of 8",
+)
+"""Where a camera moves nothing is repeated, where it stands still hardly a missing pixel is kept,
+and the recording is as clean as before."""
 
 
 def _nobody(kind: str) -> Callable[[Sequence[Row]], Iterator[Finding]]:
