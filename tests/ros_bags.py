@@ -1,4 +1,4 @@
-"""ROS bags of point clouds, written by rosbags."""
+"""ROS bags of point clouds and pictures, written by rosbags."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags import rosbag2, typesys
+from rosbags import rosbag1, rosbag2, typesys
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
 LAYOUT = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("ring", "<u2"),
@@ -130,4 +130,58 @@ def write_mixed_bag(path: Path, messages: Sequence[tuple[float, str, str, Any]])
                 made[topic] = writer.add_connection(topic, kind, typestore=TYPES)
             raw = TYPES.serialize_cdr(each, kind)
             writer.write(made[topic], round((1 + time) * 1e9), raw)
+    return path
+
+
+PROJECTION = np.array([[60.0, 0, 31.5, 0], [0, 61, 23.5, 0], [0, 0, 1, 0]])
+COLORS = np.array([[80.0, 0, 40.5, 0], [0, 80, 30.5, 0], [0, 0, 1, 0]])
+
+
+def millimetres(number: int) -> np.ndarray[Any, Any]:
+    return np.random.default_rng(number).integers(0, 9000, (48, 64), np.uint16)
+
+
+def colors(number: int) -> np.ndarray[Any, Any]:
+    return np.random.default_rng(100 + number).integers(0, 256, (62, 82, 3), np.uint8)
+
+
+def realsense(path: Path, unit: float) -> Path:
+    """A bag as RealSense's recorder writes it."""
+    types = typesys.get_typestore(typesys.Stores.ROS1_NOETIC)
+    made: dict[str, Any] = {}
+    of = types.types
+    stamp = of["builtin_interfaces/msg/Time"](3, 0)
+    head = of["std_msgs/msg/Header"](0, stamp, "0")
+    region = of["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
+    stored = millimetres(0)
+    images = {
+        "sensor_0/Depth_0": ("mono16", stored.view(np.uint8), 128, (64, 48), PROJECTION),
+        "sensor_0/Infrared_1": ("mono16", stored.view(np.uint8), 128, (64, 48), PROJECTION),
+        "sensor_1/Color_0": ("rgb8", colors(0), 246, (82, 62), COLORS),
+    }
+    shift = of["geometry_msgs/msg/Vector3"]
+    turn = of["geometry_msgs/msg/Quaternion"](0.0, np.sin(0.05), 0.0, np.cos(0.05))
+    none = of["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+    poses = {"sensor_0/Depth_0": (shift(0.0, 0.02, 0.0), none),
+             "sensor_1/Color_0": (shift(0.015, 0.0, 0.0), turn)}  # fmt: skip
+    with rosbag1.Writer(path) as writer:
+
+        def write(topic: str, kind: str, message: Any) -> None:
+            if topic not in made:
+                made[topic] = writer.add_connection(topic, kind, typestore=types)
+            writer.write(made[topic], 10**9, types.serialize_ros1(message, kind))
+
+        unit_topic = "/device_0/sensor_0/option/Depth Units/value"
+        write(unit_topic, "std_msgs/msg/Float32", of["std_msgs/msg/Float32"](np.float32(unit)))
+        for name, (encoding, data, step, (width, height), matrix) in images.items():
+            camera = of[INFO](
+                head, height, width, "Brown Conrady", np.zeros(5), matrix[:, :3].reshape(-1),
+                np.zeros(9), np.zeros(12), 0, 0, region,
+            )  # fmt: skip
+            write(f"/device_0/{name}/info/camera_info", INFO, camera)
+            pixels = of[IMAGE](head, height, width, encoding, 0, step, data.reshape(-1))
+            write(f"/device_0/{name}/image/data", IMAGE, pixels)
+        for name, (translation, rotation) in poses.items():
+            kind = "geometry_msgs/msg/Transform"
+            write(f"/device_0/{name}/tf/0", kind, of[kind](translation, rotation))
     return path

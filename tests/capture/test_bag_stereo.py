@@ -334,7 +334,7 @@ def test_scans_before_an_error_are_not_lost() -> None:
 
 def test_a_reader_that_ends_before_it_is_asked_is_a_typed_error(tmp_path: Path) -> None:
     bag = write_mixed_bag(tmp_path / "bag", [*calibration(), scan(1.0)])
-    recording = BagRecording(bag, "", pictures=True)
+    recording = BagRecording(bag, "", mode="pictures")
     recording.cameras()
     recording._process.kill()
     recording._process.wait()

@@ -190,6 +190,10 @@ def make_sources(words: list[str], place: Path) -> None:
         clouds = [message(TYPES, points_of(number)) for number in range(2)]
         (file,) = write_bag(place / "bag", {"/points": clouds}).glob("*.mcap")
         file.rename(place / "street.mcap")
+    if "walk.bag" in sources and not (place / "walk.bag").exists():
+        from ros_bags import realsense
+
+        realsense(place / "walk.bag", 0.001)
     if sources == "lattice clean":
         (place / "clean" / "velodyne").mkdir(parents=True, exist_ok=True)
         for number in range(4):

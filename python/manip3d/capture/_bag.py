@@ -12,7 +12,7 @@ import threading
 import weakref
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -35,6 +35,7 @@ _FIXED_FRAMES = ("base", "map", "odom", "world", "earth", "utm")
 _ROS1 = b"#ROSBAG V2.0\n"
 _CLOUD = b"type=sensor_msgs/PointCloud2"
 _IMAGE = b"type=sensor_msgs/Image"
+_IMAGES = "sensor_msgs/msg/Image"
 _MOST_INDEX = 1 << 24  # bytes of the connections that are looked at
 
 
@@ -102,7 +103,12 @@ class BagRecording:
     """Frames of one topic of a bag; the same face as the core's sources."""
 
     def __init__(
-        self, path: Path, topic: str, max_bytes: int | None = None, *, pictures: bool = False
+        self,
+        path: Path,
+        topic: str,
+        max_bytes: int | None = None,
+        *,
+        mode: Literal["clouds", "pictures", "images"] = "clouds",
     ) -> None:
         if importlib.util.find_spec("rosbags") is None:
             raise MissingExtraError("rosbags", "bags")
@@ -121,9 +127,9 @@ class BagRecording:
         self._process = subprocess.Popen(
             [
                 *(sys.executable, "-P", str(script), str(path.absolute()), topic, str(_MEMORY)),
-                *(["pictures"] if pictures else []),
+                mode,
             ],
-            stdin=subprocess.PIPE if pictures else subprocess.DEVNULL,
+            stdin=subprocess.DEVNULL if mode == "clouds" else subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             start_new_session=True,  # Ctrl-C is for the reader of the frames
@@ -186,7 +192,10 @@ class BagRecording:
             raise self._refuse(f"the bag cannot be read: {header['error']}")
         if "kinds" in header:
             found = ", ".join(header["kinds"])[:200] or "no topic"
-            raise self._refuse(f"no point clouds (sensor_msgs/msg/PointCloud2); it holds {found}")
+            hint = f"; rgbd-bag:{self._path} may open it" if _IMAGES in header["kinds"] else ""
+            raise self._refuse(
+                f"no point clouds (sensor_msgs/msg/PointCloud2); it holds {found}{hint}"
+            )
         if "topics" in header:
             self._close()
             names = ", ".join(header["topics"]) or "none"

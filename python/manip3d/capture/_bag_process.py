@@ -1,10 +1,11 @@
 """Reads a ROS bag in a process of its own: no damaged or hostile bag takes the caller along.
 
-A script: ``python _bag_process.py PATH TOPIC BYTES [pictures]``. It imports nothing of manip3d and
-writes to its standard output, for each message of the topic, a line of JSON and then as many bytes
-as the line says. The last line holds ``end`` or ``error``. With ``pictures`` the first line holds
-the bag's ``cameras``, and the topics of the pictures that are to be written beside the clouds are
-read from the standard input, a JSON list in one line.
+A script: ``python _bag_process.py PATH TOPIC BYTES MODE``. It imports nothing of manip3d and writes
+to its standard output, for each message of the topic, a line of JSON and then as many bytes as the
+line says. The last line holds ``end`` or ``error``. MODE is ``clouds``, ``pictures`` or ``images``.
+With ``pictures`` the first line holds the bag's ``cameras``, and the topics of the pictures that
+are to be written beside the clouds are read from the standard input, a JSON list in one line. With
+``images`` there are no clouds, and the first line says more of each topic of pictures.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 import json
 import resource
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -20,16 +22,18 @@ IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
+TRANSFORM = "geometry_msgs/msg/Transform"
+NUMBER = "std_msgs/msg/Float32"
 
 
-def main(path: Path, topic: str, limit: int, out: BinaryIO, *, pictures: bool = False) -> None:
+def main(path: Path, topic: str, limit: int, out: BinaryIO, mode: str) -> None:
     """Write the messages of a bag's topic; with an empty name of its only topic of clouds."""
     _, hard = resource.getrlimit(resource.RLIMIT_AS)
     if hard != resource.RLIM_INFINITY:
         limit = min(limit, hard)  # nobody may raise it
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     try:
-        _write_messages(path, topic, out, pictures=pictures)
+        _write_messages(path, topic, out, mode)
         _line(out, {"end": True})
     except BrokenPipeError:
         return  # nobody wants more
@@ -39,7 +43,7 @@ def main(path: Path, topic: str, limit: int, out: BinaryIO, *, pictures: bool = 
         _line(out, {"error": f"{type(error).__name__}: {str(error)[:300]}"})
 
 
-def _write_messages(path: Path, topic: str, out: BinaryIO, *, pictures: bool) -> None:
+def _write_messages(path: Path, topic: str, out: BinaryIO, mode: str) -> None:
     from rosbags.rosbag1 import Reader as Ros1Reader
     from rosbags.rosbag2 import Reader as Ros2Reader
     from rosbags.typesys import Stores, get_typestore
@@ -48,6 +52,9 @@ def _write_messages(path: Path, topic: str, out: BinaryIO, *, pictures: bool) ->
     types = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE)
     read = types.deserialize_ros1 if is_ros1 else types.deserialize_cdr
     with (Ros1Reader if is_ros1 else Ros2Reader)(path) as bag:
+        if mode == "images":
+            _write_images(bag, read, out)
+            return
         clouds = [each for each in bag.connections if each.msgtype == CLOUD]
         names = sorted({each.topic for each in clouds})
         if (topic and topic not in names) or (not topic and len(names) > 1):
@@ -57,29 +64,36 @@ def _write_messages(path: Path, topic: str, out: BinaryIO, *, pictures: bool) ->
             _line(out, {"kinds": sorted({each.msgtype for each in bag.connections})})
             return
         wanted = [each for each in clouds if each.topic == (topic or names[0])]
-        if pictures:
-            _line(out, {"cameras": _cameras(bag, read, wanted)})
-            chosen = json.loads(sys.stdin.readline())
-            wanted += [
-                each
-                for each in bag.connections
-                if each.topic in chosen and each.msgtype in (IMAGE, COMPRESSED)
-            ]
+        if mode == "pictures":
+            wanted += _chosen(bag, out, _cameras(bag, read, wanted))
         for connection, received, raw in bag.messages(connections=wanted):
             write = _cloud if connection.msgtype == CLOUD else _picture
             write(out, read(raw, connection.msgtype), connection.topic, received)
 
 
+def _write_images(bag: Any, read: Any, out: BinaryIO) -> None:
+    """Say what cameras there are, and write the pictures of the topics that are asked for."""
+    wanted = _chosen(bag, out, _cameras(bag, read, []) | _rgbd(bag, read))
+    for connection, received, raw in bag.messages(connections=wanted) if wanted else ():
+        _picture(out, read(raw, connection.msgtype), connection.topic, received)
+
+
+def _chosen(bag: Any, out: BinaryIO, cameras: dict[str, Any]) -> list[Any]:
+    """The connections of the topics of pictures that the reader asks for, told what there are."""
+    _line(out, {"cameras": cameras})
+    chosen = json.loads(sys.stdin.readline() or "[]")
+    return [
+        each
+        for each in bag.connections
+        if each.topic in chosen and each.msgtype in (IMAGE, COMPRESSED)
+    ]
+
+
 def _cameras(bag: Any, read: Any, clouds: list[Any]) -> dict[str, Any]:
     """The topics of pictures, the first calibration of each camera, and the fixed transforms."""
-    first = next(bag.messages(connections=clouds), None)
+    first = next(bag.messages(connections=clouds), None) if clouds else None
     lidar = "" if first is None else read(first[2], CLOUD).header.frame_id
-    infos: dict[str, Any] = {}
-    for connection in bag.connections:
-        if connection.msgtype == CAMERA_INFO:
-            for _, _, raw in bag.messages(connections=[connection]):
-                infos[connection.topic] = _camera_info(read(raw, CAMERA_INFO))
-                break
+    infos = {topic: _camera_info(info) for topic, info in _first_ones(bag, read, CAMERA_INFO)}
     fixed = [
         each
         for each in bag.connections
@@ -94,20 +108,53 @@ def _cameras(bag: Any, read: Any, clouds: list[Any]) -> dict[str, Any]:
     return {"pictures": sorted(names), "infos": infos, "transforms": transforms, "lidar": lidar}
 
 
+def _first_ones(bag: Any, read: Any, *kinds: str) -> Iterator[tuple[str, Any]]:
+    """The first message of each topic of some kinds."""
+    for connection in bag.connections:
+        if connection.msgtype in kinds:
+            for _, _, raw in bag.messages(connections=[connection]):
+                yield connection.topic, read(raw, connection.msgtype)
+                break
+
+
+def _rgbd(bag: Any, read: Any) -> dict[str, Any]:
+    """More of each topic of pictures; the poses and the unit that RealSense's recorder adds."""
+    images = {
+        topic: {
+            "frame_id": first.header.frame_id,
+            "encoding": getattr(first, "encoding", ""),
+            "format": getattr(first, "format", ""),
+            "count": sum(each.msgcount for each in bag.connections if each.topic == topic),
+        }
+        for topic, first in _first_ones(bag, read, IMAGE, COMPRESSED)
+    }
+    numbers = {topic: float(first.data) for topic, first in _first_ones(bag, read, NUMBER)}
+    poses = {topic: _pose(first) for topic, first in _first_ones(bag, read, TRANSFORM)}
+    return {"images": images, "numbers": numbers, "poses": poses}
+
+
 def _camera_info(info: Any) -> dict[str, Any]:
-    """Distortion, rectifying rotation and projection, whose names are capitals in ROS 1."""
+    """Size, distortion and matrices, whose names are capitals in ROS 1."""
     values = {
         name: [float(v) for v in getattr(info, name, getattr(info, name.upper(), ()))]
-        for name in ("d", "r", "p")
+        for name in ("d", "k", "r", "p")
     }
-    return {"frame_id": info.header.frame_id, **values}
+    size = {"width": int(info.width), "height": int(info.height)}
+    model = {"model": info.distortion_model}
+    return {"frame_id": info.header.frame_id, **size, **model, **values}
 
 
 def _transform(each: Any) -> dict[str, Any]:
-    shift, turn = each.transform.translation, each.transform.rotation
     return {
         "parent": each.header.frame_id,
         "child": each.child_frame_id,
+        **_pose(each.transform),
+    }
+
+
+def _pose(transform: Any) -> dict[str, Any]:
+    shift, turn = transform.translation, transform.rotation
+    return {
         "translation": [float(v) for v in (shift.x, shift.y, shift.z)],
         "rotation": [float(v) for v in (turn.x, turn.y, turn.z, turn.w)],
     }
@@ -120,6 +167,7 @@ def _picture(out: BinaryIO, picture: Any, topic: str, received: int) -> None:
         header["format"] = picture.format
     else:
         header["encoding"] = picture.encoding
+        header["is_bigendian"] = bool(picture.is_bigendian)
         header |= {name: int(getattr(picture, name)) for name in ("height", "width", "step")}
     _line(out, header)
     out.write(data)
@@ -164,5 +212,5 @@ if __name__ == "__main__":
         sys.argv[2],
         int(sys.argv[3]),
         sys.stdout.buffer,
-        pictures="pictures" in sys.argv[4:],
+        sys.argv[4],
     )

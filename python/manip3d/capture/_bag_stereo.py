@@ -16,9 +16,9 @@ from manip3d._util.paths import path_of
 from manip3d._util.times import SECOND_NS
 from manip3d.authenticate import TURN_S, DriveMoment, StereoRig, WatchedDrive, read_rigs
 from manip3d.capture._bag import BagPicture, BagRecording
+from manip3d.capture._bag_pictures import decoded, pose_of
 from manip3d.capture._lidar import LidarSource, open_lidar
 from manip3d.errors import Error, FormatError, InputError
-from manip3d.io._images import decoded_picture
 from manip3d.lidar import LidarFrame
 
 if TYPE_CHECKING:
@@ -26,9 +26,6 @@ if TYPE_CHECKING:
 
 _Item = TypeVar("_Item")
 
-_CHANNELS = {"mono8": 1, "rgb8": 3, "bgr8": 3}
-_BAYER = {"bayer_rggb8": "BG", "bayer_bggr8": "RG", "bayer_gbrg8": "GR", "bayer_grbg8": "GB"}
-"""OpenCV's names, which are those of the second and third pixel of the second row."""
 _SAME_NS = 1_000_000
 """Left and right pictures are of one moment where their stamps differ by at most a millisecond."""
 _MOST_WAITING = 10
@@ -37,7 +34,6 @@ _MOST_KEPT = 1 << 29
 """Bytes of pictures, at most, that wait for those of the other camera, or for their scan."""
 _MOST_WAITING_PICTURES = 1 << 10
 """Pictures, or pairs, that wait at most, however small they are."""
-_MOST_PIXELS = 1 << 26
 _MOST_ASKEW = 0.01
 """Share of the baseline that one camera may be above the other; KITTI's are at 0.005."""
 
@@ -112,7 +108,7 @@ def watched_recording(
     if calibration is not None:
         raise InputError("calibration: expected none for bag:")
     place, _, topic = uri.removeprefix("bag:").partition("#")
-    bag = BagRecording(path_of(place, "uri"), topic, pictures=True)
+    bag = BagRecording(path_of(place, "uri"), topic, mode="pictures")
     try:
         known = None if rigs is None else _only_rig(rigs)
         pair, rig, why = _chosen(bag.cameras(), known, cameras)
@@ -200,7 +196,7 @@ def _rig_of(found: Mapping[str, Any], left: str, right: str) -> StereoRig | str:
     if not np.allclose(p[:, :3], other[:, :3]) or abs(shift[1]) > _MOST_ASKEW * abs(shift[0]):
         return f"{left} and {right} are no rectified pair: their P differ"
     lidar = found["lidar"]
-    pose = _pose(found["transforms"], lidar, frame)
+    pose = pose_of(found["transforms"], lidar, frame)
     if pose is None:
         return f"/tf_static does not lead from {lidar!r} to {frame!r}"
     pose[:3, :3] = product(pose[:3, :3], rotation.T)
@@ -229,46 +225,6 @@ def _matrices(
     if not np.allclose(product(turn, turn.T), np.eye(3), atol=1e-4) or np.linalg.det(turn) < 0.0:
         return f"{name}: expected a rotation R"
     return p, turn
-
-
-def _pose(
-    transforms: Iterable[Mapping[str, Any]], to: str, frame: str
-) -> NDArray[np.float64] | None:
-    """T_to_frame by a chain of fixed transforms; None: there is no chain."""
-    edges: dict[str, list[tuple[str, NDArray[np.float64]]]] = {}
-    for each in transforms:
-        matrix = _rigid(each)
-        if matrix is None:
-            continue
-        parent, child = each["parent"].lstrip("/"), each["child"].lstrip("/")
-        edges.setdefault(parent, []).append((child, matrix))
-        edges.setdefault(child, []).append((parent, np.asarray(np.linalg.inv(matrix), np.float64)))
-    poses = {to.lstrip("/"): np.eye(4)}
-    reached = deque(poses)
-    while reached:
-        name = reached.popleft()
-        for beside, matrix in edges.get(name, ()):
-            if beside not in poses:
-                poses[beside] = product(poses[name], matrix)
-                reached.append(beside)
-    return poses.get(frame.lstrip("/"))
-
-
-def _rigid(transform: Mapping[str, Any]) -> NDArray[np.float64] | None:
-    """T_parent_child of a shift and a quaternion (x, y, z, w); None: it is none."""
-    x, y, z, w = turn = np.array(transform["rotation"])
-    length = float(turn @ turn)
-    if not 0.99 < length < 1.01 or not np.isfinite(transform["translation"]).all():
-        return None
-    s = 2.0 / length
-    matrix = np.eye(4)
-    matrix[:3, :3] = [
-        [1 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w)],
-        [s * (x * y + z * w), 1 - s * (x * x + z * z), s * (y * z - x * w)],
-        [s * (x * z - y * w), s * (y * z + x * w), 1 - s * (x * x + y * y)],
-    ]
-    matrix[:3, 3] = transform["translation"]
-    return matrix
 
 
 class _Pair(NamedTuple):
@@ -392,43 +348,3 @@ def _moment(scan: LidarFrame, pair: _Pair | None = None) -> DriveMoment:
     except FormatError as error:
         return DriveMoment(scan, time_s=time_s, unread={"cross-modal": f"unreadable: {error}"})
     return DriveMoment(scan, pictures, time_s=time_s)
-
-
-def decoded(picture: BagPicture) -> NDArray[np.uint8]:
-    """Decode a picture of a bag: (H, W) grey or (H, W, 3) red, green, blue.
-
-    Raises
-    ------
-    FormatError
-        Another encoding than rgb8, bgr8, mono8, bayer_*8, JPEG and PNG, or too few bytes.
-    MissingExtraError
-        OpenCV (``bayer_*8``) or Pillow (JPEG, PNG) is not installed.
-    """
-    header, name = picture.header, picture.header["picture"]
-    if "format" in header:
-        try:
-            return decoded_picture(picture.data, "alert")
-        except FormatError as error:
-            raise FormatError(f"{name}: {error.reason}") from error
-    encoding = header["encoding"]
-    channels = 1 if encoding in _BAYER else _CHANNELS.get(encoding)
-    if channels is None:
-        known = ", ".join([*_CHANNELS, *_BAYER])
-        raise FormatError(f"{name}: expected one of the encodings {known}, got {encoding!r}")
-    height, width, step = header["height"], header["width"], header["step"]
-    row = width * channels
-    if not 0 < height * width <= _MOST_PIXELS or step < row or height * step > len(picture.data):
-        raise FormatError(
-            f"{name}: {height} rows of {width} pixels do not fit {len(picture.data)} bytes with "
-            f"rows of {step}"
-        )
-    rows = np.frombuffer(picture.data, np.uint8, height * step).reshape(height, step)[:, :row]
-    if encoding in _BAYER:
-        from manip3d.authenticate._stereo import opencv
-
-        cv2 = opencv()
-        code = getattr(cv2, f"COLOR_Bayer{_BAYER[encoding]}2RGB")
-        pixels: NDArray[np.uint8] = cv2.cvtColor(np.ascontiguousarray(rows), code)
-        return pixels
-    pixels = rows if channels == 1 else rows.reshape(height, width, channels)
-    return np.ascontiguousarray(pixels[..., ::-1] if encoding == "bgr8" else pixels)

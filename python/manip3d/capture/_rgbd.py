@@ -22,6 +22,7 @@ from manip3d._util.checked import checked
 from manip3d._util.options import reporting
 from manip3d._util.paths import path_of
 from manip3d.camera import Intrinsics, Registration
+from manip3d.capture._bag_rgbd import BagImages
 from manip3d.capture._forged import MOST_KEPT, SwitchedForgery, motion_of, read_plan
 from manip3d.capture._frame_source import FrameSource
 from manip3d.capture._one_camera import with_one_camera
@@ -542,8 +543,10 @@ def open_rgbd(
     uri : str
         ``folder:FOLDER``, ``mkv:FILE``, ``tum:FOLDER``, ``openni2:``, ...: `sources` lists them.
         ``sim:body...`` is `manip3d.simulate.sources.open_source`; ``utd-mhad:``, ``labanotation:``
-        and ``people:`` are `manip3d.datasets.open_people`. ``forged:SOURCE#OPTIONS`` is a
-        `ForgedSource` of any of these; its options are described in `Notes`.
+        and ``people:`` are `manip3d.datasets.open_people`. ``rgbd-bag:PATH[#TOPIC]`` are the
+        images of an RGB-D camera in a ROS bag, RealSense's recordings among them.
+        ``forged:SOURCE#OPTIONS`` is a `ForgedSource` of any of these. `Notes` describes the options
+        of both.
     speed : float
         Playback speed of recordings. 0: every frame, as fast as read. 1: real time, by the frames'
         times; frames that a slow reader misses are counted as ``dropped``. 2: twice as fast.
@@ -554,7 +557,8 @@ def open_rgbd(
         without a ``calibration.json`` is told by its folder's name (``freiburg1`` to ``3``); of
         others, one is taken that is nearly right, with a warning.
     units_per_metre : float, optional
-        Stored units per metre of depth images. By default 1000 for folders and 5000 for ``tum:``.
+        Stored units per metre of depth images. By default 1000 for folders and 5000 for ``tum:``;
+        of a bag what its images say: 1000 for whole numbers, unless a RealSense says another unit.
     start : int
         Index of the first frame that is read, of recordings, simulated people and data sets; the
         source begins there again each time. ``source[0]`` is the first frame of all even so.
@@ -572,6 +576,8 @@ def open_rgbd(
         The recording is damaged.
     DeviceError
         The scheme is not built in, or there is no such device.
+    MissingExtraError
+        rosbags is not installed (``rgbd-bag:``): ``pip install 'manip3d[bags]'``.
     OSError
         `FileNotFoundError` and the like.
 
@@ -585,6 +591,11 @@ def open_rgbd(
     which they alternate, first real. ``switch``: a file that says ``real`` or ``forged``, looked at
     before each frame. At most 300 frames of a background or motion are kept, and played to and fro.
     Colour is left out of all frames where the background has none.
+
+    Of a bag ``TOPIC`` is one of depth images (sensor_msgs/Image of 16UC1, mono16 or 32FC1, or
+    compressedDepth), needed where there are several. Cameras are those of the CameraInfo beside
+    each topic; the colours' place comes from ``/tf_static``, or as RealSense's recorder states it.
+    Where it is not known frames have no colour, with a warning. Depths beyond 65.535 m are missing.
 
     Examples
     --------
@@ -615,6 +626,12 @@ def open_rgbd(
         return _checked_start(_source_of(_frames_of(uri, scheme), uri, speed, start), start)
     if units_per_metre is not None and not units_per_metre > 0:
         raise InputError(f"units_per_metre: expected > 0, got {units_per_metre}")
+    if scheme == "rgbd-bag":
+        if not 0.0 <= speed < math.inf:
+            raise InputError(f"speed: expected a finite number >= 0, got {speed}")
+        place, _, topic = uri.partition(":")[2].partition("#")
+        images = BagImages(path_of(place, "uri"), topic, camera, units_per_metre)
+        return _checked_start(_source_of(images, uri, speed, start), start)
     # Not a RgbdCalibration, which takes no mirrored camera: the core turns the images round.
     given: Any = SimpleNamespace(depth=camera, registration=None)
     calibration = given if isinstance(camera, Intrinsics) else camera

@@ -72,6 +72,7 @@ def sources() -> tuple[Scheme, ...]:
     ouster, open3d, rosbags = (
         find_spec(module) is None for module in ("ouster", "open3d", "rosbags")
     )
+    no_bags = ("rosbags is not installed", "pip install 'manip3d[bags]'") if rosbags else ()
     return (
         *core_schemes(),
         Scheme(
@@ -85,6 +86,13 @@ def sources() -> tuple[Scheme, ...]:
         *(
             Scheme(name, "NAME", "people of the data sets (manip3d data list)", "rgbd")
             for name in ("utd-mhad", "labanotation", "people")
+        ),
+        Scheme(
+            "rgbd-bag",
+            "PATH[#TOPIC]",
+            "images of an RGB-D camera in ROS 1, ROS 2 and MCAP bags (RealSense's recordings)",
+            "rgbd",
+            *no_bags,
         ),
         Scheme("forged", "SOURCE[#OPTIONS]", "another source's person, forged on demand", "rgbd"),
         Scheme("pcap", "FILE", "recorded packets of Velodyne LiDARs", "lidar"),
@@ -103,7 +111,6 @@ def sources() -> tuple[Scheme, ...]:
             "PATH[#TOPIC]",
             "point clouds of ROS 1, ROS 2 and MCAP bags",
             "lidar",
-            "rosbags is not installed" if rosbags else "",
-            "pip install 'manip3d[bags]'" if rosbags else "",
+            *no_bags,
         ),
     )

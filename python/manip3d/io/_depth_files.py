@@ -83,7 +83,7 @@ def read_stored_depth(
     path: str | os.PathLike[str], *, max_pixels: int = MOST_PIXELS
 ) -> NDArray[Any]:
     """Read a depth image's numbers as they are stored, in whatever unit; as `read_depth`."""
-    return _read(path, max_pixels, _decode)
+    return _read(path, max_pixels, decode_depth)
 
 
 def _read(
@@ -183,7 +183,7 @@ def is_color_png(path: str | os.PathLike[str]) -> bool:
     return header.startswith(b"\x89PNG\r\n\x1a\n") and len(header) == 26 and header[24] <= 8
 
 
-def _decode(data: bytes, max_pixels: int) -> NDArray[Any]:
+def decode_depth(data: bytes, max_pixels: int) -> NDArray[Any]:
     if data.startswith(b"\x93NUMPY"):
         return _read_npy(data, max_pixels)
     if re.match(rb"P5[\s#]", data):

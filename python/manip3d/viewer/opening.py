@@ -170,7 +170,7 @@ def rgbd_address(source: str) -> str | None:
     Parameters
     ----------
     source : str
-        A file, a folder or an address.
+        A file, a folder or an address; a ROS 1 bag also with one of its topics of depth images.
 
     Returns
     -------
@@ -180,6 +180,10 @@ def rgbd_address(source: str) -> str | None:
     ------
     InputError
         ``source`` is no text.
+    FormatError
+        A ROS 1 bag has no index.
+    OSError
+        A ROS 1 bag cannot be read.
 
     Examples
     --------
@@ -191,6 +195,10 @@ def rgbd_address(source: str) -> str | None:
     ['mkv:walk.mkv', 'tum:tum', 'openni2:', None]
     """
     path = Path(source)
+    file, mark, topic = source.rpartition("#")
+    bag = Path(file) if mark and topic and not path.exists() else path
+    if _is_ros1(bag):
+        return None if capture.holds_clouds(bag) else f"rgbd-bag:{source}"
     if path.suffix.lower() == ".mkv":
         return source if source.startswith("mkv:") else f"mkv:{source}"
     if path.is_dir():

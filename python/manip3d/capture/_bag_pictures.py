@@ -1,0 +1,117 @@
+"""Pictures of ROS bags decoded, and the fixed transforms between the cameras that took them."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d._util.linear import product
+from manip3d.capture._bag import BagPicture
+from manip3d.errors import FormatError
+from manip3d.io._images import decoded_picture
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_CHANNELS = {"mono8": 1, "rgb8": 3, "bgr8": 3, "rgba8": 4, "bgra8": 4}
+_BAYER = {"bayer_rggb8": "BG", "bayer_bggr8": "RG", "bayer_gbrg8": "GR", "bayer_grbg8": "GB"}
+"""OpenCV's names, which are those of the second and third pixel of the second row."""
+_MOST_PIXELS = 1 << 26
+
+
+def decoded(picture: BagPicture) -> NDArray[np.uint8]:
+    """Decode a picture of a bag: (H, W) grey or (H, W, 3) red, green, blue.
+
+    Raises
+    ------
+    FormatError
+        Another encoding than rgb8, bgr8, rgba8, bgra8, mono8, bayer_*8, JPEG and PNG, or too
+        few bytes.
+    MissingExtraError
+        OpenCV (``bayer_*8``) or Pillow (JPEG, PNG) is not installed.
+    """
+    header, name = picture.header, picture.header["picture"]
+    if "format" in header:
+        try:
+            return decoded_picture(picture.data, "alert")
+        except FormatError as error:
+            raise FormatError(f"{name}: {error.reason}") from error
+    encoding = header["encoding"]
+    channels = 1 if encoding in _BAYER else _CHANNELS.get(encoding)
+    if channels is None:
+        known = ", ".join([*_CHANNELS, *_BAYER])
+        raise FormatError(f"{name}: expected one of the encodings {known}, got {encoding!r}")
+    rows = rows_of(picture, channels)
+    if encoding in _BAYER:
+        from manip3d.authenticate._stereo import opencv
+
+        cv2 = opencv()
+        code = getattr(cv2, f"COLOR_Bayer{_BAYER[encoding]}2RGB")
+        pixels: NDArray[np.uint8] = cv2.cvtColor(np.ascontiguousarray(rows), code)
+        return pixels
+    if channels == 1:
+        return np.ascontiguousarray(rows)
+    pixels = rows.reshape(len(rows), -1, channels)[..., :3]
+    return np.ascontiguousarray(pixels[..., ::-1] if encoding.startswith("bgr") else pixels)
+
+
+def rows_of(picture: BagPicture, pixel_bytes: int) -> NDArray[np.uint8]:
+    """Cut an uncompressed picture into its rows: (H, W * pixel_bytes), without their padding.
+
+    Raises
+    ------
+    FormatError
+        Its size does not fit its bytes.
+    """
+    header = picture.header
+    height, width, step = header["height"], header["width"], header["step"]
+    row = width * pixel_bytes
+    if not 0 < height * width <= _MOST_PIXELS or step < row or height * step > len(picture.data):
+        raise FormatError(
+            f"{header['picture']}: {height} rows of {width} pixels do not fit "
+            f"{len(picture.data)} bytes with rows of {step}"
+        )
+    return np.frombuffer(picture.data, np.uint8, height * step).reshape(height, step)[:, :row]
+
+
+def pose_of(
+    transforms: Iterable[Mapping[str, Any]], to: str, frame: str
+) -> NDArray[np.float64] | None:
+    """T_to_frame by a chain of fixed transforms; None: there is no chain."""
+    edges: dict[str, list[tuple[str, NDArray[np.float64]]]] = {}
+    for each in transforms:
+        matrix = rigid(each)
+        if matrix is None:
+            continue
+        parent, child = each["parent"].lstrip("/"), each["child"].lstrip("/")
+        edges.setdefault(parent, []).append((child, matrix))
+        edges.setdefault(child, []).append((parent, np.asarray(np.linalg.inv(matrix), np.float64)))
+    poses = {to.lstrip("/"): np.eye(4)}
+    reached = deque(poses)
+    while reached:
+        name = reached.popleft()
+        for beside, matrix in edges.get(name, ()):
+            if beside not in poses:
+                poses[beside] = product(poses[name], matrix)
+                reached.append(beside)
+    return poses.get(frame.lstrip("/"))
+
+
+def rigid(transform: Mapping[str, Any]) -> NDArray[np.float64] | None:
+    """T_parent_child of a shift and a quaternion (x, y, z, w); None: it is none."""
+    x, y, z, w = turn = np.array(transform["rotation"])
+    length = float(turn @ turn)
+    if not 0.99 < length < 1.01 or not np.isfinite(transform["translation"]).all():
+        return None
+    s = 2.0 / length
+    matrix = np.eye(4)
+    matrix[:3, :3] = [
+        [1 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w)],
+        [s * (x * y + z * w), 1 - s * (x * x + z * z), s * (y * z - x * w)],
+        [s * (x * z - y * w), s * (y * z + x * w), 1 - s * (x * x + y * y)],
+    ]
+    matrix[:3, 3] = transform["translation"]
+    return matrix

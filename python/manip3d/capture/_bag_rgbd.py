@@ -1,0 +1,332 @@
+"""RGB-D cameras in ROS bags: depth images with the colours beside them, and their geometry."""
+
+from __future__ import annotations
+
+import math
+import struct
+import warnings
+from collections import deque
+from collections.abc import Iterator, Mapping
+from contextlib import closing
+from dataclasses import astuple, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d._util.callers import caller_level
+from manip3d._util.linear import product
+from manip3d.camera import Intrinsics, Registration
+from manip3d.capture._bag import BagPicture, BagRecording
+from manip3d.capture._bag_pictures import decoded, pose_of, rigid, rows_of
+from manip3d.errors import FormatError, InputError
+from manip3d.io._depth_files import MOST_PIXELS, decode_depth
+from manip3d.rgbd import RgbdCalibration, RgbdFrame
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_MILLIMETRES = ("16UC1", "mono16", "Z16")
+_METRES = "32FC1"
+_COLORS = ("rgb8", "bgr8", "rgba8", "bgra8", "8UC3")
+_BROWN = ("", "plumb_bob", "brown conrady")
+"""Names of Brown's model in ROS and in RealSense's recordings, in lower case."""
+_REALSENSE_SENSOR = "/image/data"
+_NEAR_NS = 200_000_000
+"""Colours that were taken 0.2 s earlier or later, or more, are not of a depth image's moment."""
+_MOST_WAITING = 30
+"""Images that wait for those of the other camera."""
+_PNG_HEADER = struct.Struct("<iff")
+"""The head of compressedDepth: its kind, and two numbers by which metres became whole numbers."""
+
+
+@dataclass(frozen=True)
+class _Camera:
+    """A topic of images, and what the bag says of its camera."""
+
+    topic: str
+    frame_id: str
+    intrinsics: Intrinsics | None
+    why_not: str  # there are no intrinsics
+
+
+class BagImages:
+    """The frames of the RGB-D camera in a bag; each iteration reads it from its beginning.
+
+    Depth is of the topic that is asked for, or of the only one; colour is of the camera whose place
+    beside it is known. A frame's colours are those of the nearest time, within 0.2 s.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        topic: str,
+        camera: Intrinsics | RgbdCalibration | None = None,
+        units_per_metre: float | None = None,
+    ) -> None:
+        self._path = path
+        with closing(BagRecording(path, "", mode="images")) as bag:
+            found = bag.cameras()
+        self._depth = _depth_topic(found, topic, path)
+        self._units = units_per_metre or _units_per_metre(found, self._depth)
+        self._length = int(found["images"][self._depth]["count"])
+        self.calibration, self._color = self._geometry(found, camera)
+
+    def __len__(self) -> int:
+        return self._length
+
+    def __iter__(self) -> Iterator[RgbdFrame]:
+        topics = [self._depth] + ([self._color] if self._color else [])
+        with closing(BagRecording(self._path, "", mode="images")) as bag:
+            bag.cameras()
+            pictures = (each for each in bag.messages(topics) if isinstance(each, BagPicture))
+            for number, (depth, color) in enumerate(_paired(pictures, self._depth, self._color)):
+                try:
+                    yield RgbdFrame(
+                        self._millimetres(depth),
+                        self.calibration,
+                        color=None if color is None else _three_channels(color),
+                        time=depth.header["stamp_ns"],
+                        number=number,
+                    )
+                except (FormatError, InputError) as error:
+                    reason = f"frame {number}: {getattr(error, 'reason', error)}"
+                    raise FormatError(reason, file=str(self._path)) from error
+
+    def _geometry(
+        self, found: Mapping[str, Any], camera: Intrinsics | RgbdCalibration | None
+    ) -> tuple[RgbdCalibration, str]:
+        """The calibration, and the topic of the colours; empty: there are none."""
+        depth = _camera_of(found, self._depth)
+        colors = [_camera_of(found, topic) for topic in _color_topics(found)]
+        if isinstance(camera, RgbdCalibration):
+            return camera, colors[0].topic if colors else ""
+        intrinsics = camera or depth.intrinsics
+        if intrinsics is None:
+            raise FormatError(f"{depth.why_not}; give camera= if it is known", file=str(self._path))
+        reasons = []
+        for color in colors:
+            registration = _registration(found, depth, color)
+            if not isinstance(registration, str):
+                return RgbdCalibration(intrinsics, registration), color.topic
+            reasons.append(registration)
+        if reasons:
+            warnings.warn(
+                f"{self._path}: frames have no colour: {'; '.join(reasons)}",
+                stacklevel=caller_level(),
+            )
+        return RgbdCalibration(intrinsics), ""
+
+    def _millimetres(self, picture: BagPicture) -> NDArray[np.uint16]:
+        """Depth in millimetres; 0 where there is none, or more than 65.535 m."""
+        stored = _stored_depth(picture)
+        if stored.dtype == np.uint16 and self._units == 1000.0:
+            return np.asarray(stored, np.uint16)
+        with np.errstate(invalid="ignore"):
+            depth = np.rint(stored.astype(np.float64) * (1000.0 / self._units))
+            is_depth = (depth > 0.0) & (depth <= 65535.0)
+        return np.where(is_depth, depth, 0.0).astype(np.uint16)
+
+
+def _depth_topic(found: Mapping[str, Any], topic: str, path: Path) -> str:
+    """The topic that is asked for, or the only one of depth images."""
+    images: Mapping[str, Mapping[str, Any]] = found["images"]
+    names = [name for name, image in images.items() if _is_depth(name, image)]
+    if topic:
+        if topic in names:
+            return topic
+    else:
+        # An image that was sent both ways is read uncompressed.
+        names = [name for name in names if name.rpartition("/")[0] not in names]
+        if len(names) == 1:
+            return names[0]
+    if not names:
+        others = ", ".join(sorted(images)) or "no images"
+        raise FormatError(f"no depth images (16UC1, 32FC1); it holds {others}", file=str(path))
+    raise InputError(
+        f"uri: expected rgbd-bag:{path}#TOPIC with one of the topics of depth images: "
+        f"{', '.join(sorted(names))}"
+    )
+
+
+def _is_depth(topic: str, image: Mapping[str, Any]) -> bool:
+    """Whether it says so: images of 16 bits may also be infrared ones."""
+    kind = image["encoding"] or image["format"].partition(";")[0].strip()
+    if "compressedDepth" in image["format"]:
+        return True
+    return not image["format"] and (
+        kind in (_METRES, "16UC1", "Z16") or (kind == "mono16" and "depth" in topic.lower())
+    )
+
+
+def _color_topics(found: Mapping[str, Any]) -> list[str]:
+    """Topics of colours, uncompressed ones first."""
+    images: Mapping[str, Mapping[str, Any]] = found["images"]
+    raw = [name for name, image in images.items() if image["encoding"] in _COLORS]
+    packed = [
+        name
+        for name, image in images.items()
+        if image["format"] and "compressedDepth" not in image["format"]
+        and "mono" not in image["format"] and name.rpartition("/")[0] not in raw
+    ]  # fmt: skip
+    return sorted(raw) + sorted(packed)
+
+
+def _units_per_metre(found: Mapping[str, Any], topic: str) -> float:
+    """By the encoding; of RealSense's recordings by the sensor's own unit."""
+    image = found["images"][topic]
+    if _METRES in (image["encoding"], image["format"].partition(";")[0].strip()):
+        return 1.0
+    sensor = topic.removesuffix(_REALSENSE_SENSOR).rpartition("/")[0]
+    for name in ("Depth Units", "Depth_Units"):
+        unit = found["numbers"].get(f"{sensor}/option/{name}/value", 0.0)
+        if unit > 0.0 and math.isfinite(unit):
+            return float(np.rint(1.0 / unit * 1000.0) / 1000.0)  # stored as float32
+    return 1000.0
+
+
+def _camera_of(found: Mapping[str, Any], topic: str) -> _Camera:
+    base = topic
+    for transport in ("/compressed", "/compressedDepth"):
+        base = base.removesuffix(transport)
+    if base.endswith(_REALSENSE_SENSOR):
+        name = base.removesuffix(_REALSENSE_SENSOR) + "/info/camera_info"
+    else:
+        name = base.rpartition("/")[0] + "/camera_info"
+    frame_id = found["images"][topic]["frame_id"].lstrip("/")
+    info = found["infos"].get(name)
+    if info is None:
+        return _Camera(topic, frame_id, None, f"no CameraInfo {name} beside {topic}")
+    intrinsics = _intrinsics(info, "rect" in base.rpartition("/")[2])
+    if isinstance(intrinsics, str):
+        return _Camera(topic, frame_id, None, f"{name}: {intrinsics}")
+    return _Camera(topic, frame_id or info["frame_id"].lstrip("/"), intrinsics, "")
+
+
+def _intrinsics(info: Mapping[str, Any], is_rectified: bool) -> Intrinsics | str:
+    """The camera of a CameraInfo, or why there is none.
+
+    Rectified images have the left part of ``P`` and no distortion, others ``K`` and ``D``.
+    """
+    k = info["k"]
+    distortion = list(info["d"])
+    if is_rectified and len(info["p"]) == 12 and info["p"][0] > 0.0:
+        p = info["p"]
+        k, distortion = [*p[:3], *p[4:7], *p[8:11]], []
+    if len(k) != 9 or not k[0] > 0.0:
+        return "the camera is not calibrated"
+    models = _BROWN if any(distortion[5:]) else (*_BROWN, "rational_polynomial")
+    if any(distortion) and info["model"].lower() not in models:
+        return f"distortion of the model {info['model']!r} is not known"
+    five = (*distortion[:5], 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
+    try:
+        return Intrinsics(info["width"], info["height"], k[0], k[4], k[2], k[5], five)
+    except InputError as error:
+        return str(error)
+
+
+def _registration(
+    found: Mapping[str, Any], depth: _Camera, color: _Camera
+) -> Registration | str | None:
+    """Where the colour camera is; None: it has the depth camera's pixels; or what is not known."""
+    if color.intrinsics is None:
+        return color.why_not
+    pose = _realsense_pose(found, depth.topic, color.topic)
+    if pose is None and depth.frame_id == color.frame_id:
+        pose = np.eye(4)
+    if pose is None:
+        pose = pose_of(found["transforms"], color.frame_id, depth.frame_id)
+    if pose is None:
+        return f"/tf_static does not lead from {color.frame_id!r} to {depth.frame_id!r}"
+    is_same = depth.intrinsics is not None and astuple(depth.intrinsics) == astuple(
+        color.intrinsics
+    )
+    if is_same and np.array_equal(pose, np.eye(4)):
+        return None
+    return Registration(color.intrinsics, pose[:3, :3], pose[:3, 3])
+
+
+def _realsense_pose(found: Mapping[str, Any], depth: str, color: str) -> NDArray[np.float64] | None:
+    """T_color_depth of a RealSense's recording: each stream has its pose beside one of them."""
+    poses = []
+    for topic in (color, depth):
+        stream = topic.removesuffix(_REALSENSE_SENSOR)
+        named = [name for name in found["poses"] if name.startswith(f"{stream}/tf/")]
+        if stream == topic or not named:
+            return None
+        poses.append(rigid(found["poses"][named[0]]))
+    to_color, to_depth = poses
+    if to_color is None or to_depth is None:
+        return None
+    return product(to_color, np.asarray(np.linalg.inv(to_depth), np.float64))
+
+
+def _paired(
+    pictures: Iterator[BagPicture], depth: str, color: str
+) -> Iterator[tuple[BagPicture, BagPicture | None]]:
+    """Each depth image with the colours of the nearest time; it waits for those taken after it."""
+    waiting: deque[BagPicture] = deque()
+    colors: deque[BagPicture] = deque(maxlen=_MOST_WAITING)
+
+    def matched() -> tuple[BagPicture, BagPicture | None]:
+        image = waiting.popleft()
+        now = image.header["stamp_ns"]
+        nearest = min(colors, key=lambda each: abs(each.header["stamp_ns"] - now), default=None)
+        if nearest is None or abs(nearest.header["stamp_ns"] - now) >= _NEAR_NS:
+            return image, None
+        while colors[0] is not nearest:  # no later image is nearer to those before it
+            colors.popleft()
+        return image, nearest
+
+    for picture in pictures:
+        (waiting if picture.header["picture"] == depth else colors).append(picture)
+        while waiting and (
+            not color
+            or len(waiting) > _MOST_WAITING
+            or (colors and colors[-1].header["stamp_ns"] >= waiting[0].header["stamp_ns"])
+        ):
+            yield matched()
+    while waiting:
+        yield matched()
+
+
+def _stored_depth(picture: BagPicture) -> NDArray[np.uint16] | NDArray[np.float32]:
+    header = picture.header
+    if "format" in header:
+        return _unpacked_depth(picture)
+    is_whole = header["encoding"] in _MILLIMETRES
+    if not is_whole and header["encoding"] != _METRES:
+        raise FormatError(
+            f"{header['picture']}: expected 16UC1, mono16 or 32FC1, got {header['encoding']!r}"
+        )
+    kind = np.dtype("u2" if is_whole else "f4")
+    rows = np.ascontiguousarray(rows_of(picture, kind.itemsize))
+    as_stored = kind.newbyteorder(">" if header["is_bigendian"] else "<")
+    return np.asarray(rows.view(as_stored), kind)
+
+
+def _unpacked_depth(picture: BagPicture) -> NDArray[np.uint16] | NDArray[np.float32]:
+    """Depth of the transport compressedDepth: 12 bytes, and a PNG of 16 bits.
+
+    Metres are stored as A / z + B.
+    """
+    header, data = picture.header, picture.data
+    if "rvl" in header["format"].lower() or not data[12:].startswith(b"\x89PNG"):
+        raise FormatError(
+            f"{header['picture']}: expected a PNG in compressedDepth, got {header['format']!r}"
+        )
+    _, a, b = _PNG_HEADER.unpack_from(data)
+    try:
+        stored = decode_depth(data[12:], MOST_PIXELS)
+    except FormatError as error:
+        raise FormatError(f"{header['picture']}: {error.reason}") from error
+    if not header["format"].startswith(_METRES):
+        return stored
+    with np.errstate(divide="ignore", invalid="ignore"):
+        metres = np.float32(a) / (stored - np.float32(b))
+    return np.where(stored > 0, metres, np.float32(0.0))
+
+
+def _three_channels(picture: BagPicture) -> NDArray[np.uint8]:
+    pixels = decoded(picture)
+    return np.repeat(pixels[..., None], 3, axis=2) if pixels.ndim == 2 else pixels

@@ -1,0 +1,311 @@
+"""RGB-D cameras in ROS bags: what was written is read to the bit, and where the colours belong."""
+
+from __future__ import annotations
+
+import io
+import struct
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from manip3d import FormatError, InputError, Intrinsics, RgbdCalibration, capture, viewer
+from real_data import RealData
+
+pytest.importorskip("rosbags.rosbag1", reason="the extra 'bags' is not installed")
+PIL_Image = pytest.importorskip("PIL.Image", reason="the extra 'io' is not installed")
+
+from ros_bags import (  # noqa: E402
+    COLORS,
+    COMPRESSED,
+    IMAGE,
+    INFO,
+    PROJECTION,
+    TRANSFORMS,
+    TYPES,
+    camera_info,
+    colors,
+    compressed,
+    header,
+    image,
+    millimetres,
+    realsense,
+    transform,
+    write_mixed_bag,
+)
+
+Message = tuple[float, str, str, Any]
+DEPTH, COLOR = "/camera/depth/image_raw", "/camera/color/image_raw"
+POSE = np.eye(4)  # T_depth_color
+POSE[:3, :3] = [[np.cos(0.1), 0, np.sin(0.1)], [0, 1, 0], [-np.sin(0.1), 0, np.cos(0.1)]]
+POSE[:3, 3] = 0.05, 0.01, 0.002
+
+
+def info(matrix: NDArray[np.float64], frame: str, size: tuple[int, int], **changed: Any) -> Any:
+    return replace(camera_info(matrix, frame), **{"width": size[0], "height": size[1]} | changed)
+
+
+def depth_at(time: float, stored: NDArray[Any], encoding: str = "16UC1", **changed: Any) -> Message:
+    rows = stored.view(np.uint8).reshape(*stored.shape, stored.dtype.itemsize)
+    made = replace(image(rows, encoding, time), width=stored.shape[1], **changed)
+    return time, DEPTH, IMAGE, replace(made, header=header(time, "depth"))
+
+
+def color_at(time: float, number: int) -> Message:
+    made = image(colors(number)[..., ::-1], "bgr8", time)
+    return time, COLOR, IMAGE, replace(made, header=header(time, "color"))
+
+
+def cameras(**changed: Any) -> list[Message]:
+    tree = TYPES.types[TRANSFORMS]
+    known = [transform("depth", "color", POSE)]
+    return [
+        (0.0, "/camera/depth/camera_info", INFO, info(PROJECTION, "depth", (64, 48), **changed)),
+        (0.0, "/camera/color/camera_info", INFO, info(COLORS, "color", (82, 62))),
+        (0.0, "/tf_static", TRANSFORMS, tree(known)),
+    ]
+
+
+def bag_of(path: Path, messages: Sequence[Message]) -> str:
+    return f"rgbd-bag:{write_mixed_bag(path / 'bag', messages)}"
+
+
+def test_depth_and_the_colours_of_the_nearest_time(tmp_path: Path) -> None:
+    messages = cameras()
+    for number in range(4):
+        messages += [depth_at(1 + 0.1 * number, millimetres(number))]
+        # Nearer to the next depth image; the last two have none within 0.2 s.
+        messages += [color_at(1.08 + 0.1 * number, number)] if number < 1 else []
+    messages += [depth_at(1.5, millimetres(4))]
+    source = capture.open_rgbd(bag_of(tmp_path, messages))
+    assert source.num_frames == 5
+    for _ in range(2):
+        frames = list(source)
+        assert [f.number for f in frames] == [0, 1, 2, 3, 4]
+        assert [f.time for f in frames] == [round(1e9 + n * 1e8) for n in (0, 1, 2, 3, 5)]
+        for number, frame in enumerate(frames):
+            assert np.array_equal(frame.depth, millimetres(number))
+        assert [f.color is not None for f in frames] == [True, True, True, False, False]
+        assert all(np.array_equal(f.color, colors(0)) for f in frames[:3])  # type: ignore[arg-type]
+    assert np.array_equal(source[3].depth, millimetres(3))
+    later = capture.open_rgbd(source.uri, start=3)
+    assert [f.number for f in later] == [3, 4]
+    camera = source.calibration.depth
+    assert (camera.width, camera.height) == (64, 48)
+    assert (camera.fx, camera.fy, camera.cx, camera.cy) == (60.0, 61.0, 31.5, 23.5)
+    registration = source.calibration.registration
+    assert registration is not None
+    assert (registration.color.width, registration.color.fx) == (82, 80.0)
+    to_color = np.linalg.inv(POSE)
+    np.testing.assert_allclose(registration.rotation, to_color[:3, :3], atol=1e-12)
+    np.testing.assert_allclose(registration.translation, to_color[:3, 3], atol=1e-12)
+
+
+def test_each_depth_image_takes_the_nearer_one_of_two_pictures(tmp_path: Path) -> None:
+    messages = [*cameras(), color_at(1.0, 0), color_at(1.1, 1)]
+    messages += [depth_at(1.04, millimetres(0)), depth_at(1.06, millimetres(1))]
+    frames = list(capture.open_rgbd(bag_of(tmp_path, messages)))
+    for number, frame in enumerate(frames):
+        assert np.array_equal(frame.color, colors(number))  # type: ignore[arg-type]
+
+
+def test_metres_are_rounded_to_millimetres(tmp_path: Path) -> None:
+    metres = np.full((48, 64), 1.2346, np.float32)
+    metres[0, :6] = np.nan, np.inf, -1.0, 0.0, 65.5354, 65.536
+    messages = [*cameras(), depth_at(1.0, metres, "32FC1")]
+    messages += [depth_at(2.0, metres.astype(">f4"), "32FC1", is_bigendian=1)]
+    frames = list(capture.open_rgbd(bag_of(tmp_path, messages)))
+    for frame in frames:
+        assert frame.depth[0, :6].tolist() == [0, 0, 0, 0, 65535, 0]
+        assert (frame.depth[1:] == 1235).all()
+
+
+def test_the_unit_can_be_given(tmp_path: Path) -> None:
+    uri = bag_of(tmp_path, [*cameras(), depth_at(1.0, millimetres(0))])
+    (frame,) = capture.open_rgbd(uri, units_per_metre=5000)
+    assert np.array_equal(frame.depth, np.rint(millimetres(0) / 5.0))
+
+
+def packed(stored: NDArray[np.uint16], a: float = 0.0, b: float = 0.0) -> bytes:
+    stream = io.BytesIO()
+    PIL_Image.fromarray(stored).save(stream, "PNG")
+    return struct.pack("<iff", 0, a, b) + stream.getvalue()
+
+
+def test_compressed_depth(tmp_path: Path) -> None:
+    topic = f"{DEPTH}/compressedDepth"
+    metres = np.linspace(0.5, 4.0, 48 * 64).reshape(48, 64)
+    inverse = np.rint(900.0 / metres + 3.0).astype(np.uint16)
+    inverse[0, 0] = 0
+    for kind, data, expected, within in (
+        ("16UC1; compressedDepth", packed(millimetres(0)), millimetres(0), 0.0),
+        ("32FC1; compressedDepth png", packed(inverse, 900.0, 3.0), 1000 * metres, 9.0),
+    ):
+        made = replace(compressed(data, kind, 1.0), header=header(1.0, "depth"))
+        uri = bag_of(tmp_path / kind[:5], [*cameras(), (1.0, topic, COMPRESSED, made)])
+        (frame,) = capture.open_rgbd(uri)
+        assert np.abs(frame.depth - expected).ravel()[1:].max() <= within
+    assert frame.depth[0, 0] == 0
+    rvl = replace(compressed(b"12345678", "16UC1; compressedDepth rvl", 1.0))
+    uri = bag_of(tmp_path / "rvl", [*cameras(), (1.0, topic, COMPRESSED, rvl)])
+    with pytest.raises(FormatError, match=r"frame 0: .*expected a PNG in compressedDepth"):
+        list(capture.open_rgbd(uri))
+    for cut in (5, 12, 40):
+        short = compressed(packed(millimetres(0))[:cut], "16UC1; compressedDepth", 1.0)
+        uri = bag_of(tmp_path / f"cut{cut}", [*cameras(), (1.0, topic, COMPRESSED, short)])
+        with pytest.raises(FormatError, match="frame 0"):
+            list(capture.open_rgbd(uri))
+
+
+def test_of_several_depth_topics_one_is_chosen(tmp_path: Path) -> None:
+    other = "/aligned/depth/image_raw"
+    _, _, kind, made = depth_at(1.0, millimetres(1))
+    both = [*cameras(), depth_at(1.0, millimetres(0)), (1.0, other, kind, made)]
+    both += [(0.0, "/aligned/depth/camera_info", INFO, info(COLORS, "depth", (64, 48)))]
+    uri = bag_of(tmp_path, both)
+    with pytest.raises(InputError, match=f"#TOPIC.*{other}, {DEPTH}"):
+        capture.open_rgbd(uri)
+    with pytest.raises(InputError, match="#TOPIC"):
+        capture.open_rgbd(f"{uri}#{COLOR}")
+    source = capture.open_rgbd(f"{uri}#{other}")
+    assert source.calibration.depth.fx == 80.0
+    assert np.array_equal(next(iter(source)).depth, millimetres(1))
+
+
+def test_colours_of_the_depth_cameras_own_pixels_need_no_registration(tmp_path: Path) -> None:
+    pixels = np.random.default_rng(5).integers(0, 256, (48, 64, 3), np.uint8)
+    made = replace(image(pixels, "rgb8", 1.0), header=header(1.0, "depth"))
+    same = (0.0, "/camera/color/camera_info", INFO, info(PROJECTION, "depth", (64, 48)))
+    messages = [cameras()[0], same, depth_at(1.0, millimetres(0)), (1.0, COLOR, IMAGE, made)]
+    source = capture.open_rgbd(bag_of(tmp_path, messages))
+    assert source.calibration.registration is None
+    assert np.array_equal(next(iter(source)).color, pixels)  # type: ignore[arg-type]
+
+
+def test_colours_whose_place_is_unknown_are_left_out_with_a_warning(tmp_path: Path) -> None:
+    messages = [*cameras()[:2], depth_at(1.0, millimetres(0)), color_at(1.0, 0)]
+    uri = bag_of(tmp_path, messages)
+    with pytest.warns(UserWarning, match=r"no colour: /tf_static does not lead from 'color'"):
+        source = capture.open_rgbd(uri)
+    assert next(iter(source)).color is None
+
+
+@pytest.mark.parametrize(
+    ("changed", "reason"),
+    [
+        ({"k": np.zeros(9)}, "the camera is not calibrated"),
+        ({"width": 0}, "width"),
+        ({"d": np.full(4, 0.1), "distortion_model": "equidistant"}, "'equidistant' is not known"),
+        ({"d": np.full(8, 0.1), "distortion_model": "rational_polynomial"}, "rational_polynomial"),
+    ],
+)
+def test_a_camera_that_is_not_known_can_be_given(
+    tmp_path: Path, changed: dict[str, Any], reason: str
+) -> None:
+    uri = bag_of(tmp_path, [cameras(**changed)[0], depth_at(1.0, millimetres(0))])
+    with pytest.raises(FormatError, match=reason):
+        capture.open_rgbd(uri)
+    camera = Intrinsics(64, 48, 70.0, 70.0, 32.0, 24.0)
+    for given in (camera, RgbdCalibration(camera)):
+        assert capture.open_rgbd(uri, camera=given).calibration.depth == camera
+    bare = bag_of(tmp_path / "bare", [depth_at(1.0, millimetres(0))])
+    with pytest.raises(FormatError, match="no CameraInfo /camera/depth/camera_info beside"):
+        capture.open_rgbd(bare)
+    assert len(list(capture.open_rgbd(bare, camera=camera))) == 1
+
+
+def test_rectified_images_have_the_camera_of_their_projection(tmp_path: Path) -> None:
+    distorted = info(PROJECTION, "depth", (64, 48), d=np.full(5, 0.1), k=np.eye(3).reshape(-1))
+    time, _, kind, made = depth_at(1.0, millimetres(0))
+    messages = [
+        (0.0, "/camera/depth/camera_info", INFO, distorted),
+        (time, "/camera/depth/image_rect", kind, made),
+    ]
+    camera = capture.open_rgbd(bag_of(tmp_path, messages)).calibration.depth
+    assert (camera.fx, camera.fy, tuple(camera.distortion)) == (60.0, 61.0, (0.0,) * 5)
+
+
+def test_images_that_do_not_fit_name_the_frame_and_the_file(tmp_path: Path) -> None:
+    for name, changed, reason in (
+        ("cut", {"data": np.zeros(10, np.uint8)}, "do not fit 10 bytes"),
+        ("step", {"step": 100}, "rows of 100"),
+        ("large", {"height": 1 << 30}, "do not fit"),
+        ("kind", {"encoding": "8UC1"}, "expected 16UC1, mono16 or 32FC1, got '8UC1'"),
+        ("size", {"width": 32}, "frame 1"),
+    ):
+        damaged = depth_at(2.0, millimetres(1), **changed) if name != "size" else None
+        damaged = damaged or depth_at(2.0, millimetres(1)[:, :32].copy())
+        uri = bag_of(tmp_path / name, [*cameras(), depth_at(1.0, millimetres(0)), damaged])
+        source = iter(capture.open_rgbd(uri))
+        assert np.array_equal(next(source).depth, millimetres(0))
+        with pytest.raises(FormatError, match=reason) as caught:
+            next(source)
+        assert "frame 1" in str(caught.value)
+        assert str(tmp_path / name) in str(caught.value)
+
+
+def test_bags_without_depth_images_say_so(tmp_path: Path) -> None:
+    uri = bag_of(tmp_path, [*cameras(), color_at(1.0, 0)])
+    with pytest.raises(FormatError, match=f"no depth images .*holds {COLOR}"):
+        capture.open_rgbd(uri)
+    with pytest.raises(FormatError, match=r"no point clouds .* rgbd-bag:.* may open it"):
+        list(capture.open(uri.replace("rgbd-bag:", "bag:")))
+    with pytest.raises(FileNotFoundError):
+        capture.open_rgbd(f"rgbd-bag:{tmp_path}/missing.bag")
+    (tmp_path / "no.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(5000))
+    with pytest.raises(FormatError, match="cannot be read"):
+        capture.open_rgbd(f"rgbd-bag:{tmp_path}/no.bag")
+
+
+def test_recordings_of_a_realsense(tmp_path: Path) -> None:
+    for name, unit in (("mm", 0.001), ("tenths", 0.0001)):
+        path = realsense(tmp_path / f"{name}.bag", unit)
+        uri = viewer.rgbd_address(str(path))
+        assert uri == f"rgbd-bag:{path}"
+        assert viewer.scan_address(str(path)) is None
+        source = capture.open_rgbd(uri)
+        (frame,) = source
+        assert np.array_equal(frame.depth, np.rint(millimetres(0) * (1000 * unit)))
+        assert np.array_equal(frame.color, colors(0))  # type: ignore[arg-type]
+        registration = source.calibration.registration
+        assert registration is not None
+        # p_color = R p_depth0 + t, and p_depth = p_depth0 + (0, 0.02, 0).
+        c, s = np.cos(0.1), np.sin(0.1)
+        turn = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+        np.testing.assert_allclose(registration.rotation, turn, atol=1e-12)
+        np.testing.assert_allclose(registration.translation, [0.015, -0.02, 0.0], atol=1e-12)
+    one = f"{path}#/device_0/sensor_0/Depth_0/image/data"
+    assert viewer.rgbd_address(one) == f"rgbd-bag:{one}"
+    assert len(list(capture.open_rgbd(f"rgbd-bag:{one}"))) == 1
+
+
+def test_a_bag_is_recorded_again(tmp_path: Path) -> None:
+    messages = cameras()
+    for number in range(3):
+        messages += [depth_at(1 + number, millimetres(number)), color_at(1 + number, number)]
+    written = capture.record(bag_of(tmp_path, messages), tmp_path / "copy", lossless_color=True)
+    assert written.frames == 3
+    for number, frame in enumerate(capture.open_rgbd(f"folder:{tmp_path / 'copy'}")):
+        assert np.array_equal(frame.depth, millimetres(number))
+        assert np.array_equal(frame.color, colors(number))  # type: ignore[arg-type]
+
+
+@pytest.mark.realdata
+def test_a_recording_of_a_d435_is_that_of_its_extracted_images(realdata: RealData) -> None:
+    folder = realdata("rgbd/recording_realsense_d435")
+    source = capture.open_rgbd(f"rgbd-bag:{folder / 'single_depth_color_640x480.bag'}")
+    frames = list(source)
+    assert len(frames) == 2
+    for number, frame in enumerate(frames, 1):
+        stored = np.asarray(PIL_Image.open(folder / f"extracted_depth_{number}.png"))
+        assert np.array_equal(frame.depth, stored)
+    color = np.asarray(PIL_Image.open(folder / "extracted_color.png"))
+    assert np.array_equal(frames[0].color, color)  # type: ignore[arg-type]
+    assert frames[1].color is None  # 0.27 s lie between them
+    assert source.calibration.depth.fx == pytest.approx(390.431, abs=1e-3)
+    assert source.calibration.registration is not None
+    assert source.calibration.registration.translation[0] == pytest.approx(0.0143, abs=1e-4)
