@@ -483,7 +483,7 @@ def test_many_meshes_are_counted_converted_and_compared(torus: Path, tmp_path: P
     assert done.returncode == 0, done.stderr
     assert read_mesh(tmp_path / "glb" / "a.glb").num_faces == 1152
     assert "--to: expected one of" in error_line(
-        manip3d("convert", source, "-o", tmp_path / "x", "--to", ".xyz")
+        manip3d("convert", source, "-o", tmp_path / "x", "--to", ".asd")
     )
     done = manip3d("compare", source, tmp_path / "glb", "--json", "--jobs", "1")
     assert done.returncode == 0, done.stderr

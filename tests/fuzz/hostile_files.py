@@ -454,6 +454,8 @@ KINDS = {
                 (".ply", "ply_points"),
                 (".bin", "kitti"),
                 (".3d", "three_dtk"),
+                (".xyz", "text_points"),
+                (".csv", "text_points"),
             )
         ),
         Kind("scan.pcd.bin", nuscenes, scan),

@@ -90,7 +90,7 @@ def test_damage_is_counted_with_its_first_row(tmp_path: Path, name: str, columns
 
 def test_names_that_are_no_scans(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"expected a point file \(.*\.bin"):
-        read_scan(tmp_path / "scan.xyz")
+        read_scan(tmp_path / "scan.asd")
     with pytest.raises(InputError, match="expected a point file"):
         scan().write(tmp_path / "scan.obj")
     with pytest.raises(FileNotFoundError):

@@ -244,7 +244,6 @@ PointTable read_pcd(ByteSource& source, const Progress& progress) {
   InputBuffer input(source, progress);
   const PcdHeader header = HeaderReader(input).read();
   PointTable table;
-  table.format = PointFormat::kPcd;
   table.fields = fields_of(input, header);
   table.num_points = header.points;
   table.header = {{"version", header.version},

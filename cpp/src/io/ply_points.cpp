@@ -65,7 +65,6 @@ PointTable read_ply_points(ByteSource& source, const Progress& progress) {
   const ply::Header header = ply::read_header(input);
   const ply::Element& vertex = points_of(header);
   PointTable table;
-  table.format = PointFormat::kPly;
   table.num_points = vertex.count;
   for (const ply::Property& p : vertex.properties) {
     table.fields.push_back({p.name, kTypes[static_cast<int>(p.type)].field, 1});

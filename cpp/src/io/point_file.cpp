@@ -26,6 +26,11 @@ constexpr PointFileFormat kPointFormats[] = {
     {PointFormat::kPcd, "pcd", ".pcd", read_pcd, write_pcd},
     {PointFormat::kPly, "ply", ".ply", read_ply_points, write_ply_points},
     {PointFormat::k3dtk, "3dtk", ".3d", read_3dtk, write_3dtk},
+    {PointFormat::kXyz, "xyz", ".xyz", read_text_points, write_text_points},
+    {PointFormat::kAsc, "asc", ".asc", read_text_points, write_text_points},
+    {PointFormat::kPts, "pts", ".pts", read_text_points, write_text_points},
+    {PointFormat::kTxt, "txt", ".txt", read_text_points, write_text_points},
+    {PointFormat::kCsv, "csv", ".csv", read_text_points, write_text_points},
 };
 
 std::string lower_case(std::string_view text) {
@@ -84,6 +89,7 @@ PointTable read_points(const fs::path& path, const ReadPointsOptions& options,
   try {
     const auto source = decompressed(file_source(path), compression_of(path), options.max_bytes);
     PointTable table = format.read(*source, progress);
+    table.format = format.format;
     check_memory(table, *source);
     return table;
   } catch (const FormatError& error) {
@@ -96,7 +102,9 @@ PointTable read_points(std::span<const std::byte> data, PointFormat format,
   const auto source = decompressed(memory_source(data), Compression::kNone, options.max_bytes);
   const auto* entry = std::find_if(std::begin(kPointFormats), std::end(kPointFormats),
                                    [&](const PointFileFormat& f) { return f.format == format; });
-  return entry->read(*source, progress);
+  PointTable table = entry->read(*source, progress);
+  table.format = format;
+  return table;
 }
 
 void write_points(const fs::path& path, const PointTableView& table, const Progress& progress) {

@@ -25,4 +25,7 @@ void write_ply_points(Output& output, const PointTableView& table);
 PointTable read_3dtk(ByteSource& source, const Progress& progress);
 void write_3dtk(Output& output, const PointTableView& table);
 
+PointTable read_text_points(ByteSource& source, const Progress& progress);
+void write_text_points(Output& output, const PointTableView& table);
+
 }  // namespace manip3d

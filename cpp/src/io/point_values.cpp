@@ -77,14 +77,15 @@ void read_text(LineCursor& cursor, const PointField& field, std::vector<char>& b
   }
 }
 
-void write_text(Output& output, const std::vector<PointField>& fields, const char* row) {
+void write_text(Output& output, const std::vector<PointField>& fields, const char* row,
+                std::string_view separator) {
   bool is_first = true;
   for (const PointField& field : fields) {
     for (std::int64_t i = 0; i < field.count; ++i) {
       with_type(field.type, [&]<typename T>(T value) {
         std::memcpy(&value, row, sizeof(T));
         row += sizeof(T);
-        if (!is_first) output.text(" ");
+        if (!is_first) output.text(separator);
         is_first = false;
         if constexpr (sizeof(T) == 1) {
           output.number(static_cast<int>(value));

@@ -17,7 +17,8 @@ namespace manip3d {
 void read_text(LineCursor& cursor, const PointField& field, std::vector<char>& bytes);
 
 /// Writes a row as a line.
-void write_text(Output& output, const std::vector<PointField>& fields, const char* row);
+void write_text(Output& output, const std::vector<PointField>& fields, const char* row,
+                std::string_view separator = " ");
 
 /// Appends `num_rows` rows of `row_size` bytes as they are; grows with what is really there.
 void read_rows(InputBuffer& input, std::int64_t num_rows, std::int64_t row_size,

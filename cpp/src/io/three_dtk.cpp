@@ -12,7 +12,6 @@ PointTable read_3dtk(ByteSource& source, const Progress& progress) {
   constexpr std::size_t kMostColumns = 64;
   InputBuffer input(source, progress);
   PointTable table;
-  table.format = PointFormat::k3dtk;
   std::string_view line;
   while (input.next_line(line)) {
     LineCursor cursor(line, input.line());

@@ -19,7 +19,7 @@ from manip3d.errors import InputError
 from manip3d.io import read_scan, write_scan
 from manip3d.io._files import atomic_pair, atomic_path, open_regular
 from manip3d.io._frame_times import frame_times
-from manip3d.io._scan_files import SCAN_SUFFIXES, scan_paths
+from manip3d.io._scan_files import FOLDER_SUFFIXES, scan_paths
 from manip3d.io._scan_tables import scan_suffix
 from manip3d.lidar import LidarFrame
 
@@ -640,7 +640,7 @@ def _rest_of_drive(drive: Path, output: Path) -> list[Path]:
 
 
 def _is_scan_or_record(path: Path) -> bool:
-    return path.suffix == RECORD_SUFFIX or scan_suffix(path) in SCAN_SUFFIXES
+    return path.suffix == RECORD_SUFFIX or scan_suffix(path) in FOLDER_SUFFIXES
 
 
 def _scan_folder(folder: str | os.PathLike[str]) -> Path:

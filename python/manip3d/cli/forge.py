@@ -26,6 +26,7 @@ from manip3d.cli.truth import truth_of
 from manip3d.errors import InputError
 from manip3d.io import SCAN_SUFFIXES
 from manip3d.io._files import atomic_pair
+from manip3d.io._scan_files import FOLDER_SUFFIXES
 from manip3d.lidar import Box, LidarFrame
 from manip3d.rgbd import RgbdFrame
 
@@ -328,7 +329,7 @@ class LidarAttack(StrEnum):
 
 
 @app.command("lidar")
-@over_files(lambda: SCAN_SUFFIXES, writable=lambda: SCAN_SUFFIXES)
+@over_files(lambda: FOLDER_SUFFIXES, writable=lambda: SCAN_SUFFIXES)
 def forge_lidar(
     attack: Annotated[LidarAttack, typer.Argument(help="What is done to the scan.")],
     source: Scan,

@@ -28,7 +28,8 @@ from manip3d.cli.options import (
 from manip3d.cli.terminal import Terminal, check_output, counted, shown, table
 from manip3d.cli.watermark import key_of
 from manip3d.errors import Error, FormatError, InputError
-from manip3d.io import SCAN_SUFFIXES, is_url
+from manip3d.io import is_url
+from manip3d.io._scan_files import FOLDER_SUFFIXES
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -72,7 +73,7 @@ def _records(source: str) -> list[Path]:
 
 
 @over_files(
-    lambda: SCAN_SUFFIXES,
+    lambda: FOLDER_SUFFIXES,
     writable=lambda: (".html", ".json"),
     otherwise=".html",
     check=_check_for_many,
@@ -86,10 +87,10 @@ def inspect(
         str,
         typer.Argument(
             metavar="SOURCE",
-            help="A scan: .bin, .pcd, .ply, .3d, .las, .laz or .e57 file; a drive of scans in "
-            "KITTI's layout, a recording of LiDAR packets (.pcap) or of point clouds (.mcap, a "
-            "ROS bag); or an RGB-D recording: a .mkv file, a recorded folder or an address that "
-            "'capture list' shows.",
+            help="A scan: .bin, .pcd, .ply, .3d, .las, .laz, .e57 or text (.xyz, .asc, .pts, "
+            ".txt, .csv); a drive of scans in KITTI's layout, a recording of LiDAR packets "
+            "(.pcap) or of point clouds (.mcap, a ROS bag); or an RGB-D recording: a .mkv file, a "
+            "ROS bag, a recorded folder or an address that 'capture list' shows.",
         ),
     ],
     output: OptionalOutput = None,

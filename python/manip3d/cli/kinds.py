@@ -9,6 +9,7 @@ from typing import Any
 
 from manip3d.errors import InputError
 from manip3d.io import DEPTH_SUFFIXES, READABLE, SCAN_SUFFIXES, is_color_png
+from manip3d.io._scan_files import FOLDER_SUFFIXES
 
 _HEADER_BYTES = 1 << 16  # where a PLY file names its elements
 _PICTURES = (".jpg", ".jpeg", ".bmp", ".tga", ".gif", ".webp")
@@ -155,7 +156,7 @@ def _kind_of_ply(path: Path) -> str:
 
 def shown_suffixes() -> tuple[str, ...]:
     """Return the suffixes of files that info and view take from a folder."""
-    return (*READABLE, *SCAN_SUFFIXES, *DEPTH_SUFFIXES, ".pcap", ".pcapng", ".mcap", ".mkv")
+    return (*READABLE, *FOLDER_SUFFIXES, *DEPTH_SUFFIXES, ".pcap", ".pcapng", ".mcap", ".mkv")
 
 
 def recording_suffixes() -> tuple[str, ...]:
@@ -165,4 +166,4 @@ def recording_suffixes() -> tuple[str, ...]:
 
 def converted_suffixes() -> tuple[str, ...]:
     """Return the suffixes of meshes and scans."""
-    return (*READABLE, *SCAN_SUFFIXES)
+    return (*READABLE, *FOLDER_SUFFIXES)

@@ -20,7 +20,9 @@ Source = Annotated[
 ]
 Scan = Annotated[
     str,
-    typer.Argument(metavar="SCAN", help="A scan: .bin, .pcd, .ply, .3d, .las, .laz or .e57 file."),
+    typer.Argument(
+        metavar="SCAN", help="A scan: .bin, .pcd, .ply, .3d, .las, .laz, .e57 or text (.xyz, ...)."
+    ),
 ]
 Output = Annotated[
     Path, typer.Option("-o", "--output", help="Output; its suffix chooses the format.")

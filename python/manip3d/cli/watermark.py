@@ -18,6 +18,7 @@ from manip3d.cli.options import Force, Json, Quiet
 from manip3d.cli.terminal import Terminal, check_output, counted, table
 from manip3d.errors import FormatError, InputError
 from manip3d.io import SCAN_SUFFIXES
+from manip3d.io._scan_files import FOLDER_SUFFIXES
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -158,7 +159,7 @@ def of_one_only(
 
 @app.command("embed")
 @over_files(
-    lambda: SCAN_SUFFIXES,
+    lambda: FOLDER_SUFFIXES,
     writable=lambda: SCAN_SUFFIXES,
     drives=True,
     has_to=False,
@@ -294,7 +295,7 @@ def _remove_others(kept: set[Path]) -> None:
     for folder in {path.parent for path in kept}:
         for path in sorted(folder.iterdir()):
             is_ours = (
-                path.suffix == authenticate.RECORD_SUFFIX or scan_suffix(path) in SCAN_SUFFIXES
+                path.suffix == authenticate.RECORD_SUFFIX or scan_suffix(path) in FOLDER_SUFFIXES
             )
             if is_ours and path not in kept and path.is_file():
                 path.unlink()
@@ -304,7 +305,7 @@ def _verified_suffixes() -> tuple[str, ...]:
     """Scans, and records, of which those without a scan are told."""
     from manip3d import authenticate
 
-    return (*SCAN_SUFFIXES, authenticate.RECORD_SUFFIX)
+    return (*FOLDER_SUFFIXES, authenticate.RECORD_SUFFIX)
 
 
 def _without_records(files: list[SourceFile]) -> list[SourceFile]:

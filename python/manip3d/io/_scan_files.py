@@ -18,6 +18,9 @@ from manip3d.lidar import LidarFrame
 SCAN_SUFFIXES: tuple[str, ...] = (*tables.TABLE_SUFFIXES, ".las", ".laz", ".e57")
 """Suffixes that `read_scan` and `write_scan` know; LAS, LAZ and E57 need an extra."""
 
+FOLDER_SUFFIXES: tuple[str, ...] = tuple(s for s in SCAN_SUFFIXES if s not in (".txt", ".csv"))
+"""Those of them by which folders are searched: most other texts in a folder are no scans."""
+
 
 @checked
 def read_scan(
@@ -47,10 +50,13 @@ def read_scan(
         as they are, the scanner's place not known. 3DTK's ``.3d``: turned to metres and our axes,
         the scanner at the origin; the pose of the ``.pose`` file beside it is
         ``format.header["pose"]``. LAS and LAZ: coordinates as they are, moved near 0 where they lie
-        far from it. E57: the scanner's own frame, the scanner at the origin; its pose is
-        ``format.header["pose"]``. Points of PCD, PLY and E57 without coordinates (NaN, marked
-        invalid) were not measured: they are dropped and counted, and ``file_rows`` has the rows of
-        the others. ``.bin`` has no such points: NaN there is damage.
+        far from it. Text (``.xyz``, ``.asc``, ``.pts``, ``.txt``, ``.csv``): a point a line,
+        columns between commas, semicolons or blanks, named by a line before them, else x, y, z,
+        the intensity where there are four or seven, and ``c3`` and so on; coordinates as of LAS,
+        the scanner's place not known. E57: the scanner's own frame, the scanner at the origin; its
+        pose is ``format.header["pose"]``. Points of PCD, PLY, text and E57 without coordinates
+        (NaN, empty, marked invalid) were not measured: they are dropped and counted, and
+        ``file_rows`` has the rows of the others. ``.bin`` has no such points: NaN there is damage.
 
     Raises
     ------
@@ -205,5 +211,5 @@ def write_scans(frames: Sequence[LidarFrame], path: str | os.PathLike[str]) -> N
 def scan_paths(folder: str | os.PathLike[str]) -> Iterator[Path]:
     """The scans of a folder, in the order of their names."""
     yield from sorted(
-        p for p in path_of(folder, "folder").iterdir() if scan_suffix(p) in SCAN_SUFFIXES
+        p for p in path_of(folder, "folder").iterdir() if scan_suffix(p) in FOLDER_SUFFIXES
     )

@@ -16,14 +16,12 @@ from manip3d.io._scan_tables import (
     exact_coordinates,
     general_fields,
     measured_points,
+    near_zero,
 )
 from manip3d.lidar import LidarFrame, ScanFormat
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-# Farther from 0 than this, float32 has steps of more than a millimetre.
-_FAR = 8192.0
 
 
 def _laspy() -> Any:
@@ -55,11 +53,7 @@ def read(path: Path, limit: int) -> LidarFrame:
         if isinstance(error, OSError) and error.errno is not None:
             raise
         raise FormatError(f"damaged LAS: {str(error)[:200]}", file=str(path)) from error
-    to_file = np.eye(4)
-    # Points beyond what float32 holds are refused below, as they stand in the file.
-    if len(exact) and _FAR < np.abs(exact).max() <= np.finfo(np.float32).max:
-        to_file[:3, 3] = np.round(exact.mean(axis=0))
-    layout = ScanFormat("las", header={"las": las.header}, to_file=to_file)
+    layout = ScanFormat("las", header={"las": las.header}, to_file=near_zero(exact))
     points = measured_points(exact, layout, str(path))
     name = "reflectance" if "reflectance" in columns else "intensity"
     return LidarFrame(

@@ -1,4 +1,4 @@
-"""Scans that are tables of points: KITTI, PCD, PLY, 3DTK; and what all scan formats share."""
+"""Scans that are tables of points: KITTI, PCD, PLY, 3DTK, text; and what all formats share."""
 
 from __future__ import annotations
 
@@ -27,6 +27,9 @@ Column = tuple[str, str, int]
 
 TABLE_SUFFIXES: tuple[str, ...] = tuple(_core.point_suffixes())
 _COMPRESSED = (".gz", ".xz")
+_TEXT = ("xyz", "asc", "pts", "txt", "csv")
+_FAR = 8192.0
+"""Metres; farther from 0 float32 has steps of more than a millimetre."""
 _INTENSITY = ("intensity", "reflectance", "reflectivity", "remission", "i")
 _RING = ("ring", "channel", "laser_id")
 
@@ -126,12 +129,15 @@ def frame_of_table(
     if num_dropped:
         by_name = {key: values[measured] for key, values in by_name.items()}
     stored = np.column_stack([by_name.pop(axis) for axis in "xyz"])
-    layout = ScanFormat(kind, table.layout, table.header, _to_file(kind))
+    to_file = near_zero(stored) if kind in _TEXT else _to_file(kind)
+    layout = ScanFormat(kind, table.layout, table.header, to_file)
     points = measured_points(stored, layout, name)
     intensity = _take(by_name, _INTENSITY, "fiu")
     ring = _take(by_name, _RING, "iu")
     if ring is None and kind == "nuscenes":
         ring = _whole(by_name, "ring", name)
+    if kind in _TEXT:  # all its columns are doubles
+        ring = next((_whole(by_name, key, name) for key in _RING if key in by_name), None)
     return LidarFrame(
         points=points,
         intensity=None if intensity is None else _finite(intensity.astype(np.float32), name),
@@ -193,6 +199,15 @@ def _to_file(kind: str) -> NDArray[np.float64]:
     return matrix
 
 
+def near_zero(stored: NDArray[Any]) -> NDArray[np.float64]:
+    """(4, 4): takes points near 0 to coordinates that lie far from it, as those of maps do."""
+    matrix = np.eye(4)
+    # Points beyond what float32 holds are refused as they stand in the file.
+    if len(stored) and _FAR < np.abs(stored).max() <= np.finfo(np.float32).max:
+        matrix[:3, 3] = np.round(stored.mean(axis=0))
+    return matrix
+
+
 def measured_points(stored: NDArray[Any], layout: ScanFormat, file: str) -> NDArray[np.float32]:
     """File coordinates as points of the frame: metres, our axes, near 0."""
     back = np.linalg.inv(layout.to_file)
@@ -219,7 +234,7 @@ def exact_coordinates(
 
 
 def _origin(kind: str, header: Mapping[str, str]) -> tuple[float, float, float] | None:
-    if kind == "ply":
+    if kind == "ply" or kind in _TEXT:
         return None
     if kind == "pcd":
         x, y, z = map(float, header["viewpoint"].split()[:3])
@@ -317,6 +332,19 @@ def _three_dtk_layout(frame: LidarFrame) -> ScanFormat:
     return ScanFormat("3dtk", tuple(columns), to_file=_to_file("3dtk"))
 
 
+def _text_layout(name: str) -> Callable[[LidarFrame], ScanFormat]:
+    def layout(frame: LidarFrame) -> ScanFormat:
+        columns = [column for column in _general_columns(frame) if column[2] == 1]
+        if name == "csv":
+            pairs = [("names", ",".join(column[0] for column in columns)), ("separator", ",")]
+        else:  # nothing would tell what other columns are
+            columns = columns[: 3 + (frame.intensity is not None)]
+            pairs = [("count", "")] if name == "pts" else []
+        return ScanFormat(name, tuple(columns), {"pairs": tuple(pairs)})
+
+    return layout
+
+
 def read_pose(path: Path) -> NDArray[np.float64] | None:
     """The (4, 4) pose in our axes, metres, of a ``.3d`` file's ``.pose`` file; None without one.
 
@@ -355,6 +383,7 @@ _TABLES = {
     ".pcd": _Table("pcd", _pcd_layout),
     ".ply": _Table("ply", _ply_layout),
     ".3d": _Table("3dtk", _three_dtk_layout),
+    **{f".{name}": _Table(name, _text_layout(name)) for name in _TEXT},
 }
 
 

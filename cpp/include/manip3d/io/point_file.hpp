@@ -16,7 +16,18 @@
 /// Point files as tables: every field of every point, as the file has it.
 namespace manip3d {
 
-enum class PointFormat : std::uint8_t { kKitti, kNuScenes, kPcd, kPly, k3dtk };
+enum class PointFormat : std::uint8_t {
+  kKitti,
+  kNuScenes,
+  kPcd,
+  kPly,
+  k3dtk,
+  kXyz,
+  kAsc,
+  kPts,
+  kTxt,
+  kCsv
+};
 
 enum class FieldType : std::uint8_t {
   kInt8,
@@ -44,6 +55,8 @@ struct PointField {
 /// PCD: `version`, `width`, `height`, `viewpoint`, `data` (ascii, binary, binary_compressed).
 /// PLY: `format` (ascii, binary_little_endian, binary_big_endian), `remark` (a whole line of
 /// comment or obj_info), `skipped` (an element that is not points).
+/// Text: `names` (the line that names the columns), `count` (the first line is the number of
+/// points), `separator` (where it is no blank).
 using PointHeader = std::vector<std::pair<std::string, std::string>>;
 
 /// The first value of a key; empty when there is none.
@@ -73,7 +86,10 @@ struct ReadPointsOptions {
 /// intensity, column_5, ...; a `.pcd.bin` with another number than 5 is an error. 3DTK's `.3d` has
 /// three or more finite numbers a line: x, y, z, and c3, c4, ... as double. PCD may be ascii,
 /// binary or binary_compressed. PLY: the element `vertex`, which has no lists and comes first;
-/// other elements are left out. Values of these two are as stored, NaN included.
+/// other elements are left out. Values of these two are as stored, NaN included. Text (`.xyz`,
+/// `.asc`, `.pts`, `.txt`, `.csv`) has a point a line, columns between commas, semicolons or
+/// blanks, named by a line before them or else x, y, z, intensity (of four and of seven), c3, c4,
+/// ...; an empty cell is NaN.
 /// @throws FormatError  with the file's name and the line or byte where reading stopped.
 /// @throws InputError  unknown suffix.
 /// @throws std::filesystem::filesystem_error  missing file and the like.

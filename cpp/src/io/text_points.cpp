@@ -1,0 +1,231 @@
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <charconv>
+#include <limits>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "io/point_formats.hpp"
+#include "io/point_values.hpp"
+#include "parse/input_buffer.hpp"
+#include "parse/line_cursor.hpp"
+
+namespace manip3d {
+namespace {
+
+constexpr std::size_t kMostColumns = 64;
+constexpr double kMissing = std::numeric_limits<double>::quiet_NaN();
+
+std::string_view trimmed(std::string_view text) {
+  const auto is_outer = [](char c) { return LineCursor::is_blank(c) || c == '"'; };
+  while (!text.empty() && is_outer(text.front())) text.remove_prefix(1);
+  while (!text.empty() && is_outer(text.back())) text.remove_suffix(1);
+  return text;
+}
+
+/// The separator of a line; ' ' stands for any number of blanks.
+char separator_of(std::string_view line) {
+  for (const char separator : {';', ','}) {
+    if (line.find(separator) != std::string_view::npos) return separator;
+  }
+  return ' ';
+}
+
+void split(std::string_view line, char separator, std::vector<std::string_view>& cells) {
+  cells.clear();
+  if (separator == ' ') {
+    LineCursor cursor(line, 0);
+    for (std::string_view word = cursor.word(); !word.empty(); word = cursor.word()) {
+      cells.push_back(trimmed(word));
+    }
+    return;
+  }
+  for (std::size_t begin = 0; begin <= line.size();) {
+    const std::size_t end = std::min(line.find(separator, begin), line.size());
+    cells.push_back(trimmed(line.substr(begin, end - begin)));
+    begin = end + 1;
+  }
+}
+
+/// Some writers end each line with a separator: an empty cell beyond those that there should be.
+void drop_last(std::vector<std::string_view>& cells, std::size_t expected) {
+  if (!cells.empty() && cells.size() == expected + 1 && cells.back().empty()) cells.pop_back();
+}
+
+/// A number, NaN and infinity included; false: the text is something else.
+bool to_number(std::string_view text, double& value) {
+  if (!text.empty() && text.front() == '+') text.remove_prefix(1);
+  const auto [stop, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  return error == std::errc() && stop == text.data() + text.size();
+}
+
+/// The name of a column in lower case; x, y and z in the words of other writers, too.
+std::string column_name(std::string_view text) {
+  std::string name(text);
+  std::transform(name.begin(), name.end(), name.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  const std::string_view unit = trimmed(std::string_view(name).substr(name.empty() ? 0 : 1));
+  const bool has_unit = unit.starts_with("(") || unit.starts_with("[") || unit == "_m";
+  for (int axis = 0; axis < 3; ++axis) {
+    const std::string number = std::to_string(axis);  // VeloView's names end with it
+    const bool is_letter = !name.empty() && name[0] == "xyz"[axis];
+    if ((is_letter && (name.size() == 1 || has_unit)) || name == "points_m_xyz:" + number ||
+        name == "points:" + number) {
+      return {"xyz"[axis]};
+    }
+  }
+  return name;
+}
+
+/// Names of columns, if the line tells where x, y and z are; else none.
+std::vector<std::string> column_names(std::string_view line) {
+  while (!line.empty() && (line.front() == '#' || line.front() == '/')) line.remove_prefix(1);
+  std::vector<std::string_view> cells;
+  split(line, separator_of(line), cells);
+  drop_last(cells, cells.size() - 1);
+  std::vector<std::string> names;
+  std::transform(cells.begin(), cells.end(), std::back_inserter(names), column_name);
+  for (const std::string axis : {"x", "y", "z"}) {
+    if (std::find(names.begin(), names.end(), axis) == names.end()) return {};
+  }
+  return names;
+}
+
+/// Names of columns that a file does not name: x, y, z, the intensity where there are four or
+/// seven (before red, green and blue, as in Leica's .pts), and c3, c4, ...
+std::vector<std::string> usual_names(std::size_t num_columns) {
+  std::vector<std::string> names = {"x", "y", "z"};
+  if (num_columns == 4 || num_columns == 7) names.emplace_back("intensity");
+  while (names.size() < num_columns) {
+    names.push_back(std::string("c").append(std::to_string(names.size())));
+  }
+  return names;
+}
+
+/// Reads the lines of one file.
+class TextReader {
+ public:
+  TextReader(ByteSource& source, const Progress& progress) : input_(source, progress) {}
+
+  PointTable read() {
+    std::string_view line;
+    while (input_.next_line(line)) {
+      line = trimmed_line(line);
+      if (line.empty() || is_comment(line) || (table_.num_points == 0 && is_head(line))) continue;
+      add_point(line);
+    }
+    if (table_.fields.empty()) set_columns(names_.empty() ? 3 : names_.size());
+    return std::move(table_);
+  }
+
+ private:
+  static std::string_view trimmed_line(std::string_view line) {
+    while (!line.empty() && LineCursor::is_blank(line.front())) line.remove_prefix(1);
+    while (!line.empty() && LineCursor::is_blank(line.back())) line.remove_suffix(1);
+    return line;
+  }
+
+  /// Is it a comment? One before the points may name the columns, as CloudCompare's does.
+  bool is_comment(std::string_view line) {
+    if (!line.starts_with("#") && !line.starts_with("//")) return false;
+    if (table_.num_points == 0 && names_.empty()) take_names(line);
+    return true;
+  }
+
+  /// Is it a line before the points: names of the columns, or the number of points (.pts)?
+  bool is_head(std::string_view line) {
+    split(line, separator_of(line), cells_);
+    double number = 0.0;
+    if (!cells_.empty() && to_number(cells_.front(), number)) {
+      if (cells_.size() > 1 || has_count_) return false;
+      has_count_ = true;
+      table_.header.emplace_back("count", "");
+      return true;
+    }
+    if (!names_.empty() || !take_names(line)) {
+      input_.fail_at_line("expected numbers, or names of columns with x, y and z");
+    }
+    return true;
+  }
+
+  bool take_names(std::string_view line) {
+    names_ = column_names(line);
+    if (names_.empty()) return false;
+    if (names_.size() > kMostColumns) input_.fail_at_line("more than 64 columns");
+    table_.header.emplace_back("names", line);
+    return true;
+  }
+
+  void set_columns(std::size_t num_columns) {
+    if (names_.empty()) names_ = usual_names(num_columns);
+    for (const std::string& name : names_) table_.fields.push_back({name, FieldType::kDouble});
+  }
+
+  void add_point(std::string_view line) {
+    if (table_.fields.empty()) {
+      separator_ = separator_of(line);
+      if (separator_ != ' ') table_.header.emplace_back("separator", std::string(1, separator_));
+    }
+    split(line, separator_, cells_);
+    if (table_.fields.empty()) {
+      drop_last(cells_, names_.empty() ? cells_.size() - 1 : names_.size());
+      if (cells_.size() > kMostColumns) input_.fail_at_line("more than 64 numbers");
+      set_columns(cells_.size());
+    }
+    drop_last(cells_, table_.fields.size());
+    if (cells_.size() != table_.fields.size() || cells_.size() < 3) {
+      input_.fail_at_line("expected " + std::to_string(table_.fields.size()) + " numbers, got " +
+                          std::to_string(cells_.size()));
+    }
+    for (const std::string_view cell : cells_) {
+      double value = kMissing;
+      if (!cell.empty() && !to_number(cell, value)) fail_at(cell);
+      const auto* raw = reinterpret_cast<const char*>(&value);
+      table_.rows.insert(table_.rows.end(), raw, raw + sizeof(value));
+    }
+    ++table_.num_points;
+    if (table_.num_points % 4096 == 0) input_.check_expansion(table_.rows.size());
+  }
+
+  [[noreturn]] void fail_at(std::string_view cell) {
+    LineCursor cursor(cell, input_.line());
+    cursor.fail("a column", "a number");
+  }
+
+  InputBuffer input_;
+  PointTable table_;
+  std::vector<std::string> names_;
+  std::vector<std::string_view> cells_;
+  char separator_ = ' ';
+  bool has_count_ = false;
+};
+
+}  // namespace
+
+// A point a line. Columns are separated by commas, semicolons or blanks; a line before them, a
+// comment or not, may name them.
+PointTable read_text_points(ByteSource& source, const Progress& progress) {
+  return TextReader(source, progress).read();
+}
+
+void write_text_points(Output& output, const PointTableView& table) {
+  for (const PointField& field : table.fields) {
+    if (field.count != 1) {
+      throw InputError("fields: text has one number a column, got '" + field.name + "'");
+    }
+  }
+  const std::string separator = header_value(table.header, "separator");
+  for (const auto& [key, value] : table.header) {
+    if (key == "names") output.text(value + "\n");
+    if (key == "count") output.text(std::to_string(table.num_points) + "\n");
+  }
+  const std::int64_t row_size = row_bytes(table.fields);
+  for (std::int64_t i = 0; i < table.num_points; ++i) {
+    write_text(output, table.fields, table.rows.data() + i * row_size,
+               separator.empty() ? " " : separator);
+  }
+}
+
+}  // namespace manip3d

@@ -1,0 +1,164 @@
+"""Scans as text: columns by name or by custom, and what is written back."""
+
+from __future__ import annotations
+
+import gzip
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from manip3d import FormatError, LidarFrame, io
+from manip3d.cli.kinds import kind_of
+from manip3d.io._scan_files import scan_paths
+
+EXPECTED = [[1.5, -2.0, 3.25], [4.0, 5.0, -6.0]]
+
+
+def read(path: Path, text: str, name: str = "a.csv") -> LidarFrame:
+    (path / name).write_bytes(text.encode())
+    return io.read_scan(path / name)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "1.5 -2 3.25 7\n4 5 -6 8\n",
+        "1.5,-2,3.25,7\r\n4,5,-6,8",
+        "1.5;-2;3.25;7;\n4;5;-6;8;\n",
+        "1.5\t-2\t+3.25\t7\n\n4\t5\t-6\t8\n",
+        "2\n1.5 -2 3.25 7\n4 5 -6 8\n",
+        "\ufeff1.5 -2 3.25 7\n# nobody\n// either\n4 5 -6 8\n",
+        "x,y,z,intensity\n1.5,-2,3.25,7\n4,5,-6,8\n",
+        "//X Y Z Intensity\n1.5 -2 3.25 7\n4 5 -6 8\n",
+        "# two scans\n# Z, I, X, Y\n3.25,7,1.5,-2\n-6,8,4,5\n",
+        '"X [m]";"Y(m)";"Z_m";"Reflectivity"\n"1.5";"-2";"3.25";"7"\n4;5;-6;8\n',
+        "intensity,Points_m_XYZ:0,Points_m_XYZ:1,Points_m_XYZ:2\n7,1.5,-2,3.25\n8,4,5,-6\n",
+        "Points:0,Points:1,Points:2,intensity\n1.5,-2,3.25,7\n4,5,-6,8\n",
+    ],
+)
+def test_columns_of_every_writer(text: str, tmp_path: Path) -> None:
+    for name in ("a.xyz", "a.asc", "a.pts", "a.txt", "a.csv"):
+        frame = read(tmp_path, text, name)
+        assert frame.points.tolist() == EXPECTED
+        assert frame.intensity is not None
+        assert frame.intensity.tolist() == [7.0, 8.0]
+        assert dict(frame.fields) == {}
+        assert frame.origin is None
+        assert kind_of(str(tmp_path / name)) == "scan"
+        frame.write(tmp_path / "again.csv")
+        again = io.read_scan(tmp_path / "again.csv")
+        assert again.points.tolist() == EXPECTED
+        assert again.intensity is not None
+        assert again.intensity.tolist() == [7.0, 8.0]
+
+
+def test_what_files_do_not_name(tmp_path: Path) -> None:
+    assert read(tmp_path, "1 2 3\n").intensity is None
+    leica = read(tmp_path, "1\n1 2 3 -500 255 128 0\n", "a.pts")
+    assert leica.intensity is not None
+    assert leica.intensity.tolist() == [-500.0]
+    assert [leica.fields[f"c{i}"].tolist() for i in (4, 5, 6)] == [[255.0], [128.0], [0.0]]
+    colored = read(tmp_path, "1 2 3 255 128 0\n")
+    assert colored.intensity is None
+    assert list(colored.fields) == ["c3", "c4", "c5"]
+
+
+def test_lasers_are_rings(tmp_path: Path) -> None:
+    frame = read(tmp_path, "x,y,z,laser_id,timestamp\n1,2,3,31,1311368163000001\n")
+    assert frame.ring is not None
+    assert (frame.ring.tolist(), frame.ring.dtype) == ([31], np.uint16)
+    assert frame.fields["timestamp"].tolist() == [1311368163000001.0]
+    with pytest.raises(FormatError, match="laser_id of point 0: expected a whole number"):
+        read(tmp_path, "x,y,z,laser_id\n1,2,3,0.5\n")
+
+
+def test_points_without_coordinates_are_counted(tmp_path: Path) -> None:
+    frame = read(tmp_path, "x,y,z\n1,2,3\n,,\nnan,NaN,nan\n4,5,6\n")
+    assert frame.points.tolist() == [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
+    assert frame.num_dropped == 2
+    assert frame.file_rows is not None
+    assert frame.file_rows.tolist() == [0, 3]
+
+
+def test_coordinates_of_maps_keep_their_millimetres(tmp_path: Path) -> None:
+    text = "450123.457 5412345.678 110.25\n450124.457 5412346.678 111.25\n"
+    frame = read(tmp_path, text, "a.xyz")
+    assert np.abs(frame.points).max() < 10.0
+    np.testing.assert_allclose(frame.points[1] - frame.points[0], 1.0, atol=1e-6)
+    frame.write(tmp_path / "b.xyz")
+    assert (tmp_path / "b.xyz").read_text() == text
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "X;Y;Z;class\n1.25;2;3;4\n",
+        "2\n1.25 2 3 -4 255 0 1\n5 6 7 8 9 10 11\n",
+        "//X Y Z\n1.25 2 3\n",
+        "0.1 0.2 0.3\n",
+    ],
+)
+def test_files_are_written_as_they_were_read(text: str, tmp_path: Path) -> None:
+    frame = read(tmp_path, text)
+    frame.write(tmp_path / "b.csv")
+    assert (tmp_path / "b.csv").read_text() == text
+
+
+def test_other_formats_become_text_and_back(tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    points = rng.normal(scale=30.0, size=(500, 3)).astype(np.float32)
+    intensity = rng.random(500).astype(np.float32)
+    ring = rng.integers(0, 64, 500).astype(np.uint16)
+    frame = LidarFrame(points, intensity, ring=ring)
+    for name in ("a.csv", "a.csv.gz", "a.xyz", "a.pts", "a.txt.xz"):
+        frame.write(tmp_path / name)
+        again = io.read_scan(tmp_path / name)
+        assert np.array_equal(again.points, points)
+        assert np.array_equal(again.intensity, intensity)  # type: ignore[arg-type]
+        if ".csv" in name:
+            assert np.array_equal(again.ring, ring)  # type: ignore[arg-type]
+    assert gzip.decompress((tmp_path / "a.csv.gz").read_bytes()).startswith(b"x,y,z,intensity,ring")
+    assert (tmp_path / "a.pts").read_text().startswith("500\n")
+    again.write(tmp_path / "b.bin")
+    assert np.array_equal(io.read_scan(tmp_path / "b.bin").points, points)
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "reason"),
+    [
+        ("time,class\n1,2\n", 1, "names of columns with x, y and z"),
+        ("hello\n", 1, "names of columns with x, y and z"),
+        ("x,y,z\nx,y,z\n1,2,3\n", 2, "names of columns"),
+        ("1 2\n", 1, "expected 3 numbers, got 2"),
+        ("1 2 3\n1 2\n", 2, "expected 3 numbers, got 2"),
+        ("x y z\n1 2 3 4\n", 2, "expected 3 numbers, got 4"),
+        ("1 2 3\n1 2 three\n", 2, "a column: expected a number, got 'three'"),
+        ("1;2,5;3,5\n", 1, "a column: expected a number, got '2,5'"),
+        ("1 2 3\n1 2 3e999\n", 2, "expected a number"),
+        ("5\n6\n7\n", 2, "expected 3 numbers, got 1"),
+        (" ".join(["1"] * 65), 1, "more than 64 numbers"),
+        (",".join(["x", "y", "z", *"a" * 62]), 1, "more than 64 columns"),
+    ],
+)
+def test_damaged_text_names_the_line(text: str, line: int, reason: str, tmp_path: Path) -> None:
+    with pytest.raises(FormatError, match=reason) as caught:
+        read(tmp_path, text)
+    assert caught.value.line == line
+
+
+def test_infinite_coordinates_are_refused(tmp_path: Path) -> None:
+    for text in ("inf 0 0\n", "1 2 3\n0 1e300 0\n"):
+        with pytest.raises(FormatError, match="expected coordinates that fit a float"):
+            read(tmp_path, text)
+
+
+def test_an_empty_file_has_no_points(tmp_path: Path) -> None:
+    for text in ("", "\n", "# nothing\n", "0\n", "x,y,z\n"):
+        assert read(tmp_path, text).num_points == 0
+
+
+def test_texts_of_a_folder_are_not_taken_for_scans(tmp_path: Path) -> None:
+    for name in ("a.xyz", "b.pts", "c.asc", "times.txt", "table.csv"):
+        (tmp_path / name).write_text("1 2 3\n")
+    assert [path.name for path in scan_paths(tmp_path)] == ["a.xyz", "b.pts", "c.asc"]
