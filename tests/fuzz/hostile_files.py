@@ -158,6 +158,12 @@ def depth_images() -> list[Files]:
         {"a.npy": stream.getvalue()},
         {"a.pgm": b"P5 16 12 65535\n" + values.astype(">u2").tobytes()},
     ]
+    floats = (values / 1000).astype("<f4")[::-1].tobytes()
+    found.append({"a.pfm": b"Pf\n16 12\n-1.0\n" + floats})
+    for save in (np.savez, np.savez_compressed):
+        stream = io.BytesIO()
+        save(stream, depth=values.astype(np.int32)[None], mask=values > 0)
+        found.append({"a.npz": stream.getvalue()})
     for suffix in (".png", ".tif"):
         found.append(written(lambda p: Image.fromarray(values).save(p), f"a{suffix}"))
     return found

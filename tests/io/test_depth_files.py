@@ -6,6 +6,7 @@ import io
 import struct
 import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,6 +25,8 @@ def encoded(kind: str, depth: np.ndarray = DEPTH) -> bytes:
     stream = io.BytesIO()
     if kind == "npy":
         np.save(stream, depth)
+    elif kind == "npz":
+        np.savez(stream, depth)
     elif kind == "pgm":
         header = f"P5\n# a comment\n{depth.shape[1]} {depth.shape[0]}\n65535\n".encode()
         return header + depth.astype(">u2").tobytes()
@@ -32,7 +35,7 @@ def encoded(kind: str, depth: np.ndarray = DEPTH) -> bytes:
     return stream.getvalue()
 
 
-@pytest.mark.parametrize("kind", ["PNG", "TIFF", "pgm", "npy"])
+@pytest.mark.parametrize("kind", ["PNG", "TIFF", "pgm", "npy", "npz"])
 def test_every_format_gives_the_stored_numbers(kind: str, tmp_path: Path) -> None:
     path = tmp_path / "depth.bin"  # the content decides
     path.write_bytes(encoded(kind))
@@ -41,6 +44,62 @@ def test_every_format_gives_the_stored_numbers(kind: str, tmp_path: Path) -> Non
     assert depth.flags.c_contiguous
     assert depth.flags.writeable
     np.testing.assert_array_equal(depth, DEPTH)
+
+
+@pytest.mark.parametrize("shape", [(2, 3, 1), (1, 2, 3), (1, 1, 2, 3, 1)])
+@pytest.mark.parametrize("dtype", ["<u2", ">u2", "<i4", ">i4", "<u4", "<i8", "<u8"])
+def test_whole_arrays_of_any_width_and_with_axes_of_one(
+    shape: tuple[int, ...], dtype: str, tmp_path: Path
+) -> None:
+    np.save(tmp_path / "depth.npy", DEPTH.astype(dtype).reshape(shape))
+    depth = read_depth(tmp_path / "depth.npy")
+    assert (depth.dtype, depth.flags.writeable) == (np.uint16, True)
+    np.testing.assert_array_equal(depth, DEPTH)
+
+
+def test_whole_numbers_below_zero_are_no_measurement(tmp_path: Path) -> None:
+    np.save(tmp_path / "depth.npy", np.int16([[-1, 5], [0, 32_767]]))
+    np.testing.assert_array_equal(read_depth(tmp_path / "depth.npy"), [[0, 5], [0, 32_767]])
+    np.save(tmp_path / "depth.npy", np.int32([[1, 65_536]]))
+    with pytest.raises(FormatError, match="whole numbers of at most 65535, got 65536"):
+        read_depth(tmp_path / "depth.npy")
+
+
+@pytest.mark.parametrize("dtype", ["<f2", ">f2", ">f4", ">f8"])
+def test_fractions_of_any_width_are_metres(dtype: str, tmp_path: Path) -> None:
+    metres = np.array([[0.0, 0.5, 1.25], [2.0, np.nan, 4.0]], dtype)
+    np.save(tmp_path / "depth.npy", metres[..., None])
+    depth = read_depth(tmp_path / "depth.npy")
+    assert (depth.dtype, depth.shape) == (np.float32, (2, 3))
+    np.testing.assert_array_equal(depth, metres.astype(np.float32))
+
+
+@pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
+def test_archives_of_one_array_or_of_depth(save: Any, tmp_path: Path) -> None:
+    path = tmp_path / "frame.npz"
+    for arrays in ({"arr_0": DEPTH}, {"depth": DEPTH[None], "mask": DEPTH > 0}):
+        save(path, **arrays)
+        np.testing.assert_array_equal(read_depth(path), DEPTH)
+    save(path, image=DEPTH, mask=DEPTH > 0)
+    with pytest.raises(FormatError, match="one array, or one named depth, got image, mask"):
+        read_depth(path)
+    save(path)
+    with pytest.raises(FormatError, match="got none"):
+        read_depth(path)
+    np.savez_compressed(path, np.zeros((8192, 4096), np.float64))
+    with pytest.raises(FormatError, match="claim to hold"):
+        read_depth(path)
+
+
+@pytest.mark.parametrize(("scale", "order"), [("-1.0", "<f4"), ("1", ">f4"), ("-0.003922", "<f4")])
+def test_pfm_begins_with_its_lowest_row(scale: str, order: str, tmp_path: Path) -> None:
+    metres = np.array([[0.5, 1.5, np.inf], [2.5, np.nan, 4.5]], order)
+    path = tmp_path / "depth.pfm"
+    path.write_bytes(f"Pf\n3 2\n{scale}\n".encode() + metres[::-1].tobytes())
+    expected = np.float32([[0.5, 1.5, 0.0], [2.5, np.nan, 4.5]])
+    depth = read_depth(path)
+    assert depth.dtype == np.float32
+    np.testing.assert_array_equal(depth, expected)
 
 
 def test_other_units_become_metres(tmp_path: Path) -> None:
@@ -119,6 +178,15 @@ HOSTILE = {
         npy_header("{'descr':'<f8','fortran_order':False,'shape':(1099511627776,1)}"),
         "expected at most",
     ),
+    "pfm header": (b"Pf 2 ", "expected a PFM header"),
+    "pfm scale": (b"Pf\n1 1\n0.0\n\0\0\0\0", "expected a PFM header"),
+    "pfm no scale": (b"Pf\n1 1\ne+-\n\0\0\0\0", "expected a PFM header"),
+    "pfm colours": (b"PF\n1 1\n-1.0\n" + bytes(12), "got colours"),
+    "pfm short": (b"Pf\n2 1\n-1.0\n" + bytes(7), "expected 8 bytes of pixels, got 7"),
+    "pfm huge": (b"Pf\n99999999 99999999\n-1.0\n", "expected at most"),
+    "npz no archive": (b"PK\x03\x04junk", "damaged .npz"),
+    "npz damaged": (encoded("npz")[:70] + b"\xff" + encoded("npz")[71:], "damaged .npz"),
+    "npz cut": (encoded("npz")[:-30], "damaged .npz"),
     "npy short": (
         npy_header("{'descr':'<f8','fortran_order':False,'shape':(2,2)}") + bytes(31),
         "expected 32 bytes of pixels, got 31",

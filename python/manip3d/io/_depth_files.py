@@ -1,4 +1,4 @@
-"""Reading of depth images: 16-bit PNG, PGM and TIFF, and NumPy arrays. `manip3d.io.read_depth`."""
+"""Reading of depth images: 16-bit PNG, PGM and TIFF, PFM, and NumPy arrays; `read_depth`."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import io
 import os
 import re
 import warnings
+import zipfile
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from manip3d.errors import Error, FormatError, InputError, MissingExtraError
 from manip3d.io._files import open_regular
 from manip3d.io._limits import byte_limit, check_points, clock
 from manip3d.io._remote import local_copy
+from manip3d.io._scan_tables import refuse_expansion
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,7 +25,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from PIL import Image
 
-DEPTH_SUFFIXES = (".png", ".pgm", ".tif", ".tiff", ".npy")
+DEPTH_SUFFIXES = (".png", ".pgm", ".tif", ".tiff", ".pfm", ".npy", ".npz")
 """Suffixes that `read_depth` knows."""
 
 MILLIMETRES = 1000.0
@@ -43,10 +45,12 @@ def read_depth(
     Parameters
     ----------
     path : path-like or URL
-        16-bit grey PNG, PGM or TIFF, or ``.npy``; the content decides, not the suffix.
+        16-bit grey PNG, PGM or TIFF, ``.pfm``, ``.npy`` or ``.npz``; the content decides, not the
+        suffix. Arrays may have further axes of length 1: (H, W, 1), (1, H, W). Of an ``.npz`` the
+        only array is read, or the one that is named ``depth``.
     units_per_metre : float
         Stored units per metre of whole-number images: 1000 for Kinect and most others, 5000 for TUM
-        and ICL-NUIM. Images of floating-point numbers (TIFF, ``.npy``) are metres.
+        and ICL-NUIM. Images of floating-point numbers (TIFF, ``.pfm``, ``.npy``) are metres.
     max_pixels : int
         Larger images are refused before anything is allocated for them.
 
@@ -185,12 +189,16 @@ def is_color_png(path: str | os.PathLike[str]) -> bool:
 
 def decode_depth(data: bytes, max_pixels: int) -> NDArray[Any]:
     if data.startswith(b"\x93NUMPY"):
-        return _read_npy(data, max_pixels)
+        return _depth_of_npy(data, max_pixels)
     if re.match(rb"P5[\s#]", data):
         return _read_pgm(data, max_pixels)
     if data.startswith((b"\x89PNG\r\n\x1a\n", b"II*\0", b"MM\0*")):
         return _read_with_pillow(data, max_pixels)
-    kinds = "a 16-bit PNG, PGM or TIFF, or a .npy file"
+    if re.match(rb"P[fF]\s", data):
+        return _read_pfm(data, max_pixels)
+    if data.startswith(b"PK"):
+        return _read_npz(data, max_pixels)
+    kinds = "a 16-bit PNG, PGM or TIFF, or a .pfm, .npy or .npz file"
     raise FormatError(f"expected {kinds}, got bytes that begin with {data[:8]!r}", byte_offset=0)
 
 
@@ -243,16 +251,81 @@ def _read_pgm(data: bytes, max_pixels: int) -> NDArray[np.uint16]:
     return pixels.astype(np.uint16)
 
 
+# --- PFM: floats, the lowest row first -----------------------------------------------------------
+
+_PFM_HEADER = re.compile(rb"P([fF])\s+(\d{1,9})\s+(\d{1,9})\s+([-+]?[0-9.eE+-]{1,32})\s")
+
+
+def _read_pfm(data: bytes, max_pixels: int) -> NDArray[np.float32]:
+    header = _PFM_HEADER.match(data, 0, 8192)
+    try:
+        scale = float(header[4]) if header else 0.0
+    except ValueError:
+        scale = 0.0
+    if header is None or not scale:
+        raise FormatError("expected a PFM header 'Pf WIDTH HEIGHT SCALE'", byte_offset=0)
+    if header[1] == b"F":
+        raise FormatError("expected a PFM of one channel (Pf), got colours (PF)", byte_offset=0)
+    columns, rows = int(header[2]), int(header[3])
+    _checked_size(rows, columns, max_pixels)
+    size, start = 4 * rows * columns, header.end()
+    if len(data) - start < size:
+        raise FormatError(
+            f"expected {size} bytes of pixels, got {len(data) - start}", byte_offset=start
+        )
+    order = "<f4" if scale < 0 else ">f4"
+    pixels = np.frombuffer(data, order, rows * columns, start).reshape(rows, columns)[::-1]
+    # Infinity is what Middlebury and others store where nothing is known.
+    return np.where(np.isinf(pixels), np.float32(0.0), pixels).astype(np.float32)
+
+
 # --- NumPy -------------------------------------------------------------------------------------
 
 
-_DTYPES = (np.uint16, np.float32, np.float64)
-_MAP_DTYPES = (np.bool_, np.uint8, *_DTYPES)
+_DEPTH_DTYPES = (
+    np.uint16, np.int16, np.uint32, np.int32, np.uint64, np.int64,
+    np.float16, np.float32, np.float64,
+)  # fmt: skip
+_MAP_DTYPES = (np.bool_, np.uint8, np.uint16, np.float32, np.float64)
 
 
-def _read_npy(
-    data: bytes, max_pixels: int, dtypes: tuple[type[np.generic], ...] = _DTYPES
-) -> NDArray[Any]:
+def _read_npz(data: bytes, max_pixels: int) -> NDArray[Any]:
+    """The only array of an archive, or the one that is called depth."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            arrays = {
+                entry.filename.removesuffix(".npy"): entry
+                for entry in archive.infolist()
+                if entry.filename.endswith(".npy")
+            }
+            entry = next(iter(arrays.values())) if len(arrays) == 1 else arrays.get("depth")
+            if entry is None:
+                names = ", ".join(sorted(arrays)[:20]) or "none"
+                raise FormatError(f"expected one array, or one named depth, got {names}")
+            refuse_expansion(entry.file_size, len(data), byte_limit(None), "")
+            with archive.open(entry) as member:
+                array = member.read(8 * max_pixels + _HEADER_BYTES)
+    except Error:
+        raise
+    except Exception as error:  # zipfile and zlib fail with a dozen types on damaged files
+        raise FormatError(f"damaged .npz: {str(error) or type(error).__name__}") from error
+    return _depth_of_npy(array, max_pixels)
+
+
+def _depth_of_npy(data: bytes, max_pixels: int) -> NDArray[Any]:
+    """An array as depth images are stored: uint16, float32 or float64."""
+    stored = _read_npy(data, max_pixels, _DEPTH_DTYPES)
+    if stored.dtype.kind == "f":
+        return stored.astype(np.float32) if stored.dtype.itemsize == 2 else stored
+    if stored.dtype == np.uint16:
+        return stored.astype(np.uint16, copy=False)
+    if stored.max() > 65535:
+        raise FormatError(f"expected whole numbers of at most 65535, got {stored.max()}")
+    # Numbers below 0 are no measurements, as of fractions.
+    return np.asarray(np.maximum(stored, 0), np.uint16)
+
+
+def _read_npy(data: bytes, max_pixels: int, dtypes: tuple[type[np.generic], ...]) -> NDArray[Any]:
     stream = io.BytesIO(data)
     try:
         version = np.lib.format.read_magic(stream)
@@ -263,7 +336,11 @@ def _read_npy(
         shape, fortran, dtype = read_header(stream, max_header_size=10_000)
     except Exception as error:  # the header is a Python literal: it fails in many ways
         raise FormatError("expected a header of a .npy file", byte_offset=0) from error
-    if len(shape) != 2 or dtype not in dtypes:
+    while len(shape) > 2 and shape[0] == 1:
+        shape = shape[1:]
+    while len(shape) > 2 and shape[-1] == 1:
+        shape = shape[:-1]
+    if len(shape) != 2 or dtype.newbyteorder("=") not in dtypes:
         *names, last = (np.dtype(known).name for known in dtypes)
         raise FormatError(
             f"expected a 2-D array of {', '.join(names)} or {last}, got {dtype} {shape}"
@@ -276,7 +353,8 @@ def _read_npy(
             f"expected {size} bytes of pixels, got {len(data) - start}", byte_offset=start
         )
     pixels = np.frombuffer(data, dtype, shape[0] * shape[1], start)
-    return pixels.reshape(shape, order="F" if fortran else "C")
+    values: NDArray[Any] = pixels.reshape(shape, order="F" if fortran else "C")
+    return values.astype(dtype.newbyteorder("="), copy=False)
 
 
 # --- PNG and TIFF ------------------------------------------------------------------------------

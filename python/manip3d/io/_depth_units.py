@@ -157,7 +157,7 @@ def read_depth_guessing(
     Parameters
     ----------
     path : path-like
-        16-bit grey PNG, PGM or TIFF, or ``.npy``; the content decides, not the suffix.
+        As of `read_depth`; the content decides, not the suffix.
     unit : str or float
         ``guess``, one of `DEPTH_UNITS`, or the number of units per metre.
     max_pixels : int
