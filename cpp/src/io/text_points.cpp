@@ -15,7 +15,7 @@
 namespace manip3d {
 namespace {
 
-constexpr std::size_t kMostColumns = 64;
+constexpr std::size_t kMostCells = 64;
 constexpr double kMissing = std::numeric_limits<double>::quiet_NaN();
 
 std::string_view trimmed(std::string_view text) {
@@ -153,7 +153,7 @@ class TextReader {
   bool take_names(std::string_view line) {
     names_ = column_names(line);
     if (names_.empty()) return false;
-    if (names_.size() > kMostColumns) input_.fail_at_line("more than 64 columns");
+    if (names_.size() > kMostCells) input_.fail_at_line("more than 64 columns");
     table_.header.emplace_back("names", line);
     return true;
   }
@@ -171,7 +171,7 @@ class TextReader {
     split(line, separator_, cells_);
     if (table_.fields.empty()) {
       drop_last(cells_, names_.empty() ? cells_.size() - 1 : names_.size());
-      if (cells_.size() > kMostColumns) input_.fail_at_line("more than 64 numbers");
+      if (cells_.size() > kMostCells) input_.fail_at_line("more than 64 numbers");
       set_columns(cells_.size());
     }
     drop_last(cells_, table_.fields.size());
