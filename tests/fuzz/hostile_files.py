@@ -144,6 +144,19 @@ def las_files(suffix: str) -> list[Files]:
     return [written(lambda p, f=f, v=v: write(p, f, v), f"a{suffix}") for f, v in forms]
 
 
+def arrays() -> list[Files]:
+    rows = np.random.default_rng(0).normal(size=(20, 5))
+    named = np.zeros(
+        9, [("x", ">f4"), ("y", "<f8"), ("z", "<f4"), ("ring", "u1"), ("rgb", "u1", 3)]
+    )
+    found = []
+    for array in (rows[:, :3].astype(np.float32), rows, np.asfortranarray(rows), named):
+        stream = io.BytesIO()
+        np.save(stream, array)
+        found.append({"a.npy": stream.getvalue()})
+    return found
+
+
 def e57_files() -> list[Files]:
     return [written(lambda p: files.write_scans([small_scan(0), small_scan(1)], p), "a.e57")]
 
@@ -465,6 +478,7 @@ KINDS = {
             )
         ),
         Kind("scan.pcd.bin", nuscenes, scan),
+        Kind("scan.npy", arrays, scan),
         Kind("scan.las", lambda: las_files(".las"), scan),
         Kind("scan.laz", lambda: las_files(".laz"), scan),
         Kind("scan.e57", e57_files, scan),

@@ -47,7 +47,19 @@ PROGRAM = textwrap.dedent(
             print(code, path)
     """
 )
-SCANS = (".pcd", ".bin", ".ply", ".3d", ".csv", ".las", ".laz", ".e57", ".pcd.gz", ".ply.xz")
+SCANS = (
+    ".pcd",
+    ".bin",
+    ".ply",
+    ".3d",
+    ".csv",
+    ".npy",
+    ".las",
+    ".laz",
+    ".e57",
+    ".pcd.gz",
+    ".ply.xz",
+)
 READERS = {
     "io.read_scan(path)": SCANS,
     "io.read_depth(path)": (".png", ".npy", ".tif"),

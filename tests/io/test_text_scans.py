@@ -93,8 +93,8 @@ def test_coordinates_of_maps_keep_their_millimetres(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "text",
     [
-        "X;Y;Z;class\n1.25;2;3;4\n",
-        "2\n1.25 2 3 -4 255 0 1\n5 6 7 8 9 10 11\n",
+        "X;Y;Z;class;I\n1.25;2;3;4;0.1\n",
+        "2\n1.25 2 3 -4.7 255 0 1\n5 6 7 8 9 10 11\n",
         "//X Y Z\n1.25 2 3\n",
         "0.1 0.2 0.3\n",
     ],
@@ -151,6 +151,8 @@ def test_infinite_coordinates_are_refused(tmp_path: Path) -> None:
     for text in ("inf 0 0\n", "1 2 3\n0 1e300 0\n"):
         with pytest.raises(FormatError, match="expected coordinates that fit a float"):
             read(tmp_path, text)
+    with pytest.raises(FormatError, match="intensity of point 1: expected a finite number"):
+        read(tmp_path, "1 2 3 4\n1 2 3 1e300\n")
 
 
 def test_an_empty_file_has_no_points(tmp_path: Path) -> None:

@@ -95,7 +95,7 @@ WRITERS: dict[str, Write] = {
         name: _mesh(name)
         for name in (".obj", ".obj.gz", ".ply", ".off.xz", ".stl", ".glb", ".gltf")
     },
-    **{name: _scan(name) for name in (".pcd", ".bin", ".ply.gz", ".3d", ".xyz")},
+    **{name: _scan(name) for name in (".pcd", ".bin", ".ply.gz", ".3d", ".xyz", ".npy")},
     **({name: _scan(name) for name in (".las", ".laz")} if find_spec("laspy") else {}),
     **({".e57": _scan(".e57")} if find_spec("pye57") else {}),
     "text": lambda place, which: atomic_write(place / "a.md", f"{which}" * 50_000),

@@ -10,6 +10,7 @@ from typing import Any
 from manip3d.errors import InputError
 from manip3d.io import DEPTH_SUFFIXES, READABLE, SCAN_SUFFIXES, is_color_png
 from manip3d.io._scan_files import FOLDER_SUFFIXES
+from manip3d.io._scan_npy import is_npy_scan
 
 _HEADER_BYTES = 1 << 16  # where a PLY file names its elements
 _PICTURES = (".jpg", ".jpeg", ".bmp", ".tga", ".gif", ".webp")
@@ -77,7 +78,7 @@ def kind_of(source: str) -> str:
         return _kind_of_ply(path)
     if suffix in READABLE and suffix not in SCAN_SUFFIXES:
         return "mesh"
-    if suffix in SCAN_SUFFIXES:
+    if suffix in SCAN_SUFFIXES and (suffix != ".npy" or is_npy_scan(path)):
         return "scan"
     if suffix in DEPTH_SUFFIXES:
         return "picture" if is_color_png(path) else "depth"

@@ -15,11 +15,13 @@ from manip3d.io._remote import is_url, local_copy, local_output
 from manip3d.io._scan_tables import scan_suffix
 from manip3d.lidar import LidarFrame
 
-SCAN_SUFFIXES: tuple[str, ...] = (*tables.TABLE_SUFFIXES, ".las", ".laz", ".e57")
+SCAN_SUFFIXES: tuple[str, ...] = (*tables.TABLE_SUFFIXES, ".npy", ".las", ".laz", ".e57")
 """Suffixes that `read_scan` and `write_scan` know; LAS, LAZ and E57 need an extra."""
 
-FOLDER_SUFFIXES: tuple[str, ...] = tuple(s for s in SCAN_SUFFIXES if s not in (".txt", ".csv"))
-"""Those of them by which folders are searched: most other texts in a folder are no scans."""
+FOLDER_SUFFIXES: tuple[str, ...] = tuple(
+    suffix for suffix in SCAN_SUFFIXES if suffix not in (".txt", ".csv", ".npy")
+)
+"""Those of them by which folders are searched: most texts and arrays in a folder are no scans."""
 
 
 @checked
@@ -53,10 +55,12 @@ def read_scan(
         far from it. Text (``.xyz``, ``.asc``, ``.pts``, ``.txt``, ``.csv``): a point a line,
         columns between commas, semicolons or blanks, named by a line before them, else x, y, z,
         the intensity where there are four or seven, and ``c3`` and so on; coordinates as of LAS,
-        the scanner's place not known. E57: the scanner's own frame, the scanner at the origin; its
-        pose is ``format.header["pose"]``. Points of PCD, PLY, text and E57 without coordinates
-        (NaN, empty, marked invalid) were not measured: they are dropped and counted, and
-        ``file_rows`` has the rows of the others. ``.bin`` has no such points: NaN there is damage.
+        the scanner's place not known. ``.npy``: rows of x, y, z, the intensity and up to four more
+        numbers, or a structured array that names them; else as text. E57: the scanner's own frame,
+        the scanner at the origin; its pose is ``format.header["pose"]``. Points of all but ``.bin``
+        without coordinates (NaN, empty, marked invalid) were not measured: they are dropped and
+        counted, and ``file_rows`` has the rows of the others. ``.bin`` has no such points: NaN there
+        is damage.
 
     Raises
     ------
@@ -126,6 +130,10 @@ def _read_local(path: Path, limit: int, look: Callable[[float], None] | None) ->
         from manip3d.io import _scan_e57
 
         return _scan_e57.read_all(path, limit)
+    if suffix == ".npy":
+        from manip3d.io import _scan_npy
+
+        return [_scan_npy.read(path, limit)]
     return [tables.read_table(path, limit, look)]
 
 
@@ -169,6 +177,10 @@ def write_scan(frame: LidarFrame, path: str | os.PathLike[str]) -> None:
             from manip3d.io import _scan_las
 
             return _scan_las.write(frame, local)
+        if scan_suffix(local) == ".npy":
+            from manip3d.io import _scan_npy
+
+            return _scan_npy.write(frame, local)
         return tables.write_table(frame, os.fspath(local))
 
 

@@ -28,6 +28,8 @@ Column = tuple[str, str, int]
 TABLE_SUFFIXES: tuple[str, ...] = tuple(_core.point_suffixes())
 _COMPRESSED = (".gz", ".xz")
 _TEXT = ("xyz", "asc", "pts", "txt", "csv")
+_UNSTATED = (*_TEXT, "npy")
+"""Formats that do not say where the scanner is, or which of their numbers are whole."""
 _FAR = 8192.0
 """Metres; farther from 0 float32 has steps of more than a millimetre."""
 _INTENSITY = ("intensity", "reflectance", "reflectivity", "remission", "i")
@@ -100,11 +102,19 @@ def read_table(
     dtype = _dtype(columns)
     values = raw.view(dtype) if raw.size else np.empty(num_points, dtype)
     header: dict[str, Any] = {"pairs": tuple((str(a), str(b)) for a, b in pairs)}
-    table = Table(kind, _columns(values, columns), name, columns, header)
+    layout = _with_short_intensity(columns) if kind in _TEXT else columns
+    table = Table(kind, _columns(values, columns), name, layout, header)
     frame = frame_of_table(table, origin=_origin(kind, dict(header["pairs"])))
     if kind == "3dtk":
         header["pose"] = read_pose(Path(name))
     return frame
+
+
+def _with_short_intensity(columns: tuple[Column, ...]) -> tuple[Column, ...]:
+    """The columns of a text with the intensity as float32: 0.1 is written as it was read."""
+    names = {column[0] for column in columns}
+    taken = next((name for name in _INTENSITY if name in names), None)
+    return tuple((name, "<f4" if name == taken else kind, n) for name, kind, n in columns)
 
 
 def frame_of_table(
@@ -129,18 +139,21 @@ def frame_of_table(
     if num_dropped:
         by_name = {key: values[measured] for key, values in by_name.items()}
     stored = np.column_stack([by_name.pop(axis) for axis in "xyz"])
-    to_file = near_zero(stored) if kind in _TEXT else _to_file(kind)
+    to_file = near_zero(stored) if kind in _UNSTATED else _to_file(kind)
     layout = ScanFormat(kind, table.layout, table.header, to_file)
     points = measured_points(stored, layout, name)
     intensity = _take(by_name, _INTENSITY, "fiu")
+    if intensity is not None:
+        with np.errstate(over="ignore", invalid="ignore"):
+            intensity = _finite(intensity.astype(np.float32), name)
     ring = _take(by_name, _RING, "iu")
     if ring is None and kind == "nuscenes":
         ring = _whole(by_name, "ring", name)
-    if kind in _TEXT:  # all its columns are doubles
+    if ring is None and kind in _UNSTATED:
         ring = next((_whole(by_name, key, name) for key in _RING if key in by_name), None)
     return LidarFrame(
         points=points,
-        intensity=None if intensity is None else _finite(intensity.astype(np.float32), name),
+        intensity=intensity,
         ring=ring,
         origin=origin,
         time_ns=time_ns,
@@ -242,7 +255,7 @@ def _origin(kind: str, header: Mapping[str, str]) -> tuple[float, float, float] 
     return 0.0, 0.0, 0.0
 
 
-def _packed(frame: LidarFrame, layout: ScanFormat) -> NDArray[Any]:
+def packed_rows(frame: LidarFrame, layout: ScanFormat) -> NDArray[Any]:
     """The rows of the file."""
     table = np.zeros(frame.num_points, _dtype(layout.columns))
     own = frame.format is not None and frame.format.name == layout.name
@@ -395,7 +408,7 @@ def write_table(frame: LidarFrame, name: str) -> None:
         return
     own = frame.format is not None and frame.format.name == table.name
     layout = frame.format if own and frame.format is not None else table.layout(frame)
-    rows = _packed(frame, layout)
+    rows = packed_rows(frame, layout)
     header = [(key, value) for key, value in _header(layout, frame)]
     data = rows.view(np.int8)
     _core.write_points(os.fsencode(name), list(layout.columns), header, len(rows), data)

@@ -20,6 +20,7 @@ from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
 from manip3d.io._files import limited_bytes
 from manip3d.io._scan_files import SCAN_SUFFIXES
+from manip3d.io._scan_npy import is_npy_scan
 from manip3d.io._scan_tables import scan_suffix
 from manip3d.lidar import LidarFrame
 from manip3d.viewer.points import DepthImage
@@ -95,7 +96,10 @@ def kind_of(source: str | os.PathLike[str]) -> Kind:
         return "scan"
     if rgbd_address(name) is not None:
         return "rgbd"
-    if Path(name).suffix.lower() in io.DEPTH_SUFFIXES:
+    path = Path(name)
+    if path.suffix.lower() == ".npy" and path.is_file() and is_npy_scan(path):
+        return "scan"
+    if path.suffix.lower() in io.DEPTH_SUFFIXES:
         return "depth"
     suffix = scan_suffix(name)
     if suffix in SCAN_SUFFIXES and (suffix != ".ply" or not _has_faces(Path(name))):

@@ -1,0 +1,131 @@
+"""Scans as NumPy arrays: rows of x, y, z, intensity and more, or a structured array."""
+
+from __future__ import annotations
+
+import io
+import os
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d.errors import FormatError
+from manip3d.io._files import atomic_path, open_regular
+from manip3d.io._limits import check_points
+from manip3d.io._scan_tables import Column, Table, frame_of_table, packed_rows
+from manip3d.lidar import LidarFrame, ScanFormat
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+_MAGIC = b"\x93NUMPY"
+_MOST_HEADER = 1 << 16
+_FEWEST, _MOST = 3, 8
+"""Columns of a scan. No depth image is that narrow."""
+_NAMES = ("x", "y", "z", "intensity")
+
+
+def is_npy_scan(path: str | os.PathLike[str]) -> bool:
+    """Return whether an array is a scan, not a depth image: by its shape or its names.
+
+    Raises
+    ------
+    OSError
+        It cannot be read.
+    """
+    with open_regular(path) as file:
+        head = file.read(_MOST_HEADER)
+    try:
+        shape, _, dtype, _ = _header(head)
+    except FormatError:
+        return False
+    return dtype.names is not None or (len(shape) == 2 and _FEWEST <= shape[1] <= _MOST)
+
+
+def read(path: Path, limit: int) -> LidarFrame:
+    """As `manip3d.io.read_scan`."""
+    name = str(path)
+    try:
+        with open_regular(path) as file:
+            data = file.read(limit + 1) if limit else file.read()
+        if limit and len(data) > limit:
+            raise FormatError(f"more than max_bytes = {limit}")
+        shape, is_fortran, dtype, start = _header(data[:_MOST_HEADER])
+        rows = shape[0] if len(shape) == 2 and dtype.names is None else int(np.prod(shape))
+        check_points(rows, "")
+        layout = _layout(shape, dtype)
+        count = int(np.prod(shape))
+        if len(data) - start < count * dtype.itemsize:
+            raise FormatError(
+                f"expected {count * dtype.itemsize} bytes of numbers, got {len(data) - start}",
+                byte_offset=start,
+            )
+    except FormatError as error:
+        raise FormatError(error.reason, file=name, byte_offset=error.byte_offset) from error
+    values = np.frombuffer(data, dtype, count, start)
+    values = values.reshape(shape, order="F" if is_fortran else "C")
+    if dtype.names is None:
+        columns = {column[0]: values[:, i] for i, column in enumerate(layout)}
+    else:
+        flat = values.ravel()
+        columns = {column[0]: flat[column[0]] for column in layout}
+    native = {key: v.astype(v.dtype.newbyteorder("=")) for key, v in columns.items()}
+    header = {"plain": dtype.names is None}
+    return frame_of_table(Table("npy", native, name, layout, header), origin=None)
+
+
+def write(frame: LidarFrame, path: Path) -> None:
+    """As `manip3d.io.write_scan`: as it was read, or rows of x, y, z and the intensity."""
+    layout = frame.format
+    if layout is None or layout.name != "npy":
+        names = _NAMES if frame.intensity is not None else _NAMES[:3]
+        layout = ScanFormat("npy", tuple((n, "<f4", 1) for n in names), {"plain": True})
+    rows = packed_rows(frame, layout)
+    if layout.header["plain"]:
+        array: NDArray[Any] = rows.view(layout.columns[0][1]).reshape(len(rows), -1)
+    else:
+        named = [(c[0], c[1]) if c[2] == 1 else (c[0], c[1], (c[2],)) for c in layout.columns]
+        array = rows.view(np.dtype(named))
+    with atomic_path(path) as local, local.open("wb") as file:
+        np.save(file, array, allow_pickle=False)
+
+
+def _header(head: bytes) -> tuple[tuple[int, ...], bool, np.dtype[Any], int]:
+    """Shape, order, type, and where the numbers begin."""
+    stream = io.BytesIO(head)
+    try:
+        version = np.lib.format.read_magic(stream)
+        read_header = {
+            (1, 0): np.lib.format.read_array_header_1_0,
+            (2, 0): np.lib.format.read_array_header_2_0,
+        }[version]
+        shape, is_fortran, dtype = read_header(stream, max_header_size=_MOST_HEADER)
+    except Exception as error:  # the header is a Python literal: it fails in many ways
+        raise FormatError("expected a header of a .npy file", byte_offset=0) from error
+    if any(side < 0 for side in shape) or dtype.hasobject:
+        raise FormatError(f"expected an array of numbers, got {dtype} {shape}", byte_offset=0)
+    return shape, is_fortran, dtype, stream.tell()
+
+
+def _layout(shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[Column, ...]:
+    """The columns of an array; the first three of a plain one are x, y and z."""
+    if dtype.names is not None:
+        assert dtype.fields is not None
+        found = [(name, *_kind(dtype.fields[name][0])) for name in dtype.names]
+        return tuple(column for column in found if column[2] > 0)
+    if len(shape) != 2 or not _FEWEST <= shape[1] <= _MOST or dtype.kind not in "iuf":
+        raise FormatError(
+            f"expected (N, {_FEWEST}) to (N, {_MOST}) numbers or a structured array, "
+            f"got {dtype} {shape}"
+        )
+    names = [*_NAMES, *(f"column_{i}" for i in range(5, _MOST + 1))]
+    return tuple((name, _kind(dtype)[0], 1) for name in names[: shape[1]])
+
+
+def _kind(dtype: np.dtype[Any]) -> tuple[str, int]:
+    """NumPy's name of a field's type, little endian, and its numbers; 0 where it is no number."""
+    base, shape = dtype.base, dtype.shape
+    if base.kind not in "iuf" or len(shape) > 1:
+        return "", 0
+    return f"<{base.kind}{base.itemsize}", shape[0] if shape else 1
