@@ -348,6 +348,27 @@ def test_a_jacket_that_is_put_on_is_learnt_while_nobody_is_near() -> None:
         assert dressed(key, both, 5.5) == comes_back_as
 
 
+def without_spine(skeleton: Skeleton) -> Skeleton:
+    states = skeleton.states.copy()
+    states[[JOINTS.index(name) for name in ("SpineBase", "SpineMid", "SpineShoulder", "Neck")]] = 0
+    return replace(skeleton, states=states)
+
+
+@pytest.mark.parametrize(("visitor_at", "comes_back_as"), [(2.0, 5), (0.8, 6)])
+def test_a_visitor_whose_spine_is_not_tracked_is_near_too(
+    visitor_at: float, comes_back_as: int
+) -> None:
+    """Shoulders and hips tell how far the visitor stands from a jacket that would be learnt."""
+    key = KeyPerson()
+    visitor = without_spine(person(2, visitor_at)), REDDISH
+    assert dressed(key, [(person(1, 0.0), RED), visitor], 0.0) == 1
+    for k in range(1, 151):
+        assert dressed(key, [(person(1, 0.0), BLUE), visitor], k / 30) == 1
+    assert dressed(key, [], 5.4) is None
+    both = [(person(5, 0.2), BLUE), (person(6, -0.2), RED)]
+    assert dressed(key, both, 5.5) == comes_back_as
+
+
 def test_clothes_that_are_hidden_for_a_moment_are_not_forgotten() -> None:
     """An arm lies before the shirt for a second: the patient in red is still told from others."""
     key = KeyPerson()

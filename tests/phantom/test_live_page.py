@@ -44,6 +44,17 @@ def stage() -> Iterator[Stage]:
     found.server.stop()
 
 
+def test_an_empty_message_does_not_indent_what_follows(chromium: None, stage: Stage) -> None:
+    """On a page as narrow as a phone's the row of questions wraps after its first message."""
+    lefts = "['rating', 'unwell'].map((id) => document.getElementById(id).offsetLeft)"
+    with _chromium.open_address(stage.server.new_url(), (390, 900)) as tab:
+        wait_for(lambda: stage.server.num_clients == 1)
+        tab.evaluate("document.body.style.width = '390px'")  # windows are not so narrow
+        tab.evaluate("document.getElementById('asking').hidden = false")
+        left, below = json.loads(tab.evaluate(f"JSON.stringify({lefts})"))
+        assert left == below
+
+
 def test_the_phantom_hand_bursts_a_bubble_on_the_page(chromium: None, stage: Stage) -> None:
     with _chromium.open_address(stage.server.new_url(), (1280, 800)) as tab:
         wait_for(lambda: stage.server.num_clients == 1)

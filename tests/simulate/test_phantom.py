@@ -147,3 +147,31 @@ def test_smoothing_steadies_the_hand() -> None:
         spread.append(np.std(hands[10:], axis=0).max())
     assert spread[0] > 0.03
     assert spread[2] < 0.7 * spread[1] < 0.7 * spread[0]
+
+
+@pytest.mark.parametrize(
+    ("limb", "motion"),
+    [("left_arm", "elbow-bent"), ("right_arm", "still"), ("left_leg", "still")],
+)
+def test_an_empty_sleeve_goes_with_the_limb(limb: Any, motion: str) -> None:
+    """The tracker makes up joints of the missing limb, and the cloth hangs beside them."""
+    simulator = simulated(
+        motion=motion,
+        side="right" if limb.startswith("left") else "left",
+        amputated=limb,
+        dressing="sleeve",
+        tracker="kinect-v2",
+        frames=16,
+        seed=2,
+    )
+    pipeline = PhantomPipeline(limb)
+    left = []
+    for number in range(16):
+        capture = simulator.capture(number / 30.0)
+        result = pipeline.process(capture.frame)
+        points = DEPTH_CAMERA.unproject(capture.frame.depth)
+        root = capture.truth.joints[LIMBS[limb][0]]
+        cloth = np.isin(capture.truth.bones, LIMBS[limb][1:]) & (capture.frame.depth > 0)
+        away = cloth & (np.linalg.norm(points - root, axis=-1) > 0.10)
+        left.append((away & (result.kinds == PixelKind.BODY)).sum() / cloth.sum())
+    assert np.median(left) < 0.10

@@ -25,6 +25,22 @@ double trunk_length(const Skeleton& person) {
   return (person[Joint::kSpineShoulder] - person[Joint::kSpineBase]).cast<double>().norm();
 }
 
+/// May two people stand within a distance of each other? The first joint of the trunk that both
+/// have tells; where they have none in common, anybody who is seen at all may be near.
+bool may_be_within(const Skeleton& a, const Skeleton& b, double distance) {
+  using enum Joint;
+  constexpr std::array kTrunk = {kSpineBase, kSpineMid, kSpineShoulder, kNeck,
+                                 kHipLeft,   kHipRight, kShoulderLeft,  kShoulderRight};
+  for (const Joint joint : kTrunk) {
+    if (!is_usable(a, joint) || !is_usable(b, joint)) continue;
+    return (a[joint] - b[joint]).cast<double>().norm() < distance;
+  }
+  for (std::size_t joint = 0; joint < kNumJoints; ++joint) {
+    if (is_usable(b, static_cast<Joint>(joint))) return true;
+  }
+  return false;
+}
+
 /// The person of least cost below `most`, by the lower id if two cost the same.
 template <typename Cost>
 std::optional<std::size_t> cheapest(std::span<const Skeleton> people, double most,
@@ -273,8 +289,7 @@ bool KeyPerson::is_surely_the_same(std::span<const Skeleton> people, std::size_t
   const Eigen::Vector3f here = *spine_base(people[person]);
   if ((here - position_).cast<double>().norm() > kNear + kWalk * lost) return false;
   for (std::size_t i = 0; i < people.size(); ++i) {
-    const auto base = i == person ? std::nullopt : spine_base(people[i]);
-    if (base && (*base - here).cast<double>().norm() < kAlone) return false;
+    if (i != person && may_be_within(people[person], people[i], kAlone)) return false;
   }
   return true;
 }

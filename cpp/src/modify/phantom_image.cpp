@@ -13,9 +13,6 @@
 namespace manip3d {
 namespace {
 
-// Two pixels whose depths differ by less show one surface; also the reach of a limb's own skin.
-constexpr float kSameSurface = 0.05F;
-
 std::array<bool, kNumJoints> limb_bones(Limb limb) {
   std::array<bool, kNumJoints> bones{};
   for (std::size_t bone = 0; bone < kNumJoints; ++bone) bones[bone] = is_limb_bone(limb, bone);
@@ -150,8 +147,6 @@ void draw_person(const PersonPoints& points, const PhantomImage& image) {
   }
 }
 
-namespace {
-
 void take_out(std::int32_t pixel, const PhantomImage& image) {
   image.depth[pixel] = 0.0F;
   image.label[pixel] = 0;
@@ -160,6 +155,8 @@ void take_out(std::int32_t pixel, const PhantomImage& image) {
   image.removal[pixel] = Removal::kRemoved;
 }
 
+namespace {
+
 void put_back(std::int32_t pixel, float z, std::uint8_t label, const PhantomImage& image) {
   const auto cols = static_cast<std::int32_t>(image.cols);
   image.depth[pixel] = image.source_depth[pixel] = z;
@@ -167,18 +164,6 @@ void put_back(std::int32_t pixel, float z, std::uint8_t label, const PhantomImag
   image.kind[pixel] = PixelKind::kBody;
   image.source[2 * pixel] = pixel / cols;
   image.source[2 * pixel + 1] = pixel % cols;
-}
-
-/// Calls use(pixel) for those above, below and beside a pixel, with -1 beyond the border.
-template <typename Use>
-void for_each_neighbor(std::int32_t pixel, const PhantomImage& image, const Use& use) {
-  const auto cols = static_cast<std::int32_t>(image.cols);
-  const auto size = cols * static_cast<std::int32_t>(image.rows);
-  const std::int32_t u = pixel % cols;
-  use(u > 0 ? pixel - 1 : -1);
-  use(u + 1 < cols ? pixel + 1 : -1);
-  use(pixel >= cols ? pixel - cols : -1);
-  use(pixel + cols < size ? pixel + cols : -1);
 }
 
 }  // namespace
@@ -347,15 +332,11 @@ void mirror_limb(const PersonPoints& points, Limb intact, double radius, double 
   }
 }
 
-namespace {
-
 bool is_trunk(std::uint8_t bone) {
   using enum Joint;
   const auto joint = static_cast<Joint>(bone);
   return joint == kSpineMid || joint == kSpineShoulder || joint == kHipLeft || joint == kHipRight;
 }
-
-}  // namespace
 
 void mirror_around_root(const PersonPoints& points, const Eigen::Vector3f& root, double radius,
                         const BodyFrame& frame, const Mirror& mirror, bool with_trunk,

@@ -13,11 +13,19 @@
 /// 4.3.1, and 4.7.1 for legs.
 namespace manip3d {
 
+/// Two pixels whose depths differ by less show one surface; also the reach of a limb's own skin.
+inline constexpr float kSameSurface = 0.05F;  // metres
+
+/// Is it a bone of the spine below the neck, or one to a hip?
+bool is_trunk(std::uint8_t bone);
+
 /// The fate of a person's pixel when the limb is taken out.
 enum class Removal : std::uint8_t {
   kNone,
-  kRemoved,    ///< Taken out, as a part of the limb.
-  kPassedOver  ///< Looked at, and left.
+  kRemoved,       ///< Taken out, as a part of the limb.
+  kPassedOver,    ///< Looked at, and left.
+  kPerhapsCloth,  ///< Passes the weak test of loose cloth.
+  kSurelyCloth    ///< Passes the strong one too.
 };
 
 /// Borrowed images of one size, row by row.
@@ -47,6 +55,21 @@ class PixelProjector {
 
 /// Empties the images and draws the person.
 void draw_person(const PersonPoints& points, const PhantomImage& image);
+
+/// Empties a pixel.
+void take_out(std::int32_t pixel, const PhantomImage& image);
+
+/// Calls use(pixel) for those above, below and beside a pixel, with -1 beyond the border.
+template <typename Use>
+void for_each_neighbor(std::int32_t pixel, const PhantomImage& image, const Use& use) {
+  const auto cols = static_cast<std::int32_t>(image.cols);
+  const auto size = cols * static_cast<std::int32_t>(image.rows);
+  const std::int32_t u = pixel % cols;
+  use(u > 0 ? pixel - 1 : -1);
+  use(u + 1 < cols ? pixel + 1 : -1);
+  use(pixel >= cols ? pixel - cols : -1);
+  use(pixel + cols < size ? pixel + cols : -1);
+}
 
 /// Takes out the points of a limb: those of its label within `radius` of its bone and `flesh` of
 /// its skin. How many.

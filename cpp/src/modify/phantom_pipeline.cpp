@@ -11,6 +11,7 @@
 #include "manip3d/error.hpp"
 #include "manip3d/modify/limb_fit.hpp"
 #include "manip3d/modify/trunk_tracker.hpp"
+#include "modify/loose_cloth.hpp"
 #include "modify/phantom_mesh.hpp"
 #include "modify/phantom_quality.hpp"
 #include "modify/pixel_bounds.hpp"
@@ -139,6 +140,44 @@ double visible_share(const Skeleton& skeleton, Limb limb, const PixelProjector& 
   return all > 0.0 ? seen / all : 0.0;
 }
 
+/// Length of a limb along its usable joints, metres.
+float limb_length(const Skeleton& skeleton, Limb limb) {
+  float length = 0.0F;
+  Joint last = limb_root(limb);
+  for (const Joint joint : limb_chain(limb)) {
+    if (!is_usable(skeleton, joint) || !is_usable(skeleton, last)) continue;
+    length += (skeleton[joint] - skeleton[last]).norm();
+    last = joint;
+  }
+  return length;
+}
+
+/// Has the person the affected limb? An amputee has none in any frame, though the joints that a
+/// tracker invents may lie on the person in some, so the answer is a running mean over about a
+/// second.
+class LimbPresence {
+ public:
+  void add(const Skeleton& skeleton, Limb affected, const PixelProjector& projector,
+           const std::uint8_t* label) {
+    constexpr double kLeastVisible = 0.5, kMemory = 0.95;  // of a limb's length; frame to frame
+    constexpr float kOtherLength = 0.3F;  // two arms, or two legs, of a person differ by less
+    const float length = limb_length(skeleton, affected);
+    const float intact = limb_length(skeleton, opposite(affected));
+    const auto chain = limb_chain(affected).first(kNumMainJoints);
+    const bool is_tracked = std::ranges::all_of(
+        chain, [&](Joint j) { return skeleton.state(j) == TrackingState::kTracked; });
+    const bool is_seen = is_tracked && std::abs(length - intact) < kOtherLength * intact &&
+                         visible_share(skeleton, affected, projector, label) >= kLeastVisible;
+    const double now = is_seen ? 1.0 : 0.0;
+    share_ = share_ ? kMemory * *share_ + (1.0 - kMemory) * now : now;
+  }
+  [[nodiscard]] bool is_there() const { return share_ && *share_ >= 0.5; }
+  void reset() { share_.reset(); }
+
+ private:
+  std::optional<double> share_;  ///< Share of the frames in which the limb was seen.
+};
+
 /// Takes the body from where it was to where it is.
 class BodyMotion {
  public:
@@ -211,10 +250,13 @@ class PhantomPipeline::Workspace {
     }
     clock.end(PhantomStage::kSegmentation);
     if (!options_.keep_residual) {
+      const PixelProjector projector(*camera_, rays_);
+      if (is_here_) presence_.add(*person, options_.affected, projector, image.label);
       report.num_removed =
           remove_limb(points_, options_.affected, removal_radius(), flesh(), image);
       if (goes_by_skin()) {
         report.num_removed += remove_rest(points_, options_.affected, image, vertex_of_);
+        report.num_removed += remove_cloth(*fitted, input.depth, image);
       }
     }
     clock.end(PhantomStage::kRemoval);
@@ -318,6 +360,7 @@ class PhantomPipeline::Workspace {
     person_.reset();
     smoother_.reset();
     inferred_.reset();
+    presence_.reset();
     trunk_.reset();
     frame_.reset();
     ends_.reset();
@@ -486,6 +529,23 @@ class PhantomPipeline::Workspace {
       if (seen) frame_->origin = person[origin].cast<double>();
     }
     if (frame_) mirror_ = make_mirror(*frame_, options_.mode);
+  }
+
+  /// Takes out an empty sleeve or leg of trousers of a person who has no such limb.
+  std::int64_t remove_cloth(const Skeleton& person, const DepthView& depth,
+                            const PhantomImage& image) {
+    const Limb affected = options_.affected, intact = opposite(affected);
+    if (presence_.is_there() || !frame_ || !is_usable(person, limb_root(intact))) return 0;
+    if (options_.mode != MirrorMode::kReflection) return 0;  // others keep no distances
+    const Eigen::Vector3f root =
+        is_usable(person, limb_root(affected))
+            ? person[limb_root(affected)]
+            : mirror_(person[limb_root(intact)].cast<double>()).cast<float>();
+    const ClothSearch search{
+        affected, root,   limb_length(person, intact), static_cast<float>(camera_->fx),
+        *frame_,  mirror_};
+    return remove_loose_cloth(points_, search, depth, PixelProjector(*camera_, rays_), image,
+                              vertex_of_);
   }
 
   /// Can the intact limb be mirrored, and if not, what becomes of the last phantom?
@@ -681,6 +741,7 @@ class PhantomPipeline::Workspace {
   JointSmoother smoother_;
   KeyPerson key_person_;
   InferredClock inferred_;
+  LimbPresence presence_;
   TrunkTracker trunk_;
   PictureJudge picture_;
   std::optional<Ends> ends_;  ///< In the last frame with a phantom of its own.

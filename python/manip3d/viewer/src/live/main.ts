@@ -406,7 +406,10 @@ function tellGame(status: Status, message: string): void {
   card.hidden = game.phase === "playing";
   const lines: string[] = [];
   let heading = title;
-  const button = views.inHeadset ? "the trigger of a controller" : "Start, or the space bar,";
+  // Narrow pages are phones: like the style sheet, they leave keys out.
+  const isNarrow = matchMedia("(max-width: 640px)").matches;
+  const atPage = isNarrow ? "Start below" : "Start below, or the space bar,";
+  const button = views.inHeadset ? "the trigger of a controller" : atPage;
   if (game.phase === "waiting") lines.push(how, `Press ${button} when you are ready.`);
   if (game.phase === "starting") lines.push("Stand so that the whole body is seen, facing the camera.");
   if (game.phase === "paused") {

@@ -1,0 +1,156 @@
+#include "modify/loose_cloth.hpp"
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+
+namespace manip3d {
+namespace {
+
+// Lengths in metres.
+constexpr float kSeenThrough = 0.08F;  // a body so far behind the mirrored place is not there
+constexpr float kMargin = 0.03F;       // error of the plane and of a body's symmetry
+constexpr float kOfOther = 0.03F;      // farther from its skin, a point is not certainly a limb's
+constexpr float kAbove = 0.05F;        // cloth hangs below the root
+constexpr float kTrunkHalf = 0.10F;    // an arm's sleeve hangs farther than that from the plane
+constexpr float kBeyond = 1.15F;       // length of the cloth over that of the limb
+constexpr std::size_t kLeastPixels = 20;  // fewer are the noise of an edge
+
+/// Tests a point against the body's symmetry.
+class ClothTest {
+ public:
+  ClothTest(const ClothSearch& search, const DepthView& depth, const PixelProjector& projector,
+            const PhantomImage& image)
+      : search_(search),
+        depth_(depth),
+        projector_(projector),
+        image_(image),
+        linear_(search.mirror.linear.cast<float>()),
+        offset_(search.mirror.offset.cast<float>()),
+        n_(search.frame.n.cast<float>()),
+        up_(search.frame.y.cast<float>()),
+        origin_(search.frame.origin.cast<float>()),
+        side_(n_.dot(search.root - origin_) < 0.0F ? -1.0F : 1.0F) {}
+
+  /// May the cloth of the limb hang here?
+  [[nodiscard]] bool is_in_reach(const Eigen::Vector3f& p) const {
+    const Eigen::Vector3f from = p - search_.root;
+    const float most = kBeyond * search_.length;
+    const float least = is_arm(search_.affected) ? kTrunkHalf : kMargin;
+    return from.squaredNorm() < most * most && up_.dot(from) < kAbove &&
+           side_ * n_.dot(p - origin_) > least;
+  }
+
+  /// Is the mirrored place, moved towards the plane by a margin, seen empty or as the intact limb?
+  [[nodiscard]] bool is_cloth(const Eigen::Vector3f& p, float margin) const {
+    const Eigen::Vector3f q = linear_ * p + offset_ + side_ * margin * n_;
+    const std::int32_t pixel = projector_.pixel(q.x(), q.y(), q.z());
+    if (pixel < 0 || image_.removal[pixel] == Removal::kRemoved) return false;
+    if (image_.kind[pixel] == PixelKind::kBody) {
+      const bool is_intact = is_limb_bone(opposite(search_.affected), image_.label[pixel]);
+      const float least = is_intact ? -kSameSurface : kSeenThrough;
+      return image_.depth[pixel] - q.z() > least;
+    }
+    const float z = depth_.millimetres != nullptr
+                        ? 0.001F * static_cast<float>(depth_.millimetres[pixel])
+                        : depth_.metres[pixel];
+    return !(z > 0.0F) || z > q.z() + kSameSurface;
+  }
+
+ private:
+  const ClothSearch& search_;
+  const DepthView& depth_;
+  const PixelProjector& projector_;
+  const PhantomImage& image_;
+  Eigen::Matrix3f linear_;
+  Eigen::Vector3f offset_, n_, up_, origin_;
+  float side_;
+};
+
+/// Marks the points that pass the weak or the strong test.
+void mark_cloth(const PersonPoints& points, const ClothSearch& search, const ClothTest& test,
+                const PhantomImage& image) {
+  for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
+    const std::int32_t pixel = points.pixel[i];
+    if (image.kind[pixel] != PixelKind::kBody) continue;
+    const std::uint8_t label = points.label[i];
+    const bool may_be = label == limb_label(search.affected) || is_trunk(label) ||
+                        points.skin_distance[i] > kOfOther;
+    const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
+    if (!may_be || !test.is_in_reach(p) || !test.is_cloth(p, 0.0F)) continue;
+    image.removal[pixel] =
+        test.is_cloth(p, kMargin) ? Removal::kSurelyCloth : Removal::kPerhapsCloth;
+  }
+}
+
+/// A piece of cloth: pixels that pass the strong test and hang together, and then the weak ones
+/// that are no farther from them than the tests are apart.
+class ClothPiece {
+ public:
+  ClothPiece(const PhantomImage& image, std::vector<std::int32_t>& stack)
+      : image_(image), stack_(stack) {}
+
+  /// Number of pixels that pass the strong test.
+  std::size_t start(std::int32_t pixel) {
+    count_ = 0;
+    add(pixel);
+    for (std::size_t next = 0; next < count_; ++next) spread(stack_[next], Removal::kSurelyCloth);
+    return count_;
+  }
+
+  void grow(std::int32_t rings) {
+    std::size_t begin = 0;
+    for (std::int32_t ring = 0; ring < rings; ++ring) {
+      const std::size_t end = count_;
+      for (; begin < end; ++begin) spread(stack_[begin], Removal::kPerhapsCloth);
+    }
+  }
+
+  std::int64_t take_all_out() const {
+    for (std::size_t k = 0; k < count_; ++k) take_out(stack_[k], image_);
+    return static_cast<std::int64_t>(count_);
+  }
+
+ private:
+  void add(std::int32_t pixel) {
+    image_.removal[pixel] = Removal::kPassedOver;
+    stack_[count_++] = pixel;
+  }
+  void spread(std::int32_t pixel, Removal to) {
+    for_each_neighbor(pixel, image_, [&](std::int32_t beside) {
+      if (beside < 0 || image_.removal[beside] != to) return;
+      const float step = image_.source_depth[beside] - image_.source_depth[pixel];
+      if (std::abs(step) < kSameSurface) add(beside);
+    });
+  }
+
+  const PhantomImage& image_;
+  std::vector<std::int32_t>& stack_;
+  std::size_t count_ = 0;
+};
+
+}  // namespace
+
+std::int64_t remove_loose_cloth(PersonPoints& points, const ClothSearch& search,
+                                const DepthView& depth, const PixelProjector& projector,
+                                const PhantomImage& image, std::vector<std::int32_t>& stack) {
+  mark_cloth(points, search, ClothTest(search, depth, projector, image), image);
+  const auto rings = static_cast<std::int32_t>(
+      std::ceil(kMargin * search.focal / std::max(search.root.z(), 0.1F)));
+  ClothPiece piece(image, stack);
+  std::int64_t removed = 0;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
+    if (image.removal[points.pixel[i]] != Removal::kSurelyCloth) continue;
+    if (piece.start(points.pixel[i]) < kLeastPixels) continue;
+    piece.grow(rings);
+    removed += piece.take_all_out();
+  }
+  for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
+    const bool was_removed = image.removal[points.pixel[i]] == Removal::kRemoved;
+    if (was_removed && points.label[i] != limb_label(search.affected)) points.label[i] = 0;
+  }
+  return removed;
+}
+
+}  // namespace manip3d
