@@ -59,8 +59,8 @@ def read_scan(
         numbers, or a structured array that names them; else as text. E57: the scanner's own frame,
         the scanner at the origin; its pose is ``format.header["pose"]``. Points of all but ``.bin``
         without coordinates (NaN, empty, marked invalid) were not measured: they are dropped and
-        counted, and ``file_rows`` has the rows of the others. ``.bin`` has no such points: NaN there
-        is damage.
+        counted, and ``file_rows`` has the rows of the others. ``.bin`` has no such points: NaN
+        there is damage.
 
     Raises
     ------

@@ -217,7 +217,7 @@ def near_zero(stored: NDArray[Any]) -> NDArray[np.float64]:
     matrix = np.eye(4)
     # Points beyond what float32 holds are refused as they stand in the file.
     if len(stored) and _FAR < np.abs(stored).max() <= np.finfo(np.float32).max:
-        matrix[:3, 3] = np.round(stored.mean(axis=0))
+        matrix[:3, 3] = np.round(stored.mean(axis=0, dtype=np.float64))
     return matrix
 
 
