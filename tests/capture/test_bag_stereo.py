@@ -470,3 +470,17 @@ def test_options_that_contradict_are_refused(tmp_path: Path) -> None:
             watched(bag, frames=0)
     with pytest.raises(InputError, match="carriers: expected a folder"):
         datasets.watched_kitti(tmp_path, carriers=tmp_path / "pictures")
+
+
+@pytest.mark.parametrize("cameras", [None, "none"])
+def test_a_topic_without_scans_is_named_by_its_file(cameras: str | None, tmp_path: Path) -> None:
+    from rosbags import rosbag2
+
+    plugin = rosbag2.StoragePlugin.MCAP
+    with rosbag2.Writer(tmp_path / "bag", version=8, storage_plugin=plugin) as writer:
+        writer.add_connection("/top", CLOUD, typestore=TYPES)
+        writer.add_connection("/side", CLOUD, typestore=TYPES)
+    drive = capture.watched_recording(f"bag:{tmp_path / 'bag'}#/top", cameras=cameras)
+    with pytest.raises(FormatError, match="expected scans, found none") as caught:
+        list(drive.moments)
+    assert caught.value.file == str(tmp_path / "bag")

@@ -201,7 +201,8 @@ def test_packets_of_no_scanner_are_said_to_be_so(tmp_path: Path) -> None:
     recording.write_bytes(pcap([ethernet(udp_frame(b"noise"))] * 3))
     done = run(recording, "-q")
     assert done.exit_code == 1
-    assert "holds no scan; counted: bad length 3" in str(done.exception)
+    told = f"{recording}: expected scans, found none; counted: bad length 3"
+    assert told in str(done.exception)
     assert "an Ouster's recording needs its JSON file" in str(done.exception)
 
 

@@ -17,7 +17,7 @@ from manip3d._util.times import SECOND_NS
 from manip3d.authenticate import TURN_S, DriveMoment, StereoRig, WatchedDrive, read_rigs
 from manip3d.capture._bag import BagPicture, BagRecording
 from manip3d.capture._bag_pictures import decoded, pose_of
-from manip3d.capture._lidar import LidarSource, open_lidar
+from manip3d.capture._lidar import LidarSource, expect_scans, open_lidar
 from manip3d.errors import Error, FormatError, InputError
 from manip3d.lidar import LidarFrame
 
@@ -117,22 +117,14 @@ def watched_recording(
         raise
     if note is not None and why:
         note(why)
-    moments = _expect_some(matched(bag.messages(pair), pair), place)
+    moments = expect_scans(matched(bag.messages(pair), pair), uri, bag.counters)
     return WatchedDrive(rig, itertools.islice(moments, frames), frames or 0)
 
 
 def _scans(recording: LidarSource, uri: str) -> Iterator[DriveMoment]:
     with recording:
-        yield from _expect_some((_moment(frame) for frame in recording), uri.partition(":")[2])
-
-
-def _expect_some(moments: Iterator[DriveMoment], file: str) -> Iterator[DriveMoment]:
-    """The moments of a file that must hold at least one scan."""
-    first = next(moments, None)
-    if first is None:
-        raise FormatError("expected scans, found none", file=file)
-    yield first
-    yield from moments
+        scans = (_moment(frame) for frame in recording)
+        yield from expect_scans(scans, uri, lambda: recording.counters)
 
 
 def _only_rig(path: str | os.PathLike[str]) -> StereoRig:

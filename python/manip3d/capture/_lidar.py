@@ -6,9 +6,9 @@ import contextlib
 import inspect
 import os
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -17,13 +17,15 @@ from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.capture._frame_source import FrameSource
 from manip3d.capture._velodyne_calibration import VelodyneCalibration, read_velodyne_calibration
-from manip3d.errors import InputError
+from manip3d.errors import FormatError, InputError
 from manip3d.lidar import LidarFrame, ScanFormat
 
 RETURN_TYPES: tuple[str, ...] = ("unknown", "strongest", "last", "both")
 """What the values of ``fields["return_type"]`` mean; both: the last return is the strongest."""
 
 DEFAULT_PORT = 2368
+
+_Item = TypeVar("_Item")
 
 
 @checked
@@ -262,6 +264,28 @@ def _refuse_unused(scheme: str, arguments: Mapping[str, Any]) -> None:
         value = arguments[name]
         if value is not parameters[name].default and value != parameters[name].default:
             raise InputError(f"{name}: expected none for {scheme}:, got {value!r}")
+
+
+def expect_scans(
+    items: Iterable[_Item], uri: str, counters: Callable[[], Mapping[str, int]]
+) -> Iterator[_Item]:
+    """Pass on what is made of a recording's scans, and refuse a recording that ends without one.
+
+    The error tells what was counted instead: only that shows why packets gave no scan.
+    """
+    is_empty = True
+    for item in items:
+        is_empty = False
+        yield item
+    if not is_empty:
+        return
+    counted = counters()
+    told = ", ".join(f"{name.replace('_', ' ')} {n}" for name, n in counted.items() if n)
+    reason = "expected scans, found none" + (f"; counted: {told}" if told else "")
+    scheme, _, place = uri.partition(":")
+    if scheme == "pcap" and counted.get("bad_length"):
+        reason += "; an Ouster's recording needs its JSON file of the same name beside it"
+    raise FormatError(reason, file=place.partition("#")[0] if scheme == "bag" else place)
 
 
 class _Drive:

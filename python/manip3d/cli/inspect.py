@@ -27,7 +27,7 @@ from manip3d.cli.options import (
 )
 from manip3d.cli.terminal import Terminal, check_output, counted, shown, table
 from manip3d.cli.watermark import key_of
-from manip3d.errors import Error, FormatError, InputError
+from manip3d.errors import Error, InputError
 from manip3d.io import is_url
 from manip3d.io._scan_files import FOLDER_SUFFIXES
 
@@ -359,6 +359,7 @@ class Drive:
     def frames(self) -> Iterator[LidarFrame | None]:
         """The scans; None for one that cannot be read, with which a recording ends."""
         from manip3d import authenticate, capture
+        from manip3d.capture._lidar import expect_scans
         from manip3d.io import read_scan
         from manip3d.viewer import scan_address
 
@@ -380,20 +381,10 @@ class Drive:
             raise InputError(f"{self._source}: expected a file, a folder or one of {known}")
         with capture.open_lidar(uri, calibration=self._calibration) as opened:
             try:
-                for number, frame in enumerate(opened):
+                scans = expect_scans(opened, uri, lambda: opened.counters)
+                for number, frame in enumerate(scans):
                     self.names.append(f"frame {number}")
                     yield frame
-                if not self.names:
-                    counters = opened.counters.items()
-                    told = ", ".join(f"{name.replace('_', ' ')} {n}" for name, n in counters if n)
-                    hint = (
-                        "; an Ouster's recording needs its JSON file of the same name beside it"
-                        if uri.startswith("pcap:") and opened.counters["bad_length"]
-                        else ""
-                    )
-                    raise FormatError(
-                        f"holds no scan; counted: {told or 'nothing'}{hint}", file=uri
-                    )
             except (Error, OSError) as error:
                 if not self.names:
                     raise
