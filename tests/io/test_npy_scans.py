@@ -130,3 +130,13 @@ def test_hostile_arrays_are_refused(data: bytes, reason: str, tmp_path: Path) ->
     with pytest.raises(FormatError, match=reason) as caught:
         read_scan(path)
     assert caught.value.file == str(path)
+
+
+def test_empty_arrays_are_written_and_impossible_shapes_refused(tmp_path: Path) -> None:
+    read_scan(saved(tmp_path, ROWS[:0, :4])).write(tmp_path / "b.npy")
+    assert np.load(tmp_path / "b.npy").shape == (0, 4)
+    for shape in ("(4611686018427387904,4)", "(True,3)"):
+        text = f"{{'descr':'<f4','fortran_order':False,'shape':{shape}}}"
+        (tmp_path / "c.npy").write_bytes(header(text) + bytes(64))
+        with pytest.raises(FormatError):
+            read_scan(tmp_path / "c.npy")

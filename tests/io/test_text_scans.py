@@ -29,7 +29,8 @@ def read(path: Path, text: str, name: str = "a.csv") -> LidarFrame:
         "1.5\t-2\t+3.25\t7\n\n4\t5\t-6\t8\n",
         "2\n1.5 -2 3.25 7\n4 5 -6 8\n",
         "\ufeff1.5 -2 3.25 7\n# nobody\n// either\n4 5 -6 8\n",
-        "x,y,z,intensity\n1.5,-2,3.25,7\n4,5,-6,8\n",
+        "x,y,z,intensity\n,,,0\n1.5,-2,3.25,7\n4,5,-6,8\n",
+        "# Fields: x y z intensity\n1.5 -2 3.25 7\n4 5 -6 8\n",
         "//X Y Z Intensity\n1.5 -2 3.25 7\n4 5 -6 8\n",
         "# two scans\n# Z, I, X, Y\n3.25,7,1.5,-2\n-6,8,4,5\n",
         '"X [m]";"Y(m)";"Z_m";"Reflectivity"\n"1.5";"-2";"3.25";"7"\n4;5;-6;8\n',
@@ -163,4 +164,4 @@ def test_an_empty_file_has_no_points(tmp_path: Path) -> None:
 def test_texts_of_a_folder_are_not_taken_for_scans(tmp_path: Path) -> None:
     for name in ("a.xyz", "b.pts", "c.asc", "times.txt", "table.csv"):
         (tmp_path / name).write_text("1 2 3\n")
-    assert [path.name for path in scan_paths(tmp_path)] == ["a.xyz", "b.pts", "c.asc"]
+    assert [path.name for path in scan_paths(tmp_path)] == ["a.xyz"]

@@ -33,16 +33,19 @@ char separator_of(std::string_view line) {
   return ' ';
 }
 
+/// Cells of a line; of more than a file may have, some that tell that there are too many.
 void split(std::string_view line, char separator, std::vector<std::string_view>& cells) {
+  constexpr std::size_t kMostWanted = kMostCells + 2;
   cells.clear();
   if (separator == ' ') {
     LineCursor cursor(line, 0);
-    for (std::string_view word = cursor.word(); !word.empty(); word = cursor.word()) {
+    for (std::string_view word = cursor.word(); !word.empty() && cells.size() < kMostWanted;
+         word = cursor.word()) {
       cells.push_back(trimmed(word));
     }
     return;
   }
-  for (std::size_t begin = 0; begin <= line.size();) {
+  for (std::size_t begin = 0; begin <= line.size() && cells.size() < kMostWanted;) {
     const std::size_t end = std::min(line.find(separator, begin), line.size());
     cells.push_back(trimmed(line.substr(begin, end - begin)));
     begin = end + 1;
@@ -85,6 +88,8 @@ std::vector<std::string> column_names(std::string_view line) {
   std::vector<std::string_view> cells;
   split(line, separator_of(line), cells);
   drop_last(cells, cells.size() - 1);
+  // "# Fields: x y z" says what the line is.
+  if (!cells.empty() && cells.front().ends_with(":")) cells.erase(cells.begin());
   std::vector<std::string> names;
   std::transform(cells.begin(), cells.end(), std::back_inserter(names), column_name);
   for (const std::string axis : {"x", "y", "z"}) {
@@ -138,6 +143,8 @@ class TextReader {
   bool is_head(std::string_view line) {
     split(line, separator_of(line), cells_);
     double number = 0.0;
+    // After names, an empty cell is a missing number.
+    if (!names_.empty() && !cells_.empty() && cells_.front().empty()) return false;
     if (!cells_.empty() && to_number(cells_.front(), number)) {
       if (cells_.size() > 1 || has_count_) return false;
       has_count_ = true;

@@ -35,6 +35,7 @@ _FIXED_FRAMES = ("base", "map", "odom", "world", "earth", "utm")
 _ROS1 = b"#ROSBAG V2.0\n"
 _CLOUD = b"type=sensor_msgs/PointCloud2"
 _IMAGE = b"type=sensor_msgs/Image"
+_PACKED = b"type=sensor_msgs/CompressedImage"
 _IMAGES = "sensor_msgs/msg/Image"
 _MOST_INDEX = 1 << 24  # bytes of the connections that are looked at
 
@@ -89,7 +90,7 @@ def holds_clouds(path: str | os.PathLike[str]) -> bool:
         )
     if _CLOUD in connections:
         return True
-    return b"type=" in connections and _IMAGE not in connections
+    return b"type=" in connections and not any(kind in connections for kind in (_IMAGE, _PACKED))
 
 
 class BagPicture(NamedTuple):

@@ -122,8 +122,9 @@ class BagImages:
         stored = _stored_depth(picture)
         if stored.dtype == np.uint16 and self._units == 1000.0:
             return np.asarray(stored, np.uint16)
+        units = self._units if stored.dtype == np.uint16 else 1.0  # fractions are metres
         with np.errstate(invalid="ignore"):
-            depth = np.rint(stored.astype(np.float64) * (1000.0 / self._units))
+            depth = np.rint(stored.astype(np.float64) * (1000.0 / units))
             is_depth = (depth > 0.0) & (depth <= 65535.0)
         return np.where(is_depth, depth, 0.0).astype(np.uint16)
 
@@ -181,7 +182,8 @@ def _units_per_metre(found: Mapping[str, Any], topic: str) -> float:
     for name in ("Depth Units", "Depth_Units"):
         unit = found["numbers"].get(f"{sensor}/option/{name}/value", 0.0)
         if unit > 0.0 and math.isfinite(unit):
-            return float(np.rint(1.0 / unit * 1000.0) / 1000.0)  # stored as float32
+            units = float(np.rint(1.0 / unit * 1000.0) / 1000.0)  # stored as float32
+            return units or 1000.0
     return 1000.0
 
 

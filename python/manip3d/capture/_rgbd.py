@@ -558,7 +558,8 @@ def open_rgbd(
         others, one is taken that is nearly right, with a warning.
     units_per_metre : float, optional
         Stored units per metre of depth images. By default 1000 for folders and 5000 for ``tum:``;
-        of a bag what its images say: 1000 for whole numbers, unless a RealSense says another unit.
+        of a bag what its images say: 1000 for whole numbers, unless a RealSense says another unit;
+        fractions are metres.
     start : int
         Index of the first frame that is read, of recordings, simulated people and data sets; the
         source begins there again each time. ``source[0]`` is the first frame of all even so.

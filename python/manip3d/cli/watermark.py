@@ -17,7 +17,6 @@ from manip3d.cli.many import over_files
 from manip3d.cli.options import Force, Json, Quiet
 from manip3d.cli.terminal import Terminal, check_output, counted, table
 from manip3d.errors import FormatError, InputError
-from manip3d.io import SCAN_SUFFIXES
 from manip3d.io._scan_files import FOLDER_SUFFIXES
 
 if TYPE_CHECKING:
@@ -160,7 +159,7 @@ def of_one_only(
 @app.command("embed")
 @over_files(
     lambda: FOLDER_SUFFIXES,
-    writable=lambda: SCAN_SUFFIXES,
+    writable=lambda: FOLDER_SUFFIXES,
     drives=True,
     has_to=False,
     depends=key_of,
@@ -233,7 +232,7 @@ def embed(
     if drive:
         _check_folder(source, output, force=force)
     else:
-        check_output(output, SCAN_SUFFIXES, force=force)
+        check_output(output, FOLDER_SUFFIXES, force=force)
         authenticate.refuse_existing_record(output, replace=force)
         if picture:
             check_output(authenticate.picture_path(output), (".png",), force=force)

@@ -19,9 +19,10 @@ SCAN_SUFFIXES: tuple[str, ...] = (*tables.TABLE_SUFFIXES, ".npy", ".las", ".laz"
 """Suffixes that `read_scan` and `write_scan` know; LAS, LAZ and E57 need an extra."""
 
 FOLDER_SUFFIXES: tuple[str, ...] = tuple(
-    suffix for suffix in SCAN_SUFFIXES if suffix not in (".txt", ".csv", ".npy")
+    suffix for suffix in SCAN_SUFFIXES if suffix not in (".asc", ".pts", ".txt", ".csv", ".npy")
 )
-"""Those of them by which folders are searched: most texts and arrays in a folder are no scans."""
+"""Those of them by which folders are searched: most texts and arrays in a folder are no scans, and
+a watermarked drive consists of no other files, since what verifies it must find them."""
 
 
 @checked

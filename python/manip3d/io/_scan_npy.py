@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import os
 from typing import TYPE_CHECKING, Any
 
@@ -40,7 +41,8 @@ def is_npy_scan(path: str | os.PathLike[str]) -> bool:
         shape, _, dtype, _ = _header(head)
     except FormatError:
         return False
-    return dtype.names is not None or (len(shape) == 2 and _FEWEST <= shape[1] <= _MOST)
+    is_narrow = len(shape) == 2 and shape[0] > _MOST and _FEWEST <= shape[1] <= _MOST
+    return dtype.names is not None or (is_narrow and dtype.kind == "f")
 
 
 def read(path: Path, limit: int) -> LidarFrame:
@@ -52,10 +54,10 @@ def read(path: Path, limit: int) -> LidarFrame:
         if limit and len(data) > limit:
             raise FormatError(f"more than max_bytes = {limit}")
         shape, is_fortran, dtype, start = _header(data[:_MOST_HEADER])
-        rows = shape[0] if len(shape) == 2 and dtype.names is None else int(np.prod(shape))
+        rows = shape[0] if len(shape) == 2 and dtype.names is None else math.prod(shape)
         check_points(rows, "")
         layout = _layout(shape, dtype)
-        count = int(np.prod(shape))
+        count = math.prod(shape)
         if len(data) - start < count * dtype.itemsize:
             raise FormatError(
                 f"expected {count * dtype.itemsize} bytes of numbers, got {len(data) - start}",
@@ -83,7 +85,9 @@ def write(frame: LidarFrame, path: Path) -> None:
         layout = ScanFormat("npy", tuple((n, "<f4", 1) for n in names), {"plain": True})
     rows = packed_rows(frame, layout)
     if layout.header["plain"]:
-        array: NDArray[Any] = rows.view(layout.columns[0][1]).reshape(len(rows), -1)
+        array: NDArray[Any] = rows.view(layout.columns[0][1]).reshape(
+            len(rows), len(layout.columns)
+        )
     else:
         named = [(c[0], c[1]) if c[2] == 1 else (c[0], c[1], (c[2],)) for c in layout.columns]
         array = rows.view(np.dtype(named))
@@ -103,7 +107,7 @@ def _header(head: bytes) -> tuple[tuple[int, ...], bool, np.dtype[Any], int]:
         shape, is_fortran, dtype = read_header(stream, max_header_size=_MOST_HEADER)
     except Exception as error:  # the header is a Python literal: it fails in many ways
         raise FormatError("expected a header of a .npy file", byte_offset=0) from error
-    if any(side < 0 for side in shape) or dtype.hasobject:
+    if any(type(side) is not int or side < 0 for side in shape) or dtype.hasobject:
         raise FormatError(f"expected an array of numbers, got {dtype} {shape}", byte_offset=0)
     return shape, is_fortran, dtype, stream.tell()
 
