@@ -138,6 +138,7 @@ def test_other_formats_become_text_and_back(tmp_path: Path) -> None:
         ("1;2,5;3,5\n", 1, "a column: expected a number, got '2,5'"),
         ("1 2 3\n1 2 3e999\n", 2, "expected a number"),
         ("5\n6\n7\n", 2, "expected 3 numbers, got 1"),
+        ("3\n1 2 3\n4 5 6\n", 3, "as many points as the first line says, got 2"),
         (" ".join(["1"] * 65), 1, "more than 64 numbers"),
         (",".join(["x", "y", "z", *"a" * 62]), 1, "more than 64 columns"),
     ],
@@ -154,6 +155,11 @@ def test_infinite_coordinates_are_refused(tmp_path: Path) -> None:
             read(tmp_path, text)
     with pytest.raises(FormatError, match="intensity of point 1: expected a finite number"):
         read(tmp_path, "1 2 3 4\n1 2 3 1e300\n")
+
+
+def test_one_far_return_moves_nothing(tmp_path: Path) -> None:
+    frame = read(tmp_path, "1 2 3\n4 5 6\n9000 0 0\n")
+    assert frame.points.tolist() == [[1, 2, 3], [4, 5, 6], [9000, 0, 0]]
 
 
 def test_an_empty_file_has_no_points(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 #include <cctype>
 #include <charconv>
 #include <limits>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -122,6 +123,10 @@ class TextReader {
       add_point(line);
     }
     if (table_.fields.empty()) set_columns(names_.empty() ? 3 : names_.size());
+    if (count_ && *count_ != static_cast<double>(table_.num_points)) {
+      input_.fail_at_line("expected as many points as the first line says, got " +
+                          std::to_string(table_.num_points));
+    }
     return std::move(table_);
   }
 
@@ -146,8 +151,8 @@ class TextReader {
     // After names, an empty cell is a missing number.
     if (!names_.empty() && !cells_.empty() && cells_.front().empty()) return false;
     if (!cells_.empty() && to_number(cells_.front(), number)) {
-      if (cells_.size() > 1 || has_count_) return false;
-      has_count_ = true;
+      if (cells_.size() > 1 || count_ || !(number >= 0.0)) return false;
+      count_ = number;
       table_.header.emplace_back("count", "");
       return true;
     }
@@ -206,7 +211,7 @@ class TextReader {
   std::vector<std::string> names_;
   std::vector<std::string_view> cells_;
   char separator_ = ' ';
-  bool has_count_ = false;
+  std::optional<double> count_;  ///< Points that the file says it has.
 };
 
 }  // namespace

@@ -215,8 +215,12 @@ def _to_file(kind: str) -> NDArray[np.float64]:
 def near_zero(stored: NDArray[Any]) -> NDArray[np.float64]:
     """(4, 4): takes points near 0 to coordinates that lie far from it, as those of maps do."""
     matrix = np.eye(4)
-    # Points beyond what float32 holds are refused as they stand in the file.
-    if len(stored) and _FAR < np.abs(stored).max() <= np.finfo(np.float32).max:
+    if not len(stored):
+        return matrix
+    # One stray return far away moves nothing, and points beyond what float32 holds are refused as
+    # they stand in the file.
+    farthest = np.abs(stored).max(axis=1)
+    if np.median(farthest) > _FAR and farthest.max() <= np.finfo(np.float32).max:
         matrix[:3, 3] = np.round(stored.mean(axis=0, dtype=np.float64))
     return matrix
 
