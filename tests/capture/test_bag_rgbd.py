@@ -309,3 +309,12 @@ def test_a_recording_of_a_d435_is_that_of_its_extracted_images(realdata: RealDat
     assert source.calibration.depth.fx == pytest.approx(390.431, abs=1e-3)
     assert source.calibration.registration is not None
     assert source.calibration.registration.translation[0] == pytest.approx(0.0143, abs=1e-4)
+
+
+def test_fractions_are_metres_whatever_the_unit_and_names_may_hold_a_number_sign(
+    tmp_path: Path,
+) -> None:
+    metres = np.full((48, 64), 1.5, np.float32)
+    folder = write_mixed_bag(tmp_path / "a#1", [*cameras(), depth_at(1.0, metres, "32FC1")])
+    (frame,) = capture.open_rgbd(f"rgbd-bag:{folder}", units_per_metre=1000)
+    assert (frame.depth == 1500).all()

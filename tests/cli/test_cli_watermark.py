@@ -140,6 +140,13 @@ def test_formats_that_round_are_refused(key: Path, tmp_path: Path) -> None:
         assert done.exit_code == 1
         assert "float32" in str(done.exception)
         assert not out.exists()
+    # No folder is searched for these, so that nothing would verify them there.
+    for suffix in (".asc", ".pts", ".txt", ".csv", ".npy"):
+        out = tmp_path / f"b{suffix}"
+        done = run("embed", tmp_path / "a.bin", "--key", key, "-o", out)
+        assert done.exit_code == 1
+        assert "expected a name that ends in" in str(done.exception)
+        assert not out.exists()
 
 
 @pytest.mark.parametrize("suffix", [".bin", ".pcd.bin", ".pcd", ".ply"])

@@ -100,6 +100,8 @@ def test_pfm_begins_with_its_lowest_row(scale: str, order: str, tmp_path: Path) 
     depth = read_depth(path)
     assert depth.dtype == np.float32
     np.testing.assert_array_equal(depth, expected)
+    path.write_bytes(f"Pf\r\n3 2\r\n{scale}\r\n".encode() + metres[::-1].tobytes())
+    np.testing.assert_array_equal(read_depth(path), expected)
 
 
 def test_other_units_become_metres(tmp_path: Path) -> None:
@@ -168,7 +170,10 @@ HOSTILE = {
     "pgm above": (b"P5 1 1 300\n\xff\xff", "expected values up to 300"),
     "npy version": (b"\x93NUMPY\x09\x09junk", "expected a header"),
     "npy code": (npy_header("__import__('os').abort()"), "expected a header"),
-    "npy object": (npy_header("{'descr':'|O','fortran_order':False,'shape':(1,1)}"), "2-D array"),
+    "npy object": (
+        npy_header("{'descr':'|O','fortran_order':False,'shape':(1,1)}"),
+        "expected an array of numbers",
+    ),
     "npy flat": (npy_header("{'descr':'<u2','fortran_order':False,'shape':(4,)}"), "2-D array"),
     "npy negative": (
         npy_header("{'descr':'<u2','fortran_order':False,'shape':(-1,-4)}"),

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from manip3d import FormatError, LidarFrame, viewer
+from manip3d import FormatError, InputError, LidarFrame, viewer
 from manip3d.cli.kinds import kind_of
 from manip3d.io import read_depth, read_scan
 
@@ -87,6 +87,13 @@ def test_other_formats_become_arrays(tmp_path: Path) -> None:
         np.testing.assert_array_equal(array[:, :3], points)
 
 
+@pytest.mark.parametrize("name", ["a.npy.gz", "a.las.xz", "a.e57.gz"])
+def test_formats_that_are_not_written_compressed(name: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="is not written compressed"):
+        LidarFrame(ROWS[:, :3].astype(np.float32)).write(tmp_path / name)
+    assert not (tmp_path / name).exists()
+
+
 def test_depth_images_are_no_scans(tmp_path: Path) -> None:
     for shape in ((48, 64), (48, 64, 1), (9, 9)):
         path = saved(tmp_path, np.ones(shape, np.float32))
@@ -115,7 +122,7 @@ def header(text: str) -> bytes:
         (header("{'descr':'<f4','fortran_order':False,'shape':(2,9)}"), r"got float32 \(2, 9\)"),
         (
             header("{'descr':'<f4','fortran_order':False,'shape':(-2,3)}"),
-            "expected an array of numbers",
+            "expected a shape",
         ),
         (header("{'descr':'<f4','fortran_order':False,'shape':(2,3)}") + bytes(23), "got 23"),
         (header("{'descr':'<f4','fortran_order':False,'shape':(1<<60,3)}"), "expected a header"),

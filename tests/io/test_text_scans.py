@@ -121,6 +121,9 @@ def test_other_formats_become_text_and_back(tmp_path: Path) -> None:
             assert np.array_equal(again.ring, ring)  # type: ignore[arg-type]
     assert gzip.decompress((tmp_path / "a.csv.gz").read_bytes()).startswith(b"x,y,z,intensity,ring")
     assert (tmp_path / "a.pts").read_text().startswith("500\n")
+    for name, options in (("a.csv", {"delimiter": ",", "skiprows": 1}), ("a.xyz", {})):
+        theirs = np.loadtxt(tmp_path / name, **options)
+        assert np.array_equal(theirs[:, :3].astype(np.float32), points)
     again.write(tmp_path / "b.bin")
     assert np.array_equal(io.read_scan(tmp_path / "b.bin").points, points)
 

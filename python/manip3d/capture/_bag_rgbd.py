@@ -34,8 +34,8 @@ _BROWN = ("", "plumb_bob", "brown conrady")
 _REALSENSE_SENSOR = "/image/data"
 _NEAR_NS = 200_000_000
 """Colours that were taken 0.2 s earlier or later, or more, are not of a depth image's moment."""
-_MOST_WAITING = 30
-"""Images that wait for those of the other camera."""
+_MOST_WAITING = 10
+"""Images of each camera that wait for those of the other."""
 _PNG_HEADER = struct.Struct("<iff")
 """The head of compressedDepth: its kind, and two numbers by which metres became whole numbers."""
 
@@ -230,7 +230,7 @@ def _intrinsics(info: Mapping[str, Any], is_rectified: bool) -> Intrinsics | str
 def _registration(
     found: Mapping[str, Any], depth: _Camera, color: _Camera
 ) -> Registration | str | None:
-    """Where the colour camera is; None: it has the depth camera's pixels; or what is not known."""
+    """The place of the colour camera (None: the depth camera's own), or why it is not known."""
     if color.intrinsics is None:
         return color.why_not
     pose = _realsense_pose(found, depth.topic, color.topic)
@@ -250,14 +250,19 @@ def _registration(
 
 def _realsense_pose(found: Mapping[str, Any], depth: str, color: str) -> NDArray[np.float64] | None:
     """T_color_depth of a RealSense's recording: each stream has its pose beside one of them."""
-    poses = []
-    for topic in (color, depth):
-        stream = topic.removesuffix(_REALSENSE_SENSOR)
-        named = [name for name in found["poses"] if name.startswith(f"{stream}/tf/")]
-        if stream == topic or not named:
-            return None
-        poses.append(rigid(found["poses"][named[0]]))
-    to_color, to_depth = poses
+    if not (color.endswith(_REALSENSE_SENSOR) and depth.endswith(_REALSENSE_SENSOR)):
+        return None
+    streams = [topic.removesuffix(_REALSENSE_SENSOR) + "/tf/" for topic in (color, depth)]
+    # The number at the end is that of the stream beside which the pose is.
+    of_color, of_depth = (
+        {name.removeprefix(stream): pose for name, pose in found["poses"].items()
+         if name.startswith(stream)}
+        for stream in streams
+    )  # fmt: skip
+    both = sorted(of_color.keys() & of_depth.keys())
+    if not both:
+        return None
+    to_color, to_depth = rigid(of_color[both[0]]), rigid(of_depth[both[0]])
     if to_color is None or to_depth is None:
         return None
     return product(to_color, np.asarray(np.linalg.inv(to_depth), np.float64))

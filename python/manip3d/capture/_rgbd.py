@@ -630,7 +630,9 @@ def open_rgbd(
     if scheme == "rgbd-bag":
         if not 0.0 <= speed < math.inf:
             raise InputError(f"speed: expected a finite number >= 0, got {speed}")
-        place, _, topic = uri.partition(":")[2].partition("#")
+        place, topic = uri.partition(":")[2], ""
+        if "#" in place and not Path(place).exists():
+            place, _, topic = place.partition("#")
         images = BagImages(path_of(place, "uri"), topic, camera, units_per_metre)
         return _checked_start(_source_of(images, uri, speed, start), start)
     # Not a RgbdCalibration, which takes no mirrored camera: the core turns the images round.

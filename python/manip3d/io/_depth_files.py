@@ -16,6 +16,7 @@ from manip3d._util.paths import path_of
 from manip3d.errors import Error, FormatError, InputError, MissingExtraError
 from manip3d.io._files import open_regular
 from manip3d.io._limits import byte_limit, check_points, clock
+from manip3d.io._npy_headers import read_npy_header
 from manip3d.io._remote import local_copy
 from manip3d.io._scan_tables import refuse_expansion
 
@@ -188,6 +189,15 @@ def is_color_png(path: str | os.PathLike[str]) -> bool:
 
 
 def decode_depth(data: bytes, max_pixels: int) -> NDArray[Any]:
+    """Return the numbers of a depth image's file, (H, W), as they are stored.
+
+    Raises
+    ------
+    FormatError
+        It is damaged, no depth image, or larger than ``max_pixels``.
+    MissingExtraError
+        Pillow is not installed (PNG and TIFF).
+    """
     if data.startswith(b"\x93NUMPY"):
         return _depth_of_npy(data, max_pixels)
     if re.match(rb"P5[\s#]", data):
@@ -253,7 +263,7 @@ def _read_pgm(data: bytes, max_pixels: int) -> NDArray[np.uint16]:
 
 # --- PFM: floats, the lowest row first -----------------------------------------------------------
 
-_PFM_HEADER = re.compile(rb"P([fF])\s+(\d{1,9})\s+(\d{1,9})\s+([-+]?[0-9.eE+-]{1,32})\s")
+_PFM_HEADER = re.compile(rb"P([fF])\s+(\d{1,9})\s+(\d{1,9})\s+([-+]?[0-9.eE+-]{1,32})(\r\n|\s)")
 
 
 def _read_pfm(data: bytes, max_pixels: int) -> NDArray[np.float32]:
@@ -269,6 +279,8 @@ def _read_pfm(data: bytes, max_pixels: int) -> NDArray[np.float32]:
     columns, rows = int(header[2]), int(header[3])
     _checked_size(rows, columns, max_pixels)
     size, start = 4 * rows * columns, header.end()
+    if header[5] == b"\r\n" and len(data) - start < size:
+        start -= 1  # the line ends in a carriage return, and the pixels begin with a 10
     if len(data) - start < size:
         raise FormatError(
             f"expected {size} bytes of pixels, got {len(data) - start}", byte_offset=start
@@ -326,16 +338,7 @@ def _depth_of_npy(data: bytes, max_pixels: int) -> NDArray[Any]:
 
 
 def _read_npy(data: bytes, max_pixels: int, dtypes: tuple[type[np.generic], ...]) -> NDArray[Any]:
-    stream = io.BytesIO(data)
-    try:
-        version = np.lib.format.read_magic(stream)
-        read_header = {
-            (1, 0): np.lib.format.read_array_header_1_0,
-            (2, 0): np.lib.format.read_array_header_2_0,
-        }[version]
-        shape, fortran, dtype = read_header(stream, max_header_size=10_000)
-    except Exception as error:  # the header is a Python literal: it fails in many ways
-        raise FormatError("expected a header of a .npy file", byte_offset=0) from error
+    shape, fortran, dtype, start = read_npy_header(data)
     while len(shape) > 2 and shape[0] == 1:
         shape = shape[1:]
     while len(shape) > 2 and shape[-1] == 1:
@@ -347,7 +350,6 @@ def _read_npy(data: bytes, max_pixels: int, dtypes: tuple[type[np.generic], ...]
         )
     _checked_size(*shape, max_pixels)
     size = shape[0] * shape[1] * dtype.itemsize
-    start = stream.tell()
     if len(data) - start < size:
         raise FormatError(
             f"expected {size} bytes of pixels, got {len(data) - start}", byte_offset=start

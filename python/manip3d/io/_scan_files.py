@@ -32,7 +32,9 @@ def read_scan(
     origin: Sequence[float] | None = None,
     max_bytes: int | None = None,
 ) -> LidarFrame:
-    """Read a scan: one of `SCAN_SUFFIXES`, alone or followed by ``.gz`` or ``.xz``.
+    """Read a scan: one of `SCAN_SUFFIXES`, which ``.gz`` or ``.xz`` may follow.
+
+    LAS, LAZ, E57 and ``.npy`` are not compressed further.
 
     Parameters
     ----------
@@ -152,7 +154,7 @@ def write_scan(frame: LidarFrame, path: str | os.PathLike[str]) -> None:
     ----------
     frame : LidarFrame
     path : path-like or URL
-        One of `SCAN_SUFFIXES`, alone or followed by ``.gz`` or ``.xz``.
+        One of `SCAN_SUFFIXES`, which ``.gz`` or ``.xz`` may follow; not LAS, LAZ, E57 and ``.npy``.
 
     Raises
     ------
@@ -171,6 +173,7 @@ def write_scan(frame: LidarFrame, path: str | os.PathLike[str]) -> None:
     >>> io.read_scan("scan.pcd").points.tolist()
     [[1.0, 2.0, 3.0]]
     """
+    _refuse_compression(path)
     if scan_suffix(path_of(path)) == ".e57":
         return write_scans([frame], path)
     with local_output(path) as local:
@@ -183,6 +186,12 @@ def write_scan(frame: LidarFrame, path: str | os.PathLike[str]) -> None:
 
             return _scan_npy.write(frame, local)
         return tables.write_table(frame, os.fspath(local))
+
+
+def _refuse_compression(path: str | os.PathLike[str]) -> None:
+    name = path_of(path)
+    if scan_suffix(name) not in tables.TABLE_SUFFIXES and name.suffix.lower() in (".gz", ".xz"):
+        raise InputError(f"path: {scan_suffix(name)} is not written compressed, got {name.name!r}")
 
 
 @checked
@@ -211,6 +220,7 @@ def write_scans(frames: Sequence[LidarFrame], path: str | os.PathLike[str]) -> N
     >>> len(io.read_scans("both.e57"))
     2
     """
+    _refuse_compression(path)
     if scan_suffix(path_of(path)) == ".e57":
         from manip3d.io import _scan_e57
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 import os
 from typing import TYPE_CHECKING, Any
@@ -12,6 +11,7 @@ import numpy as np
 from manip3d.errors import FormatError
 from manip3d.io._files import atomic_path, open_regular
 from manip3d.io._limits import check_points
+from manip3d.io._npy_headers import MOST_HEADER, read_npy_header
 from manip3d.io._scan_tables import Column, Table, frame_of_table, packed_rows
 from manip3d.lidar import LidarFrame, ScanFormat
 
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-_MAGIC = b"\x93NUMPY"
-_MOST_HEADER = 1 << 16
 _FEWEST, _MOST = 3, 8
 """Columns of a scan. No depth image is that narrow."""
 _NAMES = ("x", "y", "z", "intensity")
@@ -36,9 +34,9 @@ def is_npy_scan(path: str | os.PathLike[str]) -> bool:
         It cannot be read.
     """
     with open_regular(path) as file:
-        head = file.read(_MOST_HEADER)
+        head = file.read(MOST_HEADER)
     try:
-        shape, _, dtype, _ = _header(head)
+        shape, _, dtype, _ = read_npy_header(head)
     except FormatError:
         return False
     is_narrow = len(shape) == 2 and shape[0] > _MOST and _FEWEST <= shape[1] <= _MOST
@@ -53,7 +51,9 @@ def read(path: Path, limit: int) -> LidarFrame:
             data = file.read(limit + 1) if limit else file.read()
         if limit and len(data) > limit:
             raise FormatError(f"more than max_bytes = {limit}")
-        shape, is_fortran, dtype, start = _header(data[:_MOST_HEADER])
+        shape, is_fortran, dtype, start = read_npy_header(data)
+        if any(side < 0 for side in shape):
+            raise FormatError(f"expected a shape, got {shape}", byte_offset=0)
         rows = shape[0] if len(shape) == 2 and dtype.names is None else math.prod(shape)
         check_points(rows, "")
         layout = _layout(shape, dtype)
@@ -93,23 +93,6 @@ def write(frame: LidarFrame, path: Path) -> None:
         array = rows.view(np.dtype(named))
     with atomic_path(path) as local, local.open("wb") as file:
         np.save(file, array, allow_pickle=False)
-
-
-def _header(head: bytes) -> tuple[tuple[int, ...], bool, np.dtype[Any], int]:
-    """Shape, order, type, and where the numbers begin."""
-    stream = io.BytesIO(head)
-    try:
-        version = np.lib.format.read_magic(stream)
-        read_header = {
-            (1, 0): np.lib.format.read_array_header_1_0,
-            (2, 0): np.lib.format.read_array_header_2_0,
-        }[version]
-        shape, is_fortran, dtype = read_header(stream, max_header_size=_MOST_HEADER)
-    except Exception as error:  # the header is a Python literal: it fails in many ways
-        raise FormatError("expected a header of a .npy file", byte_offset=0) from error
-    if any(type(side) is not int or side < 0 for side in shape) or dtype.hasobject:
-        raise FormatError(f"expected an array of numbers, got {dtype} {shape}", byte_offset=0)
-    return shape, is_fortran, dtype, stream.tell()
 
 
 def _layout(shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[Column, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePath
@@ -353,7 +354,8 @@ def _text_layout(name: str) -> Callable[[LidarFrame], ScanFormat]:
     def layout(frame: LidarFrame) -> ScanFormat:
         columns = [column for column in _general_columns(frame) if column[2] == 1]
         if name == "csv":
-            pairs = [("names", ",".join(column[0] for column in columns)), ("separator", ",")]
+            names = [re.sub(r"[\s,;\"#]", "_", column[0]) for column in columns]
+            pairs = [("names", ",".join(names)), ("separator", ",")]
         else:  # nothing would tell what other columns are
             columns = columns[: 3 + (frame.intensity is not None)]
             pairs = [("count", "")] if name == "pts" else []
