@@ -198,15 +198,15 @@ ZOO: dict[str, tuple[bytes, str]] = {
     ),
     "no rotation": (nodes({"mesh": 0, "rotation": [0, 0, 0, 0]}), "/nodes/0/rotation"),
     "words for numbers": (nodes({"mesh": 0, "scale": ["a", 1, 1]}), "/nodes/0/scale/0"),
-    "meshopt without fallback": (
+    "a buffer for what is compressed": (
         square(
             buffers=[
                 {"byteLength": 60},
-                {"byteLength": 60, "extensions": {"EXT_meshopt_compression": {}}},
+                {"byteLength": 60, "extensions": {"EXT_meshopt_compression": {"fallback": True}}},
             ],
             bufferViews=[{"buffer": 1, "byteLength": 48}, VIEWS[1]],
         ),
-        "/buffers/1: extension EXT_meshopt_compression is not read",
+        "/buffers/1: the buffer has no data",
     ),
     "no such image": (
         square(

@@ -547,8 +547,8 @@ def test_points_lines_and_morph_targets_are_left_out(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        "EXT_meshopt_compression",
         "EXT_mesh_gpu_instancing",
+        "KHR_gaussian_splatting",
     ],
 )
 def test_a_required_extension_is_named(name: str) -> None:

@@ -206,7 +206,8 @@ class Reader {
     };
     const auto is_known = [this](const std::string& name) {
       return name == "KHR_mesh_quantization" || name == kTextureTransform ||
-             name == kEmissiveStrength || (is_scene_ && is_kept_extension(name));
+             name == kEmissiveStrength || is_meshopt_extension(name) ||
+             (is_scene_ && is_kept_extension(name));
     };
     if (const auto required = document_.root().find("extensionsRequired")) {
       for (std::int64_t i = 0; i < required->size(); ++i) {

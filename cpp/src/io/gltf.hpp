@@ -35,7 +35,8 @@ class GltfBudget {
 
   /// Another file was read.
   void add_file(std::int64_t stored_bytes) { stored_bytes_ += stored_bytes; }
-  /// Counts the bytes of a Draco stream five times: plain accessors take five to ten times as many.
+  /// Counts the bytes of a compressed stream five times: plain accessors take five to ten times as
+  /// many.
   /// Streams may overlap, but together they count as no more than the files.
   void add_compressed(std::int64_t bytes) {
     compressed_ = std::min(compressed_ + bytes, stored_bytes_);
@@ -55,8 +56,8 @@ class GltfBudget {
 /// Node transforms are applied; one that mirrors turns its triangles around. Primitives of one
 /// node that share their POSITION accessor share their vertices; instances of a mesh share their
 /// texture coordinates. All component types, strides, sparse accessors, triangles, strips and
-/// fans, KHR_mesh_quantization, KHR_draco_mesh_compression, KHR_texture_transform (in the texture
-/// coordinates).
+/// fans, KHR_mesh_quantization, KHR_draco_mesh_compression, EXT_ and KHR_meshopt_compression,
+/// KHR_texture_transform (in the texture coordinates).
 /// A file without nodes has all its meshes read as they are, with a warning. Points, lines,
 /// skins, morph targets, animations, extensions of lights, materials and image formats, and others
 /// that are not required are left out with a warning. Where only some primitives have vertex

@@ -314,9 +314,7 @@ ByteSpan GltfDocument::buffer(const JsonPlace& user) {
     bytes = *binary_chunk_;
     offset = binary_offset_;
   } else {
-    const bool packed =
-        place.has("extensions") && place.member("extensions").has("EXT_meshopt_compression");
-    place.fail(packed ? "extension EXT_meshopt_compression is not read" : "the buffer has no data");
+    place.fail("the buffer has no data");
   }
   if (length > static_cast<std::int64_t>(bytes.size())) {
     throw FormatError::at_byte(offset, place.pointer() + "/byteLength: says " +
@@ -328,14 +326,19 @@ ByteSpan GltfDocument::buffer(const JsonPlace& user) {
 
 ByteSpan GltfDocument::buffer_view(const JsonPlace& user) {
   const JsonPlace view = object("bufferViews", user);
-  const ByteSpan bytes = buffer(view.member("buffer"));
+  const auto packed = meshopt_extension(view);
+  return packed ? decoded_view(view, *packed) : stored_bytes(view);
+}
+
+ByteSpan GltfDocument::stored_bytes(const JsonPlace& place) {
+  const ByteSpan bytes = buffer(place.member("buffer"));
   const auto size = static_cast<std::int64_t>(bytes.size());
-  const auto given = view.find("byteOffset");
+  const auto given = place.find("byteOffset");
   const std::int64_t offset = given ? given->integer(0, kMaxLength) : 0;
-  const std::int64_t length = view.member("byteLength").integer(0, kMaxLength);
+  const std::int64_t length = place.member("byteLength").integer(0, kMaxLength);
   if (offset + length > size) {
-    view.fail("bytes " + std::to_string(offset) + " to " + std::to_string(offset + length) +
-              " of a buffer of " + std::to_string(size));
+    place.fail("bytes " + std::to_string(offset) + " to " + std::to_string(offset + length) +
+               " of a buffer of " + std::to_string(size));
   }
   return bytes.subspan(offset, length);
 }

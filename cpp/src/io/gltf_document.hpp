@@ -6,6 +6,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "io/gltf.hpp"
@@ -71,6 +72,7 @@ class GltfDocument {
   [[nodiscard]] std::int64_t count(const char* array) const;
 
   const GltfAccessor& accessor(const JsonPlace& user);
+  /// The bytes of a view, decoded where they are compressed (meshopt_extension()).
   ByteSpan buffer_view(const JsonPlace& user);
 
   /// Puts plain accessors in the place of Draco streams (KHR_draco_mesh_compression).
@@ -84,6 +86,9 @@ class GltfDocument {
   void parse_json(ByteSpan text);
   void add_elements(DracoElements elements);
   ByteSpan buffer(const JsonPlace& user);
+  /// The bytes that an object with `buffer`, `byteOffset` and `byteLength` names.
+  ByteSpan stored_bytes(const JsonPlace& place);
+  ByteSpan decoded_view(const JsonPlace& view, const JsonPlace& packed);
   Bytes read_external(const JsonPlace& uri, std::int64_t length);
   GltfAccessor read_accessor(const JsonPlace& place);
   GltfAccessor::Elements elements(const JsonPlace& owner, GltfType type, std::int64_t count,
@@ -95,9 +100,16 @@ class GltfDocument {
   std::int64_t json_offset_ = 0;
   std::optional<ByteSpan> binary_chunk_;
   std::int64_t binary_offset_ = 0;
-  std::map<std::string, Bytes> buffers_;  ///< By pointer: decoded data URIs and external files.
+  /// By pointer: decoded data URIs and external files, and views that were compressed.
+  std::map<std::string, Bytes> buffers_;
   std::map<std::string, GltfAccessor> accessors_;  ///< By pointer.
 };
+
+/// Whether it is EXT_meshopt_compression or KHR_meshopt_compression, of which version 0 is the
+/// same.
+bool is_meshopt_extension(std::string_view name);
+/// What such an extension of a bufferView says of its compressed bytes.
+std::optional<JsonPlace> meshopt_extension(const JsonPlace& view);
 
 /// The part of a URI before ":" in lower case, or "" for a relative reference.
 std::string uri_scheme(const std::string& uri);
