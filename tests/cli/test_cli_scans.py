@@ -72,6 +72,16 @@ def test_ply_with_faces_is_a_mesh(tmp_path: Path) -> None:
     assert "No such file" in run("info", tmp_path / "none.ply", code=1)
 
 
+def test_several_texts_become_other_scans_and_back(tmp_path: Path) -> None:
+    """Folders are not searched for texts, so that their suffixes have to be known by name."""
+    for name in ("a.csv", "b.txt"):
+        scan().write(tmp_path / name)
+    run("convert", tmp_path / "a.csv", tmp_path / "b.txt", "--to", ".xyz", "-o", tmp_path / "xyz")
+    assert sorted(path.name for path in (tmp_path / "xyz").glob("*.xyz")) == ["a.xyz", "b.xyz"]
+    run("convert", tmp_path / "xyz", "--to", ".csv", "-o", tmp_path / "csv")
+    assert np.array_equal(read_scan(tmp_path / "csv" / "b.csv").points, scan().points)
+
+
 def test_convert(tmp_path: Path) -> None:
     scan().write(tmp_path / "a.bin")
     run("convert", tmp_path / "a.bin", "-o", tmp_path / "b.pcd")

@@ -34,6 +34,7 @@ def read(path: Path, text: str, name: str = "a.csv") -> LidarFrame:
         "//X Y Z Intensity\n1.5 -2 3.25 7\n4 5 -6 8\n",
         "# two scans\n# Z, I, X, Y\n3.25,7,1.5,-2\n-6,8,4,5\n",
         '"X [m]";"Y(m)";"Z_m";"Reflectivity"\n"1.5";"-2";"3.25";"7"\n4;5;-6;8\n',
+        "X [m]\tY [m]\tZ [m]\tIntensity\n1.5\t-2\t3.25\t7\n4\t5\t-6\t8\n",
         "intensity,Points_m_XYZ:0,Points_m_XYZ:1,Points_m_XYZ:2\n7,1.5,-2,3.25\n8,4,5,-6\n",
         "Points:0,Points:1,Points:2,intensity\n1.5,-2,3.25,7\n4,5,-6,8\n",
     ],
@@ -52,6 +53,10 @@ def test_columns_of_every_writer(text: str, tmp_path: Path) -> None:
         assert again.points.tolist() == EXPECTED
         assert again.intensity is not None
         assert again.intensity.tolist() == [7.0, 8.0]
+
+
+def test_numbers_too_small_for_a_double_are_zero(tmp_path: Path) -> None:
+    assert read(tmp_path, "1 2 -1e-400\n3 +1e-400 4\n").points.tolist() == [[1, 2, 0], [3, 0, 4]]
 
 
 def test_what_files_do_not_name(tmp_path: Path) -> None:
@@ -140,6 +145,8 @@ def test_other_formats_become_text_and_back(tmp_path: Path) -> None:
         ("1 2 3\n1 2 three\n", 2, "a column: expected a number, got 'three'"),
         ("1;2,5;3,5\n", 1, "a column: expected a number, got '2,5'"),
         ("1 2 3\n1 2 3e999\n", 2, "expected a number"),
+        ("1 2 3\n1 2 -3e4999\n", 2, "expected a number"),
+        ("1 2 3\n1 2 1e-400x\n", 2, "expected a number"),
         ("5\n6\n7\n", 2, "expected 3 numbers, got 1"),
         ("3\n1 2 3\n4 5 6\n", 3, "as many points as the first line says, got 2"),
         (" ".join(["1"] * 65), 1, "more than 64 numbers"),

@@ -2,6 +2,7 @@
 #include <array>
 #include <cctype>
 #include <charconv>
+#include <cmath>
 #include <limits>
 #include <optional>
 #include <string>
@@ -58,11 +59,19 @@ void drop_last(std::vector<std::string_view>& cells, std::size_t expected) {
   if (!cells.empty() && cells.size() == expected + 1 && cells.back().empty()) cells.pop_back();
 }
 
-/// A number, NaN and infinity included; false: the text is something else.
+/// A number, NaN and infinity included; what is too small for a double is zero, what is too large
+/// none. false: the text is something else.
 bool to_number(std::string_view text, double& value) {
   if (!text.empty() && text.front() == '+') text.remove_prefix(1);
-  const auto [stop, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  return error == std::errc() && stop == text.data() + text.size();
+  const char* const end = text.data() + text.size();
+  const auto [stop, error] = std::from_chars(text.data(), end, value);
+  if (error == std::errc::result_out_of_range) {
+    long double wide = 0.0L;
+    const auto again = std::from_chars(text.data(), end, wide);
+    value = 0.0;
+    return again.ec == std::errc() && stop == end && std::fabs(wide) < 1.0L;
+  }
+  return error == std::errc() && stop == end;
 }
 
 /// The name of a column in lower case; x, y and z in the words of other writers, too.
@@ -83,11 +92,10 @@ std::string column_name(std::string_view text) {
   return name;
 }
 
-/// Names of columns, if the line tells where x, y and z are; else none.
-std::vector<std::string> column_names(std::string_view line) {
-  while (!line.empty() && (line.front() == '#' || line.front() == '/')) line.remove_prefix(1);
+/// Names of columns that a separator parts, if they tell where x, y and z are; else none.
+std::vector<std::string> column_names(std::string_view line, char separator) {
   std::vector<std::string_view> cells;
-  split(line, separator_of(line), cells);
+  split(line, separator, cells);
   drop_last(cells, cells.size() - 1);
   // "# Fields: x y z" says what the line is.
   if (!cells.empty() && cells.front().ends_with(":")) cells.erase(cells.begin());
@@ -97,6 +105,15 @@ std::vector<std::string> column_names(std::string_view line) {
     if (std::find(names.begin(), names.end(), axis) == names.end()) return {};
   }
   return names;
+}
+
+/// Names of columns, if the line tells where x, y and z are; else none. Between tabs there may be
+/// units behind blanks: "X [m]".
+std::vector<std::string> column_names(std::string_view line) {
+  while (!line.empty() && (line.front() == '#' || line.front() == '/')) line.remove_prefix(1);
+  std::vector<std::string> names;
+  if (line.find('\t') != std::string_view::npos) names = column_names(line, '\t');
+  return names.empty() ? column_names(line, separator_of(line)) : names;
 }
 
 /// Names of columns that a file does not name: x, y, z, the intensity where there are four or

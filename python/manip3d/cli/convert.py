@@ -13,6 +13,7 @@ from manip3d.cli.many import over_files
 from manip3d.cli.options import Calibration, Force, Output, Quiet, Source
 from manip3d.cli.sources import open_mesh
 from manip3d.cli.terminal import Terminal, check_output
+from manip3d.io import SCAN_SUFFIXES, WRITABLE
 
 
 class Unit(StrEnum):
@@ -32,7 +33,7 @@ class Up(StrEnum):
     z = "z"
 
 
-@over_files(kinds.converted_suffixes, writable=kinds.converted_suffixes)
+@over_files(kinds.converted_suffixes, writable=lambda: (*WRITABLE, *SCAN_SUFFIXES))
 def convert(
     source: Source,
     output: Output,

@@ -82,7 +82,8 @@ class Many:
         """The name of an output from that of its source."""
         path = PurePosixPath(relative)
         plain = path.name.lower().removesuffix(".xz").removesuffix(".gz")
-        suffix = next((s for s in sorted(self.suffixes, key=len)[::-1] if plain.endswith(s)), "")
+        known = sorted({*self.suffixes, *self.writable}, key=len, reverse=True)
+        suffix = next((s for s in known if plain.endswith(s)), "")
         stem = path.name[: plain.rindex(suffix)] if suffix else path.name
         new = self.to or (suffix if suffix in self.writable else self.otherwise)
         return str(path.with_name(stem + new)) if new else relative
