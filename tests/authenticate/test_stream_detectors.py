@@ -167,6 +167,29 @@ def test_missing_pixels_that_keep_their_depth_are_not_accused(least: int, last: 
     assert found.processing[0].kind == "filtered"
     assert "missing" in found.reason
     assert len(found.masks) == 0
+    unnumbered = [replace(frame, number=0) for frame in kept_pixels(moving(4), least, last)]
+    assert authenticate.inspect_stream(unnumbered).verdict == "processed"
+
+
+@pytest.mark.parametrize("times", [2, 99])
+def test_a_picture_that_is_shown_again_is_no_filter(times: int) -> None:
+    """Half the rate of the background behind it, and one picture for all of it."""
+    shown = [sensed(number // times, soft=False).depth[INSIDE] for number in range(12)]
+    frames = stream(relief=False)
+    for frame, picture in zip(frames, shown, strict=True):
+        frame.depth[INSIDE] = picture
+    assert authenticate.inspect_stream(frames).verdict == "tampered"
+
+
+@pytest.mark.parametrize(("soft", "verdict"), [(True, "no_trace"), (False, "tampered")])
+def test_an_empty_frame_hides_and_accuses_nobody(soft: bool, verdict: str) -> None:
+    for place in (0, 5, 11):
+        frames = stream(soft=soft)
+        frames[place].depth[:] = 0
+        assert authenticate.inspect_stream(frames).verdict == verdict
+    half_blank = stream(soft=soft)
+    half_blank[0].depth[:, :160] = 0  # the camera had just begun
+    assert authenticate.inspect_stream(half_blank).verdict == verdict
 
 
 def test_of_a_long_recording_runs_are_judged_and_no_more_are_kept() -> None:

@@ -45,10 +45,9 @@ _MOST_TINY = 5e-4  # share of pixels nearer than any camera measures
 _MOST_OFF_CENTRE = 0.1  # of the image's side
 _LEAST_VIEW_DEG = 50.0  # along the longer side; the narrowest camera of the data sees 57
 _RIM = 3  # pixels of one surface on each side of a sharp step
-_KEPT = (
-    0.5  # share of rims; forged streams have 0.30 at most, a filter that keeps pixels 0.62 to 0.69
-)
-_KEPT_MORE = 1.25  # times the share of the image; before somebody cut out it is 0.45 at most
+_KEPT = 0.5  # share of sharp rims; a filter that keeps what is missing has 0.65 to 0.69
+_KEPT_MORE = 1.7  # times the middle's share; such a filter has 2.1 and more, what was cut out 1.45
+_WIDE = 18  # pixels of a row whose middle is beyond its rims
 _RELIEF = 0.25  # share of the depth: then a camera's shadow is several pixels wide
 _SIZES = {
     (160, 120), (320, 240), (640, 480), (512, 424), (1280, 720), (848, 480), (640, 360),
@@ -472,6 +471,12 @@ def _processing(frames: Sequence[RgbdFrame]) -> tuple[Processing, ...]:
     return tuple(found)
 
 
+def _following(frames: Sequence[RgbdFrame]) -> list[tuple[RgbdFrame, RgbdFrame]]:
+    """Pairs of frames that follow each other by their numbers; where none do, all neighbours."""
+    pairs = list(pairwise(frames))
+    return [(a, b) for a, b in pairs if b.number == a.number + 1] or pairs
+
+
 def _field_of_view(camera: Intrinsics) -> float:
     """Degrees that a camera sees along the longer side of its image."""
     sides = ((camera.width, camera.fx), (camera.height, camera.fy))
@@ -484,7 +489,7 @@ def _is_held(frames: Sequence[RgbdFrame]) -> bool:
 
     Where neighbours on a surface differ by little, so do a camera's pixels from frame to frame.
     """
-    pairs = [(a.depth, b.depth) for a, b in pairwise(frames) if b.number == a.number + 1]
+    pairs = [(a.depth, b.depth) for a, b in _following(frames)]
     over_time = np.array([_changes(a, b) for a, b in pairs[:: max(1, len(pairs) // 6)]])
     in_space = np.array([_changes(f.depth[:, 1:], f.depth[:, :-1]) for f in frames[::10]])
     if not len(over_time):
@@ -504,16 +509,20 @@ def _changes(one: Depth, other: Depth) -> tuple[int, int]:
 def _lost_and_gained(frames: Sequence[RgbdFrame]) -> tuple[float, float, int]:
     """Shares of pixels that disappear and appear from a frame to the next, over so many pairs.
 
-    A camera loses as many as it gains, but for those at the edge of what it sees.
+    A camera loses as many as it gains, but for those at the edge of what it sees. Frames that are
+    empty in whole or in large part are those of a camera that begins or fails.
     """
-    pairs = [(a.depth, b.depth) for a, b in pairwise(frames) if b.number == a.number + 1]
-    if not pairs:
-        return 0.0, 0.0, 0
-    lost = float(np.mean([np.mean((a > 0) & (b == 0)) for a, b in pairs]))
-    gained = float(np.mean([np.mean((a == 0) & (b > 0)) for a, b in pairs]))
-    return lost, gained, len(pairs)
+    depths = [(a.depth, b.depth) for a, b in _following(frames)]
+    shares = np.array(
+        [(np.mean((a > 0) & (b == 0)), np.mean((a == 0) & (b > 0))) for a, b in depths]
+    )
+    shares = shares.reshape(-1, 2)
+    shares = shares[(shares < _MOST_EMPTIED).all(axis=1)]
+    lost, gained = shares.mean(axis=0) if len(shares) else (0.0, 0.0)
+    return float(lost), float(gained), len(shares)
 
 
+_MOST_EMPTIED = 0.1  # of the pixels; a camera moved by hand has 0.04, such a filter 0.06 at most
 _LEAST_LOST = 0.2  # of what is gained; clean recordings of five pairs and more have 0.65 at least
 _LEAST_GAINED = 2e-4  # of the pixels
 _SMALL = 15  # mm
@@ -541,9 +550,7 @@ def _repetition(frames: Sequence[RgbdFrame]) -> tuple[StreamReport, Mask]:
     """Whether a part of the image never changes while another does, and what does."""
     shape = frames[0].depth.shape
     nothing = np.zeros((0, *shape), np.bool_)
-    pairs = [(a, b) for a, b in pairwise(frames) if b.number == a.number + 1] or list(
-        pairwise(frames)
-    )
+    pairs = _following(frames)
     if len(pairs) < _LEAST_PAIRS:
         return StreamReport(
             "repetition", "undecidable", "too few frames follow each other"
@@ -607,11 +614,12 @@ def _silhouettes(
     if score < SHARP:
         why = f"silhouettes are as soft as a camera's in {len(frames)} frames that were judged"
         return StreamReport("silhouettes", "no_trace", why, score), (), nothing
-    rim, elsewhere = _repeated_rims(frames, found)
-    if rim >= max(_KEPT, _KEPT_MORE * elsewhere):
+    rim, middle = _repeated_rims(frames, found)
+    if rim >= max(_KEPT, _KEPT_MORE * middle):
         why = (
-            f"silhouettes are sharp, but {rim:.0%} of their rims repeat the frame before, "
-            f"{elsewhere:.0%} of the image: missing pixels kept their depth"
+            f"silhouettes are sharp, but {rim:.0%} of their rims repeat the frame before, and "
+            f"{middle:.0%} of what is between: missing pixels kept their depth, and whether "
+            "somebody was cut out cannot be told"
         )
         return StreamReport("silhouettes", "processed", why, score), (), nothing
     regions = []
@@ -681,33 +689,29 @@ def _cut_out(frame: RgbdFrame) -> list[_Cut]:
 def _repeated_rims(
     frames: Sequence[RgbdFrame], found: Sequence[Sequence[_Cut]]
 ) -> tuple[float, float]:
-    """Share of sharp rims, on the side where it is larger, and of all pixels that repeat.
+    """Shares of rows of sharp things whose rims (the side with more), and whose middles, repeat.
 
     Where the camera's shadow moves over a thing, a filter that keeps what is missing now leaves the
-    thing's rim as it was in the frame before. Somebody who was cut out has a rim of their own in
-    each frame; it repeats less often than a background does.
+    thing's rim as it was in the frame before, but not its middle. Somebody who was cut out has a
+    rim of their own in each frame; of a picture that is shown twice the middle repeats, too.
     """
-    rims, repeated = np.zeros(2), np.zeros(2)
-    elsewhere = []
-    for before, frame, objects in zip(frames, frames[1:], found[1:], strict=False):
-        if frame.number != before.number + 1:
-            continue
+    rims, repeated = np.zeros(3), np.zeros(3)
+    things = {id(frame): objects for frame, objects in zip(frames, found, strict=True)}
+    for before, frame in _following(frames):
         same = (frame.depth == before.depth) & (frame.depth > 0)
-        elsewhere.append(
-            same.sum() / max(1, np.count_nonzero((frame.depth > 0) & (before.depth > 0)))
-        )
-        for cut in objects:
+        for cut in things[id(frame)]:
             if cut.share < SHARP:
                 continue
-            for side, (first, inward) in enumerate(
-                ((cut.spans[:, 1], 1), (cut.spans[:, 2] - 1, -1))
-            ):
-                is_sharp = cut.spans[:, 6 + side] > 0
-                row, column = cut.spans[is_sharp, 0], first[is_sharp]
-                rim = same[row[:, None], column[:, None] + inward * np.arange(_RIM)]
-                rims[side] += len(rim)
-                repeated[side] += np.count_nonzero(rim.all(axis=1))
-    return float((repeated / np.maximum(rims, 1)).max()), float(np.mean(elsewhere or [0.0]))
+            row, first, end = cut.spans[:, 0], cut.spans[:, 1], cut.spans[:, 2]
+            starts = (first, end - _RIM, (first + end - _RIM) // 2)
+            counted = (cut.spans[:, 6] > 0, cut.spans[:, 7] > 0, end - first >= _WIDE)
+            for place, (start, is_counted) in enumerate(zip(starts, counted, strict=True)):
+                column = start[is_counted, None] + np.arange(_RIM)
+                is_same = same[row[is_counted, None], column].all(axis=1)
+                rims[place] += len(is_same)
+                repeated[place] += np.count_nonzero(is_same)
+    left, right, middle = repeated / np.maximum(rims, 1)
+    return float(max(left, right)), float(middle)
 
 
 def _rendered(frames: Sequence[RgbdFrame]) -> str | None:
