@@ -12,6 +12,7 @@ namespace {
 constexpr float kSeenThrough = 0.08F;  // a body so far behind the mirrored place is not there
 constexpr float kMargin = 0.03F;       // error of the plane and of a body's symmetry
 constexpr float kOfOther = 0.03F;      // farther from its skin, a point is not certainly a limb's
+constexpr float kOfHand = 0.10F;       // the same of an arm: fingers reach beyond its joints
 constexpr float kAbove = 0.05F;        // cloth hangs below the root
 constexpr float kTrunkHalf = 0.10F;    // an arm's sleeve hangs farther than that from the plane
 constexpr float kBeyond = 1.15F;       // length of the cloth over that of the limb
@@ -68,6 +69,13 @@ class ClothTest {
   float side_;
 };
 
+/// Is a point so far from the skin of the bone it is nearest to that it may be cloth?
+bool is_far_from_skin(std::uint8_t label, float skin_distance) {
+  const bool is_of_arm =
+      is_limb_bone(Limb::kLeftArm, label) || is_limb_bone(Limb::kRightArm, label);
+  return skin_distance > (is_of_arm ? kOfHand : kOfOther);
+}
+
 /// Marks the points that pass the weak or the strong test.
 void mark_cloth(const PersonPoints& points, const ClothSearch& search, const ClothTest& test,
                 const PhantomImage& image) {
@@ -76,7 +84,7 @@ void mark_cloth(const PersonPoints& points, const ClothSearch& search, const Clo
     if (image.kind[pixel] != PixelKind::kBody) continue;
     const std::uint8_t label = points.label[i];
     const bool may_be = label == limb_label(search.affected) || is_trunk(label) ||
-                        points.skin_distance[i] > kOfOther;
+                        is_far_from_skin(label, points.skin_distance[i]);
     const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
     if (!may_be || !test.is_in_reach(p) || !test.is_cloth(p, 0.0F)) continue;
     image.removal[pixel] =
