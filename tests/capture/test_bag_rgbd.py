@@ -113,6 +113,51 @@ def test_each_depth_image_takes_the_nearer_one_of_two_pictures(tmp_path: Path) -
         assert np.array_equal(frame.color, colors(number))  # type: ignore[arg-type]
 
 
+def plain(topic: str, frame: str, value: int, time: float = 1.0) -> list[Message]:
+    """One picture of one colour, and its camera."""
+    pixels = np.full((62, 82, 3), value, np.uint8)
+    made = replace(image(pixels, "8UC3", time), header=header(time, frame))
+    told = info(COLORS, frame, (82, 62))
+    return [
+        (0.0, f"{topic.rpartition('/')[0]}/camera_info", INFO, told),
+        (time, topic, IMAGE, made),
+    ]
+
+
+def colors_of(path: Path, messages: Sequence[Message]) -> list[int | None]:
+    frames = capture.open_rgbd(bag_of(path, messages))
+    return [None if frame.color is None else int(frame.color[0, 0, 0]) for frame in frames]
+
+
+def test_of_a_robots_cameras_the_one_beside_the_depth_is_taken(tmp_path: Path) -> None:
+    far = np.eye(4)
+    far[:3, 3] = 3.0, 0.0, 0.0
+    places = [transform("depth", "color", POSE), transform("depth", "arm", far)]
+    depth = [cameras()[0], (0.0, "/tf_static", TRANSFORMS, TYPES.types[TRANSFORMS](places))]
+    depth.append(depth_at(1.0, millimetres(0)))
+    arm = plain("/arm/image_raw", "arm", 10)
+    for name, other in (
+        ("name", plain(COLOR, "color", 20)),
+        ("frame", plain("/z/image_raw", "depth", 20)),
+        ("place", plain("/z/image_raw", "color", 20)),
+    ):
+        (tmp_path / name).mkdir()
+        assert colors_of(tmp_path / name, [*depth, *arm, *other]) == [20]
+
+
+def test_depth_images_that_come_late_still_get_the_colours_of_their_time(tmp_path: Path) -> None:
+    """They were published 0.4 s after the colours, of which there are thirty a second."""
+    sent = []
+    for number in range(48):
+        (_, topic, kind, made) = plain(COLOR, "color", number, 1.0 + number / 30)[1]
+        sent.append((number / 30, topic, kind, made))
+    for number in range(0, 48, 6):
+        (_, topic, kind, made) = depth_at(1.0 + number / 30, millimetres(0))
+        sent.append((number / 30 + 0.4, topic, kind, made))
+    messages = [*cameras(), *sorted(sent, key=lambda each: each[0])]
+    assert colors_of(tmp_path, messages) == list(range(0, 48, 6))
+
+
 def test_metres_are_rounded_to_millimetres(tmp_path: Path) -> None:
     metres = np.full((48, 64), 1.2346, np.float32)
     metres[0, :6] = np.nan, np.inf, -1.0, 0.0, 65.5354, 65.536

@@ -16,7 +16,9 @@ from manip3d.io._images import decoded_picture
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-_CHANNELS = {"mono8": 1, "rgb8": 3, "bgr8": 3, "rgba8": 4, "bgra8": 4}
+_CHANNELS = {"mono8": 1, "rgb8": 3, "bgr8": 3, "8UC3": 3, "rgba8": 4, "bgra8": 4}
+_BLUE_FIRST = ("bgr8", "bgra8", "8UC3")
+"""8UC3 says nothing of its colours; it is what OpenCV's images become."""
 _BAYER = {"bayer_rggb8": "BG", "bayer_bggr8": "RG", "bayer_gbrg8": "GR", "bayer_grbg8": "GB"}
 """OpenCV's names, which are those of the second and third pixel of the second row."""
 _MOST_PIXELS = 1 << 26
@@ -28,8 +30,8 @@ def decoded(picture: BagPicture) -> NDArray[np.uint8]:
     Raises
     ------
     FormatError
-        Another encoding than rgb8, bgr8, rgba8, bgra8, mono8, bayer_*8, JPEG and PNG, or too
-        few bytes.
+        Another encoding than rgb8, bgr8, 8UC3, rgba8, bgra8, mono8, bayer_*8, JPEG and PNG, or
+        too few bytes.
     MissingExtraError
         OpenCV (``bayer_*8``) or Pillow (JPEG, PNG) is not installed.
     """
@@ -55,7 +57,7 @@ def decoded(picture: BagPicture) -> NDArray[np.uint8]:
     if channels == 1:
         return np.ascontiguousarray(rows)
     pixels = rows.reshape(len(rows), -1, channels)[..., :3]
-    return np.ascontiguousarray(pixels[..., ::-1] if encoding.startswith("bgr") else pixels)
+    return np.ascontiguousarray(pixels[..., ::-1] if encoding in _BLUE_FIRST else pixels)
 
 
 def rows_of(picture: BagPicture, pixel_bytes: int) -> NDArray[np.uint8]:

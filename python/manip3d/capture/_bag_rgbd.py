@@ -34,8 +34,10 @@ _BROWN = ("", "plumb_bob", "brown conrady")
 _REALSENSE_SENSOR = "/image/data"
 _NEAR_NS = 200_000_000
 """Colours that were taken 0.2 s earlier or later, or more, are not of a depth image's moment."""
-_MOST_WAITING = 10
-"""Images of each camera that wait for those of the other."""
+_WAIT_NS = 1_000_000_000
+_MOST_WAITING = 200
+_MOST_WAITING_BYTES = 1 << 28
+"""So long, so many and so large images of each camera wait for those of the other."""
 _PNG_HEADER = struct.Struct("<iff")
 """The head of compressedDepth: its kind, and two numbers by which metres became whole numbers."""
 
@@ -100,16 +102,21 @@ class BagImages:
         depth = _camera_of(found, self._depth)
         colors = [_camera_of(found, topic) for topic in _color_topics(found)]
         if isinstance(camera, RgbdCalibration):
-            return camera, colors[0].topic if colors else ""
+            nearest = min(colors, key=lambda color: _remoteness(depth, color), default=None)
+            return camera, nearest.topic if nearest else ""
         intrinsics = camera or depth.intrinsics
         if intrinsics is None:
             raise FormatError(f"{depth.why_not}; give camera= if it is known", file=str(self._path))
-        reasons = []
+        reasons, known = [], []
         for color in colors:
             registration = _registration(found, depth, color)
-            if not isinstance(registration, str):
-                return RgbdCalibration(intrinsics, registration), color.topic
-            reasons.append(registration)
+            if isinstance(registration, str):
+                reasons.append(registration)
+            else:
+                known.append((color, registration))
+        if known:
+            color, registration = min(known, key=lambda each: _remoteness(depth, *each))
+            return RgbdCalibration(intrinsics, registration), color.topic
         if reasons:
             warnings.warn(
                 f"{self._path}: frames have no colour: {'; '.join(reasons)}",
@@ -205,6 +212,20 @@ def _camera_of(found: Mapping[str, Any], topic: str) -> _Camera:
     return _Camera(topic, frame_id or info["frame_id"].lstrip("/"), intrinsics, "")
 
 
+def _remoteness(
+    depth: _Camera, color: _Camera, registration: Registration | None = None
+) -> tuple[bool, int, float]:
+    """Order of cameras that may belong to a depth image, the likeliest first.
+
+    A robot has several: the one of the same frame, else with the most of the topic's name in
+    common, else the nearest.
+    """
+    baseline = 0.0 if registration is None else float(np.linalg.norm(registration.translation))
+    both = zip(depth.topic.split("/"), color.topic.split("/"), strict=False)
+    common = next((i for i, (a, b) in enumerate(both) if a != b), 0)
+    return depth.frame_id != color.frame_id, -common, baseline
+
+
 def _intrinsics(info: Mapping[str, Any], is_rectified: bool) -> Intrinsics | str:
     """The camera of a CameraInfo, or why there is none.
 
@@ -273,7 +294,7 @@ def _paired(
 ) -> Iterator[tuple[BagPicture, BagPicture | None]]:
     """Each depth image with the colours of the nearest time; it waits for those taken after it."""
     waiting: deque[BagPicture] = deque()
-    colors: deque[BagPicture] = deque(maxlen=_MOST_WAITING)
+    colors: deque[BagPicture] = deque()
 
     def matched() -> tuple[BagPicture, BagPicture | None]:
         image = waiting.popleft()
@@ -287,14 +308,25 @@ def _paired(
 
     for picture in pictures:
         (waiting if picture.header["picture"] == depth else colors).append(picture)
+        while _is_too_much(colors):
+            colors.popleft()
         while waiting and (
             not color
-            or len(waiting) > _MOST_WAITING
+            or _is_too_much(waiting)
             or (colors and colors[-1].header["stamp_ns"] >= waiting[0].header["stamp_ns"])
         ):
             yield matched()
     while waiting:
         yield matched()
+
+
+def _is_too_much(pictures: deque[BagPicture]) -> bool:
+    """Whether the first one has waited long enough, or all together are too many or too large."""
+    if len(pictures) < 2:
+        return False
+    waited = pictures[-1].header["stamp_ns"] - pictures[0].header["stamp_ns"]
+    size = sum(len(picture.data) for picture in pictures)
+    return waited > _WAIT_NS or len(pictures) > _MOST_WAITING or size > _MOST_WAITING_BYTES
 
 
 def _stored_depth(picture: BagPicture) -> NDArray[np.uint16] | NDArray[np.float32]:
