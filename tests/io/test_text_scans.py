@@ -55,6 +55,34 @@ def test_columns_of_every_writer(text: str, tmp_path: Path) -> None:
         assert again.intensity.tolist() == [7.0, 8.0]
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "# X Y Z in metres\n1.5 -2 3.25\n4 5 -6\n",
+        "# x y z [m]\n1.5 -2 3.25\n4 5 -6\n",
+        "# x, y, and, z\nx,y,z\n1.5,-2,3.25\n4,5,-6\n",
+        "// z y x, as measured\n1.5,-2,3.25\n4,5,-6\n",
+    ],
+)
+def test_comments_that_only_speak_of_coordinates_name_no_columns(text: str, tmp_path: Path) -> None:
+    frame = read(tmp_path, text)
+    assert frame.points.tolist() == EXPECTED
+    assert frame.intensity is None
+    frame.write(tmp_path / "again.csv")
+    assert io.read_scan(tmp_path / "again.csv").points.tolist() == EXPECTED
+
+
+def test_columns_without_a_name_are_numbered(tmp_path: Path) -> None:
+    """pandas writes the numbers of the rows so."""
+    pytest.importorskip("laspy")
+    frame = read(tmp_path, ",x,y,z\n7,1.5,-2,3.25\n8,4,5,-6\n")
+    assert frame.points.tolist() == EXPECTED
+    assert frame.fields["c0"].tolist() == [7.0, 8.0]
+    for suffix in (".pcd", ".ply", ".las"):
+        frame.write(tmp_path / f"a{suffix}")
+        assert io.read_scan(tmp_path / f"a{suffix}").points.tolist() == EXPECTED
+
+
 def test_numbers_too_small_for_a_double_are_zero(tmp_path: Path) -> None:
     assert read(tmp_path, "1 2 -1e-400\n3 +1e-400 4\n").points.tolist() == [[1, 2, 0], [3, 0, 4]]
 
@@ -170,6 +198,9 @@ def test_infinite_coordinates_are_refused(tmp_path: Path) -> None:
 def test_one_far_return_moves_nothing(tmp_path: Path) -> None:
     frame = read(tmp_path, "1 2 3\n4 5 6\n9000 0 0\n")
     assert frame.points.tolist() == [[1, 2, 3], [4, 5, 6], [9000, 0, 0]]
+    map_ = "".join(f"{500000 + k / 8} {5400000 - k / 8} 90\n" for k in range(9)) + "1e10 0 0\n"
+    near = read(tmp_path, map_).points[:9]
+    np.testing.assert_array_equal(near - near[0], [[k / 8, -k / 8, 0] for k in range(9)])
 
 
 def test_an_empty_file_has_no_points(tmp_path: Path) -> None:

@@ -101,6 +101,9 @@ std::vector<std::string> column_names(std::string_view line, char separator) {
   if (!cells.empty() && cells.front().ends_with(":")) cells.erase(cells.begin());
   std::vector<std::string> names;
   std::transform(cells.begin(), cells.end(), std::back_inserter(names), column_name);
+  for (std::size_t i = 0; i < names.size(); ++i) {  // pandas names no column of row numbers
+    if (names[i].empty()) names[i] = std::string("c").append(std::to_string(i));
+  }
   for (const std::string axis : {"x", "y", "z"}) {
     if (std::find(names.begin(), names.end(), axis) == names.end()) return {};
   }
@@ -157,7 +160,7 @@ class TextReader {
   /// Is it a comment? One before the points may name the columns, as CloudCompare's does.
   bool is_comment(std::string_view line) {
     if (!line.starts_with("#") && !line.starts_with("//")) return false;
-    if (table_.num_points == 0 && names_.empty()) take_names(line);
+    if (table_.num_points == 0 && names_.empty()) are_from_comment_ = take_names(line);
     return true;
   }
 
@@ -173,10 +176,18 @@ class TextReader {
       table_.header.emplace_back("count", "");
       return true;
     }
+    if (are_from_comment_) forget_names();
     if (!names_.empty() || !take_names(line)) {
       input_.fail_at_line("expected numbers, or names of columns with x, y and z");
     }
     return true;
+  }
+
+  /// What looked like names was prose: "# x, y and z in metres".
+  void forget_names() {
+    names_.clear();
+    are_from_comment_ = false;
+    std::erase_if(table_.header, [](const auto& entry) { return entry.first == "names"; });
   }
 
   bool take_names(std::string_view line) {
@@ -199,6 +210,10 @@ class TextReader {
     }
     split(line, separator_, cells_);
     if (table_.fields.empty()) {
+      if (are_from_comment_) {
+        drop_last(cells_, names_.size());
+        if (cells_.size() != names_.size()) forget_names();
+      }
       drop_last(cells_, names_.empty() ? cells_.size() - 1 : names_.size());
       if (cells_.size() > kMostCells) input_.fail_at_line("more than 64 numbers");
       set_columns(cells_.size());
@@ -226,6 +241,7 @@ class TextReader {
   InputBuffer input_;
   PointTable table_;
   std::vector<std::string> names_;
+  bool are_from_comment_ = false;  ///< The names stand in a comment, which may say something else.
   std::vector<std::string_view> cells_;
   char separator_ = ' ';
   std::optional<double> count_;  ///< Points that the file says it has.

@@ -218,11 +218,11 @@ def near_zero(stored: NDArray[Any]) -> NDArray[np.float64]:
     matrix = np.eye(4)
     if not len(stored):
         return matrix
-    # One stray return far away moves nothing, and points beyond what float32 holds are refused as
-    # they stand in the file.
+    # Stray returns far away move nothing, and points beyond what float32 holds are refused as they
+    # stand in the file.
     farthest = np.abs(stored).max(axis=1)
     if np.median(farthest) > _FAR and farthest.max() <= np.finfo(np.float32).max:
-        matrix[:3, 3] = np.round(stored.mean(axis=0, dtype=np.float64))
+        matrix[:3, 3] = np.round(np.median(stored.astype(np.float64, copy=False), axis=0))
     return matrix
 
 
