@@ -347,6 +347,8 @@ def _concluded(
     base: dict[str, Any] = {"numbers": numbers, "detectors": reports, "noise": noise}
     if processing:
         why = "; ".join(f"{step.kind}: {step.detail}" for step in processing)
+        if edges.verdict == "tampered":
+            why += f"; {edges.reason}, or made sharp by this processing"
         return StreamInspection("processed", why, edges.score, processing=processing, **base)
     if frozen.verdict == "undecidable":
         return StreamInspection("undecidable", frozen.reason, edges.score, **base)
