@@ -142,6 +142,20 @@ std::uint8_t bit_of(std::uint8_t mark, PaperEmbedding embedding) {
   return rest == 0 ? 1 : 0;  // at n steps: 1; half a step beside it, or no nearer to either: 0
 }
 
+// Frames come ten a second: memory of this size would be given back to the system after each of
+// them, and faulted in again page by page, a third of the whole time.
+struct PaperScratch {
+  LatticeSamples found;
+  std::vector<std::uint16_t> slice_of;
+  CanonicalOrder order;
+  TiledSamples tiled;
+};
+
+PaperScratch& scratch_of_thread() {
+  thread_local PaperScratch scratch;
+  return scratch;
+}
+
 }  // namespace
 
 PaperMarked embed_paper(const PointsView& points, std::span<const std::uint8_t> blocks,
@@ -151,8 +165,7 @@ PaperMarked embed_paper(const PointsView& points, std::span<const std::uint8_t> 
   check(options, blocks);
   if (points.num_points() == 0) throw InputError("points: expected at least one, got none");
   const bool printed = options.embedding == PaperEmbedding::kQimPrinted;
-  LatticeSamples found;
-  std::vector<std::uint16_t> slice_of;
+  auto& [found, slice_of, order, tiled] = scratch_of_thread();
   WatermarkOptions sampling;
   sampling.embedding = keyed_kind(options.embedding);
   sample_for_embedding(points, sampling, slices, found, slice_of);
@@ -168,9 +181,8 @@ PaperMarked embed_paper(const PointsView& points, std::span<const std::uint8_t> 
   metadata.tile_of =
       merge_slices(counts, static_cast<std::uint32_t>(options.block_bits), options.merge);
   const int num_tiles = 1 + *std::max_element(metadata.tile_of.begin(), metadata.tile_of.end());
-  TiledSamples tiled;
-  CanonicalOrder().sort(found.samples, {}, slice_of, metadata.tile_of, num_tiles,
-                        order_of(options.embedding), tiled);
+  order.sort(found.samples, {}, slice_of, metadata.tile_of, num_tiles, order_of(options.embedding),
+             tiled);
 
   result.points.resize(points.num_points(), 3);
   const Assignment assignment(options);
@@ -209,12 +221,10 @@ PaperComparison compare_paper(const PointsView& points, std::span<const std::uin
                     std::all_of(metadata.tile_of.begin(), metadata.tile_of.end(),
                                 [&](std::uint16_t tile) { return tile < num_tiles; });
   if (!fits) throw InputError("metadata: expected a tile of each slice, and a count of each tile");
-  LatticeSamples found;
-  std::vector<std::uint16_t> slice_of;
+  auto& [found, slice_of, order, tiled] = scratch_of_thread();
   sample_received(points, options.embedding, slices, found, slice_of);
-  TiledSamples tiled;
-  CanonicalOrder().sort(found.samples, found.marks, slice_of, metadata.tile_of,
-                        static_cast<int>(num_tiles), order_of(options.embedding), tiled);
+  order.sort(found.samples, found.marks, slice_of, metadata.tile_of, static_cast<int>(num_tiles),
+             order_of(options.embedding), tiled);
 
   PaperComparison result;
   const Assignment assignment(options);
