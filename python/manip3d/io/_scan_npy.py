@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 import os
+import warnings
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from manip3d._util.callers import caller_level
 from manip3d.errors import FormatError
 from manip3d.io._files import atomic_path, open_regular
 from manip3d.io._limits import check_points
@@ -72,6 +74,11 @@ def read(path: Path, limit: int) -> LidarFrame:
     else:
         flat = values.ravel()
         columns = {column[0]: flat[column[0]] for column in layout}
+        if gone := [column for column in dtype.names if column not in columns]:
+            warnings.warn(
+                f"{name}: columns that hold no numbers are left out: {', '.join(gone)}",
+                stacklevel=caller_level(),
+            )
     native = {key: v.astype(v.dtype.newbyteorder("=")) for key, v in columns.items()}
     header = {"plain": dtype.names is None}
     return frame_of_table(Table("npy", native, name, layout, header), origin=None)
@@ -113,6 +120,8 @@ def _layout(shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[Column, ...]:
 def _kind(dtype: np.dtype[Any]) -> tuple[str, int]:
     """NumPy's name of a field's type, little endian, and its numbers; 0 where it is no number."""
     base, shape = dtype.base, dtype.shape
-    if base.kind not in "iuf" or len(shape) > 1:
+    if base.kind not in "iufb" or len(shape) > 1:
         return "", 0
+    if base.kind == "b":
+        base = np.dtype(np.uint8)  # 0 and 1
     return f"<{base.kind}{base.itemsize}", shape[0] if shape else 1
