@@ -102,10 +102,16 @@ Skeleton with_sides_swapped(const Skeleton& told) {
 /// For how long joints of a limb have been guessed.
 class InferredClock {
  public:
-  double add(const Skeleton& skeleton, Limb limb, double time_s) {
+  /// The root does not count: it is guessed whenever a seated person's thigh hides it, and the
+  /// trunk tells where it is.
+  /// @param is_seen  whether the depth image shows the limb at a joint, which makes a guess of it
+  ///                 as good as any.
+  template <typename Seen>
+  double add(const Skeleton& skeleton, Limb limb, double time_s, const Seen& is_seen) {
     double longest = 0.0;
-    for (std::size_t i = 0; i < kNumMainJoints; ++i) {
-      if (skeleton.state(limb_chain(limb)[i]) == TrackingState::kTracked) {
+    for (std::size_t i = 1; i < kNumMainJoints; ++i) {
+      const Joint joint = limb_chain(limb)[i];
+      if (skeleton.state(joint) == TrackingState::kTracked || is_seen(joint)) {
         last_tracked_[i] = time_s;
       } else if (last_tracked_[i] == kNever) {
         last_tracked_[i] = time_s;  // the first frame of all
@@ -138,6 +144,17 @@ double visible_share(const Skeleton& skeleton, Limb limb, const PixelProjector& 
     }
   }
   return all > 0.0 ? seen / all : 0.0;
+}
+
+/// Does the camera see the limb where a joint is, tracked or guessed?
+bool shows_limb_at(const Skeleton& skeleton, Limb limb, Joint joint,
+                   const PixelProjector& projector, const PhantomImage& image) {
+  constexpr float kWithinLimb = 0.12F;  // metres from a joint to the skin before it
+  if (!is_usable(skeleton, joint)) return false;
+  const Eigen::Vector3f& p = skeleton[joint];
+  const std::int32_t pixel = projector.pixel(p.x(), p.y(), p.z());
+  if (pixel < 0 || std::abs(image.depth[pixel] - p.z()) > kWithinLimb) return false;
+  return is_limb_bone(limb, image.label[pixel]);
 }
 
 /// Length of a limb along its usable joints, metres.
@@ -554,7 +571,9 @@ class PhantomPipeline::Workspace {
     const Limb intact = opposite(options_.affected);
     const PixelProjector projector(*camera_, rays_);
     report.visible = visible_share(person, intact, projector, image.label);
-    const double guessed = inferred_.add(person, intact, time_s);
+    const double guessed = inferred_.add(person, intact, time_s, [&](Joint joint) {
+      return shows_limb_at(person, intact, joint, projector, image);
+    });
     if (!is_here_) {
       report.reason = PhantomReason::kNoPerson;
     } else if (!frame_) {

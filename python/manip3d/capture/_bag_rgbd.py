@@ -37,7 +37,7 @@ _NEAR_NS = 200_000_000
 _WAIT_NS = 1_000_000_000
 _MOST_WAITING = 200
 _MOST_WAITING_BYTES = 1 << 28
-"""So long, so many and so large images of each camera wait for those of the other."""
+"""Images of each camera wait for those of the other so long, and no more or larger ones do."""
 _PNG_HEADER = struct.Struct("<iff")
 """The head of compressedDepth: its kind, and two numbers by which metres became whole numbers."""
 

@@ -64,7 +64,7 @@ class PhantomReason(enum.StrEnum):
     NO_PERSON = "no_person"  #: the key person's skeleton, or its pixels, are not there
     NO_PLANE = "no_plane"  #: the axes of the body never were there
     OCCLUDED = "occluded"  #: too little of the limb is seen
-    INFERRED = "inferred"  #: a joint of it was guessed for too long
+    INFERRED = "inferred"  #: a joint of it was guessed for too long, where the limb is not seen
     NO_SKELETON = "no_skeleton"  #: no skeleton has been seen at all
     CALIBRATION = "calibration"  #: the joints do not lie on the person's pixels
     SHAKY = "shaky"  #: the plane of symmetry is not known well enough
@@ -369,11 +369,12 @@ class PhantomPipeline:
     filling, phantom skeleton, points and textured mesh.
 
     While the intact limb cannot be mirrored - less than ``least_visible`` of it is seen, one of its
-    joints is inferred for more than ``inferred_seconds``, or the skeleton is gone - the last
-    phantom moves with the body for ``hold_seconds``, then fades in ``fade_seconds``. A frame that
-    is not newer than the last one is counted and passed over, unless it is more than a second
-    older: then a new recording begins. Where all times are 0, frames count as 30 a second. A frame
-    whose phantom nobody would believe is ``degraded``: see `PhantomQuality`.
+    joints beyond the root is inferred for more than ``inferred_seconds`` at a place where the depth
+    image does not show the limb, or the skeleton is gone - the last phantom moves with the body for
+    ``hold_seconds``, then fades in ``fade_seconds``. A frame that is not newer than the last one is
+    counted and passed over, unless it is more than a second older: then a new recording begins.
+    Where all times are 0, frames count as 30 a second. A frame whose phantom nobody would believe
+    is ``degraded``: see `PhantomQuality`.
 
     Parameters
     ----------
