@@ -404,8 +404,8 @@ def _sentence(result: DepthFileResult) -> str:
         f"pixels{low if result.coverage_missed else ''}{_not_covered(result)}, "
         f"{100 * result.bridges:.2f} % of its area bridges gaps{many}"
         f"{missed if result.target_missed else ''}"
-        f"{share if result.num_bytes is not None else ''}{_left_across_steps(result)}; "
-        f"wrote {result.output}"
+        f"{share if result.num_bytes is not None else ''}{_left_across_steps(result)}"
+        f"{_sparse(result)}; wrote {result.output}"
     )
 
 
@@ -419,6 +419,12 @@ def _not_covered(result: DepthFileResult) -> str:
     if result.filled_pixels:
         words += f", {counted(result.filled_pixels, 'pixel')} in pinholes filled"
     return words
+
+
+def _sparse(result: DepthFileResult) -> str:
+    from manip3d.simplify._depth_files import SPARSE_WORDS
+
+    return f"; {SPARSE_WORDS}" if result.is_sparse else ""
 
 
 def _left_across_steps(result: DepthFileResult) -> str:
@@ -454,6 +460,7 @@ def _record(result: DepthFileResult) -> dict[str, Any]:
         "coverage": round(result.coverage, 6),
         "bridges": round(result.bridges, 6),
         "outside": round(result.outside, 6),
+        "lone_pixels": result.lone_pixels,
         "dropped_pixels": result.dropped_pixels,
         "filled_pixels": result.filled_pixels,
         "faces_left": result.faces_left,
