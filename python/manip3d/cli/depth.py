@@ -165,7 +165,7 @@ def _joint_sentence(result: JointFileResult) -> str:
         f"{counted(result.faces, 'face')} in {result.seconds * 1000:.1f} ms; covers "
         f"{100 * result.coverage:.1f} % of the measured pixels{low}, "
         f"{100 * result.bridges:.2f} % of its area bridges gaps{many}"
-        f"{few if result.target_missed else ''}; wrote {result.output}"
+        f"{few if result.target_missed else ''}{_sparse(result)}; wrote {result.output}"
     )
 
 
@@ -181,6 +181,7 @@ def _joint_record(result: JointFileResult) -> dict[str, Any]:
         "seconds": round(result.seconds, 4),
         "coverage": round(result.coverage, 6),
         "bridges": round(result.bridges, 6),
+        "lone_pixels": result.lone_pixels,
         "target_missed": result.target_missed,
         "coverage_missed": result.coverage_missed,
         "bridges_missed": result.bridges_missed,
@@ -421,7 +422,7 @@ def _not_covered(result: DepthFileResult) -> str:
     return words
 
 
-def _sparse(result: DepthFileResult) -> str:
+def _sparse(result: DepthFileResult | JointFileResult) -> str:
     from manip3d.simplify._depth_files import SPARSE_WORDS
 
     return f"; {SPARSE_WORDS}" if result.is_sparse else ""
