@@ -1,12 +1,13 @@
 """The relief on all range scans and RGB-D recordings of the data folder, beside an edge collapse.
 
-``python benchmarks/bench_every_depth.py [--inputs ...] [--frames N] [-o every_depth.json]``
+``python benchmarks/bench_every_depth.py [--inputs ...] [--shares ...] [--frames N]
+[-o every_depth.json]``
 
 Frames of a recording are taken at equal distances. Images lose the faces across steps in depth as
 `manip3d depth` leaves them out, ours and the dense mesh alike. The peer simplifies the dense mesh
 to as many vertices; its time includes making that mesh. Everything runs on one core; times are
-processor time, the least of the rounds. Results are stored after each image; `--inputs` without a
-name writes the tables of what is stored.
+processor time, the least of the rounds. Results are stored after each image, beside those of other
+images and shares; `--inputs` without a name writes the tables of what is stored.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import json
 import math
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -101,12 +102,12 @@ def _image(name: str, frame_name: str) -> Surface:
     return Surface(f"{name} {frame_name}", int(np.count_nonzero(depth)), depth.size, dense, relief)
 
 
-def compare(surface: Surface, rounds: int) -> list[Row]:
+def compare(surface: Surface, shares: Sequence[float], rounds: int) -> list[Row]:
     """A row for each share of the points and each way to run ours."""
     dense = surface.dense().mesh
     meshing = min(measure(surface.dense)[1].cpu_s for _ in range(rounds))
     rows = []
-    for share in SHARES:
+    for share in shares:
         points = max(3, math.ceil(share * surface.points))
         peers: dict[str, Row] = {}
         for how, (options, peer_name) in OURS.items():
@@ -137,6 +138,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     known = inputs()
     parser.add_argument("--inputs", nargs="*", default=known, choices=known, metavar="INPUT")
+    parser.add_argument("--shares", nargs="*", type=float, default=SHARES, choices=SHARES)
     parser.add_argument("--frames", type=int, default=2, help="of each recording")
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("-o", "--output", type=Path, default=Path("every_depth.json"))
@@ -147,8 +149,9 @@ def main() -> None:
     one_thread()
     for name in arguments.inputs:
         for surface in surfaces(name, arguments.frames):
-            rows = compare(surface, arguments.rounds)
-            kept = [row for row in results["rows"] if row["input"] != surface.name]
+            rows = compare(surface, arguments.shares, arguments.rounds)
+            again = {(row["input"], row["share"]) for row in rows}
+            kept = [row for row in results["rows"] if (row["input"], row["share"]) not in again]
             results = {"environment": environment(), "rows": kept + rows}
             arguments.output.write_text(json.dumps(results, indent=1) + "\n")
             print(f"{time.strftime('%H:%M:%S')} {surface.name}", file=sys.stderr, flush=True)

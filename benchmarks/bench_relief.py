@@ -13,6 +13,10 @@ each in a run of its own.
 Buffers: the time of `gpu_buffers` for a frame of 640 x 480 pixels, of the dense mesh and at each
 share; memory is given back before each call. Sequences: flicker of recorded and simulated ones,
 each frame alone and by `ReliefStream`, as `manip3d reproduce sequences-3` measures it.
+
+Missing pixels: a share of the scenes' pixels, drawn at random, has no measurement; meshes have 5 %
+of the points that are left, and are cut at steps in depth. Coverage and error are those against the
+surface of the whole image. This part writes its section of RESULTS.md.
 """
 
 from __future__ import annotations
@@ -23,7 +27,7 @@ import json
 import math
 import statistics
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, get_args
 
@@ -32,6 +36,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
+import tables
 from manip3d import Intrinsics, Mesh, datasets, metrics, simplify
 from manip3d.experiments import sequences_3
 from manip3d.experiments._model import Plan
@@ -41,11 +46,13 @@ from peers import PEERS, NotInstalledError
 EFFORTS = get_args(simplify.Effort)
 COLLAPSES = ("meshoptimizer subset", "meshoptimizer attributes", "meshoptimizer update")
 MOST_SAMPLES = 400_000
-PARTS = ("buffers", "sequences", "cases")
+PARTS = ("buffers", "sequences", "missing", "cases")
 FLICKER = ("flicker_mm", "step_mm", "changed")
 PUBLISHED_SHARE = 0.05  # of the points, as in the published tables
 SHARES = (PUBLISHED_SHARE, 0.01, 0.005)
 PREFIXES = (4.0, 2.0, 1.0, 0.5, 0.25)  # of the points of a share
+MISSING = (0.0, 0.01, 0.03, 0.1, 0.3)  # of the pixels of a scene
+MISSING_SEED = 1
 SCENE_EDGE = 0.1  # metres: longer triangles of scenes are no surface
 SCANS = {"bun000": 2012, "happyStandRight_0": 3902, "dragonStandRight_0": None}
 PEOPLE = ("person_turning", "person_ddrnet", "person_normalgan", "person_frontsurfaces",
@@ -271,6 +278,44 @@ def run_buffers(shares: Sequence[float], rounds: int) -> list[dict[str, Any]]:
     return rows
 
 
+def run_missing(name: str, rounds: int) -> list[dict[str, Any]]:
+    """A scene with ever more pixels missing: time, and what stays of the whole surface."""
+    frame = datasets.load_frame(name)
+    whole: NDArray[Any] = np.ascontiguousarray(frame.person)
+    dense = simplify.dense_mesh(whole, frame.intrinsics)
+    dense = simplify.cut_depth_steps(dense, whole, intrinsics=frame.intrinsics)
+    order = np.random.default_rng(MISSING_SEED).permutation(whole.size)
+    rows = []
+    for share in MISSING:
+        depth = whole.copy()
+        depth.flat[order[: round(share * whole.size)]] = 0
+        points = math.ceil(PUBLISHED_SHARE * np.count_nonzero(depth))
+        for effort in ("live", "balanced"):
+
+            def ours(depth: Any = depth, n: int = points, effort: Any = effort) -> simplify.Relief:
+                step = simplify.DEPTH_STEP
+                found = simplify.relief(depth, frame.intrinsics, n, depth_step=step, effort=effort)
+                return simplify.cut_depth_steps(found, depth)
+
+            runs = [measure(ours) for _ in range(rounds)]
+            found = runs[0][0]
+            assert isinstance(found.surface, simplify.DenseImage)
+            of_whole = replace(found, surface=replace(found.surface, depth=whole), cover=None)
+            rows.append({
+                "missing": share,
+                "effort": effort,
+                "points": points,
+                "vertices": found.num_used,
+                "filled_pixels": found.filled_pixels,
+                "cpu_s": min(cost.cpu_s for _, cost in runs),
+                "coverage": of_whole.coverage,
+                "bridges": of_whole.bridges,
+                "reported": found.coverage * (1 - found.outside),
+                "mean": mean_of(dense.mesh, found.mesh),
+            })  # fmt: skip
+    return rows
+
+
 def show_rows(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
     """A table of all columns."""
     table = Table(title=title)
@@ -322,6 +367,12 @@ def main() -> None:
     if "sequences" in arguments.parts:
         results["sequences"] = run_sequences(arguments.sequence)
         show_rows("flicker, 5 % of the points", results["sequences"])
+    if "missing" in arguments.parts:
+        scenes = [name for name in arguments.cases if name in SCENES]
+        scenes = [name for name in scenes if datasets.is_here(datasets.get(name))]
+        results["missing"] = {name: run_missing(name, arguments.rounds) for name in scenes}
+        if scenes:
+            tables.write_missing_pixels(results)
     if arguments.output:
         arguments.output.write_text(json.dumps(results, indent=1) + "\n")
     for name in arguments.cases if "cases" in arguments.parts else ():

@@ -414,6 +414,31 @@ def every_depth(results: Row) -> str:
     return "\n".join(parts)
 
 
+def write_missing_pixels(results: Row, path: Path = RESULTS) -> None:
+    """The section `missing_pixels`."""
+    write_section("missing_pixels", missing_pixels(results), path)
+
+
+def missing_pixels(results: Row) -> str:
+    """Each scene at each share of missing pixels; times and errors also over those without."""
+    head = ("scene", "missing", "effort", "points", "pixels filled", "ms", "over none missing",
+            "error, 1e-3", "over none missing", "coverage", "of the measured",
+            "bridges")  # fmt: skip
+    lines = []
+    for name, rows in results["missing"].items():
+        complete = {row["effort"]: row for row in rows if row["missing"] == 0}
+        for row in rows:
+            of = complete[row["effort"]]
+            lines.append((
+                name, _percent(row["missing"]), row["effort"], f"{row['points']:,}",
+                f"{row['filled_pixels']:,}", number(1e3 * row["cpu_s"]),
+                number(row["cpu_s"] / of["cpu_s"]), number(1e3 * row["mean"]),
+                number(row["mean"] / of["mean"]), f"{row['coverage']:.3f}",
+                f"{row['reported']:.3f}", _percent(row["bridges"]),
+            ))  # fmt: skip
+    return environment_line(results["environment"]) + "\n" + table(head, lines)
+
+
 def _percent(share: float) -> str:
     return f"{100.0 * share:.3g} %"
 

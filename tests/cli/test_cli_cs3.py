@@ -47,6 +47,8 @@ def _every_second_row(depth: np.ndarray) -> np.ndarray:
         (lambda depth: 0 * depth, "cs3", "no measured pixel"),
         (lambda depth: 0 * depth, "poisson", "no measured pixel"),
         (_every_second_row, "relief", "576 measured pixels, of which no three meet"),
+        (_every_second_row, "relief", "most measured pixels stand alone"),
+        (_every_second_row, "cs3", "most measured pixels stand alone"),
     ],
 )
 def test_an_image_without_a_surface_writes_nothing_and_says_why(
@@ -59,6 +61,28 @@ def test_an_image_without_a_surface_writes_nothing_and_says_why(
     assert done.returncode == 1
     assert reason in error_line(done)
     assert not output.exists()
+
+
+@pytest.mark.parametrize("depth_step", ["0", "0.05"])
+def test_an_image_of_lone_pixels_is_said_to_be_one(depth_step: str, tmp_path: Path) -> None:
+    depth = np.zeros((24, 48), np.uint16)
+    depth[::4, ::3] = 2000
+    depth[9:11, 10:12] = 2000  # four of 100 pixels that make a surface
+    Image.fromarray(depth).save(tmp_path / "depth.png")
+    given = (tmp_path / "depth.png", "-o", tmp_path / "out.glb", "--unit", "mm", "--json")
+    options = ("--points", "100", "--intrinsics", "40,40,23.5,11.5", "--depth-step", depth_step)
+    done = manip3d("depth", *given, *options, "--strict")
+    assert done.returncode == 4
+    assert "most measured pixels stand alone" in done.stderr
+    assert "simplify.grid_delaunay" in done.stderr
+    record = json.loads(done.stdout)
+    assert record["lone_pixels"] == record["points_before"] - 4
+    depth[:] = 2000
+    Image.fromarray(depth).save(tmp_path / "depth.png")
+    done = manip3d("depth", *given, *options, "--force")
+    assert done.returncode == 0
+    assert "alone" not in done.stderr
+    assert json.loads(done.stdout)["lone_pixels"] == 0
 
 
 @pytest.fixture

@@ -143,6 +143,29 @@ def test_strict_fails_where_several_views_have_too_few_points(walls: Path) -> No
     assert manip3d(*base, "--force").returncode == 0
 
 
+def test_several_images_of_lone_pixels_are_said_to_be_sparse(walls: Path) -> None:
+    files = sorted(walls.glob("*.npy"))
+    options = simplify.DepthOptions(200, intrinsics="130,130,79.5,59.5", unit="mm")
+    given = (files, walls / "groundtruth.txt", walls / "wall.ply", options)
+    whole = simplify.simplify_camera_files(*given)
+    assert whole.lone_pixels == 0
+    assert not whole.is_sparse
+    for file in files:
+        depth = np.load(file)
+        depth[np.arange(120) % 5 > 0] = 0
+        depth[52:54, 10:12] = 1800  # four measured pixels of a surface
+        np.save(file, depth)
+    sparse = simplify.simplify_camera_files(*given)
+    assert sparse.lone_pixels == sparse.points_before - 2 * 4
+    assert sparse.is_sparse
+    for file in files:
+        depth = np.load(file)
+        depth[52:54, 10:12] = 0
+        np.save(file, depth)
+    with pytest.raises(FormatError, match="found none; most measured pixels stand alone"):
+        simplify.simplify_camera_files(*given)
+
+
 def test_the_mesh_of_a_gltf_is_upright(walls: Path) -> None:
     options = simplify.DepthOptions(50, intrinsics=CAMERA, unit="mm")
     files = [walls / "10.005.npy", walls / "10.031.npy"]

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from manip3d import FormatError, InputError, Intrinsics, _core, io, simplify
+from manip3d import FormatError, InputError, Intrinsics, _core, datasets, io, simplify
 from manip3d.batch import find_files
 from manip3d.simplify._depth_steps import across_gaps
+from real_data import RealData
 
 CAMERA = Intrinsics(160, 120, 130.0, 130.0, 79.5, 59.5)
 
@@ -387,14 +388,70 @@ def test_faces_across_steps_that_stayed_are_counted(
         assert (result.left_area == 0) != stayed
 
 
+def lone_pixels(valid: NDArray[np.bool_]) -> int:
+    """Measured pixels that no square of two by two joins with two others, one by one."""
+    height, width = valid.shape
+    lone = 0
+    for v, u in np.argwhere(valid):
+        squares = [
+            valid[top : top + 2, left : left + 2].sum()
+            for top in (v - 1, v)
+            for left in (u - 1, u)
+            if 0 <= top < height - 1 and 0 <= left < width - 1
+        ]
+        lone += max(squares) < 3
+    return lone
+
+
+@pytest.mark.parametrize("share", [0.04, 0.15, 0.45, 0.6, 0.9])
+def test_lone_pixels_are_counted(share: float, tmp_path: Path) -> None:
+    mask = np.random.default_rng(3).random((120, 160)) < share
+    mask[:2, -2:] = [[True, True], [True, False]]  # a face, so that there is something to write
+    depth = np.where(mask, 2000, 0).astype(np.uint16)
+    np.save(tmp_path / "a.npy", depth)
+    options = simplify.DepthOptions(20000, intrinsics="130,130,79.5,59.5", unit="mm")
+    result = simplify.simplify_depth_file(tmp_path / "a.npy", tmp_path / "a.ply", options)
+    assert result.lone_pixels == lone_pixels(mask)
+    assert result.points_before == mask.sum()
+    assert result.is_sparse == (lone_pixels(mask) > 0.5 * mask.sum())
+    assert result.is_sparse == (share < 0.3)
+
+
+@pytest.mark.realdata
+def test_a_projected_scan_is_said_to_be_sparse(realdata: RealData, tmp_path: Path) -> None:
+    """As KITTI's depth completion has it: a scan in its camera, 16 bits, 1/256 m."""
+    folder = realdata("lidar/kitti_object")
+    frame = datasets.open_kitti(folder)[0]
+    calibration = frame.calibration()
+    pixels, z = calibration.project(frame.scan().points, camera=2)
+    at = np.round(pixels[(z > 0) & (z < 255)])
+    inside = (at >= 0).all(axis=1) & (at < (1242, 375)).all(axis=1)
+    u, v = at[inside].astype(int).T
+    depth = np.zeros((375, 1242), np.uint16)
+    depth[v, u] = np.round(256 * z[(z > 0) & (z < 255)][inside])
+    assert 0.03 < np.mean(depth > 0) < 0.06
+    np.save(tmp_path / "a.npy", depth)
+    p = calibration.projections[2]
+    camera = f"{p[0, 0]},{p[1, 1]},{p[0, 2]},{p[1, 2]}"
+    options = simplify.DepthOptions(5000, "relief", intrinsics=camera, unit="256")
+    with pytest.raises(FormatError, match=r"stand alone, .* simplify\.grid_delaunay joins pixels"):
+        simplify.simplify_depth_file(tmp_path / "a.npy", tmp_path / "a.ply", options)
+    assert not (tmp_path / "a.ply").exists()
+    options = replace(options, method="cs3")
+    result = simplify.simplify_depth_file(tmp_path / "a.npy", tmp_path / "a.ply", options)
+    assert result.is_sparse
+    assert result.coverage_missed
+    assert result.lone_pixels == lone_pixels(depth > 0)
+
+
 def test_an_empty_mesh_is_not_blamed_on_what_was_not_asked_for(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", np.where(np.arange(24)[:, None] % 2, np.full((24, 48), 2000), 0)
             .astype(np.uint16))  # fmt: skip
     for step, max_edge, words in (
-        (0.0, None, "two by two; method"),
-        (0.05, None, "two by two without a depth step; method"),
-        (0.0, 0.1, "two by two without a longer edge than max_edge; method"),
-        (0.05, 0.1, "two by two without a longer edge than max_edge or a depth step; method"),
+        (0.0, None, "two by two; most"),
+        (0.05, None, "two by two without a depth step; most"),
+        (0.0, 0.1, "two by two without a longer edge than max_edge; most"),
+        (0.05, 0.1, "two by two without a longer edge than max_edge or a depth step; most"),
     ):
         options = simplify.DepthOptions(
             20, intrinsics="40,40,23.5,11.5", unit="mm", depth_step=step, max_edge=max_edge

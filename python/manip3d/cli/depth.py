@@ -165,7 +165,7 @@ def _joint_sentence(result: JointFileResult) -> str:
         f"{counted(result.faces, 'face')} in {result.seconds * 1000:.1f} ms; covers "
         f"{100 * result.coverage:.1f} % of the measured pixels{low}, "
         f"{100 * result.bridges:.2f} % of its area bridges gaps{many}"
-        f"{few if result.target_missed else ''}; wrote {result.output}"
+        f"{few if result.target_missed else ''}{_sparse(result)}; wrote {result.output}"
     )
 
 
@@ -181,6 +181,7 @@ def _joint_record(result: JointFileResult) -> dict[str, Any]:
         "seconds": round(result.seconds, 4),
         "coverage": round(result.coverage, 6),
         "bridges": round(result.bridges, 6),
+        "lone_pixels": result.lone_pixels,
         "target_missed": result.target_missed,
         "coverage_missed": result.coverage_missed,
         "bridges_missed": result.bridges_missed,
@@ -404,8 +405,8 @@ def _sentence(result: DepthFileResult) -> str:
         f"pixels{low if result.coverage_missed else ''}{_not_covered(result)}, "
         f"{100 * result.bridges:.2f} % of its area bridges gaps{many}"
         f"{missed if result.target_missed else ''}"
-        f"{share if result.num_bytes is not None else ''}{_left_across_steps(result)}; "
-        f"wrote {result.output}"
+        f"{share if result.num_bytes is not None else ''}{_left_across_steps(result)}"
+        f"{_sparse(result)}; wrote {result.output}"
     )
 
 
@@ -419,6 +420,12 @@ def _not_covered(result: DepthFileResult) -> str:
     if result.filled_pixels:
         words += f", {counted(result.filled_pixels, 'pixel')} in pinholes filled"
     return words
+
+
+def _sparse(result: DepthFileResult | JointFileResult) -> str:
+    from manip3d.simplify._depth_files import SPARSE_WORDS
+
+    return f"; {SPARSE_WORDS}" if result.is_sparse else ""
 
 
 def _left_across_steps(result: DepthFileResult) -> str:
@@ -454,6 +461,7 @@ def _record(result: DepthFileResult) -> dict[str, Any]:
         "coverage": round(result.coverage, 6),
         "bridges": round(result.bridges, 6),
         "outside": round(result.outside, 6),
+        "lone_pixels": result.lone_pixels,
         "dropped_pixels": result.dropped_pixels,
         "filled_pixels": result.filled_pixels,
         "faces_left": result.faces_left,

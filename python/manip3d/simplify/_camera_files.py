@@ -22,11 +22,13 @@ from manip3d.io._poses import poses_by_file, rigid
 from manip3d.io._text_files import text_of
 from manip3d.simplify._cameras import CameraView, JointSimplification, cs3_cameras, relief_cameras
 from manip3d.simplify._depth_files import (
+    SPARSE_WORDS,
     DepthOptions,
     _color_image,
     _expect_camera,
     _expect_options_of_scan,
     _is_yup,
+    _Measured,
     _read,
     common_depth_unit,
 )
@@ -57,6 +59,8 @@ class JointFileResult:
         meet are asked for again, up to three times; of all tries.
     coverage, bridges : float
         As of `JointSimplification`.
+    lone_pixels : int
+        As of `DepthFileResult`, of all views.
     """
 
     sources: tuple[Path, ...]
@@ -68,6 +72,12 @@ class JointFileResult:
     seconds: float
     coverage: float
     bridges: float
+    lone_pixels: int = 0
+
+    @property
+    def is_sparse(self) -> bool:
+        """As of `DepthFileResult`."""
+        return 2 * self.lone_pixels > self.points_before
 
     @property
     def target_missed(self) -> bool:
@@ -289,8 +299,12 @@ def simplify_camera_files(
     started = time.perf_counter()
     joint = _filled(views, options, points, steps)
     seconds = time.perf_counter() - started
+    lone = sum(_Measured.of(_valid_pixels(view)).lone for view in views)
     if not joint.num_faces:
-        raise FormatError(f"expected a surface in {len(files)} views, found none", file=str(place))
+        note = f"; {SPARSE_WORDS}" if 2 * lone > joint.num_measured else ""
+        raise FormatError(
+            f"expected a surface in {len(files)} views, found none{note}", file=str(place)
+        )
     _write(joint, target, turned=all(are_images) and _is_yup(target))
     return JointFileResult(
         files,
@@ -302,7 +316,13 @@ def simplify_camera_files(
         seconds,
         joint.coverage,
         joint.bridges,
+        lone,
     )
+
+
+def _valid_pixels(view: CameraView) -> NDArray[np.bool_]:
+    """Measured pixels of a view as `_image_view` and `_scan_view` make it."""
+    return np.asarray(view.valid if view.depth is None else np.asarray(view.depth) > 0, bool)
 
 
 def _filled(

@@ -47,6 +47,11 @@ _YUP_SUFFIXES = (".glb", ".gltf")
 _FRAMES_FOR_A_GUESS = 9
 _BYTES_PER_POINT = 40.0  # of a .glb: a vertex with texture coordinates and two faces
 _NO_MILLIMETRES = 65535
+SPARSE_WORDS = (
+    "most measured pixels stand alone, as in an image that a LiDAR was projected into: no method "
+    "here makes a surface of them; in Python, simplify.grid_delaunay joins pixels at any distance"
+)
+"""What to tell of an image whose result `is_sparse`."""
 
 
 @dataclass(frozen=True)
@@ -173,6 +178,8 @@ class DepthFileResult:
         Share of the measured pixels that no triangle of that dense mesh uses.
     num_bytes : int or None
         Bytes of all files that were written, where ``options`` have a bandwidth.
+    lone_pixels : int
+        Measured pixels that share no square of two by two pixels with two other measured ones.
     """
 
     source: Path
@@ -196,6 +203,15 @@ class DepthFileResult:
     bridges: float = 0.0
     outside: float = 0.0
     num_bytes: int | None = None
+    lone_pixels: int = 0
+
+    @property
+    def is_sparse(self) -> bool:
+        """Most measured pixels stand alone, as in an image that a LiDAR was projected into.
+
+        Of these the methods here make no surface.
+        """
+        return 2 * self.lone_pixels > self.points_before
 
     @property
     def coverage_missed(self) -> bool:
@@ -476,12 +492,29 @@ def _from_image(
         cut = uncut.num_faces - found.num_faces
         return _Made(found, mesh, cut, seconds, faces_left=left, left_area=left_area)
 
-    measured = int(np.count_nonzero(depth > 0))
+    measured = _Measured.of(depth > 0)
     made = _write(make, path, output, options, measured, has_steps=options.depth_step > 0)
     made = replace(made, seconds=made.seconds + taking_up)
     return _result(
         path, output, options, made, measured, depth=words, unit=reading.unit
     )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Measured:
+    """How many pixels are measured, and how many of them stand alone."""
+
+    pixels: int
+    lone: int
+
+    @staticmethod
+    def of(valid: NDArray[np.bool_]) -> _Measured:
+        """A pixel is not alone if it is one of three measured ones in a square of two by two."""
+        padded = np.pad(valid, 1).astype(np.uint8)
+        square = padded[:-1, :-1] + padded[:-1, 1:] + padded[1:, :-1] + padded[1:, 1:]
+        full = square >= 3
+        joined = full[:-1, :-1] | full[:-1, 1:] | full[1:, :-1] | full[1:, 1:]
+        return _Measured(int(np.count_nonzero(valid)), int(np.count_nonzero(valid & ~joined)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -507,7 +540,7 @@ def _write(
     source: Path,
     output: Path,
     options: DepthOptions,
-    measured: int,
+    measured: _Measured,
     *,
     has_steps: bool,
 ) -> _Made:
@@ -538,7 +571,7 @@ def _write(
 
         fitting = fit_bytes(
             written,
-            most_points=max(LEAST_POINTS, min(options.points or measured, measured)),
+            most_points=max(LEAST_POINTS, min(options.points or measured.pixels, measured.pixels)),
             allowance=allowance,
             guess=allowance / _BYTES_PER_POINT,
             bytes_per_point=_BYTES_PER_POINT,
@@ -555,12 +588,12 @@ def _write(
 
 
 def _expect_faces(
-    made: _Made, source: Path, options: DepthOptions, measured: int, *, has_steps: bool
+    made: _Made, source: Path, options: DepthOptions, measured: _Measured, *, has_steps: bool
 ) -> None:
     """An empty mesh is never written: nobody would look for the reason."""
     if made.mesh.num_faces > 0:
         return
-    if measured == 0:
+    if measured.pixels == 0:
         found = "found no measured pixel (of those that the mask leaves)"
     elif made.faces_cut > 0:
         found = f"found depth steps across all {made.faces_cut} faces: see depth_step"
@@ -569,11 +602,15 @@ def _expect_faces(
         rules += ["a depth step"] if has_steps else []
         without = f" without {' or '.join(rules)}" if rules else ""
         found = (
-            f"found {measured} measured pixels, of which no three meet in a square of two by two"
-            f"{without}; method cs3 joins single pixels"
+            f"found {measured.pixels} measured pixels, of which no three meet in a square of two "
+            f"by two{without}"
         )
     else:
-        found = f"found {measured} measured pixels, but no face between those that were chosen"
+        found = (
+            f"found {measured.pixels} measured pixels, but no face between those that were chosen"
+        )
+    if 2 * measured.lone > measured.pixels:
+        found += f"; {SPARSE_WORDS}"
     raise FormatError(f"expected a surface, {found}", file=str(source))
 
 
@@ -632,7 +669,7 @@ def _from_scan(path: Path, output: Path, options: DepthOptions, maps: _Maps) -> 
         found = function(grid.points, valid, points, **asked)
         return _Made(found, found.mesh, 0, time.perf_counter() - started)
 
-    measured = int(valid.sum())
+    measured = _Measured.of(valid)
     made = _write(make, path, output, options, measured, has_steps=False)
     return _result(path, output, options, made, measured)
 
@@ -655,7 +692,7 @@ def _result(
     output: Path,
     options: DepthOptions,
     made: _Made,
-    measured: int,
+    measured: _Measured,
     **more: Any,
 ) -> DepthFileResult:
     found = made.found
@@ -664,7 +701,8 @@ def _result(
         source=path,
         output=output,
         options=options,
-        points_before=measured,
+        points_before=measured.pixels,
+        lone_pixels=measured.lone,
         points=found.num_used,
         faces=found.num_faces,
         stop=found.stop,
