@@ -295,7 +295,11 @@ CHANGES = {
         "UPDATE audit SET at = '', action = '', participant = NULL, salt = '' WHERE number = 2",
         2,
     ),
-    "a hash": ("UPDATE audit SET digest = replace(digest, 'a', 'b') WHERE number = 6", 6),
+    "a hash": (
+        "UPDATE audit SET digest = CASE substr(digest, 1, 1) WHEN 'a' THEN 'b' ELSE 'a' END "
+        "|| substr(digest, 2) WHERE number = 6",
+        6,
+    ),
     "order": (
         "UPDATE audit SET number = CASE number WHEN 2 THEN -3 ELSE -2 END WHERE number IN (2, 3);"
         "UPDATE audit SET number = -number WHERE number < 0",
