@@ -492,7 +492,8 @@ def attack_type(regions: Sequence[CrossModalRegion]) -> str:
     same direction, are one object that was moved, turned or replaced: a modification. An object
     that was moved away stands behind what the cameras see, and is added nowhere: something missing
     is a modification where most points of the scan there lie at most 5 m behind it and cover a
-    quarter of it.
+    quarter of it. A removed object in whose place a wall so near behind it was filled in passes as
+    one, too.
 
     Parameters
     ----------
