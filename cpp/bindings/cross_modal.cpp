@@ -49,8 +49,9 @@ constexpr std::tuple kCrossModalResult{
 };
 
 using XyzArray = std::array<double, 3>;
-using CrossModalTuple = py::typing::Tuple<bool, std::int64_t, std::int64_t, std::int64_t, double,
-                                          double, double, double, XyzArray, XyzArray, XyzArray>;
+using CrossModalTuple =
+    py::typing::Tuple<bool, std::int64_t, std::int64_t, std::int64_t, std::int64_t, double, double,
+                      double, double, XyzArray, XyzArray, XyzArray>;
 
 XyzArray to_array(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
 
@@ -83,9 +84,9 @@ void bind_cross_modal(py::module_& m) {
         }
         py::typing::List<CrossModalTuple> components;
         for (const CrossModalComponent& c : result.components) {
-          components.append(py::make_tuple(c.added, c.cells, c.empty, c.dark, c.solid_angle, c.area,
-                                           c.evidence, c.difference, to_array(c.lower),
-                                           to_array(c.upper), to_array(c.center)));
+          components.append(py::make_tuple(
+              c.added, c.cells, c.empty, c.dark, c.behind, c.solid_angle, c.area, c.evidence,
+              c.difference, to_array(c.lower), to_array(c.upper), to_array(c.center)));
         }
         return py::make_tuple(to_fields(std::move(result), kCrossModalResult), components);
       },

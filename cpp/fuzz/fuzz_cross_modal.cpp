@@ -63,6 +63,8 @@ void check_regions(const CrossModalResult& found, const CrossModalOptions& optio
     counted[each.added ? 1 : 0] += each.cells;
     require(each.cells >= options.min_cells && each.empty <= each.cells);
     require(each.dark <= each.empty && !(each.added && each.empty > 0));
+    require(each.behind >= 0 && each.behind <= each.cells - each.empty);
+    require(each.behind == 0 || !each.added);
     require(each.evidence >= (each.added ? options.min_added_area : options.min_missing_area));
     require(each.evidence <= each.area * (1.0 + 1e-9));
     require((each.lower.array() <= each.upper.array()).all());

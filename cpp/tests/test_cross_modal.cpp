@@ -283,6 +283,11 @@ Expected by_brute_force(const Scene& scene) {
     ++part.cells;
     part.empty += empty ? 1 : 0;
     part.dark += dark ? 1 : 0;
+    if (!part.added && !empty) {
+      const double scanner = *std::max_element(cell.scanner.begin(), cell.scanner.end());
+      is_less(1.0 / scanner, 1.0 / inverse + kNearBehind);
+      part.behind += 1.0 / scanner <= 1.0 / inverse + kNearBehind ? 1 : 0;
+    }
     part.solid_angle += angle;
     part.area += angle / (inverse * inverse);
     part.evidence += angle / (inverse * inverse) * (dark ? o.dark_weight : 1.0);
@@ -337,6 +342,7 @@ TEST(CrossModal, IsWhatLoopsOverAllPointsAndPixelsFind) {
       EXPECT_EQ(a.cells, b.cells) << seed;
       EXPECT_EQ(a.empty, b.empty) << seed;
       EXPECT_EQ(a.dark, b.dark) << seed;
+      EXPECT_EQ(a.behind, b.behind) << seed;
       EXPECT_NEAR(a.solid_angle, b.solid_angle, 1e-4 * b.solid_angle);
       EXPECT_NEAR(a.area, b.area, 1e-4 * b.area);
       EXPECT_NEAR(a.evidence, b.evidence, 1e-4 * b.evidence + 1e-9);

@@ -2017,6 +2017,7 @@ def compare_cross_modal(
             int,
             int,
             int,
+            int,
             float,
             float,
             float,

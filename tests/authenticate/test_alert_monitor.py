@@ -424,6 +424,34 @@ def test_an_error_of_the_caller_is_no_verdict_on_the_drive() -> None:
     assert (watched.num_frames, watched.reason) == (2, "ended after 2 frames: it was interrupted")
 
 
+@pytest.mark.parametrize("error", [KeyboardInterrupt, OSError])
+def test_forensics_in_the_background_have_their_say_when_the_view_fails(
+    monkeypatch: pytest.MonkeyPatch, error: type[BaseException]
+) -> None:
+    go_on = threading.Event()
+
+    def look(frame: LidarFrame, **_: Any) -> Any:
+        assert go_on.wait(30)
+        return SimpleNamespace(verdict="tampered", reason="a hole", regions=(), scan=None)
+
+    def fails(alert: Alert) -> None:
+        go_on.set()
+        raise error
+
+    monkeypatch.setattr(_alert, "inspect", look)
+    monitor = AlertMonitor(background=True)
+    if error is KeyboardInterrupt:
+        watched = watch_drive(monitor, [DriveMoment(FRAME)], show=fails)
+        assert watched.verdict == "tampered"
+        assert watched.reason == (
+            "forensics: frame 0: a hole; ended after 1 frame: it was interrupted"
+        )
+    else:
+        with pytest.raises(error):
+            watch_drive(monitor, [DriveMoment(FRAME)], show=fails)
+    assert monitor.finish() is None
+
+
 def test_forensics_take_a_verified_watermark_for_no_edit(tmp_path: Path) -> None:
     """A scanner on a lattice, whose points the embedding moved off it."""
     points = lattice_scans.scan(np.random.default_rng(0)).astype(np.float64)

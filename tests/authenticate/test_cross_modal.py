@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -129,7 +130,8 @@ def test_a_missing_car_is_found_where_it_was() -> None:
 def test_a_moved_car_is_a_modification_and_two_far_apart_are_both() -> None:
     moved = Box((15.0, 1.25, -0.9), CAR.size)
     result = judged(lidar(moved), cameras(CAR))
-    assert result.attack in ("modification", "subtractive")  # nothing is nearer than before
+    assert result.attack == "modification"
+    assert [region.kind for region in result.regions] == ["missing"]  # nothing is nearer
     nearer = Box((9.0, 0.75, -0.9), CAR.size)
     assert judged(lidar(nearer), cameras(CAR)).attack in ("modification", "additive")
     beside = Box((12.0, -2.5, -0.9), CAR.size)
@@ -156,6 +158,23 @@ def region(kind: str, x: float, y: float, area: float) -> CrossModalRegion:
 )  # fmt: skip
 def test_types(regions: list[tuple[str, float, float, float]], expected: str) -> None:
     assert attack_type([region(*each) for each in regions]) == expected
+
+
+@pytest.mark.parametrize(
+    ("empty", "behind", "expected"),
+    [
+        (75, 25, "modification"),
+        (76, 24, "subtractive"),  # less than a quarter of it is still there
+        (0, 50, "modification"),
+        (0, 49, "subtractive"),  # most of what is there was hidden before
+        (100, 0, "subtractive"),
+    ],
+)
+def test_what_stands_behind_its_place_was_moved_away(
+    empty: int, behind: int, expected: str
+) -> None:
+    gone = replace(region("missing", 10, 0, 2), cells=100, empty=empty, behind=behind)
+    assert attack_type([gone]) == expected
 
 
 def test_where_the_cameras_see_nothing_nothing_is_said() -> None:

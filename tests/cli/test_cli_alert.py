@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import re
 import resource
@@ -11,11 +12,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from rich.console import Console
+from rich.live import Live
 from typer.testing import CliRunner, Result
 
 from command_line import error_line
 from command_line import manip3d as run
+from manip3d.authenticate import AlertMonitor
 from manip3d.cli import app
+from manip3d.cli.alert import _View
+from manip3d.cli.terminal import Terminal
 from velodyne_packets import LOWER, UPPER, block, ethernet, packet, pcap, udp_frame
 from watermark_scans import grid_scan, key_file
 
@@ -428,6 +434,20 @@ def test_what_was_judged_counts_though_it_cannot_be_shown(
     done = in_process(signed, "--key", key, "--json")
     assert done.exit_code == 3, done.output
     assert "not kept: [Errno 28]" in json.loads(done.stdout)["reason"]
+
+
+@pytest.mark.parametrize("is_closed", [False, True])
+def test_a_terminal_that_cannot_print_ends_no_drive(is_closed: bool) -> None:
+    stream = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
+    view = _View(Terminal(quiet=True), "Straße", 1)  # ASCII has no sharp s
+    view._live = Live(console=Console(file=stream, force_terminal=True), auto_refresh=False)
+    view._live.start()
+    if is_closed:
+        stream.close()
+    alert = AlertMonitor().skip("too late")
+    view.show(alert)
+    assert view._live is None
+    view.show(alert)
 
 
 def test_a_page_that_cannot_be_written_takes_no_verdict_away(

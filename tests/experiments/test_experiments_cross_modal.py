@@ -45,7 +45,8 @@ def test_intervals_are_wilson_s(found: int, of: int, low: float, high: float) ->
 
 def test_claims_follow_the_counts() -> None:
     perfect: Row = {"model": "drive 1", "frames": 100, "clean": 0, "attacks": 600, "detected": 600}
-    perfect |= {key: 100 for a in _alert_attacks.ATTACKS for key in (a, f"{a} of", f"{a} placed")}
+    counts = ("", " of", " placed", " typed")
+    perfect |= {f"{a}{count}": 100 for a in _alert_attacks.ATTACKS for count in counts}
     for change, accurate, calm in (
         ({}, True, True),
         ({"detected": 500}, False, True),
@@ -54,6 +55,7 @@ def test_claims_follow_the_counts() -> None:
         row = perfect | change
         assert [f.holds for f in cross_modal_7._accuracy([row])] == [accurate]
         assert [f.holds for f in cross_modal_7._false_positives([row])] == [calm]
+    assert all("100 of the right type" in f.numbers for f in cross_modal_7._by_attack([perfect]))
     tuned = perfect | {"model": cross_modal_7.TUNED[0]}
     assert list(cross_modal_7._accuracy([tuned])) == []  # never reported
 

@@ -343,6 +343,9 @@ void find_components(const InverseRanges& lidar, const InverseRanges& stereo, co
           !added && lidar.count[cell] == 0 && stereo.is_dark(cell, options.dark_level);
       part.dark += static_cast<std::int64_t>(dark);
       part.evidence += (dark ? options.dark_weight : 1.0) * angle / (inverse * inverse);
+      part.behind +=
+          static_cast<std::int64_t>(!added && lidar.count[cell] > 0 &&
+                                    1.0 / lidar.nearest[cell] - 1.0 / inverse <= kNearBehind);
       part.difference += result.difference[cell];
       if (!added) each.extend(map.direction(cell) / inverse);
     });

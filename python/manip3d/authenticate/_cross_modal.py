@@ -32,6 +32,11 @@ frames (simulated streets of seeds 0 to 29, five pairs, three frames a street) 2
 a single pair, 9 reach twice and 2 three times as much; five pairs of 2.85 times the area accuse
 about as many frames as a single one does."""
 
+STILL_THERE = 0.25
+"""Least share of a missing object that points at most `NEAR_M` behind it cover where it was moved
+away. At 4.5 m, the nearest range judged, an object moved by 5 m covers (4.5 / 9.5)^2 = 0.22 of its
+outline, at 6 m 0.30."""
+
 COMPARABLE = 3.0
 """Ratio of areas up to which two regions in the same direction are one thing as well."""
 
@@ -173,6 +178,8 @@ class CrossModalRegion:
         The area with those cells at their weight.
     rows : (K,) int64
         Rows of the added points; none where something is missing.
+    behind : int
+        Cells of something missing with a point at most 5 m behind what the cameras see.
     """
 
     kind: str
@@ -188,6 +195,7 @@ class CrossModalRegion:
     rows: NDArray[np.int64] = field(
         default_factory=lambda: np.empty(0, np.int64), repr=False, compare=False
     )
+    behind: int = 0
 
     @property
     def p_value(self) -> float | None:
@@ -218,6 +226,7 @@ class CrossModalRegion:
             "cells": self.cells,
             "empty": self.empty,
             "dark": self.dark,
+            "behind": self.behind,
             "area": self.area,
             "evidence": self.evidence,
             "difference": self.difference,
@@ -480,7 +489,11 @@ def attack_type(regions: Sequence[CrossModalRegion]) -> str:
     """Tell the type of an attack from its regions (section 7.4).
 
     Something added and something missing within 5 m of each other, or of comparable area in the
-    same direction, are one object that was moved, turned or replaced: a modification.
+    same direction, are one object that was moved, turned or replaced: a modification. An object
+    that was moved away stands behind what the cameras see, and is added nowhere: something missing
+    is a modification where most points of the scan there lie at most 5 m behind it and cover a
+    quarter of it. A removed object in whose place a wall so near behind it was filled in passes as
+    one, too.
 
     Parameters
     ----------
@@ -505,14 +518,28 @@ def attack_type(regions: Sequence[CrossModalRegion]) -> str:
     >>> missing = CrossModalRegion("missing", 40, 12, 0.05, 3.0, -5.0, there, 2.0)
     >>> attack_type([added]), attack_type([missing]), attack_type([added, missing])
     ('additive', 'subtractive', 'modification')
+    >>> moved_away = CrossModalRegion("missing", 40, 2, 0.05, 3.0, -5.0, there, 2.0, behind=35)
+    >>> attack_type([moved_away])
+    'modification'
     """
     added = [region for region in regions if region.kind == "added"]
     missing = [region for region in regions if region.kind == "missing"]
+    if any(_is_moved_away(m) for m in missing):
+        return "modification"
     if any(_is_one_object(a, m) for a in added for m in missing):
         return "modification"
     if added and missing:
         return "both"
     return "additive" if added else "subtractive" if missing else ""
+
+
+def _is_moved_away(missing: CrossModalRegion) -> bool:
+    """Whether the points that the scan has in place of an object may be the object itself.
+
+    Ground and walls that a removed object hid lie farther behind most of it.
+    """
+    points = missing.cells - missing.empty
+    return missing.behind >= max(STILL_THERE * missing.cells, points / 2)
 
 
 def _is_one_object(added: CrossModalRegion, missing: CrossModalRegion) -> bool:
@@ -535,9 +562,20 @@ def _region(
     heading: float,
     rows: NDArray[np.int32],
 ) -> CrossModalRegion:
-    added, cells, empty, dark, solid_angle, area, evidence, difference, lower, upper, center = (
-        values
-    )
+    (
+        added,
+        cells,
+        empty,
+        dark,
+        behind,
+        solid_angle,
+        area,
+        evidence,
+        difference,
+        lower,
+        upper,
+        center,
+    ) = values
     least = parameters.min_added_area if added else parameters.min_missing_area
     x, y, z = center
     length, width, height = (b - a for a, b in zip(lower, upper, strict=True))
@@ -558,6 +596,7 @@ def _region(
         dark,
         evidence,
         rows.astype(np.int64),
+        behind,
     )
 
 

@@ -122,7 +122,8 @@ def watch_drive(
         The drive is to be one whole session of a watermark, as for `AlertTally.verdict`.
     show : callable, optional
         Called with each `Alert`, in order. An error that it raises is the caller's, and says
-        nothing about the drive: it is passed on.
+        nothing about the drive: it is passed on when no forensics work in the background any
+        more.
 
     Returns
     -------
@@ -149,11 +150,14 @@ def watch_drive(
     errors: list[BaseException] = []
     last = None
     try:
-        for alert in _until_error(_judged(monitor, iter(moments), speed_mps, live=live), errors):
-            tally.add(alert)
-            if show is not None:
-                show(alert)
-        last = monitor.finish()
+        try:
+            judged = _judged(monitor, iter(moments), speed_mps, live=live)
+            for alert in _until_error(judged, errors):
+                tally.add(alert)
+                if show is not None:
+                    show(alert)
+        finally:  # forensics in the background may still accuse a frame before the interruption
+            last = monitor.finish()
     except KeyboardInterrupt as error:
         errors.append(error)
     stopped = errors[-1] if errors else None

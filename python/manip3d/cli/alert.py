@@ -358,9 +358,10 @@ class _View:
             grid.add_row(*row, style=style)
         try:
             self._live.update(grid, refresh=True)
-        except OSError:  # the terminal is gone, and the drive is judged all the same
+        # The terminal is gone, closed or lacks the letters: the drive is judged all the same.
+        except (OSError, ValueError):
             live, self._live = self._live, None
-            with suppress(OSError):
+            with suppress(OSError, ValueError):
                 live.__exit__(None, None, None)
 
 

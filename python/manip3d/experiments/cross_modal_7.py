@@ -33,6 +33,14 @@ _REAL = {
 """Folder, calibration and cameras of each drive."""
 
 
+TYPES = {
+    "additive": ("additive",),
+    "subtractive": ("subtractive",),
+    "additive_subtractive": ("both", "modification"),  # the latter where they are near
+}
+"""Right types of an attack; of all others it is a modification."""
+
+
 class _Moment(NamedTuple):
     frame: LidarFrame
     disparity: authenticate.Disparity
@@ -80,7 +88,7 @@ def compare(case: Case) -> Row:
         moments = _simulated(options["seed"], options["frames"])
     row: Row = {"frames": 0, "clean": 0, "undecidable": 0, "points": 0.0}
     for attack in ATTACKS:
-        row |= {attack: 0, f"{attack} of": 0, f"{attack} placed": 0}
+        row |= {attack: 0, f"{attack} of": 0, f"{attack} placed": 0, f"{attack} typed": 0}
     for number, moment in enumerate(moments):
         found = _judged(moment.frame, moment)
         row["frames"] += 1
@@ -98,6 +106,7 @@ def compare(case: Case) -> Row:
             told = _judged(made[0], moment)
             row[f"{attack} of"] += 1
             row[attack] += told.verdict == "tampered"
+            row[f"{attack} typed"] += told.attack in TYPES.get(attack, ("modification",))
             row[f"{attack} placed"] += told.verdict == "tampered" and any(
                 _touch(found, wanted) for found in told.boxes for wanted in made[1]
             )
@@ -204,11 +213,12 @@ def _by_attack(rows: Sequence[Row]) -> Iterator[Finding]:
         for attack in ATTACKS:
             found, of = sum(r[attack] for r in some), sum(r[f"{attack} of"] for r in some)
             placed = sum(r[f"{attack} placed"] for r in some)
+            typed = sum(r[f"{attack} typed"] for r in some)
             if of:
                 low, high = interval(found, of)
                 numbers = (
                     f"{found} of {of} detected ({low:.0%} to {high:.0%}), {placed} of them at the "
-                    "right place"
+                    f"right place, {typed} of the right type"
                 )
                 yield Finding(f"{name}: {attack}", None, numbers)
 

@@ -43,12 +43,17 @@ struct CrossModalOptions {
   double min_missing_area = 0.2;  ///< Square metres of evidence.
 };
 
+/// Metres by which an object that is still there may have been moved away (section 7.4).
+inline constexpr double kNearBehind = 5.0;
+
 /// Neighbouring cells in which LiDAR and cameras contradict each other in the same way.
 struct CrossModalComponent {
   bool added = false;  ///< The LiDAR sees something in front; else something is missing.
   std::int64_t cells = 0;
-  std::int64_t empty = 0;    ///< Cells in which the LiDAR sees nothing at all.
-  std::int64_t dark = 0;     ///< Missing: those of them that are dark in the picture.
+  std::int64_t empty = 0;  ///< Cells in which the LiDAR sees nothing at all.
+  std::int64_t dark = 0;   ///< Missing: those of them that are dark in the picture.
+  /// Missing: cells with a point of the LiDAR at most kNearBehind behind what the cameras see.
+  std::int64_t behind = 0;
   double solid_angle = 0.0;  ///< Steradians.
   double area = 0.0;         ///< Square metres, each cell at its own range.
   double evidence = 0.0;     ///< The same with dark empty cells at their weight.
