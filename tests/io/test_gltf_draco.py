@@ -142,6 +142,18 @@ def test_plain_accessors_beside_the_stream_are_taken() -> None:
     np.testing.assert_array_equal(read_mesh_bytes(scene.glb()).vertices, SQUARE)
 
 
+def test_a_damaged_stream_that_no_node_shows_does_no_harm() -> None:
+    scene = square()
+    broken = scene.draco(stream())
+    broken["bufferView"] = scene.view(b"no Draco")
+    primitives = scene.json["meshes"][0]["primitives"]
+    scene.json["meshes"] = [{"primitives": [primitive]} for primitive in primitives]
+    assert read_mesh_bytes(scene.glb()).num_faces == 2
+    scene.json["nodes"].append({"mesh": 1})
+    with pytest.raises(manip3d.FormatError, match="damaged Draco stream"):
+        read_mesh_bytes(scene.glb())
+
+
 def test_scenes_hold_the_mesh_and_are_written_plain(tmp_path: Path) -> None:
     """The second mesh has morph targets and is kept as it was read, but for the compression."""
     scene = square(tex_coord=TEXCOORDS)

@@ -135,6 +135,7 @@ class Reader {
   ReadResult read(const Progress& progress) {
     check_asset();
     collect_instances();
+    expand_shown_meshes();
     plan_draws();
     allocate();
     fill(progress);
@@ -146,6 +147,7 @@ class Reader {
   Scene read_scene(const GltfResource& resource, const Progress& progress) {
     is_scene_ = true;
     check_asset();
+    document_.expand_draco(draco_, std::vector<bool>(document_.count("meshes"), true));
     Scene scene;
     scene.nodes = read_nodes();
     const std::vector<bool> is_shown = shown_nodes();
@@ -184,7 +186,6 @@ class Reader {
     if (!version.text().starts_with("2.")) {
       version.fail("expected glTF 2.x, got version " + version.text());
     }
-    document_.expand_draco(draco_);
     check_extensions();
     if (document_.place_meshes_without_nodes()) {
       warn_once("the file has no nodes: all its meshes are read, where their vertices are");
@@ -206,7 +207,7 @@ class Reader {
     };
     const auto is_known = [this](const std::string& name) {
       return name == "KHR_mesh_quantization" || name == kTextureTransform ||
-             name == kEmissiveStrength || is_meshopt_extension(name) ||
+             name == kEmissiveStrength || name == kDraco || is_meshopt_extension(name) ||
              (is_scene_ && is_kept_extension(name));
     };
     if (const auto required = document_.root().find("extensionsRequired")) {
@@ -325,6 +326,13 @@ class Reader {
       }
       push_reversed(children[visit.node], world);
     }
+  }
+
+  /// A damaged stream of a mesh that no node shows does no harm.
+  void expand_shown_meshes() {
+    std::vector<bool> is_shown(document_.count("meshes"), false);
+    for (const auto& instance : instances_) is_shown[instance.mesh] = true;
+    document_.expand_draco(draco_, is_shown);
   }
 
   // --- Scenes ----------------------------------------------------------------------------

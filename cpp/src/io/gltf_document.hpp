@@ -17,6 +17,8 @@ namespace manip3d {
 using Bytes = std::vector<std::byte>;
 using ByteSpan = std::span<const std::byte>;
 
+inline constexpr const char* kDraco = "KHR_draco_mesh_compression";
+
 /// Component types of glTF accessors; the values are those of the file (OpenGL's).
 enum class GltfType : int {
   kByte = 5120,
@@ -75,9 +77,9 @@ class GltfDocument {
   /// The bytes of a view, decoded where they are compressed (meshopt_extension()).
   ByteSpan buffer_view(const JsonPlace& user);
 
-  /// Puts plain accessors in the place of Draco streams (KHR_draco_mesh_compression).
+  /// Puts plain accessors in the place of Draco streams (kDraco), of the meshes that are read.
   /// @throws FormatError  a stream that is damaged, or does not suit its accessors.
-  void expand_draco(const DracoDecoder& decode);
+  void expand_draco(const DracoDecoder& decode, const std::vector<bool>& is_read);
   /// Gives each mesh of a file without nodes a node of its own. @return whether it did.
   bool place_meshes_without_nodes();
 

@@ -14,7 +14,6 @@
 namespace manip3d {
 namespace {
 
-constexpr const char* kDraco = "KHR_draco_mesh_compression";
 constexpr std::int64_t kDracoTriangles = 4;
 constexpr std::int64_t kMaxDracoId = std::numeric_limits<std::uint32_t>::max();
 constexpr std::int64_t kBytesPerElement = 12;  // three numbers of a face or a point, at least
@@ -218,10 +217,11 @@ bool has_draco(const JsonPlace::Json& primitive) {
 
 }  // namespace
 
-void GltfDocument::expand_draco(const DracoDecoder& decode) {
+void GltfDocument::expand_draco(const DracoDecoder& decode, const std::vector<bool>& is_read) {
   DracoReader reader(*this, decode, budget_);
   std::vector<std::pair<std::int64_t, std::int64_t>> found;
   for (std::int64_t m = 0; m < count("meshes"); ++m) {
+    if (!is_read[m]) continue;
     const JsonPlace mesh = root().member("meshes").item(m);
     const auto list = mesh.is_object() ? mesh.find("primitives") : std::nullopt;
     if (!list || !list->value().is_array()) continue;
@@ -236,11 +236,6 @@ void GltfDocument::expand_draco(const DracoDecoder& decode) {
     JsonPlace::Json& primitive = json_["meshes"][m]["primitives"][i];
     primitive["extensions"].erase(kDraco);
     if (primitive["extensions"].empty()) primitive.erase("extensions");
-  }
-  for (const char* list : {"extensionsUsed", "extensionsRequired"}) {
-    const auto names = json_.find(list);
-    if (names == json_.end() || !names->is_array()) continue;
-    names->erase(std::remove(names->begin(), names->end(), kDraco), names->end());
   }
 }
 
