@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Iterator, Mapping
 from contextlib import closing
 from dataclasses import astuple, dataclass
+from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -222,7 +223,7 @@ def _remoteness(
     """
     baseline = 0.0 if registration is None else float(np.linalg.norm(registration.translation))
     both = zip(depth.topic.split("/"), color.topic.split("/"), strict=False)
-    common = next((i for i, (a, b) in enumerate(both) if a != b), 0)
+    common = sum(1 for _ in takewhile(lambda names: names[0] == names[1], both))
     return depth.frame_id != color.frame_id, -common, baseline
 
 
