@@ -32,8 +32,7 @@ class ArrayPool {
       }
       size *= length;
     }
-    auto block =
-        std::make_unique<Block>(Block{shelf_, shelf_->take(static_cast<std::size_t>(size))});
+    auto block = std::make_unique<Block>(Block{shelf_, shelf_->take(size)});
     void* data = block->memory.bytes.get();
     const pybind11::capsule owner(block.get(), [](void* p) {
       const std::unique_ptr<Block> back(static_cast<Block*>(p));

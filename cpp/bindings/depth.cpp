@@ -235,7 +235,7 @@ void bind_cs3(py::module_& m) {
 
 /// The triangulation of pixels in any order, numbered as they came.
 Faces triangulate(const Eigen::Map<const Rows<std::int32_t, 2>>& rows) {
-  std::vector<std::int32_t> order(static_cast<std::size_t>(rows.rows()));
+  std::vector<std::int32_t> order(rows.rows());
   std::iota(order.begin(), order.end(), 0);
   const auto at = [&](std::int32_t i) { return Pixel{rows(i, 0), rows(i, 1)}; };
   std::sort(order.begin(), order.end(),

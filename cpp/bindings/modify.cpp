@@ -362,7 +362,7 @@ void bind_kernels(py::module_& m) {
           find_person(view, body_index ? body_index->data() : nullptr, person, rays, options,
                       points);
           segment_bones(body_bones(person, rule), points);
-          for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
+          for (std::int64_t i = 0; i < points.count; ++i) {
             const auto pixel = static_cast<std::size_t>(points.pixel[i]);
             labels[pixel] = points.label[i];
             distances[pixel] = std::sqrt(points.squared_distance[i]);

@@ -43,7 +43,7 @@ py::typing::Tuple<Bytes, py::array_t<float>> segment_region(
     const std::uint8_t* index = body_index ? body_index->data() : nullptr;
     find_person(view, index, person, rays, mask, points);
     grow_bones(person, intrinsics, index != nullptr && person.body != 0xff, options, points);
-    for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
+    for (std::int64_t i = 0; i < points.count; ++i) {
       const auto pixel = static_cast<std::size_t>(points.pixel[i]);
       labels[pixel] = points.label[i];
       distances[pixel] = std::sqrt(points.squared_distance[i]);

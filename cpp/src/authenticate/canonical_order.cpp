@@ -129,14 +129,14 @@ void radix_sort(std::uint64_t* items, std::uint64_t* other, std::size_t size) {
     return (item >> (kRowBits + number * kDigitBits)) % kBuckets;
   };
   for (std::size_t i = 0; i < size; ++i) {
-    for (int d = 0; d < kDigits; ++d) ++places[static_cast<std::size_t>(d)][digit(items[i], d)];
+    for (int d = 0; d < kDigits; ++d) ++places[d][digit(items[i], d)];
   }
   for (auto& each : places) {
     std::uint32_t sum = 0;
     for (std::uint32_t& place : each) sum += std::exchange(place, sum);
   }
   for (int d = 0; d < kDigits; ++d) {
-    std::array<std::uint32_t, kBuckets>& next = places[static_cast<std::size_t>(d)];
+    std::array<std::uint32_t, kBuckets>& next = places[d];
     for (std::size_t i = 0; i < size; ++i) other[next[digit(items[i], d)]++] = items[i];
     std::swap(items, other);
   }
@@ -160,7 +160,7 @@ SliceTable::SliceTable(int num_slices) {
     // From the second cell behind the boundary on nothing can lie before it.
     const int first = static_cast<int>(angle * (kCells / 4)) + 2;
     for (int cell = first; cell < kCells; ++cell) {
-      guesses_[static_cast<std::size_t>(cell)] = static_cast<std::uint16_t>(slice);
+      guesses_[cell] = static_cast<std::uint16_t>(slice);
     }
   }
 }
@@ -198,7 +198,7 @@ void SliceTable::find(const float* xyz, std::size_t count, std::uint16_t* slices
 }
 
 std::vector<std::uint32_t> count_slices(const std::vector<std::uint16_t>& slices, int num_slices) {
-  std::vector<std::uint32_t> counts(static_cast<std::size_t>(num_slices), 0);
+  std::vector<std::uint32_t> counts(num_slices, 0);
   // Neighbours are mostly of one slice: a run is counted at once, not by steps that wait for the
   // one before them.
   for (std::size_t begin = 0; begin < slices.size();) {

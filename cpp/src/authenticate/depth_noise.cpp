@@ -152,7 +152,7 @@ std::vector<double> depth_noise(const DepthView& depth, const DepthNoiseOptions&
   const std::array<double, 5> weights = gaussian(options.sigma);
   const std::int64_t rows = depth.rows, cols = depth.cols, side = options.region;
   const std::int64_t across = (cols + side - 1) / side, down = (rows + side - 1) / side;
-  std::vector<double> smooth(static_cast<std::size_t>(rows * cols));  // along rows only
+  std::vector<double> smooth(rows * cols);  // along rows only
   for (std::int64_t v = 0; v < rows; ++v) {
     const std::uint16_t* line = depth.millimetres + v * cols;
     for (std::int64_t u = 0; u < cols; ++u) {

@@ -69,7 +69,7 @@ class Examination {
         reading_(std::move(reading)),
         cells_((lattice.num_rings() + kCellRings - 1) / kCellRings, kCellColumns, Strength{}),
         voxels_(cells_.rings(), cells_.columns()),
-        voxel_of_point_(static_cast<std::size_t>(points.num_points()), -1) {
+        voxel_of_point_(points.num_points(), -1) {
     result_.flags.assign(points.num_points(), 0);
     num_read_ = (reading_.ring.array() >= 0).count();
     for (std::int32_t i = 0; i < points.num_points(); ++i) {
@@ -339,8 +339,8 @@ class Examination {
     std::vector<double> means(lattice_.rings.size(), 0.0);
     for (std::int32_t i = 0; i < points_.num_points(); ++i) {
       if (!is_near_line(i)) continue;
-      ++points[static_cast<std::size_t>(reading_.ring(i))];
-      means[static_cast<std::size_t>(reading_.ring(i))] += reading_.line_error(i);
+      ++points[reading_.ring(i)];
+      means[reading_.ring(i)] += reading_.line_error(i);
     }
     for (std::size_t ring = 0; ring < means.size(); ++ring) {
       means[ring] /= std::max(points[ring], 1);
@@ -393,7 +393,7 @@ class Examination {
         const int column = (at.column + d + columns) % columns;
         const auto [first, last] = voxels_.numbers(r, column, at.layer, at.layer);
         if (first == last) continue;
-        const DriftTally& tally = tallies[static_cast<std::size_t>(first)];
+        const DriftTally& tally = tallies[first];
         sum.points += tally.points;
         sum.error += tally.error;
         sum.doubt += tally.doubt;

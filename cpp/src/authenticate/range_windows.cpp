@@ -51,7 +51,7 @@ class Window {
     for (int row = top_; row <= bottom_; ++row) {
       for (int column = left_; column <= right_; ++column) {
         const auto [first, last] = voxels_.numbers(row, (column + columns) % columns, near_, far_);
-        for (std::int32_t k = first; k < last; ++k) visit(static_cast<std::size_t>(k));
+        for (std::int32_t k = first; k < last; ++k) visit(k);
       }
     }
   }

@@ -29,9 +29,7 @@ class RangeVoxels {
   };
 
   RangeVoxels(int rows, int columns)
-      : rows_(rows),
-        columns_(columns),
-        cells_(static_cast<std::size_t>(rows) * static_cast<std::size_t>(columns)) {}
+      : rows_(rows), columns_(columns), cells_(std::int64_t{rows} * columns) {}
 
   /// Marks a voxel that holds a point.
   void add(const RangeVoxel& at) { cells_[cell(at.row, at.column)].layers |= 1U << at.layer; }
@@ -66,9 +64,8 @@ class RangeVoxels {
     std::int32_t first = 0;    // number of the lowest layer that does
   };
 
-  [[nodiscard]] std::size_t cell(int row, int column) const {
-    return static_cast<std::size_t>(row) * static_cast<std::size_t>(columns_) +
-           static_cast<std::size_t>(column);
+  [[nodiscard]] std::int64_t cell(int row, int column) const {
+    return std::int64_t{row} * columns_ + column;
   }
 
   int rows_;

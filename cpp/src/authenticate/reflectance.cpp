@@ -87,18 +87,18 @@ class ReflectanceView {
     const Eigen::Matrix3f rotation = turn.motion.rotation.cast<float>();
     const Eigen::RowVector3f shift = turn.motion.translation.transpose().cast<float>();
     const ReflectanceScale scale(view);
-    reflectance_.assign(static_cast<std::size_t>(view.num_points()), kNoReflectance);
+    reflectance_.assign(view.num_points(), kNoReflectance);
     for (Eigen::Index i = 0; i < view.num_points(); ++i) {
       places_.row(i) = (rotation * view.points.row(i).transpose()).transpose() + shift;
       if (!places_.row(i).allFinite()) places_.row(i).setZero();  // no scanner sees so far
       if (own.ring(i) < 0 || !scale.holds(view.intensity(i))) continue;
-      const auto gain = static_cast<float>(gains[static_cast<std::size_t>(own.ring(i))]);
-      reflectance_[static_cast<std::size_t>(i)] = view.intensity(i) - gain;
+      const auto gain = static_cast<float>(gains[own.ring(i)]);
+      reflectance_[i] = view.intensity(i) - gain;
     }
     const PointsView moved(PointsView::Map<Points>(places_.data(), places_.rows(), 3));
     const LatticeReading seen = read_lattice(moved, lattice, num_threads, progress);
     for (Eigen::Index i = 0; i < places_.rows(); ++i) {
-      if (seen.ring(i) < 0 || std::isnan(reflectance_[static_cast<std::size_t>(i)])) continue;
+      if (seen.ring(i) < 0 || std::isnan(reflectance_[i])) continue;
       std::int32_t& first = nearest_(seen.ring(i), share_column(seen.azimuth(i), kFineColumns));
       if (first < 0 || places_.row(i).squaredNorm() < places_.row(first).squaredNorm()) {
         first = static_cast<std::int32_t>(i);
@@ -130,7 +130,7 @@ class ReflectanceView {
     double weights = 0.0;
     for (std::size_t k = 0; k < found; ++k) {
       const double weight = 1.0 / (std::sqrt(best[k].first) + kBesideSoftening);
-      sum += weight * static_cast<double>(reflectance_[static_cast<std::size_t>(best[k].second)]);
+      sum += weight * static_cast<double>(reflectance_[best[k].second]);
       weights += weight;
     }
     return sum / weights;
@@ -160,12 +160,12 @@ class ReflectanceSearch {
         scale_(points),
         reading_(std::move(reading)),
         voxels_((lattice.num_rings() + kShareRings - 1) / kShareRings, kShareColumns),
-        ranges_(static_cast<std::size_t>(points.num_points()), 0.0) {
+        ranges_(points.num_points(), 0.0) {
     for (Eigen::Index i = 0; i < points.num_points(); ++i) {
       if (reading_.ring(i) < 0 || !scale_.holds(points.intensity(i))) continue;
       const double range = range_of(points, i);
       if (!(range > options.nearest && range < options.farthest)) continue;
-      ranges_[index(i)] = range;
+      ranges_[i] = range;
       voxels_.add(voxel_of(i));
     }
     voxels_.number();
@@ -182,9 +182,7 @@ class ReflectanceSearch {
  private:
   using Tallies = std::vector<ReflectanceTally>;  // of each voxel
 
-  static std::size_t index(Eigen::Index i) { return static_cast<std::size_t>(i); }
-
-  [[nodiscard]] bool is_judged(Eigen::Index i) const { return ranges_[index(i)] > 0.0; }
+  [[nodiscard]] bool is_judged(Eigen::Index i) const { return ranges_[i] > 0.0; }
 
   [[nodiscard]] RangeVoxel voxel_of(Eigen::Index i) const {
     return {reading_.ring(i) / kShareRings, share_column(reading_.azimuth(i), kShareColumns),
@@ -192,14 +190,14 @@ class ReflectanceSearch {
   }
 
   ReflectanceTally& tally_of(Tallies& tallies, Eigen::Index i) const {
-    return tallies[index(voxels_(voxel_of(i)))];
+    return tallies[voxels_(voxel_of(i))];
   }
 
   // The rows of each laser, by azimuth.
   [[nodiscard]] std::vector<std::vector<std::int32_t>> rows_by_azimuth() const {
-    std::vector<std::vector<std::int32_t>> rows(static_cast<std::size_t>(lattice_.num_rings()));
+    std::vector<std::vector<std::int32_t>> rows(lattice_.num_rings());
     for (std::int32_t i = 0; i < points_.num_points(); ++i) {
-      if (reading_.ring(i) >= 0) rows[static_cast<std::size_t>(reading_.ring(i))].push_back(i);
+      if (reading_.ring(i) >= 0) rows[reading_.ring(i)].push_back(i);
     }
     const auto comes_first = [&](std::int32_t a, std::int32_t b) {
       return reading_.azimuth(a) < reading_.azimuth(b);
@@ -224,7 +222,7 @@ class ReflectanceSearch {
     };
     Ticker ticker(progress_);
     std::vector<Pair> pairs;
-    std::vector<double> same(static_cast<std::size_t>(lattice_.num_rings()), 5.0);
+    std::vector<double> same(lattice_.num_rings(), 5.0);
     std::vector<double> all(same.size(), 30.0);
     for (const std::vector<std::int32_t>& rows : rows_by_azimuth()) {
       for (std::size_t k = 1; k < rows.size(); ++k) {
@@ -233,7 +231,7 @@ class ReflectanceSearch {
         const std::int32_t b = rows[k];
         if (!is_judged(a) || !is_judged(b)) continue;
         if (!(reading_.azimuth(b) - reading_.azimuth(a) < kEvenGap)) continue;
-        if (!is_one_surface(ranges_[index(a)], ranges_[index(b)], 0.03, 0.05)) continue;
+        if (!is_one_surface(ranges_[a], ranges_[b], 0.03, 0.05)) continue;
         const auto ring = static_cast<std::size_t>(reading_.ring(a));
         const bool equal = points_.intensity(a) == points_.intensity(b);
         pairs.push_back({a, reading_.ring(a), equal});
@@ -251,7 +249,7 @@ class ReflectanceSearch {
     for (const Pair& pair : pairs) {
       ReflectanceTally& tally = tally_of(tallies, pair.row);
       ++tally.points;
-      tally.first += ratios[static_cast<std::size_t>(pair.ring)][pair.same ? 1 : 0];
+      tally.first += ratios[pair.ring][pair.same ? 1 : 0];
     }
     add_regions(ReflectanceEvidence::kEven, tallies, regions);
   }
@@ -274,14 +272,14 @@ class ReflectanceSearch {
       const double before = seen(views[0]);
       const double after = seen(views[1]);
       if (std::isnan(before) || std::isnan(after)) continue;
-      const double here = points_.intensity(i) - gains[static_cast<std::size_t>(reading_.ring(i))];
+      const double here = points_.intensity(i) - gains[reading_.ring(i)];
       const double edit = here - (before + after) / 2.0;
       const double apart = before - after;
       ReflectanceTally& tally = tally_of(tallies, i);
       ++tally.points;
       tally.first += std::min(edit * edit / 1.5, kMostEnergy);
       tally.second += std::min(apart * apart / 2.0, kMostEnergy);
-      tally.metres += ranges_[index(i)];
+      tally.metres += ranges_[i];
     }
     add_regions(ReflectanceEvidence::kChanged, tallies, regions);
   }
@@ -297,7 +295,7 @@ class ReflectanceSearch {
         const auto [first, last] =
             voxels_.numbers(r, (at.column + d + columns) % columns, near, far);
         for (std::int32_t k = first; k < last; ++k) {
-          const ReflectanceTally& tally = tallies[static_cast<std::size_t>(k)];
+          const ReflectanceTally& tally = tallies[k];
           sum.points += tally.points;
           sum.first += tally.first;
           sum.second += tally.second;
@@ -340,7 +338,7 @@ class ReflectanceSearch {
         region_of(row, column) = static_cast<std::int32_t>(regions.size());
         const auto [begin, end] = voxels_.numbers(row, column, 0, RangeVoxels::kLayers - 1);
         for (std::int32_t k = begin; k < end; ++k) {
-          found.strength += strengths[static_cast<std::size_t>(k)];
+          found.strength += strengths[k];
         }
       }
       regions.push_back(std::move(found));
@@ -349,9 +347,8 @@ class ReflectanceSearch {
     for (Eigen::Index i = 0; i < points_.num_points(); ++i) {
       if (!is_judged(i)) continue;
       const RangeVoxel at = voxel_of(i);
-      if (!(strengths[index(voxels_(at))] > 0.0F)) continue;
-      regions[static_cast<std::size_t>(region_of(at.row, at.column))].rows.push_back(
-          static_cast<std::int32_t>(i));
+      if (!(strengths[voxels_(at)] > 0.0F)) continue;
+      regions[region_of(at.row, at.column)].rows.push_back(static_cast<std::int32_t>(i));
     }
   }
 
@@ -405,7 +402,7 @@ std::vector<double> laser_gains(const PointsView& points, const LatticeReading& 
     image(reading.ring(i), share_column(reading.azimuth(i), kGainColumns)) =
         static_cast<std::int32_t>(i);
   }
-  std::vector<double> gains(static_cast<std::size_t>(num_rings), 0.0);
+  std::vector<double> gains(num_rings, 0.0);
   for (int ring = 1; ring < num_rings; ++ring) {
     std::vector<float> steps;
     for (int column = 0; column < kGainColumns; ++column) {
@@ -417,7 +414,7 @@ std::vector<double> laser_gains(const PointsView& points, const LatticeReading& 
     }
     const double step =
         steps.size() > kFewestGains ? static_cast<double>(median(std::span(steps))) : 0.0;
-    gains[static_cast<std::size_t>(ring)] = gains[static_cast<std::size_t>(ring - 1)] + step;
+    gains[ring] = gains[ring - 1] + step;
   }
   const double mean = std::accumulate(gains.begin(), gains.end(), 0.0) / std::max(num_rings, 1);
   for (double& gain : gains) gain -= mean;

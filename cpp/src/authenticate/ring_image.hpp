@@ -14,9 +14,7 @@ template <typename Value>
 class RingImage {
  public:
   RingImage(int rings, int columns, Value value)
-      : rings_(rings),
-        columns_(columns),
-        values_(static_cast<std::size_t>(rings) * static_cast<std::size_t>(columns), value) {}
+      : rings_(rings), columns_(columns), values_(std::int64_t{rings} * columns, value) {}
 
   [[nodiscard]] int rings() const { return rings_; }
   [[nodiscard]] int columns() const { return columns_; }
@@ -31,9 +29,8 @@ class RingImage {
   }
 
  private:
-  [[nodiscard]] std::size_t index(int ring, int column) const {
-    return static_cast<std::size_t>(ring) * static_cast<std::size_t>(columns_) +
-           static_cast<std::size_t>(column);
+  [[nodiscard]] std::int64_t index(int ring, int column) const {
+    return std::int64_t{ring} * columns_ + column;
   }
 
   int rings_;

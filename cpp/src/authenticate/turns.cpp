@@ -152,7 +152,7 @@ class SeenFromAbove {
       : occupied_(static_cast<std::size_t>(kSide) * kSide, 0) {
     for (const Eigen::Vector2d& p : standing(points, ground)) {
       if (const int cell = cell_at(p.x(), p.y()); cell >= 0) {
-        occupied_[static_cast<std::size_t>(cell)] = 1;
+        occupied_[cell] = 1;
       }
     }
   }
@@ -209,7 +209,7 @@ class SeenFromAbove {
     int met = 0;
     for (const Eigen::Vector2d& p : points) {
       const int cell = cell_at(p.x() + x, p.y() + y);
-      if (cell >= 0) met += occupied_[static_cast<std::size_t>(cell)];
+      if (cell >= 0) met += occupied_[cell];
     }
     return met;
   }
@@ -289,7 +289,7 @@ class TurnComparison {
 
   // Whether what a laser sees at a distance is above the ground.
   [[nodiscard]] bool is_above(int ring, int column, double range) const {
-    const ScanLattice::Ring& laser = lattice_.rings[static_cast<std::size_t>(ring)];
+    const ScanLattice::Ring& laser = lattice_.rings[ring];
     const double cosine = 1.0 / std::sqrt(1.0 + laser.slope * laser.slope);
     const double rho = range * cosine;
     const double z = laser.slope * rho + laser.offset;
@@ -365,7 +365,7 @@ class TurnComparison {
       top = std::min(top, ring - kMovedRings);
       bottom = std::max(bottom, ring + kMovedRings);
       for (int d = -kMovedColumns; d <= kMovedColumns; ++d) {
-        around[static_cast<std::size_t>(images[0].wrapped(column + d))] = 1;
+        around[images[0].wrapped(column + d)] = 1;
       }
     }
     top = std::max(top, 0);
@@ -373,7 +373,7 @@ class TurnComparison {
     std::int64_t before = 0;
     std::int64_t after = 0;
     for (int column = 0; column < kTurnColumns; ++column) {
-      if (around[static_cast<std::size_t>(column)] == 0) continue;
+      if (around[column] == 0) continue;
       for (int ring = top; ring <= bottom; ++ring) {
         if (now_.points(ring, column) == 0) continue;
         before += gone(kind, before_, ring, column) ? 1 : 0;
@@ -402,7 +402,7 @@ class TurnComparison {
     directed_.each([&](Eigen::Index i, int ring, int column, float) {
       const std::int32_t number = region_of(ring, column);
       if (number >= 0) {
-        regions[static_cast<std::size_t>(number)].rows.push_back(static_cast<std::int32_t>(i));
+        regions[number].rows.push_back(static_cast<std::int32_t>(i));
       }
     });
     if (kind == TurnEvidence::kBefore) return;
@@ -410,7 +410,7 @@ class TurnComparison {
     others_[0].each([&](Eigen::Index i, int ring, int column, float range) {
       const std::int32_t number = region_of(ring, column);
       if (number >= 0 && range < nearest_seen(ring, column) + slack(range)) {
-        seen[static_cast<std::size_t>(number)].push_back(i);
+        seen[number].push_back(i);
       }
     });
     for (std::size_t k = 0; k < regions.size(); ++k) {

@@ -59,7 +59,7 @@ void write_all(const Descriptor& file, std::span<const std::uint8_t> bytes, cons
     const ssize_t written = ::write(file.get(), bytes.data(), bytes.size());
     if (written < 0 && errno == EINTR) continue;
     if (written < 0) refuse("cannot write", path);
-    bytes = bytes.subspan(static_cast<std::size_t>(written));
+    bytes = bytes.subspan(written);
   }
 }
 

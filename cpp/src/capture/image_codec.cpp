@@ -76,7 +76,7 @@ class PngReader {
   template <typename Transforms>
   void read_pixels(void* pixels, std::size_t pixel_bytes, const Transforms& transforms) {
     const std::size_t stride = static_cast<std::size_t>(cols()) * pixel_bytes;
-    std::vector<png_bytep> lines(static_cast<std::size_t>(rows()));
+    std::vector<png_bytep> lines(rows());
     for (std::size_t v = 0; v < lines.size(); ++v) {
       lines[v] = static_cast<png_bytep>(pixels) + v * stride;
     }

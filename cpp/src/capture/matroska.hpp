@@ -87,9 +87,7 @@ class MatroskaReader {
   /// @throws FormatError  no Matroska file. @throws std::filesystem::filesystem_error
   explicit MatroskaReader(const std::filesystem::path& path);
 
-  [[nodiscard]] const MkvTrack& track(int number) const {
-    return tracks_.at(static_cast<std::size_t>(number));
-  }
+  [[nodiscard]] const MkvTrack& track(int number) const { return tracks_.at(number); }
   /// The number of a track by its title and kind; none: there is no such track.
   [[nodiscard]] std::optional<int> find(std::string_view title, MkvKind kind) const;
   /// The attached file of this name. @throws FormatError  none.

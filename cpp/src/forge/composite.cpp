@@ -64,7 +64,7 @@ struct DepthBuffer {
   std::vector<float> z;  ///< Depths in the box; a few more, so that four can be read from each.
 
   explicit DepthBuffer(const PixelBox& where)
-      : box(where), z(static_cast<std::size_t>(box.width * box.height + 3), kInfinity) {}
+      : box(where), z(box.width * box.height + 3, kInfinity) {}
 
   [[nodiscard]] std::int64_t index(std::int64_t u, std::int64_t v) const {
     return (v - box.v0) * box.width + u - box.u0;
@@ -318,7 +318,7 @@ PixelBox box_around(const std::vector<Drawn>& at, std::int64_t cols, std::int64_
 
 /// Where each vertex's colour is in the image of the person's frame.
 std::vector<Drawn> texels_of(const PersonSurface& person) {
-  std::vector<Drawn> texels(static_cast<std::size_t>(person.num_vertices));
+  std::vector<Drawn> texels(person.num_vertices);
   if (person.registration) {
     const Projector projector(*person.registration);
     for (std::size_t i = 0; i < texels.size(); ++i) texels[i] = projector(person.seen + 3 * i);
@@ -496,7 +496,7 @@ void check(const PersonSurface& person, const SceneView& scene, const CompositeO
 void composite(const PersonSurface& person, const SceneView& scene, const CompositeOptions& options,
                const CompositeBuffers& out) {
   check(person, scene, options);
-  std::vector<Drawn> at(static_cast<std::size_t>(person.num_vertices));
+  std::vector<Drawn> at(person.num_vertices);
   const Projector depth_camera(scene.camera);
   for (std::size_t i = 0; i < at.size(); ++i) {
     at[i] = depth_camera(person.vertices + 3 * i);

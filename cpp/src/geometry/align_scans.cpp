@@ -51,7 +51,7 @@ class VoxelSet {
 // The first point of each voxel, in the order of the scan.
 Points one_per_voxel(const PointsView& view, const Progress& progress) {
   Ticker ticker(progress, 1U << 16);
-  VoxelSet seen(static_cast<std::size_t>(view.num_points()));
+  VoxelSet seen(view.num_points());
   std::vector<Eigen::Index> kept;
   for (Eigen::Index i = 0; i < view.num_points(); ++i) {
     ticker.tick();
@@ -80,7 +80,7 @@ class LocalPlanes {
       : points_(points),
         view_(PointsView::Map<Points>(points.data(), points.rows(), 3)),
         tree_(view_, progress),
-        planes_(static_cast<std::size_t>(points.rows())) {}
+        planes_(points.rows()) {}
 
   struct Plane {
     enum class State : std::uint8_t { kUnknown, kFlat, kNone } state = State::kUnknown;

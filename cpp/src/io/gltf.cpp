@@ -152,7 +152,7 @@ class Reader {
     scene.nodes = read_nodes();
     const std::vector<bool> is_shown = shown_nodes();
     const std::int64_t num_meshes = document_.count("meshes");
-    GltfKept kept{std::vector<bool>(static_cast<std::size_t>(num_meshes), false), is_shown};
+    GltfKept kept{std::vector<bool>(num_meshes, false), is_shown};
     for (std::int64_t m = 0; m < num_meshes; ++m) {
       scene.meshes.push_back(read_mesh_of_scene(m));
       SceneMesh& mesh = scene.meshes.back();

@@ -142,11 +142,11 @@ class RowReader {
     const char* what = element.name.c_str();
     for (const Property& p : element.properties) {
       if (!p.is_list) {
-        const char* bytes = input_.bytes(static_cast<std::size_t>(size_of(p.type)), what);
+        const char* bytes = input_.bytes(size_of(p.type), what);
         if (p.role != kSkip) scalars[p.role] = load_scalar(bytes, p.type, swap_);
         continue;
       }
-      const char* head = input_.bytes(static_cast<std::size_t>(size_of(p.count_type)), what);
+      const char* head = input_.bytes(size_of(p.count_type), what);
       const double count = load_scalar(head, p.count_type, swap_);
       if (!(count >= 0.0 && count <= 4294967295.0) || count != std::floor(count)) {
         fail(p.name + ": expected a count >= 0, got " + std::to_string(count));

@@ -142,7 +142,7 @@ class VertexRows {
 
  private:
   struct Row {
-    explicit Row(std::int64_t cols) : vertex(static_cast<std::size_t>(cols), kNone), begin(cols) {}
+    explicit Row(std::int64_t cols) : vertex(cols, kNone), begin(cols) {}
     void clear(std::int64_t from, std::int64_t to) {
       if (begin < end) std::fill(vertex.begin() + begin, vertex.begin() + end, kNone);
       begin = from;

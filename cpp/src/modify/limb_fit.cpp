@@ -94,8 +94,7 @@ struct Chain {
       if (count > 0 && found == end) break;
       joint[count] = next;
       told[count] = place[count] = skeleton[next];
-      if (count > 0)
-        radii[count] = bones.radii[static_cast<std::size_t>(found - bones.label.begin())];
+      if (count > 0) radii[count] = bones.radii[found - bones.label.begin()];
       ++count;
     }
   }
@@ -152,7 +151,7 @@ class LimbFit {
     }
     num_of_.fill(0);
     for (std::size_t i = 0; i < count; ++i) {
-      if (samples_.bone[i] != kNoBone) ++num_of_[static_cast<std::size_t>(samples_.bone[i])];
+      if (samples_.bone[i] != kNoBone) ++num_of_[samples_.bone[i]];
     }
   }
 

@@ -79,7 +79,7 @@ bool is_far_from_skin(std::uint8_t label, float skin_distance) {
 /// Marks the points that pass the weak or the strong test.
 void mark_cloth(const PersonPoints& points, const ClothSearch& search, const ClothTest& test,
                 const PhantomImage& image) {
-  for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
+  for (std::int64_t i = 0; i < points.count; ++i) {
     const std::int32_t pixel = points.pixel[i];
     if (image.kind[pixel] != PixelKind::kBody) continue;
     const std::uint8_t label = points.label[i];
@@ -148,13 +148,13 @@ std::int64_t remove_loose_cloth(PersonPoints& points, const ClothSearch& search,
       std::ceil(kMargin * search.focal / std::max(search.root.z(), 0.1F)));
   ClothPiece piece(image, stack);
   std::int64_t removed = 0;
-  for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
+  for (std::int64_t i = 0; i < points.count; ++i) {
     if (image.removal[points.pixel[i]] != Removal::kSurelyCloth) continue;
     if (piece.start(points.pixel[i]) < kLeastPixels) continue;
     piece.grow(rings);
     removed += piece.take_all_out();
   }
-  for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
+  for (std::int64_t i = 0; i < points.count; ++i) {
     const bool was_removed = image.removal[points.pixel[i]] == Removal::kRemoved;
     if (was_removed && points.label[i] != limb_label(search.affected)) points.label[i] = 0;
   }

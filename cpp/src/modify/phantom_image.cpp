@@ -136,7 +136,7 @@ void draw_person(const PersonPoints& points, const PhantomImage& image) {
   std::fill_n(image.source, 2 * size, -1);
   std::fill_n(image.removal, size, Removal::kNone);
   const auto cols = static_cast<std::int32_t>(image.cols);
-  for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
+  for (std::int64_t i = 0; i < points.count; ++i) {
     const std::int32_t pixel = points.pixel[i];
     image.depth[pixel] = points.z[i];
     image.label[pixel] = points.label[i];
@@ -173,7 +173,7 @@ std::int64_t remove_limb(const PersonPoints& points, Limb limb, double radius, d
   const auto most = static_cast<float>(radius * radius);
   const auto most_skin = static_cast<float>(flesh);
   std::int64_t removed = 0;
-  for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
+  for (std::int64_t i = 0; i < points.count; ++i) {
     if (points.label[i] != limb_label(limb) || !(points.squared_distance[i] <= most)) continue;
     if (!(points.skin_distance[i] <= most_skin)) continue;
     take_out(points.pixel[i], image);
@@ -188,7 +188,7 @@ std::int64_t remove_rest(const PersonPoints& points, Limb limb, const PhantomIma
     return image.kind[pixel] == PixelKind::kBody && image.label[pixel] == limb_label(limb);
   };
   std::int64_t removed = 0;
-  for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
+  for (std::int64_t i = 0; i < points.count; ++i) {
     const std::int32_t first = points.pixel[i];
     if (points.label[i] != limb_label(limb) || !is_rest(first)) continue;
     if (image.removal[first] != Removal::kNone) continue;
@@ -249,7 +249,7 @@ NearestSkin nearest_skin(const Eigen::Vector3f& p, const BoneSegments& bones, st
 std::int64_t give_back(const PersonPoints& points, Limb limb, const BoneSegments& bones,
                        double reach, const PhantomImage& image) {
   std::int64_t given = 0;
-  for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
+  for (std::int64_t i = 0; i < points.count; ++i) {
     const std::int32_t pixel = points.pixel[i];
     if (points.label[i] != limb_label(limb) || image.kind[pixel] != PixelKind::kNone) continue;
     const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
@@ -269,7 +269,7 @@ std::int64_t give_back_holes(const PersonPoints& points, Limb limb, const BoneSe
   const auto first = std::find(
       bones.label.begin(), bones.label.begin() + static_cast<std::ptrdiff_t>(bones.count), label);
   if (first == bones.label.begin() + static_cast<std::ptrdiff_t>(bones.count)) return 0;
-  const Eigen::Vector3f root = bones.start[static_cast<std::size_t>(first - bones.label.begin())];
+  const Eigen::Vector3f root = bones.start[first - bones.label.begin()];
   const auto point = [&](std::int32_t pixel) {
     return lift(rays, pixel % image.cols, pixel / image.cols, image.source_depth[pixel]);
   };
@@ -278,7 +278,7 @@ std::int64_t give_back_holes(const PersonPoints& points, Limb limb, const BoneSe
            (point(pixel) - root).squaredNorm() < kLap * kLap;
   };
   std::int64_t given = 0;
-  for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
+  for (std::int64_t i = 0; i < points.count; ++i) {
     if (!is_gone(points.pixel[i])) continue;
     std::size_t count = 0;
     std::int64_t beside_body = 0, beside_others = 0;
@@ -321,7 +321,7 @@ void mirror_limb(const PersonPoints& points, Limb intact, double radius, double 
   const LimbMirror to_other_side(mirror);
   // A mirrored surface faces the camera if the surface faces the mirrored camera.
   const Eigen::Vector3f mirrored_camera = mirror.offset.cast<float>();
-  for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
+  for (std::int64_t i = 0; i < points.count; ++i) {
     if (!is_intact[points.label[i]] || !(points.squared_distance[i] <= most)) continue;
     if (!(points.skin_distance[i] <= most_skin)) continue;
     MirroredPoint& point = mirrored.emplace_back(to_other_side(points, i));
@@ -346,7 +346,7 @@ void mirror_around_root(const PersonPoints& points, const Eigen::Vector3f& root,
   const Eigen::Vector3f n = frame.n.cast<float>(), origin = frame.origin.cast<float>();
   const bool positive = n.dot(root - origin) > 0.0F;
   const LimbMirror to_other_side(mirror);
-  for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
+  for (std::int64_t i = 0; i < points.count; ++i) {
     const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
     const bool is_near = (p - root).squaredNorm() <= most;
     if (!is_near && !(with_trunk && is_trunk(points.label[i]))) continue;

@@ -57,7 +57,7 @@ bool shows_trunk(const Eigen::Vector3f& p, const BoneSegments& bones) {
 double lost_trunk(const PersonPoints& points, const BoneSegments& bones,
                   const PhantomImage& image) {
   std::int64_t all = 0, lost = 0;
-  for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
+  for (std::int64_t i = 0; i < points.count; ++i) {
     if (image.kind[points.pixel[i]] != PixelKind::kNone) {
       all += is_trunk_bone(points.label[i]);
     } else if (shows_trunk({points.x[i], points.y[i], points.z[i]}, bones)) {
@@ -76,7 +76,7 @@ double lost_below(const PersonPoints& points, const Skeleton& person, const Body
   const float hips =
       is_usable(person, Joint::kSpineBase) ? person[Joint::kSpineBase].y() : origin.y();
   std::int64_t all = 0, lost = 0, all_upright = 0, lost_upright = 0;
-  for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
+  for (std::int64_t i = 0; i < points.count; ++i) {
     const bool is_lost = image.kind[points.pixel[i]] == PixelKind::kNone;
     const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
     const bool below = up.dot(p - origin)<0.0F, below_upright = p.y()> hips;
@@ -124,14 +124,14 @@ double joint_fit(const Skeleton& person, Limb affected, const PixelProjector& pr
 double bone_fit(const PersonPoints& points) {
   constexpr float kReach = 0.20F;  // metres: of real people's points 97 % and more are nearer
   std::int64_t near = 0;
-  for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
+  for (std::int64_t i = 0; i < points.count; ++i) {
     near += points.squared_distance[i] < kReach * kReach;
   }
   return points.count > 0 ? static_cast<double>(near) / static_cast<double>(points.count) : 1.0;
 }
 
 void PictureJudge::reserve(std::int64_t rows, std::int64_t cols) {
-  cells_.resize(static_cast<std::size_t>(rows * cols));
+  cells_.resize(rows * cols);
   pieces_.reserve(rows, cols);
   sizes_.reserve(static_cast<std::size_t>(rows * ((cols + 1) / 2)));
 }
@@ -150,7 +150,7 @@ void PictureJudge::measure(const PersonPoints& points, const Skeleton& phantom,
     if (is_usable(phantom, joint)) farthest = std::max(farthest, phantom[joint].z());
   }
   std::int64_t limb = 0, left = 0;
-  for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
+  for (std::int64_t i = 0; i < points.count; ++i) {
     const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
     const std::int32_t pixel = points.pixel[i];
     if (points.label[i] != limb_label(affected) || !(p.z() < farthest + kBehind)) continue;

@@ -110,9 +110,9 @@ class Flood {
         points_(points),
         stride_(points.box.width + 2),
         point_at_(static_cast<std::size_t>(stride_ * (points.box.height + 2)), kNoPoint),
-        place_(static_cast<std::size_t>(points.count)),
-        offered_(static_cast<std::size_t>(points.count), kNothing),
-        offer_(static_cast<std::size_t>(points.count), 0) {
+        place_(points.count),
+        offered_(points.count, kNothing),
+        offer_(points.count, 0) {
     for (std::int64_t i = 0; i < points.count; ++i) {
       const std::int64_t at = place(points.pixel[i] % points.cols, points.pixel[i] / points.cols);
       place_[i] = static_cast<std::int32_t>(at);

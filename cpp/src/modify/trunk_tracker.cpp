@@ -768,11 +768,11 @@ void TrunkTracker::learn(const PersonPoints& points, const DepthView& depth, con
     return place.y() > low - 0.02 && place.y() < high + 0.02 && std::abs(place.x()) < half;
   };
   std::size_t count = 0;
-  for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) count += is_candidate(i);
+  for (std::int64_t i = 0; i < points.count; ++i) count += is_candidate(i);
   const std::size_t stride = std::max<std::size_t>(1, (count + kMostSurface - 1) / kMostSurface);
   surface_.clear();
   std::size_t seen = 0;
-  for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
+  for (std::int64_t i = 0; i < points.count; ++i) {
     if (!is_candidate(i) || seen++ % stride != 0) continue;
     const auto normal = normal_at(depth, rays, points.pixel[i]);
     if (!normal || surface_.size() == kMostSurface) continue;

@@ -182,7 +182,7 @@ class StreamTextures {
     const TextureRegion& region = regions_[k];
     const std::int64_t cols = region.end[0] - region.begin[0],
                        rows = region.end[1] - region.begin[1];
-    std::vector<std::uint8_t> pixels(static_cast<std::size_t>(3 * rows * cols));
+    std::vector<std::uint8_t> pixels(3 * rows * cols);
     for (std::int64_t row = 0; row < rows; ++row) {
       const std::int64_t start = (region.begin[1] + row) * images_[k].cols + region.begin[0];
       std::copy_n(images_[k].pixels + 3 * start, 3 * cols, pixels.data() + 3 * row * cols);

@@ -71,7 +71,7 @@ std::vector<std::uint8_t> faces_across_steps(const DepthView& image,
     }
   }
   const StepFinder steps(image, rule);
-  std::vector<std::uint8_t> across(static_cast<std::size_t>(faces.rows()), 0);
+  std::vector<std::uint8_t> across(faces.rows(), 0);
   for (Eigen::Index f = 0; f < faces.rows(); ++f) {
     for (int i = 0; i < 3; ++i) {
       const std::int32_t a = faces(f, i), b = faces(f, (i + 1) % 3);

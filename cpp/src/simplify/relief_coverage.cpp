@@ -283,7 +283,7 @@ CutCoverage coverage_of(const Surface& surface,
 std::vector<float> off_surface(const Surface& surface,
                                const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
                                const Eigen::Ref<const Rows<std::int32_t, 3>>& faces) {
-  std::vector<float> shares(static_cast<std::size_t>(faces.rows()), -1.0F);
+  std::vector<float> shares(faces.rows(), -1.0F);
   if (surface.empty()) return shares;
   for (Eigen::Index f = 0; f < faces.rows(); ++f) {
     const Corners t = corners_of(surface, pixels, faces, f);

@@ -121,7 +121,7 @@ void StartMesh::measure_diagonals(const Surface& surface, int finest, std::span<
 }
 
 void StartMesh::measure(const Surface& surface, int finest, std::span<const Keep> keep) {
-  errors_.resize(static_cast<std::size_t>(surface.cols()) * surface.rows());
+  errors_.resize(std::int64_t{surface.cols()} * surface.rows());
   measure_pixels(surface);
   for (int step = 1; step < kTile; step *= 2) {
     // A pass that could only write what is there.

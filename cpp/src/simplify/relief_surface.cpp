@@ -303,7 +303,7 @@ bool Surface::is_stretched(const DenseRule& rule) const {
 }
 
 void Surface::find_joined(const PointGridView& grid, const DenseRule& rule) {
-  joined_.assign(static_cast<std::size_t>(grid.rows * grid.cols), 0);
+  joined_.assign(grid.rows * grid.cols, 0);
   const auto joins = [&](std::int64_t p, std::int64_t q) {
     const Eigen::Map<const Vec3> a(grid.points + 3 * p), b(grid.points + 3 * q);
     return grid.valid[p] != 0 && grid.valid[q] != 0 &&
@@ -324,7 +324,7 @@ void Surface::find_joined(const PointGridView& grid, const DenseRule& rule) {
 }
 
 void Surface::load_samples(const PointGridView& grid, int num_threads) {
-  const auto size = static_cast<std::size_t>(cols_) * static_cast<std::size_t>(rows_);
+  const auto size = std::int64_t{cols_} * rows_;
   samples_.resize(size);
   valid_.assign(size, 0);
   const double scale = 1.0 / unit_;
@@ -356,7 +356,7 @@ void Surface::cut_cells(const DenseRule& rule, int num_threads) {
   make_room(row_floats_, size * CellRows::kFloatRows);
   row_floats_.resize(static_cast<std::size_t>(size * CellRows::kFloatRows));
   make_room(row_bits_, size);
-  row_bits_.resize(static_cast<std::size_t>(size));
+  row_bits_.resize(size);
   // A function object of two references needs no memory of its own.
   parallel_chunks(
       used_rows_ - 1, kRowsPerChunk, num_threads,
@@ -429,7 +429,7 @@ void Surface::add_areas() {
   AreaRow before(rooms, {row_cells_.data(), width});
   AreaRow row(rooms, {row_cells_.data() + width, width});
   CoordinateRow points(rooms), next(rooms);
-  const std::span<float> weights = rooms.row().first(static_cast<std::size_t>(used_cols_));
+  const std::span<float> weights = rooms.row().first(used_cols_);
   for (AreaRow* areas : {&before, &row}) areas->clear();
   num_faces_ = 0;
   points.assign(used_row(0));
@@ -522,7 +522,7 @@ void Surface::assign_half(const Surface& whole) {
   if (used_cols_ < 1 || used_rows_ < 1) return;
   cols_ = padded(used_cols_);
   rows_ = padded(used_rows_);
-  const auto size = static_cast<std::size_t>(cols_) * static_cast<std::size_t>(rows_);
+  const auto size = std::int64_t{cols_} * rows_;
   samples_.assign(size, {});
   valid_.assign(size, 0);
   confidence_.assign(whole.has_confidence() ? size : 0, 0.0F);

@@ -79,7 +79,7 @@ void Triangulation::split_fans(const Surface& surface, std::span<const Triangle>
 }
 
 void Triangulation::assign(const Surface& surface, std::span<const Triangle> faces) {
-  first_side_.resize(static_cast<std::size_t>(surface.cols()) * surface.rows() + 2);
+  first_side_.resize(std::int64_t{surface.cols()} * surface.rows() + 2);
   link_neighbors(faces);
   split_fans(surface, faces);
 }
