@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 import manip3d
 from manip3d import FormatError, InputError, Intrinsics, camera
+from real_data import RealData
 
 PINHOLE = Intrinsics(64, 48, 50.0, 52.0, 30.5, 24.25)
 BENT = replace(PINHOLE, distortion=(0.12, -0.05, 0.004, -0.003, 0.01))
@@ -219,3 +220,82 @@ def test_the_same_camera_has_equal_numbers_and_rays() -> None:
     assert not camera.same_camera(
         with_rays, Intrinsics(3, 2, 1.0, 1.0, 1.0, 0.5, rays=rays + np.float32(0.1))
     )
+
+
+STEREO = """cam0=[96.5 0 31.25; 0 96.5 23.5; 0 0 1]
+cam1=[96.5 0 34.35; 0 96.5 23.5; 0 0 1]
+doffs=3.1
+baseline=193.001
+width=64
+height=48
+ndisp=20
+isint=0
+"""
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "50 0 31.5\n0 51 23.5\n0 0 1\n",
+        "5.0e+01 1e-9 31.5 0\r\n0 51 23.5 0\r\n0 0 1 0\r\n",
+        "# a comment of numbers: 1 2 3\n50 0 31.5 0\n0 51 23.5 0\n0 0 1 0\n0 0 0 1",
+        "[[50, 0, 31.5],\n [0, 51, 23.5],\n [0, 0, 1]]",
+        "50, 51, 31.5, 23.5\n",
+    ],
+)
+def test_cameras_of_numbers_in_a_text(content: str, tmp_path: Path) -> None:
+    path = tmp_path / "intrinsics.txt"
+    path.write_bytes(content.encode())
+    found = camera.read_intrinsics(path, width=64, height=48)
+    assert (found.fx, found.fy, found.cx, found.cy) == (50.0, 51.0, 31.5, 23.5)
+    assert (found.width, found.height) == (64, 48)
+    assert camera.camera_depth_unit(path) == "guess"
+
+
+def test_the_calibration_of_a_stereo_pair(tmp_path: Path) -> None:
+    path = tmp_path / "calib.txt"
+    path.write_text(STEREO)
+    found = camera.read_intrinsics(path, width=64, height=48)
+    assert (found.fx, found.fy, found.cx, found.cy) == (96.5, 96.5, 31.25, 23.5)
+    assert camera.camera_depth_unit(path) == "disparity:18.6245965,3.1"
+    with pytest.raises(InputError, match="is for 64 x 48 pixels, the image has 32 x 24"):
+        camera.read_intrinsics(path, width=32, height=24)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "could not convert"),
+        ("1 2 3", "3 numbers"),
+        ("1 " * 17, "more than 16 numbers"),
+        ("fx fy cx cy", "could not convert"),
+        ("0 -1 0\n1 0 0\n0 0 1", "not .fx, 0, cx"),  # a rotation
+        ("1 0 0 2\n0 1 0 3\n0 0 1 4\n0 0 0 1", "not .fx, 0, cx"),  # a pose
+        ("50 0 31\n0 nan 23\n0 0 1", "fy"),
+        (STEREO.replace("doffs", "offset"), "no doffs"),
+        (STEREO.replace("baseline=193.001", "baseline=0"), "baseline=0"),
+        (STEREO.replace("193.001", "inf"), "baseline=inf"),
+        (STEREO.replace("64", "64.5"), "64.5"),
+        (" " * (1 << 20) + "1", "more than a mebibyte"),
+    ],
+)
+def test_texts_that_are_no_camera(content: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "camera.txt"
+    path.write_text(content)
+    with pytest.raises((FormatError, InputError), match=message):
+        camera.read_intrinsics(path, width=64, height=48)
+
+
+def test_a_camera_that_is_no_text(tmp_path: Path) -> None:
+    path = tmp_path / "camera.txt"
+    path.write_bytes(b"50 \xff")
+    with pytest.raises(FormatError, match="expected a camera as text") as caught:
+        camera.read_intrinsics(path, width=64, height=48)
+    assert caught.value.byte_offset == 3
+
+
+@pytest.mark.realdata
+def test_the_camera_of_7_scenes(realdata: RealData) -> None:
+    path = realdata("rgbd/scene_7scenes_redkitchen/camera-intrinsics.txt")
+    found = camera.read_intrinsics(path, width=640, height=480)
+    assert (found.fx, found.fy, found.cx, found.cy) == (585.0, 585.0, 320.0, 240.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -359,7 +360,7 @@ CAMERA_PRESETS: Mapping[str, CameraPreset] = {
 }  # fmt: skip
 """Nominal depth cameras by name; cameras of one kind differ by some pixels."""
 
-_MOST_JSON_BYTES = 1 << 20
+_MOST_CAMERA_BYTES = 1 << 20
 
 
 @checked
@@ -369,8 +370,10 @@ def read_intrinsics(camera: str | os.PathLike[str], *, width: int, height: int) 
     Parameters
     ----------
     camera : str or path-like
-        ``fx,fy,cx,cy`` in pixels; a ``.json`` file, Open3D's or an object with the fields of
-        `Intrinsics`; or a name of `CAMERA_PRESETS`.
+        ``fx,fy,cx,cy`` in pixels; a name of `CAMERA_PRESETS`; a ``.json`` file, Open3D's or an
+        object with the fields of `Intrinsics`; or a ``.txt`` file: a matrix of 3 x 3, 3 x 4 or
+        4 x 4 numbers, as 7-Scenes, 3DMatch and ScanNet have it, the four numbers above, or the
+        ``calib.txt`` of a stereo pair of Middlebury or ETH3D, whose left camera it is.
     width, height : int, pixels
         Size of the image.
 
@@ -394,7 +397,7 @@ def read_intrinsics(camera: str | os.PathLike[str], *, width: int, height: int) 
     365.0
     """
     text = os.fspath(camera)
-    if text.lower().endswith(".json"):
+    if text.lower().endswith((".json", ".txt")):
         return _camera_of_file(Path(text), width, height)
     preset = CAMERA_PRESETS.get(text)
     if preset is not None:
@@ -408,35 +411,153 @@ def read_intrinsics(camera: str | os.PathLike[str], *, width: int, height: int) 
         fx, fy, cx, cy = (float(field) for field in text.split(","))
     except ValueError:
         raise InputError(
-            f"intrinsics: expected fx,fy,cx,cy, a .json file or one of "
+            f"intrinsics: expected fx,fy,cx,cy, a .json or .txt file or one of "
             f"{', '.join(CAMERA_PRESETS)}, got {text!r}"
         ) from None
     return Intrinsics(width, height, fx, fy, cx, cy)
 
 
-def _camera_of_file(path: Path, width: int, height: int) -> Intrinsics:
+@checked
+def camera_depth_unit(camera: str | os.PathLike[str]) -> str:
+    """Return the unit of the depth images of a camera that `read_intrinsics` takes.
+
+    Parameters
+    ----------
+    camera : str or path-like
+
+    Returns
+    -------
+    str
+        A unit as `manip3d.io.read_depth_guessing` takes it. The ``calib.txt`` of a stereo pair
+        turns its disparities into depth, ``disparity:FB,DOFFS``. ``guess`` where it is not known.
+
+    Raises
+    ------
+    FormatError, OSError
+        The file cannot be read.
+
+    Examples
+    --------
+    >>> from manip3d.camera import camera_depth_unit
+    >>> camera_depth_unit("tum"), camera_depth_unit("525,525,319.5,239.5")
+    ('tum', 'guess')
+    """
+    text = os.fspath(camera)
+    preset = CAMERA_PRESETS.get(text)
+    if preset is not None:
+        return preset.depth_unit
+    if not text.lower().endswith(".txt"):
+        return "guess"
+    stereo = _stereo_calibration(_text_of_camera(Path(text)), Path(text))
+    return "guess" if stereo is None else stereo.depth_unit
+
+
+@dataclass(frozen=True)
+class _StereoCalibration:
+    """The calibration of a rectified stereo pair, as Middlebury's pairs of 2014 have it."""
+
+    fields: dict[str, float]
+    depth_unit: str
+
+
+def _text_of_camera(path: Path) -> str:
     with open_regular(path) as file:
-        data = file.read(_MOST_JSON_BYTES + 1)
+        data = file.read(_MOST_CAMERA_BYTES + 1)
+    if len(data) > _MOST_CAMERA_BYTES:
+        raise FormatError("expected a camera, got more than a mebibyte", file=str(path))
     try:
-        if len(data) > _MOST_JSON_BYTES:
-            raise ValueError("more than a mebibyte")
-        fields: Any = json.loads(data)
-        if not isinstance(fields, dict):
-            raise TypeError("no object")
-        matrix = fields.get("intrinsic_matrix")
-        if matrix is not None:  # column by column
-            fields = {n: fields[n] for n in ("width", "height") if n in fields}
-            fields |= dict(zip(("fx", "fy", "cx", "cy"), _pinhole(matrix), strict=True))
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        reason = "expected a camera as text, got other bytes"
+        raise FormatError(reason, file=str(path), byte_offset=error.start) from error
+
+
+def _camera_of_file(path: Path, width: int, height: int) -> Intrinsics:
+    text = _text_of_camera(path)
+    try:
+        if path.suffix.lower() == ".json":
+            fields = _fields_of_json(text)
+        else:
+            stereo = _stereo_calibration(text, path)
+            fields = _fields_of_matrix(text) if stereo is None else stereo.fields
         known = Intrinsics(**({"width": width, "height": height} | fields))
     except (ValueError, TypeError, RecursionError) as error:
-        text = "expected an object with fx, fy, cx and cy, or with Open3D's intrinsic_matrix"
-        raise FormatError(f"{text}: {error}", file=str(path)) from error
+        if isinstance(error, FormatError):
+            raise
+        expected = {
+            ".json": "an object with fx, fy, cx and cy, or with Open3D's intrinsic_matrix",
+            ".txt": "fx, fy, cx and cy, a matrix of 3 x 3, 3 x 4 or 4 x 4 numbers, or the calib.txt"
+            " of a stereo pair",
+        }[path.suffix.lower()]
+        raise FormatError(f"expected {expected}: {error}", file=str(path)) from error
     if (known.width, known.height) != (width, height):
         raise InputError(
             f"intrinsics: {path} is for {known.width} x {known.height} pixels, "
             f"the image has {width} x {height}"
         )
     return known
+
+
+def _fields_of_json(text: str) -> dict[str, Any]:
+    fields: Any = json.loads(text)
+    if not isinstance(fields, dict):
+        raise TypeError("no object")
+    matrix = fields.get("intrinsic_matrix")
+    if matrix is None:
+        return fields
+    size = {n: fields[n] for n in ("width", "height") if n in fields}
+    return size | dict(zip(("fx", "fy", "cx", "cy"), _pinhole(matrix), strict=True))
+
+
+def _fields_of_matrix(text: str) -> dict[str, float]:
+    """A camera of nothing but numbers, row by row, and comments behind ``#``."""
+    text = re.sub(r"#[^\n]*", "", text)
+    words = re.split(r"[\s,;\[\]]+", text.strip(" \t\r\n[],;"), maxsplit=16)
+    numbers = [float(word) for word in words]
+    if len(numbers) == 4:
+        return dict(zip(("fx", "fy", "cx", "cy"), numbers, strict=True))
+    if len(numbers) not in (9, 12, 16):
+        raise ValueError(f"{'more than 16' if len(numbers) > 16 else len(numbers)} numbers")
+    rows = 4 if len(numbers) == 16 else 3
+    matrix = np.array(numbers).reshape(rows, -1)
+    _expect_pinhole(matrix)
+    return {"fx": matrix[0, 0], "fy": matrix[1, 1], "cx": matrix[0, 2], "cy": matrix[1, 2]}
+
+
+def _expect_pinhole(matrix: NDArray[np.float64]) -> None:
+    """Refuse what is no camera, such as a pose; the skew may be what rounding left."""
+    below = np.array([matrix[1, 0], matrix[2, 0], matrix[2, 1], matrix[2, 2] - 1.0])
+    rest = np.concatenate([(matrix - np.eye(*matrix.shape))[:, 3:].ravel(), below])
+    if matrix.shape[0] == 4:
+        rest = np.concatenate([rest, matrix[3, :3]])
+    if not np.allclose(rest, 0.0) or not abs(matrix[0, 1]) <= 1e-3 * abs(matrix[0, 0]):
+        raise ValueError("a matrix that is not (fx, 0, cx; 0, fy, cy; 0, 0, 1)")
+
+
+_STEREO_KEYS = ("cam0", "doffs", "baseline")
+
+
+def _stereo_calibration(text: str, path: Path) -> _StereoCalibration | None:
+    """What a ``calib.txt`` says; None: it is not of a stereo pair.
+
+    The baseline is in millimetres; depth is baseline x focal length / (disparity + doffs).
+    """
+    values = dict(re.findall(r"^[ \t]*(\w+)[ \t]*=[ \t]*([^\r\n]*)", text, re.MULTILINE))
+    if not any(key in values for key in _STEREO_KEYS):
+        return None
+    try:
+        if absent := [key for key in _STEREO_KEYS if key not in values]:
+            raise ValueError(f"no {' and no '.join(absent)}")
+        fields = _fields_of_matrix(values["cam0"])
+        fields |= {key: int(values[key]) for key in ("width", "height") if key in values}
+        focal_metres = fields["fx"] * float(values["baseline"]) / 1000.0
+        offset = float(values["doffs"])
+        if not (0.0 < focal_metres < np.inf and np.isfinite(offset)):
+            raise ValueError(f"baseline={values['baseline']}, doffs={values['doffs']}")
+    except ValueError as error:
+        reason = f"expected cam0=[fx 0 cx; 0 fy cy; 0 0 1], doffs and baseline: {error}"
+        raise FormatError(reason, file=str(path)) from error
+    return _StereoCalibration(fields, f"disparity:{focal_metres:.9g},{offset:.9g}")
 
 
 def _pinhole(matrix: Any) -> tuple[float, float, float, float]:

@@ -204,6 +204,9 @@ def test_wrong_cameras_are_refused(frame: Path, tmp_path: Path) -> None:
 
     base = ("cs3", frame, "-o", tmp_path / "x.glb", "--points", "99", "-q")
     assert "--intrinsics: expected the camera" in error_line(manip3d(*base))
+    (frame.parent / "calib.txt").touch()
+    assert f"got none; {frame.parent}/calib.txt may be it" in error_line(manip3d(*base))
+    (frame.parent / "calib.txt").unlink()
     for text in ("1,2,3", "a,b,c,d", "kinect-v9"):
         with pytest.raises(InputError, match=f"got '{text}'"):
             read_intrinsics(text, width=160, height=120)

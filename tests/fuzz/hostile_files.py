@@ -345,6 +345,8 @@ def cameras() -> list[Files]:
     return [
         {"a.json": b'{"width": 64, "height": 48, "fx": 50, "fy": 50.5, "cx": 31, "cy": 23}'},
         {"a.json": matrix},
+        {"a.txt": b"50 0 31\n0 50.5 23\n0 0 1\n"},
+        {"a.txt": b"cam0=[50 0 31; 0 50 23; 0 0 1]\ndoffs=3.5\nbaseline=190.1\nwidth=64\n"},
     ]
 
 
@@ -427,6 +429,7 @@ def read_study_folder(folder: Path, _: str) -> None:
 
 def read_camera(folder: Path, name: str) -> None:
     camera._camera_of_file(folder / name, 64, 48)
+    camera.camera_depth_unit(folder / name)
 
 
 def questionnaires() -> list[Files]:

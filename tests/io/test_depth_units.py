@@ -146,3 +146,21 @@ def test_marks_of_nothing_measured_say_nothing_of_the_unit() -> None:
     )
     image[:] = 65_535
     assert guess_depth_unit(image) == ("mm", "there is no measurement")
+
+
+def test_disparities_of_a_stereo_pair_become_depth(tmp_path: Path) -> None:
+    disparity = np.array([[40.0, 10.0, 0.0], [-1.0, np.nan, np.inf]], np.float32)
+    path = tmp_path / "disparity.npy"
+    np.save(path, disparity)
+    found = read_depth_guessing(path, unit="disparity:20")
+    np.testing.assert_allclose(found.depth, [[0.5, 2.0, 0.0], [0.0, 0.0, 0.0]])
+    assert (found.unit, found.guessed) == ("disparity:20", False)
+    assert "20 m / (d + 0)" in found.sentence
+    moved = read_depth_guessing(path, unit="disparity:20,-15")
+    np.testing.assert_allclose(moved.depth[0], [0.8, 0.0, 0.0])  # 10 - 15 is behind the camera
+    whole = tmp_path / "whole.npy"  # as KITTI stores it, in 1/256 of a pixel
+    np.save(whole, np.array([[0, 256 * 20]], np.uint16))
+    np.testing.assert_allclose(read_depth_guessing(whole, unit="disparity:5120").depth, [[0, 1.0]])
+    for unit in ("disparity:", "disparity:0", "disparity:nan", "disparity:5,inf", "disparity:a,b"):
+        with pytest.raises(InputError, match="expected disparity:FB"):
+            read_depth_guessing(path, unit=unit)

@@ -504,3 +504,21 @@ def test_lone_pixels_far_from_each_other_are_no_surface(move: bool, effort: str)
         depth, camera, 10, max_edge=0.1, depth_step=0.05, move_points=move, effort=effort
     )
     assert (found.num_vertices, found.num_faces, found.coverage) == (0, 0, 0.0)
+
+
+def test_disparities_of_a_stereo_pair_are_depth(tmp_path: Path) -> None:
+    depth = np.full((60, 80), 2.0, np.float32)
+    depth[20:40, 30:60] = 1.5
+    disparity = 80.0 * 0.2 / depth - 3.5
+    disparity[:4] = np.inf  # Middlebury's mark of an unknown one
+    rows = disparity[::-1].astype("<f4").tobytes()
+    (tmp_path / "disp0.pfm").write_bytes(b"Pf\n80 60\n-1.0\n" + rows)
+    calibration = tmp_path / "calib.txt"
+    calibration.write_text(
+        "cam0=[80 0 39.5; 0 80 29.5; 0 0 1]\ndoffs=3.5\nbaseline=200\nwidth=80\nheight=60\n"
+    )
+    options = simplify.DepthOptions(100, intrinsics=str(calibration))
+    result = simplify.simplify_depth_file(tmp_path / "disp0.pfm", tmp_path / "out.ply", options)
+    assert result.unit == "disparity:16,3.5"
+    z = io.read_mesh(tmp_path / "out.ply").vertices[:, 2]
+    np.testing.assert_allclose([z.min(), z.max()], [1.5, 2.0], rtol=1e-5)

@@ -209,17 +209,17 @@ def depth(
     intrinsics: Annotated[
         str,
         typer.Option(
-            help="Camera of the depth image: fx,fy,cx,cy in pixels, a .json file, or a preset: "
-            "tum, tum-fr1, tum-fr2, tum-fr3, kinect-v1, kinect-v2, azure, realsense, primesense. "
-            "Scans need none."
+            help="Camera of the depth image: fx,fy,cx,cy in pixels, a .json or .txt file (a matrix, "
+            "or the calib.txt of a stereo pair), or a preset: tum, tum-fr1, tum-fr2, tum-fr3, "
+            "kinect-v1, kinect-v2, azure, realsense, primesense. Scans need none."
         ),
     ] = "",
     unit: Annotated[
         str,
         typer.Option(
             help="Unit of the depth image: mm, tum (1/5000 m), m, kinect-raw (11-bit disparity), "
-            "nyu, sun, or a number of units per metre. guess: as the preset has it, else from the "
-            "numbers; the unit is printed."
+            "nyu, sun, a number of units per metre, or disparity:FB of a stereo pair, whose depth "
+            "is FB / d. guess: as the camera has it, else from the numbers; the unit is printed."
         ),
     ] = "guess",
     method: Annotated[

@@ -106,13 +106,23 @@ def _open(source: str, choice: Choice, terminal: Terminal) -> Any:
         source,
         frame=choice.frame,
         intrinsics=_camera(source, choice) if choice.intrinsics else None,
-        unit=choice.unit,
+        unit=_unit(choice),
         color=choice.color,
         calibration=choice.calibration,
     )
     note = f", {opened.note}" if opened.note else ""
     terminal.say(f"read {source} ({opened.kind}{note}): {_size(opened.thing)}")
     return opened.thing
+
+
+def _unit(choice: Choice) -> str:
+    """Unit of a depth image; the calibration of a stereo pair tells what its disparities are."""
+    from manip3d.camera import camera_depth_unit
+
+    if choice.unit != "guess" or not choice.intrinsics:
+        return choice.unit
+    unit = camera_depth_unit(choice.intrinsics)
+    return unit if unit.startswith("disparity:") else choice.unit
 
 
 def _size(thing: Any) -> str:

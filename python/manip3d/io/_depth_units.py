@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -44,7 +45,7 @@ class DepthReading:
     depth : (H, W) uint16 in millimetres, or float32 in metres
         0 = no measurement.
     unit : str
-        Name of the unit, one of `DEPTH_UNITS`, or a number of units per metre.
+        The unit as `read_depth_guessing` takes it.
     guessed : bool
         The unit was guessed from the numbers.
     reason : str
@@ -125,6 +126,21 @@ DEPTH_UNITS = tuple(_UNITS)
 
 _WHOLE_ONLY = ("kinect-raw", "nyu", "sun")
 
+_DISPARITY = "disparity:"
+"""What a unit of disparities begins with; behind it are the two numbers of `_disparity_metres`."""
+
+
+def _disparity_metres(focal_baseline: float, offset: float) -> Callable[[NDArray[Any]], Depth]:
+    """Disparity d of a rectified stereo pair to depth: f b / (d + offset)."""
+
+    def metres(stored: NDArray[Any]) -> Depth:
+        disparity = stored.astype(np.float64)
+        with np.errstate(invalid="ignore"):
+            there = (disparity > 0) & (disparity + offset > 0)
+        return _positive(focal_baseline / np.where(there, disparity + offset, np.inf))
+
+    return metres
+
 
 @checked
 def describe_unit(unit: str) -> str:
@@ -133,7 +149,7 @@ def describe_unit(unit: str) -> str:
     Parameters
     ----------
     unit : str
-        One of `DEPTH_UNITS`, or a number of units per metre.
+        As `read_depth_guessing` takes it.
 
     Returns
     -------
@@ -145,6 +161,9 @@ def describe_unit(unit: str) -> str:
     >>> io.describe_unit("tum")
     '1/5000 m: TUM RGB-D, ICL-NUIM'
     """
+    if unit.startswith(_DISPARITY):
+        focal_baseline, offset = _disparity_numbers(unit)
+        return f"depth is {focal_baseline:g} m / (d + {offset:g}), of a stereo pair"
     return _UNITS[unit][0] if unit in _UNITS else f"1/{unit} m"
 
 
@@ -159,7 +178,10 @@ def read_depth_guessing(
     path : path-like
         As of `read_depth`; the content decides, not the suffix.
     unit : str or float
-        ``guess``, one of `DEPTH_UNITS`, or the number of units per metre.
+        ``guess``, one of `DEPTH_UNITS`, the number of units per metre, or ``disparity:FB`` for the
+        disparities d of a stereo pair, whose depth is FB / d: FB is the focal length in the units
+        of d, pixels or a part of them, times the baseline in metres. With ``disparity:FB,DOFFS`` it
+        is FB / (d + DOFFS). 0 and less is no measurement.
     max_pixels : int
         Larger images are refused before anything is allocated for them.
 
@@ -190,22 +212,43 @@ def read_depth_guessing(
         name, reason = guess_depth_unit(stored)
     elif name in _WHOLE_ONLY and stored.dtype != np.uint16:
         raise InputError(f"unit: {name} is of whole numbers, {os.fspath(path)} has {stored.dtype}")
-    convert = _UNITS[name][1] if name in _UNITS else _per_metre(float(name))
-    return DepthReading(convert(stored), name, bool(reason), reason)
+    return DepthReading(_conversion(name)(stored), name, bool(reason), reason)
+
+
+def _conversion(unit: str) -> Callable[[NDArray[Any]], Depth]:
+    if unit.startswith(_DISPARITY):
+        return _disparity_metres(*_disparity_numbers(unit))
+    return _UNITS[unit][1] if unit in _UNITS else _per_metre(float(unit))
 
 
 def _checked_unit(unit: str | float) -> str:
     text = unit if isinstance(unit, str) else f"{unit:g}"
     if text == "guess" or text in _UNITS:
         return text
+    if text.startswith(_DISPARITY):
+        focal_baseline, offset = _disparity_numbers(text)
+        return f"{_DISPARITY}{focal_baseline:.9g}" + (f",{offset:.9g}" if offset else "")
     try:
         number = float(text)
     except ValueError:
         number = 0.0
     if not 0 < number < float("inf"):
-        known = ", ".join(("guess", *_UNITS))
+        known = ", ".join(("guess", *_UNITS, "disparity:FB"))
         raise InputError(f"unit: expected {known} or a number of units per metre, got {text!r}")
     return {1.0: "m", 1000.0: "mm", 5000.0: "tum"}.get(number, f"{number:g}")
+
+
+def _disparity_numbers(unit: str) -> tuple[float, float]:
+    """Focal length times baseline, metres, and the offset of the disparities."""
+    focal_baseline, _, offset = unit.removeprefix(_DISPARITY).partition(",")
+    try:
+        numbers = float(focal_baseline), float(offset or 0.0)
+    except ValueError:
+        numbers = math.nan, 0.0
+    if not (0.0 < numbers[0] < math.inf and math.isfinite(numbers[1])):
+        expected = "disparity:FB or disparity:FB,DOFFS with a number FB > 0"
+        raise InputError(f"unit: expected {expected}, got {unit!r}")
+    return numbers
 
 
 @checked

@@ -359,7 +359,7 @@ def _joined(
 def _image_view(
     file: Path, options: DepthOptions, pose: NDArray[np.float64], picture: Path | None
 ) -> CameraView:
-    _expect_camera(options)
+    _expect_camera(options, file)
     reading, _ = _read(file, options)
     height, width = reading.depth.shape
     return CameraView(

@@ -16,7 +16,13 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import by_number, path_of
-from manip3d.camera import CAMERA_PRESETS, Intrinsics, _depth_image, read_intrinsics
+from manip3d.camera import (
+    CAMERA_PRESETS,
+    Intrinsics,
+    _depth_image,
+    camera_depth_unit,
+    read_intrinsics,
+)
 from manip3d.errors import FormatError, InputError, MissingExtraError
 from manip3d.io import (
     DEPTH_SUFFIXES,
@@ -431,12 +437,19 @@ def _read_confidence(path: str | os.PathLike[str], highest: int | None) -> NDArr
     return confidence_of_levels(levels, highest)
 
 
-def _expect_camera(options: DepthOptions) -> None:
-    if not options.intrinsics:
-        raise InputError(
-            f"intrinsics: expected the camera of the depth image: fx,fy,cx,cy, a .json file or one "
-            f"of {', '.join(CAMERA_PRESETS)}, got none"
-        )
+_CAMERAS_BESIDE = ("calib.txt", "camera-intrinsics.txt", "intrinsic_depth.txt", "intrinsics.txt")
+
+
+def _expect_camera(options: DepthOptions, image: Path | None = None) -> None:
+    if options.intrinsics:
+        return
+    near = () if image is None else (image.parent / name for name in _CAMERAS_BESIDE)
+    beside = [str(path) for path in near if path.is_file()]
+    raise InputError(
+        f"intrinsics: expected the camera of the depth image: fx,fy,cx,cy, a .json or .txt file "
+        f"or one of {', '.join(CAMERA_PRESETS)}, got none"
+        + (f"; {beside[0]} may be it" if beside else "")
+    )
 
 
 def _is_yup(output: Path) -> bool:
@@ -462,7 +475,7 @@ def _alone(
 def _from_image(
     path: Path, output: Path, options: DepthOptions, maps: _Maps, take: _Take = _alone
 ) -> DepthFileResult:
-    _expect_camera(options)
+    _expect_camera(options, path)
     reading, words = _read(path, options)
     height, width = reading.depth.shape
     camera = read_intrinsics(options.intrinsics, width=width, height=height)
@@ -635,13 +648,13 @@ def _read(path: Path, options: DepthOptions) -> tuple[DepthReading, str]:
 def _read_unit(path: Path, options: DepthOptions) -> tuple[DepthReading, str]:
     """The image, and what to say of its unit; a camera that knows its unit is believed."""
     reading = read_depth_guessing(path, unit=options.unit)
-    preset = CAMERA_PRESETS.get(options.intrinsics)
-    is_known = preset is not None and preset.depth_unit != "guess"
-    if not reading.guessed or preset is None or not is_known or reading.unit == "m":
+    unit = camera_depth_unit(options.intrinsics) if reading.guessed else "guess"
+    of_stereo = unit.startswith("disparity:")
+    if unit == "guess" or (reading.unit == "m" and not of_stereo):
         return reading, reading.sentence
-    known = read_depth_guessing(path, unit=preset.depth_unit)
+    known = read_depth_guessing(path, unit=unit)
     words = f"{known.sentence}, as intrinsics {options.intrinsics} has it"
-    if known.unit != reading.unit:
+    if known.unit != reading.unit and not of_stereo:
         words += f"; but the numbers look like {reading.unit}: {reading.reason}"
     return known, words
 
@@ -832,8 +845,7 @@ def common_depth_unit(
     >>> simplify.common_depth_unit(["a.npy"])
     'mm'
     """
-    preset = CAMERA_PRESETS.get(intrinsics)
-    if unit != "guess" or (preset is not None and preset.depth_unit != "guess"):
+    if unit != "guess" or camera_depth_unit(intrinsics) != "guess":
         return unit
     guesses: Counter[str] = Counter()
     for number in np.linspace(0, len(frames) - 1, min(len(frames), _FRAMES_FOR_A_GUESS)):
