@@ -299,3 +299,26 @@ def test_the_camera_of_7_scenes(realdata: RealData) -> None:
     path = realdata("rgbd/scene_7scenes_redkitchen/camera-intrinsics.txt")
     found = camera.read_intrinsics(path, width=640, height=480)
     assert (found.fx, found.fy, found.cx, found.cy) == (585.0, 585.0, 320.0, 240.0)
+
+
+def test_cameras_by_other_names_in_json(tmp_path: Path) -> None:
+    path = tmp_path / "camera.json"
+    path.write_text(
+        '{"w": 64, "h": 48, "fl_x": 50, "fl_y": 51, "cx": 31.5, "cy": 23.5, "k1": 0.1, "p2": 0.02}'
+    )
+    found = camera.read_intrinsics(path, width=64, height=48)
+    assert (found.fx, found.fy, found.cx, found.cy) == (50.0, 51.0, 31.5, 23.5)
+    assert tuple(found.distortion) == (0.1, 0.0, 0.0, 0.02, 0.0)
+    path.write_text('{"fx": 50, "fy": 51, "ppx": 31.5, "ppy": 23.5, "coeffs": [0, 0, 0, 0, 0]}')
+    with pytest.warns(UserWarning, match="left out: 'coeffs'"):
+        found = camera.read_intrinsics(path, width=64, height=48)
+    assert (found.cx, found.cy) == (31.5, 23.5)
+
+
+def test_a_camera_of_another_size_tells_what_it_would_be(tmp_path: Path) -> None:
+    path = tmp_path / "camera.json"
+    path.write_text('{"width": 128, "height": 96, "fx": 100, "fy": 102, "cx": 63.5, "cy": 47.5}')
+    with pytest.raises(InputError, match=r"the same view, its camera is 50,51,31\.5,23\.5"):
+        camera.read_intrinsics(path, width=64, height=48)
+    with pytest.raises(InputError, match=r"the image has 64 x 64$"):
+        camera.read_intrinsics(path, width=64, height=64)

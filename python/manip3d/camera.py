@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,6 +15,7 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.arrays import rows, vector
+from manip3d._util.callers import caller_level
 from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
 from manip3d._util.regular_files import open_regular
@@ -371,8 +373,9 @@ def read_intrinsics(camera: str | os.PathLike[str], *, width: int, height: int) 
     ----------
     camera : str or path-like
         ``fx,fy,cx,cy`` in pixels; a name of `CAMERA_PRESETS`; a ``.json`` file, Open3D's or an
-        object with the fields of `Intrinsics`; or a ``.txt`` file: a matrix of 3 x 3, 3 x 4 or
-        4 x 4 numbers, as 7-Scenes, 3DMatch and ScanNet have it, the four numbers above, or the
+        object with the fields of `Intrinsics` by our names, nerfstudio's or librealsense's, other
+        fields left out with a warning; or a ``.txt`` file: a matrix of 3 x 3, 3 x 4 or 4 x 4
+        numbers, as 7-Scenes, 3DMatch and ScanNet have it, the four numbers above, or the
         ``calib.txt`` of a stereo pair of Middlebury or ETH3D, whose left camera it is.
     width, height : int, pixels
         Size of the image.
@@ -491,9 +494,14 @@ def _camera_of_file(path: Path, width: int, height: int) -> Intrinsics:
         }[path.suffix.lower()]
         raise FormatError(f"expected {expected}: {error}", file=str(path)) from error
     if (known.width, known.height) != (width, height):
+        same_view = ""
+        if known.rays is None and known.width * height == known.height * width:
+            at = known.resized(width, height)
+            numbers = ",".join(f"{value:g}" for value in (at.fx, at.fy, at.cx, at.cy))
+            same_view = f"; if it shows the same view, its camera is {numbers}"
         raise InputError(
             f"intrinsics: {path} is for {known.width} x {known.height} pixels, "
-            f"the image has {width} x {height}"
+            f"the image has {width} x {height}{same_view}"
         )
     return known
 
@@ -504,9 +512,37 @@ def _fields_of_json(text: str) -> dict[str, Any]:
         raise TypeError("no object")
     matrix = fields.get("intrinsic_matrix")
     if matrix is None:
-        return fields
+        return _renamed(fields)
     size = {n: fields[n] for n in ("width", "height") if n in fields}
     return size | dict(zip(("fx", "fy", "cx", "cy"), _pinhole(matrix), strict=True))
+
+
+_OTHER_NAMES = {
+    "fl_x": "fx", "fl_y": "fy", "ppx": "cx", "ppy": "cy", "w": "width", "h": "height",
+}  # fmt: skip
+"""Names of nerfstudio and librealsense, and ours."""
+
+_BROWN_NAMES = ("k1", "k2", "p1", "p2", "k3")
+
+
+def _renamed(fields: dict[str, Any]) -> dict[str, Any]:
+    """The fields of a camera by our names; others are left out with a warning."""
+    ours = {_OTHER_NAMES.get(name, name): value for name, value in fields.items()}
+    if "distortion" not in ours and any(name in ours for name in _BROWN_NAMES):
+        ours["distortion"] = [ours.pop(name, 0.0) for name in _BROWN_NAMES]
+    known = {name for name in Intrinsics.__dataclass_fields__ if name != "rays"}
+    if others := [name for name in ours if name not in known]:
+        if any(np.any(ours[name]) for name in others if name in ("coeffs", "k4", "k5", "k6")):
+            raise ValueError("a distortion of more than k1, k2, p1, p2 and k3")
+        if any("fisheye" in str(value).lower() for value in ours.values()):
+            raise ValueError("a fisheye camera")
+        listed = ", ".join(repr(name[:40]) for name in others[:5]) + (
+            ", ..." if len(others) > 5 else ""
+        )
+        warnings.warn(
+            f"fields that are no camera's are left out: {listed}", stacklevel=caller_level()
+        )
+    return {name: value for name, value in ours.items() if name in known}
 
 
 def _fields_of_matrix(text: str) -> dict[str, float]:

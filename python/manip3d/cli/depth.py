@@ -209,9 +209,9 @@ def depth(
     intrinsics: Annotated[
         str,
         typer.Option(
-            help="Camera of the depth image: fx,fy,cx,cy in pixels, a .json or .txt file (a matrix, "
-            "or the calib.txt of a stereo pair), or a preset: tum, tum-fr1, tum-fr2, tum-fr3, "
-            "kinect-v1, kinect-v2, azure, realsense, primesense. Scans need none."
+            help="Camera of the depth image: fx,fy,cx,cy in pixels, a .json or .txt file (a "
+            "matrix, or the calib.txt of a stereo pair), or a preset: tum, tum-fr1, tum-fr2, "
+            "tum-fr3, kinect-v1, kinect-v2, azure, realsense, primesense. Scans need none."
         ),
     ] = "",
     unit: Annotated[
