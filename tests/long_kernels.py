@@ -23,7 +23,7 @@ import lattice_scans
 from gltf_files import scene_of
 from manip3d import Intrinsics, LidarFrame, Mesh, authenticate, forge, metrics, modify, simplify
 
-PRESSED_AFTER_S = 0.2  # of the kernel's processor time
+PRESSED_AFTER_S = 0.1  # of the kernel's processor time
 ROWS, COLS = 1200, 1600
 CAMERA = Intrinsics(COLS, ROWS, 1500.0, 1500.0, COLS / 2, ROWS / 2)
 
@@ -163,7 +163,7 @@ LONG: dict[str, Callable[[], Callable[[], object]]] = {
         metrics.boundary_noise, FLAT, SMALL, wall(), flying=FLAT > 0, truth=FLAT / 1000.0, threads=1
     ),
     "metrics.boundary_gap": lambda: partial(
-        metrics.boundary_gap, hill(700), hill(700, 1e-3), threads=1
+        metrics.boundary_gap, hill(1000), hill(1000, 1e-3), threads=1
     ),
     "metrics.closest_points": lambda: partial(
         metrics.closest_points, hill(300), cloud() / 20, threads=1

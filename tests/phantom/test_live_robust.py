@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 
 import capsule_body
+import rgbd_frames
 from manip3d import DeviceError, InputError, capture
 from manip3d.phantom import _live, run_live
 from manip3d.rgbd import RgbdFrame
@@ -324,3 +325,13 @@ def test_a_page_that_hangs_slows_nobody(tmp_path: Path) -> None:
     stuck = max(report.clients, key=lambda one: one["dropped"])
     assert stuck["sent"] == 2  # as many as may stay unacknowledged
     assert stuck["dropped"] >= report.frames / 2
+
+
+def test_ctrl_c_while_the_address_is_told_ends_the_session(tmp_path: Path) -> None:
+    capture.record(rgbd_frames.frames(3), tmp_path / "walk")
+
+    def on_start(url: str, made: object) -> None:
+        raise KeyboardInterrupt
+
+    report = run_live(f"folder:{tmp_path / 'walk'}", affected="right_arm", on_start=on_start)
+    assert report.frames == 0

@@ -249,11 +249,11 @@ def run_live(
         with SessionLog(log) as journal, server:
             if recorder is not None:
                 session.halt(recorder.start(lambda: _latency(server)))
-            if on_start is not None:
-                on_start(server.new_url(), server.certificate)
-            if open_page is not None:
-                open_page(server.new_url())
             try:
+                if on_start is not None:
+                    on_start(server.new_url(), server.certificate)
+                if open_page is not None:
+                    open_page(server.new_url())
                 show.run(feed, end, journal)
             except KeyboardInterrupt:  # how a session without a limit ends
                 pass
