@@ -27,12 +27,24 @@ std::string_view trimmed(std::string_view text) {
   return text;
 }
 
+bool is_digit(char c) { return c >= '0' && c <= '9'; }
+
+/// Do commas stand within numbers, "1,5 2,25 3,75", and blanks between them?
+bool has_decimal_commas(std::string_view line) {
+  if (std::none_of(line.begin(), line.end(), LineCursor::is_blank)) return false;
+  for (std::size_t i = line.find(','); i < line.size(); i = line.find(',', i + 1)) {
+    if (i == 0 || i + 1 == line.size() || !is_digit(line[i - 1]) || !is_digit(line[i + 1])) {
+      return false;
+    }
+  }
+  return true;
+}
+
 /// The separator of a line; ' ' stands for any number of blanks.
 char separator_of(std::string_view line) {
-  for (const char separator : {';', ','}) {
-    if (line.find(separator) != std::string_view::npos) return separator;
-  }
-  return ' ';
+  if (line.find(';') != std::string_view::npos) return ';';
+  const bool has_comma = line.find(',') != std::string_view::npos;
+  return has_comma && !has_decimal_commas(line) ? ',' : ' ';
 }
 
 /// Cells of a line; of more than a file may have, some that tell that there are too many.
@@ -72,6 +84,21 @@ bool to_number(std::string_view text, double& value) {
     return again.ec == std::errc() && stop == end && std::fabs(wide) < 1.0L;
   }
   return error == std::errc() && stop == end;
+}
+
+/// The same between semicolons or blanks, where a comma can only be a decimal one.
+bool to_number(std::string_view text, char separator, double& value) {
+  if (to_number(text, value)) return true;
+  constexpr std::size_t kMostDigits = 64;
+  const std::size_t comma = text.find(',');
+  if (separator == ',' || comma == std::string_view::npos || text.size() > kMostDigits ||
+      text.find('.') != std::string_view::npos) {
+    return false;
+  }
+  std::array<char, kMostDigits> digits{};
+  std::copy(text.begin(), text.end(), digits.begin());
+  digits[comma] = '.';
+  return to_number({digits.data(), text.size()}, value);
 }
 
 /// The name of a column in lower case; x, y and z in the words of other writers, too.
@@ -166,11 +193,12 @@ class TextReader {
 
   /// Is it a line before the points: names of the columns, or the number of points (.pts)?
   bool is_head(std::string_view line) {
-    split(line, separator_of(line), cells_);
+    const char separator = separator_of(line);
+    split(line, separator, cells_);
     double number = 0.0;
     // After names, an empty cell is a missing number.
     if (!names_.empty() && !cells_.empty() && cells_.front().empty()) return false;
-    if (!cells_.empty() && to_number(cells_.front(), number)) {
+    if (!cells_.empty() && to_number(cells_.front(), separator, number)) {
       if (cells_.size() > 1 || count_ || !(number >= 0.0)) return false;
       count_ = number;
       table_.header.emplace_back("count", "");
@@ -225,7 +253,7 @@ class TextReader {
     }
     for (const std::string_view cell : cells_) {
       double value = kMissing;
-      if (!cell.empty() && !to_number(cell, value)) fail_at(cell);
+      if (!cell.empty() && !to_number(cell, separator_, value)) fail_at(cell);
       const auto* raw = reinterpret_cast<const char*>(&value);
       table_.rows.insert(table_.rows.end(), raw, raw + sizeof(value));
     }
@@ -249,8 +277,8 @@ class TextReader {
 
 }  // namespace
 
-// A point a line. Columns are separated by commas, semicolons or blanks; a line before them, a
-// comment or not, may name them.
+// A point a line. Columns are separated by commas, semicolons or blanks; between the last two a
+// decimal point may be a comma. A line before them, a comment or not, may name them.
 PointTable read_text_points(ByteSource& source, const Progress& progress) {
   return TextReader(source, progress).read();
 }
