@@ -162,6 +162,7 @@ def e57_files() -> list[Files]:
 
 
 def depth_images() -> list[Files]:
+    import OpenEXR
     from PIL import Image
 
     values = np.arange(12 * 16, dtype=np.uint16).reshape(12, 16) * 100
@@ -177,6 +178,10 @@ def depth_images() -> list[Files]:
         stream = io.BytesIO()
         save(stream, depth=values.astype(np.int32)[None], mask=values > 0)
         found.append({"a.npz": stream.getvalue()})
+    for kind in (OpenEXR.ZIP_COMPRESSION, OpenEXR.PIZ_COMPRESSION, OpenEXR.NO_COMPRESSION):
+        header = {"compression": kind, "type": OpenEXR.scanlineimage}
+        with OpenEXR.File(header, {"Z": values.astype(np.float32)}) as image:
+            found.append(written(lambda p, image=image: image.write(str(p)), "a.exr"))
     for suffix in (".png", ".tif"):
         found.append(written(lambda p: Image.fromarray(values).save(p), f"a{suffix}"))
     return found
@@ -518,7 +523,7 @@ NEEDS = {
     "scan.las": ("laspy",),
     "scan.laz": ("laspy", "lazrs"),
     "scan.e57": ("pye57",),
-    "depth": ("PIL",),
+    "depth": ("PIL", "OpenEXR"),
     "velodyne": ("yaml",),
     "tum": ("PIL",),
     "results": ("jinja2",),

@@ -18,6 +18,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = {
     "las": ("laspy", "lazrs"),
     "e57": ("pye57",),
     "draco": ("DracoPy",),
+    "exr": ("OpenEXR",),
     "ouster": ("ouster",),
     "bags": ("rosbags",),
     "pose": ("mediapipe",),

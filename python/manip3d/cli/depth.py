@@ -197,8 +197,8 @@ def depth(
     source: Annotated[
         str,
         typer.Argument(
-            help="A depth image (16-bit .png, .pgm, .tif, or .pfm, .npy, .npz), or a range scan "
-            "(.ply with range_grid)."
+            help="A depth image (16-bit .png, .pgm, .tif, or .pfm, .exr, .npy, .npz), or a range "
+            "scan (.ply with range_grid)."
         ),
     ],
     output: Output,

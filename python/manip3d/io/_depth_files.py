@@ -1,10 +1,12 @@
-"""Reading of depth images: 16-bit PNG, PGM and TIFF, PFM, and NumPy arrays; `read_depth`."""
+"""Reading of depth images: 16-bit PNG, PGM and TIFF, PFM, EXR, and NumPy arrays; `read_depth`."""
 
 from __future__ import annotations
 
+import contextlib
 import io
 import os
 import re
+import sys
 import warnings
 import zipfile
 from typing import TYPE_CHECKING, Any
@@ -26,7 +28,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from PIL import Image
 
-DEPTH_SUFFIXES = (".png", ".pgm", ".tif", ".tiff", ".pfm", ".npy", ".npz")
+DEPTH_SUFFIXES = (".png", ".pgm", ".tif", ".tiff", ".pfm", ".exr", ".npy", ".npz")
 """Suffixes that `read_depth` knows."""
 
 MILLIMETRES = 1000.0
@@ -46,12 +48,14 @@ def read_depth(
     Parameters
     ----------
     path : path-like or URL
-        16-bit grey PNG, PGM or TIFF, ``.pfm``, ``.npy`` or ``.npz``; the content decides, not the
-        suffix. Arrays may have further axes of length 1: (H, W, 1), (1, H, W). Of an ``.npz`` the
-        only array is read, or the one that is named ``depth``.
+        16-bit grey PNG, PGM or TIFF, ``.pfm``, ``.exr``, ``.npy`` or ``.npz``; the content decides,
+        not the suffix. Arrays may have further axes of length 1: (H, W, 1), (1, H, W). Of an
+        ``.npz`` the only array is read, or the one that is named ``depth``; of an ``.exr`` the only
+        channel, the one named Z, Depth or Y, or red where red, green and blue are equal.
     units_per_metre : float
         Stored units per metre of whole-number images: 1000 for Kinect and most others, 5000 for TUM
-        and ICL-NUIM. Images of floating-point numbers (TIFF, ``.pfm``, ``.npy``) are metres.
+        and ICL-NUIM. Images of floating-point numbers (TIFF, ``.pfm``, ``.exr``, ``.npy``) are
+        metres.
     max_pixels : int
         Larger images are refused before anything is allocated for them.
 
@@ -69,7 +73,7 @@ def read_depth(
     OSError
         `FileNotFoundError` and the like.
     MissingExtraError
-        Pillow is not installed (PNG and TIFF).
+        Pillow (PNG and TIFF) or OpenEXR is not installed.
 
     Examples
     --------
@@ -208,7 +212,9 @@ def decode_depth(data: bytes, max_pixels: int) -> NDArray[Any]:
         return _read_pfm(data, max_pixels)
     if data.startswith(b"PK"):
         return _read_npz(data, max_pixels)
-    kinds = "a 16-bit PNG, PGM or TIFF, or a .pfm, .npy or .npz file"
+    if data.startswith(b"\x76\x2f\x31\x01"):
+        return _read_exr(data, max_pixels)
+    kinds = "a 16-bit PNG, PGM or TIFF, or a .pfm, .exr, .npy or .npz file"
     raise FormatError(f"expected {kinds}, got bytes that begin with {data[:8]!r}", byte_offset=0)
 
 
@@ -289,6 +295,59 @@ def _read_pfm(data: bytes, max_pixels: int) -> NDArray[np.float32]:
     pixels = np.frombuffer(data, order, rows * columns, start).reshape(rows, columns)[::-1]
     # Infinity is what Middlebury and others store where nothing is known.
     return np.where(np.isinf(pixels), np.float32(0.0), pixels).astype(np.float32)
+
+
+# --- EXR ---------------------------------------------------------------------------------------
+
+_NOTHING_HIT = 65504.0
+"""The largest number of 16 bits; where a ray hits nothing, Blender writes it, or 1e10."""
+
+_DEPTH_CHANNELS = ("z", "depth", "y", "v")  # the last part of "ViewLayer.Depth.Z", in lower case
+
+
+def _read_exr(data: bytes, max_pixels: int) -> NDArray[np.float32]:
+    try:
+        import OpenEXR
+    except ImportError:
+        raise MissingExtraError("OpenEXR", "exr") from None
+
+    def opened(*, header_only: bool) -> Any:
+        stream = io.BytesIO(data)
+        return OpenEXR.File(stream, separate_channels=True, header_only=header_only, num_threads=0)
+
+    try:
+        with contextlib.redirect_stdout(sys.stderr):  # it prints what is wrong
+            with opened(header_only=True) as file:
+                header = dict(file.header())  # it is emptied in the end
+            (left, top), (right, bottom) = header["dataWindow"]
+            rows, columns = int(bottom) - int(top) + 1, int(right) - int(left) + 1
+            _checked_size(rows, columns, max_pixels)
+            if rows * columns * len(header["channels"]) > 2 * max_pixels:
+                raise FormatError(f"more than {2 * max_pixels} numbers in all channels")
+            with opened(header_only=False) as file:
+                channels = {name: channel.pixels for name, channel in file.channels().items()}
+        stored = np.asarray(_depth_channel(channels), np.float32)
+        if stored.shape != (rows, columns):
+            raise FormatError(f"expected {columns} x {rows} pixels, got shape {stored.shape}")
+    except Error:
+        raise
+    except Exception as error:  # damaged files end in half a dozen types
+        raise FormatError(f"damaged .exr: {str(error) or type(error).__name__}") from error
+    return np.where(stored < _NOTHING_HIT, stored, np.float32(0.0))
+
+
+def _depth_channel(channels: dict[str, NDArray[Any]]) -> NDArray[Any]:
+    """The only channel, or the one that has depth by its name, or one of three equal ones."""
+    if len(channels) == 1:
+        return next(iter(channels.values()))
+    of_depth = [n for n in channels if n.rpartition(".")[2].lower() in _DEPTH_CHANNELS]
+    if len(of_depth) == 1:
+        return channels[of_depth[0]]
+    color = [channels[name] for name in "RGB" if name in channels]
+    if len(color) == 3 and all(np.array_equal(one, color[0], equal_nan=True) for one in color):
+        return color[0]
+    names = ", ".join(repr(name[:40]) for name in sorted(channels)[:20]) or "none"
+    raise FormatError(f"expected one channel, or one named Z or Depth, got {names}")
 
 
 # --- NumPy -------------------------------------------------------------------------------------
