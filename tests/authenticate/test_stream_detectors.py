@@ -378,3 +378,52 @@ def test_a_running_background_is_found_on_the_turning_person(realdata: RealData)
     truth = forged.truth.masks
     overlap = [(m & t).sum() / (m | t).sum() for m, t in zip(found.masks, truth, strict=True)]
     assert np.median(overlap) > 0.5
+
+
+@pytest.mark.parametrize("blank", [0, 5])
+def test_a_blank_frame_hides_no_repetition(blank: int) -> None:
+    first = sensed(0).depth
+    frames = [replace(frame, depth=first.copy()) for frame in stream()]
+    frames[blank].depth[:] = 0
+    found = authenticate.inspect_stream(frames)
+    assert found.verdict == "processed"
+    assert "all frames are the same" in found.reason
+
+
+def test_one_pair_of_numbers_that_follow_each_other_is_too_few() -> None:
+    numbers = (0, 2, 4, 6, 8, 10, 11, 13, 15, 17, 19, 21)
+    frames = [replace(f, number=n) for f, n in zip(stream(soft=False), numbers, strict=True)]
+    assert authenticate.inspect_stream(frames).verdict == "tampered"
+
+
+@pytest.mark.parametrize(
+    ("width", "verdict"), [(8, "undecidable"), (17, "undecidable"), (24, "tampered")]
+)
+def test_a_narrow_thing_that_is_shown_twice_is_no_filter(width: int, verdict: str) -> None:
+    box = np.s_[60:200, 120 : 120 + width]
+    frames = stream(relief=False)
+    for number, frame in enumerate(frames):
+        rng = np.random.default_rng([9, number // 2])
+        shown = np.rint(1500 + 4 * rng.standard_normal((140, width)))
+        shown[rng.random(shown.shape) < 0.002] = 0
+        frame.depth[box] = shown
+    assert authenticate.inspect_stream(frames).verdict == verdict
+
+
+def test_a_coarse_camera_behind_a_filter_is_not_accused() -> None:
+    frames = []
+    for number in range(12):
+        rng = np.random.default_rng([3, number])
+        depth = 3000.0 + 0.7 * 9.0 * rng.standard_normal((240, 320))
+        box = slice(60 + 4 * number, 140 + 4 * number)
+        depth[60:200, box] = 1500.0 + 0.7 * 2.25 * rng.standard_normal((140, 80))
+        depth[60:200, box.start - 10 : box.start] = 0.0
+        depth[rng.random(depth.shape) < 0.002] = 0.0
+        step = 2.85e-6  # mm of a unit of disparity at 1 mm
+        units = np.rint(1.0 / (step * np.maximum(depth, 1.0)))
+        stored = np.where(depth > 0, np.rint(1.0 / (step * np.maximum(units, 1.0))), 0.0)
+        frames.append(RgbdFrame(stored.astype(np.uint16), RgbdCalibration(CAMERA), number=number))
+    assert authenticate.inspect_stream(frames).verdict == "no_trace"
+    found = authenticate.inspect_stream(kept_pixels(frames, 2, 4))
+    assert found.verdict == "undecidable"
+    assert "shown again" in found.reason

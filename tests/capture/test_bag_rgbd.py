@@ -363,3 +363,27 @@ def test_fractions_are_metres_whatever_the_unit_and_names_may_hold_a_number_sign
     folder = write_mixed_bag(tmp_path / "a#1", [*cameras(), depth_at(1.0, metres, "32FC1")])
     (frame,) = capture.open_rgbd(f"rgbd-bag:{folder}", units_per_metre=1000)
     assert (frame.depth == 1500).all()
+
+
+@pytest.mark.parametrize("kind", ["16UC1; png compressed ", "16UC1; jpeg compressed ", "rgb8"])
+def test_depth_shown_as_a_picture_is_not_taken_for_colours(kind: str, tmp_path: Path) -> None:
+    stored = io.BytesIO()
+    if "png" in kind:
+        PIL_Image.fromarray(millimetres(0)).save(stored, "PNG")
+    else:
+        PIL_Image.fromarray((millimetres(0) >> 8).astype(np.uint8)).save(stored, "JPEG")
+    if kind == "rgb8":  # a depth image as colours, in the folder of the depth camera
+        preview = replace(
+            image(np.full((48, 64, 3), 77, np.uint8), kind, 1.0), header=header(1.0, "depth")
+        )
+        extra = (1.0, "/camera/depth/image_colormap", IMAGE, preview)
+    else:
+        data = np.frombuffer(stored.getvalue(), np.uint8)
+        preview = TYPES.types[COMPRESSED](header(1.0, "depth"), kind, data)
+        extra = (1.0, DEPTH + "/compressed", COMPRESSED, preview)
+    messages = [*cameras(), depth_at(1.0, millimetres(0)), color_at(1.0, 0)]
+    (plain,) = capture.open_rgbd(bag_of(tmp_path / "plain", messages))
+    (frame,) = capture.open_rgbd(bag_of(tmp_path / "with", [*messages, extra]))
+    assert frame.color is not None
+    assert plain.color is not None
+    np.testing.assert_array_equal(frame.color, plain.color)

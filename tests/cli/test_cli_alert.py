@@ -450,6 +450,16 @@ def test_a_terminal_that_cannot_print_ends_no_drive(is_closed: bool) -> None:
     view.show(alert)
 
 
+def test_a_terminal_that_is_gone_at_the_end_takes_no_verdict_away() -> None:
+    stream = io.TextIOWrapper(io.BytesIO(), encoding="utf-8")
+    with _View(Terminal(quiet=True), "drive", 1) as view:
+        view._live = Live(console=Console(file=stream, force_terminal=True), auto_refresh=False)
+        view._live.start()
+        view.show(AlertMonitor().skip("too late"))
+        stream.close()
+    assert view._live is None
+
+
 def test_a_page_that_cannot_be_written_takes_no_verdict_away(
     drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

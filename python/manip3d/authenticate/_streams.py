@@ -47,7 +47,9 @@ _LEAST_VIEW_DEG = 50.0  # along the longer side; the narrowest camera of the dat
 _RIM = 3  # pixels of one surface on each side of a sharp step
 _KEPT = 0.5  # share of sharp rims; a filter that keeps what is missing has 0.65 to 0.69
 _KEPT_MORE = 1.7  # times the middle's share; such a filter has 2.1 and more, what was cut out 1.45
+_ALIKE = 0.05  # rims and middles whose shares differ by less are of pictures that are shown again
 _WIDE = 18  # pixels of a row whose middle is beyond its rims
+_LEAST_WIDE = 0.2  # of the rows: fewer are a narrow thing before something else
 _RELIEF = 0.25  # share of the depth: then a camera's shadow is several pixels wide
 _SIZES = {
     (160, 120), (320, 240), (640, 480), (512, 424), (1280, 720), (848, 480), (640, 360),
@@ -474,9 +476,10 @@ def _processing(frames: Sequence[RgbdFrame]) -> tuple[Processing, ...]:
 
 
 def _following(frames: Sequence[RgbdFrame]) -> list[tuple[RgbdFrame, RgbdFrame]]:
-    """Pairs of frames that follow each other by their numbers; where none do, all neighbours."""
+    """Pairs of frames that follow each other by their numbers; where few do, all neighbours."""
     pairs = list(pairwise(frames))
-    return [(a, b) for a, b in pairs if b.number == a.number + 1] or pairs
+    numbered = [(a, b) for a, b in pairs if b.number == a.number + 1]
+    return numbered if len(numbered) >= _LEAST_PAIRS else pairs
 
 
 def _field_of_view(camera: Intrinsics) -> float:
@@ -511,17 +514,25 @@ def _changes(one: Depth, other: Depth) -> tuple[int, int]:
 def _lost_and_gained(frames: Sequence[RgbdFrame]) -> tuple[float, float, int]:
     """Shares of pixels that disappear and appear from a frame to the next, over so many pairs.
 
-    A camera loses as many as it gains, but for those at the edge of what it sees. Frames that are
-    empty in whole or in large part are those of a camera that begins or fails.
+    A camera loses as many as it gains, but for those at the edge of what it sees.
     """
-    depths = [(a.depth, b.depth) for a, b in _following(frames)]
-    shares = np.array(
-        [(np.mean((a > 0) & (b == 0)), np.mean((a == 0) & (b > 0))) for a, b in depths]
-    )
-    shares = shares.reshape(-1, 2)
-    shares = shares[(shares < _MOST_EMPTIED).all(axis=1)]
+    shares = np.array([_changed_shares(a, b) for a, b in _whole_pairs(frames)]).reshape(-1, 2)
     lost, gained = shares.mean(axis=0) if len(shares) else (0.0, 0.0)
     return float(lost), float(gained), len(shares)
+
+
+def _changed_shares(before: RgbdFrame, after: RgbdFrame) -> tuple[float, float]:
+    """Shares of the pixels whose measurement disappears, and appears."""
+    a, b = before.depth > 0, after.depth > 0
+    return float(np.mean(a & ~b)), float(np.mean(~a & b))
+
+
+def _whole_pairs(frames: Sequence[RgbdFrame]) -> list[tuple[RgbdFrame, RgbdFrame]]:
+    """Pairs of `_following` without frames that are empty in whole or in large part.
+
+    Those are of a camera that begins or fails.
+    """
+    return [(a, b) for a, b in _following(frames) if max(_changed_shares(a, b)) < _MOST_EMPTIED]
 
 
 _MOST_EMPTIED = 0.1  # of the pixels; a camera moved by hand has 0.04, such a filter 0.06 at most
@@ -552,7 +563,7 @@ def _repetition(frames: Sequence[RgbdFrame]) -> tuple[StreamReport, Mask]:
     """Whether a part of the image never changes while another does, and what does."""
     shape = frames[0].depth.shape
     nothing = np.zeros((0, *shape), np.bool_)
-    pairs = _following(frames)
+    pairs = _whole_pairs(frames)
     if len(pairs) < _LEAST_PAIRS:
         return StreamReport(
             "repetition", "undecidable", "too few frames follow each other"
@@ -617,13 +628,19 @@ def _silhouettes(
         why = f"silhouettes are as soft as a camera's in {len(frames)} frames that were judged"
         return StreamReport("silhouettes", "no_trace", why, score), (), nothing
     rim, middle = _repeated_rims(frames, found)
-    if rim >= max(_KEPT, _KEPT_MORE * middle):
-        why = (
-            f"silhouettes are sharp, but {rim:.0%} of their rims repeat the frame before, and "
-            f"{middle:.0%} of what is between: missing pixels kept their depth, and whether "
-            "somebody was cut out cannot be told"
-        )
-        return StreamReport("silhouettes", "processed", why, score), (), nothing
+    if rim >= _KEPT:
+        why = f"silhouettes are sharp, but {rim:.0%} of their rims repeat the frame before"
+        cannot = "whether somebody was cut out cannot be told"
+        if middle is None:
+            why += f", and nothing is wide enough to tell rims from what is between: {cannot}"
+            return StreamReport("silhouettes", "undecidable", why), (), nothing
+        why += f", and {middle:.0%} of what is between"
+        if rim >= _KEPT_MORE * middle:
+            why += f": missing pixels kept their depth, and {cannot}"
+            return StreamReport("silhouettes", "processed", why, score), (), nothing
+        if _KEPT_MORE * middle > 1.0 and 1.0 - middle > _KEPT_MORE * (1.0 - rim) + _ALIKE:
+            why += f", too many to tell a filter from pictures that are shown again: {cannot}"
+            return StreamReport("silhouettes", "undecidable", why), (), nothing
     regions = []
     for frame, objects, mask in zip(frames, found, masks, strict=True):
         for cut in objects:
@@ -690,8 +707,10 @@ def _cut_out(frame: RgbdFrame) -> list[_Cut]:
 
 def _repeated_rims(
     frames: Sequence[RgbdFrame], found: Sequence[Sequence[_Cut]]
-) -> tuple[float, float]:
+) -> tuple[float, float | None]:
     """Shares of rows of sharp things whose rims (the side with more), and whose middles, repeat.
+
+    The middle is None where no row is wide enough to have one.
 
     Where the camera's shadow moves over a thing, a filter that keeps what is missing now leaves the
     thing's rim as it was in the frame before, but not its middle. Somebody who was cut out has a
@@ -713,7 +732,9 @@ def _repeated_rims(
                 rims[place] += len(is_same)
                 repeated[place] += np.count_nonzero(is_same)
     left, right, middle = repeated / np.maximum(rims, 1)
-    return float(max(left, right)), float(middle)
+    return float(max(left, right)), float(middle) if rims[2] > _LEAST_WIDE * rims[
+        :2
+    ].max() else None
 
 
 def _rendered(frames: Sequence[RgbdFrame]) -> str | None:

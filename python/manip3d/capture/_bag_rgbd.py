@@ -33,6 +33,8 @@ _COLORS = ("rgb8", "bgr8", "rgba8", "bgra8", "8UC3")
 _BROWN = ("", "plumb_bob", "brown conrady")
 """Names of Brown's model in ROS and in RealSense's recordings, in lower case."""
 _REALSENSE_SENSOR = "/image/data"
+_NO_COLORS = ("16UC1", "mono16", "32FC1", "8UC1")
+"""Encodings of pictures that image_transport compressed, of depth images among others."""
 _NEAR_NS = 200_000_000
 """Colours that were taken 0.2 s earlier or later, or more, are not of a depth image's moment."""
 _WAIT_NS = 1_000_000_000
@@ -103,7 +105,14 @@ class BagImages:
         depth = _camera_of(found, self._depth)
         colors = [_camera_of(found, topic) for topic in _color_topics(found)]
         if isinstance(camera, RgbdCalibration):
-            nearest = min(colors, key=lambda color: _remoteness(depth, color), default=None)
+            shown = camera.registration.color if camera.registration else camera.depth
+
+            def fit(color: _Camera) -> tuple[Any, ...]:
+                own = color.intrinsics
+                fits = own is None or (own.width, own.height) == (shown.width, shown.height)
+                return not fits, *_remoteness(depth, color)
+
+            nearest = min(colors, key=fit, default=None)
             return camera, nearest.topic if nearest else ""
         intrinsics = camera or depth.intrinsics
         if intrinsics is None:
@@ -177,6 +186,7 @@ def _color_topics(found: Mapping[str, Any]) -> list[str]:
         for name, image in images.items()
         if image["format"] and "compressedDepth" not in image["format"]
         and "mono" not in image["format"] and name.rpartition("/")[0] not in raw
+        and image["format"].partition(";")[0].strip() not in _NO_COLORS
     ]  # fmt: skip
     return sorted(raw) + sorted(packed)
 
@@ -215,16 +225,18 @@ def _camera_of(found: Mapping[str, Any], topic: str) -> _Camera:
 
 def _remoteness(
     depth: _Camera, color: _Camera, registration: Registration | None = None
-) -> tuple[bool, int, float]:
+) -> tuple[bool, bool, int, float]:
     """Order of cameras that may belong to a depth image, the likeliest first.
 
     A robot has several: the one of the same frame, else with the most of the topic's name in
-    common, else the nearest.
+    common, else the nearest. Pictures in the depth camera's own folder come last: they may be depth
+    as colours.
     """
+    is_own = depth.topic.rpartition("/")[0] == color.topic.rpartition("/")[0]
     baseline = 0.0 if registration is None else float(np.linalg.norm(registration.translation))
     both = zip(depth.topic.split("/"), color.topic.split("/"), strict=False)
     common = sum(1 for _ in takewhile(lambda names: names[0] == names[1], both))
-    return depth.frame_id != color.frame_id, -common, baseline
+    return is_own, depth.frame_id != color.frame_id, -common, baseline
 
 
 def _intrinsics(info: Mapping[str, Any], is_rectified: bool) -> Intrinsics | str:

@@ -248,10 +248,12 @@ def _told(
     if output is not None and unkept is None:
         try:
             timeline.write(output, verdict=verdict, reason=reason, counts=counts)
-            shell.say(f"wrote {output}")
         except OSError as error:
             unwritten = error
             reason += f"; {output} was not written: {error}"
+        else:
+            with suppress(OSError):
+                shell.say(f"wrote {output}")
     # The numbers of every frame are gathered only for output that holds them.
     is_taken = as_json or shell.is_collecting
     summary = timeline.summary(verdict, reason, counts) if is_taken else None
@@ -335,12 +337,21 @@ class _View:
             from rich.live import Live
 
             self._live = Live(console=Console(stderr=True), transient=True, auto_refresh=False)
-            self._live.__enter__()
+            try:
+                self._live.__enter__()
+            except (OSError, ValueError):
+                self._end()
         return self
 
     def __exit__(self, *error: object) -> None:
-        if self._live is not None:
-            self._live.__exit__(None, None, None)
+        self._end()
+
+    def _end(self) -> None:
+        """Give the terminal back, where it is still there."""
+        live, self._live = self._live, None
+        if live is not None:
+            with suppress(OSError, ValueError):
+                live.__exit__(None, None, None)
 
     def show(self, alert: Alert) -> None:
         """Show the next frame."""
@@ -360,9 +371,7 @@ class _View:
             self._live.update(grid, refresh=True)
         # The terminal is gone, closed or lacks the letters: the drive is judged all the same.
         except (OSError, ValueError):
-            live, self._live = self._live, None
-            with suppress(OSError, ValueError):
-                live.__exit__(None, None, None)
+            self._end()
 
 
 _COLUMNS = ("frame", "verdict", "attack", "risk", "ms", "why")

@@ -904,7 +904,8 @@ def grid_delaunay(pixels: ArrayLike) -> NDArray[np.int32]:
     >>> manip3d.simplify.grid_delaunay([[0, 0], [1, 0], [0, 1], [1, 1]]).tolist()
     [[0, 1, 2], [2, 1, 3]]
 
-    A sparse depth image, such as the points of a LiDAR in a camera, becomes a mesh of all of them:
+    A sparse depth image, such as the points of a LiDAR in a camera, becomes a mesh of all of them;
+    its faces are turned to look at the camera:
 
     >>> import numpy as np
     >>> depth = np.zeros((48, 64), np.float32)
@@ -912,7 +913,7 @@ def grid_delaunay(pixels: ArrayLike) -> NDArray[np.int32]:
     >>> camera = manip3d.Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
     >>> v, u = np.nonzero(depth)
     >>> faces = manip3d.simplify.grid_delaunay(np.stack([u, v], axis=1))
-    >>> mesh = manip3d.Mesh(camera.unproject(depth)[v, u], faces)
+    >>> mesh = manip3d.Mesh(camera.unproject(depth)[v, u], faces[:, ::-1])
     >>> mesh.num_vertices, mesh.num_faces
     (100, 162)
     """
