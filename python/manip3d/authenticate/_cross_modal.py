@@ -492,8 +492,8 @@ def attack_type(regions: Sequence[CrossModalRegion]) -> str:
     same direction, are one object that was moved, turned or replaced: a modification. An object
     that was moved away stands behind what the cameras see, and is added nowhere: something missing
     is a modification where most points of the scan there lie at most 5 m behind it and cover a
-    quarter of it. A removed object in whose place a wall so near behind it was filled in passes as
-    one, too.
+    quarter of it. A removed object passes as one, too, where the ground behind it is so near, as
+    behind something 0.8 m high at 8 m, or where a wall was filled in so near behind it.
 
     Parameters
     ----------
@@ -536,7 +536,8 @@ def attack_type(regions: Sequence[CrossModalRegion]) -> str:
 def _is_moved_away(missing: CrossModalRegion) -> bool:
     """Whether the points that the scan has in place of an object may be the object itself.
 
-    Ground and walls that a removed object hid lie farther behind most of it.
+    Walls that a removed object hid lie farther behind it, as a rule, and so does the ground behind
+    most of what is taller than a metre.
     """
     points = missing.cells - missing.empty
     return missing.behind >= max(STILL_THERE * missing.cells, points / 2)
