@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 import itertools
 import os
 from collections import Counter, deque
@@ -17,7 +18,7 @@ import numpy as np
 
 from manip3d._util.options import reporting
 from manip3d.errors import InputError, MissingExtraError
-from manip3d.io._files import atomic_folder, atomic_path
+from manip3d.io._files import atomic_folder, atomic_path, atomic_write
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -29,6 +30,9 @@ if TYPE_CHECKING:
 
 RATE = 30
 """Frames a second of the film."""
+
+_WORST, _COLUMNS, _WIDTH = 40, 8, 200
+"""Frames of a contact sheet, those of a row, and the width of each, about so many pixels."""
 
 _HELD = 64
 """Colour images that are kept for phantoms that are held: two seconds."""
@@ -86,7 +90,9 @@ def render_phantom(
     source : str or iterable of RgbdFrame
         An address for `manip3d.capture.open_rgbd`, a recording's path, or frames with a skeleton.
     output : path-like
-        ``.mp4``: a film of 30 frames a second. A name without a suffix: a folder of PNG pictures.
+        ``.mp4``: a film of 30 frames a second. ``.png``: a contact sheet of the 40 frames that are
+        worst by `manip3d.modify.PhantomQuality.score`, the worst first, each with what was seen
+        above the phantom. A name without a suffix: a folder of PNG pictures.
     affected : str, optional
         ``left_arm``, ``right_arm``, ``left_leg`` or ``right_leg``, the person's own; by default the
         limb that a simulated person has lost, else the right arm.
@@ -99,7 +105,7 @@ def render_phantom(
     frames : int, optional
         Stop after this many.
     overwrite : bool
-        Replace a film, or a folder that holds PNG pictures only.
+        Replace a film, a sheet, or a folder that holds PNG pictures only.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores.
     progress : None, True or callable(fraction, message)
@@ -137,7 +143,7 @@ def render_phantom(
             # A camera may begin with frames that have no colour yet.
             taken = (f if f.color is None else tracker.annotate(f) for f in taken)
         for frame, picture, phantom in _pictures(taken, pipeline, azimuth, threads):
-            sink.add(picture)
+            sink.add(picture, phantom.quality.score)
             with_skeleton += bool(frame.skeletons)
             states[phantom.state.value] += 1
             if phantom.state != "tracking":
@@ -165,8 +171,8 @@ def _opened(source: str | Iterable[RgbdFrame]) -> Any:
 class Sink(Protocol):
     """Takes pictures one after the other."""
 
-    def add(self, picture: Image) -> None:
-        """The next picture."""
+    def add(self, picture: Image, score: float) -> None:
+        """The next picture, and how bad the frame is."""
 
 
 def limb_of(source: str) -> str:
@@ -199,9 +205,14 @@ def _sink(output: Path, *, overwrite: bool) -> Iterator[Sink]:
         with atomic_path(output) as temporary, closing(_Film(temporary)) as film:
             yield film
         return
+    if output.suffix == ".png":
+        worst = _Worst()
+        yield worst
+        worst.write(output)
+        return
     if output.suffix:
         raise InputError(
-            f"output: expected .mp4, or a folder's name without a suffix, got {output}"
+            f"output: expected .mp4, .png, or a folder's name without a suffix, got {output}"
         )
     if output.exists() and not (overwrite and _holds_pictures_only(output)):
         raise InputError(
@@ -215,6 +226,32 @@ def _holds_pictures_only(folder: Path) -> bool:
     return folder.is_dir() and all(path.suffix == ".png" for path in folder.iterdir())
 
 
+class _Worst:
+    """A sheet of the pictures with the highest scores; of equal ones the earlier."""
+
+    def __init__(self) -> None:
+        self._kept: list[tuple[float, int, Image]] = []  # a heap, the least bad first
+        self._number = 0
+
+    def add(self, picture: Image, score: float) -> None:
+        self._number += 1
+        push = heapq.heappush if len(self._kept) < _WORST else heapq.heappushpop
+        width = picture.shape[1] // 3
+        pair = np.vstack([picture[:, :width], picture[:, width : 2 * width]])
+        step = max(1, round(width / _WIDTH))
+        push(self._kept, (score, -self._number, pair[::step, ::step]))
+
+    def write(self, output: Path) -> None:
+        from manip3d.viewer import png_bytes
+
+        if not self._kept:
+            return  # there was no frame, and the caller says so
+        pairs = [pair for _, _, pair in sorted(self._kept, key=lambda one: one[:2], reverse=True)]
+        pairs += [np.zeros_like(pairs[0])] * (-len(pairs) % min(len(pairs), _COLUMNS))
+        rows = [np.hstack(pairs[i : i + _COLUMNS]) for i in range(0, len(pairs), _COLUMNS)]
+        atomic_write(output, png_bytes(np.vstack(rows)))
+
+
 class _Folder:
     """``000000.png`` and so on."""
 
@@ -222,7 +259,7 @@ class _Folder:
         self._folder = folder
         self._number = 0
 
-    def add(self, picture: Image) -> None:
+    def add(self, picture: Image, score: float) -> None:
         from manip3d.viewer import png_bytes
 
         (self._folder / f"{self._number:06d}.png").write_bytes(png_bytes(picture))
@@ -241,7 +278,7 @@ class _Film:
         self._container = av.open(os.fspath(path), "w", format="mp4")
         self._stream: Any = None
 
-    def add(self, picture: Image) -> None:
+    def add(self, picture: Image, score: float) -> None:
         height, width = (side - side % 2 for side in picture.shape[:2])
         if self._stream is None:
             codec = "libx264" if "libx264" in self._av.codecs_available else "mpeg4"
