@@ -1,4 +1,4 @@
-"""Latency of the live session: from a frame's arrival to its being decoded in headless Chromium.
+"""Latency of the live session: from a frame's grab to its being decoded in headless Chromium.
 
 Server, browser and source share this machine. Run alone: ``python -m benchmarks.bench_live
 [SECONDS]``. The frames are those of a recording that the simulator made beforehand, so that

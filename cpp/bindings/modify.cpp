@@ -131,6 +131,7 @@ Fields quality_fields(const PhantomQuality& quality) {
   fields["largest"] = py::float_(quality.largest);
   fields["lost"] = py::float_(quality.lost);
   fields["left"] = py::float_(quality.left);
+  fields["cloth"] = py::float_(quality.cloth);
   fields["score"] = py::float_(quality.score);
   return fields;
 }
@@ -250,6 +251,7 @@ void bind_enums(py::module_& m) {
       .value("SHREDDED", PhantomReason::kShredded)
       .value("CUT", PhantomReason::kCut)
       .value("DOUBLED", PhantomReason::kDoubled)
+      .value("CLOTH", PhantomReason::kCloth)
       .value("LATE", PhantomReason::kLate);
 }
 

@@ -93,6 +93,7 @@ Fields frame_fields(RgbdFrame&& frame) {
   fields["skeletons"] = std::move(skeletons);
   fields["time"] = frame.time_ns;
   fields["number"] = frame.number;
+  fields["grabbed_ns"] = frame.grabbed_ns;
   return fields;
 }
 

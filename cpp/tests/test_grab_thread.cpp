@@ -101,6 +101,20 @@ TEST(GrabThread, AFrameThatWasReadDoesNotChange) {
   EXPECT_TRUE(is_whole(kept));
 }
 
+TEST(GrabThread, AFrameSaysWhenItWasGrabbedHoweverLongItWaits) {
+  const auto now_ns = [] {
+    return std::chrono::nanoseconds(std::chrono::system_clock::now().time_since_epoch()).count();
+  };
+  const std::int64_t before = now_ns();
+  GrabThread source(std::make_unique<FakeCamera>(1));
+  source.start();
+  std::this_thread::sleep_for(milliseconds(300));  // the frame waits
+  RgbdFrame frame;
+  ASSERT_EQ(source.read(frame, kLong), ReadStatus::kFrame);
+  EXPECT_GE(frame.grabbed_ns, before);
+  EXPECT_LE(frame.grabbed_ns, now_ns() - 100'000'000);
+}
+
 TEST(GrabThread, StopWakesAReader) {
   GrabThread source(std::make_unique<FakeCamera>(0));
   source.start();

@@ -1409,10 +1409,13 @@ class PhantomReason:
 
       DOUBLED
 
+      CLOTH
+
       LATE
     """
 
     CALIBRATION: typing.ClassVar[PhantomReason]
+    CLOTH: typing.ClassVar[PhantomReason]
     CUT: typing.ClassVar[PhantomReason]
     DETACHED: typing.ClassVar[PhantomReason]
     DOUBLED: typing.ClassVar[PhantomReason]

@@ -137,6 +137,9 @@ class RgbdFrame(Showable):
         Time of the depth image, nanoseconds by the sensor's clock.
     number : int
         Counts what the sensor made, so that gaps show frames that were lost.
+    grabbed_ns : int
+        Time at which this machine got it from a camera, or from a recording in real time,
+        nanoseconds since 1970 (`time.time_ns`); 0: nobody noted it. Recordings do not keep it.
 
     Raises
     ------
@@ -152,6 +155,7 @@ class RgbdFrame(Showable):
     skeletons: tuple[Skeleton, ...] = ()
     time: int = 0
     number: int = 0
+    grabbed_ns: int = 0
 
     def __post_init__(self) -> None:
         camera = self.calibration.depth
@@ -163,7 +167,7 @@ class RgbdFrame(Showable):
             color = registration.color if registration else camera
             _check_image("color", self.color, np.uint8, (color.height, color.width, 3))
         object.__setattr__(self, "skeletons", tuple(self.skeletons))
-        for name in ("time", "number"):
+        for name in ("time", "number", "grabbed_ns"):
             object.__setattr__(self, name, _int64(f"frame.{name}", getattr(self, name)))
 
     def __repr__(self) -> str:

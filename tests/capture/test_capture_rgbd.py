@@ -655,9 +655,13 @@ def test_a_slow_reader_gets_the_latest(tmp_path: Path) -> None:
         deadline = time.monotonic() + 30
         while source.counters["dropped"] < 11 and time.monotonic() < deadline:
             time.sleep(0.01)
+        time.sleep(0.2)
         (frame,) = source
         assert frame.time == 10**15 + 11 * STEP
         assert source.counters["dropped"] == 11
+        assert 0.2e9 <= time.time_ns() - frame.grabbed_ns < 60e9  # it waited all the time
+    with opened(tmp_path / "a") as source:
+        assert {frame.grabbed_ns for frame in source} == {0}
 
 
 def test_stop_wakes_a_reader(tmp_path: Path) -> None:

@@ -10,7 +10,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
+from manip3d import capture
 from manip3d.cli import app
+from manip3d.modify import PhantomPipeline
+from manip3d.viewer import people
 
 pytest.importorskip("open3d")
 Image = pytest.importorskip("PIL.Image")
@@ -41,6 +44,28 @@ def test_a_folder_of_pictures(tmp_path: Path) -> None:
                 "--segmentation", "paper")  # fmt: skip
     assert again.exit_code == 0, again.output
     assert len(list(output.iterdir())) == 1
+
+
+def test_a_sheet_of_the_worst_frames(tmp_path: Path) -> None:
+    """The worst by the score of the pipeline's gate comes first; three of 43 are left out."""
+    output = tmp_path / "worst.png"
+    source = "sim:body?amputated=left-arm&motion=wave&frames=43&turn=40"
+    done = run("phantom", "render", source, "-o", output, "--quiet")
+    assert done.exit_code == 0, done.output
+    sheet = np.asarray(Image.open(output))
+    assert sheet.shape == (5 * 400, 8 * 200, 3)
+    pipeline = PhantomPipeline("left_arm")
+    with capture.open_rgbd(source) as frames:
+        shown = [(pipeline.process(frame), frame) for frame in frames]
+    phantom, worst = max(shown, key=lambda one: one[0].quality.score)
+    seen = people.phantom_sheet(worst, phantom)[:, :512]
+    rows, columns = np.nonzero(phantom.depth > 0)
+    middle = [(int(axis.min()) + int(axis.max())) / 2 for axis in (rows, columns)]
+    half = max(np.ptp(rows), np.ptp(columns)) / 2 + 8
+    v, u = (np.rint(one + np.linspace(-half, half, 200)).astype(int) for one in middle)
+    np.testing.assert_array_equal(sheet[:200, :200], seen[np.ix_(v, u)])
+    assert "exists already" in str(run("phantom", "render", source, "-o", output).exception)
+    assert [path.name for path in tmp_path.iterdir()] == ["worst.png"]
 
 
 def test_a_folder_of_images_gets_its_camera_and_a_word_about_joints(tmp_path: Path) -> None:

@@ -112,6 +112,36 @@ def test_a_camera_that_is_pulled_out_is_waited_for(monkeypatch: pytest.MonkeyPat
     assert dict(report.refused) == {}
 
 
+def test_the_latency_counts_from_the_grab(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A frame that waited half a second to be taken is half a second older."""
+
+    class Late(PulledCamera):
+        def read(self, timeout: float) -> RgbdFrame | None:
+            opened.wait(30.0)
+            time.sleep(0.02)
+            self.number += 1
+            if self.number > 60:
+                raise KeyboardInterrupt
+            frame = replace(capsule_body.painted(self.number % 40), time=self.number * 33_333_333)
+            return replace(frame, grabbed_ns=time.time_ns() - 500_000_000)
+
+    opened = threading.Event()
+    monkeypatch.setattr(capture, "open_rgbd", lambda *_, **__: Late())
+    players: list[Player] = []
+
+    def on_start(url: str, made: object) -> None:
+        def join() -> None:
+            players.append(Player(url))
+            opened.set()
+
+        threading.Thread(target=join, daemon=True).start()
+
+    report = run_live("openni2:", affected="right_arm", seconds=60.0, on_start=on_start)
+    players[0].close()
+    (client,) = report.clients
+    assert client["round_trip_ms"][0] >= 500.0
+
+
 @pytest.mark.parametrize("is_live", [False, True])
 def test_only_a_camera_is_said_to_give_no_frames(
     monkeypatch: pytest.MonkeyPatch, is_live: bool

@@ -175,3 +175,37 @@ def test_an_empty_sleeve_goes_with_the_limb(limb: Any, motion: str) -> None:
         away = cloth & (np.linalg.norm(points - root, axis=-1) > 0.10)
         left.append((away & (result.kinds == PixelKind.BODY)).sum() / cloth.sum())
     assert np.median(left) < 0.10
+
+
+@pytest.mark.parametrize(
+    ("limb", "turn", "dressing"),
+    [
+        ("left_arm", 30.0, "sleeve"),
+        ("left_leg", 30.0, "sleeve"),
+        ("right_leg", -30.0, "sleeve"),
+        ("left_arm", 30.0, "bare"),
+        ("left_leg", 30.0, "bare"),
+        ("right_leg", -30.0, "bare"),
+    ],
+)
+def test_a_sleeve_that_symmetry_cannot_tell_is_not_tracking(
+    limb: Any, turn: float, dressing: str
+) -> None:
+    """On turned bodies the intact limb hides the places where the cloth has no mirror image."""
+    simulator = simulated(
+        motion="still",
+        side="right" if limb.startswith("left") else "left",
+        amputated=limb,
+        dressing=dressing,
+        tracker="kinect-v2",
+        turn=turn,
+        frames=26,
+        seed=2,
+    )
+    pipeline = PhantomPipeline(limb)
+    results = [pipeline.process(frame) for frame in simulator][6:]
+    called = [result.reason is PhantomReason.CLOTH for result in results]
+    if dressing == "bare":
+        assert not any(called)
+    else:
+        assert np.mean(called) > 0.5

@@ -15,6 +15,12 @@ using std::chrono::milliseconds;
 
 constexpr milliseconds kPoll(50);  // how long `stop` may wait for a camera that gives nothing
 
+/// Nanoseconds since 1970 by this machine's clock.
+std::int64_t now_ns() {
+  const auto now = std::chrono::system_clock::now().time_since_epoch();
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(now).count();
+}
+
 /// Holds each frame back until its time has come.
 class Paced final : public RgbdSource {
  public:
@@ -145,7 +151,9 @@ void GrabThread::grab() {
         if (is_stopping_) break;
       }
       status = camera_->read(filling_, kPoll);
-      if (status == ReadStatus::kFrame) publish();
+      if (status != ReadStatus::kFrame) continue;
+      filling_.grabbed_ns = now_ns();
+      publish();
     }
   } catch (...) {
     error = std::current_exception();

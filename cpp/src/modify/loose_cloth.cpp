@@ -15,16 +15,17 @@ constexpr float kOfOther = 0.03F;      // farther from its skin, a point is not 
 constexpr float kOfHand = 0.10F;       // the same of an arm: fingers reach beyond its joints
 constexpr float kAbove = 0.05F;        // cloth hangs below the root
 constexpr float kTrunkHalf = 0.10F;    // an arm's sleeve hangs farther than that from the plane
-constexpr float kBeyond = 1.15F;       // length of the cloth over that of the limb
+// Trunks of real people reach so far to either side of the plane.
+constexpr float kTrunkWidth = 0.16F;
+constexpr double kLeastIntact = 250.0;    // pixels: of a small limb, slivers are a large share
+constexpr float kBeyond = 1.15F;          // length of the cloth over that of the limb
 constexpr std::size_t kLeastPixels = 20;  // fewer are the noise of an edge
 
 /// Tests a point against the body's symmetry.
 class ClothTest {
  public:
-  ClothTest(const ClothSearch& search, const DepthView& depth, const PixelProjector& projector,
-            const PhantomImage& image)
+  ClothTest(const ClothSearch& search, const PixelProjector& projector, const PhantomImage& image)
       : search_(search),
-        depth_(depth),
         projector_(projector),
         image_(image),
         linear_(search.mirror.linear.cast<float>()),
@@ -39,29 +40,45 @@ class ClothTest {
     const Eigen::Vector3f from = p - search_.root;
     const float most = kBeyond * search_.length;
     const float least = is_arm(search_.affected) ? kTrunkHalf : kMargin;
-    return from.squaredNorm() < most * most && up_.dot(from) < kAbove &&
-           side_ * n_.dot(p - origin_) > least;
+    return from.squaredNorm() < most * most && up_.dot(from) < kAbove && aside(p) > least;
   }
 
   /// Is the mirrored place, moved towards the plane by a margin, seen empty or as the intact limb?
-  [[nodiscard]] bool is_cloth(const Eigen::Vector3f& p, float margin) const {
-    const Eigen::Vector3f q = linear_ * p + offset_ + side_ * margin * n_;
+  [[nodiscard]] bool is_cloth(const Eigen::Vector3f& p, float margin,
+                              const DepthView& depth) const {
+    const Eigen::Vector3f q = mirrored(p, margin);
     const std::int32_t pixel = projector_.pixel(q.x(), q.y(), q.z());
     if (pixel < 0 || image_.removal[pixel] == Removal::kRemoved) return false;
     if (image_.kind[pixel] == PixelKind::kBody) {
-      const bool is_intact = is_limb_bone(opposite(search_.affected), image_.label[pixel]);
-      const float least = is_intact ? -kSameSurface : kSeenThrough;
+      const float least = is_intact(pixel) ? -kSameSurface : kSeenThrough;
       return image_.depth[pixel] - q.z() > least;
     }
-    const float z = depth_.millimetres != nullptr
-                        ? 0.001F * static_cast<float>(depth_.millimetres[pixel])
-                        : depth_.metres[pixel];
+    const float z = depth.millimetres != nullptr
+                        ? 0.001F * static_cast<float>(depth.millimetres[pixel])
+                        : depth.metres[pixel];
     return !(z > 0.0F) || z > q.z() + kSameSurface;
   }
 
+  /// Does the intact limb hide the mirrored place?
+  [[nodiscard]] bool is_hidden(const Eigen::Vector3f& p) const {
+    const Eigen::Vector3f q = mirrored(p, 0.0F);
+    const std::int32_t pixel = projector_.pixel(q.x(), q.y(), q.z());
+    if (pixel < 0 || image_.kind[pixel] != PixelKind::kBody || !is_intact(pixel)) return false;
+    return q.z() - image_.depth[pixel] > kSameSurface;
+  }
+
+  /// Distance from the plane, towards the affected side.
+  [[nodiscard]] float aside(const Eigen::Vector3f& p) const { return side_ * n_.dot(p - origin_); }
+
  private:
+  [[nodiscard]] Eigen::Vector3f mirrored(const Eigen::Vector3f& p, float margin) const {
+    return linear_ * p + offset_ + side_ * margin * n_;
+  }
+  [[nodiscard]] bool is_intact(std::int32_t pixel) const {
+    return is_limb_bone(opposite(search_.affected), image_.label[pixel]);
+  }
+
   const ClothSearch& search_;
-  const DepthView& depth_;
   const PixelProjector& projector_;
   const PhantomImage& image_;
   Eigen::Matrix3f linear_;
@@ -78,7 +95,7 @@ bool is_far_from_skin(std::uint8_t label, float skin_distance) {
 
 /// Marks the points that pass the weak or the strong test.
 void mark_cloth(const PersonPoints& points, const ClothSearch& search, const ClothTest& test,
-                const PhantomImage& image) {
+                const DepthView& depth, const PhantomImage& image) {
   for (std::int64_t i = 0; i < points.count; ++i) {
     const std::int32_t pixel = points.pixel[i];
     if (image.kind[pixel] != PixelKind::kBody) continue;
@@ -86,9 +103,9 @@ void mark_cloth(const PersonPoints& points, const ClothSearch& search, const Clo
     const bool may_be = label == limb_label(search.affected) || is_trunk(label) ||
                         is_far_from_skin(label, points.skin_distance[i]);
     const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
-    if (!may_be || !test.is_in_reach(p) || !test.is_cloth(p, 0.0F)) continue;
+    if (!may_be || !test.is_in_reach(p) || !test.is_cloth(p, 0.0F, depth)) continue;
     image.removal[pixel] =
-        test.is_cloth(p, kMargin) ? Removal::kSurelyCloth : Removal::kPerhapsCloth;
+        test.is_cloth(p, kMargin, depth) ? Removal::kSurelyCloth : Removal::kPerhapsCloth;
   }
 }
 
@@ -143,7 +160,7 @@ class ClothPiece {
 std::int64_t remove_loose_cloth(PersonPoints& points, const ClothSearch& search,
                                 const DepthView& depth, const PixelProjector& projector,
                                 const PhantomImage& image, std::vector<std::int32_t>& stack) {
-  mark_cloth(points, search, ClothTest(search, depth, projector, image), image);
+  mark_cloth(points, search, ClothTest(search, projector, image), depth, image);
   const auto rings = static_cast<std::int32_t>(
       std::ceil(kMargin * search.focal / std::max(search.root.z(), 0.1F)));
   ClothPiece piece(image, stack);
@@ -159,6 +176,27 @@ std::int64_t remove_loose_cloth(PersonPoints& points, const ClothSearch& search,
     if (was_removed && points.label[i] != limb_label(search.affected)) points.label[i] = 0;
   }
   return removed;
+}
+
+double share_of_unseen_cloth(const PersonPoints& points, const ClothSearch& search,
+                             const PixelProjector& projector, const PhantomImage& image) {
+  const ClothTest test(search, projector, image);
+  const auto may_be = [&](std::uint8_t label, const Eigen::Vector3f& p) {
+    const bool is_of_trunk = is_trunk(label) || label == limb_label(search.affected) ||
+                             label == static_cast<std::uint8_t>(limb_root(search.affected));
+    // Cloth beside one leg gets the other one's label; the rest may be the pelvis and the stump.
+    if (!is_arm(search.affected)) return !is_of_trunk;
+    return is_of_trunk && test.aside(p) > kTrunkWidth;
+  };
+  std::int64_t intact = 0, unseen = 0;
+  for (std::int64_t i = 0; i < points.count; ++i) {
+    if (image.kind[points.pixel[i]] != PixelKind::kBody) continue;
+    const std::uint8_t label = points.label[i];
+    intact += is_limb_bone(opposite(search.affected), label);
+    const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
+    unseen += test.is_in_reach(p) && may_be(label, p) && test.is_hidden(p);
+  }
+  return static_cast<double>(unseen) / std::max(kLeastIntact, static_cast<double>(intact));
 }
 
 }  // namespace manip3d

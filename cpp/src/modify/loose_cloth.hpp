@@ -38,4 +38,11 @@ std::int64_t remove_loose_cloth(PersonPoints& points, const ClothSearch& search,
                                 const DepthView& depth, const PixelProjector& projector,
                                 const PhantomImage& image, std::vector<std::int32_t>& stack);
 
+/// Measures what may be cloth though symmetry cannot tell, as the camera sees the intact limb
+/// before the mirrored place: pixels of the body that are still drawn, over those of the intact
+/// limb (250 at least). Of an arm they are the trunk's, 16 cm and more from the plane; of a leg
+/// they are neither the trunk's nor the affected leg's.
+double share_of_unseen_cloth(const PersonPoints& points, const ClothSearch& search,
+                             const PixelProjector& projector, const PhantomImage& image);
+
 }  // namespace manip3d

@@ -266,6 +266,7 @@ class PhantomPipeline::Workspace {
       }
     }
     clock.end(PhantomStage::kSegmentation);
+    std::optional<ClothSearch> cloth;
     if (!options_.keep_residual) {
       const PixelProjector projector(*camera_, rays_);
       if (is_here_) presence_.add(*person, options_.affected, projector, image.label);
@@ -273,7 +274,11 @@ class PhantomPipeline::Workspace {
           remove_limb(points_, options_.affected, removal_radius(), flesh(), image);
       if (goes_by_skin()) {
         report.num_removed += remove_rest(points_, options_.affected, image, vertex_of_);
-        report.num_removed += remove_cloth(*fitted, input.depth, image);
+        cloth = cloth_search(*fitted);
+        if (cloth) {
+          report.num_removed +=
+              remove_loose_cloth(points_, *cloth, input.depth, projector, image, vertex_of_);
+        }
       }
     }
     clock.end(PhantomStage::kRemoval);
@@ -283,7 +288,7 @@ class PhantomPipeline::Workspace {
     const PixelBox all = fill(phantom, image, report);
     clock.end(PhantomStage::kHoleFilling);
     report.skeleton = phantom_skeleton(*person, report.state);
-    inspect(*person, time_s, all, image, report);
+    inspect(*person, cloth, time_s, all, image, report);
     clock.end(PhantomStage::kSkeleton);
     report.num_points = write_points(image, all, rays_, out.mesh, vertex_of_);
     clock.end(PhantomStage::kPointCloud);
@@ -548,21 +553,20 @@ class PhantomPipeline::Workspace {
     if (frame_) mirror_ = make_mirror(*frame_, options_.mode);
   }
 
-  /// Takes out an empty sleeve or leg of trousers of a person who has no such limb.
-  std::int64_t remove_cloth(const Skeleton& person, const DepthView& depth,
-                            const PhantomImage& image) {
+  /// Where to look for an empty sleeve or leg of trousers; none for a person who has the limb.
+  [[nodiscard]] std::optional<ClothSearch> cloth_search(const Skeleton& person) const {
     const Limb affected = options_.affected, intact = opposite(affected);
-    if (presence_.is_there() || !frame_ || !is_usable(person, limb_root(intact))) return 0;
-    if (options_.mode != MirrorMode::kReflection) return 0;  // others keep no distances
+    if (presence_.is_there() || !frame_ || !is_usable(person, limb_root(intact))) {
+      return std::nullopt;
+    }
+    if (options_.mode != MirrorMode::kReflection) return std::nullopt;  // others keep no distances
     const Eigen::Vector3f root =
         is_usable(person, limb_root(affected))
             ? person[limb_root(affected)]
             : mirror_(person[limb_root(intact)].cast<double>()).cast<float>();
-    const ClothSearch search{
+    return ClothSearch{
         affected, root,   limb_length(person, intact), static_cast<float>(camera_->fx),
         *frame_,  mirror_};
-    return remove_loose_cloth(points_, search, depth, PixelProjector(*camera_, rays_), image,
-                              vertex_of_);
   }
 
   /// Can the intact limb be mirrored, and if not, what becomes of the last phantom?
@@ -606,8 +610,8 @@ class PhantomPipeline::Workspace {
   }
 
   /// Measures what was drawn; what nobody would believe is not called tracking.
-  void inspect(const Skeleton& person, double time_s, const PixelBox& box,
-               const PhantomImage& image, PhantomReport& report) {
+  void inspect(const Skeleton& person, const std::optional<ClothSearch>& cloth, double time_s,
+               const PixelBox& box, const PhantomImage& image, PhantomReport& report) {
     if (report.state != PhantomState::kTracking) {
       ends_.reset();
       return;
@@ -615,6 +619,10 @@ class PhantomPipeline::Workspace {
     const Limb affected = options_.affected;
     picture_.measure(points_, report.skeleton, bones_, *frame_, box, options_, rays_, image,
                      report.quality);
+    if (cloth) {
+      const PixelProjector projector(*camera_, rays_);
+      report.quality.cloth = share_of_unseen_cloth(points_, *cloth, projector, image);
+    }
     const Joint end = limb_chain(affected)[kNumMainJoints - 1];
     const Joint intact_end = limb_chain(opposite(affected))[kNumMainJoints - 1];
     const Ends ends{report.skeleton[end], person[intact_end], time_s};

@@ -21,7 +21,10 @@ constexpr double kMostGapArm = 0.10,
 constexpr double kLeastLargest = 0.7;  // of the phantom's pixels
 // Legs: 15 % would be believed no more; the rest allows for joints, which tell where hips are.
 constexpr double kMostLostLegs = 0.14, kMostLostTrunk = 0.05;
-constexpr double kMostLeft = 0.10;    // of the affected limb's pixels
+constexpr double kMostLeft = 0.10;  // of the affected limb's pixels
+// Chosen on simulated people with and without sleeves (seeds 0 and 1), and on the tuning half with
+// the joints of the affected limb guessed.
+constexpr double kMostCloth = 0.05;   // of the intact limb's pixels
 constexpr double kLeastLimb = 250.0;  // pixels: of a small limb, slivers are a large share
 
 constexpr float kAwayFromRoot = 0.10F;  // metres: nearer to it, a stump may show
@@ -193,7 +196,7 @@ void PictureJudge::measure_pieces(const Eigen::Vector3f& root, const PixelBox& b
 
 PhantomReason worst_of(Limb affected, PhantomQuality& quality) {
   const double most_lost = is_arm(affected) ? kMostLostTrunk : kMostLostLegs;
-  const std::array<std::pair<PhantomReason, double>, 8> measures = {{
+  const std::array<std::pair<PhantomReason, double>, 9> measures = {{
       {PhantomReason::kCalibration, (1.0 - quality.fit) / (1.0 - kLeastFit)},
       {PhantomReason::kShaky, quality.plane_deg / kMostPlane},
       {PhantomReason::kShaky, quality.across / kMostAcross},
@@ -202,6 +205,7 @@ PhantomReason worst_of(Limb affected, PhantomQuality& quality) {
       {PhantomReason::kShredded, (1.0 - quality.largest) / (1.0 - kLeastLargest)},
       {PhantomReason::kCut, quality.lost / most_lost},
       {PhantomReason::kDoubled, quality.left / kMostLeft},
+      {PhantomReason::kCloth, quality.cloth / kMostCloth},
   }};
   const auto worst =
       std::ranges::max_element(measures, {}, &decltype(measures)::value_type::second);

@@ -86,7 +86,7 @@ _FILTERS: Mapping[Smoothing, Literal["default", "seated"] | None] = {
 
 
 @app.command("render")
-@over_files(kinds.recording_suffixes, writable=lambda: (".mp4",), otherwise=".mp4")
+@over_files(kinds.recording_suffixes, writable=lambda: (".mp4", ".png"), otherwise=".mp4")
 def phantom_render(
     source: Annotated[
         str,
@@ -141,14 +141,15 @@ def phantom_render(
 ) -> None:
     """Draw people with a phantom limb: what was seen, the phantom, the mesh from the side.
 
-    The output is a film (.mp4), or a folder of PNG pictures (a name without a suffix).
+    The output is a film (.mp4), a contact sheet of the 40 worst frames by the pipeline's own score
+    (.png), or a folder of PNG pictures (a name without a suffix).
 
     Example: manip3d phantom render 'sim:body?amputated=right-arm&frames=30' -o phantom
     """
     from manip3d.viewer.phantom import render_phantom
 
     expect_kind(source, "recording", verb="phantom render")
-    check_output(output, (".mp4",), force=force, folder=True)
+    check_output(output, (".mp4", ".png"), force=force, folder=True)
     shell = Terminal(as_json=as_json, quiet=quiet)
     with ExitStack() as opened, shell.progress("render") as progress, naming_options("output"):
         place: str | RgbdSource = source

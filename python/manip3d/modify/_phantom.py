@@ -73,6 +73,7 @@ class PhantomReason(enum.StrEnum):
     SHREDDED = "shredded"  #: the phantom is in pieces
     CUT = "cut"  #: too much of the person's silhouette is gone
     DOUBLED = "doubled"  #: too much of the affected limb is left
+    CLOTH = "cloth"  #: too much may be an empty sleeve or leg of trousers
     LATE = "late"  #: the frame is not newer than the last one
 
     @property
@@ -96,6 +97,8 @@ _MESSAGES = {
     PhantomReason.SHREDDED: "The phantom limb is in pieces.",
     PhantomReason.CUT: "Too much of the body was cut out with the limb.",
     PhantomReason.DOUBLED: "Part of the affected limb is still in the picture.",
+    PhantomReason.CLOTH: "An empty sleeve or leg of trousers may still be in the picture: let the "
+    "patient face the camera.",
     PhantomReason.LATE: "The camera's clock stands or runs back: at most ten pictures in a row are "
     "passed over.",
 }
@@ -127,6 +130,12 @@ class PhantomQuality:
     left : float
         Share of the affected limb's pixels that still show the body, of those farther than 10 cm
         from its root and no farther from the camera than the phantom (as a chair is).
+    cloth : float
+        Pixels of the body that may be an empty sleeve or leg of trousers, over those of the intact
+        limb: symmetry does not tell, as the intact limb hides their mirrored places from the
+        camera. Above 0.05 the state is not ``tracking``. 0 where the affected limb itself is seen,
+        with ``keep_residual``, and without a true reflection. It misses cloth whose mirrored place
+        something else hides, and that of an arm within 16 cm of the plane of symmetry.
     score : float
         The worst of these over its limit; above 1 the state is not ``tracking``.
     """
@@ -139,6 +148,7 @@ class PhantomQuality:
     largest: float
     lost: float
     left: float
+    cloth: float
     score: float
 
 

@@ -293,7 +293,8 @@ class _Show:
             self.tracker.reset()
 
     def _take(self, found: RgbdFrame | str) -> None:
-        captured_ns = time.time_ns()
+        grabbed_ns = 0 if isinstance(found, str) else found.grabbed_ns
+        captured_ns = grabbed_ns or time.time_ns()  # of a camera, with the waiting to be read
         sequence = self.session.sequence
         message = self._message(found, captured_ns)
         if message is None:

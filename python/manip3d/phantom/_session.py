@@ -443,7 +443,8 @@ class LiveSession:
         ----------
         frame : RgbdFrame
         captured_ns : int, optional
-            When it came in, by `time.time_ns`; by default now.
+            When it came in, by `time.time_ns`; by default now. Cameras note it in
+            `RgbdFrame.grabbed_ns`.
 
         Returns
         -------

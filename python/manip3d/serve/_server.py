@@ -239,7 +239,7 @@ class StreamClient:
     def report(self) -> dict[str, Any]:
         """Frames, and percentiles 50 and 95 of latencies in milliseconds.
 
-        ``latency_ms`` is from the frame's arrival at the server to its being decoded in the page
+        ``latency_ms`` is from when the frame was captured to its being decoded in the page
         by the clock of both; ``round_trip_ms`` to the arrival of the acknowledgement.
         """
         return {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 import itertools
 import os
 from collections import Counter, deque
@@ -17,18 +18,22 @@ import numpy as np
 
 from manip3d._util.options import reporting
 from manip3d.errors import InputError, MissingExtraError
-from manip3d.io._files import atomic_folder, atomic_path
+from manip3d.io._files import atomic_folder, atomic_path, atomic_write
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from manip3d._util.options import Progress
+    from manip3d.modify import PhantomFrame
     from manip3d.rgbd import RgbdFrame
 
     Image = NDArray[np.uint8]
 
 RATE = 30
 """Frames a second of the film."""
+
+_WORST, _COLUMNS, _WIDTH = 40, 8, 200
+"""Frames of a contact sheet, those of a row, and the width of each in pixels."""
 
 _HELD = 64
 """Colour images that are kept for phantoms that are held: two seconds."""
@@ -86,7 +91,10 @@ def render_phantom(
     source : str or iterable of RgbdFrame
         An address for `manip3d.capture.open_rgbd`, a recording's path, or frames with a skeleton.
     output : path-like
-        ``.mp4``: a film of 30 frames a second. A name without a suffix: a folder of PNG pictures.
+        ``.mp4``: a film of 30 frames a second. ``.png``: a contact sheet of the 40 frames that are
+        worst by `manip3d.modify.PhantomQuality.score`, the worst first, each cut out around the
+        person, with what was seen above the phantom. A name without a suffix: a folder of PNG
+        pictures.
     affected : str, optional
         ``left_arm``, ``right_arm``, ``left_leg`` or ``right_leg``, the person's own; by default the
         limb that a simulated person has lost, else the right arm.
@@ -99,7 +107,7 @@ def render_phantom(
     frames : int, optional
         Stop after this many.
     overwrite : bool
-        Replace a film, or a folder that holds PNG pictures only.
+        Replace a film, a sheet, or a folder that holds PNG pictures only.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores.
     progress : None, True or callable(fraction, message)
@@ -137,7 +145,7 @@ def render_phantom(
             # A camera may begin with frames that have no colour yet.
             taken = (f if f.color is None else tracker.annotate(f) for f in taken)
         for frame, picture, phantom in _pictures(taken, pipeline, azimuth, threads):
-            sink.add(picture)
+            sink.add(picture, phantom)
             with_skeleton += bool(frame.skeletons)
             states[phantom.state.value] += 1
             if phantom.state != "tracking":
@@ -165,8 +173,8 @@ def _opened(source: str | Iterable[RgbdFrame]) -> Any:
 class Sink(Protocol):
     """Takes pictures one after the other."""
 
-    def add(self, picture: Image) -> None:
-        """The next picture."""
+    def add(self, picture: Image, phantom: PhantomFrame) -> None:
+        """The next picture, and the frame that it shows."""
 
 
 def limb_of(source: str) -> str:
@@ -199,9 +207,14 @@ def _sink(output: Path, *, overwrite: bool) -> Iterator[Sink]:
         with atomic_path(output) as temporary, closing(_Film(temporary)) as film:
             yield film
         return
+    if output.suffix == ".png":
+        worst = _Worst()
+        yield worst
+        worst.write(output)
+        return
     if output.suffix:
         raise InputError(
-            f"output: expected .mp4, or a folder's name without a suffix, got {output}"
+            f"output: expected .mp4, .png, or a folder's name without a suffix, got {output}"
         )
     if output.exists() and not (overwrite and _holds_pictures_only(output)):
         raise InputError(
@@ -215,6 +228,45 @@ def _holds_pictures_only(folder: Path) -> bool:
     return folder.is_dir() and all(path.suffix == ".png" for path in folder.iterdir())
 
 
+def _around(picture: Image, phantom: PhantomFrame) -> Image:
+    """What was seen, and below it the phantom: a square around the person, or around all."""
+    rows, columns = np.nonzero(phantom.depth > 0)
+    height, width = phantom.depth.shape
+    if not len(rows):
+        rows, columns = np.array([0, height - 1]), np.array([0, width - 1])
+    ends = [(int(axis.min()), int(axis.max())) for axis in (rows, columns)]
+    half = max(last - first for first, last in ends) / 2 + 8  # pixels, with a margin
+    steps = np.linspace(-half, half, _WIDTH)
+    v, u = (
+        np.clip(np.rint((first + last) / 2 + steps).astype(int), 0, size - 1)
+        for (first, last), size in zip(ends, (height, width), strict=True)
+    )
+    return np.vstack([picture[np.ix_(v, u + left)] for left in (0, width)])
+
+
+class _Worst:
+    """A sheet of the pictures with the highest scores; of equal ones the earlier."""
+
+    def __init__(self) -> None:
+        self._kept: list[tuple[float, int, Image]] = []  # a heap, the least bad first
+        self._number = 0
+
+    def add(self, picture: Image, phantom: PhantomFrame) -> None:
+        self._number += 1
+        push = heapq.heappush if len(self._kept) < _WORST else heapq.heappushpop
+        push(self._kept, (phantom.quality.score, -self._number, _around(picture, phantom)))
+
+    def write(self, output: Path) -> None:
+        from manip3d.viewer import png_bytes
+
+        if not self._kept:
+            return  # there was no frame, and the caller says so
+        pairs = [pair for _, _, pair in sorted(self._kept, key=lambda one: one[:2], reverse=True)]
+        pairs += [np.zeros_like(pairs[0])] * (-len(pairs) % min(len(pairs), _COLUMNS))
+        rows = [np.hstack(pairs[i : i + _COLUMNS]) for i in range(0, len(pairs), _COLUMNS)]
+        atomic_write(output, png_bytes(np.vstack(rows)))
+
+
 class _Folder:
     """``000000.png`` and so on."""
 
@@ -222,7 +274,7 @@ class _Folder:
         self._folder = folder
         self._number = 0
 
-    def add(self, picture: Image) -> None:
+    def add(self, picture: Image, phantom: PhantomFrame) -> None:
         from manip3d.viewer import png_bytes
 
         (self._folder / f"{self._number:06d}.png").write_bytes(png_bytes(picture))
@@ -241,7 +293,7 @@ class _Film:
         self._container = av.open(os.fspath(path), "w", format="mp4")
         self._stream: Any = None
 
-    def add(self, picture: Image) -> None:
+    def add(self, picture: Image, phantom: PhantomFrame) -> None:
         height, width = (side - side % 2 for side in picture.shape[:2])
         if self._stream is None:
             codec = "libx264" if "libx264" in self._av.codecs_available else "mpeg4"

@@ -14,7 +14,8 @@ namespace manip3d {
 /// Reads a camera in a thread of its own and keeps the latest frame for whoever reads this one.
 ///
 /// Two slots: the thread fills one while the other waits to be read; a frame that nobody has read
-/// when the next one is complete is lost, and counted as `dropped`. What the thread throws is
+/// when the next one is complete is lost, and counted as `dropped`. Frames carry the time at which
+/// the camera gave them (`grabbed_ns`), however long they wait. What the thread throws is
 /// thrown by `read`, after the frame that came before it; then `start` tries again.
 class GrabThread final : public RgbdSource {
  public:

@@ -25,6 +25,9 @@ inline constexpr std::uint8_t kNoBody = 0xff;  ///< Body index of pixels of nobo
 struct RgbdFrame {
   std::int64_t number = 0;   ///< Counts what the sensor made, so gaps show frames that were lost.
   std::int64_t time_ns = 0;  ///< Time of the depth image, by the sensor's clock.
+  /// Time at which a grab thread got it from the camera, nanoseconds since 1970 by this machine's
+  /// clock; 0: nobody noted it.
+  std::int64_t grabbed_ns = 0;
   std::int64_t rows = 0, cols = 0;       ///< Shape of depth and body_index.
   std::vector<std::uint16_t> depth;      ///< Millimetres along the axis; 0: no measurement.
   std::vector<std::uint8_t> body_index;  ///< Number of the person, or kNoBody; may be empty.

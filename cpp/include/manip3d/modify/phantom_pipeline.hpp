@@ -105,6 +105,7 @@ enum class PhantomReason : std::uint8_t {
   kShredded,     ///< The phantom is in pieces.
   kCut,          ///< Too much of the person's silhouette is gone.
   kDoubled,      ///< Too much of the affected limb is left.
+  kCloth,        ///< Too much may be an empty sleeve or leg of trousers.
   kLate,         ///< The frame is not newer than the last one.
 };
 
@@ -119,6 +120,9 @@ struct PhantomQuality {
   double largest = 1.0;  ///< Share of the phantom's pixels that are in that piece.
   double lost = 0.0;     ///< Share of the silhouette below the hips, or of the trunk, gone.
   double left = 0.0;     ///< Share of the affected limb's pixels that are still there.
+  /// Pixels that may be an empty sleeve or leg of trousers, as the intact limb hides their mirrored
+  /// places, over the intact limb's own.
+  double cloth = 0.0;
   /// The worst of these over its limit: above 1 the state is not kTracking.
   double score = 0.0;
 };
