@@ -36,7 +36,7 @@ who have the leg counts the flesh of that leg, which no patient has.
 ``--sleeves`` prints a table of simulated people without the limb whose stump is bare or who wear an
 empty sleeve or leg of trousers: frames that the gate calls `cloth`, and frames under `tracking`
 that keep more than 10 % of the cloth's pixels (farther than 10 cm from the root). The limit was
-chosen on seeds 0 and 1; seeds 2 and 3, further motions among them, are reported. `but for it`:
+chosen on seeds 0 and 1; seeds 4 and 5, further motions among them, are reported. `but for it`:
 the same if the gate did not know `cloth`. ``--guessed`` makes the tracker guess the affected limb's
 joints in the recordings, as it does those of a missing limb: whoever is called `cloth` then wears
 none.
@@ -357,7 +357,7 @@ def sleeve_row(kind: str, dressing: str, turn: float) -> list[str]:
     frames = tracked = called = kept = kept_before = 0
     sides = (f"left_{kind}", f"right_{kind}")
     for limb, motion, aside, seed in itertools.product(
-        sides, motions, sorted({-turn, turn}), (2, 3)
+        sides, motions, sorted({-turn, turn}), (4, 5)
     ):
         pipeline = PhantomPipeline(limb)  # type: ignore[arg-type]
         simulator = BodySimulator(
