@@ -8,10 +8,12 @@
 #include <limits>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "forge/texture_sampler.hpp"
 #include "forge/triangle_pixels.hpp"
+#include "geometry/buckets.hpp"
 #include "geometry/lanes.hpp"
 #include "geometry/lens.hpp"
 #include "manip3d/error.hpp"
@@ -30,18 +32,42 @@ class Projector {
       : Projector(camera, Eigen::Matrix3d::Identity(), Eigen::Vector3d::Zero()) {}
   explicit Projector(const Registration& r) : Projector(r.color, r.rotation, r.translation) {}
 
-  [[nodiscard]] Drawn operator()(const float* vertex) const {
-    const Eigen::Vector3f p = rotation_ * Eigen::Map<const Eigen::Vector3f>(vertex) + translation_;
-    constexpr float kNearest = 0.01F;  // metres; nearer, a pixel is no place any more
-    if (!(p.z() > kNearest)) return {};
-    if (distorted_) {
-      const Eigen::Vector2d at = project(camera_, p.cast<double>());
-      return {static_cast<float>(at.x()), static_cast<float>(at.y()), p.z()};
+  /// @param vertices  (n, 3)
+  [[nodiscard]] std::vector<Drawn> operator()(const float* vertices, std::int64_t count) const {
+    std::vector<Drawn> at(count);
+    std::int64_t i = 0;
+    for (; i + 4 <= count; i += 4) draw4(vertices + 3 * i, &at[i]);
+    if (i < count) {
+      std::array<float, 12> last{};
+      std::array<Drawn, 4> drawn;
+      std::copy(vertices + 3 * i, vertices + 3 * count, last.begin());
+      draw4(last.data(), drawn.data());
+      std::copy_n(drawn.begin(), count - i, at.begin() + i);
     }
-    return {fx_ * p.x() / p.z() + cx_, fy_ * p.y() / p.z() + cy_, p.z()};
+    return at;
   }
 
  private:
+  void draw4(const float* v, Drawn* at) const {
+    const Float4 x{v[0], v[3], v[6], v[9]}, y{v[1], v[4], v[7], v[10]}, z{v[2], v[5], v[8], v[11]};
+    const auto moved = [&](int row) {
+      const Eigen::RowVector3f r = rotation_.row(row);
+      return r[0] * x + (r[1] * y + r[2] * z) + translation_[row];
+    };
+    const Float4 px = moved(0), py = moved(1), pz = moved(2);
+    constexpr float kNearest = 0.01F;  // metres; nearer, a pixel is no place any more
+    const unsigned is_before = true_lanes(pz > kNearest);
+    const Float4 us = fx_ * px / pz + cx_, vs = fy_ * py / pz + cy_;
+    for (int i = 0; i < 4; ++i) {
+      if ((is_before >> i & 1U) == 0) continue;
+      at[i] = {us[i], vs[i], pz[i]};
+      if (!distorted_) continue;
+      const Eigen::Vector2d place = project(camera_, Eigen::Vector3d(px[i], py[i], pz[i]));
+      at[i].u = static_cast<float>(place.x());
+      at[i].v = static_cast<float>(place.y());
+    }
+  }
+
   Projector(const Intrinsics& camera, const Eigen::Matrix3d& r, const Eigen::Vector3d& t)
       : camera_(camera), rotation_(r.cast<float>()), translation_(t.cast<float>()) {
     distorted_ = is_distorted(camera);
@@ -63,8 +89,13 @@ struct DepthBuffer {
   PixelBox box;
   std::vector<float> z;  ///< Depths in the box; a few more, so that four can be read from each.
 
-  explicit DepthBuffer(const PixelBox& where)
-      : box(where), z(box.width * box.height + 3, kInfinity) {}
+  DepthBuffer() = default;
+  explicit DepthBuffer(const PixelBox& where) { clear(where); }
+
+  void clear(const PixelBox& where) {
+    box = where;
+    z.assign(box.width * box.height + 3, kInfinity);
+  }
 
   [[nodiscard]] std::int64_t index(std::int64_t u, std::int64_t v) const {
     return (v - box.v0) * box.width + u - box.u0;
@@ -186,29 +217,30 @@ class Coverage {
         rows_(box.height),
         covered_(static_cast<std::size_t>(cols_ * rows_), std::uint8_t{0}) {}
 
-  explicit Coverage(const DepthBuffer& drawn) : Coverage(drawn.box) {
-    for (std::size_t i = 0; i < covered_.size(); ++i) covered_[i] = drawn.z[i] < kInfinity ? 1 : 0;
-  }
-
   /// @param i  As DepthBuffer::index().
   void add(std::int64_t i) { covered_[i] = 1; }
+  /// The next rows from `row` on: the depths of a band of the box.
+  void add_rows(std::int64_t row, const DepthBuffer& band) {
+    std::uint8_t* covered = covered_.data() + row * cols_;
+    const float* z = band.z.data();
+    const std::int64_t size = band.box.height * cols_;
+    for (std::int64_t i = 0; i < size; ++i) covered[i] = z[i] < kInfinity ? 1 : 0;
+  }
 
   /// Counts for each covered pixel the covered ones among the square of side 2 radius + 1 around
-  /// it, row by row from the first one on.
+  /// it, row by row from the first one on. The radius is how many rows ahead must be known.
   class Shares {
    public:
     Shares(const Coverage& of, int radius)
         : of_(of),
           radius_(radius),
           size_(static_cast<std::uint8_t>(2 * radius + 1)),
-          column_(static_cast<std::size_t>(of.cols_ + 2 * radius), std::uint8_t{0}) {
-      for (std::int64_t v = 0; v < std::min<std::int64_t>(radius, of.rows_); ++v) add_row<1>(v);
-    }
+          column_(static_cast<std::size_t>(of.cols_ + 2 * radius), std::uint8_t{0}) {}
 
     /// Calls `use(u, share)` for those pixels of the next row that are not covered all around.
     template <typename Use>
     void next_row(const Use& use) {
-      if (row_ + radius_ < of_.rows_) add_row<1>(row_ + radius_);
+      for (; added_ < std::min(row_ + radius_ + 1, of_.rows_); ++added_) add_row<1>(added_);
       if (row_ - radius_ - 1 >= 0) add_row<-1>(row_ - radius_ - 1);
       const std::uint8_t* covered = of_.covered_.data() + row_ * of_.cols_;
       const std::uint8_t* column = column_.data() + radius_;
@@ -252,7 +284,7 @@ class Coverage {
     }
 
     const Coverage& of_;
-    std::int64_t radius_, row_ = 0;
+    std::int64_t radius_, row_ = 0, added_ = 0;
     std::uint8_t size_;
     std::vector<std::uint8_t> column_;  ///< Covered pixels in the rows around, `radius` empty ones
                                         ///< on each side.
@@ -283,12 +315,21 @@ class ColorPainter {
     return out_ + 3 * (v * scene_.cols + u);
   }
   /// Lets the scene shine through a painted pixel.
-  void fade(std::int64_t u, std::int64_t v, std::int32_t own, std::int32_t whole) {
+  /// @param own  So many pixels of a square of `side` are the person's.
+  void fade(std::int64_t u, std::int64_t v, std::int32_t own, std::int32_t side) {
     const std::int64_t first = 3 * (v * scene_.cols + u);
-    for (std::int64_t k = first; k < first + 3; ++k) {
-      const std::int32_t sum = own * out_[k] + (whole - own) * scene_.pixels[k];
-      out_[k] = static_cast<std::uint8_t>((sum + whole / 2) / whole);
-    }
+    std::uint8_t* pixel = out_ + first;
+    const std::uint8_t* behind = scene_.pixels + first;
+    const auto weight = static_cast<float>(own), whole = static_cast<float>(side * side);
+    const auto channels = [](const std::uint8_t* of) {
+      return Float4{static_cast<float>(of[0]), static_cast<float>(of[1]),
+                    static_cast<float>(of[2])};
+    };
+    // Sums are whole numbers below 2^23, and no quotient is rounded up to a whole number.
+    const auto half = static_cast<float>(side * side / 2);
+    const Float4 sum = weight * channels(pixel) + (whole - weight) * channels(behind) + half;
+    const Int4 rgb = __builtin_convertvector(sum / whole, Int4);
+    for (int k = 0; k < 3; ++k) pixel[k] = static_cast<std::uint8_t>(rgb[k]);
   }
 
  private:
@@ -318,12 +359,10 @@ PixelBox box_around(const std::vector<Drawn>& at, std::int64_t cols, std::int64_
 
 /// Where each vertex's colour is in the image of the person's frame.
 std::vector<Drawn> texels_of(const PersonSurface& person) {
-  std::vector<Drawn> texels(person.num_vertices);
   if (person.registration) {
-    const Projector projector(*person.registration);
-    for (std::size_t i = 0; i < texels.size(); ++i) texels[i] = projector(person.seen + 3 * i);
-    return texels;
+    return Projector(*person.registration)(person.seen, person.num_vertices);
   }
+  std::vector<Drawn> texels(person.num_vertices);
   for (std::size_t i = 0; i < texels.size(); ++i) {
     texels[i] = {static_cast<float>(person.pixels[2 * i]),
                  static_cast<float>(person.pixels[2 * i + 1]), 1.0F};
@@ -356,34 +395,92 @@ struct TexelBuffer {
   std::unique_ptr<float[]> u, v;  ///< Set where something was drawn.
 };
 
-/// Draws the person's triangles in a box of the scene's colour image.
-void draw_texels(const PersonSurface& person, const SceneView& scene, const std::vector<Drawn>& at,
-                 const std::vector<Drawn>& in_depth, DepthBuffer& image, TexelBuffer& shows) {
-  const std::vector<Drawn> texels = texels_of(person);
-  const std::vector<std::uint8_t> shown = shown_vertices(scene, in_depth);
-  const DrawBounds bounds(image.box);
-  for (std::int64_t f = 0; f < person.num_faces; ++f) {
-    const std::int32_t i = person.faces[3 * f], j = person.faces[3 * f + 1],
-                       k = person.faces[3 * f + 2];
-    const int num_shown = shown[i] + shown[j] + shown[k];
-    if (num_shown == 0) continue;
+/// Draws the person's triangles in the scene's colour image, band by band of rows: the buffers of a
+/// band stay in the cache until it is painted.
+class TexelDrawer {
+ public:
+  TexelDrawer(const PersonSurface& person, const SceneView& scene, const std::vector<Drawn>& at,
+              const std::vector<Drawn>& in_depth, const PixelBox& box)
+      : person_(person),
+        box_(box),
+        at_(at),
+        texels_(texels_of(person)),
+        shown_(shown_vertices(scene, in_depth)),
+        faces_(faces_by_band()),
+        shows_(static_cast<std::size_t>(box.width * kRows) + 3) {}
+
+  [[nodiscard]] std::int32_t num_bands() const {
+    return static_cast<std::int32_t>((box_.height + kRows - 1) / kRows);
+  }
+  void draw(std::int32_t band) {
+    const std::int64_t first = band * kRows;
+    drawn_.clear({box_.u0, box_.v0 + first, box_.width, std::min(kRows, box_.height - first)});
+    const DrawBounds bounds(drawn_.box);
+    for (const std::int32_t face : faces_[band]) draw_face(person_.faces + 3 * face, bounds);
+  }
+  /// The last band that was drawn.
+  [[nodiscard]] const DepthBuffer& drawn() const { return drawn_; }
+  [[nodiscard]] const TexelBuffer& shows() const { return shows_; }
+
+ private:
+  static constexpr std::int64_t kRows = 32;
+  static constexpr std::int32_t kNone = -1;
+
+  /// The band of each vertex, the nearest one to those beyond the box; none has whose triangles are
+  /// not drawn, being no place in the image or without a colour.
+  [[nodiscard]] std::vector<std::int32_t> bands_of_vertices() const {
+    std::vector<std::int32_t> band(at_.size(), kNone);
+    if (box_.empty()) return band;
+    const DrawBounds bounds(box_);
+    for (std::size_t i = 0; i < at_.size(); ++i) {
+      if (!is_finite(at_[i]) || !is_finite(texels_[i])) continue;
+      const float row = std::clamp(at_[i].v, bounds.top, bounds.bottom) - bounds.top;
+      band[i] = static_cast<std::int32_t>(row) / static_cast<std::int32_t>(kRows);
+    }
+    return band;
+  }
+  /// The triangles of each band that they reach.
+  [[nodiscard]] Buckets<std::int32_t> faces_by_band() const {
+    const std::vector<std::int32_t> band = bands_of_vertices();
+    return {num_bands(), [&](const auto& put) {
+              for (std::int32_t f = 0; f < static_cast<std::int32_t>(person_.num_faces); ++f) {
+                const std::int32_t* face = person_.faces + 3 * std::int64_t{f};
+                const std::int32_t i = face[0], j = face[1], k = face[2];
+                const auto [first, last] = std::minmax({band[i], band[j], band[k]});
+                if (first == kNone || shown_[i] + shown_[j] + shown_[k] == 0) continue;
+                for (std::int32_t b = first; b <= last; ++b) put(b, f);
+              }
+            }};
+  }
+
+  void draw_face(const std::int32_t* face, const DrawBounds& bounds) {
+    const std::int32_t i = face[0], j = face[1], k = face[2];
+    const int num_shown = shown_[i] + shown_[j] + shown_[k];
     // Copies: the buffers that are written could be what references point to.
-    const Drawn a = at[i], b = at[j], c = at[k];
-    const Drawn ta = texels[i], tb = texels[j], tc = texels[k];
-    const auto shown_a = static_cast<float>(shown[i]), shown_b = static_cast<float>(shown[j]),
-               shown_c = static_cast<float>(shown[k]);
-    if (!is_finite(ta) || !is_finite(tb) || !is_finite(tc)) continue;  // has no colour
+    const Drawn a = at_[i], b = at_[j], c = at_[k];
+    const Drawn ta = texels_[i], tb = texels_[j], tc = texels_[k];
+    const auto shown_a = static_cast<float>(shown_[i]), shown_b = static_cast<float>(shown_[j]),
+               shown_c = static_cast<float>(shown_[k]);
     for_each_pixel(a, b, c, bounds, [&](std::int32_t u, std::int32_t v, const FourPixels& four) {
       // A triangle is a few pixels: depth and texture are linear within it.
       const Float4 texel_u = four.mix(ta.u, tb.u, tc.u), texel_v = four.mix(ta.v, tb.v, tc.v);
       Int4 inside = four.inside;
       if (num_shown < 3) inside &= four.mix(shown_a, shown_b, shown_c) >= 0.5F;
-      const std::int64_t pixel = image.index(u, v);
-      const Int4 nearer = image.nearer(pixel, inside, four.mix(a.z, b.z, c.z));
-      shows.keep(pixel, nearer, texel_u, texel_v);
+      const std::int64_t pixel = drawn_.index(u, v);
+      const Int4 nearer = drawn_.nearer(pixel, inside, four.mix(a.z, b.z, c.z));
+      shows_.keep(pixel, nearer, texel_u, texel_v);
     });
   }
-}
+
+  const PersonSurface& person_;
+  PixelBox box_;
+  const std::vector<Drawn>& at_;
+  std::vector<Drawn> texels_;
+  std::vector<std::uint8_t> shown_;
+  Buckets<std::int32_t> faces_;
+  DepthBuffer drawn_;
+  TexelBuffer shows_;
+};
 
 /// Colours a row of the scene's image where the person is drawn.
 void paint_row(const DepthBuffer& drawn, const TexelBuffer& shows, std::int64_t v,
@@ -395,6 +492,7 @@ void paint_row(const DepthBuffer& drawn, const TexelBuffer& shows, std::int64_t 
     if (u + 4 > end) is_drawn &= (1U << (end - u)) - 1;
     if (is_drawn == 0) continue;
     const auto places = sample.places(load4(&shows.u[i]), load4(&shows.v[i]));
+    sample.fetch_below(places[0]);
     for (int lane = 0; lane < 4; ++lane) {
       if ((is_drawn >> lane & 1U) != 0) painter.paint(u + lane, v, sample.packed(places[lane]));
     }
@@ -406,21 +504,29 @@ void paint_row(const DepthBuffer& drawn, const TexelBuffer& shows, std::int64_t 
 void paint_faces(const PersonSurface& person, const SceneView& scene, const std::vector<Drawn>& at,
                  const std::vector<Drawn>& in_depth, const PixelBox& box, int blend,
                  ColorPainter& painter) {
-  DepthBuffer drawn(box);
-  TexelBuffer shows(drawn.z.size());
-  draw_texels(person, scene, at, in_depth, drawn, shows);
-  const Coverage coverage(drawn);
+  TexelDrawer drawer(person, scene, at, in_depth, box);
+  Coverage coverage(box);
   Coverage::Shares shares(coverage, blend);
   const TextureSampler sample(person.color);
-  const std::int32_t whole = (2 * blend + 1) * (2 * blend + 1);
+  const std::int64_t bottom = box.v0 + box.height;
+  std::int64_t faded = box.v0;
   painter.copy_rows(0, box.v0);
-  for (std::int64_t v = box.v0; v < box.v0 + box.height; ++v) {
-    painter.copy_rows(v, v + 1);
-    paint_row(drawn, shows, v, sample, painter);
-    shares.next_row(
-        [&](std::int64_t u, std::int32_t share) { painter.fade(box.u0 + u, v, share, whole); });
+  for (std::int32_t band = 0; band < drawer.num_bands(); ++band) {
+    drawer.draw(band);
+    const PixelBox& rows = drawer.drawn().box;
+    const std::int64_t end = rows.v0 + rows.height;
+    coverage.add_rows(rows.v0 - box.v0, drawer.drawn());
+    for (std::int64_t v = rows.v0; v < end; ++v) {
+      painter.copy_rows(v, v + 1);
+      paint_row(drawer.drawn(), drawer.shows(), v, sample, painter);
+    }
+    for (; faded < (end < bottom ? end - blend : bottom); ++faded) {
+      shares.next_row([&](std::int64_t u, std::int32_t share) {
+        painter.fade(box.u0 + u, faded, share, 2 * blend + 1);
+      });
+    }
   }
-  painter.copy_rows(box.v0 + box.height, scene.color.rows);
+  painter.copy_rows(bottom, scene.color.rows);
 }
 
 /// One colour for each vertex's pixel; pinholes get the mean of the neighbours that have one.
@@ -461,9 +567,9 @@ void paint_points(const PersonSurface& person, const SceneView& scene, const std
     image.z[pixel] = 0.0F;  // has a colour now, for those that are filled after it
   }
   Coverage::Shares shares(coverage, blend);
-  const std::int32_t whole = (2 * blend + 1) * (2 * blend + 1);
   for (std::int64_t v = 0; v < scene.rows; ++v) {
-    shares.next_row([&](std::int64_t u, std::int32_t share) { painter.fade(u, v, share, whole); });
+    shares.next_row(
+        [&](std::int64_t u, std::int32_t share) { painter.fade(u, v, share, 2 * blend + 1); });
   }
 }
 
@@ -496,11 +602,9 @@ void check(const PersonSurface& person, const SceneView& scene, const CompositeO
 void composite(const PersonSurface& person, const SceneView& scene, const CompositeOptions& options,
                const CompositeBuffers& out) {
   check(person, scene, options);
-  std::vector<Drawn> at(person.num_vertices);
-  const Projector depth_camera(scene.camera);
-  for (std::size_t i = 0; i < at.size(); ++i) {
-    at[i] = depth_camera(person.vertices + 3 * i);
-    if (person.in_place) {
+  std::vector<Drawn> at = Projector(scene.camera)(person.vertices, person.num_vertices);
+  if (person.in_place) {
+    for (std::size_t i = 0; i < at.size(); ++i) {
       at[i].u = static_cast<float>(person.pixels[2 * i]);
       at[i].v = static_cast<float>(person.pixels[2 * i + 1]);
     }
@@ -516,11 +620,9 @@ void composite(const PersonSurface& person, const SceneView& scene, const Compos
     paint_points(person, scene, at, filled, out.mask, options.blend, painter);
     return;
   }
-  std::vector<Drawn> in_color(at);
-  if (scene.registration) {
-    const Projector camera(*scene.registration);
-    for (std::size_t i = 0; i < at.size(); ++i) in_color[i] = camera(person.vertices + 3 * i);
-  }
+  const std::vector<Drawn> in_color =
+      scene.registration ? Projector(*scene.registration)(person.vertices, person.num_vertices)
+                         : at;
   const PixelBox box = box_around(in_color, scene.color.cols, scene.color.rows);
   paint_faces(person, scene, in_color, at, box, options.blend, painter);
 }

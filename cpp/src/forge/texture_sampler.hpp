@@ -30,6 +30,7 @@ class TextureSampler {
         below_(image.rows > 1 ? stride_ : 0),
         first_with_two_before_(image.cols > 1 ? 2 : 3 * image.rows * image.cols),
         beside_(image.cols > 1 ? 3 : 0),
+        last_row_(image.rows - 1),
         last_u_(static_cast<float>(image.cols - 1)),
         last_v_(static_cast<float>(image.rows - 1)),
         most_u_(static_cast<float>(std::max<std::int64_t>(image.cols - 2, 0))),
@@ -48,6 +49,13 @@ class TextureSampler {
   }
   [[nodiscard]] std::uint32_t packed(float u, float v) const {
     return packed(places(all_of(u), all_of(v))[0]);
+  }
+  /// Fetches what lies a few rows below a place: whoever paints row by row reads it soon, and no
+  /// processor foresees that.
+  void fetch_below(const Place& place) const {
+    constexpr std::int32_t kAhead = 3;  // rows: the time to paint them is that of a cache miss
+    const std::int64_t v = std::min<std::int64_t>(place.v + kAhead, last_row_);
+    __builtin_prefetch(pixels_ + v * stride_ + 3 * place.u);
   }
 
  private:
@@ -117,7 +125,7 @@ class TextureSampler {
 #endif
 
   const std::uint8_t* pixels_;
-  std::int64_t stride_, below_, first_with_two_before_, beside_;
+  std::int64_t stride_, below_, first_with_two_before_, beside_, last_row_;
   float last_u_, last_v_, most_u_, most_v_;
 };
 

@@ -911,9 +911,11 @@ def _people(
     scene: RgbdFrame, drawn: Mask, moved: Skeleton | None, move: NDArray[np.float64]
 ) -> tuple[NDArray[np.uint8], tuple[Skeleton, ...]]:
     """Body index and skeletons as a sensor would give them of the forged scene."""
-    index = np.full(drawn.shape, NO_BODY, np.uint8)
-    if scene.body_index is not None:
-        index[:] = scene.body_index
+    index = (
+        np.full(drawn.shape, NO_BODY, np.uint8)
+        if scene.body_index is None
+        else scene.body_index.copy()
+    )
     taken = {skeleton.body for skeleton in scene.skeletons}
     body = next(number for number in count() if number not in taken and not (index == number).any())
     np.copyto(index, np.uint8(body), where=drawn)
