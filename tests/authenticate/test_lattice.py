@@ -14,7 +14,7 @@ import lattice_scans as scans
 import manip3d
 from manip3d import _core, authenticate
 from manip3d.authenticate import SensorLattice, _lattice, estimate_lattice, generic_consistency
-from manip3d.authenticate._generic import consistency_allowing
+from manip3d.authenticate._generic import EVIDENCE, consistency_allowing
 from manip3d.datasets import open_kitti
 from real_data import RealData
 
@@ -335,6 +335,109 @@ def test_points_moved_along_rays_drift_off_the_lines(clean: np.ndarray, shift: f
     assert result.evidence["drift"].strength > 10.5
     assert rows[result.suspected].mean() > 0.9
     assert judged(clean).evidence["drift"].strength == 0.0
+
+
+def off_places(points: np.ndarray) -> np.ndarray:
+    """Metres to the nearest place of each point's firing, along the axis where they are farthest
+    apart: by trying the ranges around its own."""
+    reading = LATTICE.read(points)
+    phase = LATTICE.range_phase[reading.ring]
+    steps = np.round((LATTICE.distance(points, reading.ring) - phase) / LATTICE.range_step)
+    off = [
+        np.abs(
+            points
+            - LATTICE.points_at(
+                reading.ring, reading.count, phase + (steps + k) * LATTICE.range_step
+            )
+        ).max(axis=1)
+        for k in (-1, 0, 1)
+    ]
+    return np.min(off, axis=0)
+
+
+def test_a_low_bump_is_no_rounding_of_what_the_lasers_print(clean: np.ndarray) -> None:
+    """5 cm high and half a metre wide."""
+    assert off_places(clean).max() < 0.00051
+    rows = box_of(clean, 1.0, 0.06, 0.6) & (np.hypot(clean[:, 0], clean[:, 1]) > 14.0)
+    far = clean[rows].astype(np.float64)
+    middle = far[np.linalg.norm(far - np.median(far, axis=0), axis=1).argmin()]
+    away = np.linalg.norm(far - middle, axis=1, keepdims=True)
+    height = 0.05 * np.exp(-((away / 0.5) ** 2))
+    forged = clean.copy()
+    forged[rows] = scans.rounded(far * (1.0 - height / np.linalg.norm(far, axis=1, keepdims=True)))
+    result = judged(forged)
+    assert result.verdict == "tampered"
+    assert result.evidence["place"].p_value < 1e-9
+    assert result.evidence["line"].strength == result.evidence["step"].strength == 0.0
+    assert rows[result.suspected].all()
+    off = off_places(forged)
+    told = result.evidence["place"].share * len(clean)
+    assert told == pytest.approx(np.count_nonzero(off > 0.00075))
+    assert np.abs(off - 0.00075).min() > 1e-6  # none is decided by how floats are rounded
+
+
+def test_points_on_the_lattice_leave_no_place(clean: np.ndarray) -> None:
+    """Whoever knows the lattice and writes whole ranges is not seen, and the test says so."""
+    rows = box_of(clean, 1.0, 0.06, 0.5)
+    forged = clean.copy()
+    forged[rows] = scans.rounded(nearer(clean, rows, 0.05))
+    assert judged(sorted_scan(forged)).evidence["place"].share == 0.0
+
+
+def test_places_are_not_looked_for_where_they_are_not_known(clean: np.ndarray) -> None:
+    for field in ("coordinate_step", "range_step", "steps"):
+        lattice = SensorLattice(**{**vars(LATTICE), field: 0})
+        assert not generic_consistency(clean, calibration=lattice).evidence["place"].used
+    assert not judged(clean, tolerance=0.004).evidence["place"].used
+    assert not judged(clean, azimuth_error=0.001).evidence["place"].used
+
+
+def test_a_line_that_is_hardly_known_tells_no_place(clean: np.ndarray) -> None:
+    doubtful = SensorLattice(**{**vars(LATTICE), "slope_error": np.full(64, 1e-4)})
+    forged = clean.copy()
+    far = np.hypot(clean[:, 0], clean[:, 1]) > 14.0
+    rows = box_of(clean, 1.0, 0.06, 0.6) & far
+    wide = clean[rows].astype(np.float64)
+    forged[rows] = scans.rounded(wide * (1.0 - 0.03 / np.linalg.norm(wide, axis=1, keepdims=True)))
+    assert judged(forged).evidence["place"].strength > 20.0
+    assert generic_consistency(forged, calibration=doubtful).evidence["place"].share == 0.0
+
+
+@pytest.mark.parametrize("noise", [0.0002, 0.0003])
+def test_noise_below_a_millimetre_is_processing(clean: np.ndarray, noise: float) -> None:
+    """Lines, steps and the order hold; ranges are off somewhat, which accuses nobody."""
+    moved = clean + np.random.default_rng(3).normal(0.0, noise, clean.shape)
+    result = judged(sorted_scan(moved))
+    assert result.contradicted == {"place"}
+    assert result.values_changed
+    assert result.without(EVIDENCE).verdict == "processed"
+
+
+def test_five_points_apart_are_found_where_they_are_near_to_each_other(clean: np.ndarray) -> None:
+    wall = np.flatnonzero(box_of(clean, 1.0, 0.3, 0.6) & (np.hypot(*clean.T[:2]) > 14.0))
+
+    def apart(reach: float, least: float) -> np.ndarray:
+        """Five rows in reach of the wall's middle, none near another one."""
+        middle = clean[wall[len(wall) // 2]]
+        chosen: list[int] = []
+        for row in wall[np.linalg.norm(clean[wall] - middle, axis=1) < reach]:
+            if all(np.linalg.norm(clean[row] - clean[other]) > least for other in chosen):
+                chosen.append(int(row))
+        return np.array(chosen[:5])
+
+    for reach, least, verdict in ((1.2, 0.7, "tampered"), (6.0, 1.6, "no_trace")):
+        chosen = apart(reach, least)
+        forged = clean.copy()
+        forged[chosen, 2] = scans.rounded(forged[chosen, 2] + 0.01)
+        result = judged(forged)
+        assert result.evidence["line"].strength == 1.0
+        assert result.evidence["line"].share * len(clean) == pytest.approx(5.0)
+        assert result.verdict == verdict
+        if verdict == "tampered":
+            assert set(result.suspected) == set(chosen)
+            assert list(result.regions[0].strength) == ["scattered"]
+            assert result.without(["void"]).verdict == "tampered"
+            assert result.without(["line"]).verdict == "processed"
 
 
 def test_drift_is_not_looked_for_where_points_were_moved(clean: np.ndarray) -> None:

@@ -11,6 +11,7 @@
 
 #include "authenticate/file_order.hpp"
 #include "authenticate/ground_plane.hpp"
+#include "authenticate/lattice_places.hpp"
 #include "authenticate/range_windows.hpp"
 #include "authenticate/ring_image.hpp"
 #include "authenticate/void_search.hpp"
@@ -27,6 +28,11 @@ constexpr double kFloatRounding = 1e-5;  // metres
 
 // A million windows of clean ranges reach this exponent in 2 % of the frames at most.
 constexpr double kWindowThreshold = 18.0;
+
+// Metres by which a coordinate may be farther from its place on the lattice than rounding moves it:
+// of the 5.7 million points of 47 frames of KITTI, of which ten gave the lattice, none needs more
+// than 0.13 mm.
+constexpr double kPlaceMargin = 0.00025;
 
 // Coordinates of whole millimetres leave an error that averages out; what was moved along rays from
 // the scanner's centre leaves the lines of lasers that are beside it, all points by the same.
@@ -89,9 +95,9 @@ class Examination {
     constexpr Stage kStages[] = {&Examination::examine_coordinates, &Examination::examine_lines,
                                  &Examination::examine_steps,       &Examination::examine_firings,
                                  &Examination::examine_duplicates,  &Examination::examine_order,
-                                 &Examination::examine_ranges,      &Examination::examine_drift,
-                                 &Examination::examine_voids,       &Examination::tally_flags,
-                                 &Examination::gather_regions};
+                                 &Examination::examine_ranges,      &Examination::examine_places,
+                                 &Examination::examine_drift,       &Examination::examine_voids,
+                                 &Examination::tally_flags,         &Examination::gather_regions};
     double done = 0.0;
     for (const Stage stage : kStages) {
       if (progress_) progress_(0.1 + 0.08 * done++);
@@ -168,7 +174,7 @@ class Examination {
   }
 
   void flag(std::int32_t i, Evidence evidence) {
-    result_.flags[i] |= static_cast<std::uint8_t>(1U << index_of(evidence));
+    result_.flags[i] |= static_cast<std::uint16_t>(1U << index_of(evidence));
   }
 
   void examine_coordinates() {
@@ -289,6 +295,33 @@ class Examination {
       double& strength = cells_(at.row, at.column)[index_of(Evidence::kRange)];
       strength = std::max<double>(strength, exponent);
     }
+  }
+
+  // Who moves points along their beams and writes them again rounds twice, or to ranges between
+  // those that the laser prints: many are no rounding of a place where it can have measured.
+  void examine_places() {
+    const double step = lattice_.coordinate_step;
+    const bool known = lattice_.steps > 0 && lattice_.range_step > 0.0 && is_rounded_once();
+    if (!usable(Evidence::kPlace, known,
+                {Evidence::kGrid, Evidence::kLine, Evidence::kStep, Evidence::kRange})) {
+      return;
+    }
+    const LatticePlaces places(lattice_);
+    flag_points(Evidence::kPlace, [&](std::int32_t i) {
+      if (reading_.count(i) < 0) return false;
+      const Eigen::Vector3d point = points_.points.row(i).transpose().cast<double>();
+      const double off = places.distance(point, reading_.ring(i), reading_.count(i));
+      if (off <= 0.5 * step + kPlaceMargin) return false;
+      const double rho = std::sqrt(point.x() * point.x() + point.y() * point.y());
+      const double doubt = lattice_.rings[reading_.ring(i)].uncertainty(rho);
+      return off > 0.5 * step + kPlaceMargin + doubt;
+    });
+  }
+
+  // Whether coordinates are the scanner's own, rounded to their step and moved by nothing else.
+  [[nodiscard]] bool is_rounded_once() const {
+    const double step = lattice_.coordinate_step;
+    return step > 0.0 && options_.tolerance <= 2.001 * step && options_.azimuth_error == 0.0;
   }
 
   struct DriftTally {
@@ -541,16 +574,16 @@ class Examination {
   // Windows reach beyond what was forged. Where single points are known to be, they say
   // better where.
   void forget_windows_beside_points(const RingImage<std::int32_t>& region_of) {
-    constexpr auto kWindow = static_cast<std::uint8_t>(1U << index_of(Evidence::kRange) |
-                                                       1U << index_of(Evidence::kDrift));
+    constexpr auto kWindow = static_cast<std::uint16_t>(1U << index_of(Evidence::kRange) |
+                                                        1U << index_of(Evidence::kDrift));
     for (std::int32_t i = 0; i < points_.num_points(); ++i) {
-      std::uint8_t& flags = result_.flags[i];
+      std::uint16_t& flags = result_.flags[i];
       if ((flags & kWindow) == 0) continue;
       const std::int32_t number = region_of(cell_row(i), cell_column(reading_.azimuth(i)));
       const Strength& strength = result_.regions[number].strength;
       const auto* windows = strength.data() + index_of(Evidence::kRange);
       if (std::any_of(strength.data(), windows, [](double s) { return s > 0.0; })) {
-        flags &= static_cast<std::uint8_t>(~kWindow);
+        flags &= static_cast<std::uint16_t>(~kWindow);
       }
     }
   }

@@ -14,7 +14,7 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
-from manip3d.authenticate._generic import EVIDENCE
+from manip3d.authenticate._generic import NUM_TESTS
 from manip3d.authenticate._inspect import DetectorReport, Inspection, inspect
 from manip3d.authenticate._lattice import SensorLattice
 from manip3d.authenticate._sequence import FRAMES_PER_SECOND, DriveEvidence, drive_evidence
@@ -350,7 +350,7 @@ def _could_be_accused(found: Inspection | None) -> bool:
 
 def _lattice_p_value(report: DetectorReport) -> float:
     """By the model of detector III, whose score is -log10 of it for one kind of evidence."""
-    return 1.0 if report.score is None else len(EVIDENCE) * 10.0**-report.score
+    return 1.0 if report.score is None else NUM_TESTS * 10.0**-report.score
 
 
 _Numbered = tuple["LidarFrame | None", int]

@@ -26,9 +26,13 @@ if TYPE_CHECKING:
     from manip3d.authenticate._lattice import LatticeReading
 
 EVIDENCE = (
-    "grid", "line", "step", "firing", "duplicate", "order", "range", "drift", "void", "time",
+    "grid", "line", "step", "firing", "duplicate", "order", "place", "range", "drift", "void",
+    "time",
 )  # fmt: skip
 """Kinds of evidence, in the order of the bits of ``flags``."""
+
+NUM_TESTS = len(EVIDENCE) + 1
+"""Tests of a frame, at most: the kinds of evidence, and the points that are scattered."""
 
 MISSING = ("void", "time", "firing")
 """Kinds of evidence that stand on returns that are not there, or on how many of a firing are."""
@@ -39,6 +43,11 @@ million of KITTI's drive 0002 and two other drives does, so it is below 1.2e-6 (
 
 NEIGHBOURS = 100
 """Points among which a second stray point would be taken for a neighbour of a first."""
+
+SCATTER, MOST_SCATTERED = 1.5, 1000
+"""Metres around a point off its line or step in which others make a group, though they do not
+touch; points that are compared with each other at most, a fiftieth of what makes a regular
+region."""
 
 WINDOWS = 1_000_000
 """Windows of ranges that might be tested in a frame of 64 lasers: three around each voxel."""
@@ -120,7 +129,8 @@ class SuspectRegion:
     p_value : float
         Probability, at most, that a clean frame has a region with as much.
     strength : mapping of str to float
-        By kind of evidence; those that say nothing are left out.
+        By kind of evidence; those that say nothing are left out. ``scattered``: -log10 of the
+        probability that points off the lattice lie so near to each other.
     lower, upper : (float, float, float)
         Metres: axis-parallel box of the suspected points, or of where removed ones stood.
     rows : (K,) int64
@@ -204,7 +214,7 @@ class GenericResult(Showable):
     @property
     def values_changed(self) -> bool:
         """Whether coordinates were changed everywhere: then no point tells of itself."""
-        return bool(self.contradicted & {"grid", "line", "step", "range"})
+        return bool(self.contradicted & {"grid", "line", "step", "place", "range"})
 
     def with_rows(self, rows: NDArray[np.int64], scan: LidarFrame) -> GenericResult:
         """Return the result for a scan of which only some points were judged.
@@ -233,7 +243,9 @@ class GenericResult(Showable):
             Verdict of a frame that was judged and has no other evidence.
         """
         points = 0 if self.scan is None else self.scan.num_points
-        tests = math.log10(max(1, sum(said.used for said in self.evidence.values())))
+        tests = math.log10(1 + sum(said.used for said in self.evidence.values()))
+        if not set(STRAYING).isdisjoint(kinds):
+            kinds = (*kinds, "scattered")
         kept = []
         for region in self.regions:
             strength = {k: s for k, s in region.strength.items() if k not in kinds}
@@ -322,15 +334,18 @@ def generic_consistency(
     firing, and KITTI's files list them in a fixed order. What is pasted, moved, turned or dented
     breaks one or several of these; what is moved along rays from the scanner's centre by
     centimetres leaves the lines by less than they are rounded to, and all points the same way
-    (``drift``); what is removed leaves firings into the ground without a return, above ground that
-    answered, with answers to both sides.
+    (``drift``). Its coordinates are rounded a second time, or its ranges lie between those that the
+    laser prints, so that a share of the points are no rounding of any place where their laser can
+    have measured (``place``); what is removed leaves firings into the ground without a return,
+    above ground that answered, with answers to both sides.
     Evidence that the whole frame contradicts (a motion-compensated cloud is on no lattice) is
     dropped, with all that stands on it. A frame without alarm whose lines were dropped is
     undecidable.
 
     Single points that stray by chance are allowed for: of ``m`` neighbouring ones,
-    ``N * STRAY_RATE * (NEIGHBOURS * STRAY_RATE)**(m - 1)`` are expected. Kinds of evidence are
-    combined by their smallest p-value times their number (Bonferroni).
+    ``N * STRAY_RATE * (NEIGHBOURS * STRAY_RATE)**(m - 1)`` are expected. Of points off their lines
+    or steps that do not touch, the same is asked of those within 1.5 m (``scattered``). Kinds of
+    evidence are combined by their smallest p-value times their number (Bonferroni).
 
     Examples
     --------
@@ -461,6 +476,8 @@ def _log10_p(kind: str, strength: float, points: int) -> float:
         log = (VOID_FEWEST - strength) / VOID_SCALE * math.log10(math.e)
     elif kind == "time":
         log = (TIME_FEWEST - strength) / TIME_SCALE * math.log10(math.e)
+    elif kind == "scattered":
+        log = -strength
     elif kind == "between":
         log = (BETWEEN_FEWEST - strength) / BETWEEN_SCALE * math.log10(math.e)
     else:
@@ -486,7 +503,7 @@ def _judged(
         for kind, (dropped, _, _) in zip(EVIDENCE, found["evidence"], strict=True)
         if not dropped
     ]
-    tests = math.log10(max(1, len(used)))
+    tests = math.log10(1 + len(used))
     evidence = {}
     for kind, (dropped, share, strength) in zip(EVIDENCE, found["evidence"], strict=True):
         p_value = 10.0 ** _log10_p(rules[kind], strength, points) if not dropped else 1.0
@@ -504,8 +521,14 @@ def _judged(
         for i in sorted(alarming, key=lambda i: (logs[i], i))
     )
     suspected = np.flatnonzero(np.isin(found["region_of_point"], alarming))
+    log, rows = _scattered(found["flags"], scan.points, suspected)
+    best.append(log)
+    logs.append(min(0.0, tests + log))
+    if 10.0 ** logs[-1] <= false_alarm_rate:
+        regions = (*regions, _scattered_region(logs[-1], log, rows, scan.points))
+        suspected = np.union1d(suspected, rows)
     quiet = _quiet_verdict(evidence, found["directions"], is_stated)
-    verdict: Verdict = "tampered" if alarming else quiet
+    verdict: Verdict = "tampered" if regions else quiet
     return GenericResult(
         verdict,
         IN_WORDS[verdict],
@@ -535,12 +558,45 @@ def _quiet_verdict(
     return "processed" if contradicted and is_stated else "no_trace"
 
 
-OFF_LATTICE = sum(1 << EVIDENCE.index(kind) for kind in ("grid", "line", "step", "firing"))
+OFF_LATTICE = sum(1 << EVIDENCE.index(kind) for kind in ("grid", "line", "step", "firing", "place"))
 """Bits of the kinds that are said of a forged point itself: of two returns of one firing one is
 clean, and windows of ranges reach beyond the object."""
 
+STRAYING = ("grid", "line", "step")
+"""Kinds that are said of a point alone, wherever it is."""
+
 GROUP = 0.5
 """Metres between suspected points of one object."""
+
+
+def _scattered(
+    flags: NDArray[np.uint16], points: NDArray[np.float32], known: NDArray[np.int64]
+) -> tuple[float, NDArray[np.int64]]:
+    """The group of points off the lattice, apart from each other, that chance explains least.
+
+    Its log10 p-value: that one of all points strays, and so many of those around it. Rows of
+    ``known`` are in no group.
+    """
+    bits = sum(1 << EVIDENCE.index(kind) for kind in STRAYING)
+    rows = np.setdiff1d(np.flatnonzero(flags & bits), known)
+    if not 2 <= len(rows) <= MOST_SCATTERED:
+        return 0.0, rows[:0]
+    away = points[rows, None].astype(np.float64) - points[None, rows]
+    near = (away * away).sum(axis=2) <= SCATTER**2
+    center = int(near.sum(axis=1).argmax())
+    around = points.astype(np.float64) - points[rows[center]]
+    crowd = int(np.count_nonzero((around * around).sum(axis=1) <= SCATTER**2))
+    group = rows[near[center]]
+    log = math.log10(len(points) * STRAY_RATE)
+    return min(0.0, log + (len(group) - 1) * math.log10(crowd * STRAY_RATE)), group
+
+
+def _scattered_region(
+    log: float, strength: float, rows: NDArray[np.int64], points: NDArray[np.float32]
+) -> SuspectRegion:
+    there = points[rows].astype(np.float64)
+    low, high = (tuple(each(axis=0).tolist()) for each in (there.min, there.max))
+    return SuspectRegion(10.0**log, {"scattered": -strength}, low, high, rows, tight_box(there))
 
 
 def _rows_of(found: Mapping[str, Any], region: int) -> NDArray[np.int64]:
@@ -551,7 +607,7 @@ def _region(
     found: tuple[Any, Any, Any],
     log: float,
     rows: NDArray[np.int64],
-    flags: NDArray[np.uint8],
+    flags: NDArray[np.uint16],
     points: NDArray[np.float32],
 ) -> SuspectRegion:
     strengths, lower, upper = found

@@ -759,10 +759,13 @@ def _where_told(
     *,
     reading: LatticeReading | None = None,
 ) -> GenericResult:
-    """Judge the points that a lattice read off the scan tells of, without holes and firings."""
+    """Judge the points that a lattice read off the scan tells of.
+
+    One scan tells neither holes and firings, nor places to a fraction of a millimetre.
+    """
     kept = np.flatnonzero(lattice.is_told_by_scan(scan.points, reading))
     judged = judge(scan.select(kept)).with_rows(kept, scan)
-    return judged.without(("firing", "void"), why="unknown", quiet="no_trace")
+    return judged.without(("firing", "place", "void"), why="unknown", quiet="no_trace")
 
 
 def _in_lasers_of(

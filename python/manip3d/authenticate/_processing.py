@@ -240,6 +240,14 @@ def _of_lattice(
         found.append(
             Processing("turned", f"coordinates were changed everywhere (contradicted: {names})")
         )
+    elif "place" in contradicted:
+        found.append(
+            Processing(
+                "moved",
+                "coordinates are no roundings of places where the scanner measures: they were "
+                "rounded twice, or noise of less than a millimetre was added",
+            )
+        )
     if "duplicate" in contradicted:
         found.append(Processing("fused", "most directions hold several returns"))
     elif (twice := _degrees_seen_twice(points, sensor, generic, reading)) >= LEAST_SEEN_TWICE:

@@ -21,12 +21,13 @@ enum class Evidence : std::uint8_t {
   kFiring,     ///< Points at a step at which the scanner did not fire.
   kDuplicate,  ///< Two returns of one firing of one laser.
   kOrder,      ///< Points at the wrong place in the file.
+  kPlace,      ///< Points that are no rounding of a place where their laser can have measured.
   kRange,      ///< Windows whose ranges are not whole numbers of the range step.
   kDrift,      ///< Windows whose points lie beside their lines on average, by less than rounding.
   kVoid,       ///< Firings that got no return although they went to the ground.
   kTime,       ///< Firings that got no return and were answered in the turns beside this one.
 };
-inline constexpr int kNumEvidence = 10;
+inline constexpr int kNumEvidence = 11;
 
 struct GenericOptions {
   double tolerance = 0.002;    ///< Metres from line and step; rounding to 1 mm leaves 0.0008.
@@ -72,7 +73,7 @@ inline constexpr int kCellRings = 2;      ///< Lasers per row of cells.
 
 struct GenericResult {
   std::array<EvidenceReport, kNumEvidence> evidence;
-  std::vector<std::uint8_t> flags;            ///< (N,): bit e is set where Evidence(e) speaks.
+  std::vector<std::uint16_t> flags;           ///< (N,): bit e is set where Evidence(e) speaks.
   std::vector<std::uint16_t> cells;           ///< (rows x kCellColumns): items of evidence.
   std::vector<std::int32_t> region_of_point;  ///< (N,): of a point with flags; else -1.
   std::vector<SuspectRegion> regions;         ///< In the order of their first cells.
