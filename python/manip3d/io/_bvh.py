@@ -154,9 +154,7 @@ def read_bvh(path: str | os.PathLike[str]) -> Motion:
 class _Reader:
     """The words of a file one after the other, with the line that each stands in."""
 
-    def __init__(
-        self, lines: list[bytes], file: str, look: Callable[[float], None] | None
-    ) -> None:
+    def __init__(self, lines: list[bytes], file: str, look: Callable[[float], None] | None) -> None:
         self._lines, self._file = lines, file
         self._look = look  # raises once the time is over
         self.line = 0  # 1-based number of the line of the word given last
