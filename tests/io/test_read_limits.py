@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,18 +13,20 @@ import pytest
 from manip3d import FormatError, InputError, LidarFrame, _core, io, simulate
 from manip3d.io import _limits
 
-READERS: dict[str, Callable[[Path], object]] = {
+READERS: dict[str, Any] = {
     "a.obj": io.read_mesh,
     "a.glb": io.read_scene,
-    "a.ply": io.read_mesh,
+    "a.ply": io.read_report,
     "s.bin": io.read_scan,
-    "s.pcd": io.read_scan,
+    "s.pcd": io.read_scans,
     "s.las": io.read_scan,
     "s.laz": io.read_scan,
     "s.e57": io.read_scan,
     "grid.ply": io.read_range_grid,
     "d.npy": io.read_depth,
-    "d.png": io.read_depth,
+    "d.png": io.read_depth_guessing,
+    "p.png": io.read_pixel_map,
+    "m.bvh": io.read_bvh,
 }
 
 
@@ -50,11 +52,22 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     rows = "".join(f"{x} {y} 1\n" for y in range(40) for x in range(40))
     (place / "grid.ply").write_text(header + rows + "".join(f"1 {i}\n" for i in range(1600)))
+    (place / "m.bvh").write_text(
+        "HIERARCHY ROOT Hips { OFFSET 0 0 0 CHANNELS 3 Xposition Yposition Zposition\n"
+        "End Site { OFFSET 0 1 0 } }\nMOTION\nFrames: 1600\nFrame Time: 0.01\n" + "0 90 0\n" * 1600
+    )
     depth = np.full((40, 40), 2000, np.uint16)
     np.save(place / "d.npy", depth)
     image = pytest.importorskip("PIL.Image")
-    image.fromarray(depth).save(place / "d.png")
+    for name in ("d.png", "p.png"):
+        image.fromarray(depth).save(place / name)
     return place
+
+
+def test_no_reader_is_left_out() -> None:
+    tested = {reader.__name__ for reader in READERS.values()}
+    readers = {name for name in io.__all__ if name.startswith("read_")}
+    assert readers - tested == {"read_mesh_bytes"}  # has no file
 
 
 @pytest.mark.parametrize("name", READERS)

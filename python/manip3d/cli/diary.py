@@ -19,7 +19,7 @@ from manip3d.errors import FormatError, InputError, printable
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from manip3d.diary import Answers, Diary, DiaryAnalysis, Estimate, Questionnaire
+    from manip3d.diary import Answers, Diary, DiaryAnalysis, DiarySession, Estimate, Questionnaire
 
 app = typer.Typer(
     name="diary",
@@ -202,6 +202,18 @@ def list_participants(path: File, key: Key = None, as_json: Json = False) -> Non
     Terminal(as_json=as_json).result(rows, show)
 
 
+def _session_row(session: DiarySession) -> list[str]:
+    """One line of the table of a participant's sessions."""
+    stuck = sum(len(game.anomalies) for game in session.games)
+    pain = f"{_dash(session.pain_before)} -> {_dash(session.pain_after)}"
+    pain += "" if session.answered else " (not answered at the end)"
+    games = [
+        f"{game.game} {game.score}{' (simulated)' if game.is_simulated else ''}"
+        for game in session.games
+    ]
+    return [_day(session.started), printable(", ".join(games) or "none"), pain, str(stuck)]
+
+
 @app.command("show")
 def show_participant(path: File, participant: Who, key: Key = None, as_json: Json = False) -> None:
     """Show the sessions, games, ratings, questionnaires and adverse events of a participant.
@@ -239,19 +251,7 @@ def show_participant(path: File, participant: Who, key: Key = None, as_json: Jso
             f"{done.complete} of {done.expected} sessions complete in {counted(done.days, 'day')}, "
             f"{done.partial} more in part{_left_out(done.simulated)}"
         )
-        rows = []
-        for session in sessions:
-            stuck = sum(len(game.anomalies) for game in session.games)
-            pain = f"{_dash(session.pain_before)} -> {_dash(session.pain_after)}"
-            pain += "" if session.answered else " (not answered at the end)"
-            games = (
-                ", ".join(
-                    f"{game.game} {game.score}{' (simulated)' if game.is_simulated else ''}"
-                    for game in session.games
-                )
-                or "none"
-            )
-            rows.append([_day(session.started), printable(games), pain, str(stuck)])
+        rows = [_session_row(session) for session in sessions]
         if rows:
             table(console, rows, ("session", "games and scores", "pain", "anomalies"))
         for one in filled:

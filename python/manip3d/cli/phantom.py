@@ -29,6 +29,7 @@ from manip3d.cli.terminal import Terminal, check_output, counted, naming_options
 
 if TYPE_CHECKING:
     from manip3d.capture import RgbdSource
+    from manip3d.phantom import LiveReport
     from manip3d.serve import Certificate
 
 app = typer.Typer(
@@ -206,6 +207,41 @@ class GameName(StrEnum):
     piano = "piano"
 
 
+def _tell_session(shell: Terminal, report: LiveReport) -> None:
+    """Tell what came of a live session, as text and as JSON."""
+    shell.say(
+        f"{counted(report.frames, 'frame')} in {report.seconds:.1f} s, "
+        f"{report.affected.replace('_', ' ')}; {counted(len(report.clients), 'client')}"
+    )
+    for client in report.clients:
+        if client["latency_ms"]:
+            middle, high = client["latency_ms"]
+            shell.say(
+                f"client: {client['acknowledged']} frames, {client['dropped']} dropped; "
+                f"latency {middle:.0f} ms, 95 %: {high:.0f} ms"
+            )
+    for reason, number in report.refused.items():
+        shell.say(f"refused {counted(number, 'time')}: {reason}")
+    shell.result(
+        {
+            "limb": report.affected,
+            "frames": report.frames,
+            "seconds": round(report.seconds, 3),
+            "first_frame_s": report.first_frame_s,
+            "states": dict(report.states),
+            "stage_ms": dict(report.stage_ms),
+            "clients": [dict(client) for client in report.clients],
+            "refused": dict(report.refused),
+            "games": [
+                {**vars(summary), "anomalies": [vars(one) for one in summary.anomalies]}
+                for summary in report.games
+            ],
+            "unkept": list(report.unkept),
+            "lost_log_lines": report.lost_log_lines,
+        }
+    )
+
+
 @app.command("live")
 def phantom_live(
     source: Annotated[
@@ -330,37 +366,7 @@ def phantom_live(
             on_start=on_start,
             open_page=webbrowser.open if is_opened else None,
         )
-    shell.say(
-        f"{counted(report.frames, 'frame')} in {report.seconds:.1f} s, "
-        f"{report.affected.replace('_', ' ')}; {counted(len(report.clients), 'client')}"
-    )
-    for client in report.clients:
-        if client["latency_ms"]:
-            middle, high = client["latency_ms"]
-            shell.say(
-                f"client: {client['acknowledged']} frames, {client['dropped']} dropped; "
-                f"latency {middle:.0f} ms, 95 %: {high:.0f} ms"
-            )
-    for reason, number in report.refused.items():
-        shell.say(f"refused {counted(number, 'time')}: {reason}")
-    shell.result(
-        {
-            "limb": report.affected,
-            "frames": report.frames,
-            "seconds": round(report.seconds, 3),
-            "first_frame_s": report.first_frame_s,
-            "states": dict(report.states),
-            "stage_ms": dict(report.stage_ms),
-            "clients": [dict(client) for client in report.clients],
-            "refused": dict(report.refused),
-            "games": [
-                {**vars(summary), "anomalies": [vars(one) for one in summary.anomalies]}
-                for summary in report.games
-            ],
-            "unkept": list(report.unkept),
-            "lost_log_lines": report.lost_log_lines,
-        }
-    )
+    _tell_session(shell, report)
     if report.lost_log_lines:
         typer.echo(f"lines of the log that could not be written: {report.lost_log_lines}", err=True)
     for one in report.unkept:

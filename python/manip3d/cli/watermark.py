@@ -280,10 +280,15 @@ def embed(
         _remove_others(kept)
     if drive and not scans_only:
         authenticate.copy_rest_of_drive(source, output, written=written)
-    records = "its record" if len(rows) == 1 else "their records"
-    carried = " in pictures" if picture and drive else " in a picture" if picture else ""
-    shell.say(f"wrote {counted(len(rows), 'scan')} with {records}{carried} to {output}")
+    carrier = ("pictures" if drive else "a picture") if picture else ""
+    shell.say(f"wrote {_with_records(len(rows), carrier)} to {output}")
     shell.result(record, lambda console: console.print(f"session {record['session']}"))
+
+
+def _with_records(num_scans: int, carrier: str) -> str:
+    """Return how many scans there are, and where their records went."""
+    records = "its record" if num_scans == 1 else "their records"
+    return f"{counted(num_scans, 'scan')} with {records}{f' in {carrier}' if carrier else ''}"
 
 
 def _remove_others(kept: set[Path]) -> None:

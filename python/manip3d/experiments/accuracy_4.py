@@ -70,6 +70,34 @@ _POSES: tuple[dict[str, Any], ...] = (
 _ANGLES = (0, 5, 10, 15, 20, 30, 40, 45, 50, 60)
 
 
+_BENT: tuple[tuple[str, str, dict[str, Any]], ...] = (
+    ("elbow at 90 degrees", "right_arm", {"motion": "elbow-bent"}),
+    ("elbow at 90 degrees, turned", "left_arm", {"motion": "elbow-bent", "turn": 30.0}),
+    ("knee at 80 degrees, seated", "right_leg", {"motion": "arm-raise", "sitting": True}),
+    (
+        "knee at 80 degrees, seated, turned",
+        "left_leg",
+        {"motion": "arm-raise", "sitting": True, "turn": 30.0},
+    ),
+    (
+        "knee at 80 degrees, a hand on the thigh",
+        "right_leg",
+        {"motion": "still", "sitting": True},
+    ),
+    (
+        "a stump that rests while the other arm rises",
+        "right_arm",
+        {"motion": "arm-raise", "amputated": "right_arm"},
+    ),
+    (
+        "a stump that rises with the other arm",
+        "right_arm",
+        {"motion": "arm-raise", "amputated": "right_arm", "side": "both"},
+    ),
+)
+"""Limbs that are bent, or rest on something: the name of the case, the limb, and the scene."""
+
+
 def _cases(plan: Plan) -> list[Case]:
     full = plan.scale == "full"
     seed = {"seed": plan.seed}
@@ -111,34 +139,7 @@ def _cases(plan: Plan) -> list[Case]:
         case(tilt_shoulders, "tilt", f"{tilt} degrees", tilt=tilt)
         for tilt in ((0, 5, 10) if full else (10,))
     ]
-    cases += [
-        case(bend_limbs, "bent", name, limb=limb, scene=scene)
-        for name, limb, scene in (
-            ("elbow at 90 degrees", "right_arm", {"motion": "elbow-bent"}),
-            ("elbow at 90 degrees, turned", "left_arm", {"motion": "elbow-bent", "turn": 30.0}),
-            ("knee at 80 degrees, seated", "right_leg", {"motion": "arm-raise", "sitting": True}),
-            (
-                "knee at 80 degrees, seated, turned",
-                "left_leg",
-                {"motion": "arm-raise", "sitting": True, "turn": 30.0},
-            ),
-            (
-                "knee at 80 degrees, a hand on the thigh",
-                "right_leg",
-                {"motion": "still", "sitting": True},
-            ),
-            (
-                "a stump that rests while the other arm rises",
-                "right_arm",
-                {"motion": "arm-raise", "amputated": "right_arm"},
-            ),
-            (
-                "a stump that rises with the other arm",
-                "right_arm",
-                {"motion": "arm-raise", "amputated": "right_arm", "side": "both"},
-            ),
-        )
-    ]
+    cases += [case(bend_limbs, "bent", name, limb=limb, scene=scene) for name, limb, scene in _BENT]
     cases += [
         case(hold_still, "steadiness", name, smooth=smooth, frames=240 if full else 45)
         for name, smooth in (("with smoothing", True), ("without", False))

@@ -185,10 +185,15 @@ def cases(plan: Plan) -> list[Case]:
                 },
             )
         )
-    if plan.data == "real":
-        return made
+    if plan.data != "real":
+        made += _simulated_cases(plan)
+    return made
+
+
+def _simulated_cases(plan: Plan) -> list[Case]:
+    """Blocks of clean simulated streets."""
     block = STREETS_PER_CASE[plan.scale]
-    return made + [
+    return [
         Case(
             run_simulated,
             {

@@ -25,7 +25,15 @@ from manip3d._util.paths import path_of
 from manip3d.camera import same_camera
 from manip3d.errors import FormatError, InputError
 from manip3d.io._files import atomic_write, regular_bytes
-from manip3d.modify import JointSmoother, PoseScope, Skinning, animate, animation_mesh, segment_body
+from manip3d.modify import (
+    AnimationMesh,
+    JointSmoother,
+    PoseScope,
+    Skinning,
+    animate,
+    animation_mesh,
+    segment_body,
+)
 from manip3d.rgbd import NO_BODY, RgbdCalibration, RgbdFrame, Skeleton, check_frames
 
 if TYPE_CHECKING:
@@ -834,6 +842,36 @@ def _labels(frame: RgbdFrame, person: Skeleton | None) -> NDArray[np.uint8]:
     return np.where(frame.body_index != NO_BODY, np.uint8(_EVERYBODY), np.uint8(0))
 
 
+def _drawn(
+    frame: RgbdFrame,
+    scene: RgbdFrame,
+    mesh: AnimationMesh,
+    vertices: NDArray[np.float32],
+    options: _Options,
+    *,
+    in_place: bool,
+) -> tuple[NDArray[np.uint16], NDArray[np.uint8], NDArray[np.uint8] | None]:
+    """Depth, mask of the person and colours of the scene, with the person drawn in front of it."""
+    has_color = frame.color is not None and scene.color is not None
+    core = _core.CompositeOptions()
+    core.surface = _core.CompositeSurface.__members__[options.surface.upper()]
+    core.fill_pinholes, core.blend = options.fill_pinholes, options.blend
+    return _core.composite(
+        vertices,
+        mesh.faces,
+        mesh.vertices,
+        mesh.pixels,
+        frame.color if has_color else None,
+        frame.calibration.registration,
+        in_place,
+        np.ascontiguousarray(scene.depth),
+        scene.calibration.depth,
+        np.ascontiguousarray(scene.color) if has_color and scene.color is not None else None,
+        scene.calibration.registration,
+        core,
+    )
+
+
 def _forge(
     frame: RgbdFrame,
     person: Skeleton | None,
@@ -873,24 +911,7 @@ def _forge(
     if not stays:
         vertices = (vertices + options.move).astype(np.float32)
     watch.done("animation")
-    has_color = frame.color is not None and scene.color is not None
-    core = _core.CompositeOptions()
-    core.surface = _core.CompositeSurface.__members__[options.surface.upper()]
-    core.fill_pinholes, core.blend = options.fill_pinholes, options.blend
-    depth, mask, color = _core.composite(
-        vertices,
-        mesh.faces,
-        mesh.vertices,
-        mesh.pixels,
-        frame.color if has_color else None,
-        frame.calibration.registration,
-        in_place,
-        np.ascontiguousarray(scene.depth),
-        scene.calibration.depth,
-        np.ascontiguousarray(scene.color) if has_color and scene.color is not None else None,
-        scene.calibration.registration,
-        core,
-    )
+    depth, mask, color = _drawn(frame, scene, mesh, vertices, options, in_place=in_place)
     watch.done("drawing")
     drawn = mask.view(np.bool_)
     index, skeletons = _people(scene, drawn, moved, options.move)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,6 +14,7 @@ from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
 from manip3d.io._files import regular_bytes
+from manip3d.io._limits import byte_limit, check_points, clock
 
 Floats = NDArray[np.float64]
 
@@ -100,7 +101,8 @@ def read_bvh(path: str | os.PathLike[str]) -> Motion:
     Raises
     ------
     FormatError
-        The file is no BVH, is damaged, or larger than 64 MiB; names the line.
+        The file is no BVH, is damaged (names the line), or is larger than 64 MiB or than
+        `ReadLimits` allow.
     OSError
         It cannot be read.
 
@@ -130,27 +132,31 @@ def read_bvh(path: str | os.PathLike[str]) -> Motion:
     (('Hips', 'Head'), [-60.0, 90.0, 0.0])
     """
     name = str(path)
-    size = os.stat(path_of(path)).st_size
+    size, limit = os.stat(path_of(path)).st_size, byte_limit(None)
+    if limit and size > limit:
+        raise FormatError(f"more than max_bytes = {limit}", file=name)
     if size > MOST_BYTES:
         raise FormatError(f"expected at most {MOST_BYTES} bytes, got {size}", file=name)
-    lines = regular_bytes(path_of(path)).splitlines()
-    reader = _Reader(lines, name)
-    joints = _hierarchy(reader)
-    count, frame_s = _header(reader)
-    values = _numbers(reader, count, sum(len(j.channels or ()) for j in joints))
-    return Motion(
-        tuple(joint.name for joint in joints),
-        tuple(joint.parent for joint in joints),
-        _places(joints, values),
-        frame_s,
-    )
+    with clock(name) as look:
+        reader = _Reader(regular_bytes(path_of(path)).splitlines(), name, look)
+        joints = _hierarchy(reader)
+        count, frame_s = _header(reader)
+        check_points(count * len(joints), name)
+        values = _numbers(reader, count, sum(len(j.channels or ()) for j in joints))
+        return Motion(
+            tuple(joint.name for joint in joints),
+            tuple(joint.parent for joint in joints),
+            _places(joints, values),
+            frame_s,
+        )
 
 
 class _Reader:
     """The words of a file one after the other, with the line that each stands in."""
 
-    def __init__(self, lines: list[bytes], file: str) -> None:
+    def __init__(self, lines: list[bytes], file: str, look: Callable[[float], None] | None) -> None:
         self._lines, self._file = lines, file
+        self._look = look  # raises once the time is over
         self.line = 0  # 1-based number of the line of the word given last
         self._words: Iterator[bytes] = iter(())
 
@@ -194,6 +200,8 @@ class _Reader:
         yield b" ".join(self._words)
         while self.line < len(self._lines):
             self.line += 1
+            if self._look is not None:
+                self._look(self.line / len(self._lines))
             yield self._lines[self.line - 1]
 
 

@@ -17,8 +17,9 @@ _IN_FORCE: ContextVar[tuple[ReadLimits, ...]] = ContextVar("limits of readers", 
 @checked
 @dataclass(frozen=True)
 class ReadLimits:
-    """Limits of every reader of meshes, scenes, scans and depth images within a ``with`` block.
+    """Limits of every reader of `manip3d.io` within a ``with`` block.
 
+    They hold for meshes, scenes, scans, depth images and motions.
     A file that passes one of them is refused with a `FormatError` that names the file and the
     limit. Blocks may be nested: all their limits hold. They hold for the thread, or the task of
     asyncio, that entered the block. Of a LiDAR recording (`manip3d.capture.open_lidar`), which is
@@ -30,8 +31,8 @@ class ReadLimits:
         The most uncompressed bytes of a file. As the argument ``max_bytes`` of a reader it also
         lifts the limit on the expansion of compressed files.
     max_points : int, optional
-        The most points of all scans of a file, vertices of a mesh or of a scene, or pixels of a
-        depth image.
+        The most points of all scans of a file, vertices of a mesh or of a scene, pixels of a
+        depth image, or joints of all frames of a motion.
         Counted where the header tells before anything is read, else when all is read:
         what bounds the memory until then is ``max_bytes``.
     max_seconds : float, optional

@@ -714,6 +714,23 @@ def _relief_of_view(
     )
 
 
+def _owned(
+    views: Sequence[_View],
+    surfaces: Sequence[_Surface],
+    facing: Sequence[NDArray[np.float64]],
+    near: Sequence[float],
+    threads: int,
+) -> list[int]:
+    """How many pixels of each view no earlier view shows, as far as the full meshes tell."""
+    found = []
+    for i, view in enumerate(views):
+        is_shown = np.zeros(int(view.valid.sum()), bool)
+        for surface in surfaces[:i]:
+            is_shown |= surface.covers(view.world, facing[i], near[i], threads)
+        found.append(int((~is_shown).sum()))
+    return found
+
+
 def _join(
     views: Sequence[CameraView],
     target_points: int,
@@ -727,12 +744,10 @@ def _join(
     if not len(views):
         raise InputError("views: expected at least one")
     remaining = _count(target_points, "target_points")
-    if max_edge is not None and not max_edge > 0:
-        raise InputError(f"max_edge: expected > 0, got {max_edge}")
-    if depth_step is not None and not depth_step > 0:
-        raise InputError(f"depth_step: expected > 0, got {depth_step}")
-    if tolerance is not None and not tolerance > 0:
-        raise InputError(f"tolerance: expected > 0, got {tolerance}")
+    lengths = {"max_edge": max_edge, "depth_step": depth_step, "tolerance": tolerance}
+    for name, value in lengths.items():
+        if value is not None and not value > 0:
+            raise InputError(f"{name}: expected > 0, got {value}")
     threads = threads_of(threads)
     taken = [_take(view, index, threads) for index, view in enumerate(views)]
     near = [tolerance or 5.0 * _spacing(view) for view in taken]
@@ -744,18 +759,7 @@ def _join(
     ]
     normals = [_pixel_normals(view) for view in taken]
     facing = [n[view.valid] for n, view in zip(normals, taken, strict=True)]
-    # How many pixels of each view are its own, as far as the full meshes tell.
-    owned = [
-        int(view.valid.sum())
-        - int(
-            np.any(
-                [s.covers(view.world, facing[i], near[i], threads) for s in surfaces[:i]]
-                or [np.zeros(int(view.valid.sum()), bool)],
-                axis=0,
-            ).sum()
-        )
-        for i, view in enumerate(taken)
-    ]
+    owned = _owned(taken, surfaces, facing, near, threads)
     rate = target_points / max(1, sum(owned))
     largest = int(np.argmax(owned))
     joint = _Joint()
