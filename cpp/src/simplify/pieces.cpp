@@ -38,7 +38,7 @@ Pieces::Pieces(const MeshView& mesh, double scale, const Progress& progress)
   for (std::int32_t f = 0; f < mesh.num_faces(); ++f) {
     if (is_degenerate(mesh.faces, f)) continue;
     Piece& piece = pieces_[of_vertex_(mesh.faces(f, 0))];
-    piece.area += area(f);
+    piece.area += area_of_face(f);
     ++piece.faces;
   }
   // Samples are taken at equal steps of area, not of faces: a few large faces among many small ones
@@ -50,7 +50,7 @@ Pieces::Pieces(const MeshView& mesh, double scale, const Progress& progress)
     Piece& piece = pieces_[i];
     const std::int64_t count = std::clamp(piece.faces, kLeastSamples, kMostSamples);
     const double step = piece.area / static_cast<double>(count);
-    passed[i] += area(f);
+    passed[i] += area_of_face(f);
     for (auto k = static_cast<std::int64_t>(piece.samples.size());
          k < count && !(passed[i] < (static_cast<double>(k) + 0.5) * step); ++k) {
       piece.samples.push_back(f);
@@ -72,7 +72,7 @@ Eigen::Vector3d Pieces::point_of(std::int32_t face, std::int64_t sample) const {
   return sum;
 }
 
-double Pieces::area(std::int32_t face) const {
+double Pieces::area_of_face(std::int32_t face) const {
   const Eigen::Vector3d p = mesh_.vertices.row(mesh_.faces(face, 0)) / scale_,
                         q = mesh_.vertices.row(mesh_.faces(face, 1)) / scale_,
                         r = mesh_.vertices.row(mesh_.faces(face, 2)) / scale_;
@@ -81,6 +81,15 @@ double Pieces::area(std::int32_t face) const {
 
 double Pieces::mean_distance(std::int32_t piece) const {
   return pieces_[piece].area > 0.0 ? pieces_[piece].cost / pieces_[piece].area : 0.0;
+}
+
+std::vector<Eigen::Vector3d> Pieces::samples(std::int32_t piece) const {
+  const std::vector<std::int32_t>& faces = pieces_[piece].samples;
+  std::vector<Eigen::Vector3d> points;
+  for (std::size_t i = 0; i < faces.size(); ++i) {
+    points.push_back(point_of(faces[i], static_cast<std::int64_t>(i)));
+  }
+  return points;
 }
 
 bool Pieces::refresh(std::int32_t piece) {
@@ -96,8 +105,7 @@ void Pieces::measure(std::int32_t index) {
   Piece& piece = pieces_[index];
   piece.nearest.clear();
   double distances = 0.0;
-  for (std::size_t i = 0; i < piece.samples.size(); ++i) {
-    const Eigen::Vector3d sample = point_of(piece.samples[i], static_cast<std::int64_t>(i));
+  for (const Eigen::Vector3d& sample : samples(index)) {
     const SurfacePoint point = bvh_->closest_point_where(sample, [&](std::int32_t face) {
       const std::int32_t other = of_vertex_(mesh_.faces(face, 0));
       return other >= 0 && other != index && is_there(other);

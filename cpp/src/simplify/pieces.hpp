@@ -29,6 +29,9 @@ class Pieces {
   /// Infinite for the last piece. The result may change when other pieces go.
   [[nodiscard]] double cost(std::int32_t piece) const { return pieces_[piece].cost; }
   [[nodiscard]] double mean_distance(std::int32_t piece) const;
+  [[nodiscard]] double area(std::int32_t piece) const { return pieces_[piece].area; }
+  /// Points at equal steps of area on the original surface, in the input's coordinates.
+  [[nodiscard]] std::vector<Eigen::Vector3d> samples(std::int32_t piece) const;
   /// Measures the cost again if a piece it was measured to is gone; whether it was.
   bool refresh(std::int32_t piece);
 
@@ -44,7 +47,7 @@ class Pieces {
 
   void measure(std::int32_t piece);
   [[nodiscard]] Eigen::Vector3d point_of(std::int32_t face, std::int64_t sample) const;
-  [[nodiscard]] double area(std::int32_t face) const;
+  [[nodiscard]] double area_of_face(std::int32_t face) const;
 
   const MeshView& mesh_;
   double scale_;

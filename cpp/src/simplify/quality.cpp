@@ -14,6 +14,7 @@
 
 #include "geometry/union_find.hpp"
 #include "manip3d/error.hpp"
+#include "manip3d/geometry/patch_distance.hpp"
 #include "simplify/attribute_quadric.hpp"
 #include "simplify/collapse_mesh.hpp"
 #include "simplify/collapse_rules.hpp"
@@ -63,6 +64,9 @@ constexpr std::size_t kMostRefused = 1 << 20;
 
 /// A piece that vanishes is missed more than its distance says.
 constexpr double kPieceFactor = 2.0;
+
+/// A piece with so few faces left has each of them far from most of what it stands for.
+constexpr std::int64_t kLastFaces = 12;
 
 /// The faces of an edge lie on one side if the mean of the unit vectors towards them is this long:
 /// two of them open by less than 16 degrees.
@@ -494,6 +498,56 @@ class QualitySimplifier {
     return box.exteriorDistance(p) / 3.0 * area;
   }
 
+  /// What the planes around an edge do not tell of one of the last faces of a piece: they are the
+  /// whole of it, and front and back can fold onto each other in all of these planes. How much
+  /// farther from its faces the original surface of the piece is on average, over its area.
+  [[nodiscard]] double lost_shape(std::int32_t v, std::int32_t t, const Vector3d& p) {
+    gather_piece(t);
+    const auto goes = [&](std::int32_t f) { return touches(f, v) && touches(f, t); };
+    const auto moves = [&](std::int32_t f) { return touches(f, v) || touches(f, t); };
+    const std::int32_t piece = pieces_.of_vertex(t);
+    const std::vector<Vector3d> samples = pieces_.samples(piece);
+    double farther = 0.0;
+    for (const Vector3d& sample : samples) {
+      const Vector3d point = mesh_.from_input(sample);
+      double before = std::numeric_limits<double>::infinity(), after = before;
+      for (const std::int32_t f : last_faces_) {
+        Triangle3 corners;
+        for (int c = 0; c < 3; ++c) corners[c] = mesh_.position(mesh_.face(f)[c]);
+        const double now = distance(point, corners);
+        before = std::min(before, now);
+        if (goes(f)) continue;
+        for (int c = 0; c < 3; ++c) {
+          const std::int32_t corner = mesh_.face(f)[c];
+          if (corner == v || corner == t) corners[c] = p;
+        }
+        after = std::min(after, moves(f) ? distance(point, corners) : now);
+      }
+      farther += after - before;
+    }
+    return pieces_.area(piece) * std::max(0.0, farther) / static_cast<double>(samples.size());
+  }
+
+  [[nodiscard]] bool touches(std::int32_t f, std::int32_t v) const {
+    const auto& face = mesh_.face(f);
+    return face[0] == v || face[1] == v || face[2] == v;
+  }
+
+  /// All faces that are left of the piece of a vertex, into last_faces_.
+  void gather_piece(std::int32_t v) {
+    last_faces_.clear();
+    around_.assign(1, v);
+    const auto add = [](std::vector<std::int32_t>& known, std::int32_t x) {
+      if (std::find(known.begin(), known.end(), x) == known.end()) known.push_back(x);
+    };
+    for (std::size_t i = 0; i < around_.size(); ++i) {
+      mesh_.for_each_face(around_[i], [&](std::int32_t f, std::int32_t) { add(last_faces_, f); });
+      for (const std::int32_t f : last_faces_) {
+        for (const std::int32_t corner : mesh_.face(f)) add(around_, corner);
+      }
+    }
+  }
+
   // --- The queue -----------------------------------------------------------------------------
 
   void push_edge(std::int32_t v, std::int32_t t, std::int32_t num_faces) {
@@ -599,6 +653,10 @@ class QualitySimplifier {
         refusal.reset();
       }
       if (refusal) return refuse(v, t, reason);
+    }
+    if (pieces_.size() > 0 && faces_left(t) <= kLastFaces) {
+      const double weight = std::max(importance(v), importance(t)) / edge->num_faces;
+      best.price = std::max(best.price, weight * lost_shape(v, t, best.position));
     }
     if (is_overtaken(best.price, entry.price)) {
       queue_.push({best.price, v, t, entry.version});
@@ -1055,7 +1113,7 @@ class QualitySimplifier {
   // twice.
   std::set<std::pair<std::int32_t, std::int32_t>> refused_;
   double fraction_ = 0.2;  // of the work that was last reported
-  std::vector<std::int32_t> touched_, around_;
+  std::vector<std::int32_t> touched_, around_, last_faces_;
   std::vector<DistanceGuard::Change> changed_;
   WedgeMap map_;
   std::vector<std::pair<std::int32_t, AttributeQuadric>> wedges_;
