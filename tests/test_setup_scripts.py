@@ -55,6 +55,31 @@ def test_a_step_that_fails_shows_everything() -> None:
     assert "a title: failed with status 7" in done.stderr
 
 
+def nightly(folder: Path, steps: str) -> subprocess.CompletedProcess[str]:
+    """Run steps of the night with a `make` that only fails to fuzz."""
+    make = folder / "make"
+    make.write_text('#!/bin/sh\necho "made $2"\n[ "$2" != fuzz ]\n')
+    make.chmod(0o755)
+    return subprocess.run(
+        [ROOT / ".ci" / "nightly"],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"PATH": f"{folder}:{os.environ['PATH']}", "NIGHTLY_STEPS": steps},
+    )
+
+
+def test_a_night_goes_on_after_a_step_that_fails_and_names_it(tmp_path: Path) -> None:
+    done = nightly(tmp_path, "fuzz tsan")
+    assert (done.returncode, done.stderr) == (1, "failed: fuzz\n")
+    assert "made tsan" in done.stdout
+    assert nightly(tmp_path, "tsan asan").returncode == 0
+
+
+def test_a_night_refuses_steps_that_it_does_not_know(tmp_path: Path) -> None:
+    done = nightly(tmp_path, "tsan true")
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", "no step: true\n")
+
+
 def test_the_demo_is_lighter_than_what_developers_need() -> None:
     of_extra = module_of(ROOT / ".ci" / "requirements.py").of_extra
     names = {

@@ -130,7 +130,7 @@ void bind_authenticate(py::module_& m) {
             density_options(origin, sector, level_width, level_growth, max_range, false, threads);
         std::vector<std::int32_t> found;
         {
-          const auto size = static_cast<std::size_t>(marked.size());
+          const std::size_t size = marked.size();
           const std::uint8_t* marks = marked.data();
           const py::gil_scoped_release nogil;
           found = points_of_levels(view, {marks, size}, options, interruptible());

@@ -57,8 +57,8 @@ Fields to_fields(VelodyneFrame&& frame) {
   return fields;
 }
 
-Fields to_fields(const VelodyneCounters& c) {
-  Fields fields;
+Counts to_counts(const VelodyneCounters& c) {
+  Counts fields;
   fields["packets"] = c.packets;
   fields["position_packets"] = c.position_packets;
   fields["bad_length"] = c.bad_length;
@@ -125,7 +125,7 @@ void bind_capture(py::module_& m) {
         const auto [decoded, c] = self.with([](const VelodynePcapSource& source) {
           return std::pair(source.counters(), source.file_counters());
         });
-        Fields fields = to_fields(decoded);
+        Counts fields = to_counts(decoded);
         fields["file_packets"] = c.packets;
         fields["file_udp"] = c.udp;
         fields["file_other"] = c.other;
@@ -156,8 +156,8 @@ void bind_capture(py::module_& m) {
       .def("port", [](Exclusive<VelodyneUdpSource>& self) { return self.shared().port(); })
       .def("read", &read_frame<VelodyneUdpSource>, py::arg("timeout_ms"))
       .def("counters", [](Exclusive<VelodyneUdpSource>& self) {
-        Fields fields =
-            to_fields(self.with([](const VelodyneUdpSource& source) { return source.counters(); }));
+        Counts fields =
+            to_counts(self.with([](const VelodyneUdpSource& source) { return source.counters(); }));
         const UdpCounters c = self.shared().udp_counters();
         fields["udp_packets"] = c.packets;
         fields["udp_dropped"] = c.dropped;

@@ -30,7 +30,8 @@ using SceneNodes =
     py::typing::List<py::typing::Tuple<py::str, int, int, py::array_t<double>, bool>>;
 using SceneMeshes = py::typing::List<py::typing::Tuple<py::str, PyMesh, py::str>>;
 using SceneTables = py::typing::Tuple<SceneNodes, SceneMeshes, py::bytes, py::bytes, Strings>;
-using PyDraco = py::typing::Callable<py::object(py::bytes)>;
+using PyDraco = Named<
+    "collections.abc.Callable[[bytes], tuple[numpy.ndarray, dict[int, numpy.ndarray]] | str]">;
 using Level = py::typing::List<OptionalPyMesh>;
 
 Strings to_list(const std::vector<std::string>& strings) {

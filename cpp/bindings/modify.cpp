@@ -356,7 +356,7 @@ void bind_kernels(py::module_& m) {
         const PixelRays rays(to_intrinsics(camera, keep));
         const Skeleton person = to_skeleton(skeleton);
         PersonPoints points;
-        const auto size = static_cast<std::size_t>(view.rows * view.cols);
+        const std::size_t size = view.rows * view.cols;
         std::vector<std::uint8_t> labels(size);
         std::vector<float> distances(size, std::numeric_limits<float>::infinity());
         {
@@ -365,7 +365,7 @@ void bind_kernels(py::module_& m) {
                       points);
           segment_bones(body_bones(person, rule), points);
           for (std::int64_t i = 0; i < points.count; ++i) {
-            const auto pixel = static_cast<std::size_t>(points.pixel[i]);
+            const std::size_t pixel = points.pixel[i];
             labels[pixel] = points.label[i];
             distances[pixel] = std::sqrt(points.squared_distance[i]);
           }

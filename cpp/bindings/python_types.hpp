@@ -30,6 +30,8 @@ class Named : public py::object {
 };
 
 using Fields = py::typing::Dict<py::str, py::object>;
+using Counts = py::typing::Dict<py::str, std::int64_t>;
+using Texts = py::typing::Dict<py::str, py::str>;
 
 using PyMesh = Named<"manip3d.mesh.Mesh">;
 using PyIntrinsics = Named<"manip3d.camera.Intrinsics">;

@@ -97,8 +97,8 @@ Fields frame_fields(RgbdFrame&& frame) {
   return fields;
 }
 
-Fields counter_fields(const Counters& counters) {
-  Fields fields;
+Counts to_counts(const Counters& counters) {
+  Counts fields;
   for (const auto& [name, count] : counters) fields[py::str(name)] = count;
   return fields;
 }
@@ -166,7 +166,7 @@ void bind_source(py::module_& m) {
                  self.with([](const auto& source) { return source->calibration(); }));
            })
       .def("counters", [](Source& self) {
-        return counter_fields(self.with([](const auto& source) { return source->counters(); }));
+        return to_counts(self.with([](const auto& source) { return source->counters(); }));
       });
   m.def(
       "open_rgbd",
@@ -184,9 +184,9 @@ void bind_source(py::module_& m) {
       const py::gil_scoped_release nogil;
       schemes = rgbd_schemes();
     }
-    py::typing::List<Fields> list;
+    py::typing::List<Texts> list;
     for (const RgbdScheme& scheme : schemes) {
-      Fields fields;
+      Texts fields;
       fields["name"] = scheme.name;
       fields["location"] = scheme.location;
       fields["description"] = scheme.description;
@@ -223,7 +223,7 @@ void bind_recorder(py::module_& m) {
              });
            })
       .def("counters", [](Recorder& self) {
-        return counter_fields(self.with([](const auto& recorder) { return recorder->counters(); }));
+        return to_counts(self.with([](const auto& recorder) { return recorder->counters(); }));
       });
   m.def(
       "open_recorder",

@@ -95,8 +95,6 @@ CollapseArrays to_arrays(const std::vector<Collapse>& collapses) {
   return arrays;
 }
 
-using Counts = py::typing::Dict<py::str, std::int64_t>;
-
 Counts rejections(const std::array<std::int64_t, kNumRejections>& counts) {
   Counts rejected;
   for (std::size_t i = 0; i < counts.size(); ++i) {

@@ -34,7 +34,7 @@ py::typing::Tuple<Bytes, py::array_t<float>> segment_region(
   const Intrinsics intrinsics = to_intrinsics(camera, keep);
   const Skeleton person = to_skeleton(skeleton);
   PersonPoints points;
-  const auto size = static_cast<std::size_t>(view.rows * view.cols);
+  const std::size_t size = view.rows * view.cols;
   std::vector<std::uint8_t> labels(size);
   std::vector<float> distances(size, std::numeric_limits<float>::infinity());
   {
@@ -44,7 +44,7 @@ py::typing::Tuple<Bytes, py::array_t<float>> segment_region(
     find_person(view, index, person, rays, mask, points);
     grow_bones(person, intrinsics, index != nullptr && person.body != 0xff, options, points);
     for (std::int64_t i = 0; i < points.count; ++i) {
-      const auto pixel = static_cast<std::size_t>(points.pixel[i]);
+      const std::size_t pixel = points.pixel[i];
       labels[pixel] = points.label[i];
       distances[pixel] = std::sqrt(points.squared_distance[i]);
     }

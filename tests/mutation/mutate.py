@@ -1,8 +1,8 @@
 """Changes the code in one place at a time, and reports which changes no test notices.
 
 ``python tests/mutation/mutate.py`` runs all of ``mutants.toml``; words choose those whose file
-holds one of them. Mutants of C++ are built in ``build/mutants``, one file after the other. Exit
-code 1: some survived.
+holds one of them. Mutants of C++ are built in ``build/mutants``, one after the other, while the
+tests of those before run. Exit code 1: some survived.
 """
 
 from __future__ import annotations
@@ -14,14 +14,18 @@ import subprocess
 import sys
 import time
 import tomllib
+from collections import Counter
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 BUILD = ROOT / "build" / "mutants"
-SECONDS = 600
-"""A mutant that makes the tests run for longer is noticed: they hang."""
+PATIENCE = 10
+"""A mutant whose tests take so many times as long as without it, and a minute, is noticed."""
 
 
 def mutants() -> list[dict[str, Any]]:
@@ -36,25 +40,32 @@ def module_of(file: str) -> str:
     return ".".join(part for part in parts if part != "__init__")
 
 
-def verdict_of(mutant: dict[str, Any]) -> str:
-    """Make the change, and run its tests."""
-    if mutant["file"].startswith("python/"):
+def is_python(mutant: dict[str, Any]) -> bool:
+    """Whether the change is one of the package; else it is one of the core."""
+    return bool(mutant["file"].startswith("python/"))
+
+
+def verdict_of(mutant: dict[str, Any], library: Future[str] | None, seconds: float) -> str:
+    """Make the change, and run its tests for so long at most."""
+    if library is None:
         about = {key: mutant[key] for key in ("old", "new")}
         about |= {"module": module_of(mutant["file"]), "path": str(ROOT / mutant["file"])}
-        return verdict(mutant, about)
+        return verdict(mutant, about, seconds)
     try:
-        library = built(mutant)
+        path = library.result()
     except subprocess.CalledProcessError as error:
         return f"not run: {error}"
-    return verdict(mutant, {"module": "manip3d._core", "library": library})
+    return verdict(mutant, {"module": "manip3d._core", "library": path}, seconds)
 
 
-def verdict_unchanged(tests: str) -> bool:
-    """Whether some tests fail by themselves, so that they tell nothing of a change."""
-    return verdict({"tests": tests}, {"module": ""}) != "survived"
+def seconds_unchanged(tests: str) -> float | None:
+    """Return how long tests run without a change; None where they fail, and so tell nothing."""
+    started = time.monotonic()
+    found = verdict({"tests": tests}, {"module": ""}, None)
+    return time.monotonic() - started if found == "survived" else None
 
 
-def verdict(mutant: dict[str, Any], about: dict[str, str]) -> str:
+def verdict(mutant: dict[str, Any], about: dict[str, str], seconds: float | None) -> str:
     """Run the tests of a mutant: ``killed``, ``survived`` or why they could not run."""
     environment = {k: v for k, v in os.environ.items() if k != "MANIP3D_DATA"}
     environment |= {"MANIP3D_MUTANT": json.dumps(about), "PYTHONPATH": str(HERE)}
@@ -62,7 +73,7 @@ def verdict(mutant: dict[str, Any], about: dict[str, str]) -> str:
                "-p", "no:cacheprovider", *mutant["tests"].split()]  # fmt: skip
     try:
         done = subprocess.run(
-            command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=SECONDS
+            command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=seconds
         )
     except subprocess.TimeoutExpired:
         return "killed"
@@ -73,7 +84,7 @@ def verdict(mutant: dict[str, Any], about: dict[str, str]) -> str:
     return "not run: " + " ".join((done.stdout + done.stderr).split())[-300:]
 
 
-def built(mutant: dict[str, Any]) -> str:
+def built(mutant: dict[str, Any], number: int) -> str:
     """Build the core with the change; return where it is."""
     source = BUILD / "source"
     if not (BUILD / "build.ninja").exists():
@@ -86,8 +97,8 @@ def built(mutant: dict[str, Any]) -> str:
     try:
         run("cmake", "--build", BUILD, "--target", "_core")
         (library,) = BUILD.glob("_core*.so")
-        kept = BUILD / "mutant" / library.name
-        kept.parent.mkdir(exist_ok=True)
+        kept = BUILD / "mutant" / str(number) / library.name
+        kept.parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(library, kept)
     finally:
         changed.write_text(text)
@@ -112,27 +123,41 @@ def run(*command: object) -> None:
     subprocess.run([str(word) for word in command], check=True, stdout=subprocess.DEVNULL)
 
 
+def run_all(chosen: list[dict[str, Any]], libraries: Iterator[Future[str]]) -> Counter[str]:
+    """Run mutants, one line each; return how often each verdict was found."""
+    usual_seconds = cache(seconds_unchanged)
+    counts: Counter[str] = Counter()
+    for mutant in chosen:
+        library = None if is_python(mutant) else next(libraries)
+        usual = usual_seconds(mutant["tests"])
+        started = time.monotonic()
+        found = "not run: its tests fail without a change"
+        if usual is not None:
+            found = verdict_of(mutant, library, 60 + PATIENCE * usual)
+        counts[found.split(":")[0]] += 1
+        seconds = time.monotonic() - started
+        print(f"{found}: {mutant['file']}: {mutant['old']} -> {mutant['new']} ({seconds:.0f} s)",
+              flush=True)  # fmt: skip
+    return counts
+
+
 def main() -> int:
-    """Run the chosen mutants, one line each."""
+    """Run the chosen mutants; return the exit code."""
     words = sys.argv[1:]
     chosen = [m for m in mutants() if not words or any(word in m["file"] for word in words)]
     if not chosen:
         print(f"no mutant of {' '.join(words)}", file=sys.stderr)
         return 2
-    if any(not mutant["file"].startswith("python/") for mutant in chosen):
+    of_core = [mutant for mutant in chosen if not is_python(mutant)]
+    if of_core:
         bring_up_to_date(BUILD / "source")
-    failing = {tests for tests in {m["tests"] for m in chosen} if verdict_unchanged(tests)}
-    counts: dict[str, int] = {}
-    for mutant in chosen:
-        started = time.monotonic()
-        found = "not run: its tests fail without a change"
-        if mutant["tests"] not in failing:
-            found = verdict_of(mutant)
-        word = found.split(":")[0]
-        counts[word] = counts.get(word, 0) + 1
-        seconds = time.monotonic() - started
-        print(f"{found}: {mutant['file']}: {mutant['old']} -> {mutant['new']} ({seconds:.0f} s)",
-              flush=True)  # fmt: skip
+    builder = ThreadPoolExecutor(1)
+    libraries = [builder.submit(built, m, number) for number, m in enumerate(of_core)]
+    try:
+        counts = run_all(chosen, iter(libraries))
+    finally:
+        builder.shutdown(cancel_futures=True)
+        shutil.rmtree(BUILD / "mutant", ignore_errors=True)
     print(", ".join(f"{number} {word}" for word, number in sorted(counts.items())))
     return 0 if set(counts) <= {"killed"} else 1
 

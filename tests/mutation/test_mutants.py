@@ -33,7 +33,7 @@ def test_a_change_reaches_the_tests(new: str | None, expected: str) -> None:
         "new": new or mutant["old"],
     }
     quick = {**mutant, "tests": mutant["tests"] + " -k resized"}
-    assert verdict(quick, about) == expected
+    assert verdict(quick, about, 600) == expected
 
 
 def test_the_runner_knows_what_was_asked_for() -> None:

@@ -155,7 +155,7 @@ SliceTable::SliceTable(int num_slices) {
   }
   guesses_.assign(kCells, 0);
   for (int slice = 1; slice < num_slices; ++slice) {
-    const auto s = static_cast<std::size_t>(slice);
+    const std::size_t s = slice;
     const float angle = diamond_angle(static_cast<float>(x_[s]), static_cast<float>(y_[s]));
     // From the second cell behind the boundary on nothing can lie before it.
     const int first = static_cast<int>(angle * (kCells / 4)) + 2;
@@ -225,7 +225,7 @@ std::vector<std::uint16_t> merge_slices(const std::vector<std::uint32_t>& counts
   while (groups.size() > 1) {
     const auto smallest = std::min_element(groups.begin(), groups.end(), fewer);
     if (smallest->points >= least) break;
-    const auto at = static_cast<std::size_t>(smallest - groups.begin());
+    const std::size_t at = smallest - groups.begin();
     Group taken = std::move(groups[at]);
     const std::size_t size = groups.size();
     std::size_t into = 0;

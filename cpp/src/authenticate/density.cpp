@@ -111,7 +111,7 @@ DensityLevels density_levels(const PointsView& view, std::span<const double> dis
   DensityLevels result;
   result.sectors = finder.sectors();
   result.edges = finder.edges();
-  const auto size = static_cast<std::size_t>(finder.sectors() * finder.levels());
+  const std::size_t size = finder.sectors() * finder.levels();
   result.counts.assign(size, 0);
   std::vector<std::int64_t> sums(size);
   const auto sum_up = [&](std::int64_t begin, std::int64_t end) {

@@ -58,7 +58,7 @@ std::vector<std::int32_t> longest_in_order(const LatticeReading& reading, float 
     const std::uint64_t place = place_of(reading, i, first);
     auto at = ends.end();
     if (!ends.empty() && place < ends.back()) at = std::upper_bound(ends.begin(), at, place);
-    const auto k = static_cast<std::size_t>(at - ends.begin());
+    const std::size_t k = at - ends.begin();
     if (k > 0) previous[i] = last[k - 1];
     if (k == ends.size()) {
       ends.push_back(place);

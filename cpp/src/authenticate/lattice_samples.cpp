@@ -91,7 +91,7 @@ void find_slices(const SliceTable& slices, const LatticeSamples& found,
 void sample_bits(const PointsView& points, const SliceTable& slices, LatticeSamples& found,
                  std::vector<std::uint16_t>& slice_of) {
   for (Eigen::Index row = 0; row < points.num_points(); ++row) {
-    const auto i = static_cast<std::size_t>(row);
+    const std::size_t i = row;
     const float x = points.points(row, 0), y = points.points(row, 1), z = points.points(row, 2);
     found.samples[i] = {std::bit_cast<std::int32_t>(x), std::bit_cast<std::int32_t>(y),
                         std::bit_cast<std::int32_t>(z), intensity_of(points, row)};
@@ -102,7 +102,7 @@ void sample_bits(const PointsView& points, const SliceTable& slices, LatticeSamp
 
 void make_room(const PointsView& points, LatticeSamples& found,
                std::vector<std::uint16_t>& slice_of) {
-  const auto size = static_cast<std::size_t>(points.num_points());
+  const std::size_t size = points.num_points();
   found.samples.resize(size);
   found.marks.resize(size);
   slice_of.resize(size);
@@ -194,7 +194,7 @@ void for_each_block(const PointsView& points, Block& block, const Use& use) {
 #ifdef MANIP3D_AVX2
   if (has_avx2()) read = &read_block_wide<kDemand>;
 #endif
-  const auto size = static_cast<std::size_t>(points.num_points());
+  const std::size_t size = points.num_points();
   for (std::size_t begin = 0; begin < size; begin += kBlockPoints) {
     const std::size_t end = std::min(size, begin + kBlockPoints);
     const bool all = read(points.points.data() + 3 * begin, 3 * (end - begin), block);
@@ -294,7 +294,7 @@ void sample_exact(const PointsView& points, const ExactGrid& grid, ExactUse use,
                   std::vector<std::uint16_t>& slice_of) {
   make_room(points, found, slice_of);
   for (Eigen::Index row = 0; row < points.num_points(); ++row) {
-    const auto i = static_cast<std::size_t>(row);
+    const std::size_t i = row;
     std::array<std::int32_t, 3> q;
     std::uint8_t mark = 0;
     for (std::size_t axis = 0; axis < 3; ++axis) {

@@ -196,7 +196,7 @@ CellRanges cell_ranges(const PointsView& view, const CellFinder& finder, int num
 // As printed: |r_p - r_q| of each point and the one before it in the same cell, summed.
 std::vector<float> accumulated_gaps(const PointsView& view, const CellFinder& finder,
                                     const Progress& progress) {
-  const auto size = static_cast<std::size_t>(finder.rows() * finder.columns());
+  const std::size_t size = finder.rows() * finder.columns();
   std::vector<float> gaps(size);
   std::vector<float> last(size);
   Ticker ticker(progress, 1U << 16);

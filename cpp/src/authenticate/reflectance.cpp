@@ -232,7 +232,7 @@ class ReflectanceSearch {
         if (!is_judged(a) || !is_judged(b)) continue;
         if (!(reading_.azimuth(b) - reading_.azimuth(a) < kEvenGap)) continue;
         if (!is_one_surface(ranges_[a], ranges_[b], 0.03, 0.05)) continue;
-        const auto ring = static_cast<std::size_t>(reading_.ring(a));
+        const std::size_t ring = reading_.ring(a);
         const bool equal = points_.intensity(a) == points_.intensity(b);
         pairs.push_back({a, reading_.ring(a), equal});
         same[ring] += equal ? 1.0 : 0.0;

@@ -245,6 +245,24 @@ void WatermarkEmbedder::close() {
   state_->is_closed = true;
 }
 
+namespace {
+
+void check_frame(const WatermarkFrame& frame, bool is_exact) {
+  if (frame.picture && frame.context) {
+    throw InputError("picture: expected no other context beside it");
+  }
+  for (const std::int64_t offset : frame.offset) {
+    if (offset != 0 && !is_exact) {
+      throw InputError("offset: expected 0 for coordinates in float32");
+    }
+    if (!(offset >= -kFarthestUnit && offset <= kFarthestUnit)) {
+      throw InputError("offset: expected at most 2^37 units from zero");
+    }
+  }
+}
+
+}  // namespace
+
 WatermarkedScan WatermarkEmbedder::embed(const PointsView& points, const WatermarkFrame& frame,
                                          ExactView exact) {
   State& s = *state_;
@@ -252,20 +270,10 @@ WatermarkedScan WatermarkEmbedder::embed(const PointsView& points, const Waterma
   if (s.has_ended) throw Error("the session has ended with its last frame");
   check_points(points);
   check_exact(points, exact);
-  if (frame.picture && frame.context) {
-    throw InputError("picture: expected no other context beside it");
-  }
+  check_frame(frame, !exact.empty());
   WatermarkHeader& header = s.header;
   header.is_exact = !exact.empty();
   header.offset = frame.offset;
-  for (const std::int64_t offset : frame.offset) {
-    if (offset != 0 && !header.is_exact) {
-      throw InputError("offset: expected 0 for coordinates in float32");
-    }
-    if (!(offset >= -kFarthestUnit && offset <= kFarthestUnit)) {
-      throw InputError("offset: expected at most 2^37 units from zero");
-    }
-  }
   const ExactGrid grid{exact, header.units_per_m, frame.offset};
   s.sample(points, grid);
   header.is_genesis = header.frame == 0;
@@ -497,6 +505,22 @@ void WatermarkVerifier::reset() {
   s.past.clear();
 }
 
+namespace {
+
+// What the scan lacks of what its record binds; empty: nothing.
+std::string what_lacks(const WatermarkHeader& header, bool has_picture, bool is_exact) {
+  if ((header.carrier == kInPicture) != has_picture) {
+    return has_picture ? "the record is not one that a picture carries"
+                       : "the record binds the picture that carries it, which is not here";
+  }
+  if (header.is_exact && !is_exact) {
+    return "coordinates were signed in float64, of which the scan has the float32 part only";
+  }
+  return {};
+}
+
+}  // namespace
+
 WatermarkFinding WatermarkVerifier::verify(const PointsView& points,
                                            std::span<const std::uint8_t> bytes,
                                            const WatermarkPolicy& policy, std::uint32_t num_dropped,
@@ -537,14 +561,9 @@ WatermarkFinding WatermarkVerifier::verify(const PointsView& points,
   }
   finding.header = record.header;
   finding.key = root.id;
-  if ((record.header.carrier == kInPicture) != picture.has_value()) {
-    return unverifiable(picture
-                            ? "the record is not one that a picture carries"
-                            : "the record binds the picture that carries it, which is not here");
-  }
-  if (record.header.is_exact && exact.empty() && points.num_points() > 0) {
-    return unverifiable(
-        "coordinates were signed in float64, of which the scan has the float32 part only");
+  const bool is_exact = !exact.empty() || points.num_points() == 0;
+  if (std::string why = what_lacks(record.header, picture.has_value(), is_exact); !why.empty()) {
+    return unverifiable(why);
   }
   s.check_content(points, exact, bytes, record, num_dropped, finding);
   if (picture) {

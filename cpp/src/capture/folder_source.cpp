@@ -172,7 +172,7 @@ ImageFrames::Listing plain_frames(const fs::path& folder) {
         .in_file(folder.string());
   }
   const auto list = [depth, color](std::int64_t index, FrameFiles& files) {
-    const auto i = static_cast<std::size_t>(index);
+    const std::size_t i = index;
     files.time_ns = index * 1'000'000'000 / kFolderRate;
     files.depth.path = depth[i];
     if (!color.empty()) files.color.path = color[i];
@@ -232,7 +232,7 @@ ImageFrames::Listing tum_frames(const fs::path& folder) {
   const std::vector<TimedFile> color = parse_file(folder / "rgb.txt", parse_tum_list);
   const std::vector<std::int64_t> nearest = associate(depth, color, kMostApart);
   const auto list = [folder, depth, color, nearest](std::int64_t index, FrameFiles& f) {
-    const auto i = static_cast<std::size_t>(index);
+    const std::size_t i = index;
     f.time_ns = depth[i].time_ns;
     f.depth.path = folder / depth[i].name;
     if (nearest[i] >= 0) f.color.path = folder / color[nearest[i]].name;

@@ -157,7 +157,7 @@ class PngWriter {
 
   Bytes encode(const void* pixels, std::int64_t rows, std::int64_t cols, int bit_depth,
                int channels) {
-    const auto stride = static_cast<std::size_t>(cols * channels * bit_depth / 8);
+    const std::size_t stride = cols * channels * bit_depth / 8;
     const auto* first = static_cast<png_const_bytep>(pixels);
     if (setjmp(png_jmpbuf(png_)) != 0) throw Error(std::string("PNG: ") + message_.text);
     png_set_write_fn(png_, &out_, append, nullptr);

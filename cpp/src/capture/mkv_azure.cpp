@@ -177,7 +177,7 @@ class AzureSource final : public RgbdSource {
   }
 
   void fill(RgbdFrame& frame, const std::vector<std::byte>& depth, const Timed* color) {
-    const auto pixels = static_cast<std::size_t>(depth_size_.rows * depth_size_.cols);
+    const std::size_t pixels = depth_size_.rows * depth_size_.cols;
     if (depth.size() != 2 * pixels) throw FormatError("damaged", {});
     frame.rows = depth_size_.rows;
     frame.cols = depth_size_.cols;

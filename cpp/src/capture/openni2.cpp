@@ -141,7 +141,7 @@ class Device {
 
 template <typename T>
 void copy_rows(const openni::VideoFrameRef& from, std::size_t channels, std::vector<T>& to) {
-  const auto rows = static_cast<std::size_t>(from.getHeight());
+  const std::size_t rows = from.getHeight();
   const std::size_t row = static_cast<std::size_t>(from.getWidth()) * channels;
   const auto* bytes = static_cast<const std::byte*>(from.getData());
   to.resize(rows * row);

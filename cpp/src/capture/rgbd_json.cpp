@@ -69,7 +69,7 @@ Intrinsics camera_from_json(const JsonPlace& place) {
 
 std::vector<float> rays_from_json(const JsonPlace& place, const Intrinsics& camera) {
   const std::vector<std::byte> bytes = decode_base64(place, place.text());
-  const auto expected = static_cast<std::size_t>(2 * camera.width * camera.height);
+  const std::size_t expected = 2 * camera.width * camera.height;
   if (bytes.size() != expected * sizeof(float)) {
     place.fail("expected two floats for each of " + std::to_string(camera.width) + " x " +
                std::to_string(camera.height) + " pixels, got " + std::to_string(bytes.size()) +

@@ -441,7 +441,7 @@ void VelodyneDecoder::begin_frame(const Packet& packet, bool at_cut) {
 void VelodyneDecoder::end_frame(bool at_cut) {
   frame_.is_complete = began_at_cut_ && at_cut;
   // Frames are much alike; those that are not give back what was reserved for them.
-  const auto size = static_cast<std::size_t>(frame_.num_points());
+  const std::size_t size = frame_.num_points();
   if (size < capacity_hint_ / 2) {
     for_each_column(frame_, [](auto& column, std::size_t) { column.shrink_to_fit(); });
   }

@@ -324,6 +324,35 @@ void check_options(const InsertionOptions& options) {
   if (!options.lattice.rings.empty()) check_azimuths(options.lattice);
 }
 
+Points to_points(const std::vector<Vector3d>& from) {
+  Points to(static_cast<Eigen::Index>(from.size()), 3);
+  Eigen::Index row = 0;
+  for (const Vector3d& p : from) to.row(row++) = p.cast<float>().transpose();
+  return to;
+}
+
+// The points of the scene that the object hides move onto it; it is added where there were none.
+// Of the rays the first ones belong to the points `seen`.
+Edit edit_of_hits(const RayGrid& grid, std::size_t num_rays, const std::vector<std::int32_t>& seen,
+                  const InsertionOptions& options) {
+  Edit edit;
+  std::vector<Vector3d> moved_to, added;
+  for (std::size_t i = 0; i < num_rays; ++i) {
+    const Ray& ray = grid.ray(i);
+    if (!(ray.hit < 1.0)) continue;
+    const bool had_return = i < seen.size();
+    if (had_return) edit.moved.push_back(seen[i]);
+    (had_return ? moved_to : added).push_back(hit_point(ray, i, options));
+  }
+  edit.moved_to = to_points(moved_to);
+  edit.added = to_points(added);
+  if (!edit.moved_to.allFinite() || !edit.added.allFinite()) {
+    throw InputError("range_noise: takes points beyond the finite floats, got " +
+                     std::to_string(options.range_noise));
+  }
+  return edit;
+}
+
 }  // namespace
 
 Forgery insert_occluding(const PointsView& scene, const PointsView& object,
@@ -366,28 +395,7 @@ Forgery insert_occluding(const PointsView& scene, const PointsView& object,
     hit_discs(placed, margin, cone, num_threads, progress, grid);
   }
 
-  Edit edit;
-  std::vector<Vector3d> moved_to, added;
-  for (std::size_t i = 0; i < rays.size(); ++i) {
-    const Ray& ray = grid.ray(i);
-    if (!(ray.hit < 1.0)) continue;
-    const bool had_return = i < seen.size();
-    if (had_return) edit.moved.push_back(seen[i]);
-    (had_return ? moved_to : added).push_back(hit_point(ray, i, options));
-  }
-  const auto to_rows = [](const std::vector<Vector3d>& from) {
-    Points to(static_cast<Eigen::Index>(from.size()), 3);
-    for (std::size_t i = 0; i < from.size(); ++i) {
-      to.row(static_cast<Eigen::Index>(i)) = from[i].cast<float>().transpose();
-    }
-    return to;
-  };
-  edit.moved_to = to_rows(moved_to);
-  edit.added = to_rows(added);
-  if (!edit.moved_to.allFinite() || !edit.added.allFinite()) {
-    throw InputError("range_noise: takes points beyond the finite floats, got " +
-                     std::to_string(options.range_noise));
-  }
+  Edit edit = edit_of_hits(grid, rays.size(), seen, options);
   Forgery forged = apply_edit(scene, std::move(edit), num_threads, progress);
   forged.transform = transform;
   return forged;

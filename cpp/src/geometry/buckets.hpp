@@ -25,7 +25,7 @@ class Buckets {
     return static_cast<std::int32_t>(offsets_.size()) - 1;
   }
   [[nodiscard]] std::span<Item> operator[](std::int32_t key) {
-    const auto k = static_cast<std::size_t>(key);
+    const std::size_t k = key;
     return std::span(items_).subspan(offsets_[k], offsets_[k + 1] - offsets_[k]);
   }
 

@@ -82,7 +82,7 @@ PixelRays::PixelRays(const Intrinsics& camera) : width_(camera.width), height_(c
     }
     return;
   }
-  const auto size = static_cast<std::size_t>(width_ * height_);
+  const std::size_t size = width_ * height_;
   x_.resize(size);
   y_.resize(size);
   for (std::size_t i = 0; i < size; ++i) {
@@ -99,7 +99,7 @@ PixelRays::PixelRays(const Intrinsics& camera) : width_(camera.width), height_(c
   }
   if (camera.ray_table != nullptr && width_ > 1 && height_ > 1) {
     // Which way columns and rows run is read off in the middle of the table.
-    const auto middle = static_cast<std::size_t>((height_ - 1) / 2 * width_ + (width_ - 1) / 2);
+    const std::size_t middle = (height_ - 1) / 2 * width_ + (width_ - 1) / 2;
     const auto below = middle + static_cast<std::size_t>(width_);
     const float turn = (x_[middle + 1] - x_[middle]) * (y_[below] - y_[middle]) -
                        (y_[middle + 1] - y_[middle]) * (x_[below] - x_[middle]);

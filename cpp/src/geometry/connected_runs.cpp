@@ -18,7 +18,7 @@ ConnectedRuns& ConnectedRuns::operator=(ConnectedRuns&&) noexcept = default;
 ConnectedRuns::~ConnectedRuns() = default;
 
 void ConnectedRuns::reserve(std::int64_t rows, std::int64_t columns) {
-  const auto most = static_cast<std::size_t>(rows * ((columns + 1) / 2));
+  const std::size_t most = rows * ((columns + 1) / 2);
   runs_.reserve(most);
   memory_->row_start.reserve(static_cast<std::size_t>(rows) + 1);
   memory_->number.reserve(most);

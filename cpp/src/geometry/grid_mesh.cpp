@@ -45,6 +45,20 @@ void for_faces_of_row(const PointGridView& grid, std::int64_t v, double max_edge
   }
 }
 
+// Where a color image is seen from the vertices; without one, where they are in the depth image.
+void set_texcoords(const PointGridView& grid, const Registration* registration, DepthMesh& mesh) {
+  mesh.texcoords.resize(mesh.vertices.rows(), 2);
+  for (Eigen::Index i = 0; i < mesh.texcoords.rows(); ++i) {
+    const float* p = mesh.vertices.row(i).data();
+    const std::array<float, 2> uv =
+        registration == nullptr
+            ? grid_texcoord(mesh.pixels(i, 0), mesh.pixels(i, 1), static_cast<double>(grid.cols),
+                            static_cast<double>(grid.rows))
+            : registered_texcoord({p[0], p[1], p[2]}, *registration);
+    mesh.texcoords.row(i) << uv[0], uv[1];
+  }
+}
+
 }  // namespace
 
 DepthMesh grid_mesh(const PointGridView& grid, const GridMeshOptions& options,
@@ -99,16 +113,7 @@ DepthMesh grid_mesh(const PointGridView& grid, const GridMeshOptions& options,
                            });
         }
       });
-  mesh.texcoords.resize(mesh.vertices.rows(), 2);
-  for (Eigen::Index i = 0; i < mesh.texcoords.rows(); ++i) {
-    const float* p = mesh.vertices.row(i).data();
-    const std::array<float, 2> uv =
-        registration == nullptr
-            ? grid_texcoord(mesh.pixels(i, 0), mesh.pixels(i, 1), static_cast<double>(grid.cols),
-                            static_cast<double>(grid.rows))
-            : registered_texcoord({p[0], p[1], p[2]}, *registration);
-    mesh.texcoords.row(i) << uv[0], uv[1];
-  }
+  set_texcoords(grid, registration, mesh);
   return mesh;
 }
 

@@ -81,7 +81,7 @@ class Arenas {
 
  private:
   std::vector<Arena>& idle_of(int num_threads) {
-    const auto index = static_cast<std::size_t>(num_threads);
+    const std::size_t index = num_threads;
     if (idle_.size() <= index) idle_.resize(index + 1);
     return idle_[index];
   }

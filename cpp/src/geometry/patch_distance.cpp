@@ -27,6 +27,20 @@ double squared_distance_to_segment(const Vector3d& p, const Vector3d& a, const V
 
 double cross(const Vector2d& a, const Vector2d& b) { return a.x() * b.y() - a.y() * b.x(); }
 
+// The corner at which the longest edge begins; the first of equal ones.
+int longest_edge(const Triangle3& triangle) {
+  int longest = 0;
+  double squared_length = 0.0;
+  for (int k = 0; k < 3; ++k) {
+    const double squared = (triangle[(k + 1) % 3] - triangle[k]).squaredNorm();
+    if (squared > squared_length) {
+      squared_length = squared;
+      longest = k;
+    }
+  }
+  return longest;
+}
+
 }  // namespace
 
 double distance(const Vector3d& p, const Triangle3& t) {
@@ -69,14 +83,11 @@ double PatchDistance::bound(const Triangle3& triangle, std::span<const PatchTria
   return result;
 }
 
-double PatchDistance::bound_within(const Triangle3& triangle, std::size_t begin, std::size_t end,
-                                   int depth) {
+/// Pushes those of the candidates from `begin` to `end` that may be within the limit of the
+/// triangle, the nearest first. False: a corner is within the limit of none.
+bool PatchDistance::push_near(const Triangle3& triangle, std::size_t begin, std::size_t end) {
   const Box box = box_of(triangle);
-  const std::size_t first = candidates_.size();
-  const auto give_up = [&] {
-    candidates_.resize(first);
-    return kInfinity;
-  };
+  const auto first = static_cast<std::ptrdiff_t>(candidates_.size());
   std::array<double, 3> nearest;
   nearest.fill(kInfinity);
   for (std::size_t i = begin; i < end; ++i) {
@@ -91,12 +102,22 @@ double PatchDistance::bound_within(const Triangle3& triangle, std::size_t begin,
     }
     candidates_.push_back({index, farthest});
   }
-  if (*std::max_element(nearest.begin(), nearest.end()) > limit_) return give_up();
-  const auto last = candidates_.end();
+  if (*std::max_element(nearest.begin(), nearest.end()) > limit_) return false;
   const auto by_distance = [](const Candidate& a, const Candidate& b) {
     return a.farthest < b.farthest || (a.farthest == b.farthest && a.index < b.index);
   };
-  std::sort(candidates_.begin() + static_cast<std::ptrdiff_t>(first), last, by_distance);
+  std::sort(candidates_.begin() + first, candidates_.end(), by_distance);
+  return true;
+}
+
+double PatchDistance::bound_within(const Triangle3& triangle, std::size_t begin, std::size_t end,
+                                   int depth) {
+  const std::size_t first = candidates_.size();
+  const auto give_up = [&] {
+    candidates_.resize(first);
+    return kInfinity;
+  };
+  if (!push_near(triangle, begin, end)) return give_up();
   const auto count = static_cast<int>(candidates_.size() - first);
   const Candidate best = candidates_[first];
   double result = best.farthest;
@@ -118,29 +139,21 @@ double PatchDistance::bound_within(const Triangle3& triangle, std::size_t begin,
     return result;
   }
   used_.resize(num_used);
-  int longest = 0;
-  double squared_length = 0.0;
-  for (int k = 0; k < 3; ++k) {
-    const double squared = (triangle[(k + 1) % 3] - triangle[k]).squaredNorm();
-    if (squared > squared_length) {
-      squared_length = squared;
-      longest = k;
-    }
-  }
+  const int longest = longest_edge(triangle);
+  const Vector3d &from = triangle[longest], &to = triangle[(longest + 1) % 3];
   // Against one triangle the bound is exact.
-  if (count == 1 || depth == kMaxDepth || squared_length < std::pow(kSmallestPart * limit_, 2)) {
+  if (count == 1 || depth == kMaxDepth ||
+      (to - from).squaredNorm() < std::pow(kSmallestPart * limit_, 2)) {
     return give_up();
   }
-  const Vector3d middle = 0.5 * (triangle[longest] + triangle[(longest + 1) % 3]);
-  Triangle3 half = triangle;
-  half[longest] = middle;
   const std::size_t until = candidates_.size();
-  result = bound_within(half, first, until, depth + 1);
-  if (result > limit_) return give_up();
-  half = triangle;
-  half[(longest + 1) % 3] = middle;
-  result = std::max(result, bound_within(half, first, until, depth + 1));
-  if (result > limit_) return give_up();
+  for (const int corner : {longest, (longest + 1) % 3}) {
+    Triangle3 half = triangle;
+    half[corner] = 0.5 * (from + to);
+    const double of_half = bound_within(half, first, until, depth + 1);
+    if (of_half > limit_) return give_up();
+    result = corner == longest ? of_half : std::max(result, of_half);
+  }
   candidates_.resize(first);
   return result;
 }

@@ -123,6 +123,32 @@ double unevenness(std::span<const Patch> patches, const Vector3d& origin, int ax
   return sum / static_cast<double>(logs.size());
 }
 
+// A box around the densest surfaces, which are the nearest.
+struct PatchBox {
+  Vector3d middle, extent;
+};
+
+PatchBox dense_box(const std::vector<Patch>& patches, double smallest) {
+  std::vector<double> densities;
+  for (const Patch& patch : patches) densities.push_back(patch.density);
+  std::sort(densities.begin(), densities.end());
+  const double dense = densities[densities.size() * 4 / 5];
+  PatchBox box;
+  for (int a = 0; a < 3; ++a) {
+    std::vector<double> values;
+    for (const Patch& patch : patches) {
+      if (patch.density >= dense) values.push_back(patch.place[a]);
+    }
+    std::sort(values.begin(), values.end());
+    const double low = values[values.size() / 50];
+    const double high = values[values.size() - 1 - values.size() / 50];
+    box.middle[a] = 0.5 * (low + high);
+    box.extent[a] = high - low;
+  }
+  box.extent = box.extent.cwiseMax(std::max(0.2 * box.extent.maxCoeff(), smallest));
+  return box;
+}
+
 // The position that makes the patches most even: the best of a coarse block around the densest
 // surfaces, which are the nearest, then by halving steps. A cloud that nobody scanned may fall for
 // ever without a lowest place, so that each step makes a limited number of sweeps.
@@ -134,27 +160,8 @@ Vector3d even_position(const std::vector<Patch>& patches, int axis, const Progre
   constexpr int kSweeps = 16;              // for each size of step
   constexpr double kSmallest = 0.002;      // metres
   constexpr double kSmallestShare = 1e-5;  // or of the extent
-  std::vector<double> densities;
-  for (const Patch& patch : patches) densities.push_back(patch.density);
-  std::vector<double> sorted(densities);
-  std::sort(sorted.begin(), sorted.end());
-  const double dense = sorted[sorted.size() * 4 / 5];
-  Vector3d middle;
-  Vector3d extent;
-  for (int a = 0; a < 3; ++a) {
-    std::vector<double> values;
-    for (const Patch& patch : patches) {
-      if (patch.density >= dense) values.push_back(patch.place[a]);
-    }
-    std::sort(values.begin(), values.end());
-    const double low = values[values.size() / 50];
-    const double high = values[values.size() - 1 - values.size() / 50];
-    middle[a] = 0.5 * (low + high);
-    extent[a] = high - low;
-  }
-  extent = extent.cwiseMax(std::max(0.2 * extent.maxCoeff(), kSmallest));
-
-  const double smallest = std::max(kSmallest, kSmallestShare * extent.maxCoeff());
+  const PatchBox box = dense_box(patches, kSmallest);
+  const double smallest = std::max(kSmallest, kSmallestShare * box.extent.maxCoeff());
   std::vector<double> logs;
   std::vector<double> scratch;
   Ticker ticker(progress, 1U << 5);
@@ -167,7 +174,7 @@ Vector3d even_position(const std::vector<Patch>& patches, int axis, const Progre
   const auto place = [&](int index) {
     const Vector3d cell(index / (kSide * kSide), index / kSide % kSide, index % kSide);
     const Vector3d share = 1.5 * (cell / (kSide - 1.0) - Vector3d::Constant(0.5));
-    return Vector3d(middle + share.cwiseProduct(extent));
+    return Vector3d(box.middle + share.cwiseProduct(box.extent));
   };
   for (int i = 0; i < kSide * kSide * kSide; ++i) {
     costs.emplace_back(cost(place(i), kFewPatches), i);
@@ -181,7 +188,7 @@ Vector3d even_position(const std::vector<Patch>& patches, int axis, const Progre
   for (int s = 0; s < kStarts; ++s) {
     Vector3d p = place(costs[s].second);
     double height = costs[s].first;
-    for (Vector3d step = extent / 8.0; step.maxCoeff() > smallest; step /= 2.0) {
+    for (Vector3d step = box.extent / 8.0; step.maxCoeff() > smallest; step /= 2.0) {
       bool better = true;
       for (int sweep = 0; better && sweep < kSweeps; ++sweep) {
         better = false;
@@ -564,6 +571,22 @@ Vector3d turned_back(const Vector3d& p, int axis) {
   return back;
 }
 
+// The combs of both angles; one that is faint, or much fainter than the other, is left out.
+void find_combs(Grid& grid) {
+  Grid few = grid;
+  few.keep_tiles(kCombPoints, 3);
+  const bool are_enough = few.num_points() >= kCombPoints / 2;
+  for (const bool across : {true, false}) {
+    AngleComb& comb = across ? grid.azimuth : grid.elevation;
+    comb = grid.find_comb(across, Grid::kFinest, Grid::kCoarsest, are_enough ? &few : nullptr);
+    if (!(comb.coherence >= kFaint)) comb = {};
+  }
+  const double plainer = std::max(grid.azimuth.coherence, grid.elevation.coherence);
+  for (AngleComb* comb : {&grid.azimuth, &grid.elevation}) {
+    if (plainer >= kPlain && comb->coherence < kPlain) *comb = {};  // would lead astray
+  }
+}
+
 // The grid around a first position, and the position that fits it best.
 ScanOrigin fit_grid(const Points& sample, const Vector3d& start, int axis, bool fixed,
                     double thinned, const Progress& progress) {
@@ -586,18 +609,7 @@ ScanOrigin fit_grid(const Points& sample, const Vector3d& start, int axis, bool 
   grid.keep_tiles(kTilePoints, 2);
   if (grid.num_points() < kFewestPoints / 2) return result;
   const double range = grid.median_range();
-  Grid few = grid;
-  few.keep_tiles(kCombPoints, 3);
-  const bool are_enough = few.num_points() >= kCombPoints / 2;
-  for (const bool across : {true, false}) {
-    AngleComb& comb = across ? grid.azimuth : grid.elevation;
-    comb = grid.find_comb(across, Grid::kFinest, Grid::kCoarsest, are_enough ? &few : nullptr);
-    if (!(comb.coherence >= kFaint)) comb = {};
-  }
-  const double plainer = std::max(grid.azimuth.coherence, grid.elevation.coherence);
-  for (AngleComb* comb : {&grid.azimuth, &grid.elevation}) {
-    if (plainer >= kPlain && comb->coherence < kPlain) *comb = {};  // would lead astray
-  }
+  find_combs(grid);
   double before = 0.0;
   for (const Window& window : kWindows) {
     const Vector3d position = grid.position;

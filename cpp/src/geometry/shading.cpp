@@ -23,13 +23,13 @@ struct CornerFans {
   std::vector<std::int32_t> corners;
 
   [[nodiscard]] std::span<const std::int32_t> of(std::int64_t position) const {
-    const auto p = static_cast<std::size_t>(position);
+    const std::size_t p = position;
     return std::span(corners).subspan(offsets[p], offsets[p + 1] - offsets[p]);
   }
 };
 
 CornerFans collect_fans(const MeshView& mesh, const Weld& weld) {
-  const auto num_positions = static_cast<std::size_t>(weld.num_values());
+  const std::size_t num_positions = weld.num_values();
   CornerFans fans{std::vector<std::int32_t>(num_positions + 1, 0),
                   std::vector<std::int32_t>(mesh.faces.size())};
   const auto position = [&](Eigen::Index corner) {

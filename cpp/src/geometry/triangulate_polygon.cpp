@@ -133,7 +133,7 @@ double PolygonTriangulator::orientation(std::int32_t a, std::int32_t b, std::int
 }
 
 bool PolygonTriangulator::is_convex(std::int32_t corner) const {
-  const auto at = static_cast<std::size_t>(corner);
+  const std::size_t at = corner;
   return orientation(previous_[at], corner, next_[at]) > kInLine;
 }
 
@@ -157,7 +157,7 @@ bool PolygonTriangulator::is_ear(std::int32_t corner) {
 }
 
 void PolygonTriangulator::cut(std::int32_t corner) {
-  const auto at = static_cast<std::size_t>(corner);
+  const std::size_t at = corner;
   const std::int32_t a = previous_[at];
   const std::int32_t c = next_[at];
   triangles_.push_back({a, corner, c});

@@ -21,7 +21,7 @@ struct Row {
 template <int Columns>
 Weld weld_rows(const Eigen::Ref<const Rows<double, Columns>>& table, const Progress& progress) {
   constexpr auto kColumns = static_cast<std::size_t>(Columns);
-  const auto num_rows = static_cast<std::size_t>(table.rows());
+  const std::size_t num_rows = table.rows();
   std::vector<Row<kColumns>> rows(num_rows);
   for (std::size_t i = 0; i < num_rows; ++i) {
     for (std::size_t c = 0; c < kColumns; ++c) {

@@ -258,7 +258,7 @@ class Reader {
       if (!has_parent[n]) stack.push_back(static_cast<std::int64_t>(n));
     }
     while (!stack.empty()) {
-      const auto n = static_cast<std::size_t>(stack.back());
+      const std::size_t n = stack.back();
       stack.pop_back();
       reached[n] = true;
       stack.insert(stack.end(), children[n].begin(), children[n].end());
@@ -342,7 +342,7 @@ class Reader {
                    const std::vector<std::vector<std::int64_t>>& children,
                    std::vector<bool>& marked) {
     while (!stack.empty()) {
-      const auto n = static_cast<std::size_t>(stack.back());
+      const std::size_t n = stack.back();
       stack.pop_back();
       marked[n] = true;
       stack.insert(stack.end(), children[n].begin(), children[n].end());

@@ -46,7 +46,7 @@ DracoElements encode_draco(const JsonPlace& accessor, std::size_t index,
   const std::int64_t stride = is_attribute ? (packed + 3) / 4 * 4 : packed;
   const auto num_values = static_cast<std::int64_t>(attribute.values.size());
   DracoElements elements{index, stride, is_attribute, {}};
-  elements.bytes.resize(static_cast<std::size_t>(num_values / columns * stride));
+  elements.bytes.resize(num_values / columns * stride);
   for (std::int64_t i = 0; i < num_values; ++i) {
     const std::int64_t at =
         i / columns * stride + i % columns * static_cast<std::int64_t>(sizeof(T));
@@ -194,7 +194,7 @@ class DracoReader {
       accessor.fail("says " + std::to_string(count) + " elements, the Draco stream has " +
                     std::to_string(rows));
     }
-    const auto index = static_cast<std::size_t>(user.integer(0, kMaxDracoId));
+    const std::size_t index = user.integer(0, kMaxDracoId);
     elements_.push_back(encode_draco_as(accessor, index, attribute, is_attribute));
     budget_.charge(static_cast<std::int64_t>(elements_.back().bytes.size()) + kJsonBytesPerAccessor,
                    accessor.pointer());

@@ -195,7 +195,7 @@ class ShellReader {
 
   void keep_skins() {
     for (std::int64_t i = 0; i < source_.count("skins"); ++i) {
-      const auto index = static_cast<std::size_t>(i);
+      const std::size_t index = i;
       if (const auto matrices = item("skins", index).find("inverseBindMatrices")) {
         json()["skins"][index]["inverseBindMatrices"] = keep_accessor(*matrices);
       }
@@ -204,7 +204,7 @@ class ShellReader {
 
   void keep_animations() {
     for (std::int64_t a = 0; a < source_.count("animations"); ++a) {
-      const auto index = static_cast<std::size_t>(a);
+      const std::size_t index = a;
       const JsonPlace samplers = item("animations", index).member("samplers");
       for (std::int64_t i = 0; i < samplers.size(); ++i) {
         const JsonPlace place = samplers.item(i);
@@ -217,7 +217,7 @@ class ShellReader {
 
   void keep_images() {
     for (std::int64_t i = 0; i < source_.count("images"); ++i) {
-      const auto index = static_cast<std::size_t>(i);
+      const std::size_t index = i;
       const JsonPlace place = item("images", index);
       Json& image = json()["images"][index];
       if (place.has("bufferView")) {

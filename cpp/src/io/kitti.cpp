@@ -131,7 +131,7 @@ std::vector<char> all_bytes(InputBuffer& input) {
 
 // Rows of finite floats, without a header.
 PointTable table_of(std::vector<char> bytes, PointFormat format, std::vector<PointField> fields) {
-  const auto row = static_cast<std::size_t>(row_bytes(fields));
+  const std::size_t row = row_bytes(fields);
   PointTable table;
   table.format = format;
   table.fields = std::move(fields);

@@ -567,7 +567,7 @@ class PlyWriter {
     if (some_lack_texcoords_) out_.binary(std::uint8_t{mesh_.face_has_texcoords(f)});
     const std::int32_t material = mesh_.has_materials() ? mesh_.face_material[f] : -1;
     if (!texture_names_.empty()) {
-      const auto index = static_cast<std::size_t>(material);
+      const std::size_t index = material;
       out_.binary(material >= 0 && index < texture_of_material_.size() ? texture_of_material_[index]
                                                                        : std::int32_t{-1});
     }

@@ -103,7 +103,7 @@ void read_rows(InputBuffer& input, std::int64_t num_rows, std::int64_t row_size,
   constexpr std::int64_t kBlock = std::int64_t{1} << 18;
   const std::int64_t block = std::max<std::int64_t>(1, kBlock / row_size);
   while (num_rows > 0) {
-    const auto size = static_cast<std::size_t>(std::min(block, num_rows) * row_size);
+    const std::size_t size = std::min(block, num_rows) * row_size;
     const char* data = input.bytes(size, "the points");
     bytes.insert(bytes.end(), data, data + size);
     num_rows -= std::min(block, num_rows);

@@ -90,7 +90,7 @@ class VertexRows {
         above_(image.cols()),
         below_(image.cols()) {
     const std::int64_t size = image.rows() * image.cols();
-    const auto count = static_cast<std::size_t>(size - std::count(labels, labels + size, 0));
+    const std::size_t count = size - std::count(labels, labels + size, 0);
     points_.reserve(3 * count);
     pixels_.reserve(2 * count);
     bones_.reserve(count);

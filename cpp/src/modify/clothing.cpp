@@ -1,6 +1,6 @@
 #include "manip3d/modify/clothing.hpp"
 
-#include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <optional>
@@ -18,8 +18,7 @@ constexpr float kHalfWidth = 0.11F, kLow = 0.2F, kHigh = 0.85F;  // metres; shar
 // Metres before and behind the spine between which the front of a trunk lies: arms are before it.
 constexpr float kBefore = 0.22F, kBehind = 0.05F;
 
-/// The share of a pixel's colour that is hue: none below the first saturation or brightness, all
-/// above the second.
+/// 0 up to `none`, 1 from `all` on, and linear between them.
 float ramp(float value, float none, float all) {
   return std::clamp((value - none) / (all - none), 0.0F, 1.0F);
 }

@@ -146,7 +146,7 @@ void ColliderTracker::measure(std::span<const std::uint8_t> label,
     ++bins[label[i]][std::min(millimetres, last)];
     ++count[label[i]];
   }
-  const auto frames = static_cast<std::size_t>(options_.frames);
+  const std::size_t frames = options_.frames;
   for (std::size_t bone = 1; bone < kNumJoints; ++bone) {
     if (count[bone] < static_cast<std::uint32_t>(options_.min_points)) continue;
     const auto slot = static_cast<std::size_t>(num_radii_[bone]++) % frames;

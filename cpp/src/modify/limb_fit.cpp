@@ -38,7 +38,7 @@ struct Samples {
   std::array<Eigen::AlignedBox3f, kMostSamples / kBlock> boxes;  ///< Around each block.
 
   explicit Samples(const PersonPoints& points) {
-    const auto all = static_cast<std::size_t>(points.count);
+    const std::size_t all = points.count;
     const std::size_t stride = std::max<std::size_t>(1, (all + kMostSamples - 1) / kMostSamples);
     for (std::size_t i = stride / 2; i < all; i += stride) {
       x[count] = points.x[i], y[count] = points.y[i], z[count] = points.z[i];
@@ -167,7 +167,7 @@ class LimbFit {
           kPrior * (chain.told[k] - chain.place[k]).cast<double>();
     }
     for (std::size_t i = 0; i < samples_.count; ++i) {
-      const auto bone = static_cast<std::size_t>(samples_.bone[i]);
+      const std::size_t bone = samples_.bone[i];
       if (bone == kNoBone || bone / kBonesOfLimb != limb) continue;
       add(limb, bone % kBonesOfLimb, i, scale, information, gradient);
     }

@@ -431,7 +431,7 @@ PixelBox bridge_gaps(const std::vector<MirroredPoint>& mirrored, const PixelProj
   }
   const auto of_source = [&](std::int64_t pixel) -> const MirroredPoint* {
     if (pixel >= image.rows * image.cols) return nullptr;
-    const auto i = static_cast<std::size_t>(scratch[pixel]);
+    const std::size_t i = scratch[pixel];
     return i < mirrored.size() && mirrored[i].source == pixel ? &mirrored[i] : nullptr;
   };
   PixelBounds bounds;

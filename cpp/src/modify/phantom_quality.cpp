@@ -136,7 +136,7 @@ double bone_fit(const PersonPoints& points) {
 void PictureJudge::reserve(std::int64_t rows, std::int64_t cols) {
   cells_.resize(rows * cols);
   pieces_.reserve(rows, cols);
-  sizes_.reserve(static_cast<std::size_t>(rows * ((cols + 1) / 2)));
+  sizes_.reserve(rows * ((cols + 1) / 2));
 }
 
 void PictureJudge::measure(const PersonPoints& points, const Skeleton& phantom,
@@ -178,7 +178,7 @@ void PictureJudge::measure_pieces(const Eigen::Vector3f& root, const PixelBox& b
   std::int64_t all = 0;
   for (const MarkedRun& run : pieces_.find(cells_.data(), box.height, box.width, false)) {
     const std::int64_t v = box.v0 + run.row;
-    const auto piece = static_cast<std::size_t>(run.component);
+    const std::size_t piece = run.component;
     if (piece == sizes_.size()) sizes_.push_back({0, 1e6F});
     for (std::int64_t u = box.u0 + run.first; u <= box.u0 + run.last; ++u) {
       const float z = image.depth[v * image.cols + u];

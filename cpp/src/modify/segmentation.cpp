@@ -120,7 +120,7 @@ class Collector {
                         : depth_.metres[pixel];
     if (!has_ray(rays_, u, v)) return;
     const Eigen::Vector3f p = lift(rays_, u, v, z);
-    const auto i = static_cast<std::size_t>(points_.count++);
+    const std::size_t i = points_.count++;
     points_.x[i] = p.x();
     points_.y[i] = p.y();
     points_.z[i] = z;
@@ -260,7 +260,7 @@ void PersonPoints::set_shape(std::int64_t num_rows, std::int64_t num_cols) {
 }
 
 void PersonPoints::make_room(std::int64_t num_points) {
-  const auto size = static_cast<std::size_t>(num_points);
+  const std::size_t size = num_points;
   if (size <= x.size()) return;
   for (std::vector<float>* column : {&x, &y, &z, &squared_distance, &skin_distance})
     column->resize(size);
@@ -306,8 +306,8 @@ void segment_bones(const BoneSegments& bones, PersonPoints& points) {
   Candidates candidates(table);
   Tile tile;
   for (std::size_t i = 0; i + 1 < points.tile_start.size(); ++i) {
-    const auto begin = static_cast<std::size_t>(points.tile_start[i]);
-    const auto end = static_cast<std::size_t>(points.tile_start[i + 1]);
+    const std::size_t begin = points.tile_start[i];
+    const std::size_t end = points.tile_start[i + 1];
     tile.load(points, begin, end);
     candidates.for_each(tile, [&](std::size_t bone) {
       table.has_radii ? tile.measure<true>(table, bone) : tile.measure<false>(table, bone);

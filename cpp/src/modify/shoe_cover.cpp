@@ -47,7 +47,7 @@ const std::uint8_t* color_at(const RgbdFrame& frame, std::int64_t v, std::int64_
 
 void check(const RgbdFrame& frame, const PixelRays& rays) {
   if (!frame.calibration) throw InputError("frame: expected a calibration");
-  const auto size = static_cast<std::size_t>(frame.rows * frame.cols);
+  const std::size_t size = frame.rows * frame.cols;
   if (frame.rows != rays.height() || frame.cols != rays.width() || frame.depth.size() != size) {
     throw InputError("frame: expected depth of shape (" + std::to_string(rays.height()) + ", " +
                      std::to_string(rays.width()) + ") as the intrinsics say");

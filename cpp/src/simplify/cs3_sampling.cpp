@@ -296,7 +296,7 @@ double Cs3Sampler::search(const Frame& frame, Cs3Report& report) {
 
 // Continues with the most important points that are not chosen yet, up to n, repulsion aside.
 void Cs3Sampler::go_on(const Frame& frame) {
-  const auto n = static_cast<std::size_t>(frame.options.target_points);
+  const std::size_t n = frame.options.target_points;
   blocked_.assign(frame.map.keys.size() / 64, 0);
   for (const Slot slot : chosen_) blocked_[slot / 64] |= std::uint64_t{1} << (slot % 64);
   for (const Slot slot : frame.order) {

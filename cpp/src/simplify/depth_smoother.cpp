@@ -19,7 +19,7 @@ DepthSmoother::DepthSmoother(const DepthSmootherOptions& options) : options_(opt
 }
 
 const std::vector<float>& DepthSmoother::add(const DepthView& depth) {
-  const auto size = static_cast<std::size_t>(depth.rows * depth.cols);
+  const std::size_t size = depth.rows * depth.cols;
   if (mean_.size() != size || rows_ != depth.rows || cols_ != depth.cols) {
     rows_ = depth.rows;
     cols_ = depth.cols;

@@ -71,7 +71,7 @@ DistanceGuard::DistanceGuard(const MeshView& original, double limit, std::functi
     margin_ = kRounding + 4.0 * std::numeric_limits<double>::epsilon() * farthest / unit_;
   }
   limit_ = limit / unit_ - margin_;
-  const auto count = static_cast<std::size_t>(original.num_faces());
+  const std::size_t count = original.num_faces();
   original_.reserve(count);
   current_.reserve(count);
   for (Eigen::Index f = 0; f < original.num_faces(); ++f) {

@@ -278,7 +278,7 @@ void GridDelaunay::fill_bays() {
 }
 
 void GridDelaunay::reserve(std::int64_t num_pixels) {
-  const auto n = static_cast<std::size_t>(num_pixels);
+  const std::size_t n = num_pixels;
   pixels_.reserve(n);
   ring_.reserve(n);
   edges_.reserve(2 * n * kStride);

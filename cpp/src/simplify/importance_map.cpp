@@ -192,9 +192,9 @@ void ImportanceMapper::compute(const RangeImage& image, const Cs3Options& option
                                ImportanceMap& map) {
   map.box = image.bounds();
   map.stride = (map.box.width + 63) / 64 * 64;
-  const auto num_slots = static_cast<std::size_t>(map.stride * map.box.height);
+  const std::size_t num_slots = map.stride * map.box.height;
   // Room for the whole image, so that a box that grows from frame to frame allocates nothing.
-  const auto most_slots = static_cast<std::size_t>((image.cols() + 63) / 64 * 64 * image.rows());
+  const std::size_t most_slots = (image.cols() + 63) / 64 * 64 * image.rows();
   map.keys.reserve(most_slots);
   map.keys.resize(num_slots);
   const bool with_hessian = options.sampling == Cs3Sampling::kNonMaximum;
@@ -210,16 +210,16 @@ void ImportanceMapper::compute(const RangeImage& image, const Cs3Options& option
   constexpr std::int64_t kRowsPerChunk = 48;
   const std::int64_t chunk =
       options.num_threads == 1 ? std::max<std::int64_t>(1, map.box.height) : kRowsPerChunk;
-  const auto num_chunks = static_cast<std::size_t>((map.box.height + chunk - 1) / chunk);
+  const std::size_t num_chunks = (map.box.height + chunk - 1) / chunk;
   if (scratch_.size() < num_chunks) scratch_.resize(num_chunks);
   const std::int64_t most_floats = (3 * kPointRows + kAreaRows) * (image.cols() + 2 * kPad);
-  for (auto& scratch : scratch_) scratch.reserve(static_cast<std::size_t>(most_floats));
+  for (auto& scratch : scratch_) scratch.reserve(most_floats);
   max_depths_.assign(num_chunks, 0.0F);
   map.max_depth = 0.0F;
   if (num_chunks == 0) return;
   const float scale = unit_scale(image, map.box, scratch_[0]);
   const auto body = [&](std::int64_t begin, std::int64_t end) {
-    const auto i = static_cast<std::size_t>(begin / chunk);
+    const std::size_t i = begin / chunk;
     max_depths_[i] = RowPipeline(image, options, scale, scratch_[i], map).run(begin, end);
   };
   if (num_chunks == 1) {

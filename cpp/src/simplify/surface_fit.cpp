@@ -88,7 +88,7 @@ void SurfaceFit::find_nearest(const CollapseMesh& mesh, int per_face, const Prog
   }
   const TriangleBvh bvh(now_, part_of(progress, 0.0, 0.3));
   per_face_ = per_face;
-  samples_.assign(static_cast<std::size_t>(per_face * original_.num_faces()), {});
+  samples_.assign(per_face * original_.num_faces(), {});
   const auto search = [&](std::int64_t begin, std::int64_t end) {
     std::int32_t near_face = 0;
     for (std::int64_t f = begin; f < end; ++f) find_nearest_of(mesh, bvh, f, near_face);

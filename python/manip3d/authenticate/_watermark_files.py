@@ -250,8 +250,9 @@ def as_stored(
 ) -> LidarFrame:
     """Return a scan as a file will give it back, which is what has to be signed.
 
-    Points without coordinates, which organised scans have, are not written, so that none is missing
-    from the file; KITTI's and nuScenes' formats have an intensity, 0 where the scan has none.
+    ``num_dropped`` becomes 0 and ``file_rows`` None: an organised scan's points without coordinates
+    are never written, so that a reader of the file finds none to drop. KITTI's and nuScenes'
+    formats have an intensity, 0 where the scan has none.
 
     Parameters
     ----------

@@ -308,7 +308,7 @@ class StudyFolder:
         return min(range(period), key=lambda place: taken[place])
 
     def check_code(self, participant: str) -> None:
-        """Refuse a code with which nobody could begin.
+        """Refuse a code that is malformed or too much like another participant's.
 
         Parameters
         ----------
@@ -318,7 +318,8 @@ class StudyFolder:
         Raises
         ------
         InputError
-            It is no code, or differs from another only in its letters' case.
+            It has other characters than letters, digits, - and _, or more than 32 of them, or
+            differs from another code only in its letters' case.
         """
         if not CODE.fullmatch(participant):
             raise InputError(

@@ -8,8 +8,9 @@
 /// Images of sensors that show the world as a mirror does (the Kinect), turned round on entry.
 namespace manip3d {
 
-/// The same cameras looking at images that are turned round: cx' = W - 1 - cx. A ray table's rows
-/// are reversed with the images'; the directions in it stay. Skeletons have nothing to do with it.
+/// The cameras of the images that `unmirror_images` leaves: cx' = W - 1 - cx, and the rays of a
+/// table change places with their pixels, each as it is. A calibration without a mirrored camera is
+/// returned itself. Skeletons are not touched.
 std::shared_ptr<const RgbdCalibration> unmirrored(
     const std::shared_ptr<const RgbdCalibration>& calibration);
 

@@ -66,6 +66,7 @@ class PatchDistance {
   static Box box_of(const Triangle3& triangle);
   static bool cut(const Polygon& polygon, const Eigen::Vector2d& from, const Eigen::Vector2d& to,
                   double orientation, Polygon& inside, Polygon& outside);
+  bool push_near(const Triangle3& triangle, std::size_t begin, std::size_t end);
   double bound_within(const Triangle3& triangle, std::size_t begin, std::size_t end, int depth);
   double overlay(const Triangle3& triangle, std::size_t begin);
   void subtract(const Polygon& polygon, const std::array<Eigen::Vector2d, 3>& corners,

@@ -24,7 +24,7 @@ struct Edges {
 
   [[nodiscard]] Eigen::Index size() const { return vertices.rows(); }
   [[nodiscard]] std::span<const std::int32_t> faces_of(Eigen::Index edge) const {
-    const auto e = static_cast<std::size_t>(edge);
+    const std::size_t e = edge;
     return std::span(faces).subspan(offsets[e], offsets[e + 1] - offsets[e]);
   }
   /// Used by exactly one face.

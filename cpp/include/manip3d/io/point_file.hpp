@@ -71,6 +71,7 @@ struct PointTable {
   std::vector<char> rows;  ///< num_points * row_bytes(fields)
 };
 
+/// Bytes of one row of a table with these fields.
 std::int64_t row_bytes(const std::vector<PointField>& fields);
 
 struct ReadPointsOptions {
