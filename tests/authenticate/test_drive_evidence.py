@@ -11,6 +11,7 @@ import pytest
 
 from manip3d import InputError, LidarFrame, authenticate, report
 from manip3d.authenticate import DetectorReport, Inspection, drive_evidence, likelihood_ratio
+from manip3d.authenticate._drives import share_with_alarms
 from manip3d.authenticate._sequence import upper_rate
 from manip3d.authenticate._verdict import binomial_tail
 
@@ -174,11 +175,29 @@ def test_the_page_of_a_drive_has_its_verdict(tmp_path: Path) -> None:
     assert "<h1 class=tampered>" in page.read_text()
 
 
-def test_a_share_of_clean_drives_is_one_at_most() -> None:
-    drive = [accused(1e-11)] + [CLEAN] * 39_999
-    assert "of clean drives as long 100.0% at most" in authenticate.verdict_of_drive(drive)[1]
+def test_the_share_of_clean_drives_does_not_grow_with_their_length() -> None:
+    drive = [accused(0.002, "generic", 12.0)] + [CLEAN] * 39_999
+    assert "of clean drives as long 2.1% at most" in authenticate.verdict_of_drive(drive)[1]
     drive = [accused(1.0, "watermark")]
     assert "of clean drives" not in authenticate.verdict_of_drive(drive)[1]
+
+
+def test_alarms_that_an_hour_has_by_chance_accuse_no_drive() -> None:
+    """Five within an hour have a probability of 1 / 5! at most, six of 1 / 6!."""
+    for alarms, verdict in ((4, "undecidable"), (5, "tampered")):
+        drive = ([CLEAN] * 7000 + [accused(0.0011)] * 4) * alarms
+        drive += [CLEAN] * (36_000 - len(drive))
+        assert len(authenticate.drive_evidence(drive).alarms) == alarms
+        assert authenticate.verdict_of_drive(drive)[0] == verdict
+
+
+def test_the_law_of_alarms() -> None:
+    """Times to an alarm that are even over an hour, drawn."""
+    times = np.random.default_rng(0).uniform(0.0, 36_000.0, (200_000, 3)).cumsum(axis=1)
+    for alarms, judged in ((1, 400), (2, 9_000), (3, 30_000)):
+        share = float(np.mean(times[:, alarms - 1] < judged))
+        assert share_with_alarms(alarms, judged) == pytest.approx(share, rel=0.1)
+    assert share_with_alarms(0, 100) == share_with_alarms(1, 72_000) == 1.0
 
 
 def test_a_single_strong_scan_makes_a_drive_tampered() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import os
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -31,7 +32,10 @@ if TYPE_CHECKING:
 GRAVEST_FIRST: tuple[Verdict, ...] = ("tampered", "processed", "undecidable", "no_trace")
 
 DRIVE_RATE = 0.01
-"""Clean drives, at most, that have as many episodes of accused scans as one that is tampered."""
+"""Clean drives, at most, that have as many episodes of accused scans as one that is tampered, or as
+many alarms of `drive_evidence`."""
+
+FRAMES_PER_HOUR = 3600.0 * FRAMES_PER_SECOND
 
 _OF_MANY_TURNS = {"turns", "reflectance"}
 """Detectors IV and V: what looks odd to them in one turn looks odd in the next."""
@@ -254,11 +258,13 @@ def verdict_of_drive(
       law; scans a turn apart that detectors IV and V alone accuse are one episode with the one
       before, since what looks odd to them in one turn looks odd in the next; every other accused
       scan is one of its own);
-    - an alarm of `drive_evidence`, at one an hour.
+    - so many alarms of `drive_evidence`, at one an hour, that one clean drive in a hundred has as
+      many: one within 36 s, five within an hour.
 
-    Of clean drives of N judged scans 1.1 % + N / 36000 at most are called tampered, if episodes are
-    independent of each other. An edit of a single scan that only detectors IV and V see makes a
-    long drive undecidable: look at the scan.
+    Of clean drives 2.1 % at most are called tampered, however long they are, if episodes are
+    independent of each other: 1.1 % and N / 36000 where fewer than 360 scans were judged. An edit
+    of a single scan that only detectors IV and V see makes a long drive undecidable: look at the
+    scan.
 
     Examples
     --------
@@ -288,8 +294,8 @@ def verdict_of_drive(
         if "watermark" in _accusers(each):
             return verdict, f"{told}: the watermark of number {number} does not hold"
     if (why := _why_no_chance(found, accused, places)) is not None:
-        alarms = drive_evidence(found).judged / (3600.0 * FRAMES_PER_SECOND)
-        share = min(1.0, DRIVE_RATE + rate_of("generic") + alarms)
+        expected = drive_evidence(found).judged / FRAMES_PER_HOUR
+        share = DRIVE_RATE + rate_of("generic") + min(DRIVE_RATE, expected)
         return verdict, f"{told}: {why}; of clean drives as long {share:.1%} at most are called so"
     judged = sum(_could_be_accused(each) for each in found)
     return (
@@ -321,9 +327,13 @@ def _why_no_chance(
             is_of_lattice = report.name == "generic" and report.verdict == "tampered"
             if is_of_lattice and _lattice_p_value(report) * judged <= rate_of("generic"):
                 return f"points of number {number} lie where the sensor cannot measure"
-    alarms = drive_evidence(found).alarms
-    if alarms:
-        return f"the evidence of successive scans adds up to an alarm at number {alarms[0]}"
+    together = drive_evidence(found)
+    alarms = together.alarms
+    if alarms and share_with_alarms(len(alarms), together.judged) <= DRIVE_RATE:
+        told = f"an alarm at number {alarms[0]}"
+        if len(alarms) > 1:
+            told = f"{len(alarms)} alarms, the first at number {alarms[0]}"
+        return f"the evidence of successive scans adds up to {told}"
     episodes = sum(
         number - 1 not in accused
         or places[number] != places[number - 1] + 1
@@ -333,6 +343,24 @@ def _why_no_chance(
     if binomial_tail(episodes, judged, FALSE_ALARM_RATE) <= DRIVE_RATE * (1.0 + 1e-9):
         return f"{episodes} {'episode' if episodes == 1 else 'episodes'} are more than chance has"
     return None
+
+
+def share_with_alarms(alarms: int, judged: int) -> float:
+    """Return the share of clean drives, at most, with so many alarms of `drive_evidence`.
+
+    At one an hour, the time to an alarm is at most as often below ``n`` scans as one that is even
+    over an hour, however the time before passed: the sum of ``k`` such times is below ``N`` scans
+    with probability ``(N / 36000)**k / k!`` at most.
+
+    Parameters
+    ----------
+    alarms, judged : int
+        Alarms, and scans that were judged.
+    """
+    expected = judged / FRAMES_PER_HOUR
+    if alarms == 0 or expected == 0.0:
+        return 1.0 if alarms == 0 else 0.0
+    return min(1.0, math.exp(alarms * math.log(expected) - math.lgamma(alarms + 1)))
 
 
 def _could_be_accused(found: Inspection | None) -> bool:

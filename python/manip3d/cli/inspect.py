@@ -181,12 +181,11 @@ def inspect(
     read. Each scan of a drive or of packets gets a line, and is judged
     together with the scans before and after it; it is judged alone where those are missing, and in
     folders without times (object and stereo benchmarks). A drive is tampered where chance does not
-    explain its accused scans: of 100 clean scans one may be accused, and 1.1 % of clean drives are
-    called tampered at most, beside one alarm an hour. No verdict says that a scan is authentic:
-    only a keyed watermark does. With
-    -o the evidence is written: a page with pictures and boxes (.html; of a drive a timeline and a
-    map, of a recording frames, what was inserted in them and the curves of noise), or the numbers
-    (.json).
+    explain its accused scans: of 100 clean scans one may be accused, and 2.1 % of clean drives are
+    called tampered at most, however long they are. No verdict says that a scan is authentic: only a
+    keyed watermark does. With -o the evidence is written: a page with pictures and boxes (.html; of
+    a drive a timeline and a map, of a recording frames, what was inserted in them and the curves of
+    noise), or the numbers (.json).
 
     Example: manip3d inspect scan.bin -o evidence.html
     """
