@@ -214,6 +214,23 @@ def test_pieces_vanish_in_the_order_of_their_distance() -> None:
     assert result.mesh.num_faces <= 12
 
 
+@pytest.mark.parametrize("opening", [0.5, 0.55, 0.6])
+def test_the_last_faces_of_a_shell_do_not_fold_onto_each_other(opening: float) -> None:
+    """Sides that fold onto each other stay in their planes: distances were 0.084 to 0.112."""
+    ball = exact_models.ball(16)
+    shell = Mesh(
+        ball.vertices * [1.0, 0.3, 0.2],
+        ball.faces[ball.vertices[ball.faces, 2].mean(axis=1) < opening],
+    )
+    places = [[2.4 * u, 2.4 * v, 0.0] for v in range(2) for u in range(2)]
+    mesh = together(*(shell.replace(vertices=shell.vertices + place) for place in places))
+    mesh = simplify.clean(mesh).mesh
+    result = simplify.quality(mesh, target_faces=16)
+    assert result.removed_pieces == 0
+    metro = metrics.metro(mesh, result.mesh, sampling="area", samples=20_000)
+    assert metro.forward.mean < 0.065
+
+
 def facet_charts(mesh: Mesh) -> Mesh:
     """The mesh with a chart of its own for each face, as packers of light maps write it."""
     columns = int(np.ceil(np.sqrt(mesh.num_faces)))

@@ -756,7 +756,7 @@ class QualitySimplifier {
     return std::any_of(ring_v_.edges().begin(), ring_v_.edges().end(), [&](const RingEdge& edge) {
       const RingEdge* other = ring_t_.find(edge.vertex);
       return other != nullptr &&
-             makes_complex_edge(edge.num_faces, other->num_faces, count_faces(edge.vertex, v, t));
+             makes_complex_edge(edge.num_faces, other->num_faces, count_faces(v, edge.vertex, t));
     });
   }
 
