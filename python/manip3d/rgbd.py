@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +14,8 @@ from manip3d.camera import Intrinsics, Registration
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
 __all__ = [
@@ -207,3 +209,10 @@ def check_frames(name: str, frames: object) -> None:
         for frame in frames:
             if not isinstance(frame, RgbdFrame):
                 raise InputError(f"{name}: expected RGB-D frames, got {type(frame).__name__}")
+
+
+def numbered(frames: Sequence[RgbdFrame], places: Sequence[int]) -> list[RgbdFrame]:
+    """Frames that can be told apart: where all numbers are the same, their places are numbers."""
+    if len(frames) < 2 or any(frame.number != frames[0].number for frame in frames):
+        return list(frames)
+    return [replace(frame, number=place) for frame, place in zip(frames, places, strict=False)]

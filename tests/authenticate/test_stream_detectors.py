@@ -25,8 +25,12 @@ def sensed(
     noise: float = 2.0,
     hole: float = 0.002,
     relief: bool = True,
+    gaps: bool = True,
 ) -> RgbdFrame:
-    """A box before a wall; a camera's silhouettes are mixed pixels, cut-out ones are not."""
+    """A box before a wall; a camera's silhouettes are mixed pixels, cut-out ones are not.
+
+    A camera sees nothing of a dark place on the wall: there is a wide gap.
+    """
     rng = np.random.default_rng([7, number])
     depth = np.full((240, 320), 3000.0)
     if relief:
@@ -35,6 +39,8 @@ def sensed(
         depth[60:200, 119] = depth[60:200, 200] = 2200.0
     depth += noise * (depth / 1000.0) ** 2 * rng.standard_normal(depth.shape)
     depth[rng.random(depth.shape) < hole] = 0.0
+    if gaps:
+        depth[10:40, 40:60] = 0.0
     return RgbdFrame(np.rint(depth).astype(np.uint16), RgbdCalibration(CAMERA), number=number)
 
 
@@ -68,6 +74,35 @@ def test_cut_out_silhouettes_are_found_and_located() -> None:
         assert mask.sum() <= 1.05 * 140 * 80
     boxes = [region.box for region in found.regions]
     np.testing.assert_allclose(np.median(boxes, axis=0), (120, 60, 80, 140), atol=8)
+
+
+def test_sharp_silhouettes_of_images_whose_wide_gaps_were_filled_are_not_accused() -> None:
+    found = authenticate.inspect_stream(stream(soft=False, gaps=False))
+    assert found.verdict == "processed"
+    assert [step.kind for step in found.processing] == ["filtered"]
+    assert "0.0% of the gaps within rows are wide: large ones were filled" in found.reason
+    assert found.regions == ()
+    assert not found.masks.size
+
+
+def test_time_of_flight_cameras_need_no_wide_gaps() -> None:
+    camera = RgbdCalibration(Intrinsics(512, 424, 365.0, 365.0, 256.0, 212.0))
+    frames = []
+    for frame in stream(soft=False, gaps=False):
+        depth = np.pad(frame.depth, ((92, 92), (96, 96)), mode="wrap")
+        frames.append(RgbdFrame(depth, camera, number=frame.number))
+    assert authenticate.inspect_stream(frames).verdict == "tampered"
+
+
+def test_frames_without_numbers_are_named_by_their_places() -> None:
+    frames = [sensed(n, soft=not 4 <= n < 10) for n in range(14)]
+    unnumbered = [replace(frame, number=7) for frame in frames]
+    found = authenticate.inspect_stream(unnumbered)
+    assert found.numbers.tolist() == list(range(14))
+    assert {region.frame for region in found.regions} == set(range(4, 10))
+    assert "in frames 4 to 8 most of all" in found.reason
+    long = authenticate.judged_frames([unnumbered[0]] * 600)
+    assert [frame.number for frame in long[:7]] == [0, 1, 2, 3, 4, 5, 66]
 
 
 def test_a_stream_that_is_forged_for_a_while_is_found() -> None:
@@ -362,6 +397,25 @@ def test_missing_pixels_that_a_moving_camera_keeps_are_not_accused(
     realdata.needs("scene_kitchen")
     frames = kept_pixels(_streams.scene("scene_kitchen")[some], least, last)
     assert authenticate.inspect_stream(frames).verdict != "tampered"
+
+
+@pytest.mark.realdata
+@pytest.mark.parametrize("side", ["farther", "left"])
+@pytest.mark.parametrize("name", ["person_turning", "scene_kitchen"])
+def test_clean_recordings_whose_wide_gaps_were_filled_are_not_accused(
+    name: str, side: str, realdata: RealData
+) -> None:
+    from manip3d.experiments import _streams
+    from manip3d.experiments.cameras_5 import PROCESSING
+
+    realdata.needs(name)
+    frames = list(_streams.turning()) if name == "person_turning" else _streams.scene(name)
+    fill = PROCESSING[f"wide gaps filled, {side} side"]
+    depths = fill([frame.depth for frame in frames[:10]])
+    filled = [replace(frame, depth=depth) for frame, depth in zip(frames, depths, strict=False)]
+    found = authenticate.inspect_stream(filled)
+    assert found.verdict == "processed"
+    assert "large ones were filled" in found.reason
 
 
 @pytest.mark.realdata

@@ -315,7 +315,7 @@ class ColorPainter {
     return out_ + 3 * (v * scene_.cols + u);
   }
   /// Lets the scene shine through a painted pixel.
-  /// @param own  So many pixels of a square of `side` are the person's.
+  /// @param own  How many pixels of a square of `side` are the person's.
   void fade(std::int64_t u, std::int64_t v, std::int32_t own, std::int32_t side) {
     const std::int64_t first = 3 * (v * scene_.cols + u);
     std::uint8_t* pixel = out_ + first;

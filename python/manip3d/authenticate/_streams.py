@@ -16,7 +16,7 @@ from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.options import reporting
 from manip3d.authenticate._verdict import Calibration, Power, Processing, Verdict
 from manip3d.errors import InputError
-from manip3d.rgbd import RgbdFrame, check_frames
+from manip3d.rgbd import RgbdFrame, check_frames, numbered
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -56,6 +56,11 @@ _SIZES = {
     (480, 270), (424, 240), (1280, 800), (640, 400), (640, 576), (320, 288), (512, 512),
     (1024, 1024), (1280, 1024), (1280, 960), (1920, 1080), (2048, 1536), (3840, 2160),
 }  # fmt: skip
+_TIME_OF_FLIGHT = {(512, 424), (640, 576), (320, 288), (512, 512), (1024, 1024)}
+"""Images of the Kinect V2 and the Azure Kinect, which mix depths at silhouettes: filling what is
+missing beside them makes none sharp."""
+_WIDE_GAP = 0.02  # of the image's width: 12 of 640 pixels
+_LEAST_WIDE_GAPS = 0.02  # of the gaps; cameras have 0.11 and more, filled images next to none
 
 CALIBRATION = Calibration(
     "the turning person, the red kitchen of 7-Scenes and simulated people before a Kinect V2",
@@ -219,7 +224,8 @@ class StreamInspection:
     masks : (T, H, W) bool
         Pixels of what was inserted, of the frames in ``numbers``; empty without evidence.
     numbers : (T,) int64
-        Numbers of the frames that were judged.
+        Numbers of the frames that were judged; their places in the stream where all numbers are the
+        same.
     processing : tuple of Processing
         What was done to all images.
     detectors : tuple of StreamReport
@@ -294,7 +300,9 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
     which a part repeats exactly behind a camera's own silhouettes, are ``processed``: codecs and
     filters over time do that, too. So are those whose silhouettes are sharp because what a camera
     misses beside them keeps the depth of the frame before, as RealSense's filter over time does
-    before a moving camera. No verdict says that a stream is authentic.
+    before a moving camera, and because no wide gap is left in the image: large holes were filled.
+    Of time-of-flight cameras, told by the size of their images, the latter is no evidence. No
+    verdict says that a stream is authentic.
 
     An image that was cut to the size of some camera is told by the field of view that its
     calibration leaves, if that is below 50 degrees. One that was made smaller by leaving pixels
@@ -407,9 +415,13 @@ def judged_frames(frames: Iterable[RgbdFrame]) -> list[RgbdFrame]:
 
 
 def _judged(frames: Iterable[RgbdFrame]) -> tuple[list[RgbdFrame], bool]:
-    """Return the frames that are judged, and whether they are the first ones of more."""
+    """Return the frames that are judged, and whether they are the first ones of more.
+
+    Frames that nobody numbered get the numbers of their places in the stream.
+    """
     length = len(frames) if isinstance(frames, Sequence) else getattr(frames, "num_frames", None)
     has_more = False
+    places: Sequence[int] = range(MOST_FRAMES)
     if length is None:
         iterator = iter(frames)
         some = list(islice(iterator, MOST_FRAMES))
@@ -419,10 +431,11 @@ def _judged(frames: Iterable[RgbdFrame]) -> tuple[list[RgbdFrame], bool]:
     else:
         run = 6
         starts = np.linspace(0, length - run, MOST_FRAMES // run).astype(int)
-        wanted = {int(start) + i for start in starts for i in range(run)}
+        places = sorted({int(start) + i for start in starts for i in range(run)})
+        wanted = frozenset(places)
         some = [frame for number, frame in enumerate(frames) if number in wanted]
     check_frames("frames", some)
-    return some, has_more
+    return numbered(some, places), has_more
 
 
 def _box(mask: Mask) -> tuple[int, int, int, int]:
@@ -641,6 +654,10 @@ def _silhouettes(
         if _KEPT_MORE * middle > 1.0 and 1.0 - middle > _KEPT_MORE * (1.0 - rim) + _ALIKE:
             why += f", too many to tell a filter from pictures that are shown again: {cannot}"
             return StreamReport("silhouettes", "undecidable", why), (), nothing
+    if (wide := _wide_gaps(frames)) is not None and wide < _LEAST_WIDE_GAPS:
+        why = f"silhouettes are sharp, but {wide:.1%} of the gaps within rows are wide: large ones"
+        why += " were filled, and whether somebody was cut out cannot be told"
+        return StreamReport("silhouettes", "processed", why, score), (), nothing
     regions = []
     for frame, objects, mask in zip(frames, found, masks, strict=True):
         for cut in objects:
@@ -748,13 +765,34 @@ def _rendered(frames: Sequence[RgbdFrame]) -> str | None:
     return None
 
 
-def _speckles(depth: Depth) -> float:
-    """Share of pixels at which up to four in a row have no measurement within one surface."""
+def _wide_gaps(frames: Sequence[RgbdFrame]) -> float | None:
+    """Share of the gaps between measured pixels of a row that are wide; None: no shadows expected.
+
+    Beside what stands before a background structured light and stereo leave wide ones.
+    """
+    height, width = frames[0].depth.shape
+    if not _TIME_OF_FLIGHT.isdisjoint({(width, height), (height, width)}):
+        return None
+    widths = np.concatenate(
+        [end - begin for _, begin, end in map(_gaps, (f.depth for f in frames))]
+    )
+    return float(np.mean(widths >= _WIDE_GAP * max(width, height))) if len(widths) else 0.0
+
+
+def _gaps(depth: Depth) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+    """Rows of missing pixels between measured ones, first columns and those behind the last."""
     missing = np.pad(depth == 0, ((0, 0), (1, 1)))
     edges = np.diff(missing.astype(np.int8), axis=1)
     row, begin = np.nonzero(edges == 1)
     end = np.nonzero(edges == -1)[1]
-    short = (end - begin <= 4) & (begin > 0) & (end < depth.shape[1])
+    inner = (begin > 0) & (end < depth.shape[1])
+    return row[inner], begin[inner], end[inner]
+
+
+def _speckles(depth: Depth) -> float:
+    """Share of pixels at which up to four in a row have no measurement within one surface."""
+    row, begin, end = _gaps(depth)
+    short = end - begin <= 4
     row, begin, end = row[short], begin[short], end[short]
     before, after = (depth[row, column].astype(np.int64) for column in (begin - 1, end))
     return float((np.abs(before - after) < 0.02 * before).sum() / depth.size)

@@ -22,7 +22,7 @@ from manip3d.errors import InputError
 from manip3d.io._files import atomic_write
 from manip3d.report._evidence import PAGE_STYLE
 from manip3d.report._suspected import EVIDENCE_KINDS
-from manip3d.rgbd import RgbdFrame, check_frames
+from manip3d.rgbd import RgbdFrame, check_frames, numbered
 from manip3d.viewer.people import depth_picture
 from manip3d.viewer.pictures import png_bytes
 
@@ -81,7 +81,7 @@ def write_stream_evidence(
     else:
         some = list(frames)
         check_frames("frames", some)
-        by_number = {frame.number: frame for frame in some}
+        by_number = {frame.number: frame for frame in numbered(some, range(len(some)))}
         judged = [by_number[n] for n in inspection.numbers.tolist() if n in by_number]
         if not judged:
             raise InputError("frames: expected those that were judged, got none of them")
