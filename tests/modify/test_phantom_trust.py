@@ -229,6 +229,53 @@ def test_sides_that_a_tracker_swaps_do_not_move_the_limb() -> None:
     assert result.plane.normal[0] < -0.9
 
 
+FLIGHTS = {
+    "beside the person": {
+        "ElbowRight": (0.40, 0.60, -0.15),
+        "WristRight": (0.70, 0.30, -0.10),
+        "HandRight": (-0.30, 0.75, -0.10),
+    },
+    "before the trunk": {
+        "ElbowRight": (0.06, 0.00, -0.12),
+        "WristRight": (0.05, 0.45, -0.14),
+        "HandRight": (0.02, 0.12, -0.14),
+    },
+}
+
+
+@pytest.mark.parametrize("flight", FLIGHTS)
+def test_invented_joints_of_a_missing_arm_take_nothing_of_the_body(flight: str) -> None:
+    """Bones to them run across the chest and the neck, which a limb that is not there cannot."""
+    truth = pose()
+    told = pose(FLIGHTS[flight])
+    pipeline = PhantomPipeline("right_arm")
+    for number in range(12):
+        image = seen(truth, number, told=told, camera=KINECT)
+        result = pipeline.process(image)
+    points = KINECT.unproject(image.depth)
+    far = np.linalg.norm(points - truth.positions[8], axis=-1) > 0.13  # from the shoulder
+    body = (image.body_index == 0) & far
+    assert (result.kinds[body] == PixelKind.NONE).sum() < 0.002 * body.sum()
+    assert result.state is PhantomState.TRACKING
+    assert result.phantom.sum() > 500
+
+
+def test_an_arm_is_taken_out_though_its_joints_fly_for_a_moment() -> None:
+    """Of somebody who has the arm, the tracker is believed again as soon as it sees it."""
+    truth = pose()
+    told = pose(FLIGHTS["beside the person"])
+    pipeline = PhantomPipeline("right_arm")
+    arm = np.isin(render(truth, KINECT)[1], (10, 11, 23))
+    for number in range(20):
+        image = replace(
+            frame(truth, KINECT, number=number),
+            skeletons=(told if number in (0, 1, 2, 12) else truth,),
+        )
+        result = pipeline.process(image)
+        if number in (8, 18):
+            assert (result.kinds[arm] == PixelKind.BODY).mean() < 0.02
+
+
 def test_sides_told_for_long_are_kept_for_longer() -> None:
     """A tracker that was right for two seconds is not believed when it is wrong for 0.7."""
     truth = pose()

@@ -11,6 +11,7 @@
 #include "manip3d/error.hpp"
 #include "manip3d/modify/limb_fit.hpp"
 #include "manip3d/modify/trunk_tracker.hpp"
+#include "modify/limb_evidence.hpp"
 #include "modify/loose_cloth.hpp"
 #include "modify/phantom_mesh.hpp"
 #include "modify/phantom_quality.hpp"
@@ -511,8 +512,28 @@ class PhantomPipeline::Workspace {
                                       const PhantomInput& input) {
     points_.count = 0;
     if (!person) return person;
-    find_person(input.depth, input.body_index, *person, rays_, options_.mask, points_);
-    return goes_by_skin() ? fit_limbs(*person, points_) : *person;
+    const Skeleton believed = goes_by_skin() ? without_unseen_limb(*person, input) : *person;
+    find_person(input.depth, input.body_index, believed, rays_, options_.mask, points_);
+    return goes_by_skin() ? fit_limbs(believed, points_) : believed;
+  }
+
+  /// The person without joints of the affected limb that the picture refutes. Bones to them would
+  /// take chest and neck out on their way. Of somebody who has the limb joints that are off for a
+  /// moment are still the best that is known of it.
+  [[nodiscard]] Skeleton without_unseen_limb(const Skeleton& person,
+                                             const PhantomInput& input) const {
+    const PixelProjector projector(*camera_, rays_);
+    const Limb affected = options_.affected;
+    if (presence_.is_there() ||
+        may_have_limb(person, affected, input.depth, input.body_index, projector)) {
+      return person;
+    }
+    Skeleton result = person;
+    for_each_phantom_joint([&](std::size_t joint) {
+      result.states[joint] = TrackingState::kNotTracked;
+      result.positions[joint].setZero();
+    });
+    return result;
   }
 
   void segment(const std::optional<Skeleton>& person, const PhantomInput& input,
@@ -704,17 +725,23 @@ class PhantomPipeline::Workspace {
       const PixelBox root = write_root(is_held ? moved_root_ : root_, projector, image);
       fill_holes(root, rays_, image, fills_, PixelKind::kRootFilled);
       all.add(root);
-      give_back_lap(image);
+      give_back_body(image);
     }
     return all.box();
   }
 
-  /// An arm beside the trunk is no part of it, but a lap has no seam between the thighs.
-  void give_back_lap(const PhantomImage& image) {
-    constexpr double kSeam = 0.05;  // metres
-    if (options_.keep_residual || !goes_by_skin() || is_arm(options_.affected)) return;
-    give_back(points_, options_.affected, bones_, kSeam, image);
-    give_back_holes(points_, options_.affected, bones_, rays_, image, vertex_of_);
+  /// An arm beside the trunk is no part of it, but a lap has no seam between the thighs; and where
+  /// no arm is, what lies on the trunk's skin is the trunk's.
+  void give_back_body(const PhantomImage& image) {
+    constexpr double kSeam = 0.05, kSkin = 0.01;  // metres
+    if (options_.keep_residual || !goes_by_skin()) return;
+    const Limb affected = options_.affected;
+    if (!is_arm(affected)) {
+      give_back(points_, affected, bones_, kSeam, image);
+      give_back_holes(points_, affected, bones_, rays_, image, vertex_of_);
+    } else if (!presence_.is_there()) {
+      give_back(points_, affected, bones_, kSkin, image);
+    }
   }
 
   /// Calls use(joint) for the joints that the phantom replaces.
