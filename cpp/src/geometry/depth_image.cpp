@@ -1,11 +1,11 @@
 #include "manip3d/geometry/depth_image.hpp"
 
-#include <algorithm>
-#include <bit>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <string>
 
+#include "geometry/lanes.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/parallel.hpp"
 #include "manip3d/geometry/range_image.hpp"
@@ -13,17 +13,33 @@
 namespace manip3d {
 namespace {
 
-/// Whether all valid points are, without a branch for each.
+bool is_finite(const float* point) {
+  return std::isfinite(point[0]) && std::isfinite(point[1]) && std::isfinite(point[2]);
+}
+
+/// Whether all valid points are; four of them at a time, twelve numbers.
 bool all_finite(const PointGridView& grid, std::int64_t num_pixels) {
-  constexpr std::uint32_t kExponent = 0x7f800000U;  // all of it: infinity or NaN
-  const auto bits = [](float one) { return std::bit_cast<std::uint32_t>(one) & kExponent; };
-  unsigned bad = 0;
-  for (std::int64_t i = 0; i < num_pixels; ++i) {
-    const float* p = grid.points + 3 * i;
-    const std::uint32_t most = std::max({bits(p[0]), bits(p[1]), bits(p[2])});
-    bad |= static_cast<unsigned>(grid.valid[i] != 0) & static_cast<unsigned>(most == kExponent);
+  constexpr std::int32_t kExponent = 0x7f800000;  // all of it: infinity or NaN
+  const auto are_bad = [](const float* from) -> Int4 {
+    Int4 bits;
+    std::memcpy(&bits, from, sizeof bits);
+    return (bits & kExponent) == kExponent;
+  };
+  std::int64_t i = 0;
+  for (; i + 4 <= num_pixels; i += 4) {
+    std::uint32_t valid = 0;
+    std::memcpy(&valid, grid.valid + i, sizeof valid);
+    if (valid == 0) continue;
+    const float* const p = grid.points + 3 * i;
+    if (true_lanes(are_bad(p) | are_bad(p + 4) | are_bad(p + 8)) == 0) continue;
+    for (std::int64_t k = i; k < i + 4; ++k) {
+      if (grid.valid[k] != 0 && !is_finite(grid.points + 3 * k)) return false;
+    }
   }
-  return bad == 0;
+  for (; i < num_pixels; ++i) {
+    if (grid.valid[i] != 0 && !is_finite(grid.points + 3 * i)) return false;
+  }
+  return true;
 }
 
 }  // namespace
@@ -61,9 +77,7 @@ void check_point_grid(const PointGridView& grid) {
   const std::int64_t num_pixels = grid.rows * grid.cols;
   if (all_finite(grid, num_pixels)) return;
   for (std::int64_t i = 0; i < num_pixels; ++i) {
-    const float* p = grid.points + 3 * i;
-    if (grid.valid[i] != 0 &&
-        !(std::isfinite(p[0]) && std::isfinite(p[1]) && std::isfinite(p[2]))) {
+    if (grid.valid[i] != 0 && !is_finite(grid.points + 3 * i)) {
       throw InputError(
           "points: expected finite coordinates where valid, got NaN or infinity at row " +
           std::to_string(i / grid.cols) + ", column " + std::to_string(i % grid.cols));

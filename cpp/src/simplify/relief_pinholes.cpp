@@ -29,12 +29,12 @@ void PinholeFiller::visit_around(std::int64_t pixel, Visit&& visit) const {
 }
 
 bool PinholeFiller::fill(const PointGridView& grid, const DenseRule& rule,
-                         std::span<const float> confidence) {
+                         std::span<const float> confidence, const Surface& surface) {
   grid_ = grid;
   num_filled_ = 0;
   if (grid.rows < 3 || grid.cols < 3) return false;
   const StepRule steps(rule);
-  find_holes(steps);
+  find_holes(steps, surface);
   if (holes_.empty()) return false;
   open_.clear();
   for (Hole& hole : holes_) {
@@ -64,13 +64,13 @@ bool PinholeFiller::fill(const PointGridView& grid, const DenseRule& rule,
 }
 
 /// Small ones; all other pixels without a measurement are open.
-void PinholeFiller::find_holes(const StepRule& steps) {
+void PinholeFiller::find_holes(const StepRule& steps, const Surface& surface) {
   const std::int64_t num_pixels = grid_.rows * grid_.cols;
   state_.resize(num_pixels);
   for (std::int64_t p = 0; p < num_pixels; ++p) {
     state_[p] = grid_.valid[p] != 0 ? kMeasured : kUnseen;
   }
-  if (steps.has_steps()) find_strays(steps);
+  if (steps.has_steps()) find_strays(steps, surface);
   for (std::int64_t u = 0; u < grid_.cols; ++u) {
     for (const std::int64_t p : {u, num_pixels - grid_.cols + u}) {
       if (state_[p] == kUnseen) state_[p] = kOpen;
@@ -89,11 +89,11 @@ void PinholeFiller::find_holes(const StepRule& steps) {
 }
 
 /// A measurement with steps all around it is on no surface: it counts as none.
-void PinholeFiller::find_strays(const StepRule& steps) {
+void PinholeFiller::find_strays(const StepRule& steps, const Surface& surface) {
   for (std::int64_t v = 1; v + 1 < grid_.rows; ++v) {
     for (std::int64_t u = 1; u + 1 < grid_.cols; ++u) {
       const std::int64_t p = v * grid_.cols + u;
-      if (grid_.valid[p] == 0) continue;
+      if (grid_.valid[p] == 0 || surface.uses(u, v)) continue;
       const float depth = grid_.points[3 * p + 2];
       bool is_stray = true;
       const auto look = [&](std::int64_t other) {

@@ -20,8 +20,10 @@ class PinholeFiller {
   /// step in depth and no edge that is too long among these: each pixel becomes the mean of its
   /// four neighbours. They have confidence 0, so that they are no evidence. A pixel with steps all
   /// around it is a hole, too.
+  /// @param surface  that of the grid by the rule: what it uses has a neighbour without a step.
   /// @return  false: fewer than one pixel of a thousand is in one, and grid() is not to be used.
-  bool fill(const PointGridView& grid, const DenseRule& rule, std::span<const float> confidence);
+  bool fill(const PointGridView& grid, const DenseRule& rule, std::span<const float> confidence,
+            const Surface& surface);
 
   [[nodiscard]] PointGridView grid() const { return filled_; }
   [[nodiscard]] std::span<const float> confidence() const { return confidence_; }
@@ -36,8 +38,8 @@ class PinholeFiller {
     int size = 0;
     std::array<std::int64_t, kPinhole> pixels;
   };
-  void find_holes(const StepRule& steps);
-  void find_strays(const StepRule& steps);
+  void find_holes(const StepRule& steps, const Surface& surface);
+  void find_strays(const StepRule& steps, const Surface& surface);
   void gather(std::int64_t first);
   /// Is a hole amid one surface? Those of its neighbours that are open end the surface.
   [[nodiscard]] bool is_amid_surface(const Hole& hole, const StepRule& steps,

@@ -4,13 +4,13 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstring>
 #include <limits>
 
 #include "geometry/cell_cut.hpp"
 #include "geometry/constants.hpp"
 #include "geometry/lanes.hpp"
 #include "manip3d/geometry/parallel.hpp"
-#include "simplify/importance_rows.hpp"
 
 namespace manip3d::relief_detail {
 namespace {
@@ -255,8 +255,63 @@ void add_corners(const AreaRow& before, const AreaRow& after, std::span<float> o
 
 }  // namespace
 
+namespace {
+
+/// The box around points, those of a row at a time: four of them are twelve numbers.
+class RowBox {
+ public:
+  void add(const float* points, const std::uint8_t* valid, std::int64_t size) {
+    constexpr std::uint32_t kAllValid = 0x01010101U;
+    std::int64_t u = 0;
+    for (; u + 4 <= size; u += 4) {
+      std::uint32_t four = 0;
+      std::memcpy(&four, valid + u, sizeof four);
+      if (four == 0) continue;
+      if (four != kAllValid) {
+        for (std::int64_t k = u; k < u + 4; ++k) add_one(points + 3 * k, valid[k]);
+        continue;
+      }
+      for (std::size_t i = 0; i < 3; ++i) {
+        const Float4 p = load4(points + 3 * u + 4 * static_cast<std::int64_t>(i));
+        low4_[i] = p < low4_[i] ? p : low4_[i];
+        high4_[i] = p > high4_[i] ? p : high4_[i];
+      }
+    }
+    for (; u < size; ++u) add_one(points + 3 * u, valid[u]);
+  }
+
+  [[nodiscard]] Vec3 low() const { return least(low4_, low_); }
+  [[nodiscard]] Vec3 high() const {
+    Lanes minus = high4_;
+    for (Float4& lanes : minus) lanes = -lanes;
+    return -least(minus, -high_);
+  }
+
+ private:
+  using Lanes = std::array<Float4, 3>;
+
+  static Lanes all(float value) { return {all_of(value), all_of(value), all_of(value)}; }
+
+  void add_one(const float* point, std::uint8_t valid) {
+    if (valid == 0) return;
+    const Eigen::Map<const Vec3> p(point);
+    low_ = low_.cwiseMin(p);
+    high_ = high_.cwiseMax(p);
+  }
+
+  static Vec3 least(const Lanes& lanes, Vec3 low) {
+    for (int i = 0; i < 12; ++i) low[i % 3] = std::min(low[i % 3], lanes[i / 4][i % 4]);
+    return low;
+  }
+
+  Lanes low4_ = all(kInfinityF), high4_ = all(-kInfinityF);
+  Vec3 low_ = Vec3::Constant(kInfinityF), high_ = Vec3::Constant(-kInfinityF);
+};
+
+}  // namespace
+
 bool Surface::crop(const PointGridView& grid) {
-  Eigen::Vector3d low = Eigen::Vector3d::Constant(kInfinity), high = -low;
+  RowBox box;
   std::int64_t first_u = grid.cols, last_u = -1, first_v = grid.rows, last_v = -1;
   for (std::int64_t v = 0; v < grid.rows; ++v) {
     const std::uint8_t* valid = grid.valid + v * grid.cols;
@@ -267,17 +322,7 @@ bool Surface::crop(const PointGridView& grid) {
     if (row_first == grid.cols) continue;
     std::int64_t row_last = grid.cols - 1;
     while (valid[row_last] == 0) --row_last;
-    std::array<float, 3> row_low = {kInfinityF, kInfinityF, kInfinityF};
-    std::array<float, 3> row_high = {-kInfinityF, -kInfinityF, -kInfinityF};
-    for (std::int64_t u = row_first; u <= row_last; ++u) {
-      for (std::size_t i = 0; i < 3; ++i) {
-        const float p = point[3 * u + static_cast<std::int64_t>(i)];
-        row_low[i] = std::min(row_low[i], choose(valid[u] != 0, p, kInfinityF));
-        row_high[i] = std::max(row_high[i], choose(valid[u] != 0, p, -kInfinityF));
-      }
-    }
-    low = low.cwiseMin(Eigen::Map<const Vec3>(row_low.data()).cast<double>());
-    high = high.cwiseMax(Eigen::Map<const Vec3>(row_high.data()).cast<double>());
+    box.add(point + 3 * row_first, valid + row_first, row_last - row_first + 1);
     first_u = std::min(first_u, row_first);
     last_u = std::max(last_u, row_last);
     first_v = std::min(first_v, v);
@@ -288,11 +333,11 @@ bool Surface::crop(const PointGridView& grid) {
   v0_ = static_cast<int>(first_v);
   used_cols_ = static_cast<int>(last_u - first_u + 1);
   used_rows_ = static_cast<int>(last_v - first_v + 1);
-  low_ = low;
-  high_ = high;
-  const double diagonal = (high - low).norm();
+  low_ = box.low().cast<double>();
+  high_ = box.high().cast<double>();
+  const double diagonal = (high_ - low_).norm();
   unit_ = diagonal > 0.0 ? diagonal : 1.0;
-  center_ = 0.5 * low + 0.5 * high;
+  center_ = 0.5 * low_ + 0.5 * high_;
   return true;
 }
 

@@ -120,6 +120,11 @@ class Surface {
   /// The pixel here of a pixel of the input, or of the one before it where that is not here; -1
   /// outside.
   [[nodiscard]] std::int32_t pixel_at(std::int64_t input_u, std::int64_t input_v) const;
+  /// Does some dense triangle of an area use this pixel of the input? For surfaces of every pixel.
+  [[nodiscard]] bool uses(std::int64_t input_u, std::int64_t input_v) const {
+    const std::int64_t u = input_u - u0_, v = input_v - v0_;
+    return u >= 0 && v >= 0 && u < cols_ && v < rows_ && used_[v * cols_ + u] != 0;
+  }
   /// A pixel of the input as one number, for sizes up to 65 536.
   [[nodiscard]] std::uint32_t place(int u, int v) const {
     return static_cast<std::uint32_t>(step_ * v + v0_) << 16 |
