@@ -451,6 +451,8 @@ def test_power_in_a_file_must_be_possible(tmp_path: Path) -> None:
 
 
 ROTATION = np.array([[0.9, 0.19**0.5, 0.0], [-(0.19**0.5), 0.9, 0.0], [0.0, 0.0, 1.0]])
+COS, SIN = np.cos(0.3), np.sin(0.3)
+FLAT_TURN = np.array([[COS, -SIN, 0.0], [SIN, COS, 0.0], [0.0, 0.0, 1.0]])
 LAUNDERING: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "shuffled": lambda p: p[np.random.default_rng(0).permutation(len(p))],
     "reversed": lambda p: p[::-1].copy(),
@@ -467,6 +469,13 @@ LAUNDERING: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "twice": lambda p: np.concatenate([p, p]),
     "three of a hundred lost": lambda p: p[np.random.default_rng(0).random(len(p)) < 0.97],
     "one of a hundred lost": lambda p: p[np.random.default_rng(0).random(len(p)) < 0.99],
+    "one of two hundred lost": lambda p: p[np.random.default_rng(0).random(len(p)) < 0.995],
+    "noise below a millimetre": lambda p: scans.rounded(
+        p + np.random.default_rng(0).normal(0, 0.0003, p.shape)
+    ),
+    "rounded twice": lambda p: scans.rounded(
+        scans.rounded(p @ FLAT_TURN).astype(np.float64) @ FLAT_TURN.T
+    ),
     "a laser left out": lambda p: p[LATTICE.read(p).ring != 20],
     "fine voxels in file order": lambda p: p[
         np.sort(np.unique(np.floor(p / 0.05), axis=0, return_index=True)[1])

@@ -237,13 +237,14 @@ def turn_consistency(
             aligned=bool(found["judged"]),
         )  # fmt: skip
     regions = [_region(each, cloud) for each in found["regions"] if each["distance"] < FARTHEST]
-    turns = [_in_frame(*each) for each in zip((before, after), motions, strict=True)]
-    regions = [
-        region
-        for region in regions
-        if region.kind != "before" or region.p_value == 1.0
-        or not passes_by(cloud[region.rows], *turns)
-    ]  # fmt: skip
+    if any(region.kind == "before" and region.p_value < 1.0 for region in regions):
+        turns = [_in_frame(*each) for each in zip((before, after), motions, strict=True)]
+        regions = [
+            region
+            for region in regions
+            if region.kind != "before" or region.p_value == 1.0
+            or not passes_by(cloud[region.rows], *turns)
+        ]  # fmt: skip
     regions.sort(key=lambda region: -region.strength)
     alarming = tuple(region for region in regions if region.p_value <= false_alarm_rate)
     rows = [region.rows for region in alarming]
