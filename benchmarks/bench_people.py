@@ -442,7 +442,7 @@ def flying_row(kind: str, sitting: bool, turn: float) -> list[str]:
                 continue
             points = DEPTH_CAMERA.unproject(seen.frame.depth)
             off = np.linalg.norm(points - seen.truth.joints[CHAINS[limb][0]], axis=-1)
-            body = (seen.frame.depth > 0) & (seen.truth.bones != 255)
+            body = (seen.frame.body_index == 0) & (seen.truth.bones != 255)
             rest = body & ~np.isin(seen.truth.bones, CHAINS[limb][1:]) & (off > 0.12)
             lost.append(float((rest & (result.kinds == PixelKind.NONE)).sum() / rest.sum()))
             tracked.append(result.state.value == "tracking")
