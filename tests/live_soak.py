@@ -31,6 +31,8 @@ AGAIN_S = 30.0  # after which a client leaves and comes back
 
 
 def main(seconds: float, *source: str) -> int:
+    # In the background of a shell it is ignored, and the session that it ends would inherit that.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     with tempfile.TemporaryDirectory() as name:
         return soak(Path(name), seconds, [f"--source={address}" for address in source])
 

@@ -261,7 +261,7 @@ def test_invented_joints_of_a_missing_arm_take_nothing_of_the_body(flight: str) 
 
 
 def test_an_arm_is_taken_out_though_its_joints_fly_for_a_moment() -> None:
-    """Of somebody who has the arm, the tracker is believed again as soon as it sees it."""
+    """If the person has the arm, the tracker is believed as soon as it sees it again."""
     truth = pose()
     told = pose(FLIGHTS["beside the person"])
     pipeline = PhantomPipeline("right_arm")

@@ -237,7 +237,7 @@ def phone_or_desktop(tab: _chromium.Tab, width: int) -> None:
     assert tab.evaluate("innerWidth") == width
 
 
-@pytest.mark.parametrize("width", [420, pytest.param(1280, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("width", [390, pytest.param(1280, marks=pytest.mark.slow)])
 def test_set_up_touch_and_hazards_on_the_page(chromium: None, tmp_path: Path, width: int) -> None:
     """What a therapist does before and beside the games, and what the diary keeps of it."""
     pytest.importorskip("open3d", reason="the extra 'simulate' is not installed")

@@ -517,8 +517,8 @@ class PhantomPipeline::Workspace {
     return goes_by_skin() ? fit_limbs(believed, points_) : believed;
   }
 
-  /// The person without joints of the affected limb that the picture refutes. Bones to them would
-  /// take chest and neck out on their way. Of somebody who has the limb joints that are off for a
+  /// The person without joints of the affected limb that the picture refutes: bones to them would
+  /// take chest and neck out on their way. If the person has the limb, joints that are off for a
   /// moment are still the best that is known of it.
   [[nodiscard]] Skeleton without_unseen_limb(const Skeleton& person,
                                              const PhantomInput& input) const {

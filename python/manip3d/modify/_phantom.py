@@ -386,6 +386,10 @@ class PhantomPipeline:
     Where all times are 0, frames count as 30 a second. A frame whose phantom nobody would believe
     is ``degraded``: see `PhantomQuality`.
 
+    Trackers invent joints of a limb that is missing. Unless the person has shown the limb, joints
+    of it that the camera looks through, and bones half as long again as the intact limb's, count
+    as not tracked (``segmentation="skin"``).
+
     Parameters
     ----------
     affected : {"left_arm", "right_arm", "left_leg", "right_leg"}
