@@ -1,13 +1,13 @@
 """The relief on all range scans and RGB-D recordings of the data folder, beside an edge collapse.
 
-``python benchmarks/bench_every_depth.py [--inputs ...] [--shares ...] [--frames N]
-[-o every_depth.json]``
+``python benchmarks/bench_every_depth.py [--inputs ...] [--shares ...]
+[--efforts ...] [--frames N] [-o every_depth.json]``
 
 Frames of a recording are taken at equal distances. Images lose the faces across steps in depth as
 `manip3d depth` leaves them out, ours and the dense mesh alike. The peer simplifies the dense mesh
 to as many vertices; its time includes making that mesh. Everything runs on one core; times are
 processor time, the least of the rounds. Results are stored after each image, beside those of other
-images and shares; `--inputs` without a name writes the tables of what is stored.
+images, shares and efforts; `--inputs` without a name writes the tables of what is stored.
 """
 
 from __future__ import annotations
@@ -102,7 +102,9 @@ def _image(name: str, frame_name: str) -> Surface:
     return Surface(f"{name} {frame_name}", int(np.count_nonzero(depth)), depth.size, dense, relief)
 
 
-def compare(surface: Surface, shares: Sequence[float], rounds: int) -> list[Row]:
+def compare(
+    surface: Surface, shares: Sequence[float], efforts: Sequence[str], rounds: int
+) -> list[Row]:
     """A row for each share of the points and each way to run ours."""
     dense = surface.dense().mesh
     meshing = min(measure(surface.dense)[1].cpu_s for _ in range(rounds))
@@ -110,7 +112,8 @@ def compare(surface: Surface, shares: Sequence[float], rounds: int) -> list[Row]
     for share in shares:
         points = max(3, math.ceil(share * surface.points))
         peers: dict[str, Row] = {}
-        for how, (options, peer_name) in OURS.items():
+        for how in efforts:
+            options, peer_name = OURS[how]
             if peer_name not in peers:
                 peers[peer_name] = _peer_row(dense, peer_name, points, meshing, rounds)
             runs = [measure(surface.relief, points, **options) for _ in range(rounds)]
@@ -133,12 +136,17 @@ def _peer_row(dense: Any, name: str, points: int, meshing: float, rounds: int) -
     return row | (error_of(dense, mesh) if mesh.num_faces else {})
 
 
+def _key(row: Row) -> tuple[str, float, str]:
+    return row["input"], row["share"], row["how"]
+
+
 def main() -> None:
     """Run, store, and write the section `every_depth` of RESULTS.md."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     known = inputs()
     parser.add_argument("--inputs", nargs="*", default=known, choices=known, metavar="INPUT")
     parser.add_argument("--shares", nargs="*", type=float, default=SHARES, choices=SHARES)
+    parser.add_argument("--efforts", nargs="*", default=list(OURS), choices=OURS)
     parser.add_argument("--frames", type=int, default=2, help="of each recording")
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("-o", "--output", type=Path, default=Path("every_depth.json"))
@@ -149,9 +157,9 @@ def main() -> None:
     one_thread()
     for name in arguments.inputs:
         for surface in surfaces(name, arguments.frames):
-            rows = compare(surface, arguments.shares, arguments.rounds)
-            again = {(row["input"], row["share"]) for row in rows}
-            kept = [row for row in results["rows"] if (row["input"], row["share"]) not in again]
+            rows = compare(surface, arguments.shares, arguments.efforts, arguments.rounds)
+            again = {_key(row) for row in rows}
+            kept = [row for row in results["rows"] if _key(row) not in again]
             results = {"environment": environment(), "rows": kept + rows}
             arguments.output.write_text(json.dumps(results, indent=1) + "\n")
             print(f"{time.strftime('%H:%M:%S')} {surface.name}", file=sys.stderr, flush=True)

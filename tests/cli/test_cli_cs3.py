@@ -559,3 +559,35 @@ def test_what_a_stable_folder_cannot_follow_is_refused(frames: Path, tmp_path: P
     Image.fromarray(np.full((60, 80), 2000, np.uint16)).save(frames / "004.depth.png")
     done = manip3d(*(word for word in folder if word != "-q"))
     assert "expected an image of 160 x 120 pixels as the first of the sequence" in done.stderr
+
+
+def _patch_among_lone_pixels() -> np.ndarray:
+    """A surface of 100 pixels, and 775 pixels that lie on none."""
+    depth = np.zeros((120, 160), np.uint16)
+    depth[20::4, 4::5] = 1000
+    depth[5:15, 5:15] = 1000
+    return depth
+
+
+@pytest.mark.parametrize(
+    ("missed", "arguments"),
+    [
+        ("target", ("--points", "500", "--min-coverage", "0")),
+        ("coverage", ("--points", "300", "--min-coverage", "0.99999")),
+        ("bridges", ("--points", "30", "--min-coverage", "0", "--max-bridges", "0")),
+        ("", ("--points", "300", "--min-coverage", "0.8")),
+    ],
+)
+@pytest.mark.parametrize("strict", [False, True])
+def test_each_shortfall_alone_is_exit_4_under_strict(
+    missed: str, arguments: tuple[str, ...], strict: bool, frame: Path, tmp_path: Path
+) -> None:
+    if missed == "target":
+        Image.fromarray(_patch_among_lone_pixels()).save(frame)
+    options = ("--intrinsics", FOCAL, "--json", "-o", tmp_path / "x.ply")
+    done = manip3d("depth", frame, *arguments, *options, *(["--strict"] if strict else []))
+    record = json.loads(done.stdout)
+    kinds = ("target", "coverage", "bridges")
+    assert [kind for kind in kinds if record[f"{kind}_missed"]] == ([missed] if missed else [])
+    assert done.returncode == (4 if strict and missed else 0)
+    assert (tmp_path / "x.ply").exists()  # what was found is written all the same
