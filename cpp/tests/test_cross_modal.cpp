@@ -97,6 +97,7 @@ Scene random_scene(std::uint64_t seed) {
   o.min_missing_area = random(0.0, 1.0);
   o.dark_level = random(0.0, 255.0);
   o.dark_weight = random(0.0, 1.0);
+  o.min_points = 1 << 30;  // cells alone
   scene.camera = {24.0, 23.5, 11.5, 0.5, Eigen::Matrix4d::Identity()};
   scene.camera.lidar_from_camera << 0, 0, 1, 0.27, -1, 0, 0, 0.06, 0, -1, 0, -0.08, 0, 0, 0, 1;
   struct Thing {
@@ -407,8 +408,174 @@ TEST(CrossModal, ADarkSurfaceWithoutReturnsIsWeakEvidence) {
   EXPECT_EQ(scene.run().components.size(), 1U);
 }
 
+// The cameras see a wall 20 m ahead, of 3 pixels of disparity; the scanner sees it, too, but for an
+// upright plate of its own, 4 pixels, at 15 m. Cells alone would have to be larger.
+struct Plate {
+  double width = 1.0;    // metres, each way from the middle
+  double nearest = 1e9;  // metres: where another plate stands before it in the picture
+  int every = 1;         // so many points of the plate: one; the others are on the wall
+};
+
+constexpr int kPointsOfPlate = 21 * 21;
+
+Scene scene_with_plate(const Plate& plate) {
+  Scene scene = wall_with_a_hole(200);
+  scene.disparity.assign(120 * 240, 3.0F);
+  scene.options.min_added_area = scene.options.min_missing_area = 1e9;
+  scene.options.point_tolerance = 0.5;
+  scene.options.point_depth_tolerance = 0.0;
+  scene.options.min_points = 5;
+  std::vector<Eigen::RowVector3f> points;
+  for (int i = 0; i < 21; ++i) {
+    for (int k = 0; k < 21; ++k) {
+      const auto y = static_cast<float>(plate.width * (i - 10) / 10.0);
+      const auto z = static_cast<float>(k - 10) / 10.0F;
+      const float x = (21 * i + k) % plate.every == 0 ? 15.0F : 20.0F;
+      points.emplace_back(x, y * x / 15.0F, z * x / 15.0F);
+    }
+  }
+  if (plate.nearest < 1e9) {
+    const auto x = static_cast<float>(plate.nearest);
+    for (int i = -40; i <= 40; ++i) {
+      for (int k = -40; k <= 40; ++k) {
+        points.emplace_back(x, float(i) / 40.0F, float(k) / 40.0F);
+      }
+    }
+  }
+  scene.cloud.points.resize(static_cast<Eigen::Index>(points.size()), 3);
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    scene.cloud.points.row(static_cast<Eigen::Index>(i)) = points[i];
+  }
+  return scene;
+}
+
+TEST(CrossModal, AnObjectIsToldByItsPoints) {
+  Scene scene = scene_with_plate({});
+  const CrossModalResult found = scene.run();
+  ASSERT_EQ(found.components.size(), 1U);
+  const CrossModalComponent& part = found.components[0];
+  EXPECT_TRUE(part.added);
+  EXPECT_EQ(part.points, kPointsOfPlate);
+  EXPECT_EQ(part.empty + part.dark + part.behind, 0);
+  EXPECT_NEAR(part.difference, 1.0, 1e-9);  // 60 / 15 - 60 / 20 pixels
+  EXPECT_TRUE(part.lower.isApprox(Eigen::Vector3d(15.0, -1.0, -1.0), 1e-6));
+  EXPECT_TRUE(part.upper.isApprox(Eigen::Vector3d(15.0, 1.0, 1.0), 1e-6));
+  ASSERT_EQ(std::ssize(found.suspected), kPointsOfPlate);
+  EXPECT_EQ(std::count(found.mask.begin(), found.mask.end(), 1), part.cells);
+  EXPECT_GT(part.cells, 30);  // 8 by 8 degrees, in cells of one
+  scene.options.min_points = kPointsOfPlate;
+  EXPECT_EQ(scene.run().components.size(), 1U);
+  scene.options.min_points = kPointsOfPlate + 1;
+  EXPECT_TRUE(scene.run().components.empty());
+}
+
+TEST(CrossModal, APointMayBeOffByPixelsAndByMetres) {
+  Scene scene = scene_with_plate({});
+  const auto count = [&](double pixels, double metres) {
+    scene.options.point_tolerance = pixels;
+    scene.options.point_depth_tolerance = metres;
+    return scene.run().components.size();
+  };
+  EXPECT_EQ(count(0.999, 0.0), 1U);
+  EXPECT_EQ(count(1.001, 0.0), 0U);
+  // A metre at 15 m is 15^2 times less: 4^2 / 60 pixels.
+  EXPECT_EQ(count(0.5, 0.499 * 60.0 / 16.0), 1U);
+  EXPECT_EQ(count(0.5, 0.501 * 60.0 / 16.0), 0U);
+  scene.options.max_range = 14.9;
+  EXPECT_EQ(count(0.5, 0.0), 0U);
+  scene.options.max_range = 30.0;
+  scene.options.min_range = 15.1;
+  EXPECT_EQ(count(0.5, 0.0), 0U);
+}
+
+TEST(CrossModal, WhatIsThinIsNoObject) {
+  EXPECT_EQ(scene_with_plate({0.21}).run().components.size(), 1U);  // nine tenths are 0.38 m
+  EXPECT_TRUE(scene_with_plate({0.17}).run().components.empty());   // 0.31 m
+}
+
+TEST(CrossModal, PointsThatThePictureHidesAreNotAsked) {
+  Scene scene = scene_with_plate({1.0, 6.0});
+  for (int v = 0; v < 120; ++v) {
+    for (int u = 0; u < 240; ++u) {
+      if (std::abs(u - 119.5) <= 20.0 && std::abs(v - 59.5) <= 20.0) {
+        scene.disparity[v * 240 + u] = 10.0F;  // the other plate, 6 m away
+      }
+    }
+  }
+  EXPECT_TRUE(scene.run().components.empty());
+  scene.cloud.points = scene.cloud.points.topRows(kPointsOfPlate).eval();
+  const CrossModalResult alone = scene.run();
+  ASSERT_EQ(alone.components.size(), 1U);  // the scan lacks what the cameras see before it
+  EXPECT_FALSE(alone.components[0].added);
+  EXPECT_EQ(alone.components[0].behind, 0);  // 9 m
+  EXPECT_NEAR(alone.components[0].center.x(), 6.0, 1e-6);
+  EXPECT_TRUE(alone.suspected.empty());
+  for (float& each : scene.disparity) each = each > 9.0F ? 60.0F / 10.5F : each;
+  const CrossModalResult moved = scene.run();
+  ASSERT_EQ(moved.components.size(), 1U);
+  EXPECT_EQ(moved.components[0].behind, moved.components[0].cells);  // 4.5 m
+}
+
+TEST(CrossModal, MostPointsOfAnObjectAreContradicted) {
+  // Points on the wall lie in other cubes: they say nothing of the plate.
+  EXPECT_EQ(scene_with_plate({1.0, 1e9, 3}).run().components.size(), 1U);
+  // The picture shows the lower 12 of 21 rows, too. Two or three of these lie in cubes of half a
+  // metre with some of the nine others.
+  Scene scene = scene_with_plate({});
+  for (int v = 0; v < 120; ++v) {
+    for (int u = 0; u < 240; ++u) {
+      scene.disparity[v * 240 + u] = (59.5 - v) / 120.0 * 15.0 < 0.15 ? 4.0F : 3.0F;
+    }
+  }
+  for (const double share : {0.6, 0.9}) {
+    scene.options.min_share = share;
+    EXPECT_EQ(scene.run().components.size(), share < 0.7 ? 1U : 0U) << share;
+  }
+}
+
+TEST(CrossModal, AnObjectStandsOutAmongAllContradictedPoints) {
+  Scene scene = scene_with_plate({});
+  // Another plate, of 100 points, 8 m to the left.
+  PointCloud both = scene.cloud;
+  both.points.conservativeResize(kPointsOfPlate + 100, 3);
+  for (int k = 0; k < 100; ++k) {
+    both.points.row(kPointsOfPlate + k) << 15.0F, 8.0F + 0.1F * float(k / 10), 0.1F * float(k % 10);
+  }
+  scene.cloud = both;
+  const double ratio = double(kPointsOfPlate) / 100.0;
+  const auto count = [&](double least) {
+    scene.options.min_of_others = least;
+    return scene.run().components.size();
+  };
+  EXPECT_EQ(count(0.0), 2U);
+  EXPECT_EQ(count(1.01 / ratio), 1U);
+  EXPECT_EQ(count(0.999 * ratio), 1U);
+  EXPECT_EQ(count(1.001 * ratio), 0U);
+}
+
 TEST(CrossModal, RefusesOptionsByName) {
   Scene scene = wall_with_a_hole(200);
+  for (const double wrong : {-0.1, std::numeric_limits<double>::quiet_NaN()}) {
+    scene.options.min_of_others = wrong;
+    EXPECT_THROW(static_cast<void>(scene.run()), InputError) << wrong;
+    scene.options.min_of_others = 1.0;
+  }
+  for (const double wrong : {-0.1, 1.1, std::numeric_limits<double>::quiet_NaN()}) {
+    scene.options.min_share = wrong;
+    EXPECT_THROW(static_cast<void>(scene.run()), InputError) << wrong;
+  }
+  scene.options.min_share = 0.5;
+  for (const double wrong : {-0.1, std::numeric_limits<double>::infinity()}) {
+    scene.options.point_depth_tolerance = wrong;
+    EXPECT_THROW(static_cast<void>(scene.run()), InputError) << wrong;
+    scene.options.point_depth_tolerance = 0.25;
+    scene.options.point_tolerance = wrong;
+    EXPECT_THROW(static_cast<void>(scene.run()), InputError) << wrong;
+    scene.options.point_tolerance = 1.2;
+  }
+  scene.options.min_points = 0;
+  EXPECT_THROW(static_cast<void>(scene.run()), InputError);
+  scene.options.min_points = 60;
   for (const double wrong : {-0.1, 1.1, std::numeric_limits<double>::quiet_NaN()}) {
     scene.options.dark_weight = wrong;
     EXPECT_THROW(static_cast<void>(scene.run()), InputError) << wrong;

@@ -452,6 +452,22 @@ def test_forensics_in_the_background_have_their_say_when_the_view_fails(
     assert monitor.finish() is None
 
 
+def test_an_interruption_while_forensics_end_hides_no_error_of_the_caller(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def interrupted(self: AlertMonitor) -> None:
+        raise KeyboardInterrupt
+
+    def fails(alert: Alert) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(AlertMonitor, "finish", interrupted)
+    with pytest.raises(OSError, match="No space left"):
+        watch_drive(AlertMonitor(), [DriveMoment(FRAME)], show=fails)
+    watched = watch_drive(AlertMonitor(), [DriveMoment(FRAME)])
+    assert isinstance(watched.stopped, KeyboardInterrupt)
+
+
 def test_forensics_take_a_verified_watermark_for_no_edit(tmp_path: Path) -> None:
     """A scanner on a lattice, whose points the embedding moved off it."""
     points = lattice_scans.scan(np.random.default_rng(0)).astype(np.float64)

@@ -148,18 +148,24 @@ def watch_drive(
     """
     tally = AlertTally()
     errors: list[BaseException] = []
+    failed: BaseException | None = None  # an error of the caller's `show`
     last = None
     try:
-        try:
-            judged = _judged(monitor, iter(moments), speed_mps, live=live)
-            for alert in _until_error(judged, errors):
-                tally.add(alert)
-                if show is not None:
-                    show(alert)
-        finally:  # forensics in the background may still accuse a frame before the interruption
-            last = monitor.finish()
+        judged = _judged(monitor, iter(moments), speed_mps, live=live)
+        for alert in _until_error(judged, errors):
+            tally.add(alert)
+            if show is not None:
+                show(alert)
     except KeyboardInterrupt as error:
         errors.append(error)
+    except BaseException as error:
+        failed = error
+    try:  # forensics in the background may still accuse a frame before the interruption
+        last = monitor.finish()
+    except KeyboardInterrupt as error:
+        errors.append(error)
+    if failed is not None:
+        raise failed
     stopped = errors[-1] if errors else None
     if stopped is not None and not tally.num_frames:
         raise stopped
