@@ -33,11 +33,6 @@ constexpr std::tuple kCrossModalOptions{
     Field{"min_cells", &CrossModalOptions::min_cells},
     Field{"min_added_area", &CrossModalOptions::min_added_area},
     Field{"min_missing_area", &CrossModalOptions::min_missing_area},
-    Field{"point_tolerance", &CrossModalOptions::point_tolerance},
-    Field{"point_depth_tolerance", &CrossModalOptions::point_depth_tolerance},
-    Field{"min_points", &CrossModalOptions::min_points},
-    Field{"min_share", &CrossModalOptions::min_share},
-    Field{"min_of_others", &CrossModalOptions::min_of_others},
 };
 
 constexpr std::tuple kCrossModalResult{
@@ -55,8 +50,8 @@ constexpr std::tuple kCrossModalResult{
 
 using XyzArray = std::array<double, 3>;
 using CrossModalTuple =
-    py::typing::Tuple<bool, std::int64_t, std::int64_t, std::int64_t, std::int64_t, std::int64_t,
-                      double, double, double, double, XyzArray, XyzArray, XyzArray>;
+    py::typing::Tuple<bool, std::int64_t, std::int64_t, std::int64_t, std::int64_t, double, double,
+                      double, double, XyzArray, XyzArray, XyzArray>;
 
 XyzArray to_array(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
 
@@ -90,8 +85,8 @@ void bind_cross_modal(py::module_& m) {
         py::typing::List<CrossModalTuple> components;
         for (const CrossModalComponent& c : result.components) {
           components.append(py::make_tuple(
-              c.added, c.cells, c.empty, c.dark, c.behind, c.points, c.solid_angle, c.area,
-              c.evidence, c.difference, to_array(c.lower), to_array(c.upper), to_array(c.center)));
+              c.added, c.cells, c.empty, c.dark, c.behind, c.solid_angle, c.area, c.evidence,
+              c.difference, to_array(c.lower), to_array(c.upper), to_array(c.center)));
         }
         return py::make_tuple(to_fields(std::move(result), kCrossModalResult), components);
       },

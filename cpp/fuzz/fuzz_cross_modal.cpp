@@ -30,10 +30,6 @@ CrossModalOptions take_options(fuzzing::Bytes& bytes) {
     if ((changed >> bit++ & 1) != 0) options.*field = fuzzing::take_number(bytes);
   }
   options.min_cells = bytes.take<std::int8_t>();
-  options.min_points = 1 + changed % 8;  // so that small scans hold objects
-  options.point_tolerance = 0.125 * (changed % 16);
-  options.min_share = 0.25 * (changed % 5);
-  options.min_of_others = 0.25 * (changed % 3);
   // Millions of cells are for other tests.
   if (std::abs(options.azimuth_step) < 0.125) options.azimuth_step = 0.125;
   if (std::abs(options.elevation_step) < 0.125) options.elevation_step = 0.125;
@@ -65,14 +61,11 @@ void check_regions(const CrossModalResult& found, const CrossModalOptions& optio
   for (std::size_t k = 0; k < found.components.size(); ++k) {
     const CrossModalComponent& each = found.components[k];
     counted[each.added ? 1 : 0] += each.cells;
-    require(each.cells >= 1 && each.empty <= each.cells);
-    const bool by_points = each.points > 0;
-    require(by_points ? each.points >= options.min_points : each.cells >= options.min_cells);
+    require(each.cells >= options.min_cells && each.empty <= each.cells);
     require(each.dark <= each.empty && !(each.added && each.empty > 0));
     require(each.behind >= 0 && each.behind <= each.cells - each.empty);
     require(each.behind == 0 || !each.added);
-    require(by_points ||
-            each.evidence >= (each.added ? options.min_added_area : options.min_missing_area));
+    require(each.evidence >= (each.added ? options.min_added_area : options.min_missing_area));
     require(each.evidence <= each.area * (1.0 + 1e-9));
     require((each.lower.array() <= each.upper.array()).all());
     require(k == 0 || found.components[k - 1].area >= each.area);

@@ -4,10 +4,8 @@
 #include <cmath>
 #include <limits>
 #include <string>
-#include <tuple>
 #include <utility>
 
-#include "authenticate/contradicted_objects.hpp"
 #include "geometry/constants.hpp"
 #include "geometry/directions.hpp"
 #include "manip3d/error.hpp"
@@ -66,16 +64,6 @@ void check_cross_modal_options(const CrossModalOptions& options) {
   if (!(options.min_cells >= 1 && options.min_added_area >= 0.0 &&
         options.min_missing_area >= 0.0)) {
     throw InputError("min_cells, min_added_area, min_missing_area: expected >= 1, >= 0 and >= 0");
-  }
-  if (!(options.point_tolerance >= 0.0 && std::isfinite(options.point_tolerance) &&
-        options.point_depth_tolerance >= 0.0 && std::isfinite(options.point_depth_tolerance))) {
-    throw InputError("point_tolerance, point_depth_tolerance: expected numbers >= 0");
-  }
-  if (!(options.min_points >= 1 && options.min_share >= 0.0 && options.min_share <= 1.0)) {
-    throw InputError("min_points, min_share: expected >= 1 and 0 to 1");
-  }
-  if (!(options.min_of_others >= 0.0 && std::isfinite(options.min_of_others))) {
-    throw InputError("min_of_others: expected a number >= 0");
   }
 }
 
@@ -380,64 +368,6 @@ void find_components(const InverseRanges& lidar, const InverseRanges& stereo, co
   }
 }
 
-// Adds the objects that no component of cells shows already; their cells are marked.
-// `object_of` tells for each point of the scan the component that reports it as added.
-void add_objects(const std::vector<ContradictedObject>& objects,
-                 const std::vector<CellOfPoint>& places, const PointsView& view,
-                 const InverseRanges& lidar, const FrontMap& map, CrossModalResult& result,
-                 std::vector<std::int32_t>& component_of, std::vector<ComponentSums>& kept,
-                 std::vector<std::int32_t>& object_of) {
-  for (const ContradictedObject& object : objects) {
-    const std::int8_t sign = object.added ? 1 : -1;
-    const auto is_known = [&](const ContradictedPoint& point) {
-      const std::int32_t cell = places[point.row].cell;
-      return cell != kOutsideMap && result.mask[cell] == sign;
-    };
-    if (std::any_of(object.points.begin(), object.points.end(), is_known)) continue;
-    const auto number = static_cast<std::int32_t>(kept.size());
-    struct Evidence {
-      std::int32_t cell;
-      double gap, seen, difference;  // metres behind what is seen, to that; pixels
-    };
-    std::vector<Evidence> told;
-    ComponentSums sums;
-    for (const ContradictedPoint& point : object.points) {
-      const Eigen::Vector3d place = view.points.row(point.row).transpose().cast<double>();
-      const double seen = point.seen.norm();
-      sums.extend(object.added ? place : point.seen);
-      told.push_back({places[point.row].cell, place.norm() - seen, seen, point.difference});
-    }
-    std::sort(told.begin(), told.end(), [](const Evidence& a, const Evidence& b) {
-      return std::tie(a.cell, a.gap, a.seen, a.difference) <
-             std::tie(b.cell, b.gap, b.seen, b.difference);
-    });
-    CrossModalComponent& part = sums.component;
-    for (const Evidence& each : told) {
-      ++part.points;
-      part.difference += each.difference;
-      // The first of its cell, which is not in a component of the other sign.
-      if (each.cell == kOutsideMap || result.mask[each.cell] != 0) continue;
-      const double distance = object.added ? 1.0 / lidar.nearest[each.cell] : each.seen;
-      const double angle = map.solid_angle(each.cell);
-      ++part.cells;
-      part.behind += static_cast<std::int64_t>(!object.added && each.gap <= kNearBehind);
-      part.solid_angle += angle;
-      part.area += angle * distance * distance;
-      result.mask[each.cell] = sign;
-      result.judged[each.cell] = 1;
-      component_of[each.cell] = number;
-    }
-    if (part.cells == 0) continue;
-    part.added = object.added;
-    part.evidence = part.area;
-    part.difference /= static_cast<double>(part.points);
-    if (object.added) {
-      for (const ContradictedPoint& point : object.points) object_of[point.row] = number;
-    }
-    kept.push_back(sums);
-  }
-}
-
 std::vector<float> to_ranges(const InverseRanges& seen, bool nearest) {
   std::vector<float> ranges(seen.count.size(), 0.0F);
   for (std::size_t cell = 0; cell < ranges.size(); ++cell) {
@@ -458,7 +388,7 @@ CrossModalResult compare_ahead(const PointsView& view, const DisparityView& disp
   InverseRanges stereo(map.cells());
   const std::vector<CellOfPoint> places =
       project_points(view, map, lidar, part_of(progress, 0.0, 0.4));
-  project_disparity(disparity, camera, map, stereo, part_of(progress, 0.4, 0.8));
+  project_disparity(disparity, camera, map, stereo, part_of(progress, 0.4, 0.9));
 
   CrossModalResult result;
   result.rows = map.rows();
@@ -475,10 +405,6 @@ CrossModalResult compare_ahead(const PointsView& view, const DisparityView& disp
   std::vector<ComponentSums> kept;
   find_components(lidar, stereo, map, options, true, result, component_of, kept);
   find_components(lidar, stereo, map, options, false, result, component_of, kept);
-  std::vector<std::int32_t> object_of(view.num_points(), kOutsideMap);
-  add_objects(
-      find_contradicted_objects(view, disparity, camera, options, part_of(progress, 0.8, 1.0)),
-      places, view, lidar, map, result, component_of, kept, object_of);
 
   std::vector<std::int32_t> order(kept.size());
   for (std::size_t k = 0; k < order.size(); ++k) order[k] = static_cast<std::int32_t>(k);
@@ -491,15 +417,13 @@ CrossModalResult compare_ahead(const PointsView& view, const DisparityView& disp
   }
   for (std::int64_t i = 0; i < view.num_points(); ++i) {
     const auto [cell, inverse] = places[i];
-    std::int32_t component = object_of[i];
-    if (cell != kOutsideMap) {
-      result.judged_points += result.judged[cell];
-      if (result.mask[cell] == 1 && inverse > limit[cell]) component = component_of[cell];
-    }
-    if (component == kOutsideMap) continue;
-    kept[component].extend(view.points.row(i).transpose().cast<double>());
+    if (cell == kOutsideMap) continue;
+    result.judged_points += result.judged[cell];
+    if (result.mask[cell] != 1 || !(inverse > limit[cell])) continue;
+    ComponentSums& sums = kept[component_of[cell]];
+    sums.extend(view.points.row(i).transpose().cast<double>());
     result.suspected.push_back(static_cast<std::int32_t>(i));
-    result.suspected_component.push_back(place_of[component]);
+    result.suspected_component.push_back(place_of[component_of[cell]]);
   }
   for (const std::int32_t k : order) {
     CrossModalComponent part = kept[k].component;

@@ -83,16 +83,6 @@ class CrossModalParameters:
     min_added_area, min_missing_area : float, square metres
         Least evidence of a region: its area, each cell at its own range, dark empty cells at their
         weight.
-    point_tolerance, point_depth_tolerance : float, pixels of disparity and metres
-        A point is contradicted where all disparities around its pixel differ from its own by more
-        than both together.
-    min_points : int
-        Fewest contradicted points of an object.
-    min_share : float
-        0 to 1: least share of them among the points in the cubes of half a metre that hold them.
-    min_of_others : float
-        Least ratio of them to all contradicted points elsewhere in the picture: where cameras and
-        scan fit badly as a whole, one object has to stand out.
     heading : float or None, degrees
         Azimuth of the maps' middle, counter-clockwise from straight ahead; None: where the cameras
         look (`StereoRig.heading_deg`), to the nearest 5 degrees.
@@ -104,11 +94,6 @@ class CrossModalParameters:
     streets 1 is accused, of 6 other real ones none (experiment ``table-7.2-cross-modal``). At ten
     frames a second that is a false alarm every few seconds: one contradiction in one frame is a
     reason to look, not a proof. `RiskTracker` weighs how long it lasts.
-
-    Objects told by their points must stand out (``min_of_others``), since on real streets leaves,
-    glass and glossy paint contradict the cameras by the hundred: with a ratio of 0 and tolerances
-    of 1.2 pixels and 0.25 m the check finds 417 instead of 406 of 443 simulated attacks, and
-    accuses 4 of those 6 real frames.
     """
 
     azimuth_step: float = 0.3
@@ -124,11 +109,6 @@ class CrossModalParameters:
     min_cells: int = 25
     min_added_area: float = 0.25
     min_missing_area: float = 0.2
-    point_tolerance: float = 1.8
-    point_depth_tolerance: float = 0.375
-    min_points: int = 60
-    min_share: float = 0.5
-    min_of_others: float = 1.0
     heading: float | None = None
 
     def shared(self, pairs: int) -> CrossModalParameters:
@@ -160,7 +140,6 @@ class CrossModalParameters:
             self,
             min_added_area=factor * self.min_added_area,
             min_missing_area=factor * self.min_missing_area,
-            min_points=math.ceil(factor * self.min_points),
         )
 
     def to_core(self) -> _core.CrossModalOptions:
@@ -192,7 +171,7 @@ class CrossModalRegion:
     box : Box
         Around the added points, or around what the cameras see and the LiDAR does not.
     score : float
-        Evidence over the least that counts: area, or points of an object found by its points.
+        Evidence over the least that counts.
     dark : int
         Cells without any point that are dark in the picture.
     evidence : float, square metres
@@ -201,8 +180,6 @@ class CrossModalRegion:
         Rows of the added points; none where something is missing.
     behind : int
         Cells of something missing with a point at most 5 m behind what the cameras see.
-    points : int
-        Contradicted points of an object that was found by its points; 0: found by cells.
     """
 
     kind: str
@@ -219,7 +196,6 @@ class CrossModalRegion:
         default_factory=lambda: np.empty(0, np.int64), repr=False, compare=False
     )
     behind: int = 0
-    points: int = 0
 
     @property
     def p_value(self) -> float | None:
@@ -251,7 +227,6 @@ class CrossModalRegion:
             "empty": self.empty,
             "dark": self.dark,
             "behind": self.behind,
-            "points": self.points,
             "area": self.area,
             "evidence": self.evidence,
             "difference": self.difference,
@@ -433,9 +408,7 @@ def cross_modal_consistency(
     Both become equirectangular maps of inverse range, in which the error of stereo is the same
     near and far. Something is added where a point is nearer than all that the cameras see in the
     3 x 3 cells around, missing where all that the cameras see there is nearer than every point.
-    Where a dark surface returns nothing at all, that counts a quarter (`CrossModalParameters`). An
-    object that was moved, pasted or replaced is also told by its own points, where most of them lie
-    elsewhere than the disparities at their pixels say.
+    Where a dark surface returns nothing at all, that counts a quarter (`CrossModalParameters`).
     The cameras must be trustworthy themselves, by a watermark of their own.
 
     Examples
@@ -457,12 +430,7 @@ def cross_modal_consistency(
     scene = to_scan(scan)
     chosen = CrossModalParameters() if parameters is None else parameters
     heading = _to_five_degrees(rig.heading_deg) if chosen.heading is None else chosen.heading
-    in_pixels_of_map = replace(
-        chosen,
-        tolerance=chosen.tolerance / disparity.step,
-        point_tolerance=chosen.point_tolerance / disparity.step,
-        heading=heading,
-    )
+    in_pixels_of_map = replace(chosen, tolerance=chosen.tolerance / disparity.step, heading=heading)
     found, components = _core.compare_cross_modal(
         scene.points,
         disparity.values,
@@ -601,7 +569,6 @@ def _region(
         empty,
         dark,
         behind,
-        points,
         solid_angle,
         area,
         evidence,
@@ -611,9 +578,6 @@ def _region(
         center,
     ) = values
     least = parameters.min_added_area if added else parameters.min_missing_area
-    score = evidence / least if least > 0.0 else math.inf
-    if points > 0:
-        score = points / parameters.min_points
     x, y, z = center
     length, width, height = (b - a for a, b in zip(lower, upper, strict=True))
     return CrossModalRegion(
@@ -629,12 +593,11 @@ def _region(
             math.radians(heading),
             "added" if added else "missing",
         ),
-        score,
+        evidence / least if least > 0.0 else math.inf,
         dark,
         evidence,
         rows.astype(np.int64),
         behind,
-        points,
     )
 
 

@@ -41,18 +41,12 @@ struct CrossModalOptions {
   std::int64_t min_cells = 25;    ///< Components of fewer cells are not reported.
   double min_added_area = 0.25;   ///< Square metres of evidence, at the component's own range.
   double min_missing_area = 0.2;  ///< Square metres of evidence.
-  double point_tolerance = 1.8;   ///< Pixels of disparity that a point may be off.
-  double point_depth_tolerance = 0.375;  ///< Metres that it may be off besides.
-  std::int64_t min_points = 60;          ///< Fewest contradicted points of an object.
-  double min_share = 0.5;                ///< Least share of them among its points in the picture.
-  double min_of_others = 1.0;            ///< Least ratio of them to all other contradicted points.
 };
 
 /// Metres by which an object that is still there may have been moved away (section 7.4).
 inline constexpr double kNearBehind = 5.0;
 
-/// Neighbouring cells in which LiDAR and cameras contradict each other in the same way, or the
-/// cells of an object most of whose points the cameras contradict.
+/// Neighbouring cells in which LiDAR and cameras contradict each other in the same way.
 struct CrossModalComponent {
   bool added = false;  ///< The LiDAR sees something in front; else something is missing.
   std::int64_t cells = 0;
@@ -60,7 +54,6 @@ struct CrossModalComponent {
   std::int64_t dark = 0;   ///< Missing: those of them that are dark in the picture.
   /// Missing: cells with a point of the LiDAR at most kNearBehind behind what the cameras see.
   std::int64_t behind = 0;
-  std::int64_t points = 0;   ///< Contradicted points of an object; 0: found by its cells.
   double solid_angle = 0.0;  ///< Steradians.
   double area = 0.0;         ///< Square metres, each cell at its own range.
   double evidence = 0.0;     ///< The same with dark empty cells at their weight.
@@ -92,15 +85,7 @@ struct CrossModalResult {
 /// cells around, and "missing" where all that the cameras see there is nearer than every LiDAR
 /// point. What is nearer to the cameras than they can match is never added. That a dark surface
 /// returns nothing is weak evidence: such cells count `dark_weight`. Components of 8 neighbours
-/// above the thresholds are reported.
-///
-/// Cells ask for something large between which and its surroundings nothing is in doubt. An object
-/// that was moved, pasted or replaced is also told by its own points, one by one, as far as the
-/// left camera sees them: where all disparities around a point's pixel differ from its own by more
-/// than `point_tolerance` and `point_depth_tolerance`, it is contradicted, and contradicted points
-/// in touching cubes of half a metre are reported where there are `min_points`, at least
-/// `min_share` of all points in these cubes, and no component of cells says the same. The same
-/// bytes on every machine.
+/// above the thresholds are reported. The same bytes on every machine.
 /// @throws InputError  what check_points refuses, a camera or an option out of range.
 CrossModalResult compare_cross_modal(const PointsView& view, const DisparityView& disparity,
                                      const StereoView& camera,
