@@ -10,7 +10,7 @@
 #include <utility>
 
 #include "geometry/median.hpp"
-#include "geometry/voxel_clusters.hpp"
+#include "geometry/union_find.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/angles.hpp"
 
@@ -119,18 +119,61 @@ struct Voxel {
   std::int32_t row;
 };
 
+constexpr std::uint64_t kAxisBits = 21;
+
+// Cubes' numbers, packed so that a neighbour's key is a sum away. Coordinates are bounded by the
+// range of the ground and, in height, by what 21 bits hold.
+std::uint64_t voxel_key(const Vector3d& p, double size) {
+  std::uint64_t key = 0;
+  for (int axis = 0; axis < 3; ++axis) {
+    constexpr double kHalf = 1 << (kAxisBits - 1);
+    const double cell = std::clamp(std::floor(p[axis] / size), 2.0 - kHalf, kHalf - 2.0);
+    key = key << kAxisBits | static_cast<std::uint64_t>(cell + kHalf);
+  }
+  return key;
+}
+
+std::vector<std::int64_t> neighbour_offsets() {  // the 13 that come before
+  std::vector<std::int64_t> offsets;
+  for (std::int64_t k = 0; k < 13; ++k) {
+    const std::int64_t dx = k / 9 - 1;
+    const std::int64_t dy = k / 3 % 3 - 1;
+    const std::int64_t dz = k % 3 - 1;
+    offsets.push_back((dx << (2 * kAxisBits)) + dy * (std::int64_t{1} << kAxisBits) + dz);
+  }
+  return offsets;
+}
+
+// Clusters of voxels that touch, directly or not.
+UnionFind connect(const std::vector<std::uint64_t>& keys, Ticker& ticker) {
+  UnionFind clusters(std::ssize(keys));
+  const std::vector<std::int64_t> offsets = neighbour_offsets();
+  for (std::size_t i = 0; i < keys.size(); ++i) {
+    ticker.tick();
+    for (const std::int64_t offset : offsets) {
+      const std::uint64_t wanted = keys[i] + static_cast<std::uint64_t>(offset);
+      const auto found = std::lower_bound(keys.begin(), keys.end(), wanted);
+      if (found == keys.end() || *found != wanted) continue;
+      clusters.join(static_cast<std::int32_t>(i), static_cast<std::int32_t>(found - keys.begin()));
+    }
+  }
+  return clusters;
+}
+
 // Rows of each cluster, ascending; clusters by their first row.
 std::vector<std::vector<std::int32_t>> clusters_of(const std::vector<Voxel>& voxels,
                                                    Ticker& ticker) {
   std::vector<std::uint64_t> keys;
+  std::vector<std::int32_t> number;  // of each voxel's key
   for (const Voxel& voxel : voxels) {
     if (keys.empty() || keys.back() != voxel.key) keys.push_back(voxel.key);
+    number.push_back(static_cast<std::int32_t>(keys.size()) - 1);
   }
-  const VoxelClusters touching(std::move(keys), ticker);
-  std::vector<std::vector<std::int32_t>> clusters(touching.size());
-  for (const Voxel& voxel : voxels) {
+  UnionFind touching = connect(keys, ticker);
+  std::vector<std::vector<std::int32_t>> clusters(keys.size());
+  for (std::size_t i = 0; i < voxels.size(); ++i) {
     ticker.tick();
-    clusters[touching.cluster_of(voxel.key)].push_back(voxel.row);
+    clusters[touching.root(number[i])].push_back(voxels[i].row);
   }
   std::erase_if(clusters, [](const auto& rows) { return rows.empty(); });
   for (auto& rows : clusters) std::sort(rows.begin(), rows.end());
