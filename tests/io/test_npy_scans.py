@@ -149,3 +149,14 @@ def test_empty_arrays_are_written_and_impossible_shapes_refused(tmp_path: Path) 
         (tmp_path / "c.npy").write_bytes(header(text) + bytes(64))
         with pytest.raises(FormatError):
             read_scan(tmp_path / "c.npy")
+
+
+def test_truth_values_are_written_back_as_such(tmp_path: Path) -> None:
+    columns = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("ok", "?"), ("both", "?", (2,))]
+    rows = np.zeros(40, columns)
+    rows["ok"][::3] = rows["both"][:, 1] = True
+    np.save(tmp_path / "a.npy", rows)
+    read_scan(tmp_path / "a.npy").write(tmp_path / "b.npy")
+    again = np.load(tmp_path / "b.npy")
+    assert again.dtype == rows.dtype
+    assert np.array_equal(again, rows)

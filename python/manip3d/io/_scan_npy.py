@@ -123,5 +123,5 @@ def _kind(dtype: np.dtype[Any]) -> tuple[str, int]:
     if base.kind not in "iufb" or len(shape) > 1:
         return "", 0
     if base.kind == "b":
-        base = np.dtype(np.uint8)  # 0 and 1
+        return "|b1", shape[0] if shape else 1
     return f"<{base.kind}{base.itemsize}", shape[0] if shape else 1
