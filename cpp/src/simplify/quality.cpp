@@ -525,6 +525,9 @@ class QualitySimplifier {
       }
       farther += after - before;
     }
+    // Parts of a piece that hung together at one vertex can be apart by now: the last faces of such
+    // a part have no others here that could stand for it.
+    if (!std::isfinite(farther)) return 0.0;
     return pieces_.area(piece) * std::max(0.0, farther) / static_cast<double>(samples.size());
   }
 
