@@ -498,9 +498,9 @@ class QualitySimplifier {
     return box.exteriorDistance(p) / 3.0 * area;
   }
 
-  /// What the planes around an edge do not tell of one of the last faces of a piece: they are the
-  /// whole of it, and front and back can fold onto each other in all of these planes. How much
-  /// farther from its faces the original surface of the piece is on average, over its area.
+  /// The price of a collapse among the last faces of a piece, measured: how much farther from its
+  /// faces the original surface of the piece is afterwards on average, over its area. The planes
+  /// around an edge do not tell: front and back of a shell can fold onto each other in all of them.
   [[nodiscard]] double lost_shape(std::int32_t v, std::int32_t t, const Vector3d& p) {
     gather_piece(t);
     const auto goes = [&](std::int32_t f) { return touches(f, v) && touches(f, t); };
@@ -525,6 +525,9 @@ class QualitySimplifier {
       }
       farther += after - before;
     }
+    // Parts of a piece that hung together at one vertex can be apart by now: the last faces of such
+    // a part have no others here that could stand for it.
+    if (!std::isfinite(farther)) return 0.0;
     return pieces_.area(piece) * std::max(0.0, farther) / static_cast<double>(samples.size());
   }
 
