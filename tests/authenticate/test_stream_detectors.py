@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from manip3d import InputError, Intrinsics, RgbdCalibration, RgbdFrame, authenticate, forge
+from manip3d import InputError, Intrinsics, RgbdCalibration, RgbdFrame, authenticate, forge, report
 from real_data import RealData
 
 CAMERA = Intrinsics(320, 240, 285.0, 285.0, 160.0, 120.0)
@@ -103,6 +105,17 @@ def test_frames_without_numbers_are_named_by_their_places() -> None:
     assert "in frames 4 to 8 most of all" in found.reason
     long = authenticate.judged_frames([unnumbered[0]] * 600)
     assert [frame.number for frame in long[:7]] == [0, 1, 2, 3, 4, 5, 66]
+
+
+def test_the_page_of_a_stream_without_numbers_marks_the_frames_that_were_forged(
+    tmp_path: Path,
+) -> None:
+    frames = [replace(sensed(n, soft=n < 4), number=0) for n in range(10)]
+    page = tmp_path / "stream.html"
+    report.write_stream_evidence(authenticate.inspect_stream(frames), frames, page)
+    captions = re.findall(r"<figcaption>frame (\d+), [^<]*?(pixels inserted)?<", page.read_text())
+    assert captions[0] == ("0", "")
+    assert captions[-1] == ("9", "pixels inserted")
 
 
 def test_a_stream_that_is_forged_for_a_while_is_found() -> None:
