@@ -725,23 +725,17 @@ class PhantomPipeline::Workspace {
       const PixelBox root = write_root(is_held ? moved_root_ : root_, projector, image);
       fill_holes(root, rays_, image, fills_, PixelKind::kRootFilled);
       all.add(root);
-      give_back_body(image);
+      give_back_lap(image);
     }
     return all.box();
   }
 
-  /// An arm beside the trunk is no part of it, but a lap has no seam between the thighs; and where
-  /// no arm is, what lies on the trunk's skin is the trunk's.
-  void give_back_body(const PhantomImage& image) {
-    constexpr double kSeam = 0.05, kSkin = 0.01;  // metres
-    if (options_.keep_residual || !goes_by_skin()) return;
-    const Limb affected = options_.affected;
-    if (!is_arm(affected)) {
-      give_back(points_, affected, bones_, kSeam, image);
-      give_back_holes(points_, affected, bones_, rays_, image, vertex_of_);
-    } else if (!presence_.is_there()) {
-      give_back(points_, affected, bones_, kSkin, image);
-    }
+  /// An arm beside the trunk is no part of it, but a lap has no seam between the thighs.
+  void give_back_lap(const PhantomImage& image) {
+    constexpr double kSeam = 0.05;  // metres
+    if (options_.keep_residual || !goes_by_skin() || is_arm(options_.affected)) return;
+    give_back(points_, options_.affected, bones_, kSeam, image);
+    give_back_holes(points_, options_.affected, bones_, rays_, image, vertex_of_);
   }
 
   /// Calls use(joint) for the joints that the phantom replaces.
