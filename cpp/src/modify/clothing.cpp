@@ -72,11 +72,6 @@ const std::uint8_t* color_at(const ColoredScene& scene, std::int32_t pixel,
   return scene.color.pixels + 3 * (v * scene.color.cols + u);
 }
 
-float depth_at(const DepthView& depth, std::int32_t pixel) {
-  return depth.millimetres != nullptr ? static_cast<float>(depth.millimetres[pixel]) / 1000.0F
-                                      : depth.metres[pixel];
-}
-
 }  // namespace
 
 bool ClothingColors::is_known() const {
@@ -110,7 +105,7 @@ ClothingColors clothing_colors(const Skeleton& person, const ColoredScene& scene
       const Eigen::Vector3f p = *base + up * spine + aside * across;
       const std::int32_t pixel = projector.pixel(p.x(), p.y(), p.z());
       if (pixel < 0) continue;
-      const float z = depth_at(scene.depth, pixel);
+      const float z = scene.depth.at(pixel);
       if (!(z > p.z() - kBefore && z < p.z() + kBehind)) continue;
       const bool has_index = scene.body_index != nullptr && person.body != kNobody;
       if (has_index && scene.body_index[pixel] != person.body) continue;

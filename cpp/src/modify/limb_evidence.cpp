@@ -15,11 +15,6 @@ constexpr float kWithin = 0.12F;   // and so far before or behind it
 constexpr float kLonger = 1.5F;    // times as long as the other limb's bone,
 constexpr float kAllowed = 0.05F;  // and the errors of two joints
 
-float measured_at(const DepthView& depth, std::int64_t pixel) {
-  return depth.millimetres != nullptr ? 0.001F * static_cast<float>(depth.millimetres[pixel])
-                                      : depth.metres[pixel];
-}
-
 /// Does the camera look through the place of a joint? Beyond the image's border nothing is known.
 bool is_seen_through(const Eigen::Vector3f& p, std::uint8_t body, const DepthView& depth,
                      const std::uint8_t* body_index, const PixelProjector& projector) {
@@ -32,7 +27,7 @@ bool is_seen_through(const Eigen::Vector3f& p, std::uint8_t body, const DepthVie
   for (std::int32_t v = v0; v <= v1; ++v) {
     for (std::int32_t u = u0; u <= u1; ++u) {
       const std::int64_t pixel = std::int64_t{v} * cols + u;
-      const float z = measured_at(depth, pixel);
+      const float z = depth.at(pixel);
       if (!(z > 0.0F && z < p.z() + kWithin)) continue;
       const bool is_hidden = z < p.z() - kWithin;
       if (is_hidden || body_index == nullptr || body_index[pixel] == body) return false;

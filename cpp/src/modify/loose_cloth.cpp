@@ -53,9 +53,7 @@ class ClothTest {
       const float least = is_intact(pixel) ? -kSameSurface : kSeenThrough;
       return image_.depth[pixel] - q.z() > least;
     }
-    const float z = depth.millimetres != nullptr
-                        ? 0.001F * static_cast<float>(depth.millimetres[pixel])
-                        : depth.metres[pixel];
+    const float z = depth.at(pixel);
     return !(z > 0.0F) || z > q.z() + kSameSurface;
   }
 

@@ -115,9 +115,7 @@ class Collector {
 
   void add(std::int64_t u, std::int64_t v) {
     const std::int64_t pixel = v * depth_.cols + u;
-    const float z = depth_.millimetres != nullptr
-                        ? static_cast<float>(depth_.millimetres[pixel]) / 1000.0F
-                        : depth_.metres[pixel];
+    const float z = depth_.at(pixel);
     if (!has_ray(rays_, u, v)) return;
     const Eigen::Vector3f p = lift(rays_, u, v, z);
     const std::size_t i = points_.count++;

@@ -150,11 +150,6 @@ void level(BodyFrame& frame) {
   frame.z = frame.n.cross(frame.y);
 }
 
-float depth_at(const DepthView& depth, std::int32_t pixel) {
-  return depth.millimetres != nullptr ? static_cast<float>(depth.millimetres[pixel]) / 1000.0F
-                                      : depth.metres[pixel];
-}
-
 /// The normal of the plane through the depths around a pixel, towards the camera; none on edges.
 /// Depth of a plane is linear in the pixel over its depth, and nearly in the pixel itself.
 std::optional<Eigen::Vector3d> normal_at(const DepthView& depth, const PixelRays& rays,
@@ -164,7 +159,7 @@ std::optional<Eigen::Vector3d> normal_at(const DepthView& depth, const PixelRays
   constexpr double kLeastCosine = 0.3;  // surfaces seen at a slant are edges
   const std::int64_t u = pixel % depth.cols, v = pixel / depth.cols;
   if (u < 1 || v < 1 || u + 1 >= depth.cols || v + 1 >= depth.rows) return std::nullopt;
-  const double z = depth_at(depth, pixel);
+  const double z = depth.at(pixel);
   const Eigen::Vector3d p = lift(rays, u, v, static_cast<float>(z)).cast<double>();
   const double pitch = (lift(rays, u + 1, v, 1.0F) - lift(rays, u - 1, v, 1.0F)).norm() * 0.5 * z;
   if (!(pitch > 1e-5)) return std::nullopt;
@@ -178,7 +173,7 @@ std::optional<Eigen::Vector3d> normal_at(const DepthView& depth, const PixelRays
       ++asked;
       if (u + du < 0 || v + dv < 0 || u + du >= depth.cols || v + dv >= depth.rows) continue;
       const auto other = static_cast<std::int32_t>((v + dv) * depth.cols + u + du);
-      const float there = depth_at(depth, other);
+      const float there = depth.at(other);
       if (!(std::abs(there - z) < kSameTrunk) || !has_ray(rays, u + du, v + dv)) continue;
       const Eigen::Vector3d q = lift(rays, u + du, v + dv, there).cast<double>() - p;
       const Eigen::Vector3d row(q.x(), q.y(), 1.0);
@@ -210,7 +205,7 @@ std::optional<SurfaceResidual> residual_at(const Eigen::Vector3d& p, const Eigen
   const std::int32_t pixel = projector.pixel(static_cast<float>(p.x()), static_cast<float>(p.y()),
                                              static_cast<float>(p.z()));
   if (pixel < 0) return std::nullopt;
-  const float z = depth_at(depth, pixel);
+  const float z = depth.at(pixel);
   if (!(z > 0.0F)) return std::nullopt;
   const Eigen::Vector3d q = lift(rays, pixel % depth.cols, pixel / depth.cols, z).cast<double>();
   const double off = normal.dot(q - p);

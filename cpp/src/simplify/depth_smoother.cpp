@@ -30,9 +30,7 @@ const std::vector<float>& DepthSmoother::add(const DepthView& depth) {
   const auto share = static_cast<float>(options_.newest_share);
   const auto gate = static_cast<float>(options_.gate);
   for (std::size_t i = 0; i < size; ++i) {
-    const float z = depth.millimetres != nullptr
-                        ? static_cast<float>(depth.millimetres[i]) / 1000.0F
-                        : depth.metres[i];
+    const float z = depth.at(static_cast<std::int64_t>(i));
     if (!(z > 0.0F)) {  // a pixel that is back soon goes on where it was
       out_[i] = z < 0.0F ? z : 0.0F;
       continue;

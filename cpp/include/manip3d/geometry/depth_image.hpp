@@ -14,6 +14,11 @@ struct DepthView {
   std::int64_t rows = 0, cols = 0;
   const std::uint16_t* millimetres = nullptr;
   const float* metres = nullptr;
+  /// Metres at a pixel, row by row; 0 or NaN: no measurement.
+  [[nodiscard]] float at(std::int64_t pixel) const {
+    return millimetres != nullptr ? static_cast<float>(millimetres[pixel]) / 1000.0F
+                                  : metres[pixel];
+  }
 };
 
 /// A borrowed grid of points, one per pixel or none: what a depth image becomes, and what a range
