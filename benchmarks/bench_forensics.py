@@ -1,4 +1,4 @@
-"""What the detectors cost on one frame of an HDL-64E, one thread.
+"""What the detectors, and `inspect` with all of them, cost on one frame of an HDL-64E, one thread.
 
 ``python benchmarks/bench_forensics.py [--rounds N]`` writes the section `forensics` of RESULTS.md.
 """
@@ -32,7 +32,8 @@ def detectors(folder: Path) -> dict[str, Detector]:
     from manip3d import authenticate
     from manip3d.io import read_scan
 
-    before = read_scan(folder / TUNING / "0000000008.bin.xz")
+    turns = [read_scan(folder / TUNING / f"000000000{k}.bin.xz") for k in (7, 8, 9)]
+    before = turns[1]
     lattice = authenticate.estimate_lattice([read_scan(folder / TUNING / "0000000000.bin.xz")])
     return {
         "I, density": lambda scan: authenticate.density_consistency(scan, threads=1),
@@ -45,6 +46,12 @@ def detectors(folder: Path) -> dict[str, Detector]:
         ),
         "III, lattice from the frame": lambda scan: authenticate.generic_consistency(
             scan, threads=1
+        ),
+        "`inspect`, lattice known": lambda scan: authenticate.inspect(
+            scan, lattice=lattice, power=False, threads=1
+        ),
+        "`inspect`, with the turns before and after": lambda _: authenticate.inspect(
+            turns[1], previous=turns[0], following=turns[2], power=False, threads=1
         ),
     }
 

@@ -78,6 +78,18 @@ def test_the_plane_does_not_shake_with_the_joints(sigma: float) -> None:
     assert np.quantile(extra[10:], 0.95) < 0.015
 
 
+@pytest.mark.parametrize("shift", [-0.02, 0.02])
+def test_the_plane_is_that_of_the_flesh_where_all_joints_are_beside_it(shift: float) -> None:
+    pipeline = PhantomPipeline("right_arm")
+    truth = pose()
+    told = replace(truth, positions=truth.positions + np.float32([shift, 0.0, 0.0]))
+    for number in range(20):
+        result = pipeline.process(seen(truth, number, told=told, camera=KINECT))
+    assert result.plane is not None
+    middle = truth.positions[[4, 8]].mean(axis=0).astype(float)
+    assert abs(float(result.plane.normal @ (middle - result.plane.origin))) < 0.005
+
+
 def test_the_plane_turns_with_the_body() -> None:
     """Without lag: at the end of a turn of 1 degree a frame it is where the body is."""
     rng = np.random.default_rng(1)
@@ -564,6 +576,7 @@ def test_a_forearm_that_floats_is_not_tracking() -> None:
     whole = once(frame(pose(), KINECT, without=ARM))
     assert whole.state is PhantomState.TRACKING
     assert whole.quality.score < 1
+    assert 0.9 < whole.quality.largest <= 1.0
     result = once(hidden_at(pose(), (5,)))  # without the intact upper arm
     assert result.visible > 0.5
     assert result.quality.gap > 0.10
