@@ -79,6 +79,8 @@ def verdict(mutant: dict[str, Any], about: dict[str, str], seconds: float | None
         return "killed"
     if done.returncode == 0:
         return "survived"
+    if done.returncode < 0:  # a signal: the changed code crashed
+        return "killed"
     if done.returncode == 1 and " failed" in done.stdout + done.stderr:
         return "killed"
     return "not run: " + " ".join((done.stdout + done.stderr).split())[-300:]

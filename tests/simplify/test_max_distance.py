@@ -47,6 +47,16 @@ def sampled_distance(a: Mesh, b: Mesh, per_face: int = 20) -> float:
     return float(max(there, back))
 
 
+@pytest.mark.parametrize("height", [0.125, 0.25, 0.5])
+def test_a_bump_of_just_the_limit_is_no_reason_to_exceed_it(height: float) -> None:
+    """The proof has an error of rounding, which counts towards the limit."""
+    vertices, faces = grid(8, 8)  # vertex 40 is in the middle
+    vertices[40, 2] = height
+    result = qem4vr(Mesh(vertices, faces), target_faces=2, max_distance=height)
+    assert result.distance_bound is not None
+    assert 0.5 * height < result.distance_bound <= height
+
+
 def hills(columns: int = 20) -> Mesh:
     vertices, faces = grid(columns, columns)
     vertices[:, 2] = np.sin(vertices[:, 0] * 0.6) + np.cos(vertices[:, 1] * 0.5)

@@ -200,6 +200,17 @@ def test_a_texture_that_kept_its_place_is_not_pulled_away_by_other_faces() -> No
     assert metrics.texture_error(mesh, result).max < 1e-8
 
 
+def test_texture_coordinates_are_fitted_to_the_faces_they_stand_for() -> None:
+    """Left as collapses made them, they err by 3.6e-3 on average."""
+    xy, faces = grid(32)
+    x, y = xy.T
+    uv = np.column_stack([x + 0.08 * np.sin(9 * y), y + 0.08 * np.sin(8 * x)])
+    vertices = np.column_stack([xy, 0.1 * np.sin(6 * x) * np.sin(5 * y)])
+    mesh = Mesh(vertices, faces, texcoords=uv, face_texcoords=faces)
+    result = simplify.quality(mesh, target_faces=200)
+    assert metrics.texture_error(mesh, result.mesh).mean < 3.3e-3
+
+
 def test_pieces_vanish_in_the_order_of_their_distance() -> None:
     near = tetrahedron((0.5, 0.5, 0.001), 0.02)
     far = tetrahedron((0.5, 0.5, 0.6), 0.02)
