@@ -45,7 +45,7 @@ def digest(mesh: Mesh) -> str:
 
 
 def digests(mesh: Mesh, runs: int) -> dict[str, list[str]]:
-    """Of each mode, the different results of so many runs."""
+    """Return for each mode the different results of so many runs."""
     return {
         mode: sorted({digest(simplify.simplify(mesh, mode, ratio=RATIO).mesh) for _ in range(runs)})
         for mode in get_args(simplify.Mode)

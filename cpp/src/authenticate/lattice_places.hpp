@@ -13,7 +13,7 @@ namespace manip3d {
 /// by itself, so that a clean point is no more than half a step from its place along any axis.
 class LatticePlaces {
  public:
-  /// Of a lattice with an encoder and a range step.
+  /// The lattice has an encoder and a range step.
   explicit LatticePlaces(const ScanLattice& lattice);
 
   /// Metres between a point and the nearest place of one firing of a laser, along the axis where
