@@ -1,4 +1,4 @@
-"""What the detectors, and `inspect` with all of them, cost on one frame of an HDL-64E, one thread.
+"""Time of the detectors, and of `inspect` with all of them, on one frame of an HDL-64E, one thread.
 
 ``python benchmarks/bench_forensics.py [--rounds N]`` writes the section `forensics` of RESULTS.md.
 """

@@ -1,4 +1,4 @@
-"""What every simplification promises, held on all meshes of the data folder.
+"""Check the promises of every simplification on all meshes of the data folder.
 
 ``python benchmarks/bench_promises.py [--meshes ...] [--runs N]``
 

@@ -507,7 +507,7 @@ void WatermarkVerifier::reset() {
 
 namespace {
 
-// What the scan lacks of what its record binds; empty: nothing.
+// Names what the record binds and the scan lacks; empty: nothing.
 std::string what_lacks(const WatermarkHeader& header, bool has_picture, bool is_exact) {
   if ((header.carrier == kInPicture) != has_picture) {
     return has_picture ? "the record is not one that a picture carries"

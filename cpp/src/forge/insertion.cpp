@@ -332,7 +332,7 @@ Points to_points(const std::vector<Vector3d>& from) {
 }
 
 // The points of the scene that the object hides move onto it; it is added where there were none.
-// Of the rays the first ones belong to the points `seen`.
+// The first rays belong to the points `seen`.
 Edit edit_of_hits(const RayGrid& grid, std::size_t num_rays, const std::vector<std::int32_t>& seen,
                   const InsertionOptions& options) {
   Edit edit;

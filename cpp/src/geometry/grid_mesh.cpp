@@ -45,7 +45,7 @@ void for_faces_of_row(const PointGridView& grid, std::int64_t v, double max_edge
   }
 }
 
-// Where a color image is seen from the vertices; without one, where they are in the depth image.
+// Places of the vertices in the color image; without one, in the depth image.
 void set_texcoords(const PointGridView& grid, const Registration* registration, DepthMesh& mesh) {
   mesh.texcoords.resize(mesh.vertices.rows(), 2);
   for (Eigen::Index i = 0; i < mesh.texcoords.rows(); ++i) {
