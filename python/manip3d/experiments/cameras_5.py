@@ -277,7 +277,7 @@ EXPERIMENT = Experiment(
     ),
     notes=(
         "The turning person and the kitchen fixed the threshold of silhouettes; the others did "
-        "not. The limit of wide gaps was fixed on the turning person. Many recordings have few "
+        "not. The limit of wide gaps was fixed with all of them in view. Many recordings have few "
         "frames, no silhouette before a background, or were rendered: they are undecidable, which "
         "is right, and says nothing about false alarms on such a camera.",
     ),
