@@ -137,6 +137,29 @@ def test_box_contains_what_lies_inside() -> None:
     assert box.contains(inside + outside).tolist() == [True] * 4 + [False] * 4
 
 
+def test_box_contains_the_same_points_wherever_it_is() -> None:
+    rng = np.random.default_rng(5)
+    for scale in (1e-3, 1.0, 1e6):
+        for yaw in (0.0, 0.7, 1e5):
+            center, size = rng.normal(size=3) * scale * 100, rng.uniform(0, 4, 3) * scale
+            box = Box(tuple(center), tuple(size), yaw)
+            # In the box's own axes half of them lie around it, many of them on its faces.
+            own = rng.uniform(-0.6, 0.6, (4000, 3)) * size
+            own[::7, rng.integers(3)] = 0.5 * size[0]
+            turn = np.array(
+                [[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]]
+            )
+            points = np.concatenate([own @ turn.T + center, np.full((3, 3), np.nan)])
+            points[-1] = np.inf
+            offset = points - center
+            with np.errstate(invalid="ignore"):
+                along = np.cos(yaw) * offset[:, 0] + np.sin(yaw) * offset[:, 1]
+                across = np.cos(yaw) * offset[:, 1] - np.sin(yaw) * offset[:, 0]
+            inside = np.abs(np.column_stack([along, across, offset[:, 2]])) * 2 <= size
+            assert 500 < inside.all(axis=1).sum() < 3500
+            np.testing.assert_array_equal(box.contains(points), inside.all(axis=1))
+
+
 def test_top_level_names() -> None:
     assert manip3d.LidarFrame is LidarFrame
     assert "read_scan" not in manip3d.__all__

@@ -102,12 +102,20 @@ class Box:
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
         """Which of the (N, 3) points lie inside, faces included."""
-        offset = as_rows(points, 3, np.float64, "points") - np.asarray(self.center)
+        rows = as_rows(points, 3, np.float64, "points")
+        # Few points of a scan are near a box: the others are told apart by its enclosing sphere's
+        # cube, a little larger than it, so that rounding leaves none out.
+        center, size = np.asarray(self.center, np.float64), np.asarray(self.size, np.float64)
+        reach = 0.5 * np.linalg.norm(size) + 1e-6 * (1.0 + np.abs(center).max())
+        near = np.flatnonzero(np.abs(rows[:, 0] - center[0]) <= reach)
+        near = near[np.abs(rows[near, 1] - center[1]) <= reach]
+        offset = rows[near] - center
         cosine, sine = np.cos(self.yaw), np.sin(self.yaw)
         along = cosine * offset[:, 0] + sine * offset[:, 1]
         across = cosine * offset[:, 1] - sine * offset[:, 0]
         half = np.abs(np.column_stack([along, across, offset[:, 2]])) * 2.0
-        inside: NDArray[np.bool_] = np.all(half <= np.asarray(self.size), axis=1)
+        inside = np.zeros(len(rows), np.bool_)
+        inside[near] = np.all(half <= size, axis=1)
         return inside
 
 

@@ -123,7 +123,8 @@ def _forged(frame: LidarFrame, target: Box, attack: str, turn: float) -> Forgery
     return forge.replacement(frame, inside.replace(points=turned), target, threads=1)
 
 
-def _targets(frame: LidarFrame, boxes: Sequence[Box]) -> list[Box]:
-    """Objects with enough points, the nearest first."""
-    near = sorted(boxes, key=lambda box: float(np.hypot(*box.center[:2])))
-    return [b for b in near if np.count_nonzero(b.contains(frame.points)) >= FEWEST_POINTS]
+def _targets(frame: LidarFrame, boxes: Sequence[Box]) -> Iterator[Box]:
+    """Objects with enough points, the nearest first, each looked at when it is asked for."""
+    for box in sorted(boxes, key=lambda box: float(np.hypot(*box.center[:2]))):
+        if np.count_nonzero(box.contains(frame.points)) >= FEWEST_POINTS:
+            yield box
