@@ -85,6 +85,10 @@ constexpr double kReach = 0.1;
 /// diagonal of the box. Rounded borders of charts ask for this much on the models with most seams.
 constexpr double kTextureReach = 0.02;
 
+/// Files hold texture coordinates in single precision, whose steps are a sixty-fourth of the picture
+/// from here on: such faces show no texture but the rubbish of an exporter, and none is kept.
+constexpr double kFarthestTexture = 131072.0;
+
 struct Entry {
   double price;           // per face that goes
   std::int32_t a, b;      // an edge; b < 0: the piece a
@@ -213,13 +217,19 @@ class QualitySimplifier {
     return (mesh_.position(face[1]) - p).cross(mesh_.position(face[2]) - p);
   }
 
+  [[nodiscard]] bool shows_texture(std::int32_t f) const {
+    const auto& wedges = mesh_.wedges(f);
+    return mesh_.has_texture(wedges[0]) && std::ranges::all_of(wedges, [&](std::int32_t wedge) {
+      return mesh_.uv(wedge).cwiseAbs().maxCoeff() < kFarthestTexture;
+    });
+  }
+
   /// The length on the surface of a unit of texture, on average.
   void measure_texture() {
     double on_surface = 0.0, in_texture = 0.0;
     for (std::int32_t f = 0; f < mesh_.num_slots(); ++f) {
-      if (!mesh_.is_alive(f)) continue;
+      if (!mesh_.is_alive(f) || !shows_texture(f)) continue;
       const auto& w = mesh_.wedges(f);
-      if (!mesh_.has_texture(w[0])) continue;
       on_surface += area_vector(f).norm();
       const Vector2d e1 = mesh_.uv(w[1]) - mesh_.uv(w[0]), e2 = mesh_.uv(w[2]) - mesh_.uv(w[0]);
       in_texture += std::abs(e1.x() * e2.y() - e1.y() * e2.x());
@@ -266,8 +276,8 @@ class QualitySimplifier {
       area_[v] += area;
     }
     whole_area_ += 3.0 * area;
+    if (!is_textured_ || !shows_texture(f)) return;
     const auto& wedges = mesh_.wedges(f);
-    if (!is_textured_ || !mesh_.has_texture(wedges[0])) return;
     const AttributeQuadric texture = AttributeQuadric::triangle(
         {mesh_.position(face[0]), mesh_.position(face[1]), mesh_.position(face[2])},
         {mesh_.uv(wedges[0]), mesh_.uv(wedges[1]), mesh_.uv(wedges[2])}, area);
