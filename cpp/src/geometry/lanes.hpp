@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
@@ -37,6 +38,16 @@ inline Float4 sqrt4(Float4 lanes) {
   for (int i = 0; i < 4; ++i) lanes[i] = std::sqrt(lanes[i]);
 #endif
   return lanes;
+}
+
+/// The columns of four rows.
+inline std::array<Float4, 4> transpose(const std::array<Float4, 4>& r) {
+  const Float4 a = __builtin_shufflevector(r[0], r[1], 0, 4, 1, 5);
+  const Float4 b = __builtin_shufflevector(r[2], r[3], 0, 4, 1, 5);
+  const Float4 c = __builtin_shufflevector(r[0], r[1], 2, 6, 3, 7);
+  const Float4 d = __builtin_shufflevector(r[2], r[3], 2, 6, 3, 7);
+  return {__builtin_shufflevector(a, b, 0, 1, 4, 5), __builtin_shufflevector(a, b, 2, 3, 6, 7),
+          __builtin_shufflevector(c, d, 0, 1, 4, 5), __builtin_shufflevector(c, d, 2, 3, 6, 7)};
 }
 
 /// Bit i: is lane i of a comparison true?

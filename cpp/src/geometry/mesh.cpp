@@ -1,5 +1,6 @@
 #include "manip3d/geometry/mesh.hpp"
 
+#include <array>
 #include <cmath>
 #include <limits>
 #include <string>
@@ -76,12 +77,17 @@ void check_mesh(const MeshView& mesh) {
 BoundingBox bounding_box(const MeshView& mesh) {
   if (mesh.num_faces() == 0) return {};
   BoundingBox box{mesh.vertices.row(mesh.faces(0, 0)), mesh.vertices.row(mesh.faces(0, 0))};
+  std::array<BoundingBox, 3> boxes{box, box, box};  // one for each corner: none waits for another
   for (Eigen::Index f = 0; f < mesh.faces.rows(); ++f) {
     for (int c = 0; c < 3; ++c) {
       const Eigen::Vector3d p = mesh.vertices.row(mesh.faces(f, c));
-      box.min = box.min.cwiseMin(p);
-      box.max = box.max.cwiseMax(p);
+      boxes[c].min = boxes[c].min.cwiseMin(p);
+      boxes[c].max = boxes[c].max.cwiseMax(p);
     }
+  }
+  for (const BoundingBox& of_corner : boxes) {
+    box.min = box.min.cwiseMin(of_corner.min);
+    box.max = box.max.cwiseMax(of_corner.max);
   }
   return box;
 }

@@ -14,6 +14,7 @@
 #include <utility>
 
 #include "geometry/bulk.hpp"
+#include "geometry/lanes.hpp"
 #include "geometry/shared_union_find.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/parallel.hpp"
@@ -84,10 +85,26 @@ constexpr std::uint32_t kNoEdge = 0xFFFFFFFFU;
 constexpr std::uint32_t kTooDear = 0xFFFFFFFEU;  // above max_error
 constexpr std::uint32_t kDearest = 0x7F800000U;  // infinity, as an order of prices
 
+/// The corners (0..2) after and before one: from a table in a number, because a processor guesses
+/// wrong every third time which one of three it is.
+constexpr std::uint32_t after(std::uint32_t c) { return (0b00'10'01U >> (2 * c)) & 3U; }
+constexpr std::uint32_t before(std::uint32_t c) { return (0b01'00'10U >> (2 * c)) & 3U; }
+
+Int4 bits_of(std::uint32_t bits) {
+  const auto number = static_cast<std::int32_t>(bits);
+  return Int4{number, number, number, number};
+}
+
 /// Prices are not negative, so their bits have their order.
 std::uint32_t key_of(float price) {
   return price > 0.0F ? std::min(std::bit_cast<std::uint32_t>(price), kDearest)
                       : (price <= 0.0F ? 0U : kDearest);
+}
+
+/// The same of four prices.
+Int4 keys_of(Float4 prices) {
+  const Int4 positive = prices > 0.0F, others = ~(prices <= 0.0F) & bits_of(kDearest);
+  return (positive & std::bit_cast<Int4>(prices)) | (~positive & others);
 }
 
 /// An edge of a face, with its price: sorted by price, then by place.
@@ -96,8 +113,20 @@ struct PricedEdge {
   std::uint32_t slot;  // 3 face + corner
 };
 
+/// An edge of a face with its ends.
+struct SlotWithEnds {
+  std::uint32_t slot;
+  std::int32_t v, t;
+};
+
+/// An edge with its price and its ends.
+struct EdgeInReach {
+  std::uint32_t key;
+  std::int32_t v, t;
+};
+
 /// Stable radix sort by 16 bits of what the keys differ in.
-void sort_candidates(std::vector<PricedEdge>& items, std::vector<PricedEdge>& other) {
+void sort_candidates(Bulk<PricedEdge>& items, Bulk<PricedEdge>& other) {
   if (items.size() < 2) return;
   std::uint32_t least = kNoEdge, most = 0;
   for (const PricedEdge& item : items) {
@@ -121,8 +150,8 @@ void sort_candidates(std::vector<PricedEdge>& items, std::vector<PricedEdge>& ot
 
 /// The faces around a vertex, in the order of a pass that has not ended.
 struct Fan {
-  std::vector<Side> rest;            // the other two corners
-  std::vector<std::int32_t> across;  // third corners of the faces on the edge
+  Bulk<Side> rest;            // the other two corners
+  Bulk<std::int32_t> across;  // third corners of the faces on the edge
 
   void clear() {
     rest.clear();
@@ -153,8 +182,10 @@ bool has_complex_edge(const std::vector<std::int32_t>& ends) {
 /// Buffers and counters of one task.
 struct Worker {
   int level = 0;
-  std::vector<PricedEdge> candidates, sorted;
-  std::vector<PricedEdge> waiting;  // edges of this block that touch others, for the next level
+  Bulk<PricedEdge> candidates;  // at first all edges of this block
+  Bulk<PricedEdge> sorted;
+  std::vector<EdgeInReach> in_reach;
+  Bulk<PricedEdge> waiting;  // edges of this block that touch others, for the next level
   Fan first, second;
   std::vector<std::int32_t> ends;
   std::vector<Side> sides, twins;
@@ -171,6 +202,21 @@ struct Worker {
 };
 
 Vector3f position_of(const QuadricVertex& v) { return {v.x, v.y, v.z}; }
+
+/// Four vectors. Sums are in the order in which Eigen adds up three numbers, so that each of the
+/// four has the bits that it would have alone.
+struct Vectors4 {
+  Float4 x, y, z;
+
+  [[nodiscard]] Vectors4 operator-(const Vectors4& v) const { return {x - v.x, y - v.y, z - v.z}; }
+  [[nodiscard]] Float4 dot(const Vectors4& v) const { return x * v.x + (y * v.y + z * v.z); }
+  [[nodiscard]] Float4 squared_norm() const { return dot(*this); }
+  [[nodiscard]] Vectors4 cross(const Vectors4& v) const {
+    return {y * v.z - z * v.y, z * v.x - x * v.z, x * v.y - y * v.x};
+  }
+};
+
+Vectors4 four_of(const Vector3f& v) { return {all_of(v.x()), all_of(v.y()), all_of(v.z())}; }
 
 class FastSimplifier {
  public:
@@ -367,11 +413,12 @@ class FastSimplifier {
   void remove_equal_faces() {
     const auto key = [&](std::int32_t f) {
       const Triple& face = faces_[f];
-      const std::size_t k = std::min_element(face.begin(), face.end()) - face.begin();
-      std::array<std::int32_t, 6> result{face[k], face[(k + 1) % 3], face[(k + 2) % 3], 0, 0, 0};
+      const auto k =
+          static_cast<std::uint32_t>(std::min_element(face.begin(), face.end()) - face.begin());
+      std::array<std::int32_t, 6> result{face[k], face[after(k)], face[before(k)], 0, 0, 0};
       if (has_wedges()) {
         const Triple& w = wedges_[f];
-        result[3] = w[k], result[4] = w[(k + 1) % 3], result[5] = w[(k + 2) % 3];
+        result[3] = w[k], result[4] = w[after(k)], result[5] = w[before(k)];
       }
       return result;
     };
@@ -495,11 +542,19 @@ class FastSimplifier {
     for (const std::uint32_t corner : corners(v)) {
       const std::uint32_t f = corner / 3, c = corner - 3 * f;
       const Triple& face = faces_[f];
-      body(f, c, face[c == 2 ? 0 : c + 1], face[c == 0 ? 2 : c - 1]);
+      body(f, c, face[after(c)], face[before(c)]);
     }
   }
 
   // --- Quadrics ------------------------------------------------------------------------------
+
+  /// Positions of four vertices.
+  [[nodiscard]] Vectors4 positions_of(const std::int32_t* v) const {
+    const auto row = [&](std::int32_t i) { return load4(&vertices_[i].x); };
+    const auto [x, y, z, unused] =
+        transpose(std::array{row(v[0]), row(v[1]), row(v[2]), row(v[3])});
+    return {x, y, z};
+  }
 
   static void add_plane(QuadricVertex& v, const Vector3f& n, float weight) {
     const Vector3f wn = weight * n;
@@ -513,14 +568,7 @@ class FastSimplifier {
     is_open_.assign(vertices_.size(), 0);
     is_complex_.assign(vertices_.size(), 0);
     over_vertices([&](std::int32_t v) {
-      QuadricVertex& vertex = vertices_[v];
-      const Vector3f p = position_of(vertex);
-      for_each_face(v, [&](std::uint32_t, std::uint32_t, std::int32_t a, std::int32_t b) {
-        const Vector3f n = (position_of(vertices_[a]) - p).cross(position_of(vertices_[b]) - p);
-        const float length = n.norm();
-        if (length > 0.0F) add_plane(vertex, n / length, length / 6.0F);
-      });
-      if (!is_closed(v)) {
+      if (!add_faces(v)) {
         is_open_[v] = 1;
         add_borders(v);
       }
@@ -531,34 +579,81 @@ class FastSimplifier {
     report(0.16);
   }
 
-  /// Whether v is inside of the surface and on no seam: each of its edges has two faces, which run
-  /// along it in opposite directions, and all faces have the same wedge at v.
-  [[nodiscard]] bool is_closed(std::int32_t v) const {
-    constexpr std::size_t kMost = 32;
+  /// Corners of the faces around a vertex, filled up to a multiple of four.
+  struct Ring {
+    static constexpr std::size_t kMost = 32;
+    alignas(16) std::array<std::int32_t, kMost> next, last;  // counter-clockwise
+    std::size_t size = 0;
+  };
+
+  /// Adds the planes of the faces of v. Returns whether v is inside of the surface and on no seam:
+  /// each of its edges has two faces, which run along it in opposite directions, and all faces have
+  /// the same wedge at v.
+  bool add_faces(std::int32_t v) {
     const auto around = corners(v);
-    if (around.size() > kMost) return false;
-    std::array<std::int32_t, kMost> next, last;  // NOLINT: filled below
-    std::size_t n = 0;
-    std::int32_t wedge = -1;
-    bool is_alike = true;
-    for_each_face(v, [&](std::uint32_t f, std::uint32_t c, std::int32_t a, std::int32_t b) {
-      next[n] = a;
-      last[n++] = b;
-      if (!has_wedges()) return;
-      if (n > 1 && wedges_[f][c] != wedge) is_alike = false;
-      wedge = wedges_[f][c];
-    });
-    if (!is_alike) return false;
-    std::uint32_t matched = 0;  // faces that end where another one begins
-    for (std::size_t i = 0; i < n; ++i) {
-      std::uint32_t matches = 0;
-      for (std::size_t j = 0; j < n; ++j) {
-        matches |= static_cast<std::uint32_t>(last[j] == next[i]) << j;
+    Ring ring;  // NOLINT: filled below
+    for (std::size_t begin = 0; begin < around.size(); begin += Ring::kMost) {
+      const auto some = around.subspan(begin, std::min(Ring::kMost, around.size() - begin));
+      ring.size = 0;
+      for (const std::uint32_t corner : some) {
+        const std::uint32_t f = corner / 3, c = corner - 3 * f;
+        ring.next[ring.size] = faces_[f][after(c)];
+        ring.last[ring.size++] = faces_[f][before(c)];
       }
-      if (!std::has_single_bit(matches)) return false;
+      // What fills up has no area, and no edge from v.
+      for (std::size_t i = ring.size; i % 4 != 0; ++i) ring.next[i] = ring.last[i] = v;
+      add_planes(vertices_[v], ring);
+    }
+    return around.size() <= Ring::kMost && is_closed(ring) && has_one_wedge(v);
+  }
+
+  void add_planes(QuadricVertex& vertex, const Ring& ring) const {
+    const Vectors4 p = four_of(position_of(vertex));
+    Float4 high = load4(&vertex.xx), low = load4(&vertex.yz);
+    for (std::size_t i = 0; i < ring.size; i += 4) {
+      const Vectors4 n = (positions_of(&ring.next[i]) - p).cross(positions_of(&ring.last[i]) - p);
+      const Float4 length = sqrt4(n.squared_norm());
+      const Float4 divisor = length > 0.0F ? length : all_of(1.0F);
+      const Vectors4 unit{n.x / divisor, n.y / divisor, n.z / divisor};
+      const Float4 weight = length > 0.0F ? length / 6.0F : all_of(0.0F);
+      const Vectors4 weighted{weight * unit.x, weight * unit.y, weight * unit.z};
+      const auto upper = transpose(
+          {weighted.x * unit.x, weighted.x * unit.y, weighted.x * unit.z, weighted.y * unit.y});
+      const auto lower =
+          transpose({weighted.y * unit.z, weighted.z * unit.z, all_of(0.0F), weight});
+      for (std::size_t k = 0; k < 4; ++k) {
+        high += upper[k];
+        low += Float4{lower[k][0], lower[k][1], 0.0F, 0.0F};
+        vertex.weight += lower[k][3];
+      }
+    }
+    store4(&vertex.xx, high);
+    store4(&vertex.yz, low);
+  }
+
+  [[nodiscard]] static bool is_closed(const Ring& ring) {
+    std::uint32_t matched = 0;  // faces that end where another one begins
+    bool is_open = false;
+    for (std::size_t i = 0; i < ring.size; ++i) {
+      const std::int32_t next = ring.next[i];
+      std::uint32_t matches = 0;
+      for (std::size_t j = 0; j < ring.size; j += 4) {
+        matches |= true_lanes(load4(&ring.last[j]) == Int4{next, next, next, next}) << j;
+      }
+      is_open |= matches == 0 || (matches & (matches - 1)) != 0;
       matched |= matches;
     }
-    return static_cast<std::size_t>(std::popcount(matched)) == n;
+    const std::uint32_t all = ring.size > 0 ? 0xFFFFFFFFU >> (Ring::kMost - ring.size) : 0U;
+    return !is_open && matched == all;
+  }
+
+  [[nodiscard]] bool has_one_wedge(std::int32_t v) const {
+    if (!has_wedges()) return true;
+    const auto around = corners(v);
+    const auto wedge = [&](std::uint32_t corner) { return wedges_[corner / 3][corner % 3]; };
+    return std::all_of(around.begin(), around.end(), [&](std::uint32_t corner) {
+      return wedge(corner) == wedge(around.front());
+    });
   }
 
   /// Planes through boundaries and seams, perpendicular to their faces.
@@ -569,8 +664,8 @@ class FastSimplifier {
     };
     std::vector<Spoke> spokes;
     for_each_face(v, [&](std::uint32_t f, std::uint32_t c, std::int32_t a, std::int32_t b) {
-      spokes.push_back({a, f, c, c == 2 ? 0 : c + 1});
-      spokes.push_back({b, f, c, c == 0 ? 2 : c - 1});
+      spokes.push_back({a, f, c, after(c)});
+      spokes.push_back({b, f, c, before(c)});
     });
     std::sort(spokes.begin(), spokes.end(), [](const Spoke& a, const Spoke& b) {
       return a.end != b.end ? a.end < b.end : a.face < b.face;
@@ -740,9 +835,10 @@ class FastSimplifier {
   /// Makes the cheapest collapses; false when nothing is left that may be done.
   bool pass() {
     const std::int64_t needed = num_faces() - options_.target_faces;
+    prepare_workers();
     price_edges();
-    std::int64_t num_priced = 0, num_too_dear = 0;
-    const std::uint32_t limit = find_limit(needed, num_priced, num_too_dear);
+    std::int64_t num_too_dear = 0;
+    const std::uint32_t limit = find_limit(needed, num_too_dear);
     limit_ = is_everything_ ? kDearest : limit;
     remap_.resize(vertices_.size());
     is_taken_.assign(vertices_.size(), 0);
@@ -788,65 +884,76 @@ class FastSimplifier {
 
   /// Each edge once: in a closed surface from the lower vertex to the higher one.
   [[nodiscard]] bool is_priced_here(std::int32_t from, std::int32_t to) const {
-    return from < to || (is_open_[from] != 0 && is_open_[to] != 0);
+    return (from < to) | ((is_open_[from] & is_open_[to]) != 0);
   }
 
+  /// Makes all edges the candidates of their blocks.
   void price_edges() {
-    keys_.resize(3 * faces_.size());
-    over_blocks([&](std::int64_t, std::int64_t begin, std::int64_t end) {
-      std::array<const QuadricVertex*, 4> from{}, to{};
-      std::array<std::size_t, 4> slot{};
-      std::size_t n = 0;
-      const auto price = [&] {
-        for (std::size_t i = n; i < 4; ++i) from[i] = from[0], to[i] = to[0];
-        const EdgeQuadric<Float4> edge(transpose(from), transpose(to));
-        const Float4 value = edge.value(edge.ux, edge.uy, edge.uz);
-        const Float4 prices = edge.price(value);
-        for (std::size_t i = 0; i < n; ++i) {
-          keys_[slot[i]] =
-              value[i] > squared_limit_ * edge.weight[i] ? kTooDear : key_of(prices[i]);
-        }
-        n = 0;
-      };
-      for (std::int64_t f = begin; f < end; ++f) {
-        const Triple& face = faces_[f];
-        for (std::size_t c = 0; c < 3; ++c) {
-          const std::int32_t a = face[c], b = face[c == 2 ? 0 : c + 1];
-          const std::size_t here = 3 * static_cast<std::size_t>(f) + c;
-          if (!is_priced_here(a, b)) {
-            keys_[here] = kNoEdge;
-            continue;
+    constexpr std::int64_t kFaces = 256;  // so many that their edges stay in the nearest cache
+    over_blocks([&](std::int64_t block, std::int64_t begin, std::int64_t end) {
+      Bulk<PricedEdge>& edges = workers_[0][block].candidates;
+      edges.clear();
+      edges.reserve(2 * (end - begin));               // three for two faces, more where it is open
+      std::array<SlotWithEnds, 3 * kFaces + 3> here;  // NOLINT: filled below
+      for (std::int64_t f = begin; f < end;) {
+        std::size_t count = 0;
+        for (const std::int64_t stop = std::min(end, f + kFaces); f < stop; ++f) {
+          for (std::uint32_t c = 0; c < 3; ++c) {
+            const std::int32_t a = faces_[f][c], b = faces_[f][after(c)];
+            here[count] = {static_cast<std::uint32_t>(3 * f) + c, std::min(a, b), std::max(a, b)};
+            count += static_cast<std::size_t>(is_priced_here(a, b));
           }
-          from[n] = &vertices_[std::min(a, b)];
-          to[n] = &vertices_[std::max(a, b)];
-          slot[n] = here;
-          if (++n == 4) price();
         }
+        for (std::size_t i = count; i % 4 != 0; ++i) here[i] = here[count - 1];
+        const std::size_t first = edges.size();
+        edges.resize(first + count + 3);
+        for (std::size_t i = 0; i < count; i += 4) price_four(&here[i], &edges[first + i]);
+        edges.resize(first + count);
       }
-      if (n > 0) price();
     });
   }
 
+  /// Prices four edges.
+  void price_four(const SlotWithEnds* from, PricedEdge* to) const {
+    const auto four = [&](std::int32_t SlotWithEnds::* end) {
+      const auto of = [&](std::size_t i) -> const QuadricVertex* {
+        return &vertices_[from[i].*end];
+      };
+      return transpose(std::array{of(0), of(1), of(2), of(3)});
+    };
+    const EdgeQuadric<Float4> edge(four(&SlotWithEnds::v), four(&SlotWithEnds::t));
+    const Float4 value = edge.value(edge.ux, edge.uy, edge.uz);
+    const Int4 too_dear = value > squared_limit_ * edge.weight;
+    const Int4 keys = (too_dear & bits_of(kTooDear)) | (~too_dear & keys_of(edge.price(value)));
+    for (std::size_t i = 0; i < 4; ++i) {
+      to[i] = {static_cast<std::uint32_t>(keys[i]), from[i].slot};
+    }
+  }
+
   /// The price up to which edges are candidates of this pass, from a histogram of all.
-  std::uint32_t find_limit(std::int64_t needed, std::int64_t& num_priced,
-                           std::int64_t& num_too_dear) {
+  std::uint32_t find_limit(std::int64_t needed, std::int64_t& num_too_dear) {
     constexpr int kShift = 18;  // five bits of the mantissa
     constexpr std::size_t kBins = std::size_t{1} << (32 - kShift);
-    const auto num_keys = static_cast<std::int64_t>(keys_.size());
     // Each slice has a histogram of its own, which is as much work as 16 thousand edges.
-    const std::int64_t num_slices = std::clamp<std::int64_t>(num_keys >> 17, 1, 8);
-    const std::int64_t slice = std::max<std::int64_t>(1, (num_keys + num_slices - 1) / num_slices);
+    const std::int64_t num_slices = std::clamp<std::int64_t>(num_blocks() / 4, 1, 8);
+    const std::int64_t slice =
+        std::max<std::int64_t>(1, (num_blocks() + num_slices - 1) / num_slices);
     histogram_.assign(num_slices * kBins, 0);
-    over(num_keys, slice, [&](std::int64_t begin, std::int64_t end) {
+    over(num_blocks(), slice, [&](std::int64_t begin, std::int64_t end) {
       std::uint32_t* bins = histogram_.data() + begin / slice * static_cast<std::int64_t>(kBins);
-      for (std::int64_t i = begin; i < end; ++i) ++bins[keys_[i] >> kShift];
+      for (std::int64_t block = begin; block < end; ++block) {
+        for (const PricedEdge& edge : workers_[0][block].candidates) ++bins[edge.key >> kShift];
+      }
     });
     for (std::size_t i = kBins; i < histogram_.size(); ++i) {
       histogram_[i % kBins] += histogram_[i];
     }
     num_too_dear = 0;
     if (squared_limit_ < std::numeric_limits<float>::infinity()) {
-      num_too_dear = std::count(keys_.begin(), keys_.end(), kTooDear);
+      for (const Worker& worker : workers_[0]) {
+        num_too_dear += std::count_if(worker.candidates.begin(), worker.candidates.end(),
+                                      [](const PricedEdge& edge) { return edge.key == kTooDear; });
+      }
     }
     const double share =
         (is_small() ? kShareOfSmallPass : kShareOfPass) * static_cast<double>(num_faces()) / 2.0;
@@ -864,27 +971,36 @@ class FastSimplifier {
       limit = static_cast<std::uint32_t>(((bin + 1) << kShift) - 1);
       break;
     }
-    num_priced = static_cast<std::int64_t>(sum);
     return limit;
   }
 
   [[nodiscard]] std::array<std::int32_t, 2> edge_at(std::uint32_t slot) const {
     const Triple& face = faces_[slot / 3];
     const std::uint32_t c = slot % 3;
-    const std::int32_t a = face[c], b = face[c == 2 ? 0 : c + 1];
+    const std::int32_t a = face[c], b = face[after(c)];
     return {std::min(a, b), std::max(a, b)};
   }
 
-  /// Sorts the edges below the limit by block of faces: those inside it, and those that wait.
+  /// Sorts the edges below the limit in each block of faces: those inside it, and those that wait.
   void gather_candidates(std::uint32_t limit) {
-    prepare_workers();
-    over_blocks([&](std::int64_t block, std::int64_t begin, std::int64_t end) {
+    const bool is_one = num_blocks() == 1;
+    over_blocks([&](std::int64_t block, std::int64_t, std::int64_t) {
       Worker& worker = workers_[0][block];
-      for (std::int64_t slot = 3 * begin; slot < 3 * end; ++slot) {
-        if (keys_[slot] > limit) continue;
-        put({keys_[slot], static_cast<std::uint32_t>(slot)}, worker);
+      Bulk<PricedEdge>& candidates = worker.candidates;
+      std::size_t count = 0;
+      for (const PricedEdge edge : candidates) {
+        candidates[count] = edge;
+        count += static_cast<std::size_t>(edge.key <= limit);
       }
-      sort_candidates(worker.candidates, worker.sorted);
+      candidates.resize(count);
+      if (!is_one) {
+        std::erase_if(candidates, [&](const PricedEdge& edge) {
+          const bool waits = level_of(edge) > 0;
+          if (waits) worker.waiting.push_back(edge);
+          return waits;
+        });
+      }
+      sort_candidates(candidates, worker.sorted);
     });
   }
 
@@ -968,26 +1084,34 @@ class FastSimplifier {
     }
   }
 
-  void collapse_in_order(const std::vector<PricedEdge>& candidates, Worker& worker,
-                         std::int64_t quota, bool may_exceed) {
+  void collapse_in_order(const Bulk<PricedEdge>& candidates, Worker& worker, std::int64_t quota,
+                         bool may_exceed) {
     const float slack = is_small() ? 1.0F : kLeap;
     worker.most = std::max(limit_, key_of(slack * std::bit_cast<float>(limit_)));
     bool has_waiting = !is_small();
-    const auto wait = [&](const PricedEdge& candidate) {
+    const auto wait = [&](const EdgeInReach& candidate) {
       if (std::exchange(has_waiting, true)) return;
       worker.most = std::min(limit_, key_of(kOvertakes * std::bit_cast<float>(candidate.key)));
     };
-    for (std::size_t i = 0; i < candidates.size(); ++i) {
-      if (worker.removed >= quota) break;
-      prefetch(candidates, i);
-      const PricedEdge& candidate = candidates[i];
-      const auto [v, t] = edge_at(candidate.slot);
+    std::vector<EdgeInReach>& near = worker.in_reach;
+    near.clear();
+    std::size_t next = 0, i = 0;
+    while (worker.removed < quota) {
+      if (i == near.size()) {
+        if (next == candidates.size()) break;
+        next = find_in_reach(candidates, next, near);
+        i = 0;
+        continue;
+      }
+      prefetch(near, i);
+      const EdgeInReach candidate = near[i++];
+      const auto [key, v, t] = candidate;
       if (is_taken_[v] != 0 || is_taken_[t] != 0) {
         wait(candidate);
         continue;
       }
       if (is_hub(v) || is_hub(t)) continue;
-      if (is_small() && candidate.key > worker.most && worker.collapses > 0) {
+      if (is_small() && key > worker.most && worker.collapses > 0) {
         worker.leaves_dear = true;
         break;
       }
@@ -1006,28 +1130,44 @@ class FastSimplifier {
     }
   }
 
+  /// The next candidates, in order; of a large pass only those whose ends have not collapsed yet,
+  /// which are found without a jump for each. Returns where the rest begins.
+  std::size_t find_in_reach(const Bulk<PricedEdge>& candidates, std::size_t begin,
+                            std::vector<EdgeInReach>& near) const {
+    constexpr std::size_t kAtOnce = 64;
+    const std::size_t end = std::min(candidates.size(), begin + kAtOnce);
+    for (std::size_t i = end; i < std::min(candidates.size(), end + kAtOnce); ++i) {
+      __builtin_prefetch(&faces_[candidates[i].slot / 3]);
+    }
+    const bool is_any = is_small();
+    near.resize(end - begin);
+    std::size_t count = 0;
+    for (std::size_t i = begin; i < end; ++i) {
+      const auto [v, t] = edge_at(candidates[i].slot);
+      near[count] = {candidates[i].key, v, t};
+      count += static_cast<std::size_t>(is_any | ((is_taken_[v] | is_taken_[t]) == 0));
+    }
+    near.resize(count);
+    return end;
+  }
+
   /// Asks the memory for what the next candidates will touch: they lie anywhere in the block.
-  void prefetch(const std::vector<PricedEdge>& candidates, std::size_t i) const {
-    constexpr std::size_t kSoon = 2, kLater = 4, kLast = 8;
-    const auto ahead = [&](std::size_t steps, const auto& body) {
-      if (i + steps < candidates.size()) body(candidates[i + steps].slot);
-    };
-    ahead(kLast, [&](std::uint32_t slot) { __builtin_prefetch(&faces_[slot / 3]); });
-    ahead(kLater, [&](std::uint32_t slot) {
-      for (const std::int32_t v : edge_at(slot)) {
+  void prefetch(const std::vector<EdgeInReach>& candidates, std::size_t i) const {
+    constexpr std::size_t kSoon = 2, kLater = 4;
+    if (i + kLater < candidates.size()) {
+      for (const std::int32_t v : {candidates[i + kLater].v, candidates[i + kLater].t}) {
         __builtin_prefetch(&vertices_[v]);
         __builtin_prefetch(&corners_[first_[v]]);
       }
-    });
-    ahead(kSoon, [&](std::uint32_t slot) {
-      for (const std::int32_t v : edge_at(slot)) {
-        if (is_taken_[v] != 0) continue;
+    }
+    if (i + kSoon < candidates.size()) {
+      for (const std::int32_t v : {candidates[i + kSoon].v, candidates[i + kSoon].t}) {
         const auto around = corners(v);
         for (const std::uint32_t corner : around.first(std::min<std::size_t>(around.size(), 8))) {
           __builtin_prefetch(&faces_[corner / 3]);
         }
       }
-    });
+    }
   }
 
   [[nodiscard]] bool is_hub(std::int32_t v) const {
@@ -1038,16 +1178,21 @@ class FastSimplifier {
 
   /// The faces of v as they are now: of those that collapsed before in this pass, what is left.
   void gather(std::int32_t v, std::int32_t other, Fan& fan) const {
-    fan.clear();
+    fan.rest.resize(corners(v).size());
+    fan.across.resize(corners(v).size());
+    // Each face is written to both lists, and one goes on, or none: nothing to guess for the
+    // processor.
+    std::size_t num_rest = 0, num_across = 0;
     for_each_face(v, [&](std::uint32_t, std::uint32_t, std::int32_t a, std::int32_t b) {
       const std::int32_t x = remap_[a], y = remap_[b];
-      if (x == y) return;
-      if (x == other || y == other) {
-        fan.across.push_back(x == other ? y : x);
-      } else {
-        fan.rest.push_back({x, y});
-      }
+      const bool is_across = x == other || y == other, is_there = x != y;
+      fan.across[num_across] = x == other ? y : x;
+      fan.rest[num_rest] = {x, y};
+      num_across += static_cast<std::size_t>(is_there && is_across);
+      num_rest += static_cast<std::size_t>(is_there && !is_across);
     });
+    fan.rest.resize(num_rest);
+    fan.across.resize(num_across);
   }
 
   std::optional<Rejection> collapse(std::int32_t v, std::int32_t t, Worker& worker,
@@ -1131,7 +1276,7 @@ class FastSimplifier {
     const Fan &first = worker.first, &second = worker.second;
     if (is_complex_edge(static_cast<std::int64_t>(first.across.size()))) return true;
     for (const Fan* fan : {&first, &second}) {
-      worker.ends = fan->across;
+      worker.ends.assign(fan->across.begin(), fan->across.end());
       fan->append_ends(worker.ends);
       if (has_complex_edge(worker.ends)) return true;
     }
@@ -1144,7 +1289,7 @@ class FastSimplifier {
     std::vector<Side>&sides = worker.sides, &twins = worker.twins;
     twins.clear();
     for (const Fan* fan : {&worker.first, &worker.second}) {
-      sides = fan->rest;
+      sides.assign(fan->rest.begin(), fan->rest.end());
       append_twins(sides, twins);
     }
     std::sort(twins.begin(), twins.end());
@@ -1165,6 +1310,9 @@ class FastSimplifier {
     const bool is_simple = is_open_[v] == 0 && is_open_[t] == 0;
     const bool is_long = first.rest.size() * second.rest.size() > 4096;
     if (is_long) return check_long_links(first, second);
+    if (is_simple && rules_ == Rules::kAll && keeps_closed_links(first, second)) {
+      return std::nullopt;
+    }
     for (const auto& [a, b] : first.rest) {
       const bool across_a = is_across(a);
       for (const auto& [x, y] : second.rest) {
@@ -1179,6 +1327,26 @@ class FastSimplifier {
       }
     }
     return std::nullopt;
+  }
+
+  /// Whether check_links() finds nothing around two vertices inside of a closed surface: two sides
+  /// at a time, and without a jump, for it mostly finds nothing.
+  [[nodiscard]] static bool keeps_closed_links(const Fan& first, const Fan& second) {
+    const std::size_t size = second.rest.size();
+    unsigned broken = 0;
+    for (const auto& [a, b] : first.rest) {
+      bool is_across = false;
+      for (const std::int32_t w : first.across) is_across |= w == a;
+      const unsigned links = is_across ? 0U : ~0U;
+      const Int4 along{a, b, a, b}, against{b, a, b, a};
+      for (std::size_t i = 0; i < size; i += 2) {
+        const Side &one = second.rest[i], &two = second.rest[std::min(i + 1, size - 1)];
+        const Int4 sides{one[0], one[1], two[0], two[1]};
+        const unsigned same = true_lanes(sides == along), turned = true_lanes(sides == against);
+        broken |= (same & (same >> 1)) | (turned & (turned >> 1)) | (same & links);
+      }
+    }
+    return (broken & 0b0101U) == 0;
   }
 
   [[nodiscard]] static std::int64_t count_faces(std::int32_t w, const Fan& fan) {
@@ -1208,7 +1376,7 @@ class FastSimplifier {
     std::vector<std::int32_t> e1, e2;
     first.append_ends(e1);
     second.append_ends(e2);
-    auto across = first.across;
+    std::vector<std::int32_t> across(first.across.begin(), first.across.end());
     std::sort(across.begin(), across.end());
     const auto count_in = [](const std::vector<std::int32_t>& sorted, std::int32_t w) {
       const auto [low, high] = std::equal_range(sorted.begin(), sorted.end(), w);
@@ -1233,23 +1401,40 @@ class FastSimplifier {
     const float value = edge.value(offset.x(), offset.y(), offset.z());
     if (!(value <= squared_limit_ * edge.weight) && value > 0.0F) return Rejection::kErrorLimit;
     if (!offset.allFinite()) return Rejection::kDegenerate;
-    const Vector3f p = position_of(vertices_[v]) + offset;
-    for (const auto& [fan, from] : {std::pair{&first, v}, std::pair{&second, t}}) {
-      const Vector3f old = position_of(vertices_[from]);
-      for (const auto& [a, b] : fan->rest) {
-        const Vector3f pa = position_of(vertices_[a]), pb = position_of(vertices_[b]);
-        const Vector3f ea = pa - p, eb = pb - p;
-        const Vector3f after = ea.cross(eb), before = (pa - old).cross(pb - old);
-        const float area = after.squaredNorm(), area_before = before.squaredNorm();
-        const float longest =
-            std::max({ea.squaredNorm(), eb.squaredNorm(), (pb - pa).squaredNorm()});
-        if (!(area > kLeastSquaredSine * longest * longest)) return Rejection::kDegenerate;
-        if (may_turn_faces(rules_) || !(area_before > 0.0F)) continue;
-        const float cosine = before.dot(after);
-        if (!(cosine > 0.0F && cosine * cosine > kLeastSquaredCosine * area * area_before)) {
-          return Rejection::kFlip;
-        }
+    const Vectors4 p = four_of(position_of(vertices_[v]) + offset);
+    if (const auto reason = check_faces(first, four_of(position_of(vertices_[v])), p))
+      return reason;
+    return check_faces(second, four_of(position_of(vertices_[t])), p);
+  }
+
+  /// The same of the faces of a fan whose vertex goes from `old` to `p`, four at a time.
+  [[nodiscard]] std::optional<Rejection> check_faces(const Fan& fan, const Vectors4& old,
+                                                     const Vectors4& p) const {
+    const bool may_turn = may_turn_faces(rules_);
+    for (std::size_t i = 0; i < fan.rest.size(); i += 4) {
+      // The last face stands in for what is left out of the four.
+      std::array<std::int32_t, 4> a{}, b{};
+      for (std::size_t lane = 0; lane < 4; ++lane) {
+        const Side& side = fan.rest[std::min(i + lane, fan.rest.size() - 1)];
+        a[lane] = side[0];
+        b[lane] = side[1];
       }
+      const Vectors4 pa = positions_of(a.data()), pb = positions_of(b.data());
+      const Vectors4 ea = pa - p, eb = pb - p;
+      const Vectors4 after = ea.cross(eb), before = (pa - old).cross(pb - old);
+      const Float4 area = after.squared_norm(), area_before = before.squared_norm();
+      const Float4 la = ea.squared_norm(), lb = eb.squared_norm(), lc = (pb - pa).squared_norm();
+      const Float4 longer = la < lb ? lb : la, longest = longer < lc ? lc : longer;
+      const Float4 cosine = before.dot(after);
+      const unsigned degenerate = ~true_lanes(area > kLeastSquaredSine * longest * longest) & 15U;
+      const unsigned flips =
+          may_turn ? 0U
+                   : true_lanes(area_before > 0.0F) &
+                         ~(true_lanes(cosine > 0.0F) &
+                           true_lanes(cosine * cosine > kLeastSquaredCosine * area * area_before));
+      if ((degenerate | flips) == 0) continue;
+      const auto lane = std::countr_zero(degenerate | flips);
+      return ((degenerate >> lane) & 1U) != 0 ? Rejection::kDegenerate : Rejection::kFlip;
     }
     return std::nullopt;
   }
@@ -1309,7 +1494,7 @@ class FastSimplifier {
     for_each_face(t, [&](std::uint32_t f, std::uint32_t c, std::int32_t a, std::int32_t b) {
       const std::int32_t from = wedges_[f][c];
       if ((a != v && b != v) || remap_[a] == remap_[b] || find(from) != pairs.end()) return;
-      pairs.emplace_back(from, wedges_[f][a == v ? (c == 2 ? 0 : c + 1) : (c == 0 ? 2 : c - 1)]);
+      pairs.emplace_back(from, wedges_[f][a == v ? after(c) : before(c)]);
     });
     worker.merged_wedges.clear();
     for (const std::int32_t from : {v, t}) {
@@ -1357,8 +1542,8 @@ class FastSimplifier {
         if (continued(w[c], pairs) != wedge || remap_[a] == remap_[b]) return;
         const Vector2d uv = table_.texcoords[w[c]];
         if (is_locked(from)) own = uv;
-        const Vector2d ua = table_.texcoords[wedge_into_[w[c == 2 ? 0 : c + 1]]];
-        const Vector2d ub = table_.texcoords[wedge_into_[w[c == 0 ? 2 : c - 1]]];
+        const Vector2d ua = table_.texcoords[wedge_into_[w[after(c)]]];
+        const Vector2d ub = table_.texcoords[wedge_into_[w[before(c)]]];
         for (const Vector2d& s : {uv, ua, ub}) {
           low = low.cwiseMin(s);
           high = high.cwiseMax(s);
@@ -1672,7 +1857,6 @@ class FastSimplifier {
 
   std::vector<std::uint32_t> first_;  // of a vertex: where its corners begin
   Bulk<std::uint32_t> corners_;       // by vertex: 3 face + 0..2
-  Bulk<std::uint32_t> keys_;          // of a corner: the price of the edge to the next
   std::vector<std::uint32_t> histogram_;
   Bulk<std::int32_t> remap_;               // in a pass, of a vertex: what it went into
   Bulk<std::int32_t> number_;              // after a pass, of a vertex that stays: in its chunk

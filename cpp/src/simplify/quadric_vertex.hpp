@@ -93,16 +93,8 @@ inline QuadricVertexOf<Float4> transpose(const std::array<const QuadricVertex*, 
   QuadricVertexOf<Float4> out;
   Float4* to = &out.x;
   for (int row = 0; row < 4; ++row) {
-    Float4 r[4];
-    for (int i = 0; i < 4; ++i) r[i] = reinterpret_cast<const Float4*>(v[i])[row];
-    const Float4 a = __builtin_shufflevector(r[0], r[1], 0, 4, 1, 5);
-    const Float4 b = __builtin_shufflevector(r[2], r[3], 0, 4, 1, 5);
-    const Float4 c = __builtin_shufflevector(r[0], r[1], 2, 6, 3, 7);
-    const Float4 d = __builtin_shufflevector(r[2], r[3], 2, 6, 3, 7);
-    to[4 * row + 0] = __builtin_shufflevector(a, b, 0, 1, 4, 5);
-    to[4 * row + 1] = __builtin_shufflevector(a, b, 2, 3, 6, 7);
-    to[4 * row + 2] = __builtin_shufflevector(c, d, 0, 1, 4, 5);
-    to[4 * row + 3] = __builtin_shufflevector(c, d, 2, 3, 6, 7);
+    const auto of = [&](std::size_t i) { return reinterpret_cast<const Float4*>(v[i])[row]; };
+    for (const Float4& column : transpose({of(0), of(1), of(2), of(3)})) *to++ = column;
   }
   return out;
 }
