@@ -85,3 +85,25 @@ def soup(num_vertices: int = 60, num_faces: int = 400) -> Mesh:
     vertices = rng.integers(0, 5, (num_vertices, 3)) / 4
     faces = rng.integers(0, num_vertices, (num_faces, 3), dtype=np.int32)
     return Mesh(vertices, np.concatenate([faces, faces[::7, ::-1], faces[::5]]))
+
+
+def perforated_shell(holes: int = 4, cells: int = 5, thickness: float = 0.02) -> Mesh:
+    """A closed thin piece of a unit ball's shell with holes x holes square holes through it."""
+    n = holes * cells
+    solid = np.ones((n, n, 1), bool)
+    solid[cells // 2 :: cells, cells // 2 :: cells] = False
+    solid = np.pad(solid, 1)
+    sides = []
+    for axis in range(3):
+        along, u, v = (np.eye(3, dtype=int)[(axis + k) % 3] for k in range(3))
+        for sign in (1, -1):
+            at = np.argwhere(solid & ~np.roll(solid, -sign, axis)) + (along if sign > 0 else 0)
+            side = np.stack([at, at + u, at + u + v, at + v], axis=1)
+            sides.append(side if sign > 0 else side[:, ::-1])
+    quads = np.concatenate(sides)
+    points, corners = np.unique(quads.reshape(-1, 3), axis=0, return_inverse=True)
+    corners = corners.reshape(-1, 4)
+    a, b = 2.8 * ((points[:, :2] - 1) / n - 0.5).T
+    r = 1 + thickness * (points[:, 2] - 1)
+    xyz = np.column_stack([r * np.sin(a) * np.cos(b), r * np.sin(b), r * np.cos(a) * np.cos(b)])
+    return Mesh(xyz, np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]]))

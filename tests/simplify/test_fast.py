@@ -213,6 +213,22 @@ def test_blocks_of_many_faces_on_an_edge_do_not_depend_on_threads() -> None:
     assert_same(one, simplify.fast(sheet, ratio=0.1, threads=2))
 
 
+@pytest.mark.parametrize("target", [500, 300, 200])
+def test_holes_close_before_a_piece_is_lost(target: int) -> None:
+    """The ball went before the first of 64 holes closed: on a printer's plate a fifth of
+    its size was gone.
+    """
+    shell, ball = exact_models.perforated_shell(8, 2), exact_models.ball(6)
+    mesh = Mesh(
+        np.concatenate([shell.vertices, 0.05 * ball.vertices + [0.5, 0.5, 0.2]]),
+        np.concatenate([shell.faces, ball.faces + shell.num_vertices]),
+    )
+    result = simplify.simplify(mesh, "fast", target_faces=target)
+    assert result.stop == StopReason.TARGET_REACHED
+    assert result.removed_pieces == 0
+    assert metrics.metro(mesh, result.mesh, sampling="area").max < 0.08  # 0.1
+
+
 def test_max_error_stops_before_the_target() -> None:
     hill = exact_models.hill(40)
     result = simplify.fast(hill, max_error=1e-3)

@@ -75,6 +75,10 @@ constexpr float kFarthest = 4.0F;
 /// Hubs: so many corners times so many refusals in one pass, then a vertex is left alone.
 constexpr std::int64_t kHubPatience = 1 << 14;
 
+/// A piece farther than this from the rest, over the size of the mesh, is missed at once: holes close
+/// before it goes.
+constexpr double kMissedDistance = 0.01;
+
 /// A piece that vanishes is missed more than its distance says; this is squared, like all prices.
 constexpr double kFastPieceFactor = 4.0;
 
@@ -778,6 +782,7 @@ class FastSimplifier {
   /// Which pieces remove_pieces() takes.
   enum class Choice : std::uint8_t {
     kCheap,     // those below the limit that do not go beyond the target
+    kNear,      // the cheapest that are not missed at once and do not go beyond the target
     kCheapest,  // the cheapest, whatever they cost, that do not go beyond the target
     kAny,       // one, even if less is left than the target asks for
   };
@@ -814,6 +819,7 @@ class FastSimplifier {
           continue;
         }
       }
+      if (choice == Choice::kNear && pieces_->mean_distance(i) > kMissedDistance) continue;
       const double error = scale_ * pieces_->mean_distance(i);
       if (error > options_.max_error) {
         ++result_.rejected[static_cast<std::size_t>(Rejection::kErrorLimit)];
@@ -868,7 +874,8 @@ class FastSimplifier {
     if (made > needed / 1000) return true;  // fewer: what is left is not worth a pass each
     if (num_too_dear > 0) count(Rejection::kErrorLimit) += num_too_dear;
     if (options_.target_faces > 0 && count(Rejection::kErrorLimit) == 0) {
-      if (remove_pieces(0.0, Choice::kCheapest) > 0) return true;
+      const Choice choice = rules_ == Rules::kFlips ? Choice::kCheapest : Choice::kNear;
+      if (remove_pieces(0.0, choice) > 0) return true;
       if (rules_ != Rules::kFlips) {
         rules_ = rules_ == Rules::kAll ? Rules::kAnyEdges : Rules::kFlips;
         return true;
