@@ -102,11 +102,11 @@ class TrunkTracker {
   using JointTrust = std::array<double, kNumJoints>;  ///< Against one that is exact.
   using Vector6 = Eigen::Matrix<double, 6, 1>;
   using Matrix6 = Eigen::Matrix<double, 6, 6>;
-  struct NormalEquations {  ///< Of a small turn and move of the pose.
+  struct NormalEquations {  ///< For a small turn and move of the pose.
     Matrix6 information = Matrix6::Zero();
     Vector6 gradient = Vector6::Zero();
   };
-  struct Agreement {  ///< Of the key frame with the surface that is seen.
+  struct Agreement {  ///< Between the key frame and the surface that is seen.
     std::size_t points = 0;
     double off = 0.0;  ///< Sum of their distances, metres.
   };
