@@ -13,7 +13,9 @@ import pytest
 from hypothesis import settings
 
 import real_data
-from manip3d import Mesh, datasets
+from manip3d import Mesh, RenderError, datasets
+from manip3d.viewer import _chromium
+from manip3d.viewer.page import BUNDLE
 
 # Seconds depend on what else runs; the same examples in every run.
 settings.register_profile("ci", max_examples=200, deadline=None, derandomize=True)
@@ -24,12 +26,12 @@ settings.load_profile("ci")  # --hypothesis-profile=nightly chooses the other
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # What may be skipped where CI=true, since everything else is installed there: real data that are
-# absent, extras that cannot stand beside the others (pyproject.toml), makers' SDKs, a browser of
-# hundreds of megabytes, and what the machine does not allow.
+# absent, extras that cannot stand beside the others (pyproject.toml), makers' SDKs, and what the
+# machine does not allow.
 MAY_BE_SKIPPED = re.compile(
     r"^(Skipped: )?MANIP3D_DATA |the extra '(ouster|pose)' is not installed|"
     r"\(peers\)|librealsense2 is absent|no maker's SDK is built in|strace may not trace here|"
-    r"no mount namespaces here|no FFmpeg .* that stands alone|none of chromium.* is installed"
+    r"no mount namespaces here|no FFmpeg .* that stands alone"
 )
 
 GOLDEN = Path(__file__).parent / "golden" / "golden.json"
@@ -45,7 +47,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 @pytest.hookimpl(tryfirst=True)  # before -m chooses among the marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests that ask for real data are marked ``realdata``, and are skipped where there is none.
+    """Tests that ask for real data are marked ``realdata``, those of a browser ``browser``.
+
+    Those of real data are skipped where there is none.
 
     Files with slow tests come first: several workers then end at the same time.
     """
@@ -54,6 +58,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if "realdata" in getattr(item, "fixturenames", ()):
             item.add_marker("realdata")
+        if "chromium" in getattr(item, "fixturenames", ()):
+            item.add_marker("browser")
         if real_data.ROOT is None and item.get_closest_marker("realdata"):
             item.add_marker(pytest.mark.skip(reason="MANIP3D_DATA is not set"))
 
@@ -71,6 +77,18 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
 def realdata() -> real_data.RealData:
     """Give ``realdata("lidar/tls/x.ply.xz") -> Path``; the test is skipped if it is absent."""
     return real_data.RealData()
+
+
+@pytest.fixture(scope="session")
+def chromium() -> None:
+    """Skip where there is no browser or no page to show in it; ``-m browser`` chooses its tests."""
+    if not BUNDLE.exists():
+        pytest.skip("the viewer is not built: make setup")
+    pytest.importorskip("PIL.Image")
+    try:
+        _chromium.program()
+    except RenderError as error:
+        pytest.skip(str(error))
 
 
 @pytest.fixture(scope="session")

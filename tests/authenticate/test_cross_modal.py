@@ -247,6 +247,19 @@ def test_a_map_of_half_the_size_gives_the_same() -> None:
             assert b.regions[0].difference == pytest.approx(a.regions[0].difference, rel=0.2)
 
 
+@pytest.mark.parametrize("there", [(CAR,), ()], ids=["missing", "added"])
+def test_a_mirrored_scene_has_the_mirrored_map(there: tuple[Box, ...]) -> None:
+    """The cameras look straight ahead from the middle plane, so left and right are alike."""
+    gone = () if there else (CAR,)
+    scan, disparity = lidar(*gone), cameras(*there)
+    mirrored_scan = LidarFrame(scan.points * np.float32([1.0, -1.0, 1.0]))
+    mirrored = Disparity(np.ascontiguousarray(disparity.values[:, ::-1]))
+    one, other = judged(scan, disparity), judged(mirrored_scan, mirrored)
+    assert np.count_nonzero(one.mask) > 100
+    for name in ("judged", "mask", "lidar", "stereo", "difference"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name)[:, ::-1])
+
+
 def test_results_do_not_depend_on_the_order_of_points() -> None:
     scan = lidar(CAR)
     turned = scan.select(np.arange(scan.num_points)[::-1])

@@ -392,6 +392,31 @@ def test_places_are_not_looked_for_where_they_are_not_known(clean: np.ndarray) -
     assert not judged(clean, azimuth_error=0.001).evidence["place"].used
 
 
+@pytest.mark.parametrize("metres", [5.0, 6.6, 8.5])
+def test_where_half_a_step_is_shorter_than_a_move_no_firing_answers_twice(
+    clean: np.ndarray, metres: float
+) -> None:
+    """An arc of 5 mm and the rounding are half a step of the encoder at 7.3 m."""
+    rho = np.hypot(clean[:, 0], clean[:, 1])
+    rows = np.flatnonzero(np.abs(rho - metres) < 0.2)[:40]
+    twice = sorted_scan(np.vstack([clean, nearer(clean, rows, 0.1)]))
+    assert judged(twice).evidence["duplicate"].share > 0.0
+    moved = judged(twice, azimuth_error=0.005).evidence["duplicate"]
+    assert moved.used
+    assert (moved.share > 0.0) == (metres > 7.3)
+
+
+@pytest.mark.parametrize(("nearest", "farthest", "is_void"), [(5.0, 7.5, False), (9.0, 14.0, True)])
+def test_ground_without_a_return_is_a_void_beyond_the_own_car(
+    clean: np.ndarray, nearest: float, farthest: float, is_void: bool
+) -> None:
+    """A vehicle hides what is nearer than 8 m: silence there accuses nobody."""
+    rho = np.hypot(clean[:, 0], clean[:, 1])
+    hole = box_of(clean, 1.0, 0.15, 0.0) & (rho > nearest) & (rho < farthest)
+    assert hole.sum() > 1000
+    assert (judged(clean[~hole]).evidence["void"].strength > 0.0) == is_void
+
+
 def test_a_line_that_is_hardly_known_tells_no_place(clean: np.ndarray) -> None:
     doubtful = SensorLattice(**{**vars(LATTICE), "slope_error": np.full(64, 1e-4)})
     forged = clean.copy()

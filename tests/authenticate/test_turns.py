@@ -71,6 +71,19 @@ def test_box_that_was_put_before_the_wall_was_not_there(turns: list[np.ndarray])
     assert np.isin(found.suspected, forged.moved).mean() > 0.9
 
 
+def test_what_stands_beside_the_road_alone_tells_the_motion() -> None:
+    """Motion that is found from a first guess only: two metres from turn to turn, no wall ahead."""
+
+    def beside(points: np.ndarray) -> np.ndarray:
+        stands = points[:, 2] > -1.3
+        return points[~stands | (np.abs(points[:, 1]) > np.abs(points[:, 0]))]
+
+    before, now, after = (beside(turn_scans.turn(2.0 * k, 10 + k)) for k in (-1, 0, 1))
+    found = turn_consistency(now, before, after, lattice=LATTICE)
+    np.testing.assert_allclose(found.previous[:3, 3], (-2.0, 0.0, 0.0), atol=0.02)
+    np.testing.assert_allclose(found.following[:3, 3], (2.0, 0.0, 0.0), atol=0.02)
+
+
 def test_box_that_drives_by_is_no_edit() -> None:
     def at(x: float) -> tuple[tuple[tuple[float, ...], ...], ...]:
         return (*turn_scans.BOXES[1:], ((x, 4.0, -1.73), (x + 3.0, 6.0, 0.2)))

@@ -17,7 +17,7 @@ import pytest
 
 from manip3d import LidarFrame, Material, Mesh, Texture, batch, io, read_mesh
 from manip3d.errors import Error, FormatError, InputError
-from manip3d.io import read_scan
+from manip3d.io import ReadLimits, read_scan
 from toy_work import clashing, running, upper
 
 TESTS = Path(__file__).parents[1]
@@ -307,6 +307,21 @@ def test_readers_and_writers_take_urls(memory: str) -> None:
     scan = read_scan(f"{memory}/s.bin")
     assert np.array_equal(scan.points, points)
     assert scan.source == f"{memory}/s.bin"
+
+
+def num_points(source: Path, output: Path | None) -> dict[str, int]:
+    return {"points": read_scan(source).num_points}
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_limits_of_readers_hold_on_workers(tmp_path: Path, jobs: int) -> None:
+    for name, size in (("a", 10), ("b", 11)):
+        np.zeros((size, 4), np.float32).tofile(tmp_path / f"{name}.bin")
+    with ReadLimits(max_points=10), ReadLimits(max_bytes=10_000):
+        few, many = batch.run(num_points, tmp_path, suffixes=[".bin"], jobs=jobs).rows
+    assert (few["points"], few["error"]) == (10, "")
+    assert many["error"].endswith("b.bin: 11 points, more than max_points = 10")
+    assert batch.run(num_points, tmp_path, suffixes=[".bin"], jobs=jobs).failed == 0
 
 
 def test_a_row_says_of_an_error_what_programs_need(texts: Path) -> None:

@@ -52,6 +52,34 @@ def test_info_of_a_scan(tmp_path: Path) -> None:
     assert "300" in run("info", tmp_path / "a.pcd")
 
 
+@pytest.mark.parametrize(
+    ("limit", "words"),
+    [
+        (("--max-points", 299), "300 points, more than max_points = 299"),
+        (("--max-bytes", 1000), "max_bytes = 1000"),
+        (("--max-seconds", 1e-9), "reading takes more than max_seconds = 1e-09"),
+    ],
+)
+def test_limits_of_readers_hold_for_every_verb(
+    tmp_path: Path, limit: tuple[str, float], words: str
+) -> None:
+    scan().write(tmp_path / "many.pcd")
+    said = run(*limit, "info", tmp_path / "many.pcd", code=1)
+    assert words in said
+    LidarFrame(np.zeros((2, 3))).write(tmp_path / "few.pcd")
+    done = manip3d(*limit, "info", tmp_path, "--jobs", "2", "--json")
+    assert done.returncode == 1
+    few, many = json.loads(done.stdout)
+    assert words in many["error"]
+    assert (few["error"] == "") == (limit[0] != "--max-seconds")
+    assert run("info", tmp_path / "many.pcd")
+
+
+def test_a_limit_is_more_than_nothing(tmp_path: Path) -> None:
+    assert "max_seconds: expected > 0" in run("--max-seconds", 0, "info", tmp_path, code=1)
+    assert manip3d("--max-points", "0", "info", tmp_path).returncode == 2
+
+
 def test_info_of_a_recording(tmp_path: Path) -> None:
     path = recording(tmp_path / "a.pcap")
     told = json.loads(run("info", path, "--json"))

@@ -180,6 +180,18 @@ def test_interpolation_stays_on_the_surface(hoax: object) -> None:
     assert np.abs(finer[:, 1:]).max() <= 0.5 + 1e-6
 
 
+def test_points_of_a_triangle_fill_it_evenly() -> None:
+    corners = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.3, 0.8]])
+    made = forge.resample(Mesh(corners, [[0, 1, 2]]), spacing=0.02, rng=1).astype(np.float64)
+    weights = np.linalg.solve(
+        np.c_[corners[:, 1:], np.ones(3)].T, np.c_[made[:, 1:], np.ones(len(made))].T
+    )
+    assert weights.min() > -1e-6
+    np.testing.assert_allclose(weights.mean(axis=1), 1 / 3, atol=0.01)
+    # A quarter of the area lies nearer to each corner than half of the way to the other side.
+    np.testing.assert_allclose((weights > 0.5).mean(axis=1), 1 / 4, atol=0.03)
+
+
 def test_crtp_takes_the_spacing_around_the_position() -> None:
     scene = wall(4.0)
     near = np.linalg.norm(scene - np.float32([4, 0, 0]), axis=1) <= 1.0
@@ -397,6 +409,19 @@ def test_segmentation_finds_the_boxes() -> None:
     assert found.boxes[0].center[0] == pytest.approx(6, abs=0.2)
     again = forge.segment(scan)
     np.testing.assert_array_equal(found.label, again.label)
+
+
+@pytest.mark.parametrize("axes", [(1.0, -1.0, 0, 1), (-1.0, 1.0, 0, 1), (1.0, 1.0, 1, 0)])
+def test_the_ground_is_the_same_seen_from_any_side(axes: tuple[float, float, int, int]) -> None:
+    """Its cells lie around the scanner, which stands in the middle of one."""
+    random = np.random.default_rng(5)
+    scan = random.uniform((-20, -20, 0), (20, 20, 1.5), (6000, 3)).astype(np.float32)
+    scan[:, 2] += 0.4 * np.sin(scan[:, 0] / 2) + 0.3 * np.cos(scan[:, 1] / 3)
+    sign_x, sign_y, first, second = axes
+    turned = scan[:, [first, second, 2]] * np.float32([sign_x, sign_y, 1.0])
+    ground = forge.segment(scan).label == -1
+    assert 0.1 < ground.mean() < 0.6
+    np.testing.assert_array_equal(forge.segment(turned).label == -1, ground)
 
 
 @pytest.mark.parametrize("name", ATTACKS)

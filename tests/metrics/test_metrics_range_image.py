@@ -105,6 +105,23 @@ def test_the_nearest_of_several_surfaces_is_seen() -> None:
     assert depth[0, 0] == pytest.approx(3.0)
 
 
+@pytest.mark.parametrize("is_mirrored", [False, True])
+def test_the_nearest_surface_is_seen_in_a_grid_with_columns_from_the_right(
+    is_mirrored: bool,
+) -> None:
+    """Such a grid is left-handed: the sensor is where the lines of sight meet."""
+    depth = 2.0 + 0.2 * np.sin(np.arange(64) / 9.0) * np.cos(np.arange(48) / 7.0)[:, None]
+    points = rays() * depth[..., None]
+    if is_mirrored:
+        points = points[:, ::-1].copy()
+    dense = dense_mesh_grid(points, rows_up=False)
+    behind = dense.vertices * 1.3
+    both = Mesh(np.r_[dense.vertices, behind], np.r_[dense.faces, dense.faces + len(behind)])
+    error = metrics.range_image_error_grid(points, None, both, rows_up=False)
+    assert error.coverage == 1.0
+    assert error.max < 1e-4
+
+
 def test_a_mesh_that_nothing_sees_compares_nothing() -> None:
     depth = np.full((48, 64), 2.0, np.float32)
     error = metrics.range_image_error(depth, CAMERA, plane(0, 0, -2.0))

@@ -602,6 +602,21 @@ def test_a_root_that_the_thigh_hides_may_be_guessed() -> None:
     assert all(result.state is PhantomState.TRACKING for result in results)
 
 
+@pytest.mark.parametrize("shift", [-0.06, 0.04, 0.06])
+@pytest.mark.parametrize("joints", [("Knee", "Ankle", "Foot"), ("Knee",), ("Ankle", "Foot")])
+def test_a_leg_is_found_where_its_flesh_is(joints: tuple[str, ...], shift: float) -> None:
+    """Joints beside the leg are moved into it, so that its bones stay where they were."""
+    whole = pose()
+    told = whole.positions.copy()
+    told[[JOINTS.index(f"{joint}Left") for joint in joints], 0] += shift
+    seen = frame(whole, KINECT)
+    beside = replace(seen, skeletons=(replace(whole, positions=told),))
+    labels = [once(f, segmentation="skin").labels for f in (seen, beside)]
+    leg = np.isin(labels[0], list(limb_bones("left_leg")))
+    assert leg.sum() > 2000
+    assert np.mean(labels[0][leg] == labels[1][leg]) > 0.97
+
+
 LOSSES = {
     "occluded": (occluded, PhantomReason.OCCLUDED, 0.0),
     "inferred": (guessed, PhantomReason.INFERRED, 0.2),

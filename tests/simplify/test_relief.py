@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import manip3d
-from manip3d import InputError, Intrinsics, datasets, simplify
+from manip3d import InputError, Intrinsics, _core, datasets, simplify
 from manip3d.io import read_range_grid
 from real_data import RealData
 
@@ -452,6 +452,39 @@ def test_bridges_are_the_area_over_missing_pixels() -> None:
     # One pixel and the four cells around it, of which each triangle holds two, in half of 441.
     assert 1 / 441 < whole.bridges < 6 / 231
     assert simplify.relief_grid(points, np.ones_like(valid), 4).bridges == 0
+
+
+def share_off(depth: NDArray[np.float32], t: NDArray[np.int64], step: float) -> tuple[float, float]:
+    """Bounds of the share of the pixels over a triangle that lie a step off it, by its plane.
+
+    Between the bounds are pixels that rounding decides.
+    """
+    v, u = np.mgrid[: depth.shape[0], : depth.shape[1]]
+    places = np.stack([u.ravel(), v.ravel()], axis=1)
+    over = covering(t[None], places, closed=True) > 0
+    over &= ~(places[:, None] == t[None]).all(axis=2).any(axis=1)
+    # 1 / z of a plane is affine in u and v.
+    fit = np.linalg.solve(np.c_[t, np.ones(3)], 1.0 / depth[t[:, 1], t[:, 0]].astype(float))
+    plane = 1.0 / (np.c_[places, np.ones(len(places))][over] @ fit)
+    z = depth.ravel()[over].astype(float)
+    ratio = np.maximum(z, plane) / np.minimum(z, plane) - 1.0
+    return float(np.mean(ratio > step + 1e-5)), float(np.mean(ratio > step - 1e-5))
+
+
+def test_pixels_off_a_triangle_are_those_off_its_plane() -> None:
+    random = np.random.default_rng(6)
+    v, u = np.mgrid[:50, :60]
+    depth = (2.0 + 0.6 * np.sin(u / 9.0) * np.cos(v / 8.0)).astype(np.float32)
+    points = np.stack([u * depth / 60, v * depth / 60, depth], axis=-1).astype(np.float32)
+    pixels = random.integers(0, (60, 50), (150, 2)).astype(np.int32)
+    faces = np.arange(150, dtype=np.int32).reshape(-1, 3)
+    valid = np.ones(depth.shape, bool)
+    found = _core.faces_off_surface(points, valid, pixels, faces, np.inf, 0.1, 0.0)
+    triangles = pixels[faces].astype(np.int64)
+    triangles[doubled_areas(triangles) < 0] = triangles[doubled_areas(triangles) < 0][:, [0, 2, 1]]
+    bounds = np.array([share_off(depth, t, 0.1) for t in triangles])
+    assert np.ptp(found) > 0.4
+    assert np.all((found >= bounds[:, 0] - 1e-6) & (found <= bounds[:, 1] + 1e-6))
 
 
 def test_a_small_piece_gives_way_to_the_shape_of_a_large_one() -> None:

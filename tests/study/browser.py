@@ -9,26 +9,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import pytest
-
-from manip3d import RenderError
 from manip3d.serve import LocalServer
 from manip3d.study import Study, StudyFolder
 from manip3d.study._engine import study_server
 from manip3d.viewer import _chromium
-from manip3d.viewer.page import BUNDLE
 
 SECONDS = 30.0
-
-
-def require_chromium() -> None:
-    """Skip where there is no browser or no page."""
-    if not (BUNDLE.parent / "study.js").exists():
-        pytest.skip("the page is not built: make setup")
-    try:
-        _chromium.program()
-    except RenderError as error:
-        pytest.skip(str(error))
 
 
 def wait_for(condition: Callable[[], Any], what: str = "") -> Any:

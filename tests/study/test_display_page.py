@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("aiohttp", reason="the extra 'live' is not installed")
 
-from browser import Participant, plain_answer, require_chromium, served, wait_for
+from browser import Participant, plain_answer, served, wait_for
 
 from manip3d.study import (
     Answer,
@@ -38,8 +38,7 @@ def rows_of(file: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(stream))
 
 
-def test_from_consent_to_csv(definition: Path, tmp_path: Path) -> None:
-    require_chromium()
+def test_from_consent_to_csv(chromium: None, definition: Path, tmp_path: Path) -> None:
     study, content = read_study(definition)
     assert isinstance(study, DisplayStudy)
     with StudyFolder(tmp_path / "answers", content) as folder:
@@ -83,8 +82,9 @@ def test_from_consent_to_csv(definition: Path, tmp_path: Path) -> None:
     assert "100.0 % agreed; published 92.59 %" in (results / "summary.html").read_text()
 
 
-def test_a_killed_server_and_a_reloaded_page_lose_nothing(definition: Path, tmp_path: Path) -> None:
-    require_chromium()
+def test_a_killed_server_and_a_reloaded_page_lose_nothing(
+    chromium: None, definition: Path, tmp_path: Path
+) -> None:
     study, content = read_study(definition)
     answers = tmp_path / "answers"
     with StudyFolder(answers, content) as folder, served(study, folder) as server:
@@ -119,8 +119,9 @@ def test_a_killed_server_and_a_reloaded_page_lose_nothing(definition: Path, tmp_
     assert (answers / "participants" / "P1.jsonl").read_bytes() == kept
 
 
-def test_an_answer_waits_for_the_server_to_come_back(definition: Path, tmp_path: Path) -> None:
-    require_chromium()
+def test_an_answer_waits_for_the_server_to_come_back(
+    chromium: None, definition: Path, tmp_path: Path
+) -> None:
     study, content = read_study(definition)
     with StudyFolder(tmp_path / "answers", content) as folder, served(study, folder) as server:
         url = server.new_url()
@@ -149,9 +150,8 @@ def test_an_answer_waits_for_the_server_to_come_back(definition: Path, tmp_path:
 
 
 def test_who_could_not_be_stored_goes_on_when_the_disk_has_room(
-    definition: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    chromium: None, definition: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    require_chromium()
     study, content = read_study(definition)
     store, begin = StudyFolder.store, StudyFolder.begin
     refused: list[str] = []
@@ -188,8 +188,9 @@ def test_who_could_not_be_stored_goes_on_when_the_disk_has_room(
         assert [a.step for a in folder.sessions["P1"].answers] == ["consent"]
 
 
-def test_who_does_not_agree_is_asked_nothing(definition: Path, tmp_path: Path) -> None:
-    require_chromium()
+def test_who_does_not_agree_is_asked_nothing(
+    chromium: None, definition: Path, tmp_path: Path
+) -> None:
     study, content = read_study(definition)
     with StudyFolder(tmp_path / "answers", content) as folder:
         with (

@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("aiohttp", reason="the extra 'live' is not installed")
 
-from browser import Participant, plain_answer, require_chromium, served
+from browser import Participant, plain_answer, served
 from test_jnd import small
 
 from manip3d.study import (
@@ -26,8 +26,7 @@ from manip3d.viewer import _chromium
 
 
 @pytest.mark.slow
-def test_from_consent_to_csv(tmp_path: Path) -> None:
-    require_chromium()
+def test_from_consent_to_csv(chromium: None, tmp_path: Path) -> None:
     pytest.importorskip("scipy")
     file = small(tmp_path, turn_s=0.3)
     make_stimuli(file)

@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("aiohttp", reason="the extra 'live' is not installed")
 
-from browser import Participant, plain_answer, require_chromium, served, wait_for
+from browser import Participant, plain_answer, served, wait_for
 from test_rating import folder_of, template
 
 from manip3d import FormatError
@@ -18,8 +18,7 @@ from manip3d.study import Field, StudyFolder, read_study, study_of, write_result
 from manip3d.viewer import _chromium
 
 
-def test_from_consent_to_csv(tmp_path: Path) -> None:
-    require_chromium()
+def test_from_consent_to_csv(chromium: None, tmp_path: Path) -> None:
     image = pytest.importorskip("PIL.Image")
     items = [
         ("real", "color", "image", "full", "", "1"),
@@ -91,8 +90,7 @@ def rating_with_reasons(place: Path) -> Path:
     return file
 
 
-def test_spaces_are_no_reason_and_tabs_lock_nobody_out(tmp_path: Path) -> None:
-    require_chromium()
+def test_spaces_are_no_reason_and_tabs_lock_nobody_out(chromium: None, tmp_path: Path) -> None:
     study, content = read_study(rating_with_reasons(tmp_path))
     with (
         StudyFolder(tmp_path / "answers", content) as answers,
@@ -116,8 +114,9 @@ def test_spaces_are_no_reason_and_tabs_lock_nobody_out(tmp_path: Path) -> None:
         assert set(server.refused) <= {"not found"}
 
 
-def test_a_refused_answer_can_be_mended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    require_chromium()
+def test_a_refused_answer_can_be_mended(
+    chromium: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     study, content = read_study(rating_with_reasons(tmp_path))
     read = Field.read
 

@@ -171,7 +171,7 @@ class LimbFit {
       if (bone == kNoBone || bone / kBonesOfLimb != limb) continue;
       add(limb, bone % kBonesOfLimb, i, scale, information, gradient);
     }
-    const Vector moved = information.ldlt().solve(gradient);
+    const Vector moved = information.ldlt().solve(gradient);  // reads the lower triangle only
     for (std::size_t k = 1; k < chain.count; ++k) {
       chain.place[k] += moved.segment<3>(static_cast<Eigen::Index>(3 * (k - 1))).cast<float>();
       const Eigen::Vector3f off = chain.place[k] - chain.told[k];
@@ -205,8 +205,7 @@ class LimbFit {
     if (k == 1) return;  // the root stays
     const Eigen::Index start = end - 3;
     information.block<3, 3>(start, start) += of_start * of_start * block;
-    information.block<3, 3>(start, end) += of_start * of_end * block;
-    information.block<3, 3>(end, start) += of_start * of_end * block;
+    information.block<3, 3>(end, start) += of_start * of_end * block;  // below the diagonal
     gradient.segment<3>(start) += of_start * pull;
   }
 

@@ -569,74 +569,94 @@ void TrunkTracker::compare_turn(const Skeleton& joints, double elapsed) {
 void TrunkTracker::fit(const Skeleton* joints, const DepthView& depth, const PixelRays& rays,
                        const Intrinsics& camera, double elapsed) {
   const PixelProjector projector(camera, rays);
-  const double rho = correlation();
-  const double surface_noise = std::max(kSurfaceNoise, kSharedNoise * residual_);
   Vector6 moved = Vector6::Zero();
-  Matrix6 information = Matrix6::Zero();
+  NormalEquations equations;
   // Motion adds up: what is not foreseen, and how far joints may be from where they were foreseen,
   // grows with time. After frames were missed the joints alone say where the surface is looked for.
   const double frames = std::max(1.0, elapsed / kFrameTime);
-  const double turn_noise = frames * kTurnNoise, move_noise = frames * kMoveNoise;
-  const double joint_scale = frames * kJointScale;
   const int alone = joints != nullptr && elapsed > kMissed ? 2 : 0;
   for (int iteration = -alone; iteration < kIterations; ++iteration) {
-    const Eigen::Vector3d centre = pose_->translation;
-    const Eigen::Matrix3d rotation = pose_->rotation.toRotationMatrix();
-    const double turn2 = turn_noise * turn_noise + moved.head<3>().squaredNorm();
-    const double move2 = move_noise * move_noise + moved.tail<3>().squaredNorm();
-    Vector6 prior;
-    prior << Eigen::Vector3d::Constant(1.0 / turn2), Eigen::Vector3d::Constant(1.0 / move2);
-    information = prior.asDiagonal();
-    Vector6 gradient = -prior.cwiseProduct(moved);
-    std::size_t agreed = 0;
-    double within = 0.0;
-    for (const SurfacePoint& point : surface_) {
-      if (iteration < 0) break;
-      const Eigen::Vector3d p = rotation * point.place + centre;
-      const Eigen::Vector3d normal = rotation * point.normal;
-      const auto found = residual_at(p, normal, depth, rays, projector);
-      if (!found) continue;
-      if (found->agrees()) {
-        ++agreed;
-        within += std::abs(found->off);
-      }
-      const double weight = found->weight(surface_noise);
-      Vector6 row;
-      row << (p - centre).cross(normal), normal;
-      information += weight * row * row.transpose();
-      gradient += weight * found->off * row;
-    }
-    if (iteration + 1 == kIterations && agreed >= kLeastSurface) {
+    equations = motion_prior(moved, frames);
+    const Agreement agreed =
+        iteration < 0 ? Agreement() : add_surface(depth, rays, projector, equations);
+    if (iteration + 1 == kIterations && agreed.points >= kLeastSurface) {
       constexpr double kMemory = 0.9;  // from frame to frame
-      residual_ = kMemory * residual_ + (1.0 - kMemory) * within / static_cast<double>(agreed);
+      residual_ =
+          kMemory * residual_ + (1.0 - kMemory) * agreed.off / static_cast<double>(agreed.points);
     }
-    surface_share_ =
-        surface_.empty() ? 0.0 : static_cast<double>(agreed) / static_cast<double>(surface_.size());
-    for (const Joint joint : kTrunkJoints) {
-      const JointMean& mean = joints_[static_cast<std::size_t>(joint)];
-      if (joints == nullptr || mean.weight == 0.0 || !is_usable(*joints, joint)) continue;
-      const Eigen::Vector3d arm = rotation * mean.place;
-      const Eigen::Vector3d whole = (*joints)[joint].cast<double>() - arm - centre;
-      // Errors that drift are known from the last frame but for what is new of them.
-      const Eigen::Vector3d off = whole - rho * (rotation * mean.last_error);
-      const double noise =
-          std::clamp(std::sqrt(innovation(mean)), kLeastJointNoise, kMostJointNoise);
-      const double share = 1.0 + off.squaredNorm() / (joint_scale * joint_scale);
-      const double weight = 1.0 / (noise * noise * share);
-      Eigen::Matrix<double, 3, 6> rows;
-      rows << 0.0, arm.z(), -arm.y(), 1.0, 0.0, 0.0,  //
-          -arm.z(), 0.0, arm.x(), 0.0, 1.0, 0.0,      //
-          arm.y(), -arm.x(), 0.0, 0.0, 0.0, 1.0;
-      information += weight * rows.transpose() * rows;
-      gradient += weight * rows.transpose() * off;
-    }
-    const Vector6 step = information.ldlt().solve(gradient);
+    surface_share_ = surface_.empty() ? 0.0
+                                      : static_cast<double>(agreed.points) /
+                                            static_cast<double>(surface_.size());
+    if (joints != nullptr) add_joints(*joints, frames * kJointScale, equations);
+    const Vector6 step = equations.information.ldlt().solve(equations.gradient);
     moved += step;
     pose_->rotation = (small_turn(step.head<3>()) * pose_->rotation).normalized();
     pose_->translation += step.tail<3>();
   }
-  const Matrix6 covariance = information.ldlt().solve(Matrix6::Identity());
+  const Matrix6 covariance = equations.information.ldlt().solve(Matrix6::Identity());
   turn_variance_ = covariance.topLeftCorner<3, 3>().trace() / 3.0;
+}
+
+/// The trunk is where it was foreseen, by Cauchy weights of what it has moved from there.
+TrunkTracker::NormalEquations TrunkTracker::motion_prior(const Vector6& moved, double frames) {
+  const double turn_noise = frames * kTurnNoise, move_noise = frames * kMoveNoise;
+  const double turn2 = turn_noise * turn_noise + moved.head<3>().squaredNorm();
+  const double move2 = move_noise * move_noise + moved.tail<3>().squaredNorm();
+  Vector6 prior;
+  prior << Eigen::Vector3d::Constant(1.0 / turn2), Eigen::Vector3d::Constant(1.0 / move2);
+  return {prior.asDiagonal(), -prior.cwiseProduct(moved)};
+}
+
+/// The points of the key frame lie on the surface that is seen now.
+TrunkTracker::Agreement TrunkTracker::add_surface(const DepthView& depth, const PixelRays& rays,
+                                                  const PixelProjector& projector,
+                                                  NormalEquations& equations) const {
+  const double surface_noise = std::max(kSurfaceNoise, kSharedNoise * residual_);
+  const Eigen::Vector3d centre = pose_->translation;
+  const Eigen::Matrix3d rotation = pose_->rotation.toRotationMatrix();
+  Agreement agreed;
+  for (const SurfacePoint& point : surface_) {
+    const Eigen::Vector3d p = rotation * point.place + centre;
+    const Eigen::Vector3d normal = rotation * point.normal;
+    const auto found = residual_at(p, normal, depth, rays, projector);
+    if (!found) continue;
+    if (found->agrees()) {
+      ++agreed.points;
+      agreed.off += std::abs(found->off);
+    }
+    const double weight = found->weight(surface_noise);
+    Vector6 row;
+    row << (p - centre).cross(normal), normal;
+    equations.information += weight * row * row.transpose();
+    equations.gradient += weight * found->off * row;
+  }
+  return agreed;
+}
+
+/// The joints are where they were in the trunk on average.
+/// @param scale  of their Cauchy weights, metres.
+void TrunkTracker::add_joints(const Skeleton& joints, double scale,
+                              NormalEquations& equations) const {
+  const double rho = correlation();
+  const Eigen::Vector3d centre = pose_->translation;
+  const Eigen::Matrix3d rotation = pose_->rotation.toRotationMatrix();
+  for (const Joint joint : kTrunkJoints) {
+    const JointMean& mean = joints_[static_cast<std::size_t>(joint)];
+    if (mean.weight == 0.0 || !is_usable(joints, joint)) continue;
+    const Eigen::Vector3d arm = rotation * mean.place;
+    const Eigen::Vector3d whole = joints[joint].cast<double>() - arm - centre;
+    // Errors that drift are known from the last frame but for what is new of them.
+    const Eigen::Vector3d off = whole - rho * (rotation * mean.last_error);
+    const double noise = std::clamp(std::sqrt(innovation(mean)), kLeastJointNoise, kMostJointNoise);
+    const double share = 1.0 + off.squaredNorm() / (scale * scale);
+    const double weight = 1.0 / (noise * noise * share);
+    Eigen::Matrix<double, 3, 6> rows;
+    rows << 0.0, arm.z(), -arm.y(), 1.0, 0.0, 0.0,  //
+        -arm.z(), 0.0, arm.x(), 0.0, 1.0, 0.0,      //
+        arm.y(), -arm.x(), 0.0, 0.0, 0.0, 1.0;
+    equations.information += weight * rows.transpose() * rows;
+    equations.gradient += weight * rows.transpose() * off;
+  }
 }
 
 /// Correlation of the joints' errors from one frame to the next.

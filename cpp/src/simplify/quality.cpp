@@ -1028,46 +1028,51 @@ class QualitySimplifier {
   // --- The result ----------------------------------------------------------------------------
 
   QualityResult finish() {
-    if (mesh_.num_faces() > 0 && mesh_.any_moved()) {
-      Progress tell;
-      if (progress_) {
-        tell = [this](double fraction) {
-          fraction_ = fraction;
-          progress_(fraction);
-        };
-      }
-      queue_ = {};  // room for the fit
-      forbidden_ = {};
-      pull_back_spikes();
-      SurfaceFit fit(input_, [this](std::int32_t v) {
-        return pieces_.size() == 0 || pieces_.is_there(pieces_.of_vertex(v));
-      });
-      fit.run(
-          mesh_,
-          [this](std::int32_t v, const Vector3d& by, double area) { move_to_fit(v, by, area); },
-          part_of(tell, 0.8,
-                  is_textured_ ? 0.95
-                  : guard_     ? 0.99
-                               : 1.0));
-      if (is_textured_) {
-        const auto may_change = [&](std::int32_t v) { return !is_locked(v); };
-        const auto set_texture = [&](std::int32_t wedge, const Vector2d& uv) {
-          mesh_.set_uv(wedge, within(chart_box_[chart_[wedge]], kTextureReach, uv));
-        };
-        fit.fit_texture(mesh_, may_change, set_texture, part_of(progress_, 0.95, 1.0));
-      }
-    }
-    if (mesh_.num_faces() <= options_.target_faces) {
-      result_.stop = CollapseStop::kTargetReached;
-    } else if (count(Rejection::kErrorLimit) > 0) {
-      result_.stop = CollapseStop::kErrorLimit;
-    } else if (count(Rejection::kDistanceLimit) > 0) {
-      result_.stop = CollapseStop::kDistanceLimit;
-    } else {
-      result_.stop = CollapseStop::kNoLegalCollapse;
-    }
+    if (mesh_.num_faces() > 0 && mesh_.any_moved()) fit_to_input();
+    result_.stop = why_it_stopped();
     if (guard_) result_.distance_bound = guard_->bound();
     result_.dropped_faces = mesh_.num_dropped();
+    extract();
+    return std::move(result_);
+  }
+
+  /// Moves the vertices, and after them the texture coordinates, nearer to the input's.
+  void fit_to_input() {
+    Progress tell;
+    if (progress_) {
+      tell = [this](double fraction) {
+        fraction_ = fraction;
+        progress_(fraction);
+      };
+    }
+    queue_ = {};  // room for the fit
+    forbidden_ = {};
+    pull_back_spikes();
+    SurfaceFit fit(input_, [this](std::int32_t v) {
+      return pieces_.size() == 0 || pieces_.is_there(pieces_.of_vertex(v));
+    });
+    const double end = is_textured_ ? 0.95 : guard_ ? 0.99 : 1.0;
+    fit.run(
+        mesh_,
+        [this](std::int32_t v, const Vector3d& by, double area) { move_to_fit(v, by, area); },
+        part_of(tell, 0.8, end));
+    if (!is_textured_) return;
+    const auto may_change = [&](std::int32_t v) { return !is_locked(v); };
+    const auto set_texture = [&](std::int32_t wedge, const Vector2d& uv) {
+      mesh_.set_uv(wedge, within(chart_box_[chart_[wedge]], kTextureReach, uv));
+    };
+    fit.fit_texture(mesh_, may_change, set_texture, part_of(progress_, 0.95, 1.0));
+  }
+
+  [[nodiscard]] CollapseStop why_it_stopped() {
+    if (mesh_.num_faces() <= options_.target_faces) return CollapseStop::kTargetReached;
+    if (count(Rejection::kErrorLimit) > 0) return CollapseStop::kErrorLimit;
+    if (count(Rejection::kDistanceLimit) > 0) return CollapseStop::kDistanceLimit;
+    return CollapseStop::kNoLegalCollapse;
+  }
+
+  /// The mesh of what is left, and where the input's vertices and faces went.
+  void extract() {
     std::vector<std::int32_t> kept;
     result_.mesh = mesh_.extract(input_, kept, result_.vertex_map, result_.face_map);
     for (std::size_t i = 0; i < kept.size() && !colors_.empty(); ++i) {
@@ -1087,7 +1092,6 @@ class QualitySimplifier {
         result_.mesh.vertices.row(row) = input_.vertices.row(static_cast<Eigen::Index>(v));
       }
     }
-    return std::move(result_);
   }
 
   const MeshView& input_;

@@ -27,6 +27,7 @@ from manip3d.batch._stamps import BESIDE, Stamps
 from manip3d.batch._stored import Row, run_stored
 from manip3d.batch._table import TABLE_SUFFIXES, write_table
 from manip3d.errors import FormatError, InputError
+from manip3d.io._limits import ReadLimits, all_in_force, limits_in_force
 from manip3d.io._remote import is_url, local_copy, local_output
 
 if TYPE_CHECKING:
@@ -160,10 +161,11 @@ def run(
     place = _table_of(table, folder)
     asked = _asked(function, options or {})
     stamps_of = _stamps_of(inputs_of, place, folder, targets)
+    limits = limits_in_force()
     tasks, names = {}, {}
     for file in files:
         own = dict(options_of(file) if options_of else {})
-        arguments = (function, file.name, targets[file.name], dict(options or {}) | own)
+        arguments = (function, file.name, targets[file.name], dict(options or {}) | own, limits)
         key = _key([file.name, targets[file.name], asked, _json_of(own), stamps_of(file)])
         tasks[key], names[key] = (one_file, arguments), file.name
     rows_of = functools.partial(Rows, overwrite=overwrite, resume=resume)
@@ -198,11 +200,17 @@ def run(
     return Summary(rows, found.resumed, len(found.failed), seconds, place)
 
 
-def one_file(function: Work, source: str, output: str | None, options: Mapping[str, Any]) -> Row:
+def one_file(
+    function: Work,
+    source: str,
+    output: str | None,
+    options: Mapping[str, Any],
+    limits: Sequence[ReadLimits] = (),
+) -> Row:
     """Fetch a source, do the work, send the output, and return the row; runs on a worker."""
     started = time.perf_counter()
     target = nullcontext() if output is None else local_output(output)
-    with local_copy(source) as local, target as written:
+    with all_in_force(limits), local_copy(source) as local, target as written:
         if written is not None:
             written.parent.mkdir(parents=True, exist_ok=True)
         try:

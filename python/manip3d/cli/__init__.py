@@ -85,13 +85,28 @@ app = typer.Typer(
 
 @app.callback(invoke_without_command=True)
 def _root(
+    context: typer.Context,
     version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
+    max_bytes: Annotated[
+        int | None, typer.Option(min=1, help="Refuse files of more uncompressed bytes.")
+    ] = None,
+    max_points: Annotated[
+        int | None, typer.Option(min=1, help="Refuse files of more points, vertices or pixels.")
+    ] = None,
+    max_seconds: Annotated[
+        float | None, typer.Option(help="Refuse files that take longer to read.")
+    ] = None,
 ) -> None:
     if version:
         from manip3d import __version__
 
         print(f"manip3d {__version__}")
         raise typer.Exit
+    limits = {"max_bytes": max_bytes, "max_points": max_points, "max_seconds": max_seconds}
+    if any(limit is not None for limit in limits.values()):
+        from manip3d.io import ReadLimits
+
+        context.with_resource(ReadLimits(**limits))  # type: ignore[arg-type]
 
 
 def main(arguments: list[str] | None = None) -> NoReturn:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextvars import ContextVar
 from dataclasses import dataclass
 
@@ -22,8 +22,9 @@ class ReadLimits:
     They hold for meshes, scenes, scans, depth images and motions.
     A file that passes one of them is refused with a `FormatError` that names the file and the
     limit. Blocks may be nested: all their limits hold. They hold for the thread, or the task of
-    asyncio, that entered the block. Of a LiDAR recording (`manip3d.capture.open_lidar`), which is
-    read bit by bit, ``max_bytes`` limits the whole and ``max_points`` nothing.
+    asyncio, that entered the block, and on the workers of a `manip3d.batch.run` within it. Of a
+    LiDAR recording (`manip3d.capture.open_lidar`), which is read bit by bit, ``max_bytes`` limits
+    the whole and ``max_points`` nothing.
 
     Parameters
     ----------
@@ -74,6 +75,20 @@ class ReadLimits:
     def __exit__(self, *_: object) -> None:
         """Return to the limits that were in force before."""
         _IN_FORCE.set(_IN_FORCE.get()[:-1])  # blocks end in the reverse order of their beginning
+
+
+def limits_in_force() -> tuple[ReadLimits, ...]:
+    """The limits of the blocks around the caller, the outermost first."""
+    return _IN_FORCE.get()
+
+
+@contextlib.contextmanager
+def all_in_force(limits: Iterable[ReadLimits]) -> Iterator[None]:
+    """Put several limits in force, as those of another process."""
+    with contextlib.ExitStack() as blocks:
+        for each in limits:
+            blocks.enter_context(each)
+        yield
 
 
 def byte_limit(max_bytes: int | None) -> int:

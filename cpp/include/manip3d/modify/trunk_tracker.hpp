@@ -16,6 +16,8 @@
 
 namespace manip3d {
 
+class PixelProjector;
+
 /// The axes of a body from all usable joints of its trunk: y along the line through the middle
 /// ones, x the mean of the directions from right to left (shoulders count most for arms, hips for
 /// legs), n = x made square to y, for legs with most of its sideways tilt against the camera's
@@ -100,6 +102,14 @@ class TrunkTracker {
   using JointTrust = std::array<double, kNumJoints>;  ///< Against one that is exact.
   using Vector6 = Eigen::Matrix<double, 6, 1>;
   using Matrix6 = Eigen::Matrix<double, 6, 6>;
+  struct NormalEquations {  ///< For a small turn and move of the pose.
+    Matrix6 information = Matrix6::Zero();
+    Vector6 gradient = Vector6::Zero();
+  };
+  struct Agreement {  ///< Between the key frame and the surface that is seen.
+    std::size_t points = 0;
+    double off = 0.0;  ///< Sum of their distances, metres.
+  };
 
   void start(const BodyFrame& frame);
   void follow(const Skeleton* joints, const DepthView& depth, const PixelRays& rays,
@@ -107,6 +117,10 @@ class TrunkTracker {
   void end_motion();
   void fit(const Skeleton* joints, const DepthView& depth, const PixelRays& rays,
            const Intrinsics& camera, double elapsed);
+  [[nodiscard]] static NormalEquations motion_prior(const Vector6& moved, double frames);
+  Agreement add_surface(const DepthView& depth, const PixelRays& rays,
+                        const PixelProjector& projector, NormalEquations& equations) const;
+  void add_joints(const Skeleton& joints, double scale, NormalEquations& equations) const;
   void measure_jitter(const Skeleton& joints);
   void average_joints(const Skeleton& joints);
   [[nodiscard]] bool contradicts(const Skeleton& joints) const;
