@@ -291,7 +291,7 @@ class PhantomPipeline::Workspace {
     judge(*fitted, time_s, image, report);
     const PixelBox phantom = mirror(*person, *fitted, input, image, report);
     clock.end(PhantomStage::kMirroring);
-    const PixelBox all = fill(phantom, image, report);
+    const PixelBox all = fill(phantom, time_s, image, report);
     clock.end(PhantomStage::kHoleFilling);
     report.skeleton = phantom_skeleton(*person, report.state);
     inspect(*person, cloth, time_s, all, image, report);
@@ -399,6 +399,7 @@ class PhantomPipeline::Workspace {
 
   void forget_phantom() {
     held_.reset();
+    shown_time_s_ = kNever;
     last_tracking_ = kNever;
   }
 
@@ -414,6 +415,8 @@ class PhantomPipeline::Workspace {
     for (auto* list : {&mirrored_, &moved_}) list->reserve(size);
     for (auto* list : {&root_, &moved_root_}) list->reserve(size);
     fills_.reserve(size);
+    for (auto* list : {&shown_, &shown_before_}) list->reserve(size);
+    shown_time_s_ = kNever;
     picture_.reserve(camera.height, camera.width);
     camera_ = camera;
     ends_.reset();
@@ -733,7 +736,8 @@ class PhantomPipeline::Workspace {
 
   /// Bridges and both fillings, and what the second one leaves open between pixels, as mirrored
   /// points lie farther apart. Returns the box of everything there is.
-  PixelBox fill(const PixelBox& written, const PhantomImage& image, PhantomReport& report) {
+  PixelBox fill(const PixelBox& written, double time_s, const PhantomImage& image,
+                PhantomReport& report) {
     const bool is_held = report.state != PhantomState::kTracking;
     const PixelProjector projector(*camera_, rays_);
     PixelBounds phantom;
@@ -749,8 +753,26 @@ class PhantomPipeline::Workspace {
       fill_holes(root, rays_, image, fills_, PixelKind::kRootFilled);
       all.add(root);
       give_back_lap(image);
+      if (!is_held) all.add(remember(phantom.box(), root, time_s, image, report));
     }
     return all.box();
+  }
+
+  /// Keeps the phantom's ragged border still: a pixel that showed it in the frame before is filled.
+  PixelBox remember(const PixelBox& limb, const PixelBox& root, double time_s,
+                    const PhantomImage& image, PhantomReport& report) {
+    constexpr double kLatest = 0.1;  // seconds: an older frame says nothing of this one
+    const bool is_known = time_s - shown_time_s_ <= kLatest;
+    shown_before_.swap(shown_);
+    PixelBounds bounds;
+    bounds.add(limb);
+    bounds.add(root);
+    list_phantom(bounds.box(), image, shown_);
+    shown_time_s_ = time_s;
+    if (!is_known) return {};
+    const PixelBox filled = fill_remembered(shown_before_, rays_, image, fills_);
+    report.num_filled += static_cast<std::int64_t>(fills_.size());
+    return filled;
   }
 
   /// An arm beside the trunk is no part of it, but a lap has no seam between the thighs.
@@ -840,6 +862,10 @@ class PhantomPipeline::Workspace {
   std::vector<MirroredPoint> mirrored_, root_, moved_, moved_root_;
   std::vector<HoleFill> fills_;
   std::vector<std::int32_t> vertex_of_;
+  /// Pixels of the phantom in the last frame that had one of its own, before those that were filled
+  /// because of the frame before it; and the same list of that frame.
+  std::vector<std::int32_t> shown_, shown_before_;
+  double shown_time_s_ = kNever;
   std::vector<float> source_depth_;
   std::vector<Removal> removal_;
   std::vector<ClothingColors> clothes_;  ///< Clothes of the people in this frame.
