@@ -480,6 +480,17 @@ float mean_depth(const std::array<std::int64_t, 4>& pixels, const PhantomImage& 
   return sum / count;
 }
 
+void draw(const std::vector<HoleFill>& fills, PixelKind kind, const PhantomImage& image) {
+  for (const HoleFill& fill : fills) {
+    image.depth[fill.pixel] = fill.depth;
+    image.label[fill.pixel] = fill.label;
+    image.kind[fill.pixel] = kind;
+    image.source[2 * fill.pixel] = fill.row;
+    image.source[2 * fill.pixel + 1] = fill.col;
+    image.source_depth[fill.pixel] = fill.source_depth;
+  }
+}
+
 }  // namespace
 
 std::int64_t fill_holes(const PixelBox& box, const PixelRays& rays, const PhantomImage& image,
@@ -520,15 +531,63 @@ std::int64_t fill_holes(const PixelBox& box, const PixelRays& rays, const Phanto
       fills.push_back(fill);
     }
   }
-  for (const HoleFill& fill : fills) {
-    image.depth[fill.pixel] = fill.depth;
-    image.label[fill.pixel] = fill.label;
-    image.kind[fill.pixel] = kind;
-    image.source[2 * fill.pixel] = fill.row;
-    image.source[2 * fill.pixel + 1] = fill.col;
-    image.source_depth[fill.pixel] = fill.source_depth;
-  }
+  draw(fills, kind, image);
   return static_cast<std::int64_t>(fills.size());
+}
+
+void list_phantom(const PixelBox& box, const PhantomImage& image,
+                  std::vector<std::int32_t>& pixels) {
+  pixels.clear();
+  for (std::int64_t v = box.v0; v < box.v0 + box.height; ++v) {
+    for (std::int64_t u = box.u0; u < box.u0 + box.width; ++u) {
+      const std::int64_t p = v * image.cols + u;
+      if (is_phantom(image.kind[p])) pixels.push_back(static_cast<std::int32_t>(p));
+    }
+  }
+}
+
+PixelBox fill_remembered(const std::vector<std::int32_t>& before, const PixelRays& rays,
+                         const PhantomImage& image, std::vector<HoleFill>& fills) {
+  constexpr int kLeast = 3;  // of eight: a straight border has so many
+  fills.clear();
+  PixelBounds bounds;
+  for (const std::int32_t pixel : before) {
+    const std::int64_t u = pixel % image.cols, v = pixel / image.cols;
+    if (image.kind[pixel] != PixelKind::kNone || !has_ray(rays, u, v)) continue;
+    if (u < 1 || v < 1 || u + 1 >= image.cols || v + 1 >= image.rows) continue;
+    std::array<std::int64_t, 8> around{};
+    std::size_t count = 0;
+    float nearest = std::numeric_limits<float>::max();
+    for (std::int64_t dv = -1; dv <= 1; ++dv) {
+      for (std::int64_t du = -1; du <= 1; ++du) {
+        const std::int64_t p = pixel + dv * image.cols + du;
+        if (!is_phantom(image.kind[p])) continue;
+        around[count++] = p;
+        nearest = std::min(nearest, image.depth[p]);
+      }
+    }
+    if (count < kLeast) continue;
+    HoleFill fill{};
+    float sum = 0.0F, used = 0.0F;
+    for (std::size_t k = 0; k < count; ++k) {
+      const std::int64_t p = around[k];
+      if (!(image.depth[p] < nearest + kSameSurface)) continue;
+      if (used == 0.0F) {
+        fill.row = image.source[2 * p];
+        fill.col = image.source[2 * p + 1];
+        fill.source_depth = image.source_depth[p];
+        fill.label = image.label[p];
+      }
+      sum += image.depth[p];
+      used += 1.0F;
+    }
+    fill.pixel = pixel;
+    fill.depth = sum / used;
+    fills.push_back(fill);
+    bounds.add(u, v);
+  }
+  draw(fills, PixelKind::kFilled, image);
+  return bounds.box();
 }
 
 }  // namespace manip3d

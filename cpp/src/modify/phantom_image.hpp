@@ -152,4 +152,15 @@ struct HoleFill {
 std::int64_t fill_holes(const PixelBox& box, const PixelRays& rays, const PhantomImage& image,
                         std::vector<HoleFill>& fills, PixelKind kind = PixelKind::kFilled);
 
+/// Lists the pixels of the box that show the phantom. `pixels` keeps its memory.
+void list_phantom(const PixelBox& box, const PhantomImage& image,
+                  std::vector<std::int32_t>& pixels);
+
+/// Fills empty pixels that showed the phantom in the frame before and have three or more of their
+/// eight neighbours in it now: its border is ragged by a pixel, elsewhere in each frame. Depth is
+/// the mean of the neighbours on the nearest surface; texture and label are those of the first
+/// of them. `fills` is scratch memory. Returns the box of what was filled.
+PixelBox fill_remembered(const std::vector<std::int32_t>& before, const PixelRays& rays,
+                         const PhantomImage& image, std::vector<HoleFill>& fills);
+
 }  // namespace manip3d

@@ -11,6 +11,7 @@
 #include "manip3d/error.hpp"
 #include "manip3d/modify/limb_fit.hpp"
 #include "manip3d/modify/trunk_tracker.hpp"
+#include "modify/leg_turn.hpp"
 #include "modify/limb_evidence.hpp"
 #include "modify/loose_cloth.hpp"
 #include "modify/phantom_mesh.hpp"
@@ -231,7 +232,8 @@ class PhantomPipeline::Workspace {
       : options_(options),
         smoother_(options.smoothing),
         key_person_(options.key_person),
-        trunk_(options.affected) {
+        trunk_(options.affected),
+        legs_(options.affected) {
     check_all_options(options);
   }
 
@@ -257,7 +259,6 @@ class PhantomPipeline::Workspace {
       report.reason = lacks_skeletons() ? PhantomReason::kNoSkeleton : PhantomReason::kNoPerson;
       return report;
     }
-    report.plane = frame_;
     if (is_here_) {
       const PixelProjector projector(*camera_, rays_);
       report.quality.fit = joint_fit(*person, options_.affected, projector, image);
@@ -270,7 +271,10 @@ class PhantomPipeline::Workspace {
     std::optional<ClothSearch> cloth;
     if (!options_.keep_residual) {
       const PixelProjector projector(*camera_, rays_);
-      if (is_here_) presence_.add(*person, options_.affected, projector, image.label);
+      if (is_here_) {
+        presence_.add(*person, options_.affected, projector, image.label);
+        follow_legs(*fitted);
+      }
       report.num_removed =
           remove_limb(points_, options_.affected, removal_radius(), flesh(), image);
       if (goes_by_skin()) {
@@ -282,11 +286,12 @@ class PhantomPipeline::Workspace {
         }
       }
     }
+    report.plane = frame_;
     clock.end(PhantomStage::kRemoval);
     judge(*fitted, time_s, image, report);
     const PixelBox phantom = mirror(*person, *fitted, input, image, report);
     clock.end(PhantomStage::kMirroring);
-    const PixelBox all = fill(phantom, image, report);
+    const PixelBox all = fill(phantom, time_s, image, report);
     clock.end(PhantomStage::kHoleFilling);
     report.skeleton = phantom_skeleton(*person, report.state);
     inspect(*person, cloth, time_s, all, image, report);
@@ -385,6 +390,8 @@ class PhantomPipeline::Workspace {
     inferred_.reset();
     presence_.reset();
     trunk_.reset();
+    legs_.reset();
+    trunk_frame_.reset();
     frame_.reset();
     ends_.reset();
     forget_phantom();
@@ -392,6 +399,7 @@ class PhantomPipeline::Workspace {
 
   void forget_phantom() {
     held_.reset();
+    shown_time_s_ = kNever;
     last_tracking_ = kNever;
   }
 
@@ -407,6 +415,8 @@ class PhantomPipeline::Workspace {
     for (auto* list : {&mirrored_, &moved_}) list->reserve(size);
     for (auto* list : {&root_, &moved_root_}) list->reserve(size);
     fills_.reserve(size);
+    for (auto* list : {&shown_, &shown_before_}) list->reserve(size);
+    shown_time_s_ = kNever;
     picture_.reserve(camera.height, camera.width);
     camera_ = camera;
     ends_.reset();
@@ -546,8 +556,7 @@ class PhantomPipeline::Workspace {
       segment_bones(bones_, points_);
       if (follows_trunk()) {
         trunk_.learn(points_, input.depth, rays_, input.camera);
-        if (const auto learnt = trunk_.frame()) frame_ = learnt;
-        if (frame_) mirror_ = make_mirror(*frame_, options_.mode);
+        if (const auto learnt = trunk_.frame()) set_frame(*learnt);
       }
     }
     draw_person(points_, image);
@@ -565,13 +574,30 @@ class PhantomPipeline::Workspace {
                                                        rays_, input.camera, seconds_of(clock_ns_))
                                        : body_frame(person, options_.affected);
     if (frame) {
-      frame_ = frame;
-    } else if (frame_) {
+      set_frame(*frame);
+    } else if (trunk_frame_) {
       const Joint origin = is_arm(options_.affected) ? Joint::kSpineMid : Joint::kSpineBase;
       const bool seen = is_usable(person, origin) && person[origin].z() > 0.1F;
-      if (seen) frame_->origin = person[origin].cast<double>();
+      if (seen) trunk_frame_->origin = person[origin].cast<double>();
+      set_frame(*trunk_frame_);
     }
-    if (frame_) mirror_ = make_mirror(*frame_, options_.mode);
+  }
+
+  void set_frame(const BodyFrame& trunk) {
+    trunk_frame_ = trunk;
+    frame_ = legs_.of(trunk);
+    mirror_ = make_mirror(*frame_, options_.mode);
+  }
+
+  /// Turns the plane as the two legs of a person who has both tell.
+  void follow_legs(const Skeleton& person) {
+    if (!follows_trunk() || !goes_by_skin() || is_arm(options_.affected) || !trunk_frame_) return;
+    if (presence_.is_there()) {
+      legs_.learn(points_, person, *trunk_frame_);
+    } else {
+      legs_.forget();
+    }
+    set_frame(*trunk_frame_);
   }
 
   /// Where to look for an empty sleeve or leg of trousers; none for a person who has the limb.
@@ -710,7 +736,8 @@ class PhantomPipeline::Workspace {
 
   /// Bridges and both fillings, and what the second one leaves open between pixels, as mirrored
   /// points lie farther apart. Returns the box of everything there is.
-  PixelBox fill(const PixelBox& written, const PhantomImage& image, PhantomReport& report) {
+  PixelBox fill(const PixelBox& written, double time_s, const PhantomImage& image,
+                PhantomReport& report) {
     const bool is_held = report.state != PhantomState::kTracking;
     const PixelProjector projector(*camera_, rays_);
     PixelBounds phantom;
@@ -726,8 +753,26 @@ class PhantomPipeline::Workspace {
       fill_holes(root, rays_, image, fills_, PixelKind::kRootFilled);
       all.add(root);
       give_back_lap(image);
+      if (!is_held) all.add(remember(phantom.box(), root, time_s, image, report));
     }
     return all.box();
+  }
+
+  /// Keeps the phantom's ragged border still: a pixel that showed it in the frame before is filled.
+  PixelBox remember(const PixelBox& limb, const PixelBox& root, double time_s,
+                    const PhantomImage& image, PhantomReport& report) {
+    constexpr double kLatest = 0.1;  // seconds: an older frame says nothing of this one
+    const bool is_known = time_s - shown_time_s_ <= kLatest;
+    shown_before_.swap(shown_);
+    PixelBounds bounds;
+    bounds.add(limb);
+    bounds.add(root);
+    list_phantom(bounds.box(), image, shown_);
+    shown_time_s_ = time_s;
+    if (!is_known) return {};
+    const PixelBox filled = fill_remembered(shown_before_, rays_, image, fills_);
+    report.num_filled += static_cast<std::int64_t>(fills_.size());
+    return filled;
   }
 
   /// An arm beside the trunk is no part of it, but a lap has no seam between the thighs.
@@ -791,6 +836,7 @@ class PhantomPipeline::Workspace {
   InferredClock inferred_;
   LimbPresence presence_;
   TrunkTracker trunk_;
+  LegTurn legs_;
   PictureJudge picture_;
   std::optional<Ends> ends_;  ///< In the last frame with a phantom of its own.
   std::optional<Intrinsics> camera_;
@@ -805,7 +851,8 @@ class PhantomPipeline::Workspace {
   std::optional<Skeleton> person_;     ///< The patient as last seen, smoothed.
   double sides_kept_since_ = kNever;   ///< Since when the tracker takes left for right.
   double sides_known_since_ = kNever;  ///< Since when the body's left is known.
-  std::optional<BodyFrame> frame_;
+  std::optional<BodyFrame> trunk_frame_;
+  std::optional<BodyFrame> frame_;  ///< The same, with the turn of the legs.
   Mirror mirror_;
   std::optional<Held> held_;
   double last_tracking_ = kNever;
@@ -815,6 +862,10 @@ class PhantomPipeline::Workspace {
   std::vector<MirroredPoint> mirrored_, root_, moved_, moved_root_;
   std::vector<HoleFill> fills_;
   std::vector<std::int32_t> vertex_of_;
+  /// Pixels of the phantom in the last frame that had one of its own, before those that were filled
+  /// because of the frame before it; and the same list of that frame.
+  std::vector<std::int32_t> shown_, shown_before_;
+  double shown_time_s_ = kNever;
   std::vector<float> source_depth_;
   std::vector<Removal> removal_;
   std::vector<ClothingColors> clothes_;  ///< Clothes of the people in this frame.

@@ -1,0 +1,180 @@
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+
+#include "manip3d/geometry/skeleton.hpp"
+#include "manip3d/modify/limb.hpp"
+#include "modify/leg_turn.hpp"
+
+namespace manip3d {
+namespace {
+
+using enum Joint;
+constexpr double kDegree = 0.017453292519943295;
+
+/// Square to the vertical: the directions of a body turned about it, seen from above.
+Eigen::Vector3d aside(double degrees) {
+  return {std::cos(degrees * kDegree), 0.0, std::sin(degrees * kDegree)};
+}
+
+/// Towards the camera, which looks along z.
+Eigen::Vector3d ahead(double degrees) {
+  return {std::sin(degrees * kDegree), 0.0, -std::cos(degrees * kDegree)};
+}
+
+BodyFrame trunk_at(double degrees) {
+  BodyFrame trunk;
+  trunk.origin = {0.0, 0.0, 2.5};
+  trunk.n = trunk.x = aside(degrees);
+  trunk.y = -Eigen::Vector3d::UnitY();
+  trunk.z = trunk.n.cross(trunk.y);
+  return trunk;
+}
+
+struct Legs {
+  Skeleton person;
+  PersonPoints points;
+};
+
+/// Points along thighs and shins; the left leg is the affected one.
+/// @param thigh  what a thigh goes ahead and down, metres.
+/// @param right_foot  from the right knee, in the body's axes: aside, down, ahead.
+Legs legs_at(double degrees, const Eigen::Vector2d& thigh,
+             const Eigen::Vector3d& right_foot = {0.0, 0.42, 0.0}) {
+  const Eigen::Vector3d n = aside(degrees), z = ahead(degrees), down = Eigen::Vector3d::UnitY();
+  Legs legs;
+  legs.person.states.fill(TrackingState::kTracked);
+  const auto place = [&](Joint joint, const Eigen::Vector3d& p) {
+    legs.person.positions[static_cast<std::size_t>(joint)] = p.cast<float>();
+  };
+  const auto add = [&](Joint from, Joint to, std::uint8_t label) {
+    constexpr int kPoints = 200;
+    const Eigen::Vector3f a = legs.person[from], b = legs.person[to];
+    for (int i = 0; i < kPoints; ++i) {
+      const Eigen::Vector3f p = a + (static_cast<float>(i) + 0.5F) / kPoints * (b - a);
+      legs.points.x.push_back(p.x());
+      legs.points.y.push_back(p.y());
+      legs.points.z.push_back(p.z());
+      legs.points.label.push_back(label);
+      ++legs.points.count;
+    }
+  };
+  for (const bool is_left : {true, false}) {
+    const Eigen::Vector3d hip = Eigen::Vector3d(0.0, 0.0, 2.5) + (is_left ? 0.1 : -0.1) * n;
+    const Eigen::Vector3d knee = hip + thigh.x() * z + thigh.y() * down;
+    const Eigen::Vector3d shin = is_left ? Eigen::Vector3d(0.0, 0.42, 0.0) : right_foot;
+    const Eigen::Vector3d ankle = knee + shin.x() * n + shin.y() * down + shin.z() * z;
+    const Joint joints[] = {is_left ? kHipLeft : kHipRight, is_left ? kKneeLeft : kKneeRight,
+                            is_left ? kAnkleLeft : kAnkleRight, is_left ? kFootLeft : kFootRight};
+    place(joints[0], hip);
+    place(joints[1], knee);
+    place(joints[2], ankle);
+    place(joints[3], ankle + 0.15 * z);
+    for (std::size_t k = 0; k < 2; ++k) {
+      const auto bone = static_cast<std::uint8_t>(joints[k + 1]);
+      add(joints[k], joints[k + 1], is_left ? limb_label(Limb::kLeftLeg) : bone);
+    }
+  }
+  return legs;
+}
+
+const Eigen::Vector2d kOnSeat(0.42, 0.05), kStanding(0.02, 0.42);
+
+void learn(LegTurn& turn, const Legs& legs, const BodyFrame& trunk) {
+  turn.learn(legs.points, legs.person, trunk);
+}
+
+/// The angle of the plane of the legs, as of aside().
+double angle_of(const LegTurn& turn, const BodyFrame& trunk) {
+  const Eigen::Vector3d n = turn.of(trunk).n;
+  return std::atan2(n.z(), n.x()) / kDegree;
+}
+
+TEST(LegTurn, IsToldByBothLegs) {
+  LegTurn turn(Limb::kLeftLeg);
+  const BodyFrame trunk = trunk_at(0.0);
+  learn(turn, legs_at(12.0, kOnSeat), trunk);
+  // A turn t counts t^2 / (t^2 + 0.06^2), as trunk and legs err: 12 degrees nearly whole.
+  EXPECT_NEAR(angle_of(turn, trunk), 11.1, 0.2);
+  const BodyFrame legs = turn.of(trunk);
+  EXPECT_NEAR(legs.n.norm(), 1.0, 1e-12);
+  EXPECT_NEAR(legs.n.dot(legs.y), 0.0, 1e-12);
+  EXPECT_LT((legs.n.cross(legs.y) - legs.z).norm(), 1e-12);
+  turn.reset();
+  EXPECT_EQ(turn.of(trunk).n, trunk.n);
+}
+
+TEST(LegTurn, MirrorsOneLegOntoTheOther) {
+  LegTurn turn(Limb::kLeftLeg);
+  const BodyFrame trunk = trunk_at(5.0);
+  const Legs legs = legs_at(25.0, kOnSeat);
+  learn(turn, legs, trunk);
+  const Mirror mirror = make_mirror(turn.of(trunk), MirrorMode::kReflection);
+  const Eigen::Vector3d knee = mirror(legs.person[kKneeRight].cast<double>());
+  EXPECT_LT((knee - legs.person[kKneeLeft].cast<double>()).norm(), 0.025);
+}
+
+TEST(LegTurn, StaysOnTheSeatWhileTheTrunkTurns) {
+  LegTurn turn(Limb::kLeftLeg);
+  for (int frame = 0; frame < 30; ++frame) {
+    const double trunk = frame < 10 ? 0.0 : frame - 10.0;
+    learn(turn, legs_at(12.0, kOnSeat), trunk_at(-trunk));
+  }
+  EXPECT_NEAR(angle_of(turn, trunk_at(-19.0)), 12.0, 1.5);
+}
+
+TEST(LegTurn, TurnsWithTheTrunkWhenTheSeatDoes) {
+  LegTurn turn(Limb::kLeftLeg);
+  for (int frame = 0; frame < 30; ++frame) {
+    const double body = frame < 10 ? 0.0 : frame - 10.0;
+    learn(turn, legs_at(12.0 + body, kOnSeat), trunk_at(body));
+  }
+  EXPECT_NEAR(angle_of(turn, trunk_at(19.0)), 31.0, 1.5);
+}
+
+TEST(LegTurn, ALegThatIsStretchedTellsNothing) {
+  LegTurn turn(Limb::kLeftLeg);
+  const BodyFrame trunk = trunk_at(0.0);
+  learn(turn, legs_at(12.0, kOnSeat, {0.0, 0.10, 0.40}), trunk);
+  EXPECT_EQ(turn.of(trunk).n, trunk.n);
+}
+
+TEST(LegTurn, WhoStandsHasThePlaneOfTheTrunk) {
+  LegTurn turn(Limb::kLeftLeg);
+  const BodyFrame trunk = trunk_at(0.0);
+  learn(turn, legs_at(12.0, kStanding), trunk);
+  EXPECT_EQ(turn.of(trunk).n, trunk.n);
+  learn(turn, legs_at(12.0, kOnSeat), trunk);
+  EXPECT_GT(angle_of(turn, trunk), 10.0);
+  learn(turn, legs_at(12.0, kStanding), trunk);
+  EXPECT_NEAR(angle_of(turn, trunk), 0.0, 1e-9);
+}
+
+TEST(LegTurn, OfALegThatIsGoneIsForgotten) {
+  LegTurn turn(Limb::kLeftLeg);
+  const BodyFrame trunk = trunk_at(0.0);
+  learn(turn, legs_at(12.0, kOnSeat), trunk);
+  double before = angle_of(turn, trunk);
+  for (int frame = 0; frame < 50; ++frame) {
+    turn.forget();
+    EXPECT_LE(angle_of(turn, trunk), before);
+    before = angle_of(turn, trunk);
+  }
+  EXPECT_EQ(turn.of(trunk).n, trunk.n);
+}
+
+TEST(LegTurn, MissingJointsTellNothing) {
+  LegTurn turn(Limb::kLeftLeg);
+  const BodyFrame trunk = trunk_at(0.0);
+  Legs legs = legs_at(12.0, kOnSeat);
+  legs.person.states[static_cast<std::size_t>(kAnkleLeft)] = TrackingState::kNotTracked;
+  learn(turn, legs, trunk);
+  learn(turn, Legs{}, trunk);
+  EXPECT_EQ(turn.of(trunk).n, trunk.n);
+}
+
+}  // namespace
+}  // namespace manip3d
