@@ -6,6 +6,7 @@ import hashlib
 import itertools
 from collections import Counter
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -510,6 +511,30 @@ def test_same_bytes_for_any_number_of_threads(effort: simplify.Effort) -> None:
     for other in (two, four):
         assert np.array_equal(one.vertices, other.vertices)
         assert np.array_equal(one.faces, other.faces)
+
+
+def test_a_call_does_not_depend_on_the_calls_before() -> None:
+    """Calls of a thread share their memory, also after other sizes, levels, pinholes and errors."""
+    points = bumps(100, 130)
+    holes = np.random.default_rng(3).random((100, 130)) > 0.05
+
+    def mesh() -> tuple[bytes, bytes]:
+        found = simplify.relief_grid(points, None, 200, effort="live")
+        return found.vertices.tobytes(), found.faces.tobytes()
+
+    with ThreadPoolExecutor(1) as fresh:
+        expected = fresh.submit(mesh).result()
+    simplify.relief_grid(bumps(70, 170, seed=1), None, 900, effort="best", move_points=True)
+    assert mesh() == expected
+    simplify.relief_grid(points, holes, 300, effort="fast", levels=[100, 50])
+    assert mesh() == expected
+    simplify.relief_grid(points, None, 20_000)
+    assert mesh() == expected
+    broken = points.copy()
+    broken[50, 60, 2] = np.inf
+    with pytest.raises(InputError):
+        simplify.relief_grid(broken, np.ones((100, 130), bool), 200, effort="live")
+    assert mesh() == expected
 
 
 @pytest.mark.parametrize("effort", EFFORTS)

@@ -83,17 +83,25 @@ void PinholeFiller::find_holes(const StepRule& steps, const Surface& surface) {
   }
   holes_.clear();
   hole_at_.resize(num_pixels);
-  for (std::int64_t p = 0; p < num_pixels; ++p) {
-    if (state_[p] == kUnseen) gather(p);
+  // What is beside open pixels is open: most of what was not measured is around an object.
+  for (std::int64_t p = grid_.cols + 1; p < num_pixels - grid_.cols; ++p) {
+    if (state_[p] != kUnseen) continue;
+    if (state_[p - 1] == kOpen || state_[p - grid_.cols] == kOpen) {
+      state_[p] = kOpen;
+    } else {
+      gather(p);
+    }
   }
 }
 
 /// A measurement with steps all around it is on no surface: it counts as none.
 void PinholeFiller::find_strays(const StepRule& steps, const Surface& surface) {
+  used_.resize(grid_.cols);
   for (std::int64_t v = 1; v + 1 < grid_.rows; ++v) {
+    surface.uses_of_row(v, used_);
     for (std::int64_t u = 1; u + 1 < grid_.cols; ++u) {
       const std::int64_t p = v * grid_.cols + u;
-      if (grid_.valid[p] == 0 || surface.uses(u, v)) continue;
+      if (grid_.valid[p] == 0 || used_[u] != 0) continue;
       const float depth = grid_.points[3 * p + 2];
       bool is_stray = true;
       const auto look = [&](std::int64_t other) {
