@@ -77,7 +77,8 @@ class Relief(DepthSimplification):
     filled_pixels : int
         Unmeasured pixels, in holes of at most four amid a surface, and single measurements with
         steps all around them, that the surface was continued over; 0 if they are fewer than one of
-        a thousand pixels. No vertex is there.
+        a thousand pixels. If they are one of fifty, pixels are missing at random, and holes of at
+        most 32 are continued over as well. No vertex is there.
     mean_move, max_move : float
         How far vertices moved from their measured points (``move_points``), in the points' unit.
     levels : tuple of (num_vertices, (m, 3) int32)
