@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from manip3d import datasets
-from manip3d.experiments import Plan, Row, registry, run, select
+from manip3d.experiments import Plan, Row, registry, run, select, sequences_3
 from manip3d.experiments import _depth as depth
 from manip3d.experiments._depth import REAL, SIMULATED, complete_quality, models, printed_time
 from manip3d.experiments.table_3_2 import EXPERIMENT as VARIANTS
@@ -134,6 +135,15 @@ def test_claims_on_errors_can_fail() -> None:
     failing = [text for text, word in words(ERRORS, rows).items() if word == "does not hold"]
     assert len(failing) == 5
     assert any("within 15 %" in text for text in failing)
+
+
+def test_the_slow_part_of_a_deviation() -> None:
+    noise = np.where(np.arange(25) % 2 == 0, 1.0, -1.0)
+    sway = 0.1 * np.arange(25)
+    slow = sequences_3._slow(np.stack([noise, sway], axis=1))
+    assert slow.shape == (25, 2)
+    assert abs(slow[:, 0]).max() <= 1 / 5
+    assert slow[4:21, 1] == pytest.approx(sway[4:21])
 
 
 @pytest.mark.usefixtures("no_data")

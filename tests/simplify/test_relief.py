@@ -6,6 +6,7 @@ import hashlib
 import itertools
 from collections import Counter
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -545,6 +546,30 @@ def test_same_bytes_for_any_number_of_threads(effort: simplify.Effort) -> None:
         assert np.array_equal(one.faces, other.faces)
 
 
+def test_a_call_does_not_depend_on_the_calls_before() -> None:
+    """Calls of a thread share their memory, also after other sizes, levels, pinholes and errors."""
+    points = bumps(100, 130)
+    holes = np.random.default_rng(3).random((100, 130)) > 0.05
+
+    def mesh() -> tuple[bytes, bytes]:
+        found = simplify.relief_grid(points, None, 200, effort="live")
+        return found.vertices.tobytes(), found.faces.tobytes()
+
+    with ThreadPoolExecutor(1) as fresh:
+        expected = fresh.submit(mesh).result()
+    simplify.relief_grid(bumps(70, 170, seed=1), None, 900, effort="best", move_points=True)
+    assert mesh() == expected
+    simplify.relief_grid(points, holes, 300, effort="fast", levels=[100, 50])
+    assert mesh() == expected
+    simplify.relief_grid(points, None, 20_000)
+    assert mesh() == expected
+    broken = points.copy()
+    broken[50, 60, 2] = np.inf
+    with pytest.raises(InputError):
+        simplify.relief_grid(broken, np.ones((100, 130), bool), 200, effort="live")
+    assert mesh() == expected
+
+
 @pytest.mark.parametrize("effort", EFFORTS)
 def test_the_boundary_ends_where_the_surface_does(effort: simplify.Effort) -> None:
     # A dish with a round hole and a slit: before its boundary moved, 40 points left 0.4 to 0.8 % of
@@ -742,8 +767,8 @@ def test_moves_lower_the_error_on_scenes_with_many_depth_steps(
     assert after < before
 
 
-def amid(holes: NDArray[np.bool_]) -> int:
-    """Pixels of holes of at most four that share sides, away from the border and larger ones."""
+def amid(holes: NDArray[np.bool_], most: int = 4) -> int:
+    """Pixels of holes of at most so many that share sides, away from the border and larger ones."""
     label = np.zeros(holes.shape, int)
     parts: list[set[tuple[int, int]]] = []
     for start in zip(*np.nonzero(holes), strict=True):
@@ -762,7 +787,7 @@ def amid(holes: NDArray[np.bool_]) -> int:
             label[pixel] = len(parts)
     height, width = holes.shape
     is_open = [
-        len(part) > 4 or any(v in (0, height - 1) or u in (0, width - 1) for v, u in part)
+        len(part) > most or any(v in (0, height - 1) or u in (0, width - 1) for v, u in part)
         for part in parts
     ]
     changed = True
@@ -782,15 +807,31 @@ def amid(holes: NDArray[np.bool_]) -> int:
 
 
 @pytest.mark.parametrize("effort", ["live", "balanced"])
-@pytest.mark.parametrize("share", [0.01, 0.1, 0.25])
+@pytest.mark.parametrize("share", [0.01, 0.1, 0.3])
 def test_pinholes_do_not_end_the_surface(effort: simplify.Effort, share: float) -> None:
+    # With holes of four pixels at most, 0.57 and 0.59 of the last were covered.
     points = bumps(120, 160)
     valid = np.random.default_rng(3).random((120, 160)) >= share
     found = simplify.relief_grid(points, valid, 300, effort=effort)
-    assert found.filled_pixels == amid(~valid)
+    filled = amid(~valid)
+    if filled >= 0.02 * valid.size:
+        filled = amid(~valid, 32)
+    assert found.filled_pixels == filled
     check_promises(found, points, valid, 300)
-    if share <= 0.1:
-        assert found.coverage > 0.98
+    assert found.coverage > (0.98 if share <= 0.1 else 0.92)
+
+
+def test_larger_holes_are_filled_only_where_pixels_are_missing_at_random() -> None:
+    points = bumps(120, 160)
+    valid = np.ones((120, 160), bool)
+    valid[5:115:10, 5:155:15] = False  # 110 pinholes, a two-hundredth of the pixels
+    valid[50:53, 62:65] = False
+    assert simplify.relief_grid(points, valid, 300).filled_pixels == 110
+    valid[3:117:5, 3:157:5] = False
+    valid[48:55, 60:67] = True
+    valid[50:53, 62:65] = False
+    found = simplify.relief_grid(points, valid, 300)
+    assert found.filled_pixels == amid(~valid, 32) == np.count_nonzero(~valid)
 
 
 def test_a_plane_with_pinholes_is_two_faces() -> None:

@@ -50,6 +50,24 @@ inline std::array<Float4, 4> transpose(const std::array<Float4, 4>& r) {
           __builtin_shufflevector(c, d, 0, 1, 4, 5), __builtin_shufflevector(c, d, 2, 3, 6, 7)};
 }
 
+using Double2 = double __attribute__((vector_size(16)));
+using Float2 = float __attribute__((vector_size(8)));
+
+/// Two of four lanes in double precision.
+inline Double2 low_doubles(Float4 lanes) {
+  return __builtin_convertvector(__builtin_shufflevector(lanes, lanes, 0, 1), Double2);
+}
+inline Double2 high_doubles(Float4 lanes) {
+  return __builtin_convertvector(__builtin_shufflevector(lanes, lanes, 2, 3), Double2);
+}
+
+/// scale * lane + shift, computed in double precision and rounded once.
+inline Float4 affine4(double scale, Float4 lanes, double shift) {
+  const Float2 low = __builtin_convertvector(scale * low_doubles(lanes) + shift, Float2);
+  const Float2 high = __builtin_convertvector(scale * high_doubles(lanes) + shift, Float2);
+  return __builtin_shufflevector(low, high, 0, 1, 2, 3);
+}
+
 /// Bit i: is lane i of a comparison true?
 inline unsigned true_lanes(Int4 compared) {
 #if defined(__SSE2__)

@@ -46,9 +46,11 @@ void count_flaws(const Surface& surface, std::vector<std::int32_t>& flaws) {
   const auto num_pixels = static_cast<std::int32_t>(surface.num_pixels());
   flaws.resize(surface.num_pixels() + 1);
   std::int32_t count = 0;
+  const std::uint8_t *cells = surface.cells().data(), *used = surface.used().data();
+  std::int32_t* const before = flaws.data();
   for (std::int32_t p = 0; p < num_pixels; ++p) {
-    flaws[p] = count;
-    count += (surface.cell(p) & kFull) != kFull || !surface.is_used(p) ? 1 : 0;
+    before[p] = count;
+    count += ((cells[p] & kFull) != kFull ? 1 : 0) | (used[p] == 0 ? 1 : 0);
   }
   flaws[num_pixels] = count;
 }
@@ -89,26 +91,31 @@ bool is_off(const Surface& surface, std::int32_t pixel, float inverse_depth) {
 
 /// Finds the depths that is_off() compares, once for each pixel: several triangles meet in a pixel.
 void find_depths(const Surface& surface, CoverageScratch& scratch) {
-  const auto num_pixels = static_cast<std::int32_t>(surface.num_pixels());
-  const StepRule steps = surface.steps();
+  const auto num_pixels = static_cast<std::ptrdiff_t>(surface.num_pixels());
   scratch.depths.resize(surface.num_pixels());
-  CoverageScratch::Range* const to = scratch.depths.data();
-  for (std::int32_t p = 0; p < num_pixels; ++p) {
-    const float depth = surface.depth(p);
-    to[p] = {depth, depth + steps.limit(depth)};
+  scratch.most.resize(surface.num_pixels());
+  surface.depths(scratch.depths);
+  const float* const depths = scratch.depths.data();
+  float* const most = scratch.most.data();
+  const StepRule steps = surface.steps();
+  std::ptrdiff_t p = 0;
+  for (; p + 4 <= num_pixels; p += 4) {
+    const Float4 depth = load4(depths + p);
+    store4(most + p, depth + steps.limit(depth));
   }
+  for (; p < num_pixels; ++p) most[p] = depths[p] + steps.limit(depths[p]);
 }
 
 /// Marks those of neighbouring pixels of a row that a triangle is no step away from.
 /// @param mark  the bit that tells by which kind of face.
 void cover_row(const Surface& surface, const InverseDepth& plane, std::int32_t first,
                std::int32_t last, std::uint8_t mark, CoverageScratch& scratch) {
-  const int v = surface.v(first), u = first - v * surface.cols(), size = last - first + 1;
-  const CoverageScratch::Range* const depths = scratch.depths.data() + first;
+  const int v = first / surface.cols(), u = first - v * surface.cols(), size = last - first + 1;
+  const float *depths = scratch.depths.data() + first, *most = scratch.most.data() + first;
   std::uint8_t* const covered = scratch.covered.data() + first;
   const InverseDepth own = plane;  // bytes may alias whatever is in memory
   for (int i = 0; i < size; ++i) {
-    const bool off = is_off(depths[i].depth, depths[i].most, own.at(u + i, v));
+    const bool off = is_off(depths[i], most[i], own.at(u + i, v));
     covered[i] = static_cast<std::uint8_t>(covered[i] | (off ? 0 : mark));
   }
 }
@@ -223,6 +230,23 @@ struct Covered {
   }
 };
 
+/// Counts the covered pixels of surface, a row at a time: its bytes fit into small counters.
+void count_pixels(const Surface& surface, std::span<const std::uint8_t> covered, Covered& whole,
+                  Covered& without_off) {
+  const auto cols = static_cast<std::size_t>(surface.cols());
+  for (std::size_t begin = 0; begin < covered.size(); begin += cols) {
+    const std::uint8_t *by = covered.data() + begin, *used = surface.used().data() + begin;
+    std::uint16_t any = 0, others = 0;
+    for (std::size_t u = 0; u < cols; ++u) {
+      const auto marks = static_cast<std::uint8_t>(used[u] != 0 ? by[u] : 0);
+      any = static_cast<std::uint16_t>(any + (marks != 0 ? 1 : 0));
+      others = static_cast<std::uint16_t>(others + (marks & kByOthers));
+    }
+    whole.pixels += any;
+    without_off.pixels += others;
+  }
+}
+
 /// Marks the pixels that a face covers.
 /// @return  the part of its area that lies over pixels without surface.
 double cover_face(const Surface& surface, const Corners& t, std::uint8_t mark,
@@ -270,11 +294,7 @@ CutCoverage coverage_of(const Surface& surface,
     whole.add(area, bridge);
     if (!is_off) without_off.add(area, bridge);
   }
-  for (std::size_t p = 0; p < scratch.covered.size(); ++p) {
-    const std::uint8_t by = surface.is_used(static_cast<std::int32_t>(p)) ? scratch.covered[p] : 0;
-    whole.pixels += by != 0 ? 1 : 0;
-    without_off.pixels += (by & kByOthers) != 0 ? 1 : 0;
-  }
+  count_pixels(surface, scratch.covered, whole, without_off);
   result.whole = whole.of(surface);
   result.without_off = without_off.of(surface);
   return result;

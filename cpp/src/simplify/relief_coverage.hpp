@@ -14,10 +14,8 @@ namespace manip3d::relief_detail {
 struct CoverageScratch {
   std::vector<std::uint8_t> covered;
   std::vector<std::int32_t> flaws;
-  struct Range {
-    float depth = 0.0F, most = 0.0F;  ///< `most`: the largest depth that is no step behind it.
-  };
-  std::vector<Range> depths;  ///< By pixel, where there are steps.
+  std::vector<float> depths;  ///< By pixel, where there are steps.
+  std::vector<float> most;    ///< By pixel: the largest depth that is no step behind it.
 };
 
 /// Coverage of a mesh and of the same mesh without the faces that are off the surface.

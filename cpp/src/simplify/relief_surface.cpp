@@ -137,6 +137,9 @@ class CellRows {
         bits_(bits) {}
 
   void start(std::span<const Sample> row) { below_.assign(row); }
+  /// The z of the two rows of pixels around the cells.
+  [[nodiscard]] std::span<const float> z_above() const { return above_.z; }
+  [[nodiscard]] std::span<const float> z_below() const { return below_.z; }
 
   /// The bits of the cells between the row given last and the next one.
   std::span<const std::uint16_t> next(std::span<const Sample> row) {
@@ -425,26 +428,43 @@ void Surface::cut_rows(const DenseRule& rule, std::int64_t begin, std::int64_t e
       const unsigned valid = above[u] | above[u + 1] << 1U | below[u + 1] << 2U | below[u] << 3U;
       cells[u] = cell_by_bits[bits[u] | valid];
     }
-    if (steps_.has_steps()) cut_steps(v, {row_bits_.data() + first, width});
+    if (steps_.has_steps()) {
+      cut_steps(v, rows.z_above(), rows.z_below(), {row_bits_.data() + first, width});
+    }
   }
 }
 
-void Surface::cut_steps(int v, std::span<std::uint16_t> stepped) {
+void Surface::cut_steps(int v, std::span<const float> z_above, std::span<const float> z_below,
+                        std::span<std::uint16_t> stepped) {
   const StepRule steps = steps_;
   const double unit = unit_, middle = center_.z();
   const auto is_step = [&](float low, float high) {
     const auto nearest = static_cast<float>(unit * low + middle);
     return !(unit * double{high - low} <= double{steps.limit(nearest)});
   };
-  // Whole cells without a step have none in their halves either: a row of them at a time.
-  const auto size = static_cast<std::size_t>(used_cols_ - 1);
-  const Sample *above = samples_.data() + std::ptrdiff_t{v} * cols_, *below = above + cols_;
-  for (std::size_t u = 0; u < size; ++u) {
-    const float low =
-        std::min(std::min(above[u].z, above[u + 1].z), std::min(below[u].z, below[u + 1].z));
-    const float high =
-        std::max(std::max(above[u].z, above[u + 1].z), std::max(below[u].z, below[u + 1].z));
-    stepped[u] = is_step(low, high) ? 1 : 0;
+  // Whole cells without a step have none in their halves either: four of them at a time.
+  const std::ptrdiff_t size = std::ptrdiff_t{used_cols_} - 1;
+  const float *above = z_above.data(), *below = z_below.data();
+  const auto lower = [](Float4 p, Float4 q) { return p < q ? p : q; };
+  const auto higher = [](Float4 p, Float4 q) { return p > q ? p : q; };
+  std::ptrdiff_t first = 0;
+  for (; first + 4 <= size; first += 4) {
+    const Float4 a = load4(above + first), b = load4(above + first + 1);
+    const Float4 c = load4(below + first), d = load4(below + first + 1);
+    const Float4 low = lower(lower(a, b), lower(c, d));
+    const Float4 height = higher(higher(a, b), higher(c, d)) - low;
+    const Float4 limit = steps.limit(affine4(unit, low, middle));
+    const auto first_two = unit * low_doubles(height) <= low_doubles(limit);
+    const auto last_two = unit * high_doubles(height) <= high_doubles(limit);
+    for (int i = 0; i < 2; ++i) {
+      stepped[first + i] = first_two[i] != 0 ? 0 : 1;
+      stepped[first + 2 + i] = last_two[i] != 0 ? 0 : 1;
+    }
+  }
+  for (; first < size; ++first) {
+    const auto [low, high] =
+        std::minmax({above[first], above[first + 1], below[first], below[first + 1]});
+    stepped[first] = is_step(low, high) ? 1 : 0;
   }
   for (int u = 0; u + 1 < used_cols_; ++u) {
     const std::int32_t a = v * cols_ + u;
@@ -500,15 +520,18 @@ void Surface::add_areas() {
 }
 
 void Surface::count_used() {
-  num_used_ = 0;
-  double total = 0.0;
   used_.resize(samples_.size());
-  for (std::size_t p = 0; p < samples_.size(); ++p) {
-    const bool used = samples_[p].weight > 0.0F;
-    used_[p] = used ? 1 : 0;
-    num_used_ += used ? 1 : 0;
-    total += samples_[p].weight;
+  const Sample* const samples = samples_.data();
+  std::uint8_t* const used = used_.data();
+  const auto size = static_cast<std::ptrdiff_t>(samples_.size());
+  for (std::ptrdiff_t p = 0; p < size; ++p) used[p] = samples[p].weight > 0.0F ? 1 : 0;
+  double total = 0.0;
+  std::int32_t count = 0;
+  for (std::ptrdiff_t p = 0; p < size; ++p) {
+    total += samples[p].weight;
+    count += used[p];
   }
+  num_used_ = count;
   mean_area_ =
       static_cast<float>(total / static_cast<double>(std::max<std::int64_t>(num_used_, 1)));
 }
@@ -600,6 +623,25 @@ std::int32_t Surface::pixel_at(std::int64_t input_u, std::int64_t input_v) const
   const std::int64_t du = input_u - u0_, dv = input_v - v0_;
   if (du < 0 || dv < 0 || du / step_ >= cols_ || dv / step_ >= rows_) return -1;
   return static_cast<std::int32_t>(dv / step_ * cols_ + du / step_);
+}
+
+void Surface::uses_of_row(std::int64_t input_v, std::span<std::uint8_t> out) const {
+  std::fill(out.begin(), out.end(), std::uint8_t{0});
+  const std::int64_t v = input_v - v0_;
+  if (v < 0 || v >= used_rows_) return;
+  const auto from = used_.begin() + v * cols_;
+  std::copy(from, from + used_cols_, out.begin() + u0_);
+}
+
+void Surface::depths(std::span<float> out) const {
+  const auto size = static_cast<std::ptrdiff_t>(samples_.size());
+  std::ptrdiff_t p = 0;
+  for (; p + 4 <= size; p += 4) {
+    const Sample* const four = samples_.data() + p;
+    store4(&out[p],
+           affine4(unit_, Float4{four[0].z, four[1].z, four[2].z, four[3].z}, center_.z()));
+  }
+  for (; p < size; ++p) out[p] = depth(static_cast<std::int32_t>(p));
 }
 
 void Surface::dense_triangles(std::vector<std::array<std::int32_t, 3>>& out) const {

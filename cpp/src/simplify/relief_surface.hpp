@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "geometry/constants.hpp"
+#include "geometry/lanes.hpp"
 #include "manip3d/geometry/depth_image.hpp"
 #include "manip3d/geometry/depth_step.hpp"
 #include "manip3d/simplify/depth_coverage.hpp"
@@ -53,6 +54,13 @@ class StepRule {
   [[nodiscard]] float limit(float depth) const {
     const float share = share_ * depth;
     return slope_ ? std::max(share, slope_->limit(depth)) : share;
+  }
+  /// The same for four depths.
+  [[nodiscard]] Float4 limit(Float4 depth) const {
+    const Float4 share = share_ * depth;
+    if (!slope_) return share;
+    const Float4 slope = slope_->limits(depth);
+    return share < slope ? slope : share;
   }
   [[nodiscard]] bool is_step(float nearest, float farthest) const {
     return !(farthest - nearest <= limit(nearest));
@@ -112,6 +120,11 @@ class Surface {
   [[nodiscard]] float depth(std::int32_t pixel) const {
     return static_cast<float>(unit_ * double{samples_[pixel].z} + center_.z());
   }
+  /// The same for all pixels.
+  void depths(std::span<float> out) const;
+  /// All of cell(), and whether a pixel is used.
+  [[nodiscard]] std::span<const std::uint8_t> cells() const { return cells_; }
+  [[nodiscard]] std::span<const std::uint8_t> used() const { return used_; }
   /// Mean confidence of the used pixels; 1 if all are 0.
   [[nodiscard]] float mean_confidence() const { return mean_confidence_; }
   /// Column and row of the input.
@@ -120,11 +133,10 @@ class Surface {
   /// The pixel here of a pixel of the input, or of the one before it where that is not here; -1
   /// outside.
   [[nodiscard]] std::int32_t pixel_at(std::int64_t input_u, std::int64_t input_v) const;
-  /// Does some dense triangle of an area use this pixel of the input? For surfaces of every pixel.
-  [[nodiscard]] bool uses(std::int64_t input_u, std::int64_t input_v) const {
-    const std::int64_t u = input_u - u0_, v = input_v - v0_;
-    return u >= 0 && v >= 0 && u < cols_ && v < rows_ && used_[v * cols_ + u] != 0;
-  }
+  /// By column of a row of the input: whether some dense triangle of an area uses the pixel. For
+  /// surfaces of every pixel.
+  /// @param out  as long as a row.
+  void uses_of_row(std::int64_t input_v, std::span<std::uint8_t> out) const;
   /// A pixel of the input as one number, for sizes up to 65 536.
   [[nodiscard]] std::uint32_t place(int u, int v) const {
     return static_cast<std::uint32_t>(step_ * v + v0_) << 16 |
@@ -159,8 +171,10 @@ class Surface {
   /// The rows of cells of one chunk.
   void cut_rows(const DenseRule& rule, std::int64_t begin, std::int64_t end);
   /// Leaves out the triangles of a row of cells that span a step in depth.
-  /// @param stepped  scratch: one for each cell of the row.
-  void cut_steps(int v, std::span<std::uint16_t> stepped);
+  /// @param z_above, z_below  of the pixels around the cells.
+  /// @param stepped           scratch: one for each cell of the row.
+  void cut_steps(int v, std::span<const float> z_above, std::span<const float> z_below,
+                 std::span<std::uint16_t> stepped);
   void add_areas();
   void count_used();
   void weigh(const PointGridView& grid, std::span<const float> confidence);

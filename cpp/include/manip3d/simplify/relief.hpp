@@ -71,8 +71,9 @@ struct ReliefResult {
 ///
 /// 0. Holes of up to four pixels amid one surface are no ends of it, and a measurement with steps
 ///    all around it is such a hole: the surface is continued over them, with confidence 0, unless
-///    they are fewer than one pixel of a thousand, or the target leaves room for all pixels. No
-///    vertex is there in the end.
+///    they are fewer than one pixel of a thousand, or the target leaves room for all pixels. Where
+///    they are one of fifty, pixels are missing at random, and holes of up to 32 pixels are treated
+///    alike. No vertex is there in the end.
 /// 1. An adaptive triangulation by longest-edge bisection, down to single pixels where the surface
 ///    ends or is cut: silhouettes and depth discontinuities are boundaries of the mesh from the
 ///    start.
