@@ -238,3 +238,9 @@ OTHERS: Mapping[str, Callable[[Target], Points]] = MappingProxyType(
     }
 )
 """Attacks that remove or bend, and attackers who know the scanner's lattice better and better."""
+
+appended = ADDING["CTP"]
+"""The points of the hoax, appended to the scan where it is to stand."""
+
+on_firings = OTHERS["occlusion on firings, ranges"]
+"""The hoax as firings of the scanner would see it, with whole steps of range."""

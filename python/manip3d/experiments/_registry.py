@@ -71,6 +71,7 @@ _BUILT_IN = (
     "figure_6_6",
     "figure_6_7",
     "real_scans_6",
+    "spoofing_6",
     "table_7_1",
     "table_7_2",
     "security",
