@@ -75,8 +75,8 @@ constexpr float kFarthest = 4.0F;
 /// Hubs: so many corners times so many refusals in one pass, then a vertex is left alone.
 constexpr std::int64_t kHubPatience = 1 << 14;
 
-/// A piece farther than this from the rest, over the size of the mesh, is missed at once: holes close
-/// before it goes.
+/// A piece farther than this from the rest, over the size of the mesh, is missed at once: holes
+/// close before it goes.
 constexpr double kMissedDistance = 0.01;
 
 /// A piece that vanishes is missed more than its distance says; this is squared, like all prices.
