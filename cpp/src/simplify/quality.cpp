@@ -85,8 +85,9 @@ constexpr double kReach = 0.1;
 /// diagonal of the box. Rounded borders of charts ask for this much on the models with most seams.
 constexpr double kTextureReach = 0.02;
 
-/// Files hold texture coordinates in single precision, whose steps are a sixty-fourth of the picture
-/// from here on: such faces show no texture but the rubbish of an exporter, and none is kept.
+/// Files hold texture coordinates in single precision, whose steps are a sixty-fourth of the
+/// picture from here on: such faces show no texture but the rubbish of an exporter, and none is
+/// kept.
 constexpr double kFarthestTexture = 131072.0;
 
 struct Entry {
@@ -220,8 +221,8 @@ class QualitySimplifier {
   [[nodiscard]] bool shows_texture(std::int32_t f) const {
     const auto& wedges = mesh_.wedges(f);
     return mesh_.has_texture(wedges[0]) && std::ranges::all_of(wedges, [&](std::int32_t wedge) {
-      return mesh_.uv(wedge).cwiseAbs().maxCoeff() < kFarthestTexture;
-    });
+             return mesh_.uv(wedge).cwiseAbs().maxCoeff() < kFarthestTexture;
+           });
   }
 
   /// The length on the surface of a unit of texture, on average.
