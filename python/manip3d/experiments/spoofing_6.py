@@ -73,7 +73,8 @@ def _out_of(box: Box, offsets: Floats) -> Floats:
     cos, sin = math.cos(box.yaw), math.sin(box.yaw)
     x = cos * offsets[:, 0] - sin * offsets[:, 1]
     y = sin * offsets[:, 0] + cos * offsets[:, 1]
-    return np.column_stack([x, y, offsets[:, 2]]) + np.asarray(box.center)
+    places: Floats = np.column_stack([x, y, offsets[:, 2]]) + np.asarray(box.center)
+    return places
 
 
 def _azimuths(points: Floats, box: Box) -> Floats:
