@@ -390,6 +390,11 @@ class PhantomPipeline:
     of it that the camera looks through, and bones half as long again as the intact limb's, count
     as not tracked (``segmentation="skin"``).
 
+    A seated person's thighs may be turned against the trunk by ten degrees and more. Of a person
+    who has the affected leg, both legs tell that turn, averaged over 3 seconds, and ``plane`` of
+    the result is theirs; of a person who lacks it nothing does. Empty pixels beside the phantom
+    that showed it in the frame before are filled, so that its border does not flicker.
+
     Parameters
     ----------
     affected : {"left_arm", "right_arm", "left_leg", "right_leg"}
