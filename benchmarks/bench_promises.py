@@ -1,6 +1,9 @@
 """Check the promises of every simplification on all meshes of the data folder.
 
-``python benchmarks/bench_promises.py [--meshes ...] [--runs N]``
+``python benchmarks/bench_promises.py [--meshes ...] [--runs N] -o promises.json``
+
+What is stored for a mesh is not run again, so a run that was halted goes on where it was: give
+another file after a change of the code.
 
 The same bytes: each mode simplifies to a tenth, N times with one thread and N times with two, each
 number of threads in a process of its own. The distance: `max_distance` of 1e-2, 1e-3 and 1e-4 of
@@ -18,7 +21,8 @@ import os
 import subprocess
 import sys
 import time
-from typing import get_args
+from pathlib import Path
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,26 +66,26 @@ def points_of(mesh: Mesh, rng: np.random.Generator) -> NDArray[np.float64]:
     return np.concatenate([corners.reshape(-1, 3), middles, inside])
 
 
-def distances(mesh: Mesh, mode: simplify.Mode) -> list[dict[str, float]]:
-    """For each limit: faces left, the bound that was promised and the largest sampled distance."""
-    rows = []
-    for limit in LIMITS:
-        start = time.process_time()
-        result = simplify.simplify(mesh, mode, max_distance=limit * mesh.diagonal)
-        seconds = time.process_time() - start
-        rng = np.random.default_rng(1)
-        there = metrics.closest_points(result.mesh, points_of(mesh, rng)).distance.max()
-        back = metrics.closest_points(mesh, points_of(result.mesh, rng)).distance.max()
-        rows.append(
-            {
-                "limit": limit,
-                "faces": result.mesh.num_faces,
-                "bound": float(result.distance_bound or 0.0) / mesh.diagonal,
-                "sampled": float(max(there, back)) / mesh.diagonal,
-                "cpu_s": seconds,
-            }
-        )
-    return rows
+def distance(mesh: Mesh, mode: simplify.Mode, limit: float) -> dict[str, float]:
+    """Faces left, the bound that was promised and the largest sampled distance, over the limit."""
+    start = time.process_time()
+    result = simplify.simplify(mesh, mode, max_distance=limit * mesh.diagonal)
+    seconds = time.process_time() - start
+    rng = np.random.default_rng(1)
+    there = metrics.closest_points(result.mesh, points_of(mesh, rng)).distance.max()
+    back = metrics.closest_points(mesh, points_of(result.mesh, rng)).distance.max()
+    unit = limit * mesh.diagonal
+    return {
+        "faces": result.mesh.num_faces,
+        "bound": float(result.distance_bound or 0.0) / unit,
+        "sampled": float(max(there, back)) / unit,
+        "cpu_s": seconds,
+    }
+
+
+def is_violated(row: dict[str, float], limit: float) -> bool:
+    """Whether the bound is above the limit, or a point farther away than the bound."""
+    return row["bound"] > 1.0 or row["sampled"] > row["bound"] + TOLERANCE / limit
 
 
 def with_threads(name: str, runs: int, threads: int) -> dict[str, list[str]]:
@@ -95,41 +99,79 @@ def with_threads(name: str, runs: int, threads: int) -> dict[str, list[str]]:
     return found
 
 
+def different_results(name: str, runs: int) -> dict[str, int]:
+    """How many different results each mode has, over all runs with one thread and with two."""
+    one, two = (with_threads(name, runs, threads) for threads in (1, 2))
+    return {mode: len({*one[mode], *two[mode]}) for mode in one}
+
+
+def print_tables(results: dict[str, Any]) -> None:
+    """Both tables of all that is stored."""
+    same = [
+        (
+            name,
+            f"{found['faces']:,}",
+            *(str(found["different"][mode]) for mode in get_args(simplify.Mode)),
+        )
+        for name, found in results.items()
+        if "different" in found
+    ]
+    print(tables.table(("mesh: different results", "faces", *get_args(simplify.Mode)), same), "\n")
+    cases = [
+        (name, mode, limit, row)
+        for name, found in results.items()
+        for mode in PROVED
+        for limit in LIMITS
+        if (row := found["distance"].get(f"{mode} {limit:g}"))
+    ]
+    head = ("mesh", "mode", "limit", "faces: before / after", "bound / limit", "sampled / limit",
+            "s")  # fmt: skip
+    rows = [
+        (name, mode, f"{limit:g}", f"{results[name]['faces']:,} / {row['faces']:,}",
+         f"{row['bound']:.3f}", f"{row['sampled']:.3f}", f"{row['cpu_s']:.1f}")
+        for name, mode, limit, row in cases
+    ]  # fmt: skip
+    print(tables.table(head, rows))
+    violations = sum(is_violated(row, limit) for _, _, limit, row in cases)
+    print(f"\n{len(rows)} cases, {violations} violations")
+
+
 def main() -> None:
-    """Run, and print both tables."""
+    """Run what is not stored yet, store each result, and print both tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--meshes", nargs="+", default=list(models.every_mesh()), metavar="MESH")
-    parser.add_argument("--runs", type=int, default=20, metavar="N")
+    parser.add_argument("--runs", type=int, default=20, metavar="N", help="0: distances only")
+    parser.add_argument("--limits", type=float, nargs="*", default=LIMITS, metavar="SHARE")
+    parser.add_argument("-o", "--output", type=Path, default=Path("promises.json"))
     parser.add_argument("--digests", metavar="MESH", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.digests:
         mesh = simplify.clean(models.every_mesh()[options.digests]()).mesh
         print(json.dumps(digests(mesh, options.runs)))
         return
-    same: list[tuple[str, ...]] = []
-    rows: list[tuple[str, ...]] = []
-    num_violations = 0
+    results: dict[str, Any] = {}
+    if options.output.exists():
+        results = json.loads(options.output.read_text())
+
+    def store() -> None:
+        options.output.write_text(json.dumps(results, indent=1) + "\n")
+
     for name in options.meshes:
         mesh = simplify.clean(models.every_mesh()[name]()).mesh
-        if options.runs > 0:
-            one, two = (with_threads(name, options.runs, threads) for threads in (1, 2))
-            same.append((name, *(str(len({*one[mode], *two[mode]})) for mode in one)))
-        for mode in PROVED:
-            for row in distances(mesh, mode):
-                bad = row["bound"] > row["limit"] or row["sampled"] > row["bound"] + TOLERANCE
-                num_violations += bad
-                rows.append(
-                    (name, mode, f"{row['limit']:g}", f"{mesh.num_faces:,} / {row['faces']:,}",
-                     f"{row['bound'] / row['limit']:.3f}", f"{row['sampled'] / row['limit']:.3f}",
-                     f"{row['cpu_s']:.1f}")
-                )  # fmt: skip
-                print(rows[-1], "violated" if bad else "", file=sys.stderr, flush=True)
-    if same:
-        print(tables.table(("mesh: different results", *get_args(simplify.Mode)), same), "\n")
-    head = ("mesh", "mode", "limit", "faces: before / after", "bound / limit", "sampled / limit",
-            "s")  # fmt: skip
-    print(tables.table(head, rows))
-    print(f"\n{len(rows)} cases, {num_violations} violations")
+        found = results.setdefault(name, {"faces": mesh.num_faces, "distance": {}})
+        if options.runs > 0 and "different" not in found:
+            found["different"] = different_results(name, options.runs)
+            store()
+        for limit in options.limits:
+            for mode in PROVED:
+                key = f"{mode} {limit:g}"
+                if key in found["distance"]:
+                    continue
+                found["distance"][key] = row = distance(mesh, mode, limit)
+                store()
+                said = "violated" if is_violated(row, limit) else ""
+                print(name, key, row, said, file=sys.stderr, flush=True)
+    print_tables(results)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,172 @@
+"""Every kind of glTF file that is written, before the Khronos validator (npm gltf-validator)."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import struct
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gltf_files import PNG
+from manip3d import Material, Mesh, Texture, io, simplify
+from manip3d.viewer.page import BUNDLE
+from zoo import grid, sphere
+
+VALIDATOR = BUNDLE.parents[1] / "node_modules" / "gltf-validator" / "index.js"
+# Reads the files that a glTF names, so that buffers and images are looked at too.
+SCRIPT = """
+const fs = require('fs'), path = require('path'), validator = require(process.argv[1]);
+const check = async file => {
+  const report = await validator.validateBytes(new Uint8Array(fs.readFileSync(file)), {
+    uri: path.basename(file),
+    externalResourceFunction: async uri =>
+      new Uint8Array(fs.readFileSync(path.join(path.dirname(file), decodeURIComponent(uri)))),
+  });
+  return report.issues;
+};
+Promise.all(process.argv.slice(2).map(check)).then(all => console.log(JSON.stringify(all)));
+"""
+
+Writer = Callable[[Path], None]
+
+
+def node() -> str | None:
+    """Node.js: of the machine, or the one that `make setup` puts beside Python."""
+    return shutil.which("node") or shutil.which("node", path=str(Path(sys.executable).parent))
+
+
+def issues(*paths: Path) -> list[dict[str, Any]]:
+    """What the validator says of each file."""
+    program = node()
+    if program is None or not VALIDATOR.exists():
+        pytest.skip("the Khronos validator is not installed: make setup")
+    command = [program, "-e", SCRIPT, str(VALIDATOR), *map(str, paths)]
+    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
+    found: list[dict[str, Any]] = json.loads(done.stdout)
+    return found
+
+
+def tga() -> bytes:
+    """An image that glTF does not take, of 3 x 2 pixels."""
+    return struct.pack("<BBBHHBHHHHBB", 0, 0, 2, 0, 0, 0, 0, 0, 3, 2, 24, 0) + b"\x20\x40\x80" * 6
+
+
+def bumpy(**changes: Any) -> Mesh:
+    """A height field of 800 faces with texture coordinates, two materials and colours."""
+    vertices, faces = grid(20, 20)
+    vertices[:, 2] = np.sin(vertices[:, 0] * 0.6) + np.cos(vertices[:, 1] * 0.5)
+    colors = np.arange(3 * len(vertices), dtype=np.uint8).reshape(-1, 3)
+    png = {"base_color": Texture(data=PNG)}
+    mesh = Mesh(
+        vertices,
+        faces,
+        texcoords=vertices[:, :2] / 20,
+        face_texcoords=faces,
+        colors=colors,
+        face_material=(np.arange(len(faces)) % 2).astype(np.int32),
+        materials=[
+            Material("grass", textures=png | {"normal": Texture(data=PNG)}),
+            Material("glass", (1.0, 0.5, 0.25, 0.125), 0.25, 0.5, "mask", 0.75, double_sided=False),
+        ],
+    )
+    return mesh.replace(**changes)
+
+
+def partly_textured() -> Mesh:
+    """Some faces have no texture coordinates, in either material."""
+    rows = bumpy().face_texcoords
+    assert rows is not None
+    rows = rows.copy()
+    rows[::5] = -1
+    return bumpy(face_texcoords=rows)
+
+
+def with_normals() -> Mesh:
+    vertices, faces = sphere(24, 16)
+    normals = vertices / np.linalg.norm(vertices, axis=1, keepdims=True)
+    return Mesh(vertices, faces, normals=normals, face_normals=faces)
+
+
+def with_tga(path: Path) -> None:
+    (path.parent / "grass.tga").write_bytes(tga())
+    material = Material("grass", textures={"base_color": Texture("grass.tga")})
+    source = str(path.parent / "grass.obj")
+    bumpy(materials=[material, Material("glass")], source=source).write(path)
+
+
+def scene(path: Path) -> io.Scene:
+    """Nodes below each other that show two meshes, one of them twice."""
+    source = path.parent / "source.gltf"
+    bumpy().write(source)
+    document = json.loads(source.read_text())
+    document["nodes"] = [
+        {"name": "both", "children": [1, 2]},
+        {"mesh": 0, "translation": [0, 0, 1]},
+        {"mesh": 0, "scale": [-1, 1, 1], "rotation": [0, 0, 0.6, 0.8]},
+    ]
+    document["scenes"] = [{"nodes": [0]}]
+    source.write_text(json.dumps(document))
+    return io.read_scene(source)
+
+
+def simplified(mode: simplify.Mode) -> Writer:
+    return lambda path: simplify.simplify(partly_textured(), mode, ratio=0.1).mesh.write(path)
+
+
+WRITERS: dict[str, Writer] = {
+    "plain": lambda path: Mesh(*sphere(24, 16)).write(path),
+    "textured": lambda path: bumpy().write(path),
+    "partly textured": lambda path: partly_textured().write(path),
+    "normals": lambda path: with_normals().write(path),
+    "tga": with_tga,
+    "small primitives": lambda path: io.write_mesh(bumpy(), path, max_vertices=100),
+    "emissive": lambda path: bumpy(
+        materials=[Material("lamp", emissive=(4.0, 2.0, 0.5)), Material("glass")]
+    ).write(path),
+    "published": simplified("published"),
+    "quality": simplified("quality"),
+    "fast": simplified("fast"),
+    "levels": lambda path: simplify.lod_chain(bumpy(), 4).write(path),
+    "levels of small primitives": lambda path: simplify.lod_chain(
+        partly_textured(), 3, method="fast"
+    ).write(path, max_vertices=100),
+    "scene": lambda path: io.write_scene(scene(path), path),
+    "simplified scene": lambda path: io.write_scene(
+        simplify.simplify_scene(scene(path), ratio=0.2).scene, path
+    ),
+    "levels of a scene": lambda path: simplify.scene_lods(scene(path), 3).write(path),
+}
+
+
+@pytest.mark.parametrize("suffix", [".glb", ".gltf"])
+@pytest.mark.parametrize("kind", WRITERS)
+def test_the_validator_finds_no_error(kind: str, suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"out{suffix}"
+    WRITERS[kind](path)
+    (found,) = issues(path)
+    assert found["numErrors"] == 0, found["messages"]
+
+
+def test_a_file_for_each_level(tmp_path: Path) -> None:
+    simplify.lod_chain(bumpy(), 3).write(tmp_path / "levels")
+    paths = sorted((tmp_path / "levels").glob("*.glb"))
+    assert len(paths) == 3
+    for path, found in zip(paths, issues(*paths), strict=True):
+        assert found["numErrors"] == 0, (path.name, found["messages"])
+
+
+def test_the_validator_finds_an_error_that_is_there(tmp_path: Path) -> None:
+    path = tmp_path / "bad.gltf"
+    bumpy().write(path)
+    document = json.loads(path.read_text())
+    document["accessors"][0]["count"] += 1_000_000
+    path.write_text(json.dumps(document))
+    (found,) = issues(path)
+    assert found["numErrors"] > 0
