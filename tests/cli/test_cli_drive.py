@@ -218,7 +218,7 @@ def test_a_recording_that_is_cut_off_keeps_its_verdict(
         yield from frames[:whole]
         raise manip3d.FormatError("expected a packet, the file ends", file=str(recording))
 
-    monkeypatch.setattr("manip3d.capture.open_lidar", lambda *_, **__: nullcontext(turns()))
+    monkeypatch.setattr("manip3d.capture._drive.open_lidar", lambda *_, **__: nullcontext(turns()))
     options = ("--lattice", tmp_path / "lattice.json", "-q", "--force", "--log", log)
     done = run(recording, *options, "-o", page)
     assert done.exit_code == 3, done.output

@@ -16,10 +16,10 @@ import pytest
 import command_line
 from capsule_body import SMALL, frame, pose
 from manip3d import InputError, RgbdCalibration, RgbdFrame, authenticate, capture, forge
-from manip3d.cli import forge as cli_forge
 from manip3d.cli.forge import forge_frames
 from manip3d.cli.inspect import inspect_recording
 from manip3d.cli.terminal import Terminal
+from manip3d.forge import _recorded
 
 
 def manip3d(*arguments: object) -> subprocess.CompletedProcess[str]:
@@ -165,7 +165,8 @@ def _forge_of(
 def test_forging_keeps_few_frames_however_long_the_recordings_are(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cli_forge, "MOST_KEPT", 10)
+    for place in (forge, _recorded):
+        monkeypatch.setattr(place, "MOST_KEPT", 10)
     people, scenes, poses = _Counted(80), _Counted(40), _Counted(40)
     places = {"people": people, "scenes": scenes, "poses": poses}
     made = _forge_of(monkeypatch, tmp_path, places, kind=2, background="scenes", pose="poses")
@@ -201,12 +202,12 @@ def test_a_recording_of_unknown_length_is_judged_all_over_without_being_kept(
 def test_the_plate_is_learnt_from_frames_of_the_whole_recording(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(cli_forge, "MOST_KEPT", 10)
-    spread = cli_forge._Spread()
+    monkeypatch.setattr(_recorded, "MOST_KEPT", 10)
+    spread = _recorded._Spread()
     for each in _Counted(47):
         spread.add(each)
     assert [each.number for each in spread.kept] == [0, 8, 16, 24, 32, 40]
-    few = cli_forge._Spread()
+    few = _recorded._Spread()
     for each in _Counted(10):
         few.add(each)
     assert [each.number for each in few.kept] == list(range(10))
@@ -219,7 +220,7 @@ def test_a_background_of_another_rate_keeps_its_pace(
     made = _forge_of(monkeypatch, tmp_path, places, background="scenes")
     # The corner shows the wall, whose depth tells the number of the background's frame.
     assert [int(each.depth[0, 0]) - 3600 for each in made] == [0, 0, 1, 1, 1, 2, 2, 2]
-    slow = cli_forge._AtStep(list(_Counted(3)), 1e18, 1e-3)  # no list of 10^21 frames
+    slow = _recorded._AtStep(list(_Counted(3)), 1e18, 1e-3)  # no list of 10^21 frames
     assert len(slow) > 2**60
     assert slow[10**9].number == 0
 

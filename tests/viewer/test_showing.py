@@ -31,8 +31,6 @@ from manip3d.viewer import (
     notebook,
     open_thing,
     opening,
-    rgbd_address,
-    scan_address,
     shown,
 )
 from manip3d.viewer.points import ALARM, CLEAR, DOUBT, QUIET
@@ -209,20 +207,20 @@ def test_what_a_source_is(tmp_path: Path, quad: Mesh) -> None:
     }
     addresses = ("kitti:a", "pcap:b", "mkv:c", "x.mkv", "sim:body", "people:x", "labanotation:y")
     assert [kind_of(name) for name in addresses] == ["scan"] * 2 + ["rgbd"] * 5
-    assert rgbd_address("x.mkv") == "mkv:x.mkv"
-    assert rgbd_address("C:\\x.obj") is None
-    assert scan_address("a.pcap") == "pcap:a.pcap"
+    assert capture.rgbd_address("x.mkv") == "mkv:x.mkv"
+    assert capture.rgbd_address("C:\\x.obj") is None
+    assert capture.scan_address("a.pcap") == "pcap:a.pcap"
 
 
 def test_packets_beside_the_metadata_of_an_ouster_are_its(tmp_path: Path) -> None:
     recording = str(tmp_path / "a.pcap")
     metadata = tmp_path / "a.json"
     metadata.write_text('{"product": "VLP-16"}')
-    assert scan_address(recording) == f"pcap:{recording}"
+    assert capture.scan_address(recording) == f"pcap:{recording}"
     metadata.write_text('{"beam_intrinsics": {"beam_altitude_angles": [1.0]}}')
-    assert scan_address(recording) == f"ouster:{recording}"
+    assert capture.scan_address(recording) == f"ouster:{recording}"
     metadata.write_bytes(metadata.read_bytes() + bytes(1 << 20))
-    assert scan_address(recording) == f"pcap:{recording}"
+    assert capture.scan_address(recording) == f"pcap:{recording}"
 
 
 def test_depth_images_open_with_and_without_a_camera(tmp_path: Path) -> None:

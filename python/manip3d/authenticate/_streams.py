@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice, pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -389,11 +389,13 @@ def judged_frames(frames: Iterable[RgbdFrame]) -> list[RgbdFrame]:
     """Return the frames of a stream that `inspect_stream` judges.
 
     All of up to `MOST_FRAMES`; of more, runs of six spread over a sequence or a recording that
-    knows its length, of which no others are kept in memory; the first ones of other iterables.
+    knows its length, of which no others are kept in memory; the first ones of other iterables. A
+    recording whose file does not tell its length is gone through once before.
 
     Parameters
     ----------
     frames : iterable of RgbdFrame
+        Also a recording or a camera that `manip3d.capture.open_rgbd` opened.
 
     Returns
     -------
@@ -414,12 +416,31 @@ def judged_frames(frames: Iterable[RgbdFrame]) -> list[RgbdFrame]:
     return _judged(frames)[0]
 
 
+def _length_of(frames: Iterable[RgbdFrame]) -> int | None:
+    """Return the number of frames; None if they can be gone through only once, or never end."""
+    if isinstance(frames, Sequence):
+        return len(frames)
+    length: int | None = getattr(frames, "num_frames", None)
+    if length is None and isinstance(frames, _Recording) and not frames.is_live:
+        length = sum(1 for _ in frames)
+        frames.start()
+    return length
+
+
+@runtime_checkable
+class _Recording(Protocol):
+    is_live: bool
+
+    def start(self) -> None: ...
+    def __iter__(self) -> Iterator[RgbdFrame]: ...
+
+
 def _judged(frames: Iterable[RgbdFrame]) -> tuple[list[RgbdFrame], bool]:
     """Return the frames that are judged, and whether they are the first ones of more.
 
     Frames that nobody numbered get the numbers of their places in the stream.
     """
-    length = len(frames) if isinstance(frames, Sequence) else getattr(frames, "num_frames", None)
+    length = _length_of(frames)
     has_more = False
     places: Sequence[int] = range(MOST_FRAMES)
     if length is None:

@@ -21,8 +21,10 @@ from manip3d._util.lazy import lazily
 __getattr__, __dir__, __all__ = lazily(
     __name__,
     {
+        "_addresses": "rgbd_address scan_address",
         "_bag": "holds_clouds",
         "_bag_stereo": "watched_recording",
+        "_drive": "LidarDrive open_drive",
         "_joints": "ExportedJoints export_joints",
         "_lidar": "DEFAULT_PORT RETURN_TYPES LidarSource open_lidar",
         "_rgbd": "ForgedSource Recording RgbdSource Scheme from_frames open_rgbd record",

@@ -1,7 +1,9 @@
 from __future__ import annotations
 
+from manip3d.capture._addresses import rgbd_address, scan_address
 from manip3d.capture._bag import holds_clouds
 from manip3d.capture._bag_stereo import watched_recording
+from manip3d.capture._drive import LidarDrive, open_drive
 from manip3d.capture._joints import ExportedJoints, export_joints
 from manip3d.capture._lidar import DEFAULT_PORT, RETURN_TYPES, LidarSource, open_lidar
 from manip3d.capture._rgbd import (
@@ -21,6 +23,7 @@ __all__ = [
     "RETURN_TYPES",
     "ExportedJoints",
     "ForgedSource",
+    "LidarDrive",
     "LidarSource",
     "Recording",
     "RgbdSource",
@@ -30,10 +33,13 @@ __all__ = [
     "from_frames",
     "holds_clouds",
     "open",
+    "open_drive",
     "open_lidar",
     "open_rgbd",
     "read_velodyne_calibration",
     "record",
+    "rgbd_address",
+    "scan_address",
     "sources",
     "watched_recording",
 ]

@@ -288,7 +288,6 @@ class _Files(NamedTuple):
 def _opened(files: _Files) -> WatchedDrive:
     """The drive with its cameras."""
     from manip3d import capture, datasets, simulate
-    from manip3d.viewer import scan_address
 
     if files.source.startswith("sim:"):
         _refuse_files("a simulated drive", "a folder", files, "calibration", "rigs", "picture")
@@ -306,7 +305,7 @@ def _opened(files: _Files) -> WatchedDrive:
             note=lambda text: files.note(f"{files.source}: {text}; that of --speed is taken"),
         )  # fmt: skip
     _refuse_files("a recording of a LiDAR", "a KITTI drive", files, "picture")
-    address = scan_address(files.source)
+    address = capture.scan_address(files.source)
     if address is None:
         raise InputError(f"{files.source}: expected a drive or a recording of a LiDAR")
     return capture.watched_recording(

@@ -89,12 +89,11 @@ def open_source(
         Nothing that can be opened.
     """
     from manip3d import capture
-    from manip3d.viewer import rgbd_address
 
     if not Path(source).is_dir():
         expect_kind(source, "recording", verb="capture")
     folder = f"folder:{source}" if Path(source).is_dir() else source
-    uri = rgbd_address(source) or folder
+    uri = capture.rgbd_address(source) or folder
     options: dict[str, Any] = {"speed": speed, "start": start}
     if intrinsics:
         options["camera"] = camera_of_folder(intrinsics, uri)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, overload
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
@@ -487,16 +486,16 @@ def forge_frames(
 
     with ExitStack() as stack:
         people = stack.enter_context(_open_bounded(source, frames, terminal))
-        given = _survey(people, frames, with_plate=not background)
+        given = forge.recorded_people(people, num_frames=frames, with_plate=not background)
         if given.plate is not None:
             terminal.say("background: the scene behind the person, from the source's own frames")
-            behind: RgbdFrame | _AtStep = given.plate
+            behind: RgbdFrame | Sequence[RgbdFrame] = given.plate
         else:
-            most = 1 if still else min(frames or MOST_KEPT, MOST_KEPT)
+            most = 1 if still else min(frames or forge.MOST_KEPT, forge.MOST_KEPT)
             with _open_bounded(background, frames, terminal) as opened:
                 scenes = _first(opened, most)
-            behind = scenes[0] if still else _AtStep(scenes, _step_of(scenes), given.step)
-        motion = _motion(pose, given.step, frames, terminal) if pose else None
+            behind = scenes[0] if still else forge.at_pace(scenes, given.step_ns)
+        motion = _motion(pose, given.step_ns, frames, terminal) if pose else None
         forged = forge.stream(given.frames, behind, kind=kind, pose=motion, **options)
         done = _record(forged, output, truth, terminal, force=force)
     forged.write_truth(truth)
@@ -547,13 +546,6 @@ def _record(
         )
 
 
-MOST_KEPT = 300
-"""Frames of a background that are kept, and of a recording whose background is learnt."""
-
-_MOST_POSES = 30 * MOST_KEPT  # skeletons are small: five minutes at 30 frames a second
-_TIMED = 60  # first frames of a source, whose times tell its rate
-
-
 def _open_bounded(place: str, frames: int | None, terminal: Terminal) -> RgbdSource:
     """A source that ends, or of which a number of frames is wanted."""
     from manip3d.cli.capture import open_source
@@ -572,141 +564,19 @@ def _first(opened: RgbdSource, most: int | None) -> list[RgbdFrame]:
     return found
 
 
-@dataclass(frozen=True)
-class _People:
-    """The frames of a person, the time between two of them, and the scene behind if asked for."""
-
-    frames: Iterable[RgbdFrame]
-    step: float
-    plate: RgbdFrame | None
-
-
-@dataclass(frozen=True)
-class _Most:
-    """The first frames of a source, each of which is gone when the next one is asked for."""
-
-    source: RgbdSource
-    frames: int | None
-
-    def __iter__(self) -> Iterator[RgbdFrame]:
-        return islice(self.source, self.frames)
-
-
-def _survey(opened: RgbdSource, frames: int | None, *, with_plate: bool) -> _People:
-    """Go through a recording once, to forge it afterwards; a live source's frames are kept.
-
-    Without a plate the first frames are enough.
-    """
-    from manip3d import forge
-
-    kept = _first(opened, frames) if opened.is_live else None
-    every: Iterable[RgbdFrame] = opened if kept is None else kept
-    spread, is_told = _Spread(), False
-    times: list[int] = []
-    most = frames if with_plate else min(frames or _TIMED, _TIMED)
-    for frame in islice(every, most):
-        if len(times) < _TIMED:
-            times.append(frame.time)
-        if with_plate:
-            is_told = is_told or bool(frame.skeletons) or frame.body_index is not None
-            spread.add(frame)
-    if not times:
-        raise InputError(f"{opened.uri}: expected a frame, found none")
-    if with_plate and not is_told:
-        raise InputError(
-            f"{opened.uri}: expected people's pixels or skeletons, which tell the scene behind "
-            "them; got neither, and no --background"
-        )
-    if kept is None:
-        opened.start()
-    plate = forge.background_plate(spread.kept) if with_plate else None
-    return _People(_Most(opened, frames) if kept is None else kept, _step(times), plate)
-
-
-class _Spread:
-    """At most `MOST_KEPT` frames, spread evenly over however many there are."""
-
-    def __init__(self) -> None:
-        self.kept: list[RgbdFrame] = []
-        self._every, self._seen = 1, 0
-
-    def add(self, frame: RgbdFrame) -> None:
-        if self._seen % self._every == 0:
-            if len(self.kept) == MOST_KEPT:
-                self.kept = self.kept[::2]
-                self._every *= 2
-            if self._seen % self._every == 0:
-                self.kept.append(_for_plate(frame))
-        self._seen += 1
-
-
-def _for_plate(frame: RgbdFrame) -> RgbdFrame:
-    """The frame without the colour that a plate cannot have: that of a camera of its own."""
-    return frame if frame.calibration.registration is None else replace(frame, color=None)
-
-
-def _step(times: Sequence[int]) -> float:
-    """Time between two frames, nanoseconds; 0: there is one alone."""
-    return float(np.median(np.diff(times))) if len(times) > 1 else 0.0
-
-
-def _step_of(frames: Sequence[RgbdFrame]) -> float:
-    return _step([frame.time for frame in frames[:_TIMED]])
-
-
-class _AtStep(Sequence[RgbdFrame]):
-    """Frames at another rate, at the pace at which they were recorded.
-
-    Parameters
-    ----------
-    frames : sequence of RgbdFrame
-    own, step : float
-        Times between two frames, as they are and as wanted; where one is unknown they are equal.
-    """
-
-    def __init__(self, frames: Sequence[RgbdFrame], own: float, step: float) -> None:
-        self.calibration = frames[0].calibration
-        self._frames = frames
-        self._ratio = step / own if own > 0 and step > 0 else 1.0
-        most = (len(frames) - 0.5) / self._ratio  # steps before the time of the last frame ends
-        self._length = int(min(np.ceil(most), sys.maxsize // 4))
-
-    def __len__(self) -> int:
-        return self._length
-
-    @overload
-    def __getitem__(self, at: int) -> RgbdFrame: ...
-    @overload
-    def __getitem__(self, at: slice) -> list[RgbdFrame]: ...
-    def __getitem__(self, at: int | slice) -> RgbdFrame | list[RgbdFrame]:
-        if isinstance(at, slice):
-            return [self[number] for number in range(*at.indices(self._length))]
-        if not 0 <= at < self._length:
-            raise IndexError(at)
-        return self._frames[min(int(at * self._ratio + 0.5), len(self._frames) - 1)]
-
-
 def _motion(
-    pose: str, step: float, frames: int | None, terminal: Terminal
+    pose: str, step_ns: float, frames: int | None, terminal: Terminal
 ) -> Sequence[RgbdFrame | Skeleton]:
     """The poses of a motion file at the rate of the people's frames, or of any source."""
+    from manip3d import forge
+
     if not pose.lower().endswith(".bvh"):
         with _open_bounded(pose, frames, terminal) as opened:
-            every = islice(opened, min(frames or _MOST_POSES, _MOST_POSES))
-            found = [_skeletons_only(frame) for frame in every]
-        if not found:
-            raise InputError(f"{pose}: expected a frame, found none")
-        return _AtStep(found, _step_of(found), step)
+            return forge.at_pace(forge.recorded_poses(opened, num_frames=frames), step_ns)
     from manip3d.io import read_bvh
     from manip3d.modify import skeletons_from_motion
 
-    return skeletons_from_motion(read_bvh(pose), rate=1e9 / step if step > 0 else 30.0)
-
-
-def _skeletons_only(frame: RgbdFrame) -> RgbdFrame:
-    """The frame with an image without measurements, which takes no memory."""
-    nothing = np.broadcast_to(np.uint16(0), frame.depth.shape)
-    return replace(frame, depth=nothing, color=None, body_index=None)
+    return skeletons_from_motion(read_bvh(pose), rate=1e9 / step_ns if step_ns > 0 else 30.0)
 
 
 @app.command("stream")

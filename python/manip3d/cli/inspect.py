@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import errno
-import itertools
 import os
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -25,9 +24,16 @@ from manip3d.cli.options import (
     OptionalOutput,
     Quiet,
 )
-from manip3d.cli.terminal import Terminal, check_output, counted, shown, table
+from manip3d.cli.terminal import (
+    Terminal,
+    check_output,
+    counted,
+    naming_options,
+    shown,
+    table,
+)
 from manip3d.cli.watermark import key_of
-from manip3d.errors import Error, InputError
+from manip3d.errors import InputError
 from manip3d.io import is_url
 from manip3d.io._scan_files import FOLDER_SUFFIXES
 
@@ -35,9 +41,6 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from manip3d.authenticate import DriveInspection, Inspection, KeyRing, StreamInspection
-    from manip3d.capture import RgbdSource
-    from manip3d.lidar import LidarFrame
-    from manip3d.rgbd import RgbdFrame
 
 EXIT_CODES = {"no_trace": 0, "tampered": 3, "processed": MISSED, "undecidable": MISSED}
 """Exit code of each verdict."""
@@ -322,96 +325,6 @@ def _record_of(source: str, record: Path | None, key: Sequence[Path] | None) -> 
     return found
 
 
-def _record_beside(scan: Path) -> bytes:
-    """A record that cannot be read is none: the scan is judged all the same."""
-    from manip3d import authenticate
-
-    try:
-        return authenticate.read_record(authenticate.find_record(scan)) or b""
-    except (Error, OSError):
-        return b""
-
-
-_MOST_LIVE = 60  # frames of a camera
-_LIDAR_SCHEMES = ("pcap", "ouster", "kitti", "bag")
-
-
-class Drive:
-    """The scans of a drive or a recording of packets, one after the other.
-
-    Attributes
-    ----------
-    names : list of str
-        Names of the scans that were read so far.
-    errors : dict of int to str
-        Scans that could not be read.
-    paths : dict of int to Path
-        Files of the scans, where they have one each.
-    """
-
-    def __init__(self, source: str, calibration: Path | None) -> None:
-        self.names: list[str] = []
-        self.errors: dict[int, str] = {}
-        self.paths: dict[int, Path] = {}
-        self._source, self._calibration = source, calibration
-
-    def frames(self) -> Iterator[LidarFrame | None]:
-        """The scans; None for one that cannot be read, with which a recording ends."""
-        from manip3d import authenticate, capture
-        from manip3d.capture._lidar import expect_scans
-        from manip3d.io import read_scan
-        from manip3d.viewer import scan_address
-
-        if self._is_folder_of_scans():
-            if self._calibration is not None:
-                raise InputError("--calibration: expected with a recording of packets, got scans")
-            for number, path in enumerate(authenticate.drive_scans(self._source)):
-                self.names.append(path.name)
-                self.paths[number] = path
-                try:
-                    yield read_scan(path)
-                except (Error, OSError) as error:
-                    self.errors[number] = str(error)
-                    yield None
-            return
-        uri = scan_address(self._source)
-        if uri is None or uri.partition(":")[0] not in _LIDAR_SCHEMES:
-            known = ", ".join(f"{name}:PATH" for name in _LIDAR_SCHEMES)
-            raise InputError(f"{self._source}: expected a file, a folder or one of {known}")
-        with capture.open_lidar(uri, calibration=self._calibration) as opened:
-            try:
-                scans = expect_scans(opened, uri, lambda: opened.counters)
-                for number, frame in enumerate(scans):
-                    self.names.append(f"frame {number}")
-                    yield frame
-            except (Error, OSError) as error:
-                if not self.names:
-                    raise
-                self.errors[len(self.names)] = str(error)
-                self.names.append(f"frame {len(self.names)}")
-                yield None
-
-    def numbers(self) -> list[int] | None:
-        """Numbers of the scans, by which neighbours are told; None: all follow each other."""
-        from manip3d import authenticate
-
-        scans = self._is_folder_of_scans()
-        return authenticate.drive_numbers(self._source) if scans else None
-
-    def _is_folder_of_scans(self) -> bool:
-        """Whether it is a folder, but not that of a bag."""
-        from manip3d.viewer import scan_address
-
-        path = Path(self._source)
-        return path.is_dir() and not (scan_address(self._source) or "").startswith("bag:")
-
-    def records(self) -> Iterator[bytes | None]:
-        """The watermarks' records beside the scans; b'' where one is missing or unreadable."""
-        for number in itertools.count():
-            path = self.paths.get(number)
-            yield None if path is None else _record_beside(path)
-
-
 def inspect_drive(
     source: str,
     output: Path | None,
@@ -425,16 +338,17 @@ def inspect_drive(
     """Inspect scan after scan, a line each, and return what they say together."""
     import json
 
-    from manip3d import authenticate, datasets, report
+    from manip3d import authenticate, capture, datasets, report
     from manip3d._util.json import finite
     from manip3d.io._files import atomic_write
 
-    drive = Drive(source, calibration)
+    with naming_options("calibration"):
+        drive = capture.open_drive(source, calibration=calibration)
     found: list[Inspection | None] = []
     records: list[dict[str, Any]] = []
-    places = drive.numbers()
+    places = drive.numbers
     judged = authenticate.inspect_drive(
-        drive.frames(),
+        drive,
         numbers=places,
         records=None if key is None else drive.records(),
         key=key,
@@ -516,10 +430,7 @@ def inspect_recording(source: str, output: Path | None, log: Path | None, shell:
     from manip3d.cli.capture import open_source
 
     with open_source(source, shell) as opened:
-        if opened.is_live:
-            frames = list(itertools.islice(opened, _MOST_LIVE))
-        else:
-            frames = authenticate.judged_frames(_of_known_length(opened))
+        frames = authenticate.judged_frames(opened)
     with shell.progress("inspect") as progress:
         found = authenticate.inspect_stream(frames, progress=progress)
     if output is not None:
@@ -529,26 +440,6 @@ def inspect_recording(source: str, output: Path | None, log: Path | None, shell:
         _append(log, found, source, shell)
     shell.result({"source": source} | found.record(), lambda console: show_stream(console, found))
     return found.verdict
-
-
-@dataclass(frozen=True)
-class _Counted:
-    """A recording whose frames have been counted, since its file does not tell how many it has."""
-
-    source: RgbdSource
-    num_frames: int
-
-    def __iter__(self) -> Iterator[RgbdFrame]:
-        return iter(self.source)
-
-
-def _of_known_length(source: RgbdSource) -> RgbdSource | _Counted:
-    """A recording whose length is known; where nobody knows it, it is gone through once before."""
-    if source.num_frames is not None:
-        return source
-    count = sum(1 for _ in source)
-    source.start()
-    return _Counted(source, count)
 
 
 def show_stream(console: Console, found: StreamInspection) -> None:

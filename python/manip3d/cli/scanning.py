@@ -26,9 +26,8 @@ def frames(
 ) -> Iterator[LidarFrame]:
     """The scans of a file or the frames of a recording, one after the other."""
     from manip3d import capture, io
-    from manip3d.viewer import scan_address
 
-    uri = scan_address(source)
+    uri = capture.scan_address(source)
     if uri is not None:
         with capture.open_lidar(uri, calibration=calibration) as recording:
             yield from recording
@@ -48,9 +47,8 @@ _REFUSED = ("bad_length", "unknown_product", "other_product", "unknown_return_mo
 def summary(source: str, terminal: Terminal, calibration: Path | None = None) -> dict[str, Any]:
     """What the scans of a source are made of."""
     from manip3d import capture
-    from manip3d.viewer import scan_address
 
-    uri = scan_address(source)
+    uri = capture.scan_address(source)
     if uri is not None:
         recording = capture.open_lidar(uri, calibration=calibration)
         scans = [_describe(frame) for frame in recording]

@@ -134,12 +134,12 @@ def _size(thing: Any) -> str:
 
 def _camera(source: str, choice: Choice) -> Intrinsics:
     """``--intrinsics`` of a depth image, or of the images of a folder."""
-    from manip3d import viewer
     from manip3d.camera import read_intrinsics
+    from manip3d.capture import rgbd_address
     from manip3d.cli import capture
     from manip3d.io import read_depth
 
-    uri = viewer.rgbd_address(source)
+    uri = rgbd_address(source)
     if uri is not None:
         return capture.camera_of_folder(choice.intrinsics, uri)
     height, width = read_depth(source).shape

@@ -21,6 +21,13 @@ from manip3d.forge._attacks import (
 )
 from manip3d.forge._firings import MOST_SPOOFED, lattice_insert, lattice_remove, spoof
 from manip3d.forge._objects import Segmentation, nearest_object, segment
+from manip3d.forge._recorded import (
+    MOST_KEPT,
+    RecordedPeople,
+    at_pace,
+    recorded_people,
+    recorded_poses,
+)
 from manip3d.forge._stream import (
     ForgedFrame,
     ForgedStream,
@@ -35,16 +42,19 @@ from manip3d.forge._truth import Forgery, Lattice
 
 __all__ = [
     "ALERT_ATTACKS",
+    "MOST_KEPT",
     "MOST_SPOOFED",
     "ForgedFrame",
     "ForgedStream",
     "Forgery",
     "Lattice",
+    "RecordedPeople",
     "Segmentation",
     "StreamForger",
     "StreamTruth",
     "additive",
     "additive_subtractive",
+    "at_pace",
     "background_plate",
     "crtp",
     "ctp",
@@ -55,6 +65,8 @@ __all__ = [
     "nearest_object",
     "range_scale",
     "read_stream_truth",
+    "recorded_people",
+    "recorded_poses",
     "replacement",
     "resample",
     "rotation",

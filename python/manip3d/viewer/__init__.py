@@ -8,7 +8,7 @@ __getattr__, __dir__, __all__ = lazily(
     __name__,
     {
         "evidence_points": "evidence forgery_points",
-        "opening": "Opened kind_of open_thing rgbd_address scan_address",
+        "opening": "Opened kind_of open_thing",
         "page": "figure film has_display html iframe play view",
         "pictures": "comparison picture png_bytes points_picture",
         "points": (

@@ -1,5 +1,5 @@
 from manip3d.viewer.evidence_points import evidence, forgery_points
-from manip3d.viewer.opening import Opened, kind_of, open_thing, rgbd_address, scan_address
+from manip3d.viewer.opening import Opened, kind_of, open_thing
 from manip3d.viewer.page import figure, film, has_display, html, iframe, play, view
 from manip3d.viewer.pictures import comparison, picture, png_bytes, points_picture
 from manip3d.viewer.points import (
@@ -50,9 +50,7 @@ __all__ = [
     "png_bytes",
     "points_picture",
     "renderer",
-    "rgbd_address",
     "rgbd_points",
-    "scan_address",
     "scan_points",
     "shown",
     "skeleton_lines",

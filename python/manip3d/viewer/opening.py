@@ -6,7 +6,6 @@ import gzip
 import itertools
 import lzma
 import os
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +17,6 @@ from manip3d import capture, io
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
-from manip3d.io._files import limited_bytes
 from manip3d.io._scan_files import SCAN_SUFFIXES
 from manip3d.io._scan_npy import is_npy_scan
 from manip3d.io._scan_tables import scan_suffix
@@ -32,16 +30,11 @@ if TYPE_CHECKING:
     from manip3d.rgbd import RgbdFrame
     from manip3d.viewer.scene import Image
 
-__all__ = ["Kind", "Opened", "kind_of", "open_thing", "rgbd_address", "scan_address"]
+__all__ = ["Kind", "Opened", "kind_of", "open_thing"]
 
 Kind = Literal["mesh", "scan", "depth", "rgbd"]
 
-_PACKETS = (".pcap", ".pcapng")
-_BAGS = (".mcap", ".db3")
-_LIDAR_SCHEMES = ("pcap:", "ouster:", "kitti:", "velodyne:", "bag:")
-_SCHEME = re.compile(r"[a-z][a-z0-9-]+:")  # of two characters at least: C:\scan.pcd is a file
 _HEADER_BYTES = 1 << 16  # where a PLY file names its elements
-_METADATA_BYTES = 1 << 20  # of an Ouster's JSON file, which has about 10 kB
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,9 +85,9 @@ def kind_of(source: str | os.PathLike[str]) -> Kind:
     """
     path_of(source, "source")
     name = os.fspath(source)
-    if scan_address(name) is not None:
+    if capture.scan_address(name) is not None:
         return "scan"
-    if rgbd_address(name) is not None:
+    if capture.rgbd_address(name) is not None:
         return "rgbd"
     path = Path(name)
     if path.suffix.lower() == ".npy" and path.is_file() and is_npy_scan(path):
@@ -105,114 +98,6 @@ def kind_of(source: str | os.PathLike[str]) -> Kind:
     if suffix in SCAN_SUFFIXES and (suffix != ".ply" or not _has_faces(Path(name))):
         return "scan"
     return "mesh"
-
-
-@checked
-def scan_address(source: str) -> str | None:
-    """Return the address of packets, a bag or a drive, for `manip3d.capture.open_lidar`; or None.
-
-    Parameters
-    ----------
-    source : str
-        A file, a folder or an address; a bag also with one of its topics, as ``drive.bag#/top``.
-        A ``.pcap`` beside an Ouster's JSON file of the same name is read as an Ouster's.
-
-    Returns
-    -------
-    str or None
-
-    Raises
-    ------
-    InputError
-        ``source`` is no text.
-    FormatError
-        A ROS 1 bag has no index.
-    OSError
-        A ROS 1 bag cannot be read.
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from manip3d import viewer
-    >>> Path("drive/velodyne").mkdir(parents=True)
-    >>> [viewer.scan_address(name) for name in ("turns.pcap", "drive", "bunny.obj")]
-    ['pcap:turns.pcap', 'kitti:drive', None]
-    """
-    if source.startswith(_LIDAR_SCHEMES):
-        return source
-    if scan_suffix(source) in _PACKETS:
-        return f"{'ouster' if _has_ouster_metadata(Path(source)) else 'pcap'}:{source}"
-    file, mark, topic = source.rpartition("#")
-    if mark and topic and not Path(source).exists() and Path(file).exists():
-        address = scan_address(file)
-        return f"{address}#{topic}" if address and address.startswith("bag:") else None
-    path = Path(source)
-    is_bag = scan_suffix(source) in _BAGS or (path / "metadata.yaml").is_file()
-    if is_bag or (_is_ros1(path) and capture.holds_clouds(path)):
-        return f"bag:{source}"
-    is_drive = (path / "velodyne").is_dir() or (path / "velodyne_points").is_dir()
-    return f"kitti:{source}" if is_drive else None
-
-
-def _has_ouster_metadata(recording: Path) -> bool:
-    """Whether a sensor's JSON file, which only Ouster's recordings need, lies beside this one."""
-    try:
-        metadata = limited_bytes(recording.with_suffix(".json"), _METADATA_BYTES)
-    except (FormatError, OSError, ValueError):  # ValueError: a name with a zero byte
-        return False
-    return b'"beam_altitude_angles"' in metadata
-
-
-def _is_ros1(path: Path) -> bool:
-    return path.suffix.lower() == ".bag" and path.is_file()
-
-
-@checked
-def rgbd_address(source: str) -> str | None:
-    """Return the address of RGB-D frames, for `manip3d.capture.open_rgbd`; None for anything else.
-
-    Parameters
-    ----------
-    source : str
-        A file, a folder or an address; a ROS 1 bag also with one of its topics of depth images.
-
-    Returns
-    -------
-    str or None
-
-    Raises
-    ------
-    InputError
-        ``source`` is no text.
-    FormatError
-        A ROS 1 bag has no index.
-    OSError
-        A ROS 1 bag cannot be read.
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from manip3d import viewer
-    >>> Path("tum").mkdir()
-    >>> Path("tum", "depth.txt").touch()
-    >>> [viewer.rgbd_address(name) for name in ("walk.mkv", "tum", "openni2:", "bunny.obj")]
-    ['mkv:walk.mkv', 'tum:tum', 'openni2:', None]
-    """
-    path = Path(source)
-    file, mark, topic = source.rpartition("#")
-    bag = Path(file) if mark and topic and not path.exists() else path
-    if _is_ros1(bag):
-        return None if capture.holds_clouds(bag) else f"rgbd-bag:{source}"
-    if path.suffix.lower() == ".mkv":
-        return source if source.startswith("mkv:") else f"mkv:{source}"
-    if path.is_dir():
-        if (path / "depth.txt").is_file():
-            return f"tum:{source}"
-        is_recording = (path / "frames.jsonl").is_file() or (path / "depth").is_dir()
-        return f"folder:{source}" if is_recording else None
-    if _SCHEME.match(source) and not source.startswith(_LIDAR_SCHEMES) and not path.exists():
-        return source
-    return None
 
 
 def _has_faces(path: Path) -> bool:
@@ -300,7 +185,7 @@ def open_thing(
 def _scan(
     name: str, frame: int | None, calibration: str | os.PathLike[str] | None
 ) -> tuple[LidarFrame, str]:
-    uri = scan_address(name)
+    uri = capture.scan_address(name)
     if uri is None:
         scans = io.read_scans(name)
         chosen = _numbered(iter(scans), frame or 0, name)
@@ -327,7 +212,7 @@ def _first_whole(scans: Iterator[LidarFrame], name: str) -> tuple[LidarFrame, st
 
 
 def _rgbd_frame(name: str, frame: int, intrinsics: Intrinsics | None) -> tuple[RgbdFrame, str]:
-    uri = rgbd_address(name)
+    uri = capture.rgbd_address(name)
     assert uri is not None
     options: dict[str, Any] = {} if intrinsics is None else {"camera": intrinsics}
     with capture.open_rgbd(uri, **options) as source:

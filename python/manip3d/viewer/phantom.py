@@ -164,10 +164,9 @@ def render_phantom(
 def _opened(source: str | Iterable[RgbdFrame]) -> Any:
     if not isinstance(source, str):
         return nullcontext(source)
-    from manip3d.capture import open_rgbd
-    from manip3d.viewer.opening import rgbd_address
+    from manip3d import capture
 
-    return open_rgbd(rgbd_address(source) or source)
+    return capture.open_rgbd(capture.rgbd_address(source) or source)
 
 
 class Sink(Protocol):

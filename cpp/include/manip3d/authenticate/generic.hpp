@@ -80,7 +80,6 @@ struct GenericResult {
   int num_turns = 0;  ///< Before and behind this one, that kTime was judged by.
   std::int64_t num_directions =
       0;  ///< Lasers and steps (without an encoder: points) that answered.
-  [[nodiscard]] int num_cell_rows() const { return static_cast<int>(cells.size()) / kCellColumns; }
 };
 
 /// Looks for edits in one frame of a scanner whose lattice is known.

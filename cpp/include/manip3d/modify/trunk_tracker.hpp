@@ -69,8 +69,6 @@ class TrunkTracker {
   [[nodiscard]] double deviation_deg() const { return deviation_deg_; }
   /// Standard deviation of a point's distance from the plane, metres, by the plane's own errors.
   [[nodiscard]] double deviation_at(const Eigen::Vector3d& p, const BodyFrame& frame) const;
-  /// Share of the key frame's points that the last frame agreed with.
-  [[nodiscard]] double surface_share() const { return surface_share_; }
 
  private:
   struct Pose {  ///< Trunk to camera.
@@ -155,7 +153,7 @@ class TrunkTracker {
   /// Covariance of the plane's place within the trunk: roll and yaw of its normal, radians, and its
   /// offset, metres.
   Eigen::Matrix3d covariance_ = Eigen::Matrix3d::Zero();
-  double surface_share_ = 0.0;
+  double surface_share_ = 0.0;  ///< Share of the key frame that the last frame agreed with.
   double deviation_deg_ = 0.0;
 };
 

@@ -1,0 +1,126 @@
+"""The address under which a file or a folder is opened."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from manip3d._util.checked import checked
+from manip3d.capture._bag import holds_clouds
+from manip3d.errors import FormatError
+from manip3d.io._files import limited_bytes
+from manip3d.io._scan_tables import scan_suffix
+
+_PACKETS = (".pcap", ".pcapng")
+_BAGS = (".mcap", ".db3")
+_LIDAR_SCHEMES = ("pcap:", "ouster:", "kitti:", "velodyne:", "bag:")
+_SCHEME = re.compile(r"[a-z][a-z0-9-]+:")  # of two characters at least: C:\scan.pcd is a file
+_METADATA_BYTES = 1 << 20  # of an Ouster's JSON file, which has about 10 kB
+
+
+@checked
+def scan_address(source: str) -> str | None:
+    """Return the address of packets, a bag or a drive, for `open_lidar`; or None.
+
+    Parameters
+    ----------
+    source : str
+        A file, a folder or an address; a bag also with one of its topics, as ``drive.bag#/top``.
+        A ``.pcap`` beside an Ouster's JSON file of the same name is read as an Ouster's.
+
+    Returns
+    -------
+    str or None
+
+    Raises
+    ------
+    InputError
+        ``source`` is no text.
+    FormatError
+        A ROS 1 bag has no index.
+    OSError
+        A ROS 1 bag cannot be read.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from manip3d import capture
+    >>> Path("drive/velodyne").mkdir(parents=True)
+    >>> [capture.scan_address(name) for name in ("turns.pcap", "drive", "bunny.obj")]
+    ['pcap:turns.pcap', 'kitti:drive', None]
+    """
+    if source.startswith(_LIDAR_SCHEMES):
+        return source
+    if scan_suffix(source) in _PACKETS:
+        return f"{'ouster' if _has_ouster_metadata(Path(source)) else 'pcap'}:{source}"
+    file, mark, topic = source.rpartition("#")
+    if mark and topic and not Path(source).exists() and Path(file).exists():
+        address = scan_address(file)
+        return f"{address}#{topic}" if address and address.startswith("bag:") else None
+    path = Path(source)
+    is_bag = scan_suffix(source) in _BAGS or (path / "metadata.yaml").is_file()
+    if is_bag or (_is_ros1(path) and holds_clouds(path)):
+        return f"bag:{source}"
+    is_drive = (path / "velodyne").is_dir() or (path / "velodyne_points").is_dir()
+    return f"kitti:{source}" if is_drive else None
+
+
+def _has_ouster_metadata(recording: Path) -> bool:
+    """Whether a sensor's JSON file, which only Ouster's recordings need, lies beside this one."""
+    try:
+        metadata = limited_bytes(recording.with_suffix(".json"), _METADATA_BYTES)
+    except (FormatError, OSError, ValueError):  # ValueError: a name with a zero byte
+        return False
+    return b'"beam_altitude_angles"' in metadata
+
+
+def _is_ros1(path: Path) -> bool:
+    return path.suffix.lower() == ".bag" and path.is_file()
+
+
+@checked
+def rgbd_address(source: str) -> str | None:
+    """Return the address of RGB-D frames, for `open_rgbd`; None for anything else.
+
+    Parameters
+    ----------
+    source : str
+        A file, a folder or an address; a ROS 1 bag also with one of its topics of depth images.
+
+    Returns
+    -------
+    str or None
+
+    Raises
+    ------
+    InputError
+        ``source`` is no text.
+    FormatError
+        A ROS 1 bag has no index.
+    OSError
+        A ROS 1 bag cannot be read.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from manip3d import capture
+    >>> Path("tum").mkdir()
+    >>> Path("tum", "depth.txt").touch()
+    >>> [capture.rgbd_address(name) for name in ("walk.mkv", "tum", "openni2:", "bunny.obj")]
+    ['mkv:walk.mkv', 'tum:tum', 'openni2:', None]
+    """
+    path = Path(source)
+    file, mark, topic = source.rpartition("#")
+    bag = Path(file) if mark and topic and not path.exists() else path
+    if _is_ros1(bag):
+        return None if holds_clouds(bag) else f"rgbd-bag:{source}"
+    if path.suffix.lower() == ".mkv":
+        return source if source.startswith("mkv:") else f"mkv:{source}"
+    if path.is_dir():
+        if (path / "depth.txt").is_file():
+            return f"tum:{source}"
+        is_recording = (path / "frames.jsonl").is_file() or (path / "depth").is_dir()
+        return f"folder:{source}" if is_recording else None
+    if _SCHEME.match(source) and not source.startswith(_LIDAR_SCHEMES) and not path.exists():
+        return source
+    return None

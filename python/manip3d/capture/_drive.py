@@ -1,0 +1,146 @@
+"""The scans of a drive or of a recording, one after the other, past those that cannot be read."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from manip3d._util.checked import checked
+from manip3d.authenticate import drive_numbers, drive_scans, find_record, read_record
+from manip3d.capture._addresses import scan_address
+from manip3d.capture._lidar import expect_scans, open_lidar
+from manip3d.errors import Error, InputError
+from manip3d.io import read_scan
+
+if TYPE_CHECKING:
+    from manip3d.lidar import LidarFrame
+
+_SCHEMES = ("pcap", "ouster", "kitti", "bag")
+
+
+class LidarDrive:
+    """Result of `open_drive`: its scans, as `manip3d.authenticate.inspect_drive` takes them.
+
+    Attributes
+    ----------
+    names : list of str
+        Names of the scans that were read so far.
+    errors : dict of int to str
+        Why scans could not be read, by their places.
+    paths : dict of int to Path
+        Files of the scans, where they have one each.
+    """
+
+    def __init__(self, source: str, calibration: str | os.PathLike[str] | None) -> None:
+        self.names: list[str] = []
+        self.errors: dict[int, str] = {}
+        self.paths: dict[int, Path] = {}
+        self._source, self._calibration = source, calibration
+        address = scan_address(source) or ""
+        self._is_folder = Path(source).is_dir() and not address.startswith("bag:")
+        self._address = address
+        if self._is_folder and calibration is not None:
+            raise InputError("calibration: expected with a recording of packets, got scans")
+        if not self._is_folder and address.partition(":")[0] not in _SCHEMES:
+            known = ", ".join(f"{name}:PATH" for name in _SCHEMES)
+            raise InputError(f"{source}: expected a file, a folder or one of {known}")
+
+    @property
+    def numbers(self) -> list[int] | None:
+        """Numbers of the scans, by which neighbours are told; None: all follow each other."""
+        return drive_numbers(self._source) if self._is_folder else None
+
+    def __iter__(self) -> Iterator[LidarFrame | None]:
+        """Read the scans; None for one that cannot be read, with which a recording ends."""
+        for known in (self.names, self.errors, self.paths):
+            known.clear()
+        return self._files() if self._is_folder else self._recorded()
+
+    def records(self) -> Iterator[bytes | None]:
+        """Read the watermarks' records beside the scans, one for each scan that was read.
+
+        Yields
+        ------
+        bytes or None
+            b'' where a record is missing or unreadable; None of a scan without a file of its own.
+        """
+        for number in itertools.count():
+            path = self.paths.get(number)
+            yield None if path is None else _record_beside(path)
+
+    def _files(self) -> Iterator[LidarFrame | None]:
+        for number, path in enumerate(drive_scans(self._source)):
+            self.names.append(path.name)
+            self.paths[number] = path
+            try:
+                yield read_scan(path)
+            except (Error, OSError) as error:
+                self.errors[number] = str(error)
+                yield None
+
+    def _recorded(self) -> Iterator[LidarFrame | None]:
+        with open_lidar(self._address, calibration=self._calibration) as opened:
+            try:
+                scans = expect_scans(opened, self._address, lambda: opened.counters)
+                for number, frame in enumerate(scans):
+                    self.names.append(f"frame {number}")
+                    yield frame
+            except (Error, OSError) as error:
+                if not self.names:
+                    raise
+                self.errors[len(self.names)] = str(error)
+                self.names.append(f"frame {len(self.names)}")
+                yield None
+
+
+def _record_beside(scan: Path) -> bytes:
+    """A record that cannot be read is none: the scan is judged all the same."""
+    try:
+        return read_record(find_record(scan)) or b""
+    except (Error, OSError):
+        return b""
+
+
+@checked
+def open_drive(
+    source: str | os.PathLike[str], *, calibration: str | os.PathLike[str] | None = None
+) -> LidarDrive:
+    """Open the scans of a drive, or of a recording of a LiDAR, to inspect them in their order.
+
+    A scan that cannot be read is None, and the others go on; a recording ends there.
+
+    Parameters
+    ----------
+    source : path or str
+        Folder in KITTI's layout, a file of packets (``.pcap``), a bag, or an address of
+        `open_lidar`.
+    calibration : path, optional
+        Calibration of a Velodyne HDL-64E, for packets.
+
+    Returns
+    -------
+    LidarDrive
+
+    Raises
+    ------
+    InputError
+        The source is no drive and no recording; a calibration is given for files of scans.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from manip3d import authenticate, capture
+    >>> folder = Path("drive", "velodyne")
+    >>> folder.mkdir(parents=True)
+    >>> for name in ("000004.bin", "000005.bin"):
+    ...     np.zeros((100, 4), np.float32).tofile(folder / name)
+    >>> drive = capture.open_drive("drive")
+    >>> found = list(authenticate.inspect_drive(drive, numbers=drive.numbers))
+    >>> drive.names, [each.verdict for each in found]
+    (['000004.bin', '000005.bin'], ['undecidable', 'undecidable'])
+    """
+    return LidarDrive(os.fspath(source), calibration)

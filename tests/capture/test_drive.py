@@ -1,0 +1,64 @@
+"""The scans of a drive, past those that cannot be read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from manip3d import InputError, authenticate, capture
+from velodyne_packets import block, ethernet, packet, pcap, udp_frame
+
+
+@pytest.fixture
+def drive(tmp_path: Path) -> Path:
+    folder = tmp_path / "drive" / "velodyne"
+    folder.mkdir(parents=True)
+    for number in (3, 4, 6):
+        np.full((number, 4), 1.0, np.float32).tofile(folder / f"{number:06d}.bin")
+    (folder / "000004.bin").write_bytes(b"cut short")
+    return tmp_path / "drive"
+
+
+def test_a_scan_that_cannot_be_read_leaves_a_gap(drive: Path) -> None:
+    opened = capture.open_drive(drive)
+    for _ in range(2):  # again from the beginning
+        scans = [None if scan is None else scan.num_points for scan in opened]
+        assert scans == [3, None, 6]
+        assert opened.names == ["000003.bin", "000004.bin", "000006.bin"]
+        assert list(opened.errors) == [1]
+        assert "000004.bin" in opened.errors[1]
+    assert opened.numbers == authenticate.drive_numbers(drive)
+    assert opened.paths[2] == drive / "velodyne" / "000006.bin"
+
+
+def test_records_go_along_with_the_scans(drive: Path) -> None:
+    (drive / "velodyne" / "000006.bin.wm").write_bytes(b"of six")
+    opened = capture.open_drive(drive)
+    pairs = [record for _, record in zip(opened, opened.records(), strict=False)]
+    assert pairs == [b"", b"", b"of six"]
+
+
+def test_a_recording_of_packets_is_a_drive_without_numbers(tmp_path: Path) -> None:
+    frames = []
+    for start in range(0, 90000, 480):
+        blocks = [block(start + 40 * b, [1000 + b] * 32) for b in range(12)]
+        frames.append(ethernet(udp_frame(packet(blocks, product=0x22))))
+    path = tmp_path / "turns.pcap"
+    path.write_bytes(pcap(frames, step=0.001))
+    opened = capture.open_drive(path)
+    assert [scan is not None for scan in opened] == [True] * 3
+    assert (opened.names, opened.numbers, opened.paths) == (
+        ["frame 0", "frame 1", "frame 2"],
+        None,
+        {},
+    )
+    assert next(opened.records()) is None
+
+
+def test_what_is_no_drive_is_refused(drive: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="expected a file, a folder or one of pcap:PATH"):
+        capture.open_drive(tmp_path / "nothing.obj")
+    with pytest.raises(InputError, match="calibration: expected with a recording of packets"):
+        capture.open_drive(drive, calibration="db.xml")
