@@ -1,13 +1,16 @@
 """The relief on all range scans and RGB-D recordings of the data folder, beside an edge collapse.
 
 ``python benchmarks/bench_every_depth.py [--inputs ...] [--shares ...]
-[--efforts ...] [--frames N] [-o every_depth.json]``
+[--efforts ...] [--frames N] [--alone] [-o every_depth.json]``
 
 Frames of a recording are taken at equal distances. Images lose the faces across steps in depth as
 `manip3d depth` leaves them out, ours and the dense mesh alike. The peer simplifies the dense mesh
 to as many vertices; its time includes making that mesh. Everything runs on one core; times are
 processor time, the least of the rounds. Results are stored after each image, beside those of other
 images, shares and efforts; `--inputs` without a name writes the tables of what is stored.
+
+`--alone` runs no peer and measures no errors: coverage and bridges of all inputs, in half a minute.
+They are not stored, but written to their own section.
 """
 
 from __future__ import annotations
@@ -126,6 +129,15 @@ def compare(
     return rows
 
 
+def alone(surface: Surface, shares: Sequence[float], efforts: Sequence[str]) -> Iterator[Row]:
+    """What ours covers, at each share of the points."""
+    for share in shares:
+        for how in efforts:
+            found = surface.relief(max(3, math.ceil(share * surface.points)), **OURS[how][0])
+            row: Row = {"input": surface.name, "share": share, "how": how, "faces": found.num_faces}
+            yield row | {"coverage": found.coverage, "bridges": found.bridges}
+
+
 def _peer_row(dense: Any, name: str, points: int, meshing: float, rounds: int) -> Row:
     peer = PEERS[name]
     faces = faces_for(peer, dense, points)
@@ -149,8 +161,16 @@ def main() -> None:
     parser.add_argument("--efforts", nargs="*", default=list(OURS), choices=OURS)
     parser.add_argument("--frames", type=int, default=2, help="of each recording")
     parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--alone", action="store_true", help="without peers and errors")
     parser.add_argument("-o", "--output", type=Path, default=Path("every_depth.json"))
     arguments = parser.parse_args()
+    if arguments.alone:
+        images = [image for name in arguments.inputs for image in surfaces(name, arguments.frames)]
+        efforts = [how for how in arguments.efforts if how != "balanced, moved"]  # as without moves
+        tables.write_every_coverage(
+            [row for image in images for row in alone(image, arguments.shares, efforts)]
+        )
+        return
     results: dict[str, Any] = {"environment": environment(), "rows": []}
     if arguments.output.exists():
         results = json.loads(arguments.output.read_text())

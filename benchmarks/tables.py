@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 import statistics
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -412,6 +412,37 @@ def every_depth(results: Row) -> str:
           row["stop"]) for row in rows if _is_far(row)),
     ))  # fmt: skip
     return "\n".join(parts)
+
+
+def write_every_coverage(rows: Sequence[Row], path: Path = RESULTS) -> None:
+    """The section `every_coverage`."""
+    write_section("every_coverage", every_coverage(rows), path)
+
+
+def every_coverage(rows: Sequence[Row]) -> str:
+    """How many images are covered as is aimed at, and which is covered least."""
+    head = ("", "points", "images", "empty", "coverage 0.99 and more", "0.95 and more", "least",
+            "of", "bridges 0.1 % and less", "median", "most", "of")  # fmt: skip
+    groups: dict[tuple[str, float], list[Row]] = {}
+    for row in rows:
+        groups.setdefault((row["how"], row["share"]), []).append(row)
+
+    def line(how: str, share: float, of: list[Row]) -> tuple[str, ...]:
+        least = min(of, key=lambda row: row["coverage"])
+        most = max(of, key=lambda row: row["bridges"])
+
+        def count(is_so: Callable[[Row], bool]) -> str:
+            return str(sum(map(is_so, of)))
+
+        return (
+            how, _percent(share), str(len(of)), count(lambda row: row["faces"] == 0),
+            count(lambda row: row["coverage"] >= 0.99), count(lambda row: row["coverage"] >= 0.95),
+            f"{least['coverage']:.3f}", least["input"], count(lambda row: row["bridges"] <= 1e-3),
+            _percent(statistics.median(row["bridges"] for row in of)), _percent(most["bridges"]),
+            most["input"],
+        )  # fmt: skip
+
+    return table(head, (line(*key, of) for key, of in groups.items()))
 
 
 def write_missing_pixels(results: Row, path: Path = RESULTS) -> None:
