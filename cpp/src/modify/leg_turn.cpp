@@ -61,7 +61,7 @@ bool has_parts(const Skeleton& person, Limb leg) {
   return std::ranges::all_of(main, [&](Joint joint) { return is_usable(person, joint); });
 }
 
-/// The squared sine of the angle between a thigh and the trunk: 1 on a seat, 0 of who stands.
+/// The squared sine of the angle between a thigh and the trunk: 1 on a seat, 0 standing.
 double seated_share(const Skeleton& person, Limb leg, const BodyFrame& trunk) {
   const auto chain = limb_chain(leg);
   if (!is_usable(person, chain[0]) || !is_usable(person, chain[1])) return 0.0;
@@ -110,7 +110,7 @@ std::optional<LegPlane> plane_between(const Parts& intact, const Parts& affected
   const double nn = trunk.n.dot(form * trunk.n), zz = trunk.z.dot(form * trunk.z);
   const double nz = 0.5 * (trunk.n.dot(form * trunk.z) + trunk.z.dot(form * trunk.n));
   // The eigenvector of the lesser eigenvalue; its tangent by the half-angle formula.
-  const double half = 0.5 * (zz - nn), length = std::hypot(half, nz);
+  const double half = 0.5 * (zz - nn), length = std::sqrt(half * half + nz * nz);
   if (!(half + length > 1e-9 * weight)) return std::nullopt;
   const double turn = -nz / (half + length);
   const Eigen::Vector3d n = (trunk.n + turn * trunk.z).normalized();
