@@ -14,8 +14,6 @@ from hypothesis import settings
 
 import real_data
 from manip3d import Mesh, RenderError, datasets
-from manip3d.viewer import _chromium
-from manip3d.viewer.page import BUNDLE
 
 # Seconds depend on what else runs; the same examples in every run.
 settings.register_profile("ci", max_examples=200, deadline=None, derandomize=True)
@@ -82,6 +80,9 @@ def realdata() -> real_data.RealData:
 @pytest.fixture(scope="session")
 def chromium() -> None:
     """Skip where there is no browser or no page to show in it; ``-m browser`` chooses its tests."""
+    from manip3d.viewer import _chromium
+    from manip3d.viewer.page import BUNDLE
+
     if not BUNDLE.exists():
         pytest.skip("the viewer is not built: make setup")
     pytest.importorskip("PIL.Image")
