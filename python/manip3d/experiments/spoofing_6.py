@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -192,7 +193,7 @@ def _turns(number: int) -> _Turns:
 
 
 def _wider(box: Box) -> Box:
-    return Box(box.center, tuple(side + 0.1 for side in box.size), box.yaw)  # type: ignore[arg-type]
+    return replace(box, size=tuple(side + 0.1 for side in box.size))
 
 
 def _trace(number: int) -> tuple[Points, Box] | None:
