@@ -35,7 +35,7 @@ LEAST, MOST = (2.5, 1.2, 1.0), (5.5, 2.6, 2.4)
 """Metres: length, width and height of the points of a car that are seen from two sides."""
 
 FIRST_STREET = 89_000
-"""Of the simulated frames: streets that fixed no threshold."""
+"""First of the simulated streets, which fixed no threshold."""
 
 
 def corners(box: Box) -> Polygon:

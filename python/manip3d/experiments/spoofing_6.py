@@ -29,7 +29,7 @@ FIRST_STREET, DONORS = 91_000, 92_000
 """Streets of the scans, and of the cars whose returns are replayed; no threshold stands on them."""
 STREETS, STREETS_PER_CASE = {"full": 60, "quick": 2}, {"full": 10, "quick": 2}
 FEWEST_RETURNS = 20
-"""Of a car that counts, genuine or replayed."""
+"""Returns of a car that counts, genuine or replayed."""
 GENUINE_RANGES, SPOOFED_RANGES = (5.0, 40.0), (5.0, 8.0)
 """Metres to the middle of a car: spoofing aims right before the victim [Sun et al., 2020]."""
 WITHIN = math.radians(10.0)
