@@ -190,14 +190,14 @@ void bind_io(py::module_& m) {
   m.def(
       "write_mesh",
       [](const PyMesh& mesh, const py::bytes& path, const py::bytes& texture_folder,
-         std::int64_t max_vertices, const py::typing::List<PyMesh>& coarser,
+         std::int64_t max_vertices, bool quantize, const py::typing::List<PyMesh>& coarser,
          const std::vector<double>& coverages) {
         const BorrowedMesh borrowed(mesh);
         std::vector<std::unique_ptr<BorrowedMesh>> levels;
         const std::vector<Material> materials = materials_of(mesh);
         const auto file = to_path(path, "path");
         WriteOptions options{
-            to_path(texture_folder, "texture_folder"), max_vertices, {}, coverages};
+            to_path(texture_folder, "texture_folder"), max_vertices, quantize, {}, coverages};
         for (const py::handle level : coarser) {
           levels.push_back(
               std::make_unique<BorrowedMesh>(py::reinterpret_borrow<py::object>(level)));
@@ -211,7 +211,7 @@ void bind_io(py::module_& m) {
         return to_list(warnings);
       },
       py::arg("mesh"), py::arg("path"), py::arg("texture_folder"), py::arg("max_vertices"),
-      py::arg("coarser"), py::arg("coverages"));
+      py::arg("quantize"), py::arg("coarser"), py::arg("coverages"));
   m.def(
       "read_range_grid",
       [](const py::bytes& path, std::uint64_t max_bytes, const PyProgress& progress) {

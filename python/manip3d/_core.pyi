@@ -2666,6 +2666,7 @@ def write_mesh(
     path: bytes,
     texture_folder: bytes,
     max_vertices: typing.SupportsInt | typing.SupportsIndex,
+    quantize: bool,
     coarser: list[manip3d.mesh.Mesh],
     coverages: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
 ) -> list[str]: ...

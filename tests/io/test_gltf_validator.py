@@ -137,6 +137,11 @@ WRITERS: dict[str, Writer] = {
     "levels of small primitives": lambda path: simplify.lod_chain(
         partly_textured(), 3, method="fast"
     ).write(path, max_vertices=100),
+    "quantised": lambda path: io.write_mesh(partly_textured(), path, quantize=True),
+    "quantised normals": lambda path: io.write_mesh(with_normals(), path, quantize=True),
+    "quantised levels": lambda path: simplify.lod_chain(bumpy(), 4).write(
+        path, max_vertices=100, quantize=True
+    ),
     "scene": lambda path: io.write_scene(scene(path), path),
     "simplified scene": lambda path: io.write_scene(
         simplify.simplify_scene(scene(path), ratio=0.2).scene, path

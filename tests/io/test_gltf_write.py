@@ -327,6 +327,63 @@ def test_open3d_reads_the_same(mesh: Mesh, tmp_path: Path) -> None:
 # --- Real models ----------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("suffix", [".glb", ".gltf"])
+@pytest.mark.parametrize("offset", [0.0, 5e5])
+def test_quantised_values_are_near(offset: float, suffix: str, tmp_path: Path) -> None:
+    """By half a step: of 65535 along the longest side, of 65535 in UV, of 127 in a normal."""
+    rng = np.random.default_rng(7)
+    vertices, normals = rng.random((60, 3)) * [40.0, 7.0, 0.5] + offset, rng.normal(size=(60, 3))
+    faces = rng.permutation(60).reshape(20, 3)
+    mesh = Mesh(
+        vertices, faces, normals=normals, face_normals=faces,
+        texcoords=rng.random((60, 2)), face_texcoords=faces, face_material=np.zeros(20, np.int32),
+        materials=[Material("wood", textures={"base_color": Texture(data=PNG)})],
+    )  # fmt: skip
+    path = tmp_path / f"a{suffix}"
+    manip3d.io.write_mesh(mesh, path, quantize=True)
+    read = manip3d.read_mesh(path)
+    step = 40.0 / 65535
+    off = np.abs(corners(read) - corners(mesh)).max()
+    assert 0.3 * step < off < 0.51 * step + np.spacing(np.float32(offset))
+    off = np.abs(corner_texcoords(read) - corner_texcoords(mesh)).max()
+    assert 0.3 / 65535 < off < 0.51 / 65535
+    assert read.normals is not None
+    assert read.face_normals is not None
+    unit = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    cosines = (read.normals[read.face_normals] * unit[faces]).sum(axis=2)
+    assert cosines.min() > np.cos(np.sqrt(3) * 0.51 / 127)
+    document = json_of(path)
+    assert document["extensionsRequired"] == ["KHR_mesh_quantization"]
+
+
+def test_quantised_files_are_small_and_repeated_textures_stay_exact(tmp_path: Path) -> None:
+    columns = 60
+    tiles = manip3d.simulate.models.floor(columns=columns, rows=columns)
+    assert tiles.texcoords is not None
+    manip3d.io.write_mesh(tiles, tmp_path / "plain.glb")
+    manip3d.io.write_mesh(tiles, tmp_path / "small.glb", quantize=True)
+    sizes = [(tmp_path / name).stat().st_size for name in ("plain.glb", "small.glb")]
+    assert sizes[1] < 0.8 * sizes[0]
+    repeated = tiles.replace(texcoords=3.0 * tiles.texcoords)
+    manip3d.io.write_mesh(repeated, tmp_path / "repeated.glb", quantize=True)
+    off = corner_texcoords(manip3d.read_mesh(tmp_path / "repeated.glb"))
+    np.testing.assert_allclose(off, corner_texcoords(in_groups(repeated)), atol=1e-5)
+
+
+def test_trimesh_reads_quantised_files(tmp_path: Path) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    head = manip3d.simulate.models.head(faces=2000)
+    manip3d.io.write_mesh(head, tmp_path / "head.glb", quantize=True)
+    (loaded,) = trimesh.load(tmp_path / "head.glb", process=False).dump()
+    assert len(loaded.faces) == head.num_faces
+    np.testing.assert_allclose(loaded.bounds, head.bounds, atol=2e-5 * head.diagonal)
+
+
+def test_quantised_values_need_gltf(mesh: Mesh, tmp_path: Path) -> None:
+    with pytest.raises(manip3d.InputError, match="quantised values need"):
+        manip3d.io.write_mesh(mesh, tmp_path / "a.ply", quantize=True)
+
+
 @pytest.mark.parametrize(
     "name",
     [

@@ -81,6 +81,8 @@ ENTRIES: dict[str, Callable[[str], object]] = {
     "capture.open_lidar uri": lambda p: capture.open_lidar(f"pcap:{p}"),
     "capture.open_lidar calibration": lambda p: capture.open_lidar("velodyne:0", calibration=p),
     "capture.open_lidar metadata": lambda p: capture.open_lidar(f"ouster:{__file__}", metadata=p),
+    "capture.open_drive source": capture.open_drive,
+    "capture.open_drive calibration": lambda p: capture.open_drive("velodyne:0", calibration=p),
     "capture.open_rgbd uri": lambda p: capture.open_rgbd(f"mkv:{p}"),
     "capture.read_velodyne_calibration path": capture.read_velodyne_calibration,
     "capture.record path": lambda p: capture.record(
@@ -257,7 +259,7 @@ def test_methods_refuse_a_nul(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         lambda: study.StudyFolder(NUL, {}),
         lambda: authenticate.KeyFile.create(NUL),
         lambda: io.texture_path(mesh.replace(source="a.obj"), Texture("a.png\0.png")),
-        lambda: _core.write_mesh(mesh, b"a.off\0.off", b"", 0, [], []),
+        lambda: _core.write_mesh(mesh, b"a.off\0.off", b"", 0, False, [], []),
         lambda: _core.make_temporary_folder(b"a\0b"),
     ]
     for call in calls:

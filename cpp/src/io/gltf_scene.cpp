@@ -104,15 +104,49 @@ Eigen::Vector3d origin_for_float32(const MeshView& mesh) {
   return box.center().cast<float>().cast<double>();  // exact for readers with float32 nodes too
 }
 
+/// How positions are stored: `origin + scale * stored`. Without a scale they are float32.
+struct PositionFrame {
+  Eigen::Vector3d origin = Eigen::Vector3d::Zero();
+  double scale = 0.0;
+
+  [[nodiscard]] bool is_quantized() const { return scale > 0.0; }
+};
+
+constexpr double kMostSteps = 65535.0;
+
+/// The frame in which 16-bit integers span the box of all levels; one scale for the
+/// three axes, so that normals need none.
+PositionFrame quantized_frame(const std::vector<const MeshView*>& levels) {
+  BoundingBox all = bounding_box(*levels.front());
+  for (const MeshView* level : levels) {
+    const BoundingBox box = bounding_box(*level);
+    all.min = all.min.cwiseMin(box.min);
+    all.max = all.max.cwiseMax(box.max);
+  }
+  // Readers may hold nodes in float32, too: the box begins at one below and ends above.
+  Eigen::Vector3d origin;
+  for (int axis = 0; axis < 3; ++axis) {
+    auto low = static_cast<float>(all.min[axis]);
+    if (low > all.min[axis]) low = std::nextafter(low, -std::numeric_limits<float>::infinity());
+    origin[axis] = low;
+  }
+  const double side = (all.max - origin).maxCoeff() * (1.0 + 1e-6);
+  const auto scale = static_cast<float>(side / kMostSteps);
+  if (!(origin.allFinite() && std::isfinite(scale))) {
+    throw InputError("vertices: expected values that float32 can hold");
+  }
+  return {origin, scale > 0.0F ? scale : 1.0};
+}
+
 using GltfMaterialOf = std::function<std::int64_t(std::int32_t material, bool has_texcoords)>;
 
 /// Writes the triangles of meshes into a scene's accessors.
 class PrimitiveWriter {
  public:
-  PrimitiveWriter(GltfScene& scene, Eigen::Vector3d origin, std::int64_t max_vertices,
+  PrimitiveWriter(GltfScene& scene, PositionFrame frame, std::int64_t max_vertices,
                   std::size_t num_materials, GltfMaterialOf material_of)
       : scene_(scene),
-        origin_(std::move(origin)),
+        frame_(std::move(frame)),
         max_vertices_(max_vertices),
         num_materials_(num_materials),
         material_of_(std::move(material_of)) {
@@ -184,8 +218,8 @@ class PrimitiveWriter {
   }
 
   std::size_t write_accessor(std::string_view bytes, GltfType type, std::size_t count,
-                             const char* shape) {
-    Json accessor = {{"bufferView", scene_.add_buffer_view(bytes)},
+                             const char* shape, std::size_t stride = 0) {
+    Json accessor = {{"bufferView", scene_.add_buffer_view(bytes, stride)},
                      {"componentType", static_cast<int>(type)},
                      {"count", count},
                      {"type", shape}};
@@ -193,7 +227,42 @@ class PrimitiveWriter {
     return scene_.json["accessors"].size() - 1;
   }
 
+  std::size_t write_normalized(std::string_view bytes, GltfType type, const char* shape,
+                               std::size_t stride = 0) {
+    const std::size_t index = write_accessor(bytes, type, splits_.size(), shape, stride);
+    scene_.json["accessors"][index]["normalized"] = true;
+    return index;
+  }
+
+  /// Values in [0, 1] as normalised 16-bit integers.
+  static std::uint16_t in_16_bits(double value) {
+    return static_cast<std::uint16_t>(std::clamp(value, 0.0, 1.0) * kMostSteps + 0.5);
+  }
+
+  // As they are, not normalised: trimesh 5 takes normalised positions as they are, too.
+  std::size_t write_quantized_positions() {
+    std::vector<std::uint16_t> values;  // four to a vertex: elements begin at multiples of 4 bytes
+    values.reserve(4 * splits_.size());
+    std::array<std::uint16_t, 3> low{65535, 65535, 65535}, high{};
+    for (const Split& split : splits_) {
+      for (int axis = 0; axis < 3; ++axis) {
+        const double offset = mesh_->vertices(split.vertex, axis) - frame_.origin[axis];
+        const std::uint16_t value = in_16_bits(offset / frame_.scale / kMostSteps);
+        values.push_back(value);
+        low[axis] = std::min(low[axis], value);
+        high[axis] = std::max(high[axis], value);
+      }
+      values.push_back(0);
+    }
+    const std::size_t index =
+        write_accessor(bytes_of(values), GltfType::kUnsignedShort, splits_.size(), "VEC3", 8);
+    scene_.json["accessors"][index]["min"] = low;
+    scene_.json["accessors"][index]["max"] = high;
+    return index;
+  }
+
   std::size_t write_positions() {
+    if (frame_.is_quantized()) return write_quantized_positions();
     std::vector<float> values;
     values.reserve(3 * splits_.size());
     constexpr float kHuge = std::numeric_limits<float>::max();
@@ -201,7 +270,7 @@ class PrimitiveWriter {
     Eigen::Vector3f high = -low;
     for (const Split& split : splits_) {
       const Eigen::Vector3f p =
-          (mesh_->vertices.row(split.vertex).transpose() - origin_).cast<float>();
+          (mesh_->vertices.row(split.vertex).transpose() - frame_.origin).cast<float>();
       values.insert(values.end(), p.data(), p.data() + 3);
       low = low.cwiseMin(p);
       high = high.cwiseMax(p);
@@ -214,7 +283,22 @@ class PrimitiveWriter {
     return index;
   }
 
+  std::size_t write_quantized_normals() {
+    std::vector<std::int8_t> values;
+    values.reserve(4 * splits_.size());
+    for (const Split& split : splits_) {
+      const Eigen::Vector3d unit =
+          Eigen::Vector3d(mesh_->normals.row(split.normal).transpose()).stableNormalized();
+      for (int axis = 0; axis < 3; ++axis) {
+        values.push_back(static_cast<std::int8_t>(std::lround(127.0 * unit[axis])));
+      }
+      values.push_back(0);
+    }
+    return write_normalized(bytes_of(values), GltfType::kByte, "VEC3", 4);
+  }
+
   std::size_t write_normals() {
+    if (frame_.is_quantized()) return write_quantized_normals();
     std::vector<float> values;
     values.reserve(3 * splits_.size());
     for (const Split& split : splits_) {
@@ -225,7 +309,26 @@ class PrimitiveWriter {
     return write_accessor(bytes_of(values), GltfType::kFloat, splits_.size(), "VEC3");
   }
 
+  /// Whether all texture coordinates lie within the picture; those of repeated ones stay float32.
+  [[nodiscard]] bool is_within_picture() const {
+    return std::ranges::all_of(splits_, [&](const Split& split) {
+      const auto uv = mesh_->texcoords.row(split.texcoord);
+      return uv.minCoeff() >= 0.0 && uv.maxCoeff() <= 1.0;
+    });
+  }
+
+  std::size_t write_quantized_texcoords() {
+    std::vector<std::uint16_t> values;
+    values.reserve(2 * splits_.size());
+    for (const Split& split : splits_) {
+      values.push_back(in_16_bits(mesh_->texcoords(split.texcoord, 0)));
+      values.push_back(in_16_bits(1.0 - mesh_->texcoords(split.texcoord, 1)));
+    }
+    return write_normalized(bytes_of(values), GltfType::kUnsignedShort, "VEC2");
+  }
+
   std::size_t write_texcoords() {
+    if (frame_.is_quantized() && is_within_picture()) return write_quantized_texcoords();
     std::vector<float> values;
     values.reserve(2 * splits_.size());
     for (const Split& split : splits_) {
@@ -258,7 +361,7 @@ class PrimitiveWriter {
   }
 
   GltfScene& scene_;
-  Eigen::Vector3d origin_;
+  PositionFrame frame_;
   std::int64_t max_vertices_;
   std::size_t num_materials_;
   GltfMaterialOf material_of_;
@@ -272,22 +375,25 @@ class SceneBuilder {
   SceneBuilder(const MeshView& mesh, const std::vector<Material>& materials,
                const GltfTextureReader& read_texture, std::vector<std::string>& warnings,
                const WriteOptions& options)
-      : materials_(materials),
-        read_texture_(read_texture),
-        warnings_(warnings),
-        options_(options),
-        origin_(origin_of(mesh)) {
+      : materials_(materials), read_texture_(read_texture), warnings_(warnings), options_(options) {
     levels_.push_back(&mesh);
     for (const MeshView& level : options.coarser) levels_.push_back(&level);
+    for (const MeshView* level : levels_) check_mesh(*level);
+    frame_.origin = origin_for_float32(mesh);
+    if (options.quantize) frame_ = quantized_frame(levels_);
   }
 
   GltfScene build() {
-    PrimitiveWriter writer(scene_, origin_, options_.max_vertices, materials_.size(),
+    PrimitiveWriter writer(scene_, frame_, options_.max_vertices, materials_.size(),
                            [this](std::int32_t material, bool has_texcoords) {
                              return has_texcoords ? std::int64_t{material} : untextured(material);
                            });
     scene_.json["asset"] = {{"version", "2.0"}, {"generator", "manip3d " MANIP3D_VERSION}};
-    if (levels_.size() > 1) scene_.json["extensionsUsed"] = {"MSFT_lod"};
+    if (levels_.size() > 1) scene_.json["extensionsUsed"].push_back("MSFT_lod");
+    if (frame_.is_quantized()) {
+      scene_.json["extensionsUsed"].push_back("KHR_mesh_quantization");
+      scene_.json["extensionsRequired"] = {"KHR_mesh_quantization"};
+    }
     scene_.json["scene"] = 0;
     scene_.json["scenes"] = Json::array({{{"nodes", {0}}}});
     for (std::size_t level = 0; level < levels_.size(); ++level) write_node(level);
@@ -300,14 +406,11 @@ class SceneBuilder {
   }
 
  private:
-  static Eigen::Vector3d origin_of(const MeshView& mesh) {
-    check_mesh(mesh);
-    return origin_for_float32(mesh);
-  }
-
   void write_node(std::size_t level) {
     Json node = {{"mesh", level}};
-    if (!origin_.isZero(0.0)) node["translation"] = {origin_.x(), origin_.y(), origin_.z()};
+    const Eigen::Vector3d& origin = frame_.origin;
+    if (!origin.isZero(0.0)) node["translation"] = {origin.x(), origin.y(), origin.z()};
+    if (frame_.is_quantized()) node["scale"] = {frame_.scale, frame_.scale, frame_.scale};
     if (level == 0 && levels_.size() > 1) {
       std::vector<std::size_t> ids(levels_.size() - 1);
       std::iota(ids.begin(), ids.end(), std::size_t{1});
@@ -414,24 +517,25 @@ class SceneBuilder {
   const GltfTextureReader& read_texture_;
   std::vector<std::string>& warnings_;
   const WriteOptions& options_;
-  Eigen::Vector3d origin_;
+  PositionFrame frame_;
   GltfScene scene_;
   std::map<std::int32_t, std::size_t> untextured_;
 };
 
 }  // namespace
 
-std::size_t GltfScene::add_buffer_view(std::string_view bytes) {
+std::size_t GltfScene::add_buffer_view(std::string_view bytes, std::size_t stride) {
   buffer.resize((buffer.size() + 3) / 4 * 4, '\0');
   json["bufferViews"].push_back(
       {{"buffer", 0}, {"byteOffset", buffer.size()}, {"byteLength", bytes.size()}});
+  if (stride > 0) json["bufferViews"].back()["byteStride"] = stride;
   buffer += bytes;
   return json["bufferViews"].size() - 1;
 }
 
 Json write_primitives(GltfScene& scene, const MeshView& mesh, std::size_t num_materials,
                       std::int64_t max_vertices) {
-  return PrimitiveWriter(scene, Eigen::Vector3d::Zero(), max_vertices, num_materials,
+  return PrimitiveWriter(scene, PositionFrame{}, max_vertices, num_materials,
                          [](std::int32_t material, bool) { return std::int64_t{material}; })
       .primitives(mesh);
 }

@@ -29,8 +29,9 @@ struct GltfScene {
   std::string buffer;
   std::vector<GltfImage> images;
 
-  /// Appends bytes, 4-byte aligned, and gives the index of their bufferView.
-  std::size_t add_buffer_view(std::string_view bytes);
+  /// Appends bytes, 4-byte aligned, and gives the index of their bufferView. `stride` 0: elements
+  /// without gaps.
+  std::size_t add_buffer_view(std::string_view bytes, std::size_t stride = 0);
 };
 
 /// The image file of a texture, or "" (with a warning of its own) where there is none to be had.

@@ -159,9 +159,11 @@ std::vector<std::string> write_mesh(const fs::path& path, const MeshView& mesh,
     throw InputError("path: expected one of " + known_suffixes() + ", got '" + path.string() + "'");
   }
   const bool is_gltf = entry->format == MeshFormat::kGltf || entry->format == MeshFormat::kGlb;
-  if (!is_gltf && (options.max_vertices != 0 || !options.coarser.empty())) {
-    throw InputError("path: levels of detail and parts of limited size need .glb or .gltf, got '" +
-                     path.string() + "'");
+  if (!is_gltf && (options.max_vertices != 0 || options.quantize || !options.coarser.empty())) {
+    throw InputError(
+        "path: levels of detail, parts of limited size and quantised values need .glb or .gltf, "
+        "got '" +
+        path.string() + "'");
   }
   std::vector<std::string> warnings;
   Output output(path, compression_of(path), progress);

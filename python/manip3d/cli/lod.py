@@ -35,6 +35,14 @@ def lod(
             min=3, help="Most vertices of a primitive; 65535 lets every index fit in 16 bits."
         ),
     ] = None,
+    quantize: Annotated[
+        bool,
+        typer.Option(
+            "--quantize",
+            help="Positions and texture coordinates in 16 bits, normals in 8: about half of the "
+            "bytes, for readers that know KHR_mesh_quantization. Not for glTF files.",
+        ),
+    ] = False,
     mode: Annotated[
         Mode | None,
         typer.Option(
@@ -75,6 +83,8 @@ def lod(
     expect_cleaning(chosen, no_clean)
     scene = open_scene(source, output, shell)
     chain: simplify.SceneLods | simplify.LodChain
+    if scene is not None and quantize:
+        raise InputError(f"--quantize: {source}: the nodes of a glTF file are kept")
     if scene is not None:
         with shell.progress("lod") as progress:
             chain = simplify.scene_lods(
@@ -88,7 +98,10 @@ def lod(
             chain = simplify.lod_chain(
                 cleaned, levels, ratio=ratio, method=chosen, progress=progress
             )
-    chain.write(output, max_vertices=max_vertices)
+    if isinstance(chain, simplify.LodChain):
+        chain.write(output, max_vertices=max_vertices, quantize=quantize)
+    else:
+        chain.write(output, max_vertices=max_vertices)
     record = _record(source, output, chain)
     rows = [
         (str(i), str(level["faces"]), f"{level['max_error']:.3g}")

@@ -25,6 +25,7 @@ def write_lods(
     errors: Sequence[float] | None = None,
     error_measure: str = "",
     max_vertices: int | None = None,
+    quantize: bool = False,
 ) -> None:
     """Write levels of detail: one ``.glb`` or ``.gltf``, or a folder with a GLB for each.
 
@@ -45,11 +46,13 @@ def write_lods(
         What the errors measure, in words; for the manifest.
     max_vertices : int, optional
         As for `write_mesh`.
+    quantize : bool
+        As for `write_mesh`; for levels of a mesh only, since a scene keeps its nodes.
 
     Raises
     ------
     InputError
-        No levels, coverages that do not fit them, another suffix, and what
+        No levels, coverages that do not fit them, another suffix, ``quantize`` for scenes, and what
         `write_mesh` refuses.
     OSError
         The operating system refused; what was there is whole.
@@ -70,6 +73,8 @@ def write_lods(
     if not levels:
         raise InputError("levels: expected at least one, got none")
     scenes = [level for level in levels if isinstance(level, Scene)]
+    if scenes and quantize:
+        raise InputError("quantize: expected levels of a mesh; the nodes of a scene are kept")
     meshes = [level for level in levels if isinstance(level, Mesh)]
     if coverages is None:
         finest = max(1, levels[0].num_faces)
@@ -84,14 +89,16 @@ def write_lods(
                 scenes[0], path, coarser=scenes[1:], coverages=shares, max_vertices=max_vertices
             )
         else:
-            write_gltf(meshes, path, shares, max_vertices)
+            write_gltf(meshes, path, shares, max_vertices, quantize)
     elif suffix:
         raise InputError(
             f"path: expected .glb, .gltf or a folder's name without suffix, got {path}"
         )
     else:
         with atomic_folder(path) as folder:
-            manifest = _write_folder([*scenes, *meshes], folder, shares, errors, max_vertices)
+            manifest = _write_folder(
+                [*scenes, *meshes], folder, shares, errors, max_vertices, quantize
+            )
             made: dict[str, Any] = {"levels": manifest}
             if errors is not None and error_measure:
                 made = {"error_measure": error_measure, **made}
@@ -104,6 +111,7 @@ def _write_folder(
     coverages: Sequence[float],
     errors: Sequence[float] | None,
     max_vertices: int | None,
+    quantize: bool,
 ) -> list[dict[str, str | float]]:
     manifest = []
     for i, (level, coverage) in enumerate(zip(levels, coverages, strict=True)):
@@ -118,7 +126,7 @@ def _write_folder(
             write_scene(level, folder / name, max_vertices=max_vertices)
             entry["stored_faces"] = level.num_stored_faces
         else:
-            write_mesh(level, folder / name, max_vertices=max_vertices)
+            write_mesh(level, folder / name, max_vertices=max_vertices, quantize=quantize)
         if errors is not None:
             entry["max_error"] = float(errors[i])
         manifest.append(entry)

@@ -223,7 +223,11 @@ def read_mesh_bytes(
 
 @checked
 def write_mesh(
-    mesh: Mesh, path: str | os.PathLike[str], *, max_vertices: int | None = None
+    mesh: Mesh,
+    path: str | os.PathLike[str],
+    *,
+    max_vertices: int | None = None,
+    quantize: bool = False,
 ) -> None:
     """Write a mesh file: one of `WRITABLE`, alone or followed by ``.gz`` or ``.xz``.
 
@@ -235,11 +239,16 @@ def write_mesh(
     max_vertices : int, optional
         glTF: a primitive with more vertices than this is split. With 65535 every index fits in 16
         bits (65535 itself is no index).
+    quantize : bool
+        glTF: positions and texture coordinates within the picture in 16 bits, normals in 8
+        (``KHR_mesh_quantization``, which readers must know): about half of the bytes. A position
+        moves by at most 1.4e-5 of the longest side of the mesh's box.
 
     Raises
     ------
     InputError
-        Unknown suffix, the mesh is not valid, or ``max_vertices`` is below 3 or for another format.
+        Unknown suffix, the mesh is not valid, or ``max_vertices`` is below 3, or it or ``quantize``
+        is for another format.
     MissingExtraError
         An image must be converted and Pillow is not installed (extra ``io``).
     OSError
@@ -262,9 +271,9 @@ def write_mesh(
     4
     """
     if _is_gltf(path):
-        write_gltf([mesh], path, [], max_vertices)
+        write_gltf([mesh], path, [], max_vertices, quantize)
     else:
-        _write([mesh], path, [], max_vertices)
+        _write([mesh], path, [], max_vertices, quantize)
 
 
 def write_gltf(
@@ -272,9 +281,10 @@ def write_gltf(
     path: str | os.PathLike[str],
     coverages: Sequence[float],
     max_vertices: int | None,
+    quantize: bool,
 ) -> None:
     """Write a glTF file with the levels of detail of a mesh; see `write_lods`."""
-    _write([with_common_images(levels[0]), *levels[1:]], path, coverages, max_vertices)
+    _write([with_common_images(levels[0]), *levels[1:]], path, coverages, max_vertices, quantize)
 
 
 def _is_gltf(path: str | os.PathLike[str]) -> bool:
@@ -287,6 +297,7 @@ def _write(
     path: str | os.PathLike[str],
     coverages: Sequence[float],
     max_vertices: int | None,
+    quantize: bool,
 ) -> None:
     finest = levels[0]
     inside = finest.source is None or is_url(finest.source)
@@ -297,6 +308,7 @@ def _write(
             os.fsencode(local),
             os.fsencode(folder),
             0 if max_vertices is None else max_vertices,
+            quantize,
             list(levels[1:]),
             list(coverages),
         )

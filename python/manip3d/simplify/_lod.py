@@ -73,7 +73,13 @@ class LodChain:
     result: SimplifyResult | QualityResult = field(repr=False)
     error_measure: str = ""
 
-    def write(self, path: str | os.PathLike[str], *, max_vertices: int | None = None) -> None:
+    def write(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        max_vertices: int | None = None,
+        quantize: bool = False,
+    ) -> None:
         """Write all levels; see :func:`manip3d.io.write_lods`.
 
         Parameters
@@ -81,6 +87,8 @@ class LodChain:
         path : path
             As for `manip3d.io.write_lods`.
         max_vertices : int, optional
+            As for `manip3d.io.write_lods`.
+        quantize : bool
             As for `manip3d.io.write_lods`.
         """
         from manip3d.io import write_lods
@@ -91,6 +99,7 @@ class LodChain:
             errors=[level.max_error for level in self.levels],
             error_measure=self.error_measure,
             max_vertices=max_vertices,
+            quantize=quantize,
         )
 
 

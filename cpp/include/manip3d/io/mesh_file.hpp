@@ -76,6 +76,10 @@ struct WriteOptions {
   /// glTF: most vertices of a primitive, which is split where it has more; 0: any number. 65 535
   /// is what 16-bit indices reach (65 535 itself is no index).
   std::int64_t max_vertices = 0;
+  /// glTF: positions and texture coordinates within the picture in 16 bits, normals in 8
+  /// (KHR_mesh_quantization, which readers must know): a position moves by at most 1.4e-5 of the
+  /// longest side of the box.
+  bool quantize = false;
   /// glTF: coarser levels of detail of the mesh, with the same materials (MSFT_lod); and for all
   /// levels, the mesh included, the least share of the screen that they are made for.
   std::vector<MeshView> coarser;
