@@ -134,6 +134,9 @@ KERNELS: dict[str, Kernel] = {
     "authenticate.judged_frames": lambda _: authenticate.judged_frames(walk),
     "forge.background_plate": lambda _: forge.background_plate(walk),
     "forge.without_people": lambda _: forge.without_people(walk[0], walk[1]),
+    "forge.recorded_people": lambda _: forge.recorded_people(walk, with_plate=True),
+    "forge.recorded_poses": lambda _: forge.recorded_poses(walk),
+    "forge.at_pace": lambda _: list(forge.at_pace(walk, 1e7)),
     "forge.stream": lambda _: [f.frame.depth for f in forge.stream(walk, walk[0], kind=1).frames()],
     "modify.animation_mesh": lambda _: modify.animation_mesh(
         person.depth, person.calibration.depth, LABELS

@@ -49,7 +49,7 @@ class LegTurn {
   Eigen::Vector3d normal_ = Eigen::Vector3d::Zero();  ///< Mean, in the camera.
   double turn_ = 0.0;   ///< Mean, as a tangent from the trunk's n to its z.
   double shift_ = 0.0;  ///< Mean distance of the plane from the trunk's origin along its n, metres.
-  double seated_ = 0.0;  ///< Of the intact leg, lately: 1 on a seat, 0 standing.
+  double seated_ = 0.0;  ///< Posture of the intact leg: 1 seated, 0 standing.
   double trust_ = 0.0;   ///< 1 while the affected leg is there.
   /// Running means of the squared sine by which each mean missed the next frame.
   double seat_error_ = 0.0, trunk_error_ = 0.0;

@@ -60,7 +60,7 @@ class PinholeFiller {
   std::vector<std::uint8_t> state_;  ///< By pixel.
   std::vector<Hole> holes_;
   std::vector<std::int64_t> open_;  ///< Pixels of holes that turned out open, to be looked around.
-  std::vector<std::uint8_t> used_;  ///< Of a row of the grid: on the surface.
+  std::vector<std::uint8_t> used_;  ///< Whether a pixel of a row is on the surface.
   std::vector<std::int32_t> hole_at_;
   std::vector<float> points_;
   std::vector<std::uint8_t> valid_;
