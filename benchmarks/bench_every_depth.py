@@ -130,7 +130,7 @@ def compare(
 
 
 def alone(surface: Surface, shares: Sequence[float], efforts: Sequence[str]) -> Iterator[Row]:
-    """What ours covers, at each share of the points."""
+    """Coverage and bridges of our meshes, at each share of the points."""
     for share in shares:
         for how in efforts:
             found = surface.relief(max(3, math.ceil(share * surface.points)), **OURS[how][0])

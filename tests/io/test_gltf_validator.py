@@ -43,7 +43,7 @@ def node() -> str | None:
 
 
 def issues(*paths: Path) -> list[dict[str, Any]]:
-    """What the validator says of each file."""
+    """The validator's issues of each file."""
     program = node()
     if program is None or not VALIDATOR.exists():
         pytest.skip("the Khronos validator is not installed: make setup")

@@ -123,19 +123,12 @@ PositionFrame quantized_frame(const std::vector<const MeshView*>& levels) {
     all.min = all.min.cwiseMin(box.min);
     all.max = all.max.cwiseMax(box.max);
   }
-  // Readers may hold nodes in float32, too: the box begins at one below and ends above.
-  Eigen::Vector3d origin;
-  for (int axis = 0; axis < 3; ++axis) {
-    auto low = static_cast<float>(all.min[axis]);
-    if (low > all.min[axis]) low = std::nextafter(low, -std::numeric_limits<float>::infinity());
-    origin[axis] = low;
-  }
-  const double side = (all.max - origin).maxCoeff() * (1.0 + 1e-6);
-  const auto scale = static_cast<float>(side / kMostSteps);
-  if (!(origin.allFinite() && std::isfinite(scale))) {
+  const double side = (all.max - all.min).maxCoeff();
+  const double farthest = std::max(all.min.cwiseAbs().maxCoeff(), all.max.cwiseAbs().maxCoeff());
+  if (!(farthest <= double{std::numeric_limits<float>::max()})) {
     throw InputError("vertices: expected values that float32 can hold");
   }
-  return {origin, scale > 0.0F ? scale : 1.0};
+  return {all.min, side > 0.0 ? side / kMostSteps : 1.0};
 }
 
 using GltfMaterialOf = std::function<std::int64_t(std::int32_t material, bool has_texcoords)>;
@@ -239,7 +232,7 @@ class PrimitiveWriter {
     return static_cast<std::uint16_t>(std::clamp(value, 0.0, 1.0) * kMostSteps + 0.5);
   }
 
-  // As they are, not normalised: trimesh 5 takes normalised positions as they are, too.
+  // The integers are not normalised: trimesh 5 would not divide them.
   std::size_t write_quantized_positions() {
     std::vector<std::uint16_t> values;  // four to a vertex: elements begin at multiples of 4 bytes
     values.reserve(4 * splits_.size());

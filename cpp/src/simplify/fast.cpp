@@ -604,7 +604,7 @@ class FastSimplifier {
         ring.next[ring.size] = faces_[f][after(c)];
         ring.last[ring.size++] = faces_[f][before(c)];
       }
-      // What fills up has no area, and no edge from v.
+      // The lanes that fill up have no area, and no edge from v.
       for (std::size_t i = ring.size; i % 4 != 0; ++i) ring.next[i] = ring.last[i] = v;
       add_planes(vertices_[v], ring);
     }

@@ -94,7 +94,7 @@ void PinholeFiller::find_holes(const StepRule& steps, const Surface& surface, in
   }
   holes_.clear();
   hole_at_.resize(num_pixels);
-  // What is beside open pixels is open: most of what was not measured is around an object.
+  // A pixel beside an open one is open: most pixels without a measurement lie around an object.
   for (std::int64_t p = grid_.cols + 1; p < num_pixels - grid_.cols; ++p) {
     if (state_[p] != kUnseen) continue;
     if (state_[p - 1] == kOpen || state_[p - grid_.cols] == kOpen) {

@@ -241,8 +241,9 @@ def write_mesh(
         bits (65535 itself is no index).
     quantize : bool
         glTF: positions and texture coordinates within the picture in 16 bits, normals in 8
-        (``KHR_mesh_quantization``, which readers must know): about half of the bytes. A position
-        moves by at most 1.4e-5 of the longest side of the mesh's box.
+        (``KHR_mesh_quantization``, which readers must know): 8 bytes instead of 12 for a position,
+        4 instead of 8 for a texture coordinate, 4 instead of 12 for a normal. A position moves by
+        at most 1.4e-5 of the longest side of the mesh's box.
 
     Raises
     ------

@@ -173,7 +173,7 @@ of them, 320 bytes at 30 %."""
 
 
 class _Kept(threading.local):
-    """What each thread keeps between calls."""
+    """The memory that each thread keeps between calls."""
 
     def __init__(self) -> None:
         self.solver = _core.ReliefSolver()
