@@ -39,8 +39,8 @@ def lod(
         bool,
         typer.Option(
             "--quantize",
-            help="Positions and texture coordinates in 16 bits, normals in 8, for readers that know "
-            "KHR_mesh_quantization. Not for glTF files.",
+            help="Positions and texture coordinates in 16 bits, normals in 8, for readers that "
+            "know KHR_mesh_quantization. Not for glTF files.",
         ),
     ] = False,
     mode: Annotated[
