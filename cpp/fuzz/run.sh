@@ -1,5 +1,5 @@
 #!/bin/bash
-# Runs each fuzz target over its corpus, then EXECUTIONS times from a fixed seed; one per core.
+# Runs each fuzz target over its corpus, then EXECUTIONS times; one per core.
 # usage: cpp/fuzz/run.sh EXECUTIONS [TARGET...]      TARGET: obj, mtl, ply, ...; default: all
 # Kernels (metrics, simplify, cs3, phantom, ...) run a tenth of that.
 # Build first: cmake --preset sanitizers && cmake --build --preset sanitizers. FUZZ_BUILD names another folder.
@@ -26,7 +26,8 @@ findings=$build/findings
 mkdir -p "$findings"
 
 fuzz() {
-  local name=$1 options program corpus log work count runs dictionary result done_runs rate failed=0
+  local name=$1 options program corpus log work count runs dictionary result done_runs rate artifact
+  local failed=0
   options=(-max_len=65536 -malloc_limit_mb=256 -timeout=10 -seed=1 "-artifact_prefix=$findings/")
   program=$build/fuzz_$name
   corpus=$here/corpus/$name
@@ -38,7 +39,8 @@ fuzz() {
   [[ $kernels == *" $name "* ]] && runs=$((executions / 10))
   dictionary=()
   [ -e "$here/$name.dict" ] && dictionary=("-dict=$here/$name.dict")
-  # First the corpus as it stands, which holds every past finding; then new inputs.
+  # First the corpus as it stands, which holds every past finding; then new inputs. The same seed does
+  # not make the same inputs: what libFuzzer sees of addresses and threads differs from run to run.
   if find "$corpus" -type f -exec "$program" "${options[@]}" {} + >"$log" 2>&1 &&
     "$program" "${options[@]}" "${dictionary[@]}" -runs="$runs" -print_final_stats=1 "$work" "$corpus" \
       >"$log" 2>&1; then
@@ -51,6 +53,12 @@ fuzz() {
   done_runs=$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")
   rate=$(sed -n 's/^stat::average_exec_per_sec: *//p' "$log")
   printf '%-14s %8s %12s %10s %s\n' "$name" "$count" "${done_runs:--}" "${rate:--}" "$result"
+  # Where only the output is kept, as of CI, the input can be made again from it.
+  if [ "$failed" -ne 0 ]; then
+    grep -v '^#' "$log" | tail -n 30
+    artifact=$(sed -n 's/.*Test unit written to //p' "$log" | tail -n 1)
+    [ -z "$artifact" ] || { echo "base64 of $(basename "$artifact"):" && base64 "$artifact"; }
+  fi
   return $failed
 }
 export -f fuzz

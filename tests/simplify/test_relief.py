@@ -217,6 +217,25 @@ def test_levels_of_any_sizes_share_their_vertices(
     assert np.array_equal(faces, alone.faces)
 
 
+def test_a_vertex_that_cannot_leave_its_pinhole_leaves_all_levels() -> None:
+    # A fuzzer's image: 118 vertices were written where 83 had been asked for.
+    heights = (
+        "9e899aaa.9e.edd99a88.b8f2a2aaa",
+        "2a1...099a88.b8f2a22a2.b899a88",
+        ".b8f2a22a2....................",
+    )
+    valid = np.array([[height != "." for height in row] for row in heights])
+    points = np.zeros((*valid.shape, 3), np.float32)
+    points[..., 1], points[..., 0] = np.mgrid[0:3, 0:30]
+    points[..., 2] = [[50 + int(height.replace(".", "0"), 16) for height in row] for row in heights]
+    result = simplify.relief_grid(points, valid, 83, levels=(60, 40))
+    assert result.filled_pixels > 0
+    check_promises(result, points, valid, 83)
+    for size, (count, _) in zip((60, 40), result.levels, strict=True):
+        assert count <= size
+        check_surface(result.prefix(count), valid)
+
+
 def test_a_plane_needs_its_corners_only() -> None:
     camera = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
     v, u = np.mgrid[0:48, 0:64]

@@ -181,10 +181,12 @@ struct Relief::Memory {
   Triangulation careless;  ///< The same where triangles across steps were not refused.
   relief_detail::Collapser collapser;
   relief_detail::Refiner refiner;
-  std::vector<Vec3> sight;               ///< By vertex: where it may slide.
-  std::vector<std::int32_t> order;       ///< Vertices by pixel.
-  std::vector<std::int32_t> number;      ///< Vertex -> output vertex; kNone: left out.
-  std::vector<std::uint8_t> is_written;  ///< By vertex; empty: all are.
+  std::vector<Vec3> sight;                         ///< By vertex: where it may slide.
+  std::vector<std::int32_t> order;                 ///< Vertices by pixel.
+  std::vector<std::int32_t> number;                ///< Vertex -> output vertex; kNone: left out.
+  std::vector<std::vector<std::uint8_t>> written;  ///< By level, last the mesh, and vertex.
+  std::vector<std::uint8_t> may_write;             ///< By vertex.
+  std::vector<std::int32_t> written_pixels;        ///< Of the vertices that are written.
   struct Placed {
     std::int32_t pixel, number;
     auto operator<=>(const Placed&) const = default;
@@ -228,11 +230,15 @@ struct Relief::Memory {
   void fix_vertices();
   [[nodiscard]] bool holds(const Triangulation& smaller);
   void find_sight(const ReliefOptions& options);
-  /// Which vertices are in triangles with all corners at measured pixels, if there are pinholes: a
-  /// vertex that could not leave one goes, with its triangles.
-  void find_written(const Triangulation& of);
+  /// Which vertices of the mesh and of its levels are written, if there are pinholes: a vertex that
+  /// could not leave one goes, with its triangles, and vertices that are left without a triangle
+  /// go, too. From the largest size down, since each has the vertices of the next smaller one.
+  void find_written();
+  void find_written(const Triangulation& of, std::vector<std::uint8_t>& is_written);
   /// @param once  the triangles of a pixel share a vertex, also where they meet nowhere else.
-  std::int32_t number_vertices(const Triangulation& of, bool once);
+  /// @param is_written  by vertex; empty: all are.
+  std::int32_t number_vertices(const Triangulation& of, bool once,
+                               std::span<const std::uint8_t> is_written);
   void write(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
   void write_faces(const Triangulation& from, bool rows_up, Rows<std::int32_t, 3>& to);
   void move_points(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
@@ -433,21 +439,43 @@ void Relief::Memory::find_sight(const ReliefOptions& options) {
   }
 }
 
-void Relief::Memory::find_written(const Triangulation& of) {
-  is_written.clear();
+void Relief::Memory::find_written() {
+  written.resize(levels.size() + 1);
+  for (std::vector<std::uint8_t>& none : written) none.clear();
   if (pinholes.num_filled() == 0) return;
-  is_written.resize(of.num_slots());
+  mesh.sorted_vertices(order);
+  written_pixels.clear();
+  for (const std::int32_t v : order) written_pixels.push_back(mesh.vertex(v).pixel);
+  find_written(mesh, written.back());
+  for (std::size_t i = levels.size(); i-- > 0;) find_written(levels[i], written[i]);
+}
+
+void Relief::Memory::find_written(const Triangulation& of, std::vector<std::uint8_t>& is_written) {
+  may_write.assign(of.num_slots(), 0);
+  of.sorted_vertices(order);
+  auto larger = written_pixels.begin();  // of the next larger size
+  for (const std::int32_t v : order) {
+    const std::int32_t pixel = of.vertex(v).pixel;
+    while (larger != written_pixels.end() && *larger < pixel) ++larger;
+    if (larger == written_pixels.end() || *larger != pixel) continue;
+    ++larger;
+    may_write[v] = is_pinhole(pixel) ? 0 : 1;
+  }
+  is_written.assign(of.num_slots(), 0);
   for (std::int32_t t = 0; t < of.num_face_slots(); ++t) {
     if (!of.is_face(t)) continue;
     const Triangle& corners = of.triangle(t);
-    const auto is_over = [&](std::int32_t v) { return is_pinhole(of.vertex(v).pixel); };
-    if (std::ranges::any_of(corners, is_over)) continue;
+    if (!std::ranges::all_of(corners, [&](std::int32_t v) { return may_write[v] != 0; })) continue;
     for (const std::int32_t v : corners) is_written[v] = 1;
+  }
+  written_pixels.clear();
+  for (const std::int32_t v : order) {
+    if (is_written[v] != 0) written_pixels.push_back(of.vertex(v).pixel);
   }
 }
 
-std::int32_t Relief::Memory::number_vertices(const Triangulation& of, bool once) {
-  find_written(of);
+std::int32_t Relief::Memory::number_vertices(const Triangulation& of, bool once,
+                                             std::span<const std::uint8_t> is_written) {
   of.sorted_vertices(order);
   relief_detail::make_room(number, of.num_slots());
   number.resize(of.num_slots());
@@ -476,13 +504,14 @@ std::int32_t Relief::Memory::number_vertices(const Triangulation& of, bool once)
 void Relief::Memory::write(const PointGridView& grid, const ReliefOptions& options,
                            ReliefResult& result) {
   placed.clear();
+  find_written();
   result.levels.resize(levels.size());
   for (std::size_t i = 0; i < levels.size(); ++i) {
     ReliefLevel& level = result.levels[levels.size() - 1 - i];
-    level.num_vertices = number_vertices(levels[i], takes_all(options));
+    level.num_vertices = number_vertices(levels[i], takes_all(options), written[i]);
     write_faces(levels[i], grid.rows_up, level.faces);
   }
-  const Eigen::Index num_vertices = number_vertices(mesh, takes_all(options));
+  const Eigen::Index num_vertices = number_vertices(mesh, takes_all(options), written.back());
   DepthMesh& out = result.mesh;
   previous.clear();
   const auto width = static_cast<double>(grid.cols), height = static_cast<double>(grid.rows);
