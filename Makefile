@@ -35,10 +35,9 @@ WERROR := $(if $(filter true,$(CI)),ON,OFF)
 ALOUD := SAY='Downloading.*[0-9][0-9](\.[0-9])? MB|[Ww]arning: .*\[-W' .ci/aloud.sh
 PIP_INSTALL := $(BIN)/pip install --no-compile --progress-bar off
 # This and scikit-build-core both configure build/dev, so that nothing is compiled twice; -v shows
-# ninja's progress. MANIP3D_TESTS goes on for developers, after a demo, too.
-BUILD = $(PIP_INSTALL) -v --no-build-isolation --no-deps --config-settings=build-dir=build/dev \
-	--config-settings=cmake.define.MANIP3D_WERROR=$(WERROR) \
-	--config-settings=cmake.define.MANIP3D_TESTS=$(1) --editable .
+# ninja's progress. `make ctest` turns MANIP3D_TESTS on there.
+BUILD := $(PIP_INSTALL) -v --no-build-isolation --no-deps --config-settings=build-dir=build/dev \
+	--config-settings=cmake.define.MANIP3D_WERROR=$(WERROR) --editable .
 
 .PHONY: help setup demo test ctest pytest lint tidy stubs bench fuzz asan tsan tsan-capture wheel wheel-test clean
 
@@ -73,14 +72,14 @@ $(STAMPS)/venv: $(STAMPS)/packages pyproject.toml
 # What needs no Python is compiled first where nothing is; pip goes on in the same folder, with the
 # same flags.
 $(STAMPS)/library: $(STAMPS)/packages
-	@[ -e build/dev/build.ninja ] || $(ALOUD) "compiling the library and its C++ tests" sh -c \
+	@[ -e build/dev/build.ninja ] || $(ALOUD) "compiling the library" sh -c \
 		'cmake -S . -B build/dev -G Ninja -DCMAKE_BUILD_TYPE=Release -DCMAKE_UNITY_BUILD=ON \
-			-DMANIP3D_TESTS=ON -DMANIP3D_WERROR=$(WERROR) && cmake --build build/dev'
+			-DMANIP3D_WERROR=$(WERROR) && cmake --build build/dev'
 	@touch $@
 
 # After a change of C++ only: ninja compiles what changed, pip copies the module to its place.
 $(STAMPS)/built: $(STAMPS)/venv $(STAMPS)/library CMakeLists.txt $(CPP_FILES)
-	@$(ALOUD) "building the package and its C++ tests" $(call BUILD,ON)
+	@$(ALOUD) "building the package" $(BUILD)
 	@touch $@
 
 # Where the machine has no npm, .venv has the one from PyPI.
@@ -96,7 +95,7 @@ $(STAMPS)/viewer: $(STAMPS)/venv $(VIEWER_FILES)
 $(STAMPS)/demo: Makefile pyproject.toml CMakeLists.txt $(CPP_FILES)
 	@.ci/install_packages.sh $(PACKAGES)
 	$(call install_python,the Python packages of the demo,demo)
-	@$(ALOUD) "building the package" $(call BUILD,OFF)
+	@$(ALOUD) "building the package" $(BUILD)
 	@touch $@
 
 demo: $(STAMPS)/$(if $(wildcard $(STAMPS)/venv),built,demo) ## Show on one page what this is for; needs no data
@@ -105,6 +104,7 @@ demo: $(STAMPS)/$(if $(wildcard $(STAMPS)/venv),built,demo) ## Show on one page 
 test: setup ctest pytest ## Run the C++ tests and the Python tests
 
 ctest: setup
+	@$(ALOUD) "building the C++ tests" sh -c 'cmake -DMANIP3D_TESTS=ON build/dev && cmake --build build/dev'
 	ctest --test-dir build/dev --output-on-failure -j "$$(nproc)"
 
 pytest: setup ctest
