@@ -204,7 +204,9 @@ OF_A_SECOND = {
     "authenticate.noise_blocks", "authenticate.embed_paper", "authenticate.compare_paper",
     "authenticate.verdict_of_stream", "authenticate.depth_noise", "authenticate.inter_frame_noise",
     "authenticate.inspect_stream", "authenticate.judged_frames", "forge.background_plate",
-    "forge.without_people", "forge.stream", "modify.animation_mesh", "modify.animate",
+    "forge.without_people", "forge.stream",
+    "forge.recorded_people", "forge.recorded_poses", "forge.at_pace",
+    "modify.animation_mesh", "modify.animate",
     "metrics.range_image_error_grid", "metrics.texture_error", "metrics.fmpd",
 }  # fmt: skip
 """Done in about a second with two million points or pixels, or the same code as one above."""

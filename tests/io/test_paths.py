@@ -7,6 +7,7 @@ import inspect
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -40,6 +41,11 @@ scan = LidarFrame(np.random.default_rng(0).random((50, 3), np.float32))
 MISSING = Path("missing")
 
 OPTIONS = simplify.DepthOptions(points=10, intrinsics="kinect-v2")
+
+
+def marker() -> authenticate.Watermarker:
+    with TemporaryDirectory() as folder:
+        return authenticate.Watermarker(authenticate.KeyFile.create(folder + "/a.key"))
 
 
 def write_results(path: str) -> object:
@@ -178,6 +184,13 @@ ENTRIES: dict[str, Callable[[str], object]] = {
     "authenticate.drive_numbers folder": authenticate.drive_numbers,
     "authenticate.drive_records_alone folder": authenticate.drive_records_alone,
     "authenticate.drive_scans folder": authenticate.drive_scans,
+    "authenticate.drive_pictures drive": lambda p: authenticate.drive_pictures(p, "image_02"),
+    "authenticate.embed_files source": lambda p: authenticate.embed_files(marker(), p, "b.bin"),
+    "authenticate.embed_files output": lambda p: authenticate.embed_files(marker(), ".", p),
+    "authenticate.verify_files source": lambda p: authenticate.verify_files(marker(), p),
+    "authenticate.verify_files record": lambda p: authenticate.verify_files(
+        marker(), "a.bin", record=p
+    ),
     "authenticate.find_record scan": authenticate.find_record,
     "authenticate.copy_rest_of_drive drive": lambda p: authenticate.copy_rest_of_drive(p, "b"),
     "authenticate.copy_rest_of_drive output": lambda p: authenticate.copy_rest_of_drive(".", p),

@@ -69,6 +69,8 @@ def files(folder: Path) -> Iterator[object]:
         sent = marker.embed(kernels.on_grid)
         found = marker.verify(sent.frame, sent.record)
     yield from (sent, found, found.tiles[0], authenticate.Policy())
+    yield authenticate.EmbeddedScan(folder / "a.bin", 0, 3000, 1, has_time=False)
+    yield authenticate.VerifiedFiles(found.verdict, found.reason, (("a.bin", found),))
 
 
 def streams() -> Iterator[object]:

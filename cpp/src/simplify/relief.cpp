@@ -186,7 +186,7 @@ struct Relief::Memory {
   std::vector<std::int32_t> number;                ///< Vertex -> output vertex; kNone: left out.
   std::vector<std::vector<std::uint8_t>> written;  ///< By level, last the mesh, and vertex.
   std::vector<std::uint8_t> may_write;             ///< By vertex.
-  std::vector<std::int32_t> written_pixels;        ///< Of the vertices that are written.
+  std::vector<std::int32_t> written_pixels;        ///< Pixels of the vertices that are written.
   struct Placed {
     std::int32_t pixel, number;
     auto operator<=>(const Placed&) const = default;

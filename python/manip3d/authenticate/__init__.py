@@ -56,6 +56,7 @@ __getattr__, __dir__, __all__ = lazily(
             "CARRIERS EMBEDDINGS MAX_MOVE_M KeyFile KeyRing Policy Tile Watermarked Watermarker "
             "WatermarkResult record_of_picture without_record"
         ),
+        "_watermark_drives": "EmbeddedScan VerifiedFiles drive_pictures embed_files verify_files",
         "_watermark_files": (
             "RECORD_SUFFIX as_stored check_holds_float32 copy_rest_of_drive drive_numbers "
             "drive_records_alone drive_scans find_record plain_name read_record record_path "

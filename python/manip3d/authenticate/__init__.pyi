@@ -120,6 +120,13 @@ from manip3d.authenticate._watermark import (
     record_of_picture,
     without_record,
 )
+from manip3d.authenticate._watermark_drives import (
+    EmbeddedScan,
+    VerifiedFiles,
+    drive_pictures,
+    embed_files,
+    verify_files,
+)
 from manip3d.authenticate._watermark_files import (
     RECORD_SUFFIX,
     as_stored,
@@ -176,6 +183,7 @@ __all__ = [
     "DriveInspection",
     "DriveMoment",
     "DriveWatch",
+    "EmbeddedScan",
     "EvidenceReport",
     "GenericResult",
     "Inspection",
@@ -211,6 +219,7 @@ __all__ = [
     "TurnRegion",
     "TurnResult",
     "Verdict",
+    "VerifiedFiles",
     "WatchedDrive",
     "WatermarkResult",
     "Watermarked",
@@ -228,8 +237,10 @@ __all__ = [
     "depth_noise",
     "drive_evidence",
     "drive_numbers",
+    "drive_pictures",
     "drive_records_alone",
     "drive_scans",
+    "embed_files",
     "embed_paper",
     "estimate_grid",
     "estimate_lattice",
@@ -265,6 +276,7 @@ __all__ = [
     "verdict_of_alerts",
     "verdict_of_drive",
     "verdict_of_stream",
+    "verify_files",
     "watch_drive",
     "without_record",
     "write_carrier",

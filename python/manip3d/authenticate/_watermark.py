@@ -626,6 +626,11 @@ class Watermarker:
         self._kept = None if state is None else VerifiedFrames(path_of(state), self._verifier)
 
     @property
+    def embedding(self) -> str:
+        """Name of the embedding: ``lbm``, ``qim`` or ``detached``."""
+        return EMBEDDINGS[self._embedding]
+
+    @property
     def session(self) -> str:
         """Hexadecimal identifier of the session of `embed`, drawn at its first frame."""
         return "" if self._embedder is None else self._embedder.session.hex()
@@ -868,7 +873,7 @@ class Watermarker:
     def __repr__(self) -> str:
         session = f", session {self.session[:8]}" if self.session else ""
         return (
-            f"<manip3d.authenticate.Watermarker: {EMBEDDINGS[self._embedding]}, key "
+            f"<manip3d.authenticate.Watermarker: {self.embedding}, key "
             f"{self._key.key_id[:8]}{session}>"
         )
 

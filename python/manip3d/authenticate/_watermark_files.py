@@ -532,6 +532,18 @@ def _times_of(drive: Path, numbers: Sequence[int]) -> list[int]:
     return list(times.values()) if len(times) == len(numbers) else []
 
 
+def scan_times(drive: Path) -> dict[Path, int]:
+    """When the scans of a drive were taken, nanoseconds, of those of which it says so."""
+    raw = drive / "velodyne_points" / "timestamps.txt"
+    times = frame_times(raw if raw.parent.is_dir() else drive / "times.txt")
+    names = {scan: scan.name.split(".")[0] for scan in drive_scans(drive)}
+    return {
+        scan: times[int(name)]
+        for scan, name in names.items()
+        if name.isdecimal() and int(name) in times
+    }
+
+
 @checked
 def plain_name(scan: str | os.PathLike[str], drive: str | os.PathLike[str]) -> Path:
     """Return where a drive's scan belongs in another folder: without a compression's suffix.

@@ -14,7 +14,7 @@ import typer
 from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
 from manip3d.cli.options import MISSED, Force, Json, MostFrames, OptionalOutput, Quiet
-from manip3d.cli.terminal import Terminal, check_output, counted, table
+from manip3d.cli.terminal import Terminal, check_output, counted, naming_options, table
 from manip3d.cli.watermark import (
     MOST_POINTS,
     MaxAge,
@@ -24,7 +24,6 @@ from manip3d.cli.watermark import (
     OnlySession,
     Picture,
     State,
-    folder_of_pictures,
     key_of,
     of_one_only,
     policy_of,
@@ -287,7 +286,7 @@ class _Files(NamedTuple):
 
 def _opened(files: _Files) -> WatchedDrive:
     """The drive with its cameras."""
-    from manip3d import capture, datasets, simulate
+    from manip3d import authenticate, capture, datasets, simulate
 
     if files.source.startswith("sim:"):
         _refuse_files("a simulated drive", "a folder", files, "calibration", "rigs", "picture")
@@ -298,7 +297,8 @@ def _opened(files: _Files) -> WatchedDrive:
         _refuse_files("a KITTI drive", "a ROS bag", files, "cameras")
         carriers = None
         if files.picture:
-            carriers = folder_of_pictures(files.source, files.picture)
+            with naming_options("picture"):
+                carriers = authenticate.drive_pictures(files.source, files.picture)
         return datasets.watched_kitti(
             files.source, calibration=files.calibration, rigs=files.rigs, carriers=carriers,
             records=files.picture is not None, frames=files.frames,

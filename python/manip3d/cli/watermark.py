@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,14 +13,14 @@ import typer
 from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
 from manip3d.cli.options import Force, Json, Quiet
-from manip3d.cli.terminal import Terminal, check_output, counted, table
-from manip3d.errors import FormatError, InputError
+from manip3d.cli.terminal import Terminal, check_output, counted, naming_options, table
+from manip3d.errors import InputError
 from manip3d.io._scan_files import FOLDER_SUFFIXES
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from manip3d.authenticate import Policy, Watermarker, WatermarkResult
+    from manip3d.authenticate import Policy, VerifiedFiles
     from manip3d.batch import SourceFile
 
 app = typer.Typer(
@@ -224,23 +222,14 @@ def embed(
     Example: manip3d watermark embed drive --key sensor.key -o signed
     """
     from manip3d import authenticate
-    from manip3d.io import read_scan
 
     shell = Terminal(as_json=as_json, quiet=quiet)
-    scans = _scans(source, "watermark embed")
+    expect_kind(source, "scan", "drive", verb="watermark embed")
     drive = Path(source).is_dir()
-    if drive:
-        _check_folder(source, output, force=force)
-    else:
+    if not drive:
         check_output(output, FOLDER_SUFFIXES, force=force)
-        authenticate.refuse_existing_record(output, replace=force)
-        if picture:
-            check_output(authenticate.picture_path(output), (".png",), force=force)
-    times = _times(source, shell) if drive else {}
-    rows = []
-    written: set[Path] = set()
-    kept: set[Path] = set()
     with (
+        naming_options("output", "picture"),
         authenticate.KeyFile(key) as secret,
         authenticate.Watermarker(
             secret,
@@ -252,36 +241,38 @@ def embed(
         ) as marker,
         shell.progress("embed") as progress,
     ):
-        for number, path in enumerate(scans):
-            seen = picture_of(path, source, picture)
-            target = output / authenticate.plain_name(path, source) if drive else output
-            copied = path if embedding == "detached" else None
-            sent = marker.embed(
-                authenticate.as_stored(read_scan(path), target, unchanged=copied),
-                time_ns=times.get(path),
-                is_end=number + 1 == len(scans),
-                picture=None if seen is None else authenticate.read_carrier(seen),
-            )
-            shown = output / seen.relative_to(source) if drive and seen is not None else None
-            authenticate.write_watermarked(sent, target, unchanged=path, picture=shown)
-            kept.add(target)
-            if shown is None:
-                kept.add(authenticate.record_path(target))
-            else:
-                written.add(shown)
-            rows.append({"scan": str(target), "frame": sent.number, "points": len(sent.points),
-                         "tiles": sent.num_tiles})  # fmt: skip
-            if progress is not None:
-                progress((number + 1) / len(scans), path.name)
-        record = {"source": source, "output": str(output), "session": marker.session,
-                  "key_id": secret.key_id, "embedding": embedding, "num_frames": len(rows),
-                  "frames": rows}  # fmt: skip
-    if drive:
-        _remove_others(kept)
-    if drive and not scans_only:
-        authenticate.copy_rest_of_drive(source, output, written=written)
+        scans = authenticate.embed_files(
+            marker,
+            source,
+            output,
+            picture=picture,
+            scans_only=scans_only,
+            replace=force,
+            progress=progress,
+        )
+        record = {
+            "source": source,
+            "output": str(output),
+            "session": marker.session,
+            "key_id": secret.key_id,
+            "embedding": embedding,
+            "num_frames": len(scans),
+            "frames": [
+                {
+                    "scan": str(scan.path),
+                    "frame": scan.number,
+                    "points": scan.num_points,
+                    "tiles": scan.num_tiles,
+                }
+                for scan in scans
+            ],
+        }
+    without = sum(not scan.has_time for scan in scans)
+    if drive and without > 0:
+        told = counted(without, "scan")
+        shell.say(f"{source}: no time of {told}; their records bear the clock's")
     carrier = ("pictures" if drive else "a picture") if picture else ""
-    shell.say(f"wrote {_with_records(len(rows), carrier)} to {output}")
+    shell.say(f"wrote {_with_records(len(scans), carrier)} to {output}")
     shell.result(record, lambda console: console.print(f"session {record['session']}"))
 
 
@@ -289,20 +280,6 @@ def _with_records(num_scans: int, carrier: str) -> str:
     """Return how many scans there are, and where their records went."""
     records = "its record" if num_scans == 1 else "their records"
     return f"{counted(num_scans, 'scan')} with {records}{f' in {carrier}' if carrier else ''}"
-
-
-def _remove_others(kept: set[Path]) -> None:
-    """Remove scans and records of an earlier drive, which would be frames of this one's chain."""
-    from manip3d import authenticate
-    from manip3d.io._scan_tables import scan_suffix
-
-    for folder in {path.parent for path in kept}:
-        for path in sorted(folder.iterdir()):
-            is_ours = (
-                path.suffix == authenticate.RECORD_SUFFIX or scan_suffix(path) in FOLDER_SUFFIXES
-            )
-            if is_ours and path not in kept and path.is_file():
-                path.unlink()
 
 
 def _verified_suffixes() -> tuple[str, ...]:
@@ -371,151 +348,31 @@ def verify(
 
     shell = Terminal(as_json=as_json, quiet=quiet)
     check_output(report, (".json",), force=force)
-    drive = Path(source).is_dir()
-    if drive and record is not None:
-        raise InputError("--record: expected with a single scan, got a drive")
-    if picture and record is not None:
-        raise InputError("--record: expected none with --picture, which carries its own")
+    if Path(source).suffix != authenticate.RECORD_SUFFIX:
+        expect_kind(source, "scan", "drive", verb="watermark verify")
     policy = policy_of(
         embedding=embedding,
         sensor=sensor,
         session=session,
         max_age=max_age,
         max_points=max_points,
-        order="chain" if drive else "any",
+        order="chain" if Path(source).is_dir() else "any",
         carrier="picture" if picture else "sidecar",
     )
-    scans = _verified_scans(source, has_pictures=bool(picture))
-    results = []
     with (
+        naming_options("picture", "record"),
         authenticate.KeyRing.open(key) as ring,
         authenticate.Watermarker(ring, state=state) as marker,
         shell.progress("verify") as progress,
     ):
-        for number, path in enumerate(scans):
-            seen = picture_of(path, source, picture)
-            beside = authenticate.find_record(path) if record is None else record
-            found = _verified(marker, path, beside, seen, policy, in_drive=drive)
-            results.append((path.name, replace(found, scan=None)))  # a drive's scans fill memory
-            if progress is not None:
-                progress((number + 1) / len(scans), path.name)
-    verdict, reason = authenticate.verdict_of_stream([found for _, found in results], whole=drive)
-    public = {
-        "source": source,
-        "verdict": verdict,
-        "reason": reason,
-        "num_frames": len(results),
-        "verdicts": dict(Counter(found.verdict for _, found in results)),
-        "frames": [{"scan": name} | found.record() for name, found in results],
-    }
-    if report is not None:
-        _write_private(
-            report,
-            public
-            | {"frames": [{"scan": n} | found.record(operator=True) for n, found in results]},
+        found = authenticate.verify_files(
+            marker, source, policy=policy, record=record, picture=picture, progress=progress
         )
+    if report is not None:
+        _write_private(report, {"source": source} | found.record(operator=True))
         shell.say(f"wrote {report}")
-    shell.result(public, lambda console: _show(console, verdict, reason, results))
-    raise typer.Exit(EXIT_CODES[verdict])
-
-
-def _verified(
-    marker: Watermarker,
-    scan: Path,
-    record: Path,
-    picture: Path | None,
-    policy: Policy,
-    *,
-    in_drive: bool,
-) -> WatermarkResult:
-    """Verify a scan, or the record of a scan that is missing.
-
-    A frame of a drive that cannot be read is undecidable, and those after it are judged.
-    """
-    from manip3d import authenticate
-    from manip3d.io import read_scan
-
-    shown, told = None, None
-    try:
-        if picture is None:
-            told = authenticate.read_record(record)
-        elif picture.is_file():
-            shown = authenticate.read_carrier(picture)
-        read = read_scan(scan) if scan.exists() else None
-    except (FormatError, OSError) as error:
-        if not in_drive:
-            raise
-        why = f"unreadable: {error}"
-        return marker.verify_without_scan(told, why, policy=policy, picture=shown)
-    if read is None:
-        why = "the record's scan is missing"
-        return marker.verify_without_scan(told, why, policy=policy, picture=shown)
-    return marker.verify(read, told, policy=policy, picture=shown)
-
-
-def _verified_scans(source: str, *, has_pictures: bool) -> list[Path]:
-    """The scans, with those of which only the record beside them is left."""
-    from manip3d import authenticate
-
-    path = Path(source)
-    if path.suffix == authenticate.RECORD_SUFFIX and path.is_file():
-        if authenticate.scan_of_record(path) is not None:
-            raise InputError(f"{source}: expected the scan, got its record")
-        return [path.with_suffix("")]
-    scans = _scans(source, "watermark verify")
-    if path.is_dir() and not has_pictures:
-        scans += [record.with_suffix("") for record in authenticate.drive_records_alone(source)]
-    return sorted(scans, key=lambda scan: scan.name)
-
-
-def _scans(source: str, verb: str) -> list[Path]:
-    """The scan, or those of the drive in their order."""
-    from manip3d import authenticate
-
-    expect_kind(source, "scan", "drive", verb=verb)
-    if not Path(source).is_dir():
-        return [Path(source)]
-    return authenticate.drive_scans(source)
-
-
-def _times(source: str, shell: Terminal) -> dict[Path, int]:
-    """When the scans of a drive were taken, of those of which it says so."""
-    from manip3d import datasets
-
-    drive = datasets.open_kitti(source)
-    times = {frame.scan_path: frame.time_ns for frame in drive if frame.time_ns is not None}
-    if len(times) < len(drive):
-        without = counted(len(drive) - len(times), "scan")
-        shell.say(f"{source}: no time of {without}; their records bear the clock's")
-    return times
-
-
-def picture_of(scan: Path, source: str, picture: str) -> Path | None:
-    """Return the picture that belongs to a scan; None: records stand beside the scans."""
-    if not picture:
-        return None
-    if not Path(source).is_dir():
-        return Path(picture)
-    return folder_of_pictures(source, picture) / f"{scan.name.split('.')[0]}.png"
-
-
-def folder_of_pictures(source: str, picture: str) -> Path:
-    """Return the folder of a drive's pictures by its name in the drive."""
-    folder = Path(source) / picture
-    if Path(picture).is_absolute() or ".." in Path(picture).parts or not folder.is_dir():
-        raise InputError(f"--picture: expected a folder of pictures in {source}, got {picture}")
-    return folder / "data" if (folder / "data").is_dir() else folder
-
-
-def _check_folder(source: str, output: Path, *, force: bool) -> None:
-    if not output.parent.is_dir():
-        raise InputError(f"-o {output}: there is no folder {output.parent}")
-    if output.exists() and not output.is_dir():
-        raise InputError(f"-o {output}: expected a folder's name, got a file's")
-    if output.resolve() == Path(source).resolve():
-        raise InputError(f"-o {output}: expected another folder than the drive's")
-    if output.exists() and any(output.iterdir()) and not force:
-        raise InputError(f"{output}: exists already; --force replaces its scans")
+    shell.result({"source": source} | found.record(), lambda console: _show(console, found))
+    raise typer.Exit(EXIT_CODES[found.verdict])
 
 
 def _write_private(path: Path, value: dict[str, Any]) -> None:
@@ -528,9 +385,9 @@ def _write_private(path: Path, value: dict[str, Any]) -> None:
     atomic_write(path, json.dumps(value, indent=1) + "\n")
 
 
-def _show(console: Console, verdict: str, reason: str, results: Sequence[tuple[str, Any]]) -> None:
-    console.print(f"{verdict}: {reason}", soft_wrap=True)
-    bad = [(name, found) for name, found in results if found.verdict != "authentic"]
+def _show(console: Console, found: VerifiedFiles) -> None:
+    console.print(f"{found.verdict}: {found.reason}", soft_wrap=True)
+    bad = [(name, each) for name, each in found.frames if each.verdict != "authentic"]
     rows = list(_rows(bad[:20]))
     if rows:
         console.print()

@@ -64,7 +64,8 @@ def recorded_people(
     Raises
     ------
     InputError
-        There is no frame; a plate is asked for, and no frame tells where people are.
+        ``num_frames`` is below 1; there is no frame; a plate is asked for, and no frame tells where
+        people are.
 
     Examples
     --------
@@ -74,6 +75,7 @@ def recorded_people(
     >>> round(people.step_ns / 1e6, 1), people.plate.depth.shape
     (33.3, (424, 512))
     """
+    _check_frames_wanted(num_frames)
     name = getattr(source, "uri", "source")
     kept = None
     if getattr(source, "is_live", False):
@@ -123,7 +125,7 @@ def recorded_poses(
     Raises
     ------
     InputError
-        There is no frame.
+        ``num_frames`` is below 1, or there is no frame.
 
     Examples
     --------
@@ -133,12 +135,18 @@ def recorded_poses(
     >>> len(pose.skeletons), int(pose.depth.max())
     (1, 0)
     """
+    _check_frames_wanted(num_frames)
     found = [
         _skeletons_only(f) for f in islice(source, min(num_frames or _MOST_POSES, _MOST_POSES))
     ]
     if not found:
         raise InputError(f"{getattr(source, 'uri', 'source')}: expected a frame, found none")
     return found
+
+
+def _check_frames_wanted(num_frames: int | None) -> None:
+    if num_frames is not None and num_frames < 1:
+        raise InputError(f"num_frames: expected at least 1, got {num_frames}")
 
 
 @checked
@@ -160,7 +168,7 @@ def at_pace(frames: Sequence[RgbdFrame], step_ns: float) -> Sequence[RgbdFrame]:
     Raises
     ------
     InputError
-        There is no frame.
+        ``num_frames`` is below 1, or there is no frame.
 
     Examples
     --------

@@ -1,0 +1,411 @@
+"""Watermarks of a scan's file, or of all scans of a drive as one chain."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from manip3d._util.checked import checked
+from manip3d._util.options import reporting
+from manip3d._util.paths import path_of
+from manip3d.authenticate._picture_files import picture_path, read_carrier
+from manip3d.authenticate._watermark import Policy, Watermarker, WatermarkResult, WatermarkVerdict
+from manip3d.authenticate._watermark_files import (
+    RECORD_SUFFIX,
+    as_stored,
+    copy_rest_of_drive,
+    drive_records_alone,
+    drive_scans,
+    find_record,
+    plain_name,
+    read_record,
+    record_path,
+    refuse_existing_record,
+    scan_of_record,
+    scan_times,
+    verdict_of_stream,
+    write_watermarked,
+)
+from manip3d.errors import FormatError, InputError
+from manip3d.io import read_scan
+from manip3d.io._scan_files import FOLDER_SUFFIXES
+from manip3d.io._scan_tables import scan_suffix
+
+if TYPE_CHECKING:
+    from manip3d._util.options import Progress
+
+
+@dataclass(frozen=True, slots=True)
+class EmbeddedScan:
+    """A scan that `embed_files` wrote.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    number : int
+        Number of the frame in its session.
+    num_points, num_tiles : int
+        Points, and tiles that are signed on their own.
+    has_time : bool
+        The drive says when it was taken; else its record bears the time of the clock.
+    """
+
+    path: Path
+    number: int
+    num_points: int
+    num_tiles: int
+    has_time: bool
+
+
+@dataclass(frozen=True, slots=True)
+class VerifiedFiles:
+    """Result of `verify_files`.
+
+    Attributes
+    ----------
+    verdict : 'authentic', 'tampered' or 'undecidable'
+        Verdict of the scan, or of the drive as one chain.
+    reason : str
+    frames : sequence of (str, WatermarkResult)
+        Name and result of each scan in their order, without the points.
+    """
+
+    verdict: WatermarkVerdict
+    reason: str
+    frames: Sequence[tuple[str, WatermarkResult]]
+
+    def record(self, *, operator: bool = False) -> dict[str, Any]:
+        """Return the result as plain values, as JSON has them.
+
+        Parameters
+        ----------
+        operator : bool
+            With what only the owner of the scans may see, such as changed points.
+
+        Returns
+        -------
+        dict
+        """
+        return {
+            "verdict": self.verdict,
+            "reason": self.reason,
+            "num_frames": len(self.frames),
+            "verdicts": dict(Counter(found.verdict for _, found in self.frames)),
+            "frames": [
+                {"scan": name} | found.record(operator=operator) for name, found in self.frames
+            ],
+        }
+
+
+@checked
+def drive_pictures(drive: str | os.PathLike[str], name: str) -> Path:
+    """Return the folder of a drive's pictures by its name in the drive.
+
+    Parameters
+    ----------
+    drive : path
+    name : str
+        Such as ``image_02``, whose pictures are in ``image_02/data`` in KITTI's raw drives.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    InputError
+        There is no such folder in the drive.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from manip3d.authenticate import drive_pictures
+    >>> Path("drive", "image_02", "data").mkdir(parents=True)
+    >>> drive_pictures("drive", "image_02").as_posix()
+    'drive/image_02/data'
+    """
+    root = path_of(drive)
+    folder = root / name
+    if Path(name).is_absolute() or ".." in Path(name).parts or not folder.is_dir():
+        raise InputError(f"picture: expected a folder of pictures in {root}, got {name}")
+    return folder / "data" if (folder / "data").is_dir() else folder
+
+
+@checked
+def embed_files(
+    marker: Watermarker,
+    source: str | os.PathLike[str],
+    output: str | os.PathLike[str],
+    *,
+    picture: str = "",
+    scans_only: bool = False,
+    replace: bool = False,
+    progress: Progress = None,
+) -> list[EmbeddedScan]:
+    """Embed a watermark into a scan's file, or into all scans of a drive as one chain.
+
+    The record of each scan is written beside it (`record_path`), or into a picture. What else a
+    drive has is copied. The session ends with the last scan.
+
+    Parameters
+    ----------
+    marker : Watermarker
+        With a key and the embedding.
+    source : path
+        A scan, or the folder of a KITTI drive.
+    output : path
+        The scan to write, or the folder of the drive to write.
+    picture : str
+        Picture (.png) that carries the record, written as ``SCAN.png``; of a drive the folder of
+        its pictures, such as ``image_02``. Empty: records stand beside the scans.
+    scans_only : bool
+        Leave out what a drive has beside its scans.
+    replace : bool
+        What is there may be replaced; scans and records of an earlier drive go from the folders of
+        scans, where they would be frames of this chain.
+    progress : callable or bool, optional
+        Called with the share that is done and the name of the scan; True: a bar.
+
+    Returns
+    -------
+    list of EmbeddedScan
+
+    Raises
+    ------
+    InputError
+        There is something at ``output`` already, the folder has no scans, or a format does not keep
+        coordinates (`write_watermarked`).
+    FormatError, OSError
+        A file cannot be read or written.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import LidarFrame, io
+    >>> from manip3d.authenticate import KeyFile, Watermarker, embed_files, verify_files
+    >>> points = np.arange(9000, dtype=np.float32).reshape(3000, 3) / 8
+    >>> for number in range(2):
+    ...     Path("drive/velodyne").mkdir(parents=True, exist_ok=True)
+    ...     io.write_scan(LidarFrame(points + number), f"drive/velodyne/{number:06}.bin")
+    >>> key = KeyFile.create("sensor.key")
+    >>> [scan.path.name for scan in embed_files(Watermarker(key), "drive", "signed")]
+    ['000000.bin', '000001.bin']
+    >>> verify_files(Watermarker(key), "signed").verdict
+    'authentic'
+    """
+    begin, target = path_of(source), path_of(output)
+    if not begin.is_dir():
+        _check_scan(target, picture, replace=replace)
+        seen = Path(picture) if picture else None
+        return [_embed(marker, begin, target, seen, None, time_ns=None, is_end=True)]
+    _check_folder(begin, target, replace=replace)
+    folder = drive_pictures(begin, picture) if picture else None
+    scans, times = drive_scans(begin), scan_times(begin)
+    done: list[EmbeddedScan] = []
+    pictures: set[Path] = set()
+    with reporting(progress, "embed") as report:
+        for number, scan in enumerate(scans):
+            seen = None if folder is None else _picture_of(scan, folder)
+            shown = None if seen is None else target / seen.relative_to(begin)
+            written = _embed(
+                marker,
+                scan,
+                target / plain_name(scan, begin),
+                seen,
+                shown,
+                time_ns=times.get(scan),
+                is_end=number + 1 == len(scans),
+            )
+            done.append(written)
+            if shown is not None:
+                pictures.add(shown)
+            if report is not None:
+                report((number + 1) / len(scans))
+    kept = {scan.path for scan in done}
+    _remove_others(kept if pictures else kept | {record_path(path) for path in kept})
+    if not scans_only:
+        copy_rest_of_drive(begin, target, written=pictures)
+    return done
+
+
+def _embed(
+    marker: Watermarker,
+    scan: Path,
+    target: Path,
+    picture: Path | None,
+    shown: Path | None,
+    *,
+    time_ns: int | None,
+    is_end: bool,
+) -> EmbeddedScan:
+    copied = scan if marker.embedding == "detached" else None
+    sent = marker.embed(
+        as_stored(read_scan(scan), target, unchanged=copied),
+        time_ns=time_ns,
+        is_end=is_end,
+        picture=None if picture is None else read_carrier(picture),
+    )
+    write_watermarked(sent, target, unchanged=scan, picture=shown)
+    return EmbeddedScan(target, sent.number, len(sent.points), sent.num_tiles, time_ns is not None)
+
+
+def _check_scan(target: Path, picture: str, *, replace: bool) -> None:
+    files = [target] if not picture else [target, picture_path(target)]
+    for file in files:
+        if file.exists() and not replace:
+            raise InputError(f"{file}: exists already; --force replaces it")
+    refuse_existing_record(target, replace=replace)
+
+
+def _check_folder(source: Path, output: Path, *, replace: bool) -> None:
+    if not output.parent.is_dir():
+        raise InputError(f"output: there is no folder {output.parent}")
+    if output.exists() and not output.is_dir():
+        raise InputError(f"output: expected a folder's name, got a file's: {output}")
+    if output.resolve() == source.resolve():
+        raise InputError(f"output: expected another folder than the drive's, got {output}")
+    if output.exists() and any(output.iterdir()) and not replace:
+        raise InputError(f"{output}: exists already; --force replaces its scans")
+
+
+def _picture_of(scan: Path, folder: Path) -> Path:
+    return folder / f"{scan.name.split('.')[0]}.png"
+
+
+def _remove_others(kept: set[Path]) -> None:
+    """Remove scans and records of an earlier drive from the folders of this one's."""
+    for folder in {path.parent for path in kept}:
+        for path in sorted(folder.iterdir()):
+            is_ours = path.suffix == RECORD_SUFFIX or scan_suffix(path) in FOLDER_SUFFIXES
+            if is_ours and path not in kept and path.is_file():
+                path.unlink()
+
+
+@checked
+def verify_files(
+    marker: Watermarker,
+    source: str | os.PathLike[str],
+    *,
+    policy: Policy | None = None,
+    record: str | os.PathLike[str] | None = None,
+    picture: str = "",
+    progress: Progress = None,
+) -> VerifiedFiles:
+    """Verify a scan's file, or the scans of a drive as one chain.
+
+    Frames that are missing in a drive, also at its end, are noticed, and scans of which only the
+    record is left are undecidable; so are those that cannot be read, and the frames after them are
+    judged. Of a single file an error is raised.
+
+    Parameters
+    ----------
+    marker : Watermarker
+        With a key or keys, and the state of earlier verifications where replays are to be noticed.
+    source : path
+        A scan, the record of a missing scan, or the folder of a KITTI drive.
+    policy : Policy, optional
+        By default what any embedding of any sensor allows: ``chain`` for a drive, ``any`` for a
+        scan.
+    record : path, optional
+        Record of a single scan; by default that of `find_record`.
+    picture : str
+        Picture that carries the record; of a drive the folder of its pictures.
+    progress : callable or bool, optional
+        Called with the share that is done; True: a bar.
+
+    Returns
+    -------
+    VerifiedFiles
+
+    Raises
+    ------
+    InputError
+        The folder has no scans, the source is the record of a scan that is there, or ``record`` is
+        given with a drive or a picture.
+    FormatError, OSError
+        A single file cannot be read.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import LidarFrame, io
+    >>> from manip3d.authenticate import KeyFile, Watermarker, embed_files, verify_files
+    >>> io.write_scan(LidarFrame(np.arange(9000, dtype=np.float32).reshape(3000, 3) / 8), "a.bin")
+    >>> key = KeyFile.create("sensor.key")
+    >>> _ = embed_files(Watermarker(key), "a.bin", "signed.bin")
+    >>> found = verify_files(Watermarker(key), "signed.bin")
+    >>> found.verdict, [name for name, _ in found.frames]
+    ('authentic', ['signed.bin'])
+    """
+    path = path_of(source)
+    is_drive = path.is_dir()
+    if record is not None and is_drive:
+        raise InputError("record: expected with a single scan, got a drive")
+    if record is not None and picture:
+        raise InputError("record: expected none with a picture, which carries its own")
+    if policy is None:
+        policy = Policy(
+            order="chain" if is_drive else "any", carriers=("picture" if picture else "sidecar",)
+        )
+    folder = drive_pictures(path, picture) if is_drive and picture else None
+    scans = _verified_scans(path, has_pictures=bool(picture))
+    frames = []
+    with reporting(progress, "verify") as report:
+        for number, scan in enumerate(scans):
+            seen = Path(picture) if picture else None
+            if folder is not None:
+                seen = _picture_of(scan, folder)
+            beside = find_record(scan) if record is None else path_of(record)
+            found = _verified(marker, scan, beside, seen, policy, in_drive=is_drive)
+            frames.append((scan.name, replace(found, scan=None)))  # a drive's scans fill memory
+            if report is not None:
+                report((number + 1) / len(scans))
+    verdict, reason = verdict_of_stream([found for _, found in frames], whole=is_drive)
+    return VerifiedFiles(verdict, reason, tuple(frames))
+
+
+def _verified_scans(source: Path, *, has_pictures: bool) -> list[Path]:
+    """The scans, with those of which only the record beside them is left."""
+    if source.suffix == RECORD_SUFFIX and source.is_file():
+        if scan_of_record(source) is not None:
+            raise InputError(f"{source}: expected the scan, got its record")
+        return [source.with_suffix("")]
+    if not source.is_dir():
+        return [source]
+    scans = drive_scans(source)
+    if not has_pictures:
+        scans += [record.with_suffix("") for record in drive_records_alone(source)]
+    return sorted(scans, key=lambda scan: scan.name)
+
+
+def _verified(
+    marker: Watermarker,
+    scan: Path,
+    record: Path,
+    picture: Path | None,
+    policy: Policy,
+    *,
+    in_drive: bool,
+) -> WatermarkResult:
+    """Verify a scan, or the record of a scan that is missing."""
+    shown, told = None, None
+    try:
+        if picture is None:
+            told = read_record(record)
+        elif picture.is_file():
+            shown = read_carrier(picture)
+        read = read_scan(scan) if scan.exists() else None
+    except (FormatError, OSError) as error:
+        if not in_drive:
+            raise
+        why = f"unreadable: {error}"
+        return marker.verify_without_scan(told, why, policy=policy, picture=shown)
+    if read is None:
+        why = "the record's scan is missing"
+        return marker.verify_without_scan(told, why, policy=policy, picture=shown)
+    return marker.verify(read, told, policy=policy, picture=shown)
