@@ -64,6 +64,7 @@ def files(folder: Path) -> Iterator[object]:
     yield io.read_range_grid(folder / "g.ply")
     yield io.ReadLimits(max_points=5)
     yield capture.record(rgbd_frames.frames(2), folder / "recording")
+    yield capture.summarize(capture.open_rgbd(f"folder:{folder / 'recording'}"))
     with authenticate.KeyFile.create(folder / "sensor.key") as key:
         marker = authenticate.Watermarker(key)
         sent = marker.embed(kernels.on_grid)

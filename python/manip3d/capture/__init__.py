@@ -29,6 +29,7 @@ __getattr__, __dir__, __all__ = lazily(
         "_lidar": "DEFAULT_PORT RETURN_TYPES LidarSource open_lidar",
         "_rgbd": "ForgedSource Recording RgbdSource Scheme from_frames open_rgbd record",
         "_sources": "open sources",
+        "_summary": "SourceSummary summarize",
         "_velodyne_calibration": "VelodyneCalibration read_velodyne_calibration",
     },
 )

@@ -16,6 +16,7 @@ from manip3d.capture._rgbd import (
     record,
 )
 from manip3d.capture._sources import open, sources
+from manip3d.capture._summary import SourceSummary, summarize
 from manip3d.capture._velodyne_calibration import VelodyneCalibration, read_velodyne_calibration
 
 __all__ = [
@@ -28,6 +29,7 @@ __all__ = [
     "Recording",
     "RgbdSource",
     "Scheme",
+    "SourceSummary",
     "VelodyneCalibration",
     "export_joints",
     "from_frames",
@@ -41,5 +43,6 @@ __all__ = [
     "rgbd_address",
     "scan_address",
     "sources",
+    "summarize",
     "watched_recording",
 ]

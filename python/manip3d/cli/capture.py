@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterable
 from contextlib import ExitStack
 from dataclasses import asdict
-from itertools import islice, pairwise
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -49,7 +49,6 @@ FirstFrame = Annotated[
     int, typer.Option("--start", min=0, help="Index of the first frame; 0 is the first of all.")
 ]
 _SHEET_FRAMES = 24
-_LIVE_SECONDS = 2.0
 
 
 def listing() -> list[dict[str, Any]]:
@@ -251,61 +250,10 @@ def show_play(console: Console, record: dict[str, Any]) -> None:
 
 def info(source: RgbdSource, terminal: Terminal) -> dict[str, Any]:
     """Cameras, counts, times and gaps: of the whole recording, of 2 seconds of a live source."""
-    times: list[int] = []
-    numbers: list[int] = []
-    found = dict.fromkeys(("colour", "body_index", "skeletons"), 0)
-    ranges: list[tuple[float, float]] = []
-    begin = time.monotonic()
-    with source, terminal.progress("read") as progress:
-        for frame in source:
-            times.append(frame.time)
-            numbers.append(frame.number)
-            found["colour"] += frame.color is not None
-            found["body_index"] += frame.body_index is not None
-            found["skeletons"] += bool(frame.skeletons)
-            if (measured := frame.depth[frame.depth > 0]).size:
-                ranges.append((measured.min() / 1000.0, measured.max() / 1000.0))
-            if progress is not None and source.num_frames:
-                progress(len(times) / source.num_frames, "")
-            if source.is_live and time.monotonic() - begin > _LIVE_SECONDS:
-                break
-    return {
-        "source": source.uri,
-        "depth": _describe(source.calibration.depth),
-        "colour": _describe(source.calibration.registration.color)
-        if source.calibration.registration
-        else None,
-        "frames": len(times),
-        "with": found,
-        "range": [min(r[0] for r in ranges), max(r[1] for r in ranges)] if ranges else None,
-        **_times(times, numbers),
-        "counters": source.counters,
-    }
+    from manip3d import capture
 
-
-def _describe(camera: Intrinsics) -> dict[str, Any]:
-    return {
-        "width": camera.width,
-        "height": camera.height,
-        "fx": camera.fx,
-        "fy": camera.fy,
-        "cx": camera.cx,
-        "cy": camera.cy,
-        "distortion": list(camera.distortion),
-        "ray_table": camera.rays is not None,
-    }
-
-
-def _times(times: list[int], numbers: list[int]) -> dict[str, Any]:
-    steps = np.diff(np.asarray(times, np.int64)).astype(np.float64) / 1e9
-    return {
-        "first_time_ns": times[0] if times else None,
-        "last_time_ns": times[-1] if times else None,
-        "seconds": (times[-1] - times[0]) / 1e9 if times else None,
-        "frames_per_second": float(1 / np.median(steps)) if len(steps) else None,
-        "longest_gap": float(steps.max()) if len(steps) else None,
-        "missing_numbers": sum(b - a - 1 for a, b in pairwise(numbers)),
-    }
+    with terminal.progress("read") as progress:
+        return capture.summarize(source, progress=progress).record()
 
 
 def show_info(console: Console, record: dict[str, Any]) -> None:
