@@ -189,6 +189,56 @@ def test_texture_coordinates_are_fitted_to_the_faces_they_stand_for() -> None:
     assert metrics.texture_error(mesh, result.mesh).mean < 3.3e-3
 
 
+@pytest.mark.parametrize("faces", [800, 400])
+def test_front_and_back_of_a_sheet_keep_their_own_textures(faces: int) -> None:
+    """0.16 if texture coordinates are fitted to whichever side was found first."""
+    xy, front = grid(20)
+    back = front[:, ::-1]
+    z = 0.05 * np.sin(7 * xy[:, 0]) * np.cos(5 * xy[:, 1])
+    mesh = Mesh(
+        np.column_stack([xy, z]),
+        np.concatenate([front, back]),
+        texcoords=np.concatenate([xy, np.column_stack([1 - xy[:, 0], xy[:, 1]])]),
+        face_texcoords=np.concatenate([front, back + len(xy)]),
+    )
+    result = simplify.quality(mesh, target_faces=faces).mesh
+    assert metrics.texture_error(mesh, result, samples=20_000).mean < 0.01
+
+
+@pytest.mark.parametrize(("faces", "most"), [(800, 1.5e-5), (320, 4e-5)])
+def test_a_seam_is_as_dear_as_what_is_seen_beside_it(faces: int, most: float) -> None:
+    """5.2e-5 and 2.7e-4 if strips along a seam cost the same whatever the other side shows."""
+    xy, cells = grid(40)
+    x = xy[:, 0] + 0.06 * np.sin(8 * xy[:, 1]) * (1 - (2 * xy[:, 0] - 1) ** 2)
+    y = xy[:, 1]
+    texcoords = np.column_stack([x, y]) / 2
+    left = xy[cells].mean(axis=1)[:, :1] < 0.5
+    mesh = Mesh(
+        np.column_stack([x, y, 0.03 * np.sin(9 * x + 2 * y)]),
+        cells,
+        texcoords=np.concatenate([texcoords, texcoords + 0.5]),
+        face_texcoords=np.where(left, cells, cells + len(xy)),
+    )
+    result = simplify.quality(mesh, target_faces=faces).mesh
+    assert metrics.texture_error(mesh, result, samples=30_000).mean < most
+
+
+@pytest.mark.parametrize("shown", [0, 1])
+def test_the_piece_whose_texture_is_shown_beside_it_vanishes(shown: int) -> None:
+    """Two pieces of the same shape, equally far from a square that shows the texture of one."""
+    square = flat(10)
+    pieces = [tetrahedron((0.2, 0.2, 0.01), 0.05), tetrahedron((0.7, 0.7, 0.01), 0.05)]
+    mesh = together(square, *pieces)
+    texcoords = mesh.vertices[:, :2].copy()
+    other = slice(-4, None) if shown == 0 else slice(-8, -4)
+    texcoords[other] += 0.4
+    mesh = mesh.replace(texcoords=texcoords, face_texcoords=mesh.faces)
+    result = simplify.quality(mesh, target_faces=6)
+    assert result.removed_pieces == 1
+    left = result.mesh.vertices[result.mesh.vertices[:, 2] > 0.005]
+    np.testing.assert_allclose(left[:, 0].min(), pieces[1 - shown].vertices[:, 0].min())
+
+
 def test_texture_coordinates_of_a_broken_export_cost_no_shape() -> None:
     """A vase of an exporter that wrote 3443870976 for some: 8.6 % of its size off, at half."""
     xy, faces = grid(28)

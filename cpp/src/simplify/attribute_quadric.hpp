@@ -8,6 +8,11 @@
 
 namespace manip3d {
 
+/// Files hold texture coordinates in single precision, whose steps are a sixty-fourth of the
+/// picture from here on: such faces show no texture but the rubbish of an exporter, and none is
+/// kept.
+constexpr double kFarthestTexture = 131072.0;
+
 /// Weighted sum over faces of the squared difference between a texture coordinate s at a point p
 /// and the face's own, continued linearly: sum w |G p + d - s|^2 [Hoppe 1999].
 struct AttributeQuadric {

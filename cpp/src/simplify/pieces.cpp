@@ -7,6 +7,7 @@
 
 #include "manip3d/geometry/parallel.hpp"
 #include "manip3d/geometry/topology.hpp"
+#include "simplify/attribute_quadric.hpp"
 
 namespace manip3d {
 namespace {
@@ -92,6 +93,29 @@ std::vector<Eigen::Vector3d> Pieces::samples(std::int32_t piece) const {
   return points;
 }
 
+bool Pieces::shows_texture(std::int32_t face) const {
+  if (!mesh_.face_has_texcoords(face)) return false;
+  double farthest = 0.0;
+  for (int c = 0; c < 3; ++c) {
+    const auto uv = mesh_.texcoords.row(mesh_.face_texcoords(face, c));
+    farthest = std::max(farthest, uv.cwiseAbs().maxCoeff());
+  }
+  return farthest < kFarthestTexture;
+}
+
+bool Pieces::looks_like(std::int32_t face, std::int32_t other) const {
+  if (!shows_texture(face) || !shows_texture(other)) return false;
+  return !mesh_.has_materials() || mesh_.face_material(face) == mesh_.face_material(other);
+}
+
+Eigen::RowVector2d Pieces::texture_at(std::int32_t face, const Eigen::Vector3d& barycentric) const {
+  Eigen::RowVector2d texture = Eigen::RowVector2d::Zero();
+  for (int c = 0; c < 3; ++c) {
+    texture += barycentric[c] * mesh_.texcoords.row(mesh_.face_texcoords(face, c));
+  }
+  return texture;
+}
+
 bool Pieces::refresh(std::int32_t piece) {
   const auto& nearest = pieces_[piece].nearest;
   if (std::all_of(nearest.begin(), nearest.end(), [&](std::int32_t p) { return is_there(p); })) {
@@ -104,8 +128,10 @@ bool Pieces::refresh(std::int32_t piece) {
 void Pieces::measure(std::int32_t index) {
   Piece& piece = pieces_[index];
   piece.nearest.clear();
-  double distances = 0.0;
-  for (const Eigen::Vector3d& sample : samples(index)) {
+  double distances = 0.0, shifts = 0.0;
+  for (std::size_t i = 0; i < piece.samples.size(); ++i) {
+    const std::int32_t own = piece.samples[i];
+    const Eigen::Vector3d sample = point_of(own, static_cast<std::int64_t>(i));
     const SurfacePoint point = bvh_->closest_point_where(sample, [&](std::int32_t face) {
       const std::int32_t other = of_vertex_(mesh_.faces(face, 0));
       return other >= 0 && other != index && is_there(other);
@@ -115,6 +141,11 @@ void Pieces::measure(std::int32_t index) {
       return;
     }
     distances += point.distance / scale_;
+    if (looks_like(own, point.face)) {
+      const Eigen::RowVector2d meant =
+          texture_at(own, barycentric_of(static_cast<std::int64_t>(i)));
+      shifts += (texture_at(point.face, point.barycentric) - meant).norm();
+    }
     const std::int32_t other = of_vertex_(mesh_.faces(point.face, 0));
     if (std::find(piece.nearest.begin(), piece.nearest.end(), other) == piece.nearest.end()) {
       piece.nearest.push_back(other);
@@ -122,6 +153,7 @@ void Pieces::measure(std::int32_t index) {
   }
   const auto count = static_cast<double>(std::max<std::size_t>(1, piece.samples.size()));
   piece.cost = piece.area * distances / count;
+  piece.texture_shift = shifts / count;
 }
 
 }  // namespace manip3d

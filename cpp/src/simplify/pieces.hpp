@@ -29,6 +29,11 @@ class Pieces {
   /// Infinite for the last piece. The result may change when other pieces go.
   [[nodiscard]] double cost(std::int32_t piece) const { return pieces_[piece].cost; }
   [[nodiscard]] double mean_distance(std::int32_t piece) const;
+  /// How far the texture coordinates of the piece are on average from those of the places that the
+  /// distance is measured to; 0 for parts that show another material there.
+  [[nodiscard]] double texture_shift(std::int32_t piece) const {
+    return pieces_[piece].texture_shift;
+  }
   [[nodiscard]] double area(std::int32_t piece) const { return pieces_[piece].area; }
   /// Points at equal steps of area on the original surface, in the input's coordinates.
   [[nodiscard]] std::vector<Eigen::Vector3d> samples(std::int32_t piece) const;
@@ -43,10 +48,16 @@ class Pieces {
     std::int64_t faces = 0;             // still there
     double area = 0.0;
     double cost = 0.0;
+    double texture_shift = 0.0;
   };
 
   void measure(std::int32_t piece);
   [[nodiscard]] Eigen::Vector3d point_of(std::int32_t face, std::int64_t sample) const;
+  [[nodiscard]] bool shows_texture(std::int32_t face) const;
+  /// Whether both faces show a texture, of the same material.
+  [[nodiscard]] bool looks_like(std::int32_t face, std::int32_t other) const;
+  [[nodiscard]] Eigen::RowVector2d texture_at(std::int32_t face,
+                                              const Eigen::Vector3d& barycentric) const;
   [[nodiscard]] double area_of_face(std::int32_t face) const;
 
   const MeshView& mesh_;

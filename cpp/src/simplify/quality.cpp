@@ -85,11 +85,6 @@ constexpr double kReach = 0.1;
 /// diagonal of the box. Rounded borders of charts ask for this much on the models with most seams.
 constexpr double kTextureReach = 0.02;
 
-/// Files hold texture coordinates in single precision, whose steps are a sixty-fourth of the
-/// picture from here on: such faces show no texture but the rubbish of an exporter, and none is
-/// kept.
-constexpr double kFarthestTexture = 131072.0;
-
 struct Entry {
   double price;           // per face that goes
   std::int32_t a, b;      // an edge; b < 0: the piece a
@@ -108,6 +103,13 @@ struct Plan {
 };
 
 enum class Place : std::uint8_t { kBest, kFirst, kSecond, kMiddle };
+
+/// A textured wedge of the vertex that two become.
+struct Textured {
+  std::int32_t wedge;
+  AttributeQuadric quadric;
+  bool stays = false;  // it still has faces then
+};
 
 /// What the faces around an edge are like now: their quadric and area, and the plane
 /// normal.p = offset on which the volume below them stays the same [Lindstrom & Turk 1998].
@@ -156,6 +158,8 @@ class QualitySimplifier {
     if (is_textured_) {
       measure_texture();
       find_charts();
+      jumps_.resize(mesh_.num_vertices());
+      jump_.resize(mesh_.num_vertices(), 0.0);
     }
     for (std::int32_t f = 0; f < mesh_.num_slots(); ++f) {
       ticker.tick();
@@ -323,8 +327,35 @@ class QualitySimplifier {
         borders_[t] += plane;
         border_[v] += 0.5 * weight * along.norm();
         border_[t] += 0.5 * weight * along.norm();
+        if (!is_textured_ || !edge.is_seam) continue;
+        const double jump =
+            0.5 * along.norm() * texture_factor() * texture_jump(f, v, t) / edge.num_faces;
+        const Quadric shown = Quadric::plane(across / length, mesh_.position(v), jump);
+        for (const std::int32_t end : {v, t}) {
+          jumps_[end] += shown;
+          jump_[end] += jump;
+        }
       }
     });
+  }
+
+  /// How far the texture of a face is from those of the others on its edge v t, where they show the
+  /// same material: the mean of both ends, the largest of the faces.
+  [[nodiscard]] double texture_jump(std::int32_t f, std::int32_t v, std::int32_t t) const {
+    const auto uv = [&](std::int32_t face, std::int32_t at) -> const Vector2d& {
+      const auto& corners = mesh_.face(face);
+      const std::size_t c = corners[0] == at ? 0 : corners[1] == at ? 1 : 2;
+      return mesh_.uv(mesh_.wedges(face)[c]);
+    };
+    if (!shows_texture(f)) return 0.0;
+    double jump = 0.0;
+    mesh_.for_each_face(v, [&](std::int32_t g, std::int32_t) {
+      if (g == f || !touches(g, t) || !shows_texture(g)) return;
+      if (mesh_.surface(mesh_.wedges(g)[0]) != mesh_.surface(mesh_.wedges(f)[0])) return;
+      jump =
+          std::max(jump, 0.5 * (uv(f, v) - uv(g, v)).norm() + 0.5 * (uv(f, t) - uv(g, t)).norm());
+    });
+    return jump;
   }
 
   // --- The price of a collapse ---------------------------------------------------------------
@@ -410,23 +441,50 @@ class QualitySimplifier {
     wedges_.clear();
     const auto find = [&](std::int32_t wedge) {
       return std::find_if(wedges_.begin(), wedges_.end(),
-                          [&](const auto& known) { return known.first == wedge; });
+                          [&](const Textured& known) { return known.wedge == wedge; });
     };
     mesh_.for_each_face(t, [&](std::int32_t f, std::int32_t c) {
       const std::int32_t wedge = mesh_.wedges(f)[c];
-      if (mesh_.has_texture(wedge) && find(wedge) == wedges_.end()) {
-        wedges_.emplace_back(wedge, texture_[wedge]);
-      }
+      if (!mesh_.has_texture(wedge)) return;
+      auto known = find(wedge);
+      if (known == wedges_.end()) known = wedges_.insert(known, {wedge, texture_[wedge]});
+      if (!touches(f, v)) known->stays = true;
     });
     for (const WedgeMap::Pair& pair : map_.pairs) {
       if (!mesh_.has_texture(pair.from)) continue;
       const auto known = find(pair.to);
       if (known == wedges_.end()) {
-        wedges_.emplace_back(pair.to, texture_[pair.from]);
+        wedges_.push_back({pair.to, texture_[pair.from]});
       } else {
-        known->second += texture_[pair.from];
+        known->quadric += texture_[pair.from];
       }
     }
+    mesh_.for_each_face(v, [&](std::int32_t f, std::int32_t c) {
+      const std::int32_t wedge = mesh_.wedges(f)[c];
+      if (mesh_.has_texture(wedge) && !touches(f, t)) find(map_.at(wedge))->stays = true;
+    });
+  }
+
+  /// The price of the texture at the vertex that v and t become. Where a wedge loses its last face,
+  /// what is left of its surface shows the one that is most like it.
+  [[nodiscard]] double shifted_texture(const Vector3d& p) const {
+    double price = 0.0;
+    for (const Textured& own : wedges_) {
+      if (!(own.quadric.weight > 0.0)) continue;
+      double squares = own.quadric(p);
+      if (!own.stays) {
+        double least = std::numeric_limits<double>::infinity();
+        const Vector2d meant = own.quadric.best(p);
+        for (const Textured& other : wedges_) {
+          if (!other.stays || !(other.quadric.weight > 0.0)) continue;
+          if (mesh_.surface(other.wedge) != mesh_.surface(own.wedge)) continue;
+          least = std::min(least, (other.quadric.best(p) - meant).squaredNorm());
+        }
+        if (std::isfinite(least)) squares += own.quadric.weight * least;
+      }
+      price += texture_factor() * integral(squares, own.quadric.weight);
+    }
+    return price;
   }
 
   /// Area times root mean square, a bound of the integral of the distance.
@@ -454,9 +512,11 @@ class QualitySimplifier {
     const Vector3d& p = plan.position;
     plan.owed = strips(borders(p), border_[v] + border_[t], area_[v] + area_[t]);
     if (is_textured_) {
-      for (const auto& [wedge, quadric] : wedges_) {
-        plan.owed += texture_factor() * integral(quadric(p), quadric.weight);
-      }
+      plan.owed += shifted_texture(p);
+      // Along a seam that moves away, a strip shows the other side's texture.
+      Quadric jumps = jumps_[v];
+      jumps += jumps_[t];
+      plan.owed += kStripDistance * integral(jumps(p), jump_[v] + jump_[t]);
     }
     plan.price = kSurfaceShare * integral(star.quadric(p), star.area) +
                  std::max(0.0, plan.owed - owed_[v] - owed_[t]) + spike(v, t, p) +
@@ -479,7 +539,9 @@ class QualitySimplifier {
     squares.add(borders, length);
     if (is_textured_) {
       const double weight = texture_factor() * texture_factor();
-      for (const auto& [wedge, quadric] : wedges_) squares.add(quadric, weight);
+      for (const Textured& own : wedges_) squares.add(own.quadric, weight);
+      squares.add(jumps_[v], 1.0);
+      squares.add(jumps_[t], 1.0);
     }
     squares.add(middle, kTowardsMiddle * (area_[v] + area_[t]) + 1e-9 * length * length);
     const bool has_volume = star.normal.norm() > kLeastVolume * star.area;
@@ -602,8 +664,9 @@ class QualitySimplifier {
   [[nodiscard]] double piece_price(std::int32_t i) const {
     const PieceBorders& own = piece_borders_[i];
     const double distance = pieces_.mean_distance(i);
-    const double price = kPieceFactor * pieces_.cost(i) +
-                         strips(own.length * distance * distance, own.length, own.area);
+    double price = kPieceFactor * pieces_.cost(i) +
+                   strips(own.length * distance * distance, own.length, own.area);
+    if (is_textured_) price += texture_factor() * pieces_.texture_shift(i) * pieces_.area(i);
     // Faces beyond the target are no gain.
     const std::int64_t needed =
         std::max<std::int64_t>(1, mesh_.num_faces() - options_.target_faces);
@@ -866,6 +929,10 @@ class QualitySimplifier {
     part_[t].extend(part_[v]);
     surface_[t] += surface_[v];
     borders_[t] += borders_[v];
+    if (is_textured_) {
+      jumps_[t] += jumps_[v];
+      jump_[t] += jump_[v];
+    }
     area_[t] += area_[v];
     border_[t] += border_[v];
     owed_[t] = plan.owed;
@@ -919,7 +986,7 @@ class QualitySimplifier {
   /// a narrow face can be anywhere.
   void set_texture(std::int32_t v, std::int32_t t, const Vector3d& p) {
     uvs_.clear();
-    for (const auto& [wedge, quadric] : wedges_) {
+    for (const auto& [wedge, quadric, stays] : wedges_) {
       texture_[wedge] = quadric;
       if (const auto from = locked_wedge(v, t, wedge)) {
         uvs_.emplace_back(wedge, mesh_.uv(*from));
@@ -1062,7 +1129,7 @@ class QualitySimplifier {
     const auto set_texture = [&](std::int32_t wedge, const Vector2d& uv) {
       mesh_.set_uv(wedge, within(chart_box_[chart_[wedge]], kTextureReach, uv));
     };
-    fit.fit_texture(mesh_, may_change, set_texture, part_of(progress_, 0.95, 1.0));
+    fit.fit_texture(mesh_, chart_, may_change, set_texture, part_of(progress_, 0.95, 1.0));
   }
 
   [[nodiscard]] CollapseStop why_it_stopped() {
@@ -1103,6 +1170,8 @@ class QualitySimplifier {
   Ring ring_v_, ring_t_;
   std::vector<Quadric> surface_;           // of a vertex: the original faces it stands for
   std::vector<Quadric> borders_;           // of a vertex: the boundaries and seams
+  std::vector<Quadric> jumps_;             // of a vertex: the seams, weighted by what they show
+  std::vector<double> jump_;               // of a vertex: weighted length of those seams
   std::vector<AttributeQuadric> texture_;  // of a wedge
   std::vector<Eigen::AlignedBox3d> part_;  // of a vertex: the box of those faces
   std::vector<double> area_;               // of a vertex: of those faces
@@ -1134,7 +1203,7 @@ class QualitySimplifier {
   std::vector<std::int32_t> touched_, around_, last_faces_;
   std::vector<DistanceGuard::Change> changed_;
   WedgeMap map_;
-  std::vector<std::pair<std::int32_t, AttributeQuadric>> wedges_;
+  std::vector<Textured> wedges_;
   std::vector<std::pair<std::int32_t, Vector2d>> uvs_;
   std::vector<std::int32_t> neighbours_;
   std::vector<std::int32_t> doubled_;

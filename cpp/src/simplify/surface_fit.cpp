@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include "manip3d/geometry/bvh.hpp"
@@ -18,6 +19,9 @@ using Eigen::Vector3d;
 /// After three steps the mean distance falls by less than a hundredth.
 constexpr int kSteps = 3;
 
+/// Each step takes a quarter of what is linear in the error of texture coordinates.
+constexpr int kTextureSteps = 12;
+
 /// Points that are farther away than this many mean distances belong to something that is gone.
 constexpr double kFarAway = 8.0;
 
@@ -26,6 +30,7 @@ constexpr double kFarAway = 8.0;
 /// where these points are met and the surface between them is not.
 constexpr std::int64_t kManyFaces = 30;
 constexpr int kMostPoints = 3;
+constexpr int kCentroid = kMostPoints;  // the number of a point that is the only one of its face
 
 /// There the mean of the distances counts, not that of their squares, for those that exceed this
 /// many mean distances; where few faces are left it makes the error larger by 1 to 5 %.
@@ -34,13 +39,24 @@ constexpr double kNearMean = 0.5;
 /// Shorter vectors (the diagonal is 1) have no direction.
 constexpr double kNoDistance = 1e-12;
 
+/// Faces whose distances to a point differ by no more than this (the diagonal is 1) may both be
+/// where it belongs.
+constexpr double kSameSheet = 1e-4;
+
+/// Rounding shall not hide the nearest face from its own distance.
+constexpr double kRounding = 1e-12;
+
 /// Faces that one thread looks at in one go.
 constexpr std::int64_t kChunk = 512;
 
-/// Barycentric coordinates of sample k of a face: its centroid, or the points with which a sum of
-/// three is exact for squares.
-Vector3d weights_of(int per_face, int k) {
-  if (per_face == 1) return Vector3d::Constant(1.0 / 3.0);
+/// A face of the original that is larger than this share of those left, on average, gives several
+/// points in any case: the few that lie on one face left would not tell how it is tilted.
+constexpr double kLargeFace = 0.1;
+
+/// Barycentric coordinates of sample k of a face: the points with which a sum of three is exact for
+/// squares, or the centroid.
+Vector3d weights_of(int k) {
+  if (k == kCentroid) return Vector3d::Constant(1.0 / 3.0);
   Vector3d weights = Vector3d::Constant(1.0 / 6.0);
   weights[k] = 2.0 / 3.0;
   return weights;
@@ -52,6 +68,13 @@ double robust_factor(double distance, double least) {
   return least > 0.0 ? least / (std::abs(distance) + least) : 1.0;
 }
 
+/// The texture coordinate at a point of a face with these wedges.
+Vector2d texture_at(const CollapseMesh& mesh, const CollapseMesh::Triple& wedges,
+                    const Vector3d& barycentric) {
+  return barycentric[0] * mesh.uv(wedges[0]) + barycentric[1] * mesh.uv(wedges[1]) +
+         barycentric[2] * mesh.uv(wedges[2]);
+}
+
 }  // namespace
 
 SurfaceFit::SurfaceFit(const MeshView& original, std::function<bool(std::int32_t)> is_there)
@@ -59,21 +82,74 @@ SurfaceFit::SurfaceFit(const MeshView& original, std::function<bool(std::int32_t
 
 void SurfaceFit::run(CollapseMesh& mesh, const Move& move, const Progress& progress) {
   const bool has_many = original_.num_faces() > kManyFaces * mesh.num_faces();
+  place_samples(mesh, has_many);
   // Few faces move far, so that points come to lie nearest to others.
   const int searches = has_many ? kSteps : 1;
   for (int i = 0; i < searches; ++i) {
-    find_nearest(mesh, has_many ? 1 : kMostPoints,
-                 part_of(progress, 1.0 * i / searches, (i + 1.0) / searches));
-    const double least = has_many ? 0.0 : kNearMean * mean_distance();
+    find_nearest(mesh, part_of(progress, 1.0 * i / searches, (i + 1.0) / searches));
+    least_distance_ = has_many ? 0.0 : kNearMean * mean_distance();
     drop_far_samples();
     for (int k = 0; k < kSteps / searches; ++k) {
       if (progress) progress((i + 1.0) / searches);
-      step(mesh, least, move);
+      step(mesh, move);
     }
   }
 }
 
-void SurfaceFit::find_nearest(const CollapseMesh& mesh, int per_face, const Progress& progress) {
+void SurfaceFit::place_samples(const CollapseMesh& mesh, bool has_many) {
+  double total = 0.0;
+  std::vector<double> areas(static_cast<std::size_t>(original_.num_faces()), 0.0);
+  for (std::int64_t f = 0; f < original_.num_faces(); ++f) {
+    // A vertex that only such faces use belongs to no piece; is_there_ must not be asked about it.
+    if (is_degenerate(original_.faces, f) || !is_there_(original_.faces(f, 0))) continue;
+    const Eigen::Matrix3d p = corners_of(mesh, f);
+    areas[f] = (p.col(1) - p.col(0)).cross(p.col(2) - p.col(0)).norm();
+    total += areas[f];
+  }
+  const double large =
+      kLargeFace * total / static_cast<double>(std::max<std::int64_t>(1, mesh.num_faces()));
+  samples_.clear();
+  for (std::int64_t f = 0; f < original_.num_faces(); ++f) {
+    if (!(areas[f] > 0.0)) continue;
+    const bool one = has_many && areas[f] < large;
+    for (int k = one ? kCentroid : 0; k < (one ? kCentroid + 1 : kMostPoints); ++k) {
+      Sample& sample = samples_.emplace_back();
+      sample.source = 4 * static_cast<std::uint32_t>(f) + static_cast<std::uint32_t>(k);
+      sample.area = static_cast<float>(one ? areas[f] : areas[f] / kMostPoints);
+    }
+  }
+}
+
+Eigen::Matrix3d SurfaceFit::corners_of(const CollapseMesh& mesh, std::int64_t face) const {
+  Eigen::Matrix3d corners;
+  for (int c = 0; c < 3; ++c) {
+    corners.col(c) = mesh.from_input(original_.vertices.row(original_.faces(face, c)).transpose());
+  }
+  return corners;
+}
+
+Vector3d SurfaceFit::point_of(const CollapseMesh& mesh, const Sample& sample) const {
+  return corners_of(mesh, sample.source / 4) * weights_of(static_cast<int>(sample.source % 4));
+}
+
+Vector2d SurfaceFit::texture_of(const Sample& sample) const {
+  const std::int64_t f = sample.source / 4;
+  const Vector3d weights = weights_of(static_cast<int>(sample.source % 4));
+  Vector2d result = Vector2d::Zero();
+  for (int k = 0; k < 3; ++k) {
+    result += weights[k] * original_.texcoords.row(original_.face_texcoords(f, k)).transpose();
+  }
+  return result;
+}
+
+void SurfaceFit::take_positions(const CollapseMesh& mesh) {
+  now_.vertices.resize(mesh.num_vertices(), 3);
+  for (std::int32_t v = 0; v < mesh.num_vertices(); ++v) {
+    now_.vertices.row(v) = mesh.position(v).transpose();
+  }
+}
+
+void SurfaceFit::find_nearest(const CollapseMesh& mesh, const Progress& progress) {
   now_.faces.resize(mesh.num_faces(), 3);
   slots_.clear();
   for (std::int32_t f = 0; f < mesh.num_slots(); ++f) {
@@ -82,57 +158,43 @@ void SurfaceFit::find_nearest(const CollapseMesh& mesh, int per_face, const Prog
     now_.faces.row(static_cast<Eigen::Index>(slots_.size())) << face[0], face[1], face[2];
     slots_.push_back(f);
   }
-  now_.vertices.resize(mesh.num_vertices(), 3);
-  for (std::int32_t v = 0; v < mesh.num_vertices(); ++v) {
-    now_.vertices.row(v) = mesh.position(v).transpose();
-  }
+  take_positions(mesh);
   const TriangleBvh bvh(now_, part_of(progress, 0.0, 0.3));
-  per_face_ = per_face;
-  samples_.assign(per_face * original_.num_faces(), {});
   const auto search = [&](std::int64_t begin, std::int64_t end) {
     std::int32_t near_face = 0;
-    for (std::int64_t f = begin; f < end; ++f) find_nearest_of(mesh, bvh, f, near_face);
+    for (std::int64_t i = begin; i < end; ++i) {
+      find_nearest_to(mesh, bvh, samples_[static_cast<std::size_t>(i)], near_face);
+    }
   };
-  parallel_chunks(original_.num_faces(), kChunk, 0, search, part_of(progress, 0.3, 1.0));
+  parallel_chunks(static_cast<std::int64_t>(samples_.size()), kChunk, 0, search,
+                  part_of(progress, 0.3, 1.0));
 }
 
-void SurfaceFit::find_nearest_of(const CollapseMesh& mesh, const TriangleBvh& bvh,
-                                 std::int64_t face, std::int32_t& near_face) {
-  // A vertex that only such faces use belongs to no piece, which is_there_ must not be asked about.
-  if (is_degenerate(original_.faces, face) || !is_there_(original_.faces(face, 0))) return;
-  Eigen::Matrix3d corners;
-  for (int c = 0; c < 3; ++c) {
-    corners.col(c) = mesh.from_input(original_.vertices.row(original_.faces(face, c)).transpose());
+void SurfaceFit::find_nearest_to(const CollapseMesh& mesh, const TriangleBvh& bvh, Sample& sample,
+                                 std::int32_t& near_face) const {
+  const Vector3d point = point_of(mesh, sample);
+  const SurfacePoint nearest = bvh.closest_point(point, near_face);
+  near_face = nearest.face;
+  Vector3d direction = point - nearest.point;
+  sample.distance = direction.norm();
+  if (!(sample.distance > kNoDistance)) {
+    const auto corner = [&](int c) -> Vector3d {
+      return now_.vertices.row(now_.faces(near_face, c)).transpose();
+    };
+    direction = (corner(1) - corner(0)).cross(corner(2) - corner(0));
+    sample.distance = 0.0;
   }
-  const double area =
-      (corners.col(1) - corners.col(0)).cross(corners.col(2) - corners.col(0)).norm();
-  if (!(area > 0.0)) return;
-  for (int k = 0; k < per_face_; ++k) {
-    const Vector3d point = corners * weights_of(per_face_, k);
-    const SurfacePoint nearest = bvh.closest_point(point, near_face);
-    near_face = nearest.face;
-    Sample& sample = samples_[static_cast<std::size_t>(per_face_ * face + k)];
-    Vector3d direction = point - nearest.point;
-    sample.distance = direction.norm();
-    if (!(sample.distance > kNoDistance)) {
-      const auto corner = [&](int c) -> Vector3d {
-        return now_.vertices.row(now_.faces(near_face, c)).transpose();
-      };
-      direction = (corner(1) - corner(0)).cross(corner(2) - corner(0));
-      sample.distance = 0.0;
-    }
-    const double length = direction.norm();
-    if (!(length > 0.0)) continue;
-    sample.face = near_face;
-    sample.area = static_cast<float>(area / per_face_);
-    sample.direction = (direction / length).cast<float>();
-    sample.barycentric = nearest.barycentric;
-  }
+  const double length = direction.norm();
+  sample.face = length > 0.0 ? near_face : -1;
+  if (!(length > 0.0)) return;
+  sample.direction = (direction / length).cast<float>();
+  sample.barycentric = nearest.barycentric;
 }
 
 double SurfaceFit::mean_distance() const {
   double sum = 0.0, total = 0.0;
   for (const Sample& sample : samples_) {
+    if (sample.face < 0) continue;
     sum += sample.area * sample.distance;
     total += sample.area;
   }
@@ -148,7 +210,7 @@ void SurfaceFit::drop_far_samples() {
 
 /// The distances are those along the directions in which the search found them: the nearest points
 /// slide along the surface when its vertices move.
-void SurfaceFit::step(CollapseMesh& mesh, double least_distance, const Move& move) const {
+void SurfaceFit::step(CollapseMesh& mesh, const Move& move) const {
   std::vector<Vector3d> pull(mesh.num_vertices(), Vector3d::Zero());
   std::vector<double> weight(mesh.num_vertices(), 0.0);
   for (const Sample& sample : samples_) {
@@ -161,7 +223,7 @@ void SurfaceFit::step(CollapseMesh& mesh, double least_distance, const Move& mov
     }
     const Vector3d direction = sample.direction.cast<double>();
     const double distance = sample.distance - direction.dot(moved);
-    const double factor = robust_factor(distance, least_distance);
+    const double factor = robust_factor(distance, least_distance_);
     for (int k = 0; k < 3; ++k) {
       const double w = factor * sample.area * sample.barycentric[k];
       pull[face(k)] += w * distance * direction;
@@ -173,49 +235,66 @@ void SurfaceFit::step(CollapseMesh& mesh, double least_distance, const Move& mov
   }
 }
 
-std::int64_t SurfaceFit::surface_of(std::int64_t sample) const {
-  const std::int64_t f = sample / per_face_;
-  const std::int64_t material = original_.has_materials() ? original_.face_material(f) : -1;
-  return 2 * material + (original_.face_has_texcoords(f) ? 1 : 0);
-}
-
-Vector2d SurfaceFit::texture_of(std::int64_t sample) const {
-  const std::int64_t f = sample / per_face_;
-  const Vector3d weights = weights_of(per_face_, static_cast<int>(sample % per_face_));
-  Vector2d result = Vector2d::Zero();
-  for (int k = 0; k < 3; ++k) {
-    result += weights[k] * original_.texcoords.row(original_.face_texcoords(f, k)).transpose();
-  }
-  return result;
-}
-
-void SurfaceFit::fit_texture(CollapseMesh& mesh,
-                             const std::function<bool(std::int32_t)>& may_change,
-                             const SetTexture& set, const Progress& progress) const {
-  Ticker ticker(progress);
-  const auto wedges_of = [&](const Sample& sample) -> const auto& {
-    return mesh.wedges(slots_[sample.face]);
+/// Where several sheets of the surface meet or lie upon each other, the nearest face may show any
+/// of them, and so may the faces of one chart that is folded: the one with the nearest texture
+/// coordinate is meant.
+void SurfaceFit::find_textured(const CollapseMesh& mesh, const std::vector<std::int32_t>& chart,
+                               const Progress& progress) {
+  take_positions(mesh);
+  const TriangleBvh bvh(now_, part_of(progress, 0.0, 0.3));
+  const auto search = [&](std::int64_t begin, std::int64_t end) {
+    std::int32_t near_face = 0;
+    std::vector<SurfacePoint> met;
+    for (std::int64_t i = begin; i < end; ++i) {
+      Sample& sample = samples_[static_cast<std::size_t>(i)];
+      if (sample.face < 0) continue;
+      sample.face = -1;
+      const std::int32_t wedge = mesh.wedges(static_cast<std::int32_t>(sample.source / 4))[0];
+      if (!mesh.has_texture(wedge)) continue;
+      const Vector3d point = point_of(mesh, sample);
+      const Vector2d texture = texture_of(sample);
+      const SurfacePoint nearest = bvh.closest_point(point, near_face);
+      near_face = nearest.face;
+      bvh.faces_within(point, nearest.distance * (1.0 + kRounding) + kSameSheet, met);
+      double least = std::numeric_limits<double>::infinity();
+      for (const SurfacePoint& candidate : met) {
+        const auto& wedges = mesh.wedges(slots_[candidate.face]);
+        if (chart[wedges[0]] != chart[wedge]) continue;
+        const double distance =
+            (texture - texture_at(mesh, wedges, candidate.barycentric)).squaredNorm();
+        if (!(distance < least)) continue;
+        least = distance;
+        sample.face = candidate.face;
+        sample.barycentric = candidate.barycentric;
+      }
+    }
   };
+  parallel_chunks(static_cast<std::int64_t>(samples_.size()), kChunk, 0, search,
+                  part_of(progress, 0.3, 1.0));
+}
+
+void SurfaceFit::fit_texture(CollapseMesh& mesh, const std::vector<std::int32_t>& chart,
+                             const std::function<bool(std::int32_t)>& may_change,
+                             const SetTexture& set, const Progress& progress) {
+  find_textured(mesh, chart, part_of(progress, 0.0, 0.7));
   struct Textured {
     std::size_t sample;
     Vector2d texture;
   };
   std::vector<Textured> textured;
   for (std::size_t i = 0; i < samples_.size(); ++i) {
-    ticker.tick();
     if (samples_[i].face < 0) continue;
-    const std::int32_t wedge = wedges_of(samples_[i])[0];
-    const auto index = static_cast<std::int64_t>(i);
-    if (!mesh.has_texture(wedge) || surface_of(index) != mesh.surface(wedge)) continue;
-    textured.push_back({i, texture_of(index)});
+    textured.push_back({i, texture_of(samples_[i])});
   }
-  for (int step = 0; step < kSteps; ++step) {
-    const auto residual = [&](const Textured& t) -> Vector2d {
-      const Sample& sample = samples_[t.sample];
-      const auto& w = wedges_of(sample);
-      return t.texture - sample.barycentric[0] * mesh.uv(w[0]) -
-             sample.barycentric[1] * mesh.uv(w[1]) - sample.barycentric[2] * mesh.uv(w[2]);
-    };
+  const auto wedges_of = [&](const Sample& sample) -> const auto& {
+    return mesh.wedges(slots_[sample.face]);
+  };
+  const auto residual = [&](const Textured& t) -> Vector2d {
+    const Sample& sample = samples_[t.sample];
+    return t.texture - texture_at(mesh, wedges_of(sample), sample.barycentric);
+  };
+  for (int step = 0; step < kTextureSteps; ++step) {
+    if (progress) progress(0.7 + 0.3 * step / kTextureSteps);
     double sum = 0.0, total = 0.0;
     for (const Textured& t : textured) {
       sum += samples_[t.sample].area * residual(t).norm();
@@ -228,10 +307,10 @@ void SurfaceFit::fit_texture(CollapseMesh& mesh,
     std::vector<double> weight(mesh.num_wedges(), 0.0);
     for (const Textured& t : textured) {
       const Vector2d r = residual(t);
-      if (r.norm() > limit) continue;  // another chart
+      if (r.norm() > limit) continue;  // a part of the chart that is gone
       const Sample& sample = samples_[t.sample];
       const auto face = now_.faces.row(sample.face);
-      const double factor = robust_factor(r.norm(), per_face_ > 1 ? kNearMean * mean : 0.0);
+      const double factor = robust_factor(r.norm(), least_distance_ > 0.0 ? kNearMean * mean : 0.0);
       for (int k = 0; k < 3; ++k) {
         if (!may_change(face(k))) continue;
         const double w = factor * sample.area * sample.barycentric[k];
