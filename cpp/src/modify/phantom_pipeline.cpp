@@ -259,32 +259,12 @@ class PhantomPipeline::Workspace {
       report.reason = lacks_skeletons() ? PhantomReason::kNoSkeleton : PhantomReason::kNoPerson;
       return report;
     }
-    if (is_here_) {
-      const PixelProjector projector(*camera_, rays_);
-      report.quality.fit = joint_fit(*person, options_.affected, projector, image);
-      // Without a body index, furniture within the person's depths is far from all bones too.
-      if (input.body_index != nullptr) {
-        report.quality.fit = std::min(report.quality.fit, bone_fit(points_));
-      }
-    }
+    if (is_here_) report.quality.fit = fit_of(*person, input, image);
     clock.end(PhantomStage::kSegmentation);
     std::optional<ClothSearch> cloth;
     if (!options_.keep_residual) {
-      const PixelProjector projector(*camera_, rays_);
-      if (is_here_) {
-        presence_.add(*person, options_.affected, projector, image.label);
-        follow_legs(*fitted);
-      }
-      report.num_removed =
-          remove_limb(points_, options_.affected, removal_radius(), flesh(), image);
-      if (goes_by_skin()) {
-        report.num_removed += remove_rest(points_, options_.affected, image, vertex_of_);
-        cloth = cloth_search(*fitted);
-        if (cloth) {
-          report.num_removed +=
-              remove_loose_cloth(points_, *cloth, input.depth, projector, image, vertex_of_);
-        }
-      }
+      if (is_here_) look_for_limb(*person, *fitted, image);
+      cloth = remove(*fitted, input, image, report);
     }
     report.plane = frame_;
     clock.end(PhantomStage::kRemoval);
@@ -614,6 +594,36 @@ class PhantomPipeline::Workspace {
     return ClothSearch{
         affected, root,   limb_length(person, intact), static_cast<float>(camera_->fx),
         *frame_,  mirror_};
+  }
+
+  /// Do the joints belong to the depth image?
+  [[nodiscard]] double fit_of(const Skeleton& person, const PhantomInput& input,
+                              const PhantomImage& image) const {
+    const PixelProjector projector(*camera_, rays_);
+    const double fit = joint_fit(person, options_.affected, projector, image);
+    // Without a body index, furniture within the person's depths is far from all bones too.
+    return input.body_index != nullptr ? std::min(fit, bone_fit(points_)) : fit;
+  }
+
+  /// Has the person the affected limb, and what does it tell of the plane?
+  void look_for_limb(const Skeleton& person, const Skeleton& fitted, const PhantomImage& image) {
+    presence_.add(person, options_.affected, PixelProjector(*camera_, rays_), image.label);
+    follow_legs(fitted);
+  }
+
+  /// Takes out the affected limb. Returns where cloth of it was looked for.
+  std::optional<ClothSearch> remove(const Skeleton& fitted, const PhantomInput& input,
+                                    const PhantomImage& image, PhantomReport& report) {
+    const Limb affected = options_.affected;
+    report.num_removed = remove_limb(points_, affected, removal_radius(), flesh(), image);
+    if (!goes_by_skin()) return std::nullopt;
+    report.num_removed += remove_rest(points_, affected, image, vertex_of_);
+    const std::optional<ClothSearch> cloth = cloth_search(fitted);
+    if (cloth) {
+      report.num_removed += remove_loose_cloth(
+          points_, *cloth, input.depth, PixelProjector(*camera_, rays_), image, vertex_of_);
+    }
+    return cloth;
   }
 
   /// Can the intact limb be mirrored, and if not, what becomes of the last phantom?
