@@ -620,8 +620,8 @@ class PhantomPipeline::Workspace {
     report.num_removed += remove_rest(points_, affected, image, vertex_of_);
     const std::optional<ClothSearch> cloth = cloth_search(fitted);
     if (cloth) {
-      report.num_removed += remove_loose_cloth(
-          points_, *cloth, input.depth, PixelProjector(*camera_, rays_), image, vertex_of_);
+      report.num_removed += remove_loose_cloth(points_, *cloth, input.depth,
+                                               PixelProjector(*camera_, rays_), image, vertex_of_);
     }
     return cloth;
   }
@@ -763,6 +763,7 @@ class PhantomPipeline::Workspace {
       fill_holes(root, rays_, image, fills_, PixelKind::kRootFilled);
       all.add(root);
       give_back_lap(image);
+      if (!is_held) report.num_filled += fill_from_own_limb(image);
       if (!is_held) all.add(remember(phantom.box(), root, time_s, image, report));
     }
     return all.box();
@@ -791,6 +792,15 @@ class PhantomPipeline::Workspace {
     if (options_.keep_residual || !goes_by_skin() || is_arm(options_.affected)) return;
     give_back(points_, options_.affected, bones_, kSeam, image);
     give_back_holes(points_, options_.affected, bones_, rays_, image, vertex_of_);
+  }
+
+  /// What the mirrored leg leaves open of itself and the affected leg shows. Whatever is so near to
+  /// the intact leg's skin is mirrored as its flesh; as near to the skin of the phantom, the
+  /// affected leg's is at the phantom's own place. Nothing is asked of a person who lacks the leg.
+  std::int64_t fill_from_own_limb(const PhantomImage& image) const {
+    if (options_.keep_residual || !follows_trunk() || !goes_by_skin()) return 0;
+    if (is_arm(options_.affected) || !presence_.is_there()) return 0;
+    return fill_from_limb(points_, options_.affected, bones_, mirror_, flesh(), image);
   }
 
   /// Calls use(joint) for the joints that the phantom replaces.
