@@ -182,7 +182,8 @@ class LimbPresence {
     constexpr float kOtherLength = 0.3F;  // two arms, or two legs, of a person differ by less
     const float length = limb_length(skeleton, affected);
     const float intact = limb_length(skeleton, opposite(affected));
-    const auto chain = limb_chain(affected).first(kNumMainJoints);
+    // Without the root, which is guessed whenever a seated person's thigh hides it.
+    const auto chain = limb_chain(affected).first(kNumMainJoints).subspan(1);
     const bool is_tracked = std::ranges::all_of(
         chain, [&](Joint j) { return skeleton.state(j) == TrackingState::kTracked; });
     const bool is_seen = is_tracked && std::abs(length - intact) < kOtherLength * intact &&
