@@ -2,12 +2,28 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
 from manip3d import datasets, modify
 from manip3d.simulate import BodySimulator
 from real_data import RealData
+
+
+def is_own(result: modify.PhantomFrame) -> np.ndarray:
+    """Pixels of the phantom that show what was there before."""
+    rows, cols = np.indices(result.kinds.shape)
+    stays = (result.source[..., 0] == rows) & (result.source[..., 1] == cols)
+    return np.asarray(stays & (result.kinds == modify.PixelKind.FILLED))
+
+
+def from_bone(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Distances of points to a bone."""
+    bone = end - start
+    along = np.clip((points - start) @ bone / (bone @ bone), 0.0, 1.0)
+    return np.asarray(np.linalg.norm(points - start - along[:, None] * bone, axis=1))
 
 
 @pytest.mark.realdata
@@ -18,6 +34,7 @@ def test_no_lap_is_cut_while_the_chest_turns_on_the_seat(
     """A person whose legs are turned by 12 degrees against the chest, which turns when rising.
 
     By the plane of the trunk 17 to 29 % of what is below the hips was lost in the first 20 frames.
+    Pixels that the phantom takes from the affected leg count as lost, as they hide a wrong plane.
     """
     realdata.needs("people_utd_mhad")
     pipeline = modify.PhantomPipeline(limb)
@@ -26,7 +43,8 @@ def test_no_lap_is_cut_while_the_chest_turns_on_the_seat(
         result = pipeline.process(frame)
         points = frame.calibration.depth.unproject(frame.depth)
         below = (frame.body_index == 0) & (points[..., 1] > frame.skeletons[0].positions[0, 1])
-        lost.append(np.mean(result.kinds[below] == modify.PixelKind.NONE))
+        is_lost = (result.kinds == modify.PixelKind.NONE) | is_own(result)
+        lost.append(np.mean(is_lost[below]))
     assert np.median(lost) < 0.09
     assert np.percentile(lost, 95) < 0.15
 
@@ -57,3 +75,61 @@ def test_the_plane_turns_with_a_person_who_moves_the_intact_leg(motion: str) -> 
     assert len(off) > 50
     assert np.median(off) < 4.0
     assert np.percentile(off, 95) < 7.0
+
+
+@pytest.mark.parametrize("turn", [-15.0, 15.0])
+@pytest.mark.parametrize("limb", ["left_leg", "right_leg"])
+def test_the_legs_of_a_turned_person_stay_whole(limb: modify.Limb, turn: float) -> None:
+    """A camera sees the inner side of one leg and the outer side of the other.
+
+    Mirrored points alone lose 9 to 25 % of what is below the hips; of a body that is turned to one
+    side the tracker guesses the affected hip.
+    """
+    pipeline = modify.PhantomPipeline(limb)
+    simulator = BodySimulator(
+        motion="still",
+        side="right" if limb == "left_leg" else "left",
+        sitting=True,
+        turn=turn,
+        tracker="kinect-v1",
+        color="none",
+        seed=11,
+    )
+    lost, taken = [], []
+    for frame in itertools.islice(simulator, 20):
+        result = pipeline.process(frame)
+        points = frame.calibration.depth.unproject(frame.depth)
+        below = (frame.body_index == 0) & (points[..., 1] > frame.skeletons[0].positions[0, 1])
+        lost.append(np.mean(result.kinds[below] == modify.PixelKind.NONE))
+        taken.append(np.mean(is_own(result)[below]))
+    assert np.median(lost) < 0.03
+    assert np.median(taken) > 0.03
+
+
+def test_a_leg_aside_is_not_drawn_beside_the_phantom() -> None:
+    """Who stretches one knee shows a shin that is no part of the phantom, which has none there."""
+    pipeline = modify.PhantomPipeline("left_leg")
+    simulator = BodySimulator(
+        motion="knee-extension",
+        side="right",
+        sitting=True,
+        tracker="kinect-v1",
+        color="none",
+        room=False,
+        seed=11,
+    )
+    farthest = []
+    for number in range(0, 60, 3):
+        seen = simulator.capture(number / 30.0)
+        result = pipeline.process(seen.frame)
+        plane = result.plane
+        own = is_own(result)
+        if plane is None or not own.any():
+            continue
+        chain = seen.truth.joints[[16, 17, 18, 19]]
+        chain = chain - 2.0 * ((chain - plane.origin) @ plane.normal)[:, None] * plane.normal
+        points = seen.frame.calibration.depth.unproject(seen.frame.depth)[own]
+        off = [from_bone(points, *ends) for ends in itertools.pairwise(chain)]
+        farthest.append(np.min(off, axis=0).max())
+    assert len(farthest) > 10
+    assert max(farthest) < 0.20  # a thigh's radius, 6 cm, and what joints are off by

@@ -157,11 +157,12 @@ void take_out(std::int32_t pixel, const PhantomImage& image) {
 
 namespace {
 
-void put_back(std::int32_t pixel, float z, std::uint8_t label, const PhantomImage& image) {
+void put_back(std::int32_t pixel, float z, std::uint8_t label, const PhantomImage& image,
+              PixelKind kind = PixelKind::kBody) {
   const auto cols = static_cast<std::int32_t>(image.cols);
   image.depth[pixel] = image.source_depth[pixel] = z;
   image.label[pixel] = label;
-  image.kind[pixel] = PixelKind::kBody;
+  image.kind[pixel] = kind;
   image.source[2 * pixel] = pixel / cols;
   image.source[2 * pixel + 1] = pixel % cols;
 }
@@ -230,10 +231,13 @@ struct NearestSkin {
   std::uint8_t label = 0;
 };
 
-NearestSkin nearest_skin(const Eigen::Vector3f& p, const BoneSegments& bones, std::uint8_t but) {
+/// Of the bones whose label counts.
+template <typename Counts>
+NearestSkin nearest_skin(const Eigen::Vector3f& p, const BoneSegments& bones,
+                         const Counts& counts) {
   NearestSkin nearest;
   for (std::size_t k = 0; k < bones.count; ++k) {
-    if (bones.label[k] == but) continue;
+    if (!counts(bones.label[k])) continue;
     const Eigen::Vector3f bone = bones.end[k] - bones.start[k], from = p - bones.start[k];
     constexpr float kPoint = 1e-9F;  // square metres
     const float t = std::clamp(from.dot(bone) / std::max(bone.squaredNorm(), kPoint), 0.0F, 1.0F);
@@ -242,6 +246,10 @@ NearestSkin nearest_skin(const Eigen::Vector3f& p, const BoneSegments& bones, st
     if (skin < nearest.distance) nearest = {skin, bones.label[k]};
   }
   return nearest;
+}
+
+NearestSkin nearest_skin(const Eigen::Vector3f& p, const BoneSegments& bones, std::uint8_t but) {
+  return nearest_skin(p, bones, [but](std::uint8_t label) { return label != but; });
 }
 
 }  // namespace
@@ -308,6 +316,25 @@ std::int64_t give_back_holes(const PersonPoints& points, Limb limb, const BoneSe
     given += static_cast<std::int64_t>(count);
   }
   return given;
+}
+
+std::int64_t fill_from_limb(const PersonPoints& points, Limb limb, const BoneSegments& bones,
+                            const Mirror& mirror, double reach, const PhantomImage& image) {
+  const std::array<bool, kNumJoints> is_intact = limb_bones(opposite(limb));
+  const Eigen::Matrix3f linear = mirror.linear.cast<float>();
+  const Eigen::Vector3f offset = mirror.offset.cast<float>();
+  std::int64_t filled = 0;
+  for (std::int64_t i = 0; i < points.count; ++i) {
+    const std::int32_t pixel = points.pixel[i];
+    if (points.label[i] != limb_label(limb) || image.kind[pixel] != PixelKind::kNone) continue;
+    const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
+    const NearestSkin nearest = nearest_skin(linear * p + offset, bones,
+                                             [&](std::uint8_t label) { return is_intact[label]; });
+    if (!(nearest.distance <= static_cast<float>(reach))) continue;
+    put_back(pixel, points.z[i], kMirroredJoints[nearest.label], image, PixelKind::kFilled);
+    ++filled;
+  }
+  return filled;
 }
 
 void mirror_limb(const PersonPoints& points, Limb intact, double radius, double flesh,

@@ -96,6 +96,14 @@ std::int64_t give_back_holes(const PersonPoints& points, Limb limb, const BoneSe
 std::int64_t give_back(const PersonPoints& points, Limb limb, const BoneSegments& bones,
                        double reach, const PhantomImage& image);
 
+/// Draws points of the limb that was taken out as the phantom's, where nothing is drawn now: those
+/// within `reach` of the skin that the intact limb's bones have on the other side of the plane. A
+/// camera that sees the inner side of one leg sees the outer side of the other, so that the
+/// mirrored points leave open a strip of the very limb whose place they take. `mirror` is a
+/// reflection. Returns the number of points.
+std::int64_t fill_from_limb(const PersonPoints& points, Limb limb, const BoneSegments& bones,
+                            const Mirror& mirror, double reach, const PhantomImage& image);
+
 struct MirroredPoint {
   float x, y, z;        ///< Mirrored.
   float source_depth;   ///< Depth of the point itself,

@@ -182,7 +182,8 @@ class LimbPresence {
     constexpr float kOtherLength = 0.3F;  // two arms, or two legs, of a person differ by less
     const float length = limb_length(skeleton, affected);
     const float intact = limb_length(skeleton, opposite(affected));
-    const auto chain = limb_chain(affected).first(kNumMainJoints);
+    // Without the root, which is guessed whenever a seated person's thigh hides it.
+    const auto chain = limb_chain(affected).first(kNumMainJoints).subspan(1);
     const bool is_tracked = std::ranges::all_of(
         chain, [&](Joint j) { return skeleton.state(j) == TrackingState::kTracked; });
     const bool is_seen = is_tracked && std::abs(length - intact) < kOtherLength * intact &&
@@ -259,32 +260,12 @@ class PhantomPipeline::Workspace {
       report.reason = lacks_skeletons() ? PhantomReason::kNoSkeleton : PhantomReason::kNoPerson;
       return report;
     }
-    if (is_here_) {
-      const PixelProjector projector(*camera_, rays_);
-      report.quality.fit = joint_fit(*person, options_.affected, projector, image);
-      // Without a body index, furniture within the person's depths is far from all bones too.
-      if (input.body_index != nullptr) {
-        report.quality.fit = std::min(report.quality.fit, bone_fit(points_));
-      }
-    }
+    if (is_here_) report.quality.fit = fit_of(*person, input, image);
     clock.end(PhantomStage::kSegmentation);
     std::optional<ClothSearch> cloth;
     if (!options_.keep_residual) {
-      const PixelProjector projector(*camera_, rays_);
-      if (is_here_) {
-        presence_.add(*person, options_.affected, projector, image.label);
-        follow_legs(*fitted);
-      }
-      report.num_removed =
-          remove_limb(points_, options_.affected, removal_radius(), flesh(), image);
-      if (goes_by_skin()) {
-        report.num_removed += remove_rest(points_, options_.affected, image, vertex_of_);
-        cloth = cloth_search(*fitted);
-        if (cloth) {
-          report.num_removed +=
-              remove_loose_cloth(points_, *cloth, input.depth, projector, image, vertex_of_);
-        }
-      }
+      if (is_here_) look_for_limb(*person, *fitted, image);
+      cloth = remove(*fitted, input, image, report);
     }
     report.plane = frame_;
     clock.end(PhantomStage::kRemoval);
@@ -616,6 +597,36 @@ class PhantomPipeline::Workspace {
         *frame_,  mirror_};
   }
 
+  /// Do the joints belong to the depth image?
+  [[nodiscard]] double fit_of(const Skeleton& person, const PhantomInput& input,
+                              const PhantomImage& image) const {
+    const PixelProjector projector(*camera_, rays_);
+    const double fit = joint_fit(person, options_.affected, projector, image);
+    // Without a body index, furniture within the person's depths is far from all bones too.
+    return input.body_index != nullptr ? std::min(fit, bone_fit(points_)) : fit;
+  }
+
+  /// Has the person the affected limb, and what does it tell of the plane?
+  void look_for_limb(const Skeleton& person, const Skeleton& fitted, const PhantomImage& image) {
+    presence_.add(person, options_.affected, PixelProjector(*camera_, rays_), image.label);
+    follow_legs(fitted);
+  }
+
+  /// Takes out the affected limb. Returns where cloth of it was looked for.
+  std::optional<ClothSearch> remove(const Skeleton& fitted, const PhantomInput& input,
+                                    const PhantomImage& image, PhantomReport& report) {
+    const Limb affected = options_.affected;
+    report.num_removed = remove_limb(points_, affected, removal_radius(), flesh(), image);
+    if (!goes_by_skin()) return std::nullopt;
+    report.num_removed += remove_rest(points_, affected, image, vertex_of_);
+    const std::optional<ClothSearch> cloth = cloth_search(fitted);
+    if (cloth) {
+      report.num_removed += remove_loose_cloth(points_, *cloth, input.depth,
+                                               PixelProjector(*camera_, rays_), image, vertex_of_);
+    }
+    return cloth;
+  }
+
   /// Can the intact limb be mirrored, and if not, what becomes of the last phantom?
   void judge(const Skeleton& person, double time_s, const PhantomImage& image,
              PhantomReport& report) {
@@ -753,6 +764,7 @@ class PhantomPipeline::Workspace {
       fill_holes(root, rays_, image, fills_, PixelKind::kRootFilled);
       all.add(root);
       give_back_lap(image);
+      if (!is_held) report.num_filled += fill_from_own_limb(image);
       if (!is_held) all.add(remember(phantom.box(), root, time_s, image, report));
     }
     return all.box();
@@ -781,6 +793,15 @@ class PhantomPipeline::Workspace {
     if (options_.keep_residual || !goes_by_skin() || is_arm(options_.affected)) return;
     give_back(points_, options_.affected, bones_, kSeam, image);
     give_back_holes(points_, options_.affected, bones_, rays_, image, vertex_of_);
+  }
+
+  /// What the mirrored leg leaves open of itself and the affected leg shows. Whatever is so near to
+  /// the intact leg's skin is mirrored as its flesh; as near to the skin of the phantom, the
+  /// affected leg's is at the phantom's own place. Nothing is asked of a person who lacks the leg.
+  std::int64_t fill_from_own_limb(const PhantomImage& image) const {
+    if (options_.keep_residual || !follows_trunk() || !goes_by_skin()) return 0;
+    if (is_arm(options_.affected) || !presence_.is_there()) return 0;
+    return fill_from_limb(points_, options_.affected, bones_, mirror_, flesh(), image);
   }
 
   /// Calls use(joint) for the joints that the phantom replaces.

@@ -41,7 +41,7 @@ class PixelKind(enum.IntEnum):
     BODY = 1  #: the person, as measured
     PHANTOM = 2  #: a mirrored point whose surface faces the camera
     AWAY = 3  #: a mirrored point that shows the back of its surface
-    FILLED = 4  #: a hole of the phantom, from its neighbours
+    FILLED = 4  #: a hole of the phantom, from its neighbours or the limb whose place it takes
     ROOT_FILLED = 5  #: the gap at the root of the limb, from the intact side
     BRIDGED = 6  #: between two mirrored points that were neighbours
 

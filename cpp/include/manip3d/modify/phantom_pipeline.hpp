@@ -69,7 +69,7 @@ enum class PixelKind : std::uint8_t {
   kBody,        ///< A pixel of the body as measured.
   kPhantom,     ///< A mirrored point whose surface faces the camera.
   kAway,        ///< A mirrored point that shows the back of its surface.
-  kFilled,      ///< A hole of the phantom, from its neighbours.
+  kFilled,      ///< A hole of the phantom, from its neighbours or the limb whose place it takes.
   kRootFilled,  ///< The gap at the root of the limb, from the intact side.
   kBridged      ///< Between two mirrored points that were neighbours.
 };

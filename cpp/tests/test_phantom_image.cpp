@@ -1,0 +1,78 @@
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+
+#include "manip3d/geometry/skeleton.hpp"
+#include "manip3d/modify/mirror.hpp"
+#include "modify/phantom_image.hpp"
+
+namespace manip3d {
+namespace {
+
+constexpr std::uint8_t kLeftKnee = static_cast<std::uint8_t>(Joint::kKneeLeft);
+constexpr std::uint8_t kRightKnee = static_cast<std::uint8_t>(Joint::kKneeRight);
+
+/// A row of points before a camera, and the images that they were drawn into and taken out of.
+struct Row {
+  static constexpr std::size_t kCount = 5;
+  PersonPoints points;
+  std::array<float, kCount> depth{}, source_depth{};
+  std::array<std::uint8_t, kCount> label{};
+  std::array<PixelKind, kCount> kind{};
+  std::array<std::int32_t, 2 * kCount> source{};
+  std::array<Removal, kCount> removal{};
+
+  Row() {
+    points.resize(1, kCount);
+    points.count = 0;
+  }
+  void add(float x, std::uint8_t bone) {
+    const std::int64_t i = points.count++;
+    points.x[i] = x;
+    points.y[i] = 0.0F;
+    points.z[i] = 2.0F;
+    points.pixel[i] = static_cast<std::int32_t>(i);
+    points.label[i] = bone;
+    points.squared_distance[i] = points.skin_distance[i] = 0.0F;
+  }
+  PhantomImage image() {
+    return {1,           kCount,        depth.data(),        label.data(),
+            kind.data(), source.data(), source_depth.data(), removal.data()};
+  }
+};
+
+TEST(PhantomImage, FillsFromTheLimbWithinReachOfTheMirroredSkin) {
+  // The thigh of the right leg stands 20 cm to the left of the image's middle and is 8 cm thick:
+  // its mirror image about the plane at 1 cm has its skin at 14 cm and at 30 cm.
+  BoneSegments bones;
+  bones.add({-0.20F, -0.2F, 2.0F}, {-0.20F, 0.2F, 2.0F}, kRightKnee, {0.08F, 0.08F});
+  bones.add({0.45F, -0.2F, 2.0F}, {0.45F, 0.2F, 2.0F}, kLeftKnee, {0.08F, 0.08F});
+  BodyFrame frame;
+  frame.origin = {0.01, 0.0, 2.0};
+  frame.n = frame.x = Eigen::Vector3d::UnitX();
+  frame.y = -Eigen::Vector3d::UnitY();
+  frame.z = frame.n.cross(frame.y);
+  const Mirror mirror = make_mirror(frame, MirrorMode::kReflection);
+  Row row;
+  row.add(0.34F, kLeftKnee);   // 4 cm from the mirrored skin
+  row.add(0.37F, kLeftKnee);   // 7 cm
+  row.add(0.22F, kLeftKnee);   // within
+  row.add(0.22F, kRightKnee);  // of another bone
+  row.add(0.22F, kLeftKnee);   // still drawn
+  const PhantomImage image = row.image();
+  draw_person(row.points, image);
+  for (std::int32_t pixel = 0; pixel < 4; ++pixel) take_out(pixel, image);
+  EXPECT_EQ(fill_from_limb(row.points, Limb::kLeftLeg, bones, mirror, 0.06, image), 2);
+  using enum PixelKind;
+  EXPECT_EQ(row.kind, (std::array{kFilled, kNone, kFilled, kNone, kBody}));
+  EXPECT_EQ(row.label, (std::array<std::uint8_t, 5>{kLeftKnee, 0, kLeftKnee, 0, kLeftKnee}));
+  EXPECT_EQ(row.depth[0], 2.0F);
+  EXPECT_EQ(row.source[1], 0);
+  EXPECT_EQ(row.source[5], 2);
+}
+
+}  // namespace
+}  // namespace manip3d
