@@ -8,6 +8,7 @@
 
 #include "manip3d/geometry/bvh.hpp"
 #include "manip3d/geometry/parallel.hpp"
+#include "manip3d/geometry/patch_distance.hpp"
 #include "manip3d/geometry/topology.hpp"
 
 namespace manip3d {
@@ -20,7 +21,7 @@ using Eigen::Vector3d;
 constexpr int kSteps = 3;
 
 /// Each step takes a quarter of what is linear in the error of texture coordinates.
-constexpr int kTextureSteps = 12;
+constexpr int kTextureSteps = 8;
 
 /// Points that are farther away than this many mean distances belong to something that is gone.
 constexpr double kFarAway = 8.0;
@@ -242,28 +243,34 @@ void SurfaceFit::find_textured(const CollapseMesh& mesh, const std::vector<std::
                                const Progress& progress) {
   take_positions(mesh);
   const TriangleBvh bvh(now_, part_of(progress, 0.0, 0.3));
+  const auto triangle = [&](std::int32_t face) {
+    Triangle3 corners;
+    for (int c = 0; c < 3; ++c) corners[c] = now_.vertices.row(now_.faces(face, c)).transpose();
+    return corners;
+  };
   const auto search = [&](std::int64_t begin, std::int64_t end) {
-    std::int32_t near_face = 0;
     std::vector<SurfacePoint> met;
     for (std::int64_t i = begin; i < end; ++i) {
       Sample& sample = samples_[static_cast<std::size_t>(i)];
       if (sample.face < 0) continue;
+      const std::int32_t known = sample.face;
       sample.face = -1;
       const std::int32_t wedge = mesh.wedges(static_cast<std::int32_t>(sample.source / 4))[0];
       if (!mesh.has_texture(wedge)) continue;
       const Vector3d point = point_of(mesh, sample);
       const Vector2d texture = texture_of(sample);
-      const SurfacePoint nearest = bvh.closest_point(point, near_face);
-      near_face = nearest.face;
-      bvh.faces_within(point, nearest.distance * (1.0 + kRounding) + kSameSheet, met);
+      const auto reach = [](double nearest) { return nearest * (1.0 + kRounding) + kSameSheet; };
+      bvh.faces_within(point, reach(distance(point, triangle(known))), met);
+      double nearest = std::numeric_limits<double>::infinity();
+      for (const SurfacePoint& candidate : met) nearest = std::min(nearest, candidate.distance);
       double least = std::numeric_limits<double>::infinity();
       for (const SurfacePoint& candidate : met) {
         const auto& wedges = mesh.wedges(slots_[candidate.face]);
-        if (chart[wedges[0]] != chart[wedge]) continue;
-        const double distance =
+        if (candidate.distance > reach(nearest) || chart[wedges[0]] != chart[wedge]) continue;
+        const double off =
             (texture - texture_at(mesh, wedges, candidate.barycentric)).squaredNorm();
-        if (!(distance < least)) continue;
-        least = distance;
+        if (!(off < least)) continue;
+        least = off;
         sample.face = candidate.face;
         sample.barycentric = candidate.barycentric;
       }
@@ -280,25 +287,24 @@ void SurfaceFit::fit_texture(CollapseMesh& mesh, const std::vector<std::int32_t>
   struct Textured {
     std::size_t sample;
     Vector2d texture;
+    Vector2d residual;  // in the present step
   };
   std::vector<Textured> textured;
   for (std::size_t i = 0; i < samples_.size(); ++i) {
     if (samples_[i].face < 0) continue;
-    textured.push_back({i, texture_of(samples_[i])});
+    textured.push_back({i, texture_of(samples_[i]), Vector2d::Zero()});
   }
   const auto wedges_of = [&](const Sample& sample) -> const auto& {
     return mesh.wedges(slots_[sample.face]);
   };
-  const auto residual = [&](const Textured& t) -> Vector2d {
-    const Sample& sample = samples_[t.sample];
-    return t.texture - texture_at(mesh, wedges_of(sample), sample.barycentric);
-  };
   for (int step = 0; step < kTextureSteps; ++step) {
     if (progress) progress(0.7 + 0.3 * step / kTextureSteps);
     double sum = 0.0, total = 0.0;
-    for (const Textured& t : textured) {
-      sum += samples_[t.sample].area * residual(t).norm();
-      total += samples_[t.sample].area;
+    for (Textured& t : textured) {
+      const Sample& sample = samples_[t.sample];
+      t.residual = t.texture - texture_at(mesh, wedges_of(sample), sample.barycentric);
+      sum += sample.area * t.residual.norm();
+      total += sample.area;
     }
     if (!(total > 0.0)) return;
     const double mean = sum / total;
@@ -306,7 +312,7 @@ void SurfaceFit::fit_texture(CollapseMesh& mesh, const std::vector<std::int32_t>
     std::vector<Vector2d> pull(mesh.num_wedges(), Vector2d::Zero());
     std::vector<double> weight(mesh.num_wedges(), 0.0);
     for (const Textured& t : textured) {
-      const Vector2d r = residual(t);
+      const Vector2d& r = t.residual;
       if (r.norm() > limit) continue;  // a part of the chart that is gone
       const Sample& sample = samples_[t.sample];
       const auto face = now_.faces.row(sample.face);
