@@ -36,6 +36,12 @@ def frame(scene: simulated.DepthScene, tmp_path: Path) -> Path:
     return path
 
 
+def _one_pixel(depth: np.ndarray) -> np.ndarray:
+    alone = np.zeros_like(depth)
+    alone[5, 7] = 2000
+    return alone
+
+
 def _every_second_row(depth: np.ndarray) -> np.ndarray:
     return np.where(np.arange(len(depth))[:, None] % 2 == 1, depth, 0)
 
@@ -46,6 +52,8 @@ def _every_second_row(depth: np.ndarray) -> np.ndarray:
         (lambda depth: 0 * depth, "relief", "no measured pixel"),
         (lambda depth: 0 * depth, "cs3", "no measured pixel"),
         (lambda depth: 0 * depth, "poisson", "no measured pixel"),
+        (_one_pixel, "relief", "found 1 measured pixel, of which no three meet"),
+        (_one_pixel, "cs3", "found 1 measured pixel, but no face"),
         (_every_second_row, "relief", "576 measured pixels, of which no three meet"),
         (_every_second_row, "relief", "most measured pixels stand alone"),
         (_every_second_row, "cs3", "most measured pixels stand alone"),
@@ -61,6 +69,23 @@ def test_an_image_without_a_surface_writes_nothing_and_says_why(
     assert done.returncode == 1
     assert reason in error_line(done)
     assert not output.exists()
+
+
+def test_a_recording_in_a_folder_is_refused_with_the_folder_of_its_depth_images(
+    frame: Path, tmp_path: Path
+) -> None:
+    recording = tmp_path / "sequence"
+    images = recording / "depth"
+    images.mkdir(parents=True)
+    frame.rename(images / "1311868164.5.png")
+    options = ("--points", "100", "--intrinsics", FOCAL)
+    done = manip3d("depth", recording, "-o", tmp_path / "out", *options)
+    assert done.returncode == 1
+    assert "is an RGB-D recording; depth takes" in error_line(done)
+    assert error_line(done).endswith(f"Its depth images: {images}")
+    done = manip3d("depth", images, "-o", tmp_path / "out", *options)
+    assert done.returncode == 0
+    assert (tmp_path / "out" / "1311868164.5.glb").is_file()
 
 
 @pytest.mark.parametrize("depth_step", ["0", "0.05"])

@@ -606,6 +606,7 @@ def _expect_faces(
     """An empty mesh is never written: nobody would look for the reason."""
     if made.mesh.num_faces > 0:
         return
+    pixels = "1 measured pixel" if measured.pixels == 1 else f"{measured.pixels} measured pixels"
     if measured.pixels == 0:
         found = "found no measured pixel (of those that the mask leaves)"
     elif made.faces_cut > 0:
@@ -614,14 +615,9 @@ def _expect_faces(
         rules = ["a longer edge than max_edge"] if options.max_edge is not None else []
         rules += ["a depth step"] if has_steps else []
         without = f" without {' or '.join(rules)}" if rules else ""
-        found = (
-            f"found {measured.pixels} measured pixels, of which no three meet in a square of two "
-            f"by two{without}"
-        )
+        found = f"found {pixels}, of which no three meet in a square of two by two{without}"
     else:
-        found = (
-            f"found {measured.pixels} measured pixels, but no face between those that were chosen"
-        )
+        found = f"found {pixels}, but no face between those that were chosen"
     if 2 * measured.lone > measured.pixels:
         found += f"; {SPARSE_WORDS}"
     raise FormatError(f"expected a surface, {found}", file=str(source))
