@@ -44,9 +44,10 @@ frames in halls, garages and narrow courts 0.03 at most, and 0.12 in tunnels: wa
 their farthest points."""
 
 SAME_END, WIDEST_STRIP, STRIP_EDGE, POINTS_AT_ENDS, LEAST_SILENT_AT_ENDS = 0.03, 70.0, 0.5, 9, 0.3
-"""Metres, metres, metres, points, share: where a strip was cut out, x or y ends at the same distance
-on both sides, nearer than this, in several points, some of which have a neighbour along the ring
-that was cut off. In 227 whole frames (53 of KITTI) no two sides end within 0.1 m of the same."""
+"""Metres, metres, metres, points, share: where a strip was cut out, x or y ends at the same
+distance on both sides, nearer than this, in several points, some of which have a neighbour along
+the ring that was cut off. In 227 whole frames (47 of KITTI) no two sides end within 0.1 m of the
+same, nearer than 70 m."""
 
 NEAREST_RANGE, LEAST_OF_LOWEST = 2.5, 0.25
 """Metres; share of the firings in which one of the lowest eighth of the lasers must have a return.
