@@ -267,6 +267,8 @@ def _of_lattice(
         found.append(Processing("fused", "most directions hold several returns"))
     elif (twice := _degrees_seen_twice(points, sensor, generic, reading)) >= LEAST_SEEN_TWICE:
         found.append(Processing("fused", f"{twice:.0f} degrees of azimuth were seen twice"))
+    if contradicted & {"grid", "step"}:  # no point is on its firing: nothing tells which answered
+        return found
     return found + _of_extent(points, sensor, generic, reading)
 
 
