@@ -28,6 +28,7 @@ from manip3d.authenticate._lattice import COLUMNS
 from manip3d.authenticate._processing import (
     FARTHEST_POINTS,
     Firings,
+    _is_cut_on_both_sides,
     _least_of_rings,
     ends_in_silence,
     firings_of,
@@ -725,6 +726,51 @@ def test_a_frame_that_was_cut_ends_in_silence(cut: str) -> None:
     found = authenticate.inspect(points[kept], lattice=LATTICE)
     assert found.verdict == "processed"
     assert "cropped: no points beyond" in found.reason
+
+
+def reaching(far: np.ndarray) -> Inspection:
+    """What is said of a frame between walls that are cut off at 14 m, but for points at ranges."""
+    points = closed_in()
+    reading = LATTICE.read(points)
+    at = np.linalg.norm(points, axis=1)
+    rows = np.flatnonzero((at > 14.0) & (reading.count >= 0))[::20][: len(far)]
+    beams = scans.beam_points(LATTICE, reading.ring[rows], reading.count[rows], far)
+    points[rows] = scans.rounded(beams)
+    kept = (at < 14.0) | np.isin(np.arange(len(points)), rows)
+    return authenticate.inspect(points[kept], lattice=LATTICE)
+
+
+@pytest.mark.parametrize(("count", "is_cut"), [(150, False), (600, True)])
+def test_a_frame_is_cut_at_a_range_where_points_thickly_lead_up_to_it(
+    count: int, is_cut: bool
+) -> None:
+    found = reaching(np.random.default_rng(2).uniform(67.0, 77.0, count))
+    details = [step.detail for step in found.processing]
+    assert any("no points beyond" in detail for detail in details) == is_cut
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_strip_that_was_cut_out_is_named(axis: int) -> None:
+    points = closed_in()
+    row = np.argmax(points[:, 0])
+    kept = np.abs(points[:, axis]) <= 8.0
+    kept[row] = False
+    details = [s.detail for s in authenticate.inspect(points[kept], lattice=LATTICE).processing]
+    assert f"{'xy'[axis]} ends at 8.0 m on both sides" in details
+    firings = firings_of(LATTICE.read(points), len(LATTICE.slope))
+    assert not _is_cut_on_both_sides(points[:, axis].astype(np.float64), firings)
+
+
+def test_lasers_silent_below_one_place_are_no_crop() -> None:
+    """The end of a road leaves them silent in one direction, a crop in many."""
+    points, firings = flat_street()
+    azimuth = np.arctan2(points[:, 1], points[:, 0])
+    lowest = lowest_of(points) & (firings.firing >= 0)
+    for width, is_cut in ((0.1, False), (2.0, True)):
+        there = points.copy()
+        there[~(np.abs(azimuth) < width), 2] += 0.2  # the lowest place lies ahead
+        rows = np.flatnonzero(lowest & (np.abs(azimuth) < width))
+        assert is_cut_below(there, silent_beside(firings, rows, 1, 0)) == is_cut
 
 
 def test_what_cannot_be_told_of_an_end_counts_as_cut() -> None:
