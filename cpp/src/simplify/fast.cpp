@@ -75,8 +75,8 @@ constexpr float kFarthest = 4.0F;
 /// As in the mode `quality`: the link rule is waived if a legal collapse costs this many times more
 /// than one that it refused (squared, like all prices), for an error that can be seen: mean
 /// distance over the size of the mesh.
-constexpr float kFarCheaper = 900.0F;
-constexpr double kVisible = 1e-3;
+constexpr float kFarCheaperSquared = 900.0F;
+constexpr double kVisibleDistance = 1e-3;
 
 /// Hubs: so many corners times so many refusals in one pass, then a vertex is left alone.
 constexpr std::int64_t kHubPatience = 1 << 14;
@@ -915,7 +915,8 @@ class FastSimplifier {
     if (!(whole_weight_ > 0.0)) {  // collapses add up the weights of their ends
       for (const QuadricVertex& v : vertices_) whole_weight_ += v.weight;
     }
-    const double price = kVisible * kVisible * whole_weight_ / static_cast<double>(num_faces());
+    const double price =
+        kVisibleDistance * kVisibleDistance * whole_weight_ / static_cast<double>(num_faces());
     return key_of(static_cast<float>(price));
   }
 
@@ -1167,7 +1168,7 @@ class FastSimplifier {
       if (const auto reason = collapse(v, t, worker, left)) {
         ++worker.rejected[static_cast<std::size_t>(*reason)];
         if (*reason == Rejection::kLink) {
-          const float price = kFarCheaper * std::bit_cast<float>(key);
+          const float price = kFarCheaperSquared * std::bit_cast<float>(key);
           worker.forbids = std::min(worker.forbids, std::max(visible_, key_of(price)));
         }
         if (refusals_[v] < 0xFFFFU) ++refusals_[v];
