@@ -87,7 +87,7 @@ constexpr double kTextureReach = 0.02;
 
 /// Where little of the surface shows a texture, that is where one looks: it counts by the share of
 /// the area that shows one, down to this.
-constexpr double kLeastShare = 0.01;
+constexpr double kLeastTextured = 0.01;
 
 struct Entry {
   double price;           // per face that goes
@@ -248,7 +248,7 @@ class QualitySimplifier {
     }
     if (!(in_texture > 0.0)) return;
     texture_length_ = std::sqrt(on_surface / in_texture);
-    texture_share_ = std::max(on_surface / whole, kLeastShare);
+    texture_share_ = std::max(on_surface / whole, kLeastTextured);
   }
 
   /// Charts are wedges joined by faces: a collapse never merges wedges of two charts.
