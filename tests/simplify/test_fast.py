@@ -288,16 +288,19 @@ def test_wild_models_reach_every_target(realdata: RealData, name: str) -> None:
 @pytest.mark.realdata
 @pytest.mark.parametrize(
     ("name", "ratio", "limit"),
-    [("lifeboat", 0.1, 0.2e-3), ("lifeboat", 0.02, 2e-3), ("abominevole", 0.5, 0.2e-3)],
+    [("lifeboat", 0.1, 0.2e-3), ("lifeboat", 0.02, 1.43e-3), ("abominevole", 0.5, 0.2e-3)],
 )
 def test_edges_of_many_faces_do_not_stand_in_the_way_of_speed(
     real_mesh: Callable[[str], Mesh], name: str, ratio: float, limit: float
 ) -> None:
-    """Forbidden as on clean meshes, such edges cost 74, 8 and 3 times the error here."""
+    """Forbidden as on clean meshes, such edges cost 74, 8 and 3 times the error here.
+
+    At 2 % new ones may be made, for what they save: 1.47e-3 if only those that are there count.
+    """
     mesh = simplify.clean(real_mesh(name)).mesh
     result = simplify.fast(mesh, ratio=ratio, threads=1)
     assert result.stop == StopReason.TARGET_REACHED
-    assert result.relaxed_collapses == 0
+    assert ratio < 0.1 or result.relaxed_collapses == 0
     assert metrics.metro(mesh, result.mesh, sampling="area", samples=100_000).mean <= limit
     assert_same(result, simplify.fast(mesh, ratio=ratio, threads=2))
 

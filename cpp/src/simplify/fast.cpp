@@ -72,6 +72,12 @@ constexpr float kLeastSquaredSine = 1e-9F;
 /// A new vertex is at most this many lengths of its edge (squared) away from the middle.
 constexpr float kFarthest = 4.0F;
 
+/// As in the mode `quality`: the link rule is waived if a legal collapse costs this many times more
+/// than one that it refused (squared, like all prices), for an error that can be seen: mean
+/// distance over the size of the mesh.
+constexpr float kFarCheaperSquared = 900.0F;
+constexpr double kVisibleDistance = 1e-3;
+
 /// Hubs: so many corners times so many refusals in one pass, then a vertex is left alone.
 constexpr std::int64_t kHubPatience = 1 << 14;
 
@@ -200,8 +206,10 @@ struct Worker {
   std::vector<Vector2d> merged_uvs;
   std::array<std::int64_t, kNumRejections> rejected{};
   std::int64_t removed = 0, collapses = 0, quota = 0;
-  std::uint32_t most = kDearest;  // price of what may be done now
-  bool leaves_dear = false;       // left the rest of its candidates to the next pass
+  std::uint32_t most = kDearest;    // price of what may be done now
+  bool leaves_dear = false;         // left the rest of its candidates to the next pass
+  std::uint32_t forbids = kNoEdge;  // price above which what the link rule refused is far cheaper
+  bool meets_forbidden = false;     // left the rest of its candidates for that reason
   float squared_error = 0.0F;
 };
 
@@ -846,6 +854,7 @@ class FastSimplifier {
     std::int64_t num_too_dear = 0;
     const std::uint32_t limit = find_limit(needed, num_too_dear);
     limit_ = is_everything_ ? kDearest : limit;
+    visible_ = visible_price();
     remap_.resize(vertices_.size());
     is_taken_.assign(vertices_.size(), 0);
     if (is_small()) is_beside_.assign(vertices_.size(), 0);
@@ -858,9 +867,14 @@ class FastSimplifier {
         rules_ == Rules::kFlips ? (needed + 1) / 2 : std::min(needed, 2 * wanted_);
     const std::int64_t made = collapse_candidates(quota);
     if (rules_ != Rules::kAll) result_.relaxed_collapses += made;
+    const bool meets_forbidden = any_meets_forbidden();
     if (made > 0) compact();
     const double price_limit = std::bit_cast<float>(std::min(limit, kDearest));
     const std::int64_t vanished = remove_pieces(is_everything_ ? 0.0 : price_limit, Choice::kCheap);
+    if (meets_forbidden) {
+      rules_ = Rules::kAnyEdges;
+      return true;
+    }
     if (made > 0 && workers_.front().front().leaves_dear) return true;  // a small pass: one block
     if (vanished > 0 || 4 * made >= wanted_) {
       if (4 * made >= 3 * wanted_) patience_ = std::max(1.0, 0.5 * patience_);
@@ -883,6 +897,27 @@ class FastSimplifier {
       if (made == 0 && remove_pieces(0.0, Choice::kAny) > 0) return true;
     }
     return made > 0;
+  }
+
+  /// Whether a block left what is legal because something that the link rule refuses costs far
+  /// less: a part with many holes keeps them at the price of its shape otherwise.
+  [[nodiscard]] bool any_meets_forbidden() const {
+    return std::any_of(workers_.begin(), workers_.end(), [](const auto& level) {
+      return std::any_of(level.begin(), level.end(),
+                         [](const Worker& worker) { return worker.meets_forbidden; });
+    });
+  }
+
+  /// The price of an error that can be seen, if the link rule may be waived at all.
+  [[nodiscard]] std::uint32_t visible_price() {
+    if (rules_ != Rules::kAll || options_.target_faces == 0) return kNoEdge;
+    if (squared_limit_ < std::numeric_limits<float>::infinity()) return kNoEdge;
+    if (!(whole_weight_ > 0.0)) {  // collapses add up the weights of their ends
+      for (const QuadricVertex& v : vertices_) whole_weight_ += v.weight;
+    }
+    const double price =
+        kVisibleDistance * kVisibleDistance * whole_weight_ / static_cast<double>(num_faces());
+    return key_of(static_cast<float>(price));
   }
 
   [[nodiscard]] std::int64_t& count(Rejection reason) {
@@ -1042,6 +1077,8 @@ class FastSimplifier {
         worker.waiting.clear();
         worker.removed = worker.collapses = 0;
         worker.leaves_dear = false;
+        worker.forbids = kNoEdge;
+        worker.meets_forbidden = false;
       }
     }
   }
@@ -1122,10 +1159,18 @@ class FastSimplifier {
         worker.leaves_dear = true;
         break;
       }
+      if (key > worker.forbids) {
+        worker.meets_forbidden = true;
+        break;
+      }
       const std::int64_t left =
           may_exceed ? std::numeric_limits<std::int64_t>::max() : quota - worker.removed;
       if (const auto reason = collapse(v, t, worker, left)) {
         ++worker.rejected[static_cast<std::size_t>(*reason)];
+        if (*reason == Rejection::kLink) {
+          const float price = kFarCheaperSquared * std::bit_cast<float>(key);
+          worker.forbids = std::min(worker.forbids, std::max(visible_, key_of(price)));
+        }
         if (refusals_[v] < 0xFFFFU) ++refusals_[v];
         if (refusals_[t] < 0xFFFFU) ++refusals_[t];
         if (is_small() && (is_beside_[v] != 0 || is_beside_[t] != 0)) wait(candidate);
@@ -1887,6 +1932,8 @@ class FastSimplifier {
   std::uint32_t limit_ = kDearest;  // price of the candidates of this pass
   bool is_everything_ = false;      // all edges were candidates
   Rules rules_ = Rules::kAll;
+  double whole_weight_ = 0.0;        // of the quadrics of all vertices
+  std::uint32_t visible_ = kNoEdge;  // price of an error that can be seen
   double piece_error_ = 0.0;
   double fraction_ = 0.0;
   QualityResult result_;

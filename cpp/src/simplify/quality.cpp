@@ -85,6 +85,10 @@ constexpr double kReach = 0.1;
 /// diagonal of the box. Rounded borders of charts ask for this much on the models with most seams.
 constexpr double kTextureReach = 0.02;
 
+/// Where little of the surface shows a texture, that is where one looks: it counts by the share of
+/// the area that shows one, down to this.
+constexpr double kLeastTextured = 0.01;
+
 struct Entry {
   double price;           // per face that goes
   std::int32_t a, b;      // an edge; b < 0: the piece a
@@ -157,6 +161,7 @@ class QualitySimplifier {
     Ticker ticker(progress);
     if (is_textured_) {
       measure_texture();
+      texture_.resize(mesh_.num_wedges());
       find_charts();
       jumps_.resize(mesh_.num_vertices());
       jump_.resize(mesh_.num_vertices(), 0.0);
@@ -231,16 +236,19 @@ class QualitySimplifier {
 
   /// The length on the surface of a unit of texture, on average.
   void measure_texture() {
-    double on_surface = 0.0, in_texture = 0.0;
+    double on_surface = 0.0, in_texture = 0.0, whole = 0.0;
     for (std::int32_t f = 0; f < mesh_.num_slots(); ++f) {
-      if (!mesh_.is_alive(f) || !shows_texture(f)) continue;
+      if (!mesh_.is_alive(f)) continue;
+      whole += area_vector(f).norm();
+      if (!shows_texture(f)) continue;
       const auto& w = mesh_.wedges(f);
       on_surface += area_vector(f).norm();
       const Vector2d e1 = mesh_.uv(w[1]) - mesh_.uv(w[0]), e2 = mesh_.uv(w[2]) - mesh_.uv(w[0]);
       in_texture += std::abs(e1.x() * e2.y() - e1.y() * e2.x());
     }
-    texture_length_ = in_texture > 0.0 ? std::sqrt(on_surface / in_texture) : 0.0;
-    texture_.resize(mesh_.num_wedges());
+    if (!(in_texture > 0.0)) return;
+    texture_length_ = std::sqrt(on_surface / in_texture);
+    texture_share_ = std::max(on_surface / whole, kLeastTextured);
   }
 
   /// Charts are wedges joined by faces: a collapse never merges wedges of two charts.
@@ -525,7 +533,9 @@ class QualitySimplifier {
     return plan;
   }
 
-  [[nodiscard]] double texture_factor() const { return options_.texture_weight * texture_length_; }
+  [[nodiscard]] double texture_factor() const {
+    return options_.texture_weight * texture_length_ / texture_share_;
+  }
 
   [[nodiscard]] Vector3d position(std::int32_t v, std::int32_t t, Place place, const Star& star,
                                   const Quadric& borders, double length) const {
@@ -1190,6 +1200,7 @@ class QualitySimplifier {
   std::vector<std::int32_t> chart_;             // of a wedge
   std::vector<Eigen::AlignedBox2d> chart_box_;  // of a chart: its original texture coordinates
   double texture_length_ = 0.0;                 // on the surface, of a unit of texture
+  double texture_share_ = 1.0;                  // of the area: what shows a texture
   std::int32_t center_ = -1;                    // the vertex whose edges are being priced, or -1
   Star center_star_;
   std::vector<StarFace> center_faces_;

@@ -45,7 +45,7 @@ constexpr double kNoDistance = 1e-12;
 constexpr double kSameSheet = 1e-4;
 
 /// Rounding shall not hide the nearest face from its own distance.
-constexpr double kRounding = 1e-12;
+constexpr double kRoundingShare = 1e-12;
 
 /// Faces that one thread looks at in one go.
 constexpr std::int64_t kChunk = 512;
@@ -259,7 +259,9 @@ void SurfaceFit::find_textured(const CollapseMesh& mesh, const std::vector<std::
       if (!mesh.has_texture(wedge)) continue;
       const Vector3d point = point_of(mesh, sample);
       const Vector2d texture = texture_of(sample);
-      const auto reach = [](double nearest) { return nearest * (1.0 + kRounding) + kSameSheet; };
+      const auto reach = [](double nearest) {
+        return nearest * (1.0 + kRoundingShare) + kSameSheet;
+      };
       bvh.faces_within(point, reach(distance(point, triangle(known))), met);
       double nearest = std::numeric_limits<double>::infinity();
       for (const SurfacePoint& candidate : met) nearest = std::min(nearest, candidate.distance);

@@ -151,8 +151,8 @@ def quality(
         How much a shifted boundary, or a shifted border between materials or texture charts,
         counts beside a shifted surface.
     texture_weight : float
-        How much a shifted texture counts beside a shifted surface; 0: texture coordinates are
-        carried along, for nothing.
+        How much a shifted texture counts beside a shifted surface, each on average over the area
+        that has one; 0: texture coordinates are carried along, for nothing.
     locked : (V,) bool, optional
         Vertices that stay where they are, with their texture coordinates; a piece with one of
         them does not vanish. At one place, one that is locked locks all.

@@ -20,8 +20,10 @@ struct QualityOptions {
   double max_distance = std::numeric_limits<double>::infinity();
   double boundary_weight = 1.0;  ///< Price of a strip along a boundary; a shifted surface has 1.
   double seam_weight = 3.0;      ///< The same along borders of materials and texture charts.
-  double texture_weight = 0.1;   ///< Price of a shifted texture; a shifted surface has 1.
-  std::vector<bool> locked;      ///< Vertices that stay where they are; empty: none.
+  /// Price of a shifted texture, on average over the surface that shows one; a shifted surface
+  /// has 1.
+  double texture_weight = 0.1;
+  std::vector<bool> locked;  ///< Vertices that stay where they are; empty: none.
   /// The factor, > 0, of each vertex on the price of changing the surface there. Empty: all 1.
   std::vector<double> importance;
 };
@@ -46,7 +48,8 @@ struct QualityResult {
 ///
 /// Each step has a price in the unit of volume, the integral over the surface of how far it is
 /// shifted: of the faces around the edge [Lindstrom & Turk 1998: as they are now, memoryless], of
-/// the strips that boundaries and seams sweep, and of the texture [Hoppe 1999]. What costs least
+/// the strips that boundaries and seams sweep, and of the texture [Hoppe 1999], that on the other
+/// side of a seam included, and that of another chart where one vanishes. What costs least
 /// per face comes next. A new vertex lies where the squared distances are least, with the volume
 /// kept. A piece (faces joined by vertices) may vanish as a whole, for the distance of its surface
 /// and of its borders to the rest. In the end vertices that stand far out of the original faces
