@@ -726,8 +726,9 @@ class PhantomPipeline::Workspace {
       mirror_limb(points_, intact, radius(), flesh(), rays_, mirror_, image, mirrored_);
       root_.clear();
       if (options_.root_radius > 0.0 && is_usable(fitted, limb_root(intact))) {
+        const BoneSet behind = goes_by_skin() ? bones_behind(options_.affected) : BoneSet{};
         mirror_around_root(points_, fitted[limb_root(intact)], options_.root_radius, *frame_,
-                           mirror_, goes_by_skin(), image, root_);
+                           mirror_, behind, image, root_);
       }
       held_ = Held{*frame_, with_mirrored_limb(person, options_.affected, *frame_, mirror_),
                    input.number, false};
