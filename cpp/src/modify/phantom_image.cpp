@@ -231,7 +231,7 @@ struct NearestSkin {
   std::uint8_t label = 0;
 };
 
-/// Of the bones whose label counts.
+/// The nearest skin among bones whose label counts.
 template <typename Counts>
 NearestSkin nearest_skin(const Eigen::Vector3f& p, const BoneSegments& bones,
                          const Counts& counts) {
