@@ -4,6 +4,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <vector>
 
 #include "manip3d/geometry/skeleton.hpp"
 #include "manip3d/modify/mirror.hpp"
@@ -72,6 +73,31 @@ TEST(PhantomImage, FillsFromTheLimbWithinReachOfTheMirroredSkin) {
   EXPECT_EQ(row.depth[0], 2.0F);
   EXPECT_EQ(row.source[1], 0);
   EXPECT_EQ(row.source[5], 2);
+}
+
+TEST(PhantomImage, FillsBehindAnArmFromTheOtherThigh) {
+  BodyFrame frame;
+  frame.n = frame.x = Eigen::Vector3d::UnitX();
+  frame.y = -Eigen::Vector3d::UnitY();
+  frame.z = frame.n.cross(frame.y);
+  const Mirror mirror = make_mirror(frame, MirrorMode::kReflection);
+  Row row;
+  row.add(0.20F, kLeftKnee);
+  row.add(0.20F, static_cast<std::uint8_t>(Joint::kAnkleLeft));
+  row.add(-0.20F, kRightKnee);  // on the side of the affected arm
+  const PhantomImage image = row.image();
+  draw_person(row.points, image);
+  std::vector<MirroredPoint> mirrored;
+  const Eigen::Vector3f shoulder(0.2F, -0.6F, 2.0F);
+  const auto around = [&](const BoneSet& behind) {
+    mirror_around_root(row.points, shoulder, 0.2, frame, mirror, behind, image, mirrored);
+    return mirrored.size();
+  };
+  EXPECT_EQ(around(bones_behind(Limb::kRightLeg)), 0);
+  ASSERT_EQ(around(bones_behind(Limb::kRightArm)), 1);
+  EXPECT_FLOAT_EQ(mirrored[0].x, -0.20F);
+  EXPECT_EQ(mirrored[0].label, kRightKnee);
+  EXPECT_TRUE(mirrored[0].only_removed);
 }
 
 }  // namespace

@@ -13,8 +13,8 @@
 namespace manip3d {
 namespace {
 
-std::array<bool, kNumJoints> limb_bones(Limb limb) {
-  std::array<bool, kNumJoints> bones{};
+BoneSet limb_bones(Limb limb) {
+  BoneSet bones{};
   for (std::size_t bone = 0; bone < kNumJoints; ++bone) bones[bone] = is_limb_bone(limb, bone);
   return bones;
 }
@@ -231,7 +231,7 @@ struct NearestSkin {
   std::uint8_t label = 0;
 };
 
-/// The nearest skin among the bones whose label counts.
+/// The nearest skin among bones whose label counts.
 template <typename Counts>
 NearestSkin nearest_skin(const Eigen::Vector3f& p, const BoneSegments& bones,
                          const Counts& counts) {
@@ -320,7 +320,7 @@ std::int64_t give_back_holes(const PersonPoints& points, Limb limb, const BoneSe
 
 std::int64_t fill_from_limb(const PersonPoints& points, Limb limb, const BoneSegments& bones,
                             const Mirror& mirror, double reach, const PhantomImage& image) {
-  const std::array<bool, kNumJoints> is_intact = limb_bones(opposite(limb));
+  const BoneSet is_intact = limb_bones(opposite(limb));
   const Eigen::Matrix3f linear = mirror.linear.cast<float>();
   const Eigen::Vector3f offset = mirror.offset.cast<float>();
   std::int64_t filled = 0;
@@ -341,7 +341,7 @@ void mirror_limb(const PersonPoints& points, Limb intact, double radius, double 
                  const PixelRays& rays, const Mirror& mirror, const PhantomImage& image,
                  std::vector<MirroredPoint>& mirrored) {
   mirrored.clear();
-  const std::array<bool, kNumJoints> is_intact = limb_bones(intact);
+  const BoneSet is_intact = limb_bones(intact);
   const auto most = static_cast<float>(radius * radius);
   const auto most_skin = static_cast<float>(flesh);
   const Surface surface(rays, image);
@@ -365,8 +365,17 @@ bool is_trunk(std::uint8_t bone) {
   return joint == kSpineMid || joint == kSpineShoulder || joint == kHipLeft || joint == kHipRight;
 }
 
+BoneSet bones_behind(Limb limb) {
+  BoneSet behind{};
+  for (std::uint8_t bone = 0; bone < kNumJoints; ++bone) behind[bone] = is_trunk(bone);
+  for (const Limb leg : {Limb::kLeftLeg, Limb::kRightLeg}) {
+    if (is_arm(limb)) behind[limb_label(leg)] = true;
+  }
+  return behind;
+}
+
 void mirror_around_root(const PersonPoints& points, const Eigen::Vector3f& root, double radius,
-                        const BodyFrame& frame, const Mirror& mirror, bool with_trunk,
+                        const BodyFrame& frame, const Mirror& mirror, const BoneSet& behind,
                         const PhantomImage& image, std::vector<MirroredPoint>& mirrored) {
   mirrored.clear();
   const auto most = static_cast<float>(radius * radius);
@@ -376,7 +385,7 @@ void mirror_around_root(const PersonPoints& points, const Eigen::Vector3f& root,
   for (std::int64_t i = 0; i < points.count; ++i) {
     const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
     const bool is_near = (p - root).squaredNorm() <= most;
-    if (!is_near && !(with_trunk && is_trunk(points.label[i]))) continue;
+    if (!is_near && !behind[points.label[i]]) continue;
     if ((n.dot(p - origin) > 0.0F) != positive) continue;
     if (image.kind[points.pixel[i]] != PixelKind::kBody) continue;
     mirrored.push_back(to_other_side(points, i));

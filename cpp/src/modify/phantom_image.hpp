@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -120,10 +121,15 @@ void mirror_limb(const PersonPoints& points, Limb intact, double radius, double 
                  const PixelRays& rays, const Mirror& mirror, const PhantomImage& image,
                  std::vector<MirroredPoint>& mirrored);
 
+using BoneSet = std::array<bool, kNumJoints>;
+
+/// Bones of the body that a limb may hide: the trunk, and an arm the thighs on which its hand lies.
+BoneSet bones_behind(Limb limb);
+
 /// Mirrors what is left of the body on the root's side of the plane n, within `radius` of it, and
-/// its trunk, to be drawn only where something was taken out, if `with_trunk`.
+/// beyond it of the bones `behind`, to be drawn only where something was taken out.
 void mirror_around_root(const PersonPoints& points, const Eigen::Vector3f& root, double radius,
-                        const BodyFrame& frame, const Mirror& mirror, bool with_trunk,
+                        const BodyFrame& frame, const Mirror& mirror, const BoneSet& behind,
                         const PhantomImage& image, std::vector<MirroredPoint>& mirrored);
 
 /// Draws mirrored points into the pixels nearest to their projections: those that face the camera

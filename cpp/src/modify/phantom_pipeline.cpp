@@ -726,8 +726,9 @@ class PhantomPipeline::Workspace {
       mirror_limb(points_, intact, radius(), flesh(), rays_, mirror_, image, mirrored_);
       root_.clear();
       if (options_.root_radius > 0.0 && is_usable(fitted, limb_root(intact))) {
+        const BoneSet behind = goes_by_skin() ? bones_behind(options_.affected) : BoneSet{};
         mirror_around_root(points_, fitted[limb_root(intact)], options_.root_radius, *frame_,
-                           mirror_, goes_by_skin(), image, root_);
+                           mirror_, behind, image, root_);
       }
       held_ = Held{*frame_, with_mirrored_limb(person, options_.affected, *frame_, mirror_),
                    input.number, false};
@@ -795,9 +796,9 @@ class PhantomPipeline::Workspace {
     give_back_holes(points_, options_.affected, bones_, rays_, image, vertex_of_);
   }
 
-  /// What the mirrored leg leaves open of itself and the affected leg shows. Whatever is so near to
-  /// the intact leg's skin is mirrored as its flesh; as near to the skin of the phantom, the
-  /// affected leg's is at the phantom's own place. Nothing is asked of a person who lacks the leg.
+  /// Closes the mirrored leg with the affected one where that is at its place. Points that are so
+  /// near to the intact leg's skin are mirrored as its flesh; the affected leg's are taken as near
+  /// to the phantom's skin. Only persons who have the leg have such points.
   std::int64_t fill_from_own_limb(const PhantomImage& image) const {
     if (options_.keep_residual || !follows_trunk() || !goes_by_skin()) return 0;
     if (is_arm(options_.affected) || !presence_.is_there()) return 0;
