@@ -1,14 +1,15 @@
-"""All benchmarks, one after the other: ``python benchmarks`` (``make bench``)."""
+"""All benchmarks, one after the other: ``python -m benchmarks [TOPIC ...]`` (``make bench``)."""
 
 from __future__ import annotations
 
+import argparse
 import subprocess
 import sys
 from pathlib import Path
 
 HERE = Path(__file__).parent
 
-for topic in (
+TOPICS = (
     "startup",
     "io",
     "packets",
@@ -24,5 +25,14 @@ for topic in (
     "every_depth",
     "cs3",
     "phantom",
-):
+)
+
+parser = argparse.ArgumentParser(description="Write the tables of RESULTS.md anew; takes hours.")
+parser.add_argument(
+    "topics", nargs="*", metavar="TOPIC", help=f"default: all of {', '.join(TOPICS)}"
+)
+topics = parser.parse_args().topics or list(TOPICS)
+if unknown := [topic for topic in topics if topic not in TOPICS]:
+    parser.error(f"TOPIC: expected some of {', '.join(TOPICS)}, got {unknown[0]}")
+for topic in topics:
     subprocess.run([sys.executable, str(HERE / f"bench_{topic}.py")], check=True)
