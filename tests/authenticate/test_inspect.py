@@ -729,7 +729,7 @@ def test_a_frame_that_was_cut_ends_in_silence(cut: str) -> None:
 
 
 def reaching(far: np.ndarray) -> Inspection:
-    """What is said of a frame between walls that are cut off at 14 m, but for points at ranges."""
+    """The inspection of a frame between walls, cut off at 14 m but for points at ranges `far`."""
     points = closed_in()
     reading = LATTICE.read(points)
     at = np.linalg.norm(points, axis=1)

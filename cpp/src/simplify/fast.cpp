@@ -72,8 +72,8 @@ constexpr float kLeastSquaredSine = 1e-9F;
 /// A new vertex is at most this many lengths of its edge (squared) away from the middle.
 constexpr float kFarthest = 4.0F;
 
-/// As in the mode `quality`: the link rule is waived if a legal collapse costs this many times more
-/// than one that it refused (squared, like all prices), for an error that can be seen: mean
+/// The link rule is waived, as in the mode `quality`, if a legal collapse costs this many times
+/// more than one that it refused (squared, like all prices) and its error can be seen, as a mean
 /// distance over the size of the mesh.
 constexpr float kFarCheaperSquared = 900.0F;
 constexpr double kVisibleDistance = 1e-3;

@@ -85,8 +85,7 @@ constexpr double kReach = 0.1;
 /// diagonal of the box. Rounded borders of charts ask for this much on the models with most seams.
 constexpr double kTextureReach = 0.02;
 
-/// Where little of the surface shows a texture, that is where one looks: it counts by the share of
-/// the area that shows one, down to this.
+/// A texture is weighted by the share of the area that shows one, but by no less than this.
 constexpr double kLeastTextured = 0.01;
 
 struct Entry {

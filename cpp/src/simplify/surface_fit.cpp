@@ -236,8 +236,8 @@ void SurfaceFit::step(CollapseMesh& mesh, const Move& move) const {
   }
 }
 
-/// Where several sheets of the surface meet or lie upon each other, the nearest face may show any
-/// of them, and so may the faces of one chart that is folded: the one with the nearest texture
+/// Finds the face that each sample belongs to. The nearest face may show another sheet that lies
+/// upon the sample's own, or another part of a folded chart: the one with the nearest texture
 /// coordinate is meant.
 void SurfaceFit::find_textured(const CollapseMesh& mesh, const std::vector<std::int32_t>& chart,
                                const Progress& progress) {

@@ -185,6 +185,7 @@ def embed_files(
 
     Examples
     --------
+    >>> from pathlib import Path
     >>> import numpy as np
     >>> from manip3d import LidarFrame, io
     >>> from manip3d.authenticate import KeyFile, Watermarker, embed_files, verify_files
