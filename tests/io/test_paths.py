@@ -181,6 +181,7 @@ ENTRIES: dict[str, Callable[[str], object]] = {
         scan, "a.bin", unchanged=p
     ),
     "authenticate.check_holds_float32 scan": authenticate.check_holds_float32,
+    "authenticate.calibrate_lattice frames": lambda p: authenticate.calibrate_lattice([p] * 4),
     "authenticate.drive_numbers folder": authenticate.drive_numbers,
     "authenticate.drive_records_alone folder": authenticate.drive_records_alone,
     "authenticate.drive_scans folder": authenticate.drive_scans,
