@@ -119,6 +119,7 @@ ENTRIES: dict[str, Callable[[str], object]] = {
     ),
     "simplify.poses_of_files sources": lambda p: simplify.poses_of_files([p], "a"),
     "simplify.poses_of_files poses": lambda p: simplify.poses_of_files(["a"], p),
+    "simplify.simplify_recording output": lambda p: simplify.simplify_recording([], p, OPTIONS),
     "simplify.simplify_camera_files sources": lambda p: simplify.simplify_camera_files(
         [p], "a", "b", OPTIONS
     ),
