@@ -120,7 +120,7 @@ int MatroskaWriter::check(int code) {
     [[maybe_unused]] const int result = ::ftruncate(file_.descriptor.get(), whole_);
     file_.check("cannot write");
   }
-  // Of a writer it is memory that ran out; of a reader mostly a size that a damaged file states.
+  // A writer has run out of memory; a reader mostly met a size that a damaged file states.
   if (code == -ENOMEM) throw std::bad_alloc();
   if (code < 0) throw DeviceError(file_.path.string() + ": cannot write: " + mkv_error(code));
   return code;
