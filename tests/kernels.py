@@ -322,6 +322,7 @@ READ_FILES = {
     "authenticate.write_watermarked",
     "simplify.simplify_depth_file",
     "simplify.simplify_camera_files",
+    "simplify.simplify_recording",
     "simplify.poses_of_files",
     "simplify.common_depth_unit",
     "simplify.colors_of_frames",

@@ -243,3 +243,11 @@ def test_the_color_lens_of_a_real_azure_kinect(capfd: pytest.CaptureFixture[str]
     off_v = y * (brown - real) + 2 * x * y * (q2 - p2) + (r2 + 2 * y * y) * (q1 - p1)
     off = np.hypot(off_u * color.fx, off_v * color.fy)
     assert off.max() < color.width / 1000  # without distortion it is thirty times as much
+
+
+def test_a_size_beyond_all_memory_is_an_error_of_the_file(tmp_path: Path) -> None:
+    found_by_fuzzing = Path(__file__).parents[2] / "cpp/fuzz/corpus/mkv/size_beyond_memory"
+    path = tmp_path / "hostile.mkv"
+    path.write_bytes(found_by_fuzzing.read_bytes())
+    with pytest.raises(manip3d.FormatError, match="a size in it is beyond all memory"):
+        capture.open_rgbd(f"mkv:{path}")

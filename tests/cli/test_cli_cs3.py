@@ -68,10 +68,11 @@ def test_an_image_without_a_surface_writes_nothing_and_says_why(
     done = manip3d("depth", tmp_path / "depth.png", "-o", output, "--unit", "mm", *options)
     assert done.returncode == 1
     assert reason in error_line(done)
+    assert ("stand alone" in error_line(done)) == (make is _every_second_row)
     assert not output.exists()
 
 
-def test_a_recording_in_a_folder_is_refused_with_the_folder_of_its_depth_images(
+def test_a_recording_without_a_camera_is_refused_with_the_folder_of_its_depth_images(
     frame: Path, tmp_path: Path
 ) -> None:
     recording = tmp_path / "sequence"

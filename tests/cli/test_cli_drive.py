@@ -15,7 +15,7 @@ from typer.testing import CliRunner, Result
 import lattice_scans as scans
 import manip3d
 import turn_scans
-from manip3d import authenticate, report
+from manip3d import InputError, authenticate, report
 from manip3d.cli import app
 from manip3d.report._drive_evidence import scanner_poses
 from real_data import RealData
@@ -294,6 +294,12 @@ def test_a_lattice_is_made_and_measured(drive: Path, tmp_path: Path) -> None:
     assert told["power"]["added"]["share"] == 1.0
     loaded = authenticate.SensorLattice.load(out)
     assert loaded.power["added"].source == "2 clean scans of 0000000000.bin and 3 more"
+    folders = [drive] * 3  # scans 0, 2, 1 and 0 of 0, 1, 2, 0, 1, 2, ...
+    same = authenticate.calibrate_lattice(folders, most=4, planted=1)
+    assert same.power["added"].source == f"2 clean scans of {drive.name} and 2 more"
+    assert same.power["added"].planted == 2
+    with pytest.raises(InputError, match="most: expected at least 4, got 3"):
+        authenticate.calibrate_lattice([drive, drive], most=3)
     few = CliRunner().invoke(app, ["lattice", str(drive), "-o", str(tmp_path / "few.json")])
     assert "expected at least 4 scans, got 3" in str(few.exception)
 

@@ -164,3 +164,26 @@ def test_disparities_of_a_stereo_pair_become_depth(tmp_path: Path) -> None:
     for unit in ("disparity:", "disparity:0", "disparity:nan", "disparity:5,inf", "disparity:a,b"):
         with pytest.raises(InputError, match="expected disparity:FB"):
             read_depth_guessing(path, unit=unit)
+
+
+@pytest.mark.parametrize(
+    ("stored", "unit", "doubt"),
+    [
+        (np.full((4, 4), 1700, np.uint16), "m", "half of the image is beyond 1700 m"),
+        (np.full((4, 4), 1.7, np.float32), "mm", "half of the image is nearer than 1.7 mm"),
+        (np.full((4, 4), 1700, np.uint16), "mm", ""),
+        (np.full((4, 4), 1700, np.uint16), "tum", ""),
+        (np.full((4, 4), 150.0, np.float32), "m", ""),
+        (np.zeros((4, 4), np.uint16), "m", ""),
+    ],
+)
+def test_a_given_unit_that_no_camera_has_is_doubted(
+    stored: np.ndarray, unit: str, doubt: str, tmp_path: Path
+) -> None:
+    np.save(tmp_path / "depth.npy", stored)
+    found = read_depth_guessing(tmp_path / "depth.npy", unit=unit)
+    assert found.doubt.startswith(doubt)
+    assert bool(found.doubt) == bool(doubt)
+    if doubt:
+        assert found.doubt.endswith(f"the numbers look like unit {'mm' if unit == 'm' else 'm'}")
+        assert f"; warning: {found.doubt}" in found.sentence

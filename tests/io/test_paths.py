@@ -119,6 +119,7 @@ ENTRIES: dict[str, Callable[[str], object]] = {
     ),
     "simplify.poses_of_files sources": lambda p: simplify.poses_of_files([p], "a"),
     "simplify.poses_of_files poses": lambda p: simplify.poses_of_files(["a"], p),
+    "simplify.simplify_recording output": lambda p: simplify.simplify_recording([], p, OPTIONS),
     "simplify.simplify_camera_files sources": lambda p: simplify.simplify_camera_files(
         [p], "a", "b", OPTIONS
     ),
@@ -181,6 +182,7 @@ ENTRIES: dict[str, Callable[[str], object]] = {
         scan, "a.bin", unchanged=p
     ),
     "authenticate.check_holds_float32 scan": authenticate.check_holds_float32,
+    "authenticate.calibrate_lattice frames": lambda p: authenticate.calibrate_lattice([p] * 4),
     "authenticate.drive_numbers folder": authenticate.drive_numbers,
     "authenticate.drive_records_alone folder": authenticate.drive_records_alone,
     "authenticate.drive_scans folder": authenticate.drive_scans,

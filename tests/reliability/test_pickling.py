@@ -64,6 +64,9 @@ def files(folder: Path) -> Iterator[object]:
     yield io.read_range_grid(folder / "g.ply")
     yield io.ReadLimits(max_points=5)
     yield capture.record(rgbd_frames.frames(2), folder / "recording")
+    yield simplify.simplify_recording(
+        rgbd_frames.frames(1), folder / "meshes", simplify.DepthOptions(5)
+    )
     yield capture.summarize(capture.open_rgbd(f"folder:{folder / 'recording'}"))
     with authenticate.KeyFile.create(folder / "sensor.key") as key:
         marker = authenticate.Watermarker(key)

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <new>
 #include <system_error>
 #include <utility>
 
@@ -119,6 +120,8 @@ int MatroskaWriter::check(int code) {
     [[maybe_unused]] const int result = ::ftruncate(file_.descriptor.get(), whole_);
     file_.check("cannot write");
   }
+  // A writer has run out of memory; a reader mostly met a size that a damaged file states.
+  if (code == -ENOMEM) throw std::bad_alloc();
   if (code < 0) throw DeviceError(file_.path.string() + ": cannot write: " + mkv_error(code));
   return code;
 }

@@ -2,7 +2,6 @@
 
 #include <atomic>
 #include <cerrno>
-#include <new>
 
 #include "manip3d/capture/mkv.hpp"
 #include "manip3d/error.hpp"
@@ -52,7 +51,7 @@ const MkvCodec& mkv_codec() {
 }
 
 std::string mkv_error(int code) {
-  if (code == -ENOMEM) throw std::bad_alloc();
+  if (code == -ENOMEM) return "no memory for it, or a size in it is beyond all memory";
   char text[128] = {};
   mkv_codec().describe(code, text, sizeof(text));
   return text;

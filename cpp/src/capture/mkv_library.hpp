@@ -11,7 +11,7 @@ namespace manip3d {
 /// The codec library. @throws DeviceError  find_mkv_codec() has none.
 const MkvCodec& mkv_codec();
 
-/// What the codec library calls an error code. @throws std::bad_alloc  if that is what it means.
+/// What the codec library calls an error code.
 std::string mkv_error(int code);
 
 inline MkvBytes to_mkv(std::span<const std::byte> bytes) {

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -13,6 +15,7 @@ import numpy as np
 from manip3d._util.checked import checked
 from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.options import generator_of, reporting, shares, sharing
+from manip3d._util.paths import path_of
 from manip3d.authenticate._carriers import ALLOWED, without_bits
 from manip3d.authenticate._generic import consistency_allowing, generic_consistency
 from manip3d.authenticate._lattice import SensorLattice, estimate_lattice
@@ -21,7 +24,9 @@ from manip3d.authenticate._reflectance import reflectance_consistency, why_not_j
 from manip3d.authenticate._sensors import HDL64E, is_hdl64e
 from manip3d.authenticate._turns import turn_consistency
 from manip3d.authenticate._verdict import NO_POWER, Power, binomial_tail, rate_of
+from manip3d.authenticate._watermark_files import drive_scans
 from manip3d.errors import InputError
+from manip3d.io import read_scan
 from manip3d.lidar import Box, LidarFrame
 
 if TYPE_CHECKING:
@@ -374,8 +379,9 @@ CHANCE = 0.01
 
 @checked
 def calibrate_lattice(
-    frames: Iterable[LidarFrame],
+    frames: Iterable[LidarFrame | str | os.PathLike[str]],
     *,
+    most: int | None = None,
     planted: int = 10,
     source: str = "",
     rng: int = 0,
@@ -390,12 +396,16 @@ def calibrate_lattice(
 
     Parameters
     ----------
-    frames : iterable of LidarFrame
-        At least four clean scans as the scanner gave them, the scanner at the origin.
+    frames : iterable of LidarFrame or path
+        At least four clean scans as the scanner gave them, the scanner at the origin; the path of a
+        folder means all scans of that drive (`drive_scans`).
+    most : int, optional
+        At most so many of them are read, evenly spread over all; at least four. Default: all.
     planted : int
         Edits of each class in each scan that is judged.
     source : str
-        Name of the scans, for ``SensorLattice.power``.
+        Name of the scans, for ``SensorLattice.power``; default: their number, and their file's or
+        folder's name.
     rng : int
         Seed of what is edited where.
     threads : int
@@ -411,8 +421,10 @@ def calibrate_lattice(
     ------
     InputError
         There are fewer than four scans, or they have no rings that can be told from each other;
-        ``planted`` is not positive; detector III accuses more of the clean scans than chance
-        explains at its rate, so that it cannot judge this scanner.
+        ``planted`` is not positive or ``most`` is below 4; detector III accuses more of the clean
+        scans than chance explains at its rate, so that it cannot judge this scanner.
+    FormatError, OSError
+        A file cannot be read.
 
     Examples
     --------
@@ -430,11 +442,13 @@ def calibrate_lattice(
     >>> calibrate_lattice(walls, planted=1).power["moved"].share
     1.0
     """
-    listed = list(frames)
-    if len(listed) < FEWEST_CALIBRATED:
-        raise InputError(f"frames: expected at least {FEWEST_CALIBRATED} scans, got {len(listed)}")
-    if not all(isinstance(frame, LidarFrame) for frame in listed):
-        raise InputError("frames: expected LidarFrames")
+    if most is not None and most < FEWEST_CALIBRATED:
+        raise InputError(f"most: expected at least {FEWEST_CALIBRATED}, got {most}")
+    given = list(frames)
+    chosen = _spread([scan for each in given for scan in _scans_of(each)], most)
+    if len(chosen) < FEWEST_CALIBRATED:
+        raise InputError(f"frames: expected at least {FEWEST_CALIBRATED} scans, got {len(chosen)}")
+    listed = [scan if isinstance(scan, LidarFrame) else read_scan(scan) for scan in chosen]
     lattice = estimate_lattice(listed[::2])
     others = [frame.replace(intensity=None) for frame in listed[1::2]]
     rate = rate_of("generic")
@@ -459,9 +473,32 @@ def calibrate_lattice(
             others, lattice, planted=planted, classes=classes, rng=rng, threads=threads,
             progress=part(*forged),
         )  # fmt: skip
-    told = source or f"{len(others)} clean scans"
+    told = source or f"{len(others)} clean scans{_of_places(given)}"
     power = {name: replace(each, source=told) for name, each in measured.items()}
     return replace(lattice, power=ReadOnlyMapping(power))
+
+
+def _scans_of(given: LidarFrame | str | os.PathLike[str]) -> list[LidarFrame | Path]:
+    """The scan itself, or those of a drive's folder."""
+    if isinstance(given, LidarFrame):
+        return [given]
+    path = path_of(given, "frames")
+    return [*drive_scans(path)] if path.is_dir() else [path]
+
+
+def _spread(scans: Sequence[LidarFrame | Path], most: int | None) -> list[LidarFrame | Path]:
+    """At most so many of the scans, evenly spread over all."""
+    if most is None or len(scans) <= most:
+        return list(scans)
+    return [scans[k * len(scans) // most] for k in range(most)]
+
+
+def _of_places(given: Sequence[LidarFrame | str | os.PathLike[str]]) -> str:
+    """Words for the files and folders: the first one's name, and how many more there are."""
+    names = [Path(each).name for each in given if not isinstance(each, LidarFrame)]
+    if not names:
+        return ""
+    return f" of {names[0]}" + (f" and {len(names) - 1} more" if len(names) > 1 else "")
 
 
 def _with_reflectance(frame: LidarFrame, embedding: str) -> Cloud:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from manip3d.cli.kinds import expect_kind
+from manip3d.cli.kinds import expect_kind, kind_of
 from manip3d.cli.many import over_files, with_defaults
 from manip3d.cli.options import (
     MISSED,
@@ -30,7 +30,13 @@ from manip3d.io import DEPTH_SUFFIXES, WRITABLE
 
 if TYPE_CHECKING:
     from manip3d.batch import SourceFile
-    from manip3d.simplify import DepthFileResult, DepthOptions, DepthSequence, JointFileResult
+    from manip3d.simplify import (
+        DepthFileResult,
+        DepthOptions,
+        DepthSequence,
+        JointFileResult,
+        RecordingResult,
+    )
 
 _sequence: ContextVar[DepthSequence | None] = ContextVar("sequence", default=None)
 """Sequence through which the files of a command with ``--stable`` go."""
@@ -154,6 +160,81 @@ def _join(sources: list[str], given: dict[str, Any]) -> bool:
     return True
 
 
+_OF_FRAMES = ("unit", "color", "mask", "confidence", "bandwidth", "rate")
+"""Options that say of images what the frames of a recording say themselves."""
+
+
+def _recording(sources: list[str], given: dict[str, Any]) -> bool:
+    """An RGB-D recording, or an address of one: a mesh of each frame, in a folder."""
+    if len(sources) != 1 or not _is_recording(sources[0]):
+        if given["frames"] is not None:
+            raise InputError("--frames: expected with an RGB-D recording")
+        return False
+    from manip3d import simplify
+    from manip3d.cli.capture import open_source
+
+    _expect_budget(given["points"], wanted="--points")
+    output: Path = given["output"]
+    shell = Terminal(as_json=given["as_json"], quiet=given["quiet"])
+    with naming_options(*_OPTIONS, "poses", *given["shared"]):
+        asked = [name for name in _OF_FRAMES if given[name] not in (None, "", "guess")]
+        for name in (*given["shared"], *asked):
+            raise InputError(f"{name}: expected without an RGB-D recording")
+        check_output(output, (), force=given["force"], folder=True)
+        options = _options_of({**given, "intrinsics": ""})
+        if given["stable"] and given["method"] != DepthMethod.relief:
+            raise InputError(f"stable: expected method relief, got {given['method']}")
+    with (
+        open_source(sources[0], shell, intrinsics=given["intrinsics"]) as frames,
+        shell.progress("simplify") as progress,
+    ):
+        made = simplify.simplify_recording(
+            frames,
+            output,
+            options,
+            stable=given["stable"],
+            num_frames=given["frames"],
+            progress=progress,
+        )
+    shell.say(_recording_sentence(made, output))
+    failed = {str(number): reason for number, reason in made.failed.items()}
+    shell.result({"output": str(output), "frames": [_record(r) for r in made.frames],
+                  "failed": failed})  # fmt: skip
+    missed = any(r.target_missed or r.coverage_missed or r.bridges_missed for r in made.frames)
+    if given["strict"] and (missed or failed):
+        raise typer.Exit(MISSED)
+    return True
+
+
+def _is_recording(source: str) -> bool:
+    if source == "-":
+        return False
+    try:
+        kind = kind_of(source)
+    except OSError:  # a pattern, or a file that is missed later on
+        return False
+    if kind != "stream":
+        path = Path(source)
+        knows_camera = any((path / name).is_file() for name in ("calibration.json", "depth.txt"))
+        return kind == "recording" and (knows_camera or path.is_file())
+    from manip3d.capture import rgbd_address
+
+    return rgbd_address(source) is not None
+
+
+def _recording_sentence(made: RecordingResult, output: Path) -> str:
+    worst = min(made.frames, key=lambda result: result.coverage)
+    points = [result.points for result in made.frames]
+    few = f"{count(min(points))} to {count(max(points))} points"
+    seconds = sum(result.seconds for result in made.frames) / len(made.frames)
+    failed = f"; {counted(len(made.failed), 'frame')} without a surface" if made.failed else ""
+    return (
+        f"{worst.options.method}: {counted(len(made.frames), 'frame')}, {few}, "
+        f"{seconds * 1000:.1f} ms a frame; frame {worst.source} covers least of its surface's "
+        f"pixels, {100 * worst.coverage:.1f} %{failed}; wrote {output}"
+    )
+
+
 def _joint_sentence(result: JointFileResult) -> str:
     options = result.options
     low = f", less than {100 * options.min_coverage:.0f} %" if result.coverage_missed else ""
@@ -191,14 +272,15 @@ def _joint_record(result: JointFileResult) -> dict[str, Any]:
 @over_files(
     lambda: (*DEPTH_SUFFIXES, ".ply"), writable=lambda: WRITABLE, otherwise=".glb",
     prepare=_of_frames, check=lambda given: _expect_budget(*(given[name] for name in _BUDGETS)),
-    together=_join, in_order=_in_order,
+    together=lambda sources, given: _join(sources, given) or _recording(sources, given),
+    in_order=_in_order,
 )  # fmt: skip
 def depth(
     source: Annotated[
         str,
         typer.Argument(
-            help="A depth image (16-bit .png, .pgm, .tif, or .pfm, .exr, .npy, .npz), or a range "
-            "scan (.ply with range_grid)."
+            help="A depth image (16-bit .png, .pgm, .tif, or .pfm, .exr, .npy, .npz), a range scan "
+            "(.ply with range_grid), or an RGB-D recording (a folder, .mkv or an address)."
         ),
     ],
     output: Output,
@@ -320,6 +402,10 @@ def depth(
             "anew.",
         ),
     ] = False,
+    frames: Annotated[
+        int | None,
+        typer.Option(min=1, help="Stop after so many frames of an RGB-D recording."),
+    ] = None,
     force: Force = False,
     strict: Strict = False,
     as_json: Json = False,
@@ -332,13 +418,15 @@ def depth(
     Several depth images become a folder of .glb files and have one unit; with --poses they become
     one mesh, and with --stable meshes that stay still. The result is in metres, with +y up in glTF
     (.glb, .gltf) and in the camera's axes in .ply, .obj, .stl and .off. The depth range and its
-    unit are printed: check them.
+    unit are printed: check them. The frames of an RGB-D recording bring their camera, unit and
+    colours; each becomes a .glb in a folder.
 
     Example: manip3d depth depth.png --intrinsics kinect-v2 --points 5000 -o person.glb
     """
     from manip3d import simplify
 
     assert not poses  # those files were joined
+    assert frames is None  # that was a recording
     _expect_budget(points, bandwidth, rate)
     shell = Terminal(as_json=as_json, quiet=quiet)
     with naming_options(*_OPTIONS):

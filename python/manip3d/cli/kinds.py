@@ -37,7 +37,9 @@ VERBS = {
     "range grid": "depth, info, view, convert",
     "depth": "depth, info, view",
     "packets": "inspect, info, view, convert",
-    "recording": "capture play, capture info, info, view, inspect, forge stream, phantom render",
+    "recording": (
+        "capture play, capture info, info, view, inspect, forge stream, phantom render, depth"
+    ),
     "drive": "inspect, watermark, alert, info, view, convert",
     "picture": "depth, as --color",
     "results": "report",

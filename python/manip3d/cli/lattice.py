@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from manip3d.cli.options import Force, Jobs, Json, Output, Quiet, Seed
-from manip3d.cli.terminal import Terminal, check_output, counted, table
+from manip3d.cli.terminal import Terminal, check_output, table
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from rich.console import Console
 
 
@@ -47,30 +44,12 @@ def lattice(
     Example: manip3d lattice clean -o lattice.json
     """
     from manip3d import authenticate
-    from manip3d.io import read_scan
 
     shell = Terminal(as_json=as_json, quiet=quiet)
     check_output(output, (".json",), force=force)
-    paths = [Path(each) for each in sources]
-    scans = [
-        scan
-        for path in paths
-        for scan in (authenticate.drive_scans(path) if path.is_dir() else [path])
-    ]
-    scans = _spread(scans, most)
-    frames = []
-    for scan in scans:
-        frame = read_scan(scan)
-        frames.append(frame)
-        shell.say(f"read {scan}: {counted(frame.num_points, 'point')}")
     with shell.progress("lattice") as progress:
         found = authenticate.calibrate_lattice(
-            frames,
-            planted=planted,
-            source=f"{len(frames) // 2} clean scans of {_named(sources)}",
-            rng=seed,
-            threads=jobs,
-            progress=progress,
+            sources, most=most, planted=planted, rng=seed, threads=jobs, progress=progress
         )
     found.save(output)
     shell.say(f"wrote {output}")
@@ -83,19 +62,6 @@ def lattice(
         "power": power,
     }
     shell.result(row, lambda console: _show(console, row))
-
-
-def _spread(scans: Sequence[Path], most: int) -> list[Path]:
-    """Choose at most so many of the scans, evenly spread."""
-    if len(scans) <= most:
-        return list(scans)
-    return [scans[k * len(scans) // most] for k in range(most)]
-
-
-def _named(sources: Sequence[str]) -> str:
-    """The first source without its folders, and how many more there are."""
-    first = Path(sources[0]).name
-    return first if len(sources) == 1 else f"{first} and {len(sources) - 1} more"
 
 
 def _show(console: Console, found: dict[str, Any]) -> None:

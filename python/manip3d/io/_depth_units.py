@@ -36,6 +36,10 @@ _NEAREST_MILLIMETRES = 4_000.0
 in 1/5000 m of which no twentieth is nearer than 0.8 m."""
 
 
+_NEAREST_MEDIAN, _FARTHEST_MEDIAN = 0.05, 200.0
+"""Metres: cameras that look at something nearer, and lasers that see farther, are rare."""
+
+
 @dataclass(frozen=True, eq=False)
 class DepthReading:
     """A depth image, and how its stored numbers were understood.
@@ -50,12 +54,15 @@ class DepthReading:
         The unit was guessed from the numbers.
     reason : str
         Why this unit was guessed; empty where it was given.
+    doubt : str
+        What speaks against a unit that was given; mostly empty.
     """
 
     depth: NDArray[np.uint16] | NDArray[np.float32] = field(repr=False)
     unit: str
     guessed: bool
     reason: str
+    doubt: str = ""
 
     @property
     def num_measured(self) -> int:
@@ -73,12 +80,14 @@ class DepthReading:
 
     @property
     def sentence(self) -> str:
-        """One sentence for people: the range, the unit, and why it was guessed."""
+        """One sentence for people: the range, the unit, why it was guessed or is doubted."""
         if self.range_m is None:
             return "no measured pixel"
         near, far = self.range_m
         what = f"depth {near:.2f} to {far:.2f} m, unit {self.unit} ({describe_unit(self.unit)})"
-        return f"{what}, guessed: {self.reason}" if self.guessed else what
+        if self.guessed:
+            return f"{what}, guessed: {self.reason}"
+        return f"{what}; warning: {self.doubt}" if self.doubt else what
 
 
 def _per_metre(units: float) -> Callable[[NDArray[Any]], Depth]:
@@ -207,12 +216,28 @@ def read_depth_guessing(
     """
     name = _checked_unit(unit)
     stored = read_stored_depth(path, max_pixels=max_pixels)
-    reason = ""
     if name == "guess":
         name, reason = guess_depth_unit(stored)
-    elif name in _WHOLE_ONLY and stored.dtype != np.uint16:
+        return DepthReading(_conversion(name)(stored), name, True, reason)
+    if name in _WHOLE_ONLY and stored.dtype != np.uint16:
         raise InputError(f"unit: {name} is of whole numbers, {os.fspath(path)} has {stored.dtype}")
-    return DepthReading(_conversion(name)(stored), name, bool(reason), reason)
+    depth = _conversion(name)(stored)
+    return DepthReading(depth, name, False, "", _doubt_of(depth, name, stored))
+
+
+def _doubt_of(depth: Depth, unit: str, stored: NDArray[Any]) -> str:
+    """Words where half of the image would lie where no camera measures depth; mostly none."""
+    measured = depth[depth > 0]
+    if not len(measured):
+        return ""
+    median = float(np.median(measured)) * (1e-3 if depth.dtype == np.uint16 else 1.0)
+    if _NEAREST_MEDIAN <= median <= _FARTHEST_MEDIAN:
+        return ""
+    looks = guess_depth_unit(stored)[0]
+    far = median > _FARTHEST_MEDIAN
+    where = f"beyond {median:.0f} m" if far else f"nearer than {1000 * median:.3g} mm"
+    alike = f"; the numbers look like unit {looks}" if looks != unit else ""
+    return f"half of the image is {where}{alike}"
 
 
 def _conversion(unit: str) -> Callable[[NDArray[Any]], Depth]:

@@ -66,6 +66,7 @@ from manip3d.simplify._lod import (
 from manip3d.simplify._modes import Mode, simplify
 from manip3d.simplify._pixel_maps import confidence_of_levels
 from manip3d.simplify._quality import QualityResult, fast, quality
+from manip3d.simplify._recordings import RecordingResult, simplify_recording
 from manip3d.simplify._relief import (
     Effort,
     Relief,
@@ -110,6 +111,7 @@ __all__ = [
     "Mode",
     "QualityResult",
     "Reached",
+    "RecordingResult",
     "Relief",
     "ReliefStream",
     "SamplingMethod",
@@ -153,5 +155,6 @@ __all__ = [
     "simplify_camera_files",
     "simplify_depth",
     "simplify_depth_file",
+    "simplify_recording",
     "simplify_scene",
 ]

@@ -31,6 +31,7 @@ from manip3d.simplify._depth_files import (
     _Measured,
     _read,
     common_depth_unit,
+    is_sparse,
 )
 
 if TYPE_CHECKING:
@@ -77,7 +78,7 @@ class JointFileResult:
     @property
     def is_sparse(self) -> bool:
         """As of `DepthFileResult`."""
-        return 2 * self.lone_pixels > self.points_before
+        return is_sparse(self.lone_pixels, self.points_before)
 
     @property
     def target_missed(self) -> bool:
@@ -301,7 +302,7 @@ def simplify_camera_files(
     seconds = time.perf_counter() - started
     lone = sum(_Measured.of(_valid_pixels(view)).lone for view in views)
     if not joint.num_faces:
-        note = f"; {SPARSE_WORDS}" if 2 * lone > joint.num_measured else ""
+        note = f"; {SPARSE_WORDS}" if is_sparse(lone, joint.num_measured) else ""
         raise FormatError(
             f"expected a surface in {len(files)} views, found none{note}", file=str(place)
         )

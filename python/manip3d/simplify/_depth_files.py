@@ -58,6 +58,12 @@ SPARSE_WORDS = (
     "here makes a surface of them; in Python, simplify.grid_delaunay joins pixels at any distance"
 )
 """What to tell of an image whose result `is_sparse`."""
+_FEWEST_PROJECTED = 50
+
+
+def is_sparse(lone: int, measured: int) -> bool:
+    """Whether most pixels stand alone; a handful of pixels is no projection, but noise."""
+    return 2 * lone > measured and lone >= _FEWEST_PROJECTED
 
 
 @dataclass(frozen=True)
@@ -217,7 +223,7 @@ class DepthFileResult:
 
         Of these the methods here make no surface.
         """
-        return 2 * self.lone_pixels > self.points_before
+        return is_sparse(self.lone_pixels, self.points_before)
 
     @property
     def coverage_missed(self) -> bool:
@@ -400,8 +406,9 @@ class _Maps:
     """What is known of the pixels beside their depth."""
 
     color: NDArray[np.uint8] | None
-    mask: NDArray[np.bool_] | None
-    confidence: NDArray[Any] | None
+    mask: NDArray[np.bool_] | None = None
+    confidence: NDArray[Any] | None = None
+    registration: Registration | None = None  # of the colour image; None: the same pixels
 
 
 def _read_maps(
@@ -466,8 +473,9 @@ def _alone(
     depth: NDArray[Any], camera: Intrinsics, options: DepthOptions, maps: _Maps
 ) -> Callable[[int], DepthSimplification]:
     def uncut(points: int) -> DepthSimplification:
-        color, confidence = maps.color, maps.confidence
-        return _uncut(depth, camera, options, points, color, confidence=confidence)
+        return _uncut(
+            depth, camera, options, points, maps.color, maps.registration, maps.confidence
+        )
 
     return uncut
 
@@ -480,6 +488,21 @@ def _from_image(
     height, width = reading.depth.shape
     camera = read_intrinsics(options.intrinsics, width=width, height=height)
     depth = masked_depth(reading.depth, mask_image(maps.mask, reading.depth.shape))
+    return _from_depth(depth, camera, path, output, options, maps, take, words, reading.unit)
+
+
+def _from_depth(
+    depth: NDArray[Any],
+    camera: Intrinsics,
+    path: Path,
+    output: Path,
+    options: DepthOptions,
+    maps: _Maps,
+    take: _Take,
+    words: str,
+    unit: str,
+) -> DepthFileResult:
+    """Write the mesh of an image in memory; ``path`` names it in errors and in the result."""
     is_yup = _is_yup(output)
     started = time.perf_counter()
     uncut_of = take(depth, camera, options, maps)
@@ -508,9 +531,7 @@ def _from_image(
     measured = _Measured.of(depth > 0)
     made = _write(make, path, output, options, measured, has_steps=options.depth_step > 0)
     made = replace(made, seconds=made.seconds + taking_up)
-    return _result(
-        path, output, options, made, measured, depth=words, unit=reading.unit
-    )  # fmt: skip
+    return _result(path, output, options, made, measured, depth=words, unit=unit)
 
 
 @dataclass(frozen=True)
@@ -618,7 +639,7 @@ def _expect_faces(
         found = f"found {pixels}, of which no three meet in a square of two by two{without}"
     else:
         found = f"found {pixels}, but no face between those that were chosen"
-    if 2 * measured.lone > measured.pixels:
+    if is_sparse(measured.lone, measured.pixels):
         found += f"; {SPARSE_WORDS}"
     raise FormatError(f"expected a surface, {found}", file=str(source))
 

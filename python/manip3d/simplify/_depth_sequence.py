@@ -68,8 +68,7 @@ class DepthSequence:
             raise InputError(f"method: expected relief for a sequence, got {options.method}")
         _expect_camera(options)
         self._options = options
-        self._stream: ReliefStream | None = None
-        self._camera: Intrinsics | None = None
+        self._smoothing = Smoothing()
         self._lock = threading.Lock()
 
     @property
@@ -111,11 +110,20 @@ class DepthSequence:
             raise InputError(f"source: expected a depth image in a sequence, got {path.name}")
         maps = _read_maps(self._options, color, mask, confidence, confidence_max)
         with self._lock:
-            return _from_image(path, target, self._options, maps, self._take)
+            return _from_image(path, target, self._options, maps, self._smoothing.take)
 
-    def _take(
+
+class Smoothing:
+    """Takes up images one after another, by a `ReliefStream` that begins with the first one."""
+
+    def __init__(self) -> None:
+        self._stream: ReliefStream | None = None
+        self._camera: Intrinsics | None = None
+
+    def take(
         self, depth: NDArray[Any], camera: Intrinsics, options: DepthOptions, maps: _Maps
     ) -> Callable[[int], DepthSimplification]:
+        """Smooth the next image; return what makes a mesh of so many points of it."""
         if self._camera is None or self._stream is None:
             self._camera = camera
             self._stream = ReliefStream(
@@ -124,6 +132,7 @@ class DepthSequence:
                 move_points=options.move_points,
                 max_edge=options.max_edge,
                 depth_step=options.depth_step or None,
+                registration=maps.registration,
                 threads=options.threads,
             )
         first = self._camera

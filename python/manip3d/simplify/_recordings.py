@@ -1,0 +1,135 @@
+"""The frames of an RGB-D recording, from a camera or a file to sparse meshes in files."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from manip3d._util.checked import checked
+from manip3d._util.options import reporting
+from manip3d._util.paths import path_of
+from manip3d.errors import FormatError, InputError
+from manip3d.rgbd import RgbdFrame
+from manip3d.simplify._depth_files import DepthFileResult, DepthOptions, _alone, _from_depth, _Maps
+from manip3d.simplify._depth_sequence import Smoothing
+
+if TYPE_CHECKING:
+    from manip3d._util.options import Progress
+
+_SUFFIX = ".glb"
+
+
+@dataclass(frozen=True)
+class RecordingResult:
+    """The meshes of a recording's frames; see `simplify_recording`.
+
+    Attributes
+    ----------
+    frames : tuple of DepthFileResult
+        One for each frame that became a mesh; ``source`` is its number.
+    failed : mapping of int to str
+        Why other frames did not: their numbers, and the reason.
+    """
+
+    frames: tuple[DepthFileResult, ...]
+    failed: Mapping[int, str]
+
+
+@checked
+def simplify_recording(
+    frames: Iterable[RgbdFrame],
+    output: str | os.PathLike[str],
+    options: DepthOptions,
+    *,
+    stable: bool = False,
+    num_frames: int | None = None,
+    progress: Progress = None,
+) -> RecordingResult:
+    """Turn the frames of an RGB-D recording into sparse textured meshes in a folder.
+
+    Parameters
+    ----------
+    frames : iterable of RgbdFrame
+        A source of `manip3d.capture.open_rgbd`, or frames. The colour image becomes the texture.
+    output : path-like
+        Folder of the meshes, which is made: ``000000.glb``, ... by the frames' numbers. Meshes of
+        these names are replaced.
+    options : DepthOptions
+        Frames bring their camera and their unit: give neither.
+    stable : bool
+        Frames go through one `ReliefStream` (``relief``), so that meshes stay still where the
+        picture does.
+    num_frames : int, optional
+        Stop after so many frames.
+    progress : None, True or callable
+        ``True`` shows a bar; a callable gets ``(fraction, message)``. The fraction is 0 where
+        nobody knows how many frames there are.
+
+    Returns
+    -------
+    RecordingResult
+        A frame without a surface, as of a camera that begins, is left out and named.
+
+    Raises
+    ------
+    InputError
+        ``options`` with a camera, a unit or a bandwidth, ``stable`` with another method than
+        ``relief``, ``num_frames`` below 1, or no frame.
+    FormatError
+        The recording is damaged, or no frame has a surface. Meshes that were written stay.
+    OSError
+        A mesh cannot be written.
+
+    Examples
+    --------
+    >>> from manip3d import capture, simplify
+    >>> with capture.open_rgbd("sim:body?frames=2") as person:
+    ...     made = simplify.simplify_recording(person, "meshes", simplify.DepthOptions(500))
+    >>> [result.output.name for result in made.frames]
+    ['000000.glb', '000001.glb']
+    >>> all(result.coverage > 0.9 for result in made.frames)
+    True
+    """
+    if options.intrinsics or options.unit != "guess":
+        raise InputError("options: expected neither intrinsics nor unit, which the frames bring")
+    if options.points is None or options.bandwidth is not None:
+        raise InputError("options.points: expected a number of points, and no bandwidth")
+    if stable and options.method != "relief":
+        raise InputError(f"stable: expected method relief, got {options.method}")
+    if num_frames is not None and num_frames < 1:
+        raise InputError(f"num_frames: expected at least 1, got {num_frames}")
+    folder = path_of(output, "output")
+    take = Smoothing().take if stable else _alone
+    total = num_frames if num_frames is not None else getattr(frames, "num_frames", None)
+    done: list[DepthFileResult] = []
+    failed: dict[int, str] = {}
+    with reporting(progress, "simplify") as report:
+        for count, frame in enumerate(frames, 1):
+            folder.mkdir(parents=True, exist_ok=True)
+            name = f"{frame.number:06}"
+            maps = _Maps(frame.color, registration=frame.calibration.registration)
+            camera, place = frame.calibration.depth, folder / f"{name}{_SUFFIX}"
+            try:
+                done.append(
+                    _from_depth(
+                        frame.depth, camera, Path(name), place, options, maps, take, "", "mm"
+                    )
+                )
+            except FormatError as error:
+                failed[frame.number] = error.reason
+            if report is not None:
+                report(min(1.0, count / total) if total else 0.0)
+            if count == num_frames:
+                break
+    if not done and failed:
+        number, reason = next(iter(failed.items()))
+        raise FormatError(
+            f"expected a surface in some frame, found none in {len(failed)}; of frame {number}: "
+            f"{reason}"
+        )
+    if not done:
+        raise InputError("frames: expected at least one, got none")
+    return RecordingResult(tuple(done), failed)

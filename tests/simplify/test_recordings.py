@@ -1,0 +1,127 @@
+"""The frames of RGB-D recordings become meshes in a folder."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from command_line import error_line, manip3d
+from manip3d import FormatError, InputError, RgbdFrame, capture, read_mesh, simplify
+
+OPTIONS = simplify.DepthOptions(300)
+
+
+@pytest.fixture(scope="module")
+def frames() -> list[RgbdFrame]:
+    with capture.open_rgbd("sim:body?frames=3") as source:
+        return list(source)
+
+
+def test_a_frame_becomes_what_its_images_do(frames: list[RgbdFrame], tmp_path: Path) -> None:
+    made = simplify.simplify_recording(frames, tmp_path / "meshes", OPTIONS)
+    assert not made.failed
+    assert [result.output.name for result in made.frames] == [f"00000{k}.glb" for k in range(3)]
+    frame, result = frames[1], made.frames[1]
+    alone = simplify.simplify_depth(
+        frame.depth,
+        frame.calibration.depth,
+        OPTIONS,
+        color=frame.color,
+        registration=frame.calibration.registration,
+    )
+    mesh = read_mesh(result.output)
+    np.testing.assert_allclose(
+        np.sort(mesh.vertices, axis=0),
+        np.sort(alone.vertices * np.array([1.0, -1.0, -1.0]), axis=0),
+        atol=1e-6,
+    )
+    assert (result.points, result.coverage) == (alone.num_used, alone.coverage)
+    assert mesh.materials[0].base_color is not None
+
+
+def test_stable_meshes_depend_on_the_frames_before(frames: list[RgbdFrame], tmp_path: Path) -> None:
+    noise = np.random.default_rng(0)
+    noisy = [
+        replace(
+            frames[0], depth=np.where(frames[0].depth > 0, frames[0].depth + shift, 0), number=k
+        )
+        for k, shift in enumerate(noise.integers(0, 9, (4, *frames[0].depth.shape), np.uint16))
+    ]
+    kept = []
+    for stable in (False, True):
+        folder = tmp_path / str(stable)
+        made = simplify.simplify_recording(noisy, folder, OPTIONS, stable=stable)
+        sets = [
+            {tuple(p) for p in read_mesh(r.output).vertices[:, :2].round(2)} for r in made.frames
+        ]
+        kept.append(len(sets[-2] & sets[-1]))
+    assert kept[1] > 2 * kept[0]
+
+
+def test_frames_without_a_surface_are_named(frames: list[RgbdFrame], tmp_path: Path) -> None:
+    blind = replace(frames[1], depth=np.zeros_like(frames[1].depth))
+    made = simplify.simplify_recording([frames[0], blind, frames[2]], tmp_path, OPTIONS)
+    assert [result.output.name for result in made.frames] == ["000000.glb", "000002.glb"]
+    assert list(made.failed) == [1]
+    assert "found no measured pixel" in made.failed[1]
+    with pytest.raises(FormatError, match="found none in 1; of frame 1: expected a surface"):
+        simplify.simplify_recording([blind], tmp_path, OPTIONS)
+
+
+@pytest.mark.parametrize(
+    ("options", "more", "reason"),
+    [
+        (replace(OPTIONS, intrinsics="tum"), {}, "options: expected neither intrinsics nor unit"),
+        (replace(OPTIONS, unit="mm"), {}, "options: expected neither intrinsics nor unit"),
+        (
+            simplify.DepthOptions(None, bandwidth=1e6, rate=30.0),
+            {},
+            "options.points: expected a number of points, and no bandwidth",
+        ),
+        (
+            replace(OPTIONS, method="cs3"),
+            {"stable": True},
+            "stable: expected method relief, got cs3",
+        ),
+        (OPTIONS, {"num_frames": 0}, "num_frames: expected at least 1, got 0"),
+    ],
+)
+def test_what_frames_say_themselves_is_refused(
+    options: simplify.DepthOptions, more: dict[str, int], reason: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=reason):
+        simplify.simplify_recording([], tmp_path / "meshes", options, **more)
+    with pytest.raises(InputError, match="frames: expected at least one, got none"):
+        simplify.simplify_recording([], tmp_path / "meshes", OPTIONS)
+    assert not (tmp_path / "meshes").exists()
+
+
+def test_the_command_takes_recordings(frames: list[RgbdFrame], tmp_path: Path) -> None:
+    recording = tmp_path / "visit"
+    capture.record(frames, recording)
+    out = tmp_path / "meshes"
+    done = manip3d("depth", recording, "-o", out, "--points", 300, "--frames", 2, "--json")
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert [frame["points"] > 290 for frame in told["frames"]] == [True, True]
+    assert told["failed"] == {}
+    assert sorted(path.name for path in out.iterdir()) == ["000000.glb", "000001.glb"]
+    assert "relief: 2 frames" in done.stderr
+    base = ("depth", recording, "-o", out)
+    assert "exists already; --force" in error_line(manip3d(*base, "--points", 300))
+    for option, value in (("--unit", "mm"), ("--color", recording), ("--to", ".ply")):
+        done = manip3d(*base, "--points", 300, "--force", option, value)
+        assert f"{option}: expected without an RGB-D recording" in error_line(done)
+    done = manip3d(*base, "--points", 300, "--force", "--stable", "--method", "cs3")
+    assert "--stable: expected method relief, got cs3" in error_line(done)
+
+
+def test_frames_are_those_of_a_recording(tmp_path: Path) -> None:
+    np.save(tmp_path / "wall.npy", np.full((48, 64), 2.0, np.float32))
+    base = ("depth", tmp_path / "wall.npy", "-o", tmp_path / "wall.ply", "--points", 100)
+    done = manip3d(*base, "--intrinsics", "60,60,31.5,23.5", "--frames", 2)
+    assert "--frames: expected with an RGB-D recording" in error_line(done)
