@@ -391,7 +391,9 @@ def mesh(folder: Path, name: str) -> object:
 
 
 def scan(folder: Path, name: str) -> object:
-    return files.read_scans(folder / name)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # columns that are left out
+        return files.read_scans(folder / name)
 
 
 def verify_record(folder: Path, name: str) -> None:

@@ -262,6 +262,7 @@ def chunk_table(data: bytes) -> int:
         # Each of these made the decoder reserve gigabytes, and the first ended the process.
         (lambda d: damaged(d, chunk_table(d) + 4, "I", 0xFFFFFFFF), "4294967295 chunks claimed"),
         (lambda d: damaged(d, chunk_table(d) + 4, "I", 2), "2 chunks claimed for 100 points"),
+        (lambda d: damaged(d, chunk_table(d) + 4, "I", 0), "0 chunks for 100 points, at least 1"),
         # 30 bytes of the first point, 2 of amplitude, 4 of the number of points, then the layers.
         (lambda d: damaged(d, start_of_points(d) + 8 + 36, "I", 0xFFFFFF00), "layers of 42949"),
         (lambda d: damaged(d, start_of_points(d) + 8 + 32, "I", 101), "a chunk of 101 points"),
@@ -338,6 +339,11 @@ def test_chunks_of_varying_sizes(tmp_path: Path, version: str, kind: int) -> Non
     lazrs.write_chunk_table(stream, [(2**30, table[0][1]), table[1]], record)
     path.write_bytes(stream.getvalue())
     with pytest.raises(FormatError, match="a chunk of 1073741824 points in a file of 300"):
+        read_scan(path)
+    stream.seek(chunk_table(stream.getvalue()))
+    lazrs.write_chunk_table(stream, [(0, table[0][1]), table[1]], record)
+    path.write_bytes(stream.getvalue())
+    with pytest.raises(FormatError, match="chunks of 200 points in a file of 300"):
         read_scan(path)
 
 

@@ -149,6 +149,10 @@ def _check_compressed(stream: BinaryIO, header: _Header, size: int) -> int:
     if num_chunks > most:
         _fail(table + 4, f"{num_chunks} chunks claimed for {header.count} points, at most {most}")
     if laszip.compressor == _LAYERED:
+        # The decoder goes on behind the chunks of the table, with layers of any size.
+        fewest = 1 if laszip.chunk_size == _VARIABLE else most
+        if num_chunks < fewest:
+            _fail(table + 4, f"{num_chunks} chunks for {header.count} points, at least {fewest}")
         _check_layers(stream, header, laszip, table)
     else:
         _chunk_sizes(stream, header, laszip)
@@ -233,9 +237,12 @@ def _chunk_sizes(stream: BinaryIO, header: _Header, laszip: _LasZip) -> list[int
     except BaseException as error:  # panics of Rust are no Exception
         _fail(header.start, f"damaged chunk table: {str(error)[:200]}")
     if laszip.chunk_size == _VARIABLE:
-        most = max((num_points for num_points, _ in table), default=0)
+        counts = [int(num_points) for num_points, _ in table]
+        most = max(counts, default=0)
         if most > header.count:
             _fail(header.start, f"a chunk of {most} points in a file of {header.count}")
+        if sum(counts) < header.count:
+            _fail(header.start, f"chunks of {sum(counts)} points in a file of {header.count}")
     return [int(num_bytes) for _, num_bytes in table]
 
 
