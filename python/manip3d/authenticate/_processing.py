@@ -113,7 +113,8 @@ share: on a smooth road, which always answers. It is that of the half of the sec
 least: dark cars lose returns in some sectors, what is left out at random is missing in all. Whole
 frames of KITTI have 0.0002 at most, and 0.0036 at least without one point of 200 (24 frames of nine
 drives, all of which were looked at, twice each), frames of 8 simulated streets 0.0004 at most. The
-limit is near the thinned ones: a road that is wet or worn may lose more than those of nine drives."""
+limit is near the thinned ones: a road that is wet or worn may lose more than those of nine
+drives."""
 
 HOLE_SECTORS, FEWEST_ON_ROAD = 16, 4000
 """Sectors of the firings: what is missing everywhere is missing in half of them; and firings that
