@@ -8,8 +8,8 @@ evidence of detectors IV and V instead, on streets that are in no report: their 
 
 Every scan is a line of the file that is named; scans that it has are not judged again, so that a
 run that was stopped goes on; ``--minutes`` stops it, and the table is of what was judged until
-then. ``--first`` names the first street: other scans than those that were reported before. Streets
-of calibrations and of reports have no number in common.
+then. ``--first`` names the first street: other scans than those that were reported before, or that
+are in the file that calibrates. Streets of calibrations and of reports have no number in common.
 """
 
 from __future__ import annotations
@@ -264,20 +264,21 @@ def main() -> None:
     parser.add_argument("--calibrate", action="store_true")
     parser.add_argument("--streets", type=int, default=51)
     parser.add_argument("--others", type=int, default=40, help="scans of each other scanner")
-    parser.add_argument("--first", type=int, default=REPORTED_STREETS, help="the first street")
+    parser.add_argument("--first", type=int, help="the first street")
     parser.add_argument("--minutes", type=float, default=math.inf, help="judge no longer than this")
     options = parser.parse_args()
-    if options.first < REPORTED_STREETS:
-        parser.error(f"--first: expected {REPORTED_STREETS} or more, got {options.first}")
+    begin = CALIBRATION_STREETS if options.calibrate else REPORTED_STREETS
+    end = REPORTED_STREETS if options.calibrate else 2 * REPORTED_STREETS
+    first = begin if options.first is None else options.first
+    if not begin <= first <= end - options.streets:
+        parser.error(f"--first: expected {begin} to {end - options.streets}, got {first}")
     until = time.monotonic() + 60.0 * options.minutes
     one_thread()
     import tables
 
     if options.calibrate:
-        first = CALIBRATION_STREETS
         calibrate(run(options.file, "HDL-64E", range(first, first + options.streets), until))
     else:
-        first = options.first
         streets, others = (range(first, first + n) for n in (options.streets, options.others))
         tables.write_section("alarms", report(options.file, streets, others, until))
 

@@ -136,11 +136,11 @@ void bind_io(py::module_& m) {
       "write_scene",
       [](const py::bytes& path, const std::string& document, const std::string& buffer,
          const std::vector<Level>& levels, std::int64_t max_vertices,
-         const std::vector<double>& coverages) {
+         const std::vector<double>& coverages, bool quantize) {
         const auto file = to_path(path, "path");
         std::vector<std::unique_ptr<BorrowedMesh>> keep;
         const SceneLevel finest = borrow_level(levels.at(0), keep);
-        SceneWriteOptions options{max_vertices, {}, coverages};
+        SceneWriteOptions options{max_vertices, {}, coverages, quantize};
         for (std::size_t i = 1; i < levels.size(); ++i) {
           options.coarser.push_back(borrow_level(levels[i], keep));
         }
@@ -152,7 +152,7 @@ void bind_io(py::module_& m) {
         return to_list(warnings);
       },
       py::arg("path"), py::arg("document"), py::arg("buffer"), py::arg("levels"),
-      py::arg("max_vertices"), py::arg("coverages"));
+      py::arg("max_vertices"), py::arg("coverages"), py::arg("quantize"));
   m.def(
       "read_mesh",
       [](const py::bytes& path, bool allow_outside, std::uint64_t max_bytes, const PyDraco& draco,

@@ -1,5 +1,6 @@
 #!/bin/bash
-# Runs each fuzz target over its corpus, then EXECUTIONS times; one per core.
+# Runs each fuzz target over its corpus, then EXECUTIONS times, FUZZ_SECONDS at most where it is set;
+# one per core.
 # usage: cpp/fuzz/run.sh EXECUTIONS [TARGET...]      TARGET: obj, mtl, ply, ...; default: all
 # Kernels (metrics, simplify, cs3, phantom, ...) run a tenth of that.
 # Build first: cmake --preset sanitizers && cmake --build --preset sanitizers. FUZZ_BUILD names another folder.
@@ -40,6 +41,7 @@ fuzz() {
   [[ $kernels == *" $name "* ]] && runs=$((executions / 10))
   dictionary=()
   [ -e "$here/$name.dict" ] && dictionary=("-dict=$here/$name.dict")
+  [ -z "${FUZZ_SECONDS:-}" ] || options+=("-max_total_time=$FUZZ_SECONDS")
   # First the corpus as it stands, which holds every past finding; then new inputs. The same seed does
   # not make the same inputs: what libFuzzer sees of addresses and threads differs from run to run.
   if find "$corpus" -type f -exec "$program" "${options[@]}" {} + >"$log" 2>&1 &&

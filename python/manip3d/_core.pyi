@@ -2684,6 +2684,7 @@ def write_scene(
     levels: collections.abc.Sequence[list[manip3d.mesh.Mesh | None]],
     max_vertices: typing.SupportsInt | typing.SupportsIndex,
     coverages: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+    quantize: bool,
 ) -> list[str]: ...
 
 CELL_COLUMNS: int = 500

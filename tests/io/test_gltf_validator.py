@@ -146,7 +146,11 @@ WRITERS: dict[str, Writer] = {
     "simplified scene": lambda path: io.write_scene(
         simplify.simplify_scene(scene(path), ratio=0.2).scene, path
     ),
+    "quantised scene": lambda path: io.write_scene(scene(path), path, quantize=True),
     "levels of a scene": lambda path: simplify.scene_lods(scene(path), 3).write(path),
+    "quantised levels of a scene": lambda path: simplify.scene_lods(scene(path), 3).write(
+        path, quantize=True
+    ),
 }
 
 

@@ -201,6 +201,24 @@ def test_levels_of_detail_of_a_scene(tmp_path: Path) -> None:
     assert read_mesh(tmp_path / "lods.glb").num_faces == scene.num_faces
 
 
+@pytest.mark.parametrize("levels", [1, 3])
+def test_quantised_meshes_lie_where_they_did(levels: int, tmp_path: Path) -> None:
+    """By half a step of 65535 along the mesh's longest side, at each instance's size."""
+    scene = io.read_scene(four_balls(tmp_path / "balls.glb"))
+    written = scene if levels == 1 else simplify.scene_lods(scene, levels)
+    written.write(tmp_path / "plain.glb")
+    written.write(tmp_path / "small.glb", quantize=True)
+    plain, small = (read_mesh(tmp_path / f"{name}.glb") for name in ("plain", "small"))
+    off = np.abs(small.vertices[small.faces] - plain.vertices[plain.faces]).max()
+    step = 2.0 / 65535  # of a ball of radius 1; the largest instance is 1.5 times as large
+    assert 0.2 * step < off < 0.75 * step + 1e-6  # readers place it with float32
+    again = io.read_scene(tmp_path / "small.glb")
+    assert [node.name for node in again.nodes][:5] == [node.name for node in scene.nodes]
+    assert again.num_instances == 4
+    sizes = [(tmp_path / f"{name}.glb").stat().st_size for name in ("plain", "small")]
+    assert sizes[1] < sizes[0]
+
+
 def test_the_command_keeps_nodes_and_prints_both_counts(tmp_path: Path) -> None:
     source = four_balls(tmp_path / "balls.glb")
     run = manip3d("simplify", source, "-o", tmp_path / "out.glb", "--ratio", "0.25", "--json")
@@ -215,7 +233,8 @@ def test_the_command_keeps_nodes_and_prints_both_counts(tmp_path: Path) -> None:
     # another format holds no nodes
     manip3d("simplify", source, "-o", tmp_path / "out.ply", "--ratio", "0.25")
     assert read_mesh(tmp_path / "out.ply").num_faces <= 0.25 * record["faces_before"]
-    manip3d("lod", source, "-o", tmp_path / "lods", "--levels", "2")
+    manip3d("lod", source, "-o", tmp_path / "lods", "--levels", "2", "--quantize")
+    assert b"KHR_mesh_quantization" in (tmp_path / "lods" / "level_1.glb").read_bytes()
     levels = json.loads((tmp_path / "lods" / "lods.json").read_text())["levels"]
     assert [level["faces"] for level in levels] == [4 * level["stored_faces"] for level in levels]
 

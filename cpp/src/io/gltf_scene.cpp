@@ -104,32 +104,8 @@ Eigen::Vector3d origin_for_float32(const MeshView& mesh) {
   return box.center().cast<float>().cast<double>();  // exact for readers with float32 nodes too
 }
 
-/// How positions are stored: `origin + scale * stored`. Without a scale they are float32.
-struct PositionFrame {
-  Eigen::Vector3d origin = Eigen::Vector3d::Zero();
-  double scale = 0.0;
-
-  [[nodiscard]] bool is_quantized() const { return scale > 0.0; }
-};
-
 constexpr double kMostSteps = 65535.0;
-
-/// The frame in which 16-bit integers span the box of all levels; one scale for the
-/// three axes, so that normals need none.
-PositionFrame quantized_frame(const std::vector<const MeshView*>& levels) {
-  BoundingBox all = bounding_box(*levels.front());
-  for (const MeshView* level : levels) {
-    const BoundingBox box = bounding_box(*level);
-    all.min = all.min.cwiseMin(box.min);
-    all.max = all.max.cwiseMax(box.max);
-  }
-  const double side = (all.max - all.min).maxCoeff();
-  const double farthest = std::max(all.min.cwiseAbs().maxCoeff(), all.max.cwiseAbs().maxCoeff());
-  if (!(farthest <= double{std::numeric_limits<float>::max()})) {
-    throw InputError("vertices: expected values that float32 can hold");
-  }
-  return {all.min, side > 0.0 ? side / kMostSteps : 1.0};
-}
+constexpr const char* kQuantization = "KHR_mesh_quantization";
 
 using GltfMaterialOf = std::function<std::int64_t(std::int32_t material, bool has_texcoords)>;
 
@@ -383,10 +359,7 @@ class SceneBuilder {
                            });
     scene_.json["asset"] = {{"version", "2.0"}, {"generator", "manip3d " MANIP3D_VERSION}};
     if (levels_.size() > 1) scene_.json["extensionsUsed"].push_back("MSFT_lod");
-    if (frame_.is_quantized()) {
-      scene_.json["extensionsUsed"].push_back("KHR_mesh_quantization");
-      scene_.json["extensionsRequired"] = {"KHR_mesh_quantization"};
-    }
+    if (frame_.is_quantized()) require_quantization(scene_.json);
     scene_.json["scene"] = 0;
     scene_.json["scenes"] = Json::array({{{"nodes", {0}}}});
     for (std::size_t level = 0; level < levels_.size(); ++level) write_node(level);
@@ -526,9 +499,33 @@ std::size_t GltfScene::add_buffer_view(std::string_view bytes, std::size_t strid
   return json["bufferViews"].size() - 1;
 }
 
+PositionFrame quantized_frame(const std::vector<const MeshView*>& levels) {
+  BoundingBox all = bounding_box(*levels.front());
+  for (const MeshView* level : levels) {
+    const BoundingBox box = bounding_box(*level);
+    all.min = all.min.cwiseMin(box.min);
+    all.max = all.max.cwiseMax(box.max);
+  }
+  const double side = (all.max - all.min).maxCoeff();
+  const double farthest = std::max(all.min.cwiseAbs().maxCoeff(), all.max.cwiseAbs().maxCoeff());
+  if (!(farthest <= double{std::numeric_limits<float>::max()})) {
+    throw InputError("vertices: expected values that float32 can hold");
+  }
+  return {all.min, side > 0.0 ? side / kMostSteps : 1.0};
+}
+
+void require_quantization(Json& document) {
+  for (const char* list : {"extensionsUsed", "extensionsRequired"}) {
+    Json& names = document[list];
+    if (std::find(names.begin(), names.end(), kQuantization) == names.end()) {
+      names.push_back(kQuantization);
+    }
+  }
+}
+
 Json write_primitives(GltfScene& scene, const MeshView& mesh, std::size_t num_materials,
-                      std::int64_t max_vertices) {
-  return PrimitiveWriter(scene, PositionFrame{}, max_vertices, num_materials,
+                      std::int64_t max_vertices, const PositionFrame& frame) {
+  return PrimitiveWriter(scene, frame, max_vertices, num_materials,
                          [](std::int32_t material, bool) { return std::int64_t{material}; })
       .primitives(mesh);
 }

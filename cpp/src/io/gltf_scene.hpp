@@ -50,11 +50,28 @@ GltfScene build_gltf(const MeshView& mesh, const std::vector<Material>& material
                      const GltfTextureReader& read_texture, std::vector<std::string>& warnings,
                      const WriteOptions& options = {});
 
-/// The primitives of a mesh, with their accessors in `scene`: positions as they are, materials by
-/// their index.
+/// How positions are stored: `origin + scale * stored`. Without a scale they are float32.
+struct PositionFrame {
+  Eigen::Vector3d origin = Eigen::Vector3d::Zero();
+  double scale = 0.0;
+
+  [[nodiscard]] bool is_quantized() const { return scale > 0.0; }
+};
+
+/// The frame in which 16-bit integers span the box of all levels; one scale for the
+/// three axes, so that normals need none.
+/// @throws InputError  values beyond float32.
+PositionFrame quantized_frame(const std::vector<const MeshView*>& levels);
+
+/// Names the extension of quantised attributes among those that readers must know.
+void require_quantization(nlohmann::ordered_json& document);
+
+/// The primitives of a mesh, with their accessors in `scene`: positions in `frame`, materials by
+/// their index. In a quantised frame normals and texture coordinates are integers, too.
 /// @throws InputError  as build_gltf.
 nlohmann::ordered_json write_primitives(GltfScene& scene, const MeshView& mesh,
-                                        std::size_t num_materials, std::int64_t max_vertices);
+                                        std::size_t num_materials, std::int64_t max_vertices,
+                                        const PositionFrame& frame);
 
 /// Puts the images into the buffer and gives all bytes of a GLB file that precede the buffer.
 /// @throws InputError  more than 4 GiB.

@@ -55,6 +55,7 @@ class SceneAssembler {
  private:
   /// New indices of the meshes of each level, or -1 for those of which nothing is left.
   void write_meshes() {
+    find_frames();
     Json before = scene_.json.contains("meshes") ? scene_.json["meshes"] : Json::array();
     Json after = Json::array();
     for (const SceneLevel* level : levels_) {
@@ -62,10 +63,10 @@ class SceneAssembler {
       for (std::size_t m = 0; m < before.size(); ++m) {
         Json mesh = before[m];
         if (const auto& given = (*level)[m]) {
-          mesh["primitives"] =
-              given->num_faces() > 0
-                  ? write_primitives(scene_, *given, num_materials_, options_.max_vertices)
-                  : Json::array();
+          mesh["primitives"] = given->num_faces() > 0
+                                   ? write_primitives(scene_, *given, num_materials_,
+                                                      options_.max_vertices, frames_[m])
+                                   : Json::array();
         } else if (!placed_.empty()) {
           indices[m] = placed_.front()[m];  // one for all levels
           continue;
@@ -79,6 +80,21 @@ class SceneAssembler {
     scene_.json["meshes"] = std::move(after);
   }
 
+  /// One frame for all levels of a mesh: they share a node's place.
+  void find_frames() {
+    frames_.resize(levels_.front()->size());
+    for (std::size_t m = 0; options_.quantize && m < frames_.size(); ++m) {
+      std::vector<const MeshView*> shown;
+      for (const SceneLevel* level : levels_) {
+        const auto& given = (*level)[m];
+        if (given && given->num_faces() > 0) shown.push_back(&*given);
+      }
+      if (!shown.empty()) frames_[m] = quantized_frame(shown);
+    }
+    const auto is_quantized = [](const PositionFrame& frame) { return frame.is_quantized(); };
+    if (std::ranges::any_of(frames_, is_quantized)) require_quantization(scene_.json);
+  }
+
   void write_nodes() {
     find_animated();
     const std::size_t num_nodes = scene_.json["nodes"].size();
@@ -88,7 +104,8 @@ class SceneAssembler {
       const auto mesh = node["mesh"].get<std::size_t>();
       const bool has_levels = levels_.size() > 1 && (*levels_.front())[mesh].has_value();
       show(n, placed_.front().at(mesh));
-      if (has_levels) write_levels(n, mesh);
+      const std::size_t shown = frames_.at(mesh).is_quantized() ? place(n, frames_[mesh]) : n;
+      if (has_levels) write_levels(shown, mesh);
     }
   }
 
@@ -98,6 +115,28 @@ class SceneAssembler {
     } else {
       scene_.json["nodes"][node]["mesh"] = mesh;
     }
+  }
+
+  /// Moves the mesh of a node into a child that undoes the quantisation; returns the child.
+  std::size_t place(std::size_t n, const PositionFrame& frame) {
+    const std::size_t child = add_child(n);
+    Json& node = scene_.json["nodes"][child];
+    node["translation"] = {frame.origin.x(), frame.origin.y(), frame.origin.z()};
+    node["scale"] = {frame.scale, frame.scale, frame.scale};
+    return child;
+  }
+
+  /// A child of a node, with its name and its mesh.
+  std::size_t add_child(std::size_t n) {
+    Json& nodes = scene_.json["nodes"];
+    const std::size_t child = nodes.size();
+    nodes.push_back(Json::object());
+    for (const char* member : {"name", "mesh"}) {
+      if (nodes[n].contains(member)) nodes[child][member] = nodes[n][member];
+    }
+    nodes[n]["children"].push_back(child);
+    nodes[n].erase("mesh");
+    return child;
   }
 
   void find_animated() {
@@ -119,15 +158,7 @@ class SceneAssembler {
       return node.contains("children") || node.contains("camera") || node.contains("extensions") ||
              has_text || animated_.contains(n);
     };
-    std::size_t finest = n;
-    if (is_more(nodes[n])) {
-      finest = nodes.size();
-      nodes.push_back(Json::object());
-      if (nodes[n].contains("name")) nodes[finest]["name"] = nodes[n]["name"];
-      nodes[n]["children"].push_back(finest);
-      nodes[n].erase("mesh");
-      show(finest, placed_.front()[mesh]);
-    }
+    const std::size_t finest = is_more(nodes[n]) ? add_child(n) : n;
     Json base = nodes[finest];
     base.erase("extras");
     Json ids = Json::array();
@@ -147,6 +178,7 @@ class SceneAssembler {
   std::size_t num_materials_ = 0;
   GltfScene scene_;
   std::vector<std::vector<std::int64_t>> placed_;  ///< New index of a mesh: by level, by mesh.
+  std::vector<PositionFrame> frames_;              ///< By mesh; float32 where not quantised.
   std::set<std::size_t> animated_;                 ///< Nodes that an animation moves.
 };
 

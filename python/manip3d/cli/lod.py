@@ -40,7 +40,7 @@ def lod(
         typer.Option(
             "--quantize",
             help="Positions and texture coordinates in 16 bits, normals in 8, for readers that "
-            "know KHR_mesh_quantization. Not for glTF files.",
+            "know KHR_mesh_quantization.",
         ),
     ] = False,
     mode: Annotated[
@@ -83,8 +83,6 @@ def lod(
     expect_cleaning(chosen, no_clean)
     scene = open_scene(source, output, shell)
     chain: simplify.SceneLods | simplify.LodChain
-    if scene is not None and quantize:
-        raise InputError(f"--quantize: {source}: the nodes of a glTF file are kept")
     if scene is not None:
         with shell.progress("lod") as progress:
             chain = simplify.scene_lods(
@@ -98,10 +96,7 @@ def lod(
             chain = simplify.lod_chain(
                 cleaned, levels, ratio=ratio, method=chosen, progress=progress
             )
-    if isinstance(chain, simplify.LodChain):
-        chain.write(output, max_vertices=max_vertices, quantize=quantize)
-    else:
-        chain.write(output, max_vertices=max_vertices)
+    chain.write(output, max_vertices=max_vertices, quantize=quantize)
     record = _record(source, output, chain)
     rows = [
         (str(i), str(level["faces"]), f"{level['max_error']:.3g}")

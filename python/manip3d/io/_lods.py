@@ -47,13 +47,12 @@ def write_lods(
     max_vertices : int, optional
         As for `write_mesh`.
     quantize : bool
-        As for `write_mesh`; for levels of a mesh only, since a scene keeps its nodes.
+        As for `write_mesh`, and for levels of a scene as for `write_scene`.
 
     Raises
     ------
     InputError
-        No levels, coverages that do not fit them, another suffix, ``quantize`` for scenes, and what
-        `write_mesh` refuses.
+        No levels, coverages that do not fit them, another suffix, and what `write_mesh` refuses.
     OSError
         The operating system refused; what was there is whole.
 
@@ -73,8 +72,6 @@ def write_lods(
     if not levels:
         raise InputError("levels: expected at least one, got none")
     scenes = [level for level in levels if isinstance(level, Scene)]
-    if scenes and quantize:
-        raise InputError("quantize: expected levels of a mesh; the nodes of a scene are kept")
     meshes = [level for level in levels if isinstance(level, Mesh)]
     if coverages is None:
         finest = max(1, levels[0].num_faces)
@@ -86,7 +83,12 @@ def write_lods(
     if suffix in (".glb", ".gltf"):
         if scenes:
             write_scene(
-                scenes[0], path, coarser=scenes[1:], coverages=shares, max_vertices=max_vertices
+                scenes[0],
+                path,
+                coarser=scenes[1:],
+                coverages=shares,
+                max_vertices=max_vertices,
+                quantize=quantize,
             )
         else:
             write_gltf(meshes, path, shares, max_vertices, quantize)
@@ -123,7 +125,7 @@ def _write_folder(
             "screen_coverage": coverage,
         }
         if isinstance(level, Scene):
-            write_scene(level, folder / name, max_vertices=max_vertices)
+            write_scene(level, folder / name, max_vertices=max_vertices, quantize=quantize)
             entry["stored_faces"] = level.num_stored_faces
         else:
             write_mesh(level, folder / name, max_vertices=max_vertices, quantize=quantize)

@@ -156,7 +156,13 @@ class Scene:
             changed[index] = mesh
         return replace(self, meshes=tuple(changed))
 
-    def write(self, path: str | os.PathLike[str], *, max_vertices: int | None = None) -> None:
+    def write(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        max_vertices: int | None = None,
+        quantize: bool = False,
+    ) -> None:
         """Write the scene; see :func:`manip3d.io.write_scene`.
 
         Parameters
@@ -164,9 +170,10 @@ class Scene:
         path : path
             File to write.
         max_vertices : int, optional
-            As for `manip3d.io.write_mesh`.
+        quantize : bool
+            As for `manip3d.io.write_scene`.
         """
-        write_scene(self, path, max_vertices=max_vertices)
+        write_scene(self, path, max_vertices=max_vertices, quantize=quantize)
 
 
 @checked
@@ -243,6 +250,7 @@ def write_scene(
     coarser: Sequence[Scene] = (),
     coverages: Sequence[float] = (),
     max_vertices: int | None = None,
+    quantize: bool = False,
 ) -> None:
     """Write a scene as ``.glb`` or ``.gltf``.
 
@@ -259,6 +267,9 @@ def write_scene(
         The least share of the screen that each level is made for, this one included.
     max_vertices : int, optional
         As for `write_mesh`.
+    quantize : bool
+        As for `write_mesh`, each mesh that may be simplified in its own box: its nodes get a child
+        that moves and scales it.
 
     Raises
     ------
@@ -286,6 +297,7 @@ def write_scene(
             [_replaced(level) for level in levels],
             0 if max_vertices is None else max_vertices,
             list(coverages),
+            quantize,
         )
         for text in warnings:
             _logger.warning("%s: %s", os.fspath(path), text)

@@ -121,7 +121,13 @@ class SceneLods:
     result: _Result = field(repr=False)
     error_measure: str = ""
 
-    def write(self, path: str | os.PathLike[str], *, max_vertices: int | None = None) -> None:
+    def write(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        max_vertices: int | None = None,
+        quantize: bool = False,
+    ) -> None:
         """Write all levels; see :func:`manip3d.io.write_lods`.
 
         Parameters
@@ -129,7 +135,8 @@ class SceneLods:
         path : path
             File to write.
         max_vertices : int, optional
-            As for `manip3d.io.write_mesh`.
+        quantize : bool
+            As for `manip3d.io.write_lods`.
         """
         from manip3d.io import write_lods
 
@@ -139,6 +146,7 @@ class SceneLods:
             errors=[level.max_error for level in self.levels],
             error_measure=self.error_measure,
             max_vertices=max_vertices,
+            quantize=quantize,
         )
 
 

@@ -58,6 +58,8 @@ struct SceneWriteOptions {
   /// Coarser levels of detail (MSFT_lod), and for all levels the least share of the screen.
   std::vector<SceneLevel> coarser;
   std::vector<double> coverages;
+  /// As WriteOptions::quantize, each mesh in its own box: a child of its node moves and scales it.
+  bool quantize = false;
 };
 
 /// Writes a scene, with other triangles, as .gltf or .glb, whole or not at all.
