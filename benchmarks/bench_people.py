@@ -18,7 +18,7 @@ doubled   body pixels of the affected limb are more than 10 % as many as it had.
           left as it is (``--kept``), so it says of all arms and nine legs of ten.
           No pixel is an arm's that is nearest to a leg in the whole skeleton: the joints of
           seated thighs lie deep, and without this a knee beside the hand was called an arm (seven
-          frames of the tuning half were looked at, all of them such knees). Arms that are left as
+          frames of the tuning half were looked at, six show such a knee). Arms that are left as
           they are (``--kept``) are called doubled as often as before, in 95 % of the frames.
           Of legs it still says too much: some frames show the intact thigh instead.
 floating  the largest piece of the phantom begins more than 10 cm (arms) or 16 cm (legs) from its
