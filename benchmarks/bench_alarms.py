@@ -36,7 +36,7 @@ Line = dict[str, Any]
 JUDGED = 10
 """Frames of a drive that have both neighbours."""
 
-CALIBRATION_STREETS, REPORTED_STREETS = 70_000, 80_000
+CALIBRATION_STREETS, REPORTED_STREETS = 70_000, 90_000
 """The first of each; drives are on every street from there on."""
 
 BEAMS_PER_DEGREE = 5
