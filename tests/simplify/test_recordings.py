@@ -120,6 +120,15 @@ def test_the_command_takes_recordings(frames: list[RgbdFrame], tmp_path: Path) -
     assert "--stable: expected method relief, got cs3" in error_line(done)
 
 
+def test_the_url_of_an_image_is_no_address_of_a_recording(tmp_path: Path) -> None:
+    pytest.importorskip("fsspec")
+    np.save(tmp_path / "wall.npy", np.full((48, 64), 2.0, np.float32))
+    base = ("depth", f"file://{tmp_path}/wall.npy", "-o", tmp_path / "wall.ply", "--points", 100)
+    done = manip3d(*base, "--intrinsics", "60,60,31.5,23.5")
+    assert done.returncode == 0, done.stderr
+    assert read_mesh(tmp_path / "wall.ply").num_faces > 0
+
+
 def test_frames_are_those_of_a_recording(tmp_path: Path) -> None:
     np.save(tmp_path / "wall.npy", np.full((48, 64), 2.0, np.float32))
     base = ("depth", tmp_path / "wall.npy", "-o", tmp_path / "wall.ply", "--points", 100)

@@ -207,7 +207,9 @@ def _recording(sources: list[str], given: dict[str, Any]) -> bool:
 
 
 def _is_recording(source: str) -> bool:
-    if source == "-":
+    from manip3d.io import is_url
+
+    if source == "-" or is_url(source):
         return False
     try:
         kind = kind_of(source)
