@@ -315,6 +315,77 @@ def test_cameras_by_other_names_in_json(tmp_path: Path) -> None:
     assert (found.cx, found.cy) == (31.5, 23.5)
 
 
+@pytest.mark.parametrize("size", ["", '"width": 64, "height": 48, '])
+def test_the_camera_of_open3d(size: str, tmp_path: Path) -> None:
+    """Its matrix is stored column by column."""
+    path = tmp_path / "camera.json"
+    path.write_text(f'{{{size}"intrinsic_matrix": [50, 0, 0, 0, 51, 0, 31.5, 23.5, 1]}}')
+    found = camera.read_intrinsics(path, width=64, height=48)
+    assert camera.same_camera(found, Intrinsics(64, 48, 50.0, 51.0, 31.5, 23.5))
+    if size:
+        with pytest.raises(InputError, match="is for 64 x 48 pixels, the image has 63 x 48"):
+            camera.read_intrinsics(path, width=63, height=48)
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ('"coeffs": [0, 0, 0, 0.1, 0]', "a distortion of more than k1"),
+        ('"k4": 0.1', "a distortion of more than k1"),
+        ('"camera_model": "OPENCV_FISHEYE"', "a fisheye camera"),
+    ],
+)
+def test_lenses_that_the_formula_does_not_have(fields: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "camera.json"
+    path.write_text(f'{{"fx": 50, "fy": 51, "cx": 31.5, "cy": 23.5, {fields}}}')
+    with pytest.raises(FormatError, match=message):
+        camera.read_intrinsics(path, width=64, height=48)
+
+
+def test_the_fields_that_are_left_out_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "camera.json"
+    known = '"fx": 50, "fy": 51, "cx": 31.5, "cy": 23.5, "k1": 0.1, "k4": 0'
+    path.write_text(f'{{{known}, "a": 0, "b": 0, "c": 0, "d": 0}}')
+    with pytest.warns(UserWarning, match="left out: 'k4', 'a', 'b', 'c', 'd'$") as caught:
+        found = camera.read_intrinsics(path, width=64, height=48)
+    assert found.distortion == (0.1, 0.0, 0.0, 0.0, 0.0)
+    assert [Path(warning.filename).name for warning in caught] == [Path(__file__).name]
+    path.write_text(f'{{{known}, "a": 0, "b": 0, "c": 0, "d": 0, "e": 0}}')
+    with pytest.warns(UserWarning, match="left out: 'k4', 'a', 'b', 'c', 'd', ...$"):
+        camera.read_intrinsics(path, width=64, height=48)
+
+
+def test_a_skew_is_what_rounding_left_or_refused(tmp_path: Path) -> None:
+    path = tmp_path / "camera.txt"
+    for skew in (0.05, -0.05):
+        path.write_text(f"50 {skew} 31.5\n0 51 23.5\n0 0 1\n")
+        assert camera.read_intrinsics(path, width=64, height=48).fx == 50.0
+    for matrix in (
+        "50 0.0501 31.5\n0 51 23.5\n0 0 1\n",
+        "50 0 31.5\n0.1 51 23.5\n0 0 1\n",
+        "50 0 31.5\n0 51 23.5\n0.1 0 1\n",
+        "50 0 31.5\n0 51 23.5\n0 0.1 1\n",
+        "50 0 31.5 0\n0 51 23.5 0\n0 0 1 0\n0 0.1 0 1\n",
+    ):
+        path.write_text(matrix)
+        with pytest.raises(FormatError, match=r"not \(fx, 0, cx"):
+            camera.read_intrinsics(path, width=64, height=48)
+
+
+def test_what_is_told_of_a_bad_camera() -> None:
+    for name in ("fx", "fy", "cx", "cy"):
+        numbers = {"fx": 1.0, "fy": 1.0, "cx": 0.5, "cy": 0.5, name: "wide"}
+        with pytest.raises(InputError, match=rf"intrinsics\.{name}: expected a number, got 'wide'"):
+            Intrinsics(4, 3, **numbers)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"intrinsics\.distortion: expected a number"):
+        Intrinsics(4, 3, 1.0, 1.0, 0.5, 0.5, (0.0, 0.0, 0.0, 0.0, None))  # type: ignore[arg-type]
+    for width in (True, 4.0):
+        with pytest.raises(InputError, match=r"intrinsics\.width: expected a whole number"):
+            Intrinsics(width, 3, 1.0, 1.0, 0.5, 0.5)  # type: ignore[arg-type]
+    rays = np.zeros((3, 4, 2), np.float64)
+    assert Intrinsics(4, 3, 1.0, 1.0, 0.5, 0.5, rays=rays).rays.dtype == np.float32  # type: ignore[union-attr]
+
+
 def test_a_camera_of_another_size_tells_what_it_would_be(tmp_path: Path) -> None:
     path = tmp_path / "camera.json"
     path.write_text('{"width": 128, "height": 96, "fx": 100, "fy": 102, "cx": 63.5, "cy": 47.5}')

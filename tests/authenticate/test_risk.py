@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -11,6 +12,7 @@ import pytest
 from manip3d.authenticate import (
     ATTACK_TYPES,
     AttackObservation,
+    Risk,
     RiskParameters,
     RiskTracker,
     temporal_factor,
@@ -96,6 +98,119 @@ def test_the_same_place_in_the_world_stays_the_same_place_while_the_car_moves() 
     lost = unknown.update(attack(0.0, -8.0), speed_mps=20.0)
     assert turned.factors["space"] == pytest.approx(same.factors["space"], rel=1e-12)
     assert lost.factors["space"] < 1e-3 * same.factors["space"]
+
+
+def test_a_car_that_drives_about_sees_the_same_as_one_that_stands() -> None:
+    """Places of the world, told in the frame of a car that turns and slips at each step."""
+    random = np.random.default_rng(2)
+    still, driving = RiskTracker(), RiskTracker()
+    position, yaw = np.zeros(2), 0.0
+    for _ in range(30):
+        motion = (*random.uniform(-3.0, 3.0, 2), random.uniform(-1.0, 1.0))
+        axes = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
+        position, yaw = position + motion[:2] @ axes, yaw + motion[2]
+        place = random.uniform(-2.0, 2.0, 2)
+        axes = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
+        ahead, left = axes @ (place - position)
+        risks = [
+            still.update(attack(*place), speed_mps=20.0),
+            driving.update(attack(ahead, left), speed_mps=20.0, motion=motion),
+        ]
+        spaces = [risk.factors["space"] for risk in risks]
+        assert spaces[1] == pytest.approx(spaces[0], rel=1e-9)
+    assert spaces[0] > 0.05
+
+
+def test_a_tracker_that_was_reset_is_a_new_one() -> None:
+    used = RiskTracker()
+    used.update(attack(), speed_mps=20.0, motion=(3.0, 4.0, 0.5))
+    used.reset()
+    new = RiskTracker()
+    for place in ((8.0, 0.0), (9.0, 1.0)):
+        motion = (1.0, 0.2, 0.1)
+        risks = [t.update(attack(*place), speed_mps=20.0, motion=motion) for t in (used, new)]
+        assert risks[0] == risks[1]
+
+
+def test_the_gravest_of_several_witnesses_counts() -> None:
+    near, far = attack(8.0, 0.0), attack(25.0, 0.0)
+    alone = RiskTracker().update(near, speed_mps=20.0)
+    for first, second in ((near, far), (far, near)):
+        both = RiskTracker().update(first, speed_mps=20.0, others=[second])
+        assert both.factors["distance"] == alone.factors["distance"]
+    # The product is 0 for both; the rest decides.
+    mild, grave = attack(-8.0, 0.0, "replacement"), attack(-8.0, 0.0, "additive")
+    for first, second in ((mild, grave), (grave, mild)):
+        both = RiskTracker().update(first, speed_mps=20.0, others=[second])
+        assert both.factors["type"] == 1.0
+
+
+def test_the_window_is_the_way_of_a_hundred_metres() -> None:
+    speeds = [1.0, 100 / 72, 1.5, 10.0, 33.0, 500.0]
+    assert [RiskParameters().frames(speed) for speed in speeds] == [720, 720, 667, 100, 31, 5]
+    assert RiskParameters(fps=20.0).frames(10.0) == 200
+
+
+def test_the_region_and_the_limits_include_their_ends() -> None:
+    p = RiskParameters()
+    end = p.safe_distance(10.0)
+    assert end == pytest.approx(1.5 * 10.0 + 100.0 / 12.0, rel=1e-15)
+    places = [(p.nearest_m, -10.0, 0.0), (end, 10.0, -1.5), (5.0, 10.001, 0.0), (4.999, 0.0, 0.0)]
+    assert p.contains(places, 10.0).tolist() == [True, True, False, False]
+    grid = np.tile(np.array([20.0, 0.0, 0.0]), (2, 4, 1))
+    grid[1, 2] = (20.0, 0.0, 9.0)
+    expected = np.ones((2, 4), bool)
+    expected[1, 2] = False
+    np.testing.assert_array_equal(p.contains(grid, 20.0), expected)
+    for points in (5.0, [1.0, 2.0], np.ones(3, bool), np.ones((3, 2))):
+        with pytest.raises(InputError, match=r"points: expected numbers of shape"):
+            p.contains(points, 10.0)
+    for limits in ((0.0, 0.0), (1.0, 1.0), (0.5, 0.5)):
+        RiskParameters(low=limits[0], high=limits[1])
+    RiskParameters(reaction_s=0.0, nearest_m=0.5)
+    for bad in (
+        {"low": -0.1}, {"high": 1.1}, {"reaction_s": math.inf}, {"bottom_m": 2.0},
+        {"bottom_m": -math.inf}, {"top_m": math.inf},
+    ):  # fmt: skip
+        with pytest.raises(InputError, match="expected"):
+            RiskParameters(**bad)
+
+
+def test_a_score_on_a_limit_is_of_the_level_above() -> None:
+    def after_two_frames(parameters: RiskParameters) -> Risk:
+        tracker = RiskTracker(parameters)
+        return [tracker.update(attack(), speed_mps=20.0) for _ in range(2)][1]
+
+    score = after_two_frames(RiskParameters()).score
+    assert score > 0.0
+    assert after_two_frames(RiskParameters(low=score, high=1.0)).level == "medium"
+    assert after_two_frames(RiskParameters(low=score, high=score)).level == "high"
+
+
+def test_a_region_without_cells_or_without_length_is_no_risk() -> None:
+    none = AttackObservation("both", (8.0, 0.0), changed=0, cells=0)
+    assert RiskTracker().update(none, speed_mps=20.0).factors["number"] == 0.0
+    whole = AttackObservation("both", (0.25, 0.0), changed=3, cells=3)
+    risk = RiskTracker().update(whole, speed_mps=0.5)  # stops within 0.77 m
+    assert risk.factors["number"] == 1.0
+    assert risk.factors["distance"] == pytest.approx(1.0 - 0.25 / (0.75 + 0.25 / 12.0))
+
+
+def test_the_printed_correlation_on_random_streams() -> None:
+    random = np.random.default_rng(3)
+    tracker = RiskTracker(RiskParameters(fps=1.0, paper_literal=True))
+    polars: list[tuple[float, float] | None] = []
+    for _ in range(60):
+        place = random.uniform((2.0, -8.0), (30.0, 8.0))
+        polars.append((math.hypot(*place), math.atan2(place[1], place[0])))
+        if random.random() < 0.2:
+            polars[-1] = None
+        now = None if polars[-1] is None else attack(*place)
+        risk = tracker.update(now, speed_mps=10.0)  # X_n = 10
+        pairs = list(itertools.pairwise(polars[-11:]))
+        # Of two numbers each: numpy's correlation is +1 or -1.
+        expected = sum(np.corrcoef(a, b)[0, 1] for a, b in pairs if a and b) / 10
+        assert risk.factors["space"] == pytest.approx(expected, abs=1e-12)
 
 
 def test_the_printed_correlation_is_plus_or_minus_one() -> None:

@@ -149,6 +149,8 @@ def test_materials_are_told_apart_by_name() -> None:
     c = b.replace(materials=material_names("glass", "paint", "wood"))
     rate = texture_error(a, c, samples=800, epsilon=0).material_mismatch_rate
     assert rate == pytest.approx(2 / 8, abs=2e-3)
+    many = a.replace(face_material=np.arange(8) % 4, materials=material_names(*["paint"] * 4))
+    assert texture_error(many, many, samples=800, epsilon=0).material_mismatch_rate == 0
     d = b.replace(materials=())  # by index
     rate = texture_error(a, d, samples=800, epsilon=0).material_mismatch_rate
     assert rate == pytest.approx(6 / 8, abs=2e-3)

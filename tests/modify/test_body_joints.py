@@ -110,8 +110,30 @@ def test_not_tracked_joints_are_not_smoothed() -> None:
 
 
 @pytest.mark.parametrize(
+    ("option", "short", "value"),
+    [("smoothing", "s", 0.6), ("correction", "c", 0.9), ("prediction", "p", 1.5),
+     ("jitter_radius", "jitter", 0.1), ("max_deviation", "deviation", 0.005)],
+)  # fmt: skip
+def test_each_number_of_the_smoother_does_its_part(option: str, short: str, value: float) -> None:
+    rng = np.random.default_rng(4)
+    frames = [jittered(pose(at=(0.02 * k, 0, 2.4)), rng, 0.04) for k in range(20)]
+    smoother = JointSmoother(**{option: value})
+    found = [smoother.add(frame).positions[7] for frame in frames]
+    raws = [frame.positions[7].astype(float) for frame in frames]
+    expected = smoothed_joint(raws, [False] * 20, **{short: value})
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+    assert np.abs(np.array(found) - smoothed_joint(raws, [False] * 20)).max() > 1e-3
+
+
+@pytest.mark.parametrize(
     ("name", "value"),
-    [("smoothing", 1.0), ("correction", 1.1), ("prediction", -1), ("jitter_radius", np.nan)],
+    [
+        ("max_deviation", -0.1),
+        ("smoothing", 1.0),
+        ("correction", 1.1),
+        ("prediction", -1),
+        ("jitter_radius", np.nan),
+    ],
 )
 def test_smoother_refuses(name: str, value: float) -> None:
     with pytest.raises(InputError, match=name):
@@ -389,8 +411,9 @@ def test_clothes_are_one_row_for_each_person() -> None:
         with pytest.raises(InputError, match=rf"expected shape \(1, 15\), got \({got}\)"):
             KeyPerson().find([person(1, 0.0)], SMALL, 0.0, clothes=clothes)
     assert KeyPerson().find([], SMALL, 0.0, clothes=[]) is None
-    with pytest.raises(InputError, match="clothes: expected shares from 0 to 1"):
-        KeyPerson().find([person(1, 0.0)], SMALL, 0.0, clothes=[RED * np.float32(np.nan)])
+    for factor in (np.nan, -0.5, 1.5):
+        with pytest.raises(InputError, match="clothes: expected shares from 0 to 1"):
+            KeyPerson().find([person(1, 0.0)], SMALL, 0.0, clothes=[RED * np.float32(factor)])
 
 
 @pytest.mark.parametrize(

@@ -40,6 +40,7 @@ def test_colliders_stand_where_the_bones_are() -> None:
     assert body.radius[[0, 1, 4, 7, 15, 20]].tolist() == [0] * 6  # torso; no hands, no feet
     np.testing.assert_allclose(body.torso_axes, [[1, 0, 0], [0, -1, 0], [0, 0, -1]], atol=1e-6)
     np.testing.assert_allclose(body.torso_half_size, [0.2, 0.25, 0.05], atol=1e-6)
+    np.testing.assert_allclose(body.torso_centre, [0.0, -0.25, 2.0], atol=1e-6)
 
 
 def test_targets_hit_what_is_in_their_way() -> None:

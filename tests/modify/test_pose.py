@@ -15,10 +15,12 @@ import manip3d
 from capsule_body import frame as body_frame
 from capsule_body import pose as body_pose
 from manip3d import datasets, modify, rgbd
+from manip3d.modify import _pose as pose
 from manip3d.viewer.phantom import render_phantom
 
 CAMERA = manip3d.Intrinsics(64, 48, 50.0, 50.0, 31.5, 23.5)
 NAMES = modify.joint_layouts()["mediapipe"]
+NEITHER = 200  # two people at the same distance
 KNEE, NOSE, HIP = (NAMES.index(name) for name in ("KneeLeft", "Nose", "HipRight"))
 
 
@@ -116,6 +118,113 @@ def test_colour_may_have_a_camera_of_its_own(
             tracker.find(replace(frame, color=None))
 
 
+def test_the_colour_camera_s_depth_by_brute_force() -> None:
+    """Each measured pixel carried over by itself; the nearest of those that meet remains."""
+    random = np.random.default_rng(5)
+    depth = random.integers(1500, 2500, (48, 64)).astype(np.uint16)
+    depth[random.random((48, 64)) < 0.2] = 0
+    depth[3, 4] = 1
+    body = random.integers(0, 5, (48, 64)).astype(np.uint8)
+    angle = 0.1
+    turn = np.array(
+        [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
+    )
+    color = manip3d.Intrinsics(100, 80, 40.0, 42.0, 50.0, 39.0)  # its pixels are wider
+    registration = manip3d.Registration(color, turn, np.array([0.15, -0.08, 0.3]))
+    frame = manip3d.RgbdFrame(
+        depth, manip3d.RgbdCalibration(CAMERA, registration),
+        color=np.zeros((80, 100, 3), np.uint8), body_index=body,
+    )  # fmt: skip
+    seen = pose.depth_under_color(frame)
+    expected = np.zeros((80, 100), np.uint16)
+    people = np.full((80, 100), rgbd.NO_BODY, np.uint8)
+    for v, u in np.argwhere(depth):
+        z = depth[v, u] / 1000.0
+        at_depth = np.array([(u - CAMERA.cx) / CAMERA.fx * z, (v - CAMERA.cy) / CAMERA.fy * z, z])
+        x, y, z = turn @ at_depth + registration.translation
+        column, row = round(40.0 * x / z + 50.0), round(42.0 * y / z + 39.0)
+        millimetres = round(1000.0 * z)
+        if 0 <= column < 100 and 0 <= row < 80:
+            before = expected[row, column]
+            if before == 0 or millimetres < before:
+                expected[row, column], people[row, column] = millimetres, body[v, u]
+            elif millimetres == before:
+                people[row, column] = NEITHER
+    assert (seen.calibration.depth.width, seen.calibration.depth.height) == (100, 80)
+    assert (expected > 0).sum() > 1000
+    # Points are of single precision: a millimetre, and few that lie between two pixels.
+    same = (seen.depth > 0) == (expected > 0)
+    assert same.mean() > 0.999
+    both = (seen.depth > 0) & (expected > 0)
+    assert (np.abs(seen.depth[both].astype(int) - expected[both].astype(int)) <= 1).mean() > 0.995
+    known = both & (people != NEITHER)
+    assert (seen.body_index[known] == people[known]).mean() > 0.995
+    assert (seen.body_index[~both & same] == rgbd.NO_BODY).all()
+    bare = replace(frame, body_index=None, calibration=manip3d.RgbdCalibration(CAMERA), color=None)
+    assert pose.depth_under_color(bare) is bare
+
+
+def test_a_small_picture_is_not_blown_up() -> None:
+    """A colour camera with a longer focal length sees its part in pixels as wide as the depth's."""
+    color = manip3d.Intrinsics(640, 400, 500.0, 500.0, 319.5, 199.5)
+    registration = manip3d.Registration(color, np.eye(3), np.zeros(3))
+    frame = manip3d.RgbdFrame(
+        wall(2.0), manip3d.RgbdCalibration(CAMERA, registration),
+        color=np.zeros((400, 640, 3), np.uint8),
+    )  # fmt: skip
+    seen = pose.depth_under_color(frame)
+    assert seen.depth.shape == (40, 64)
+    assert (seen.depth == 2000).all()
+    assert seen.body_index is None
+
+
+class Found:
+    """As MediaPipe gives them: each landmark at a place of its own."""
+
+    def __init__(self, pixels: np.ndarray, visibility: np.ndarray) -> None:
+        at = (pixels + 0.5) / (64, 48)
+        marks = [
+            types.SimpleNamespace(x=x, y=y, z=0.0, visibility=seen)
+            for (x, y), seen in zip(at, visibility, strict=True)
+        ]
+        self.pose_landmarks = self.pose_world_landmarks = types.SimpleNamespace(landmark=marks)
+
+
+def test_a_skeleton_has_the_states_and_the_person_of_its_landmarks(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pixels = np.tile([40.0, 20.0], (33, 1))
+    left_ankle, right_ankle = NAMES.index("AnkleLeft"), NAMES.index("AnkleRight")
+    pixels[left_ankle] = (40.0, 60.0)  # below the picture
+    visibility = np.ones(33)
+    visibility[right_ankle] = 0.65
+    body = np.full((48, 64), rgbd.NO_BODY, np.uint8)
+    body[:, 32:] = 3
+    body[:, 62:] = 1
+    frame = picture(wall(2.0), body)
+    model = types.SimpleNamespace(
+        process=lambda color: Found(pixels, visibility) if color is frame.color else None
+    )
+    monkeypatch.setattr(modify.PoseTracker, "_start", lambda _: model)
+    names = list(rgbd.JOINTS)
+    for least, state in ((0.6, rgbd.TRACKED), (0.7, rgbd.INFERRED)):
+        (skeleton,) = modify.PoseTracker(min_visibility=least).annotate(frame).skeletons
+        assert skeleton.body == 3
+        assert skeleton.states[names.index("AnkleRight")] == state
+        assert skeleton.states[names.index("AnkleLeft")] == rgbd.NOT_TRACKED
+        assert not skeleton.positions[names.index("AnkleLeft")].any()
+    at_the_edge = np.tile([63.4, 47.4], (33, 1))
+    model.process = lambda _: Found(at_the_edge, np.ones(33))
+    (skeleton,) = modify.PoseTracker().annotate(frame).skeletons
+    assert skeleton.body == 1
+    model.process = lambda _: Found(pixels + 100, np.ones(33))
+    assert modify.PoseTracker().annotate(frame).skeletons == ()
+    for least in (0.0, 1.0):
+        modify.PoseTracker(min_confidence=least)
+    with pytest.raises(manip3d.InputError, match=r"min_confidence: expected 0 to 1, got 1\.5"):
+        modify.PoseTracker(min_confidence=1.5)
+
+
 def test_a_film_begins_before_there_is_colour(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -143,6 +252,28 @@ def test_depth_is_the_median_of_the_person_s_pixels_in_the_window() -> None:
     assert states[KNEE] == rgbd.TRACKED
     radius = 0.06 / np.linalg.norm([(22 - 31.5) / 50, (12 - 23.5) / 50, 1])
     assert positions[KNEE, 2] == pytest.approx(2.0 + radius)
+
+
+@pytest.mark.parametrize("window", [1, 3, 7])
+def test_depth_under_each_pixel_by_brute_force(window: int) -> None:
+    random = np.random.default_rng(window)
+    depth = random.integers(1, 4000, (48, 64)).astype(np.uint16)
+    depth[random.random((48, 64)) < 0.5] = 0
+    body = np.where(random.random((48, 64)) < 0.5, rgbd.NO_BODY, 0).astype(np.uint8)
+    pixels = [(0, 0), (63, 0), (0, 47), (63, 47), (1, 46), (62, 1), (31, 20), (63, 24), (7, 47)]
+    pixels += [tuple(pixel) for pixel in random.integers(0, (64, 48), (40, 2))]
+    for people in (None, body):
+        frame = picture(depth, people)
+        found = pose._median_depth(np.array(pixels, np.float64), frame, window)
+        for (u, v), metres in zip(pixels, found, strict=True):
+            reach = window // 2
+            square = (
+                slice(max(v - reach, 0), v + reach + 1),
+                slice(max(u - reach, 0), u + reach + 1),
+            )
+            values = depth[square][(depth[square] > 0) & (people is None or body[square] == 0)]
+            middle = np.sort(values)[(len(values) - 1) // 2] if len(values) else 0
+            assert metres == middle / 1000.0
 
 
 def test_a_corner_s_window_ends_at_the_picture() -> None:
