@@ -734,3 +734,35 @@ def test_the_border_of_the_phantom_does_not_flicker() -> None:
         for before, now, after in zip(shown[4:], shown[5:], shown[6:], strict=False)
     ]
     assert np.median(gone) < 0.02
+
+
+# ---- stout people ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("limb", "motion"), [("right_arm", "arm-raise"), ("left_arm", "wave"), ("left_leg", "stepping")]
+)
+def test_a_stout_person_is_no_person_with_a_limb_too_many(limb: Limb, motion: str) -> None:
+    """The flank of a trunk that is half as thick again was called the arm that was taken out."""
+    people = BodySimulator(
+        motion=motion, amputated=limb, girth=1.5, color="none", frames=40, rate=10.0, seed=3,
+        jitter=0.01,
+    )  # fmt: skip
+    pipeline = PhantomPipeline(limb)
+    results = [pipeline.process(image) for image in people][10:]  # once the trunk is measured
+    tracked = [result.state is PhantomState.TRACKING for result in results]
+    assert np.mean(tracked) >= 0.75, [result.reason for result in results]
+    assert np.median([result.quality.left for result in results]) < 0.05
+
+
+def test_a_new_patient_is_measured_anew() -> None:
+    """A slim person after a stout one has the picture of one who came first."""
+
+    def first(girth: float) -> RgbdFrame:
+        return next(iter(BodySimulator(amputated="right_arm", girth=girth, color="none", frames=1)))
+
+    used, new = PhantomPipeline("right_arm"), PhantomPipeline("right_arm")
+    used.process(first(1.6))
+    used.reset()
+    slim = first(0.9)
+    np.testing.assert_array_equal(used.process(slim).labels, new.process(slim).labels)

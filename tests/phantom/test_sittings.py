@@ -125,14 +125,16 @@ def test_heard_is_answered_when_it_is_on_the_disk(
         add(*values, **options)
 
     monkeypatch.setattr(sitting.recorder._diary, "add_event", fails_once)
-    monkeypatch.setattr("manip3d.phantom._writer._AGAIN_S", 0.3)
+    monkeypatch.setattr("manip3d.phantom._writer._AGAIN_S", 3.0)
     fields = {"text": "dizzy", "page": 1, "number": 1}
     sitting.session.command("event", fields, done=lambda: done.append(1))
     sitting.show()
     sitting.session.command("event", fields, done=lambda: done.append(2))  # the page says it again
     sitting.show()
     assert done == []
-    assert "Not kept in the diary yet: 1 entry" in sitting.show()["message"]
+    end = time.monotonic() + 30.0  # until the thread that writes had its turn
+    while "Not kept in the diary yet: 1 entry" not in sitting.show()["message"]:
+        assert time.monotonic() < end
     with sitting.end() as diary:
         assert len(diary.events("P01")) == 1
     assert done == [1, 2]

@@ -519,3 +519,15 @@ def test_a_wheelchair_stands_around_who_sits_in_it() -> None:
 def test_a_stump_and_a_chair_that_cannot_be(address: str, text: str) -> None:
     with pytest.raises(InputError, match=text):
         open_source(address)
+
+
+@pytest.mark.parametrize("girth", [1.0, 1.2, 1.4, 1.6, 1.8])
+def test_the_arms_of_stout_people_hang_beside_their_trunks(girth: float) -> None:
+    """Between each elbow and the spine, the skin of the arm begins where the trunk ends."""
+    simulator = BodySimulator(motion="still", girth=girth, color="none", noise=0.0, frames=1)
+    joints = dict(zip(JOINTS, simulator.capture(0.0).truth.joints, strict=True))
+    for side in ("Left", "Right"):
+        elbow = joints[f"Elbow{side}"]
+        away = abs(elbow[0] - joints["SpineMid"][0])
+        waist, arm = 0.141 * 1.1 * girth, 0.04 * 1.1 * girth  # as the skin is built
+        assert away > waist + arm - 0.03  # clothes touch

@@ -103,8 +103,11 @@ float size_of(const Skeleton& skeleton) {
 
 class BoneBuilder {
  public:
-  BoneBuilder(const Skeleton& skeleton, BoneRule rule)
-      : skeleton_(skeleton), rule_(rule), size_(rule == BoneRule::kSkin ? size_of(skeleton) : 0) {
+  BoneBuilder(const Skeleton& skeleton, BoneRule rule, float trunk)
+      : skeleton_(skeleton),
+        rule_(rule),
+        size_(rule == BoneRule::kSkin ? size_of(skeleton) : 0),
+        trunk_size_(trunk * size_) {
     using enum Joint;
     has_rods_ = size_ > 0.0F;
     for (const Joint joint :
@@ -159,19 +162,20 @@ class BoneBuilder {
     const Eigen::Vector3f across_chest =
         (skeleton_[kShoulderLeft] - skeleton_[kShoulderRight]).normalized();
     const Eigen::Vector3f across_hips = (skeleton_[kHipLeft] - skeleton_[kHipRight]).normalized();
-    const float aside = 0.5F * side * size_;
+    const float aside = 0.5F * side * trunk_size_;
     const Eigen::Vector3f waist =
         skeleton_[kSpineMid] +
         aside * (kWaistBreadth - kWaistDepth) * (across_chest + across_hips).normalized();
     if (bone == 1) {
-      bones_.add(skeleton_[hip], waist, bone, scaled({kThigh, 0.5F * kWaistDepth}));
+      bones_.add(skeleton_[hip], waist, bone, {size_ * kThigh, 0.5F * trunk_size_ * kWaistDepth});
       return;
     }
     const Eigen::Vector3f up = (skeleton_[kSpineShoulder] - skeleton_[kSpineMid]).normalized();
     const Eigen::Vector3f chest = skeleton_[kSpineShoulder] -
                                   size_ * (0.5F * kChestDepth - kBreastbone) * up +
                                   aside * (kChestBreadth - kChestDepth) * across_chest;
-    bones_.add(waist, chest, bone, scaled({0.5F * kWaistDepth, 0.5F * kChestDepth}));
+    bones_.add(waist, chest, bone,
+               {0.5F * trunk_size_ * kWaistDepth, 0.5F * trunk_size_ * kChestDepth});
   }
 
   /// A piece of a limb to be taken out; the allowance grows over the one from the root.
@@ -232,7 +236,7 @@ class BoneBuilder {
 
   const Skeleton& skeleton_;
   BoneRule rule_;
-  float size_;
+  float size_, trunk_size_;
   bool has_rods_ = false;
   BoneSegments bones_;
 };
@@ -247,15 +251,15 @@ void BoneSegments::add(const Eigen::Vector3f& from, const Eigen::Vector3f& to, s
   label[count++] = static_cast<std::uint8_t>(number);
 }
 
-BoneSegments body_bones(const Skeleton& skeleton, BoneRule rule) {
-  BoneBuilder builder(skeleton, rule);
+BoneSegments body_bones(const Skeleton& skeleton, BoneRule rule, float trunk) {
+  BoneBuilder builder(skeleton, rule, trunk);
   for (std::size_t bone = 1; bone < kNumJoints; ++bone) builder.add_bone(bone);
   return builder.bones();
 }
 
 BoneSegments body_bones(const Skeleton& skeleton, BoneRule rule, Limb collapsed,
-                        const Mirror& mirror) {
-  BoneBuilder builder(skeleton, rule);
+                        const Mirror& mirror, float trunk) {
+  BoneBuilder builder(skeleton, rule, trunk);
   for (std::size_t bone = 1; bone < kNumJoints; ++bone) {
     if (bone == limb_label(collapsed)) builder.add_limb(collapsed, mirror);
     if (!is_limb_bone(collapsed, bone)) builder.add_bone(bone);

@@ -216,8 +216,8 @@ class LimbFit {
 
 }  // namespace
 
-Skeleton fit_limbs(const Skeleton& skeleton, const PersonPoints& points) {
-  const BoneSegments bones = body_bones(skeleton, BoneRule::kSkin);
+Skeleton fit_limbs(const Skeleton& skeleton, const PersonPoints& points, float trunk) {
+  const BoneSegments bones = body_bones(skeleton, BoneRule::kSkin, trunk);
   const bool has_radii = std::any_of(bones.radii.begin(),
                                      bones.radii.begin() + static_cast<std::ptrdiff_t>(bones.count),
                                      [](const BoneRadii& r) { return r.end > 0.0F; });

@@ -11,6 +11,7 @@
 #include "manip3d/error.hpp"
 #include "manip3d/modify/limb_fit.hpp"
 #include "manip3d/modify/trunk_tracker.hpp"
+#include "modify/girth.hpp"
 #include "modify/leg_turn.hpp"
 #include "modify/limb_evidence.hpp"
 #include "modify/loose_cloth.hpp"
@@ -371,6 +372,7 @@ class PhantomPipeline::Workspace {
     inferred_.reset();
     presence_.reset();
     trunk_.reset();
+    girth_.reset();
     legs_.reset();
     trunk_frame_.reset();
     frame_.reset();
@@ -494,7 +496,8 @@ class PhantomPipeline::Workspace {
   /// Points farther from the skin are no flesh: a seat between two thighs.
   [[nodiscard]] double flesh() const {
     constexpr double kClothes = 0.06;  // metres, and what girths and joints are off by
-    return goes_by_skin() ? kClothes : std::numeric_limits<double>::infinity();
+    return goes_by_skin() ? kClothes + static_cast<double>(girth_.limb())
+                          : std::numeric_limits<double>::infinity();
   }
 
   /// The person's points, and its joints where the flesh is: for all that follows the points. What
@@ -505,7 +508,7 @@ class PhantomPipeline::Workspace {
     if (!person) return person;
     const Skeleton believed = goes_by_skin() ? without_unseen_limb(*person, input) : *person;
     find_person(input.depth, input.body_index, believed, rays_, options_.mask, points_);
-    return goes_by_skin() ? fit_limbs(believed, points_) : believed;
+    return goes_by_skin() ? fit_limbs(believed, points_, girth_.trunk()) : believed;
   }
 
   /// The person without joints of the affected limb that the picture refutes: bones to them would
@@ -531,10 +534,7 @@ class PhantomPipeline::Workspace {
                const PhantomImage& image, PhantomReport& report) {
     if (person) {
       update_frame(*person, input);
-      const BoneRule rule = options_.segmentation;
-      bones_ = frame_ ? body_bones(*person, rule, options_.affected, mirror_)
-                      : body_bones(*person, rule);
-      segment_bones(bones_, points_);
+      segment_by_bones(*person);
       if (follows_trunk()) {
         trunk_.learn(points_, input.depth, rays_, input.camera);
         if (const auto learnt = trunk_.frame()) set_frame(*learnt);
@@ -543,6 +543,24 @@ class PhantomPipeline::Workspace {
     draw_person(points_, image);
     report.num_person = points_.count;
     if (follows_trunk()) report.quality.plane_deg = trunk_.deviation_deg();
+  }
+
+  /// Gives each point its bone, and learns how stout the trunk is: in the first frame until that is
+  /// known.
+  void segment_by_bones(const Skeleton& person) {
+    constexpr int kRounds = 10;
+    constexpr float kSame = 0.02F;
+    const BoneRule rule = options_.segmentation;
+    for (int round = 0; round < kRounds; ++round) {
+      bones_ = frame_ ? body_bones(person, rule, options_.affected, mirror_, girth_.trunk())
+                      : body_bones(person, rule, girth_.trunk());
+      segment_bones(bones_, points_);
+      const bool is_new = girth_.is_new();
+      if (!goes_by_skin() ||
+          std::abs(girth_.learn(bones_, points_, opposite(options_.affected))) < kSame || !is_new)
+        break;
+    }
+    girth_.settle();
   }
 
   [[nodiscard]] bool follows_trunk() const {
@@ -603,7 +621,7 @@ class PhantomPipeline::Workspace {
     const PixelProjector projector(*camera_, rays_);
     const double fit = joint_fit(person, options_.affected, projector, image);
     // Without a body index, furniture within the person's depths is far from all bones too.
-    return input.body_index != nullptr ? std::min(fit, bone_fit(points_)) : fit;
+    return input.body_index != nullptr ? std::min(fit, bone_fit(points_, girth_)) : fit;
   }
 
   /// Has the person the affected limb, and what does it tell of the plane?
@@ -675,7 +693,7 @@ class PhantomPipeline::Workspace {
       return;
     }
     const Limb affected = options_.affected;
-    picture_.measure(points_, report.skeleton, bones_, *frame_, box, options_, rays_, image,
+    picture_.measure(points_, report.skeleton, bones_, girth_, *frame_, box, options_, rays_, image,
                      report.quality);
     if (cloth) {
       const PixelProjector projector(*camera_, rays_);
@@ -692,7 +710,7 @@ class PhantomPipeline::Workspace {
     }
     ends_ = ends;
     if (follows_trunk() && !is_arm(affected)) report.quality.across = deviation_across(person);
-    report.reason = worst_of(affected, report.quality);
+    report.reason = worst_of(affected, girth_, report.quality);
     if (report.reason != PhantomReason::kNone) report.state = PhantomState::kDegraded;
     using enum PhantomReason;
     held_->is_misplaced =
@@ -858,6 +876,7 @@ class PhantomPipeline::Workspace {
   InferredClock inferred_;
   LimbPresence presence_;
   TrunkTracker trunk_;
+  Girth girth_;
   LegTurn legs_;
   PictureJudge picture_;
   std::optional<Ends> ends_;  ///< In the last frame with a phantom of its own.

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 
 #include "manip3d/modify/joint_smoother.hpp"
 #include "modify/ray_at.hpp"
@@ -37,6 +38,19 @@ double share_of(std::int64_t part, std::int64_t all) {
 bool is_trunk_bone(std::uint8_t bone) {
   return bone == static_cast<std::uint8_t>(Joint::kSpineMid) ||
          bone == static_cast<std::uint8_t>(Joint::kSpineShoulder);
+}
+
+/// Distance to the skin of the trunk, metres.
+float trunk_distance(const Eigen::Vector3f& p, const BoneSegments& bones) {
+  float nearest = std::numeric_limits<float>::max();
+  for (std::size_t k = 0; k < bones.count; ++k) {
+    if (!is_trunk_bone(bones.label[k])) continue;
+    const Eigen::Vector3f off = p - bones.start[k], bone = bones.end[k] - bones.start[k];
+    const float t = std::clamp(off.dot(bone) / std::max(bone.squaredNorm(), 1e-9F), 0.0F, 1.0F);
+    const float radius = bones.radii[k].start + t * (bones.radii[k].end - bones.radii[k].start);
+    nearest = std::min(nearest, (off - t * bone).norm() - radius);
+  }
+  return nearest;
 }
 
 /// Would the camera see the trunk in the direction of p, were nothing before it?
@@ -124,11 +138,12 @@ double joint_fit(const Skeleton& person, Limb affected, const PixelProjector& pr
   return all < kLeastJoints ? 1.0 : static_cast<double>(fits) / all;
 }
 
-double bone_fit(const PersonPoints& points) {
-  constexpr float kReach = 0.20F;  // metres: of real people's points 97 % and more are nearer
+double bone_fit(const PersonPoints& points, const Girth& girth) {
+  constexpr float kNear = 0.20F;  // metres: of real people's points 97 % and more are nearer
+  const float reach = kNear + girth.around_trunk();
   std::int64_t near = 0;
   for (std::int64_t i = 0; i < points.count; ++i) {
-    near += points.squared_distance[i] < kReach * kReach;
+    near += points.squared_distance[i] < reach * reach;
   }
   return points.count > 0 ? static_cast<double>(near) / static_cast<double>(points.count) : 1.0;
 }
@@ -140,9 +155,10 @@ void PictureJudge::reserve(std::int64_t rows, std::int64_t cols) {
 }
 
 void PictureJudge::measure(const PersonPoints& points, const Skeleton& phantom,
-                           const BoneSegments& bones, const BodyFrame& frame, const PixelBox& box,
-                           const PhantomOptions& options, const PixelRays& rays,
-                           const PhantomImage& image, PhantomQuality& quality) {
+                           const BoneSegments& bones, const Girth& girth, const BodyFrame& frame,
+                           const PixelBox& box, const PhantomOptions& options,
+                           const PixelRays& rays, const PhantomImage& image,
+                           PhantomQuality& quality) {
   const Limb affected = options.affected;
   const Eigen::Vector3f root = phantom[limb_root(affected)];
   measure_pieces(root, box, rays, image, quality);
@@ -152,14 +168,19 @@ void PictureJudge::measure(const PersonPoints& points, const Skeleton& phantom,
   for (const Joint joint : limb_chain(affected)) {
     if (is_usable(phantom, joint)) farthest = std::max(farthest, phantom[joint].z());
   }
+  // The thicker a trunk is than the mean adult's, the less is known of where its flank ends.
+  const float unsure = 0.5F * girth.around_trunk();
   std::int64_t limb = 0, left = 0;
   for (std::int64_t i = 0; i < points.count; ++i) {
     const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
     const std::int32_t pixel = points.pixel[i];
     if (points.label[i] != limb_label(affected) || !(p.z() < farthest + kBehind)) continue;
     ++limb;
-    left += image.kind[pixel] == PixelKind::kBody && image.label[pixel] == limb_label(affected) &&
-            (p - root).squaredNorm() > kAwayFromRoot * kAwayFromRoot;
+    const bool is_left = image.kind[pixel] == PixelKind::kBody &&
+                         image.label[pixel] == limb_label(affected) &&
+                         (p - root).squaredNorm() > kAwayFromRoot * kAwayFromRoot;
+    left +=
+        is_left && !(unsure > 0.0F && trunk_distance(p, bones) < points.skin_distance[i] + unsure);
   }
   if (!options.keep_residual) {
     quality.left = static_cast<double>(left) / std::max(kLeastLimb, static_cast<double>(limb));
@@ -194,14 +215,17 @@ void PictureJudge::measure_pieces(const Eigen::Vector3f& root, const PixelBox& b
   quality.largest = static_cast<double>(largest->pixels) / static_cast<double>(all);
 }
 
-PhantomReason worst_of(Limb affected, PhantomQuality& quality) {
+PhantomReason worst_of(Limb affected, const Girth& girth, PhantomQuality& quality) {
+  constexpr double kOfTrunk = 0.5;  // roots lie at its border
+  const double most_gap = (is_arm(affected) ? kMostGapArm : kMostGapLeg) +
+                          kOfTrunk * static_cast<double>(girth.around_trunk());
   const double most_lost = is_arm(affected) ? kMostLostTrunk : kMostLostLegs;
   const std::array<std::pair<PhantomReason, double>, 9> measures = {{
       {PhantomReason::kCalibration, (1.0 - quality.fit) / (1.0 - kLeastFit)},
       {PhantomReason::kShaky, quality.plane_deg / kMostPlane},
       {PhantomReason::kShaky, quality.across / kMostAcross},
       {PhantomReason::kLeap, quality.leap / kMostLeap},
-      {PhantomReason::kDetached, quality.gap / (is_arm(affected) ? kMostGapArm : kMostGapLeg)},
+      {PhantomReason::kDetached, quality.gap / most_gap},
       {PhantomReason::kShredded, (1.0 - quality.largest) / (1.0 - kLeastLargest)},
       {PhantomReason::kCut, quality.lost / most_lost},
       {PhantomReason::kDoubled, quality.left / kMostLeft},

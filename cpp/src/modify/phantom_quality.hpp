@@ -6,6 +6,7 @@
 
 #include "manip3d/geometry/connected_runs.hpp"
 #include "manip3d/modify/phantom_pipeline.hpp"
+#include "modify/girth.hpp"
 #include "modify/phantom_image.hpp"
 
 /// @file
@@ -17,8 +18,9 @@ namespace manip3d {
 double joint_fit(const Skeleton& person, Limb affected, const PixelProjector& projector,
                  const PhantomImage& image);
 
-/// Share of the person's points that lie within reach of some bone; 1 without points.
-double bone_fit(const PersonPoints& points);
+/// Share of the person's points that lie within reach of some bone; 1 without points. A stout trunk
+/// reaches farther.
+double bone_fit(const PersonPoints& points, const Girth& girth);
 
 /// Below it, joints and depth do not belong together.
 inline constexpr double kLeastFit = 0.7;
@@ -31,11 +33,12 @@ class PictureJudge {
   /// Fills in gap, largest, lost and left.
   /// @param points    of the person, as segmented.
   /// @param phantom   its joints in place of the affected limb's.
-  /// @param bones     that they were segmented by.
+  /// @param bones     that they were segmented by, of a person of that girth.
   /// @param box       of all that was drawn.
   void measure(const PersonPoints& points, const Skeleton& phantom, const BoneSegments& bones,
-               const BodyFrame& frame, const PixelBox& box, const PhantomOptions& options,
-               const PixelRays& rays, const PhantomImage& image, PhantomQuality& quality);
+               const Girth& girth, const BodyFrame& frame, const PixelBox& box,
+               const PhantomOptions& options, const PixelRays& rays, const PhantomImage& image,
+               PhantomQuality& quality);
 
  private:
   void measure_pieces(const Eigen::Vector3f& root, const PixelBox& box, const PixelRays& rays,
@@ -50,7 +53,8 @@ class PictureJudge {
   std::vector<Piece> sizes_;
 };
 
-/// The measure that is worst against its limit, if it is beyond; sets the score.
-PhantomReason worst_of(Limb affected, PhantomQuality& quality);
+/// The measure that is worst against its limit, if it is beyond; sets the score. Roots lie deeper
+/// in a stout person.
+PhantomReason worst_of(Limb affected, const Girth& girth, PhantomQuality& quality);
 
 }  // namespace manip3d

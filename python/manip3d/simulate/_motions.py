@@ -75,6 +75,22 @@ def pose_at(
     )
 
 
+def clear_of_trunk(pose: Pose, girth: float) -> Pose:
+    """The pose with arms as far aside as a trunk of that girth wants them.
+
+    Up to a girth of 1.2 they hang beside it anyway.
+    """
+    half, upper_arm = 0.23, 0.29  # metres: of the waist and an arm, at a girth of 1
+    wider = half * max(0.0, girth - 1.2)
+    aside = float(np.degrees(np.arcsin(wider / upper_arm)))
+    left, right = pose.left_arm, pose.right_arm
+    return replace(
+        pose,
+        left_arm=replace(left, abduction=left.abduction + aside),
+        right_arm=replace(right, abduction=right.abduction + aside),
+    )
+
+
 def _swell(time: float, period: float = PERIOD) -> float:
     """From 0 to 1 and back within a period, at rest at both ends."""
     return float(0.5 - 0.5 * np.cos(2.0 * np.pi * time / period))

@@ -33,7 +33,7 @@ from manip3d.rgbd import (
 )
 from manip3d.simulate._clothes import SIDE, Clothes, paint
 from manip3d.simulate._figure import LIMBS, REST_JOINTS, PosedFigure, opposite, pose_figure
-from manip3d.simulate._motions import MOTIONS, pose_at, walk
+from manip3d.simulate._motions import MOTIONS, clear_of_trunk, pose_at, walk
 from manip3d.simulate._raycast import CHUNK, RayCaster
 from manip3d.simulate._scenery import CHAIRS, SCENES, Box, Scenery, box_mesh, furnish
 from manip3d.simulate._skin import DRESSINGS, TILES, Skin, build_skin
@@ -205,7 +205,8 @@ class BodySimulator:
         for an empty sleeve or leg of trousers, which hangs down; the stump of a sleeve ends above
         the elbow (0.265 m) or the knee (0.4 m).
     girth : float
-        Thickness of trunk, arms and legs against that of the default one.
+        Thickness of trunk, arms and legs against that of the default one. Above 1.2, arms hang
+        farther aside.
     sitting : bool, optional
         On a chair; by default where the exercise is one for legs and not ``stepping``, and in a
         wheelchair.
@@ -539,6 +540,7 @@ class BodySimulator:
             + self.sway * float(np.sin(2.0 * np.pi * time / _SWAY_PERIOD)),
             shoulder_tilt=self.shoulder_tilt,
         )
+        pose = clear_of_trunk(pose, self.girth)
         figure = pose_figure(pose, (0.0, CAMERA_HEIGHT, self.distance))
         inhaled = 0.5 - 0.5 * float(np.cos(2.0 * np.pi * time / _BREATH_PERIOD))
         figures = [replace(figure, breath=self.breath * inhaled)]

@@ -44,7 +44,9 @@ struct BoneSegments {
 /// ratios; without any usable one, bones have no radii). A trunk is broader than deep: each of its
 /// two bones is a pair of rods side by side, from the hips to the waist and on to the chest. With
 /// BoneRule::kPaper all radii are 0.
-BoneSegments body_bones(const Skeleton& skeleton, BoneRule rule);
+///
+/// `trunk` scales breadth and depth of the trunk; it is above 1 for a stout person.
+BoneSegments body_bones(const Skeleton& skeleton, BoneRule rule, float trunk = 1.0F);
 
 /// The same with all of a limb as one bone of number limb_label(): the line through those of its
 /// joints that are tracked, straight where inner ones are not. With kSkin it grows, from its root
@@ -56,6 +58,6 @@ BoneSegments body_bones(const Skeleton& skeleton, BoneRule rule);
 /// stump that does not move with the other limb, as a first bone that hangs along the spine and one
 /// half way between.
 BoneSegments body_bones(const Skeleton& skeleton, BoneRule rule, Limb collapsed,
-                        const Mirror& mirror);
+                        const Mirror& mirror, float trunk = 1.0F);
 
 }  // namespace manip3d

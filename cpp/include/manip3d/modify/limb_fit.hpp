@@ -14,7 +14,8 @@ namespace manip3d {
 /// with Geman-McClure weights whose scale falls from step to step, and a prior at the tracker's
 /// joints, which decides along the bones and where nothing is seen. Roots stay; fingers and thumbs
 /// go with their hands. No joint goes farther than 12 cm. Without lengths to tell the person's size
-/// from, the skeleton is returned as it is. O(points + samples x bones), no allocation.
-Skeleton fit_limbs(const Skeleton& skeleton, const PersonPoints& points);
+/// from, the skeleton is returned as it is. `trunk` as for body_bones. O(points + samples x bones),
+/// no allocation.
+Skeleton fit_limbs(const Skeleton& skeleton, const PersonPoints& points, float trunk = 1.0F);
 
 }  // namespace manip3d

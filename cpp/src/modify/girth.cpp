@@ -1,0 +1,67 @@
+#include "modify/girth.hpp"
+
+#include <algorithm>
+#include <array>
+#include <optional>
+#include <span>
+
+#include "geometry/median.hpp"
+
+namespace manip3d {
+namespace {
+
+// Chosen while looking at the tuning half of benchmarks/bench_people.py, on which the medians are
+// -.15 to .29 of the radius of the waist and .01 to .04 m of the limbs.
+constexpr float kClothedTrunk = 0.3F, kClothedLimb = 0.03F;
+constexpr float kStoutest = 1.8F, kThickest = 0.08F;
+
+bool belongs_to_trunk(std::uint8_t bone) {
+  return bone == static_cast<std::uint8_t>(Joint::kSpineMid) ||
+         bone == static_cast<std::uint8_t>(Joint::kSpineShoulder);
+}
+
+/// The median distance of the points of some bones from their skin, metres; none of too few.
+template <typename IsPart>
+std::optional<float> median_outside(const PersonPoints& points, const IsPart& is_part) {
+  constexpr std::int64_t kMostSamples = 1024;
+  constexpr std::size_t kLeastSamples = 50;
+  std::array<float, kMostSamples> outside;
+  std::size_t count = 0;
+  const std::int64_t stride = points.count / kMostSamples + 1;
+  for (std::int64_t i = 0; i < points.count; i += stride) {
+    if (is_part(points.label[i])) outside[count++] = points.skin_distance[i];
+  }
+  if (count < kLeastSamples) return std::nullopt;
+  return median(std::span(outside.data(), count));
+}
+
+/// The radius of the trunk's waist, metres; 0 if it has none.
+float waist_radius(const BoneSegments& bones) {
+  for (std::size_t k = 0; k < bones.count; ++k) {
+    if (bones.label[k] == static_cast<std::uint8_t>(Joint::kSpineShoulder)) {
+      return bones.radii[k].start;
+    }
+  }
+  return 0.0F;
+}
+
+}  // namespace
+
+float Girth::learn(const BoneSegments& bones, const PersonPoints& points, Limb limb) {
+  const float rate = is_new_ ? 1.0F : 0.2F;  // of a frame
+  const auto limb_skin =
+      median_outside(points, [&](std::uint8_t bone) { return is_limb_bone(limb, bone); });
+  if (limb_skin) {
+    limb_ += rate * (std::clamp(*limb_skin - kClothedLimb, 0.0F, kThickest) - limb_);
+  }
+  const float waist = waist_radius(bones);
+  const auto trunk_skin = median_outside(points, belongs_to_trunk);
+  if (!(waist > 0.0F) || !trunk_skin) return 0.0F;
+  const float excess = trunk_ * *trunk_skin / waist;  // as a share of the mean adult's waist
+  const float wanted = std::clamp(trunk_ + excess - kClothedTrunk, 1.0F, kStoutest);
+  const float change = rate * (wanted - trunk_);
+  trunk_ += change;
+  return change;
+}
+
+}  // namespace manip3d
