@@ -480,8 +480,8 @@ def simplify_scene(
     the error and saves n times the faces: n cancels in the price of a face, and only the count of
     faces knows of it. Where meshes have several instances the run is repeated, six times at most,
     until the number of drawn faces is within 1 % below the target, and more often only while it is
-    above it. Meshes with one instance whose vertices coincide stay together there; a border between two meshes is treated like one between
-    two materials.
+    above it. Meshes with one instance whose vertices coincide stay together there; a border between
+    two meshes is treated like one between two materials.
 
     Meshes whose instances are all flattened, or that no instance shows, are simplified each by
     itself, in their own coordinates, to the share of their faces that stays of the whole scene:
