@@ -323,6 +323,33 @@ def test_texture_transforms_are_in_the_texture_coordinates(tmp_path: Path) -> No
     np.testing.assert_allclose(down[8:], [[0, 0], [1, 0], [0, 1], [1, 1]])
 
 
+def test_a_texture_placed_otherwise_than_the_base_colour_is_left_out(tmp_path: Path) -> None:
+    """A mesh has one place for texture coordinates: the base colour's."""
+    scene = Scene()
+    position, texcoord = scene.accessor(SQUARE), scene.accessor([[0, 0], [1, 0], [0, 1], [1, 1]])
+    image = "data:image/png;base64,aGFsbG8="
+    scene.json["images"], scene.json["textures"] = [{"uri": image}], [{"source": 0}]
+    doubled, tripled = (
+        {"index": 0, "extensions": {"KHR_texture_transform": {"scale": [times, times]}}}
+        for times in (2, 3)
+    )
+    scene.json["materials"] = [
+        {
+            "pbrMetallicRoughness": {"baseColorTexture": doubled},
+            "normalTexture": tripled,
+            "occlusionTexture": doubled,
+        }
+    ]
+    scene.json["extensionsUsed"] = ["KHR_texture_transform"]
+    scene.primitive({"POSITION": position, "TEXCOORD_0": texcoord}, mode=5, material=0)
+    seen = report(tmp_path, scene.glb())
+    assert sorted(seen.mesh.materials[0].textures) == ["base_color", "occlusion"]
+    assert seen.mesh.texcoords is not None
+    assert seen.mesh.texcoords[:, 0].max() == 2.0
+    (warning,) = seen.warnings
+    assert "placed otherwise than the first of their material are left out" in warning
+
+
 @pytest.mark.parametrize(
     "name", ["KHR_lights_punctual", "KHR_texture_basisu", "EXT_texture_webp", "KHR_materials_ior"]
 )

@@ -87,6 +87,49 @@ def test_a_mesh_of_four_instances_is_simplified_once(method: str, tmp_path: Path
     assert volume[1] == pytest.approx(volume[0], rel=0.1)
 
 
+@pytest.mark.parametrize("method", ["quality", "fast", "qem4vr"])
+def test_a_target_between_two_numbers_of_drawn_faces_is_met(method: str, tmp_path: Path) -> None:
+    """Two instances of a closed mesh, which has 2 faces fewer after a collapse: drawn, 4 fewer."""
+    nodes: list[dict[str, Any]] = [{"mesh": 0}, {"mesh": 0, "translation": [5, 0, 0]}]
+    scene = io.read_scene(scene_file(tmp_path / "two.glb", [sphere(24, 16)], nodes))
+    assert scene.num_faces % 4 == 0
+    for below in (1, 2, 3, 4):
+        target = scene.num_faces - 300 - below
+        done = simplify.simplify_scene(scene, method, target_faces=target)
+        assert done.stop == "target_reached"
+        assert done.scene.num_faces == scene.num_faces - 304
+    done = simplify.simplify_scene(scene, method, target_faces=scene.num_faces - 1)
+    assert done.stop == "target_reached"
+    assert done.scene.num_faces == scene.num_faces - 4
+
+
+@pytest.mark.parametrize("alone", [(12, 8), (48, 32)])
+def test_a_target_is_met_where_most_drawn_faces_are_of_one_mesh(
+    alone: tuple[int, int], tmp_path: Path
+) -> None:
+    """Fifty instances of one mesh beside a single one: drawn faces are no share of the stored."""
+    nodes: list[dict[str, Any]] = [{"mesh": 1, "translation": [-5, 0, 0]}]
+    nodes += [{"mesh": 0, "translation": [5.0 * i, 0, 0]} for i in range(50)]
+    scene = io.read_scene(
+        scene_file(tmp_path / "many.glb", [sphere(16, 12), sphere(*alone)], nodes)
+    )
+    for ratio in (0.9, 0.5, 0.1):
+        done = simplify.simplify_scene(scene, ratio=ratio)
+        assert done.stop == "target_reached"
+        assert 0.9 * ratio * scene.num_faces <= done.scene.num_faces <= ratio * scene.num_faces
+
+
+def test_a_number_of_faces_that_is_undercut_counts_as_met(tmp_path: Path) -> None:
+    """A search that asks for fewer stored faces than there can be, where more are enough."""
+    tetrahedron = (np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]),
+                   np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]], np.int32))  # fmt: skip
+    nodes: list[dict[str, Any]] = [{"mesh": 0}, {"mesh": 0, "translation": [5, 0, 0]}]
+    scene = io.read_scene(scene_file(tmp_path / "two.glb", [tetrahedron], nodes))
+    for method in ("quality", "fast", "qem4vr"):
+        done = simplify.simplify_scene(scene, method, target_faces=7)
+        assert (done.stop == "target_reached") == (done.scene.num_faces <= 7), method
+
+
 def test_one_error_for_all_meshes_at_the_size_they_are_shown(tmp_path: Path) -> None:
     """The same ball twice, as two meshes, one shown ten times as large: it needs more faces."""
     ball = sphere(32, 24)

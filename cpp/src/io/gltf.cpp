@@ -539,30 +539,30 @@ class Reader {
     return p;
   }
 
-  /// The transform that all textures of a material share. It is applied to the texture coordinates,
-  /// because a TriangleMesh has no other place for it.
-  TextureTransform texture_transform(const JsonPlace& material) {
-    std::vector<TextureTransform> found;
-    const auto look = [&](const JsonPlace& owner, const char* key) {
-      const auto info = owner.find(key);
-      if (!info) return;
-      const auto extensions = info->find("extensions");
-      const auto given = extensions ? extensions->find(kTextureTransform) : std::nullopt;
-      found.push_back(given ? read_texture_transform(*given) : TextureTransform());
-    };
+  /// The transform of a material's first texture, which is applied to the texture coordinates
+  /// because a TriangleMesh has no other place for it. Textures placed otherwise are left out.
+  static TextureTransform texture_transform(const JsonPlace& material) {
     if (const auto pbr = material.find("pbrMetallicRoughness")) {
-      look(*pbr, "baseColorTexture");
-      look(*pbr, "metallicRoughnessTexture");
+      for (const char* key : {"baseColorTexture", "metallicRoughnessTexture"}) {
+        if (const auto placed = placement(*pbr, key)) return *placed;
+      }
     }
     for (const char* key : {"normalTexture", "occlusionTexture", "emissiveTexture"}) {
-      look(material, key);
+      if (const auto placed = placement(material, key)) return *placed;
     }
-    if (found.empty()) return {};
-    if (std::any_of(found.begin(), found.end(), [&](const auto& t) { return t != found[0]; })) {
-      warn_once(std::string(kTextureTransform) +
-                ": textures of one material are placed in several ways, all follow the first");
-    }
-    return found[0];
+    return {};
+  }
+
+  /// How a texture lies on TEXCOORD_0; null where there is none, or it lies on other coordinates.
+  static std::optional<TextureTransform> placement(const JsonPlace& owner, const char* key) {
+    const auto info = owner.find(key);
+    if (!info) return std::nullopt;
+    const auto extensions = info->find("extensions");
+    const auto given = extensions ? extensions->find(kTextureTransform) : std::nullopt;
+    auto set = given ? given->find("texCoord") : std::nullopt;  // replaces the texture's own
+    if (!set) set = info->find("texCoord");
+    if (set && set->integer(0, 255) != 0) return std::nullopt;
+    return given ? read_texture_transform(*given) : TextureTransform();
   }
 
   static TextureTransform read_texture_transform(const JsonPlace& place) {
@@ -818,11 +818,20 @@ class Reader {
     return texture;
   }
 
-  void read_texture(const JsonPlace& owner, const char* key, const char* role, Material& material) {
+  /// Without `shared`, of scenes, which keep their materials as they are, a texture may lie
+  /// anywhere.
+  void read_texture(const JsonPlace& owner, const char* key, const char* role,
+                    const std::optional<TextureTransform>& shared, Material& material) {
     const auto info = owner.find(key);
     if (!info) return;
-    if (const auto set = info->find("texCoord"); set && set->integer(0, 255) != 0) {
+    const auto placed = placement(owner, key);
+    if (!placed) {
       warn_once("textures on TEXCOORD_1 and above are left out");
+      return;
+    }
+    if (shared && *placed != *shared) {
+      warn_once(std::string(kTextureTransform) +
+                ": textures placed otherwise than the first of their material are left out");
       return;
     }
     const auto source = document_.object("textures", info->member("index")).find("source");
@@ -842,6 +851,8 @@ class Reader {
   }
 
   Material read_material(const JsonPlace& place) {
+    std::optional<TextureTransform> shared;
+    if (!is_scene_) shared = texture_transform(place);
     Material m;
     m.metallic = 1.0;  // glTF's defaults, where ours are 0 and true
     m.double_sided = false;
@@ -852,12 +863,12 @@ class Reader {
       }
       if (const auto metallic = pbr->find("metallicFactor")) m.metallic = metallic->number();
       if (const auto roughness = pbr->find("roughnessFactor")) m.roughness = roughness->number();
-      read_texture(*pbr, "baseColorTexture", "base_color", m);
-      read_texture(*pbr, "metallicRoughnessTexture", "metallic_roughness", m);
+      read_texture(*pbr, "baseColorTexture", "base_color", shared, m);
+      read_texture(*pbr, "metallicRoughnessTexture", "metallic_roughness", shared, m);
     }
-    read_texture(place, "normalTexture", "normal", m);
-    read_texture(place, "occlusionTexture", "occlusion", m);
-    read_light(place, m);
+    read_texture(place, "normalTexture", "normal", shared, m);
+    read_texture(place, "occlusionTexture", "occlusion", shared, m);
+    read_light(place, shared, m);
     if (const auto mode = place.find("alphaMode")) m.alpha_mode = read_alpha_mode(*mode);
     if (const auto cutoff = place.find("alphaCutoff")) m.alpha_cutoff = cutoff->number();
     if (const auto both = place.find("doubleSided")) m.double_sided = both->boolean();
@@ -865,10 +876,11 @@ class Reader {
   }
 
   /// A factor whose texture is left out says nothing of the whole surface.
-  void read_light(const JsonPlace& place, Material& m) {
+  void read_light(const JsonPlace& place, const std::optional<TextureTransform>& shared,
+                  Material& m) {
     const auto factor = place.find("emissiveFactor");
     if (!factor || numbers<3>(*factor).isZero()) return;
-    read_texture(place, "emissiveTexture", "emissive", m);
+    read_texture(place, "emissiveTexture", "emissive", shared, m);
     if (place.has("emissiveTexture") && !m.textures.contains("emissive")) return;
     Eigen::Map<Eigen::Vector3d> light(m.emissive);
     light = numbers<3>(*factor);

@@ -57,7 +57,8 @@ class GltfBudget {
 /// node that share their POSITION accessor share their vertices; instances of a mesh share their
 /// texture coordinates. All component types, strides, sparse accessors, triangles, strips and
 /// fans, KHR_mesh_quantization, KHR_draco_mesh_compression, EXT_ and KHR_meshopt_compression,
-/// KHR_texture_transform (in the texture coordinates).
+/// KHR_texture_transform (of the first texture of a material, in the texture coordinates; textures
+/// placed otherwise are left out with a warning).
 /// A file without nodes has all its meshes read as they are, with a warning. Points, lines,
 /// skins, morph targets, animations, extensions of lights, materials and image formats, and others
 /// that are not required are left out with a warning. Where only some primitives have vertex

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -478,9 +479,9 @@ def simplify_scene(
     faces compete by the same error in the unit of the scene. A mesh that n nodes show costs n times
     the error and saves n times the faces: n cancels in the price of a face, and only the count of
     faces knows of it. Where meshes have several instances the run is repeated, six times at most,
-    until the number of drawn faces is within 1 % below the target. Meshes with one instance whose
-    vertices coincide stay together there; a border between two meshes is treated like one between
-    two materials.
+    until the number of drawn faces is within 1 % below the target, and more often only while it is
+    above it. Meshes with one instance whose vertices coincide stay together there; a border between
+    two meshes is treated like one between two materials.
 
     Meshes whose instances are all flattened, or that no instance shows, are simplified each by
     itself, in their own coordinates, to the share of their faces that stays of the whole scene:
@@ -589,7 +590,9 @@ def _of_groups(
             bounds.append((result.distance_bound or 0.0) * placed.stretch)
     assert result is not None
     stop = result.stop
-    if target is not None and stop == StopReason.TARGET_REACHED and made.num_faces > target:
+    if target is not None and made.num_faces <= target:
+        stop = StopReason.TARGET_REACHED
+    elif target is not None and stop == StopReason.TARGET_REACHED:
         stop = StopReason.NO_LEGAL_COLLAPSE
     return SceneResult(made, max(errors), max(bounds) if bounded else None, stop, result)
 
@@ -645,29 +648,40 @@ def _search(
     at: Callable[[int | None, Progress], _Result],
     part: Callable[[float, float], Progress],
 ) -> _Result:
-    too_few = (0, 0)
-    too_many = (placed.mesh.num_faces, placed.num_drawn(placed.mesh))
+    """As `_meet`: six runs at most, and more only until the target is met or cannot be."""
+    met: tuple[int, int] = (-1, 0)  # stored and drawn faces that are within the target
+    above = (placed.mesh.num_faces, placed.num_drawn(placed.mesh))
+    if wanted >= above[1]:
+        return at(above[0], part(0.0, 1.0))
     best: _Result | None = None
-    for own in shares([1.0] * _MOST_RUNS):
-        (low, low_drawn), (high, high_drawn) = too_few, too_many
-        share = (wanted - low_drawn) / max(1, high_drawn - low_drawn)
-        stored = min(max(low + round(share * (high - low)), low + 1), high)
-        result = at(stored, part(*own))
+    parts = shares([1.0] * _MOST_RUNS)
+    for number in itertools.count():
+        low, high = max(met[0], 0), above[0]
+        if number < _MOST_RUNS:
+            share = (wanted - met[1]) / max(1, above[1] - met[1])
+            # Rounded down: a fraction more of a stored face is a drawn one too many.
+            stored = low + math.floor(share * (high - low))
+        else:
+            stored = (low + high) // 2
+        stored = min(max(stored, met[0] + 1), high - 1)
+        result = at(stored, part(*parts[min(number, _MOST_RUNS - 1)]))
+        if result.stop == StopReason.REFUSED:
+            return result
+        left = result.mesh.num_faces
         drawn = placed.num_drawn(result.mesh)
         if drawn > wanted:
-            best = best or result
             if result.stop != StopReason.TARGET_REACHED:
                 return result
-            too_many = (stored, drawn)
+            above = (min(stored, left), drawn)
         else:
             best = result
-            if result.stop != StopReason.TARGET_REACHED or drawn >= (1.0 - _NEAR) * wanted:
+            if drawn >= (1.0 - _NEAR) * wanted:
                 return result
-            too_few = (stored, drawn)
+            met = (max(stored, left), drawn)
         del result  # frees one that is not the best before the next run
-        if too_many[0] - too_few[0] <= 1:
+        if above[0] - met[0] <= 1 or (best is not None and number + 1 >= _MOST_RUNS):
             break
-    assert best is not None
+    assert best is not None  # no stored face at all is within every target
     return best
 
 
