@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from frame_reader import read_frame
 from manip3d import InputError, Intrinsics, read_mesh, simplify
 from manip3d.simplify import DepthOptions, ReliefStream
-from manip3d.simplify._bandwidth import fit_bytes
+from manip3d.simplify._bandwidth import Bandwidth, SlidingSecond, fit_bytes
 
 CAMERA = Intrinsics(120, 90, 110.0, 110.0, 59.5, 44.5)
 V, U = np.mgrid[0:90, 0:120]
@@ -202,3 +202,52 @@ def test_a_method_that_has_no_more_points_is_not_asked_again() -> None:
     )
     assert found == asked[1]
     assert len(asked) == 3
+
+
+def test_a_frame_has_its_share_of_what_its_second_leaves() -> None:
+    rng = np.random.default_rng(6)
+    for bandwidth, share in ((Bandwidth(105.5, 10), 10), (Bandwidth(3, 2.5), 1)):
+        assert bandwidth.share == share
+        second = SlidingSecond(bandwidth)
+        sent: list[tuple[int, int]] = []
+        now = 0
+        for _ in range(300):
+            now += int(rng.choice([0, 1, SECOND // 40, SECOND // 10, SECOND - 1, SECOND]))
+            left = bandwidth.bytes_per_second - sum(b for t, b in sent if t > now - SECOND)
+            expected = min(share, int(left))
+            assert second.allowance(now) == expected
+            size = int(rng.integers(0, expected + 1))
+            second.spend(now, size)
+            sent.append((now, size))
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_the_points_that_fit_are_found_in_few_tries(seed: int) -> None:
+    """Files that grow by uneven steps, against all numbers of points."""
+    rng = np.random.default_rng(seed)
+    most = int(rng.integers(3, 400))
+    sizes = 200 + np.cumsum(rng.integers(1, 30, most + 1))
+    allowance = int(rng.integers(150, sizes[-1] + 200))
+    asked: list[int] = []
+
+    def make(points: int) -> tuple[int, int, int]:
+        assert 3 <= points <= most
+        asked.append(points)
+        return points, points, int(sizes[points])
+
+    found = fit_bytes(
+        make,
+        most_points=most,
+        allowance=allowance,
+        guess=float(rng.uniform(0, 2 * most)),
+        bytes_per_point=float(rng.uniform(0.1, 60)),
+        least_share=0.9,
+    )
+    assert len(asked) == len(set(asked)) <= 9
+    fitting = [points for points in range(3, most + 1) if sizes[points] <= allowance]
+    if not fitting:
+        assert found is None
+        return
+    assert found in fitting
+    # Steps are at most 29 bytes: a file that leaves more than one of them and a tenth has more.
+    assert found == fitting[-1] or sizes[found] >= 0.9 * allowance

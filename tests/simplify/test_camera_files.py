@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -166,11 +167,43 @@ def test_several_images_of_lone_pixels_are_said_to_be_sparse(walls: Path) -> Non
         simplify.simplify_camera_files(*given)
 
 
-def test_the_mesh_of_a_gltf_is_upright(walls: Path) -> None:
-    options = simplify.DepthOptions(50, intrinsics=CAMERA, unit="mm")
+@pytest.mark.parametrize("method", ["relief", "cs3"])
+def test_the_mesh_of_a_gltf_is_upright(walls: Path, method: simplify.DepthMethod) -> None:
+    options = simplify.DepthOptions(50, method, intrinsics=CAMERA, unit="mm")
     files = [walls / "10.005.npy", walls / "10.031.npy"]
-    simplify.simplify_camera_files(files, walls / "groundtruth.txt", walls / "a.glb", options)
-    assert np.asarray(io.read_mesh(walls / "a.glb").vertices)[:, 2].max() < -1.7
+    for name in ("a.glb", "a.ply"):
+        simplify.simplify_camera_files(files, walls / "groundtruth.txt", walls / name, options)
+    upright, as_seen = (io.read_mesh(walls / name) for name in ("a.glb", "a.ply"))
+    upright, as_seen = upright.vertices[upright.faces], as_seen.vertices[as_seen.faces]
+    assert upright[..., 2].max() < -1.7
+    np.testing.assert_allclose(np.sort(upright, 0), np.sort(as_seen * [1, -1, -1], 0), atol=1e-6)
+
+
+@pytest.mark.parametrize("method", ["relief", "cs3"])
+def test_long_edges_and_colours_of_several_views(walls: Path, method: simplify.DepthMethod) -> None:
+    pytest.importorskip("PIL")
+    from PIL import Image
+
+    files = [walls / "10.005.npy", walls / "10.031.npy"]
+    colors = []
+    for number, color in enumerate(((200, 30, 30), (30, 200, 30))):
+        colors.append(walls / f"{number}.png")
+        Image.new("RGB", (160, 120), color).save(colors[-1])
+    options = simplify.DepthOptions(300, method, intrinsics=CAMERA, unit="mm")
+    given = (files, walls / "groundtruth.txt", walls / "a.glb")
+    whole = simplify.simplify_camera_files(*given, options, colors=colors)
+    mesh = io.read_mesh(walls / "a.glb")
+    images = [Image.open(BytesIO(m.textures["base_color"].data)) for m in mesh.materials]
+    shown = {tuple(np.rint(np.asarray(one).mean(axis=(0, 1)) / 10) * 10) for one in images}
+    assert shown == {(200, 30, 30), (30, 200, 30)}
+    cut = simplify.simplify_camera_files(*given, replace(options, max_edge=0.1))
+    assert cut.faces > 0
+    if method == "relief":  # neighbouring pixels are nearer than that
+        assert cut.faces == whole.faces
+        return
+    corners = (mesh := io.read_mesh(walls / "a.glb")).vertices[mesh.faces]
+    assert np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max() <= 0.1 * (1 + 1e-5)
+    assert cut.faces != whole.faces
 
 
 def test_what_several_views_cannot_follow_is_refused(walls: Path) -> None:

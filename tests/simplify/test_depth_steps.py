@@ -17,6 +17,7 @@ from manip3d.simplify import (
     dense_mesh,
     simplify_depth_file,
 )
+from manip3d.simplify._depth_steps import StepRule
 
 CAMERA = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
 
@@ -90,6 +91,35 @@ def test_slopes_are_no_steps() -> None:
     assert cut_depth_steps(mesh, floor, step=0.01).num_faces == 0
 
 
+@pytest.mark.parametrize(("metres", "dtype"), [(1.0, np.float32), (1e-3, np.uint16)])
+@pytest.mark.parametrize(
+    ("focal", "depth", "limit"),
+    [
+        (0.0, 4.0, 0.2),  # five hundredths of the depth
+        (525.0, 4.0, 0.2),  # tan 78 degrees / 525 and the noise: 0.104 m
+        (60.0, 1.0, 0.08268),  # tan 78 degrees / 60, and 3 * 1.425e-3
+        (60.0, 4.0, 0.38204),  # the noise grows with the square of the depth
+        (60.0, 0.5, 0.04027),
+    ],
+)
+def test_the_step_of_a_depth(
+    metres: float, dtype: type, focal: float, depth: float, limit: float
+) -> None:
+    rule = StepRule.of(0.05, focal, metres)
+    nearer = np.float32([depth, depth, 0]) / np.float32(metres)
+    farther = np.float32([depth + 0.99 * limit, depth + 1.01 * limit, depth]) / np.float32(metres)
+    assert rule.differ(nearer, farther).tolist() == [False, True, False]
+    # And in the mesh: two columns of pixels, one at each depth.
+    camera = Intrinsics(2, 2, focal or 1.0, focal or 1.0, 0.5, 0.5)
+    for share, faces in ((0.99, 2), (1.01, 0)):
+        image = np.tile([depth, depth + share * limit], (2, 1)) / metres
+        image = np.rint(image).astype(dtype) if dtype is np.uint16 else image.astype(dtype)
+        cut = cut_depth_steps(
+            dense_mesh(image, camera), image, intrinsics=camera if focal else None
+        )
+        assert cut.num_faces == faces
+
+
 def test_what_is_refused() -> None:
     mesh = dense_mesh(wall_with_box(), CAMERA)
     with pytest.raises(InputError, match="step: expected > 0"):
@@ -144,3 +174,18 @@ def test_a_face_of_vertices_that_are_not_there_is_refused(corner: int, named: st
     faces = np.array([[0, 1, 2], [0, 1, corner]], np.int32)
     with pytest.raises(InputError, match=named):
         cut_depth_steps(mesh.with_faces(faces), wall_with_box()[:2, :2])
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".obj", ".off", ".glb"])
+@pytest.mark.parametrize("method", ["relief", "cs3", "uniform", "poisson", "ssa"])
+def test_a_file_has_no_points_that_no_face_uses(
+    method: simplify.DepthMethod, suffix: str, tmp_path: Path
+) -> None:
+    depth = wall_with_box()
+    depth[np.random.default_rng(0).random(depth.shape) < 0.3] = 0
+    np.save(tmp_path / "d.npy", depth)
+    asked = options(method=method, unit="mm")
+    found = simplify_depth_file(tmp_path / "d.npy", tmp_path / f"o{suffix}", asked)
+    mesh = read_mesh(tmp_path / f"o{suffix}")
+    assert len(np.unique(mesh.faces)) == mesh.num_vertices == found.points <= 200
+    assert mesh.num_faces == found.faces

@@ -320,7 +320,10 @@ def depth(
     ] = 0.05,
     max_edge: Annotated[
         float | None,
-        typer.Option(help="Leave out faces with a longer edge; metres, or the unit of the scan."),
+        typer.Option(
+            help="Leave out faces with a longer edge, with --method relief those between "
+            "neighbouring pixels; metres, or the unit of the scan."
+        ),
     ] = None,
     by_distance: Annotated[
         bool,

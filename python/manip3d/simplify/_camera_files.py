@@ -33,6 +33,7 @@ from manip3d.simplify._depth_files import (
     common_depth_unit,
     is_sparse,
 )
+from manip3d.simplify._parts import with_used_vertices
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -381,7 +382,7 @@ def _scan_view(
 
 
 def _write(joint: JointSimplification, target: Path, *, turned: bool) -> None:
-    mesh = joint.mesh
+    mesh = with_used_vertices(joint.mesh)
     if turned:  # cameras look along +z, y down; glTF has +y up
         mesh = mesh.replace(vertices=mesh.vertices * np.array([1.0, -1.0, -1.0]))
     write_mesh(mesh, target)

@@ -36,6 +36,7 @@ from manip3d.io._files import open_regular
 from manip3d.simplify._bandwidth import LEAST_POINTS, Bandwidth, fit_bytes
 from manip3d.simplify._depth import DenseImage, DepthSimplification, Variant, cs3, cs3_grid
 from manip3d.simplify._depth_steps import DEPTH_STEP, cut_depth_steps
+from manip3d.simplify._parts import with_used_vertices
 from manip3d.simplify._pixel_maps import confidence_of_levels, mask_image, masked_depth
 from manip3d.simplify._relief import relief, relief_grid
 from manip3d.simplify._sampling import sample_depth, sample_depth_grid
@@ -82,7 +83,8 @@ class DepthOptions:
     unit : str
         Unit of a depth image, as `manip3d.io.read_depth_guessing` takes it; not of a scan.
     max_edge : float or None
-        Faces with a longer edge are left out; metres, or the unit of the scan.
+        Faces with a longer edge are left out, with method ``relief`` those between neighbouring
+        pixels; metres, or the unit of the scan.
     depth_step : float
         Faces across a larger step in depth are left out, see `cut_depth_steps`; 0: none is. For a
         scan, which has no depth, only the default.
@@ -522,7 +524,7 @@ def _from_depth(
             without = cut_depth_steps(uncut, seen)
             left = uncut.num_faces - without.num_faces
             left_area = 1.0 - _area(without) / (_area(uncut) or 1.0) if left else 0.0
-        mesh = found.mesh
+        mesh = with_used_vertices(found.mesh)
         if is_yup:  # cameras look along +z, y down; glTF has +y up
             mesh = mesh.replace(vertices=mesh.vertices * np.array([1.0, -1.0, -1.0]))
         cut = uncut.num_faces - found.num_faces
@@ -697,7 +699,8 @@ def _from_scan(path: Path, output: Path, options: DepthOptions, maps: _Maps) -> 
     def make(points: int) -> _Made:
         started = time.perf_counter()
         found = function(grid.points, valid, points, **asked)
-        return _Made(found, found.mesh, 0, time.perf_counter() - started)
+        seconds = time.perf_counter() - started
+        return _Made(found, with_used_vertices(found.mesh), 0, seconds)
 
     measured = _Measured.of(valid)
     made = _write(make, path, output, options, measured, has_steps=False)

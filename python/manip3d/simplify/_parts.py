@@ -105,6 +105,12 @@ def take_faces(mesh: Mesh, chosen: NDArray[np.int64]) -> tuple[Mesh, NDArray[np.
     return Mesh(vertices, faces, materials=mesh.materials, source=mesh.source, **tables), used
 
 
+def with_used_vertices(mesh: Mesh) -> Mesh:
+    """The mesh without the vertices that no face uses; the mesh itself if there are none."""
+    taken, used = take_faces(mesh, np.arange(mesh.num_faces))
+    return mesh if len(used) == mesh.num_vertices else taken
+
+
 def join(parts: Sequence[Mesh], faces: NDArray[np.int32], last: Mesh | None) -> Mesh:
     """All parts in one mesh, whose faces are given.
 
