@@ -25,7 +25,7 @@ from manip3d.diary import (
     fit_mixed_model,
     simulate_cohort,
 )
-from manip3d.diary._analysis import _paired, _share
+from manip3d.diary._analysis import Estimate, _paired, _satterthwaite, _share, fit_slope
 
 EFFECTS = (-4.0, -10.0)
 START = datetime(2026, 3, 2, 9, 0, tzinfo=UTC)
@@ -183,3 +183,31 @@ def test_a_study_that_has_just_begun(tmp_path: Path) -> None:
         found = analyse(diary)
     assert (found.model, found.paired, found.adherence_slope) == (None, (None, None), None)
     assert (found.responders_30.of, found.responders_30.low, found.responders_30.high) == (0, 0, 1)
+
+
+def test_degrees_of_freedom_of_a_balanced_design() -> None:
+    """The mean of k groups alike has k - 1, whatever the two variances are."""
+    for groups, size, within, between in ((5, 4, 1.0, 0.3), (9, 3, 0.2, 2.0), (4, 6, 1.0, 1.0)):
+        together = np.kron(np.eye(groups), np.ones((size, size)))
+        design = np.ones((groups * size, 1))
+        df = _satterthwaite(design, together, within, between, np.ones(1))
+        assert df == pytest.approx(groups - 1)
+
+
+def test_slopes_against_scipy_and_without_residual() -> None:
+    rng = np.random.default_rng(2)
+    for count in (3, 4, 20):
+        x, y = rng.normal(size=(2, count))
+        found, expected = fit_slope(x, y), stats.linregress(x, y)
+        assert found is not None
+        half = expected.stderr * stats.t.ppf(0.975, count - 2)
+        assert (found.value, found.p, found.df) == pytest.approx(
+            (expected.slope, expected.pvalue, count - 2)
+        )
+        assert (found.low, found.high) == pytest.approx(
+            (expected.slope - half, expected.slope + half)
+        )
+    days = np.arange(4.0)
+    for slope, p in ((2.0, 0.0), (0.0, 1.0)):  # all values on a line: nothing is left to chance
+        exact = fit_slope(days, 8 + slope * days)
+        assert exact == Estimate(slope, slope, slope, p, 2.0)
