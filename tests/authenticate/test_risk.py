@@ -208,7 +208,7 @@ def test_the_printed_correlation_on_random_streams() -> None:
         now = None if polars[-1] is None else attack(*place)
         risk = tracker.update(now, speed_mps=10.0)  # X_n = 10
         pairs = list(itertools.pairwise(polars[-11:]))
-        # Of two numbers each: numpy's correlation is +1 or -1.
+        # Two numbers each have a correlation of +1 or -1 in numpy.
         expected = sum(np.corrcoef(a, b)[0, 1] for a, b in pairs if a and b) / 10
         assert risk.factors["space"] == pytest.approx(expected, abs=1e-12)
 

@@ -109,7 +109,7 @@ def test_the_step_of_a_depth(
     nearer = np.float32([depth, depth, 0]) / np.float32(metres)
     farther = np.float32([depth + 0.99 * limit, depth + 1.01 * limit, depth]) / np.float32(metres)
     assert rule.differ(nearer, farther).tolist() == [False, True, False]
-    # And in the mesh: two columns of pixels, one at each depth.
+    # The mesh of two columns of pixels, one at each depth, is cut by the same rule.
     camera = Intrinsics(2, 2, focal or 1.0, focal or 1.0, 0.5, 0.5)
     for share, faces in ((0.99, 2), (1.01, 0)):
         image = np.tile([depth, depth + share * limit], (2, 1)) / metres
