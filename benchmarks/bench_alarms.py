@@ -3,8 +3,10 @@
 ``python benchmarks/bench_alarms.py scans.jsonl`` judges clean scans of three scanners, for the
 section `alarms` of RESULTS.md: frames of drives of an HDL-64E, each with the turns before and after
 (detectors III, IV and V) and each alone (III and V), terrestrial scans of 0.2 degrees (I and II),
-and an HDL-32E, which no detector is calibrated for. ``--calibrate`` prints the strongest clean
-evidence of detectors IV and V instead, on streets that are in no report: their thresholds.
+an HDL-32E, which no detector is calibrated for, and three scanners by Hesai and Ouster, whose
+drivers leave their lattices exact (III, by the lattice of each scan). ``--calibrate`` prints the
+strongest clean evidence of detectors IV and V instead, on streets that are in no report: their
+thresholds.
 
 Every scan is a line of the file that is named; scans that it has are not judged again, so that a
 run that was stopped goes on; ``--minutes`` stops it, and the table is of what was judged until
@@ -24,6 +26,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from measuring import one_thread
 
@@ -32,6 +35,7 @@ if TYPE_CHECKING:
     from manip3d.lidar import LidarFrame
 
 Line = dict[str, Any]
+Doubles = NDArray[np.float64]
 
 JUDGED = 10
 """Frames of a drive that have both neighbours."""
@@ -74,31 +78,94 @@ def terrestrial_scans(number: int) -> Iterator[Line]:
 
 def hdl32e_scans(number: int) -> Iterator[Line]:
     """A frame of an HDL-32E on the car of a street, standing still for a turn."""
-    from manip3d import LidarFrame, simulate
+    from manip3d import LidarFrame
     from manip3d.authenticate._sensors import BEAMS
 
     random = np.random.default_rng(number)
-    street = simulate.street(number)
-    position, yaw = street.pose([1.0])
     azimuth = np.radians(np.arange(360 * BEAMS_PER_DEGREE) / BEAMS_PER_DEGREE)
     angle, height = (each.ravel() for each in np.meshgrid(azimuth, np.radians(BEAMS["HDL-32E"])))
     level = np.cos(height)
     beams = np.column_stack([level * np.cos(angle), level * np.sin(angle), np.sin(height)])
-    cos, sin = np.cos(yaw[0]), np.sin(yaw[0])
-    to_world = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    aim = (beams @ to_world.T).astype(np.float32)
-    origins = np.tile(position[0].astype(np.float32), (len(aim), 1))
-    hits = street.stage.cast(origins, aim, np.full(len(aim), 1.0, np.float32))
-    seen = hits.distance < 70.0
-    ranges = hits.distance[seen] + random.normal(0.0, 0.02, int(np.count_nonzero(seen)))
+    ranges = ranges_on_street(number, np.zeros_like(beams), beams)
+    seen = ranges < 70.0
+    ranges = ranges[seen] + random.normal(0.0, 0.02, int(np.count_nonzero(seen)))
     points = np.ascontiguousarray(beams[seen] * ranges[:, None], np.float32)
     yield {"frame": 0, "alone": judged(LidarFrame(points, origin=(0.0, 0.0, 0.0)))}
+
+
+def ranges_on_street(number: int, start: Doubles, beams: Doubles) -> Doubles:
+    """Distances along beams, in the frame of a scanner on the car that stands for a turn, metres.
+
+    Infinite where nothing answers.
+    """
+    from manip3d import simulate
+
+    street = simulate.street(number)
+    position, yaw = street.pose([1.0])
+    cos, sin = np.cos(yaw[0]), np.sin(yaw[0])
+    to_world = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    aim, origins = beams @ to_world.T, start @ to_world.T + position[0]
+    at = np.full(len(aim), 1.0, np.float32)
+    hits = street.stage.cast(origins.astype(np.float32), aim.astype(np.float32), at)
+    return np.asarray(hits.distance, np.float64)
+
+
+def exact_scans(number: int) -> Iterator[Line]:
+    """A frame as the driver of a Hesai Pandar40P, a PandarXT-32 or an Ouster OS1-32 computes it."""
+    yield {"frame": 0, "alone": judged(exact_scan(number))}
+
+
+def exact_scan(number: int) -> LidarFrame:
+    """The frame of `exact_scans`: single precision, whole steps of azimuth and range.
+
+    Hesai: firing by firing, beams through the axis, 0.01 degrees, 4 mm, half of the frames with a
+    second return of some firings. Ouster: ring by ring clockwise, beams that start 15.8 mm off the
+    axis and 36 mm above the origin, 1024 columns, 1 mm, half of the frames without ``ring``.
+    """
+    from manip3d import LidarFrame
+    from manip3d.authenticate._sensors import BEAMS
+
+    random = np.random.default_rng(number)
+    model = ("Hesai Pandar40P", "Hesai PandarXT-32", "OS1-32")[number % 3]
+    is_ouster = model == "OS1-32"
+    heights = np.radians(np.linspace(21.5, -21.5, 32) if is_ouster else BEAMS[model])
+    heights = heights + np.radians(random.normal(0.0, 0.05, len(heights)))  # a unit's calibration
+    columns = 1024 if is_ouster else 1800
+    turn = np.radians(np.arange(columns) * 360.0 / columns)
+    beside = np.resize([3.1, 1.0, -1.0, -3.1] if is_ouster else [-3.3, 0.0, 3.3, 1.0], len(heights))
+    beside = np.radians(np.round(beside + random.normal(0.0, 0.03, len(heights)), 3))
+    shape = (len(heights), columns)
+    ring, column = (np.indices(shape) if is_ouster else np.indices(shape[::-1])[::-1]).reshape(
+        2, -1
+    )
+    encoder = -turn[column].astype(np.float32)
+    angle = encoder + beside[ring].astype(np.float32)
+    level, rise = np.cos(heights).astype(np.float32), np.sin(heights).astype(np.float32)
+    beams = np.column_stack([level[ring] * np.cos(angle), level[ring] * np.sin(angle), rise[ring]])
+    start = np.zeros_like(beams)
+    if is_ouster:
+        start = np.column_stack([0.015806 * np.cos(encoder), 0.015806 * np.sin(encoder)])
+        start = np.column_stack([start, np.full(len(start), 0.036195)]).astype(np.float32)
+    step = 0.001 if is_ouster else 0.004
+    ranges = ranges_on_street(number, start.astype(np.float64), beams.astype(np.float64))
+    ranges += random.normal(0.0, 0.015, len(ranges))
+    seen = (ranges < 90.0) & (ranges > 0.3) & (random.random(len(ranges)) > 0.02)
+    rows = np.flatnonzero(seen)
+    counts = np.rint(ranges[rows] / step)
+    if not is_ouster and number % 2:  # the second return of a firing, behind the first
+        again = random.random(len(rows)) < 0.08
+        rows, counts = np.r_[rows, rows[again]], np.r_[counts, counts[again] + 250]
+    whole = counts.astype(np.float32) * np.float32(step)
+    points = (start[rows] + beams[rows] * whole[:, None]).astype(np.float32)
+    labels = ring[rows].astype(np.uint16) if is_ouster and number % 2 else None
+    return LidarFrame(np.ascontiguousarray(points), ring=labels, origin=(0.0, 0.0, 0.0))
 
 
 SCANNERS: dict[str, Callable[[int], Iterator[Line]]] = {
     "HDL-64E": drive_scans,
     "terrestrial": terrestrial_scans,
     "HDL-32E": hdl32e_scans,
+    "exact": exact_scans,
 }
 
 
@@ -235,18 +302,18 @@ def report(file: Path, streets: range, others: range, until: float) -> str:
     import tables
 
     # The other scanners first: they take a tenth of the time.
-    terrestrial, other = (
-        run(file, "terrestrial", others, until),
-        run(file, "HDL-32E", others, until),
+    terrestrial, other, exact = (
+        run(file, name, others, until) for name in ("terrestrial", "HDL-32E", "exact")
     )
     drives = run(file, "HDL-64E", streets, until)
     beside, alone = ([line[key] for line in drives] for key in ("beside", "alone"))
-    judged_once = [line["alone"] for line in terrestrial + other]
+    judged_once = [line["alone"] for line in terrestrial + other + exact]
     kinds = {
         "HDL-64E, with the turns before and after (III, IV, V)": beside,
         "HDL-64E, alone (III, V)": alone,
         "terrestrial, 0.2 degrees (I, II)": [line["alone"] for line in terrestrial],
         "HDL-32E (no detector)": [line["alone"] for line in other],
+        "Hesai, Ouster, exact (III)": [line["alone"] for line in exact],
         "all, once each": beside + judged_once,
     }
     rows = [row(name, lines) for name, lines in kinds.items() if lines]

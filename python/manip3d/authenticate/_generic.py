@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
 from manip3d._util.showing import Showable
 from manip3d.authenticate._carriers import ALLOWED, MILLIMETRES, allowance, allowing
-from manip3d.authenticate._lattice import SensorLattice, estimate_lattice
+from manip3d.authenticate._lattice import LINE_TOLERANCE, SensorLattice, estimate_lattice
 from manip3d.authenticate._verdict import NO_POWER, Calibration, Power, Verdict
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame
@@ -274,6 +274,10 @@ class GenericResult(Showable):
         )
 
 
+RANGE_INCOHERENCE, EXACT_INCOHERENCE = 0.12, 0.02
+"""Share of clean points, at most, whose range is more than a quarter step off: whole millimetres
+leave 0.06 to 0.09 in KITTI, single precision leaves none."""
+
 FEWEST_DIRECTIONS = 1000
 """Fewest pairs of laser and step that answered in a frame that can be judged; copies are one."""
 
@@ -286,8 +290,8 @@ def generic_consistency(
     previous: LidarFrame | ArrayLike | None = None,
     following: LidarFrame | ArrayLike | None = None,
     false_alarm_rate: float = 0.01,
-    tolerance: float = 0.002,
-    range_incoherence: float = 0.12,
+    tolerance: float | None = None,
+    range_incoherence: float | None = None,
     azimuth_error: float = 0.0,
     threads: int = 0,
 ) -> GenericResult:
@@ -306,12 +310,13 @@ def generic_consistency(
         The frame a turn later, in the same sense; beside ``previous`` it must have answered, too.
     false_alarm_rate : float
         Share of clean frames that may be called tampered; in (0, 1).
-    tolerance : float, metres
-        How far from its line and step a point may be; coordinates of whole millimetres leave 0.8
-        mm.
-    range_incoherence : float
+    tolerance : float, metres, optional
+        How far from its line and step a point may be; by default that of the lattice. Coordinates
+        of whole millimetres leave 0.8 mm, of 2 that are allowed.
+    range_incoherence : float, optional
         Share of clean points, at most, whose range is more than a quarter of the scanner's step off
-        a whole number of steps; in (0, 0.5). Whole millimetres leave 0.06 to 0.09 in KITTI.
+        a whole number of steps; in (0, 0.5). By default 0.12, of an exact lattice 0.02: whole
+        millimetres leave 0.06 to 0.09 in KITTI.
     azimuth_error : float, metres
         How far along the arc points may have been moved, besides rounding to whole millimetres;
         where half a step of the encoder is shorter, nothing is said of a point's firing.
@@ -373,20 +378,56 @@ def generic_consistency(
         except InputError:
             _core.check_points(cloud, np.empty(0, np.float32))
             return _undecidable(false_alarm_rate)
-    scan = frame if isinstance(frame, LidarFrame) else LidarFrame(cloud, origin=(0.0, 0.0, 0.0))
-    found = _examined(
-        cloud, lattice, previous, following, _Limits(tolerance, range_incoherence, azimuth_error),
-        None, threads,
+    own = _Limits.of(lattice)
+    limits = _Limits(
+        own.tolerance if tolerance is None else tolerance,
+        own.range_incoherence if range_incoherence is None else range_incoherence,
+        azimuth_error,
+    )
+    return _consistency(
+        frame, lattice, previous, following, limits, None, false_alarm_rate,
+        is_stated=calibration is not None, threads=threads,
     )  # fmt: skip
-    return _judged(found, scan, lattice, false_alarm_rate, is_stated=calibration is not None)
+
+
+def _consistency(
+    frame: LidarFrame | ArrayLike,
+    lattice: SensorLattice,
+    previous: LidarFrame | ArrayLike | None,
+    following: LidarFrame | ArrayLike | None,
+    limits: _Limits,
+    reading: LatticeReading | None,
+    false_alarm_rate: float,
+    *,
+    is_stated: bool,
+    threads: int,
+) -> GenericResult:
+    """Judge a frame; of an exact lattice, the points that it tells of."""
+    cloud = _points_of(frame, "points")
+    scan = frame if isinstance(frame, LidarFrame) else LidarFrame(cloud, origin=(0.0, 0.0, 0.0))
+    if not lattice.is_exact:
+        found = _examined(cloud, lattice, previous, following, limits, reading, threads)
+        return _judged(found, scan, lattice, false_alarm_rate, is_stated=is_stated)
+    kept = np.flatnonzero(lattice.is_told_exactly(scan, reading))
+    told = scan.select(kept)
+    reading = _ranges_as_lines(lattice.read(told.points, threads=threads), limits.tolerance)
+    found = _examined(told.points, lattice, None, None, limits, reading, threads)
+    judged = _judged(found, told, lattice, false_alarm_rate, is_stated=is_stated)
+    return judged.with_rows(kept, scan)
 
 
 class _Limits(NamedTuple):
     """How far clean points may lie off the lattice; see `generic_consistency`."""
 
-    tolerance: float = 0.002
-    range_incoherence: float = 0.12
+    tolerance: float = LINE_TOLERANCE
+    range_incoherence: float = RANGE_INCOHERENCE
     azimuth_error: float = 0.0
+
+    @classmethod
+    def of(cls, lattice: SensorLattice) -> Self:
+        """What clean scans of the scanner may leave."""
+        share = EXACT_INCOHERENCE if lattice.is_exact else RANGE_INCOHERENCE
+        return cls(lattice.tolerance, share)
 
 
 def _examined(
@@ -412,6 +453,15 @@ def _examined(
         None if reading is None else reading.columns,
     )
     return found
+
+
+def _ranges_as_lines(reading: LatticeReading, tolerance: float) -> LatticeReading:
+    """The reading with what is off the ranges said to be off its line: it tells of a point alone.
+
+    Rounding leaves windows of ranges for it to tell; an exact cloud has none.
+    """
+    off = np.abs(reading.range_error) > tolerance
+    return replace(reading, line_error=np.where(off, reading.range_error, reading.line_error))
 
 
 def consistency_allowing(
@@ -442,8 +492,7 @@ def consistency_allowing(
         False: the lattice was read off the frame itself, so that what contradicts it is no sign of
         processing.
     """
-    cloud = _points_of(frame, "points")
-    limits = _Limits()
+    limits = _Limits.of(lattice)
     if embedding in ALLOWED:
         allowed = allowance(embedding, units_per_m)
         limits = _Limits(
@@ -452,9 +501,10 @@ def consistency_allowing(
             allowed.azimuth_error,
         )
         lattice, reading = allowing(lattice, embedding), None
-    scan = frame if isinstance(frame, LidarFrame) else LidarFrame(cloud, origin=(0.0, 0.0, 0.0))
-    found = _examined(cloud, lattice, previous, following, limits, reading, threads)
-    return _judged(found, scan, lattice, false_alarm_rate, is_stated=is_stated)
+    return _consistency(
+        frame, lattice, previous, following, limits, reading, false_alarm_rate,
+        is_stated=is_stated, threads=threads,
+    )  # fmt: skip
 
 
 def _points_of(frame: LidarFrame | ArrayLike | None, name: str) -> NDArray[np.float32]:
@@ -494,7 +544,9 @@ def _judged(
     *,
     is_stated: bool,
 ) -> GenericResult:
-    points = scan.num_points
+    points, fewest = scan.num_points, 2
+    if lattice.is_exact:
+        found, fewest = _of_exact(found), FEWEST_EXACT
     rules = {kind: kind for kind in EVIDENCE}
     if found["turns"] > 1:
         rules["time"] = "between"
@@ -521,7 +573,7 @@ def _judged(
         for i in sorted(alarming, key=lambda i: (logs[i], i))
     )
     suspected = np.flatnonzero(np.isin(found["region_of_point"], alarming))
-    log, rows = _scattered(found["flags"], scan.points, suspected)
+    log, rows = _scattered(found["flags"], scan.points, suspected, fewest)
     best.append(log)
     logs.append(min(0.0, tests + log))
     if 10.0 ** logs[-1] <= false_alarm_rate:
@@ -544,6 +596,33 @@ def _judged(
     )
 
 
+def _of_exact(found: Mapping[str, Any]) -> Mapping[str, Any]:
+    """What was found, of the kinds of evidence that an exact lattice knows.
+
+    Some scanners state two returns of a firing, and each writes its points in another order. A
+    laser that answered once or twice has no line, so that few points are no evidence.
+    """
+    known = [kind in KNOWN_EXACTLY for kind in EVIDENCE]
+    evidence = [
+        (dropped if is_known else "unknown", share, strength)
+        for is_known, (dropped, share, strength) in zip(known, found["evidence"], strict=True)
+    ]
+    flags = found["flags"] & sum(1 << EVIDENCE.index(kind) for kind in KNOWN_EXACTLY)
+    of_point = np.where(flags != 0, found["region_of_point"], -1)
+    size = np.bincount(of_point[of_point >= 0], minlength=len(found["regions"]))
+    regions = [
+        (np.where(known, strengths, 0.0) if many >= FEWEST_EXACT else np.zeros(len(known)), *place)
+        for many, (strengths, *place) in zip(size, found["regions"], strict=True)
+    ]
+    return {
+        **found,
+        "evidence": evidence,
+        "regions": regions,
+        "flags": flags,
+        "region_of_point": of_point,
+    }
+
+
 def _quiet_verdict(
     evidence: Mapping[str, EvidenceReport], directions: int, is_stated: bool
 ) -> Verdict:
@@ -562,6 +641,9 @@ OFF_LATTICE = sum(1 << EVIDENCE.index(kind) for kind in ("grid", "line", "step",
 """Bits of the kinds that are said of a forged point itself: of two returns of one firing one is
 clean, and windows of ranges reach beyond the object."""
 
+KNOWN_EXACTLY, FEWEST_EXACT = ("line", "step", "range"), 5
+"""Kinds of evidence that an exact lattice knows, and fewest points of a region off it."""
+
 STRAYING = ("grid", "line", "step")
 """Kinds that are said of a point alone, wherever it is."""
 
@@ -570,16 +652,19 @@ GROUP = 0.5
 
 
 def _scattered(
-    flags: NDArray[np.uint16], points: NDArray[np.float32], known: NDArray[np.int64]
+    flags: NDArray[np.uint16],
+    points: NDArray[np.float32],
+    known: NDArray[np.int64],
+    fewest: int,
 ) -> tuple[float, NDArray[np.int64]]:
     """The group of points off the lattice, apart from each other, that chance explains least.
 
     Its log10 p-value: that one of all points strays, and so many of those around it. Rows of
-    ``known`` are in no group.
+    ``known`` are in no group, nor are fewer than ``fewest``.
     """
     bits = sum(1 << EVIDENCE.index(kind) for kind in STRAYING)
     rows = np.setdiff1d(np.flatnonzero(flags & bits), known)
-    if not 2 <= len(rows) <= MOST_SCATTERED:
+    if not fewest <= len(rows) <= MOST_SCATTERED:
         return 0.0, rows[:0]
     away = points[rows, None].astype(np.float64) - points[None, rows]
     near = (away * away).sum(axis=2) <= SCATTER**2
@@ -587,6 +672,8 @@ def _scattered(
     around = points.astype(np.float64) - points[rows[center]]
     crowd = int(np.count_nonzero((around * around).sum(axis=1) <= SCATTER**2))
     group = rows[near[center]]
+    if len(group) < fewest:
+        return 0.0, rows[:0]
     log = math.log10(len(points) * STRAY_RATE)
     return min(0.0, log + (len(group) - 1) * math.log10(crowd * STRAY_RATE)), group
 

@@ -24,6 +24,7 @@ from manip3d.authenticate._carriers import (
 from manip3d.authenticate._density import PAPER_DENSITY, DensityResult, density_consistency
 from manip3d.authenticate._generic import (
     EVIDENCE,
+    IN_WORDS,
     MISSING,
     GenericResult,
     consistency_allowing,
@@ -101,6 +102,15 @@ LATTICE_CALIBRATION = Calibration(
 )
 """The clean frames that detector III was asked about: its p-values below 1 / 511 are a model's, and
 `inspect` states none that is smaller."""
+
+EXACT_CALIBRATION = Calibration(
+    "simulated streets 90000 to 91019, one turn each of a Hesai Pandar40P, a PandarXT-32 or an "
+    "Ouster OS1-32, which fixed no threshold: single precision does",
+    1020,
+    0,
+    "Of five real clouds of five such scanners no point is off its own lattice.",
+)
+"""The same of lattices that are exact."""
 
 SENSORS = ("auto", "lattice", "terrestrial", "other")
 """What a caller can say of the scanner; ``auto``: `identify_sensor` tells."""
@@ -372,7 +382,8 @@ def inspect(
         Edits of each class that are planted in copies of this very scan, with its neighbours if
         both were given: ``power`` says in ``here_found`` how many are found. Only a scan that is
         ``no_trace``, of a spinning scanner and without a watermark, is planted in. Each edit takes
-        as long as an inspection.
+        as long as an inspection. A scan on an exact lattice whose power is not known becomes
+        ``no_trace`` by them, if half of the edits of some class are found.
     printed : bool
         Ask detectors I and II with the thresholds printed in the dissertation. They were printed
         for terrestrial scanners: scans of all others are undecidable then.
@@ -395,10 +406,13 @@ def inspect(
     -----
     Detector III judges scanners whose lattice is known, detectors IV and V beside it, detectors I
     and II the terrestrial scanners that they are calibrated for; scans of other scanners are
-    ``undecidable``. Of the clean scans of a spinning scanner 1 % at most may be called tampered,
-    whichever detector does it: III may use up 0.1 % of them, IV 0.7 %, V 0.2 %. No verdict says
-    that a scan is authentic: an attacker who rewrites ranges of existing firings leaves no trace in
-    it. Only a keyed watermark proves that nothing was changed.
+    ``undecidable``. Clouds that nobody has rounded since the driver of a Hesai or an Ouster
+    computed them are exact, and tell their lattice themselves: detector III judges them, too, but
+    what share of edits it finds is not known unless edits are planted in them (``plant``) or
+    `calibrate_lattice` has measured it. Of the clean scans of a spinning scanner 1 % at most may be
+    called tampered, whichever detector does it: III may use up 0.1 % of them, IV 0.7 %, V 0.2 %. No
+    verdict says that a scan is authentic: an attacker who rewrites ranges of existing firings
+    leaves no trace in it. Only a keyed watermark proves that nothing was changed.
 
     A watermark that holds proves nothing of what came before it: the detectors look at the scan as
     it was signed. The lowest bits (`lbm`) take the steps of the scanner's ranges with them, so that
@@ -453,19 +467,46 @@ def _planted(
 ) -> Inspection:
     """The result with what is found of edits in copies of the scan, where nothing was found yet."""
     scan, sensor, place = result.scan, result.sensor, result.origin
-    if result.verdict != "no_trace" or scan is None or place is None:
+    is_unmeasured = _is_unmeasured(result)
+    if not is_unmeasured and result.verdict != "no_trace":
         return result
-    if sensor is None or sensor.lattice is None:
+    if scan is None or place is None or sensor is None or sensor.lattice is None:
         return result
     frames = [_at_origin(scan, place)]
-    if previous is not None and following is not None:
+    if previous is not None and following is not None and not is_unmeasured:
         before, after = (_at_origin(_as_frame(other), place) for other in (previous, following))
         frames = [before, *frames, after]
     here = measure_power(
         frames, sensor.lattice, planted=plant, neighbours=len(frames) > 1, threads=threads,
         progress=progress,
     )  # fmt: skip
+    if is_unmeasured:
+        return _measured_here(result, here)
     return replace(result, planted_here=ReadOnlyMapping(here))
+
+
+def _is_unmeasured(result: Inspection) -> bool:
+    """Whether detector III found nothing by an exact lattice, and its power is not known."""
+    sensor, generic = result.sensor, result.generic
+    if result.verdict != "undecidable" or result.processing or generic is None or sensor is None:
+        return False
+    is_exact = sensor.lattice is not None and sensor.lattice.is_exact
+    return is_exact and generic.verdict == "no_trace"
+
+
+def _measured_here(result: Inspection, here: Mapping[str, Power]) -> Inspection:
+    """The result of a scan whose own planted edits are all that is known of the power."""
+    power = ReadOnlyMapping(
+        {name: replace(each, source="edits planted in this scan") for name, each in here.items()}
+    )
+    reports = tuple(
+        replace(report, verdict="no_trace", reason=IN_WORDS["no_trace"], power=power)
+        if report.name == "generic"
+        else report
+        for report in result.detectors
+    )
+    verdict = combined_verdict(reports)
+    return replace(result, verdict=verdict, reason=_reason(verdict, reports, ()), detectors=reports)
 
 
 class _Asked(NamedTuple):
@@ -736,7 +777,7 @@ def _judged_by_lattice(
         is_stated=not sensor.is_own,
         threads=threads,
     )
-    if sensor.is_own:
+    if sensor.is_own and not sensor.lattice.is_exact:
         judge = functools.partial(_where_told, judge, sensor.lattice)
     generic = judge(centred, reading=reading)
     if not generic.evidence["duplicate"].share > 0.0:
@@ -1025,7 +1066,9 @@ def _of_generic(
         return DetectorReport(
             "generic", "processed", "the points were moved off the lattice of the scanner"
         )
-    least = 1.0 / (1 + LATTICE_CALIBRATION.num_scans)
+    is_exact = sensor.lattice is not None and sensor.lattice.is_exact
+    calibration = EXACT_CALIBRATION if is_exact else LATTICE_CALIBRATION
+    least = 1.0 / (1 + calibration.num_scans)
     regions = tuple(
         Region(_moved(region.box, place), region.rows, max(least, region.p_value), region.strength)
         for region in found.regions
@@ -1034,7 +1077,7 @@ def _of_generic(
     return DetectorReport(
         "generic", found.verdict, found.reason, found.score,
         max(least, found.p_value) if judged else None,
-        regions, found.suspected, known_power("generic", sensor, embedding), LATTICE_CALIBRATION,
+        regions, found.suspected, known_power("generic", sensor, embedding), calibration,
     )  # fmt: skip
 
 

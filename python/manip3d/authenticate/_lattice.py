@@ -47,6 +47,40 @@ COORDINATE_STEPS = (1e-2, 5e-3, 2e-3, 1e-3, 1e-4)
 RANGE_STEPS = (1e-2, 5e-3, 4e-3, 2e-3)
 """Metres that are looked for, the coarsest first: every finer one fits a coarser one's data."""
 
+EXACT_TOLERANCE = 1e-4
+"""Metres from a line or a step, in a cloud whose coordinates are those that the scanner's driver
+computed, in single precision: they are within 3e-5 of them 100 m away."""
+
+EXACT_STEPS = (512, 1024, 1800, 2048, 3600, 4096, 9000, 18_000, 36_000)
+"""Counts of encoders that are looked for in exact clouds, the coarsest first: Ouster's columns of a
+turn, and whole numbers of 0.01 degrees, in which Hesai's packets state azimuths."""
+
+MOST_STEPS_BESIDE = 4096
+"""Counts of encoders up to which beams may pass beside the axis: the places that are tried are too
+far apart for finer ones, whose scanners have their beams pass through it."""
+
+EXACT_RANGE_STEPS = (*RANGE_STEPS, 1e-3)
+"""The same of exact clouds; Ouster measures whole millimetres."""
+
+LEAST_EXACT = 0.8
+"""Share of the points of an exact cloud that are on lines, steps and ranges: edits spoil a few."""
+
+WIDE_GAP = 1.4
+"""Times the narrower of the gaps beside it: a wider one between lines may hold a laser that
+answered too little for a line."""
+
+LEAST_SPREAD = 1e-3
+"""Metres from nearest to farthest that a line of an exact cloud needs; how far it can be trusted is
+in ``slope_error``."""
+
+SAME_ELEVATION, FEWEST_ALIKE, MOST_RINGS = 4e-7, 3, 256
+"""Radians between neighbours among the sorted elevations of a laser of an exact cloud, of which
+single precision leaves 1e-7; points that chance leaves no nearer to each other; and lasers that a
+spinning scanner has at most."""
+
+BEGIN_OF_TURN = math.radians(2.0)
+"""Azimuth before that of the first point at which rings may begin, where azimuths descend."""
+
 FEWEST_POINTS = 100
 """A ring with fewer points is not taken for one, unless the frame says which points are its own."""
 
@@ -125,6 +159,8 @@ class SensorLattice:
         Share of the edits of each class that detector III finds in clean scans of this scanner, as
         `calibrate_lattice` measures it; empty: not measured. Without it `inspect` says
         ``no_trace`` of no scanner but the HDL-64E.
+    tolerance : float
+        How far from lines and steps clean points may be, metres.
     """
 
     slope: Floats
@@ -139,6 +175,12 @@ class SensorLattice:
     coordinate_step: float
     incoherence: float
     power: Mapping[str, Power] = field(default_factory=lambda: NO_POWER, repr=False)
+    tolerance: float = LINE_TOLERANCE
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether its scans have the coordinates that the scanner's driver computed, unrounded."""
+        return self.tolerance < LINE_TOLERANCE
 
     @property
     def table(self) -> Floats:
@@ -234,18 +276,11 @@ class SensorLattice:
             laser, at distances that differ by less than a third, fewer than `FEWEST_TOLD` or
             fewer than half are on the lattice.
         """
-        x, y, z = points.astype(np.float64).T
-        rho = np.hypot(x, y)
-        order = np.argsort(self.slope)
-        (low, above), (below, high) = order[:2], order[-2:]
-        lower = self.slope[low] - (self.slope[above] - self.slope[low]) / 2.0
-        upper = self.slope[high] + (self.slope[high] - self.slope[below]) / 2.0
-        told: NDArray[np.bool_] = rho > LINES_APART
-        told &= (z >= lower * rho + self.offset[low]) & (z <= upper * rho + self.offset[high])
         reading = self.read(points) if reading is None else reading
-        told &= reading.ring >= 0
+        told = self._is_between_lines(points) & (reading.ring >= 0)
+        rho = np.hypot(*points[:, :2].astype(np.float64).T)
         error = np.maximum(np.abs(reading.line_error), np.abs(reading.step_error))
-        on = error < LINE_TOLERANCE
+        on = error < self.tolerance
         place = np.log(np.maximum(rho, LINES_APART) / LINES_APART) / math.log(4.0 / 3.0)
         bins = int(place.max(initial=0.0)) + 1
         cell = reading.ring.clip(0) * bins + place.astype(np.intp)
@@ -254,6 +289,67 @@ class SensorLattice:
         good = np.bincount(cell[told & on], minlength=size)
         told &= ((good >= FEWEST_TOLD) & (2 * good >= there))[cell]
         return told
+
+    def is_told_exactly(
+        self, frame: LidarFrame, reading: LatticeReading | None = None
+    ) -> NDArray[np.bool_]:
+        """Return the points of a frame that an exact lattice can judge.
+
+        Parameters
+        ----------
+        frame : LidarFrame
+        reading : LatticeReading or None
+            Where its points lie on the lattice; None: it is read here.
+
+        Returns
+        -------
+        (N,) bool
+            False nearer to the axis than `LINES_APART`, farther above or below all lines than half
+            of the distance between the two outermost, and for points of lasers that may have no
+            line: fewer than half of those of a ring are on any, and they look as high as one laser
+            does; or nothing but the order of the file tells rings, and there is room for a laser.
+        """
+        reading = self.read(frame.points) if reading is None else reading
+        told = self._is_between_lines(frame.points) & (reading.ring >= 0)
+        cloud = _Cloud.of(frame)
+        known = cloud.labels >= 0
+        label = np.unique(cloud.labels[known], return_inverse=True)[1]
+        on = np.abs(reading.line_error[cloud.there]) < self.tolerance
+        no_line = 2 * np.bincount(label, on[known]) < np.bincount(label)
+        height = cloud.points[:, 2] / cloud.rho
+        apart = float(np.median(np.abs(np.diff(self.slope))))
+        rows = np.flatnonzero(cloud.there)
+        if cloud.is_by_order:
+            told[rows[~on & self._is_in_wide_gap(height)]] = False
+        for one in np.flatnonzero(no_line):
+            its = np.flatnonzero(known)[label == one]
+            if np.ptp(np.quantile(height[its], (0.1, 0.9))) < apart:
+                told[rows[its]] = False
+        return told
+
+    def _is_in_wide_gap(self, height: Floats) -> NDArray[np.bool_]:
+        """Whether heights over distances lie where a laser that answered little may look.
+
+        Lines are farther apart there than their neighbours.
+        """
+        lines = np.sort(self.slope)
+        gaps = np.diff(lines)
+        beside = np.minimum(np.r_[np.inf, gaps[:-1]], np.r_[gaps[1:], np.inf])
+        gap = np.searchsorted(lines, height) - 1
+        wide = np.r_[False, gaps > WIDE_GAP * beside, False]
+        return np.asarray(wide[gap + 1])
+
+    def _is_between_lines(self, points: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """Return the points that are far from the axis, and not far above or below all lines."""
+        x, y, z = points.astype(np.float64).T
+        rho = np.hypot(x, y)
+        order = np.argsort(self.slope)
+        (low, above), (below, high) = order[:2], order[-2:]
+        lower = self.slope[low] - (self.slope[above] - self.slope[low]) / 2.0
+        upper = self.slope[high] + (self.slope[high] - self.slope[below]) / 2.0
+        inside: NDArray[np.bool_] = rho > LINES_APART
+        inside &= (z >= lower * rho + self.offset[low]) & (z <= upper * rho + self.offset[high])
+        return inside
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write it as JSON.
@@ -310,6 +406,7 @@ class SensorLattice:
                 coordinate_step=float(values["coordinate_step"]),
                 incoherence=float(values["incoherence"]),
                 power=_power_of(values.get("power", {})),
+                tolerance=_tolerance_of(values.get("tolerance", LINE_TOLERANCE)),
             )
         except (
             ValueError,
@@ -320,6 +417,13 @@ class SensorLattice:
             RecursionError,
         ) as error:
             raise FormatError(f"not a sensor lattice: {error}", file=os.fspath(path)) from error
+
+
+def _tolerance_of(value: Any) -> float:
+    tolerance = float(value)
+    if not 0.0 < tolerance <= LINE_TOLERANCE:
+        raise ValueError(f"tolerance: expected metres in (0, {LINE_TOLERANCE}], got {tolerance}")
+    return tolerance
 
 
 def _power_of(values: Mapping[str, Mapping[str, Any]]) -> Mapping[str, Power]:
@@ -378,7 +482,8 @@ def estimate_lattice(
     ----------
     frames : LidarFrame or (N, 3) points, metres, or several of them
         Scans as the scanner gave them, the scanner at the origin. Without ``ring`` the points must
-        be in KITTI's order: ring after ring, azimuths ascending from 0 in each.
+        be in KITTI's order, ring after ring, azimuths ascending or descending in each, or each
+        laser's elevation must be the same to a millionth of a degree.
 
     Returns
     -------
@@ -394,6 +499,10 @@ def estimate_lattice(
     KITTI's HDL-64E: 64 lines to 0.3 mm (rounding to whole millimetres), an encoder of 4000 counts,
     lasers 26 mm left or right of the axis, ranges in steps of 2 mm. The lasers' order is their
     slope's. Velodyne, HDL-64E S2 manual, appendix: the calibration whose numbers these are.
+
+    Clouds of other scanners, as their drivers compute them (Hesai, Ouster), are exact: their points
+    are on the lines, on whole steps of azimuth and at whole ranges to what single precision leaves.
+    The lattice then has a ``tolerance`` of 0.1 mm.
 
     Examples
     --------
@@ -425,6 +534,9 @@ def estimate_lattice(
         )
     xyz = np.concatenate([cloud.points for cloud in clouds])
     members = [np.flatnonzero(ring == k) for k in range(len(slope))]
+    exact = _exact_lattice(rho, z, angle, members, slope, offset)
+    if exact is not None:
+        return exact
     steps = _find_steps(rho, angle, members)
     lateral, azimuth = np.zeros((2, len(slope)))
     if steps:
@@ -457,14 +569,18 @@ def estimate_lattice(
 
 @dataclass(frozen=True, eq=False)
 class _Cloud:
+    """Points that are not the scanner's own case, and the laser of each: -1 if none is known."""
+
+    there: NDArray[np.bool_]
     points: Floats
     rho: Floats
     azimuth: Floats
-    rings: tuple[NDArray[np.intp], ...]
+    labels: NDArray[np.int64]
+    is_by_order: bool
 
     @classmethod
     def of(cls, frame: LidarFrame | ArrayLike) -> _Cloud:
-        labels = frame.ring if isinstance(frame, LidarFrame) else None
+        labels = _labels_of(frame) if isinstance(frame, LidarFrame) else None
         points = frame.points if isinstance(frame, LidarFrame) else frame
         xyz = as_rows(points, 3, np.float32, "frames").astype(np.float64)
         if not np.isfinite(xyz).all():
@@ -473,14 +589,56 @@ class _Cloud:
         there = rho > NEAREST
         xyz, rho = xyz[there], rho[there]
         azimuth = np.mod(np.arctan2(xyz[:, 1], xyz[:, 0]), 2.0 * math.pi)
-        if labels is None:
-            starts = np.flatnonzero(np.diff(azimuth) < -math.pi) + 1
-            rings = np.split(np.arange(len(rho)), starts)
-        else:
-            kept = labels[there]
-            rings = [np.flatnonzero(kept == label) for label in np.unique(kept)]
-        fewest = FEWEST_POINTS if labels is None else FEWEST_LABELLED
-        return cls(xyz, rho, azimuth, tuple(ring for ring in rings if len(ring) >= fewest))
+        kept = _by_exact_elevation(rho, xyz[:, 2]) if labels is None else labels[there]
+        if kept is None:
+            return cls(there, xyz, rho, azimuth, _by_order(azimuth), True)
+        return cls(there, xyz, rho, azimuth, kept, False)
+
+    @property
+    def rings(self) -> list[NDArray[np.intp]]:
+        """Rows of each laser that has enough points for a line, in the order of the labels."""
+        order = np.argsort(self.labels, kind="stable")
+        ends = np.flatnonzero(np.diff(self.labels[order])) + 1
+        rings = np.split(order, ends)
+        fewest = FEWEST_POINTS if self.is_by_order else FEWEST_LABELLED
+        return [r for r in rings if len(r) >= fewest and self.labels[r[0]] >= 0]
+
+
+def _labels_of(frame: LidarFrame) -> NDArray[np.int64] | None:
+    """The ring of each point, where the frame states it, whatever the type of its numbers."""
+    if frame.ring is not None:
+        return frame.ring.astype(np.int64)
+    stated = (frame.fields or {}).get("ring")
+    if stated is None or stated.ndim != 1 or not np.isfinite(stated).all():
+        return None
+    labels = np.round(stated).astype(np.int64)
+    return labels if np.array_equal(labels, stated) else None
+
+
+def _by_exact_elevation(rho: Floats, z: Floats) -> NDArray[np.int64] | None:
+    """Ring of each point, -1 where it has none, if elevations are the same in each; else None."""
+    elevation = np.arctan2(z, rho)
+    order = np.argsort(elevation, kind="stable")
+    run = np.cumsum(np.r_[False, np.diff(elevation[order]) > SAME_ELEVATION])
+    size = np.bincount(run)
+    is_ring = size >= FEWEST_ALIKE
+    several = np.count_nonzero(size >= FEWEST_LABELLED)
+    if size[is_ring].sum() < LEAST_EXACT * len(rho) or several > MOST_RINGS:
+        return None
+    labels = np.empty(len(rho), np.int64)
+    labels[order] = np.where(is_ring, np.cumsum(is_ring), -1)[run]
+    return labels
+
+
+def _by_order(azimuth: Floats) -> NDArray[np.int64]:
+    """Number of the ring of each point of a file that has ring after ring."""
+    if len(azimuth) < 2:
+        return np.zeros(len(azimuth), np.int64)
+    step, back = np.diff(azimuth), -math.pi
+    if np.median(step) < 0.0:  # clockwise, from wherever the first ring begins
+        step = np.diff(np.mod(azimuth[0] + BEGIN_OF_TURN - azimuth, 2.0 * math.pi))
+        back = -1.0
+    return np.cumsum(np.r_[False, step < back])
 
 
 def _listed(
@@ -573,6 +731,163 @@ def _on_lines(rho: Floats, z: Floats, slope: Floats, offset: Floats) -> NDArray[
     ring, _, _, error, _, _ = _core.read_lattice(cloud, table, 0, 0.0, 0.0, 1)
     found: NDArray[np.int32] = np.where(np.abs(error) < LINE_TOLERANCE, ring, np.int32(-1))
     return found
+
+
+def _exact_lattice(
+    rho: Floats,
+    z: Floats,
+    angle: Floats,
+    members: Sequence[NDArray[np.intp]],
+    slope: Floats,
+    offset: Floats,
+) -> SensorLattice | None:
+    """The lattice of clouds whose coordinates nobody has rounded; None: these are none."""
+    errors = [np.abs(z[rows] - slope[k] * rho[rows] - offset[k]) for k, rows in enumerate(members)]
+    if np.median(np.concatenate(errors)) > EXACT_TOLERANCE:
+        return None
+    lines = [
+        _fit_exactly(rho[rows], z[rows], a, b)
+        for rows, a, b in zip(members, slope, offset, strict=True)
+    ]
+    slope, offset = np.array(lines).reshape(-1, 2).T
+    on = [
+        rows[np.abs(z[rows] - slope[k] * rho[rows] - offset[k]) < EXACT_TOLERANCE]
+        for k, rows in enumerate(members)
+    ]
+    if sum(map(len, on)) < LEAST_EXACT * len(rho):
+        return None
+    steps, lateral, azimuth = _exact_steps(rho, angle, on)
+    range_step, phase, incoherence = _find_range_step(rho, z, on, slope, lateral, EXACT_RANGE_STEPS)
+    center, slope_error = _trust(rho, z, on, slope, offset)
+    if steps:
+        slope_error = np.maximum(slope_error, _step_trust(rho, angle, on, lateral, azimuth, steps))
+    return SensorLattice(
+        slope,
+        offset,
+        lateral,
+        np.mod(azimuth, 2.0 * math.pi),
+        phase,
+        center,
+        slope_error,
+        steps,
+        range_step,
+        0.0,
+        incoherence,
+        tolerance=EXACT_TOLERANCE,
+    )
+
+
+def _fit_exactly(x: Floats, y: Floats, slope: float, offset: float) -> tuple[float, float]:
+    """The line that most points are on to what single precision leaves, near the one that is given.
+
+    Without such points it is the given one.
+    """
+    found = slope, offset
+    for _ in range(8):
+        error = np.abs(y - found[0] * x - found[1])
+        inside = error <= max(3.0 * float(np.median(error)) if len(error) else 0.0, 1e-6)
+        if np.count_nonzero(inside) < FEWEST_LABELLED or np.ptp(x[inside]) <= LEAST_SPREAD:
+            return found
+        found = line_fit(x[inside], y[inside])
+    return found
+
+
+def _exact_steps(
+    rho: Floats, angle: Floats, members: Sequence[NDArray[np.intp]]
+) -> tuple[int, Floats, Floats]:
+    """Counts of the encoder, and each laser's lateral distance and angle at count 0.
+
+    0 counts where most points are on none of `EXACT_STEPS`.
+    """
+    zero = np.zeros(len(members))
+    for steps in EXACT_STEPS:  # beams through the axis
+        starts = [_best_encoder(rho[rows], angle[rows], zero[:1], steps)[1] for rows in members]
+        azimuth = np.array(starts)
+        if _share_on_steps(rho, angle, members, zero, azimuth, steps) >= LEAST_EXACT:
+            return steps, *_fit_all_beside(rho, angle, members, zero, azimuth, steps)
+    for steps in (n for n in EXACT_STEPS if n <= MOST_STEPS_BESIDE):
+        first = np.array(_first_encoders(rho, angle, members, steps)).reshape(-1, 2)
+        lateral, azimuth = _fit_all_beside(rho, angle, members, first[:, 0], first[:, 1], steps)
+        if _share_on_steps(rho, angle, members, lateral, azimuth, steps) >= LEAST_EXACT:
+            return steps, lateral, azimuth
+    return 0, zero, zero
+
+
+def _fit_all_beside(
+    rho: Floats,
+    angle: Floats,
+    members: Sequence[NDArray[np.intp]],
+    lateral: Floats,
+    azimuth: Floats,
+    steps: int,
+) -> tuple[Floats, Floats]:
+    """Lateral distance and angle at count 0 of each laser, near those that are given."""
+    fits = [
+        _fit_beside(rho[rows], angle[rows], steps, beside, first)
+        for rows, beside, first in zip(members, lateral, azimuth, strict=True)
+    ]
+    found = np.array(fits).reshape(-1, 2)
+    return found[:, 0], found[:, 1]
+
+
+def _fit_beside(
+    rho: Floats, angle: Floats, steps: int, lateral: float, azimuth: float
+) -> tuple[float, float]:
+    """Lateral distance (m) and angle at count 0 (rad) that most points of a laser agree on."""
+    for _ in range(8):
+        error = _off_the_steps(rho, angle, lateral, azimuth, steps)
+        off = np.abs(error)
+        inside = off <= max(3.0 * float(np.median(off)) if len(off) else 0.0, 1e-6)
+        if np.count_nonzero(inside) < FEWEST_LABELLED or np.ptp(rho[inside]) <= LEAST_SPREAD:
+            break
+        turn, shift = line_fit(rho[inside], error[inside])
+        lateral, azimuth = lateral + shift, azimuth + turn
+    return lateral, azimuth
+
+
+def _share_on_steps(
+    rho: Floats,
+    angle: Floats,
+    members: Sequence[NDArray[np.intp]],
+    lateral: Floats,
+    azimuth: Floats,
+    steps: int,
+) -> float:
+    """Share of the points that are on a step, of those where steps are far enough apart to tell."""
+    on = apart = 0
+    for k, rows in enumerate(members):
+        far = rows[rho[rows] * (2.0 * math.pi / steps) > 8.0 * EXACT_TOLERANCE]
+        off = _off_the_steps(rho[far], angle[far], lateral[k], azimuth[k], steps)
+        on += int(np.count_nonzero(np.abs(off) < EXACT_TOLERANCE))
+        apart += len(far)
+    return on / apart if apart >= FEWEST_POINTS else 0.0
+
+
+def _step_trust(
+    rho: Floats,
+    angle: Floats,
+    members: Sequence[NDArray[np.intp]],
+    lateral: Floats,
+    azimuth: Floats,
+    steps: int,
+) -> Floats:
+    """Standard error of each laser's azimuth, as the points on its steps tell it."""
+    found = np.ones(len(members))
+    for k, rows in enumerate(members):
+        off = _off_the_steps(rho[rows], angle[rows], lateral[k], azimuth[k], steps)
+        on = np.abs(off) < EXACT_TOLERANCE
+        if on.any():
+            spread = rho[rows][on] - rho[rows][on].mean()
+            found[k] = math.sqrt(off[on].var() / max(float(spread @ spread), 1e-12))
+    return found
+
+
+def _off_the_steps(
+    rho: Floats, angle: Floats, lateral: float, azimuth: float, steps: int
+) -> Floats:
+    """Metres from the nearest step of the encoder."""
+    beam = angle - np.arcsin(np.clip(lateral / rho, -1.0, 1.0)) - azimuth
+    return _off_step(beam, steps) * rho
 
 
 def _trust(
@@ -733,6 +1048,7 @@ def _find_range_step(
     members: Sequence[NDArray[np.intp]],
     slope: Floats,
     lateral: Floats,
+    steps: Sequence[float] = RANGE_STEPS,
 ) -> tuple[float, Floats, float]:
     """Step of the ranges, each laser's phase (m), and the share of ranges a quarter step off."""
     cosine = 1.0 / np.sqrt(1.0 + slope**2)
@@ -743,7 +1059,7 @@ def _find_range_step(
     ]
     thinned = max(1, sum(len(r) for r in ranges) // MOST_COMBED)
     few = [r[::thinned] for r in ranges]
-    for step in RANGE_STEPS:
+    for step in steps:
         if np.median(np.abs(_range_waves(few, step))) < 0.4:
             continue
         waves = _range_waves(ranges, step)

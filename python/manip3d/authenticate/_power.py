@@ -27,6 +27,7 @@ from manip3d.authenticate._verdict import NO_POWER, Power, binomial_tail, rate_o
 from manip3d.authenticate._watermark_files import drive_scans
 from manip3d.errors import InputError
 from manip3d.io import read_scan
+from manip3d.io._scan_files import scan_paths
 from manip3d.lidar import Box, LidarFrame
 
 if TYPE_CHECKING:
@@ -398,7 +399,7 @@ def calibrate_lattice(
     ----------
     frames : iterable of LidarFrame or path
         At least four clean scans as the scanner gave them, the scanner at the origin; the path of a
-        folder means all scans of that drive (`drive_scans`).
+        folder means all scans of that drive (`drive_scans`), or all scans that lie in it.
     most : int, optional
         At most so many of them are read, evenly spread over all; at least four. Default: all.
     planted : int
@@ -479,11 +480,13 @@ def calibrate_lattice(
 
 
 def _scans_of(given: LidarFrame | str | os.PathLike[str]) -> list[LidarFrame | Path]:
-    """The scan itself, or those of a drive's folder."""
+    """The scan itself, or those of a folder, which may be a drive."""
     if isinstance(given, LidarFrame):
         return [given]
     path = path_of(given, "frames")
-    return [*drive_scans(path)] if path.is_dir() else [path]
+    if not path.is_dir():
+        return [path]
+    return [*scan_paths(path)] or [*drive_scans(path)]
 
 
 def _spread(scans: Sequence[LidarFrame | Path], most: int | None) -> list[LidarFrame | Path]:

@@ -157,7 +157,7 @@ def inspect(
             min=0,
             help="Edits of each class to plant in copies of the scan itself, to count those that "
             "are found; each takes as long as an inspection. Only scans of a spinning scanner that "
-            "are no_trace and have no watermark are planted in.",
+            "are no_trace, or stand on an exact lattice, and have no watermark are planted in.",
         ),
     ] = 0,
     policy: Annotated[

@@ -18,7 +18,8 @@ def lattice(
         list[str],
         typer.Argument(
             metavar="SOURCE...",
-            help="Clean scans of one scanner as it gave them, at least four, or a drive of them.",
+            help="Clean scans of one scanner as it gave them, at least four, or their folder or "
+            "drive.",
         ),
     ],
     output: Output,

@@ -1,0 +1,267 @@
+"""Lattices of clouds that nobody rounded: every point of a clean one is on them, edits are not."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from exact_scans import Unit, exact_scan, hesai, ouster
+from manip3d import FormatError, InputError, LidarFrame, io
+from manip3d.authenticate import (
+    Inspection,
+    SensorLattice,
+    calibrate_lattice,
+    estimate_lattice,
+    generic_consistency,
+    inspect,
+    kitti_lattice,
+)
+from real_data import RealData
+
+UNITS = {"hesai": hesai(), "ouster": ouster()}
+Points = NDArray[np.float32]
+
+
+@pytest.fixture(params=UNITS)
+def unit(request: pytest.FixtureRequest) -> Unit:
+    return UNITS[request.param]
+
+
+def without_labels(points: Points) -> LidarFrame:
+    return LidarFrame(np.ascontiguousarray(points, np.float32), origin=(0.0, 0.0, 0.0))
+
+
+def said(frame: LidarFrame, **more: int) -> Inspection:
+    return inspect(frame, power=bool(more), **more)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("labelled", [False, True])
+def test_the_lattice_of_an_exact_scan(unit: Unit, labelled: bool) -> None:
+    scan = exact_scan(unit, labelled=labelled)
+    lattice = estimate_lattice(scan)
+    assert lattice.is_exact
+    assert lattice.tolerance == 1e-4
+    np.testing.assert_allclose(lattice.slope, np.tan(np.radians(unit.elevation)), atol=2e-6)
+    assert lattice.steps == unit.columns if unit.is_by_ring else 3600  # 0.1 degrees hold all
+    assert lattice.range_step == unit.step
+    off, up = unit.start
+    beside = off * np.sin(np.radians(unit.beside))
+    np.testing.assert_allclose(lattice.lateral, -beside, atol=5e-5)
+    along = off * np.cos(np.radians(unit.beside))
+    np.testing.assert_allclose(lattice.offset, up - lattice.slope * along, atol=3e-5)
+    reading = lattice.read(scan.points)
+    assert np.abs(reading.line_error).max() < 1e-5
+    assert np.abs(reading.step_error).max() < 2e-5
+    assert np.abs(reading.range_error).max() < 2e-5
+
+
+def test_rounded_scans_are_not_exact(unit: Unit) -> None:
+    scan = exact_scan(unit, labelled=True)
+    for decimals in (3, 4):
+        rounded = scan.replace(points=scan.points.round(decimals).astype(np.float32))
+        assert estimate_lattice(rounded).is_exact is (decimals == 4)
+    noisy = scan.points + np.random.default_rng(0).normal(0.0, 1e-3, scan.points.shape)
+    assert not estimate_lattice(scan.replace(points=noisy.astype(np.float32))).is_exact
+    assert not kitti_lattice().is_exact
+
+
+def test_a_ring_may_be_stated_as_a_float(unit: Unit) -> None:
+    scan = exact_scan(unit, labelled=True)
+    assert scan.ring is not None
+    order = np.random.default_rng(1).permutation(scan.num_points)
+    stated = without_labels(scan.points[order]).replace(
+        fields={"ring": scan.ring[order].astype(np.float32)}
+    )
+    assert len(estimate_lattice(stated).slope) == len(unit.elevation)
+
+
+@pytest.mark.parametrize("second_returns", [0.0, 0.1])
+def test_a_clean_scan_is_never_accused(unit: Unit, second_returns: float) -> None:
+    for seed in range(4):
+        scan = exact_scan(unit, seed, labelled=bool(seed % 2), second_returns=second_returns)
+        found = said(scan)
+        assert found.verdict == "undecidable"
+        assert "was not measured for this scanner" in found.reason
+        assert found.sensor is not None
+        assert found.sensor.kind == "lattice"
+        assert f"ranges of {1000 * unit.step:g} mm" in found.sensor.reason
+
+
+def test_edits_planted_in_it_are_all_that_is_known_of_its_power(unit: Unit) -> None:
+    found = said(exact_scan(unit), plant=2)
+    assert found.verdict == "no_trace"
+    assert found.power["moved"].found == found.power["moved"].planted == 2
+    assert found.power["moved"].source == "edits planted in this scan"
+    assert found.power["white-box added"].found == 0
+    elsewhere = exact_scan(unit).points + np.float32(0.5)
+    assert said(without_labels(elsewhere), plant=2).verdict == "undecidable"
+
+
+def on_post(points: Points) -> NDArray[np.bool_]:
+    return (np.hypot(points[:, 0] - 6.0, points[:, 1] - 3.0) < 0.9) & (points[:, 2] > -1.4)
+
+
+@pytest.mark.parametrize("edit", ["moved", "turned", "along rays", "bump", "added"])
+def test_edits_are_found_to_the_point(unit: Unit, edit: str) -> None:
+    points = exact_scan(unit).points.copy()
+    rows = np.flatnonzero(on_post(points))
+    assert len(rows) > 100
+    if edit == "moved":
+        points[rows] += np.float32([0.5, 0.3, 0.0])
+    elif edit == "turned":
+        points[rows] = points[rows] @ np.float32([[0.99, 0.141, 0], [-0.141, 0.99, 0], [0, 0, 1]])
+    elif edit == "along rays":
+        points[rows] *= np.float32(1.0123)
+    elif edit == "bump":
+        away = points[rows] / np.linalg.norm(points[rows], axis=1)[:, None]
+        points[rows] -= np.float32(0.0513) * away
+    else:
+        more = np.random.default_rng(2).normal([6, -3, -0.5], 0.4, (200, 3)).astype(np.float32)
+        rows = np.arange(len(points), len(points) + 200)
+        points = np.concatenate([points, more])
+    found = said(without_labels(points))
+    assert found.verdict == "tampered"
+    assert set(found.suspected.tolist()) <= set(rows.tolist())
+    assert len(found.suspected) >= (0.6 if edit == "added" else 0.85) * len(rows)
+    assert found.p_value is not None
+    assert found.p_value <= 0.002  # what so many clean scans support
+
+
+def test_order_turns_and_crops_accuse_nobody(unit: Unit) -> None:
+    scan = exact_scan(unit, labelled=True)
+    random = np.random.default_rng(3)
+    whole = np.arange(scan.num_points)
+    for rows in (
+        random.permutation(whole),
+        whole[scan.points[:, 0] > 0],
+        whole[np.abs(scan.points[:, 1]) < 5],
+        whole[np.linalg.norm(scan.points, axis=1) < 8],
+        whole[::3],
+        np.sort(random.choice(whole, 3000, False)),
+    ):
+        for frame in (scan.select(rows), without_labels(scan.points[rows])):
+            assert said(frame).verdict in ("undecidable", "processed")
+    cos, sin = np.cos(0.3), np.sin(0.3)
+    turned = scan.points.astype(float) @ [[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]]
+    assert said(without_labels(turned)).verdict in ("undecidable", "processed")
+
+
+def test_a_laser_that_saw_little_accuses_nobody(unit: Unit) -> None:
+    """Its line is not known: of few points, or of points at one distance only."""
+    scan = exact_scan(unit, labelled=True)
+    assert scan.ring is not None
+    for ring in (3, len(unit.elevation) - 4):
+        of_it = np.flatnonzero(scan.ring == ring)
+        of_it = of_it[np.hypot(*scan.points[of_it, :2].T) > 2.0]
+        for kept in (of_it[:1], of_it[:2], of_it[5:10], of_it[5:17], of_it[100:160]):
+            rows = np.sort(np.r_[np.flatnonzero(scan.ring != ring), kept])
+            for frame in (scan.select(rows), without_labels(scan.points[rows])):
+                assert said(frame).verdict == "undecidable", (ring, len(kept))
+
+
+def test_few_stray_points_accuse_nobody(unit: Unit) -> None:
+    points = exact_scan(unit).points.copy()
+    rows = np.flatnonzero(on_post(points))[:4]
+    points[rows] += np.float32(0.05)
+    assert said(without_labels(points)).verdict == "undecidable"
+
+
+def test_a_second_scanner_accuses_nobody(unit: Unit) -> None:
+    first, second = exact_scan(unit, 1).points, exact_scan(unit, 2).points[::4].astype(float)
+    turned = second[:, [1, 0, 2]] * [1.0, -1.0, 1.0] + [0.4, 0.9, -0.3]
+    found = said(without_labels(np.concatenate([first, turned.astype(np.float32)])))
+    assert found.verdict in ("undecidable", "processed")
+
+
+def test_what_spoils_the_lattice_is_never_without_trace(unit: Unit) -> None:
+    points = exact_scan(unit).points.astype(float)
+    points[on_post(points.astype(np.float32))] += [0.5, 0.3, 0.0]
+    random = np.random.default_rng(4)
+    for changed in (
+        points.round(3),
+        points.round(2),
+        points.astype(np.float16),
+        points + random.normal(0.0, 0.005, points.shape),
+        points @ [[1, 0, 0], [0, 0.995, 0.0998], [0, -0.0998, 0.995]],
+        points * 1000,
+    ):
+        assert said(without_labels(changed), plant=1).verdict in ("undecidable", "processed")
+
+
+def test_a_calibrated_lattice_knows_its_power(unit: Unit, tmp_path: Path) -> None:
+    scans = [exact_scan(unit, seed) for seed in range(4)]
+    lattice = calibrate_lattice(scans, planted=1)
+    assert lattice.is_exact
+    lattice.save(tmp_path / "lattice.json")
+    loaded = SensorLattice.load(tmp_path / "lattice.json")
+    assert (loaded.tolerance, loaded.steps) == (lattice.tolerance, lattice.steps)
+    clean = exact_scan(unit, 9)
+    assert inspect(clean, lattice=loaded).verdict == "no_trace"
+    forged = clean.points.copy()
+    forged[on_post(forged)] += np.float32([0.5, 0.3, 0.0])
+    assert inspect(without_labels(forged), lattice=loaded).verdict == "tampered"
+    assert generic_consistency(without_labels(forged), calibration=loaded).verdict == "tampered"
+
+
+@pytest.mark.parametrize("tolerance", [0.0, -1.0, 0.01, float("nan"), "wide", None])
+def test_a_tolerance_that_is_none_is_refused(tolerance: object, tmp_path: Path) -> None:
+    kitti_lattice().save(tmp_path / "a.json")
+    values = json.loads((tmp_path / "a.json").read_text())
+    assert values["sensor_lattice"]["tolerance"] == 0.002
+    del values["sensor_lattice"]["tolerance"]
+    (tmp_path / "b.json").write_text(json.dumps(values))
+    assert SensorLattice.load(tmp_path / "b.json").tolerance == 0.002  # of an earlier version
+    values["sensor_lattice"]["tolerance"] = tolerance
+    (tmp_path / "c.json").write_text(json.dumps(values))
+    with pytest.raises(FormatError, match="not a sensor lattice"):
+        SensorLattice.load(tmp_path / "c.json")
+
+
+REAL = {
+    "hesai_pandar40p": (36, 36_000, 0.004),
+    "hesai_pandar64": (63, 36_000, 0.004),
+    "hesai_qt64": (52, 1800, 0.004),
+    "hesai_xt32": (32, 18_000, 0.004),
+    "ouster_os1_32": (32, 1024, 0.001),
+}
+
+
+@pytest.mark.realdata
+@pytest.mark.parametrize("name", REAL)
+def test_real_scanners(name: str, realdata: RealData) -> None:
+    frame = io.read_scan(realdata("lidar/other_sensors") / f"{name}.pcd.xz")
+    lattice = estimate_lattice(frame)
+    assert (len(lattice.slope), lattice.steps, lattice.range_step) == REAL[name]
+    told = lattice.is_told_exactly(frame)
+    assert told.sum() > 10_000
+    reading = lattice.read(frame.points)
+    for error in (reading.line_error, reading.step_error, reading.range_error):
+        assert np.abs(error[told]).max() < 1e-5
+    assert said(frame).verdict == "undecidable"
+    random = np.random.default_rng(7)
+    rho = np.hypot(*frame.points[:, :2].T)
+    for _ in range(5):
+        center = frame.points[random.choice(np.flatnonzero((rho > 3.0) & (rho < 25.0)))]
+        rows = np.flatnonzero(np.linalg.norm(frame.points - center, axis=1) < 0.7)
+        for change in ("moved", "ray"):
+            points = frame.points.copy()
+            points[rows] += np.float32([0.5, 0.3, 0.0])
+            if change == "ray":
+                points = frame.points.copy()
+                points[rows] *= np.float32(1.0 + 0.1 / np.linalg.norm(center))
+            found = said(without_labels(points))
+            assert found.verdict == "tampered"
+            assert set(found.suspected.tolist()) <= set(rows.tolist())
+
+
+def test_a_folder_of_scans_calibrates_a_lattice(tmp_path: Path) -> None:
+    for seed in range(4):
+        io.write_scan(exact_scan(hesai(), seed), tmp_path / f"{seed}.pcd")
+    lattice = calibrate_lattice([tmp_path], planted=1)
+    assert lattice.power["moved"].source == f"2 clean scans of {tmp_path.name}"
+    with pytest.raises(InputError, match="expected a folder with velodyne_points/data"):
+        calibrate_lattice([tmp_path.parent])

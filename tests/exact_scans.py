@@ -1,0 +1,93 @@
+"""Scans of a walled yard as the drivers of two kinds of scanners compute them, unrounded."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from manip3d import LidarFrame
+
+Doubles = NDArray[np.float64]
+
+GROUND, TILT, WALLS, POST = -1.6, (0.02, -0.03), (17.3, 11.9), (6.0, 3.0, 0.8)
+"""Height of the ground below the scanner and its slope along x and y; half of the yard's length and
+width; x, y and radius of a round post."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """One scanner: its lasers, and how its driver writes a turn."""
+
+    elevation: Doubles  # degrees
+    beside: Doubles  # degrees of azimuth beside the encoder
+    columns: int
+    step: float  # metres
+    start: tuple[float, float]  # metres of the beams off the axis, and above the origin
+    is_by_ring: bool
+
+
+def hesai(lasers: int = 32) -> Unit:
+    """Beams through the axis, firing after firing, 4 mm."""
+    k = np.arange(lasers)
+    beside = np.round(2.0 * np.sin(1.3 * k), 2)
+    return Unit(np.linspace(14.7, -16.3, lasers), beside, 1200, 0.004, (0.0, 0.0), False)
+
+
+def ouster(lasers: int = 32) -> Unit:
+    """Beams that start off the axis, ring after ring clockwise, 1 mm."""
+    beside = np.resize([3.11, 1.02, -1.05, -3.14], lasers)
+    return Unit(np.linspace(21.3, -22.1, lasers), beside, 1024, 0.001, (0.0158, 0.0362), True)
+
+
+def _walls_and_ground(start: Doubles, beam: Doubles) -> Doubles:
+    """Distance to what a beam meets first."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rise = beam[:, 2] - beam[:, :2] @ TILT
+        above = start[:, 2] - start[:, :2] @ TILT - GROUND
+        ground = np.where(rise < 0, -above / rise, np.inf)
+        sides = [
+            (np.sign(beam[:, axis]) * half - start[:, axis]) / beam[:, axis]
+            for axis, half in enumerate(WALLS)
+        ]
+        middle = start[:, :2] - POST[:2]
+        a = (beam[:, :2] ** 2).sum(axis=1)
+        b = (middle * beam[:, :2]).sum(axis=1)
+        root = np.sqrt(b * b - a * ((middle**2).sum(axis=1) - POST[2] ** 2))
+        post = (-b - root) / a
+    post = np.where(post > 0, post, np.inf)
+    return np.minimum.reduce([ground, *sides, post])
+
+
+def exact_scan(
+    unit: Unit, seed: int = 0, *, labelled: bool = False, second_returns: float = 0.0
+) -> LidarFrame:
+    """A turn: noisy ranges in whole steps, coordinates in single precision.
+
+    ``second_returns``: share of the firings that state another return a metre farther.
+    """
+    random = np.random.default_rng(seed)
+    lasers = len(unit.elevation)
+    shape = (lasers, unit.columns)
+    ring, column = np.indices(shape).reshape(2, -1)
+    if not unit.is_by_ring:
+        column, ring = np.indices(shape[::-1]).reshape(2, -1)
+    encoder = math.pi - column * (2.0 * math.pi / unit.columns)
+    angle = encoder + np.radians(unit.beside)[ring]
+    level, rise = np.cos(np.radians(unit.elevation)), np.sin(np.radians(unit.elevation))
+    beam = np.column_stack([level[ring] * np.cos(angle), level[ring] * np.sin(angle), rise[ring]])
+    off, up = unit.start
+    start = np.column_stack([off * np.cos(encoder), off * np.sin(encoder), np.full(len(ring), up)])
+    distance = _walls_and_ground(start, beam) + random.normal(0.0, 0.01, len(ring))
+    rows = np.flatnonzero(random.random(len(ring)) < 0.95)
+    whole = np.rint(distance[rows] / unit.step)
+    if second_returns:
+        again = random.random(len(rows)) < second_returns
+        rows = np.r_[rows, rows[again]]
+        whole = np.r_[whole, whole[again] + round(1.0 / unit.step)]
+    single = start[rows].astype(np.float32)
+    single += beam[rows].astype(np.float32) * (whole * unit.step).astype(np.float32)[:, None]
+    labels = ring[rows].astype(np.uint16) if labelled else None
+    return LidarFrame(single, ring=labels, origin=(0.0, 0.0, 0.0))
