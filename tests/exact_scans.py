@@ -1,4 +1,4 @@
-"""Scans of a walled yard as the drivers of two kinds of scanners compute them, unrounded."""
+"""Scans of a walled yard as the drivers of three kinds of scanners compute them, unrounded."""
 
 from __future__ import annotations
 
@@ -27,6 +27,7 @@ class Unit:
     step: float  # metres
     start: tuple[float, float]  # metres of the beams off the axis, and above the origin
     is_by_ring: bool
+    is_stepped: bool = True  # else azimuths are interpolated between packets
 
 
 def hesai(lasers: int = 32) -> Unit:
@@ -40,6 +41,12 @@ def ouster(lasers: int = 32) -> Unit:
     """Beams that start off the axis, ring after ring clockwise, 1 mm."""
     beside = np.resize([3.11, 1.02, -1.05, -3.14], lasers)
     return Unit(np.linspace(21.3, -22.1, lasers), beside, 1024, 0.001, (0.0158, 0.0362), True)
+
+
+def velodyne(lasers: int = 16) -> Unit:
+    """Beams at interpolated azimuths, firing after firing, 2 mm."""
+    elevation = np.linspace(-15.0, 15.0, lasers)
+    return Unit(elevation, np.zeros(lasers), 1800, 0.002, (0.0, 0.011), False, is_stepped=False)
 
 
 def _walls_and_ground(start: Doubles, beam: Doubles) -> Doubles:
@@ -74,7 +81,8 @@ def exact_scan(
     ring, column = np.indices(shape).reshape(2, -1)
     if not unit.is_by_ring:
         column, ring = np.indices(shape[::-1]).reshape(2, -1)
-    encoder = math.pi - column * (2.0 * math.pi / unit.columns)
+    turn = column if unit.is_stepped else column + random.random(len(column))
+    encoder = math.pi - turn * (2.0 * math.pi / unit.columns)
     angle = encoder + np.radians(unit.beside)[ring]
     level, rise = np.cos(np.radians(unit.elevation)), np.sin(np.radians(unit.elevation))
     beam = np.column_stack([level[ring] * np.cos(angle), level[ring] * np.sin(angle), rise[ring]])

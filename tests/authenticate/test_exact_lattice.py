@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from exact_scans import Unit, exact_scan, hesai, ouster
-from manip3d import FormatError, InputError, LidarFrame, io
+from exact_scans import Unit, exact_scan, hesai, ouster, velodyne
+from manip3d import FormatError, InputError, LidarFrame, capture, io
 from manip3d.authenticate import (
     Inspection,
     SensorLattice,
@@ -67,6 +67,26 @@ def test_rounded_scans_are_not_exact(unit: Unit) -> None:
     noisy = scan.points + np.random.default_rng(0).normal(0.0, 1e-3, scan.points.shape)
     assert not estimate_lattice(scan.replace(points=noisy.astype(np.float32))).is_exact
     assert not kitti_lattice().is_exact
+
+
+def test_azimuths_between_packets_have_no_steps() -> None:
+    """Lines and ranges tell edits alone; what names no rings is not judged."""
+    scan = exact_scan(velodyne(), labelled=True)
+    lattice = estimate_lattice(scan)
+    assert (lattice.is_exact, lattice.steps, lattice.range_step) == (True, 0, 0.002)
+    assert len(lattice.slope) == 16
+    clean = said(scan)
+    assert clean.verdict == "undecidable"
+    assert clean.sensor is not None
+    assert clean.sensor.reason == "its points stand on 16 lines and whole ranges of 2 mm"
+    points = scan.points.copy()
+    rows = np.flatnonzero(on_post(points))
+    points[rows] += np.float32([0.5, 0.3, 0.0])
+    found = said(scan.replace(points=points))
+    assert found.verdict == "tampered"
+    assert set(found.suspected.tolist()) <= set(rows.tolist())
+    assert len(found.suspected) > 0.8 * len(rows)
+    assert said(without_labels(points)).verdict == "undecidable"
 
 
 def test_a_ring_may_be_stated_as_a_float(unit: Unit) -> None:
@@ -228,6 +248,24 @@ REAL = {
     "hesai_xt32": (32, 18_000, 0.004),
     "ouster_os1_32": (32, 1024, 0.001),
 }
+
+
+@pytest.mark.realdata
+@pytest.mark.parametrize(
+    ("name", "lasers"), [("reference/vlp32", 32), ("sample_velodyne_hdl32", 31)]
+)
+def test_packets_of_real_scanners(name: str, lasers: int, realdata: RealData) -> None:
+    with capture.open(f"pcap:{realdata('lidar/packets')}/{name}.pcap") as source:
+        frames = [frame for _, frame in zip(range(3), source, strict=False)]
+    for frame in frames[1:]:
+        lattice = estimate_lattice(frame)
+        assert (lattice.is_exact, len(lattice.slope), lattice.steps) == (True, lasers, 0)
+        told = lattice.is_told_exactly(frame)
+        reading = lattice.read(frame.points)
+        assert told.sum() > 10_000
+        assert np.abs(reading.line_error[told]).max() < 1e-5
+        assert np.abs(reading.range_error[told]).max() < 1e-5
+        assert said(frame).verdict == "undecidable"
 
 
 @pytest.mark.realdata

@@ -406,12 +406,12 @@ def inspect(
     -----
     Detector III judges scanners whose lattice is known, detectors IV and V beside it, detectors I
     and II the terrestrial scanners that they are calibrated for; scans of other scanners are
-    ``undecidable``. Clouds that nobody has rounded since the driver of a Hesai or an Ouster
-    computed them are exact, and tell their lattice themselves: detector III judges them, too, but
-    what share of edits it finds is not known unless edits are planted in them (``plant``) or
-    `calibrate_lattice` has measured it. Of the clean scans of a spinning scanner 1 % at most may be
-    called tampered, whichever detector does it: III may use up 0.1 % of them, IV 0.7 %, V 0.2 %. No
-    verdict says that a scan is authentic: an attacker who rewrites ranges of existing firings
+    ``undecidable``. Clouds that nobody has rounded since the driver of a Hesai, an Ouster or a
+    Velodyne computed them are exact, and tell their lattice themselves: detector III judges them,
+    too, but what share of edits it finds is not known unless edits are planted in them (``plant``)
+    or `calibrate_lattice` has measured it. Of the clean scans of a spinning scanner 1 % at most may
+    be called tampered, whichever detector does it: III may use up 0.1 % of them, IV 0.7 %, V 0.2 %.
+    No verdict says that a scan is authentic: an attacker who rewrites ranges of existing firings
     leaves no trace in it. Only a keyed watermark proves that nothing was changed.
 
     A watermark that holds proves nothing of what came before it: the detectors look at the scan as

@@ -83,9 +83,10 @@ Whole frames of KITTI reach 9e-5; camera crops, whose lattices accuse clean poin
 FEWEST_LINES = 60
 """Fewest lines, of the 64 lasers of the only scanner whose encoder's steps its clouds keep."""
 
-MOST_OFF_EXACT = 0.001
-"""Share of the points of a direction that are off an exact lattice, in the median of directions. Of
-five clouds of five scanners by Hesai and Ouster no point is."""
+FEWEST_EXACT_RINGS, MOST_OFF_EXACT = 8, 0.001
+"""Lasers of the smallest scanners; and share of the points of a direction that are off an exact
+lattice, in the median of directions. Of five clouds of five scanners by Hesai and Ouster none is,
+nor is any of Velodyne's packets of three scanners, whose azimuths have no steps."""
 
 UNIT_TOLERANCE = 0.75
 """Degrees by which a laser of an HDL-64E may look higher or lower than that of KITTI's unit. The
@@ -286,7 +287,7 @@ def _on_exact_lattice(
 
     An edit spoils some directions, a second scanner that was fused with this one spoils most.
     """
-    if not lattice.steps or not lattice.range_step or len(lattice.slope) < FEWEST_RINGS:
+    if not lattice.range_step or len(lattice.slope) < FEWEST_EXACT_RINGS:
         return None
     told = (np.hypot(points[:, 0], points[:, 1]) > LINES_APART) & (reading.ring >= 0)
     if np.count_nonzero(told) < FEWEST_POINTS:
@@ -300,10 +301,9 @@ def _on_exact_lattice(
     some = there >= FEWEST_OF_SECTOR
     if np.count_nonzero(some) < FEWEST_SECTORS or np.median(share[some]) > MOST_OFF_EXACT:
         return None
-    reason = (
-        f"its points stand on {len(lattice.slope)} lines, {lattice.steps} steps of azimuth and "
-        f"ranges of {1000.0 * lattice.range_step:g} mm"
-    )
+    steps = f", {lattice.steps} steps of azimuth" if lattice.steps else ""
+    ranges = f"{1000.0 * lattice.range_step:g} mm"
+    reason = f"its points stand on {len(lattice.slope)} lines{steps} and whole ranges of {ranges}"
     model = _by_beams(points).name
     name = model if model in BEAMS else _name_of(lattice)
     return Sensor(name, "lattice", reason, lattice, is_own=True)
