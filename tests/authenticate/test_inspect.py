@@ -499,6 +499,29 @@ def test_processed_scans_are_neither_accused_nor_cleared(name: str) -> None:
     assert found.reason == "; ".join(f"{s.kind}: {s.detail}" for s in found.processing)
 
 
+@pytest.mark.parametrize("kind", ["reversed", "mirrored"])
+@pytest.mark.parametrize("is_forged", [False, True])
+def test_reversed_and_mirrored_scans_are_named(kind: str, is_forged: bool) -> None:
+    def change(points: np.ndarray) -> np.ndarray:
+        if is_forged:
+            points = points.copy()
+            points[20_000:20_300] += np.float32([0.3, 0.2, 0.0])
+        return {
+            "reversed": lambda: points[::-1].copy(),
+            "mirrored": lambda: points * np.float32([1, -1, 1]),
+        }[kind]()
+
+    found = street_with(change)
+    assert [step.kind for step in found.processing] == [kind]
+    assert found.verdict in (("processed", "tampered") if is_forged else ("processed",))
+    across = street_with(lambda points: points * np.float32([-1, 1, 1]))
+    assert [step.kind for step in across.processing] == ["mirrored"]
+    backwards = street_with(lambda points: points[::-1] * np.float32([1, -1, 1]))
+    assert [step.detail for step in backwards.processing] == [
+        "the scan is a mirror image in the reverse order of the scanner"
+    ]
+
+
 def test_an_edit_beside_repeated_points_is_found_with_its_rows() -> None:
     def paste(points: np.ndarray) -> np.ndarray:
         car = np.array([12.0, -4.0, -1.0]) + np.random.default_rng(0).uniform(-1, 1, (500, 3))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
+from manip3d.authenticate._generic import generic_consistency
 from manip3d.authenticate._reflectance import is_in_hundredths, why_rewritten
 from manip3d.authenticate._sensors import is_hdl64e, kitti_lattice
 from manip3d.authenticate._verdict import Processing
@@ -250,6 +251,9 @@ def _of_lattice(
     if "line" in contradicted:
         return [Processing("moved", "points lie beside the lines of the scanner everywhere")]
     if "order" in contradicted:
+        rearranged = _rearranged(points, generic)
+        if rearranged is not None:
+            return [rearranged]
         found.append(Processing("shuffled", "the points are not in the order of the scanner"))
     if contradicted & {"grid", "step", "range"}:
         names = ", ".join(sorted(contradicted & {"grid", "step", "range"}))
@@ -271,6 +275,27 @@ def _of_lattice(
     if contradicted & {"grid", "step"}:  # no point is on its firing: nothing tells which answered
         return found
     return found + _of_extent(points, sensor, generic, reading)
+
+
+REARRANGED = (
+    ("reversed", "the points are in the reverse order of the scanner", 1, -1),
+    ("mirrored", "the scan is a mirror image, left and right exchanged or front and back", -1, 1),
+    ("mirrored", "the scan is a mirror image in the reverse order of the scanner", -1, -1),
+)
+"""What may have been done to a scan whose points are in another order: kind, words, sign of y, and
+the direction in which rows follow each other. A mirror image in x is one in y that was turned."""
+
+
+def _rearranged(points: NDArray[np.float32], generic: GenericResult) -> Processing | None:
+    """What was reversed or mirrored: undone, the scan contradicts neither order nor steps."""
+    for kind, words, sign, direction in REARRANGED:
+        undone = points[::direction] * np.array([1, sign, 1], np.float32)
+        told = generic_consistency(
+            np.ascontiguousarray(undone, np.float32), calibration=generic.lattice
+        )
+        if not told.contradicted & {"order", "step"}:
+            return Processing(kind, words)
+    return None
 
 
 def _degrees_seen_twice(
