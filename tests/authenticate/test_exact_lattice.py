@@ -89,16 +89,6 @@ def test_azimuths_between_packets_have_no_steps() -> None:
     assert said(without_labels(points)).verdict == "undecidable"
 
 
-def test_a_ring_may_be_stated_as_a_float(unit: Unit) -> None:
-    scan = exact_scan(unit, labelled=True)
-    assert scan.ring is not None
-    order = np.random.default_rng(1).permutation(scan.num_points)
-    stated = without_labels(scan.points[order]).replace(
-        fields={"ring": scan.ring[order].astype(np.float32)}
-    )
-    assert len(estimate_lattice(stated).slope) == len(unit.elevation)
-
-
 @pytest.mark.parametrize("second_returns", [0.0, 0.1])
 def test_a_clean_scan_is_never_accused(unit: Unit, second_returns: float) -> None:
     for seed in range(4):

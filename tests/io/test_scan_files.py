@@ -574,3 +574,51 @@ def test_rows_of_the_file_are_known_where_points_were_dropped(tmp_path: Path) ->
         frame.replace(file_rows=np.zeros(2, np.int64))
     np.zeros((3, 4), np.float32).tofile(tmp_path / "a.bin")
     assert read_scan(tmp_path / "a.bin").file_rows is None
+
+
+def pcd_of(path: Path, names: str, rows: np.ndarray) -> Path:
+    """A binary PCD of float32 columns."""
+    count = len(names.split())
+    header = (
+        f"VERSION 0.7\nFIELDS {names}\nSIZE {'4 ' * count}\nTYPE {'F ' * count}\n"
+        f"COUNT {'1 ' * count}\nWIDTH {len(rows)}\nHEIGHT 1\nPOINTS {len(rows)}\nDATA binary\n"
+    )
+    path.write_bytes(header.encode() + rows.astype("<f4").tobytes())
+    return path
+
+
+def test_intensities_that_are_all_nan_are_none(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Drivers of scanners without intensities write them."""
+    rows = np.random.default_rng(0).uniform(1, 9, (50, 4))
+    rows[:, 3] = np.nan
+    path = pcd_of(tmp_path / "a.pcd", "x y z intensity", rows)
+    frame = read_scan(path)
+    assert frame.intensity is None
+    assert "a.pcd: all intensities are NaN: taken for none" in caplog.text
+    write_scan(frame, tmp_path / "b.pcd")
+    again = read_scan(tmp_path / "b.pcd")
+    np.testing.assert_array_equal(again.points, frame.points)
+    rows[:30, 3] = 0.5
+    with pytest.raises(FormatError, match=r"point 30: .* got nan; 20 of 50 points have such"):
+        read_scan(pcd_of(tmp_path / "c.pcd", "x y z intensity", rows))
+
+
+@pytest.mark.parametrize("is_whole", [True, False])
+def test_rings_may_be_floats_where_they_are_whole(is_whole: bool, tmp_path: Path) -> None:
+    rows = np.random.default_rng(0).uniform(1, 9, (50, 4))
+    rows[:, 3] = np.arange(50) % 32
+    rows[7, 3] += 0.0 if is_whole else 0.5
+    frame = read_scan(pcd_of(tmp_path / "a.pcd", "x y z ring", rows))
+    if is_whole:
+        assert frame.ring is not None
+        assert frame.ring.tolist() == rows[:, 3].tolist()
+    else:
+        assert frame.ring is None
+        np.testing.assert_array_equal(frame.fields["ring"], rows[:, 3].astype(np.float32))
+    write_scan(frame, tmp_path / "b.pcd")
+    np.testing.assert_array_equal(
+        np.frombuffer((tmp_path / "b.pcd").read_bytes()[-800:], "<f4").reshape(50, 4),
+        rows.astype(np.float32),
+    )

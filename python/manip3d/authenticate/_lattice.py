@@ -580,7 +580,7 @@ class _Cloud:
 
     @classmethod
     def of(cls, frame: LidarFrame | ArrayLike) -> _Cloud:
-        labels = _labels_of(frame) if isinstance(frame, LidarFrame) else None
+        labels = frame.ring if isinstance(frame, LidarFrame) else None
         points = frame.points if isinstance(frame, LidarFrame) else frame
         xyz = as_rows(points, 3, np.float32, "frames").astype(np.float64)
         if not np.isfinite(xyz).all():
@@ -589,7 +589,10 @@ class _Cloud:
         there = rho > NEAREST
         xyz, rho = xyz[there], rho[there]
         azimuth = np.mod(np.arctan2(xyz[:, 1], xyz[:, 0]), 2.0 * math.pi)
-        kept = _by_exact_elevation(rho, xyz[:, 2]) if labels is None else labels[there]
+        if labels is None:
+            kept = _by_exact_elevation(rho, xyz[:, 2])
+        else:
+            kept = labels[there].astype(np.int64)
         if kept is None:
             return cls(there, xyz, rho, azimuth, _by_order(azimuth), True)
         return cls(there, xyz, rho, azimuth, kept, False)
@@ -602,17 +605,6 @@ class _Cloud:
         rings = np.split(order, ends)
         fewest = FEWEST_POINTS if self.is_by_order else FEWEST_LABELLED
         return [r for r in rings if len(r) >= fewest and self.labels[r[0]] >= 0]
-
-
-def _labels_of(frame: LidarFrame) -> NDArray[np.int64] | None:
-    """The ring of each point, where the frame states it, whatever the type of its numbers."""
-    if frame.ring is not None:
-        return frame.ring.astype(np.int64)
-    stated = (frame.fields or {}).get("ring")
-    if stated is None or stated.ndim != 1 or not np.isfinite(stated).all():
-        return None
-    labels = np.round(stated).astype(np.int64)
-    return labels if np.array_equal(labels, stated) else None
 
 
 def _by_exact_elevation(rho: Floats, z: Floats) -> NDArray[np.int64] | None:

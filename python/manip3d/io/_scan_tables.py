@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+_logger = logging.getLogger("manip3d")
 
 Column = tuple[str, str, int]
 """Name, NumPy type, values per point."""
@@ -143,15 +145,14 @@ def frame_of_table(
     to_file = near_zero(stored) if kind in _UNSTATED else _to_file(kind)
     layout = ScanFormat(kind, table.layout, table.header, to_file)
     points = measured_points(stored, layout, name)
-    intensity = _take(by_name, _INTENSITY, "fiu")
-    if intensity is not None:
-        with np.errstate(over="ignore", invalid="ignore"):
-            intensity = _finite(intensity.astype(np.float32), name)
+    intensity = _intensity(by_name, name)
     ring = _take(by_name, _RING, "iu")
     if ring is None and kind == "nuscenes":
         ring = _whole(by_name, "ring", name)
     if ring is None and kind in _UNSTATED:
         ring = next((_whole(by_name, key, name) for key in _RING if key in by_name), None)
+    if ring is None:
+        ring = next((_whole(by_name, k, name) for k in _RING if _is_whole(by_name.get(k))), None)
     return LidarFrame(
         points=points,
         intensity=intensity,
@@ -199,11 +200,33 @@ def _whole(by_name: dict[str, NDArray[Any]], column: str, file: str) -> NDArray[
     return values.astype(np.uint16)
 
 
-def _finite(values: NDArray[np.float32], file: str) -> NDArray[np.float32]:
+def _is_whole(values: NDArray[Any] | None) -> bool:
+    """Whether a column of floats holds numbers of lasers."""
+    if values is None or values.ndim != 1 or values.dtype.kind != "f" or not len(values):
+        return False
+    return bool(((values == np.rint(values)) & (values >= 0) & (values <= 65535)).all())
+
+
+def _intensity(by_name: dict[str, NDArray[Any]], file: str) -> NDArray[np.float32] | None:
+    """Take the column of intensities; one that says nothing (all NaN) stays a field."""
+    before = dict(by_name)
+    column = _take(by_name, _INTENSITY, "fiu")
+    if column is None:
+        return None
+    with np.errstate(over="ignore", invalid="ignore"):
+        values = column.astype(np.float32)
     bad = np.flatnonzero(~np.isfinite(values))
-    if bad.size:
-        raise FormatError(f"intensity of point {bad[0]}: expected a finite number", file=file)
-    return values
+    if not bad.size:
+        return values
+    if np.isnan(values).all():
+        by_name |= {key: before[key] for key in before.keys() - by_name.keys()}
+        _logger.warning("%s: all intensities are NaN: taken for none", file)
+        return None
+    raise FormatError(
+        f"intensity of point {bad[0]}: expected a finite number, got {column[bad[0]]}; "
+        f"{bad.size} of {len(values)} points have such a number",
+        file=file,
+    )
 
 
 def _to_file(kind: str) -> NDArray[np.float64]:
