@@ -229,6 +229,31 @@ def test_holes_close_before_a_piece_is_lost(target: int) -> None:
     assert metrics.metro(mesh, result.mesh, sampling="area").max < 0.08  # 0.1
 
 
+@pytest.mark.parametrize("corners", [3, 4])
+@pytest.mark.parametrize("target", [400, 100, 30])
+def test_specks_go_before_the_surface_that_they_hang_around(corners: int, target: int) -> None:
+    """Triangles and tetrahedra, which have no edge to collapse, were all candidates there were."""
+    ball = exact_models.ball(40)
+    rng = np.random.default_rng(0)
+    places = rng.normal(size=(3000, 1, 3))
+    specks = (places / np.linalg.norm(places, axis=2, keepdims=True)) * rng.uniform(
+        1.2, 2.0, (3000, 1, 1)
+    ) + rng.normal(0.0, 0.004, (3000, corners, 3))
+    own = [[0, 1, 2]] if corners == 3 else [[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]]
+    faces = (corners * np.arange(3000)[:, None, None] + own).reshape(-1, 3) + ball.num_vertices
+    mesh = Mesh(
+        np.concatenate([ball.vertices, specks.reshape(-1, 3)]),
+        np.concatenate([ball.faces, faces]).astype(np.int32),
+    )
+    result = simplify.simplify(mesh, mode="fast", target_faces=target)
+    assert result.mesh.num_faces <= target
+    alone = simplify.simplify(ball, mode="fast", target_faces=target)
+    lost = metrics.metro(ball, result.mesh, sampling="area").forward.mean
+    assert lost < 5 * metrics.metro(ball, alone.mesh, sampling="area").forward.mean
+    two = simplify.fast(mesh, target_faces=target, threads=2)
+    np.testing.assert_array_equal(two.mesh.vertices, result.mesh.vertices)
+
+
 def test_max_error_stops_before_the_target() -> None:
     hill = exact_models.hill(40)
     result = simplify.fast(hill, max_error=1e-3)

@@ -88,6 +88,8 @@ constexpr double kMissedDistance = 0.01;
 /// A piece that vanishes is missed more than its distance says; this is squared, like all prices.
 constexpr double kFastPieceFactor = 4.0;
 
+constexpr std::int64_t kFacesOfTetrahedron = 4;
+
 /// Tasks that share the vertices where things are sorted by vertex.
 constexpr int kRangeTasks = 2;
 
@@ -278,7 +280,9 @@ class FastSimplifier {
   [[nodiscard]] std::int32_t num_vertices() const {
     return static_cast<std::int32_t>(vertices_.size());
   }
-  [[nodiscard]] bool is_small() const { return num_faces() < kSmall; }
+  [[nodiscard]] bool is_small() const {
+    return num_faces() < kBlock && num_faces() - num_spent_ < kSmall;
+  }
   [[nodiscard]] bool has_wedges() const { return !wedges_.empty(); }
 
   template <typename Body>
@@ -749,6 +753,7 @@ class FastSimplifier {
     }
     view_.emplace(welded_);
     pieces_.emplace(*view_, scale_, part_of(progress_, 0.16, 0.2));
+    count_faces();
     piece_weight_.assign(pieces_->size(), 0.0);
     for (std::int32_t v = 0; v < num_vertices(); ++v) {
       const std::int32_t piece = pieces_->of_vertex(v);
@@ -772,6 +777,25 @@ class FastSimplifier {
       }
     });
     return sets.num_sets() < 2;
+  }
+
+  /// Counts the faces of the pieces, and those of which nothing but the whole piece can go.
+  void count_faces() {
+    std::vector<std::int64_t>& count = faces_of_piece_;
+    count.assign(pieces_->size(), 0);
+    for (const Triple& face : faces_) ++count[piece_of(face)];
+    num_spent_ = 0;
+    for (std::int32_t i = 0; i < pieces_->size(); ++i) {
+      pieces_->remove_faces(i, pieces_->num_faces(i) - count[i]);
+      if (count[i] == 1 || count[i] == kFacesOfTetrahedron) num_spent_ += count[i];
+    }
+  }
+
+  /// Whether no edge of the piece of a face can collapse: it is a triangle or a tetrahedron. Their
+  /// edges are as cheap as they are short, and thousands of them would be all candidates of a pass.
+  [[nodiscard]] bool is_spent(const Triple& face) const {
+    const std::int64_t count = faces_of_piece_[piece_of(face)];
+    return count == 1 || (count == kFacesOfTetrahedron && is_open_[face[0]] == 0);
   }
 
   [[nodiscard]] std::int32_t piece_of(const Triple& face) const {
@@ -799,12 +823,11 @@ class FastSimplifier {
   std::int64_t remove_pieces(double limit, Choice choice) {
     if (!pieces_) return 0;
     const bool is_forced = choice != Choice::kCheap;
-    std::vector<std::int64_t> count(pieces_->size(), 0);
-    for (const Triple& face : faces_) ++count[piece_of(face)];
+    count_faces();
+    std::vector<std::int64_t>& count = faces_of_piece_;
     using Priced = std::pair<double, std::int32_t>;
     std::priority_queue<Priced, std::vector<Priced>, std::greater<>> queue;
     for (std::int32_t i = 0; i < pieces_->size(); ++i) {
-      pieces_->remove_faces(i, pieces_->num_faces(i) - count[i]);
       if (!pieces_->is_there(i) || is_kept_[i] != 0) continue;
       const double price = piece_price(i);
       if (std::isfinite(price) && (price <= limit || is_forced)) queue.emplace(price, i);
@@ -836,6 +859,7 @@ class FastSimplifier {
       piece_error_ = std::max(piece_error_, error);
       gone += count[i];
       pieces_->remove_faces(i, count[i]);
+      if (count[i] == 1 || count[i] == kFacesOfTetrahedron) num_spent_ -= count[i];
       is_gone[i] = 1;
       ++result_.removed_pieces;
     }
@@ -940,12 +964,14 @@ class FastSimplifier {
       for (std::int64_t f = begin; f < end;) {
         std::size_t count = 0;
         for (const std::int64_t stop = std::min(end, f + kFaces); f < stop; ++f) {
+          if (num_spent_ > 0 && is_spent(faces_[f])) continue;
           for (std::uint32_t c = 0; c < 3; ++c) {
             const std::int32_t a = faces_[f][c], b = faces_[f][after(c)];
             here[count] = {static_cast<std::uint32_t>(3 * f) + c, std::min(a, b), std::max(a, b)};
             count += static_cast<std::size_t>(is_priced_here(a, b));
           }
         }
+        if (count == 0) continue;
         for (std::size_t i = count; i % 4 != 0; ++i) here[i] = here[count - 1];
         const std::size_t first = edges.size();
         edges.resize(first + count + 3);
@@ -997,8 +1023,8 @@ class FastSimplifier {
                                       [](const PricedEdge& edge) { return edge.key == kTooDear; });
       }
     }
-    const double share =
-        (is_small() ? kShareOfSmallPass : kShareOfPass) * static_cast<double>(num_faces()) / 2.0;
+    const double share = (is_small() ? kShareOfSmallPass : kShareOfPass) *
+                         static_cast<double>(num_faces() - num_spent_) / 2.0;
     wanted_ = std::max<std::int64_t>(
         1, static_cast<std::int64_t>(std::min(0.5 * static_cast<double>(needed), share)));
     const double most =
@@ -1923,6 +1949,8 @@ class FastSimplifier {
   TriangleMesh welded_;
   std::optional<MeshView> view_;
   std::optional<Pieces> pieces_;
+  std::vector<std::int64_t> faces_of_piece_;
+  std::int64_t num_spent_ = 0;         // faces of pieces that only go as a whole, at most
   std::vector<double> piece_weight_;   // of all planes of a piece, as read
   std::vector<std::uint8_t> is_kept_;  // pieces with locked vertices
 
