@@ -353,7 +353,7 @@ def test_an_address_opens_the_simulator() -> None:
         ("sim:body?lost=3", "lost: expected FROM:UNTIL, got '3'"),
         ("sim:body?stripes=1", "stripes: expected yes or no, got '1'"),
         ("sim:body?frames=1.5", "frames: expected a number, got '1.5'"),
-        ("sim:body?resolution=1", "unknown option resolution"),
+        ("sim:body?resolution=1", "unknown option resolution; expected some of amputated, "),
     ],
 )
 def test_bad_options_are_named(address: str, text: str) -> None:

@@ -38,7 +38,7 @@ def test_a_scene_gives_one_scan() -> None:
         ("sim:moon", "address: expected sim:street or a scene"),
         ("sim:street?seed=x", "seed: expected a number, got 'x'"),
         ("sim:street?seed=-1", "seed: expected >= 0, got -1"),
-        ("sim:street?resolution=1", "unknown option resolution"),
+        ("sim:street?resolution=1", "option resolution; expected some of frames, seed, start"),
         ("sim:indoor-00?frames=2", "unknown option frames"),
         ("sim:indoor-00?resolution=0", "resolution_deg: expected 1e-4 to 10 degrees"),
         ("sim:indoor-00?resolution=", "resolution: expected a number, got ''"),

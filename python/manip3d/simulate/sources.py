@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, TypeVar
 from urllib.parse import parse_qsl, urlsplit
 
@@ -69,7 +69,7 @@ def open_source(address: str, *, threads: int = 0) -> Iterator[LidarFrame] | Bod
         raise InputError(f"seed: expected >= 0, got {seed}")
     if name == "street":
         frames, start = _taken(options, "frames", int, 10), _taken(options, "start", float, 0.0)
-        _refuse_others(options, address)
+        _refuse_others(options, address, ("seed", "frames", "start"))
         return (
             frame.scan.frame.replace(source=address, time_ns=EPOCH_NS + nanoseconds(frame.time))
             for frame in drive(
@@ -78,7 +78,7 @@ def open_source(address: str, *, threads: int = 0) -> Iterator[LidarFrame] | Bod
         )
     if name in {**scenes.SCENES, **scenes.CALIBRATION}:
         resolution = _taken(options, "resolution", float, 0.06)
-        _refuse_others(options, address)
+        _refuse_others(options, address, ("seed", "resolution"))
         scan = terrestrial_scan(
             scenes.make(name), resolution_deg=resolution, rng=seed, threads=threads
         )
@@ -124,7 +124,7 @@ def open_drive(address: str, *, threads: int = 0) -> Iterator[DriveFrame]:
     seed, frames = _taken(options, "seed", int, 0), _taken(options, "frames", int, 10)
     start = _taken(options, "start", float, 0.0)
     surround = _yes_or_no("surround", options.pop("surround", "no"))
-    _refuse_others(options, address)
+    _refuse_others(options, address, ("seed", "frames", "start", "surround"))
     return drive(street(seed), frames, start=start, surround=surround, rng=seed, threads=threads)
 
 
@@ -179,7 +179,8 @@ def _moment(frame: DriveFrame) -> DriveMoment:
 
 def _body(options: Mapping[str, str], address: str, threads: int) -> BodySimulator:
     fields = {field.name: field for field in dataclasses.fields(BodySimulator)}
-    _refuse_others({name: text for name, text in options.items() if name not in fields}, address)
+    others = {name: text for name, text in options.items() if name not in fields}
+    _refuse_others(others, address, fields)
     values = {
         name: _parsed(name, text, str(fields[name].type), fields[name].default)
         for name, text in options.items()
@@ -222,6 +223,9 @@ def _taken(
         raise InputError(f"{name}: expected a number, got {text!r}") from None
 
 
-def _refuse_others(options: Mapping[str, str], address: str) -> None:
+def _refuse_others(options: Mapping[str, str], address: str, known: Iterable[str]) -> None:
     if options:
-        raise InputError(f"{address}: unknown option {', '.join(sorted(options))}")
+        raise InputError(
+            f"{address}: unknown option {', '.join(sorted(options))}; expected some of "
+            f"{', '.join(sorted(known))}"
+        )
