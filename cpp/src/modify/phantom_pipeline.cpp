@@ -18,6 +18,7 @@
 #include "modify/phantom_mesh.hpp"
 #include "modify/phantom_quality.hpp"
 #include "modify/pixel_bounds.hpp"
+#include "modify/stature.hpp"
 
 namespace manip3d {
 namespace {
@@ -261,7 +262,7 @@ class PhantomPipeline::Workspace {
       report.reason = lacks_skeletons() ? PhantomReason::kNoSkeleton : PhantomReason::kNoPerson;
       return report;
     }
-    if (is_here_) report.quality.fit = fit_of(*person, input, image);
+    if (is_here_) look_at_calibration(*person, input, image, report.quality);
     clock.end(PhantomStage::kSegmentation);
     std::optional<ClothSearch> cloth;
     if (!options_.keep_residual) {
@@ -373,6 +374,7 @@ class PhantomPipeline::Workspace {
     presence_.reset();
     trunk_.reset();
     girth_.reset();
+    stature_.reset();
     legs_.reset();
     trunk_frame_.reset();
     frame_.reset();
@@ -402,6 +404,7 @@ class PhantomPipeline::Workspace {
     shown_time_s_ = kNever;
     picture_.reserve(camera.height, camera.width);
     camera_ = camera;
+    stature_.reset();
     ends_.reset();
     forget_phantom();
   }
@@ -624,6 +627,15 @@ class PhantomPipeline::Workspace {
     return input.body_index != nullptr ? std::min(fit, bone_fit(points_, girth_)) : fit;
   }
 
+  /// Do the joints lie where the depth image shows the person, and are they as tall?
+  void look_at_calibration(const Skeleton& person, const PhantomInput& input,
+                           const PhantomImage& image, PhantomQuality& quality) {
+    quality.fit = fit_of(person, input, image);
+    // Without a body index a floor would be the person's, and without skins there are no soles.
+    if (input.body_index != nullptr && goes_by_skin()) stature_.learn(person, bones_, points_);
+    quality.stature = stature_.ratio();
+  }
+
   /// Has the person the affected limb, and what does it tell of the plane?
   void look_for_limb(const Skeleton& person, const Skeleton& fitted, const PhantomImage& image) {
     presence_.add(person, options_.affected, PixelProjector(*camera_, rays_), image.label);
@@ -665,7 +677,7 @@ class PhantomPipeline::Workspace {
     }
     // Joints beside the person explain all else.
     const bool misses = report.reason != PhantomReason::kNone && is_here_;
-    if (misses && report.quality.fit < kLeastFit) report.reason = PhantomReason::kCalibration;
+    if (misses && !fits(report.quality, stature_)) report.reason = PhantomReason::kCalibration;
     if (report.reason == PhantomReason::kNone) {
       report.state = PhantomState::kTracking;
       report.opacity = 1.0;
@@ -710,7 +722,7 @@ class PhantomPipeline::Workspace {
     }
     ends_ = ends;
     if (follows_trunk() && !is_arm(affected)) report.quality.across = deviation_across(person);
-    report.reason = worst_of(affected, girth_, report.quality);
+    report.reason = worst_of(affected, girth_, stature_, report.quality);
     if (report.reason != PhantomReason::kNone) report.state = PhantomState::kDegraded;
     using enum PhantomReason;
     held_->is_misplaced =
@@ -877,6 +889,7 @@ class PhantomPipeline::Workspace {
   LimbPresence presence_;
   TrunkTracker trunk_;
   Girth girth_;
+  Stature stature_;
   LegTurn legs_;
   PictureJudge picture_;
   std::optional<Ends> ends_;  ///< In the last frame with a phantom of its own.

@@ -66,7 +66,7 @@ class PhantomReason(enum.StrEnum):
     OCCLUDED = "occluded"  #: too little of the limb is seen
     INFERRED = "inferred"  #: a joint of it was guessed for too long, where the limb is not seen
     NO_SKELETON = "no_skeleton"  #: no skeleton has been seen at all
-    CALIBRATION = "calibration"  #: the joints do not lie on the person's pixels
+    CALIBRATION = "calibration"  #: the joints do not lie on the person's pixels, or are not as tall
     SHAKY = "shaky"  #: the plane of symmetry is not known well enough
     LEAP = "leap"  #: the phantom moved much farther than the intact limb did
     DETACHED = "detached"  #: the phantom does not hang at the body
@@ -112,6 +112,10 @@ class PhantomQuality:
     ----------
     fit : float
         Share of the tracked joints that lie on the person's pixels.
+    stature : float
+        Height of the person's pixels, from crown to sole, over that of its joints; a mean over
+        about three seconds, which tells a wrong focal length. 1 while head and a foot are not
+        tracked within the image, without a body index, and with ``segmentation="paper"``.
     plane_deg : float, degrees
         Standard deviation of the plane of symmetry's normal; 0 with ``plane="joints"``.
     across : float, metres
@@ -141,6 +145,7 @@ class PhantomQuality:
     """
 
     fit: float
+    stature: float
     plane_deg: float
     across: float
     leap: float

@@ -98,7 +98,7 @@ enum class PhantomReason : std::uint8_t {
   kOccluded,     ///< Too little of the intact limb is seen.
   kInferred,     ///< A joint of the intact limb was guessed for too long.
   kNoSkeleton,   ///< No skeleton has been seen at all.
-  kCalibration,  ///< The joints do not lie on the person's pixels.
+  kCalibration,  ///< The joints do not lie on the person's pixels, or are not as tall as they.
   kShaky,        ///< The plane of symmetry is not known well enough.
   kLeap,         ///< The phantom moved much farther than the intact limb did.
   kDetached,     ///< The phantom does not hang at the body.
@@ -111,7 +111,9 @@ enum class PhantomReason : std::uint8_t {
 
 /// How far a frame with a phantom is from what nobody would believe.
 struct PhantomQuality {
-  double fit = 1.0;        ///< Share of the tracked joints that lie on the person's pixels.
+  double fit = 1.0;  ///< Share of the tracked joints that lie on the person's pixels.
+  /// Height of the person's pixels over that of its joints, a mean over frames; 1: not known.
+  double stature = 1.0;
   double plane_deg = 0.0;  ///< Standard deviation of the plane's normal.
   /// Standard deviation of a leg's distance from the plane, metres, where it may be on either side.
   double across = 0.0;
