@@ -634,6 +634,36 @@ def rolled(image: RgbdFrame, factor: float) -> RgbdFrame:
     )
 
 
+@pytest.mark.parametrize(
+    ("missing", "chosen", "motion"),
+    [("right_arm", "left_arm", "reach"), ("left_leg", "right_leg", "stepping")],
+)
+def test_a_stump_is_not_mirrored_if_the_wrong_limb_is_chosen(
+    missing: Limb, chosen: Limb, motion: str
+) -> None:
+    """Its guessed joints lie on flesh, as do those of a limb that is seen."""
+    pipeline = PhantomPipeline(chosen)
+    people = BodySimulator(
+        motion=motion, amputated=missing, color="none", room=False, frames=30, rate=20.0, seed=3
+    )
+    results = [pipeline.process(image) for image in people]
+    assert all(result.reason is PhantomReason.INFERRED for result in results[10:])
+    assert all(result.state is not PhantomState.TRACKING for result in results[10:])
+    assert "chosen" in results[-1].message
+
+
+def test_joints_that_are_not_told_are_no_wrong_calibration() -> None:
+    pipeline = PhantomPipeline("right_arm")
+    whole = pose()
+    states = whole.states.copy()
+    states[[0, 1, 12, 13, 14, 15, 16, 17, 18, 19]] = 0  # from the chest down
+    for number in range(10):
+        told = replace(whole, states=states)
+        result = pipeline.process(seen(whole, number, told=told, camera=KINECT))
+        assert result.reason is not PhantomReason.CALIBRATION
+        assert result.quality.fit == 1.0
+
+
 def hidden_at(skeleton: Skeleton, bones: tuple[int, ...]) -> RgbdFrame:
     """The pixels of some bones are nobody's, as behind a bar."""
     image = frame(skeleton, KINECT, without=ARM)

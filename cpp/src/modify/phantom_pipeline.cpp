@@ -161,6 +161,20 @@ bool shows_limb_at(const Skeleton& skeleton, Limb limb, Joint joint,
   return is_limb_bone(limb, image.label[pixel]);
 }
 
+/// Has a tracker told all joints but those of a limb, of hands and feet?
+bool has_main_joints(const Skeleton& skeleton, Limb affected) {
+  constexpr std::size_t kInner = kNumMainJoints - 1;
+  bool all = is_usable(skeleton, Joint::kHead) && is_usable(skeleton, Joint::kSpineBase) &&
+             is_usable(skeleton, Joint::kSpineMid) && is_usable(skeleton, Joint::kSpineShoulder);
+  for (const Limb limb : {Limb::kLeftArm, Limb::kRightArm, Limb::kLeftLeg, Limb::kRightLeg}) {
+    if (limb == affected) continue;
+    for (const Joint joint : limb_chain(limb).first(kInner)) {
+      all = all && is_usable(skeleton, joint);
+    }
+  }
+  return all;
+}
+
 /// Length of a limb along its usable joints, metres.
 float limb_length(const Skeleton& skeleton, Limb limb) {
   float length = 0.0F;
@@ -171,6 +185,26 @@ float limb_length(const Skeleton& skeleton, Limb limb) {
     last = joint;
   }
   return length;
+}
+
+/// Are joints of a limb guessed where only a stump is, of a person whose other limb is tracked? A
+/// limb that is bent at the elbow or the knee still reaches .43 of its length from its root.
+bool is_guessed_at_stump(const Skeleton& skeleton, Limb limb) {
+  constexpr float kShort = 0.4F;  // of the other limb's length
+  const auto is_tracked = [&](Joint joint) {
+    return skeleton.state(joint) == TrackingState::kTracked;
+  };
+  const auto mine = limb_chain(limb).first(kNumMainJoints).subspan(1);
+  const auto other = limb_chain(opposite(limb)).first(kNumMainJoints).subspan(1);
+  if (std::ranges::all_of(mine, is_tracked) || !std::ranges::all_of(other, is_tracked)) {
+    return false;
+  }
+  float reach = 0.0F;
+  for (const Joint joint : mine) {
+    if (!is_usable(skeleton, joint) || !is_usable(skeleton, limb_root(limb))) continue;
+    reach = std::max(reach, (skeleton[joint] - skeleton[limb_root(limb)]).norm());
+  }
+  return reach < kShort * limb_length(skeleton, opposite(limb));
 }
 
 /// Has the person the affected limb? An amputee has none in any frame, though the joints that a
@@ -623,8 +657,11 @@ class PhantomPipeline::Workspace {
                               const PhantomImage& image) const {
     const PixelProjector projector(*camera_, rays_);
     const double fit = joint_fit(person, options_.affected, projector, image);
-    // Without a body index, furniture within the person's depths is far from all bones too.
-    return input.body_index != nullptr ? std::min(fit, bone_fit(points_, girth_)) : fit;
+    // Without a body index, furniture within the person's depths is far from all bones too; with
+    // half of the bones, the person is.
+    return input.body_index != nullptr && has_main_joints(person, options_.affected)
+               ? std::min(fit, bone_fit(points_, girth_))
+               : fit;
   }
 
   /// Do the joints lie where the depth image shows the person, and are they as tall?
@@ -663,8 +700,9 @@ class PhantomPipeline::Workspace {
     const Limb intact = opposite(options_.affected);
     const PixelProjector projector(*camera_, rays_);
     report.visible = visible_share(person, intact, projector, image.label);
+    const bool is_stump = is_here_ && is_guessed_at_stump(raw_, intact);
     const double guessed = inferred_.add(person, intact, time_s, [&](Joint joint) {
-      return shows_limb_at(person, intact, joint, projector, image);
+      return !is_stump && shows_limb_at(person, intact, joint, projector, image);
     });
     if (!is_here_) {
       report.reason = PhantomReason::kNoPerson;
