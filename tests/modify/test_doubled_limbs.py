@@ -117,7 +117,7 @@ def test_a_knee_beside_a_hand_is_no_arm(bench: ModuleType) -> None:
     seen = whole_person("left_arm", {"motion": "arm-curl", "sitting": True})
     person = seen.frame.skeletons[0]
     positions = person.positions.copy()
-    positions[[12, 13, 16, 17]] += np.float32([0.0, 0.0, 0.16])  # hips and knees
+    positions[[12, 13, 16, 17]] += np.array([0.0, 0.0, 0.16], np.float32)  # hips and knees
     told = replace(
         seen, frame=replace(seen.frame, skeletons=(replace(person, positions=positions),))
     )

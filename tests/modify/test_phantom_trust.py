@@ -652,6 +652,17 @@ def test_a_stump_is_not_mirrored_if_the_wrong_limb_is_chosen(
     assert "chosen" in results[-1].message
 
 
+def test_joints_in_millimetres_are_named() -> None:
+    pipeline = PhantomPipeline("right_arm")
+    whole = pose()
+    told = replace(whole, positions=1000 * whole.positions)
+    for number in range(40):
+        result = pipeline.process(seen(whole, number, told=told))
+        assert result.state is PhantomState.LOST
+        assert result.reason is PhantomReason.CALIBRATION
+    assert "metres" in result.message
+
+
 def test_joints_that_are_not_told_are_no_wrong_calibration() -> None:
     pipeline = PhantomPipeline("right_arm")
     whole = pose()

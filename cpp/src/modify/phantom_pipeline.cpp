@@ -161,6 +161,20 @@ bool shows_limb_at(const Skeleton& skeleton, Limb limb, Joint joint,
   return is_limb_bone(limb, image.label[pixel]);
 }
 
+/// Are all tracked joints farther away than any camera sees, as millimetres are that were taken for
+/// metres?
+bool is_in_another_unit(const Skeleton& skeleton) {
+  constexpr float kFarthest = 100.0F;  // metres
+  bool is_far = false;
+  for (std::size_t joint = 0; joint < kNumJoints; ++joint) {
+    if (skeleton.states[joint] != TrackingState::kTracked) continue;
+    const Eigen::Vector3f& p = skeleton.positions[joint];
+    if (!(p.cwiseAbs().maxCoeff() > kFarthest && p.allFinite())) return false;
+    is_far = true;
+  }
+  return is_far;
+}
+
 /// Has a tracker told all joints but those of a limb, of hands and feet?
 bool has_main_joints(const Skeleton& skeleton, Limb affected) {
   constexpr std::size_t kInner = kNumMainJoints - 1;
@@ -293,7 +307,7 @@ class PhantomPipeline::Workspace {
     segment(fitted, input, image, report);
     if (points_.count == 0) {  // a phantom without a person would float in the air
       ends_.reset();
-      report.reason = lacks_skeletons() ? PhantomReason::kNoSkeleton : PhantomReason::kNoPerson;
+      report.reason = reason_for_nobody(input);
       return report;
     }
     if (is_here_) look_at_calibration(*person, input, image, report.quality);
@@ -510,6 +524,11 @@ class PhantomPipeline::Workspace {
         person_->positions[joint] = raw.positions[joint];
       }
     }
+  }
+
+  [[nodiscard]] PhantomReason reason_for_nobody(const PhantomInput& input) const {
+    if (std::ranges::any_of(input.people, is_in_another_unit)) return PhantomReason::kCalibration;
+    return lacks_skeletons() ? PhantomReason::kNoSkeleton : PhantomReason::kNoPerson;
   }
 
   /// Has the source had time to show a skeleton, and has not?

@@ -90,7 +90,8 @@ _MESSAGES = {
     PhantomReason.INFERRED: "The tracker only guesses where the intact limb is: see to it that the "
     "missing limb is the one that was chosen.",
     PhantomReason.NO_SKELETON: "There is no skeleton in this source: use --pose.",
-    PhantomReason.CALIBRATION: "The joints do not fit the depth image: check the calibration.",
+    PhantomReason.CALIBRATION: "The joints do not fit the depth image: check the calibration, and "
+    "that both are in metres.",
     PhantomReason.SHAKY: "The middle of the body is not known well: let the patient face the "
     "camera.",
     PhantomReason.LEAP: "The phantom limb jumped.",
@@ -386,8 +387,8 @@ class PhantomPipeline:
 
     While the intact limb cannot be mirrored - less than ``least_visible`` of it is seen, one of its
     joints beyond the root is inferred for more than ``inferred_seconds`` at a place where the depth
-    image does not show the limb, or the skeleton is gone - the last phantom moves with the body for
-    ``hold_seconds``, then fades in ``fade_seconds``. A frame that is not newer than the last one is
+    image does not show the limb, or on a stump, or the skeleton is gone - the last phantom moves
+    with the body for ``hold_seconds``, then fades in ``fade_seconds``. A frame that is not newer than the last one is
     counted and passed over, unless it is more than a second older: then a new recording begins.
     Where all times are 0, frames count as 30 a second. A frame whose phantom nobody would believe
     is ``degraded``: see `PhantomQuality`.

@@ -171,7 +171,7 @@ struct PhantomReport {
 ///
 /// While the intact limb cannot be mirrored (less than `least_visible` of it is seen, a joint of it
 /// beyond the root is inferred for more than `inferred_seconds` where the depth image does not show
-/// the limb, or the skeleton is gone) the last phantom is held in the body's frame, then fades;
+/// the limb, or on a stump, or the skeleton is gone) the last phantom is held in the body's frame, then fades;
 /// where no pixel of the person is left, it is not drawn. Degenerate body axes keep those of the
 /// last frame. The plane of a seated person who has the affected leg is that of both legs
 /// (LegTurn). Empty pixels that showed the phantom in the frame before and have three neighbours in
