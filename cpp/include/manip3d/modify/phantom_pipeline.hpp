@@ -171,14 +171,14 @@ struct PhantomReport {
 ///
 /// While the intact limb cannot be mirrored (less than `least_visible` of it is seen, a joint of it
 /// beyond the root is inferred for more than `inferred_seconds` where the depth image does not show
-/// the limb, or on a stump, or the skeleton is gone) the last phantom is held in the body's frame, then fades;
-/// where no pixel of the person is left, it is not drawn. Degenerate body axes keep those of the
-/// last frame. The plane of a seated person who has the affected leg is that of both legs
-/// (LegTurn). Empty pixels that showed the phantom in the frame before and have three neighbours in
-/// it now are filled. A frame that is no newer than the last one is counted and passed over, unless
-/// it is more than a second older: then a new recording begins. A stream whose times are all 0 has
-/// no clock, nor has one after ten such frames in a row: frames count as 30 a second. An object
-/// keeps its memory and allocates nothing after the first frame of a camera.
+/// the limb, or on a stump, or the skeleton is gone) the last phantom is held in the body's frame,
+/// then fades; where no pixel of the person is left, it is not drawn. Degenerate body axes keep
+/// those of the last frame. The plane of a seated person who has the affected leg is that of both
+/// legs (LegTurn). Empty pixels that showed the phantom in the frame before and have three
+/// neighbours in it now are filled. A frame that is no newer than the last one is counted and
+/// passed over, unless it is more than a second older: then a new recording begins. A stream whose
+/// times are all 0 has no clock, nor has one after ten such frames in a row: frames count as 30 a
+/// second. An object keeps its memory and allocates nothing after the first frame of a camera.
 class PhantomPipeline {
  public:
   /// @throws InputError  an option out of range.
