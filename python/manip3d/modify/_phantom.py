@@ -388,10 +388,10 @@ class PhantomPipeline:
     While the intact limb cannot be mirrored - less than ``least_visible`` of it is seen, one of its
     joints beyond the root is inferred for more than ``inferred_seconds`` at a place where the depth
     image does not show the limb, or on a stump, or the skeleton is gone - the last phantom moves
-    with the body for ``hold_seconds``, then fades in ``fade_seconds``. A frame that is not newer than the last one is
-    counted and passed over, unless it is more than a second older: then a new recording begins.
-    Where all times are 0, frames count as 30 a second. A frame whose phantom nobody would believe
-    is ``degraded``: see `PhantomQuality`.
+    with the body for ``hold_seconds``, then fades in ``fade_seconds``. A frame that is not newer
+    than the last one is counted and passed over, unless it is more than a second older: then a new
+    recording begins. Where all times are 0, frames count as 30 a second. A frame whose phantom
+    nobody would believe is ``degraded``: see `PhantomQuality`.
 
     Trackers invent joints of a limb that is missing. Unless the person has shown the limb, joints
     of it that the camera looks through, and bones half as long again as the intact limb's, count
