@@ -124,6 +124,7 @@ CArray<double> vector(const Eigen::Vector3d& v) {
 Fields quality_fields(const PhantomQuality& quality) {
   Fields fields;
   fields["fit"] = py::float_(quality.fit);
+  fields["stature"] = py::float_(quality.stature);
   fields["plane_deg"] = py::float_(quality.plane_deg);
   fields["across"] = py::float_(quality.across);
   fields["leap"] = py::float_(quality.leap);

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from manip3d.modify import (
 )
 from manip3d.rgbd import JOINTS, MIRRORED_JOINTS
 from manip3d.simulate import BodySimulator
+from manip3d.simulate.people import DEPTH_CAMERA
 
 ARM = (9, 10, 11, 23, 24)  # bones of the right arm
 HAND = JOINTS.index("HandLeft")
@@ -558,6 +560,119 @@ def test_a_wrong_focal_length_is_named(factor: float) -> None:
         assert result.state is not PhantomState.TRACKING
         assert result.reason is PhantomReason.CALIBRATION
         assert "calibration" in result.message
+
+
+def told_with(factor: float, limb: Limb, **body: Any) -> list[PhantomFrame]:
+    """Thirty frames of a simulated person, the focal length off by a factor."""
+    pipeline = PhantomPipeline(limb)
+    people = BodySimulator(
+        amputated=limb, color="none", room=False, frames=30, rate=15.0, seed=2, **body
+    )
+    wrong = replace(DEPTH_CAMERA, fx=factor * DEPTH_CAMERA.fx, fy=factor * DEPTH_CAMERA.fy)
+    return [pipeline.process(replace(f, calibration=RgbdCalibration(wrong))) for f in people]
+
+
+BODIES = [
+    ("right_arm", {"motion": "reach"}),
+    ("left_leg", {"motion": "stepping"}),
+    ("right_leg", {"motion": "knee-extension", "sitting": True}),
+]
+
+
+@pytest.mark.parametrize(("limb", "body"), BODIES)
+@pytest.mark.parametrize("factor", [0.7, 0.9, 1.1])
+def test_a_focal_length_off_by_a_tenth_is_named(
+    factor: float, limb: Limb, body: dict[str, Any]
+) -> None:
+    if "sitting" in body and factor == 1.1:
+        factor = 1.15  # a leg that points at the camera tells less
+    results = told_with(factor, limb, **body)
+    first = 0 if factor == 0.7 else 20  # a mean over frames tells a small factor
+    for result in results[first:]:
+        assert result.state is not PhantomState.TRACKING
+        assert result.reason is PhantomReason.CALIBRATION
+
+
+@pytest.mark.parametrize(("limb", "body"), BODIES)
+@pytest.mark.parametrize("factor", [1.0, 1.03])
+def test_a_focal_length_that_is_right_is_not_doubted(
+    factor: float, limb: Limb, body: dict[str, Any]
+) -> None:
+    results = told_with(factor, limb, **body)
+    assert all(result.state is PhantomState.TRACKING for result in results[2:])
+    assert results[-1].quality.stature * factor == pytest.approx(1.025, abs=0.03)
+
+
+def test_a_rolled_camera_tells_a_wrong_focal_length_too() -> None:
+    """By 90 degrees: the person lies in the image, with the head to the left."""
+    for factor, reason in ((1.0, PhantomReason.NONE), (1.15, PhantomReason.CALIBRATION)):
+        pipeline = PhantomPipeline("right_arm")
+        people = BodySimulator(
+            motion="reach", amputated="right_arm", color="none", room=False, frames=20, seed=2
+        )
+        for image in people:
+            result = pipeline.process(rolled(image, factor))
+        assert result.reason is reason
+
+
+def rolled(image: RgbdFrame, factor: float) -> RgbdFrame:
+    """What a camera that is turned by a quarter sees, its focal length off by a factor."""
+    c = image.calibration.depth
+    focal = factor * c.fx
+    camera = Intrinsics(c.height, c.width, focal, focal, c.cy, c.width - 1 - c.cx)
+    person = image.skeletons[0]
+    assert image.body_index is not None
+    across = person.positions[:, [1, 0, 2]] * np.float32([1, -1, 1])
+    return replace(
+        image,
+        depth=np.ascontiguousarray(np.rot90(image.depth)),
+        body_index=np.ascontiguousarray(np.rot90(image.body_index)),
+        calibration=RgbdCalibration(camera),
+        skeletons=(
+            replace(person, positions=across, orientations=np.zeros_like(person.orientations)),
+        ),
+    )
+
+
+@pytest.mark.parametrize(
+    ("missing", "chosen", "motion"),
+    [("right_arm", "left_arm", "reach"), ("left_leg", "right_leg", "stepping")],
+)
+def test_a_stump_is_not_mirrored_if_the_wrong_limb_is_chosen(
+    missing: Limb, chosen: Limb, motion: str
+) -> None:
+    """Its guessed joints lie on flesh, as do those of a limb that is seen."""
+    pipeline = PhantomPipeline(chosen)
+    people = BodySimulator(
+        motion=motion, amputated=missing, color="none", room=False, frames=30, rate=20.0, seed=3
+    )
+    results = [pipeline.process(image) for image in people]
+    assert all(result.reason is PhantomReason.INFERRED for result in results[10:])
+    assert all(result.state is not PhantomState.TRACKING for result in results[10:])
+    assert "chosen" in results[-1].message
+
+
+def test_joints_in_millimetres_are_named() -> None:
+    pipeline = PhantomPipeline("right_arm")
+    whole = pose()
+    told = replace(whole, positions=1000 * whole.positions)
+    for number in range(40):
+        result = pipeline.process(seen(whole, number, told=told))
+        assert result.state is PhantomState.LOST
+        assert result.reason is PhantomReason.CALIBRATION
+    assert "metres" in result.message
+
+
+def test_joints_that_are_not_told_are_no_wrong_calibration() -> None:
+    pipeline = PhantomPipeline("right_arm")
+    whole = pose()
+    states = whole.states.copy()
+    states[[0, 1, 12, 13, 14, 15, 16, 17, 18, 19]] = 0  # from the chest down
+    for number in range(10):
+        told = replace(whole, states=states)
+        result = pipeline.process(seen(whole, number, told=told, camera=KINECT))
+        assert result.reason is not PhantomReason.CALIBRATION
+        assert result.quality.fit == 1.0
 
 
 def hidden_at(skeleton: Skeleton, bones: tuple[int, ...]) -> RgbdFrame:

@@ -18,6 +18,7 @@
 #include "modify/phantom_mesh.hpp"
 #include "modify/phantom_quality.hpp"
 #include "modify/pixel_bounds.hpp"
+#include "modify/stature.hpp"
 
 namespace manip3d {
 namespace {
@@ -160,6 +161,34 @@ bool shows_limb_at(const Skeleton& skeleton, Limb limb, Joint joint,
   return is_limb_bone(limb, image.label[pixel]);
 }
 
+/// Are all tracked joints farther away than any camera sees, as millimetres are that were taken for
+/// metres?
+bool is_in_another_unit(const Skeleton& skeleton) {
+  constexpr float kFarthest = 100.0F;  // metres
+  bool is_far = false;
+  for (std::size_t joint = 0; joint < kNumJoints; ++joint) {
+    if (skeleton.states[joint] != TrackingState::kTracked) continue;
+    const Eigen::Vector3f& p = skeleton.positions[joint];
+    if (!(p.cwiseAbs().maxCoeff() > kFarthest && p.allFinite())) return false;
+    is_far = true;
+  }
+  return is_far;
+}
+
+/// Has a tracker told all joints but those of a limb, of hands and feet?
+bool has_main_joints(const Skeleton& skeleton, Limb affected) {
+  constexpr std::size_t kInner = kNumMainJoints - 1;
+  bool all = is_usable(skeleton, Joint::kHead) && is_usable(skeleton, Joint::kSpineBase) &&
+             is_usable(skeleton, Joint::kSpineMid) && is_usable(skeleton, Joint::kSpineShoulder);
+  for (const Limb limb : {Limb::kLeftArm, Limb::kRightArm, Limb::kLeftLeg, Limb::kRightLeg}) {
+    if (limb == affected) continue;
+    for (const Joint joint : limb_chain(limb).first(kInner)) {
+      all = all && is_usable(skeleton, joint);
+    }
+  }
+  return all;
+}
+
 /// Length of a limb along its usable joints, metres.
 float limb_length(const Skeleton& skeleton, Limb limb) {
   float length = 0.0F;
@@ -170,6 +199,26 @@ float limb_length(const Skeleton& skeleton, Limb limb) {
     last = joint;
   }
   return length;
+}
+
+/// Are joints of a limb guessed where only a stump is, of a person whose other limb is tracked? A
+/// limb that is bent at the elbow or the knee still reaches .43 of its length from its root.
+bool is_guessed_at_stump(const Skeleton& skeleton, Limb limb) {
+  constexpr float kShort = 0.4F;  // of the other limb's length
+  const auto is_tracked = [&](Joint joint) {
+    return skeleton.state(joint) == TrackingState::kTracked;
+  };
+  const auto mine = limb_chain(limb).first(kNumMainJoints).subspan(1);
+  const auto other = limb_chain(opposite(limb)).first(kNumMainJoints).subspan(1);
+  if (std::ranges::all_of(mine, is_tracked) || !std::ranges::all_of(other, is_tracked)) {
+    return false;
+  }
+  float reach = 0.0F;
+  for (const Joint joint : mine) {
+    if (!is_usable(skeleton, joint) || !is_usable(skeleton, limb_root(limb))) continue;
+    reach = std::max(reach, (skeleton[joint] - skeleton[limb_root(limb)]).norm());
+  }
+  return reach < kShort * limb_length(skeleton, opposite(limb));
 }
 
 /// Has the person the affected limb? An amputee has none in any frame, though the joints that a
@@ -258,10 +307,10 @@ class PhantomPipeline::Workspace {
     segment(fitted, input, image, report);
     if (points_.count == 0) {  // a phantom without a person would float in the air
       ends_.reset();
-      report.reason = lacks_skeletons() ? PhantomReason::kNoSkeleton : PhantomReason::kNoPerson;
+      report.reason = reason_for_nobody(input);
       return report;
     }
-    if (is_here_) report.quality.fit = fit_of(*person, input, image);
+    if (is_here_) look_at_calibration(*person, input, image, report.quality);
     clock.end(PhantomStage::kSegmentation);
     std::optional<ClothSearch> cloth;
     if (!options_.keep_residual) {
@@ -373,6 +422,7 @@ class PhantomPipeline::Workspace {
     presence_.reset();
     trunk_.reset();
     girth_.reset();
+    stature_.reset();
     legs_.reset();
     trunk_frame_.reset();
     frame_.reset();
@@ -402,6 +452,7 @@ class PhantomPipeline::Workspace {
     shown_time_s_ = kNever;
     picture_.reserve(camera.height, camera.width);
     camera_ = camera;
+    stature_.reset();
     ends_.reset();
     forget_phantom();
   }
@@ -473,6 +524,11 @@ class PhantomPipeline::Workspace {
         person_->positions[joint] = raw.positions[joint];
       }
     }
+  }
+
+  [[nodiscard]] PhantomReason reason_for_nobody(const PhantomInput& input) const {
+    if (std::ranges::any_of(input.people, is_in_another_unit)) return PhantomReason::kCalibration;
+    return lacks_skeletons() ? PhantomReason::kNoSkeleton : PhantomReason::kNoPerson;
   }
 
   /// Has the source had time to show a skeleton, and has not?
@@ -620,8 +676,20 @@ class PhantomPipeline::Workspace {
                               const PhantomImage& image) const {
     const PixelProjector projector(*camera_, rays_);
     const double fit = joint_fit(person, options_.affected, projector, image);
-    // Without a body index, furniture within the person's depths is far from all bones too.
-    return input.body_index != nullptr ? std::min(fit, bone_fit(points_, girth_)) : fit;
+    // Without a body index, furniture within the person's depths is far from all bones too; with
+    // half of the bones, the person is.
+    return input.body_index != nullptr && has_main_joints(person, options_.affected)
+               ? std::min(fit, bone_fit(points_, girth_))
+               : fit;
+  }
+
+  /// Do the joints lie where the depth image shows the person, and are they as tall?
+  void look_at_calibration(const Skeleton& person, const PhantomInput& input,
+                           const PhantomImage& image, PhantomQuality& quality) {
+    quality.fit = fit_of(person, input, image);
+    // Without a body index a floor would be the person's, and without skins there are no soles.
+    if (input.body_index != nullptr && goes_by_skin()) stature_.learn(person, bones_, points_);
+    quality.stature = stature_.ratio();
   }
 
   /// Has the person the affected limb, and what does it tell of the plane?
@@ -651,8 +719,9 @@ class PhantomPipeline::Workspace {
     const Limb intact = opposite(options_.affected);
     const PixelProjector projector(*camera_, rays_);
     report.visible = visible_share(person, intact, projector, image.label);
+    const bool is_stump = is_here_ && is_guessed_at_stump(raw_, intact);
     const double guessed = inferred_.add(person, intact, time_s, [&](Joint joint) {
-      return shows_limb_at(person, intact, joint, projector, image);
+      return !is_stump && shows_limb_at(person, intact, joint, projector, image);
     });
     if (!is_here_) {
       report.reason = PhantomReason::kNoPerson;
@@ -665,7 +734,7 @@ class PhantomPipeline::Workspace {
     }
     // Joints beside the person explain all else.
     const bool misses = report.reason != PhantomReason::kNone && is_here_;
-    if (misses && report.quality.fit < kLeastFit) report.reason = PhantomReason::kCalibration;
+    if (misses && !fits(report.quality, stature_)) report.reason = PhantomReason::kCalibration;
     if (report.reason == PhantomReason::kNone) {
       report.state = PhantomState::kTracking;
       report.opacity = 1.0;
@@ -710,7 +779,7 @@ class PhantomPipeline::Workspace {
     }
     ends_ = ends;
     if (follows_trunk() && !is_arm(affected)) report.quality.across = deviation_across(person);
-    report.reason = worst_of(affected, girth_, report.quality);
+    report.reason = worst_of(affected, girth_, stature_, report.quality);
     if (report.reason != PhantomReason::kNone) report.state = PhantomState::kDegraded;
     using enum PhantomReason;
     held_->is_misplaced =
@@ -877,6 +946,7 @@ class PhantomPipeline::Workspace {
   LimbPresence presence_;
   TrunkTracker trunk_;
   Girth girth_;
+  Stature stature_;
   LegTurn legs_;
   PictureJudge picture_;
   std::optional<Ends> ends_;  ///< In the last frame with a phantom of its own.

@@ -215,13 +215,19 @@ void PictureJudge::measure_pieces(const Eigen::Vector3f& root, const PixelBox& b
   quality.largest = static_cast<double>(largest->pixels) / static_cast<double>(all);
 }
 
-PhantomReason worst_of(Limb affected, const Girth& girth, PhantomQuality& quality) {
+bool fits(const PhantomQuality& quality, const Stature& stature) {
+  return quality.fit >= kLeastFit && stature.misfit() <= stature.limit();
+}
+
+PhantomReason worst_of(Limb affected, const Girth& girth, const Stature& stature,
+                       PhantomQuality& quality) {
   constexpr double kOfTrunk = 0.5;  // roots lie at its border
   const double most_gap = (is_arm(affected) ? kMostGapArm : kMostGapLeg) +
                           kOfTrunk * static_cast<double>(girth.around_trunk());
   const double most_lost = is_arm(affected) ? kMostLostTrunk : kMostLostLegs;
-  const std::array<std::pair<PhantomReason, double>, 9> measures = {{
+  const std::array<std::pair<PhantomReason, double>, 10> measures = {{
       {PhantomReason::kCalibration, (1.0 - quality.fit) / (1.0 - kLeastFit)},
+      {PhantomReason::kCalibration, (stature.misfit() - 1.0) / (stature.limit() - 1.0)},
       {PhantomReason::kShaky, quality.plane_deg / kMostPlane},
       {PhantomReason::kShaky, quality.across / kMostAcross},
       {PhantomReason::kLeap, quality.leap / kMostLeap},
@@ -234,7 +240,7 @@ PhantomReason worst_of(Limb affected, const Girth& girth, PhantomQuality& qualit
   const auto worst =
       std::ranges::max_element(measures, {}, &decltype(measures)::value_type::second);
   quality.score = worst->second;
-  if (quality.fit < kLeastFit) return PhantomReason::kCalibration;  // it explains all else
+  if (!fits(quality, stature)) return PhantomReason::kCalibration;  // it explains all else
   return worst->second > 1.0 ? worst->first : PhantomReason::kNone;
 }
 

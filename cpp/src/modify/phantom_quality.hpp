@@ -8,6 +8,7 @@
 #include "manip3d/modify/phantom_pipeline.hpp"
 #include "modify/girth.hpp"
 #include "modify/phantom_image.hpp"
+#include "modify/stature.hpp"
 
 /// @file
 /// Would a patient believe the picture? Measures of one frame, and their limits.
@@ -24,6 +25,9 @@ double bone_fit(const PersonPoints& points, const Girth& girth);
 
 /// Below it, joints and depth do not belong together.
 inline constexpr double kLeastFit = 0.7;
+
+/// Do joints and depth belong together, and is the person as tall in both?
+bool fits(const PhantomQuality& quality, const Stature& stature);
 
 /// Measures what was drawn. Keeps its memory.
 class PictureJudge {
@@ -55,6 +59,7 @@ class PictureJudge {
 
 /// The measure that is worst against its limit, if it is beyond; sets the score. Roots lie deeper
 /// in a stout person.
-PhantomReason worst_of(Limb affected, const Girth& girth, PhantomQuality& quality);
+PhantomReason worst_of(Limb affected, const Girth& girth, const Stature& stature,
+                       PhantomQuality& quality);
 
 }  // namespace manip3d

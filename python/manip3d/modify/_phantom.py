@@ -66,7 +66,7 @@ class PhantomReason(enum.StrEnum):
     OCCLUDED = "occluded"  #: too little of the limb is seen
     INFERRED = "inferred"  #: a joint of it was guessed for too long, where the limb is not seen
     NO_SKELETON = "no_skeleton"  #: no skeleton has been seen at all
-    CALIBRATION = "calibration"  #: the joints do not lie on the person's pixels
+    CALIBRATION = "calibration"  #: the joints do not lie on the person's pixels, or are not as tall
     SHAKY = "shaky"  #: the plane of symmetry is not known well enough
     LEAP = "leap"  #: the phantom moved much farther than the intact limb did
     DETACHED = "detached"  #: the phantom does not hang at the body
@@ -86,10 +86,12 @@ _MESSAGES = {
     PhantomReason.NONE: "The phantom limb follows the intact limb.",
     PhantomReason.NO_PERSON: "The patient is not in view.",
     PhantomReason.NO_PLANE: "The shoulders or hips were not seen: let the patient face the camera.",
-    PhantomReason.OCCLUDED: "Something hides the intact limb.",
-    PhantomReason.INFERRED: "The tracker only guesses where the intact limb is.",
+    PhantomReason.OCCLUDED: "Something hides the intact limb, or it is the one that is missing.",
+    PhantomReason.INFERRED: "The tracker only guesses where the intact limb is: see to it that the "
+    "missing limb is the one that was chosen.",
     PhantomReason.NO_SKELETON: "There is no skeleton in this source: use --pose.",
-    PhantomReason.CALIBRATION: "The joints do not fit the depth image: check the calibration.",
+    PhantomReason.CALIBRATION: "The joints do not fit the depth image: check the calibration, and "
+    "that both are in metres.",
     PhantomReason.SHAKY: "The middle of the body is not known well: let the patient face the "
     "camera.",
     PhantomReason.LEAP: "The phantom limb jumped.",
@@ -112,6 +114,10 @@ class PhantomQuality:
     ----------
     fit : float
         Share of the tracked joints that lie on the person's pixels.
+    stature : float
+        Height of the person's pixels, from crown to sole, over that of its joints; a mean over
+        about three seconds, which tells a wrong focal length. 1 while head and a foot are not
+        tracked within the image, without a body index, and with ``segmentation="paper"``.
     plane_deg : float, degrees
         Standard deviation of the plane of symmetry's normal; 0 with ``plane="joints"``.
     across : float, metres
@@ -141,6 +147,7 @@ class PhantomQuality:
     """
 
     fit: float
+    stature: float
     plane_deg: float
     across: float
     leap: float
@@ -380,11 +387,11 @@ class PhantomPipeline:
 
     While the intact limb cannot be mirrored - less than ``least_visible`` of it is seen, one of its
     joints beyond the root is inferred for more than ``inferred_seconds`` at a place where the depth
-    image does not show the limb, or the skeleton is gone - the last phantom moves with the body for
-    ``hold_seconds``, then fades in ``fade_seconds``. A frame that is not newer than the last one is
-    counted and passed over, unless it is more than a second older: then a new recording begins.
-    Where all times are 0, frames count as 30 a second. A frame whose phantom nobody would believe
-    is ``degraded``: see `PhantomQuality`.
+    image does not show the limb, or on a stump, or the skeleton is gone - the last phantom moves
+    with the body for ``hold_seconds``, then fades in ``fade_seconds``. A frame that is not newer
+    than the last one is counted and passed over, unless it is more than a second older: then a new
+    recording begins. Where all times are 0, frames count as 30 a second. A frame whose phantom
+    nobody would believe is ``degraded``: see `PhantomQuality`.
 
     Trackers invent joints of a limb that is missing. Unless the person has shown the limb, joints
     of it that the camera looks through, and bones half as long again as the intact limb's, count

@@ -98,7 +98,7 @@ enum class PhantomReason : std::uint8_t {
   kOccluded,     ///< Too little of the intact limb is seen.
   kInferred,     ///< A joint of the intact limb was guessed for too long.
   kNoSkeleton,   ///< No skeleton has been seen at all.
-  kCalibration,  ///< The joints do not lie on the person's pixels.
+  kCalibration,  ///< The joints do not lie on the person's pixels, or are not as tall as they.
   kShaky,        ///< The plane of symmetry is not known well enough.
   kLeap,         ///< The phantom moved much farther than the intact limb did.
   kDetached,     ///< The phantom does not hang at the body.
@@ -111,7 +111,9 @@ enum class PhantomReason : std::uint8_t {
 
 /// How far a frame with a phantom is from what nobody would believe.
 struct PhantomQuality {
-  double fit = 1.0;        ///< Share of the tracked joints that lie on the person's pixels.
+  double fit = 1.0;  ///< Share of the tracked joints that lie on the person's pixels.
+  /// Height of the person's pixels over that of its joints, a mean over frames; 1: not known.
+  double stature = 1.0;
   double plane_deg = 0.0;  ///< Standard deviation of the plane's normal.
   /// Standard deviation of a leg's distance from the plane, metres, where it may be on either side.
   double across = 0.0;
@@ -169,14 +171,14 @@ struct PhantomReport {
 ///
 /// While the intact limb cannot be mirrored (less than `least_visible` of it is seen, a joint of it
 /// beyond the root is inferred for more than `inferred_seconds` where the depth image does not show
-/// the limb, or the skeleton is gone) the last phantom is held in the body's frame, then fades;
-/// where no pixel of the person is left, it is not drawn. Degenerate body axes keep those of the
-/// last frame. The plane of a seated person who has the affected leg is that of both legs
-/// (LegTurn). Empty pixels that showed the phantom in the frame before and have three neighbours in
-/// it now are filled. A frame that is no newer than the last one is counted and passed over, unless
-/// it is more than a second older: then a new recording begins. A stream whose times are all 0 has
-/// no clock, nor has one after ten such frames in a row: frames count as 30 a second. An object
-/// keeps its memory and allocates nothing after the first frame of a camera.
+/// the limb, or on a stump, or the skeleton is gone) the last phantom is held in the body's frame,
+/// then fades; where no pixel of the person is left, it is not drawn. Degenerate body axes keep
+/// those of the last frame. The plane of a seated person who has the affected leg is that of both
+/// legs (LegTurn). Empty pixels that showed the phantom in the frame before and have three
+/// neighbours in it now are filled. A frame that is no newer than the last one is counted and
+/// passed over, unless it is more than a second older: then a new recording begins. A stream whose
+/// times are all 0 has no clock, nor has one after ten such frames in a row: frames count as 30 a
+/// second. An object keeps its memory and allocates nothing after the first frame of a camera.
 class PhantomPipeline {
  public:
   /// @throws InputError  an option out of range.
