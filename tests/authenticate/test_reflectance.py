@@ -13,6 +13,13 @@ import lattice_scans as scans
 import turn_scans
 from manip3d import InputError, LidarFrame, _core, authenticate, forge
 from manip3d.authenticate import ReflectanceResult, TurnResult, reflectance_consistency
+from manip3d.authenticate._reflectance import (
+    TAIL,
+    TAIL_FRAMES,
+    is_in_hundredths,
+    reflectance_p_value,
+    why_rewritten,
+)
 from manip3d.report import write_evidence
 
 LATTICE = turn_scans.LATTICE
@@ -220,3 +227,48 @@ def test_an_inspection_names_it(turns: list[LidarFrame], tmp_path: Path) -> None
     page = (tmp_path / "page.html").read_text()
     assert "Likelihood ratio of an edit over a clean scan" in page
     assert "V: the reflectances" in page
+
+
+def written_reflectances(count: int = 40_000) -> np.ndarray:
+    """Whole hundredths with the noise of each shot, as the scanner writes them."""
+    random = np.random.default_rng(0)
+    smooth = 0.35 + 0.2 * np.sin(np.arange(count) / 900.0)
+    return np.round(np.clip(smooth + random.normal(0.0, 0.04, count), 0.0, 0.99), 2).astype("f4")
+
+
+def test_what_rewrote_reflectances_is_named() -> None:
+    values = written_reflectances()
+    random = np.random.default_rng(1)
+    assert why_rewritten(values) is None
+    assert is_in_hundredths(values)
+    noisy = (values + random.normal(0.0, 1e-3, len(values))).astype(np.float32)
+    assert why_rewritten(noisy) == "reflectances are no whole hundredths"
+    assert not is_in_hundredths(noisy)
+    doubled = np.round(np.clip(2.0 * values, 0.0, 0.99), 2).astype(np.float32)
+    assert str(why_rewritten(doubled)).endswith("% of the hundredths of reflectance do not occur")
+    held = np.repeat(values[::8], 8)
+    assert str(why_rewritten(held)).endswith("% of the points have the reflectance of the next one")
+
+
+def test_other_scanners_steps_are_no_rewriting() -> None:
+    """Bytes over 255 and whole bytes, as other makers write them."""
+    bytes_ = np.round(255.0 * written_reflectances())
+    for values in (bytes_ / 255.0, bytes_):
+        assert why_rewritten(values.astype(np.float32)) is None
+    assert not is_in_hundredths(bytes_.astype(np.float32))
+    assert not is_in_hundredths(-written_reflectances())
+    assert not is_in_hundredths(np.empty(0, np.float32))
+
+
+def test_reflectances_that_say_nothing_are_not_judged() -> None:
+    for values in (np.zeros(5000), np.full(5000, 0.5), np.r_[np.zeros(4000), np.ones(1000)]):
+        assert why_rewritten(values.astype(np.float32)) is None
+
+
+def test_a_strength_is_as_rare_as_clean_frames_show_it() -> None:
+    assert reflectance_p_value(0.0) == 1.0
+    assert reflectance_p_value(max(TAIL) + 1.0) == 1.0 / (1 + TAIL_FRAMES)
+    assert reflectance_p_value(min(TAIL)) == 1.0  # how many more are as strong is not known
+    for strength in sorted(TAIL, reverse=True)[: len(TAIL) // 2]:
+        expected = (1 + sum(value >= strength for value in TAIL)) / (1 + TAIL_FRAMES)
+        assert reflectance_p_value(strength) == expected
