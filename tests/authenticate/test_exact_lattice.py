@@ -185,6 +185,11 @@ def test_a_second_scanner_accuses_nobody(unit: Unit) -> None:
     turned = second[:, [1, 0, 2]] * [1.0, -1.0, 1.0] + [0.4, 0.9, -0.3]
     found = said(without_labels(np.concatenate([first, turned.astype(np.float32)])))
     assert found.verdict in ("undecidable", "processed")
+    # One that looks ahead only, beside a whole turn of the first.
+    ahead = exact_scan(unit, 3).points + np.float32([0.4, 0.9, -0.3])
+    ahead = ahead[np.abs(np.arctan2(ahead[:, 1], ahead[:, 0])) < 1.0]
+    found = said(without_labels(np.concatenate([first, ahead])))
+    assert found.verdict in ("undecidable", "processed")
 
 
 def test_what_spoils_the_lattice_is_never_without_trace(unit: Unit) -> None:

@@ -88,6 +88,10 @@ FEWEST_EXACT_RINGS, MOST_OFF_EXACT = 8, 0.001
 lattice, in the median of directions. Of five clouds of five scanners by Hesai and Ouster none is,
 nor is any of Velodyne's packets of three scanners, whose azimuths have no steps."""
 
+MOST_EDITED = 0.1
+"""Share of the points of a scan that may be off an exact lattice: more are another scanner's. A car
+5 m from the scanners that were looked at is 0.07."""
+
 UNIT_TOLERANCE = 0.75
 """Degrees by which a laser of an HDL-64E may look higher or lower than that of KITTI's unit. The
 nominal angles of the manual are 0.51 off at most; scanners of 64 lasers by other makers, 7 and
@@ -285,7 +289,8 @@ def _on_exact_lattice(
 ) -> Sensor | None:
     """The scanner of an exact lattice, if nearly all points of most directions lie on it.
 
-    An edit spoils some directions, a second scanner that was fused with this one spoils most.
+    An edit spoils some directions, a second scanner that was fused with this one spoils most, or
+    adds many points to some.
     """
     if not lattice.range_step or len(lattice.slope) < FEWEST_EXACT_RINGS:
         return None
@@ -300,6 +305,8 @@ def _on_exact_lattice(
     share = np.bincount(sector, off[told], SECTORS) / np.maximum(there, 1)
     some = there >= FEWEST_OF_SECTOR
     if np.count_nonzero(some) < FEWEST_SECTORS or np.median(share[some]) > MOST_OFF_EXACT:
+        return None
+    if np.mean(off[told]) > MOST_EDITED:
         return None
     steps = f", {lattice.steps} steps of azimuth" if lattice.steps else ""
     ranges = f"{1000.0 * lattice.range_step:g} mm"
