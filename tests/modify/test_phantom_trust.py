@@ -616,7 +616,7 @@ def test_a_rolled_camera_tells_a_wrong_focal_length_too() -> None:
 
 
 def rolled(image: RgbdFrame, factor: float) -> RgbdFrame:
-    """What a camera that is turned by a quarter sees, its focal length off by a factor."""
+    """The view of a camera turned by a quarter, its focal length off by a factor."""
     c = image.calibration.depth
     focal = factor * c.fx
     camera = Intrinsics(c.height, c.width, focal, focal, c.cy, c.width - 1 - c.cx)

@@ -425,7 +425,7 @@ class _Limits(NamedTuple):
 
     @classmethod
     def of(cls, lattice: SensorLattice) -> Self:
-        """What clean scans of the scanner may leave."""
+        """The limits for clean scans of a scanner."""
         share = EXACT_INCOHERENCE if lattice.is_exact else RANGE_INCOHERENCE
         return cls(lattice.tolerance, share)
 
@@ -597,7 +597,7 @@ def _judged(
 
 
 def _of_exact(found: Mapping[str, Any]) -> Mapping[str, Any]:
-    """What was found, of the kinds of evidence that an exact lattice knows.
+    """The kernel's answer, without the kinds of evidence that an exact lattice does not know.
 
     Some scanners state two returns of a firing, and each writes its points in another order. A
     laser that answered once or twice has no line, so that few points are no evidence.

@@ -282,12 +282,12 @@ REARRANGED = (
     ("mirrored", "the scan is a mirror image, left and right exchanged or front and back", -1, 1),
     ("mirrored", "the scan is a mirror image in the reverse order of the scanner", -1, -1),
 )
-"""What may have been done to a scan whose points are in another order: kind, words, sign of y, and
-the direction in which rows follow each other. A mirror image in x is one in y that was turned."""
+"""Ways to rearrange a scan: kind, words, sign of y, and the direction in which rows follow each
+other. A mirror image in x is one in y that was turned."""
 
 
 def _rearranged(points: NDArray[np.float32], generic: GenericResult) -> Processing | None:
-    """What was reversed or mirrored: undone, the scan contradicts neither order nor steps."""
+    """The way a scan was rearranged, if it contradicts neither order nor steps when that is undone."""
     for kind, words, sign, direction in REARRANGED:
         undone = points[::direction] * np.array([1, sign, 1], np.float32)
         told = generic_consistency(
