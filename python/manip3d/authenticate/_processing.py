@@ -287,7 +287,7 @@ other. A mirror image in x is one in y that was turned."""
 
 
 def _rearranged(points: NDArray[np.float32], generic: GenericResult) -> Processing | None:
-    """The way a scan was rearranged, if it contradicts neither order nor steps when that is undone."""
+    """The way a scan was rearranged, if undoing it leaves neither order nor steps contradicted."""
     for kind, words, sign, direction in REARRANGED:
         undone = points[::direction] * np.array([1, sign, 1], np.float32)
         told = generic_consistency(
