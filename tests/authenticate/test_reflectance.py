@@ -123,6 +123,34 @@ def test_values_between_hundredths_were_not_written_by_the_scanner(
     assert set(found.suspected) <= set(np.flatnonzero(box))
 
 
+@pytest.mark.parametrize("beyond", [-0.01, 1.01, 255.0, -1e30])
+def test_a_few_values_that_no_scanner_writes_do_not_stop_the_search(
+    turns: list[LidarFrame], aligned: TurnResult, beyond: float
+) -> None:
+    values, box = of_box(turns)
+    values[box] = beyond
+    for beside in (None, aligned):
+        found = judged(turns, beside, values)
+        assert (found.verdict, found.regions[0].kind) == ("tampered", "grid")
+        assert np.array_equal(found.regions[0].rows, np.flatnonzero(box))
+
+
+def test_hundredths_that_were_computed_differ_in_the_last_bit(turns: list[LidarFrame]) -> None:
+    values, box = of_box(turns)
+    values[box] += np.float32(0.2)
+    found = judged(turns, None, values)
+    assert (found.verdict, found.regions[0].kind) == ("tampered", "grid")
+    assert set(found.suspected) <= set(np.flatnonzero(box))
+
+
+def test_another_way_to_compute_all_hundredths_is_no_edit(turns: list[LidarFrame]) -> None:
+    assert turns[1].intensity is not None
+    hundredths = np.round(turns[1].intensity * 100.0).astype(np.float32)
+    values = hundredths * np.float32(0.01)
+    assert 0.05 < np.mean(values != turns[1].intensity) < 0.95
+    assert judged(turns, None, values).verdict == "no_trace"
+
+
 def test_a_laser_is_compared_with_itself(turns: list[LidarFrame], aligned: TurnResult) -> None:
     """The gains of lasers are taken off: the kernel sees no edit where each has its own."""
     values, _ = of_box(turns)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from manip3d.authenticate._lattice import LatticeReading
 
 REFLECTANCE_EVIDENCE = ("grid", "even", "changed")
-"""Kinds of evidence. ``grid``: values between the hundredths that the rest of the frame has;
+"""Kinds of evidence. ``grid``: values that are not the hundredths that the rest of the frame has;
 ``even``: neighbours along a ring have the same value, without the scanner's shot noise;
 ``changed``: the turns before and after agree on a value that the frame does not have."""
 
@@ -180,7 +180,7 @@ class ReflectanceResult:
 
 
 _REASONS = {
-    "grid": "reflectances lie between the values that the scanner writes",
+    "grid": "reflectances are not the values that the scanner writes",
     "even": "reflectances of neighbouring firings lack the scanner's noise",
     "changed": "reflectances differ from those that the turns before and after saw there",
 }
@@ -298,7 +298,7 @@ def reflectances_read(
         threads_of(threads), None if reading is None else reading.columns,
     )  # fmt: skip
     regions = [_region(kind, value, rows, frame) for kind, value, rows in found if value > 0.0]
-    off = _between_steps(_reflectance_of(frame))
+    off = _between_steps(np.ascontiguousarray(frame.intensity, np.float32))
     if len(off):
         regions.append(_region("grid", float(len(off)), off, frame))
     regions.sort(key=lambda region: -region.strength)
@@ -331,6 +331,9 @@ def why_rewritten(values: NDArray[np.float32]) -> str | None:
     values : (N,) float32
         In the order of the scanner's file.
     """
+    in_hundredths = is_in_hundredths(values)
+    if in_hundredths:
+        values = np.clip(values, 0.0, 1.0)
     first, second = values[:-1:SAMPLE], values[1::SAMPLE]
     some = first.astype(np.float64)
     if len(some) < FEWEST_VALUES:
@@ -338,8 +341,8 @@ def why_rewritten(values: NDArray[np.float32]) -> str | None:
     noisy = (first > first.min()) & (first < first.max())
     if not noisy.any():
         return None  # none were measured, or none were kept
-    if not is_in_hundredths(values):
-        if any(_share_off(some, step) < MOST_OFF_STEP for step in OTHER_STEPS):
+    if not in_hundredths:
+        if any(_share_off(some, step, most=255) < MOST_OFF_STEP for step in OTHER_STEPS):
             return None
         return "reflectances are no whole hundredths"
     hundredths = np.round(some / STEP).astype(np.int64)
@@ -354,22 +357,24 @@ def why_rewritten(values: NDArray[np.float32]) -> str | None:
 
 
 def is_in_hundredths(values: NDArray[np.float32]) -> bool:
-    """Return whether reflectances are in [0, 1] and nearly all whole hundredths.
+    """Return whether reflectances are nearly all whole hundredths in [0, 1].
 
     Parameters
     ----------
     values : (N,) float32
     """
-    if not len(values) or values.min() < 0.0 or values.max() > 1.0:
-        return False
-    return _share_off(values[::SAMPLE].astype(np.float64), STEP) < MOST_OFF_STEP
+    some = values[::SAMPLE].astype(np.float64)
+    return len(some) > 0 and _share_off(some, STEP, most=100) < MOST_OFF_STEP
 
 
-def _share_off(values: NDArray[np.float64], step: float) -> float:
-    """Share of values that are no whole numbers of a step up to 255 of them."""
-    steps = values / step
-    off = (np.abs(steps - np.round(steps)) > 1e-3) | (steps < 0.0) | (steps > 255.5)
-    return float(np.mean(off))
+def _share_off(values: NDArray[np.float64], step: float, most: int) -> float:
+    """Share of values that are no whole numbers of a step, from 0 to the largest."""
+    return float(np.mean(_is_off(values / step, most)))
+
+
+def _is_off(steps: NDArray[np.float64], most: int) -> NDArray[np.bool_]:
+    """Which numbers of steps are not whole, negative or above the largest."""
+    return (np.abs(steps - np.round(steps)) > 1e-3) | (steps < -0.5) | (steps > most + 0.5)
 
 
 def why_not_judged(frame: LidarFrame) -> str | None:
@@ -379,7 +384,7 @@ def why_not_judged(frame: LidarFrame) -> str | None:
         return "the frame has no reflectances"
     if not np.isfinite(values).all():
         raise InputError("frame: expected finite reflectances")
-    if values.min() < 0.0 or values.max() > 1.0:
+    if np.mean((values < 0.0) | (values > 1.0)) > MOST_OFF_STEP:
         return "reflectances are not in [0, 1]"
     some = values[::SAMPLE]
     if len(np.unique(some)) < FEWEST_VALUES and len(np.unique(values)) < FEWEST_VALUES:
@@ -392,14 +397,28 @@ def _points_of(frame: LidarFrame) -> NDArray[np.float32]:
 
 
 def _reflectance_of(frame: LidarFrame) -> NDArray[np.float32]:
-    return np.ascontiguousarray(frame.intensity, np.float32)
+    """Reflectances in [0, 1]; the few that are beyond are evidence of `_between_steps`."""
+    return np.clip(np.ascontiguousarray(frame.intensity, np.float32), 0.0, 1.0)
 
 
 def _between_steps(reflectance: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Rows whose values lie between hundredths, where the scanner writes hundredths."""
+    """Rows whose values are not the hundredths that the scanner writes, where it writes hundredths.
+
+    KITTI's files hold the single-precision number next to each hundredth. One that is a little
+    beside it was computed from another value. It only counts where most points of that hundredth
+    are exact: a program that computes all hundredths in another way changes all points of one.
+    """
     steps = reflectance.astype(np.float64) / STEP
-    off = np.flatnonzero(np.abs(steps - np.round(steps)) > 1e-3)
-    return off if len(off) <= MOST_OFF_STEP * len(reflectance) else off[:0]
+    nearest = np.round(steps)
+    between = _is_off(steps, most=100)
+    if np.mean(between) > MOST_OFF_STEP:
+        return np.empty(0, np.int64)
+    hundredth = np.where(between, 0.0, nearest).astype(np.int64)
+    inexact = (reflectance != (nearest / 100.0).astype(np.float32)) & ~between
+    exact_points = np.bincount(hundredth[~between & ~inexact], minlength=101)
+    inexact_points = np.bincount(hundredth[inexact], minlength=101)
+    beside = inexact & (exact_points > inexact_points)[hundredth]
+    return np.flatnonzero(between | beside)
 
 
 def _region(
