@@ -1,0 +1,128 @@
+#include "simplify/fast_attributes.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cstdint>
+#include <limits>
+#include <optional>
+#include <utility>
+
+namespace manip3d::fast_detail {
+namespace {
+
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+
+std::int32_t continued(std::int32_t wedge, const WedgePairs& pairs) {
+  for (const auto& [from, to] : pairs) {
+    if (from == wedge) return to;
+  }
+  return wedge;
+}
+
+/// The texture at p of the face of this wedge that p lies over, or nearest to so; not beyond the
+/// coordinates around, for a narrow face continues to anywhere. Faces are as they were before v
+/// and t collapse.
+Vector2d texture_at(const FastMesh& mesh, std::int32_t wedge, std::int32_t v, std::int32_t t,
+                    const Vector3f& p, const WedgePairs& pairs) {
+  Vector2d best = mesh.table.texcoords[wedge];
+  Vector2d low = best, high = best;
+  double most_inside = -std::numeric_limits<double>::infinity();
+  std::optional<Vector2d> own;  // of a locked vertex: rounding would part it from its neighbours
+  for (const std::int32_t from : {v, t}) {
+    const Vector3d origin = position_of(mesh.vertices[from]).cast<double>();
+    mesh.for_each_face(from, [&](std::uint32_t f, std::uint32_t c, std::int32_t a, std::int32_t b) {
+      const Triple& w = mesh.wedges[f];
+      if (continued(w[c], pairs) != wedge || mesh.remap[a] == mesh.remap[b]) return;
+      const Vector2d uv = mesh.table.texcoords[w[c]];
+      if (mesh.is_locked(from)) own = uv;
+      const Vector2d ua = mesh.table.texcoords[mesh.wedge_into[w[after(c)]]];
+      const Vector2d ub = mesh.table.texcoords[mesh.wedge_into[w[before(c)]]];
+      for (const Vector2d& s : {uv, ua, ub}) {
+        low = low.cwiseMin(s);
+        high = high.cwiseMax(s);
+      }
+      const Vector3d ea = position_of(mesh.vertices[mesh.remap[a]]).cast<double>() - origin;
+      const Vector3d eb = position_of(mesh.vertices[mesh.remap[b]]).cast<double>() - origin;
+      const Vector3d normal = ea.cross(eb), d = p.cast<double>() - origin;
+      const double squared = normal.squaredNorm();
+      if (!(squared > 0.0)) return;
+      const double share_a = d.cross(eb).dot(normal) / squared;
+      const double share_b = ea.cross(d).dot(normal) / squared;
+      const double inside = std::min({1.0 - share_a - share_b, share_a, share_b});
+      if (!(inside > most_inside)) return;
+      most_inside = inside;
+      best = uv + share_a * (ua - uv) + share_b * (ub - uv);
+    });
+  }
+  return own ? *own : best.cwiseMax(low).cwiseMin(high);
+}
+
+}  // namespace
+
+void merge_wedges(FastMesh& mesh, std::int32_t v, std::int32_t t, const Vector3f& p,
+                  MergedWedges& merged) {
+  auto& pairs = merged.pairs;
+  pairs.clear();
+  const auto find = [&](std::int32_t from) {
+    return std::find_if(pairs.begin(), pairs.end(),
+                        [&](const auto& pair) { return pair.first == from; });
+  };
+  mesh.for_each_face(t, [&](std::uint32_t f, std::uint32_t c, std::int32_t a, std::int32_t b) {
+    const std::int32_t from = mesh.wedges[f][c];
+    if ((a != v && b != v) || mesh.remap[a] == mesh.remap[b] || find(from) != pairs.end()) return;
+    pairs.emplace_back(from, mesh.wedges[f][a == v ? after(c) : before(c)]);
+  });
+  merged.wedges.clear();
+  for (const std::int32_t from : {v, t}) {
+    mesh.for_each_face(from, [&](std::uint32_t f, std::uint32_t c, std::int32_t, std::int32_t) {
+      const std::int32_t wedge = continued(mesh.wedges[f][c], pairs);
+      auto& known = merged.wedges;
+      if (!mesh.table.has_texture(wedge) ||
+          std::find(known.begin(), known.end(), wedge) != known.end()) {
+        return;
+      }
+      known.push_back(wedge);
+    });
+  }
+  merged.texcoords.clear();
+  for (const std::int32_t wedge : merged.wedges) {
+    merged.texcoords.push_back(texture_at(mesh, wedge, v, t, p, pairs));
+  }
+  for (std::size_t i = 0; i < merged.wedges.size(); ++i) {
+    mesh.table.texcoords[merged.wedges[i]] = merged.texcoords[i];
+  }
+  for (const auto& [from, to] : pairs) mesh.wedge_into[from] = to;
+}
+
+void merge_normals(FastMesh& mesh, std::int32_t v, std::int32_t t) {
+  mesh.for_each_face(t, [&](std::uint32_t f, std::uint32_t c, std::int32_t, std::int32_t) {
+    std::int32_t& normal = mesh.normals[f][c];
+    if (normal < 0) return;
+    const auto own = mesh.input.normals.row(normal);
+    std::int32_t nearest = normal;
+    double most = -std::numeric_limits<double>::infinity();
+    mesh.for_each_face(v, [&](std::uint32_t g, std::uint32_t k, std::int32_t, std::int32_t) {
+      const std::int32_t other = mesh.normals[g][k];
+      if (other < 0) return;
+      const double cosine = mesh.input.normals.row(other).dot(own);
+      if (cosine > most || (cosine == most && other < nearest)) {
+        most = cosine;
+        nearest = other;
+      }
+    });
+    normal = nearest;
+  });
+}
+
+void merge_colors(FastMesh& mesh, std::int32_t v, std::int32_t t, const Vector3f& p) {
+  const Vector3f origin = position_of(mesh.vertices[v]),
+                 edge = position_of(mesh.vertices[t]) - origin;
+  const float squared = edge.squaredNorm();
+  const float share =
+      squared > 0.0F ? std::clamp((p - origin).dot(edge) / squared, 0.0F, 1.0F) : 1.0F;
+  Vector3f& color = mesh.colors[mesh.id[v]];
+  color += share * (mesh.colors[mesh.id[t]] - color);
+}
+
+}  // namespace manip3d::fast_detail

@@ -1,0 +1,357 @@
+#include "simplify/fast_pass.hpp"
+
+#include <algorithm>
+#include <bit>
+#include <cstdint>
+#include <limits>
+#include <utility>
+#include <vector>
+
+namespace manip3d::fast_detail {
+namespace {
+
+/// The part of the vertices that may go in a pass. More is faster, and then cheap regions are
+/// finished later than dear ones.
+constexpr double kShareOfPass = 0.5;
+
+/// Below so many faces passes cost next to nothing, and the order matters more.
+constexpr double kShareOfSmallPass = 0.1;
+constexpr double kSmallCandidates = 1.0;
+constexpr std::int64_t kSmall = 5000;
+static_assert(kSmall <= kBlock);
+
+/// In a small pass nothing is done that costs so many times as much as a collapse that has to wait
+/// for the next pass, because a neighbour went in this one.
+constexpr float kOvertakes = 8.0F;
+
+/// In a large pass a vertex that may not lie where it is best goes to an end of its edge, at most
+/// for so many times the price of the dearest candidate.
+constexpr float kLeap = 100.0F;
+
+/// Candidates for each collapse that a pass wants: neighbours exclude each other.
+constexpr double kCandidates = 3.0;
+
+/// The link rule is waived, as in the mode `quality`, if a legal collapse costs this many times
+/// more than one that it refused (squared, like all prices).
+constexpr float kFarCheaperSquared = 900.0F;
+
+/// Hubs: so many corners times so many refusals in one pass, then a vertex is left alone.
+constexpr std::int64_t kHubPatience = 1 << 14;
+
+}  // namespace
+
+std::array<std::int64_t, kNumRejections> FastPass::rejected() const {
+  std::array<std::int64_t, kNumRejections> sum{};
+  for (const std::vector<Worker>& level : workers_) {
+    for (const Worker& worker : level) {
+      for (std::size_t i = 0; i < sum.size(); ++i) sum[i] += worker.rejected[i];
+    }
+  }
+  return sum;
+}
+
+double FastPass::squared_error() const {
+  float most = 0.0F;
+  for (const std::vector<Worker>& level : workers_) {
+    for (const Worker& worker : level) most = std::max(most, worker.task.squared_error);
+  }
+  return most;
+}
+
+bool FastPass::is_small() const {
+  return mesh_.num_faces() < kBlock && mesh_.num_faces() - pieces_.num_spent() < kSmall;
+}
+
+PassReport FastPass::run(std::int64_t needed, double patience, std::uint32_t visible) {
+  PassReport report;
+  visible_ = visible;
+  prepare_workers();
+  mesh_.over_blocks([&](std::int64_t block, std::int64_t begin, std::int64_t end) {
+    price_edges(mesh_, pieces_, collapser_.squared_limit(), begin, end,
+                workers_[0][block].candidates);
+  });
+  find_limit(needed, patience, report);
+  mesh_.begin_pass();
+  refusals_.assign(mesh_.vertices.size(), 0);
+  if (is_small()) is_beside_.assign(mesh_.vertices.size(), 0);
+  gather_candidates();
+  // With flips allowed some faces double others and go too: the target is neared by halves.
+  const std::int64_t quota =
+      collapser_.rules == Rules::kFlips ? (needed + 1) / 2 : std::min(needed, 2 * report.wanted);
+  report.collapses = collapse_candidates(quota);
+  report.leaves_dear = workers_.front().front().leaves_dear;  // a small pass has one block
+  for_each_worker([&](const Worker& worker) { report.meets_forbidden |= worker.meets_forbidden; });
+  if (report.collapses > 0) end();
+  return report;
+}
+
+/// A worker for each block of each level, without candidates.
+void FastPass::prepare_workers() {
+  const int top = mesh_.top_level();
+  if (workers_.size() <= static_cast<std::size_t>(top)) workers_.resize(top + 1);
+  for (int level = 0; level < static_cast<int>(workers_.size()); ++level) {
+    if (workers_[level].size() < static_cast<std::size_t>(mesh_.num_blocks(level))) {
+      workers_[level].resize(mesh_.num_blocks(level));
+    }
+    for (Worker& worker : workers_[level]) {
+      worker.task.level = level;
+      worker.candidates.clear();
+      worker.waiting.clear();
+      worker.task.removed = worker.task.collapses = 0;
+      worker.leaves_dear = false;
+      worker.forbids = kNoPrice;
+      worker.meets_forbidden = false;
+    }
+  }
+}
+
+/// The price up to which edges are candidates of this pass, from a histogram of all.
+void FastPass::find_limit(std::int64_t needed, double patience, PassReport& report) {
+  constexpr int kShift = 18;  // five bits of the mantissa
+  constexpr std::size_t kBins = std::size_t{1} << (32 - kShift);
+  // Each slice has a histogram of its own, which is as much work as 16 thousand edges.
+  const std::int64_t num_slices = std::clamp<std::int64_t>(mesh_.num_blocks() / 4, 1, 8);
+  const std::int64_t slice =
+      std::max<std::int64_t>(1, (mesh_.num_blocks() + num_slices - 1) / num_slices);
+  histogram_.assign(num_slices * kBins, 0);
+  mesh_.tasks.over(mesh_.num_blocks(), slice, [&](std::int64_t begin, std::int64_t end) {
+    std::uint32_t* bins = histogram_.data() + begin / slice * static_cast<std::int64_t>(kBins);
+    for (std::int64_t block = begin; block < end; ++block) {
+      for (const PricedEdge& edge : workers_[0][block].candidates) ++bins[edge.key >> kShift];
+    }
+  });
+  for (std::size_t i = kBins; i < histogram_.size(); ++i) {
+    histogram_[i % kBins] += histogram_[i];
+  }
+  if (collapser_.squared_limit() < std::numeric_limits<float>::infinity()) {
+    for (const Worker& worker : workers_[0]) {
+      report.num_too_dear +=
+          std::count_if(worker.candidates.begin(), worker.candidates.end(),
+                        [](const PricedEdge& edge) { return edge.key == kTooDear; });
+    }
+  }
+  const double share = (is_small() ? kShareOfSmallPass : kShareOfPass) *
+                       static_cast<double>(mesh_.num_faces() - pieces_.num_spent()) / 2.0;
+  report.wanted = std::max<std::int64_t>(
+      1, static_cast<std::int64_t>(std::min(0.5 * static_cast<double>(needed), share)));
+  const double most =
+      patience * (is_small() ? kSmallCandidates : kCandidates) * static_cast<double>(report.wanted);
+  double sum = 0.0;
+  report.is_everything = true;
+  limit_ = kDearest;
+  for (std::size_t bin = 0; bin <= (kDearest >> kShift); ++bin) {
+    sum += histogram_[bin];
+    if (sum < most || bin == (kDearest >> kShift)) continue;
+    report.is_everything = false;
+    limit_ = static_cast<std::uint32_t>(((bin + 1) << kShift) - 1);
+    break;
+  }
+  report.price_limit = std::bit_cast<float>(limit_);
+}
+
+/// Sorts the edges below the limit in each block of faces: those inside it, and those that wait.
+void FastPass::gather_candidates() {
+  const bool is_one = mesh_.num_blocks() == 1;
+  mesh_.over_blocks([&](std::int64_t block, std::int64_t, std::int64_t) {
+    Worker& worker = workers_[0][block];
+    Bulk<PricedEdge>& candidates = worker.candidates;
+    std::size_t count = 0;
+    for (const PricedEdge edge : candidates) {
+      candidates[count] = edge;
+      count += static_cast<std::size_t>(edge.key <= limit_);
+    }
+    candidates.resize(count);
+    if (!is_one) {
+      std::erase_if(candidates, [&](const PricedEdge& edge) {
+        const bool waits = level_of(edge) > 0;
+        if (waits) worker.waiting.push_back(edge);
+        return waits;
+      });
+    }
+    sort_by_price(candidates, worker.sorted);
+  });
+}
+
+/// The same of a block of a higher level, from what waits in its blocks of the level below.
+void FastPass::gather_waiting(int level) {
+  const auto below = static_cast<std::int64_t>(workers_[level - 1].size());
+  mesh_.tasks.over(mesh_.num_blocks(level), 1, [&](std::int64_t block, std::int64_t) {
+    Worker& worker = workers_[level][block];
+    const std::int64_t begin = block << kLevelBits, end = (block + 1) << kLevelBits;
+    for (std::int64_t b = begin; b < std::min(end, below); ++b) {
+      for (const PricedEdge& edge : workers_[level - 1][b].waiting) put(edge, worker);
+    }
+    sort_by_price(worker.candidates, worker.sorted);
+  });
+}
+
+int FastPass::level_of(const PricedEdge& edge) const {
+  const auto [v, t] = mesh_.edge_at(edge.slot);
+  return std::max(mesh_.level[v], mesh_.level[t]);
+}
+
+void FastPass::put(const PricedEdge& edge, Worker& worker) const {
+  (level_of(edge) <= worker.task.level ? worker.candidates : worker.waiting).push_back(edge);
+}
+
+/// Level after level; returns how many collapses were made. A block of a level works by itself:
+/// an edge inside it touches only faces and vertices of its own.
+std::int64_t FastPass::collapse_candidates(std::int64_t quota) {
+  std::int64_t removed = 0, collapses = 0;
+  const int top = mesh_.top_level();
+  for (int level = 0; level <= top; ++level) {
+    if (level > 0) gather_waiting(level);
+    share_out(quota - removed, level, level == top);
+    mesh_.tasks.over(mesh_.num_blocks(level), 1, [&](std::int64_t block, std::int64_t) {
+      Worker& worker = workers_[level][block];
+      if (worker.quota > 0) {
+        collapse_in_order(worker.candidates, worker, worker.quota, level == top);
+      }
+    });
+    for (const Worker& worker : workers_[level]) {
+      removed += worker.task.removed;
+      collapses += worker.task.collapses;
+    }
+  }
+  return collapses;
+}
+
+/// Says how many faces each block of a level may remove: its share, by its candidates. More would
+/// leave nothing for the edges between blocks.
+void FastPass::share_out(std::int64_t needed, int level, bool is_top) {
+  std::int64_t all = 0;
+  for (const Worker& worker : workers_[level]) {
+    all += static_cast<std::int64_t>(worker.candidates.size() + worker.waiting.size());
+  }
+  const bool few = needed < 64 * mesh_.num_blocks(level);
+  for (Worker& worker : workers_[level]) {
+    if (is_top) {
+      worker.quota = needed;
+    } else if (few || all == 0) {
+      worker.quota = 0;
+      worker.waiting.insert(worker.waiting.end(), worker.candidates.begin(),
+                            worker.candidates.end());
+    } else {
+      worker.quota = static_cast<std::int64_t>(static_cast<double>(needed) *
+                                               static_cast<double>(worker.candidates.size()) /
+                                               static_cast<double>(all));
+    }
+  }
+}
+
+/// From the cheapest candidate on, until the quota is reached or what is left has to wait.
+void FastPass::collapse_in_order(const Bulk<PricedEdge>& candidates, Worker& worker,
+                                 std::int64_t quota, bool may_exceed) {
+  const bool is_in_order = is_small();
+  const float slack = is_in_order ? 1.0F : kLeap;
+  worker.task.most = std::max(limit_, key_of(slack * std::bit_cast<float>(limit_)));
+  bool has_waiting = !is_in_order;
+  const auto wait = [&](const EdgeInReach& candidate) {
+    if (std::exchange(has_waiting, true)) return;
+    worker.task.most = std::min(limit_, key_of(kOvertakes * std::bit_cast<float>(candidate.key)));
+  };
+  std::vector<EdgeInReach>& near = worker.in_reach;
+  near.clear();
+  std::size_t next = 0, i = 0;
+  while (worker.task.removed < quota) {
+    if (i == near.size()) {
+      if (next == candidates.size()) break;
+      next = find_in_reach(candidates, next, near);
+      i = 0;
+      continue;
+    }
+    prefetch(near, i);
+    const EdgeInReach candidate = near[i++];
+    const auto [key, v, t] = candidate;
+    if (mesh_.is_taken[v] != 0 || mesh_.is_taken[t] != 0) {
+      wait(candidate);
+      continue;
+    }
+    if (is_hub(v) || is_hub(t)) continue;
+    if (is_in_order && key > worker.task.most && worker.task.collapses > 0) {
+      worker.leaves_dear = true;
+      break;
+    }
+    if (key > worker.forbids) {
+      worker.meets_forbidden = true;
+      break;
+    }
+    const std::int64_t left =
+        may_exceed ? std::numeric_limits<std::int64_t>::max() : quota - worker.task.removed;
+    if (const auto reason = collapser_.collapse(v, t, worker.task, left)) {
+      ++worker.rejected[static_cast<std::size_t>(*reason)];
+      if (*reason == Rejection::kLink) {
+        const float price = kFarCheaperSquared * std::bit_cast<float>(key);
+        worker.forbids = std::min(worker.forbids, std::max(visible_, key_of(price)));
+      }
+      if (refusals_[v] < 0xFFFFU) ++refusals_[v];
+      if (refusals_[t] < 0xFFFFU) ++refusals_[t];
+      if (is_in_order && (is_beside_[v] != 0 || is_beside_[t] != 0)) wait(candidate);
+    } else if (is_in_order && mesh_.is_taken[v] != 0) {
+      for (const Fan* fan : {&worker.task.first, &worker.task.second}) {
+        for (const auto& [a, b] : fan->rest) is_beside_[a] = is_beside_[b] = 1;
+      }
+    }
+  }
+}
+
+/// The next candidates, in order; of a large pass only those whose ends have not collapsed yet,
+/// which are found without a jump for each. Returns where the rest begins.
+std::size_t FastPass::find_in_reach(const Bulk<PricedEdge>& candidates, std::size_t begin,
+                                    std::vector<EdgeInReach>& near) const {
+  constexpr std::size_t kAtOnce = 64;
+  const std::size_t end = std::min(candidates.size(), begin + kAtOnce);
+  for (std::size_t i = end; i < std::min(candidates.size(), end + kAtOnce); ++i) {
+    __builtin_prefetch(&mesh_.faces[candidates[i].slot / 3]);
+  }
+  const bool is_any = is_small();
+  near.resize(end - begin);
+  std::size_t count = 0;
+  for (std::size_t i = begin; i < end; ++i) {
+    const auto [v, t] = mesh_.edge_at(candidates[i].slot);
+    near[count] = {candidates[i].key, v, t};
+    count += static_cast<std::size_t>(is_any | ((mesh_.is_taken[v] | mesh_.is_taken[t]) == 0));
+  }
+  near.resize(count);
+  return end;
+}
+
+/// Asks the memory for what the next candidates will touch: they lie anywhere in the block.
+void FastPass::prefetch(const std::vector<EdgeInReach>& candidates, std::size_t i) const {
+  constexpr std::size_t kSoon = 2, kLater = 4;
+  if (i + kLater < candidates.size()) {
+    for (const std::int32_t v : {candidates[i + kLater].v, candidates[i + kLater].t}) {
+      __builtin_prefetch(&mesh_.vertices[v]);
+      __builtin_prefetch(&mesh_.corners_by_vertex[mesh_.first_corner[v]]);
+    }
+  }
+  if (i + kSoon < candidates.size()) {
+    for (const std::int32_t v : {candidates[i + kSoon].v, candidates[i + kSoon].t}) {
+      const auto around = mesh_.corners(v);
+      for (const std::uint32_t corner : around.first(std::min<std::size_t>(around.size(), 8))) {
+        __builtin_prefetch(&mesh_.faces[corner / 3]);
+      }
+    }
+  }
+}
+
+bool FastPass::is_hub(std::int32_t v) const {
+  return static_cast<std::int64_t>(mesh_.corners(v).size()) * refusals_[v] > kHubPatience;
+}
+
+/// Puts the pass into effect.
+void FastPass::end() {
+  mesh_.end_pass();
+  std::vector<std::int32_t> around;
+  std::vector<Triple> twins;
+  for_each_worker([&](Worker& worker) {
+    const CollapseTask& task = worker.task;
+    around.insert(around.end(), task.doubling.begin(), task.doubling.end());
+    twins.insert(twins.end(), task.twin_faces.begin(), task.twin_faces.end());
+    worker.task.doubling.clear();
+    worker.task.twin_faces.clear();
+  });
+  if (!around.empty()) mesh_.remove_double_faces(around, std::move(twins));
+}
+
+}  // namespace manip3d::fast_detail

@@ -1,0 +1,97 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "geometry/bulk.hpp"
+#include "simplify/fast_collapse.hpp"
+#include "simplify/fast_mesh.hpp"
+#include "simplify/fast_pieces.hpp"
+#include "simplify/fast_prices.hpp"
+
+namespace manip3d::fast_detail {
+
+/// What a pass did, and what it left.
+struct PassReport {
+  std::int64_t collapses = 0;
+  std::int64_t wanted = 1;        // so many were to be made
+  std::int64_t num_too_dear = 0;  // edges above max_error
+  float price_limit = 0.0F;       // of the candidates
+  bool is_everything = false;     // all edges were candidates
+  bool leaves_dear = false;       // left the rest of its candidates to the next pass
+  bool meets_forbidden = false;  // left what is legal, as what the link rule refuses costs far less
+};
+
+/// Prices all edges and collapses the cheapest, from the cheapest one on, each vertex at most once.
+class FastPass {
+ public:
+  FastPass(FastMesh& mesh, const FastPieces& pieces, EdgeCollapser& collapser)
+      : mesh_(mesh), pieces_(pieces), collapser_(collapser) {}
+
+  /// @param needed    faces to remove.
+  /// @param patience  candidates for each collapse that is wanted, over the usual number.
+  /// @param visible   price of an error that can be seen: below it the link rule is not waived.
+  PassReport run(std::int64_t needed, double patience, std::uint32_t visible);
+
+  /// How often collapses were refused, by reason, in all passes.
+  [[nodiscard]] std::array<std::int64_t, kNumRejections> rejected() const;
+  /// The largest mean squared distance of a new vertex to its planes, in the mesh's own unit.
+  [[nodiscard]] double squared_error() const;
+
+ private:
+  /// An edge with its price and its ends.
+  struct EdgeInReach {
+    std::uint32_t key;
+    std::int32_t v, t;
+  };
+  /// A block of a level.
+  struct Worker {
+    CollapseTask task;
+    Bulk<PricedEdge> candidates;  // at first all edges of this block
+    Bulk<PricedEdge> sorted;
+    std::vector<EdgeInReach> in_reach;
+    Bulk<PricedEdge> waiting;  // edges of this block that touch others, for the next level
+    std::array<std::int64_t, kNumRejections> rejected{};
+    std::int64_t quota = 0;
+    bool leaves_dear = false;
+    bool meets_forbidden = false;
+    std::uint32_t forbids =
+        kNoPrice;  // price above which what the link rule refused is far cheaper
+  };
+
+  [[nodiscard]] bool is_small() const;
+  template <typename Body>
+  void for_each_worker(const Body& body) {
+    for (std::vector<Worker>& level : workers_) {
+      for (Worker& worker : level) body(worker);
+    }
+  }
+  void prepare_workers();
+  void find_limit(std::int64_t needed, double patience, PassReport& report);
+  void gather_candidates();
+  void gather_waiting(int level);
+  [[nodiscard]] int level_of(const PricedEdge& edge) const;
+  void put(const PricedEdge& edge, Worker& worker) const;
+  std::int64_t collapse_candidates(std::int64_t quota);
+  void share_out(std::int64_t needed, int level, bool is_top);
+  void collapse_in_order(const Bulk<PricedEdge>& candidates, Worker& worker, std::int64_t quota,
+                         bool may_exceed);
+  std::size_t find_in_reach(const Bulk<PricedEdge>& candidates, std::size_t begin,
+                            std::vector<EdgeInReach>& near) const;
+  void prefetch(const std::vector<EdgeInReach>& candidates, std::size_t i) const;
+  [[nodiscard]] bool is_hub(std::int32_t v) const;
+  void end();
+
+  FastMesh& mesh_;
+  const FastPieces& pieces_;
+  EdgeCollapser& collapser_;
+  std::vector<std::vector<Worker>> workers_;  // of a level, of a block
+  std::vector<std::uint32_t> histogram_;
+  std::vector<std::uint16_t> refusals_;  // of a vertex
+  std::vector<std::uint8_t> is_beside_;  // in a small pass, of a vertex: lost or got a face
+  std::uint32_t limit_ = kDearest;       // price of the candidates
+  std::uint32_t visible_ = kNoPrice;
+};
+
+}  // namespace manip3d::fast_detail

@@ -1,0 +1,151 @@
+#include "simplify/fast_pieces.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <functional>
+#include <queue>
+#include <utility>
+#include <vector>
+
+#include "geometry/shared_union_find.hpp"
+#include "manip3d/geometry/topology.hpp"
+
+namespace manip3d::fast_detail {
+namespace {
+
+/// A piece farther than this from the rest, over the size of the mesh, is missed at once: holes
+/// close before it goes.
+constexpr double kMissedDistance = 0.01;
+
+/// A piece that vanishes is missed more than its distance says; this is squared, like all prices.
+constexpr double kFastPieceFactor = 4.0;
+
+constexpr std::int64_t kFacesOfTetrahedron = 4;
+
+/// Whether of a piece with so many faces nothing but the whole can go.
+bool is_spent_count(std::int64_t num_faces) {
+  return num_faces == 1 || num_faces == kFacesOfTetrahedron;
+}
+
+}  // namespace
+
+void FastPieces::find() {
+  if (is_connected()) return;
+  welded_.faces.resize(mesh_.num_faces(), 3);
+  for (std::size_t f = 0; f < mesh_.faces.size(); ++f) {
+    welded_.faces.row(static_cast<Eigen::Index>(f)) << mesh_.faces[f][0], mesh_.faces[f][1],
+        mesh_.faces[f][2];
+  }
+  if (find_components(welded_.faces, mesh_.num_vertices()).count < 2) {
+    welded_ = {};
+    return;
+  }
+  welded_.vertices.resize(mesh_.num_vertices(), 3);
+  for (std::int32_t v = 0; v < mesh_.num_vertices(); ++v) {
+    welded_.vertices.row(v) = mesh_.input.vertices.row(mesh_.order.source[v]);
+  }
+  view_.emplace(welded_);
+  pieces_.emplace(*view_, mesh_.scale, mesh_.tasks.part(0.16, 0.2));
+  count_faces();
+  piece_weight_.assign(pieces_->size(), 0.0);
+  for (std::int32_t v = 0; v < mesh_.num_vertices(); ++v) {
+    const std::int32_t piece = pieces_->of_vertex(v);
+    if (piece >= 0) piece_weight_[piece] += mesh_.vertices[v].weight;
+  }
+  is_kept_.assign(pieces_->size(), 0);
+  for (std::size_t v = 0; v < mesh_.locked.size(); ++v) {
+    const std::int32_t piece = pieces_->of_vertex(static_cast<std::int32_t>(v));
+    if (mesh_.locked[v] != 0 && piece >= 0) is_kept_[piece] = 1;
+  }
+}
+
+/// Whether all vertices hang together: quicker than find_components(), but one without a face,
+/// or whose faces have no area, counts as a part of its own.
+bool FastPieces::is_connected() const {
+  SharedUnionFind sets(mesh_.num_vertices());
+  mesh_.tasks.over(mesh_.num_faces(), kBlock, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t f = begin; f < end; ++f) {
+      sets.join(mesh_.faces[f][0], mesh_.faces[f][1]);
+      sets.join(mesh_.faces[f][1], mesh_.faces[f][2]);
+    }
+  });
+  return sets.num_sets() < 2;
+}
+
+/// Counts the faces of the pieces, and those of which nothing but the whole piece can go.
+void FastPieces::count_faces() {
+  std::vector<std::int64_t>& count = faces_of_piece_;
+  count.assign(pieces_->size(), 0);
+  for (const Triple& face : mesh_.faces) ++count[piece_of(face)];
+  num_spent_ = 0;
+  for (std::int32_t i = 0; i < pieces_->size(); ++i) {
+    pieces_->remove_faces(i, pieces_->num_faces(i) - count[i]);
+    if (is_spent_count(count[i])) num_spent_ += count[i];
+  }
+}
+
+bool FastPieces::is_spent(const Triple& face) const {
+  const std::int64_t count = faces_of_piece_[piece_of(face)];
+  return count == 1 || (count == kFacesOfTetrahedron && mesh_.is_open[face[0]] == 0);
+}
+
+/// In the unit of the collapses' prices: squared distance times the weight of planes (area, and
+/// that of boundaries and seams), per two faces.
+double FastPieces::price_of(std::int32_t i) const {
+  const double distance = pieces_->mean_distance(i);
+  const double price = (kFastPieceFactor - 1.0) * pieces_->cost(i) * distance +
+                       piece_weight_[i] * distance * distance;
+  return price * 2.0 / static_cast<double>(pieces_->num_faces(i));
+}
+
+std::int64_t FastPieces::remove(double limit, Choice choice, std::int64_t target,
+                                double max_error) {
+  if (!pieces_) return 0;
+  const bool is_forced = choice != Choice::kCheap;
+  count_faces();
+  std::vector<std::int64_t>& count = faces_of_piece_;
+  using Priced = std::pair<double, std::int32_t>;
+  std::priority_queue<Priced, std::vector<Priced>, std::greater<>> queue;
+  for (std::int32_t i = 0; i < pieces_->size(); ++i) {
+    if (!pieces_->is_there(i) || is_kept_[i] != 0) continue;
+    const double price = price_of(i);
+    if (std::isfinite(price) && (price <= limit || is_forced)) queue.emplace(price, i);
+  }
+  std::int64_t gone = 0;
+  std::vector<std::uint8_t> is_gone(pieces_->size(), 0);
+  while (!queue.empty()) {
+    const std::int32_t i = queue.top().second;
+    queue.pop();
+    const std::int64_t needed = mesh_.num_faces() - gone - target;
+    if (needed <= 0) break;
+    if (count[i] > needed && choice != Choice::kAny) continue;
+    pieces_->refresh(i);
+    const double now = price_of(i);
+    if (!std::isfinite(now)) continue;
+    if (now > limit) {
+      if (!is_forced || (choice == Choice::kAny && gone > 0)) continue;
+      if (!queue.empty() && now > queue.top().first) {  // what lay beside it is gone
+        queue.emplace(now, i);
+        continue;
+      }
+    }
+    if (choice == Choice::kNear && pieces_->mean_distance(i) > kMissedDistance) continue;
+    const double error = mesh_.scale * pieces_->mean_distance(i);
+    if (error > max_error) {
+      ++num_too_far_;
+      continue;
+    }
+    error_ = std::max(error_, error);
+    gone += count[i];
+    pieces_->remove_faces(i, count[i]);
+    if (is_spent_count(count[i])) num_spent_ -= count[i];
+    is_gone[i] = 1;
+    ++num_removed_;
+  }
+  if (gone == 0) return 0;
+  mesh_.keep_faces([&](std::int32_t f) { return is_gone[piece_of(mesh_.faces[f])] == 0; });
+  return gone;
+}
+
+}  // namespace manip3d::fast_detail

@@ -1,0 +1,64 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "manip3d/geometry/mesh.hpp"
+#include "simplify/fast_mesh.hpp"
+#include "simplify/pieces.hpp"
+
+namespace manip3d::fast_detail {
+
+/// Pieces of the mesh (faces joined by vertices), if there are several: each may vanish as a whole.
+class FastPieces {
+ public:
+  explicit FastPieces(FastMesh& mesh) : mesh_(mesh) {}
+
+  /// After sum_quadrics(), whose weights the prices of the pieces have.
+  void find();
+
+  /// Which pieces remove() takes.
+  enum class Choice : std::uint8_t {
+    kCheap,     // those below the limit that do not go beyond the target
+    kNear,      // the cheapest that are not missed at once and do not go beyond the target
+    kCheapest,  // the cheapest, whatever they cost, that do not go beyond the target
+    kAny,       // one, even if less is left than the target asks for
+  };
+
+  /// Takes away the pieces that cost least; how many faces that were.
+  /// @param limit  price up to which pieces are cheap, in the unit of the collapses' prices.
+  std::int64_t remove(double limit, Choice choice, std::int64_t target, double max_error);
+
+  /// Whether no edge of the piece of a face can collapse: it is a triangle or a tetrahedron. Their
+  /// edges are as cheap as they are short, and thousands of them would be all candidates of a pass.
+  [[nodiscard]] bool is_spent(const Triple& face) const;
+  /// Faces of pieces that only go as a whole, at most.
+  [[nodiscard]] std::int64_t num_spent() const { return num_spent_; }
+
+  [[nodiscard]] std::int64_t num_removed() const { return num_removed_; }
+  /// How often a piece stayed because its distance is above max_error.
+  [[nodiscard]] std::int64_t num_too_far() const { return num_too_far_; }
+  /// The largest mean distance of a piece that vanished, in input units.
+  [[nodiscard]] double error() const { return error_; }
+
+ private:
+  [[nodiscard]] bool is_connected() const;
+  void count_faces();
+  [[nodiscard]] std::int32_t piece_of(const Triple& face) const {
+    return pieces_->of_vertex(mesh_.id[face[0]]);
+  }
+  [[nodiscard]] double price_of(std::int32_t i) const;
+
+  FastMesh& mesh_;
+  TriangleMesh welded_;
+  std::optional<MeshView> view_;
+  std::optional<Pieces> pieces_;
+  std::vector<std::int64_t> faces_of_piece_;
+  std::vector<double> piece_weight_;   // of all planes of a piece, as read
+  std::vector<std::uint8_t> is_kept_;  // pieces with locked vertices
+  std::int64_t num_spent_ = 0, num_removed_ = 0, num_too_far_ = 0;
+  double error_ = 0.0;
+};
+
+}  // namespace manip3d::fast_detail

@@ -1,0 +1,37 @@
+#pragma once
+
+#include <algorithm>
+#include <bit>
+#include <cstdint>
+
+#include "geometry/bulk.hpp"
+#include "simplify/fast_mesh.hpp"
+#include "simplify/fast_pieces.hpp"
+
+namespace manip3d::fast_detail {
+
+// Prices are not negative, so their bits have their order.
+constexpr std::uint32_t kNoPrice = 0xFFFFFFFFU;
+constexpr std::uint32_t kTooDear = 0xFFFFFFFEU;  // above max_error
+constexpr std::uint32_t kDearest = 0x7F800000U;  // infinity
+
+inline std::uint32_t key_of(float price) {
+  return price > 0.0F ? std::min(std::bit_cast<std::uint32_t>(price), kDearest)
+                      : (price <= 0.0F ? 0U : kDearest);
+}
+
+/// An edge of a face, with its price: sorted by price, then by place.
+struct PricedEdge {
+  std::uint32_t key;
+  std::uint32_t slot;  // 3 face + corner
+};
+
+/// Prices the edges of the faces from `begin` to `end`, each once: in a closed surface from the
+/// lower vertex to the higher one. Those of pieces that only go as a whole are left out.
+void price_edges(const FastMesh& mesh, const FastPieces& pieces, float squared_limit,
+                 std::int64_t begin, std::int64_t end, Bulk<PricedEdge>& edges);
+
+/// Stable radix sort by 16 bits of what the keys differ in. `other` is a buffer.
+void sort_by_price(Bulk<PricedEdge>& items, Bulk<PricedEdge>& other);
+
+}  // namespace manip3d::fast_detail

@@ -1,0 +1,158 @@
+#include "simplify/fast_quadrics.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "simplify/collapse_rules.hpp"
+
+namespace manip3d::fast_detail {
+namespace {
+
+/// Corners of the faces around a vertex, filled up to a multiple of four.
+struct Ring {
+  static constexpr std::size_t kMost = 32;
+  alignas(16) std::array<std::int32_t, kMost> next, last;  // counter-clockwise
+  std::size_t size = 0;
+};
+
+bool is_closed(const Ring& ring) {
+  std::uint32_t matched = 0;  // faces that end where another one begins
+  bool is_open = false;
+  for (std::size_t i = 0; i < ring.size; ++i) {
+    const std::int32_t next = ring.next[i];
+    std::uint32_t matches = 0;
+    for (std::size_t j = 0; j < ring.size; j += 4) {
+      matches |= true_lanes(load4(&ring.last[j]) == Int4{next, next, next, next}) << j;
+    }
+    is_open |= matches == 0 || (matches & (matches - 1)) != 0;
+    matched |= matches;
+  }
+  const std::uint32_t all = ring.size > 0 ? 0xFFFFFFFFU >> (Ring::kMost - ring.size) : 0U;
+  return !is_open && matched == all;
+}
+
+void add_plane(QuadricVertex& v, const Vector3f& n, float weight) {
+  const Vector3f wn = weight * n;
+  v.xx += wn.x() * n.x(), v.xy += wn.x() * n.y(), v.xz += wn.x() * n.z();
+  v.yy += wn.y() * n.y(), v.yz += wn.y() * n.z(), v.zz += wn.z() * n.z();
+  v.weight += weight;
+}
+
+void add_planes(const FastMesh& mesh, QuadricVertex& vertex, const Ring& ring) {
+  const Vectors4 p = four_of(position_of(vertex));
+  Float4 high = load4(&vertex.xx), low = load4(&vertex.yz);
+  for (std::size_t i = 0; i < ring.size; i += 4) {
+    const Vectors4 n =
+        (mesh.positions_of(&ring.next[i]) - p).cross(mesh.positions_of(&ring.last[i]) - p);
+    const Float4 length = sqrt4(n.squared_norm());
+    const Float4 divisor = length > 0.0F ? length : all_of(1.0F);
+    const Vectors4 unit{n.x / divisor, n.y / divisor, n.z / divisor};
+    const Float4 weight = length > 0.0F ? length / 6.0F : all_of(0.0F);
+    const Vectors4 weighted{weight * unit.x, weight * unit.y, weight * unit.z};
+    const auto upper = transpose(
+        {weighted.x * unit.x, weighted.x * unit.y, weighted.x * unit.z, weighted.y * unit.y});
+    const auto lower = transpose({weighted.y * unit.z, weighted.z * unit.z, all_of(0.0F), weight});
+    for (std::size_t k = 0; k < 4; ++k) {
+      high += upper[k];
+      low += Float4{lower[k][0], lower[k][1], 0.0F, 0.0F};
+      vertex.weight += lower[k][3];
+    }
+  }
+  store4(&vertex.xx, high);
+  store4(&vertex.yz, low);
+}
+
+bool has_one_wedge(const FastMesh& mesh, std::int32_t v) {
+  if (!mesh.has_wedges()) return true;
+  const auto around = mesh.corners(v);
+  const auto wedge = [&](std::uint32_t corner) { return mesh.wedges[corner / 3][corner % 3]; };
+  return std::all_of(around.begin(), around.end(),
+                     [&](std::uint32_t corner) { return wedge(corner) == wedge(around.front()); });
+}
+
+/// Adds the planes of the faces of v. Returns whether v is inside of the surface and on no seam:
+/// each of its edges has two faces, which run along it in opposite directions, and all faces have
+/// the same wedge at v.
+bool add_faces(FastMesh& mesh, std::int32_t v) {
+  const auto around = mesh.corners(v);
+  Ring ring;  // NOLINT: filled below
+  for (std::size_t begin = 0; begin < around.size(); begin += Ring::kMost) {
+    const auto some = around.subspan(begin, std::min(Ring::kMost, around.size() - begin));
+    ring.size = 0;
+    for (const std::uint32_t corner : some) {
+      const std::uint32_t f = corner / 3, c = corner - 3 * f;
+      ring.next[ring.size] = mesh.faces[f][after(c)];
+      ring.last[ring.size++] = mesh.faces[f][before(c)];
+    }
+    // The lanes that fill up have no area, and no edge from v.
+    for (std::size_t i = ring.size; i % 4 != 0; ++i) ring.next[i] = ring.last[i] = v;
+    add_planes(mesh, mesh.vertices[v], ring);
+  }
+  return around.size() <= Ring::kMost && is_closed(ring) && has_one_wedge(mesh, v);
+}
+
+void add_border(FastMesh& mesh, std::int32_t v, std::int32_t t, std::uint32_t f, double weight) {
+  const Triple& face = mesh.faces[f];
+  const Vector3f p = position_of(mesh.vertices[face[0]]);
+  const Vector3f normal =
+      (position_of(mesh.vertices[face[1]]) - p).cross(position_of(mesh.vertices[face[2]]) - p);
+  const Vector3f along = position_of(mesh.vertices[t]) - position_of(mesh.vertices[v]);
+  const Vector3f across = along.cross(normal);
+  const float length = across.norm();
+  if (!(length > 0.0F)) return;
+  add_plane(mesh.vertices[v], across / length,
+            static_cast<float>(0.5 * weight) * along.squaredNorm());
+}
+
+/// Planes through boundaries and seams, perpendicular to their faces.
+void add_borders(FastMesh& mesh, const BorderWeights& weights, std::int32_t v) {
+  struct Spoke {
+    std::int32_t end;
+    std::uint32_t face, corner, end_corner;
+  };
+  std::vector<Spoke> spokes;
+  mesh.for_each_face(v, [&](std::uint32_t f, std::uint32_t c, std::int32_t a, std::int32_t b) {
+    spokes.push_back({a, f, c, after(c)});
+    spokes.push_back({b, f, c, before(c)});
+  });
+  std::sort(spokes.begin(), spokes.end(), [](const Spoke& a, const Spoke& b) {
+    return a.end != b.end ? a.end < b.end : a.face < b.face;
+  });
+  for (std::size_t begin = 0, end = 0; begin < spokes.size(); begin = end) {
+    bool is_seam = false;
+    for (end = begin; end < spokes.size() && spokes[end].end == spokes[begin].end; ++end) {
+      if (!mesh.has_wedges()) continue;
+      const Triple &w = mesh.wedges[spokes[end].face], &w0 = mesh.wedges[spokes[begin].face];
+      is_seam |= w[spokes[end].corner] != w0[spokes[begin].corner] ||
+                 w[spokes[end].end_corner] != w0[spokes[begin].end_corner];
+    }
+    if (is_complex_edge(static_cast<std::int64_t>(end - begin))) mesh.is_complex[v] = 1;
+    const bool is_boundary = end - begin == 1;
+    if (!is_boundary && !is_seam) continue;
+    const double weight =
+        is_boundary ? weights.boundary : weights.seam / static_cast<double>(end - begin);
+    for (std::size_t i = begin; i < end; ++i)
+      add_border(mesh, v, spokes[i].end, spokes[i].face, weight);
+  }
+}
+
+}  // namespace
+
+void sum_quadrics(FastMesh& mesh, const BorderWeights& weights) {
+  mesh.is_open.assign(mesh.vertices.size(), 0);
+  mesh.is_complex.assign(mesh.vertices.size(), 0);
+  mesh.over_vertices([&](std::int32_t v) {
+    if (!add_faces(mesh, v)) {
+      mesh.is_open[v] = 1;
+      add_borders(mesh, weights, v);
+    }
+  });
+  if (std::find(mesh.is_complex.begin(), mesh.is_complex.end(), 1) == mesh.is_complex.end()) {
+    mesh.is_complex.clear();
+  }
+}
+
+}  // namespace manip3d::fast_detail
