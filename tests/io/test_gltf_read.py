@@ -350,6 +350,38 @@ def test_a_texture_placed_otherwise_than_the_base_colour_is_left_out(tmp_path: P
     assert "placed otherwise than the first of their material are left out" in warning
 
 
+def test_the_coordinates_named_by_a_texture_transform_replace_the_textures_own(
+    tmp_path: Path,
+) -> None:
+    """``texCoord`` stands in a texture and in its KHR_texture_transform, where it goes before."""
+    scene = Scene()
+    position, texcoord = scene.accessor(SQUARE), scene.accessor([[0, 0], [1, 0], [0, 1], [1, 1]])
+    image = "data:image/png;base64,aGFsbG8="
+    scene.json["images"], scene.json["textures"] = [{"uri": image}], [{"source": 0}]
+
+    def on(own: int, placed: dict[str, Any]) -> dict[str, Any]:
+        return {"index": 0, "texCoord": own, "extensions": {"KHR_texture_transform": placed}}
+
+    scene.json["materials"] = [
+        {
+            "pbrMetallicRoughness": {
+                "baseColorTexture": on(1, {"texCoord": 0, "scale": [2, 2]}),
+                "metallicRoughnessTexture": on(0, {"scale": [2, 2]}),
+            },
+            "normalTexture": on(0, {"texCoord": 1, "scale": [2, 2]}),
+            "occlusionTexture": on(1, {"scale": [2, 2]}),
+        }
+    ]
+    scene.json["extensionsUsed"] = ["KHR_texture_transform"]
+    attributes = {"POSITION": position, "TEXCOORD_0": texcoord, "TEXCOORD_1": texcoord}
+    scene.primitive(attributes, mode=5, material=0)
+    seen = report(tmp_path, scene.glb())
+    assert sorted(seen.mesh.materials[0].textures) == ["base_color", "metallic_roughness"]
+    assert seen.mesh.texcoords is not None
+    assert seen.mesh.texcoords[:, 0].max() == 2.0
+    assert "textures on TEXCOORD_1 and above are left out" in seen.warnings
+
+
 @pytest.mark.parametrize(
     "name", ["KHR_lights_punctual", "KHR_texture_basisu", "EXT_texture_webp", "KHR_materials_ior"]
 )
