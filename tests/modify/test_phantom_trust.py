@@ -603,6 +603,32 @@ def test_a_focal_length_that_is_right_is_not_doubted(
     assert results[-1].quality.stature * factor == pytest.approx(1.025, abs=0.03)
 
 
+def with_a_hat(image: RgbdFrame, height: float) -> RgbdFrame:
+    """A box of 22 cm in width on the head of the first person, in depth and body index."""
+    person = image.skeletons[0]
+    x, _, z = person.positions[JOINTS.index("Head")]
+    camera = DEPTH_CAMERA
+    middle, half = camera.cx + camera.fx * x / z, 0.11 * camera.fx / z
+    columns = slice(int(middle - half), int(middle + half) + 1)
+    depth, bodies = np.array(image.depth), np.array(image.body_index)
+    crown = int(np.flatnonzero((bodies[:, columns] == person.body).any(axis=1)).min())
+    rows = slice(crown - round(height * camera.fy / z), crown + round(0.06 * camera.fy / z))
+    free = bodies[rows, columns] != person.body
+    depth[rows, columns][free] = round(1000.0 * z) if depth.dtype == np.uint16 else z
+    bodies[rows, columns] = person.body
+    return replace(image, depth=depth, body_index=bodies)
+
+
+@pytest.mark.parametrize(("limb", "body"), BODIES)
+def test_a_hat_is_no_wrong_focal_length(limb: Limb, body: dict[str, Any]) -> None:
+    pipeline = PhantomPipeline(limb)
+    people = BodySimulator(
+        amputated=limb, color="none", room=False, frames=30, rate=15.0, seed=2, **body
+    )
+    results = [pipeline.process(with_a_hat(image, 0.15)) for image in people]
+    assert all(result.state is PhantomState.TRACKING for result in results[2:])
+
+
 def test_a_rolled_camera_tells_a_wrong_focal_length_too() -> None:
     """By 90 degrees: the person lies in the image, with the head to the left."""
     for factor, reason in ((1.0, PhantomReason.NONE), (1.15, PhantomReason.CALIBRATION)):

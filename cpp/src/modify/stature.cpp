@@ -73,8 +73,8 @@ std::optional<double> height_ratio(const Skeleton& person, Joint ankle, Joint fo
   const auto sole = [&](Joint joint, float radius) {
     return down.dot(in_image(person[joint]) - head) + radius / person[joint].z();
   };
-  const float of_joints = std::max(sole(ankle, *ankle_radius), sole(foot, *foot_radius)) +
-                          *head_radius / person[Joint::kHead].z();
+  const float lowest = std::max(sole(ankle, *ankle_radius), sole(foot, *foot_radius));
+  const float of_joints = lowest + *head_radius / person[Joint::kHead].z();
   Farthest crown, ground;
   for (std::int64_t i = 0; i < points.count; ++i) {
     const auto label = static_cast<Joint>(points.label[i]);
@@ -93,7 +93,13 @@ std::optional<double> height_ratio(const Skeleton& person, Joint ankle, Joint fo
   if (is_at_border(crown.pixel(), points) || is_at_border(ground.pixel(), points)) {
     return std::nullopt;
   }
-  return static_cast<double>((crown.along() + ground.along()) / of_joints);
+  const float of_pixels = (crown.along() + ground.along()) / of_joints;
+  // A hat makes a person taller, too, but leaves the soles where they are. A wrong focal length
+  // moves them away from the optical axis; one that passes near them does not tell the two apart.
+  const float to_head = down.dot(head);
+  const bool is_told = to_head + lowest > kShortest;
+  const float of_soles = is_told ? (to_head + ground.along()) / (to_head + lowest) : 1.0F;
+  return static_cast<double>(std::min(of_pixels, std::max(of_soles, 1.0F)));
 }
 
 }  // namespace

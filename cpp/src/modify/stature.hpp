@@ -14,7 +14,8 @@ namespace manip3d {
 /// A focal length that is off by a factor makes all that the depth image shows narrower and lower
 /// by it, but not the joints of a tracker that knows its camera. The height from the crown to a
 /// sole is the longest that both tell, whatever the girth. It is measured across the viewing
-/// direction, along the line from head to ankle in the image, so that a camera may be rolled.
+/// direction, along the line from head to ankle in the image, so that a camera may be rolled. A
+/// person is not taller than the soles say, as hats and hair are no wrong focal length.
 class Stature {
  public:
   /// Learns from a frame that was segmented by these bones. Frames without head and foot, or with
