@@ -4,7 +4,7 @@
 
 namespace manip3d::fast_detail {
 
-/// Of the planes through boundaries and through seams; those of faces have 1.
+/// Weights of the planes through boundaries and through seams; those of faces have 1.
 struct BorderWeights {
   double boundary, seam;
 };
