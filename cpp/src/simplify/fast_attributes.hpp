@@ -8,8 +8,8 @@
 
 namespace manip3d::fast_detail {
 
-// What becomes of attributes where t goes into v and the vertex comes to lie at p. Positions, and
-// the faces of both, are still those from before.
+// Attributes where t goes into v and the vertex comes to lie at p. Positions, and the faces of
+// both, are still those from before.
 
 using WedgePairs = std::vector<std::pair<std::int32_t, std::int32_t>>;
 

@@ -5,7 +5,6 @@
 #include <array>
 #include <bit>
 #include <cstdint>
-#include <limits>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -207,7 +206,7 @@ std::optional<Rejection> EdgeCollapser::check_links(std::int32_t v, std::int32_t
   return std::nullopt;
 }
 
-/// Where the new vertex may lie, as an offset from v: where the quadric is least, or else the
+/// Finds a place for the new vertex, as an offset from v: where the quadric is least, or else the
 /// better end of the edge, or the other one; a locked end stays where it is.
 std::optional<Rejection> EdgeCollapser::find_place(std::int32_t v, std::int32_t t,
                                                    const EdgeQuadric<float>& edge,

@@ -12,7 +12,7 @@
 
 namespace manip3d::fast_detail {
 
-/// What a pass did, and what it left.
+/// The collapses of a pass, and the reasons for it to stop.
 struct PassReport {
   std::int64_t collapses = 0;
   std::int64_t wanted = 1;        // so many were to be made
