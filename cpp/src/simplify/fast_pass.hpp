@@ -20,7 +20,7 @@ struct PassReport {
   float price_limit = 0.0F;       // of the candidates
   bool is_everything = false;     // all edges were candidates
   bool leaves_dear = false;       // left the rest of its candidates to the next pass
-  bool meets_forbidden = false;  // left what is legal, as what the link rule refuses costs far less
+  bool meets_forbidden = false;   // left what costs far more than what the link rule refused
 };
 
 /// Prices all edges and collapses the cheapest, from the cheapest one on, each vertex at most once.
@@ -56,8 +56,7 @@ class FastPass {
     std::int64_t quota = 0;
     bool leaves_dear = false;
     bool meets_forbidden = false;
-    std::uint32_t forbids =
-        kNoPrice;  // price above which what the link rule refused is far cheaper
+    std::uint32_t forbids = kNoPrice;  // from here on, what the link rule refused is far cheaper
   };
 
   [[nodiscard]] bool is_small() const;

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 BLIND = (
     "reflectance rewritten within the noise, or with that of other firings of the same lasers",
     "ranges of existing firings rewritten on the lattice (white-box)",
-    "points left out one by one, fewer than one of two hundred, even half of those of one thing",
+    "points left out one by one: fewer than one of two hundred of the scan, or half of an object's",
 )
 """Classes of edits that no detector here finds."""
 
