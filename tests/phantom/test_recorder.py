@@ -28,7 +28,7 @@ from manip3d.phantom._writer import OrderedWriter
 
 pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
 
-from manip3d.diary import Diary, _diary
+from manip3d.diary import Diary, _file
 from manip3d.phantom import _diary as _recorder
 from manip3d.phantom._diary import DiaryRecorder
 
@@ -59,7 +59,7 @@ def locked(path: Path) -> Iterator[None]:
 
 @pytest.fixture
 def path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr(_diary, "_BUSY_S", 0.3)
+    monkeypatch.setattr(_file, "_BUSY_S", 0.3)
     with Diary(tmp_path / "study.diary", create=True) as diary:
         diary.enrol("P01", limb="right_arm", clips=True)
     return tmp_path / "study.diary"

@@ -23,6 +23,7 @@ from manip3d.rgbd import RgbdFrame
 pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
 
 from manip3d.diary import Diary
+from manip3d.diary._rows import Rows
 from manip3d.phantom._diary import RATE_FIRST, DiaryRecorder
 
 FELT = {"length": 60, "telescoping": 10, "raised": 0, "bent": 20}
@@ -312,16 +313,16 @@ def test_a_rating_that_stops_is_kept_once_and_with_its_reason(
     sitting.say("unanswered")
     sitting.say("again")
     sitting.now += timedelta(minutes=1)  # later than a correction
-    diary = sitting.recorder._diary
-    wait_for(lambda: len(diary.sessions("P01")) == 2)
-    add, failures = type(diary)._add, [OSError("disk full")]
+    kept = sitting.recorder._diary
+    wait_for(lambda: len(kept.sessions("P01")) == 2)
+    add, failures = Rows.add, [OSError("disk full")]
 
-    def fails_once(self: Diary, connection: Any, table: Any, *rest: Any, **parents: Any) -> int:
+    def fails_once(self: Rows, table: Any, *rest: Any, **parents: Any) -> int:
         if table.name == "events" and failures:
             raise failures.pop()
-        return add(self, connection, table, *rest, **parents)
+        return add(self, table, *rest, **parents)
 
-    monkeypatch.setattr(type(diary), "_add", fails_once)
+    monkeypatch.setattr(Rows, "add", fails_once)
     assert "rose from 3 to 6" in sitting.say("pain", value=6)["game"]["halt"]
     with sitting.end() as diary:
         assert failures == []

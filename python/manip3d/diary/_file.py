@@ -1,0 +1,224 @@
+"""The SQLite file of a diary: opened, checked, brought to the version of today, locked, let go."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sqlite3
+import uuid
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+
+import sqlalchemy as sql
+
+from manip3d.diary import _schema as schema
+from manip3d.diary._audit import append_row, begin_chain, time_in
+from manip3d.diary._rows import Rows
+from manip3d.diary._sealing import new_key, seal, unseal
+from manip3d.errors import FormatError, InputError
+
+_CHECK = b"manip3d diary"
+_STUDY = "meta study"  # what the study's identifier is encrypted for
+_CHAIN = "meta audit key"
+_BUSY_S = 5.0  # another program that writes is waited for
+
+
+class DiaryFile:
+    """An open file; nobody holds it between two transactions.
+
+    Raises InputError, FormatError and OSError as `Diary` does.
+    """
+
+    def __init__(self, path: Path, key: bytes | None, *, create: bool) -> None:
+        self.path = path
+        self.key = key
+        self._check_file(create)
+        self.engine = sql.create_engine(
+            # SQLite takes `:memory:` for no file, and SQLAlchemy `file:` for an address.
+            sql.URL.create("sqlite", database=os.path.abspath(path)),
+            poolclass=sql.pool.NullPool,
+            connect_args={"timeout": _BUSY_S},
+        )
+        sql.event.listen(self.engine, "connect", self._on_connect)
+        sql.event.listen(self.engine, "begin", _on_begin)
+        sql.event.listen(self.engine, "handle_error", self._on_error)
+        with self.engine.begin() as connection:
+            # Another program may have made or changed it since.
+            now = int(connection.exec_driver_sql("PRAGMA user_version").scalar_one())
+            if now > 0:
+                self._check_key(connection)  # before anything is written with it
+            if now < schema.VERSION:
+                self._migrate(connection, now)
+            self.study = self._read_study(connection)
+            self.chain_key = unseal(key, self._meta(connection, "audit key"), _CHAIN)
+
+    def close(self) -> None:
+        self.engine.dispose()
+
+    @contextlib.contextmanager
+    def begin(self) -> Iterator[Rows]:
+        """A transaction: what was done in it is written at its end, or nothing if it raises."""
+        with self.engine.begin() as connection:
+            yield self._rows(connection)
+
+    @contextlib.contextmanager
+    def begin_without_remains(self) -> Iterator[Rows]:
+        """A transaction after which what it deleted is neither in the file nor beside it."""
+        with self.engine.connect() as connection:
+            raw = connection.connection.dbapi_connection
+            assert isinstance(raw, sqlite3.Connection)
+            # Out of the write-ahead log, which only works while nobody else has the file open.
+            try:
+                mode = raw.execute("PRAGMA journal_mode = DELETE").fetchone()[0]
+            except sqlite3.OperationalError:
+                mode = "wal"
+            except sqlite3.DatabaseError as error:
+                raise self._told(error) from error
+            if mode != "delete":
+                raise OSError(f"{self.path}: another program has the diary open; nothing deleted")
+            with connection.begin():
+                yield self._rows(connection)
+            try:
+                raw.execute("VACUUM")
+                raw.execute("PRAGMA journal_mode = WAL")
+            except sqlite3.DatabaseError as error:
+                raise OSError(
+                    f"{self.path}: deleted, but the file could not be written anew: {error}"
+                ) from error
+
+    def _rows(self, connection: sql.Connection) -> Rows:
+        return Rows(connection, self.path, self.key, self.chain_key)
+
+    def _check_file(self, create: bool) -> None:
+        """Refuse what is no diary, or one of a later version; make a new file."""
+        if create:
+            with contextlib.suppress(FileExistsError):
+                os.close(os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
+        if not self.path.is_file():
+            if self.path.exists():
+                raise FormatError("expected a regular file", file=str(self.path))
+            raise FileNotFoundError(2, "No such file or directory", str(self.path))
+        try:
+            # An absolute path: `:memory:` would be no file.
+            with contextlib.closing(
+                sqlite3.connect(os.path.abspath(self.path), timeout=_BUSY_S)
+            ) as plain:
+                mark, version = (
+                    int(plain.execute(f"PRAGMA {name}").fetchone()[0])
+                    for name in ("application_id", "user_version")
+                )
+                holds = int(plain.execute("SELECT count(*) FROM sqlite_master").fetchone()[0])
+                if mark == schema.APPLICATION:
+                    self._check_pages(plain)
+        except sqlite3.DatabaseError as error:
+            raise FormatError(f"expected a diary: {error}", file=str(self.path)) from error
+        # A file without tables: new, or its maker was killed before it was a diary.
+        if create and holds == 0 and mark == 0:
+            return
+        if mark != schema.APPLICATION:
+            raise FormatError("expected a diary, got another file", file=str(self.path))
+        if version > schema.VERSION:
+            raise FormatError(
+                f"expected a diary of version {schema.VERSION} at most, got {version}: a later "
+                "manip3d wrote it",
+                file=str(self.path),
+            )
+
+    def _check_pages(self, plain: sqlite3.Connection) -> None:
+        """Refuse a damaged file before anything is written into it."""
+        # 1 ms for 300 games, 60 ms for 200 MB of films, as long as quick_check takes.
+        (told,) = plain.execute("PRAGMA integrity_check(1)").fetchone()
+        if told != "ok":
+            raise FormatError(
+                f"the diary is damaged: {told}; 'manip3d diary rescue' copies what can be read",
+                file=str(self.path),
+            )
+
+    def _migrate(self, connection: sql.Connection, version: int) -> None:
+        """Bring the file to the version of today; 0: it is new."""
+        audit = self._old_audit(connection) if 0 < version < schema.WITH_CHAIN else []
+        schema.migrate(connection, version)
+        marks = {}
+        if version == 0:  # what a key is checked by when the diary is opened
+            marks["check"] = seal(self.key, _CHECK, "meta")
+        if version < schema.WITH_STUDY:
+            marks["study"] = seal(self.key, str(uuid.uuid4()).encode(), _STUDY)
+        if version < schema.WITH_CHAIN:
+            chain_key = new_key()
+            marks["audit key"] = seal(self.key, chain_key, _CHAIN)
+        for name, value in marks.items():
+            connection.execute(sql.insert(schema.META).values(name=name, value=value))
+        if version < schema.WITH_CHAIN:
+            begin_chain(connection, chain_key)
+            for at, action, number in audit:
+                append_row(connection, chain_key, action, number, at=at)
+
+    def _old_audit(self, connection: sql.Connection) -> list[tuple[str, str, int | None]]:
+        """Time, action and participant of each row of an audit without hashes, by time.
+
+        What is no time is taken over as it stands, first: `audit` names it, and the diary opens.
+        """
+        rows = connection.exec_driver_sql("SELECT at, action, participant FROM audit").all()
+        first = datetime.min.replace(tzinfo=UTC)
+        return sorted(((at, what, whose) for at, what, whose in rows),
+                      key=lambda row: time_in(row[0]) or first)  # fmt: skip
+
+    def _meta(self, connection: sql.Connection, name: str) -> bytes:
+        table = schema.META
+        value = connection.execute(
+            sql.select(table.c.value).where(table.c.name == name)
+        ).scalar_one_or_none()
+        if value is None:
+            raise FormatError("expected a diary, got another file", file=str(self.path))
+        return bytes(value)
+
+    def _read_study(self, connection: sql.Connection) -> str:
+        name = unseal(self.key, self._meta(connection, "study"), _STUDY)
+        try:
+            return str(uuid.UUID(name.decode("ascii")))
+        except ValueError:
+            raise FormatError("expected a UUID of the study; the diary is damaged",
+                              file=str(self.path)) from None  # fmt: skip
+
+    def _check_key(self, connection: sql.Connection) -> None:
+        value = self._meta(connection, "check")
+        is_plain = value == _CHECK
+        if is_plain and self.key is not None:
+            raise InputError(f"key: {self.path} is not encrypted; open it without a key")
+        if not is_plain and self.key is None:
+            raise InputError(f"key: {self.path} is encrypted; its key file is needed")
+        if not is_plain:
+            try:
+                unseal(self.key, value, "meta")
+            except FormatError:
+                raise FormatError("this key does not open it", file=str(self.path)) from None
+
+    def _on_connect(self, connection: sqlite3.Connection, record: object) -> None:
+        # SQLAlchemy says when a transaction begins; sqlite3 begins none for changes of tables.
+        connection.isolation_level = None
+        try:
+            for pragma in (
+                "journal_mode = WAL",
+                "synchronous = FULL",  # what was acknowledged is on the disk
+                "foreign_keys = ON",
+                "secure_delete = ON",  # what is deleted or moved is overwritten with zeros
+                "temp_store = MEMORY",
+            ):
+                connection.execute(f"PRAGMA {pragma}")
+        except sqlite3.DatabaseError as error:
+            raise self._told(error) from error
+
+    def _on_error(self, context: sql.ExceptionContext) -> None:
+        if isinstance(context.original_exception, sqlite3.DatabaseError):
+            raise self._told(context.original_exception) from context.original_exception
+
+    def _told(self, error: sqlite3.DatabaseError) -> Exception:
+        """A full disk, a lock or a file that cannot be written; else the file is damaged."""
+        if isinstance(error, sqlite3.OperationalError):
+            return OSError(f"{self.path}: {error}")
+        return FormatError(f"the diary is damaged: {error}", file=str(self.path))
+
+
+def _on_begin(connection: sql.Connection) -> None:
+    connection.exec_driver_sql("BEGIN IMMEDIATE")

@@ -1,0 +1,267 @@
+"""The rows of a diary inside one transaction.
+
+What a participant said or did is sealed with their key when it is written and opened when it is
+read; each payload is bound to its place, so that two of them cannot be exchanged unnoticed.
+"""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import sqlalchemy as sql
+
+from manip3d._util.texts import has_control_characters
+from manip3d.diary import _schema as schema
+from manip3d.diary._audit import append_row, erase_rows, verify
+from manip3d.diary._clips import Pictures, seal_pictures, unseal_pictures
+from manip3d.diary._sealing import new_key, seal, seal_fields, unseal, unseal_fields
+from manip3d.errors import FormatError, InputError
+
+_OF_PARTICIPANTS = (
+    schema.SESSIONS,
+    schema.GAMES,
+    schema.ANOMALIES,
+    schema.RATINGS,
+    schema.QUESTIONNAIRES,
+    schema.EVENTS,
+)  # and clips, whose payloads are no fields
+
+
+@dataclass(frozen=True)
+class Enrolled:
+    """A participant: the number of their row, their key, and what is known of them."""
+
+    number: int
+    key: bytes | None
+    fields: Mapping[str, Any]
+
+
+class Rows:
+    """Reads and writes rows through the connection of one transaction.
+
+    ``key`` is the diary's, which opens those of its participants; ``chain_key`` that of its audit.
+    """
+
+    def __init__(
+        self, connection: sql.Connection, path: Path, key: bytes | None, chain_key: bytes
+    ) -> None:
+        self.connection = connection
+        self._path = path
+        self._key = key
+        self._chain_key = chain_key
+
+    # --- participants ----------------------------------------------------------------------------
+
+    def everybody(self) -> list[Enrolled]:
+        found = []
+        for row in self.connection.execute(sql.select(schema.PARTICIPANTS)):
+            key = None
+            if self._key is not None:
+                key = unseal(self._key, row.key, _key_of(row.id))
+            found.append(Enrolled(row.id, key, unseal_fields(key, row.payload, _about(row.id))))
+        return found
+
+    def find(self, identifier: str) -> Enrolled:
+        """The participant of a pseudonym; raises InputError where there is none."""
+        for participant in self.everybody():
+            if participant.fields["identifier"] == identifier:
+                return participant
+        raise InputError(f"participant: {identifier!r} is not enrolled in {self._path}")
+
+    def find_by_session(self, session: int) -> Enrolled:
+        """The participant whose session it is; raises InputError where there is none."""
+        table = schema.SESSIONS
+        number = self.connection.execute(
+            sql.select(table.c.participant).where(table.c.id == session)
+        ).scalar_one_or_none()
+        if number is None:
+            raise InputError(f"session: there is none of the number {session}")
+        return next(one for one in self.everybody() if one.number == number)
+
+    def check_owner(self, session: int, participant: Enrolled) -> None:
+        if self.find_by_session(session).number != participant.number:
+            raise InputError(f"session: {session} is another participant's")
+
+    def enrol(self, fields: Mapping[str, Any]) -> int:
+        """Add a participant, with a key of their own where the diary has one."""
+        number, key = _new_number(), new_key() if self._key else None
+        wrapped = seal(self._key, key, _key_of(number)) if key else b""
+        self.connection.execute(
+            sql.insert(schema.PARTICIPANTS).values(
+                id=number, key=wrapped, payload=seal_fields(key, fields, _about(number))
+            )
+        )
+        return number
+
+    def change(self, participant: Enrolled, fields: Mapping[str, Any]) -> None:
+        """Set some of the fields of a participant."""
+        payload = seal_fields(
+            participant.key, {**participant.fields, **fields}, _about(participant.number)
+        )
+        table = schema.PARTICIPANTS
+        self.connection.execute(
+            sql.update(table).where(table.c.id == participant.number).values(payload=payload)
+        )
+
+    def delete(self, participant: Enrolled) -> None:
+        """Delete a participant with all their rows; of their audit the digests remain."""
+        erased = erase_rows(self.connection, participant.number)
+        table = schema.PARTICIPANTS
+        self.connection.execute(sql.delete(table).where(table.c.id == participant.number))
+        self.note("delete", None, erased)
+
+    # --- what they said and did ------------------------------------------------------------------
+
+    def add(
+        self,
+        table: sql.Table,
+        participant: Enrolled,
+        fields: Mapping[str, Any],
+        **parents: int | None,
+    ) -> int:
+        """Add a row and return its number; ``parents``: the rows that it belongs to."""
+        check_texts(fields)
+        row = _new_number()
+        payload = seal_fields(participant.key, fields, _about(participant.number, table, row))
+        self._insert(table, row, participant, payload, parents)
+        return row
+
+    def replace(
+        self,
+        table: sql.Table,
+        row: int,
+        participant: Enrolled,
+        fields: Mapping[str, Any],
+        **parents: int,
+    ) -> bool:
+        """Write other fields into a row; False where its parents have no such row."""
+        check_texts(fields)
+        payload = seal_fields(participant.key, fields, _about(participant.number, table, row))
+        is_row = [table.c.id == row, *(table.c[name] == of for name, of in parents.items())]
+        done = self.connection.execute(sql.update(table).where(*is_row).values(payload=payload))
+        return bool(done.rowcount == 1)
+
+    def read(
+        self, table: sql.Table, participant: Enrolled
+    ) -> list[tuple[Mapping[str, Any], dict[str, Any]]]:
+        """The columns and the fields of each row of a participant."""
+        rows = self.connection.execute(
+            sql.select(table).where(table.c.participant == participant.number)
+        )
+        return [(row._asdict(), self._fields(table, row, participant)) for row in rows]
+
+    def read_one(self, table: sql.Table, row: int, participant: Enrolled) -> dict[str, Any]:
+        """The fields of a row that is there."""
+        found = self.connection.execute(sql.select(table).where(table.c.id == row)).one()
+        return self._fields(table, found, participant)
+
+    def delete_anomalies(self, game: int) -> None:
+        table = schema.ANOMALIES
+        self.connection.execute(sql.delete(table).where(table.c.game == game))
+
+    def has_clips(self, participant: Enrolled) -> bool:
+        table = schema.CLIPS
+        one = sql.select(table.c.id).where(table.c.participant == participant.number).limit(1)
+        return self.connection.execute(one).first() is not None
+
+    def add_clip(self, participant: Enrolled, anomaly: int, pictures: Pictures) -> None:
+        clip = _new_number()
+        about = _about(participant.number, schema.CLIPS, clip)
+        payload = seal_pictures(participant.key, pictures, about)
+        self._insert(schema.CLIPS, clip, participant, payload, {"anomaly": anomaly})
+
+    def read_clips(
+        self, participant: Enrolled
+    ) -> Iterator[tuple[int, tuple[tuple[float, bytes], ...]]]:
+        """The anomaly and the pictures of each clip, one after the other: they are large."""
+        table = schema.CLIPS
+        ids = self.connection.execute(
+            sql.select(table.c.id).where(table.c.participant == participant.number)
+        )
+        for one in ids.scalars().all():
+            row = self.connection.execute(sql.select(table).where(table.c.id == one)).one()
+            about = _about(participant.number, table, one)
+            yield row.anomaly, unseal_pictures(participant.key, row.payload, about)
+
+    def delete_clips(self, participant: Enrolled) -> None:
+        table = schema.CLIPS
+        self.connection.execute(sql.delete(table).where(table.c.participant == participant.number))
+
+    # --- the audit, and all of it ----------------------------------------------------------------
+
+    def note(self, action: str, number: int | None, erased: Sequence[int] = ()) -> None:
+        """Add a row to the audit; ``erased``: the numbers of those that a deletion erased."""
+        at = datetime.now().astimezone().isoformat()
+        append_row(self.connection, self._chain_key, action, number, at=at, erased=erased)
+
+    def read_audit(self) -> Sequence[sql.Row[Any]]:
+        """The rows of the audit, without those that a deletion erased."""
+        table = schema.AUDIT
+        return self.connection.execute(
+            sql.select(table).where(table.c.salt != "").order_by(table.c.number)
+        ).all()
+
+    def verify_audit(self) -> None:
+        """Raises FormatError where a row of the audit is not what was written."""
+        verify(self.connection, self._chain_key, str(self._path))
+
+    def verify(self) -> None:
+        """Raises FormatError where any page, row, payload or hash is not what was written."""
+        told = self.connection.exec_driver_sql("PRAGMA integrity_check").scalars().all()
+        if told != ["ok"]:
+            raise FormatError(f"the diary is damaged: {told[0]}", file=str(self._path))
+        if self.connection.exec_driver_sql("PRAGMA foreign_key_check").first() is not None:
+            raise FormatError("the diary has rows of nobody", file=str(self._path))
+        for participant in self.everybody():
+            for table in _OF_PARTICIPANTS:
+                self.read(table, participant)
+            for _ in self.read_clips(participant):
+                pass
+        self.verify_audit()
+
+    def _insert(
+        self,
+        table: sql.Table,
+        row: int,
+        participant: Enrolled,
+        payload: bytes,
+        parents: Mapping[str, int | None],
+    ) -> None:
+        self.connection.execute(
+            sql.insert(table).values(
+                id=row, participant=participant.number, payload=payload, **parents
+            )
+        )
+
+    def _fields(self, table: sql.Table, row: sql.Row[Any], participant: Enrolled) -> dict[str, Any]:
+        about = _about(participant.number, table, row.id)
+        return unseal_fields(participant.key, row.payload, about)
+
+
+def check_texts(fields: Mapping[str, Any]) -> None:
+    """Refuse what no copy could hold and a terminal would obey."""
+    for name, value in fields.items():
+        if isinstance(value, str) and has_control_characters(value):
+            raise InputError(
+                f"{name}: expected a text without control characters, got {value[:60]!a}"
+            )
+
+
+def _new_number() -> int:
+    """Random, so that gaps between numbers do not tell of somebody who was deleted."""
+    return secrets.randbelow(2**62 - 1) + 1
+
+
+def _about(number: int, table: sql.Table | None = None, row: int = 0) -> str:
+    """What a payload belongs to: it is encrypted for this place only."""
+    return f"participants {number}" if table is None else f"{table.name} {row} of {number}"
+
+
+def _key_of(number: int) -> str:
+    """The same for the key of a participant."""
+    return f"participants {number} key"
