@@ -1,0 +1,122 @@
+#include "simplify/quality_attributes.hpp"
+
+#include <limits>
+
+#include "geometry/union_find.hpp"
+
+namespace manip3d::quality_detail {
+namespace {
+
+/// How far outside of the box of its original chart a texture coordinate may be fitted, over the
+/// diagonal of the box. Rounded borders of charts ask for this much on the models with most seams.
+constexpr double kTextureReach = 0.02;
+
+}  // namespace
+
+Attributes::Attributes(const MeshView& input, CollapseMesh& mesh, Original& original,
+                       const Kept& kept)
+    : mesh_(mesh), original_(original), kept_(kept) {
+  if (original.is_textured) find_charts();
+  for (Eigen::Index v = 0; v < input.colors.rows(); ++v) {
+    colors_.emplace_back(input.colors.row(v).cast<double>().transpose());
+  }
+}
+
+/// Charts are wedges joined by faces: a collapse never merges wedges of two charts.
+void Attributes::find_charts() {
+  UnionFind sets(mesh_.num_wedges());
+  for (std::int32_t f = 0; f < mesh_.num_slots(); ++f) {
+    if (!mesh_.is_alive(f)) continue;
+    const auto& wedges = mesh_.wedges(f);
+    sets.join(wedges[0], wedges[1]);
+    sets.join(wedges[0], wedges[2]);
+  }
+  chart_.resize(mesh_.num_wedges());
+  for (std::int32_t w = 0; w < mesh_.num_wedges(); ++w) {
+    const std::int32_t root = sets.root(w);  // the least of its set
+    if (root == w) {
+      chart_[w] = static_cast<std::int32_t>(chart_box_.size());
+      chart_box_.emplace_back();
+    } else {
+      chart_[w] = chart_[root];
+    }
+    chart_box_[chart_[w]].extend(mesh_.uv(w));
+  }
+}
+
+void Attributes::collapse(std::int32_t v, std::int32_t t, const Vector3d& p,
+                          const JoinedWedges& wedges) {
+  if (original_.is_textured) set_texture(v, t, p, wedges);
+  if (!colors_.empty()) colors_[t] = color_at(v, t, p);
+}
+
+/// The best texture coordinate of each wedge, within those around it: a linear continuation of
+/// a narrow face can be anywhere.
+void Attributes::set_texture(std::int32_t v, std::int32_t t, const Vector3d& p,
+                             const JoinedWedges& wedges) {
+  uvs_.clear();
+  for (const auto& [wedge, quadric, stays] : wedges.textured()) {
+    original_.texture[wedge] = quadric;
+    if (const auto from = locked_wedge(v, t, wedge, wedges.map())) {
+      uvs_.emplace_back(wedge, mesh_.uv(*from));
+      continue;
+    }
+    if (!(quadric.weight > 0.0)) continue;
+    Vector2d low = Vector2d::Constant(std::numeric_limits<double>::infinity()), high = -low;
+    for (const std::int32_t from : {v, t}) {
+      mesh_.for_each_face(from, [&](std::int32_t f, std::int32_t c) {
+        const auto& corners = mesh_.wedges(f);
+        if ((from == v ? wedges.map().at(corners[c]) : corners[c]) != wedge) return;
+        for (const std::int32_t corner : corners) {
+          low = low.cwiseMin(mesh_.uv(corner));
+          high = high.cwiseMax(mesh_.uv(corner));
+        }
+      });
+    }
+    uvs_.emplace_back(wedge, quadric.best(p).cwiseMax(low).cwiseMin(high));
+  }
+  for (const auto& [wedge, uv] : uvs_) mesh_.set_uv(wedge, uv);
+}
+
+/// The wedge of the locked one of v and t that becomes this wedge, or is it.
+std::optional<std::int32_t> Attributes::locked_wedge(std::int32_t v, std::int32_t t,
+                                                     std::int32_t wedge,
+                                                     const WedgeMap& map) const {
+  std::optional<std::int32_t> found;
+  if (kept_.is_locked(v)) {
+    for (const WedgeMap::Pair& pair : map.pairs) {
+      if (pair.to == wedge && mesh_.has_texture(pair.from)) found = pair.from;
+    }
+  } else if (kept_.is_locked(t)) {
+    mesh_.for_each_face(t, [&](std::int32_t f, std::int32_t c) {
+      if (mesh_.wedges(f)[c] == wedge) found = wedge;
+    });
+  }
+  return found;
+}
+
+/// Between the colours of v and t, as p lies between them.
+Vector3d Attributes::color_at(std::int32_t v, std::int32_t t, const Vector3d& p) const {
+  const Vector3d edge = mesh_.position(t) - mesh_.position(v);
+  const double squared = edge.squaredNorm();
+  const double share =
+      squared > 0.0 ? std::clamp((p - mesh_.position(v)).dot(edge) / squared, 0.0, 1.0) : 1.0;
+  return (1.0 - share) * colors_[v] + share * colors_[t];
+}
+
+void Attributes::fit_texture(SurfaceFit& fit, const Progress& progress) {
+  const auto may_change = [&](std::int32_t v) { return !kept_.is_locked(v); };
+  const auto set_texture = [&](std::int32_t wedge, const Vector2d& uv) {
+    mesh_.set_uv(wedge, within(chart_box_[chart_[wedge]], kTextureReach, uv));
+  };
+  fit.fit_texture(mesh_, chart_, may_change, set_texture, progress);
+}
+
+void Attributes::write_colors(const std::vector<std::int32_t>& kept, TriangleMesh& out) const {
+  for (std::size_t i = 0; i < kept.size() && !colors_.empty(); ++i) {
+    const Vector3d rounded = (colors_[kept[i]].array() + 0.5).floor();
+    out.colors.row(static_cast<Eigen::Index>(i)) = rounded.cast<std::uint8_t>().transpose();
+  }
+}
+
+}  // namespace manip3d::quality_detail

@@ -1,0 +1,49 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "simplify/quality_price.hpp"
+#include "simplify/surface_fit.hpp"
+
+namespace manip3d::quality_detail {
+
+/// What becomes of texture coordinates and colours.
+class Attributes {
+ public:
+  Attributes(const MeshView& input, CollapseMesh& mesh, Original& original, const Kept& kept);
+
+  /// v and t are about to become one vertex at p, with these wedges.
+  void collapse(std::int32_t v, std::int32_t t, const Vector3d& p, const JoinedWedges& wedges);
+  /// Moves the texture coordinates nearer to the input's, within their charts.
+  void fit_texture(SurfaceFit& fit, const Progress& progress);
+  /// Writes the colours of the vertices that were kept.
+  void write_colors(const std::vector<std::int32_t>& kept, TriangleMesh& out) const;
+
+ private:
+  void find_charts();
+  void set_texture(std::int32_t v, std::int32_t t, const Vector3d& p, const JoinedWedges& wedges);
+  [[nodiscard]] std::optional<std::int32_t> locked_wedge(std::int32_t v, std::int32_t t,
+                                                         std::int32_t wedge,
+                                                         const WedgeMap& map) const;
+  [[nodiscard]] Vector3d color_at(std::int32_t v, std::int32_t t, const Vector3d& p) const;
+
+  CollapseMesh& mesh_;
+  Original& original_;
+  const Kept& kept_;
+  std::vector<std::int32_t> chart_;             // of a wedge
+  std::vector<Eigen::AlignedBox2d> chart_box_;  // of a chart: its original texture coordinates
+  std::vector<Vector3d> colors_;                // of a vertex; empty: none
+  std::vector<std::pair<std::int32_t, Vector2d>> uvs_;
+};
+
+/// The point of a box, widened by a share of its diagonal, that is nearest to p.
+template <typename Point, typename Box>
+Point within(const Box& box, double reach, const Point& p) {
+  const Point margin = Point::Constant(reach * box.diagonal().norm());
+  return p.cwiseMax(box.min() - margin).cwiseMin(box.max() + margin);
+}
+
+}  // namespace manip3d::quality_detail

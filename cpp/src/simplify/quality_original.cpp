@@ -1,0 +1,181 @@
+#include "simplify/quality_original.hpp"
+
+#include <cstddef>
+
+namespace manip3d::quality_detail {
+namespace {
+
+/// The faces of an edge lie on one side if the mean of the unit vectors towards them is this long:
+/// two of them open by less than 16 degrees.
+constexpr double kOneSided = 0.99;
+
+/// A texture is weighted by the share of the area that shows one, but by no less than this.
+constexpr double kLeastTextured = 0.01;
+
+/// Whether all faces of an edge of v lie on one side of it: on a boundary, and on the rim of a
+/// sheet whose front and back are faces of their own, where the surface ends as well.
+bool is_one_sided(const CollapseMesh& mesh, std::int32_t v, const RingEdge& edge) {
+  if (edge.num_faces == 1) return true;
+  const Vector3d along = (mesh.position(edge.vertex) - mesh.position(v)).normalized();
+  Vector3d sum = Vector3d::Zero();
+  mesh.for_each_face(v, [&](std::int32_t f, std::int32_t c) {
+    const std::int32_t a = mesh.face(f)[(c + 1) % 3], b = mesh.face(f)[(c + 2) % 3];
+    if (a != edge.vertex && b != edge.vertex) return;
+    const Vector3d to_third = mesh.position(a == edge.vertex ? b : a) - mesh.position(v);
+    sum += (to_third - along.dot(to_third) * along).normalized();
+  });
+  return sum.norm() > kOneSided * edge.num_faces;
+}
+
+/// How far the texture of a face is from those of the others on its edge v t, where they show the
+/// same material: the mean of both ends, the largest of the faces.
+double texture_jump(const CollapseMesh& mesh, std::int32_t f, std::int32_t v, std::int32_t t) {
+  const auto uv = [&](std::int32_t face, std::int32_t at) -> const Vector2d& {
+    const auto& corners = mesh.face(face);
+    const std::size_t c = corners[0] == at ? 0 : corners[1] == at ? 1 : 2;
+    return mesh.uv(mesh.wedges(face)[c]);
+  };
+  if (!shows_texture(mesh, f)) return 0.0;
+  double jump = 0.0;
+  mesh.for_each_face(v, [&](std::int32_t g, std::int32_t) {
+    if (g == f || !touches(mesh, g, t) || !shows_texture(mesh, g)) return;
+    if (mesh.surface(mesh.wedges(g)[0]) != mesh.surface(mesh.wedges(f)[0])) return;
+    jump = std::max(jump, 0.5 * (uv(f, v) - uv(g, v)).norm() + 0.5 * (uv(f, t) - uv(g, t)).norm());
+  });
+  return jump;
+}
+
+}  // namespace
+
+Original::Original(const CollapseMesh& mesh, const QualityOptions& wanted, bool has_texture,
+                   const Progress& progress)
+    : options(wanted),
+      is_textured(has_texture),
+      surface(mesh.num_vertices()),
+      borders(mesh.num_vertices()),
+      box(mesh.num_vertices()),
+      area(mesh.num_vertices(), 0.0),
+      border(mesh.num_vertices(), 0.0),
+      owed(mesh.num_vertices(), 0.0) {
+  Ticker ticker(progress);
+  if (is_textured) {
+    measure_texture(mesh);
+    texture.resize(mesh.num_wedges());
+    jumps.resize(mesh.num_vertices());
+    jump.resize(mesh.num_vertices(), 0.0);
+  }
+  for (std::int32_t f = 0; f < mesh.num_slots(); ++f) {
+    ticker.tick();
+    if (mesh.is_alive(f)) add_face(mesh, f);
+  }
+  Ring ring(mesh.num_vertices());
+  for (std::int32_t v = 0; v < mesh.num_vertices(); ++v) {
+    ticker.tick();
+    add_borders(mesh, v, ring);
+  }
+}
+
+/// The length on the surface of a unit of texture, on average.
+void Original::measure_texture(const CollapseMesh& mesh) {
+  double on_surface = 0.0, in_texture = 0.0, whole = 0.0;
+  for (std::int32_t f = 0; f < mesh.num_slots(); ++f) {
+    if (!mesh.is_alive(f)) continue;
+    whole += area_vector(mesh, f).norm();
+    if (!shows_texture(mesh, f)) continue;
+    const auto& w = mesh.wedges(f);
+    on_surface += area_vector(mesh, f).norm();
+    const Vector2d e1 = mesh.uv(w[1]) - mesh.uv(w[0]), e2 = mesh.uv(w[2]) - mesh.uv(w[0]);
+    in_texture += std::abs(e1.x() * e2.y() - e1.y() * e2.x());
+  }
+  if (!(in_texture > 0.0)) return;
+  texture_length = std::sqrt(on_surface / in_texture);
+  texture_share = std::max(on_surface / whole, kLeastTextured);
+}
+
+/// Each corner stands for a third of the face.
+void Original::add_face(const CollapseMesh& mesh, std::int32_t f) {
+  const auto& face = mesh.face(f);
+  Eigen::AlignedBox3d around;
+  for (const std::int32_t v : face) around.extend(mesh.position(v));
+  for (const std::int32_t v : face) box[v].extend(around);
+  const Vector3d normal = area_vector(mesh, f);
+  const double length = normal.norm();
+  if (!(length > 0.0)) return;
+  const double third = length / 6.0;
+  const Quadric plane = Quadric::plane(normal / length, mesh.position(face[0]), third);
+  for (const std::int32_t v : face) {
+    surface[v] += plane;
+    area[v] += third;
+  }
+  whole_area += 3.0 * third;
+  if (!is_textured || !shows_texture(mesh, f)) return;
+  const auto& wedges = mesh.wedges(f);
+  const AttributeQuadric shown = AttributeQuadric::triangle(
+      {mesh.position(face[0]), mesh.position(face[1]), mesh.position(face[2])},
+      {mesh.uv(wedges[0]), mesh.uv(wedges[1]), mesh.uv(wedges[2])}, third);
+  for (const std::int32_t wedge : wedges) texture[wedge] += shown;
+}
+
+/// Planes through boundaries and seams, perpendicular to their faces; each end stands for half
+/// of an edge. A corner of a border has two planes and is dear, a straight one is cheap along it.
+void Original::add_borders(const CollapseMesh& mesh, std::int32_t v, Ring& ring) {
+  mesh.gather_ring(v, ring);
+  mesh.for_each_face(v, [&](std::int32_t f, std::int32_t c) {
+    for (const std::size_t other : {(c + 1) % 3, (c + 2) % 3}) {
+      const std::int32_t t = mesh.face(f)[other];
+      const RingEdge& edge = *ring.find(t);
+      if (t < v) continue;
+      const bool is_boundary = is_one_sided(mesh, v, edge);
+      if (!is_boundary && !edge.is_seam) continue;
+      const Vector3d along = mesh.position(t) - mesh.position(v);
+      const Vector3d across = along.cross(area_vector(mesh, f));
+      const double length = across.norm();
+      if (!(length > 0.0)) continue;
+      const double weight =
+          is_boundary ? options.boundary_weight : options.seam_weight / edge.num_faces;
+      const Quadric plane =
+          Quadric::plane(across / length, mesh.position(v), 0.5 * weight * along.norm());
+      for (const std::int32_t end : {v, t}) {
+        borders[end] += plane;
+        border[end] += 0.5 * weight * along.norm();
+      }
+      if (!is_textured || !edge.is_seam) continue;
+      const double seen =
+          0.5 * along.norm() * texture_factor() * texture_jump(mesh, f, v, t) / edge.num_faces;
+      const Quadric shown = Quadric::plane(across / length, mesh.position(v), seen);
+      for (const std::int32_t end : {v, t}) {
+        jumps[end] += shown;
+        jump[end] += seen;
+      }
+    }
+  });
+}
+
+void Original::merge(std::int32_t v, std::int32_t t, double owes) {
+  box[t].extend(box[v]);
+  surface[t] += surface[v];
+  borders[t] += borders[v];
+  if (is_textured) {
+    jumps[t] += jumps[v];
+    jump[t] += jump[v];
+  }
+  area[t] += area[v];
+  border[t] += border[v];
+  owed[t] = owes;
+}
+
+double Original::error(std::int32_t v, std::int32_t t, const Vector3d& p) const {
+  const auto mean = [](double squares, double weight) {
+    return weight > 0.0 ? std::max(0.0, squares) / weight : 0.0;
+  };
+  return std::sqrt(std::max(mean(surface[v](p) + surface[t](p), area[v] + area[t]),
+                            mean(borders[v](p) + borders[t](p), border[v] + border[t])));
+}
+
+double Original::strips(double squares, double length, double area_around) const {
+  if (!(squares > 0.0) || !(length > 0.0)) return 0.0;
+  const double most = std::max(options.boundary_weight, options.seam_weight);
+  return kStripDistance * std::min(squares, most * area_around * std::sqrt(squares / length));
+}
+
+}  // namespace manip3d::quality_detail

@@ -1,0 +1,281 @@
+#include "simplify/quality_price.hpp"
+
+#include <limits>
+
+#include "manip3d/geometry/patch_distance.hpp"
+
+namespace manip3d::quality_detail {
+namespace {
+
+/// Pull of the middle of an edge on the new vertex, beside the quadrics: it decides only where
+/// they do not (RockerArm: 1e-3 costs 5 % of error, 1e-6 none, but then vertices wander).
+constexpr double kTowardsMiddle = 1e-5;
+
+/// On flat regions every price is rounding noise: short edges go first there.
+constexpr double kShortEdgeWeight = 1e-5;
+
+/// The faces around an edge, counted in full, against a price that counts each face once: measured
+/// on the many-part models, where 1 removes pieces too early.
+constexpr double kSurfaceShare = 0.2;
+
+/// A piece that vanishes is missed more than its distance says.
+constexpr double kPieceFactor = 2.0;
+
+/// The sum of the area vectors around an edge is rounding noise below this share of their lengths,
+/// as where front and back of a sheet cancel: no volume tells where the new vertex lies.
+constexpr double kLeastVolume = 1e-6;
+
+}  // namespace
+
+void JoinedWedges::gather(std::int32_t v, std::int32_t t) {
+  map_wedges(v, t);
+  if (original_.is_textured) gather_textured(v, t);
+}
+
+void JoinedWedges::map_wedges(std::int32_t v, std::int32_t t) {
+  map_.pairs.clear();
+  mesh_.for_each_face(v, [&](std::int32_t f, std::int32_t c) {
+    const std::int32_t from = mesh_.wedges(f)[c];
+    for (const std::size_t other : {(c + 1) % 3, (c + 2) % 3}) {
+      if (mesh_.face(f)[other] == t && map_.at(from) < 0) {
+        map_.pairs.push_back({from, mesh_.wedges(f)[other]});
+      }
+    }
+  });
+  mesh_.for_each_face(v, [&](std::int32_t f, std::int32_t c) {
+    const std::int32_t from = mesh_.wedges(f)[c];
+    if (map_.at(from) < 0) map_.pairs.push_back({from, from});
+  });
+}
+
+void JoinedWedges::gather_textured(std::int32_t v, std::int32_t t) {
+  textured_.clear();
+  const auto find = [&](std::int32_t wedge) {
+    return std::find_if(textured_.begin(), textured_.end(),
+                        [&](const Textured& known) { return known.wedge == wedge; });
+  };
+  mesh_.for_each_face(t, [&](std::int32_t f, std::int32_t c) {
+    const std::int32_t wedge = mesh_.wedges(f)[c];
+    if (!mesh_.has_texture(wedge)) return;
+    auto known = find(wedge);
+    if (known == textured_.end()) {
+      known = textured_.insert(known, {wedge, original_.texture[wedge]});
+    }
+    if (!touches(mesh_, f, v)) known->stays = true;
+  });
+  for (const WedgeMap::Pair& pair : map_.pairs) {
+    if (!mesh_.has_texture(pair.from)) continue;
+    const auto known = find(pair.to);
+    if (known == textured_.end()) {
+      textured_.push_back({pair.to, original_.texture[pair.from]});
+    } else {
+      known->quadric += original_.texture[pair.from];
+    }
+  }
+  mesh_.for_each_face(v, [&](std::int32_t f, std::int32_t c) {
+    const std::int32_t wedge = mesh_.wedges(f)[c];
+    if (mesh_.has_texture(wedge) && !touches(mesh_, f, t)) find(map_.at(wedge))->stays = true;
+  });
+}
+
+double JoinedWedges::price(const Vector3d& p) const {
+  double price = 0.0;
+  for (const Textured& own : textured_) {
+    if (!(own.quadric.weight > 0.0)) continue;
+    double squares = own.quadric(p);
+    if (!own.stays) {
+      double least = std::numeric_limits<double>::infinity();
+      const Vector2d meant = own.quadric.best(p);
+      for (const Textured& other : textured_) {
+        if (!other.stays || !(other.quadric.weight > 0.0)) continue;
+        if (mesh_.surface(other.wedge) != mesh_.surface(own.wedge)) continue;
+        least = std::min(least, (other.quadric.best(p) - meant).squaredNorm());
+      }
+      if (std::isfinite(least)) squares += own.quadric.weight * least;
+    }
+    price += original_.texture_factor() * integral(squares, own.quadric.weight);
+  }
+  return price;
+}
+
+Prices::Prices(const CollapseMesh& mesh, const Original& original, const Kept& kept,
+               const Pieces& pieces)
+    : mesh_(mesh), original_(original), kept_(kept), pieces_(pieces), wedges_(mesh, original) {
+  for (std::int32_t i = 0; i < pieces.size(); ++i) {
+    PieceBorders& own = piece_borders_.emplace_back();
+    for (const std::int32_t v : pieces.vertices(i)) {
+      own.length += original.border[v];
+      own.area += original.area[v];
+      own.importance = std::max(own.importance, kept.importance(v));
+    }
+  }
+}
+
+void Prices::begin_edges(std::int32_t v) {
+  center_ = v;
+  center_star_ = {};
+  center_faces_.clear();
+  mesh_.for_each_face(v, [&](std::int32_t f, std::int32_t) {
+    center_faces_.push_back(star_face(f, mesh_.position(v)));
+    center_faces_.back().add_to(center_star_);
+  });
+}
+
+Prices::StarFace Prices::star_face(std::int32_t f, const Vector3d& p) const {
+  const Vector3d normal = area_vector(mesh_, f);
+  const double length = normal.norm();
+  StarFace face{normal, normal.dot(p), 0.5 * length, {}};
+  if (length > 0.0) face.quadric = Quadric::plane(normal / length, p, 0.5 * length);
+  return face;
+}
+
+Prices::Star Prices::star_of(std::int32_t v, std::int32_t t) const {
+  Star star;
+  const auto add = [&](std::int32_t from, std::int32_t seen) {
+    std::size_t i = 0;
+    mesh_.for_each_face(from, [&](std::int32_t f, std::int32_t c) {
+      const std::size_t here = i++;
+      const auto& face = mesh_.face(f);
+      if (face[(c + 1) % 3] == seen || face[(c + 2) % 3] == seen) return;
+      if (from == center_) {
+        center_faces_[here].add_to(star);
+      } else {
+        star_face(f, mesh_.position(from)).add_to(star);
+      }
+    });
+  };
+  if (v == center_) {
+    star = center_star_;
+  } else {
+    add(v, -1);
+  }
+  add(t, v);
+  return star;
+}
+
+Plan Prices::plan(std::int32_t v, std::int32_t t, std::int32_t num_edge_faces, Place place) {
+  if (original_.is_textured) wedges_.gather(v, t);
+  Quadric borders = original_.borders[v];
+  borders += original_.borders[t];
+  const Star star = star_of(v, t);
+  const double length = (mesh_.position(t) - mesh_.position(v)).norm();
+  const double area = original_.area[v] + original_.area[t];
+  Plan plan;
+  plan.position = position(v, t, place, star, borders, length);
+  const Vector3d& p = plan.position;
+  plan.owed = original_.strips(borders(p), original_.border[v] + original_.border[t], area);
+  if (original_.is_textured) {
+    plan.owed += wedges_.price(p);
+    // Along a seam that moves away, a strip shows the other side's texture.
+    Quadric jumps = original_.jumps[v];
+    jumps += original_.jumps[t];
+    plan.owed += kStripDistance * integral(jumps(p), original_.jump[v] + original_.jump[t]);
+  }
+  plan.price = kSurfaceShare * integral(star.quadric(p), star.area) +
+               std::max(0.0, plan.owed - original_.owed[v] - original_.owed[t]) + spike(v, t, p) +
+               kShortEdgeWeight * area * length;
+  plan.price *= std::max(kept_.importance(v), kept_.importance(t)) / num_edge_faces;
+  return plan;
+}
+
+Vector3d Prices::position(std::int32_t v, std::int32_t t, Place place, const Star& star,
+                          const Quadric& borders, double length) const {
+  const Vector3d &first = mesh_.position(v), &second = mesh_.position(t);
+  const Vector3d middle = 0.5 * (first + second);
+  if (place == Place::kFirst || kept_.is_locked(v)) return first;
+  if (place == Place::kSecond || kept_.is_locked(t)) return second;
+  if (place == Place::kMiddle) return middle;
+  LeastSquares squares;
+  squares.add(star.quadric, 1.0);
+  squares.add(borders, length);
+  if (original_.is_textured) {
+    const double weight = original_.texture_factor() * original_.texture_factor();
+    for (const Textured& own : wedges_.textured()) squares.add(own.quadric, weight);
+    squares.add(original_.jumps[v], 1.0);
+    squares.add(original_.jumps[t], 1.0);
+  }
+  squares.add(middle,
+              kTowardsMiddle * (original_.area[v] + original_.area[t]) + 1e-9 * length * length);
+  const bool has_volume = star.normal.norm() > kLeastVolume * star.area;
+  const Vector3d best =
+      squares.solve(has_volume ? star.normal : Vector3d(Vector3d::Zero()), star.offset);
+  return best.allFinite() ? best : middle;
+}
+
+/// What the planes of the faces around an edge do not tell of a place far away from it: where
+/// opposite sides of a thin part meet, a spike lies in all planes and keeps the volume. The new
+/// faces form a cone, whose mean distance is a third of that of its tip, and the tip is at least
+/// as far away as the box of the old faces.
+double Prices::spike(std::int32_t v, std::int32_t t, const Vector3d& p) const {
+  const Vector3d &first = mesh_.position(v), &second = mesh_.position(t);
+  if ((p - 0.5 * (first + second)).squaredNorm() <= (second - first).squaredNorm()) return 0.0;
+  Eigen::AlignedBox3d box;
+  double area = 0.0;
+  for (const std::int32_t from : {v, t}) {
+    mesh_.for_each_face(from, [&](std::int32_t f, std::int32_t c) {
+      const auto& face = mesh_.face(f);
+      const Vector3d &a = mesh_.position(face[(c + 1) % 3]), &b = mesh_.position(face[(c + 2) % 3]);
+      for (const Vector3d& corner : {mesh_.position(from), a, b}) box.extend(corner);
+      area += 0.5 * (a - p).cross(b - p).norm();
+    });
+  }
+  return box.exteriorDistance(p) / 3.0 * area;
+}
+
+double Prices::lost_shape(std::int32_t v, std::int32_t t, const Vector3d& p) {
+  gather_piece(t);
+  const auto goes = [&](std::int32_t f) { return touches(mesh_, f, v) && touches(mesh_, f, t); };
+  const auto moves = [&](std::int32_t f) { return touches(mesh_, f, v) || touches(mesh_, f, t); };
+  const std::int32_t piece = pieces_.of_vertex(t);
+  const std::vector<Vector3d> samples = pieces_.samples(piece);
+  double farther = 0.0;
+  for (const Vector3d& sample : samples) {
+    const Vector3d point = mesh_.from_input(sample);
+    double before = std::numeric_limits<double>::infinity(), after = before;
+    for (const std::int32_t f : last_faces_) {
+      Triangle3 corners;
+      for (int c = 0; c < 3; ++c) corners[c] = mesh_.position(mesh_.face(f)[c]);
+      const double now = distance(point, corners);
+      before = std::min(before, now);
+      if (goes(f)) continue;
+      for (int c = 0; c < 3; ++c) {
+        const std::int32_t corner = mesh_.face(f)[c];
+        if (corner == v || corner == t) corners[c] = p;
+      }
+      after = std::min(after, moves(f) ? distance(point, corners) : now);
+    }
+    farther += after - before;
+  }
+  // Parts of a piece that hung together at one vertex can be apart by now: the last faces of such
+  // a part have no others here that could stand for it.
+  if (!std::isfinite(farther)) return 0.0;
+  return pieces_.area(piece) * std::max(0.0, farther) / static_cast<double>(samples.size());
+}
+
+/// All faces that are left of the piece of a vertex, into last_faces_.
+void Prices::gather_piece(std::int32_t v) {
+  last_faces_.clear();
+  around_.assign(1, v);
+  const auto add = [](std::vector<std::int32_t>& known, std::int32_t x) {
+    if (std::find(known.begin(), known.end(), x) == known.end()) known.push_back(x);
+  };
+  for (std::size_t i = 0; i < around_.size(); ++i) {
+    mesh_.for_each_face(around_[i], [&](std::int32_t f, std::int32_t) { add(last_faces_, f); });
+    for (const std::int32_t f : last_faces_) {
+      for (const std::int32_t corner : mesh_.face(f)) add(around_, corner);
+    }
+  }
+}
+
+double Prices::piece(std::int32_t i, std::int64_t most_faces) const {
+  const PieceBorders& own = piece_borders_[i];
+  const double distance = pieces_.mean_distance(i);
+  double price = kPieceFactor * pieces_.cost(i) +
+                 original_.strips(own.length * distance * distance, own.length, own.area);
+  if (original_.is_textured) {
+    price += original_.texture_factor() * pieces_.texture_shift(i) * pieces_.area(i);
+  }
+  return own.importance * price / static_cast<double>(std::min(pieces_.num_faces(i), most_faces));
+}
+
+}  // namespace manip3d::quality_detail

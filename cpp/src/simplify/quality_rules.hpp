@@ -1,0 +1,85 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "simplify/collapse_rules.hpp"
+#include "simplify/quality_original.hpp"
+
+namespace manip3d::quality_detail {
+
+/// Whether a collapse of two vertices is legal, by the rules of collapse_rules.hpp.
+class CollapseCheck {
+ public:
+  /// @param may_double  faces may go because they double others: max_distance knows nothing of
+  /// them.
+  CollapseCheck(const CollapseMesh& mesh, const Kept& kept, bool may_double)
+      : mesh_(mesh),
+        kept_(kept),
+        may_double_(may_double),
+        ring_v_(mesh.num_vertices()),
+        ring_t_(mesh.num_vertices()) {}
+
+  [[nodiscard]] Rules rules() const { return rules_; }
+  void relax() { rules_ = rules_ == Rules::kAll ? Rules::kAnyEdges : Rules::kFlips; }
+
+  /// Looks at two vertices, which the functions below speak of; their edge, if they have one.
+  const RingEdge* look_at(std::int32_t v, std::int32_t t);
+
+  [[nodiscard]] bool breaks_link() const;
+  /// Whether a locked vertex has no faces but those on the edge, which go.
+  [[nodiscard]] bool takes_last_face_of_locked() const;
+  /// Why no vertex at p may take the place of both.
+  [[nodiscard]] std::optional<Rejection> check_faces(const Vector3d& p) const;
+  /// Whether two faces may come to lie on the same vertices, of which one then goes.
+  [[nodiscard]] bool may_double() const {
+    return may_double_faces(rules_, may_double_ && has_complex_edge());
+  }
+  /// The neighbours of both, which may be named twice, and both.
+  void neighbours(std::vector<std::int32_t>& out) const;
+
+  /// The edges of one vertex, until another one is looked at.
+  const std::vector<RingEdge>& edges(std::int32_t v) {
+    mesh_.gather_ring(v, ring_v_);
+    return ring_v_.edges();
+  }
+
+  /// Why a vertex must not go to p, if no other one moves.
+  [[nodiscard]] std::optional<Rejection> check_move(std::int32_t v, const Vector3d& p) const;
+
+ private:
+  [[nodiscard]] bool has_complex_edge() const;
+  [[nodiscard]] std::int32_t count_faces(std::int32_t w, std::int32_t a, std::int32_t b) const;
+  [[nodiscard]] std::optional<Rejection> check_face(std::int32_t from, std::int32_t a,
+                                                    std::int32_t b, const Vector3d& p) const;
+
+  const CollapseMesh& mesh_;
+  const Kept& kept_;
+  bool may_double_;
+  Rules rules_ = Rules::kAll;
+  std::int32_t v_ = -1, t_ = -1;
+  Ring ring_v_, ring_t_;
+};
+
+/// Takes away the faces that double others after a collapse.
+class DoubledFaces {
+ public:
+  explicit DoubledFaces(CollapseMesh& mesh) : mesh_(mesh) {}
+
+  /// Before the collapse: the faces of v and those of t that lie back to back, which may do so
+  /// afterwards.
+  void find_twins(std::int32_t v, std::int32_t t);
+  /// After it: among faces on the same three vertices, the first one of t's list stays; of twins,
+  /// the first one on each side.
+  void remove(std::int32_t t);
+
+ private:
+  CollapseMesh& mesh_;
+  std::vector<Side> sides_, twins_;
+  std::vector<std::pair<Side, std::int32_t>> keys_;
+  std::vector<std::int32_t> doubled_;
+};
+
+}  // namespace manip3d::quality_detail
