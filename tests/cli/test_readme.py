@@ -91,6 +91,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
         manip3d.LidarFrame(hoax, np.zeros(len(hoax), np.float32)).write(folder / f"{name}.bin")
     Image.fromarray(depth_image()).save(folder / "depth.png")
     Image.fromarray(depth_image() < 3000).save(folder / "mask.png")
+    write_cloud(folder / "cloud.pcd", depth_image() / 1000.0)
     Image.fromarray((2 - depth_image() // 3000).astype(np.uint8)).save(folder / "levels.png")
     return folder
 
@@ -123,6 +124,16 @@ def depth_image() -> np.ndarray:
     v, u = np.mgrid[:424, :512]
     bump = np.hypot(u - 256, v - 212) < 120
     return np.where(bump, 1500 + 0.2 * np.abs(u - 256), 3000 + 0.3 * v).astype(np.uint16)
+
+
+def write_cloud(path: Path, depth: np.ndarray) -> None:
+    """The image as an organised cloud."""
+    v, u = np.mgrid[: depth.shape[0], : depth.shape[1]]
+    points = np.stack([(u - 256) * depth / 365, (v - 212) * depth / 365, depth], -1)
+    header = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
+    size = f"WIDTH {depth.shape[1]}\nHEIGHT {depth.shape[0]}\nPOINTS {depth.size}\n"
+    text = f"VERSION 0.7\n{header}{size}DATA binary\n"
+    path.write_bytes(text.encode() + points.astype("<f4").tobytes())
 
 
 def shortened(line: str) -> list[str]:

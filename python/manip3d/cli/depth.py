@@ -27,6 +27,7 @@ from manip3d.cli.options import (
 from manip3d.cli.terminal import Terminal, check_output, count, counted, naming_options
 from manip3d.errors import InputError
 from manip3d.io import DEPTH_SUFFIXES, WRITABLE
+from manip3d.io._scan_tables import scan_suffix
 
 if TYPE_CHECKING:
     from manip3d.batch import SourceFile
@@ -272,7 +273,7 @@ def _joint_record(result: JointFileResult) -> dict[str, Any]:
 
 
 @over_files(
-    lambda: (*DEPTH_SUFFIXES, ".ply"), writable=lambda: WRITABLE, otherwise=".glb",
+    lambda: (*DEPTH_SUFFIXES, ".ply", ".pcd"), writable=lambda: WRITABLE, otherwise=".glb",
     prepare=_of_frames, check=lambda given: _expect_budget(*(given[name] for name in _BUDGETS)),
     together=lambda sources, given: _join(sources, given) or _recording(sources, given),
     in_order=_in_order,
@@ -282,7 +283,8 @@ def depth(
         str,
         typer.Argument(
             help="A depth image (16-bit .png, .pgm, .tif, or .pfm, .exr, .npy, .npz), a range scan "
-            "(.ply with range_grid), or an RGB-D recording (a folder, .mkv or an address)."
+            "(.ply with range_grid), an organised cloud (.pcd of a depth camera), or an RGB-D "
+            "recording (a folder, .mkv or an address)."
         ),
     ],
     output: Output,
@@ -452,7 +454,10 @@ def depth(
             rate,
             max_bridges,
         )
-        expect_kind(source, "depth", "range grid", verb="depth")
+        clouds = (
+            ("scan",) if scan_suffix(source) == ".pcd" else ()
+        )  # the reader wants organised ones
+        expect_kind(source, "depth", "range grid", *clouds, verb="depth")
         check_output(output, WRITABLE, force=force)
         sequence = _sequence.get()
         if stable and sequence is None:
@@ -478,7 +483,8 @@ cs3 = with_defaults(depth, method=DepthMethod.cs3)
 
 def _tell(shell: Terminal, result: DepthFileResult) -> None:
     if result.depth:
-        override = "" if result.options.unit != "guess" else "; --unit overrides it"
+        is_guess = result.unit and result.options.unit == "guess"
+        override = "; --unit overrides it" if is_guess else ""
         shell.say(f"read {result.source}: {result.depth}{override}")
     shell.say(_sentence(result))
 

@@ -33,7 +33,7 @@ NAMES = {
 }
 VERBS = {
     "mesh": "simplify, compare, info, view, play, convert",
-    "scan": "inspect, forge lidar, watermark, info, view, convert",
+    "scan": "inspect, forge lidar, watermark, info, view, convert, depth (of an organised .pcd)",
     "range grid": "depth, info, view, convert",
     "depth": "depth, info, view",
     "packets": "inspect, info, view, convert",

@@ -20,9 +20,9 @@ __getattr__, __dir__, __all__ = lazily(
         "_limits": "ReadLimits",
         "_lods": "write_lods",
         "_mesh_files": (
-            "READABLE WRITABLE RangeGrid ReadReport read_mesh read_mesh_bytes read_range_grid "
-            "read_report write_mesh"
+            "READABLE WRITABLE ReadReport read_mesh read_mesh_bytes read_report write_mesh"
         ),
+        "_range_grids": "RangeGrid read_range_grid",
         "_remote": "is_url local_copy local_output",
         "_scan_files": "SCAN_SUFFIXES read_scan read_scans write_scan write_scans",
         "_scenes": "Scene SceneNode read_scene write_scene",

@@ -15,14 +15,13 @@ from manip3d.io._lods import write_lods
 from manip3d.io._mesh_files import (
     READABLE,
     WRITABLE,
-    RangeGrid,
     ReadReport,
     read_mesh,
     read_mesh_bytes,
-    read_range_grid,
     read_report,
     write_mesh,
 )
+from manip3d.io._range_grids import RangeGrid, read_range_grid
 from manip3d.io._remote import is_url, local_copy, local_output
 from manip3d.io._scan_files import SCAN_SUFFIXES, read_scan, read_scans, write_scan, write_scans
 from manip3d.io._scenes import Scene, SceneNode, read_scene, write_scene

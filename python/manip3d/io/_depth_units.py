@@ -214,13 +214,17 @@ def read_depth_guessing(
     >>> io.read_depth_guessing("depth.npy").unit
     'mm'
     """
+    return depth_reading(read_stored_depth(path, max_pixels=max_pixels), unit, os.fspath(path))
+
+
+def depth_reading(stored: NDArray[Any], unit: str | float, source: str) -> DepthReading:
+    """The same of numbers that were read already; ``source`` names them in errors."""
     name = _checked_unit(unit)
-    stored = read_stored_depth(path, max_pixels=max_pixels)
     if name == "guess":
         name, reason = guess_depth_unit(stored)
         return DepthReading(_conversion(name)(stored), name, True, reason)
     if name in _WHOLE_ONLY and stored.dtype != np.uint16:
-        raise InputError(f"unit: {name} is of whole numbers, {os.fspath(path)} has {stored.dtype}")
+        raise InputError(f"unit: {name} is of whole numbers, {source} has {stored.dtype}")
     depth = _conversion(name)(stored)
     return DepthReading(depth, name, False, "", _doubt_of(depth, name, stored))
 

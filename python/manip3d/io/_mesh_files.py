@@ -9,8 +9,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
@@ -23,7 +21,7 @@ from manip3d.io._remote import is_url, local_copy, local_output
 from manip3d.mesh import Mesh
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    pass
 
 READABLE: tuple[str, ...] = tuple(_core.readable_suffixes())
 """Suffixes that `read_mesh` knows; each may be followed by ``.gz`` or ``.xz``."""
@@ -55,21 +53,6 @@ class ReadReport:
     num_polygons: int
     num_skipped: int
     warnings: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class RangeGrid:
-    """A range image: one point per pixel, or none.
-
-    Attributes
-    ----------
-    points : (H, W, 3) float64
-        In the file's own units and axes; NaN where nothing was measured.
-    valid : (H, W) bool
-    """
-
-    points: NDArray[np.float64]
-    valid: NDArray[np.bool_]
 
 
 def _report(result: tuple[Mesh, str, int, int, list[str]], source: str | None) -> ReadReport:
@@ -315,46 +298,3 @@ def _write(
         )
         for text in warnings:
             _logger.warning("%s: %s", os.fspath(path), text)
-
-
-@checked
-def read_range_grid(path: str | os.PathLike[str], *, max_bytes: int | None = None) -> RangeGrid:
-    """Read the pixels of a range scan (PLY with a ``range_grid``, as Stanford's single scans).
-
-    Parameters
-    ----------
-    path : path-like or URL
-    max_bytes : int, optional
-        As for `read_mesh`.
-
-    Returns
-    -------
-    RangeGrid
-
-    Raises
-    ------
-    FormatError
-        As `read_mesh`, and when the file holds no range grid.
-    OSError
-        `FileNotFoundError` and the like.
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from manip3d import io
-    >>> lines = ["ply", "format ascii 1.0", "obj_info num_cols 2", "obj_info num_rows 1"]
-    >>> lines += ["element vertex 1", "property float x", "property float y", "property float z"]
-    >>> lines += ["element range_grid 2", "property list uchar int vertex_indices", "end_header"]
-    >>> _ = Path("scan.ply").write_text(chr(10).join([*lines, "1 2 3", "0", "1 0", ""]))
-    >>> grid = io.read_range_grid("scan.ply")
-    >>> grid.valid.tolist(), grid.points[0, 1].tolist()
-    ([[False, True]], [1.0, 2.0, 3.0])
-    """
-    limit = byte_limit(max_bytes)
-    with clock(os.fspath(path)) as look, local_copy(path, max_bytes=limit or None) as local:
-        rows, cols, vertex, vertices = _core.read_range_grid(os.fsencode(local), limit, look)
-    check_points(len(vertices), os.fspath(path))
-    valid = vertex >= 0
-    points = np.full((rows * cols, 3), np.nan)
-    points[valid] = vertices[vertex[valid]]
-    return RangeGrid(points.reshape(rows, cols, 3), valid.reshape(rows, cols))

@@ -95,9 +95,10 @@ class Table:
     header: dict[str, Any] = field(default_factory=dict)
 
 
-def read_table(
+def read_columns(
     path: str | os.PathLike[str], limit: int, look: Callable[[float], None] | None = None
-) -> LidarFrame:
+) -> Table:
+    """The file as it is: all rows, measured or not."""
     name = os.fspath(path)
     kind, fields, pairs, num_points, raw = _core.read_points(os.fsencode(name), limit, look)
     check_points(num_points, name)
@@ -106,10 +107,16 @@ def read_table(
     values = raw.view(dtype) if raw.size else np.empty(num_points, dtype)
     header: dict[str, Any] = {"pairs": tuple((str(a), str(b)) for a, b in pairs)}
     layout = _with_short_intensity(columns) if kind in _TEXT else columns
-    table = Table(kind, _columns(values, columns), name, layout, header)
-    frame = frame_of_table(table, origin=_origin(kind, dict(header["pairs"])))
-    if kind == "3dtk":
-        header["pose"] = read_pose(Path(name))
+    return Table(kind, _columns(values, columns), name, layout, header)
+
+
+def read_table(
+    path: str | os.PathLike[str], limit: int, look: Callable[[float], None] | None = None
+) -> LidarFrame:
+    table = read_columns(path, limit, look)
+    frame = frame_of_table(table, origin=_origin(table.kind, dict(table.header["pairs"])))
+    if table.kind == "3dtk":
+        table.header["pose"] = read_pose(Path(table.source))
     return frame
 
 

@@ -27,15 +27,19 @@ from manip3d.errors import FormatError, InputError, MissingExtraError
 from manip3d.io import (
     DEPTH_SUFFIXES,
     DepthReading,
+    RangeGrid,
     read_depth_guessing,
     read_pixel_map,
     read_range_grid,
     write_mesh,
 )
+from manip3d.io._depth_units import depth_reading
 from manip3d.io._files import open_regular
+from manip3d.io._scan_tables import scan_suffix
 from manip3d.simplify._bandwidth import LEAST_POINTS, Bandwidth, fit_bytes
 from manip3d.simplify._depth import DenseImage, DepthSimplification, Variant, cs3, cs3_grid
 from manip3d.simplify._depth_steps import DEPTH_STEP, cut_depth_steps
+from manip3d.simplify._organised import camera_of_cloud
 from manip3d.simplify._parts import with_used_vertices
 from manip3d.simplify._pixel_maps import confidence_of_levels, mask_image, masked_depth
 from manip3d.simplify._relief import relief, relief_grid
@@ -60,6 +64,10 @@ SPARSE_WORDS = (
 )
 """What to tell of an image whose result `is_sparse`."""
 _FEWEST_PROJECTED = 50
+_NO_CAMERA = (
+    "an organised cloud, whose z, x / z and y / z are not those of a camera's pixels: faces across "
+    "depth steps stay without a max_edge"
+)
 
 
 def is_sparse(lone: int, measured: int) -> bool:
@@ -157,9 +165,10 @@ class DepthFileResult:
     source, output : Path
     options : DepthOptions
     depth : str
-        The range and the unit as they were understood, in words; empty for scans.
+        The range and the unit as they were understood, in words, or why an organised cloud is no
+        depth image; empty for scans.
     unit : str
-        The unit that was used; empty for scans.
+        The unit that was used; empty for what is no depth image.
     points_before, points : int
         Measured points, and vertices that some face uses.
     faces : int
@@ -357,7 +366,9 @@ def simplify_depth_file(
     Parameters
     ----------
     source : path-like
-        A depth image (``manip3d.io.DEPTH_SUFFIXES``), or a PLY file with a ``range_grid``.
+        A depth image (``manip3d.io.DEPTH_SUFFIXES``), or a range scan or an organised cloud, as
+        `manip3d.io.read_range_grid` reads them. A cloud of a depth camera is its depth image: the
+        points tell the camera, and the colours are the texture.
     output : path-like
         A mesh file. Depth images become metres; glTF has +y up, other formats the camera's axes.
         Scans keep their unit and axes.
@@ -679,8 +690,14 @@ def _read_unit(path: Path, options: DepthOptions) -> tuple[DepthReading, str]:
 
 
 def _from_scan(path: Path, output: Path, options: DepthOptions, maps: _Maps) -> DepthFileResult:
-    _expect_options_of_scan(options)
     grid = read_range_grid(path)
+    if maps.color is None:
+        maps = replace(maps, color=grid.color)
+    is_cloud = scan_suffix(path) == ".pcd"
+    camera = camera_of_cloud(grid) if is_cloud else None
+    if camera is not None:
+        return _from_cloud(grid, camera, path, output, options, maps)
+    _expect_options_of_scan(options)
     mask = mask_image(maps.mask, grid.valid.shape)
     valid = grid.valid if mask is None else grid.valid & mask
     asked: dict[str, Any] = {"max_edge": options.max_edge, "color": maps.color}
@@ -704,7 +721,28 @@ def _from_scan(path: Path, output: Path, options: DepthOptions, maps: _Maps) -> 
 
     measured = _Measured.of(valid)
     made = _write(make, path, output, options, measured, has_steps=False)
-    return _result(path, output, options, made, measured)
+    words = _NO_CAMERA if is_cloud and options.max_edge is None else ""
+    return _result(path, output, options, made, measured, depth=words)
+
+
+def _from_cloud(
+    grid: RangeGrid,
+    camera: Intrinsics,
+    path: Path,
+    output: Path,
+    options: DepthOptions,
+    maps: _Maps,
+) -> DepthFileResult:
+    """An organised cloud is a depth image that brings its camera."""
+    if options.intrinsics:
+        raise InputError(
+            "intrinsics: expected with a depth image; a cloud's points tell its camera"
+        )
+    stored = np.where(grid.valid, grid.points[..., 2], 0.0).astype(np.float32)
+    reading = depth_reading(stored, options.unit, str(path))
+    depth = masked_depth(reading.depth, mask_image(maps.mask, grid.valid.shape))
+    words = f"an organised cloud of a camera ({camera.fx:.1f} pixels), {reading.sentence}"
+    return _from_depth(depth, camera, path, output, options, maps, _alone, words, reading.unit)
 
 
 def _expect_options_of_scan(options: DepthOptions) -> None:

@@ -1,0 +1,121 @@
+"""Range images whose pixels are points: Stanford's single scans, and clouds of depth cameras."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d import _core
+from manip3d._util.checked import checked
+from manip3d.errors import FormatError
+from manip3d.io._limits import byte_limit, check_points, clock
+from manip3d.io._remote import local_copy
+from manip3d.io._scan_tables import Table, measured_points, read_columns, scan_suffix
+from manip3d.lidar import ScanFormat
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class RangeGrid:
+    """A range image: one point per pixel, or none.
+
+    Attributes
+    ----------
+    points : (H, W, 3) float64
+        In the file's own units and axes; NaN where nothing was measured.
+    valid : (H, W) bool
+    color : (H, W, 3) uint8 or None
+        Red, green and blue of each pixel, where the file has them.
+    """
+
+    points: NDArray[np.float64]
+    valid: NDArray[np.bool_]
+    color: NDArray[np.uint8] | None = None
+
+
+@checked
+def read_range_grid(path: str | os.PathLike[str], *, max_bytes: int | None = None) -> RangeGrid:
+    """Read the pixels of a range scan or of an organised cloud.
+
+    Parameters
+    ----------
+    path : path-like or URL
+        A PLY file with a ``range_grid``, as Stanford's single scans, or a PCD file with a
+        ``HEIGHT`` of 2 or more, as depth cameras give them. There NaN, and (0, 0, 0), is no
+        measurement.
+    max_bytes : int, optional
+        As for `read_mesh`.
+
+    Returns
+    -------
+    RangeGrid
+
+    Raises
+    ------
+    FormatError
+        As `read_mesh`, and when the file holds no range grid.
+    OSError
+        `FileNotFoundError` and the like.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from manip3d import io
+    >>> lines = ["ply", "format ascii 1.0", "obj_info num_cols 2", "obj_info num_rows 1"]
+    >>> lines += ["element vertex 1", "property float x", "property float y", "property float z"]
+    >>> lines += ["element range_grid 2", "property list uchar int vertex_indices", "end_header"]
+    >>> _ = Path("scan.ply").write_text(chr(10).join([*lines, "1 2 3", "0", "1 0", ""]))
+    >>> grid = io.read_range_grid("scan.ply")
+    >>> grid.valid.tolist(), grid.points[0, 1].tolist()
+    ([[False, True]], [1.0, 2.0, 3.0])
+    """
+    limit = byte_limit(max_bytes)
+    with clock(os.fspath(path)) as look, local_copy(path, max_bytes=limit or None) as local:
+        if scan_suffix(path) == ".pcd":
+            return _of_cloud(read_columns(local, limit, look), os.fspath(path))
+        rows, cols, vertex, vertices = _core.read_range_grid(os.fsencode(local), limit, look)
+    check_points(len(vertices), os.fspath(path))
+    valid = vertex >= 0
+    points = np.full((rows * cols, 3), np.nan)
+    points[valid] = vertices[vertex[valid]]
+    return RangeGrid(points.reshape(rows, cols, 3), valid.reshape(rows, cols))
+
+
+def _of_cloud(table: Table, file: str) -> RangeGrid:
+    sizes = dict(table.header["pairs"])
+    rows, cols = int(sizes.get("height", 1)), int(sizes.get("width", 0))
+    columns = table.columns
+    missing = [axis for axis in "xyz" if axis not in columns or columns[axis].ndim != 1]
+    if missing:
+        raise FormatError(f"a cloud has x, y and z; {', '.join(missing)} not found", file=file)
+    points = np.column_stack([columns[axis] for axis in "xyz"]).astype(np.float64)
+    if rows < 2 or cols < 2 or rows * cols != len(points):
+        raise FormatError(
+            "expected an organised cloud, whose points are the pixels of an image (HEIGHT of 2 or "
+            f"more), got WIDTH {cols} and HEIGHT {rows} for {len(points)} points",
+            file=file,
+        )
+    valid = ~np.isnan(points).any(axis=1) & points.any(axis=1)
+    points[~valid] = 0.0
+    measured_points(points, ScanFormat("pcd"), file)  # refuses what is not finite
+    points[~valid] = np.nan
+    color = _colors(columns)
+    return RangeGrid(
+        points.reshape(rows, cols, 3),
+        valid.reshape(rows, cols),
+        None if color is None else color.reshape(rows, cols, 3),
+    )
+
+
+def _colors(columns: dict[str, NDArray[Any]]) -> NDArray[np.uint8] | None:
+    """Red, green and blue out of one number of 32 bits, which PCD often calls a float."""
+    packed = next((columns[name] for name in ("rgb", "rgba") if name in columns), None)
+    if packed is None or packed.ndim != 1 or packed.dtype.itemsize != 4:
+        return None
+    bits = np.ascontiguousarray(packed).view(np.uint32)
+    return np.stack([bits >> 16, bits >> 8, bits], axis=-1).astype(np.uint8)

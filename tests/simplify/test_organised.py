@@ -1,0 +1,206 @@
+"""Organised clouds (PCD of depth cameras) are depth images that bring their camera and colours."""
+
+from collections.abc import Sequence
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from manip3d import FormatError, InputError, io, metrics, simplify
+from manip3d.camera import Intrinsics
+from manip3d.simplify._organised import camera_of_cloud
+
+Image = pytest.importorskip("PIL.Image", reason="the extra 'io' is not installed")
+
+ROWS, COLS = 60, 80
+CAMERA = Intrinsics(COLS, ROWS, 70.0, 72.0, 39.0, 30.5)
+
+
+def points_of(depth: NDArray[np.float32], bend: float = 0.0) -> NDArray[np.float32]:
+    """The image as points, where rays of a lens bend outwards."""
+    v, u = np.mgrid[: depth.shape[0], : depth.shape[1]]
+    x, y = (u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy
+    far = 1.0 + bend * (x**2 + y**2)
+    z = np.where(depth > 0, depth, np.nan)
+    return np.stack([x * far * z, y * far * z, z], axis=-1).astype(np.float32)
+
+
+def scene() -> NDArray[np.float32]:
+    """A wavy wall, a box before it, and a corner where nothing was measured."""
+    v, u = np.mgrid[:ROWS, :COLS]
+    depth = 2.0 + 0.05 * np.sin(u / 9.0) + 0.002 * v
+    depth[20:40, 30:50] = 1.2
+    depth[:10, :12] = 0.0
+    return depth.astype(np.float32)
+
+
+def write_pcd(
+    path: Path,
+    points: NDArray[Any],
+    packed: NDArray[Any] | None = None,
+    *,
+    name: str = "rgb",
+    size: Sequence[int] = (COLS, ROWS),
+) -> Path:
+    fields = ["x", "y", "z"] + ([name] if packed is not None else [])
+    kinds = [("F", 4)] * 3
+    table = points.reshape(-1, 3).astype("<f4")
+    data = table.tobytes()
+    if packed is not None:
+        kinds.append(("F" if packed.dtype.kind == "f" else "U", 4))
+        rows = np.zeros(len(table), [("p", "<f4", 3), ("c", packed.dtype)])
+        rows["p"], rows["c"] = table, packed.ravel()
+        data = rows.tobytes()
+    header = (
+        f"VERSION 0.7\nFIELDS {' '.join(fields)}\nSIZE {' '.join(str(n) for _, n in kinds)}\n"
+        f"TYPE {' '.join(kind for kind, _ in kinds)}\nCOUNT {' '.join('1' for _ in kinds)}\n"
+        f"WIDTH {size[0]}\nHEIGHT {size[1]}\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {len(table)}\n"
+        "DATA binary\n"
+    )
+    path.write_bytes(header.encode() + data)
+    return path
+
+
+def made(source: Path, target: Path, **options: Any) -> simplify.DepthFileResult:
+    return simplify.simplify_depth_file(source, target, simplify.DepthOptions(300, **options))
+
+
+def test_the_cloud_of_a_camera_gives_the_mesh_of_its_depth_image(tmp_path: Path) -> None:
+    depth = scene()
+    np.save(tmp_path / "depth.npy", depth)
+    cloud = write_pcd(tmp_path / "cloud.pcd", points_of(depth))
+    camera = f"{CAMERA.fx},{CAMERA.fy},{CAMERA.cx},{CAMERA.cy}"
+    of_image = made(tmp_path / "depth.npy", tmp_path / "a.ply", intrinsics=camera)
+    of_cloud = made(cloud, tmp_path / "b.ply")
+    assert of_cloud.coverage == of_image.coverage == 1.0
+    assert of_cloud.faces == pytest.approx(of_image.faces, rel=0.02)  # both are rounded
+    image, same = (io.read_mesh(tmp_path / name) for name in ("a.ply", "b.ply"))
+    assert metrics.metro(image, same, rng=1).mean < 1e-3
+    assert "organised cloud" in of_cloud.depth
+    assert of_cloud.unit == "m"
+
+
+def test_no_face_joins_the_box_and_the_wall(tmp_path: Path) -> None:
+    made(write_pcd(tmp_path / "cloud.pcd", points_of(scene())), tmp_path / "out.ply")
+    mesh = io.read_mesh(tmp_path / "out.ply")
+    near = mesh.vertices[mesh.faces, 2] < 1.6
+    assert (near.all(axis=1) | ~near.any(axis=1)).all()
+    assert near.all(axis=1).any()
+
+
+def test_vertices_are_the_measured_points_whatever_the_lens(tmp_path: Path) -> None:
+    points = points_of(scene(), bend=0.3)
+    made(write_pcd(tmp_path / "cloud.pcd", points), tmp_path / "out.ply")
+    vertices = io.read_mesh(tmp_path / "out.ply").vertices
+    known = points.reshape(-1, 3)
+    known = known[~np.isnan(known).any(axis=1)]
+    nearest = np.linalg.norm(vertices[:, None] - known[None], axis=2).min(axis=1)
+    assert nearest.max() < 1e-6
+
+
+def test_millimetres_become_metres(tmp_path: Path) -> None:
+    result = made(
+        write_pcd(tmp_path / "cloud.pcd", 1000.0 * points_of(scene())), tmp_path / "out.ply"
+    )
+    assert result.unit == "mm"
+    assert "guessed" in result.depth
+    assert io.read_mesh(tmp_path / "out.ply").vertices[:, 2].max() < 2.5
+    given = made(tmp_path / "cloud.pcd", tmp_path / "m.ply", unit="m")
+    assert given.unit == "m"
+    assert io.read_mesh(tmp_path / "m.ply").vertices[:, 2].max() > 2000.0
+
+
+def test_zeros_are_no_measurement(tmp_path: Path) -> None:
+    points = points_of(scene())
+    grid = io.read_range_grid(write_pcd(tmp_path / "nan.pcd", points))
+    zeros = io.read_range_grid(write_pcd(tmp_path / "zero.pcd", np.nan_to_num(points)))
+    assert np.array_equal(grid.valid, scene() > 0)
+    assert np.array_equal(grid.valid, zeros.valid)
+    assert np.array_equal(grid.points, zeros.points, equal_nan=True)
+    assert np.array_equal(grid.points[grid.valid], points[grid.valid].astype(np.float64))
+
+
+@pytest.mark.parametrize(("name", "kind"), [("rgb", "<f4"), ("rgb", "<u4"), ("rgba", "<u4")])
+def test_colours_are_the_texture(tmp_path: Path, name: str, kind: str) -> None:
+    v, u = np.mgrid[:ROWS, :COLS].astype(np.uint32)
+    packed = (0xFF << 24 if name == "rgba" else 0) | (u << 16) | (v << 8) | 7
+    cloud = write_pcd(tmp_path / "c.pcd", points_of(scene()), packed.astype("<u4").view(kind),
+                      name=name)  # fmt: skip
+    grid = io.read_range_grid(cloud)
+    assert grid.color is not None
+    assert np.array_equal(grid.color, np.stack([u, v, np.full_like(u, 7)], axis=-1))
+    made(cloud, tmp_path / "out.glb")
+    mesh = io.read_mesh(tmp_path / "out.glb")
+    data = mesh.materials[0].textures["base_color"].data
+    assert data is not None
+    assert np.array_equal(np.array(Image.open(BytesIO(data)).convert("RGB")), grid.color)
+
+
+def test_the_camera_is_told_by_the_points() -> None:
+    valid = scene() > 0
+    found = camera_of_cloud(io.RangeGrid(points_of(scene()).astype(np.float64), valid))
+    assert found is not None
+    assert found.fx == pytest.approx(CAMERA.fx, rel=1e-5)
+    assert found.fy == pytest.approx(CAMERA.fy, rel=1e-5)
+    assert (found.cx, found.cy) == pytest.approx((CAMERA.cx, CAMERA.cy), abs=1e-3)
+
+
+def test_clouds_that_are_no_camera_s_stay_as_they_are(tmp_path: Path) -> None:
+    turned = points_of(scene())[..., [2, 0, 1]]  # x ahead, as in a robot's own frame
+    result = made(write_pcd(tmp_path / "turned.pcd", turned), tmp_path / "out.ply")
+    assert "are not those of a camera's pixels" in result.depth
+    assert result.unit == ""
+    vertices = io.read_mesh(tmp_path / "out.ply").vertices
+    assert vertices[:, 0].min() > 1.0
+    assert vertices[:, 0].max() < 2.5
+    azimuth, elevation = np.meshgrid(np.linspace(0.0, 6.2, COLS), np.linspace(-0.3, 0.3, ROWS))
+    turning = np.stack(
+        [np.cos(azimuth) * 5, np.sin(azimuth) * 5, np.tan(elevation) * 5 + 20], axis=-1
+    )
+    assert camera_of_cloud(io.RangeGrid(turning, np.ones((ROWS, COLS), bool))) is None
+
+
+def test_a_cloud_has_its_own_camera(tmp_path: Path) -> None:
+    cloud = write_pcd(tmp_path / "cloud.pcd", points_of(scene()))
+    with pytest.raises(InputError, match=r"^intrinsics: "):
+        made(cloud, tmp_path / "out.ply", intrinsics="tum")
+    assert not (tmp_path / "out.ply").exists()
+
+
+@pytest.mark.parametrize(
+    ("points", "size", "words"),
+    [
+        (points_of(scene()), (ROWS * COLS, 1), "organised cloud"),
+        (points_of(scene())[:, :1], (1, ROWS), "organised cloud"),
+        (np.full((ROWS, COLS, 3), np.inf, np.float32), (COLS, ROWS), "expected coordinates"),
+    ],
+)
+def test_what_is_no_image_is_refused(
+    tmp_path: Path, points: NDArray[np.float32], size: tuple[int, int], words: str
+) -> None:
+    cloud = write_pcd(tmp_path / "cloud.pcd", points, size=size)
+    with pytest.raises(FormatError, match=words):
+        io.read_range_grid(cloud)
+    with pytest.raises(FormatError, match=words):
+        made(cloud, tmp_path / "out.ply")
+    assert not (tmp_path / "out.ply").exists()
+
+
+def test_a_coordinate_of_two_numbers_is_refused(tmp_path: Path) -> None:
+    cloud = write_pcd(tmp_path / "cloud.pcd", points_of(scene()))
+    header, _, data = cloud.read_bytes().partition(b"DATA binary\n")
+    for old, new in ((b"FIELDS x y z", b"FIELDS x y"), (b"COUNT 1 1 1", b"COUNT 2 1"),
+                     (b"SIZE 4 4 4", b"SIZE 4 4"), (b"TYPE F F F", b"TYPE F F")):  # fmt: skip
+        header = header.replace(old, new)
+    cloud.write_bytes(header + b"DATA binary\n" + data)
+    with pytest.raises(FormatError, match="x, z not found"):
+        io.read_range_grid(cloud)
+
+
+def test_a_cloud_without_points_is_refused(tmp_path: Path) -> None:
+    cloud = write_pcd(tmp_path / "cloud.pcd", np.full((ROWS, COLS, 3), np.nan))
+    with pytest.raises(FormatError, match="no measured pixel"):
+        made(cloud, tmp_path / "out.ply")
