@@ -147,8 +147,15 @@ def test_arguments_are_checked(person: tuple) -> None:
         sample_depth(depth, camera, 10, method="best")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="target_points: expected >= 1, got 0"):
         sample_depth(depth, camera, 0)
-    with pytest.raises(InputError, match="max_edge: expected > 0"):
-        sample_depth(depth, camera, 10, max_edge=-1.0)
+    for max_edge in (-1.0, 0.0, float("nan")):
+        with pytest.raises(InputError, match="max_edge: expected > 0"):
+            sample_depth(depth, camera, 10, max_edge=max_edge)
+
+
+def test_a_result_says_whether_all_points_are_in_it() -> None:
+    points = np.stack([*np.mgrid[:4, :5], np.ones((4, 5))], axis=-1)[..., [1, 0, 2]]
+    assert sample_depth_grid(points, None, 20, method="poisson").stop == "all_points"
+    assert sample_depth_grid(points, None, 19, method="poisson").stop == "target"
 
 
 @pytest.mark.golden
