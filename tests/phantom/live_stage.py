@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from manip3d.phantom import MESSAGES, LiveSession
 from manip3d.phantom._live import hear
+from manip3d.phantom._messages import OF_THE_CONNECTION
 from manip3d.phantom._page import live_pages
-from manip3d.phantom._session import OF_THE_CONNECTION, Recorder
+from manip3d.phantom._recorder import Recorder
 from manip3d.rgbd import RgbdFrame
 from manip3d.serve import Certificate, LocalServer, StreamClient, read_message
 from manip3d.viewer import _chromium

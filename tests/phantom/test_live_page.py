@@ -431,7 +431,7 @@ def test_what_the_patient_says_is_said_on_purpose(chromium: None, tmp_path: Path
             assert stage.heard == []
             press(tab, " ")
             said("ready")
-            assert stage.session._game is not None
+            assert stage.session._play.game is not None
             click("#unwell")
             said("stop")  # the play ends at once
             click("#well")

@@ -206,7 +206,7 @@ def test_a_bubble_is_burst_in_a_headset(stage: Stage) -> None:
         keep_picture(tab, "headset-enough")
         trigger(tab)  # begins nothing by mistake
         stage.show(2)
-        assert stage.session._sitting == "over"
+        assert stage.session._sitting.state == "over"
 
         tab.evaluate("document.querySelector('#headset').click()")
         wait_for(lambda: text_of(tab, "#headset") == "Enter headset")

@@ -26,7 +26,7 @@ from manip3d.phantom._anomalies import Anomaly
 from manip3d.phantom._diary import DiaryRecorder
 from manip3d.phantom._felt import FeltLimb
 from manip3d.phantom._live import hear
-from manip3d.phantom._session import Pictures
+from manip3d.phantom._recorder import Pictures
 from manip3d.phantom.games import begin
 from manip3d.rgbd import RgbdFrame
 
@@ -415,9 +415,9 @@ def test_consent_that_is_taken_back_for_a_moment_takes_earlier_films_with_it() -
     session.command("ready")
     frames = patient()
     play(session, frames[:45])
-    session._watch.found.append(Anomaly(0.1, 0.5))  # a difficulty that is over
+    session._play._watch.found.append(Anomaly(0.1, 0.5))  # a difficulty that is over
     play(session, frames[45:46])
-    assert session._clips[0]
+    assert session._play._clips[0]
     session.command("consent", {"clips": 0})
     session.command("consent", {"clips": 1})
     play(session, frames[46:50])
@@ -454,7 +454,7 @@ def test_from_the_camera_to_film_diary_and_fhir(tmp_path: Path) -> None:
         frame = there_and_back[number % len(there_and_back)]
         time = frames[0].time + number * 33_333_333
         session.process(replace(frame, time=time, number=number), captured_ns=1)
-        if session._game is not None and session._game.phase == "playing":
+        if session._play.is_playing:
             seen[len(session.summaries), session.state] += 1
     session.end()
     recorder.end()

@@ -14,7 +14,7 @@ import pytest
 
 import capsule_body
 from frame_reader import read_frame
-from manip3d.phantom import LiveSession, _session
+from manip3d.phantom import LiveSession, _sitting
 from manip3d.phantom import _diary as _recorder
 from manip3d.phantom._felt import FeltLimb
 from manip3d.phantom._touch import SECONDS
@@ -48,7 +48,7 @@ class Sitting:
     def __init__(self, path: Path, patch: pytest.MonkeyPatch) -> None:
         self.path = path
         self.now = datetime(2026, 3, 2, 9, 0).astimezone()
-        for module in (_session, _recorder):
+        for module in (_sitting, _recorder):
             patch.setattr(module, "_now", lambda: self.now)
         self.number = 0
         if not path.exists():
@@ -402,11 +402,11 @@ def test_a_camera_whose_clock_begins_again_makes_nothing_grow() -> None:
 
     run(100_000, 30)
     run(0, 300)  # ten seconds
-    assert session._lowest
-    assert session._lowest[-1][0] - session._lowest[0][0] <= 4e9
-    assert len(session._lowest) <= 121
+    assert session._play._lowest
+    assert session._play._lowest[-1][0] - session._play._lowest[0][0] <= 4e9
+    assert len(session._play._lowest) <= 121
     assert list(session._times) == sorted(session._times)
-    assert all(0 <= session._last_time - time <= 1e9 for time, _ in session._events)  # type: ignore[operator]
+    assert all(0 <= session._last_time - time <= 1e9 for time, _ in session._play._events)  # type: ignore[operator]
 
 
 def test_the_limb_as_it_was_felt_last_time_is_shown_again(sitting: Sitting) -> None:

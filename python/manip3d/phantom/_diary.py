@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 from manip3d.errors import InputError
 from manip3d.phantom._felt import FeltLimb
-from manip3d.phantom._session import GameSummary, Pictures
+from manip3d.phantom._recorder import GameSummary, Pictures
 from manip3d.phantom._touch import Mode
 from manip3d.phantom._writer import OrderedWriter
 

@@ -21,8 +21,10 @@ from manip3d.modify import Limb, PoseTracker
 from manip3d.phantom._diary import DiaryRecorder
 from manip3d.phantom._interrupts import Interrupts
 from manip3d.phantom._log import SessionLog
+from manip3d.phantom._messages import LIMBS, MESSAGES
 from manip3d.phantom._page import live_pages
-from manip3d.phantom._session import LIMBS, MESSAGES, GameSummary, LiveSession
+from manip3d.phantom._recorder import GameSummary
+from manip3d.phantom._session import LiveSession
 from manip3d.phantom.games import GAMES
 from manip3d.serve import (
     Certificate,

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from manip3d.phantom._felt import LIMITS
-from manip3d.phantom._session import LIMBS
+from manip3d.phantom._messages import LIMBS
 from manip3d.phantom._touch import STATEMENTS
 from manip3d.phantom.games import GAMES
 from manip3d.rgbd import PARENTS

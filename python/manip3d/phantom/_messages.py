@@ -1,0 +1,130 @@
+"""What a page may say, and what it said: from any thread, until a frame obeys it."""
+
+from __future__ import annotations
+
+import functools
+import queue
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+from manip3d.errors import InputError
+from manip3d.modify import Limb
+from manip3d.phantom._felt import LIMITS
+from manip3d.phantom._touch import MODES, STATEMENTS
+from manip3d.phantom.games import GAMES
+from manip3d.serve import Kind
+
+MOST_GAIN = 2.0
+"""Largest gain of virtual enhancement."""
+
+LIMBS: Sequence[Limb] = ("left_arm", "right_arm", "left_leg", "right_leg")
+
+_KEPT: dict[str, Kind] = {
+    "page": Kind(int, 0, 2**32 - 1, optional=True),
+    "number": Kind(int, 1, 2**31, optional=True),
+}
+"""What a page adds to what must not be lost: it says so again until the answer ``heard`` comes, and
+the session takes each number of a page once."""
+
+MESSAGES: Mapping[str, Mapping[str, Kind]] = {
+    "ack": {"sequence": Kind(int, 0, 2**32 - 1), "decoded_ms": Kind(float, 0, 1e15)},
+    "bad": {},
+    "clock": {"sent_ms": Kind(float, 0, 1e15)},
+    "screen": {},
+    "choose": {"game": Kind(str, choices=tuple(GAMES)), "difficulty": Kind(int, 1, 3)},
+    "ready": {},
+    "stop": {},
+    "enough": _KEPT,
+    "unanswered": _KEPT,
+    "again": {},
+    "pain": {"value": Kind(int, 0, 10), **_KEPT},
+    "unwell": _KEPT,
+    "event": {"text": Kind(str, length=500), **_KEPT},
+    "consent": {"clips": Kind(int, 0, 1), **_KEPT},
+    "limb": {"limb": Kind(str, choices=LIMBS)},
+    "patient": {"which": Kind(int, 1, 2**31)},
+    "calibrate": {},
+    "gain": {"value": Kind(float, 1, MOST_GAIN)},
+    "touch": {"mode": Kind(str, choices=(*MODES, "off"))},
+    "ownership": {"mode": Kind(str, choices=MODES)}
+    | {f"q{number}": Kind(int, -3, 3) for number in range(1, len(STATEMENTS) + 1)}
+    | _KEPT,
+    "felt": {name: Kind(int, low, high) for name, (low, high) in LIMITS.items()} | _KEPT,
+}
+"""What a page may say."""
+
+NOT_LOST = tuple(name for name, fields in MESSAGES.items() if "number" in fields)
+"""Messages that are taken even when the session ends before the next frame."""
+
+OF_THE_CONNECTION = ("ack", "bad", "clock", "screen")
+"""Messages that `hear` takes itself; all others are the session's."""
+
+Command = tuple[str, dict[str, Any], Callable[[], object] | None]
+"""Name, fields, and what is called when it is kept."""
+
+_PAGES = 64  # of which the last number is known
+
+
+class Inbox:
+    """The messages that wait to be obeyed; each number of a page is taken once."""
+
+    def __init__(self) -> None:
+        self._commands: queue.SimpleQueue[Command] = queue.SimpleQueue()
+        self._entry = threading.Lock()
+        self._is_closed = False
+        self._heard: dict[int, int] = {}  # last number of each page
+        # Callbacks by page and number of the message, until it is kept; those of lost ones stay.
+        self._waiting: dict[tuple[int, int], list[Callable[[], object]]] = {}
+
+    def put(
+        self, name: str, fields: Mapping[str, Any] | None, done: Callable[[], object] | None
+    ) -> None:
+        """Take a message, from any thread; see `LiveSession.command`."""
+        if name not in MESSAGES or name in OF_THE_CONNECTION:
+            expected = ", ".join(known for known in MESSAGES if known not in OF_THE_CONNECTION)
+            raise InputError(f"name: expected one of {expected}, got {name!r}")
+        found = dict(fields or {})
+        page, number = found.pop("page", 0), found.pop("number", None)
+        with self._entry:
+            if self._is_closed:
+                return
+            if number is None:
+                self._commands.put((name, found, done))
+                return
+            is_new = number > self._heard.get(page, 0)
+            if is_new:
+                self._expect(page, number)
+                kept = functools.partial(self._answer, page, number)
+                self._commands.put((name, found, kept))
+            waiting = self._waiting.get((page, number))
+            if waiting is not None and done is not None:
+                waiting.append(done)
+        if waiting is None and done is not None:  # said again, as the answer was lost
+            done()
+
+    def close(self) -> None:
+        """Take no further message."""
+        with self._entry:
+            self._is_closed = True
+
+    def taken(self) -> Iterator[Command]:
+        """The messages that have come, in their order."""
+        while not self._commands.empty():
+            yield self._commands.get()
+
+    def _expect(self, page: int, number: int) -> None:
+        """Note that a page has said something that is not kept yet."""
+        self._heard[page] = number
+        self._waiting[page, number] = []
+        while len(self._heard) > _PAGES:
+            gone = next(iter(self._heard))
+            del self._heard[gone]
+            self._waiting = {key: told for key, told in self._waiting.items() if key[0] != gone}
+
+    def _answer(self, page: int, number: int) -> None:
+        """Tell all who wait for it that something is kept."""
+        with self._entry:
+            waiting = self._waiting.pop((page, number), ())
+        for done in waiting:
+            done()

@@ -1,0 +1,286 @@
+"""The game of a session: chosen, begun, played while the limb is followed, filmed and kept."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d.modify import ColliderTracker, PhantomState
+from manip3d.phantom._anomalies import AnomalyWatch
+from manip3d.phantom._clips import ClipRing
+from manip3d.phantom._recorder import GameSummary, Pictures, Recorder
+from manip3d.phantom._setup import moved_to
+from manip3d.phantom.games import (
+    ArmField,
+    GameState,
+    PedalField,
+    PianoField,
+    begin,
+    bones_of,
+    keys_of,
+    step,
+)
+from manip3d.rgbd import JOINTS, NOT_TRACKED, Skeleton
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from manip3d.camera import Intrinsics
+    from manip3d.modify import PhantomFrame
+
+_EVENTS_NS = 1_000_000_000  # for so long an event is told: a slow page leaves frames out
+_TELL_S = 10.0  # between what is kept of a game that goes on
+_FLOOR_S = 4.0  # for so long the lowest place of a foot is the floor
+_FEET = tuple(JOINTS.index(name) for name in ("FootLeft", "FootRight"))
+
+
+class Play:
+    """At most one game at a time.
+
+    Attributes
+    ----------
+    choice : (str, int)
+        Name and difficulty of the next game.
+    game : GameState or None
+    is_wanted : bool
+        A game begins with the next frame in which the limb is followed.
+    limb : str
+        The limb that is replaced.
+    gain : float
+        What joints' angles are multiplied by.
+    summaries : list of GameSummary
+        Games that are over.
+    """
+
+    def __init__(
+        self, choice: tuple[str, int], seed: int, limb: str, gain: float, recorder: Recorder | None
+    ) -> None:
+        self.choice = choice
+        self.game: GameState | None = None
+        self.is_wanted = False
+        self.limb = limb
+        self.gain = gain
+        self.summaries: list[GameSummary] = []
+        self._seed = seed
+        self._recorder = recorder
+        self._watch = AnomalyWatch()
+        self._ring: ClipRing | None = None
+        self._clips: list[Pictures] = []
+        self._seen = Counter[bool]()  # frames of the game, by whether the limb was followed
+        self._paused_s = self._told_s = 0.0
+        self._ends = ColliderTracker()  # of hands or feet alone
+        self._lowest: deque[tuple[int, float]] = deque()
+        self._events: deque[tuple[int, list[Any]]] = deque()  # when, and what is told
+        self._num_events = 0
+
+    @property
+    def is_playing(self) -> bool:
+        return self.game is not None and self.game.phase == "playing"
+
+    @property
+    def has_game(self) -> bool:
+        """Whether a game has begun and is not over."""
+        return self.game is not None and self.game.phase != "over"
+
+    def want(self) -> None:
+        """Begin a game with the next frame in which the limb is followed."""
+        self.game, self.is_wanted = None, True
+
+    def stop(self) -> None:
+        """End the game that goes on, or that was to begin."""
+        self.is_wanted = False
+        if self.game is not None and self.game.phase == "playing":
+            self._finish("stopped")
+            self.game = replace(self.game, phase="over", targets=(), events=())
+
+    def forget_person(self) -> None:
+        """The next frame is of another recording, or of somebody else."""
+        self._ends.reset()
+        self.forget_times()
+
+    def forget_times(self) -> None:
+        """The camera's clock began again."""
+        self._lowest.clear()
+        self._events.clear()
+
+    def drop_films(self) -> None:
+        """Neither what comes nor what was filmed before is kept."""
+        self._ring, self._clips = None, [() for _ in self._clips]
+
+    def go_on(
+        self, shown: PhantomFrame, seconds: float, now: int, measured: Skeleton | None
+    ) -> bool:
+        """Take the next frame; whether the game went on in it.
+
+        ``now``: the frame's time, nanoseconds; ``measured``: the patient's body, if it was.
+        """
+        if self.is_playing:
+            self._seen[shown.state == PhantomState.TRACKING] += 1
+        if shown.state != PhantomState.TRACKING:
+            self._ends.reset()  # what moves while nothing counts is swept over by nobody
+            if self.is_playing:
+                self._paused_s += seconds
+            return False
+        floor = self._floor(shown.skeleton, now)
+        if self.is_wanted:
+            self._begin(shown.skeleton, measured, floor)
+        if self.game is None or self.game.phase == "over":
+            return False
+        self._ends.update(_ends_of(shown.skeleton, self.game))
+        self.game = step(self.game, seconds, self._touched, shown.skeleton)
+        self._watch.update(self.game)
+        self._keep_clips()
+        if self.game.phase == "over":
+            self._finish(self.game.ending)
+        return True
+
+    def tell(self) -> None:
+        """Keep a game that goes on as it begins and every ten seconds."""
+        if self._recorder is None or self.game is None or self.game.phase != "playing":
+            return
+        if self.game.clock + self._paused_s >= self._told_s:
+            self._told_s += _TELL_S
+            self._recorder.game_goes_on(self._summary("interrupted"))
+
+    def film(self, shown: PhantomFrame, camera: Intrinsics) -> None:
+        """Keep the frame for a film of an anomaly, where the patient consented."""
+        if self._ring is not None and self.game is not None:
+            self._ring.add(shown, self.game, camera, self._watch.since)
+
+    def shown(self, now: int, *, playing: bool) -> dict[str, Any]:
+        """What the page shows of the game."""
+        game, (chosen, difficulty) = self.game, self.choice
+        if game is None:
+            phase = "starting" if self.is_wanted else "waiting"
+            return {"name": chosen, "difficulty": difficulty, "phase": phase}
+        phase = game.phase if playing or game.phase == "over" else "paused"
+        found: dict[str, Any] = {
+            "name": game.game.name,
+            "difficulty": game.difficulty,
+            "phase": phase,
+            "left_s": round(game.game.seconds - game.clock, 2),
+            "score": game.score,
+            "misses": game.misses,
+            "by_phantom": self._by_phantom(game),
+            "radius": game.game.radius,
+            **_field_status(game),
+            "targets": [[t.number, *rounded(t.place)] for t in game.targets],
+            "stains": [rounded(place) for place in game.stains],
+            "events": self._told_events(game if playing else None, now),
+        }
+        if game.phase == "over":
+            found["ending"] = self.summaries[-1].ending
+            found["paused_s"] = self.summaries[-1].paused_s
+        return found
+
+    def _begin(self, body: Skeleton, measured: Skeleton | None, floor: float | None) -> None:
+        """Begin a game; somebody who does not face the camera is waited for."""
+        name, difficulty = self.choice
+        if measured is not None:
+            body = moved_to(measured, body)
+        seed = self._seed + len(self.summaries)
+        self.game = begin(name, body, difficulty=difficulty, seed=seed, floor=floor)
+        if self.game is None:
+            return
+        self.is_wanted, self._paused_s, self._told_s = False, 0.0, 0.0
+        self._seen.clear()
+        self._watch = AnomalyWatch()
+        wanted = self._recorder is not None and self._recorder.wants_clips
+        self._ring, self._clips = ClipRing() if wanted else None, []
+
+    def _finish(self, ending: str) -> None:
+        self._watch.finish()
+        self._keep_clips()
+        summary = self._summary(ending)
+        self.summaries.append(summary)
+        if self._recorder is not None:
+            self._recorder.game(summary, tuple(self._clips))
+        self._ring, self._clips = None, []
+
+    def _keep_clips(self) -> None:
+        """Store the recorded frames of each anomaly that has ended."""
+        for anomaly in self._watch.found[len(self._clips) :]:
+            ring = self._ring
+            self._clips.append(() if ring is None else ring.take(anomaly.start, anomaly.end))
+
+    def _floor(self, skeleton: Skeleton, now: int) -> float | None:
+        """The lowest place (the largest y) of a foot in the last seconds."""
+        feet = [float(skeleton.positions[j][1]) for j in _FEET if skeleton.states[j] != NOT_TRACKED]
+        if feet:
+            self._lowest.append((now, max(feet)))
+        while self._lowest and now - self._lowest[0][0] > _FLOOR_S * 1e9:
+            self._lowest.popleft()
+        return max((y for _, y in self._lowest), default=None)
+
+    def _touched(
+        self, start: NDArray[np.float32], end: NDArray[np.float32], radius: NDArray[np.float32]
+    ) -> NDArray[np.int8]:
+        return self._ends.hits(start, end, radius=radius).bone
+
+    def _summary(self, ending: str) -> GameSummary:
+        game, total = self.game, self._seen.total()
+        assert game is not None
+        return GameSummary(
+            game=game.game.name,
+            difficulty=game.difficulty,
+            seed=game.seed,
+            ending=ending,
+            seconds=round(game.clock, 3),
+            paused_s=round(self._paused_s, 3),
+            score=game.score,
+            misses=game.misses,
+            by_phantom=self._by_phantom(game),
+            gain=self.gain,
+            anomalies=tuple(self._watch.found),
+            limb=self.limb,
+            tracked=round(self._seen[True] / total, 3) if total else None,
+        )
+
+    def _by_phantom(self, game: GameState) -> int:
+        own = bones_of(game.game.limbs, self.limb.partition("_")[0])
+        if not self.limb.endswith(game.game.limbs[:-1]):  # a game for the other limbs
+            return 0
+        return sum(number for bone, number in game.by_bone.items() if bone in own)
+
+    def _told_events(self, game: GameState | None, now: int) -> list[list[Any]]:
+        """Events of the last second, each with a number, so that a page that leaves frames out
+        misses none and plays none twice."""
+        for event in () if game is None else game.events:
+            self._num_events += 1
+            told = [event.kind, event.number, event.bone, *rounded(event.place), event.key]
+            self._events.append((now, [*told, self._num_events]))
+        while self._events and now - self._events[0][0] > _EVENTS_NS:
+            self._events.popleft()
+        return [told for _, told in self._events]
+
+
+def rounded(values: Any) -> Any:
+    """Nested lists of numbers to a tenth of a millimetre; JSON has no others than finite ones."""
+    return (np.rint(np.nan_to_num(np.asarray(values, np.float64)) * 1e4) / 1e4).tolist()
+
+
+def _field_status(game: GameState) -> dict[str, Any]:
+    """What stands around the player."""
+    field = game.field
+    if isinstance(field, PianoField):
+        up = game.targets[0].key if game.targets else -1
+        return {"keys": [rounded(place) for _, place in keys_of(field)], "up": up}
+    if isinstance(field, PedalField):
+        strokes = game.game.strokes[game.difficulty - 1]
+        starts = (*field.lefts, *field.rights)
+        disks = [rounded((x, y - field.rise, z)) for x, y, z in starts]
+        return {"disks": disks, "starts": [rounded(place) for place in starts],
+                "strokes": [foot.moves / 2 for foot in game.feet], "needed": strokes}  # fmt: skip
+    assert isinstance(field, ArmField)
+    return {"ceiling": field.lefts[0][1] - field.rise}
+
+
+def _ends_of(skeleton: Skeleton, game: GameState) -> Skeleton:
+    """The same person with hands or feet alone."""
+    kept = [*bones_of(game.game.limbs, "left"), *bones_of(game.game.limbs, "right")]
+    states = np.full(25, NOT_TRACKED, np.uint8)
+    states[kept] = skeleton.states[kept]
+    return Skeleton(skeleton.positions, skeleton.orientations, states, skeleton.id, skeleton.body)
