@@ -1,5 +1,6 @@
 """Organised clouds (PCD of depth cameras) are depth images that bring their camera and colours."""
 
+import itertools
 from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
@@ -161,6 +162,35 @@ def test_clouds_that_are_no_camera_s_stay_as_they_are(tmp_path: Path) -> None:
         [np.cos(azimuth) * 5, np.sin(azimuth) * 5, np.tan(elevation) * 5 + 20], axis=-1
     )
     assert camera_of_cloud(io.RangeGrid(turning, np.ones((ROWS, COLS), bool))) is None
+
+
+def test_a_sequence_of_clouds_stays_still(tmp_path: Path) -> None:
+    """Noise of a few millimetres; a pixel that the first cloud lacks is measured later."""
+    sequence = simplify.DepthSequence(simplify.DepthOptions(300))
+    noise = np.random.default_rng(3)
+    meshes = []
+    for number in range(6):
+        depth = scene() + noise.normal(0.0, 0.002, (ROWS, COLS)).astype(np.float32)
+        depth[:10, :12] = 0.0 if number == 0 else 2.0
+        cloud = write_pcd(tmp_path / f"{number}.pcd", points_of(depth))
+        found = sequence.simplify_file(cloud, tmp_path / f"{number}.ply")
+        assert found.coverage > 0.99
+        meshes.append(io.read_mesh(tmp_path / f"{number}.ply").vertices)
+    assert all(np.isfinite(vertices).all() for vertices in meshes)
+    corner = np.array([-39.0 / 70.0 * 2.0, -30.5 / 72.0 * 2.0, 2.0])  # where nothing was measured
+    assert np.linalg.norm(meshes[0] - corner, axis=1).min() > 0.2
+    assert np.linalg.norm(meshes[-1] - corner, axis=1).min() < 0.05
+    places = [{(round(x / z, 3), round(y / z, 3)) for x, y, z in one} for one in meshes]
+    kept = [len(a & b) / len(b) for a, b in itertools.pairwise(places[1:])]
+    assert np.mean(kept) > 0.8  # each cloud alone keeps a fifth
+
+
+def test_a_sequence_takes_no_cloud_of_another_frame(tmp_path: Path) -> None:
+    cloud = write_pcd(tmp_path / "turned.pcd", points_of(scene())[..., [2, 0, 1]])
+    sequence = simplify.DepthSequence(simplify.DepthOptions(300))
+    with pytest.raises(InputError, match="expected a depth camera's cloud"):
+        sequence.simplify_file(cloud, tmp_path / "out.ply")
+    assert not (tmp_path / "out.ply").exists()
 
 
 def test_a_cloud_has_its_own_camera(tmp_path: Path) -> None:

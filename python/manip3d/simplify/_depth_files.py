@@ -35,11 +35,10 @@ from manip3d.io import (
 )
 from manip3d.io._depth_units import depth_reading
 from manip3d.io._files import open_regular
-from manip3d.io._scan_tables import scan_suffix
 from manip3d.simplify._bandwidth import LEAST_POINTS, Bandwidth, fit_bytes
 from manip3d.simplify._depth import DenseImage, DepthSimplification, Variant, cs3, cs3_grid
 from manip3d.simplify._depth_steps import DEPTH_STEP, cut_depth_steps
-from manip3d.simplify._organised import camera_of_cloud
+from manip3d.simplify._organised import camera_of_cloud, is_cloud_file
 from manip3d.simplify._parts import with_used_vertices
 from manip3d.simplify._pixel_maps import confidence_of_levels, mask_image, masked_depth
 from manip3d.simplify._relief import relief, relief_grid
@@ -691,13 +690,12 @@ def _read_unit(path: Path, options: DepthOptions) -> tuple[DepthReading, str]:
 
 def _from_scan(path: Path, output: Path, options: DepthOptions, maps: _Maps) -> DepthFileResult:
     grid = read_range_grid(path)
-    if maps.color is None:
-        maps = replace(maps, color=grid.color)
-    is_cloud = scan_suffix(path) == ".pcd"
+    is_cloud = is_cloud_file(path)
     camera = camera_of_cloud(grid) if is_cloud else None
     if camera is not None:
         return _from_cloud(grid, camera, path, output, options, maps)
     _expect_options_of_scan(options)
+    maps = maps if maps.color is not None else replace(maps, color=grid.color)
     mask = mask_image(maps.mask, grid.valid.shape)
     valid = grid.valid if mask is None else grid.valid & mask
     asked: dict[str, Any] = {"max_edge": options.max_edge, "color": maps.color}
@@ -732,8 +730,10 @@ def _from_cloud(
     output: Path,
     options: DepthOptions,
     maps: _Maps,
+    take: _Take = _alone,
 ) -> DepthFileResult:
-    """An organised cloud is a depth image that brings its camera."""
+    """An organised cloud is a depth image that brings its camera and, unless given, its colours."""
+    maps = maps if maps.color is not None else replace(maps, color=grid.color)
     if options.intrinsics:
         raise InputError(
             "intrinsics: expected with a depth image; a cloud's points tell its camera"
@@ -742,7 +742,7 @@ def _from_cloud(
     reading = depth_reading(stored, options.unit, str(path))
     depth = masked_depth(reading.depth, mask_image(maps.mask, grid.valid.shape))
     words = f"an organised cloud of a camera ({camera.fx:.1f} pixels), {reading.sentence}"
-    return _from_depth(depth, camera, path, output, options, maps, _alone, words, reading.unit)
+    return _from_depth(depth, camera, path, output, options, maps, take, words, reading.unit)
 
 
 def _expect_options_of_scan(options: DepthOptions) -> None:

@@ -11,16 +11,17 @@ from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.camera import Intrinsics
 from manip3d.errors import InputError
-from manip3d.io import DEPTH_SUFFIXES
+from manip3d.io import DEPTH_SUFFIXES, read_range_grid
 from manip3d.simplify._depth import DepthSimplification
 from manip3d.simplify._depth_files import (
     DepthFileResult,
     DepthOptions,
-    _expect_camera,
+    _from_cloud,
     _from_image,
     _Maps,
     _read_maps,
 )
+from manip3d.simplify._organised import camera_of_cloud, is_cloud_file
 from manip3d.simplify._relief import ReliefStream
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ class DepthSequence:
     Raises
     ------
     InputError
-        Another method, or no camera.
+        Another method.
 
     Examples
     --------
@@ -66,7 +67,6 @@ class DepthSequence:
     def __init__(self, options: DepthOptions) -> None:
         if options.method != "relief":
             raise InputError(f"method: expected relief for a sequence, got {options.method}")
-        _expect_camera(options)
         self._options = options
         self._smoothing = Smoothing()
         self._lock = threading.Lock()
@@ -91,7 +91,8 @@ class DepthSequence:
         Parameters
         ----------
         source : path-like
-            A depth image (``manip3d.io.DEPTH_SUFFIXES``) of the size of the first one.
+            A depth image (``manip3d.io.DEPTH_SUFFIXES``), or an organised cloud of a depth camera,
+            of the size of the first one, whose camera is that of all clouds.
         output, color, mask, confidence, confidence_max
             As of `simplify_depth_file`.
 
@@ -103,14 +104,27 @@ class DepthSequence:
         Raises
         ------
         InputError, FormatError, OSError, MissingExtraError
-            As `simplify_depth_file`; an InputError for a scan, and for an image of another size.
+            As `simplify_depth_file`; an InputError for a scan, for a cloud that is no camera's, and
+            for an image of another size.
         """
         path, target = path_of(source, "source"), path_of(output, "output")
-        if path.suffix.lower() not in DEPTH_SUFFIXES:
+        is_cloud = is_cloud_file(path)
+        if not is_cloud and path.suffix.lower() not in DEPTH_SUFFIXES:
             raise InputError(f"source: expected a depth image in a sequence, got {path.name}")
         maps = _read_maps(self._options, color, mask, confidence, confidence_max)
         with self._lock:
-            return _from_image(path, target, self._options, maps, self._smoothing.take)
+            if not is_cloud:
+                return _from_image(path, target, self._options, maps, self._smoothing.take)
+            grid = read_range_grid(path)
+            camera = camera_of_cloud(grid)
+            if camera is None:
+                raise InputError(
+                    f"source: expected a depth camera's cloud in a sequence, with z ahead, and x / "
+                    f"z and y / z along columns and rows, got {path.name}"
+                )
+            return _from_cloud(
+                grid, camera, path, target, self._options, maps, self._smoothing.take
+            )
 
 
 class Smoothing:

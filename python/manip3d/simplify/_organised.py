@@ -7,8 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d.camera import Intrinsics
+from manip3d.io._scan_tables import scan_suffix
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from numpy.typing import NDArray
 
     from manip3d.io import RangeGrid
@@ -20,11 +23,16 @@ _MOST_OFF = 0.05
 """Share of the image's size by which a pixel may be off a pinhole's: lenses bend less."""
 
 
+def is_cloud_file(path: Path) -> bool:
+    """Whether a file may be an organised cloud, by its name."""
+    return scan_suffix(path) == ".pcd"
+
+
 def camera_of_cloud(grid: RangeGrid) -> Intrinsics | None:
     """Return the camera that an organised cloud is the depth image of.
 
-    Its rays are those of the measured pixels, so that lenses need no model; the focal lengths are
-    those of the pinhole that fits best.
+    Its rays are those of the measured pixels, so that lenses need no model; those of the others,
+    and the focal lengths, are those of the pinhole that fits best.
 
     Parameters
     ----------
@@ -46,12 +54,12 @@ def camera_of_cloud(grid: RangeGrid) -> Intrinsics | None:
     down = _line(seen[:, 1] / seen[:, 2], rows[some], valid.shape[0])
     if across is None or down is None or across[0] < 0.0:
         return None
-    with np.errstate(invalid="ignore"):
-        rays = (points[..., :2] / points[..., 2:]).astype(np.float32)
     height, width = valid.shape
-    return Intrinsics(
-        width, height, across[0], down[0], across[1], down[1], rays=np.ascontiguousarray(rays)
-    )
+    rays = np.empty((height, width, 2), np.float32)
+    rays[..., 0] = (np.arange(width) - across[1]) / across[0]
+    rays[..., 1] = ((np.arange(height) - down[1]) / down[0])[:, None]
+    rays[valid] = points[valid][:, :2] / points[valid][:, 2:]
+    return Intrinsics(width, height, across[0], down[0], across[1], down[1], rays=rays)
 
 
 def _line(
