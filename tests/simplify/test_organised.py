@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from manip3d import FormatError, InputError, io, metrics, simplify
 from manip3d.camera import Intrinsics
-from manip3d.simplify._organised import camera_of_cloud
+from manip3d.simplify._organised import camera_of_cloud, find_camera
 
 Image = pytest.importorskip("PIL.Image", reason="the extra 'io' is not installed")
 
@@ -142,26 +142,70 @@ def test_colours_are_the_texture(tmp_path: Path, name: str, kind: str) -> None:
 
 def test_the_camera_is_told_by_the_points() -> None:
     valid = scene() > 0
-    found = camera_of_cloud(io.RangeGrid(points_of(scene()).astype(np.float64), valid))
+    found = camera_of_cloud(points_of(scene()).astype(np.float64), valid)
     assert found is not None
     assert found.fx == pytest.approx(CAMERA.fx, rel=1e-5)
     assert found.fy == pytest.approx(CAMERA.fy, rel=1e-5)
     assert (found.cx, found.cy) == pytest.approx((CAMERA.cx, CAMERA.cy), abs=1e-3)
 
 
+def turned_and_moved(points: NDArray[np.float32]) -> NDArray[np.float64]:
+    """In a robot's frame: x ahead, z up, looking down a little from beside its middle."""
+    tilt = np.deg2rad(20.0)
+    ahead = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+    down = np.array([[np.cos(tilt), 0, np.sin(tilt)], [0, 1, 0], [-np.sin(tilt), 0, np.cos(tilt)]])
+    return points.astype(np.float64) @ (down @ ahead).T + [0.3, -0.1, 1.2]
+
+
+@pytest.mark.parametrize("bend", [0.0, 0.05])
+def test_the_camera_of_a_cloud_in_another_frame_is_found(tmp_path: Path, bend: float) -> None:
+    points = points_of(scene(), bend)
+    moved = turned_and_moved(points)
+    found = find_camera(io.RangeGrid(moved, scene() > 0))
+    assert found is not None
+    assert found.rotation is not None
+    assert found.intrinsics.fx == pytest.approx(CAMERA.fx, rel=1e-3 if bend == 0 else 0.2)
+    assert np.allclose(found.centre, [0.3, -0.1, 1.2], atol=1e-3 if bend == 0 else 0.2)
+    result = made(write_pcd(tmp_path / "moved.pcd", moved), tmp_path / "out.ply")
+    assert "own axes" in result.depth
+    mesh = io.read_mesh(tmp_path / "out.ply")
+    known = moved.reshape(-1, 3)[~np.isnan(points).any(axis=2).ravel()]
+    nearest = np.linalg.norm(mesh.vertices[:, None] - known[None], axis=2).min(axis=1)
+    assert nearest.max() < 1e-5
+    made(write_pcd(tmp_path / "still.pcd", points), tmp_path / "still.ply")
+    still = io.read_mesh(tmp_path / "still.ply")
+    assert mesh.num_faces == pytest.approx(still.num_faces, rel=0.03)
+    back = (mesh.vertices - found.centre) @ found.rotation.T
+    near = back[mesh.faces, 2] < 1.6
+    assert (near.all(axis=1) | ~near.any(axis=1)).all()  # no face joins the box and the wall
+
+
+def test_millimetres_in_another_frame_become_metres(tmp_path: Path) -> None:
+    moved = turned_and_moved(points_of(scene()))
+    made(write_pcd(tmp_path / "m.pcd", moved), tmp_path / "m.ply")
+    result = made(write_pcd(tmp_path / "mm.pcd", 1000.0 * moved), tmp_path / "mm.ply")
+    assert result.unit == "mm"
+    metres, same = (io.read_mesh(tmp_path / name) for name in ("m.ply", "mm.ply"))
+    assert np.allclose(metres.vertices.mean(axis=0), same.vertices.mean(axis=0), atol=0.02)
+
+
 def test_clouds_that_are_no_camera_s_stay_as_they_are(tmp_path: Path) -> None:
-    turned = points_of(scene())[..., [2, 0, 1]]  # x ahead, as in a robot's own frame
-    result = made(write_pcd(tmp_path / "turned.pcd", turned), tmp_path / "out.ply")
-    assert "are not those of a camera's pixels" in result.depth
+    azimuth, elevation = np.meshgrid(np.linspace(0.0, 6.2, COLS), np.linspace(-0.3, 0.3, ROWS))
+    far = 5.0 + np.sin(3 * azimuth)
+    turning = np.stack(
+        [np.cos(azimuth) * far, np.sin(azimuth) * far, np.tan(elevation) * far], axis=-1
+    )
+    flipped = turned_and_moved(points_of(scene()))[:, ::-1]  # a mirror image is no camera's
+    for points in (turning, flipped):
+        valid = ~np.isnan(points).any(axis=2)
+        assert find_camera(io.RangeGrid(points, valid)) is None
+    result = made(write_pcd(tmp_path / "turning.pcd", turning), tmp_path / "out.ply")
+    assert "not those of a camera's pixels" in result.depth
     assert result.unit == ""
     vertices = io.read_mesh(tmp_path / "out.ply").vertices
-    assert vertices[:, 0].min() > 1.0
-    assert vertices[:, 0].max() < 2.5
-    azimuth, elevation = np.meshgrid(np.linspace(0.0, 6.2, COLS), np.linspace(-0.3, 0.3, ROWS))
-    turning = np.stack(
-        [np.cos(azimuth) * 5, np.sin(azimuth) * 5, np.tan(elevation) * 5 + 20], axis=-1
-    )
-    assert camera_of_cloud(io.RangeGrid(turning, np.ones((ROWS, COLS), bool))) is None
+    reach = np.hypot(vertices[:, 0], vertices[:, 1])
+    assert reach.min() > 3.9
+    assert reach.max() < 6.1
 
 
 def test_a_sequence_of_clouds_stays_still(tmp_path: Path) -> None:
@@ -186,7 +230,8 @@ def test_a_sequence_of_clouds_stays_still(tmp_path: Path) -> None:
 
 
 def test_a_sequence_takes_no_cloud_of_another_frame(tmp_path: Path) -> None:
-    cloud = write_pcd(tmp_path / "turned.pcd", points_of(scene())[..., [2, 0, 1]])
+    mirrored = points_of(scene())[:, ::-1]
+    cloud = write_pcd(tmp_path / "mirrored.pcd", mirrored)
     sequence = simplify.DepthSequence(simplify.DepthOptions(300))
     with pytest.raises(InputError, match="expected a depth camera's cloud"):
         sequence.simplify_file(cloud, tmp_path / "out.ply")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import os
 import tempfile
@@ -38,7 +39,7 @@ from manip3d.io._files import open_regular
 from manip3d.simplify._bandwidth import LEAST_POINTS, Bandwidth, fit_bytes
 from manip3d.simplify._depth import DenseImage, DepthSimplification, Variant, cs3, cs3_grid
 from manip3d.simplify._depth_steps import DEPTH_STEP, cut_depth_steps
-from manip3d.simplify._organised import camera_of_cloud, is_cloud_file
+from manip3d.simplify._organised import CloudCamera, find_camera, is_cloud_file
 from manip3d.simplify._parts import with_used_vertices
 from manip3d.simplify._pixel_maps import confidence_of_levels, mask_image, masked_depth
 from manip3d.simplify._relief import relief, relief_grid
@@ -64,8 +65,8 @@ SPARSE_WORDS = (
 """What to tell of an image whose result `is_sparse`."""
 _FEWEST_PROJECTED = 50
 _NO_CAMERA = (
-    "an organised cloud, whose z, x / z and y / z are not those of a camera's pixels: faces across "
-    "depth steps stay without a max_edge"
+    "an organised cloud whose points are not those of a camera's pixels: faces across depth steps "
+    "stay without a max_edge"
 )
 
 
@@ -367,7 +368,8 @@ def simplify_depth_file(
     source : path-like
         A depth image (``manip3d.io.DEPTH_SUFFIXES``), or a range scan or an organised cloud, as
         `manip3d.io.read_range_grid` reads them. A cloud of a depth camera is its depth image: the
-        points tell the camera, and the colours are the texture.
+        points tell the camera, and the colours are the texture. Where they were moved to another
+        frame, the mesh stays in it.
     output : path-like
         A mesh file. Depth images become metres; glTF has +y up, other formats the camera's axes.
         Scans keep their unit and axes.
@@ -513,8 +515,13 @@ def _from_depth(
     take: _Take,
     words: str,
     unit: str,
+    to_file: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None,
 ) -> DepthFileResult:
-    """Write the mesh of an image in memory; ``path`` names it in errors and in the result."""
+    """Write the mesh of an image in memory; ``path`` names it in errors and in the result.
+
+    ``to_file``: takes points of the camera to where they are to be written; by default they stay in
+    the camera's axes, or have +y up.
+    """
     is_yup = _is_yup(output)
     started = time.perf_counter()
     uncut_of = take(depth, camera, options, maps)
@@ -535,7 +542,9 @@ def _from_depth(
             left = uncut.num_faces - without.num_faces
             left_area = 1.0 - _area(without) / (_area(uncut) or 1.0) if left else 0.0
         mesh = with_used_vertices(found.mesh)
-        if is_yup:  # cameras look along +z, y down; glTF has +y up
+        if to_file is not None:
+            mesh = mesh.replace(vertices=to_file(mesh.vertices))
+        elif is_yup:  # cameras look along +z, y down; glTF has +y up
             mesh = mesh.replace(vertices=mesh.vertices * np.array([1.0, -1.0, -1.0]))
         cut = uncut.num_faces - found.num_faces
         return _Made(found, mesh, cut, seconds, faces_left=left, left_area=left_area)
@@ -691,7 +700,7 @@ def _read_unit(path: Path, options: DepthOptions) -> tuple[DepthReading, str]:
 def _from_scan(path: Path, output: Path, options: DepthOptions, maps: _Maps) -> DepthFileResult:
     grid = read_range_grid(path)
     is_cloud = is_cloud_file(path)
-    camera = camera_of_cloud(grid) if is_cloud else None
+    camera = find_camera(grid) if is_cloud else None
     if camera is not None:
         return _from_cloud(grid, camera, path, output, options, maps)
     _expect_options_of_scan(options)
@@ -725,7 +734,7 @@ def _from_scan(path: Path, output: Path, options: DepthOptions, maps: _Maps) -> 
 
 def _from_cloud(
     grid: RangeGrid,
-    camera: Intrinsics,
+    camera: CloudCamera,
     path: Path,
     output: Path,
     options: DepthOptions,
@@ -738,11 +747,21 @@ def _from_cloud(
         raise InputError(
             "intrinsics: expected with a depth image; a cloud's points tell its camera"
         )
-    stored = np.where(grid.valid, grid.points[..., 2], 0.0).astype(np.float32)
+    stored = np.where(grid.valid, camera.depth, 0.0).astype(np.float32)
     reading = depth_reading(stored, options.unit, str(path))
     depth = masked_depth(reading.depth, mask_image(maps.mask, grid.valid.shape))
-    words = f"an organised cloud of a camera ({camera.fx:.1f} pixels), {reading.sentence}"
-    return _from_depth(depth, camera, path, output, options, maps, take, words, reading.unit)
+    words = (
+        f"an organised cloud of a camera ({camera.intrinsics.fx:.1f} pixels), {reading.sentence}"
+    )
+    to_file = None
+    if camera.rotation is not None:
+        words += "; the mesh is in the cloud's own axes"
+        metres = reading.depth / (1000.0 if reading.depth.dtype == np.uint16 else 1.0)
+        unit = float(np.median(stored[metres > 0] / metres[metres > 0]))  # of the file, in a metre
+        to_file = functools.partial(camera.to_file, unit=unit)
+    return _from_depth(
+        depth, camera.intrinsics, path, output, options, maps, take, words, reading.unit, to_file
+    )
 
 
 def _expect_options_of_scan(options: DepthOptions) -> None:

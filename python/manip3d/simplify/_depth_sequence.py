@@ -21,7 +21,7 @@ from manip3d.simplify._depth_files import (
     _Maps,
     _read_maps,
 )
-from manip3d.simplify._organised import camera_of_cloud, is_cloud_file
+from manip3d.simplify._organised import find_camera, is_cloud_file
 from manip3d.simplify._relief import ReliefStream
 
 if TYPE_CHECKING:
@@ -116,11 +116,10 @@ class DepthSequence:
             if not is_cloud:
                 return _from_image(path, target, self._options, maps, self._smoothing.take)
             grid = read_range_grid(path)
-            camera = camera_of_cloud(grid)
+            camera = find_camera(grid)
             if camera is None:
                 raise InputError(
-                    f"source: expected a depth camera's cloud in a sequence, with z ahead, and x / "
-                    f"z and y / z along columns and rows, got {path.name}"
+                    f"source: expected a depth camera's cloud in a sequence, got {path.name}"
                 )
             return _from_cloud(
                 grid, camera, path, target, self._options, maps, self._smoothing.take

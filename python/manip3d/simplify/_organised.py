@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,15 +29,96 @@ def is_cloud_file(path: Path) -> bool:
     return scan_suffix(path) == ".pcd"
 
 
-def camera_of_cloud(grid: RangeGrid) -> Intrinsics | None:
-    """Return the camera that an organised cloud is the depth image of.
+_MOST_SKEW = 0.02
+"""Share of the focal length: pixels of a camera are square to each other."""
+
+
+@dataclass(frozen=True, eq=False)
+class CloudCamera:
+    """The camera of a cloud, which may have been moved to another frame, such as a robot's.
+
+    Attributes
+    ----------
+    intrinsics : Intrinsics
+    depth : (H, W) float64
+        z of the camera in the file's unit; NaN where nothing was measured.
+    rotation : (3, 3) float64 or None
+        From the file's axes to the camera's; None: they are the same.
+    centre : (3,) float64
+        The camera's place in the file.
+    """
+
+    intrinsics: Intrinsics
+    depth: NDArray[np.float64]
+    rotation: NDArray[np.float64] | None
+    centre: NDArray[np.float64]
+
+    def to_file(self, points: NDArray[np.float64], unit: float) -> NDArray[np.float64]:
+        """Points of the camera in the file's axes, both in a unit that is so many of the file's."""
+        if self.rotation is None:
+            return points
+        moved: NDArray[np.float64] = points @ self.rotation + self.centre / unit
+        return moved
+
+
+def find_camera(grid: RangeGrid) -> CloudCamera | None:
+    """Return the camera of an organised cloud, wherever its frame is; None: it is no camera's."""
+    found = camera_of_cloud(grid.points, grid.valid)
+    if found is not None:
+        return CloudCamera(found, grid.points[..., 2], None, np.zeros(3))
+    pose = _pose(grid.points, grid.valid)
+    if pose is None:
+        return None
+    rotation, centre = pose
+    points = (grid.points - centre) @ rotation.T
+    found = camera_of_cloud(points, grid.valid)
+    return None if found is None else CloudCamera(found, points[..., 2], rotation, centre)
+
+
+def _pose(
+    points: NDArray[np.float64], valid: NDArray[np.bool_]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Rotation to the camera's axes and place of the camera, by the direct linear transform."""
+    rows, cols = np.nonzero(valid)
+    if len(rows) < 6:
+        return None
+    some = slice(None, None, -(-len(rows) // _MOST_PIXELS))
+    rows, cols = rows[some], cols[some]
+    seen = points[rows, cols]
+    middle, scale = seen.mean(axis=0), float(seen.std()) or 1.0
+    size = float(max(valid.shape))
+    place = np.column_stack([(seen - middle) / scale, np.ones(len(seen))])
+    none = np.zeros_like(place)
+    u, v = cols[:, None] / size, rows[:, None] / size
+    equations = np.vstack(
+        [np.hstack([place, none, -u * place]), np.hstack([none, place, -v * place])]
+    )
+    camera = np.linalg.eigh(equations.T @ equations)[1][:, 0].reshape(3, 4)
+    camera *= np.sign(np.linalg.det(camera[:, :3]))
+    if abs(np.linalg.det(camera[:, :3])) < 1e-12:
+        return None
+    # RQ of the left part: the QR of it upside down.
+    q, r = np.linalg.qr(camera[::-1, :3].T)
+    lens, rotation = r.T[::-1, ::-1], q.T[::-1]
+    signs = np.sign(np.diag(lens))
+    lens, rotation = lens * signs, signs[:, None] * rotation
+    is_square = abs(lens[0, 1]) <= _MOST_SKEW * lens[0, 0]
+    if np.linalg.det(rotation) < 0.0 or not is_square:
+        return None
+    centre = -np.linalg.solve(camera[:, :3], camera[:, 3])
+    return rotation, middle + scale * centre
+
+
+def camera_of_cloud(points: NDArray[np.float64], valid: NDArray[np.bool_]) -> Intrinsics | None:
+    """Return the camera that an organised cloud in the camera's axes is the depth image of.
 
     Its rays are those of the measured pixels, so that lenses need no model; those of the others,
     and the focal lengths, are those of the pinhole that fits best.
 
     Parameters
     ----------
-    grid : RangeGrid
+    points : (H, W, 3), NaN where nothing was measured
+    valid : (H, W) bool
 
     Returns
     -------
@@ -44,7 +126,6 @@ def camera_of_cloud(grid: RangeGrid) -> Intrinsics | None:
         None: points lie beside or behind the camera, or columns and rows do not follow x / z and
         y / z, as in the clouds of turning LiDARs and in those that were turned to another frame.
     """
-    points, valid = grid.points, grid.valid
     rows, cols = np.nonzero(valid)
     if len(rows) < 3 or not (points[..., 2][valid] > 0.0).all():
         return None
