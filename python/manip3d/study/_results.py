@@ -361,6 +361,8 @@ def _histograms(rows: Sequence[Mapping[str, Any]]) -> str:
     for group in dict.fromkeys(row["group"] for row in rows):
         for part in dict.fromkeys(row["part"] for row in rows):
             own = [row for row in rows if row["part"] == part and row["group"] == group]
+            if not own:
+                continue
             displays = list(dict.fromkeys(row["display"] for row in own))
             head = "".join(f"<th>{html.escape(display)}</th>" for display in displays)
             lines = []
