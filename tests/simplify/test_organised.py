@@ -180,6 +180,18 @@ def test_the_camera_of_a_cloud_in_another_frame_is_found(tmp_path: Path, bend: f
     assert (near.all(axis=1) | ~near.any(axis=1)).all()  # no face joins the box and the wall
 
 
+@pytest.mark.parametrize("slope", [0.0, 0.3])
+def test_a_wall_in_another_frame_is_simplified(tmp_path: Path, slope: float) -> None:
+    """The points of a plane do not tell where the camera stood."""
+    u = np.mgrid[:ROWS, :COLS][1]
+    wall = points_of((2.0 / (1.0 - slope * (u - CAMERA.cx) / CAMERA.fx)).astype(np.float32))
+    result = made(write_pcd(tmp_path / "wall.pcd", turned_and_moved(wall)), tmp_path / "out.ply")
+    assert result.coverage > 0.99
+    vertices = io.read_mesh(tmp_path / "out.ply").vertices
+    normal = np.linalg.svd(vertices - vertices.mean(axis=0))[2][2]
+    assert np.abs((vertices - vertices.mean(axis=0)) @ normal).max() < 1e-4
+
+
 def test_millimetres_in_another_frame_become_metres(tmp_path: Path) -> None:
     moved = turned_and_moved(points_of(scene()))
     made(write_pcd(tmp_path / "m.pcd", moved), tmp_path / "m.ply")
@@ -196,7 +208,9 @@ def test_clouds_that_are_no_camera_s_stay_as_they_are(tmp_path: Path) -> None:
         [np.cos(azimuth) * far, np.sin(azimuth) * far, np.tan(elevation) * far], axis=-1
     )
     flipped = turned_and_moved(points_of(scene()))[:, ::-1]  # a mirror image is no camera's
-    for points in (turning, flipped):
+    v, u = np.mgrid[:ROWS, :COLS]
+    folded = np.stack([np.abs(u - 40) / 70.0, v / 72.0, 2.0 + 0.1 * np.sin(u)], axis=-1)
+    for points in (turning, flipped, folded):
         valid = ~np.isnan(points).any(axis=2)
         assert find_camera(io.RangeGrid(points, valid)) is None
     result = made(write_pcd(tmp_path / "turning.pcd", turning), tmp_path / "out.ply")

@@ -102,8 +102,7 @@ def _pose(
     lens, rotation = r.T[::-1, ::-1], q.T[::-1]
     signs = np.sign(np.diag(lens))
     lens, rotation = lens * signs, signs[:, None] * rotation
-    is_square = abs(lens[0, 1]) <= _MOST_SKEW * lens[0, 0]
-    if np.linalg.det(rotation) < 0.0 or not is_square:
+    if not abs(lens[0, 1]) <= _MOST_SKEW * lens[0, 0]:
         return None
     centre = -np.linalg.solve(camera[:, :3], camera[:, 3])
     return rotation, middle + scale * centre
