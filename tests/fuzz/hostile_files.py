@@ -40,6 +40,7 @@ from manip3d import (
     diary,
     forge,
     serve,
+    simplify,
     study,
 )
 from manip3d import io as files
@@ -159,6 +160,31 @@ def arrays() -> list[Files]:
 
 def e57_files() -> list[Files]:
     return [written(lambda p: files.write_scans([small_scan(0), small_scan(1)], p), "a.e57")]
+
+
+def clouds() -> list[Files]:
+    """Organised clouds in a camera's axes and in others, with and without colours."""
+    v, u = np.mgrid[:6, :8]
+    z = 2.0 + 0.1 * np.sin(u) + 0.2 * (v > 2)
+    points = np.stack([(u - 3.5) * z / 7, (v - 2.5) * z / 7, z], axis=-1)
+    points[0, 0] = np.nan
+    found = []
+    for turned, kind in ((points, ""), (points[..., [2, 0, 1]], "F"), (points, "U")):
+        names, size = ("x y z rgb", "4 4 4 4") if kind else ("x y z", "4 4 4")
+        header = (
+            f"VERSION 0.7\nFIELDS {names}\nSIZE {size}\nTYPE F F F {kind}\n"
+            f"COUNT {size.replace('4', '1')}\nWIDTH 8\nHEIGHT 6\nPOINTS 48\nDATA binary\n"
+        )
+        rows = turned.reshape(48, 3).astype("<f4")
+        colors = np.arange(48, dtype="<u4").reshape(48, 1).view("<f4")
+        table = np.hstack([rows, colors]) if kind else rows
+        found.append({"a.pcd": header.encode() + table.tobytes()})
+    return found
+
+
+def simplify_cloud(folder: Path, name: str) -> object:
+    options = simplify.DepthOptions(20)
+    return simplify.simplify_depth_file(folder / name, folder / "out.ply", options)
 
 
 def depth_images() -> list[Files]:
@@ -494,6 +520,7 @@ KINDS = {
         Kind("scan.las", lambda: las_files(".las"), scan),
         Kind("scan.laz", lambda: las_files(".laz"), scan),
         Kind("scan.e57", e57_files, scan),
+        Kind("cloud", clouds, simplify_cloud),
         Kind("depth", depth_images, lambda d, n: files.read_depth(d / n)),
         Kind("velodyne", calibrations, lambda d, n: capture.read_velodyne_calibration(d / n)),
         Kind("pcap", lambda: corpus("pcap", ".pcap"), read_packets),

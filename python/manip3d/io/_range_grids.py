@@ -93,7 +93,8 @@ def _of_cloud(table: Table, file: str) -> RangeGrid:
     missing = [axis for axis in "xyz" if axis not in columns or columns[axis].ndim != 1]
     if missing:
         raise FormatError(f"a cloud has x, y and z; {', '.join(missing)} not found", file=file)
-    points = np.column_stack([columns[axis] for axis in "xyz"]).astype(np.float64)
+    with np.errstate(invalid="ignore"):  # of NaN that signal
+        points = np.column_stack([columns[axis] for axis in "xyz"]).astype(np.float64)
     if rows < 2 or cols < 2 or rows * cols != len(points):
         raise FormatError(
             "expected an organised cloud, whose points are the pixels of an image (HEIGHT of 2 or "
