@@ -47,7 +47,7 @@ def with_moved_object(frame: manip3d.LidarFrame) -> manip3d.LidarFrame:
 
 @pytest.fixture(scope="module")
 def frames() -> list[manip3d.LidarFrame]:
-    return [street(5), with_moved_object(street(5)), street(5)]
+    return [street(5), with_moved_object(street(6)), street(7)]
 
 
 @pytest.fixture

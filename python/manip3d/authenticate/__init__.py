@@ -35,6 +35,7 @@ __getattr__, __dir__, __all__ = lazily(
         "_picture_files": "picture_path read_carrier write_carrier",
         "_power": "EDITS calibrate_lattice measure_power",
         "_reflectance": "ReflectanceRegion ReflectanceResult reflectance_consistency",
+        "_repeats": "are_same_points points_id",
         "_rig_files": "RIGS_FILE CameraPair read_rigs write_rigs",
         "_risk": (
             "ACTIONS ATTACK_TYPES AttackObservation Risk RiskParameters RiskTracker temporal_factor"

@@ -71,6 +71,7 @@ from manip3d.authenticate._reflectance import (
     ReflectanceResult,
     reflectance_consistency,
 )
+from manip3d.authenticate._repeats import are_same_points, points_id
 from manip3d.authenticate._rig_files import RIGS_FILE, CameraPair, read_rigs, write_rigs
 from manip3d.authenticate._risk import (
     ACTIONS,
@@ -225,6 +226,7 @@ __all__ = [
     "Watermarked",
     "Watermarker",
     "WitnessReport",
+    "are_same_points",
     "as_stored",
     "attack_type",
     "calibrate_lattice",
@@ -261,6 +263,7 @@ __all__ = [
     "occlusion_consistency",
     "picture_path",
     "plain_name",
+    "points_id",
     "read_carrier",
     "read_record",
     "read_rigs",

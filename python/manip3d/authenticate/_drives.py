@@ -16,16 +16,17 @@ import numpy as np
 from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
 from manip3d.authenticate._generic import NUM_TESTS
-from manip3d.authenticate._inspect import DetectorReport, Inspection, inspect
+from manip3d.authenticate._inspect import DetectorReport, Inspection, inspect, repeating
 from manip3d.authenticate._lattice import SensorLattice
+from manip3d.authenticate._repeats import EarlierScans
 from manip3d.authenticate._sequence import FRAMES_PER_SECOND, DriveEvidence, drive_evidence
-from manip3d.authenticate._verdict import FALSE_ALARM_RATE, binomial_tail, rate_of
+from manip3d.authenticate._verdict import FALSE_ALARM_RATE, Processing, binomial_tail, rate_of
 from manip3d.authenticate._watermark import KeyFile, KeyRing, Policy, Watermarker
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
     from manip3d.authenticate._verdict import Verdict
 
@@ -41,6 +42,17 @@ _OF_MANY_TURNS = {"turns", "reflectance"}
 """Detectors IV and V: what looks odd to them in one turn looks odd in the next."""
 
 _MOST_NAMED = 10
+
+_FASTER_THAN_BACKING, _FEWEST_MOVING = 0.5, 3
+"""Metres a turn of a tenth of a second, 18 km/h, and turns: cars that reverse are slower."""
+
+_MOST_GAINED, _SAME_MOTION = 0.5, 0.2
+"""Metres: so much more or less than in the turn beside is five times gravity; and how far two
+alignments of the same two scans may be apart."""
+
+_LONGER = 1.5
+"""Intervals of the median after which a scan is missing: that of a scanner is steady to a few
+hundredths of it."""
 
 
 @checked
@@ -82,9 +94,11 @@ def inspect_drive(
     Yields
     ------
     Inspection or None
-        One for each frame, in their order. With one thread as soon as the frame after it was read,
-        and three frames are held at a time; with several, once the scanner's lattice is known, as
-        many frames later and more.
+        One for each frame, in their order; a frame with nine tenths of the points of an earlier one
+        of the drive, to the bit and in any order, is ``processed`` (repeated) unless it is
+        tampered, and ``repeats`` is the place of that one. With one thread as soon as the frame
+        after it was read, and three frames are held at a time; with several, once the scanner's
+        lattice is known, as many frames later and more.
 
     Raises
     ------
@@ -142,13 +156,19 @@ class DriveInspection:
     verdict : 'no_trace', 'tampered', 'processed' or 'undecidable'
         As `verdict_of_drive` says.
     reason : str
-        The verdict's reason in words.
+        The verdict's reason in words, and the remarks.
     accused : tuple of int
         Places of the scans that are called tampered, from 0.
     evidence : DriveEvidence
         What the scans add up to.
     num_scans, num_missing : int
         All scans, and those that could not be read.
+    remarks : tuple of Processing
+        What the scans tell beside each other: ``repeated`` (some have the points of earlier ones),
+        ``missing`` (between two more time passes than between others, or file names are left out:
+        somebody removed scans, or a recorder lost them, so that this alone changes no verdict) and
+        ``unordered`` (times go back), ``jumps`` (between two turns the scanner moves as no car
+        does) and ``backwards`` (it moves to the rear: the scans may be in the reverse order).
     """
 
     verdict: Verdict
@@ -157,6 +177,7 @@ class DriveInspection:
     evidence: DriveEvidence
     num_scans: int
     num_missing: int
+    remarks: tuple[Processing, ...] = ()
 
     def record(self) -> dict[str, Any]:
         """Return the result as JSON values."""
@@ -167,6 +188,7 @@ class DriveInspection:
             "failed": self.num_missing,
             "accused_scans": len(self.accused),
             "accused": list(self.accused),
+            "remarks": [vars(remark) for remark in self.remarks],
             "evidence": {
                 "judged": self.evidence.judged,
                 "log10_evidence": float(self.evidence.evidence.max(initial=0.0)),
@@ -180,7 +202,10 @@ class DriveInspection:
 
 @checked
 def judge_drive(
-    found: Sequence[Inspection | None], numbers: Iterable[int] | None = None
+    found: Sequence[Inspection | None],
+    numbers: Iterable[int] | None = None,
+    *,
+    times_ns: Sequence[int | None] | None = None,
 ) -> DriveInspection:
     """Return the verdict of a drive with the scans that are accused and what they add up to.
 
@@ -188,6 +213,8 @@ def judge_drive(
     ----------
     found, numbers
         As of `verdict_of_drive`.
+    times_ns : sequence of (int or None), optional
+        When each scan was taken, nanoseconds; None: not known.
 
     Returns
     -------
@@ -196,7 +223,7 @@ def judge_drive(
     Raises
     ------
     InputError
-        As `verdict_of_drive`.
+        As `verdict_of_drive`; ``times_ns`` has another length.
 
     Examples
     --------
@@ -207,15 +234,113 @@ def judge_drive(
     >>> told.verdict, told.accused, told.record()["failed"]
     ('undecidable', (), 1)
     """
-    verdict, reason = verdict_of_drive(found, numbers)
+    places = None if numbers is None else list(numbers)
+    verdict, reason = verdict_of_drive(found, places)
+    _check_each("times_ns", () if times_ns is None else times_ns, int, np.integer)
+    if times_ns is not None and len(times_ns) != len(found):
+        raise InputError(f"times_ns: expected {len(found)}, one for each scan, got {len(times_ns)}")
+    remarks = (*_repeated(found), *_of_times(times_ns or ()), *_of_motion(found))
+    if all(time is None for time in times_ns or ()):
+        remarks += _of_numbers(places or ())
     return DriveInspection(
         verdict,
-        reason,
+        "; ".join([reason, *(f"{remark.kind}: {remark.detail}" for remark in remarks)]),
         tuple(k for k, each in enumerate(found) if each and each.verdict == "tampered"),
         drive_evidence(found),
         len(found),
         sum(each is None for each in found),
+        remarks,
     )
+
+
+def _repeated(found: Sequence[Inspection | None]) -> tuple[Processing, ...]:
+    """The scans that have the points of an earlier one."""
+    copies = [k for k, each in enumerate(found) if each is not None and each.repeats is not None]
+    if not copies:
+        return ()
+    of = "has the points of an earlier one"
+    if len(copies) > 1:
+        of = "have the points of earlier ones"
+    return (Processing("repeated", f"{_listed(copies)} {of}"),)
+
+
+def _of_times(times_ns: Sequence[int | None]) -> tuple[Processing, ...]:
+    """What the times of the scans tell: scans are missing, or are in another order."""
+    timed = [(k, time) for k, time in enumerate(times_ns) if time is not None]
+    steps = [(a, b, late - early) for (a, early), (b, late) in itertools.pairwise(timed)]
+    back = [b for _, b, step in steps if step < 0]
+    found = []
+    if back:
+        found.append(Processing("unordered", f"times go back at {_listed(back)}"))
+    usual = sorted(step for a, b, step in steps if step > 0 and b == a + 1)
+    if not usual:
+        return tuple(found)
+    period = usual[len(usual) // 2]
+    gaps = [
+        (k, more)
+        for k, b, step in steps
+        if (more := round(step / period) - (b - k)) > 0 and step > _LONGER * (b - k) * period
+    ]
+    return (*found, *_missing(gaps, f"scans are {period * 1e-9:.2f} s apart"))
+
+
+def _of_motion(found: Sequence[Inspection | None]) -> tuple[Processing, ...]:
+    """What the way of the scanner tells: it jumps, or moves backwards faster than cars do."""
+    steps = _steps(found)
+    lengths = {k: float(np.linalg.norm(step)) for k, step in steps.items()}
+    jumps = []
+    for k, step in steps.items():
+        beside = [other for other in (k - 1, k + 1) if other in steps]
+        gained = min((float(np.linalg.norm(step - steps[other])) for other in beside), default=0.0)
+        if gained > _MOST_GAINED and lengths[k] >= max(lengths[other] for other in beside):
+            jumps.append(k)
+    told = []
+    if jumps:
+        farthest = max(lengths[k] for k in jumps)
+        detail = (
+            f"the scanner moves by up to {farthest:.1f} m in a turn (after {_listed(jumps)}), and "
+            "in the turns beside as no car can: scans are missing there, or in another order"
+        )
+        told.append(Processing("jumps", detail))
+    ahead = np.array([step[0] for step in steps.values()])
+    fast = ahead[np.abs(ahead) > _FASTER_THAN_BACKING]
+    if len(fast) >= _FEWEST_MOVING and (fast < 0.0).all():
+        detail = (
+            f"the scanner moves backwards by {-np.median(fast):.1f} m a turn wherever it moves "
+            f"({len(fast)} turns): the scans are in the reverse order, or it looks to the rear"
+        )
+        told.append(Processing("backwards", detail))
+    return tuple(told)
+
+
+def _steps(found: Sequence[Inspection | None]) -> dict[int, NDArray[np.float64]]:
+    """Motion of the scanner after each scan, in its coordinates: what both scans say alike."""
+    steps = {}
+    for k, (each, after) in enumerate(itertools.pairwise(found)):
+        if each is None or after is None or each.turns is None or after.turns is None:
+            continue
+        there_and_back = each.turns.following @ after.turns.previous
+        if np.linalg.norm(there_and_back[:3, 3]) < _SAME_MOTION:
+            steps[k] = each.turns.following[:3, 3]
+    return steps
+
+
+def _of_numbers(numbers: Sequence[int]) -> tuple[Processing, ...]:
+    """Numbers that are left out where others follow each other: scans are missing."""
+    steps = [b - a for a, b in itertools.pairwise(numbers)]
+    if 1 not in steps:
+        return ()  # those of scans that are no sequence, as `drive_numbers` makes them
+    gaps = [(k, step - 1) for k, step in enumerate(steps) if step > 1]
+    return _missing(gaps, "by the numbers in the names of their files")
+
+
+def _missing(gaps: Sequence[tuple[int, int]], told_by: str) -> tuple[Processing, ...]:
+    if not gaps:
+        return ()
+    total = sum(number for _, number in gaps)
+    places = _listed([k for k, _ in gaps])
+    scans = "scan is" if total == 1 else "scans are"
+    return (Processing("missing", f"{total} {scans} missing after {places} ({told_by})"),)
 
 
 @checked
@@ -409,13 +534,17 @@ def _each(
     def beside(other: _Numbered | None, number: int) -> LidarFrame | None:
         return None if other is None or other[1] != number else other[0]
 
+    def judge_repeated(repeat: tuple[int, str] | None, *asked: Any) -> Inspection:
+        return repeating(judge(*asked), repeat)
+
     many = threads or len(os.sched_getaffinity(0))
+    earlier = EarlierScans()
     verifier = None if key is None else Watermarker(key)
     before: _Numbered | None = None
     waiting: deque[Future[Inspection] | Inspection | None] = deque()
     pool = ThreadPoolExecutor(many)  # its threads are started when they are first needed
     try:
-        for (frame, number), after in pairs:
+        for place, ((frame, number), after) in enumerate(pairs):
             record = next(records, None)
             if frame is None:
                 waiting.append(None)
@@ -424,10 +553,13 @@ def _each(
                 if verifier is not None and record is not None:
                     signed = verifier.verify(frame, record, policy=Policy(order="any"))
                 scans = frame, beside(before, number - 1), beside(after, number + 1)
+                if not isinstance(frame, LidarFrame):
+                    raise InputError(f"frames: expected LidarFrames, got {type(frame).__name__}")
+                repeat = earlier.repeated(frame.points, place)
                 if many > 1 and lattice is not None:
-                    waiting.append(pool.submit(judge, *scans, lattice, signed, 1))
+                    waiting.append(pool.submit(judge_repeated, repeat, *scans, lattice, signed, 1))
                 else:
-                    found = judge(*scans, lattice, signed, threads)
+                    found = judge_repeated(repeat, *scans, lattice, signed, threads)
                     if lattice is None and found.sensor is not None and not found.sensor.is_own:
                         lattice = found.sensor.lattice
                     waiting.append(found)

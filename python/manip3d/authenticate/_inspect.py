@@ -53,6 +53,7 @@ from manip3d.authenticate._processing import (
     silent_lasers,
 )
 from manip3d.authenticate._reflectance import ReflectanceResult, reflectances_read
+from manip3d.authenticate._repeats import in_common, sketch_of
 from manip3d.authenticate._sensors import HDL64E, Sensor, identify_and_read, nothing_to_tell
 from manip3d.authenticate._turns import MOST_APART_NS, TurnResult, turn_consistency
 from manip3d.authenticate._verdict import (
@@ -203,6 +204,9 @@ class Inspection(Showable):
         What was judged, so that the result can be shown.
     watermark : WatermarkResult or None
         What the verifier says of the record that was given; None: none was, or no key.
+    repeats : int or None
+        Place in its drive, from 0, of the earlier scan whose points this one has; None: there is
+        none, or the scan was inspected alone.
     """
 
     verdict: Verdict
@@ -222,6 +226,7 @@ class Inspection(Showable):
     reflectance: ReflectanceResult | None = field(default=None, repr=False)
     scan: LidarFrame | None = field(default=None, repr=False)
     watermark: WatermarkResult | None = field(default=None, repr=False)
+    repeats: int | None = None
 
     @property
     def accusing(self) -> DetectorReport | None:
@@ -294,6 +299,7 @@ class Inspection(Showable):
             "sensor": None if self.sensor is None else self.sensor.name,
             "sensor_reason": None if self.sensor is None else self.sensor.reason,
             "processing": [vars(step) for step in self.processing],
+            "repeats": self.repeats,
             "regions": [region.record() for region in self.regions],
             "power": {name: power.record() for name, power in self.power.items()},
             "blind": list(self.blind),
@@ -358,8 +364,8 @@ def inspect(
         The frames a turn earlier and later: what was answered then is missed now. One of them is
         a further witness of detector III; with both, detector IV compares what the turns saw, and
         detector III looks at the frame alone. Frames whose ``time_ns`` are more than 0.15 s apart
-        are no neighbours, and a frame whose neighbour has the same points is ``processed``
-        (repeated).
+        are no neighbours, and a frame whose neighbour has nine tenths of its points, in any order,
+        is ``processed`` (repeated).
     lattice : SensorLattice, optional
         Lattice of the scanner, from `estimate_lattice` on clean scans. Without it that of KITTI's
         scanner is tried, then one estimated from the frame.
@@ -875,6 +881,8 @@ def _turns_report(
 
 _Beside = tuple["LidarFrame | None", "LidarFrame | None"]
 
+_NO_SKETCH = sketch_of(np.empty((0, 3), np.float32))
+
 
 def _usable(scan: LidarFrame, beside: _Beside) -> tuple[_Beside, list[str], list[str]]:
     """The neighbours that are a turn apart; why others are not; which of them repeat a turn.
@@ -884,30 +892,30 @@ def _usable(scan: LidarFrame, beside: _Beside) -> tuple[_Beside, list[str], list
     """
     kept: list[LidarFrame | None] = []
     why, repeats = [], []
-    for other, name in zip(beside, ("before", "after"), strict=True):
+    if all(other is None for other in beside):
+        return beside, [], []
+    own = sketch_of(scan.points)
+    others = [_NO_SKETCH if each is None else sketch_of(each.points) for each in beside]
+    for other, sketch, name in zip(beside, others, ("before", "after"), strict=True):
         kept.append(None)
         if other is None:
             continue
         apart = 0 if None in (scan.time_ns, other.time_ns) else _apart_ns(scan, other)
-        if _same_points(scan, other):
-            repeats.append(f"the turn {name} has the same points")
+        if same := in_common(own, sketch):
+            repeats.append(f"the turn {name} has {same}")
         elif apart > MOST_APART_NS:
             why.append(f"the turn {name} was taken {apart * 1e-9:.2f} s apart, which is no turn")
         else:
             kept[-1] = other
     before, after = kept
-    if before is not None and after is not None and _same_points(before, after):
+    if before is not None and after is not None and (same := in_common(*others)):
         before = after = None
-        repeats.append("the turns before and after have the same points")
+        repeats.append(f"the turns before and after have {same}")
     return (before, after), repeats + why, repeats
 
 
 def _apart_ns(scan: LidarFrame, other: LidarFrame) -> int:
     return abs((scan.time_ns or 0) - (other.time_ns or 0))
-
-
-def _same_points(scan: LidarFrame, other: LidarFrame) -> bool:
-    return scan.num_points > 0 and np.array_equal(scan.points, other.points)
 
 
 def _spoiled(generic: GenericResult, processing: Sequence[Processing]) -> Sequence[str]:
@@ -982,6 +990,27 @@ def _combined(
         verdict, _reason(verdict, reports, processing), scan.num_points, sensor, processing, place,
         source, reports, scan=scan.replace(origin=place), **results,
     )  # fmt: skip
+
+
+def repeating(found: Inspection, repeat: tuple[int, str] | None) -> Inspection:
+    """Return the result of a scan that has the points of an earlier one of its drive, if it has.
+
+    Parameters
+    ----------
+    found : Inspection
+    repeat : (int, str) or None
+        Place of the earlier scan, and what of its points this one has; None: there is none.
+    """
+    if repeat is None:
+        return found
+    place, told = repeat
+    step = Processing("repeated", f"number {place} of the drive has {told}")
+    processing = (*found.processing, step)
+    verdict = combined_verdict(found.detectors, processing)
+    reason = found.reason
+    if verdict != "tampered":
+        reason = _reason(verdict, found.detectors, processing)
+    return replace(found, verdict=verdict, reason=reason, processing=processing, repeats=place)
 
 
 def _reason(

@@ -517,7 +517,7 @@ def drive_numbers(folder: str | os.PathLike[str]) -> list[int]:
     times = _times_of(root, numbers)
     left_out, spread = 0, numbers[:1]
     for k in range(1, len(numbers)):
-        if times and times[k] - times[k - 1] > MOST_APART_NS:
+        if times and abs(times[k] - times[k - 1]) > MOST_APART_NS:
             left_out += 1
         spread.append(numbers[k] + left_out)
     return spread

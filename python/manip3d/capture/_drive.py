@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from manip3d._util.checked import checked
 from manip3d.authenticate import drive_numbers, drive_scans, find_record, read_record
+from manip3d.authenticate._watermark_files import scan_times
 from manip3d.capture._addresses import scan_address
 from manip3d.capture._lidar import expect_scans, open_lidar
 from manip3d.errors import Error, InputError
@@ -32,12 +33,15 @@ class LidarDrive:
         Why scans could not be read, by their places.
     paths : dict of int to Path
         Files of the scans, where they have one each.
+    times_ns : dict of int to int
+        When the scans were taken, by their places, where that is known.
     """
 
     def __init__(self, source: str, calibration: str | os.PathLike[str] | None) -> None:
         self.names: list[str] = []
         self.errors: dict[int, str] = {}
         self.paths: dict[int, Path] = {}
+        self.times_ns: dict[int, int] = {}
         self._source, self._calibration = source, calibration
         address = scan_address(source) or ""
         self._is_folder = Path(source).is_dir() and not address.startswith("bag:")
@@ -55,7 +59,7 @@ class LidarDrive:
 
     def __iter__(self) -> Iterator[LidarFrame | None]:
         """Read the scans; None for one that cannot be read, with which a recording ends."""
-        for known in (self.names, self.errors, self.paths):
+        for known in (self.names, self.errors, self.paths, self.times_ns):
             known.clear()
         return self._files() if self._is_folder else self._recorded()
 
@@ -72,8 +76,11 @@ class LidarDrive:
             yield None if path is None else _record_beside(path)
 
     def _files(self) -> Iterator[LidarFrame | None]:
+        times = scan_times(Path(self._source))
         for number, path in enumerate(drive_scans(self._source)):
             self.names.append(path.name)
+            if path in times:
+                self.times_ns[number] = times[path]
             self.paths[number] = path
             try:
                 yield read_scan(path)
@@ -87,6 +94,8 @@ class LidarDrive:
                 scans = expect_scans(opened, self._address, lambda: opened.counters)
                 for number, frame in enumerate(scans):
                     self.names.append(f"frame {number}")
+                    if frame.time_ns is not None:
+                        self.times_ns[number] = frame.time_ns
                     yield frame
             except (Error, OSError) as error:
                 if not self.names:

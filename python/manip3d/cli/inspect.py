@@ -75,13 +75,28 @@ def _records(source: str) -> list[Path]:
     return [] if is_url(source) else [authenticate.find_record(source)]
 
 
+def _name_copies(rows: Sequence[dict[str, Any]]) -> None:
+    """Say of each scan which one before it has its points, in any order and nearly all of them."""
+    from manip3d.authenticate import are_same_points
+
+    earlier: list[tuple[str, str]] = []
+    for row in rows:
+        if not (own := row.get("points_id")):
+            continue
+        row["same_points_as"] = next(
+            (source for source, other in earlier if are_same_points(own, other)), None
+        )
+        earlier.append((row["source"], own))
+
+
 @over_files(
     lambda: FOLDER_SUFFIXES,
     writable=lambda: (".html", ".json"),
     otherwise=".html",
     check=_check_for_many,
     exit_code=_code_of_rows,
-    columns=("source", "verdict", "sensor", "p_value", "reason"),
+    columns=("source", "verdict", "sensor", "p_value", "same_points_as", "reason"),
+    across=_name_copies,
     beside=_records,
     depends=lambda options: key_of({"key": options["key"]}),
 )
@@ -261,7 +276,7 @@ def _hand_out(
     log: Path | None,
 ) -> None:
     """Write the files that were asked for, then show the result."""
-    from manip3d import report
+    from manip3d import authenticate, report
 
     if output is not None:
         report.write_evidence(found, output, source=source)
@@ -271,7 +286,10 @@ def _hand_out(
         shell.say(f"wrote {rows}")
     if log is not None:
         _append(log, found, source, shell)
-    shell.result({"source": source} | found.record(), lambda console: show(console, found))
+    whole = {"source": source} | found.record()
+    if found.scan is not None:
+        whole["points_id"] = authenticate.points_id(found.scan.points)
+    shell.result(whole, lambda console: show(console, found))
 
 
 def _refuse(expected: str, got: str, **options: object) -> None:
@@ -367,7 +385,8 @@ def inspect_drive(
             path = drive.paths.get(number)
             digest = "" if path is None else datasets.file_sha256(path)
             report.append_log(log, each, source=f"{shown(source)}: {name}", source_sha256=digest)
-    together = authenticate.judge_drive(found, places)
+    times_ns = [drive.times_ns.get(number) for number in range(len(found))]
+    together = authenticate.judge_drive(found, places, times_ns=times_ns)
     row = together.record()
     if log is not None:
         report.append_log(log, together, source=shown(source))
@@ -375,7 +394,7 @@ def inspect_drive(
         if output.suffix.lower() == ".html":
             report.write_drive_evidence(
                 found, output, names=drive.names, source=source,
-                errors=list(drive.errors.values()), numbers=places,
+                errors=list(drive.errors.values()), numbers=places, times_ns=times_ns,
             )  # fmt: skip
         else:
             whole = finite(row | {"frames": records})

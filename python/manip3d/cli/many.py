@@ -112,6 +112,7 @@ def over_files(
     in_order: Callable[[Mapping[str, Any]], AbstractContextManager[object] | None] = (
         lambda options: None
     ),
+    across: Callable[[list[dict[str, Any]]], object] = lambda rows: None,
 ) -> Callable[[Verb], Verb]:
     """Make a verb of one file (and ``output``) a verb of many.
 
@@ -157,6 +158,8 @@ def over_files(
         Where files depend on the ones before: all of them are worked on anew, one after another in
         this process, within the context. None: files do not depend on each other. Options are those
         of ``together``, as ``prepare`` left them.
+    across : callable(rows)
+        Completes rows by what they tell beside each other, before they are printed.
     """
 
     def decorate(verb: Verb) -> Verb:
@@ -196,7 +199,7 @@ def over_files(
                 summary = _many(
                     work, files, given, many, each, table=table, dask=dask,
                     jobs=jobs if chain is None else 1, columns=columns, inputs_of=inputs,
-                    resume=resumes and chain is None,
+                    resume=resumes and chain is None, across=across,
                 )  # fmt: skip
             if output is not None:
                 finish(summary, str(output))
@@ -318,6 +321,7 @@ def _many(
     columns: Sequence[str],
     inputs_of: Callable[[SourceFile], Sequence[str]],
     resume: bool,
+    across: Callable[[list[dict[str, Any]]], object],
 ) -> Summary:
     """Run the verb on each file and print the rows."""
     from manip3d import batch
@@ -346,6 +350,7 @@ def _many(
             progress=progress,
             on_error=lambda source, error: shell.say(f"{source}: {error}"),
         )
+    across(summary.rows)
     _tell(shell, summary, many.noun, columns)
     return summary
 

@@ -58,6 +58,7 @@ def write_drive_evidence(
     source: str = "drive",
     errors: Sequence[str] = (),
     numbers: Sequence[int] | None = None,
+    times_ns: Sequence[int | None] | None = None,
 ) -> None:
     """Write what the detectors found in the scans of a drive as one page.
 
@@ -76,6 +77,8 @@ def write_drive_evidence(
         What was said of the scans that could not be read.
     numbers : sequence of int, optional
         As of `manip3d.authenticate.verdict_of_drive`.
+    times_ns : sequence of (int or None), optional
+        As of `manip3d.authenticate.judge_drive`.
 
     Raises
     ------
@@ -99,7 +102,7 @@ def write_drive_evidence(
         raise InputError(f"output: expected a name that ends in .html, got {path.name}")
     if len(names) != len(found):
         raise InputError(f"names: expected {len(found)}, one for each scan, got {len(names)}")
-    atomic_write(path, _drive_page(found, names, source, errors, numbers).encode())
+    atomic_write(path, _drive_page(found, names, source, errors, numbers, times_ns).encode())
 
 
 def scanner_poses(found: Sequence[Inspection | None]) -> list[Pose | None]:
@@ -141,11 +144,12 @@ def _drive_page(
     source: str,
     errors: Sequence[str],
     numbers: Sequence[int] | None,
+    times_ns: Sequence[int | None] | None,
 ) -> str:
-    from manip3d.authenticate import drive_evidence, verdict_of_drive
+    from manip3d.authenticate import judge_drive
 
-    verdict, reason = verdict_of_drive(found, numbers)
-    together = drive_evidence(found)
+    together = judge_drive(found, numbers, times_ns=times_ns)
+    verdict, reason = together.verdict, together.reason
     counts = Counter(_word(each) for each in found)
     summary = ", ".join(f"{number} {word}" for word, number in sorted(counts.items()))
     title = html.escape(source)
@@ -158,7 +162,7 @@ def _drive_page(
         + _limits(found)
         + "<h2>Timeline</h2>"
         + _timeline(found, names)
-        + _added_up(together)
+        + _added_up(together.evidence)
         + _map(found, names)
         + _table(found, names)
         + "".join(f"<p>{html.escape(error)}</p>" for error in errors)
