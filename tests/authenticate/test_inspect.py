@@ -535,6 +535,38 @@ def test_an_edit_beside_repeated_points_is_found_with_its_rows() -> None:
     assert found.regions[0].rows.max() < found.num_points
 
 
+@pytest.mark.parametrize("place", [0, 40_000, None])
+def test_rows_without_a_return_are_named(place: int | None) -> None:
+    def pad(points: np.ndarray, number: int) -> np.ndarray:
+        at = len(points) if place is None else place
+        return np.insert(points, [at] * number, 0.0, axis=0)
+
+    found = street_with(lambda points: pad(points, 500))
+    assert found.verdict == "processed"
+    assert found.reason == "padded: 500 rows have x, y and z of 0"
+    assert street_with(lambda points: pad(points, 1)).reason == "padded: 1 row has x, y and z of 0"
+
+    def moved(points: np.ndarray) -> np.ndarray:
+        points = points.copy()
+        points[20_000:20_300] += np.float32([0.3, 0.2, 0.0])
+        return pad(points, 500)
+
+    forged = street_with(moved)
+    assert (forged.verdict, [step.kind for step in forged.processing]) == ("tampered", ["padded"])
+
+
+def test_rows_that_were_left_out_as_nan_are_named(tmp_path: Path) -> None:
+    rows = np.insert(street(), [7, 90_000], np.nan, axis=0)
+    head = (
+        "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
+        f"WIDTH {len(rows)}\nHEIGHT 1\nPOINTS {len(rows)}\nDATA binary\n"
+    )
+    path = tmp_path / "scan.pcd"
+    path.write_bytes(head.encode() + rows.astype("<f4").tobytes())
+    found = authenticate.inspect(io.read_scan(path), origin=(0, 0, 0), lattice=LATTICE)
+    assert found.reason == "padded: 2 rows have no coordinates (NaN)"
+
+
 def reflectances(points: np.ndarray) -> np.ndarray:
     """Whole hundredths with the scanner's noise, some of them 0."""
     rng = np.random.default_rng(3)

@@ -50,6 +50,7 @@ from manip3d.authenticate._processing import (
     STILL_COMPARED,
     copies_of_earlier,
     find_processing,
+    padding,
     silent_lasers,
 )
 from manip3d.authenticate._reflectance import ReflectanceResult, reflectances_read
@@ -728,7 +729,7 @@ def _by_lattice(
     repeated_turns = tuple(Processing("repeated", detail) for detail in repeats)
     coarse = rounding_of(embedding, units_per_m)
     found = find_processing(centred.points, sensor, generic, centred.intensity, reading)
-    processing = repeated + repeated_turns + coarse
+    processing = repeated + padding(scan, sensor) + repeated_turns + coarse
     processing += tuple(step for step in found if not (coarse and step.kind == "rounded"))
     changed = [step for step in processing if step.kind not in COORDINATES_KEPT]
     if generic is not None and changed:

@@ -9,7 +9,7 @@ import numpy as np
 
 from manip3d.authenticate._generic import generic_consistency
 from manip3d.authenticate._reflectance import is_in_hundredths, why_rewritten
-from manip3d.authenticate._sensors import is_hdl64e, kitti_lattice
+from manip3d.authenticate._sensors import HDL64E, is_hdl64e, kitti_lattice
 from manip3d.authenticate._verdict import Processing
 
 if TYPE_CHECKING:
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from manip3d.authenticate._generic import GenericResult
     from manip3d.authenticate._lattice import LatticeReading, SensorLattice
     from manip3d.authenticate._sensors import Sensor
+    from manip3d.lidar import LidarFrame
 
 ROUNDINGS = (0.1, 0.05, 0.02, 0.01, 0.005)
 """Metres that files are rounded to, the coarsest first; scanners write 2 mm and less."""
@@ -140,7 +141,7 @@ LEAST_OF_HIGHEST = 0.01
 where all that stands was taken away nothing answers them. KITTI's whole frames have 0.8."""
 
 
-COORDINATES_KEPT = ("repeated", "reflectances")
+COORDINATES_KEPT = ("repeated", "reflectances", "padded")
 """Kinds of processing that leave every return where it was measured."""
 
 STILL_COMPARED = (*COORDINATES_KEPT, "lasers")
@@ -211,6 +212,28 @@ def copies_of_earlier(points: NDArray[np.float32]) -> NDArray[np.bool_]:
     copies = np.zeros(len(points), np.bool_)
     copies[order[1:][same]] = True  # a stable sort leaves the first of equal rows in front
     return copies & points.any(axis=1)
+
+
+def padding(scan: LidarFrame, sensor: Sensor) -> tuple[Processing, ...]:
+    """Say of a scan of an HDL-64E that it has rows without a return, which its files do not have.
+
+    Scanners that write a row for each firing have such rows by themselves.
+
+    Parameters
+    ----------
+    scan : LidarFrame
+        In the file's own coordinates.
+    sensor : Sensor
+    """
+    if sensor.name != HDL64E:
+        return ()
+    empty = scan.num_points - int(np.count_nonzero(scan.points.any(axis=1)))
+    counts = ((empty, "x, y and z of 0"), (scan.num_dropped, "no coordinates (NaN)"))
+    return tuple(
+        Processing("padded", f"{number} {'row has' if number == 1 else 'rows have'} {words}")
+        for number, words in counts
+        if number
+    )
 
 
 def _of_coordinates(points: NDArray[np.float32]) -> list[Processing]:

@@ -273,9 +273,10 @@ class Processing:
     Attributes
     ----------
     kind : str
-        ``shuffled``, ``rounded``, ``float16``, ``cropped``, ``thinned``, ``lasers`` (some were left
-        out), ``filtered``, ``turned``, ``scaled``, ``moved``, ``fused``, ``repeated`` or
-        ``reflectances``; of recordings also ``resampled`` and ``lossily coded``.
+        ``shuffled``, ``reversed``, ``mirrored``, ``rounded``, ``float16``, ``cropped``,
+        ``thinned``, ``lasers`` (some were left out), ``filtered``, ``turned``, ``scaled``,
+        ``moved``, ``fused``, ``repeated``, ``padded`` (rows without a return) or ``reflectances``;
+        of recordings also ``resampled`` and ``lossily coded``; of drives see `DriveInspection`.
     detail : str
         In words, with numbers.
     """
