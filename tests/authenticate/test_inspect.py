@@ -306,13 +306,13 @@ def test_the_power_of_one_scanner_is_not_that_of_another() -> None:
     assert authenticate.inspect(forged, origin=(0, 0, 0), lattice=lattice).verdict == "tampered"
 
 
-def of_unknown_scanner() -> LidarFrame:
+def of_unknown_scanner(seed: int = 11) -> LidarFrame:
     """A street seen by 64 lasers that look lower than an HDL-64E's, with the laser of each point.
 
     One more, the lowest, sees nothing but the scanner's own case, less than half a metre away.
     """
     sensor = replace(LATTICE, slope=np.tan(np.arctan(LATTICE.slope) * 1.6))
-    points = scans.scan(np.random.default_rng(11), sensor)
+    points = scans.scan(np.random.default_rng(seed), sensor)
     angle = np.random.default_rng(12).uniform(0.0, 2.0 * np.pi, 400)
     rho = 0.33 + 0.15 * np.sin(3.0 * angle) ** 2
     below = sensor.slope[-1] - 1.5 * (sensor.slope[-2] - sensor.slope[-1])
@@ -346,8 +346,8 @@ def test_what_a_scan_does_not_tell_of_its_scanner_accuses_nobody(
 
 def test_a_lattice_that_one_scan_tells_accuses_no_other_of_its_drive() -> None:
     """The last scan of a recording is a part of a turn."""
-    whole = of_unknown_scanner()
-    part = whole.select(np.flatnonzero(whole.points[:, 0] > np.abs(whole.points[:, 1])))
+    whole, other = of_unknown_scanner(), of_unknown_scanner(13)
+    part = other.select(np.flatnonzero(other.points[:, 0] > np.abs(other.points[:, 1])))
     first, last = authenticate.inspect_drive([whole, part])
     assert first is not None
     assert last is not None
@@ -477,6 +477,7 @@ LAUNDERING: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "rounded twice": lambda p: scans.rounded(
         scans.rounded(p @ FLAT_TURN).astype(np.float64) @ FLAT_TURN.T
     ),
+    "cut to millimetres in single precision": lambda p: np.float32(np.trunc(p * 1000) / 1000),
     "a laser left out": lambda p: p[LATTICE.read(p).ring != 20],
     "fine voxels in file order": lambda p: p[
         np.sort(np.unique(np.floor(p / 0.05), axis=0, return_index=True)[1])
@@ -595,6 +596,44 @@ def test_reflectances_that_were_rewritten_everywhere_are_no_edit(name: str) -> N
     assert found.verdict == "processed"
     assert [step.kind for step in found.processing] == ["reflectances"]
     assert found.detectors[-1].verdict == "undecidable"
+
+
+@pytest.mark.parametrize("end", [0.3, 0.4, 0.43, 0.517])
+def test_clipped_reflectances_are_no_edit_and_a_painted_object_is(end: float) -> None:
+    points = street()
+    values = reflectances(points)
+    values[np.linspace(0, len(values) - 1, 500).astype(int)] = 0.99  # as all frames of KITTI have
+
+    def said(values: np.ndarray) -> Inspection:
+        scan = LidarFrame(points, values.astype(np.float32), origin=(0.0, 0.0, 0.0))
+        return authenticate.inspect(scan, lattice=LATTICE)
+
+    assert said(values).verdict == "no_trace"
+    found = said(np.minimum(values, np.float32(end)))
+    assert found.verdict == "processed"
+    assert found.reason.startswith("reflectances: reflectances ")
+    painted = values.copy()
+    painted[np.all(np.abs(points - [12.0, 3.0, -0.9]) < [3.0, 1.0, 0.6], axis=1)] = 0.6173
+    assert said(painted).accusing is not None
+
+
+NAMES: dict[str, tuple[Callable[[np.ndarray], np.ndarray], str]] = {
+    "turned": (lambda p: np.float32(p @ FLAT_TURN), "turned"),
+    "turned by a part of a step": (
+        lambda p: np.float32(p @ np.array([[1, -4e-4, 0], [4e-4, 1, 0], [0, 0, 1.0]])), "turned"),
+    "shrunk": (lambda p: np.float32(p * 0.999), "moved"),
+    "noise of a tenth of a millimetre": (
+        lambda p: np.float32(p + np.random.default_rng(0).normal(0, 1e-4, p.shape)), "moved"),
+    "16 bits": (lambda p: p.astype(np.float16).astype(np.float32), "moved"),
+    "cut": (lambda p: np.float32(np.trunc(p.astype(float) * 1000) / 1000), "moved"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_only_a_turn_is_called_one(name: str) -> None:
+    change, kind = NAMES[name]
+    kinds = {step.kind for step in street_with(change).processing} - {"float16"}
+    assert kinds == {kind}
 
 
 def test_reflectances_of_the_scanner_are_not_called_rewritten() -> None:
@@ -843,7 +882,7 @@ def test_the_detectors_of_a_frame_share_its_rate() -> None:
     points = closed_in()
     values = np.random.default_rng(3).integers(0, 99, len(points)).astype(np.float32) / 100.0
     frame = LidarFrame(points, values)
-    before, after = (LidarFrame(points[k:], values[k:]) for k in (1, 2))  # no two are the same
+    before, after = (LidarFrame(points + np.float32(k), values) for k in (1e-3, 2e-3))
     found = authenticate.inspect(frame, previous=before, following=after, lattice=LATTICE)
     results = (found.generic, found.turns, found.reflectance)
     rates = [result.false_alarm_rate for result in results if result is not None]

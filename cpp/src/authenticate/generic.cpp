@@ -55,6 +55,9 @@ constexpr std::size_t kSectors = 72;
 constexpr std::int64_t kFewestOfSector = 100;
 constexpr std::size_t kFewestSectors = 8;
 constexpr double kSpoiledShare = 0.02;
+// Of places it is 1 in 200: clean frames have none that stray, and whoever cuts coordinates to whole
+// millimetres by a product in single precision moves every hundredth of them by one.
+constexpr double kSpoiledPlaces = 0.005;
 
 constexpr std::size_t index_of(Evidence evidence) { return static_cast<std::size_t>(evidence); }
 
@@ -134,7 +137,8 @@ class Examination {
     report(evidence).share = static_cast<double>(found.size()) / total;
     SectorTally contradicting{};
     for (const std::int32_t i : found) ++contradicting[sector(i)];
-    if (is_everywhere(contradicting)) {
+    const double spoiled = evidence == Evidence::kPlace ? kSpoiledPlaces : kSpoiledShare;
+    if (is_everywhere(contradicting, spoiled)) {
       report(evidence).dropped = Dropped::kContradicted;
       return;
     }
@@ -143,10 +147,10 @@ class Examination {
 
   // Whether the horizon holds a large share of such points, or more than half of its sectors hold
   // some: an edit is somewhere, what was done to the whole frame is everywhere.
-  [[nodiscard]] bool is_everywhere(const SectorTally& contradicting) const {
+  [[nodiscard]] bool is_everywhere(const SectorTally& contradicting, double least) const {
     const std::vector<double> shares = shares_of_sectors(contradicting);
     const auto spoiled =
-        std::count_if(shares.begin(), shares.end(), [](double s) { return s > kSpoiledShare; });
+        std::count_if(shares.begin(), shares.end(), [least](double s) { return s > least; });
     return mean(shares) > options_.dropped_share ||
            (shares.size() >= kFewestSectors && 2 * spoiled > std::ssize(shares));
   }

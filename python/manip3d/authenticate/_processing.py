@@ -280,15 +280,16 @@ def _of_lattice(
         found.append(Processing("shuffled", "the points are not in the order of the scanner"))
     if contradicted & {"grid", "step", "range"}:
         names = ", ".join(sorted(contradicted & {"grid", "step", "range"}))
+        kind = "turned" if _is_turned_by_part_of_step(points, sensor, reading) else "moved"
         found.append(
-            Processing("turned", f"coordinates were changed everywhere (contradicted: {names})")
+            Processing(kind, f"coordinates were changed everywhere (contradicted: {names})")
         )
     elif "place" in contradicted:
         found.append(
             Processing(
                 "moved",
                 "coordinates are no roundings of places where the scanner measures: they were "
-                "rounded twice, or noise of less than a millimetre was added",
+                "rounded twice or cut off, or noise of less than a millimetre was added",
             )
         )
     if "duplicate" in contradicted:
@@ -298,6 +299,31 @@ def _of_lattice(
     if contradicted & {"grid", "step"}:  # no point is on its firing: nothing tells which answered
         return found
     return found + _of_extent(points, sensor, generic, reading)
+
+
+FAR_ENOUGH, LEAST_ALIKE, LEAST_TURN = 10.0, 0.5, 0.01
+"""Metres; length of the mean direction; share of a step. Points so far away, whose azimuths do not
+suffer from rounding, stand beside the scanner's steps by one part of a step where all were turned.
+It is 0.001 at most where they were scaled, cut, made 16 bits or noisy by a millimetre."""
+
+
+def _is_turned_by_part_of_step(
+    points: NDArray[np.float32], sensor: Sensor, reading: LatticeReading | None
+) -> bool:
+    """Whether azimuths are steps of the scanner, all turned by a part of one about the vertical."""
+    lattice = sensor.lattice
+    if lattice is None or not lattice.steps:
+        return False
+    reading = lattice.read(points) if reading is None else reading
+    away = np.hypot(points[:, 0], points[:, 1])
+    far = (reading.ring >= 0) & (reading.count >= 0) & (away > FAR_ENOUGH)
+    if not far.any():
+        return False
+    steps = reading.step_error[far] * (lattice.steps / (2.0 * math.pi)) / away[far]
+    angles = 2.0 * math.pi * steps.astype(np.float64)
+    cosine, sine = float(np.mean(np.cos(angles))), float(np.mean(np.sin(angles)))
+    turn = abs(math.atan2(sine, cosine)) / (2.0 * math.pi)
+    return math.hypot(cosine, sine) > LEAST_ALIKE and turn > LEAST_TURN
 
 
 REARRANGED = (

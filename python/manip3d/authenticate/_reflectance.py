@@ -54,6 +54,11 @@ MOST_ALIKE = 0.2
 """Share of points with the reflectance of the next one in the file. Whole frames of KITTI have 0.08
 to 0.14, their mean over five points 0.3, their median over five 0.5, 20 levels 0.35."""
 
+SATURATED, FEWEST_CLIPPED, TIMES_BEFORE = 0.985, 20, 2
+"""Reflectance, points, a multiple: KITTI's scanner saturates at 0.99, which each of 53 whole frames
+has. So many points have the largest value where others were clipped to it, and more than have the
+hundredth below it: of values that nobody clipped, the larger ones are rarer."""
+
 UNITS: Mapping[str, float] = ReadOnlyMapping({"grid": 3.0, "even": 100.0, "changed": 3000.0})
 """Points (``grid``), log likelihood ratio (``even``) and weighted points (``changed``) of a region
 whose strength is 1. They only say how the kinds compare; what is rare is told by `TAIL`. Evenness
@@ -345,6 +350,11 @@ def why_rewritten(values: NDArray[np.float32]) -> str | None:
         if any(_share_off(some, step, most=255) < MOST_OFF_STEP for step in OTHER_STEPS):
             return None
         return "reflectances are no whole hundredths"
+    largest = float(values.max())
+    at_end = int(np.count_nonzero(values == largest))
+    before = int(np.count_nonzero(values > largest - 1.5 * STEP)) - at_end
+    if largest < SATURATED and at_end >= FEWEST_CLIPPED and at_end > TIMES_BEFORE * before:
+        return f"reflectances end at {largest:.3g}, which {at_end} points have: they were clipped"
     hundredths = np.round(some / STEP).astype(np.int64)
     low, high = np.quantile(hundredths, (0.05, 0.95)).astype(np.int64)
     unused = float(np.mean(np.bincount(hundredths)[low : high + 1] == 0))
