@@ -20,6 +20,7 @@ from manip3d.authenticate import (
     inspect,
     kitti_lattice,
 )
+from manip3d.authenticate._lattice import _one_below_the_other
 from real_data import RealData
 
 UNITS = {"hesai": hesai(), "ouster": ouster()}
@@ -57,6 +58,15 @@ def test_the_lattice_of_an_exact_scan(unit: Unit, labelled: bool) -> None:
     assert np.abs(reading.line_error).max() < 1e-5
     assert np.abs(reading.step_error).max() < 2e-5
     assert np.abs(reading.range_error).max() < 2e-5
+
+
+def test_lines_between_lasers_are_left_out() -> None:
+    """Moved points may lie on a line of their own, steeper or flatter than those around it."""
+    slope = np.array([0.02, 0.01, -0.011, -0.001, -0.012, -0.012, -0.02])
+    on = [np.arange(number) for number in (900, 800, 30, 900, 700, 20, 900)]
+    assert _one_below_the_other(slope, on) == [0, 1, 3, 4, 6]
+    assert _one_below_the_other(slope[::-1], on[::-1]) == [0]
+    assert _one_below_the_other(slope[:0], []) == []
 
 
 def test_rounded_scans_are_not_exact(unit: Unit) -> None:

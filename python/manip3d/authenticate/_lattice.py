@@ -746,6 +746,8 @@ def _exact_lattice(
         rows[np.abs(z[rows] - slope[k] * rho[rows] - offset[k]) < EXACT_TOLERANCE]
         for k, rows in enumerate(members)
     ]
+    kept = _one_below_the_other(slope, on)
+    slope, offset, on = slope[kept], offset[kept], [on[k] for k in kept]
     if sum(map(len, on)) < LEAST_EXACT * len(rho):
         return None
     steps, lateral, azimuth = _exact_steps(rho, angle, on)
@@ -767,6 +769,18 @@ def _exact_lattice(
         incoherence,
         tolerance=EXACT_TOLERANCE,
     )
+
+
+def _one_below_the_other(slope: Floats, on: Sequence[NDArray[np.int64]]) -> list[int]:
+    """Lines whose slopes descend; of two that do not the one with more points, as a line that was
+    found between the lasers of moved points is none of a laser."""
+    kept: list[int] = []
+    for k in range(len(slope)):
+        while kept and not slope[k] < slope[kept[-1]] and len(on[k]) > len(on[kept[-1]]):
+            kept.pop()
+        if not kept or slope[k] < slope[kept[-1]]:
+            kept.append(k)
+    return kept
 
 
 def _fit_exactly(x: Floats, y: Floats, slope: float, offset: float) -> tuple[float, float]:
