@@ -69,6 +69,20 @@ def test_lines_between_lasers_are_left_out() -> None:
     assert _one_below_the_other(slope[:0], []) == []
 
 
+@pytest.mark.parametrize("rows_later", [1, 20, None])
+def test_firings_that_a_scanner_tells_twice_are_no_repetition(rows_later: int | None) -> None:
+    """Two firings of a laser may have one azimuth and one range; copies elsewhere were put in."""
+    scan = exact_scan(hesai(), labelled=True)
+    rows = np.arange(1000, 3000, 100)
+    order = np.arange(scan.num_points)
+    places = len(order) if rows_later is None else rows + rows_later
+    found = said(scan.select(np.insert(order, places, rows)))
+    kinds = [step.kind for step in found.processing]
+    assert kinds == (["repeated"] if rows_later is None else [])
+    many = said(scan.select(np.insert(order, [1001] * 5, 1000)))
+    assert [step.kind for step in many.processing] == ["repeated"]
+
+
 def test_rounded_scans_are_not_exact(unit: Unit) -> None:
     scan = exact_scan(unit, labelled=True)
     for decimals in (3, 4):

@@ -48,6 +48,7 @@ from manip3d.authenticate._power import (
 from manip3d.authenticate._processing import (
     COORDINATES_KEPT,
     STILL_COMPARED,
+    are_fired_twice,
     copies_of_earlier,
     find_processing,
     padding,
@@ -793,11 +794,11 @@ def _judged_by_lattice(
     if not copies.any():
         return generic, ()
     kept = np.flatnonzero(~copies)
+    judged = judge(centred.select(kept)).with_rows(kept, centred)
+    if are_fired_twice(centred.points, copies, sensor.lattice):
+        return judged, ()
     detail = f"{np.count_nonzero(copies)} points repeat another one"
-    return (
-        judge(centred.select(kept)).with_rows(kept, centred),
-        (Processing("repeated", detail),),
-    )
+    return judged, (Processing("repeated", detail),)
 
 
 def _where_told(

@@ -141,6 +141,10 @@ LEAST_OF_HIGHEST = 0.01
 where all that stands was taken away nothing answers them. KITTI's whole frames have 0.8."""
 
 
+MOST_FIRED_TWICE = 0.02
+"""Share of points that repeat the one of the firing before. A VLP-16 close to its surroundings has
+0.008, a VLP-32C 0.0006."""
+
 COORDINATES_KEPT = ("repeated", "reflectances", "padded")
 """Kinds of processing that leave every return where it was measured."""
 
@@ -212,6 +216,32 @@ def copies_of_earlier(points: NDArray[np.float32]) -> NDArray[np.bool_]:
     copies = np.zeros(len(points), np.bool_)
     copies[order[1:][same]] = True  # a stable sort leaves the first of equal rows in front
     return copies & points.any(axis=1)
+
+
+def are_fired_twice(
+    points: NDArray[np.float32], copies: NDArray[np.bool_], lattice: SensorLattice
+) -> bool:
+    """Return whether all copies are of the same laser's firing before, with the azimuth it had.
+
+    Scanners whose azimuths are told between packets say the same one of two firings now and then,
+    and a wall is at the same range in many.
+
+    Parameters
+    ----------
+    points : (N, 3) float32
+        In the order of the scanner.
+    copies : (N,) bool
+        As of `copies_of_earlier`.
+    lattice : SensorLattice
+    """
+    rows = np.flatnonzero(copies)
+    if not lattice.is_exact or len(rows) > MOST_FIRED_TWICE * len(points):
+        return False
+    again = points[rows]
+    found = np.zeros(len(rows), np.bool_)
+    for back in range(1, 2 * len(lattice.slope) + 1):  # rows without a return may be left out
+        found |= (points[np.maximum(rows - back, 0)] == again).all(axis=1)
+    return bool(found.all()) and len(np.unique(again, axis=0)) == len(again)
 
 
 def padding(scan: LidarFrame, sensor: Sensor) -> tuple[Processing, ...]:
