@@ -357,6 +357,17 @@ def test_a_lattice_that_one_scan_tells_accuses_no_other_of_its_drive() -> None:
     assert (last.verdict, last.processing) == ("undecidable", ())
 
 
+def test_a_thinned_scan_is_not_said_to_lack_the_scanners_own_car() -> None:
+    scan = simulate.hdl64e(simulate.street(rng=3), 1.0, rng=0).frame
+    some = np.random.default_rng(7).random(scan.num_points) < 0.1
+    found = authenticate.inspect(scan.select(np.flatnonzero(some)))
+    assert "thinned" in {step.kind for step in found.processing}
+    assert "own car" not in found.reason
+    beyond = np.linalg.norm(scan.points, axis=1) > 2.0
+    found = authenticate.inspect(scan.select(np.flatnonzero(beyond)))
+    assert found.reason == "cropped: the scanner's own car does not answer"
+
+
 def test_the_parts_of_turns_at_the_ends_of_a_recording_were_not_cropped() -> None:
     """Packets tell which turns are whole; a file that lacks the same points was cropped."""
     street = simulate.street(rng=3)

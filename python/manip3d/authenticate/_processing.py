@@ -429,11 +429,14 @@ def _of_extent(
             found.append(Processing("cropped", f"{name} ends at {along.max():.1f} m on both sides"))
     if distance.min() > NEAREST_RANGE and _lowest_are_silent(reading, sensor.lattice):
         found.append(Processing("cropped", f"no points nearer than {distance.min():.1f} m"))
+    thinned = []
+    if firings is not None:
+        thinned = _of_thinning(firings, distance, whole=gap <= WIDEST_GAP)
     silent = 0 if firings is None else _silent_at_the_bottom(firings, sensor.lattice)
     if silent:
         lasers = "laser has" if silent == 1 else f"{silent} lasers have"
         found.append(Processing("lasers", f"the lowest {lasers} nearly no returns"))
-    elif not found and _own_car_is_silent(reading, distance, sensor.lattice):
+    elif not found and not thinned and _own_car_is_silent(reading, distance, sensor.lattice):
         found.append(Processing("cropped", "the scanner's own car does not answer"))
     if firings is not None and _highest_are_silent(firings):
         found.append(Processing("cropped", "the highest lasers have no returns"))
@@ -441,8 +444,7 @@ def _of_extent(
         found.append(Processing("cropped", f"no points above a height of {z.max():.2f} m"))
     if is_cut_below(wide, firings):
         found.append(Processing("cropped", f"no points below a height of {z.min():.2f} m"))
-    if firings is not None:
-        found += _of_thinning(firings, distance, whole=gap <= WIDEST_GAP)
+    found += thinned
     first = first_azimuth(reading.ring, reading.azimuth)
     if gap <= WIDEST_GAP and abs(first) > FIRST_AZIMUTH and "order" not in generic.contradicted:
         found.append(Processing("turned", f"the rings begin at {first:.0f} degrees of azimuth"))
