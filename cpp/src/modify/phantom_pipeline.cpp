@@ -19,6 +19,7 @@
 #include "modify/phantom_quality.hpp"
 #include "modify/pixel_bounds.hpp"
 #include "modify/stature.hpp"
+#include "modify/vertical.hpp"
 
 namespace manip3d {
 namespace {
@@ -411,6 +412,7 @@ class PhantomPipeline::Workspace {
   void start_anew() {
     has_time_ = has_skeleton_ = false;
     key_person_.reset();
+    vertical_.reset();
     start_person(std::nullopt);
   }
 
@@ -453,6 +455,7 @@ class PhantomPipeline::Workspace {
     picture_.reserve(camera.height, camera.width);
     camera_ = camera;
     stature_.reset();
+    vertical_.reset();
     ends_.reset();
     forget_phantom();
   }
@@ -625,6 +628,7 @@ class PhantomPipeline::Workspace {
 
   /// The axes of the body; those of the last frame where they cannot be told.
   void update_frame(const Skeleton& person, const PhantomInput& input) {
+    if (follows_trunk() && !is_arm(options_.affected)) look_for_floor(person, input);
     const auto frame = follows_trunk() ? trunk_.update(is_here_ ? &raw_ : nullptr, input.depth,
                                                        rays_, input.camera, seconds_of(clock_ns_))
                                        : body_frame(person, options_.affected);
@@ -636,6 +640,12 @@ class PhantomPipeline::Workspace {
       if (seen) trunk_frame_->origin = person[origin].cast<double>();
       set_frame(*trunk_frame_);
     }
+  }
+
+  void look_for_floor(const Skeleton& person, const PhantomInput& input) {
+    if (!is_here_ || !is_usable(person, Joint::kSpineBase)) return;
+    vertical_.learn(input.depth, input.body_index, rays_, person[Joint::kSpineBase]);
+    trunk_.set_down(vertical_.down());
   }
 
   void set_frame(const BodyFrame& trunk) {
@@ -947,6 +957,7 @@ class PhantomPipeline::Workspace {
   TrunkTracker trunk_;
   Girth girth_;
   Stature stature_;
+  Vertical vertical_;
   LegTurn legs_;
   PictureJudge picture_;
   std::optional<Ends> ends_;  ///< In the last frame with a phantom of its own.

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <limits>
+#include <tuple>
 
 namespace manip3d {
 namespace {
@@ -53,8 +54,16 @@ std::optional<float> radius_at_end(const BoneSegments& bones, Joint joint) {
 
 Eigen::Vector2f in_image(const Eigen::Vector3f& p) { return p.head<2>() / p.z(); }
 
+/// Does a leg show the camera its sole, which is nearer than the ankle and rounder than a foot from
+/// above?
+bool shows_sole(const Eigen::Vector3f& knee, const Eigen::Vector3f& ankle) {
+  constexpr float kTowards = 0.5F;  // cosine of 60 degrees
+  const Eigen::Vector3f shin = ankle - knee;
+  return !(-shin.dot(ankle.normalized()) < kTowards * shin.norm());
+}
+
 /// Height of the pixels over that of the joints, from the crown to the sole of one leg.
-std::optional<double> height_ratio(const Skeleton& person, Joint ankle, Joint foot,
+std::optional<double> height_ratio(const Skeleton& person, Joint knee, Joint ankle, Joint foot,
                                    const BoneSegments& bones, const PersonPoints& points) {
   constexpr float kNearest = 0.3F;   // metres from the camera
   constexpr float kFarthest = 0.3F;  // metres from the skin: a factor of 1.4 moves soles so far
@@ -63,6 +72,7 @@ std::optional<double> height_ratio(const Skeleton& person, Joint ankle, Joint fo
     return person.state(joint) == TrackingState::kTracked && person[joint].z() > kNearest;
   };
   if (!is_seen(Joint::kHead) || !is_seen(ankle) || !is_seen(foot)) return std::nullopt;
+  if (shows_sole(person[knee], person[ankle])) return std::nullopt;
   const auto head_radius = radius_at_end(bones, Joint::kHead);
   const auto ankle_radius = radius_at_end(bones, ankle), foot_radius = radius_at_end(bones, foot);
   if (!head_radius || !ankle_radius || !foot_radius) return std::nullopt;
@@ -74,7 +84,7 @@ std::optional<double> height_ratio(const Skeleton& person, Joint ankle, Joint fo
     return down.dot(in_image(person[joint]) - head) + radius / person[joint].z();
   };
   const float lowest = std::max(sole(ankle, *ankle_radius), sole(foot, *foot_radius));
-  const float of_joints = lowest + *head_radius / person[Joint::kHead].z();
+  const float highest = *head_radius / person[Joint::kHead].z();
   Farthest crown, ground;
   for (std::int64_t i = 0; i < points.count; ++i) {
     const auto label = static_cast<Joint>(points.label[i]);
@@ -93,13 +103,15 @@ std::optional<double> height_ratio(const Skeleton& person, Joint ankle, Joint fo
   if (is_at_border(crown.pixel(), points) || is_at_border(ground.pixel(), points)) {
     return std::nullopt;
   }
-  const float of_pixels = (crown.along() + ground.along()) / of_joints;
-  // A hat makes a person taller, too, but leaves the soles where they are. A wrong focal length
-  // moves them away from the optical axis; one that passes near them does not tell the two apart.
+  const float of_pixels = (crown.along() + ground.along()) / (highest + lowest);
+  // A hat makes a person taller, too, but leaves the soles where they are, and high soles the
+  // crown. A wrong focal length moves both away from the optical axis; one that passes near the
+  // soles does not tell it from a hat, and one that passes near the crown not from high soles.
   const float to_head = down.dot(head);
-  const bool is_told = to_head + lowest > kShortest;
-  const float of_soles = is_told ? (to_head + ground.along()) / (to_head + lowest) : 1.0F;
-  return static_cast<double>(std::min(of_pixels, std::max(of_soles, 1.0F)));
+  const float to_sole = to_head + lowest, to_crown = highest - to_head;
+  const float of_soles = to_sole > kShortest ? (to_head + ground.along()) / to_sole : 1.0F;
+  const float of_crown = to_crown > kShortest ? (crown.along() - to_head) / to_crown : of_pixels;
+  return static_cast<double>(std::min(of_pixels, std::max(std::min(of_soles, of_crown), 1.0F)));
 }
 
 }  // namespace
@@ -108,9 +120,9 @@ void Stature::learn(const Skeleton& person, const BoneSegments& bones, const Per
   using enum Joint;
   double sum = 0.0;
   int legs = 0;
-  for (const auto& [ankle, foot] :
-       {std::pair{kAnkleLeft, kFootLeft}, std::pair{kAnkleRight, kFootRight}}) {
-    const auto ratio = height_ratio(person, ankle, foot, bones, points);
+  for (const auto& [knee, ankle, foot] : {std::tuple{kKneeLeft, kAnkleLeft, kFootLeft},
+                                          std::tuple{kKneeRight, kAnkleRight, kFootRight}}) {
+    const auto ratio = height_ratio(person, knee, ankle, foot, bones, points);
     if (!ratio) continue;
     sum += *ratio;
     ++legs;

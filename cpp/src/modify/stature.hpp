@@ -14,8 +14,9 @@ namespace manip3d {
 /// A focal length that is off by a factor makes all that the depth image shows narrower and lower
 /// by it, but not the joints of a tracker that knows its camera. The height from the crown to a
 /// sole is the longest that both tell, whatever the girth. It is measured across the viewing
-/// direction, along the line from head to ankle in the image, so that a camera may be rolled. A
-/// person is not taller than the soles say, as hats and hair are no wrong focal length.
+/// direction, along the line from head to ankle in the image, so that a camera may be rolled; a leg
+/// that is held towards the camera tells nothing. A person is not taller than the soles say, as
+/// hats and hair are no wrong focal length, nor than the crown says, as high soles are none.
 class Stature {
  public:
   /// Learns from a frame that was segmented by these bones. Frames without head and foot, or with

@@ -138,13 +138,12 @@ std::optional<JointPair> pair_of(const Skeleton& skeleton, const JointTrust& tru
 }
 
 /// Takes most of the sideways tilt out of a plane for legs: a pelvis stays level on a seat and over
-/// two feet where the spine leans, and a sensor stands upright. What tilts by more is believed, as
-/// a sensor may lie on its side.
-void level(BodyFrame& frame) {
+/// two feet where the spine leans. What tilts by more is believed, as a sensor may lie on its side.
+void level(BodyFrame& frame, const Eigen::Vector3d& down) {
   constexpr double kShare = 1.0 - kLeftTilt, kBelieved = 0.25;  // of the tilt; its sine
-  const double tilt = frame.n.y();
+  const double tilt = frame.n.dot(down);
   const double share = kShare / (1.0 + (tilt * tilt) / (kBelieved * kBelieved));
-  frame.n = (frame.n - share * tilt * Eigen::Vector3d::UnitY()).normalized();
+  frame.n = (frame.n - share * tilt * down).normalized();
   frame.x = frame.n;
   frame.y = (frame.y - frame.y.dot(frame.n) * frame.n).normalized();
   frame.z = frame.n.cross(frame.y);
@@ -230,8 +229,8 @@ bool is_on_trunk(std::uint8_t bone) {
 
 namespace {
 
-std::optional<BodyFrame> trusted_frame(const Skeleton& skeleton, Limb limb,
-                                       const JointTrust& trust) {
+std::optional<BodyFrame> trusted_frame(const Skeleton& skeleton, Limb limb, const JointTrust& trust,
+                                       const Eigen::Vector3d& down) {
   const auto line = middle_line(skeleton, trust);
   if (!line) return std::nullopt;
   const bool arm = is_arm(limb);
@@ -257,7 +256,7 @@ std::optional<BodyFrame> trusted_frame(const Skeleton& skeleton, Limb limb,
   frame.z.normalize();
   frame.n = frame.y.cross(frame.z);
   const Joint height = arm ? kSpineMid : kSpineBase;
-  if (!arm) level(frame);
+  if (!arm) level(frame, down);
   frame.origin = line->point;
   if (is_usable(skeleton, height)) {
     const Eigen::Vector3d joint = skeleton[height].cast<double>();
@@ -269,10 +268,11 @@ std::optional<BodyFrame> trusted_frame(const Skeleton& skeleton, Limb limb,
 
 }  // namespace
 
-std::optional<BodyFrame> trunk_frame(const Skeleton& skeleton, Limb limb) {
+std::optional<BodyFrame> trunk_frame(const Skeleton& skeleton, Limb limb,
+                                     const Eigen::Vector3d& down) {
   JointTrust all;
   all.fill(1.0);
-  return trusted_frame(skeleton, limb, all);
+  return trusted_frame(skeleton, limb, all, down);
 }
 
 TrunkTracker::TrunkTracker(Limb affected) : affected_(affected) {
@@ -338,7 +338,7 @@ std::optional<BodyFrame> TrunkTracker::update(const Skeleton* joints, const Dept
   if (pose_) {
     follow(joints, depth, rays, camera, std::max(elapsed, 1e-3), jumps);
   } else if (joints != nullptr) {
-    const auto frame = trunk_frame(*joints, affected_);
+    const auto frame = trunk_frame(*joints, affected_, down_);
     if (!frame) return std::nullopt;
     start(*frame);
     measure_jitter(*joints);
@@ -376,7 +376,7 @@ void TrunkTracker::follow(const Skeleton* joints, const DepthView& depth, const 
 /// The axes of the joints' means, with the plane that the surface has told.
 std::optional<BodyFrame> TrunkTracker::frame() const {
   if (!pose_) return std::nullopt;
-  auto frame = trusted_frame(mean_skeleton(), affected_, joint_trust());
+  auto frame = trusted_frame(mean_skeleton(), affected_, joint_trust(), down_);
   if (!frame || plane_.weight == 0.0) return frame;
   const Eigen::Vector3d n = (pose_->rotation * plane_.normal).normalized();
   frame->origin += (plane_.offset - n.dot(frame->origin - pose_->translation)) * n;
@@ -394,7 +394,7 @@ std::optional<BodyFrame> TrunkTracker::frame() const {
 /// 2 s (a y + b z).
 void TrunkTracker::measure_symmetry(const DepthView& depth, const PixelRays& rays,
                                     const Intrinsics& camera) {
-  const auto axes = trusted_frame(mean_skeleton(), affected_, joint_trust());
+  const auto axes = trusted_frame(mean_skeleton(), affected_, joint_trust(), down_);
   if (!axes) return;
   if (surface_.size() < kLeastSurface) {
     judge(joint_plane_variance().cwiseInverse().asDiagonal());

@@ -86,9 +86,10 @@ _MESSAGES = {
     PhantomReason.NONE: "The phantom limb follows the intact limb.",
     PhantomReason.NO_PERSON: "The patient is not in view.",
     PhantomReason.NO_PLANE: "The shoulders or hips were not seen: let the patient face the camera.",
-    PhantomReason.OCCLUDED: "Something hides the intact limb, or it is the one that is missing.",
+    PhantomReason.OCCLUDED: "Something hides the intact limb, it is out of the picture, or it "
+    "is the one that is missing.",
     PhantomReason.INFERRED: "The tracker only guesses where the intact limb is: see to it that the "
-    "missing limb is the one that was chosen.",
+    "camera sees all of it, and that the missing limb is the one that was chosen.",
     PhantomReason.NO_SKELETON: "There is no skeleton in this source: use --pose.",
     PhantomReason.CALIBRATION: "The joints do not fit the depth image: check the calibration, and "
     "that both are in metres.",

@@ -20,12 +20,14 @@ class PixelProjector;
 
 /// The axes of a body from all usable joints of its trunk: y along the line through the middle
 /// ones, x the mean of the directions from right to left (shoulders count most for arms, hips for
-/// legs), n = x made square to y, for legs with most of its sideways tilt against the camera's
-/// vertical taken out. The origin is at the height of SpineMid for arms, of SpineBase for legs. A
+/// legs), n = x made square to y, for legs with most of its sideways tilt against the vertical
+/// taken out. The origin is at the height of SpineMid for arms, of SpineBase for legs. A
 /// shoulder or hip that is missing is replaced by the middle of the spine there.
 ///
 /// None with fewer than two joints in the middle or no pair, or axes as in body_frame().
-std::optional<BodyFrame> trunk_frame(const Skeleton& skeleton, Limb limb);
+/// @param down  unit vector: a camera may be tilted.
+std::optional<BodyFrame> trunk_frame(const Skeleton& skeleton, Limb limb,
+                                     const Eigen::Vector3d& down = Eigen::Vector3d::UnitY());
 
 /// Follows the trunk of one person, and with it the plane of symmetry, from frame to frame.
 ///
@@ -47,6 +49,9 @@ std::optional<BodyFrame> trunk_frame(const Skeleton& skeleton, Limb limb);
 class TrunkTracker {
  public:
   explicit TrunkTracker(Limb affected);
+
+  /// Says which way is down from now on, as a unit vector: until then along the image's columns.
+  void set_down(const Eigen::Vector3d& down) { down_ = down; }
 
   /// The trunk in a new frame.
   /// @param joints  unfiltered; null while there are none: the surface alone is followed.
@@ -135,6 +140,7 @@ class TrunkTracker {
   [[nodiscard]] Eigen::Vector3d joint_plane_variance() const;
 
   Limb affected_;
+  Eigen::Vector3d down_ = Eigen::Vector3d::UnitY();
   std::optional<Pose> pose_;
   Vector6 velocity_ = Vector6::Zero();  ///< Rotation vector and translation, per second.
   double time_s_ = 0.0, joints_time_s_ = 0.0, contradicted_since_ = 0.0;

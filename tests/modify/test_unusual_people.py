@@ -1,0 +1,133 @@
+"""People as few are, and cameras that are not level: the phantom is right, and says so."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from manip3d import Mesh, RgbdCalibration, RgbdFrame, Skeleton
+from manip3d.modify import Limb, PhantomFrame, PhantomPipeline, PhantomReason, PhantomState
+from manip3d.rgbd import INFERRED, NO_BODY, TRACKED
+from manip3d.simulate import cast_mesh
+from manip3d.simulate._figure import Leg, Pose, about, pose_figure
+from manip3d.simulate._scenery import Box, box_mesh
+from manip3d.simulate._skin import build_skin
+from manip3d.simulate.people import DEPTH_CAMERA
+
+DISTANCE = 2.44  # metres
+LONG_SEAT = Leg(flexion=86.0, abduction=8.0, knee=4.0)
+
+
+class Scene:
+    """A whole person on a floor, before a camera at a height that is turned by a rotation."""
+
+    def __init__(
+        self,
+        pose: Pose,
+        *,
+        turned: NDArray[np.float64] | None = None,
+        height: float = 0.95,
+        soles: float = 0.0,
+    ) -> None:
+        figure = pose_figure(pose, (0.0, height, DISTANCE))
+        skin = build_skin()
+        surface = skin.vertices(figure)
+        up = np.array([0.0, surface[:, 1].max() - height + soles, 0.0])  # onto the floor
+        people = [(surface - up, skin.faces)]
+        joints = figure.joints - up
+        if soles:
+            for x, _, z in joints[[15, 19]]:
+                box = Box(
+                    (x - 0.05, height - soles, z - 0.08), (x + 0.05, height, z + 0.16), (0,) * 3
+                )
+                people.append(box_mesh(box))
+        self._turned = np.eye(3) if turned is None else turned
+        self.normal = self._turned @ figure.lateral[0]
+        floor = box_mesh(Box((-2.6, height, 0.2), (2.6, height + 0.1, 4.0), (0, 0, 0)))
+        person = np.min([self._seen(*part) for part in people], axis=0)
+        ground = self._seen(*floor)
+        depth = np.minimum(person, ground)
+        told = Skeleton(
+            (joints @ self._turned.T).astype(np.float32),
+            np.zeros((25, 4), np.float32),
+            np.full(25, TRACKED, np.uint8),
+            id=1,
+            body=0,
+        )
+        self.frame = RgbdFrame(
+            np.rint(1000.0 * np.where(np.isfinite(depth), depth, 0.0)).astype(np.uint16),
+            RgbdCalibration(DEPTH_CAMERA),
+            body_index=np.where(np.isfinite(person) & (person <= ground), 0, NO_BODY).astype(
+                np.uint8
+            ),
+            skeletons=(told,),
+        )
+
+    def _seen(
+        self, vertices: NDArray[np.floating], faces: NDArray[np.int32]
+    ) -> NDArray[np.float64]:
+        """Depth of a surface; infinite where it is not."""
+        depth = cast_mesh(Mesh(vertices @ self._turned.T, faces), DEPTH_CAMERA)
+        return np.where(depth > 0.0, depth, np.inf)
+
+    def watched(self, limb: Limb, frames: int = 30) -> list[PhantomFrame]:
+        """Results of as many frames of this person, who holds still."""
+        pipeline = PhantomPipeline(limb)
+        return [
+            pipeline.process(replace(self.frame, time=(n + 1) * 33_333_333, number=n))
+            for n in range(frames)
+        ]
+
+
+@pytest.mark.parametrize("limb", ["left_leg", "right_leg"])
+@pytest.mark.parametrize(
+    ("down", "roll", "turn", "height"),
+    [
+        (25.0, 0.0, 30.0, 2.1),
+        (25.0, 0.0, -30.0, 2.1),
+        (-20.0, 0.0, 30.0, 0.3),
+        (0.0, 10.0, 0.0, 0.95),
+    ],
+)
+def test_a_tilted_camera_does_not_tilt_the_plane_of_a_leg(
+    limb: Limb, down: float, roll: float, turn: float, height: float
+) -> None:
+    turned = about("z", roll) @ about("x", down)
+    scene = Scene(Pose(turn=turn), turned=turned, height=height)
+    for result in scene.watched(limb, 10)[2:]:
+        assert result.state is PhantomState.TRACKING
+        assert result.plane is not None
+        cosine = abs(float(result.plane.normal @ scene.normal))
+        assert np.degrees(np.arccos(min(1.0, cosine))) < 1.5
+
+
+@pytest.mark.parametrize("limb", ["right_arm", "left_leg"])
+def test_high_soles_are_no_wrong_focal_length(limb: Limb) -> None:
+    results = Scene(Pose(), soles=0.12).watched(limb)
+    assert all(result.state is PhantomState.TRACKING for result in results[2:])
+
+
+@pytest.mark.parametrize("turn", [-25.0, 20.0, 30.0])
+def test_legs_held_towards_the_camera_are_no_wrong_focal_length(turn: float) -> None:
+    """A person who sits on the floor and shows the camera both soles."""
+    pose = Pose(turn=turn, left_leg=LONG_SEAT, right_leg=LONG_SEAT)
+    results = Scene(pose).watched("left_arm", 60)
+    assert not any(result.reason is PhantomReason.CALIBRATION for result in results)
+    assert results[-1].state is PhantomState.TRACKING
+
+
+@pytest.mark.parametrize("state", [TRACKED, INFERRED])
+def test_the_advice_names_the_border_of_the_picture(state: int) -> None:
+    """A camera that sees nothing below the knees, and trackers that do or do not say so."""
+    scene = Scene(Pose(), height=1.95)
+    told = scene.frame.skeletons[0]
+    states = told.states.copy()
+    states[[14, 15, 18, 19]] = state
+    scene.frame = replace(scene.frame, skeletons=(replace(told, states=states),))
+    result = scene.watched("left_leg")[-1]
+    assert result.state is PhantomState.LOST
+    advice = "out of the picture" if state == TRACKED else "the camera sees all of it"
+    assert advice in result.message
