@@ -14,7 +14,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   try {
     const auto source = memory_source(bytes);
     std::vector<std::string> warnings;
-    for (const Material& m : read_mtl(*source, warnings)) {
+    for (const Material& m : read_mtl(*source, "m.mtl", warnings)) {
       for (const double value : {m.base_color[0], m.base_color[1], m.base_color[2], m.base_color[3],
                                  m.metallic, m.roughness}) {
         if (!(value >= 0.0 && value <= 1.0)) std::abort();

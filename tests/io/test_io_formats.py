@@ -133,6 +133,23 @@ def test_obj_errors_name_the_line(line: str, message: str) -> None:
     assert (caught.line, caught.reason, caught.byte_offset) == (5, message, None)
 
 
+@pytest.mark.parametrize(
+    ("lines", "warnings"),
+    [
+        ("l 1 2\nl 2 3 4\np 1\n", ("points and lines are left out",)),
+        ("p 1 2\n", ("points and lines are left out",)),
+        ("cstype bezier\nsurf 0 1 0 1 1 2 3 4\n", ("free-form curves and surfaces are left out",)),
+        ("o a\ng b\ns off\n", ()),
+    ],
+)
+def test_obj_shapes_that_are_no_faces_are_left_out_with_a_warning(
+    tmp_path: Path, lines: str, warnings: tuple[str, ...]
+) -> None:
+    (tmp_path / "m.obj").write_text(SQUARE + lines + "f 1 2 3\n")
+    seen = io.read_report(tmp_path / "m.obj")
+    assert (seen.mesh.num_faces, seen.warnings) == (1, warnings)
+
+
 # --- MTL ------------------------------------------------------------------------------------
 
 
@@ -171,10 +188,47 @@ def test_mtl_textures(tmp_path: Path, line: str, role: str, path: str) -> None:
     assert {r: t.path for r, t in material.textures.items()} == {role: path}
 
 
-def test_mtl_error_names_the_mtl(tmp_path: Path) -> None:
-    with pytest.raises(manip3d.FormatError) as caught:
-        with_mtl(tmp_path, "newmtl a\nKd 1 x 1\n")
-    assert (caught.value.file, caught.value.line) == (str(tmp_path / "m.mtl"), 2)
+@pytest.mark.parametrize(
+    ("line", "complaint"),
+    [
+        ("Kd 1 x 1", "Kd: expected a finite number, got 'x'"),
+        ("Kd", "Kd: expected three numbers, got the end of the line"),
+        ("Kd nan 0 0", "Kd: expected a finite number, got 'nan'"),
+        ("map_Kd", "map_Kd: expected a file name, got the end of the line"),
+        ("map_Kd -bm 1", "map_Kd: expected a file name, got the end of the line"),
+        ("d", "d: expected a number, got the end of the line"),
+        ("Pr rough", "Pr: expected a finite number, got 'rough'"),
+    ],
+)
+def test_mtl_line_with_a_fault_costs_what_it_says(
+    tmp_path: Path, line: str, complaint: str
+) -> None:
+    seen = with_mtl(tmp_path, f"newmtl a\n{line}\nPm 0.5\n")
+    (material,) = seen.mesh.materials
+    assert material == manip3d.Material("a", metallic=0.5)
+    assert seen.warnings == (f"m.mtl: line 2: {complaint}; the line is left out",)
+
+
+def test_mtl_faults_of_one_keyword_are_counted(tmp_path: Path) -> None:
+    seen = with_mtl(tmp_path, "newmtl b\nmap_Kd\nnewmtl a\nKd 0.5\nmap_Kd\nmap_Kd\nKd\n")
+    assert seen.mesh.materials[0].base_color == (0.5, 0.5, 0.5, 1)
+    assert seen.warnings == (
+        "m.mtl: line 7: Kd: expected three numbers, got the end of the line; the line is left out",
+        "m.mtl: line 2: map_Kd: expected a file name, got the end of the line; the line is left "
+        "out, and 2 more of its kind",
+    )
+
+
+def test_mtl_of_faults_alone_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(manip3d.FormatError, match="Kd: expected three numbers") as caught:
+        with_mtl(tmp_path, "newmtl a\n" + 100_001 * "Kd\n")
+    assert (caught.value.file, caught.value.line) == (str(tmp_path / "m.mtl"), 100_002)
+
+
+def test_mtl_options_of_textures_name_file_and_line(tmp_path: Path) -> None:
+    seen = with_mtl(tmp_path, "newmtl a\nmap_Kd -clamp on a.png\n")
+    (warning,) = seen.warnings
+    assert warning == "m.mtl: line 2: texture option -clamp is not supported and was left out"
 
 
 def test_missing_library_is_a_warning(tmp_path: Path) -> None:

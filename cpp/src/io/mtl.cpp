@@ -2,8 +2,11 @@
 
 #include <algorithm>
 #include <cctype>
+#include <cstdint>
 #include <functional>
+#include <iterator>
 #include <limits>
+#include <map>
 #include <set>
 #include <string>
 #include <string_view>
@@ -38,8 +41,10 @@ bool looks_like_number(std::string_view word) {
   });
 }
 
-// The file name after the options of a map; names may hold blanks.
-std::string map_path(LineCursor& cursor, std::vector<std::string>& warnings) {
+// The file name after the options of a map; names may hold blanks. `warn_of` is given the options
+// that change the picture.
+template <typename WarnOf>
+std::string map_path(LineCursor& cursor, const char* what, const WarnOf& warn_of) {
   while (true) {
     const char* before = cursor.position();
     const std::string_view word = cursor.word();
@@ -49,10 +54,7 @@ std::string map_path(LineCursor& cursor, std::vector<std::string>& warnings) {
       cursor.move_to(before);
       break;
     }
-    if (option->changes_picture) {
-      warn(warnings, "line " + std::to_string(cursor.line()) + ": texture option " +
-                         std::string(word) + " is not supported and was left out");
-    }
+    if (option->changes_picture) warn_of(word);
     for (int i = 0; i < option->most; ++i) {
       before = cursor.position();
       const std::string_view argument = cursor.word();
@@ -63,6 +65,7 @@ std::string map_path(LineCursor& cursor, std::vector<std::string>& warnings) {
     }
   }
   std::string path(cursor.rest());
+  if (path.empty()) cursor.fail(what, "a file name");
   std::replace(path.begin(), path.end(), '\\', '/');
   return path;
 }
@@ -74,13 +77,15 @@ double from_zero_to(double most, LineCursor& cursor, const char* what) {
 double fraction(LineCursor& cursor, const char* what) { return from_zero_to(1.0, cursor, what); }
 
 // Three numbers, or one for all; spectral curves (`Kd spectral FILE`) are left out.
-void read_color(LineCursor& cursor, const char* what, double most, double* rgb) {
+void read_color(LineCursor& cursor, const char* what, double most, double* color) {
   if (cursor.at_end()) cursor.fail(what, "three numbers");
   const char first = *cursor.position();
   if (first == 's' || first == 'x') return;
+  double rgb[3];  // a line with a fault changes nothing
   rgb[0] = from_zero_to(most, cursor, what);
   rgb[1] = cursor.at_end() ? rgb[0] : from_zero_to(most, cursor, what);
   rgb[2] = cursor.at_end() ? rgb[0] : from_zero_to(most, cursor, what);
+  std::copy(std::begin(rgb), std::end(rgb), color);
 }
 
 // Keywords are written in many ways: map_Kd, map_kd, map_KD.
@@ -105,11 +110,45 @@ void set_opacity(Material& material, double opacity) {
 
 class MtlReader {
  public:
-  explicit MtlReader(std::vector<std::string>& warnings) : warnings_(warnings) {}
+  MtlReader(const std::string& file, std::vector<std::string>& warnings)
+      : file_(file), warnings_(warnings) {}
 
-  void statement(LineCursor& cursor) {
+  // A line with a fault costs what it says, not the mesh.
+  void line(LineCursor& cursor) {
     const std::string_view written = cursor.word();
     const std::string keyword = keyword_of(written);
+    try {
+      statement(keyword, written, cursor);
+    } catch (const FormatError& error) {
+      constexpr std::int64_t kMost = 100'000;  // each costs microseconds
+      if (++num_bad_lines_ > kMost) throw;
+      const auto known = bad_lines_.find(keyword);
+      if (known != bad_lines_.end()) {
+        ++known->second.num_more;
+      } else {
+        bad_lines_.emplace(keyword, BadLines{error.in_file(file_).what()});
+      }
+    }
+  }
+
+  std::vector<Material> finish() {
+    finish_material();
+    for (const auto& [keyword, bad] : bad_lines_) {
+      std::string text = bad.first + "; the line is left out";
+      if (bad.num_more > 0) text += ", and " + std::to_string(bad.num_more) + " more of its kind";
+      warn(warnings_, text);
+    }
+    return std::move(materials_);
+  }
+
+ private:
+  // Lines of one keyword that cannot be understood: libraries hold thousands of materials.
+  struct BadLines {
+    std::string first;
+    std::int64_t num_more = 0;
+  };
+
+  void statement(const std::string& keyword, std::string_view written, LineCursor& cursor) {
     if (keyword == "newmtl") {
       finish_material();
       materials_.emplace_back().name = cursor.rest();
@@ -136,26 +175,26 @@ class MtlReader {
     }
   }
 
-  std::vector<Material> finish() {
-    finish_material();
-    return std::move(materials_);
-  }
-
- private:
   void texture(std::string_view keyword, std::string_view written, LineCursor& cursor) {
     auto& textures = materials_.back().textures;
+    const auto path = [&] {
+      return map_path(cursor, std::string(written).c_str(), [&](std::string_view option) {
+        warn(warnings_, file_ + ": line " + std::to_string(cursor.line()) + ": texture option " +
+                            std::string(option) + " is not supported and was left out");
+      });
+    };
     if (keyword == "map_kd") {
-      textures["base_color"].path = map_path(cursor, warnings_);
+      textures["base_color"].path = path();
     } else if (keyword == "map_ke") {
-      textures["emissive"].path = map_path(cursor, warnings_);
+      textures["emissive"].path = path();
     } else if (keyword == "norm") {
-      textures["normal"].path = map_path(cursor, warnings_);
+      textures["normal"].path = path();
     } else if (keyword == "map_pr") {
-      roughness_map_ = map_path(cursor, warnings_);
+      roughness_map_ = path();
     } else if (keyword == "map_pm") {
-      metallic_map_ = map_path(cursor, warnings_);
+      metallic_map_ = path();
     } else if (keyword == "map_d") {
-      opacity_map_ = map_path(cursor, warnings_);
+      opacity_map_ = path();
     } else {
       leave_out(written, "a material has no place for it");
     }
@@ -194,7 +233,10 @@ class MtlReader {
     }
   }
 
+  const std::string& file_;
   std::vector<std::string>& warnings_;
+  std::map<std::string, BadLines> bad_lines_;  // by keyword
+  std::int64_t num_bad_lines_ = 0;
   std::vector<Material> materials_;
   std::string roughness_map_, metallic_map_, opacity_map_;
   std::set<std::string, std::less<>> left_out_;  // keywords that were warned of
@@ -202,13 +244,14 @@ class MtlReader {
 
 }  // namespace
 
-std::vector<Material> read_mtl(ByteSource& source, std::vector<std::string>& warnings) {
+std::vector<Material> read_mtl(ByteSource& source, const std::string& file,
+                               std::vector<std::string>& warnings) {
   InputBuffer input(source);
-  MtlReader reader(warnings);
+  MtlReader reader(file, warnings);
   std::string_view line;
   while (input.next_joined_line(line)) {
     LineCursor cursor(line, input.line());
-    if (!cursor.at_end()) reader.statement(cursor);
+    if (!cursor.at_end()) reader.line(cursor);
   }
   return reader.finish();
 }

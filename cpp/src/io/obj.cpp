@@ -48,8 +48,17 @@ class ObjReader {
 
  private:
   using Corner = MeshBuilder::Corner;
-  // Statements of the format that a mesh has no place for and that may stand alone in a file.
-  static constexpr std::string_view kLeftOut[] = {"o", "g", "s", "mg", "l", "p", "vp", "call"};
+  // A statement of the format that a mesh has no place for and that may stand alone in a file.
+  struct LeftOut {
+    std::string_view keyword;
+    const char* warning;  // null: nothing of the shape is lost
+  };
+  static constexpr const char* kNoLines = "points and lines are left out";
+  static constexpr const char* kNoCurves = "free-form curves and surfaces are left out";
+  static constexpr LeftOut kLeftOut[] = {
+      {"o", nullptr},  {"g", nullptr},  {"s", nullptr},    {"mg", nullptr},     {"l", kNoLines},
+      {"p", kNoLines}, {"vp", nullptr}, {"call", nullptr}, {"curv", kNoCurves}, {"surf", kNoCurves},
+  };
 
   void statement(LineCursor& cursor) {
     const std::string_view keyword = cursor.word();
@@ -67,10 +76,18 @@ class ObjReader {
     } else if (keyword == "mtllib") {
       load_libraries(cursor.rest());
     } else {
-      ++result_.num_skipped;
-      const bool known =
-          std::find(std::begin(kLeftOut), std::end(kLeftOut), keyword) != std::end(kLeftOut);
-      if (!known && unknown_line_ == 0) unknown_line_ = cursor.line();
+      leave_out(keyword, cursor.line());
+    }
+  }
+
+  void leave_out(std::string_view keyword, std::int64_t line) {
+    ++result_.num_skipped;
+    const auto* known = std::find_if(std::begin(kLeftOut), std::end(kLeftOut),
+                                     [&](const LeftOut& l) { return l.keyword == keyword; });
+    if (known == std::end(kLeftOut)) {
+      if (unknown_line_ == 0) unknown_line_ = line;
+    } else if (known->warning != nullptr && warned_.insert(known->warning).second) {
+      warn(result_.warnings, known->warning);
     }
   }
 
@@ -188,7 +205,7 @@ class ObjReader {
     if (!libraries_read_.insert(fs::weakly_canonical(path, refused)).second) return;
     try {
       const auto source = decompressed(file_source(path), Compression::kNone, options_.max_bytes);
-      for (Material& m : read_mtl(*source, result_.warnings)) {
+      for (Material& m : read_mtl(*source, name, result_.warnings)) {
         std::string key = m.name;
         library_.try_emplace(std::move(key), std::move(m));
       }
@@ -202,6 +219,7 @@ class ObjReader {
   MeshBuilder builder_;
   ReadResult result_;
   std::int64_t unknown_line_ = 0;  // the first statement that is none of the format; 0: none
+  std::set<std::string_view> warned_;
   std::vector<Corner> corners_;
   std::unordered_map<std::string, std::size_t> material_of_name_;
   std::vector<std::string> material_names_;
