@@ -603,6 +603,105 @@ def test_points_lines_and_morph_targets_are_left_out(tmp_path: Path) -> None:
     assert seen.warnings == ("points and lines are left out", "morph targets are left out")
 
 
+UP = np.tile(np.float32([0, 0, 1]), (len(SQUARE), 1))
+
+
+def morphed(
+    mesh: dict[str, Any], node: dict[str, Any], target: dict[str, Any] | None = None
+) -> bytes:
+    """The square, with targets that move it by 1 along z and along x, and turn its normals to x."""
+    scene = Scene()
+    attributes = {"POSITION": scene.accessor(SQUARE), "NORMAL": scene.accessor(UP)}
+    side = scene.accessor(np.roll(UP, 1, axis=1))
+    targets = [
+        {"POSITION": scene.accessor(UP), **(target or {})},
+        {"POSITION": side, "NORMAL": scene.accessor(np.roll(UP, 1, axis=1) - UP)},
+    ]
+    scene.primitive(attributes, mode=5, targets=targets)
+    scene.json["meshes"][0].update(mesh)
+    scene.json["nodes"][0].update(node)
+    return scene.glb()
+
+
+APPLIED = "morph targets are left out; meshes have the shape of their default weights"
+
+
+@pytest.mark.parametrize(
+    ("mesh", "node", "move", "normal", "warnings"),
+    [
+        ({}, {}, [0, 0, 0], [0, 0, 1], ("morph targets are left out",)),
+        ({"weights": [0, 0]}, {}, [0, 0, 0], [0, 0, 1], ("morph targets are left out",)),
+        ({"weights": [2, 0]}, {}, [0, 0, 2], [0, 0, 1], (APPLIED,)),
+        ({"weights": [1, 0.5]}, {}, [0.5, 0, 1], [0.5**0.5, 0, 0.5**0.5], (APPLIED,)),
+        ({"weights": [5, 5]}, {"weights": [-1, 0]}, [0, 0, -1], [0, 0, 1], (APPLIED,)),
+        # the weights move the mesh before its node does
+        ({"weights": [0, 1]}, {"scale": [1, 1, 3]}, [1, 0, 0], [1, 0, 0], (APPLIED,)),
+        (
+            {"weights": [3]},
+            {},
+            [0, 0, 3],
+            [0, 0, 1],
+            (
+                APPLIED,
+                "/meshes/0/weights: expected 2 weights (the morph targets), got 1; those without "
+                "a partner are left out",
+            ),
+        ),
+    ],
+)
+def test_morph_targets_are_applied_with_their_default_weights(
+    tmp_path: Path,
+    mesh: dict[str, Any],
+    node: dict[str, Any],
+    move: list[float],
+    normal: list[float],
+    warnings: tuple[str, ...],
+) -> None:
+    seen = report(tmp_path, morphed(mesh, node))
+    np.testing.assert_allclose(seen.mesh.vertices, SQUARE + np.float64(move), atol=1e-15)
+    corners = seen.mesh.normals[seen.mesh.face_normals].reshape(-1, 3)
+    np.testing.assert_allclose(corners, np.tile(normal, (6, 1)), atol=1e-15)
+    assert seen.warnings == warnings
+
+
+def test_primitives_that_share_vertices_may_be_morphed_apart(tmp_path: Path) -> None:
+    scene = Scene()
+    position, added = scene.accessor(SQUARE), scene.accessor(UP)
+    for target in ({"POSITION": added}, {}, {"POSITION": added}):
+        scene.primitive({"POSITION": position}, mode=5, targets=[target])
+    scene.json["meshes"][0]["weights"] = [1]
+    mesh = report(tmp_path, scene.glb()).mesh
+    assert mesh.num_vertices == 8  # the first and the third have the same shape
+    heights = mesh.vertices[mesh.faces][:, :, 2]
+    np.testing.assert_array_equal(heights, np.repeat([[1], [1], [0], [0], [1], [1]], 3, axis=1))
+
+
+def test_colours_of_morph_targets_in_use_are_left_out_with_a_warning(tmp_path: Path) -> None:
+    seen = report(tmp_path, morphed({"weights": [1, 0]}, {}, {"COLOR_0": 0}))
+    assert seen.warnings == (APPLIED, "COLOR_0 of morph targets is left out")
+
+
+def test_a_morph_target_has_as_many_elements_as_its_primitive(tmp_path: Path) -> None:
+    scene = Scene()
+    target = {"POSITION": scene.accessor(SQUARE[:3])}
+    scene.primitive({"POSITION": scene.accessor(SQUARE)}, mode=5, targets=[target])
+    assert report(tmp_path, scene.glb()).mesh.num_faces == 2
+    scene.json["meshes"][0]["weights"] = [1]
+    with pytest.raises(manip3d.FormatError, match="has 3 elements, POSITION of /meshes/0/primi"):
+        read(scene.glb())
+
+
+def test_meshes_of_a_scene_have_the_shape_of_their_default_weights(tmp_path: Path) -> None:
+    path = tmp_path / "scene.glb"
+    path.write_bytes(morphed({"weights": [2, 0]}, {}))
+    scene = read_scene(path)
+    assert scene.fixed == ("it has morph targets",)
+    np.testing.assert_array_equal(scene.meshes[0].vertices[:, 2], [2, 2, 2, 2])
+    scene.write(tmp_path / "again.glb")  # as it was read: the weights are not applied twice
+    again = report(tmp_path, (tmp_path / "again.glb").read_bytes()).mesh
+    np.testing.assert_array_equal(again.vertices[:, 2], [2, 2, 2, 2])
+
+
 @pytest.mark.parametrize(
     "name",
     [

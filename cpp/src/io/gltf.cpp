@@ -57,6 +57,10 @@ struct TextureTransform {
   }
 };
 
+/// What morph targets add to the rows of an accessor: their own accessors, with weights other than
+/// zero.
+using Morph = std::vector<std::pair<const GltfAccessor*, double>>;
+
 /// The accessors of one primitive; null where it has none.
 struct Primitive {
   const GltfAccessor* position = nullptr;
@@ -64,6 +68,7 @@ struct Primitive {
   const GltfAccessor* texcoord = nullptr;
   const GltfAccessor* color = nullptr;
   const GltfAccessor* indices = nullptr;
+  std::optional<JsonPlace> targets = std::nullopt;
   TextureTransform texture = {};
   std::int32_t material = -1;
   std::int64_t mode = kTriangles;
@@ -80,6 +85,7 @@ struct Primitive {
 struct Instance {
   std::int64_t mesh;
   Transform transform;
+  std::optional<JsonPlace> weights;  ///< Those of its morph targets; null: all are zero.
 };
 
 /// One primitive of one instance, and the rows where its elements start.
@@ -93,6 +99,8 @@ struct Draw {
   bool owns_vertices = false;  ///< The first of those that share the rows fills them.
   bool owns_texcoords = false;
   bool owns_normals = false;
+  Morph vertex_morph = {};
+  Morph normal_morph = {};
 };
 
 template <int N>
@@ -321,8 +329,10 @@ class Reader {
       const JsonPlace place = node(visit.node);
       const Transform world = visit.parent * node_transform(place);
       if (const auto mesh = place.find("mesh")) {
-        static_cast<void>(document_.object("meshes", *mesh));  // checks the index
-        instances_.push_back({mesh->integer(0, document_.count("meshes") - 1), world});
+        auto weights = place.find("weights");  // they replace those of the mesh
+        if (!weights) weights = document_.object("meshes", *mesh).find("weights");
+        instances_.push_back(
+            {mesh->integer(0, document_.count("meshes") - 1), world, std::move(weights)});
       }
       push_reversed(children[visit.node], world);
     }
@@ -402,7 +412,7 @@ class Reader {
     texcoord_rows_.clear();
     num_vertices_ = num_texcoords_ = num_normals_ = num_faces_ = 0;
     with_colors_ = false;
-    instances_ = {{index, Transform()}};
+    instances_ = {{index, Transform(), place.find("weights")}};
     plan_draws();
     allocate();
     fill({});
@@ -507,7 +517,7 @@ class Reader {
       if (!is_scene_) warn_once("points and lines are left out");
       return std::nullopt;
     }
-    if (!is_scene_ && place.has("targets")) warn_once("morph targets are left out");
+    p.targets = place.find("targets");
     const JsonPlace attributes = place.member("attributes");
     if (!is_scene_ && attributes.has("TANGENT")) warn_once("tangents are left out");
     p.position = attribute(attributes, "POSITION", 3, 3);
@@ -588,6 +598,71 @@ class Reader {
     return meshes_.emplace(mesh, std::move(primitives)).first->second;
   }
 
+  // --- Morph targets ---------------------------------------------------------------------
+
+  /// The default weights of an instance's morph targets; empty: its primitives are as stored.
+  std::vector<double> default_weights(const Instance& instance) {
+    std::vector<double> weights;
+    if (!instance.weights) return weights;
+    const std::int64_t size = instance.weights->size();
+    charge(size, sizeof(double), instance.weights->pointer());
+    for (std::int64_t t = 0; t < size; ++t) {
+      weights.push_back(instance.weights->item(t).number());
+    }
+    const auto is_zero = [](double weight) { return weight == 0.0; };
+    if (std::all_of(weights.begin(), weights.end(), is_zero)) weights.clear();
+    return weights;
+  }
+
+  /// What the default shape adds to an attribute of a primitive.
+  Morph morph_of(const Primitive& p, const std::vector<double>& weights, const char* name,
+                 const GltfAccessor* base) {
+    Morph morph;
+    if (!p.targets || base == nullptr) return morph;
+    const std::int64_t size = std::min<std::int64_t>(p.targets->size(), std::ssize(weights));
+    for (std::int64_t t = 0; t < size; ++t) {
+      if (weights[t] == 0.0) continue;
+      const GltfAccessor* added = attribute(p.targets->item(t), name, 3, 3);
+      if (added == nullptr) continue;
+      if (added->count != base->count) {
+        added->place.fail("has " + std::to_string(added->count) + " elements, " + name + " of " +
+                          p.pointer + " " + std::to_string(base->count));
+      }
+      charge(base->count + 1, kVertexBytes, p.pointer);
+      morph.emplace_back(added, weights[t]);
+    }
+    return morph;
+  }
+
+  void warn_of_targets(const Primitive& p, const Instance& instance,
+                       const std::vector<double>& weights) {
+    if (is_scene_ || !p.targets) return;
+    if (weights.empty()) return warn_once("morph targets are left out");
+    warn_once("morph targets are left out; meshes have the shape of their default weights");
+    if (p.targets->size() != std::ssize(weights)) {
+      warn_once(instance.weights->pointer() + ": expected " + std::to_string(p.targets->size()) +
+                " weights (the morph targets), got " + std::to_string(weights.size()) +
+                "; those without a partner are left out");
+    }
+    const std::int64_t size = std::min<std::int64_t>(p.targets->size(), std::ssize(weights));
+    for (std::int64_t t = 0; t < size; ++t) {
+      for (const char* name : {"TEXCOORD_0", "COLOR_0"}) {
+        if (weights[t] != 0.0 && p.targets->item(t).has(name)) {
+          warn_once(std::string(name) + " of morph targets is left out");
+        }
+      }
+    }
+  }
+
+  /// Adds the morph targets to rows of three numbers.
+  static void apply(const Morph& morph, double* rows) {
+    for (const auto& [added, weight] : morph) {
+      std::vector<double> values(3 * added->count);
+      added->decode(values.data());
+      for (std::size_t i = 0; i < values.size(); ++i) rows[i] += weight * values[i];
+    }
+  }
+
   // --- Sizes, before anything is allocated -------------------------------------------------
 
   void charge(std::int64_t rows, std::int64_t bytes_per_row, const std::string& who) {
@@ -611,11 +686,15 @@ class Reader {
   }
 
   void plan_instance(const Instance& instance) {
-    using Key = std::pair<const GltfAccessor*, const GltfAccessor*>;
+    using Key = std::tuple<const GltfAccessor*, const GltfAccessor*, Morph>;
     std::map<Key, std::int64_t> vertex_rows;
-    std::map<const GltfAccessor*, std::int64_t> normal_rows;
+    std::map<std::pair<const GltfAccessor*, Morph>, std::int64_t> normal_rows;
+    const std::vector<double> weights = default_weights(instance);
     for (const Primitive& p : primitives_of(instance.mesh)) {
       Draw draw{.primitive = &p, .transform = &instance.transform, .faces = num_faces_};
+      draw.vertex_morph = morph_of(p, weights, "POSITION", p.position);
+      draw.normal_morph = morph_of(p, weights, "NORMAL", p.normal);
+      warn_of_targets(p, instance, weights);
       // The row where `key` starts, and whether it is new.
       const auto place = [&](auto& rows, const auto& key, std::int64_t& count, std::int64_t size,
                              std::int64_t bytes) {
@@ -628,20 +707,20 @@ class Reader {
       };
       const std::int64_t size = p.position->count;
       std::tie(draw.vertices, draw.owns_vertices) =
-          place(vertex_rows, Key(p.position, with_colors_ ? p.color : nullptr), num_vertices_, size,
-                with_colors_ ? kVertexBytes + kColorBytes : kVertexBytes);
+          place(vertex_rows, Key(p.position, with_colors_ ? p.color : nullptr, draw.vertex_morph),
+                num_vertices_, size, with_colors_ ? kVertexBytes + kColorBytes : kVertexBytes);
       if (p.texcoord != nullptr) {
         std::tie(draw.texcoords, draw.owns_texcoords) =
             place(texcoord_rows_, std::pair(p.texcoord, p.texture), num_texcoords_, size, 16);
       }
       if (p.normal != nullptr) {
-        std::tie(draw.normals, draw.owns_normals) =
-            place(normal_rows, p.normal, num_normals_, size, kVertexBytes);
+        std::tie(draw.normals, draw.owns_normals) = place(
+            normal_rows, std::pair(p.normal, draw.normal_morph), num_normals_, size, kVertexBytes);
       }
       charge(p.num_corners(), sizeof(std::uint32_t), p.pointer);
       charge(p.num_faces(), kFaceBytes, p.pointer);
       num_faces_ += p.num_faces();
-      draws_.push_back(draw);
+      draws_.push_back(std::move(draw));
     }
   }
 
@@ -673,6 +752,7 @@ class Reader {
   void fill_vertices(const Draw& draw) {
     const GltfAccessor& accessor = *draw.primitive->position;
     accessor.decode(mesh_.vertices.data() + 3 * draw.vertices);
+    apply(draw.vertex_morph, mesh_.vertices.data() + 3 * draw.vertices);
     for (std::int64_t i = draw.vertices; i < draw.vertices + accessor.count; ++i) {
       auto row = mesh_.vertices.row(i);
       row = (draw.transform->linear * row.transpose() + draw.transform->translation)
@@ -722,8 +802,9 @@ class Reader {
   void fill_normals(const Draw& draw) {
     const GltfAccessor& accessor = *draw.primitive->normal;
     accessor.decode(mesh_.normals.data() + 3 * draw.normals);
+    apply(draw.normal_morph, mesh_.normals.data() + 3 * draw.normals);
     const Eigen::Matrix3d& m = draw.transform->linear;
-    if (m.isIdentity(0.0)) return;
+    if (m.isIdentity(0.0) && draw.normal_morph.empty()) return;
     Eigen::Matrix3d cofactors;
     cofactors << m.col(1).cross(m.col(2)), m.col(2).cross(m.col(0)), m.col(0).cross(m.col(1));
     if (draw.transform->mirrors()) cofactors = -cofactors;

@@ -59,10 +59,11 @@ class GltfBudget {
 /// fans, KHR_mesh_quantization, KHR_draco_mesh_compression, EXT_ and KHR_meshopt_compression,
 /// KHR_texture_transform (of the first texture of a material, in the texture coordinates; textures
 /// placed otherwise are left out with a warning).
-/// A file without nodes has all its meshes read as they are, with a warning. Points, lines,
-/// skins, morph targets, animations, extensions of lights, materials and image formats, and others
-/// that are not required are left out with a warning. Where only some primitives have vertex
-/// colours, the others are white.
+/// A file without nodes has all its meshes read as they are, with a warning. Meshes have the shape
+/// of the default weights of their morph targets. Points, lines, skins, the morph targets
+/// themselves, animations, extensions of lights, materials and image formats, and others that are
+/// not required are left out with a warning. Where only some primitives have vertex colours, the
+/// others are white.
 /// @param data       a .gltf or .glb, told apart by the first four bytes.
 /// @param resource   called for external buffers; external images stay paths.
 /// @param budget     what reading it may cost.

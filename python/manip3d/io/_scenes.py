@@ -58,7 +58,8 @@ class Scene:
     nodes : tuple of SceneNode
         All nodes of the file.
     meshes : tuple of Mesh
-        Each mesh once, in its own coordinates, however many nodes show it.
+        Each mesh once, in its own coordinates, however many nodes show it; one with morph targets
+        in the shape of its own default weights.
     names : tuple of str
         Names of the meshes.
     fixed : tuple of str

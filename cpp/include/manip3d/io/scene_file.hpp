@@ -25,7 +25,9 @@ struct SceneNode {
 
 struct SceneMesh {
   std::string name;
-  TriangleMesh mesh;  ///< In its own coordinates; its materials are those of the scene.
+  /// In its own coordinates, in the shape of its default morph weights; its materials are those of
+  /// the scene.
+  TriangleMesh mesh;
   std::string fixed;  ///< Why it can only be written as it was read; empty: it may be replaced.
 };
 
