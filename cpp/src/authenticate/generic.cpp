@@ -55,8 +55,8 @@ constexpr std::size_t kSectors = 72;
 constexpr std::int64_t kFewestOfSector = 100;
 constexpr std::size_t kFewestSectors = 8;
 constexpr double kSpoiledShare = 0.02;
-// Of places it is 1 in 200: clean frames have none that stray, and whoever cuts coordinates to
-// whole millimetres by a product in single precision moves every hundredth of them by one.
+// The share is 1 in 200 for places: clean frames have none that stray, and whoever cuts coordinates
+// to whole millimetres by a product in single precision moves every hundredth of them by one.
 constexpr double kSpoiledPlaces = 0.005;
 
 constexpr std::size_t index_of(Evidence evidence) { return static_cast<std::size_t>(evidence); }
