@@ -397,3 +397,19 @@ def test_a_square_keeps_its_corners_while_there_are_faces_to_spare(
     corners = done.vertices[done.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert normals[:, 2].sum() / 2 == pytest.approx(columns**2, rel=1e-3)
+
+
+@pytest.mark.parametrize("columns", [1, 2, 9])
+def test_a_sheet_with_two_sides_keeps_its_rim_while_there_are_faces_to_spare(columns: int) -> None:
+    """Each face twice, once turned over: no edge has one face, and all faces lie in one plane."""
+    vertices, faces = grid(columns, columns)
+    ball = exact_models.ball()
+    whole = Mesh(
+        np.concatenate([vertices / columns, ball.vertices + np.array([3.0, 0, 0])]),
+        np.concatenate([faces, faces[:, ::-1], ball.faces + len(vertices)]).astype(np.int32),
+    )
+    done = simplify.fast(whole, target_faces=whole.num_faces // 2).mesh
+    corners = done.vertices[done.faces]
+    sheet = corners[(corners[:, :, 0] < 1.5).all(axis=1)]
+    areas = np.linalg.norm(np.cross(sheet[:, 1] - sheet[:, 0], sheet[:, 2] - sheet[:, 0]), axis=1)
+    assert areas.sum() / 2 == pytest.approx(2.0, rel=1e-3)

@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cstdint>
 #include <vector>
 
@@ -18,6 +19,8 @@ struct Ring {
   std::size_t size = 0;
 };
 
+/// Whether the faces close around the vertex, and none has a twin: the two sides of a sheet close
+/// around its rim.
 bool is_closed(const Ring& ring) {
   std::uint32_t matched = 0;  // faces that end where another one begins
   bool is_open = false;
@@ -27,7 +30,8 @@ bool is_closed(const Ring& ring) {
     for (std::size_t j = 0; j < ring.size; j += 4) {
       matches |= true_lanes(load4(&ring.last[j]) == Int4{next, next, next, next}) << j;
     }
-    is_open |= matches == 0 || (matches & (matches - 1)) != 0;
+    is_open |= matches == 0 || (matches & (matches - 1)) != 0 ||
+               ring.next[std::countr_zero(matches)] == ring.last[i];
     matched |= matches;
   }
   const std::uint32_t all = ring.size > 0 ? 0xFFFFFFFFU >> (Ring::kMost - ring.size) : 0U;
@@ -74,8 +78,8 @@ bool has_one_wedge(const FastMesh& mesh, std::int32_t v) {
 }
 
 /// Adds the planes of the faces of v. Returns whether v is inside of the surface and on no seam:
-/// each of its edges has two faces, which run along it in opposite directions, and all faces have
-/// the same wedge at v.
+/// each of its edges has two faces, which run along it in opposite directions and are not the two
+/// sides of one triangle, and all faces have the same wedge at v.
 bool add_faces(FastMesh& mesh, std::int32_t v) {
   const auto around = mesh.corners(v);
   Ring ring;  // NOLINT: filled below
@@ -107,11 +111,15 @@ void add_border(FastMesh& mesh, std::int32_t v, std::int32_t t, std::uint32_t f,
             static_cast<float>(0.5 * weight) * along.squaredNorm());
 }
 
-/// Planes through boundaries and seams, perpendicular to their faces.
+/// Planes through boundaries and seams, perpendicular to their faces. The rim of a sheet with two
+/// sides is a boundary: nothing else would hold it, as its faces all lie in one plane.
 void add_borders(FastMesh& mesh, const BorderWeights& weights, std::int32_t v) {
   struct Spoke {
     std::int32_t end;
     std::uint32_t face, corner, end_corner;
+  };
+  const auto third_vertex = [&](const Spoke& spoke) {
+    return mesh.faces[spoke.face][3 - spoke.corner - spoke.end_corner];
   };
   std::vector<Spoke> spokes;
   mesh.for_each_face(v, [&](std::uint32_t f, std::uint32_t c, std::int32_t a, std::int32_t b) {
@@ -130,7 +138,9 @@ void add_borders(FastMesh& mesh, const BorderWeights& weights, std::int32_t v) {
                  w[spokes[end].end_corner] != w0[spokes[begin].end_corner];
     }
     if (is_complex_edge(static_cast<std::int64_t>(end - begin))) mesh.is_complex[v] = 1;
-    const bool is_boundary = end - begin == 1;
+    const bool is_boundary =
+        end - begin == 1 ||
+        (end - begin == 2 && third_vertex(spokes[begin]) == third_vertex(spokes[begin + 1]));
     if (!is_boundary && !is_seam) continue;
     const double weight =
         is_boundary ? weights.boundary : weights.seam / static_cast<double>(end - begin);
