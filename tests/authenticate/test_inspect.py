@@ -35,6 +35,7 @@ from manip3d.authenticate._processing import (
     first_azimuth,
     is_cut_below,
 )
+from manip3d.authenticate._reflectance import why_rewritten
 from manip3d.authenticate._sensors import is_hdl64e
 from manip3d.authenticate._verdict import FALSE_ALARM_RATE, RATE_SHARES, rate_of
 from manip3d.lidar import ScanFormat
@@ -626,6 +627,24 @@ def test_clipped_reflectances_are_no_edit_and_a_painted_object_is(end: float) ->
     painted = values.copy()
     painted[np.all(np.abs(points - [12.0, 3.0, -0.9]) < [3.0, 1.0, 0.6], axis=1)] = 0.6173
     assert said(painted).accusing is not None
+
+
+def test_few_values_are_clipped_where_many_end_below() -> None:
+    """Larger values get rarer slowly in a frame with many signs: 0.78, 0.79, and what is above."""
+    usual = reflectances(street())
+    usual = usual[usual <= 0.77]
+    ends = np.repeat(np.float32([0.78, 0.79, 0.80, 0.99]), [90, 41, 40, 210])
+    values = np.random.default_rng(0).permutation(np.concatenate([usual, ends]))
+    assert why_rewritten(values) is None
+    told = why_rewritten(np.minimum(values, np.float32(0.792)))
+    assert told == "reflectances end at 0.792, which 250 points have: they were clipped"
+
+
+def test_rewritten_values_are_told_where_every_eighth_row_has_none() -> None:
+    values = reflectances(street())
+    values[::8] = 0.0
+    assert why_rewritten(values) is None
+    assert why_rewritten(np.sqrt(values)) == "reflectances are no whole hundredths"
 
 
 NAMES: dict[str, tuple[Callable[[np.ndarray], np.ndarray], str]] = {

@@ -43,8 +43,9 @@ FEWEST_VALUES = 16
 OTHER_STEPS = (1.0, 1.0 / 255.0)
 """Steps of other files of the scanner: its own unit of 0 to 255, and that divided by 255."""
 
-SAMPLE = 8
-"""One pair of rows in so many is looked at to tell rewritten reflectances."""
+SAMPLE = 7
+"""One pair of rows in so many is looked at to tell rewritten reflectances: a prime, since files may
+have values that repeat in powers of two (in one of KITTI every eighth row has none)."""
 
 MOST_UNUSED = 0.15
 """Share of the hundredths between the 5th and the 95th percentile that no point has. All occur in
@@ -352,7 +353,7 @@ def why_rewritten(values: NDArray[np.float32]) -> str | None:
         return "reflectances are no whole hundredths"
     largest = float(values.max())
     at_end = int(np.count_nonzero(values == largest))
-    before = int(np.count_nonzero(values > largest - 1.5 * STEP)) - at_end
+    before = int(np.count_nonzero(values > largest - 1.005 * STEP)) - at_end
     if largest < SATURATED and at_end >= FEWEST_CLIPPED and at_end > TIMES_BEFORE * before:
         return f"reflectances end at {largest:.3g}, which {at_end} points have: they were clipped"
     hundredths = np.round(some / STEP).astype(np.int64)
