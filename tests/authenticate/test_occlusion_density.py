@@ -357,3 +357,12 @@ def test_bad_parameters() -> None:
 def test_rings_that_share_no_cell_accuse_nobody(realdata: RealData, name: str) -> None:
     path = realdata(f"lidar/kitti_{name}.bin.xz")
     assert occlusion_consistency(read_scan(path)).verdict == "no_trace"
+
+
+def test_empty_rows_of_a_terrestrial_scan_are_at_the_scanner() -> None:
+    """Points that lie together in the scanner have no direction to look for neighbours in."""
+    points = np.concatenate([CAVE, np.zeros((500, 3), np.float32)])
+    distances = nearest_distances(points, origin=(0.0, 0.0, 0.0))
+    assert (distances[-500:] == 0.0).all()
+    found = density_consistency(points, origin=(0.0, 0.0, 0.0))
+    assert found.verdict == density_consistency(CAVE, origin=(0.0, 0.0, 0.0)).verdict

@@ -247,7 +247,8 @@ void DirectionGrid::scan_columns(Query& query, std::int64_t row, std::int64_t fi
 // The cells that hold all points nearer than the query's best; none where the best is too far.
 std::optional<DirectionGrid::Window> DirectionGrid::window_of(const Query& query) const {
   const double best = std::sqrt(query.best) * (1.0 + 1e-6);
-  if (!(best <= kNearSine * query.rho)) return std::nullopt;
+  // Not <=: points that lie together in the scanner itself have no direction (0 / 0).
+  if (!(best < kNearSine * query.rho)) return std::nullopt;
   const double up = arc_sine_bound(best / query.range) + kMargin;
   const double across = arc_sine_bound(best / query.rho) + kMargin;
   const auto to_cell = [](double angle, double per_radian) {
