@@ -57,7 +57,7 @@ struct TextureTransform {
   }
 };
 
-/// What morph targets add to the rows of an accessor: their own accessors, with weights other than
+/// Morph targets of an attribute: accessors that are added to its rows, with weights other than
 /// zero.
 using Morph = std::vector<std::pair<const GltfAccessor*, double>>;
 
@@ -614,7 +614,7 @@ class Reader {
     return weights;
   }
 
-  /// What the default shape adds to an attribute of a primitive.
+  /// The morph targets that the default shape adds to an attribute of a primitive.
   Morph morph_of(const Primitive& p, const std::vector<double>& weights, const char* name,
                  const GltfAccessor* base) {
     Morph morph;

@@ -10,7 +10,7 @@
 
 namespace manip3d::quality_detail {
 
-/// What becomes of texture coordinates and colours.
+/// Texture coordinates and colours of vertices that become one.
 class Attributes {
  public:
   Attributes(const MeshView& input, CollapseMesh& mesh, Original& original, const Kept& kept);

@@ -68,7 +68,7 @@ class Kept {
   std::vector<double> importance_;  // of a vertex; empty: all 1
 };
 
-/// What each vertex stands for: sums over original faces and borders, which add up when two
+/// The original faces and borders that each vertex stands for, as sums, which add up when two
 /// vertices become one.
 struct Original {
   Original(const CollapseMesh& mesh, const QualityOptions& options, bool has_texture,
@@ -86,7 +86,7 @@ struct Original {
   /// it (on models that give each face a chart of its own, all edges are borders).
   [[nodiscard]] double strips(double squares, double length, double area_around) const;
 
-  /// What a difference of texture coordinates of 1 costs, for each unit of area.
+  /// Price of a difference of texture coordinates of 1, for each unit of area.
   [[nodiscard]] double texture_factor() const {
     return options.texture_weight * texture_length / texture_share;
   }

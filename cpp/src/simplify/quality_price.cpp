@@ -202,10 +202,10 @@ Vector3d Prices::position(std::int32_t v, std::int32_t t, Place place, const Sta
   return best.allFinite() ? best : middle;
 }
 
-/// What the planes of the faces around an edge do not tell of a place far away from it: where
-/// opposite sides of a thin part meet, a spike lies in all planes and keeps the volume. The new
-/// faces form a cone, whose mean distance is a third of that of its tip, and the tip is at least
-/// as far away as the box of the old faces.
+/// The price of a place far away from the edge, which the planes of the faces around do not tell:
+/// where opposite sides of a thin part meet, a spike lies in all planes and keeps the volume. The
+/// new faces form a cone, whose mean distance is a third of that of its tip, and the tip is at
+/// least as far away as the box of the old faces.
 double Prices::spike(std::int32_t v, std::int32_t t, const Vector3d& p) const {
   const Vector3d &first = mesh_.position(v), &second = mesh_.position(t);
   if ((p - 0.5 * (first + second)).squaredNorm() <= (second - first).squaredNorm()) return 0.0;

@@ -49,7 +49,7 @@ class JoinedWedges {
   std::vector<Textured> textured_;
 };
 
-/// What collapses and pieces cost.
+/// The prices of collapses and of whole pieces.
 class Prices {
  public:
   Prices(const CollapseMesh& mesh, const Original& original, const Kept& kept,
@@ -71,7 +71,7 @@ class Prices {
   [[nodiscard]] double piece(std::int32_t piece, std::int64_t most_faces) const;
 
  private:
-  /// What the faces around an edge are like now: their quadric and area, and the plane
+  /// The faces around an edge as they are now: their quadric and area, and the plane
   /// normal.p = offset on which the volume below them stays the same [Lindstrom & Turk 1998].
   struct Star {
     Quadric quadric;

@@ -265,7 +265,7 @@ def _repeated(found: Sequence[Inspection | None]) -> tuple[Processing, ...]:
 
 
 def _of_times(times_ns: Sequence[int | None]) -> tuple[Processing, ...]:
-    """What the times of the scans tell: scans are missing, or are in another order."""
+    """Remarks told by the times of the scans: some are missing, or in another order."""
     timed = [(k, time) for k, time in enumerate(times_ns) if time is not None]
     steps = [(a, b, late - early) for (a, early), (b, late) in itertools.pairwise(timed)]
     back = [b for _, b, step in steps if step < 0]
@@ -285,7 +285,7 @@ def _of_times(times_ns: Sequence[int | None]) -> tuple[Processing, ...]:
 
 
 def _of_motion(found: Sequence[Inspection | None]) -> tuple[Processing, ...]:
-    """What the way of the scanner tells: it jumps, or moves backwards faster than cars do."""
+    """Remarks told by the way of the scanner: it jumps, or moves backwards faster than cars do."""
     steps = _steps(found)
     lengths = {k: float(np.linalg.norm(step)) for k, step in steps.items()}
     jumps = []

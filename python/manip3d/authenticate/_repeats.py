@@ -26,7 +26,7 @@ _MIXERS = tuple(np.uint32(value) for value in (0x9E3779B1, 0x85EBCA77, 0xC2B2AE3
 
 
 class Sketch(NamedTuple):
-    """What is kept of a scan's points, so that a copy of it is known in any order of the rows.
+    """A sketch of a scan's points, by which a copy of it is known in any order of the rows.
 
     Attributes
     ----------

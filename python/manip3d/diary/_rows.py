@@ -258,7 +258,7 @@ def _new_number() -> int:
 
 
 def _about(number: int, table: sql.Table | None = None, row: int = 0) -> str:
-    """What a payload belongs to: it is encrypted for this place only."""
+    """The place that a payload belongs to: it is encrypted for this one only."""
     return f"participants {number}" if table is None else f"{table.name} {row} of {number}"
 
 

@@ -1,4 +1,4 @@
-"""What a page may say, and what it said: from any thread, until a frame obeys it."""
+"""The messages of pages, which come from any thread and wait until a frame obeys them."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ _KEPT: dict[str, Kind] = {
     "page": Kind(int, 0, 2**32 - 1, optional=True),
     "number": Kind(int, 1, 2**31, optional=True),
 }
-"""What a page adds to what must not be lost: it says so again until the answer ``heard`` comes, and
-the session takes each number of a page once."""
+"""Fields that a page adds to a message that must not be lost: it says so again until the answer
+``heard`` comes, and the session takes each number of a page once."""
 
 MESSAGES: Mapping[str, Mapping[str, Kind]] = {
     "ack": {"sequence": Kind(int, 0, 2**32 - 1), "decoded_ms": Kind(float, 0, 1e15)},
@@ -52,7 +52,7 @@ MESSAGES: Mapping[str, Mapping[str, Kind]] = {
     | _KEPT,
     "felt": {name: Kind(int, low, high) for name, (low, high) in LIMITS.items()} | _KEPT,
 }
-"""What a page may say."""
+"""Names and fields of the messages that a page may send."""
 
 NOT_LOST = tuple(name for name, fields in MESSAGES.items() if "number" in fields)
 """Messages that are taken even when the session ends before the next frame."""

@@ -151,7 +151,7 @@ class Play:
             self._ring.add(shown, self.game, camera, self._watch.since)
 
     def shown(self, now: int, *, playing: bool) -> dict[str, Any]:
-        """What the page shows of the game."""
+        """The game as the page shows it."""
         game, (chosen, difficulty) = self.game, self.choice
         if game is None:
             phase = "starting" if self.is_wanted else "waiting"
@@ -263,7 +263,7 @@ def rounded(values: Any) -> Any:
 
 
 def _field_status(game: GameState) -> dict[str, Any]:
-    """What stands around the player."""
+    """The things around the player."""
     field = game.field
     if isinstance(field, PianoField):
         up = game.targets[0].key if game.targets else -1

@@ -1,4 +1,4 @@
-"""What a session tells a diary."""
+"""The interface between a session and the diary that keeps it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Pictures = Sequence[tuple[float, bytes]]
 
 @runtime_checkable
 class Recorder(Protocol):
-    """What a session tells a diary."""
+    """Keeps what a session tells it, as a diary does."""
 
     @property
     def wants_clips(self) -> bool:
@@ -23,7 +23,7 @@ class Recorder(Protocol):
 
     @property
     def trouble(self) -> str:
-        """What is not kept yet, and why, in words; or nothing."""
+        """Words on what is not kept yet, and why; or nothing."""
 
     def game_goes_on(self, summary: GameSummary) -> None:
         """Keep how a game stands, in case the program is killed; `game` replaces it."""

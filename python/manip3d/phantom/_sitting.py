@@ -92,7 +92,7 @@ class Sitting:
             self._close(answered=False)
 
     def shown(self) -> dict[str, Any]:
-        """What the page shows of it."""
+        """The sitting as the page shows it."""
         return {"halt": self.halted, "ask": self.ask, "pain": self._pain, "sitting": self.state}
 
     def _close(self, *, answered: bool) -> None:
