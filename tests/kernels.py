@@ -250,6 +250,8 @@ KERNELS: dict[str, Kernel] = {
     "authenticate.inspect_drive": lambda t: list(
         authenticate.inspect_drive([LidarFrame(cloud)] * 2, origin=(0, 0, 0), threads=t)
     ),
+    "authenticate.points_id": lambda _: authenticate.points_id(cloud),
+    "authenticate.are_same_points": lambda _: authenticate.are_same_points("0" * 32, "f" * 32),
     "authenticate.judge_drive": lambda _: authenticate.judge_drive([inspected]),
     "authenticate.verdict_of_drive": lambda _: authenticate.verdict_of_drive([inspected]),
     "authenticate.drive_evidence": lambda _: authenticate.drive_evidence([inspected]),

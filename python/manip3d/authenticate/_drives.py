@@ -234,6 +234,7 @@ def judge_drive(
     >>> told.verdict, told.accused, told.record()["failed"]
     ('undecidable', (), 1)
     """
+    _check_each("numbers", numbers, int, np.integer)
     places = None if numbers is None else list(numbers)
     verdict, reason = verdict_of_drive(found, places)
     _check_each("times_ns", () if times_ns is None else times_ns, int, np.integer)
