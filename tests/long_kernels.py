@@ -198,6 +198,7 @@ OF_A_SECOND = {
     "forge.subtractive", "forge.additive_subtractive", "forge.replacement", "forge.translation",
     "forge.rotation", "forge.lattice_insert", "forge.lattice_remove", "forge.spoof",
     "authenticate.estimate_grid", "authenticate.kitti_lattice",
+    "authenticate.points_id", "authenticate.are_same_points",
     "authenticate.inspect_drive", "authenticate.verdict_of_drive", "authenticate.judge_drive",
     "authenticate.combined_verdict", "authenticate.occlusion_consistency",
     "authenticate.record_of_picture", "authenticate.without_record",
