@@ -454,9 +454,8 @@ def depth(
             rate,
             max_bridges,
         )
-        clouds = (
-            ("scan",) if scan_suffix(source) == ".pcd" else ()
-        )  # the reader wants organised ones
+        # Whether a .pcd is an organised cloud is told by its reader.
+        clouds = ("scan",) if scan_suffix(source) == ".pcd" else ()
         expect_kind(source, "depth", "range grid", *clouds, verb="depth")
         check_output(output, WRITABLE, force=force)
         sequence = _sequence.get()

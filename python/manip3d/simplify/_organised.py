@@ -24,13 +24,13 @@ _MOST_OFF = 0.05
 """Share of the image's size by which a pixel may be off a pinhole's: lenses bend less."""
 
 
+_MOST_SKEW = 0.02
+"""Share of the focal length: pixels of a camera are square to each other."""
+
+
 def is_cloud_file(path: Path) -> bool:
     """Whether a file may be an organised cloud, by its name."""
     return scan_suffix(path) == ".pcd"
-
-
-_MOST_SKEW = 0.02
-"""Share of the focal length: pixels of a camera are square to each other."""
 
 
 @dataclass(frozen=True, eq=False)
