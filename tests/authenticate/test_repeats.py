@@ -15,7 +15,13 @@ from typer.testing import CliRunner
 from manip3d import InputError, LidarFrame, authenticate, report
 from manip3d.authenticate import TurnResult
 from manip3d.authenticate._inspect import repeating
-from manip3d.authenticate._repeats import EarlierScans, in_common, share_in_common, sketch_of
+from manip3d.authenticate._repeats import (
+    EarlierScans,
+    first_copies,
+    in_common,
+    share_in_common,
+    sketch_of,
+)
 from manip3d.authenticate._turns import CALIBRATION
 from manip3d.cli import app
 
@@ -216,3 +222,17 @@ def test_a_drive_with_a_gap_and_a_copy(times: bool, tmp_path: Path) -> None:
     assert [each["kind"] for each in told["remarks"]] == ["repeated", "missing"]
     assert "3 scans are missing after number 2" in told["reason"]
     assert [each["repeats"] for each in told["frames"]] == [None, None, None, None, 1]
+
+
+def test_first_copies_are_those_of_all_pairs() -> None:
+    """Groups of two values, so that ids are often the same but for a few groups."""
+    rng = np.random.default_rng(5)
+    ids = ["".join(rng.choice(["0a0a", "1b1b"], 8)) for _ in range(200)]
+    ids[7] = ids[90] = ""
+    expected = [
+        next((j for j in range(i) if authenticate.are_same_points(ids[j], ids[i])), None)
+        for i in range(len(ids))
+    ]
+    assert first_copies(ids) == expected
+    assert None in expected
+    assert any(j is not None and ids[i] != ids[j] for i, j in enumerate(expected))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -12,6 +12,8 @@ from manip3d._util.checked import checked
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import ArrayLike, NDArray
 
 LEAST_SHARED = 0.9
@@ -130,6 +132,30 @@ def are_same_points(one: str, other: str) -> bool:
     starts = range(0, GROUPS * digits, digits)
     same = sum(one[k : k + digits] == other[k : k + digits] for k in starts)
     return same >= FEWEST_SAME_GROUPS
+
+
+def first_copies(ids: Sequence[str]) -> list[int | None]:
+    """Return the place of the first id before each one that is of the same points, or None.
+
+    Parameters
+    ----------
+    ids : sequence of str
+        From `points_id`.
+    """
+    digits = GROUP_BITS // 4
+    # One group of these at least is the same where FEWEST_SAME_GROUPS of all are.
+    starts = range(0, (GROUPS - FEWEST_SAME_GROUPS + 1) * digits, digits)
+    places: defaultdict[tuple[int, str], list[int]] = defaultdict(list)
+    found: list[int | None] = []
+    for place, own in enumerate(ids):
+        groups = [(start, own[start : start + digits]) for start in starts] if own else []
+        near = sorted({other for group in groups for other in places[group]})
+        first = next((other for other in near if are_same_points(own, ids[other])), None)
+        found.append(first)
+        if first is None or ids[first] != own:
+            for group in groups:
+                places[group].append(place)
+    return found
 
 
 def sketch_of(points: NDArray[np.float32]) -> Sketch:

@@ -77,16 +77,11 @@ def _records(source: str) -> list[Path]:
 
 def _name_copies(rows: Sequence[dict[str, Any]]) -> None:
     """Say of each scan which one before it has its points, in any order and nearly all of them."""
-    from manip3d.authenticate import are_same_points
+    from manip3d.authenticate._repeats import first_copies
 
-    earlier: list[tuple[str, str]] = []
-    for row in rows:
-        if not (own := row.get("points_id")):
-            continue
-        row["same_points_as"] = next(
-            (source for source, other in earlier if are_same_points(own, other)), None
-        )
-        earlier.append((row["source"], own))
+    known = [row for row in rows if row.get("points_id")]
+    for row, first in zip(known, first_copies([row["points_id"] for row in known]), strict=True):
+        row["same_points_as"] = None if first is None else known[first]["source"]
 
 
 @over_files(
