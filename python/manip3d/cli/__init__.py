@@ -35,7 +35,7 @@ _VERBS = {
     "doctor": "Print what is installed, what is missing, why, and the cure.",
     "reproduce": "Run the experiments behind published tables and figures.",
     "report": "Turn a results folder into one page: .html, .md or .csv.",
-    "cs3": "Same as 'depth', whose default method is CS3.",
+    "cs3": "Same as 'depth' with --method cs3.",
     "data": "Public data sets: what is here, and fetching more.",
     "forge": "Forge LiDAR scans and RGB-D streams, with the truth beside them.",
     "watermark": "Embed keyed watermarks into LiDAR scans and verify them.",

@@ -108,20 +108,24 @@ def inspect(
     ],
     output: OptionalOutput = None,
     previous: Annotated[
-        Path | None, typer.Option(help="Scan of the same scanner a turn earlier.")
+        Path | None, typer.Option(help="Scan of the same scanner one revolution earlier.")
     ] = None,
     following: Annotated[
-        Path | None, typer.Option(help="Scan of the same scanner a turn later.")
+        Path | None, typer.Option(help="Scan of the same scanner one revolution later.")
     ] = None,
     lattice: Annotated[
         Path | None,
         typer.Option(
             help="Lattice of the scanner (angles of its lasers, steps of its encoder), as "
-            "SensorLattice.save writes it (.json)."
+            "'manip3d lattice' writes it (.json)."
         ),
     ] = None,
     sensor: Annotated[
-        str, typer.Option(help="Scanner: auto, lattice (HDL-64E), terrestrial or other.")
+        str,
+        typer.Option(
+            help="Scanner: auto, lattice (one that spins, on a lattice, as an HDL-64E), "
+            "terrestrial or other."
+        ),
     ] = "auto",
     origin: Annotated[
         tuple[float, float, float] | None,
@@ -188,17 +192,23 @@ def inspect(
 ) -> None:
     """Look for edits of a LiDAR scan, a drive or an RGB-D recording.
 
-    The exit code is 0 for no_trace, 3 for tampered, 4 for processed and undecidable, 1 if a scan
-    could not be read, and 130 when interrupted; of several sources it is that of the gravest
-    verdict whose code is not 0. What is tampered ends with 3 although another scan could not be
-    read. Each scan of a drive or of packets gets a line, and is judged
-    together with the scans before and after it; it is judged alone where those are missing, and in
-    folders without times (object and stereo benchmarks). A drive is tampered where chance does not
-    explain its accused scans: of 100 clean scans one may be accused, and 2.1 % of clean drives are
-    called tampered at most, however long they are. No verdict says that a scan is authentic: only a
-    keyed watermark does. With -o the evidence is written: a page with pictures and boxes (.html; of
-    a drive a timeline and a map, of a recording frames, what was inserted in them and the curves of
-    noise), or the numbers (.json).
+    Verdicts and exit codes: tampered (3): a part of the scan was edited. processed (4): all of the
+    scan was changed (rounded, cropped, thinned out, watermarked), which can hide an edit. no_trace
+    (0): a detector that finds edits of scans of this scanner found none. undecidable (4): no
+    detector can judge this scan. The exit code is 1 if a scan could not be read, and 130 when
+    interrupted. With several sources it is that of the worst verdict: tampered, then a scan that
+    could not be read, then processed and undecidable. No verdict says that a scan is authentic:
+    only a keyed watermark proves that.
+
+    Each scan of a drive or of packets gets a line. It is judged with the scans before and after it;
+    alone where those are missing, and in folders without times (object and stereo benchmarks). A
+    drive is tampered if more of its scans are accused than false alarms explain: one of 100 clean
+    scans may be accused, and at most 2.1 % of clean drives are called tampered, however long they
+    are.
+
+    With -o the evidence is written: a page with pictures and boxes (.html; of a drive a timeline
+    and a map, of a recording frames, what was inserted in them and the curves of noise), or the
+    numbers (.json).
 
     Example: manip3d inspect scan.bin -o evidence.html
     """

@@ -271,7 +271,7 @@ def phantom_live(
         typer.Option(
             min=1.0,
             max=2.0,
-            help="Virtual enhancement: angle of a joint divided by the patient's own.",
+            help="Virtual enhancement: factor on the angles of the patient's joints.",
         ),
     ] = 1.0,
     pose: Annotated[
