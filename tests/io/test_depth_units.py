@@ -110,6 +110,21 @@ def test_infinite_and_negative_numbers_are_no_measurements(tmp_path: Path) -> No
     assert found.depth.tolist() == [[0, 0], [0, 2]]
 
 
+def test_the_largest_number_of_16_bits_is_no_measurement(tmp_path: Path) -> None:
+    stored = np.full((48, 64), 2000, np.uint16)
+    stored[:5] = 65_535
+    np.save(tmp_path / "image.npy", stored)
+    for unit in ("guess", "mm"):
+        found = read_depth_guessing(tmp_path / "image.npy", unit=unit)
+        assert found.range_m == (2.0, 2.0)
+        assert found.num_marked == 5 * 64 == stored.size - found.num_measured
+        assert found.sentence.endswith("; 320 pixels of 65535 taken as not measured")
+    # In other units the number is a depth.
+    tum = read_depth_guessing(tmp_path / "image.npy", unit="tum")
+    assert tum.range_m == pytest.approx((0.4, 13.107))
+    assert tum.num_marked == 0
+
+
 def truth(path: Path) -> str:
     """The unit that the publishers of the recordings state."""
     known = {

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     Depth = NDArray[np.uint16] | NDArray[np.float32]
 
 _NO_MEASUREMENT = 65_535
-"""What many cameras store where they measured nothing: as 1/1000 m it would be 65.5 m."""
+"""Many cameras store this number where they measured nothing; as 1/1000 m it would be 65.5 m."""
 
 _NO_DISPARITY = 2047
 """What the Kinect V1 stores where it measured nothing."""
@@ -56,6 +56,9 @@ class DepthReading:
         Why this unit was guessed; empty where it was given.
     doubt : str
         What speaks against a unit that was given; mostly empty.
+    num_marked : int
+        Pixels of 65535 millimetres, the largest number of 16 bits, which many cameras store for "no
+        measurement": 0 in ``depth``.
     """
 
     depth: NDArray[np.uint16] | NDArray[np.float32] = field(repr=False)
@@ -63,6 +66,7 @@ class DepthReading:
     guessed: bool
     reason: str
     doubt: str = ""
+    num_marked: int = 0
 
     @property
     def num_measured(self) -> int:
@@ -86,8 +90,12 @@ class DepthReading:
         near, far = self.range_m
         what = f"depth {near:.2f} to {far:.2f} m, unit {self.unit} ({describe_unit(self.unit)})"
         if self.guessed:
-            return f"{what}, guessed: {self.reason}"
-        return f"{what}; warning: {self.doubt}" if self.doubt else what
+            what += f", guessed: {self.reason}"
+        elif self.doubt:
+            what += f"; warning: {self.doubt}"
+        if self.num_marked:
+            what += f"; {self.num_marked} pixels of {_NO_MEASUREMENT} taken as not measured"
+        return what
 
 
 def _per_metre(units: float) -> Callable[[NDArray[Any]], Depth]:
@@ -218,15 +226,26 @@ def read_depth_guessing(
 
 
 def depth_reading(stored: NDArray[Any], unit: str | float, source: str) -> DepthReading:
-    """The same of numbers that were read already; ``source`` names them in errors."""
+    """Interpret stored depth numbers that are in memory; ``source`` names them in errors."""
     name = _checked_unit(unit)
     if name == "guess":
         name, reason = guess_depth_unit(stored)
-        return DepthReading(_conversion(name)(stored), name, True, reason)
+        depth, num_marked = _converted(stored, name)
+        return DepthReading(depth, name, True, reason, num_marked=num_marked)
     if name in _WHOLE_ONLY and stored.dtype != np.uint16:
         raise InputError(f"unit: {name} is of whole numbers, {source} has {stored.dtype}")
-    depth = _conversion(name)(stored)
-    return DepthReading(depth, name, False, "", _doubt_of(depth, name, stored))
+    depth, num_marked = _converted(stored, name)
+    return DepthReading(depth, name, False, "", _doubt_of(depth, name, stored), num_marked)
+
+
+def _converted(stored: NDArray[Any], unit: str) -> tuple[Depth, int]:
+    """The depth, and the number of pixels that held the mark of no measurement, now 0."""
+    depth = _conversion(unit)(stored)
+    if depth.dtype != np.uint16:
+        return depth, 0
+    marked = depth == _NO_MEASUREMENT
+    depth[marked] = 0  # a conversion returns an array of its own
+    return depth, int(np.count_nonzero(marked))
 
 
 def _doubt_of(depth: Depth, unit: str, stored: NDArray[Any]) -> str:

@@ -57,7 +57,6 @@ _IMAGE_SUFFIXES = (*DEPTH_SUFFIXES, ".jpg", ".jpeg", ".bmp", ".ppm", ".webp")
 _YUP_SUFFIXES = (".glb", ".gltf")
 _FRAMES_FOR_A_GUESS = 9
 _BYTES_PER_POINT = 40.0  # of a .glb: a vertex with texture coordinates and two faces
-_NO_MILLIMETRES = 65535
 SPARSE_WORDS = (
     "most measured pixels stand alone, as in an image that a LiDAR was projected into: no method "
     "here makes a surface of them; in Python, simplify.grid_delaunay joins pixels at any distance"
@@ -666,24 +665,6 @@ def _expect_faces(
 
 
 def _read(path: Path, options: DepthOptions) -> tuple[DepthReading, str]:
-    """The image, and what to say of it.
-
-    The largest number in 16 bits is a common mark of a pixel without measurement; as millimetres it
-    would be 65.5 m.
-    """
-    reading, words = _read_unit(path, options)
-    if reading.depth.dtype != np.uint16:
-        return reading, words
-    marked = reading.depth == _NO_MILLIMETRES
-    count = int(np.count_nonzero(marked))
-    if count == 0:
-        return reading, words
-    rest = replace(reading, depth=np.where(marked, np.uint16(0), reading.depth))
-    words = words.replace(reading.sentence, rest.sentence)
-    return rest, f"{words}; {count} pixels of {_NO_MILLIMETRES} taken as not measured"
-
-
-def _read_unit(path: Path, options: DepthOptions) -> tuple[DepthReading, str]:
     """The image, and what to say of its unit; a camera that knows its unit is believed."""
     reading = read_depth_guessing(path, unit=options.unit)
     unit = camera_depth_unit(options.intrinsics) if reading.guessed else "guess"
