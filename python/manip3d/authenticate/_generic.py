@@ -181,6 +181,9 @@ class GenericResult(Showable):
         Lattice by which the frame was judged.
     scan : LidarFrame or None
         What was judged, so that the result can be shown.
+    rules : mapping of str to str
+        Rule for the p-value of a kind of evidence, where it is not the kind's own: that of ``time``
+        is ``between`` if the frames before and after were both given.
     """
 
     verdict: Verdict
@@ -194,6 +197,7 @@ class GenericResult(Showable):
     evidence_map: NDArray[np.uint16]
     lattice: SensorLattice | None
     scan: LidarFrame | None = field(default=None, repr=False)
+    rules: Mapping[str, str] = field(default_factory=dict, repr=False)
 
     @property
     def power(self) -> Mapping[str, Power]:
@@ -249,7 +253,8 @@ class GenericResult(Showable):
         kept = []
         for region in self.regions:
             strength = {k: s for k, s in region.strength.items() if k not in kinds}
-            best = min((_log10_p(k, s, points) for k, s in strength.items()), default=0.0)
+            logs = [_log10_p(self.rules.get(k, k), s, points) for k, s in strength.items()]
+            best = min(logs, default=0.0)
             log = min(0.0, tests + best)
             if 10.0**log <= self.false_alarm_rate:
                 kept.append(replace(region, p_value=10.0**log, strength=strength))
@@ -547,9 +552,7 @@ def _judged(
     points, fewest = scan.num_points, 2
     if lattice.is_exact:
         found, fewest = _of_exact(found), FEWEST_EXACT
-    rules = {kind: kind for kind in EVIDENCE}
-    if found["turns"] > 1:
-        rules["time"] = "between"
+    rules = {"time": "between"} if found["turns"] > 1 else {}
     used = [
         kind
         for kind, (dropped, _, _) in zip(EVIDENCE, found["evidence"], strict=True)
@@ -558,12 +561,13 @@ def _judged(
     tests = math.log10(1 + len(used))
     evidence = {}
     for kind, (dropped, share, strength) in zip(EVIDENCE, found["evidence"], strict=True):
-        p_value = 10.0 ** _log10_p(rules[kind], strength, points) if not dropped else 1.0
+        rule = rules.get(kind, kind)
+        p_value = 10.0 ** _log10_p(rule, strength, points) if not dropped else 1.0
         evidence[kind] = EvidenceReport(
             not dropped, REASONS.get(dropped, ""), share, strength, p_value
         )
     best = [
-        min(_log10_p(rules[k], s, points) for k, s in zip(EVIDENCE, strengths, strict=True))
+        min(_log10_p(rules.get(k, k), s, points) for k, s in zip(EVIDENCE, strengths, strict=True))
         for strengths, _, _ in found["regions"]
     ]
     logs = [min(0.0, tests + log) for log in best]
@@ -593,6 +597,7 @@ def _judged(
         found["cells"].reshape(-1, _core.CELL_COLUMNS),
         lattice,
         scan,
+        rules,
     )
 
 
