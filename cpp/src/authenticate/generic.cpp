@@ -103,7 +103,7 @@ class Examination {
                                  &Examination::tally_flags,         &Examination::gather_regions};
     double done = 0.0;
     for (const Stage stage : kStages) {
-      if (progress_) progress_(0.1 + 0.08 * done++);
+      if (progress_) progress_(0.1 + 0.9 * done++ / std::size(kStages));
       (this->*stage)();
     }
     return std::move(result_);

@@ -106,7 +106,7 @@ std::vector<Patch> sample_patches(const Points& points, const Progress& progress
 // step^2 rho / r, with rho the distance from the polar axis. So density r rho / cos t is constant.
 double unevenness(std::span<const Patch> patches, const Vector3d& origin, int axis,
                   std::vector<double>& logs, std::vector<double>& scratch) {
-  constexpr double kMost = 2.2;      // a larger deviation counts as this one: it tells nothing
+  constexpr double kMost = 2.2;      // octaves: a larger deviation counts as this one
   constexpr double kGrazing = 0.03;  // least cosine
   logs.clear();
   for (const Patch& patch : patches) {
@@ -151,7 +151,7 @@ PatchBox dense_box(const std::vector<Patch>& patches, double smallest) {
 
 // The position that makes the patches most even: the best of a coarse block around the densest
 // surfaces, which are the nearest, then by halving steps. A cloud that nobody scanned may fall for
-// ever without a lowest place, so that each step makes a limited number of sweeps.
+// ever without a minimum, so that each step makes a limited number of sweeps.
 Vector3d even_position(const std::vector<Patch>& patches, int axis, const Progress& progress) {
   constexpr int kSide = 9;
   constexpr std::size_t kFewPatches = 200;  // they rule out most places of the block
@@ -171,7 +171,7 @@ Vector3d even_position(const std::vector<Patch>& patches, int axis, const Progre
     return unevenness(some, p, axis, logs, scratch);
   };
   std::vector<std::pair<double, int>> costs;
-  const auto place = [&](int index) {
+  const auto place = [&](int index) {  // of a block of 1.5 extents
     const Vector3d cell(index / (kSide * kSide), index / kSide % kSide, index % kSide);
     const Vector3d share = 1.5 * (cell / (kSide - 1.0) - Vector3d::Constant(0.5));
     return Vector3d(box.middle + share.cwiseProduct(box.extent));
@@ -181,13 +181,13 @@ Vector3d even_position(const std::vector<Patch>& patches, int axis, const Progre
   }
   std::partial_sort(costs.begin(), costs.begin() + kLikely, costs.end());
   costs.resize(kLikely);
-  for (auto& [height, index] : costs) height = cost(place(index), patches.size());
+  for (auto& [found, index] : costs) found = cost(place(index), patches.size());
   std::partial_sort(costs.begin(), costs.begin() + kStarts, costs.end());
   Vector3d best = place(costs[0].second);
-  double lowest = costs[0].first;
+  double least_of_all = costs[0].first;
   for (int s = 0; s < kStarts; ++s) {
     Vector3d p = place(costs[s].second);
-    double height = costs[s].first;
+    double least = costs[s].first;
     for (Vector3d step = box.extent / 8.0; step.maxCoeff() > smallest; step /= 2.0) {
       bool better = true;
       for (int sweep = 0; better && sweep < kSweeps; ++sweep) {
@@ -196,16 +196,19 @@ Vector3d even_position(const std::vector<Patch>& patches, int axis, const Progre
           Vector3d next = p;
           next[move / 2] += move % 2 == 0 ? step[move / 2] : -step[move / 2];
           const double other = cost(next, patches.size());
-          if (other < height) p = next, height = other, better = true;
+          if (other < least) p = next, least = other, better = true;
         }
       }
     }
-    if (height < lowest) best = p, lowest = height;
+    if (least < least_of_all) best = p, least_of_all = least;
   }
   return best;
 }
 
 // --- The grid ------------------------------------------------------------------------------------
+
+enum class Angle { kAzimuth, kElevation };
+constexpr Angle kAngles[] = {Angle::kAzimuth, Angle::kElevation};
 
 // Polar coordinates of the points about a position; the polar axis is the third coordinate.
 struct Sight {
@@ -339,18 +342,19 @@ class Grid {
     return median(std::span(ranges));
   }
 
-  // The largest step of [shortest, longest] at which phases agree nearly as well as at any. A grid
-  // of few of the points may rule out most steps before.
-  AngleComb find_comb(bool azimuth_angle, double shortest, double longest, Grid* few = nullptr) {
+  // The largest step of [shortest, longest] at which phases agree nearly as well as at any, then
+  // the most coherent of it and the three finer ones beside it. A grid of few of the points may
+  // rule out most steps before.
+  AngleComb find_comb(Angle angle, double shortest, double longest, Grid* few = nullptr) {
     constexpr double kRatio = 1.04;  // eight columns drift by a third of one
     constexpr double kNearly = 0.8;
     std::vector<AngleComb> tried;
     for (double step = shortest; step <= longest; step *= kRatio) tried.push_back({step, 1.0});
-    if (few != nullptr) few->rule_out(azimuth_angle, tried);
+    if (few != nullptr) few->rule_out(angle, tried);
     double best = 0.0;
     for (AngleComb& comb : tried) {
       if (comb.coherence == 0.0) continue;
-      comb.coherence = coherence(azimuth_angle, comb.step, kWindows[0]);
+      comb.coherence = coherence(angle, comb.step, kWindows[0]);
       best = std::max(best, comb.coherence);
     }
     std::size_t last = tried.size() - 1;
@@ -363,12 +367,12 @@ class Grid {
   }
 
   // Sets the coherence of steps to 0 that are not half as coherent as the best of them.
-  void rule_out(bool azimuth_angle, std::vector<AngleComb>& steps) {
+  void rule_out(Angle angle, std::vector<AngleComb>& steps) {
     constexpr double kHalf = 0.5;
     constexpr double kNoise = 0.01;  // three standard deviations, with kCombPoints
     double best = 0.0;
     for (AngleComb& comb : steps) {
-      comb.coherence = coherence(azimuth_angle, comb.step, kWindows[0]);
+      comb.coherence = coherence(angle, comb.step, kWindows[0]);
       best = std::max(best, comb.coherence);
     }
     const double least = std::max(kHalf * best, kFaint) - kNoise;
@@ -391,7 +395,7 @@ class Grid {
     for (int k = -kHeights; k <= kHeights; ++k) {
       position.z() = start.z() + k * kHeight * range;
       look();
-      const AngleComb comb = find_comb(false, expected / kUnsure, expected * kUnsure);
+      const AngleComb comb = find_comb(Angle::kElevation, expected / kUnsure, expected * kUnsure);
       if (comb.coherence > best.coherence) best = comb, height = position.z();
     }
     position.z() = height;
@@ -412,9 +416,9 @@ class Grid {
   }
 
   // Mean cosine of the differences in phase between points of one window.
-  double coherence(bool azimuth_angle, double step, const Window& window) {
+  double coherence(Angle angle, double step, const Window& window) {
     ticker_.tick();
-    gather(azimuth_angle, step, window);
+    gather(angle, step, window);
     double agreement = 0.0;
     double pairs = 0.0;
     for (const Phases& phases : phases_) agreement += phases.agreement(), pairs += phases.pairs();
@@ -422,10 +426,12 @@ class Grid {
   }
 
   // The same for the comb that was found; 0 where none was.
-  double judged(bool azimuth_angle, const Window& window) {
-    const double step = azimuth_angle ? azimuth.step : elevation.step;
-    return step > 0.0 ? coherence(azimuth_angle, step, window) : 0.0;
+  double judged(Angle angle, const Window& window) {
+    const double step = comb(angle).step;
+    return step > 0.0 ? coherence(angle, step, window) : 0.0;
   }
+
+  AngleComb& comb(Angle angle) { return angle == Angle::kAzimuth ? azimuth : elevation; }
 
   // One step of Gauss and Newton on the differences of phases from their windows' means, in the
   // position (unless it is fixed) and in the logarithms of both steps. Returns metres moved.
@@ -434,20 +440,20 @@ class Grid {
     using Vector5 = Eigen::Matrix<double, 5, 1>;
     Matrix5 normal = Matrix5::Zero();
     Vector5 gradient = Vector5::Zero();
-    for (const bool across : {true, false}) {
-      AngleComb& comb = across ? azimuth : elevation;
-      if (comb.step == 0.0) continue;
-      comb.coherence = coherence(across, comb.step, window);
-      const double weight = std::max(comb.coherence, 0.0) * std::max(comb.coherence, 0.0);
+    for (const Angle angle : kAngles) {
+      AngleComb& found = comb(angle);
+      if (found.step == 0.0) continue;
+      found.coherence = coherence(angle, found.step, window);
+      const double weight = std::max(found.coherence, 0.0) * std::max(found.coherence, 0.0);
       if (weight == 0.0) continue;
-      const double turn = 2.0 * kPi / comb.step;
+      const double turn = 2.0 * kPi / found.step;
       slopes_.assign(phases_.size(), Vector5::Zero());
       const auto slope_of = [&](std::size_t i) {
         Vector5 slope = Vector5::Zero();
         const Vector3d& ray = sight_.rays[i];
         const double rho = sight_.rho[i];
         const double squared = sight_.range[i] * sight_.range[i];
-        if (across) {
+        if (angle == Angle::kAzimuth) {
           slope << ray.y() / (rho * rho), -ray.x() / (rho * rho), 0.0, -sight_.azimuth[i], 0.0;
         } else {
           slope << ray.z() * ray.x() / (rho * squared), ray.z() * ray.y() / (rho * squared),
@@ -490,11 +496,10 @@ class Grid {
   // Mean over the tiles of the share of their points that stand on the grid. Only pairs of two such
   // points agree, so agreement goes with the square of the share, hence the root. It is measured
   // against the tile at 4/5 of all, as noise keeps even clean tiles below 1.
-  double explained(bool azimuth_angle) {
+  double explained(Angle angle) {
     constexpr double kFewestPairs = 20.0;
     constexpr std::size_t kFewestTiles = 10;
-    const double step = azimuth_angle ? azimuth.step : elevation.step;
-    gather(azimuth_angle, step, kJudged);
+    gather(angle, comb(angle).step, kJudged);
     std::vector<std::int64_t> tile(phases_.size());
     for (std::size_t i = 0; i < points_.size(); ++i) tile[ids_[i]] = tile_of(i);
     std::vector<double> agreement(kTilesAround * kTilesAround);
@@ -529,15 +534,16 @@ class Grid {
   }
 
   // Phases of all points, and their sums by window.
-  void gather(bool azimuth_angle, double step, const Window& window) {
-    const std::vector<double>& angle = azimuth_angle ? sight_.azimuth : sight_.elevation;
-    const std::vector<double>& other = azimuth_angle ? sight_.elevation : sight_.azimuth;
+  void gather(Angle angle, double step, const Window& window) {
+    const bool is_azimuth = angle == Angle::kAzimuth;
+    const std::vector<double>& own = is_azimuth ? sight_.azimuth : sight_.elevation;
+    const std::vector<double>& other = is_azimuth ? sight_.elevation : sight_.azimuth;
     const std::int64_t count = windows_.number(
-        angle, other, sight_.range, static_cast<double>(window.columns) * step, window.parts, ids_);
+        own, other, sight_.range, static_cast<double>(window.columns) * step, window.parts, ids_);
     phases_.assign(count, {});
     waves_.resize(points_.size());
     for (std::size_t i = 0; i < points_.size(); ++i) {
-      waves_[i] = wave_of(angle[i] / step);
+      waves_[i] = wave_of(own[i] / step);
       Phases& phases = phases_[ids_[i]];
       phases.cosine += waves_[i].cos;
       phases.sine += waves_[i].sin;
@@ -576,9 +582,9 @@ void find_combs(Grid& grid) {
   Grid few = grid;
   few.keep_tiles(kCombPoints, 3);
   const bool are_enough = few.num_points() >= kCombPoints / 2;
-  for (const bool across : {true, false}) {
-    AngleComb& comb = across ? grid.azimuth : grid.elevation;
-    comb = grid.find_comb(across, Grid::kFinest, Grid::kCoarsest, are_enough ? &few : nullptr);
+  for (const Angle angle : kAngles) {
+    AngleComb& comb = grid.comb(angle);
+    comb = grid.find_comb(angle, Grid::kFinest, Grid::kCoarsest, are_enough ? &few : nullptr);
     if (!(comb.coherence >= kFaint)) comb = {};
   }
   const double plainer = std::max(grid.azimuth.coherence, grid.elevation.coherence);
@@ -620,7 +626,8 @@ ScanOrigin fit_grid(const Points& sample, const Vector3d& start, int axis, bool 
       if (!((grid.position - turned(start, axis)).norm() <= kFarthest * range)) return result;
       if (fixed && round == kFixedRounds) break;
     }
-    const double coherence = std::max(grid.judged(true, window), grid.judged(false, window));
+    const double coherence =
+        std::max(grid.judged(Angle::kAzimuth, window), grid.judged(Angle::kElevation, window));
     if (!(coherence >= kKept * before)) {  // encoders are not even over so many columns
       grid.position = position, grid.azimuth = azimuth, grid.elevation = elevation;
       grid.look();
@@ -630,15 +637,16 @@ ScanOrigin fit_grid(const Points& sample, const Vector3d& start, int axis, bool 
     if (before == 0.0 && grid.elevation.step == 0.0) grid.find_rows(cell_area, range);
     before = coherence;
   }
-  result.azimuth_coherence = grid.judged(true, kJudged);
-  result.elevation_coherence = grid.judged(false, kJudged);
+  result.azimuth_coherence = grid.judged(Angle::kAzimuth, kJudged);
+  result.elevation_coherence = grid.judged(Angle::kElevation, kJudged);
   result.azimuth_step = grid.azimuth.step;
   result.elevation_step = grid.elevation.step;
   result.position = turned_back(grid.position, axis);
-  const bool across = result.azimuth_coherence >= result.elevation_coherence;
+  const bool is_azimuth_plainer = result.azimuth_coherence >= result.elevation_coherence;
   result.found = std::max(result.azimuth_coherence, result.elevation_coherence) >= kCoherent &&
                  (fixed || result.elevation_coherence >= kNoticeable);
-  if (result.found) result.explained = grid.explained(across);
+  if (result.found)
+    result.explained = grid.explained(is_azimuth_plainer ? Angle::kAzimuth : Angle::kElevation);
   result.found = result.explained > 0.0;
   if (result.found && (result.position - start).norm() <= kSame * range) result.position = start;
   return result;

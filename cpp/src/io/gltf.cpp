@@ -22,6 +22,8 @@
 namespace manip3d {
 namespace {
 
+// A mesh may take so much without `max_bytes`: the larger of these bytes and this many times those
+// stored, where compressed ones count five times.
 constexpr std::int64_t kFreeBytes = std::int64_t{64} << 20;
 constexpr std::int64_t kFreeRatio = 100;
 
@@ -92,10 +94,10 @@ struct Instance {
 struct Draw {
   const Primitive* primitive;
   const Transform* transform;
-  std::int64_t vertices = 0;
-  std::int64_t texcoords = 0;
-  std::int64_t normals = 0;
-  std::int64_t faces = 0;
+  std::int64_t first_vertex = 0;
+  std::int64_t first_texcoord = 0;
+  std::int64_t first_normal = 0;
+  std::int64_t first_face = 0;
   bool owns_vertices = false;  ///< The first of those that share the rows fills them.
   bool owns_texcoords = false;
   bool owns_normals = false;
@@ -691,7 +693,7 @@ class Reader {
     std::map<std::pair<const GltfAccessor*, Morph>, std::int64_t> normal_rows;
     const std::vector<double> weights = default_weights(instance);
     for (const Primitive& p : primitives_of(instance.mesh)) {
-      Draw draw{.primitive = &p, .transform = &instance.transform, .faces = num_faces_};
+      Draw draw{.primitive = &p, .transform = &instance.transform, .first_face = num_faces_};
       draw.vertex_morph = morph_of(p, weights, "POSITION", p.position);
       draw.normal_morph = morph_of(p, weights, "NORMAL", p.normal);
       warn_of_targets(p, instance, weights);
@@ -706,15 +708,15 @@ class Reader {
         return std::pair(row->second, is_new);
       };
       const std::int64_t size = p.position->count;
-      std::tie(draw.vertices, draw.owns_vertices) =
+      std::tie(draw.first_vertex, draw.owns_vertices) =
           place(vertex_rows, Key(p.position, with_colors_ ? p.color : nullptr, draw.vertex_morph),
                 num_vertices_, size, with_colors_ ? kVertexBytes + kColorBytes : kVertexBytes);
       if (p.texcoord != nullptr) {
-        std::tie(draw.texcoords, draw.owns_texcoords) =
-            place(texcoord_rows_, std::pair(p.texcoord, p.texture), num_texcoords_, size, 16);
+        std::tie(draw.first_texcoord, draw.owns_texcoords) = place(
+            texcoord_rows_, std::pair(p.texcoord, p.texture), num_texcoords_, size, kTexcoordBytes);
       }
       if (p.normal != nullptr) {
-        std::tie(draw.normals, draw.owns_normals) = place(
+        std::tie(draw.first_normal, draw.owns_normals) = place(
             normal_rows, std::pair(p.normal, draw.normal_morph), num_normals_, size, kVertexBytes);
       }
       charge(p.num_corners(), sizeof(std::uint32_t), p.pointer);
@@ -751,15 +753,15 @@ class Reader {
 
   void fill_vertices(const Draw& draw) {
     const GltfAccessor& accessor = *draw.primitive->position;
-    accessor.decode(mesh_.vertices.data() + 3 * draw.vertices);
-    apply(draw.vertex_morph, mesh_.vertices.data() + 3 * draw.vertices);
-    for (std::int64_t i = draw.vertices; i < draw.vertices + accessor.count; ++i) {
+    accessor.decode(mesh_.vertices.data() + 3 * draw.first_vertex);
+    apply(draw.vertex_morph, mesh_.vertices.data() + 3 * draw.first_vertex);
+    for (std::int64_t i = draw.first_vertex; i < draw.first_vertex + accessor.count; ++i) {
       auto row = mesh_.vertices.row(i);
       row = (draw.transform->linear * row.transpose() + draw.transform->translation)
                 .transpose()
                 .eval();
       if (!row.allFinite()) {
-        accessor.place.fail("element " + std::to_string(i - draw.vertices) +
+        accessor.place.fail("element " + std::to_string(i - draw.first_vertex) +
                             " is not finite after the transform of its node");
       }
     }
@@ -768,7 +770,7 @@ class Reader {
   /// Linear light to sRGB bytes, IEC 61966-2-1; a primitive without colours is white.
   void fill_colors(const Draw& draw) {
     if (draw.primitive->color == nullptr) {
-      mesh_.colors.middleRows(draw.vertices, draw.primitive->position->count).setConstant(255);
+      mesh_.colors.middleRows(draw.first_vertex, draw.primitive->position->count).setConstant(255);
       return;
     }
     const GltfAccessor& accessor = *draw.primitive->color;
@@ -778,37 +780,37 @@ class Reader {
       for (int c = 0; c < 3; ++c) {
         const double x = std::clamp(linear[i * accessor.num_components + c], 0.0, 1.0);
         const double y = x <= 0.0031308 ? 12.92 * x : 1.055 * std::pow(x, 1 / 2.4) - 0.055;
-        mesh_.colors(draw.vertices + i, c) = static_cast<std::uint8_t>(std::lround(255.0 * y));
+        mesh_.colors(draw.first_vertex + i, c) = static_cast<std::uint8_t>(std::lround(255.0 * y));
       }
     }
   }
 
   void fill_texcoords(const Draw& draw) {
     const GltfAccessor& accessor = *draw.primitive->texcoord;
-    accessor.decode(mesh_.texcoords.data() + 2 * draw.texcoords);
+    accessor.decode(mesh_.texcoords.data() + 2 * draw.first_texcoord);
     const TextureTransform& transform = draw.primitive->texture;
     if (transform != TextureTransform()) {
-      for (std::int64_t i = draw.texcoords; i < draw.texcoords + accessor.count; ++i) {
+      for (std::int64_t i = draw.first_texcoord; i < draw.first_texcoord + accessor.count; ++i) {
         auto row = mesh_.texcoords.row(i);
         row = transform(row[0], row[1]);
         if (!row.allFinite()) accessor.place.fail("overflows in KHR_texture_transform");
       }
     }
-    auto v = mesh_.texcoords.col(1).segment(draw.texcoords, accessor.count);
+    auto v = mesh_.texcoords.col(1).segment(draw.first_texcoord, accessor.count);
     v = (1.0 - v.array()).matrix().eval();
   }
 
   /// Normals go with the cofactors: the inverse transpose, also where there is no inverse.
   void fill_normals(const Draw& draw) {
     const GltfAccessor& accessor = *draw.primitive->normal;
-    accessor.decode(mesh_.normals.data() + 3 * draw.normals);
-    apply(draw.normal_morph, mesh_.normals.data() + 3 * draw.normals);
+    accessor.decode(mesh_.normals.data() + 3 * draw.first_normal);
+    apply(draw.normal_morph, mesh_.normals.data() + 3 * draw.first_normal);
     const Eigen::Matrix3d& m = draw.transform->linear;
     if (m.isIdentity(0.0) && draw.normal_morph.empty()) return;
     Eigen::Matrix3d cofactors;
     cofactors << m.col(1).cross(m.col(2)), m.col(2).cross(m.col(0)), m.col(0).cross(m.col(1));
     if (draw.transform->mirrors()) cofactors = -cofactors;
-    for (std::int64_t i = draw.normals; i < draw.normals + accessor.count; ++i) {
+    for (std::int64_t i = draw.first_normal; i < draw.first_normal + accessor.count; ++i) {
       const Eigen::Vector3d normal = cofactors * mesh_.normals.row(i).transpose();
       if (!normal.allFinite())
         accessor.place.fail("a normal overflows in the transform of its node");
@@ -847,15 +849,15 @@ class Reader {
     for (std::int64_t f = 0; f < p.num_faces(); ++f) {
       std::array<std::int64_t, 3> from = face_corners(p.mode, f);
       if (mirrored) std::swap(from[1], from[2]);
-      const std::int64_t face = draw.faces + f;
+      const std::int64_t face = draw.first_face + f;
       for (int c = 0; c < 3; ++c) {
         const std::int64_t i = corners[from[c]];
         const auto set = [&](Faces& table, std::int64_t row) {
           table(face, c) = static_cast<std::int32_t>(row + i);
         };
-        set(mesh_.faces, draw.vertices);
-        if (p.texcoord != nullptr) set(mesh_.face_texcoords, draw.texcoords);
-        if (p.normal != nullptr) set(mesh_.face_normals, draw.normals);
+        set(mesh_.faces, draw.first_vertex);
+        if (p.texcoord != nullptr) set(mesh_.face_texcoords, draw.first_texcoord);
+        if (p.normal != nullptr) set(mesh_.face_normals, draw.first_normal);
       }
       if (mesh_.face_material.rows() > 0) mesh_.face_material[face] = p.material;
     }
@@ -983,6 +985,7 @@ class Reader {
 
   // Bytes of one row in the tables of the mesh, temporaries included.
   static constexpr std::int64_t kVertexBytes = 24;
+  static constexpr std::int64_t kTexcoordBytes = 16;
   static constexpr std::int64_t kColorBytes = 3 + 32;
   static constexpr std::int64_t kFaceBytes = 40;  // vertices, texcoords, normals, material
 

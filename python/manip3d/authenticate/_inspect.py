@@ -259,12 +259,12 @@ class Inspection(Showable):
 
     @property
     def regions(self) -> tuple[Region, ...]:
-        """Places with evidence, of all detectors that accuse."""
+        """Places with evidence, of all detectors whose verdict is the common one."""
         return tuple(region for report in self._deciding() for region in report.regions)
 
     @property
     def suspected(self) -> NDArray[np.int64]:
-        """Rows of the points that an accusing detector suspects, ascending."""
+        """Rows of the points that the detectors with the common verdict suspect, ascending."""
         rows = [report.suspected for report in self._deciding()]
         return np.unique(np.concatenate(rows)) if rows else np.empty(0, np.int64)
 
@@ -283,7 +283,7 @@ class Inspection(Showable):
 
     @property
     def calibration(self) -> Calibration | None:
-        """Calibration of the accusing detector, or of the first that could have objected."""
+        """Calibration of the first detector with the common verdict that has one, else None."""
         return next((r.calibration for r in self._deciding() if r.calibration is not None), None)
 
     def _deciding(self) -> tuple[DetectorReport, ...]:
@@ -529,13 +529,23 @@ class _Asked(NamedTuple):
     threads: int
 
 
+_Identified = tuple[Sensor, "LatticeReading | None"]
+"""The scanner, and the scan as its lattice reads it, if that was tried."""
+
+_Beside = tuple["LidarFrame | None", "LidarFrame | None"]
+"""The frames one revolution before and after."""
+
+
 def _inspected(
     scan: LidarFrame,
     signed: WatermarkResult | None,
     asked: _Asked,
     told: Callable[[float], object],
 ) -> Inspection:
-    """What detectors I, II and III say, without the bits of a watermark whose record holds."""
+    """Judge a scan by the detectors that apply to its scanner.
+
+    The bits of a watermark whose record was verified are removed first.
+    """
     embedding = "" if signed is None else signed.embedding
     if embedding not in ALLOWED:
         if trace := trace_of(scan.points):
@@ -584,7 +594,10 @@ def _verified(
 
 
 def _with_watermark(result: Inspection, signed: WatermarkResult | None) -> Inspection:
-    """The result with the report of the watermark; rows stay with its owner."""
+    """The result with the report of the watermark.
+
+    The suspected rows are not copied: they are in ``Inspection.watermark``.
+    """
     if signed is None:
         return result
     verdict: Verdict = "no_trace"
@@ -617,7 +630,7 @@ def _carrying(scan: LidarFrame, trace: tuple[Processing, ...]) -> Inspection:
 def combined_verdict(
     reports: Sequence[DetectorReport], processing: Sequence[Processing] = ()
 ) -> Verdict:
-    """Combine the verdicts of detectors I, II and III.
+    """Combine the verdicts of all detectors that were run.
 
     Parameters
     ----------
@@ -654,9 +667,6 @@ def combined_verdict(
     if any(report.verdict == "no_trace" and report.could_object for report in reports):
         return "no_trace"
     return "undecidable"
-
-
-_Identified = tuple[Sensor, "LatticeReading | None"]
 
 
 def _identified(
@@ -720,7 +730,7 @@ def _by_lattice(
     units_per_m: int,
     threads: int,
 ) -> Inspection:
-    """Judge by detector III, with what a verified embedding moved."""
+    """Judge by detectors III, IV and V, allowing for what a verified embedding moved."""
     sensor, reading = identified
     centred = _at_origin(scan, place)
     (before, after), why_not, repeats = _usable(centred, beside)
@@ -745,7 +755,7 @@ def _by_lattice(
         *_not_applicable(sensor, embedding),
         _of_generic(generic, place, sensor, embedding),
         *_turns_report(turns, beside, why_not, place, sensor, embedding),
-        *(() if reflectance is None else (_of_reflectance(reflectance, place, sensor, embedding),)),
+        *_reflectance_report(reflectance, place, sensor, embedding),
     )
     if _is_part_of_turn(scan) and {step.kind for step in processing} == {"cropped"}:
         processing = ()
@@ -874,14 +884,23 @@ def _turns_report(
 ) -> tuple[DetectorReport, ...]:
     """Report of detector IV, or why it could not judge frames that were given; else none."""
     if turns is not None:
-        return (_of_turns(turns, place, sensor, embedding),)
+        return (_report_of("turns", turns, place, known_power("turns", sensor, embedding)),)
     if any(other is None for other in beside) or (not why_not and sensor.name == HDL64E):
         return ()
     reasons = why_not or [f"there are no thresholds for a {sensor.name}"]
     return (DetectorReport("turns", "undecidable", "; ".join(reasons)),)
 
 
-_Beside = tuple["LidarFrame | None", "LidarFrame | None"]
+def _reflectance_report(
+    found: ReflectanceResult | None, place: Place, sensor: Sensor, embedding: str
+) -> tuple[DetectorReport, ...]:
+    """Report of detector V if it was run."""
+    if found is None:
+        return ()
+    setting = "reflectance" if found.with_turns else "reflectance alone"
+    power = known_power(setting, sensor, embedding)
+    return (_report_of("reflectance", found, place, power),)
+
 
 _NO_SKETCH = sketch_of(np.empty((0, 3), np.float32))
 
@@ -1005,14 +1024,14 @@ def repeating(found: Inspection, repeat: tuple[int, str] | None) -> Inspection:
     """
     if repeat is None:
         return found
-    place, told = repeat
-    step = Processing("repeated", f"number {place} of the drive has {told}")
+    index, what = repeat
+    step = Processing("repeated", f"number {index} of the drive has {what}")
     processing = (*found.processing, step)
     verdict = combined_verdict(found.detectors, processing)
     reason = found.reason
     if verdict != "tampered":
         reason = _reason(verdict, found.detectors, processing)
-    return replace(found, verdict=verdict, reason=reason, processing=processing, repeats=place)
+    return replace(found, verdict=verdict, reason=reason, processing=processing, repeats=index)
 
 
 def _reason(
@@ -1021,11 +1040,11 @@ def _reason(
     if verdict == "processed" and processing:
         return "; ".join(f"{step.kind}: {step.detail}" for step in processing)
     if verdict == "undecidable":
-        last = reports[-1]  # a detector that found nothing, but has no known power, is no reason
+        last = reports[-1]  # has a score where it looked at the scan, but has no measured power
         has_said = last.score is not None and last.verdict == "undecidable"
         return last.reason if has_said else reports[0].reason
-    told = next(r for r in reports if r.verdict == verdict)
-    return f"detector {told.title.split(':')[0]}: {told.reason}"
+    deciding = next(r for r in reports if r.verdict == verdict)
+    return f"detector {deciding.title.split(':')[0]}: {deciding.reason}"
 
 
 def _as_frame(scan: ScanLike) -> LidarFrame:
@@ -1112,38 +1131,23 @@ def _of_generic(
     )  # fmt: skip
 
 
-def _of_turns(found: TurnResult, place: Place, sensor: Sensor, embedding: str) -> DetectorReport:
-    regions = tuple(
-        Region(
-            _moved(region.box, place), region.rows, region.p_value, {region.kind: region.strength}
-        )
-        for region in found.regions
-    )
-    judged = found.verdict != "undecidable"
-    return DetectorReport(
-        "turns", found.verdict, found.reason, found.score if judged else None,
-        found.p_value if judged else None, regions, found.suspected,
-        known_power("turns", sensor, embedding) if judged else NO_POWER, found.calibration,
-    )  # fmt: skip
-
-
-def _of_reflectance(
-    found: ReflectanceResult, place: Place, sensor: Sensor, embedding: str
+def _report_of(
+    name: str, found: TurnResult | ReflectanceResult, place: Place, power: Mapping[str, Power]
 ) -> DetectorReport:
+    """The report of detector IV or V, whose boxes are seen from the scanner at ``place``."""
     regions = tuple(
         Region(
             _moved(region.box, place), region.rows, region.p_value, {region.kind: region.strength}
         )
         for region in found.regions
     )
-    judged = found.verdict != "undecidable"
-    power = known_power(
-        "reflectance" if found.with_turns else "reflectance alone", sensor, embedding
-    )
+    if found.verdict == "undecidable":
+        score, p_value, power = None, None, NO_POWER
+    else:
+        score, p_value = found.score, found.p_value
     return DetectorReport(
-        "reflectance", found.verdict, found.reason, found.score if judged else None,
-        found.p_value if judged else None, regions, found.suspected,
-        power if judged else NO_POWER, found.calibration,
+        name, found.verdict, found.reason, score, p_value, regions, found.suspected, power,
+        found.calibration,
     )  # fmt: skip
 
 

@@ -229,9 +229,9 @@ class Risk:
         What to do at this level.
     factors : mapping of str to float
         ``distance``, ``number``, ``angle``, ``type``, ``space``, ``time`` in a frame with an
-        attack, else the last two.
+        attack; only ``space`` and ``time`` in a clean one.
     frames, attacked_frames : int
-        X_n, and x_n among them.
+        X_n, the length of the window, and x_n, how many of its frames show an attack.
     """
 
     factor: float
@@ -342,7 +342,7 @@ class RiskTracker:
         with self._lock:
             self._pose = moved(self._pose, motion)
             attacks = [*([] if attack is None else [attack]), *others]
-            self._past.append(_seen(attacks, self._pose))
+            self._past.append(_in_first_frame(attacks, self._pose))
             count = self.parameters.frames(speed_mps)
             past = list(self._past)[-(count + 1) :]
         return self._risk(attacks, past, count, speed_mps)
@@ -442,13 +442,11 @@ def _spatial(past: Sequence[_Past], count: int, p: RiskParameters) -> float:
     return total / count
 
 
-def _seen(attacks: Sequence[AttackObservation], pose: tuple[float, float, float]) -> _Past:
-    x, y, yaw = pose
-    cosine, sine = math.cos(yaw), math.sin(yaw)
-    places = tuple(
-        (x + cosine * ahead - sine * left, y + sine * ahead + cosine * left)
-        for ahead, left in (attack.position for attack in attacks)
-    )
+def _in_first_frame(
+    attacks: Sequence[AttackObservation], pose: tuple[float, float, float]
+) -> _Past:
+    """Places of attacks in the axes that the car had at the first update."""
+    places = tuple(moved(pose, (*attack.position, 0.0))[:2] for attack in attacks)
     return _Past(places, tuple((attack.distance, attack.angle_rad) for attack in attacks))
 
 

@@ -199,7 +199,7 @@ class Diary:
             rows.delete_clips(participant)
 
     def start_session(self, identifier: str, *, at: datetime | None = None) -> int:
-        """Begin a sitting.
+        """Begin a session.
 
         Parameters
         ----------
@@ -224,7 +224,7 @@ class Diary:
         return session
 
     def begin_play(self, session: int, *, at: datetime | None = None) -> None:
-        """Say that the first game or touch cue of a sitting begins; later calls change nothing.
+        """Record the start of the first game or touch cue of a session; later calls change nothing.
 
         Ratings of pain from now on are ``after``.
 
@@ -243,7 +243,7 @@ class Diary:
     def end_session(
         self, session: int, *, at: datetime | None = None, answered: bool = True
     ) -> None:
-        """Say when a sitting ended.
+        """Record the end of a session.
 
         Parameters
         ----------
@@ -268,7 +268,7 @@ class Diary:
         keep: bool = False,
         about: Mapping[str, bool] | None = None,
     ) -> None:
-        """Set a time of a sitting and what else is known of it; ``keep``: unless it is set."""
+        """Set a time of a session and what else is known of it; ``keep``: unless it is set."""
         with self._file.begin() as rows:
             participant = rows.find_by_session(session)
             fields = rows.read_one(schema.SESSIONS, session, participant)
@@ -285,7 +285,7 @@ class Diary:
         *,
         replaces: int | None = None,
     ) -> int:
-        """Keep a game, with its anomalies.
+        """Keep a game, with its anomalies: spans without a point although a target was in reach.
 
         One that goes on is kept as ``interrupted``, so that it leaves a trace if the program is
         killed, and later replaced.
@@ -740,7 +740,7 @@ class Diary:
             return _participant(rows.find(identifier))
 
     def sessions(self, identifier: str) -> list[DiarySession]:
-        """Return the sittings of a participant, by time, with games, anomalies and ratings.
+        """Return the sessions of a participant, by time, with games, anomalies and ratings.
 
         Parameters
         ----------
@@ -934,7 +934,7 @@ class Diary:
         return Answers(datetime.fromisoformat(fields["at"]), form, given, fields["occasion"], row)
 
     def _answers(self, identifier: str, kind: str) -> list[tuple[dict[str, Any], int]]:
-        """Filled-in questionnaires of a kind; those without one are McGill's."""
+        """Filled-in questionnaires of a kind; "" is McGill's, whose fields name none."""
         rows = self._fields(schema.QUESTIONNAIRES, identifier)
         return [(fields, row) for fields, row in rows if fields.get("kind", "") == kind]
 
@@ -1060,7 +1060,7 @@ def _keep_answers(
 
 
 def _sessions(rows: Rows, participant: Enrolled) -> list[DiarySession]:
-    """The sittings of a participant, each table read once."""
+    """The sessions of a participant, each table read once."""
     times, games, ratings = defaultdict(list), defaultdict(list), defaultdict(list)
     for row, fields in rows.read(schema.ANOMALIES, participant):
         times[row["game"]].append((fields["start"], fields["end"]))

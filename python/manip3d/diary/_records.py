@@ -209,7 +209,7 @@ def first_pain(ratings: Iterable[Rating]) -> int | None:
 
 @dataclass(frozen=True)
 class DiarySession:
-    """One sitting.
+    """One session of a participant.
 
     Attributes
     ----------

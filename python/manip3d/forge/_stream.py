@@ -275,21 +275,20 @@ def background_plate(frames: Iterable[RgbdFrame]) -> RgbdFrame:
     if any(frame.depth.shape != some[0].depth.shape for frame in some):
         raise InputError("frames: expected images of one size")
     first = some[0]
-    depths = np.stack([np.where(_nobody(frame), frame.depth, 0) for frame in some])
-    depth = _median_seen(depths)
+    free = np.stack([_nobody(frame) for frame in some])
+    depth = _median_seen(np.where(free, np.stack([frame.depth for frame in some]), 0))
     with_color = first.calibration.registration is None and all(f.color is not None for f in some)
     color = None
     if with_color:
-        seen = np.stack([_nobody(frame) for frame in some])
-        best = seen.argmax(axis=0)  # the first frame that shows nobody there
+        best = free.argmax(axis=0)  # the first frame that shows nobody there
         colors = np.stack([frame.color for frame in some if frame.color is not None])
         chosen = np.take_along_axis(colors, best[None, ..., None], axis=0)[0]
-        source = _nearest_seen(np.asarray(seen.any(axis=0)), depth)
+        source = _nearest_seen(np.asarray(free.any(axis=0)), depth)
         color = np.ascontiguousarray(np.take_along_axis(chosen, source[..., None], axis=1))
     filled = np.take_along_axis(depth, _nearest_seen(np.asarray(depth > 0), depth), axis=1)
-    # Pixels that never have a measurement although nobody hides them stay without one.
-    never = np.stack([_nobody(frame) for frame in some]).sum(axis=0) * 2 > len(some)
-    depth = np.where((depth == 0) & never, np.uint16(0), filled)
+    # Pixels without a measurement although nobody hides them in most frames stay without one.
+    is_mostly_free = 2 * free.sum(axis=0) > len(some)
+    depth = np.where((depth == 0) & is_mostly_free, np.uint16(0), filled)
     nobody = np.full(depth.shape, NO_BODY, np.uint8)
     calibration = first.calibration
     if not with_color and calibration.registration is not None:

@@ -50,23 +50,23 @@ class PhantomState(enum.StrEnum):
     """State of the phantom in one frame."""
 
     TRACKING = "tracking"  #: the intact limb is seen, and mirrored
-    DEGRADED = "degraded"  #: the same, but the picture is not to be believed
-    HOLDING = "holding"  #: it is not; the last phantom moves with the body
-    FADING = "fading"  #: the same, with less and less opacity
+    DEGRADED = "degraded"  #: the intact limb is mirrored, but the picture is implausible
+    HOLDING = "holding"  #: it cannot be mirrored; the last phantom moves with the body
+    FADING = "fading"  #: as HOLDING, with decreasing opacity
     LOST = "lost"  #: there is no phantom
     LATE = "late"  #: the frame is not newer than the last one, whose images these are
 
 
 class PhantomReason(enum.StrEnum):
-    """Reason why the intact limb is not mirrored."""
+    """Reason why the state of a frame is not TRACKING."""
 
-    NONE = "none"  #: it is
+    NONE = "none"  #: the state is TRACKING
     NO_PERSON = "no_person"  #: the key person's skeleton, or its pixels, are not there
-    NO_PLANE = "no_plane"  #: the axes of the body never were there
-    OCCLUDED = "occluded"  #: too little of the limb is seen
-    INFERRED = "inferred"  #: a joint of it was guessed for too long, where the limb is not seen
+    NO_PLANE = "no_plane"  #: the axes of the body have not been found yet
+    OCCLUDED = "occluded"  #: too little of the intact limb is seen
+    INFERRED = "inferred"  #: one of its joints was guessed for too long, and is not seen
     NO_SKELETON = "no_skeleton"  #: no skeleton has been seen at all
-    CALIBRATION = "calibration"  #: the joints do not lie on the person's pixels, or are not as tall
+    CALIBRATION = "calibration"  #: the joints miss the person's pixels, or differ in height
     SHAKY = "shaky"  #: the plane of symmetry is not known well enough
     LEAP = "leap"  #: the phantom moved much farther than the intact limb did
     DETACHED = "detached"  #: the phantom does not hang at the body
@@ -294,14 +294,14 @@ class PhantomFrame:
         return body, phantom
 
     def mesh(self, color: NDArray[np.uint8] | None = None) -> DepthMesh:
-        """The textured mesh as a `manip3d.simplify.DepthMesh`; ``color`` is the frame's.
+        """The textured mesh as a `manip3d.simplify.DepthMesh`.
 
         One mesh has one texture: where the phantom is held, `parts` has the right ones.
 
         Parameters
         ----------
         color : (H, W, 3) uint8, optional
-            Colour of the frame that was processed.
+            Texture. By default the colour of the frame that was processed, if it had one.
 
         Returns
         -------
@@ -309,7 +309,8 @@ class PhantomFrame:
         """
         from manip3d.simplify import DepthMesh
 
-        return DepthMesh(self.vertices, self.faces, self.pixels, self.texcoords, color)
+        texture = self.color if color is None else color
+        return DepthMesh(self.vertices, self.faces, self.pixels, self.texcoords, texture)
 
 
 @dataclass(frozen=True, eq=False)
@@ -380,7 +381,7 @@ def _mask(near: float, far: float, margin: float) -> _core.PersonMaskOptions:
 
 @checked
 class PhantomPipeline:
-    """Frames of a person in, the same person with a phantom limb out.
+    """Mirror a person's intact limb onto the missing one, frame by frame.
 
     The steps are those of the dissertation's sections 4.3.1 and 4.7: mask of the key person,
     smoothed joints, segmentation, removal of the affected limb, mirroring of the intact one, hole
@@ -392,7 +393,7 @@ class PhantomPipeline:
     with the body for ``hold_seconds``, then fades in ``fade_seconds``. A frame that is not newer
     than the last one is counted and passed over, unless it is more than a second older: then a new
     recording begins. Where all times are 0, frames count as 30 a second. A frame whose phantom
-    nobody would believe is ``degraded``: see `PhantomQuality`.
+    is implausible is ``degraded``: see `PhantomQuality`.
 
     Trackers invent joints of a limb that is missing. Unless the person has shown the limb, joints
     of it that the camera looks through, and bones half as long again as the intact limb's, count
@@ -415,23 +416,25 @@ class PhantomPipeline:
         frame; or of four joints of each frame, as in the source. By default ``trunk``, without
         smoothing ``joints``. The other modes take the joints'.
     smoothing : {"default", "seated"} or None
-        Preset of `JointSmoother`; None: joints are taken as they come.
+        Preset of `JointSmoother`; None: joints are not smoothed.
     segmentation : {"skin", "paper"}
         As of `segment_body`.
     arm_radius, leg_radius : float, metres
-        What counts as the limb lies so near its bones.
+        Points within this distance of a limb's bones belong to the limb.
     root_radius : float, metres
-        Around shoulder or hip, for the second filling (in the source, of legs only); 0: none.
+        Radius around the shoulder or hip within which the second filling mirrors the intact side
+        (in the source, of legs only); 0: no second filling.
     keep_residual : bool
-        Leave what there is of the affected limb.
+        Do not remove the rest of the affected limb.
     near, far, margin : float, metres
         Bounds of depth; without a body index the person is what lies within ``margin`` of the
         depths of its joints.
     least_visible : float
-        Share of the intact limb.
-    inferred_seconds, hold_seconds, fade_seconds : float
+        Smallest visible share of the intact limb, by length, at which it is mirrored.
+    inferred_seconds, hold_seconds, fade_seconds : float, seconds
+        Times of the paragraph on limbs that cannot be mirrored; 0 to 3600.
     max_depth_step : float, metres
-        No triangle spans more.
+        Triangles whose corners differ more in depth are left out.
     texturing : {"source", "calibration"}
         Texture from the source pixel, or from where the colour camera sees the phantom's own
         points, which is wrong (figure 4.4).
@@ -506,7 +509,8 @@ class PhantomPipeline:
         Raises
         ------
         InputError
-            A calibration is out of range. The next frame is not affected.
+            Depth or colour does not have the size that the calibration says, or a calibration is
+            out of range. The next frame is not affected.
         """
         rows, cols = frame.depth.shape
         buffers = _Buffers.of_size(rows, cols, self._pool)

@@ -40,7 +40,7 @@ _MOST_REASON_BYTES = 200
 CODE_SECONDS = 120.0
 """Seconds for which a code of `LocalServer.new_code` lets a browser in."""
 _CODE_ATTEMPTS = 5  # wrong ones, of all strangers together, after which a code is void
-_CLOCK = 60_000.0  # ms: a page whose clock is farther off is on another machine
+_MOST_CLOCK_SKEW_MS = 60_000.0  # a page whose clock is farther off is on another machine
 
 
 @dataclass(frozen=True)
@@ -199,7 +199,7 @@ class StreamClient:
             raise FormatError(f"sequence: expected a frame in flight, got {sequence}")
         self.acknowledged += 1
         self._round_trips.append((time.time_ns() - captured_ns) / 1e6)
-        if decoded_ms is not None and abs(decoded_ms - captured_ns / 1e6) < _CLOCK:
+        if decoded_ms is not None and abs(decoded_ms - captured_ns / 1e6) < _MOST_CLOCK_SKEW_MS:
             self._latencies.append(decoded_ms - captured_ns / 1e6)
         self._changed.set()
 
@@ -451,7 +451,7 @@ class LocalServer:
         loop = self._loop
         if loop is not None:
             with contextlib.suppress(RuntimeError):  # closed since
-                loop.call_soon_threadsafe(self._spread, _Frame(content, sequence, captured_ns))
+                loop.call_soon_threadsafe(self._broadcast, _Frame(content, sequence, captured_ns))
 
     @property
     def num_clients(self) -> int:
@@ -477,7 +477,7 @@ class LocalServer:
 
     # --- in the server's thread ------------------------------------------------------------------
 
-    def _spread(self, frame: _Frame) -> None:
+    def _broadcast(self, frame: _Frame) -> None:
         for client, _ in self._clients.values():
             client._offer(frame)
 
@@ -605,7 +605,7 @@ class LocalServer:
 
     def _refusal(self, request: web.Request) -> tuple[int, str] | None:
         """Status and reason why a request is not answered."""
-        is_known = _is_same(request.cookies.get(self._cookie_name, ""), self._cookie)
+        is_known = _equal_in_constant_time(request.cookies.get(self._cookie_name, ""), self._cookie)
         if not (self._requests if is_known else self._strangers).take():
             return 429, "too many requests"
         own = self.origin.partition("//")[2]
@@ -619,18 +619,18 @@ class LocalServer:
             return None
         code = request.query.get("code")
         if not is_known and request.path == "/" and code is not None:
-            return None if self._takes_code(code) else (403, "wrong code, or one that is over")
+            return None if self._redeem_code(code) else (403, "wrong code, or one that is over")
         token = request.query.get("token")
         if request.path == "/" and token is not None:
-            if self._takes(token) or is_known:
+            if self._redeem_token(token) or is_known:
                 return None
             return 403, "wrong token, or one that has let a browser in already"
         return None if is_known else (403, "no session: open the address that 'manip3d' printed")
 
-    def _takes(self, token: str) -> bool:
+    def _redeem_token(self, token: str) -> bool:
         """Whether a token lets in; it does so once."""
         with self._lock:
-            found = [kept for kept in self._tokens if _is_same(token, kept)]
+            found = [kept for kept in self._tokens if _equal_in_constant_time(token, kept)]
             self._tokens.difference_update(found)
         return bool(found)
 
@@ -639,13 +639,13 @@ class LocalServer:
         code = self._code
         return code if code is not None and time.monotonic() < code.due else None
 
-    def _takes_code(self, given: str) -> bool:
+    def _redeem_code(self, given: str) -> bool:
         """Whether a code lets in; it does so once. Too many wrong ones make it void."""
         with self._lock:
             code = self._open_code()
             if code is None:
                 return False
-            is_right = _is_same(given.replace(" ", ""), code.digits)
+            is_right = _equal_in_constant_time(given.replace(" ", ""), code.digits)
             code.attempts -= 1
             if is_right or code.attempts <= 0:
                 self._code = None
@@ -775,5 +775,5 @@ def _cut(text: str, most: int) -> bytes:
     return whole.decode(errors="ignore").encode()
 
 
-def _is_same(given: str, kept: str) -> bool:
+def _equal_in_constant_time(given: str, kept: str) -> bool:
     return hmac.compare_digest(given.encode("utf-8", "surrogateescape"), kept.encode())

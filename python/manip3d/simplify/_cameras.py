@@ -118,7 +118,7 @@ class JointSimplification(Showable):
     colors: tuple[NDArray[np.uint8] | None, ...] = field(repr=False)
     _measured: tuple[tuple[_View, float], ...] = field(repr=False)
     _threads: int = field(repr=False)
-    _steps: _Steps = field(repr=False)
+    _steps: _GapRules = field(repr=False)
 
     @property
     def num_vertices(self) -> int:
@@ -277,8 +277,8 @@ def _normals(points: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[n
 
 
 @dataclass(frozen=True)
-class _Steps:
-    """Which triangles of a view are no surface: a step or a gap lies between their corners."""
+class _GapRules:
+    """Tell which triangles of a view are no surface: a step or a gap lies between their corners."""
 
     step: float | None
     max_edge: float
@@ -286,7 +286,7 @@ class _Steps:
     def apart(
         self, view: _View, pixels: NDArray[np.int32], corners: NDArray[np.int32]
     ) -> NDArray[np.bool_]:
-        """Return which triangles join surfaces that ``max_edge`` keeps apart, however long."""
+        """Return which triangles bridge a gap in the depth image larger than ``max_edge``."""
         if math.isinf(self.max_edge) or not len(corners):
             return np.zeros(len(corners), bool)
         return across_gaps(corners, pixels, view.points, view.valid, self.max_edge)
@@ -412,7 +412,7 @@ class _Joint:
         open_pixels: NDArray[np.bool_],
         border: tuple[NDArray[np.int32], NDArray[np.int32]],
         normals: NDArray[np.float64],
-        steps: _Steps,
+        steps: _GapRules,
     ) -> None:
         """Triangulate the chosen pixels of a view together with the border, and join them."""
         if isinstance(chosen, Relief) and not len(border[0]):
@@ -557,7 +557,7 @@ def cs3_cameras(
     depth_step : float, optional
         Triangles across a larger step in the depth of a view are left out, as a share of the depth
         (`cut_depth_steps` has the rule). Not of views that are given as points.
-    tolerance : float, optional
+    tolerance : float, optional, in the units of the points (metres for depth)
         Surfaces of two views that face the same way are the same one up to this distance.
         Default: five times the median distance of neighbouring pixels of the view.
 
@@ -751,7 +751,7 @@ def _join(
     threads = threads_of(threads)
     taken = [_take(view, index, threads) for index, view in enumerate(views)]
     near = [tolerance or 5.0 * _spacing(view) for view in taken]
-    steps = _Steps(depth_step, _limit(max_edge))
+    steps = _GapRules(depth_step, _limit(max_edge))
     dense = [_core.grid_mesh(v.points, v.valid, v.rows_up, math.inf, None, threads) for v in taken]
     surfaces = [
         _Surface(view.world, steps.surface(view, fields["faces"]))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -50,7 +50,8 @@ class Staircase:
     """One-up-two-down: a wrong answer makes the task easier, two right ones in a row harder.
 
     Levels are differences in polygon counts, percent of the original's. The level at which one
-    goes up as often as down is that of p(right)^2 = 1/2: the 70.7 % point [Levitt 1971].
+    goes up as often as down is that of p(right)^2 = 1/2: the 70.7 % point [H. Levitt,
+    Transformed up-down methods in psychoacoustics, J. Acoust. Soc. Am. 49, 1971].
 
     Attributes
     ----------
@@ -77,12 +78,10 @@ class Staircase:
     step: int = 5
     lowest: int = 5
     highest: int = 95
-    trials: list[tuple[int, bool]] | None = None
-    reversals: list[int] | None = None
+    trials: list[tuple[int, bool]] = field(default_factory=list)
+    reversals: list[int] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.trials = self.trials or []
-        self.reversals = self.reversals or []
         self._right = 0
         self._direction = 0
 
@@ -94,8 +93,6 @@ class Staircase:
         is_right : bool
             Whether the participant chose the original.
         """
-        assert self.trials is not None
-        assert self.reversals is not None
         self.trials.append((self.level, is_right))
         if is_right:
             self._right += 1
@@ -142,8 +139,6 @@ class Rules:
         stairs : Staircase
             The staircase so far.
         """
-        assert stairs.trials is not None
-        assert stairs.reversals is not None
         return len(stairs.reversals) >= self.reversals or len(stairs.trials) >= self.most_trials
 
 
@@ -325,7 +320,7 @@ class JndStudy(Study):
             return None
         if (measure := next_screen_step(session)) is not None:
             return measure
-        trial = sum(len(stairs.trials or ()) for stairs in staircases)
+        trial = sum(len(stairs.trials) for stairs in staircases)
         # Staircases are interleaved by chance, so that nobody sees where one is going.
         rng = self.generator(session, f"trial {trial}")
         place = open_ones[int(rng.integers(len(open_ones)))]
@@ -360,7 +355,7 @@ class JndStudy(Study):
 
     def progress(self, session: Session) -> float:
         reversals = sum(
-            min(len(stairs.reversals or ()), self.rules.reversals)
+            min(len(stairs.reversals), self.rules.reversals)
             if not self.rules.is_over(stairs)
             else self.rules.reversals
             for stairs in self.staircases(session)
@@ -446,7 +441,7 @@ class JndStudy(Study):
                         "low": found.low,
                         "high": found.high,
                         "comparisons": len(stairs.trials),
-                        "reversals": len(stairs.reversals or ()),
+                        "reversals": len(stairs.reversals),
                         "reversal_mean": reversal_mean(stairs),
                     }
                 )
@@ -496,7 +491,7 @@ def reversal_mean(stairs: Staircase) -> float | None:
     >>> reversal_mean(stairs)
     52.5
     """
-    levels = (stairs.reversals or [])[2:]
+    levels = stairs.reversals[2:]
     levels = levels[len(levels) % 2 :]
     return float(np.mean(levels)) if len(levels) >= 2 else None
 
