@@ -19,6 +19,7 @@
 #include "modify/phantom_quality.hpp"
 #include "modify/pixel_bounds.hpp"
 #include "modify/stature.hpp"
+#include "modify/surroundings.hpp"
 #include "modify/vertical.hpp"
 
 namespace manip3d {
@@ -531,6 +532,7 @@ class PhantomPipeline::Workspace {
 
   [[nodiscard]] PhantomReason reason_for_nobody(const PhantomInput& input) const {
     if (std::ranges::any_of(input.people, is_in_another_unit)) return PhantomReason::kCalibration;
+    if (is_here_ && is_beside_all_) return PhantomReason::kCalibration;
     return lacks_skeletons() ? PhantomReason::kNoSkeleton : PhantomReason::kNoPerson;
   }
 
@@ -564,10 +566,40 @@ class PhantomPipeline::Workspace {
   std::optional<Skeleton> find_points(const std::optional<Skeleton>& person,
                                       const PhantomInput& input) {
     points_.count = 0;
+    is_beside_all_ = false;
     if (!person) return person;
     const Skeleton believed = goes_by_skin() ? without_unseen_limb(*person, input) : *person;
     find_person(input.depth, input.body_index, believed, rays_, options_.mask, points_);
+    look_for_floor(*person, input);
+    if (input.body_index == nullptr && goes_by_skin()) leave_surroundings(believed, input);
     return goes_by_skin() ? fit_limbs(believed, points_, girth_.trunk()) : believed;
+  }
+
+  /// Without a body index, floor and furniture between the depths of the joints are no person.
+  void leave_surroundings(const Skeleton& person, const PhantomInput& input) {
+    const bool has_points = points_.count > 0;
+    drop_surroundings(input.depth, bones_of(person), options_.affected, static_cast<float>(flesh()),
+                      floor_under(person), points_, vertex_of_);
+    is_beside_all_ = has_points && points_.count == 0;
+  }
+
+  /// The floor, unless a tracked foot is well below it: then it is a table or a bed.
+  [[nodiscard]] std::optional<FloorPlane> floor_under(const Skeleton& person) const {
+    constexpr float kFootIsOff = 0.12F;  // metres
+    using enum Joint;
+    const auto& floor = vertical_.floor();
+    if (!floor) return std::nullopt;
+    for (const Joint joint : {kAnkleLeft, kAnkleRight, kFootLeft, kFootRight}) {
+      if (person.state(joint) != TrackingState::kTracked || !is_usable(person, joint)) continue;
+      if (floor->normal.dot(person[joint]) > floor->height + kFootIsOff) return std::nullopt;
+    }
+    return floor;
+  }
+
+  [[nodiscard]] BoneSegments bones_of(const Skeleton& person) const {
+    const BoneRule rule = options_.segmentation;
+    return frame_ ? body_bones(person, rule, options_.affected, mirror_, girth_.trunk())
+                  : body_bones(person, rule, girth_.trunk());
   }
 
   /// The person without joints of the affected limb that the picture refutes: bones to them would
@@ -609,10 +641,8 @@ class PhantomPipeline::Workspace {
   void segment_by_bones(const Skeleton& person) {
     constexpr int kRounds = 10;
     constexpr float kSame = 0.02F;
-    const BoneRule rule = options_.segmentation;
     for (int round = 0; round < kRounds; ++round) {
-      bones_ = frame_ ? body_bones(person, rule, options_.affected, mirror_, girth_.trunk())
-                      : body_bones(person, rule, girth_.trunk());
+      bones_ = bones_of(person);
       segment_bones(bones_, points_);
       const bool is_new = girth_.is_new();
       if (!goes_by_skin() ||
@@ -628,7 +658,6 @@ class PhantomPipeline::Workspace {
 
   /// The axes of the body; those of the last frame where they cannot be told.
   void update_frame(const Skeleton& person, const PhantomInput& input) {
-    if (follows_trunk() && !is_arm(options_.affected)) look_for_floor(person, input);
     const auto frame = follows_trunk() ? trunk_.update(is_here_ ? &raw_ : nullptr, input.depth,
                                                        rays_, input.camera, seconds_of(clock_ns_))
                                        : body_frame(person, options_.affected);
@@ -643,9 +672,11 @@ class PhantomPipeline::Workspace {
   }
 
   void look_for_floor(const Skeleton& person, const PhantomInput& input) {
-    if (!is_here_ || !is_usable(person, Joint::kSpineBase)) return;
+    const bool is_asked =
+        input.body_index == nullptr || (follows_trunk() && !is_arm(options_.affected));
+    if (!is_asked || !is_here_ || !is_usable(person, Joint::kSpineBase)) return;
     vertical_.learn(input.depth, input.body_index, rays_, person[Joint::kSpineBase]);
-    trunk_.set_down(vertical_.down());
+    if (!is_arm(options_.affected)) trunk_.set_down(vertical_.down());
   }
 
   void set_frame(const BodyFrame& trunk) {
@@ -965,6 +996,7 @@ class PhantomPipeline::Workspace {
   PixelRays rays_;
 
   bool has_time_ = false, is_here_ = false, has_skeleton_ = false;
+  bool is_beside_all_ = false;  ///< No measured point is near the joints of this frame.
   std::int64_t last_time_ns_ = 0, late_frames_ = 0;
   std::int64_t late_in_row_ = 0;
   std::int64_t clock_ns_ = 0;  ///< Since the first frame, by the source's clock or a nominal one.

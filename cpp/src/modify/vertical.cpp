@@ -1,9 +1,12 @@
 #include "modify/vertical.hpp"
 
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <optional>
 #include <span>
+#include <utility>
 
 #include "modify/ray_at.hpp"
 
@@ -12,6 +15,7 @@ namespace {
 
 constexpr std::int64_t kFloorReach = 8;    // pixels to either side: a decimetre at 3 m
 constexpr std::size_t kLeastNormals = 40;  // that agree, of some 1 500 places
+constexpr float kSpread = 0.14F;           // radians: of the Geman-McClure weight
 
 /// The inverse of a depth is linear in the pixel on a plane, whatever its slant.
 bool is_flat(float before, float here, float after) {
@@ -47,7 +51,6 @@ std::optional<Eigen::Vector3f> floor_normal(const DepthView& depth, const PixelR
 std::optional<Eigen::Vector3f> shared(std::span<const Eigen::Vector3f> normals,
                                       Eigen::Vector3f guess) {
   constexpr int kSteps = 10;
-  constexpr float kSpread = 0.14F;  // radians: of the Geman-McClure weight
   std::size_t agreeing = 0;
   for (int i = 0; i < kSteps; ++i) {
     Eigen::Vector3f sum = Eigen::Vector3f::Zero();
@@ -63,6 +66,57 @@ std::optional<Eigen::Vector3f> shared(std::span<const Eigen::Vector3f> normals,
   }
   if (agreeing < kLeastNormals) return std::nullopt;
   return guess;
+}
+
+constexpr float kLevel = 0.03F;  // metres: a level surface is so near to one height
+
+/// The height of the lowest level surface that is no speck: tables and steps are higher.
+/// @param heights  memory for those of the points.
+std::optional<float> lowest_level(std::span<const Eigen::Vector3f> points,
+                                  const Eigen::Vector3f& down, std::span<float> heights) {
+  constexpr std::size_t kOneOf = 4;  // of so many points at least one is on the floor
+  for (std::size_t i = 0; i < points.size(); ++i) heights[i] = down.dot(points[i]);
+  std::ranges::sort(heights, std::greater<>());
+  const std::size_t least = std::max(kLeastNormals / 2, heights.size() / kOneOf);
+  for (std::size_t first = 0; first + least <= heights.size(); ++first) {
+    if (heights[first] - heights[first + least - 1] < 2.0F * kLevel) {
+      return heights[first + least / 2];
+    }
+  }
+  return std::nullopt;
+}
+
+/// The plane of the points about a first guess; none if they do not tell all of it.
+std::optional<FloorPlane> fitted_plane(std::span<const Eigen::Vector3f> points, FloorPlane plane) {
+  constexpr int kSteps = 5;
+  constexpr double kLeastAcross = 0.02;  // square metres: a narrow strip may be tilted by anything
+  for (int step = 0; step < kSteps; ++step) {
+    // Sums about the mean, as the plane's tilt and height are then apart.
+    double sum = 0.0, squares = 0.0;
+    Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+    Eigen::Matrix3d moments = Eigen::Matrix3d::Zero();
+    for (const Eigen::Vector3f& point : points) {
+      const float off = plane.normal.dot(point) - plane.height;
+      const double share = 1.0 + static_cast<double>(off * off / (kLevel * kLevel));
+      const double weight = 1.0 / (share * share);
+      const Eigen::Vector3d p = point.cast<double>();
+      sum += weight;
+      mean += weight * p;
+      moments += weight * p * p.transpose();
+      squares += weight * static_cast<double>(off * off);
+    }
+    if (!(sum > static_cast<double>(kLeastNormals) / 2.0)) return std::nullopt;
+    mean /= sum;
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(moments / sum -
+                                                              mean * mean.transpose());
+    if (!(axes.eigenvalues()[1] > kLeastAcross)) return std::nullopt;
+    Eigen::Vector3d normal = axes.eigenvectors().col(0);
+    if (normal.dot(plane.normal.cast<double>()) < 0.0) normal = -normal;
+    plane.normal = normal.cast<float>();
+    plane.height = static_cast<float>(normal.dot(mean));
+    plane.noise = static_cast<float>(std::sqrt(squares / sum));
+  }
+  return plane;
 }
 
 }  // namespace
@@ -88,7 +142,8 @@ void Vertical::learn(const DepthView& depth, const std::uint8_t* body_index, con
       if (!(before.dot(lift(rays, u, v, z)) > lowest)) continue;
       const auto normal = floor_normal(depth, rays, u, v);
       if (!normal || !(normal->y() > kHalfRight) || count == kMost) continue;
-      normals_[count++] = *normal;
+      normals_[count] = *normal;
+      points_[count++] = lift(rays, u, v, z);
       sum += *normal;
     }
   }
@@ -97,6 +152,27 @@ void Vertical::learn(const DepthView& depth, const std::uint8_t* body_index, con
   if (!now) return;
   frames_ = std::min(frames_ + 1.0, kLongest);
   down_ = (down_ + (now->cast<double>() - down_) / frames_).normalized();
+  find_floor(count, *now, hips);
+}
+
+/// Fits the plane of the floor to this frame's points, `count` of them, with normals about `now`.
+void Vertical::find_floor(std::size_t count, const Eigen::Vector3f& now,
+                          const Eigen::Vector3f& hips) {
+  constexpr float kNearPerson = 2.0F;  // metres: lenses bend what is far away
+  std::size_t level = 0, near = 0;
+  for (std::size_t i = 0; i < count; ++i) {
+    if (!((normals_[i] - now).squaredNorm() < kSpread * kSpread)) continue;
+    const Eigen::Vector3f from = points_[i] - hips;
+    const bool is_near = (from - now.dot(from) * now).squaredNorm() < kNearPerson * kNearPerson;
+    std::swap(points_[level], points_[i]);
+    if (is_near) std::swap(points_[near++], points_[level]);
+    ++level;
+  }
+  const std::size_t used = near >= kLeastNormals ? near : level;
+  const std::span<const Eigen::Vector3f> points(points_.data(), used);
+  const auto lowest = lowest_level(points, now, {heights_.data(), used});
+  if (!lowest) return;
+  if (const auto fitted = fitted_plane(points, {now, *lowest, 0.0F})) floor_ = fitted;
 }
 
 }  // namespace manip3d

@@ -427,8 +427,9 @@ class PhantomPipeline:
     keep_residual : bool
         Do not remove the rest of the affected limb.
     near, far, margin : float, metres
-        Bounds of depth; without a body index the person is what lies within ``margin`` of the
-        depths of its joints.
+        Bounds of depth; without a body index the person lies within ``margin`` of the depths of
+        its joints, near the skin of its bones and above the floor, where that is seen (with
+        ``segmentation="paper"``, the depths alone count).
     least_visible : float
         Smallest visible share of the intact limb, by length, at which it is mirrored.
     inferred_seconds, hold_seconds, fade_seconds : float, seconds

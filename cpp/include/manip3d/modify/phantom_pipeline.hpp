@@ -174,7 +174,10 @@ struct PhantomReport {
 /// the limb, or on a stump, or the skeleton is gone) the last phantom is held in the body's frame,
 /// then fades; where no pixel of the person is left, it is not drawn. Degenerate body axes keep
 /// those of the last frame. The plane of a seated person who has the affected leg is that of both
-/// legs (LegTurn). Empty pixels that showed the phantom in the frame before and have three
+/// legs (LegTurn). Without a body index, points of the floor, points far from the skin of every
+/// bone and points that no surface joins to the person are left out; what of a chair touches the
+/// person stays (with BoneRule::kPaper all within the depths of the joints is the person). Empty
+/// pixels that showed the phantom in the frame before and have three
 /// neighbours in it now are filled. A frame that is no newer than the last one is counted and
 /// passed over, unless it is more than a second older: then a new recording begins. A stream whose
 /// times are all 0 has no clock, nor has one after ten such frames in a row: frames count as 30 a
