@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
+#include <span>
 
 #include "manip3d/modify/joint_smoother.hpp"
 
@@ -57,6 +58,93 @@ bool may_have_limb(const Skeleton& person, Limb limb, const DepthView& depth,
     if (is_seen_through(person[chain[k]], person.body, depth, body_index, projector)) return false;
   }
   return true;
+}
+
+float limb_length(const Skeleton& skeleton, Limb limb) {
+  float length = 0.0F;
+  Joint last = limb_root(limb);
+  for (const Joint joint : limb_chain(limb)) {
+    if (!is_usable(skeleton, joint) || !is_usable(skeleton, last)) continue;
+    length += (skeleton[joint] - skeleton[last]).norm();
+    last = joint;
+  }
+  return length;
+}
+
+double visible_share(const Skeleton& skeleton, Limb limb, const PixelProjector& projector,
+                     const std::uint8_t* label) {
+  constexpr int kSamples = 16;  // per bone: every two centimetres
+  double seen = 0.0, all = 0.0;
+  for (std::size_t i = 1; i < kNumMainJoints; ++i) {
+    const Joint from = limb_chain(limb)[i - 1], to = limb_chain(limb)[i];
+    if (!is_usable(skeleton, from) || !is_usable(skeleton, to)) continue;
+    const Eigen::Vector3f step = (skeleton[to] - skeleton[from]) / kSamples;
+    const auto length = static_cast<double>(step.norm());
+    for (int k = 0; k < kSamples; ++k) {
+      const Eigen::Vector3f p = skeleton[from] + (static_cast<float>(k) + 0.5F) * step;
+      const std::int32_t pixel = projector.pixel(p.x(), p.y(), p.z());
+      all += length;
+      if (pixel >= 0 && is_limb_bone(limb, label[pixel])) seen += length;
+    }
+  }
+  return all > 0.0 ? seen / all : 0.0;
+}
+
+bool shows_limb_at(const Skeleton& skeleton, Limb limb, Joint joint,
+                   const PixelProjector& projector, const PhantomImage& image) {
+  constexpr float kWithinLimb = 0.12F;  // metres from a joint to the skin before it
+  if (!is_usable(skeleton, joint)) return false;
+  const Eigen::Vector3f& p = skeleton[joint];
+  const std::int32_t pixel = projector.pixel(p.x(), p.y(), p.z());
+  if (pixel < 0 || std::abs(image.depth[pixel] - p.z()) > kWithinLimb) return false;
+  return is_limb_bone(limb, image.label[pixel]);
+}
+
+bool is_guessed_at_stump(const Skeleton& skeleton, Limb limb) {
+  constexpr float kShort = 0.4F;  // of the other limb's length
+  const auto is_tracked = [&](Joint joint) {
+    return skeleton.state(joint) == TrackingState::kTracked;
+  };
+  const auto mine = limb_chain(limb).first(kNumMainJoints).subspan(1);
+  const auto other = limb_chain(opposite(limb)).first(kNumMainJoints).subspan(1);
+  if (std::ranges::all_of(mine, is_tracked) || !std::ranges::all_of(other, is_tracked)) {
+    return false;
+  }
+  float reach = 0.0F;
+  for (const Joint joint : mine) {
+    if (!is_usable(skeleton, joint) || !is_usable(skeleton, limb_root(limb))) continue;
+    reach = std::max(reach, (skeleton[joint] - skeleton[limb_root(limb)]).norm());
+  }
+  return reach < kShort * limb_length(skeleton, opposite(limb));
+}
+
+bool has_main_joints(const Skeleton& skeleton, Limb affected) {
+  constexpr std::size_t kInner = kNumMainJoints - 1;
+  bool all = is_usable(skeleton, Joint::kHead) && is_usable(skeleton, Joint::kSpineBase) &&
+             is_usable(skeleton, Joint::kSpineMid) && is_usable(skeleton, Joint::kSpineShoulder);
+  for (const Limb limb : {Limb::kLeftArm, Limb::kRightArm, Limb::kLeftLeg, Limb::kRightLeg}) {
+    if (limb == affected) continue;
+    for (const Joint joint : limb_chain(limb).first(kInner)) {
+      all = all && is_usable(skeleton, joint);
+    }
+  }
+  return all;
+}
+
+void LimbPresence::add(const Skeleton& skeleton, Limb affected, const PixelProjector& projector,
+                       const std::uint8_t* label) {
+  constexpr double kLeastVisible = 0.5, kMemory = 0.95;  // of a limb's length; frame to frame
+  constexpr float kOtherLength = 0.3F;  // two arms, or two legs, of a person differ by less
+  const float length = limb_length(skeleton, affected);
+  const float intact = limb_length(skeleton, opposite(affected));
+  // Without the root, which is guessed whenever a seated person's thigh hides it.
+  const auto chain = limb_chain(affected).first(kNumMainJoints).subspan(1);
+  const bool is_tracked = std::ranges::all_of(
+      chain, [&](Joint j) { return skeleton.state(j) == TrackingState::kTracked; });
+  const bool is_seen = is_tracked && std::abs(length - intact) < kOtherLength * intact &&
+                       visible_share(skeleton, affected, projector, label) >= kLeastVisible;
+  const double now = is_seen ? 1.0 : 0.0;
+  share_ = share_ ? kMemory * *share_ + (1.0 - kMemory) * now : now;
 }
 
 }  // namespace manip3d

@@ -11,10 +11,13 @@
 #include "manip3d/error.hpp"
 #include "manip3d/modify/limb_fit.hpp"
 #include "manip3d/modify/trunk_tracker.hpp"
+#include "modify/border_memory.hpp"
+#include "modify/frame_clock.hpp"
 #include "modify/girth.hpp"
 #include "modify/leg_turn.hpp"
 #include "modify/limb_evidence.hpp"
 #include "modify/loose_cloth.hpp"
+#include "modify/patient.hpp"
 #include "modify/phantom_mesh.hpp"
 #include "modify/phantom_quality.hpp"
 #include "modify/pixel_bounds.hpp"
@@ -26,18 +29,6 @@ namespace manip3d {
 namespace {
 
 constexpr double kNever = -std::numeric_limits<double>::infinity();
-
-constexpr std::int64_t kNominalPeriod = 33'333'333;  // nanoseconds
-
-/// a - b, or the nearest number there is.
-std::int64_t difference(std::int64_t a, std::int64_t b) {
-  using Limits = std::numeric_limits<std::int64_t>;
-  if (b < 0 && a > Limits::max() + b) return Limits::max();
-  if (b > 0 && a < Limits::min() + b) return Limits::min();
-  return a - b;
-}
-
-double seconds_of(std::int64_t time_ns) { return 1e-9 * static_cast<double>(time_ns); }
 
 void check_all_options(const PhantomOptions& o) {
   const auto check = [](const char* name, double value, double most) {
@@ -78,178 +69,6 @@ class StageClock {
   Clock::time_point last_ = Clock::now();
 };
 
-/// Do shoulders and hips, as far as they are there, point against the body's left?
-bool has_sides_swapped(const Skeleton& told, const BodyFrame& frame) {
-  using enum Joint;
-  constexpr std::array kPairs = {std::pair{kShoulderLeft, kShoulderRight},
-                                 std::pair{kHipLeft, kHipRight}};
-  constexpr double kAgainst = -0.5;  // cosine: a body that turns passes 90 degrees slowly
-  bool is_told = false;
-  for (const auto& [left, right] : kPairs) {
-    if (!is_usable(told, left) || !is_usable(told, right)) continue;
-    const Eigen::Vector3d across = (told[left] - told[right]).cast<double>();
-    if (!(frame.n.dot(across) < kAgainst * across.norm())) return false;
-    is_told = true;
-  }
-  return is_told;
-}
-
-Skeleton with_sides_swapped(const Skeleton& told) {
-  Skeleton result = told;
-  for (std::size_t joint = 0; joint < kNumJoints; ++joint) {
-    const std::size_t other = kMirroredJoints[joint];
-    result.positions[joint] = told.positions[other];
-    result.orientations[joint] = told.orientations[other];
-    result.states[joint] = told.states[other];
-  }
-  return result;
-}
-
-/// For how long joints of a limb have been guessed.
-class InferredClock {
- public:
-  /// The root does not count: it is guessed whenever a seated person's thigh hides it, and the
-  /// trunk tells where it is.
-  /// @param is_seen  whether the depth image shows the limb at a joint, which makes a guess of it
-  ///                 as good as any.
-  template <typename Seen>
-  double add(const Skeleton& skeleton, Limb limb, double time_s, const Seen& is_seen) {
-    double longest = 0.0;
-    for (std::size_t i = 1; i < kNumMainJoints; ++i) {
-      const Joint joint = limb_chain(limb)[i];
-      if (skeleton.state(joint) == TrackingState::kTracked || is_seen(joint)) {
-        last_tracked_[i] = time_s;
-      } else if (last_tracked_[i] == kNever) {
-        last_tracked_[i] = time_s;  // the first frame of all
-      }
-      longest = std::max(longest, time_s - last_tracked_[i]);
-    }
-    return longest;
-  }
-  void reset() { last_tracked_.fill(kNever); }
-
- private:
-  std::array<double, kNumMainJoints> last_tracked_{kNever, kNever, kNever, kNever};
-};
-
-/// Share of the limb, by length, in front of which the camera sees the limb.
-double visible_share(const Skeleton& skeleton, Limb limb, const PixelProjector& projector,
-                     const std::uint8_t* label) {
-  constexpr int kSamples = 16;  // per bone: every two centimetres
-  double seen = 0.0, all = 0.0;
-  for (std::size_t i = 1; i < kNumMainJoints; ++i) {
-    const Joint from = limb_chain(limb)[i - 1], to = limb_chain(limb)[i];
-    if (!is_usable(skeleton, from) || !is_usable(skeleton, to)) continue;
-    const Eigen::Vector3f step = (skeleton[to] - skeleton[from]) / kSamples;
-    const auto length = static_cast<double>(step.norm());
-    for (int k = 0; k < kSamples; ++k) {
-      const Eigen::Vector3f p = skeleton[from] + (static_cast<float>(k) + 0.5F) * step;
-      const std::int32_t pixel = projector.pixel(p.x(), p.y(), p.z());
-      all += length;
-      if (pixel >= 0 && is_limb_bone(limb, label[pixel])) seen += length;
-    }
-  }
-  return all > 0.0 ? seen / all : 0.0;
-}
-
-/// Does the camera see the limb where a joint is, tracked or guessed?
-bool shows_limb_at(const Skeleton& skeleton, Limb limb, Joint joint,
-                   const PixelProjector& projector, const PhantomImage& image) {
-  constexpr float kWithinLimb = 0.12F;  // metres from a joint to the skin before it
-  if (!is_usable(skeleton, joint)) return false;
-  const Eigen::Vector3f& p = skeleton[joint];
-  const std::int32_t pixel = projector.pixel(p.x(), p.y(), p.z());
-  if (pixel < 0 || std::abs(image.depth[pixel] - p.z()) > kWithinLimb) return false;
-  return is_limb_bone(limb, image.label[pixel]);
-}
-
-/// Are all tracked joints farther away than any camera sees, as millimetres are that were taken for
-/// metres?
-bool is_in_another_unit(const Skeleton& skeleton) {
-  constexpr float kFarthest = 100.0F;  // metres
-  bool is_far = false;
-  for (std::size_t joint = 0; joint < kNumJoints; ++joint) {
-    if (skeleton.states[joint] != TrackingState::kTracked) continue;
-    const Eigen::Vector3f& p = skeleton.positions[joint];
-    if (!(p.cwiseAbs().maxCoeff() > kFarthest && p.allFinite())) return false;
-    is_far = true;
-  }
-  return is_far;
-}
-
-/// Has a tracker told all joints but those of a limb, of hands and feet?
-bool has_main_joints(const Skeleton& skeleton, Limb affected) {
-  constexpr std::size_t kInner = kNumMainJoints - 1;
-  bool all = is_usable(skeleton, Joint::kHead) && is_usable(skeleton, Joint::kSpineBase) &&
-             is_usable(skeleton, Joint::kSpineMid) && is_usable(skeleton, Joint::kSpineShoulder);
-  for (const Limb limb : {Limb::kLeftArm, Limb::kRightArm, Limb::kLeftLeg, Limb::kRightLeg}) {
-    if (limb == affected) continue;
-    for (const Joint joint : limb_chain(limb).first(kInner)) {
-      all = all && is_usable(skeleton, joint);
-    }
-  }
-  return all;
-}
-
-/// Length of a limb along its usable joints, metres.
-float limb_length(const Skeleton& skeleton, Limb limb) {
-  float length = 0.0F;
-  Joint last = limb_root(limb);
-  for (const Joint joint : limb_chain(limb)) {
-    if (!is_usable(skeleton, joint) || !is_usable(skeleton, last)) continue;
-    length += (skeleton[joint] - skeleton[last]).norm();
-    last = joint;
-  }
-  return length;
-}
-
-/// Are joints of a limb guessed where only a stump is, of a person whose other limb is tracked? A
-/// limb that is bent at the elbow or the knee still reaches .43 of its length from its root.
-bool is_guessed_at_stump(const Skeleton& skeleton, Limb limb) {
-  constexpr float kShort = 0.4F;  // of the other limb's length
-  const auto is_tracked = [&](Joint joint) {
-    return skeleton.state(joint) == TrackingState::kTracked;
-  };
-  const auto mine = limb_chain(limb).first(kNumMainJoints).subspan(1);
-  const auto other = limb_chain(opposite(limb)).first(kNumMainJoints).subspan(1);
-  if (std::ranges::all_of(mine, is_tracked) || !std::ranges::all_of(other, is_tracked)) {
-    return false;
-  }
-  float reach = 0.0F;
-  for (const Joint joint : mine) {
-    if (!is_usable(skeleton, joint) || !is_usable(skeleton, limb_root(limb))) continue;
-    reach = std::max(reach, (skeleton[joint] - skeleton[limb_root(limb)]).norm());
-  }
-  return reach < kShort * limb_length(skeleton, opposite(limb));
-}
-
-/// Has the person the affected limb? An amputee has none in any frame, though the joints that a
-/// tracker invents may lie on the person in some, so the answer is a running mean over about a
-/// second.
-class LimbPresence {
- public:
-  void add(const Skeleton& skeleton, Limb affected, const PixelProjector& projector,
-           const std::uint8_t* label) {
-    constexpr double kLeastVisible = 0.5, kMemory = 0.95;  // of a limb's length; frame to frame
-    constexpr float kOtherLength = 0.3F;  // two arms, or two legs, of a person differ by less
-    const float length = limb_length(skeleton, affected);
-    const float intact = limb_length(skeleton, opposite(affected));
-    // Without the root, which is guessed whenever a seated person's thigh hides it.
-    const auto chain = limb_chain(affected).first(kNumMainJoints).subspan(1);
-    const bool is_tracked = std::ranges::all_of(
-        chain, [&](Joint j) { return skeleton.state(j) == TrackingState::kTracked; });
-    const bool is_seen = is_tracked && std::abs(length - intact) < kOtherLength * intact &&
-                         visible_share(skeleton, affected, projector, label) >= kLeastVisible;
-    const double now = is_seen ? 1.0 : 0.0;
-    share_ = share_ ? kMemory * *share_ + (1.0 - kMemory) * now : now;
-  }
-  [[nodiscard]] bool is_there() const { return share_ && *share_ >= 0.5; }
-  void reset() { share_.reset(); }
-
- private:
-  std::optional<double> share_;  ///< Share of the frames in which the limb was seen.
-};
-
 /// Takes the body from where it was to where it is.
 class BodyMotion {
  public:
@@ -277,70 +96,105 @@ class BodyMotion {
   Eigen::Vector3f translation_;
 };
 
+/// The mirrored points of a limb, and those for the gap around its root.
+struct MirroredLimb {
+  std::vector<MirroredPoint> limb, root;
+  void reserve(std::size_t num_pixels) {
+    limb.reserve(num_pixels);
+    root.reserve(num_pixels);
+  }
+  void clear() {
+    limb.clear();
+    root.clear();
+  }
+};
+
+/// How much farther than the intact limb's the phantom's end moves in a frame.
+class LeapMeter {
+ public:
+  /// Metres; 0 where the frame before is not known.
+  double add(const Eigen::Vector3f& phantom, const Eigen::Vector3f& intact, double time_s) {
+    constexpr double kUnseen = 0.25;  // seconds in which a limb may be anywhere
+    double leap = 0.0;
+    if (last_ && time_s - last_->time_s <= kUnseen) {
+      const float mine = (phantom - last_->phantom).norm();
+      const float other = (intact - last_->intact).norm();
+      leap = std::max(0.0, static_cast<double>(mine - other));
+    }
+    last_ = Ends{phantom, intact, time_s};
+    return leap;
+  }
+  void reset() { last_.reset(); }
+
+ private:
+  struct Ends {
+    Eigen::Vector3f phantom, intact;
+    double time_s = 0.0;
+  };
+  std::optional<Ends> last_;
+};
+
 }  // namespace
 
 class PhantomPipeline::Workspace {
  public:
   explicit Workspace(const PhantomOptions& options)
-      : options_(options),
-        smoother_(options.smoothing),
-        key_person_(options.key_person),
-        trunk_(options.affected),
-        legs_(options.affected) {
+      : options_(options), patient_(options), trunk_(options.affected), legs_(options.affected) {
     check_all_options(options);
   }
 
   PhantomReport process(const PhantomInput& input, const PhantomBuffers& out) {
     check_input(input);
     PhantomReport report;
-    if (is_late(input)) {
+    const FrameOrder order = clock_.add(input.time_ns);
+    report.late_frames = clock_.late_frames();
+    if (order == FrameOrder::kLate) {
       report.state = PhantomState::kLate;
       report.reason = PhantomReason::kLate;
-      report.late_frames = late_frames_;
       return report;
     }
-    report.late_frames = late_frames_;
-    StageClock clock(report.seconds);
+    if (order == FrameOrder::kNewRecording) start_anew();
+    StageClock stages(report.seconds);
     follow_camera(input.camera);
-    const double time_s = seconds_of(clock_ns_);
+    const double time_s = clock_.seconds();
     const PhantomImage image = image_of(input, out);
-    const std::optional<Skeleton> person = find_key_person(input, time_s);
-    const std::optional<Skeleton> fitted = find_points(person, input);
-    segment(fitted, input, image, report);
+    const PatientFrame now = find_patient(input, time_s);
+    const std::optional<Skeleton> fitted = find_points(now, input);
+    segment(now, fitted, input, image, report);
     if (points_.count == 0) {  // a phantom without a person would float in the air
-      ends_.reset();
-      report.reason = reason_for_nobody(input);
+      leap_.reset();
+      report.reason = reason_for_nobody(now, input);
       return report;
     }
-    if (is_here_) look_at_calibration(*person, input, image, report.quality);
-    clock.end(PhantomStage::kSegmentation);
+    if (now.is_here) measure_fit(*now.person, input, image, report.quality);
+    stages.end(PhantomStage::kSegmentation);
     std::optional<ClothSearch> cloth;
     if (!options_.keep_residual) {
-      if (is_here_) look_for_limb(*person, *fitted, image);
+      if (now.is_here) look_for_limb(*now.person, *fitted, image);
       cloth = remove(*fitted, input, image, report);
     }
     report.plane = frame_;
-    clock.end(PhantomStage::kRemoval);
-    judge(*fitted, time_s, image, report);
-    const PixelBox phantom = mirror(*person, *fitted, input, image, report);
-    clock.end(PhantomStage::kMirroring);
-    const PixelBox all = fill(phantom, time_s, image, report);
-    clock.end(PhantomStage::kHoleFilling);
-    report.skeleton = phantom_skeleton(*person, report.state);
-    inspect(*person, cloth, time_s, all, image, report);
-    clock.end(PhantomStage::kSkeleton);
+    stages.end(PhantomStage::kRemoval);
+    decide_state(now, *fitted, time_s, image, report);
+    const Shown shown = mirror(*now.person, *fitted, input, image, report);
+    stages.end(PhantomStage::kMirroring);
+    const PixelBox all = fill(shown, time_s, image, report);
+    stages.end(PhantomStage::kHoleFilling);
+    report.skeleton = phantom_skeleton(*now.person, report.state);
+    judge_picture(*now.person, cloth, time_s, all, image, report);
+    stages.end(PhantomStage::kSkeleton);
     report.num_points = write_points(image, all, rays_, out.mesh, vertex_of_);
-    clock.end(PhantomStage::kPointCloud);
+    stages.end(PhantomStage::kPointCloud);
     report.mesh = write_mesh(image, all, rays_, report.num_points, vertex_of_, input.registration,
                              options_.mesh, out.mesh);
-    clock.end(PhantomStage::kMesh);
+    stages.end(PhantomStage::kMesh);
     return report;
   }
 
-  void select(std::int64_t id) { key_person_.select(id); }
+  void select(std::int64_t id) { patient_.select(id); }
 
   void reset() {
-    late_frames_ = 0;
+    clock_.reset();
     start_anew();
   }
 
@@ -366,61 +220,13 @@ class PhantomPipeline::Workspace {
     }
   }
 
-  /// Frames that are not newer are late, unless there are so many of them that the source's clock
-  /// must be wrong: it stands, or runs back. Then frames count as 30 a second until times grow
-  /// again.
-  bool is_late(const PhantomInput& input) {
-    constexpr std::int64_t kNewRecording = 1'000'000'000, kMostLate = 10;
-    if (!has_time_) {
-      start_clock(input.time_ns);
-      return false;
-    }
-    const std::int64_t elapsed = difference(input.time_ns, last_time_ns_);
-    if (elapsed > 0) {
-      late_in_row_ = 0;
-      advance_clock(input.time_ns, elapsed);
-      return false;
-    }
-    const bool has_clock = input.time_ns != 0 || last_time_ns_ != 0;
-    if (!has_clock) {
-      advance_clock(0, kNominalPeriod);
-      return false;
-    }
-    ++late_frames_;
-    if (elapsed < -kNewRecording) {
-      start_anew();
-      start_clock(input.time_ns);
-      return false;
-    }
-    if (++late_in_row_ <= kMostLate) return true;
-    late_in_row_ = kMostLate;
-    advance_clock(input.time_ns, kNominalPeriod);
-    return false;
-  }
-
-  void start_clock(std::int64_t time_ns) {
-    has_time_ = true;
-    last_time_ns_ = time_ns;
-    late_in_row_ = clock_ns_ = 0;
-  }
-
-  void advance_clock(std::int64_t time_ns, std::int64_t elapsed) {
-    constexpr std::int64_t kLongest = 3600 * std::int64_t{1'000'000'000};  // all is forgotten
-    last_time_ns_ = time_ns;
-    clock_ns_ += std::min(elapsed, kLongest);
-  }
-
   void start_anew() {
-    has_time_ = has_skeleton_ = false;
-    key_person_.reset();
+    patient_.reset();
     vertical_.reset();
-    start_person(std::nullopt);
+    forget_person();
   }
 
-  void start_person(std::optional<std::int64_t> id) {
-    person_id_ = id;
-    person_.reset();
-    smoother_.reset();
+  void forget_person() {
     inferred_.reset();
     presence_.reset();
     trunk_.reset();
@@ -429,14 +235,14 @@ class PhantomPipeline::Workspace {
     legs_.reset();
     trunk_frame_.reset();
     frame_.reset();
-    ends_.reset();
+    leap_.reset();
     forget_phantom();
   }
 
   void forget_phantom() {
     held_.reset();
-    shown_time_s_ = kNever;
-    last_tracking_ = kNever;
+    border_.forget();
+    last_mirrored_s_ = kNever;
   }
 
   void follow_camera(const Intrinsics& camera) {
@@ -448,16 +254,15 @@ class PhantomPipeline::Workspace {
     vertex_of_.resize(size);
     source_depth_.resize(size);
     removal_.resize(size);
-    for (auto* list : {&mirrored_, &moved_}) list->reserve(size);
-    for (auto* list : {&root_, &moved_root_}) list->reserve(size);
+    mirrored_.reserve(size);
+    moved_.reserve(size);
     fills_.reserve(size);
-    for (auto* list : {&shown_, &shown_before_}) list->reserve(size);
-    shown_time_s_ = kNever;
+    border_.reserve(size);
     picture_.reserve(camera.height, camera.width);
     camera_ = camera;
     stature_.reset();
     vertical_.reset();
-    ends_.reset();
+    leap_.reset();
     forget_phantom();
   }
 
@@ -466,80 +271,26 @@ class PhantomPipeline::Workspace {
             out.source,       source_depth_.data(), removal_.data()};
   }
 
-  /// The smoothed skeleton; for a while the last one, when there is none.
-  std::optional<Skeleton> find_key_person(const PhantomInput& input, double time_s) {
-    look_at_clothes(input);
-    const auto index = key_person_.find(input.people, input.camera, time_s, clothes_);
-    is_here_ = index.has_value();
-    if (!index) {
-      const double most = options_.hold_seconds + options_.fade_seconds;
-      if (key_person_.lost_for(time_s) >= most) start_person(std::nullopt);
-      return person_;
-    }
-    const Skeleton& told = input.people[*index];
-    has_skeleton_ = true;
-    if (person_id_ != told.id && !is_at_same_place(told)) start_person(told.id);
-    person_id_ = told.id;
-    const Skeleton raw = with_sides_kept(told, time_s);
-    raw_ = raw;
-    person_ = smoother_.add(raw);
-    if (!options_.smooths) restore_positions(raw);
-    return person_;
+  /// Who the patient is in this frame. If it may be somebody else, all that was learnt is
+  /// forgotten.
+  PatientFrame find_patient(const PhantomInput& input, double time_s) {
+    const BodyFrame* frame = frame_ && follows_trunk() ? &*frame_ : nullptr;
+    const PatientFrame now = patient_.find(input, rays_, frame, time_s);
+    if (now.is_new) forget_person();
+    return now;
   }
 
-  void look_at_clothes(const PhantomInput& input) {
-    clothes_.clear();
-    if (input.color.pixels == nullptr) return;
-    const ColoredScene scene{input.depth, input.body_index,   &*camera_,
-                             &rays_,      input.registration, input.color};
-    for (const Skeleton& person : input.people) {
-      clothes_.push_back(clothing_colors(person, scene));
-    }
-  }
-
-  /// A tracker may take left for right for a moment, which does not move a limb to the other side.
-  /// One that keeps to it is believed, and the person is begun anew: the later, the longer it has
-  /// told otherwise.
-  Skeleton with_sides_kept(const Skeleton& told, double time_s) {
-    constexpr double kLeast = 0.5, kMost = 2.0;  // seconds
-    if (!frame_ || !follows_trunk()) sides_known_since_ = time_s;
-    if (!frame_ || !follows_trunk() || !has_sides_swapped(told, *frame_)) {
-      sides_kept_since_ = time_s;
-      return told;
-    }
-    const double patience =
-        std::clamp(0.5 * (sides_kept_since_ - sides_known_since_), kLeast, kMost);
-    if (time_s - sides_kept_since_ <= patience) return with_sides_swapped(told);
-    start_person(told.id);
-    sides_kept_since_ = sides_known_since_ = time_s;
-    return told;
-  }
-
-  /// A tracker may give the same person another id.
-  [[nodiscard]] bool is_at_same_place(const Skeleton& raw) const {
-    constexpr float kSamePlace = 0.3F;  // metres
-    const auto before = person_ ? spine_base(*person_) : std::nullopt, now = spine_base(raw);
-    return before && now && (*before - *now).norm() < kSamePlace;
-  }
-
-  void restore_positions(const Skeleton& raw) {
-    for (std::size_t joint = 0; joint < kNumJoints; ++joint) {
-      if (person_->states[joint] != TrackingState::kNotTracked) {
-        person_->positions[joint] = raw.positions[joint];
-      }
-    }
-  }
-
-  [[nodiscard]] PhantomReason reason_for_nobody(const PhantomInput& input) const {
+  [[nodiscard]] PhantomReason reason_for_nobody(const PatientFrame& now,
+                                                const PhantomInput& input) const {
     if (std::ranges::any_of(input.people, is_in_another_unit)) return PhantomReason::kCalibration;
-    if (is_here_ && is_beside_all_) return PhantomReason::kCalibration;
+    if (now.is_here && is_beside_all_) return PhantomReason::kCalibration;
     return lacks_skeletons() ? PhantomReason::kNoSkeleton : PhantomReason::kNoPerson;
   }
 
   /// Has the source had time to show a skeleton, and has not?
   [[nodiscard]] bool lacks_skeletons() const {
-    constexpr std::int64_t kPatience = 1'000'000'000;
-    return !has_skeleton_ && clock_ns_ >= kPatience;
+    constexpr double kPatience = 1.0;  // seconds
+    return !patient_.has_been_seen() && clock_.seconds() >= kPatience;
   }
 
   [[nodiscard]] double radius() const {
@@ -563,14 +314,14 @@ class PhantomPipeline::Workspace {
 
   /// The person's points, and its joints where the flesh is: for all that follows the points. What
   /// is reported and asked for its fit are the tracker's.
-  std::optional<Skeleton> find_points(const std::optional<Skeleton>& person,
-                                      const PhantomInput& input) {
+  std::optional<Skeleton> find_points(const PatientFrame& now, const PhantomInput& input) {
     points_.count = 0;
     is_beside_all_ = false;
-    if (!person) return person;
-    const Skeleton believed = goes_by_skin() ? without_unseen_limb(*person, input) : *person;
+    if (!now.person) return std::nullopt;
+    const Skeleton& person = *now.person;
+    const Skeleton believed = goes_by_skin() ? without_unseen_limb(person, input) : person;
     find_person(input.depth, input.body_index, believed, rays_, options_.mask, points_);
-    look_for_floor(*person, input);
+    if (now.is_here) look_for_floor(person, input);
     if (input.body_index == nullptr && goes_by_skin()) leave_surroundings(believed, input);
     return goes_by_skin() ? fit_limbs(believed, points_, girth_.trunk()) : believed;
   }
@@ -621,11 +372,11 @@ class PhantomPipeline::Workspace {
     return result;
   }
 
-  void segment(const std::optional<Skeleton>& person, const PhantomInput& input,
-               const PhantomImage& image, PhantomReport& report) {
-    if (person) {
-      update_frame(*person, input);
-      segment_by_bones(*person);
+  void segment(const PatientFrame& now, const std::optional<Skeleton>& fitted,
+               const PhantomInput& input, const PhantomImage& image, PhantomReport& report) {
+    if (fitted) {
+      update_frame(now, *fitted, input);
+      segment_by_bones(*fitted);
       if (follows_trunk()) {
         trunk_.learn(points_, input.depth, rays_, input.camera);
         if (const auto learnt = trunk_.frame()) set_frame(*learnt);
@@ -657,10 +408,11 @@ class PhantomPipeline::Workspace {
   }
 
   /// The axes of the body; those of the last frame where they cannot be told.
-  void update_frame(const Skeleton& person, const PhantomInput& input) {
-    const auto frame = follows_trunk() ? trunk_.update(is_here_ ? &raw_ : nullptr, input.depth,
-                                                       rays_, input.camera, seconds_of(clock_ns_))
-                                       : body_frame(person, options_.affected);
+  void update_frame(const PatientFrame& now, const Skeleton& person, const PhantomInput& input) {
+    const Skeleton* raw = now.is_here ? &now.raw : nullptr;
+    const auto frame = follows_trunk()
+                           ? trunk_.update(raw, input.depth, rays_, input.camera, clock_.seconds())
+                           : body_frame(person, options_.affected);
     if (frame) {
       set_frame(*frame);
     } else if (trunk_frame_) {
@@ -674,7 +426,7 @@ class PhantomPipeline::Workspace {
   void look_for_floor(const Skeleton& person, const PhantomInput& input) {
     const bool is_asked =
         input.body_index == nullptr || (follows_trunk() && !is_arm(options_.affected));
-    if (!is_asked || !is_here_ || !is_usable(person, Joint::kSpineBase)) return;
+    if (!is_asked || !is_usable(person, Joint::kSpineBase)) return;
     vertical_.learn(input.depth, input.body_index, rays_, person[Joint::kSpineBase]);
     if (!is_arm(options_.affected)) trunk_.set_down(vertical_.down());
   }
@@ -725,8 +477,8 @@ class PhantomPipeline::Workspace {
   }
 
   /// Do the joints lie where the depth image shows the person, and are they as tall?
-  void look_at_calibration(const Skeleton& person, const PhantomInput& input,
-                           const PhantomImage& image, PhantomQuality& quality) {
+  void measure_fit(const Skeleton& person, const PhantomInput& input, const PhantomImage& image,
+                   PhantomQuality& quality) {
     quality.fit = fit_of(person, input, image);
     // Without a body index a floor would be the person's, and without skins there are no soles.
     if (input.body_index != nullptr && goes_by_skin()) stature_.learn(person, bones_, points_);
@@ -755,16 +507,16 @@ class PhantomPipeline::Workspace {
   }
 
   /// Can the intact limb be mirrored, and if not, what becomes of the last phantom?
-  void judge(const Skeleton& person, double time_s, const PhantomImage& image,
-             PhantomReport& report) {
+  void decide_state(const PatientFrame& now, const Skeleton& person, double time_s,
+                    const PhantomImage& image, PhantomReport& report) {
     const Limb intact = opposite(options_.affected);
     const PixelProjector projector(*camera_, rays_);
     report.visible = visible_share(person, intact, projector, image.label);
-    const bool is_stump = is_here_ && is_guessed_at_stump(raw_, intact);
+    const bool is_stump = now.is_here && is_guessed_at_stump(now.raw, intact);
     const double guessed = inferred_.add(person, intact, time_s, [&](Joint joint) {
       return !is_stump && shows_limb_at(person, intact, joint, projector, image);
     });
-    if (!is_here_) {
+    if (!now.is_here) {
       report.reason = PhantomReason::kNoPerson;
     } else if (!frame_) {
       report.reason = PhantomReason::kNoPlane;
@@ -774,15 +526,15 @@ class PhantomPipeline::Workspace {
       report.reason = PhantomReason::kOccluded;
     }
     // Joints beside the person explain all else.
-    const bool misses = report.reason != PhantomReason::kNone && is_here_;
+    const bool misses = report.reason != PhantomReason::kNone && now.is_here;
     if (misses && !fits(report.quality, stature_)) report.reason = PhantomReason::kCalibration;
     if (report.reason == PhantomReason::kNone) {
       report.state = PhantomState::kTracking;
       report.opacity = 1.0;
-      last_tracking_ = time_s;
+      last_mirrored_s_ = time_s;
       return;
     }
-    const double age = time_s - last_tracking_;
+    const double age = time_s - last_mirrored_s_;
     // A phantom at the wrong place is not held there.
     const bool is_misplaced = held_ && held_->is_misplaced;
     if (!held_ || !frame_ || is_misplaced ||
@@ -796,10 +548,10 @@ class PhantomPipeline::Workspace {
   }
 
   /// Measures what was drawn; what nobody would believe is not called tracking.
-  void inspect(const Skeleton& person, const std::optional<ClothSearch>& cloth, double time_s,
-               const PixelBox& box, const PhantomImage& image, PhantomReport& report) {
+  void judge_picture(const Skeleton& person, const std::optional<ClothSearch>& cloth, double time_s,
+                     const PixelBox& box, const PhantomImage& image, PhantomReport& report) {
     if (report.state != PhantomState::kTracking) {
-      ends_.reset();
+      leap_.reset();
       return;
     }
     const Limb affected = options_.affected;
@@ -811,14 +563,7 @@ class PhantomPipeline::Workspace {
     }
     const Joint end = limb_chain(affected)[kNumMainJoints - 1];
     const Joint intact_end = limb_chain(opposite(affected))[kNumMainJoints - 1];
-    const Ends ends{report.skeleton[end], person[intact_end], time_s};
-    constexpr double kUnseen = 0.25;  // seconds in which a limb may be anywhere
-    if (ends_ && time_s - ends_->time_s <= kUnseen) {
-      const float mine = (ends.phantom - ends_->phantom).norm();
-      const float intact = (ends.intact - ends_->intact).norm();
-      report.quality.leap = std::max(0.0, static_cast<double>(mine - intact));
-    }
-    ends_ = ends;
+    report.quality.leap = leap_.add(report.skeleton[end], person[intact_end], time_s);
     if (follows_trunk() && !is_arm(affected)) report.quality.across = deviation_across(person);
     report.reason = worst_of(affected, girth_, stature_, report.quality);
     if (report.reason != PhantomReason::kNone) report.state = PhantomState::kDegraded;
@@ -844,76 +589,68 @@ class PhantomPipeline::Workspace {
     return worst;
   }
 
-  PixelBox mirror(const Skeleton& person, const Skeleton& fitted, const PhantomInput& input,
-                  const PhantomImage& image, PhantomReport& report) {
+  /// The phantom as it is drawn in this frame.
+  struct Shown {
+    const MirroredLimb& points;  ///< As mirrored now, or moved with the body.
+    PixelBox box;                ///< Drawn pixels of the limb.
+  };
+
+  /// Mirrors the intact limb, or moves the last phantom with the body, and draws it.
+  Shown mirror(const Skeleton& person, const Skeleton& fitted, const PhantomInput& input,
+               const PhantomImage& image, PhantomReport& report) {
     moved_.clear();
-    moved_root_.clear();
-    if (report.state == PhantomState::kLost) return {};
-    if (report.state == PhantomState::kTracking) {
-      const Limb intact = opposite(options_.affected);
-      mirror_limb(points_, intact, radius(), flesh(), rays_, mirror_, image, mirrored_);
-      root_.clear();
-      if (options_.root_radius > 0.0 && is_usable(fitted, limb_root(intact))) {
-        const BoneSet behind = goes_by_skin() ? bones_behind(options_.affected) : BoneSet{};
-        mirror_around_root(points_, fitted[limb_root(intact)], options_.root_radius, *frame_,
-                           mirror_, behind, image, root_);
-      }
+    if (report.state == PhantomState::kLost) return {moved_, {}};
+    const bool is_held = report.state != PhantomState::kTracking;
+    if (is_held) {
+      const BodyMotion motion(held_->frame, *frame_);
+      motion.move(mirrored_.limb, moved_.limb);
+      motion.move(mirrored_.root, moved_.root);
+    } else {
+      mirror_intact_limb(fitted, image);
       held_ = Held{*frame_, with_mirrored_limb(person, options_.affected, *frame_, mirror_),
                    input.number, false};
     }
-    const BodyMotion motion(held_->frame, *frame_);
-    const bool is_held = report.state != PhantomState::kTracking;
-    if (is_held) {
-      motion.move(mirrored_, moved_);
-      motion.move(root_, moved_root_);
-    }
     report.texture_number = held_->number;
-    report.num_mirrored = static_cast<std::int64_t>(mirrored_.size());
-    report.num_away = std::ranges::count(mirrored_, false, &MirroredPoint::faces_camera);
-    return write_phantom(is_held ? moved_ : mirrored_, options_.affected,
-                         PixelProjector(*camera_, rays_), image);
+    report.num_mirrored = static_cast<std::int64_t>(mirrored_.limb.size());
+    report.num_away = std::ranges::count(mirrored_.limb, false, &MirroredPoint::faces_camera);
+    const MirroredLimb& points = is_held ? moved_ : mirrored_;
+    return {points,
+            write_phantom(points.limb, options_.affected, PixelProjector(*camera_, rays_), image)};
+  }
+
+  void mirror_intact_limb(const Skeleton& fitted, const PhantomImage& image) {
+    const Limb intact = opposite(options_.affected);
+    mirror_limb(points_, intact, radius(), flesh(), rays_, mirror_, image, mirrored_.limb);
+    mirrored_.root.clear();
+    if (!(options_.root_radius > 0.0) || !is_usable(fitted, limb_root(intact))) return;
+    const BoneSet behind = goes_by_skin() ? bones_behind(options_.affected) : BoneSet{};
+    mirror_around_root(points_, fitted[limb_root(intact)], options_.root_radius, *frame_, mirror_,
+                       behind, image, mirrored_.root);
   }
 
   /// Bridges and both fillings, and what the second one leaves open between pixels, as mirrored
   /// points lie farther apart. Returns the box of everything there is.
-  PixelBox fill(const PixelBox& written, double time_s, const PhantomImage& image,
+  PixelBox fill(const Shown& shown, double time_s, const PhantomImage& image,
                 PhantomReport& report) {
-    const bool is_held = report.state != PhantomState::kTracking;
+    const bool is_lost = report.state == PhantomState::kLost;
     const PixelProjector projector(*camera_, rays_);
     PixelBounds phantom;
-    phantom.add(written);
-    if (report.state != PhantomState::kLost) {
-      phantom.add(bridge_gaps(is_held ? moved_ : mirrored_, projector, image, vertex_of_));
-    }
+    phantom.add(shown.box);
+    if (!is_lost) phantom.add(bridge_gaps(shown.points.limb, projector, image, vertex_of_));
     report.num_filled = fill_holes(phantom.box(), rays_, image, fills_);
     PixelBounds all = phantom;
     all.add(points_.box);
-    if (report.state != PhantomState::kLost) {
-      const PixelBox root = write_root(is_held ? moved_root_ : root_, projector, image);
-      fill_holes(root, rays_, image, fills_, PixelKind::kRootFilled);
-      all.add(root);
-      give_back_lap(image);
-      if (!is_held) report.num_filled += fill_from_own_limb(image);
-      if (!is_held) all.add(remember(phantom.box(), root, time_s, image, report));
-    }
-    return all.box();
-  }
-
-  /// Keeps the phantom's ragged border still: a pixel that showed it in the frame before is filled.
-  PixelBox remember(const PixelBox& limb, const PixelBox& root, double time_s,
-                    const PhantomImage& image, PhantomReport& report) {
-    constexpr double kLatest = 0.1;  // seconds: an older frame says nothing of this one
-    const bool is_known = time_s - shown_time_s_ <= kLatest;
-    shown_before_.swap(shown_);
-    PixelBounds bounds;
-    bounds.add(limb);
-    bounds.add(root);
-    list_phantom(bounds.box(), image, shown_);
-    shown_time_s_ = time_s;
-    if (!is_known) return {};
-    const PixelBox filled = fill_remembered(shown_before_, rays_, image, fills_);
+    if (is_lost) return all.box();
+    const PixelBox root = write_root(shown.points.root, projector, image);
+    fill_holes(root, rays_, image, fills_, PixelKind::kRootFilled);
+    all.add(root);
+    give_back_lap(image);
+    if (report.state != PhantomState::kTracking) return all.box();
+    report.num_filled += fill_from_own_limb(image);
+    phantom.add(root);
+    all.add(border_.fill(phantom.box(), time_s, rays_, image, fills_));
     report.num_filled += static_cast<std::int64_t>(fills_.size());
-    return filled;
+    return all.box();
   }
 
   /// An arm beside the trunk is no part of it, but a lap has no seam between the thighs.
@@ -968,11 +705,6 @@ class PhantomPipeline::Workspace {
     return result;
   }
 
-  struct Ends {  ///< Positions of the last joint of the phantom and of the intact limb.
-    Eigen::Vector3f phantom, intact;
-    double time_s = 0.0;
-  };
-
   struct Held {
     BodyFrame frame;    ///< The body's frame when the intact limb was last seen.
     Skeleton skeleton;  ///< With the phantom's joints.
@@ -981,48 +713,40 @@ class PhantomPipeline::Workspace {
   };
 
   PhantomOptions options_;
-  JointSmoother smoother_;
-  KeyPerson key_person_;
-  InferredClock inferred_;
+  FrameClock clock_;
+  Patient patient_;
+  std::optional<Intrinsics> camera_;
+  PixelRays rays_;
+
+  // What is learnt of the person over the frames.
   LimbPresence presence_;
+  InferredClock inferred_;
   TrunkTracker trunk_;
   Girth girth_;
   Stature stature_;
   Vertical vertical_;
   LegTurn legs_;
-  PictureJudge picture_;
-  std::optional<Ends> ends_;  ///< In the last frame with a phantom of its own.
-  std::optional<Intrinsics> camera_;
-  PixelRays rays_;
-
-  bool has_time_ = false, is_here_ = false, has_skeleton_ = false;
-  bool is_beside_all_ = false;  ///< No measured point is near the joints of this frame.
-  std::int64_t last_time_ns_ = 0, late_frames_ = 0;
-  std::int64_t late_in_row_ = 0;
-  std::int64_t clock_ns_ = 0;  ///< Since the first frame, by the source's clock or a nominal one.
-  Skeleton raw_;               ///< The patient in this frame as tracked, before smoothing.
-  std::optional<std::int64_t> person_id_;
-  std::optional<Skeleton> person_;     ///< The patient as last seen, smoothed.
-  double sides_kept_since_ = kNever;   ///< Since when the tracker takes left for right.
-  double sides_known_since_ = kNever;  ///< Since when the body's left is known.
   std::optional<BodyFrame> trunk_frame_;
   std::optional<BodyFrame> frame_;  ///< The same, with the turn of the legs.
-  Mirror mirror_;
-  std::optional<Held> held_;
-  double last_tracking_ = kNever;
+  Mirror mirror_;                   ///< At `frame_`.
 
+  // The phantom that is held while the intact limb cannot be mirrored.
+  std::optional<Held> held_;
+  MirroredLimb mirrored_;  ///< Its points when the limb was last mirrored.
+  double last_mirrored_s_ = kNever;
+  BorderMemory border_;
+  LeapMeter leap_;
+
+  // Memory for one frame.
+  bool is_beside_all_ = false;  ///< No measured point is near the joints.
   BoneSegments bones_;
   PersonPoints points_;
-  std::vector<MirroredPoint> mirrored_, root_, moved_, moved_root_;
+  MirroredLimb moved_;
   std::vector<HoleFill> fills_;
   std::vector<std::int32_t> vertex_of_;
-  /// Pixels of the phantom in the last frame that had one of its own, before those that were filled
-  /// because of the frame before it; and the same list of that frame.
-  std::vector<std::int32_t> shown_, shown_before_;
-  double shown_time_s_ = kNever;
   std::vector<float> source_depth_;
   std::vector<Removal> removal_;
-  std::vector<ClothingColors> clothes_;  ///< Clothes of the people in this frame.
+  PictureJudge picture_;
 };
 
 PhantomPipeline::PhantomPipeline(const PhantomOptions& options)

@@ -13,8 +13,8 @@ namespace manip3d {
 namespace {
 
 // Lengths in metres.
-constexpr float kAtSkin = 0.05F;  // what girths, joints and thin clothes are off by
-constexpr float kMostOff = 0.15F;   // loose clothes, hair, and a joint that jumped
+constexpr float kAtSkin = 0.05F;          // what girths, joints and thin clothes are off by
+constexpr float kMostBesideSkin = 0.15F;  // loose clothes, hair, and a joint that jumped
 
 enum Mark : std::uint8_t { kNothing, kPerhaps, kPerson };
 
@@ -34,8 +34,8 @@ class Marks {
 
 /// Height above a floor at which its own points end.
 float top_of(const FloorPlane& floor) {
-  constexpr float kSure = 3.0F, kLeast = 0.015F, kMost = 0.05F;  // deviations, metres
-  return std::clamp(kSure * floor.noise, kLeast, kMost);
+  constexpr float kSure = 3.0F, kThinnest = 0.015F, kThickest = 0.05F;  // deviations, metres
+  return std::clamp(kSure * floor.noise, kThinnest, kThickest);
 }
 
 /// Keeps the points of marked pixels, tile by tile.
@@ -87,7 +87,7 @@ void drop_surroundings(const DepthView& depth, const BoneSegments& bones, Limb a
     const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
     const float skin = points.skin_distance[i];
     const bool is_floor = floor && floor->normal.dot(p) > top;
-    const float reach = points.label[i] == limb_label(affected) ? clothes : kMostOff;
+    const float reach = points.label[i] == limb_label(affected) ? clothes : kMostBesideSkin;
     marks[pixel] = !is_floor && skin < reach ? kPerhaps : kNothing;
     if (marks[pixel] == kPerhaps && skin < kAtSkin) add(pixel);
   }

@@ -1,0 +1,145 @@
+#include "modify/patient.hpp"
+
+#include <algorithm>
+#include <array>
+#include <limits>
+#include <utility>
+
+namespace manip3d {
+namespace {
+
+constexpr double kNever = -std::numeric_limits<double>::infinity();
+
+/// Do shoulders and hips, as far as they are there, point against the body's left?
+bool has_sides_swapped(const Skeleton& told, const BodyFrame& frame) {
+  using enum Joint;
+  constexpr std::array kPairs = {std::pair{kShoulderLeft, kShoulderRight},
+                                 std::pair{kHipLeft, kHipRight}};
+  constexpr double kAgainst = -0.5;  // cosine: a body that turns passes 90 degrees slowly
+  bool is_told = false;
+  for (const auto& [left, right] : kPairs) {
+    if (!is_usable(told, left) || !is_usable(told, right)) continue;
+    const Eigen::Vector3d across = (told[left] - told[right]).cast<double>();
+    if (!(frame.n.dot(across) < kAgainst * across.norm())) return false;
+    is_told = true;
+  }
+  return is_told;
+}
+
+Skeleton with_sides_swapped(const Skeleton& told) {
+  Skeleton result = told;
+  for (std::size_t joint = 0; joint < kNumJoints; ++joint) {
+    const std::size_t other = kMirroredJoints[joint];
+    result.positions[joint] = told.positions[other];
+    result.orientations[joint] = told.orientations[other];
+    result.states[joint] = told.states[other];
+  }
+  return result;
+}
+
+}  // namespace
+
+Patient::Patient(const PhantomOptions& options)
+    : smooths_(options.smooths),
+      most_lost_(options.hold_seconds + options.fade_seconds),
+      key_person_(options.key_person),
+      smoother_(options.smoothing),
+      sides_kept_since_(kNever),
+      sides_known_since_(kNever) {}
+
+PatientFrame Patient::find(const PhantomInput& input, const PixelRays& rays, const BodyFrame* frame,
+                           double time_s) {
+  PatientFrame now;
+  look_at_clothes(input, rays);
+  const auto index = key_person_.find(input.people, input.camera, time_s, clothes_);
+  if (!index) {
+    now.is_new = key_person_.lost_for(time_s) >= most_lost_;
+    if (now.is_new) start(std::nullopt);
+    now.person = person_;
+    return now;
+  }
+  now.is_here = has_been_seen_ = true;
+  now.raw = input.people[*index];
+  if (id_ != now.raw.id && !is_at_same_place(now.raw)) {
+    start(now.raw.id);
+    now.is_new = true;
+  }
+  id_ = now.raw.id;
+  if (keep_sides(now.raw, now.is_new ? nullptr : frame, time_s)) now.is_new = true;
+  person_ = smoothed(now.raw);
+  now.person = person_;
+  return now;
+}
+
+void Patient::reset() {
+  key_person_.reset();
+  has_been_seen_ = false;
+  start(std::nullopt);
+}
+
+void Patient::start(std::optional<std::int64_t> id) {
+  id_ = id;
+  person_.reset();
+  smoother_.reset();
+}
+
+void Patient::look_at_clothes(const PhantomInput& input, const PixelRays& rays) {
+  clothes_.clear();
+  if (input.color.pixels == nullptr) return;
+  const ColoredScene scene{input.depth, input.body_index,   &input.camera,
+                           &rays,       input.registration, input.color};
+  for (const Skeleton& person : input.people) clothes_.push_back(clothing_colors(person, scene));
+}
+
+/// A tracker may take left for right for a moment, which does not move a limb to the other side:
+/// then they are exchanged in `told`. One that keeps to it is believed, the later the longer it has
+/// told otherwise, and the person is begun anew: returns whether that was done.
+bool Patient::keep_sides(Skeleton& told, const BodyFrame* frame, double time_s) {
+  constexpr double kLeast = 0.5, kMost = 2.0;  // seconds
+  if (frame == nullptr) sides_known_since_ = time_s;
+  if (frame == nullptr || !has_sides_swapped(told, *frame)) {
+    sides_kept_since_ = time_s;
+    return false;
+  }
+  const double patience = std::clamp(0.5 * (sides_kept_since_ - sides_known_since_), kLeast, kMost);
+  if (time_s - sides_kept_since_ <= patience) {
+    told = with_sides_swapped(told);
+    return false;
+  }
+  start(told.id);
+  sides_kept_since_ = sides_known_since_ = time_s;
+  return true;
+}
+
+/// A tracker may give the same person another id.
+bool Patient::is_at_same_place(const Skeleton& told) const {
+  constexpr float kSamePlace = 0.3F;  // metres
+  const auto before = person_ ? spine_base(*person_) : std::nullopt, now = spine_base(told);
+  return before && now && (*before - *now).norm() < kSamePlace;
+}
+
+/// Without smoothing the positions are as told, and only the states are the smoother's.
+Skeleton Patient::smoothed(const Skeleton& told) {
+  Skeleton result = smoother_.add(told);
+  if (smooths_) return result;
+  for (std::size_t joint = 0; joint < kNumJoints; ++joint) {
+    if (result.states[joint] != TrackingState::kNotTracked) {
+      result.positions[joint] = told.positions[joint];
+    }
+  }
+  return result;
+}
+
+bool is_in_another_unit(const Skeleton& skeleton) {
+  constexpr float kFarthest = 100.0F;  // metres
+  bool is_far = false;
+  for (std::size_t joint = 0; joint < kNumJoints; ++joint) {
+    if (skeleton.states[joint] != TrackingState::kTracked) continue;
+    const Eigen::Vector3f& p = skeleton.positions[joint];
+    if (!(p.cwiseAbs().maxCoeff() > kFarthest && p.allFinite())) return false;
+    is_far = true;
+  }
+  return is_far;
+}
+
+}  // namespace manip3d
