@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from manip3d import InputError, authenticate, capture
+from manip3d import InputError, authenticate, capture, datasets
 from velodyne_packets import block, ethernet, packet, pcap, udp_frame
 
 
@@ -31,6 +31,21 @@ def test_a_scan_that_cannot_be_read_leaves_a_gap(drive: Path) -> None:
         assert "000004.bin" in opened.errors[1]
     assert opened.numbers == authenticate.drive_numbers(drive)
     assert opened.paths[2] == drive / "velodyne" / "000006.bin"
+
+
+def test_times_of_the_drive_are_those_of_scans_that_have_none(tmp_path: Path) -> None:
+    folder = tmp_path / "velodyne_points" / "data"
+    folder.mkdir(parents=True)
+    for name in ("0000000001.bin", "of the morning.bin"):
+        np.ones((5, 4), np.float32).tofile(folder / name)
+    (tmp_path / "times.txt").write_text("0.0\n0.5\n")
+    opened = capture.open_drive(tmp_path)
+    assert len(list(opened)) == 2
+    assert opened.times_ns == {0: 500_000_000}
+    assert datasets.open_kitti(tmp_path)[0].time_ns == 500_000_000
+    (tmp_path / "velodyne_points" / "timestamps.txt").write_text("2011-09-26 13:02:25.0\n" * 2)
+    assert len(list(opened)) == 2
+    assert opened.times_ns[0] > 10**18
 
 
 def test_records_go_along_with_the_scans(drive: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Mapping
+from typing import Any
 
 from manip3d.errors import MissingExtraError
 
@@ -66,3 +67,18 @@ def require(extra: str) -> None:
     if absent:
         names = [DISTRIBUTIONS.get(name, (name,))[0] for name in absent]
         raise MissingExtraError(", ".join(names), extra)
+
+
+def opencv() -> Any:
+    """Import OpenCV.
+
+    Raises
+    ------
+    MissingExtraError
+        It is not installed.
+    """
+    try:
+        import cv2
+    except ImportError as error:
+        raise MissingExtraError("opencv-python-headless", "alert") from error
+    return cv2

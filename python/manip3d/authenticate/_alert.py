@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d._util.checked import checked
+from manip3d._util.extras import opencv
 from manip3d._util.mappings import ReadOnlyMapping
 from manip3d.authenticate._cross_modal import (
     CLEAN_ACCUSED,
@@ -31,7 +32,7 @@ from manip3d.authenticate._risk import (
     check_movement,
     moved,
 )
-from manip3d.authenticate._stereo import StereoRig, checked_pair, opencv, stereo_disparity
+from manip3d.authenticate._stereo import StereoRig, checked_pair, stereo_disparity
 from manip3d.authenticate._surround import SurroundResult
 from manip3d.authenticate._verdict import binomial_tail
 from manip3d.authenticate._watermark import Policy, Watermarker, WatermarkResult

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from manip3d._util.checked import checked
+from manip3d._util.extras import opencv
 from manip3d._util.linear import product
-from manip3d.errors import InputError, MissingExtraError
+from manip3d.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -281,21 +282,6 @@ def _has_texture(cv2: Any, grey: NDArray[np.uint8]) -> NDArray[np.bool_]:
     total = cv2.boxFilter(slope * slope, -1, (WINDOW, WINDOW), normalize=False)
     has_texture: NDArray[np.bool_] = total >= (8.0 * TEXTURE * WINDOW) ** 2
     return has_texture
-
-
-def opencv() -> Any:
-    """Import OpenCV.
-
-    Raises
-    ------
-    MissingExtraError
-        It is not installed.
-    """
-    try:
-        import cv2
-    except ImportError as error:
-        raise MissingExtraError("opencv-python-headless", "alert") from error
-    return cv2
 
 
 def checked_pair(left: ArrayLike, right: ArrayLike) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:

@@ -26,12 +26,12 @@ from manip3d.authenticate._watermark_files import (
     record_path,
     refuse_existing_record,
     scan_of_record,
-    scan_times,
     verdict_of_stream,
     write_watermarked,
 )
 from manip3d.errors import FormatError, InputError
 from manip3d.io import read_scan
+from manip3d.io._frame_times import scan_times
 from manip3d.io._scan_files import FOLDER_SUFFIXES
 from manip3d.io._scan_tables import scan_suffix
 
@@ -206,7 +206,8 @@ def embed_files(
         return [_embed(marker, begin, target, seen, None, time_ns=None, is_end=True)]
     _check_folder(begin, target, replace=replace)
     folder = drive_pictures(begin, picture) if picture else None
-    scans, times = drive_scans(begin), scan_times(begin)
+    scans = drive_scans(begin)
+    times = scan_times(begin, scans)
     done: list[EmbeddedScan] = []
     pictures: set[Path] = set()
     with reporting(progress, "embed") as report:

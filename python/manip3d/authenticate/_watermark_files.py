@@ -18,7 +18,7 @@ from manip3d.authenticate._watermark import Watermarked, WatermarkResult, Waterm
 from manip3d.errors import InputError
 from manip3d.io import read_scan, write_scan
 from manip3d.io._files import atomic_pair, atomic_path, open_regular
-from manip3d.io._frame_times import frame_times
+from manip3d.io._frame_times import drive_times
 from manip3d.io._scan_files import FOLDER_SUFFIXES, scan_paths
 from manip3d.io._scan_tables import scan_suffix
 from manip3d.lidar import LidarFrame
@@ -525,23 +525,10 @@ def drive_numbers(folder: str | os.PathLike[str]) -> list[int]:
 
 def _times_of(drive: Path, numbers: Sequence[int]) -> list[int]:
     """Nanoseconds of each scan; empty where they are not known."""
-    raw = drive / "velodyne_points" / "timestamps.txt"
-    times = frame_times(raw if raw.is_file() else drive / "times.txt")
+    times = drive_times(drive)
     if all(number in times for number in numbers):
         return [times[number] for number in numbers]
     return list(times.values()) if len(times) == len(numbers) else []
-
-
-def scan_times(drive: Path) -> dict[Path, int]:
-    """When the scans of a drive were taken, nanoseconds, of those of which it says so."""
-    raw = drive / "velodyne_points" / "timestamps.txt"
-    times = frame_times(raw if raw.parent.is_dir() else drive / "times.txt")
-    names = {scan: scan.name.split(".")[0] for scan in drive_scans(drive)}
-    return {
-        scan: times[int(name)]
-        for scan, name in names.items()
-        if name.isdecimal() and int(name) in times
-    }
 
 
 @checked

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 
 from manip3d._util.checked import checked
 from manip3d.authenticate import drive_numbers, drive_scans, find_record, read_record
-from manip3d.authenticate._watermark_files import scan_times
 from manip3d.capture._addresses import scan_address
 from manip3d.capture._lidar import expect_scans, open_lidar
 from manip3d.errors import Error, InputError
 from manip3d.io import read_scan
+from manip3d.io._frame_times import scan_times
 
 if TYPE_CHECKING:
     from manip3d.lidar import LidarFrame
@@ -76,8 +76,9 @@ class LidarDrive:
             yield None if path is None else _record_beside(path)
 
     def _files(self) -> Iterator[LidarFrame | None]:
-        times = scan_times(Path(self._source))
-        for number, path in enumerate(drive_scans(self._source)):
+        scans = drive_scans(self._source)
+        times = scan_times(Path(self._source), scans)
+        for number, path in enumerate(scans):
             self.names.append(path.name)
             if path in times:
                 self.times_ns[number] = times[path]

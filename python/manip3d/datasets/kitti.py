@@ -21,7 +21,7 @@ from manip3d._util.linear import product
 from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
 from manip3d.io._files import regular_bytes
-from manip3d.io._frame_times import frame_times
+from manip3d.io._frame_times import drive_times
 from manip3d.io._images import decoded_picture
 from manip3d.io._scan_files import read_scan, scan_paths
 from manip3d.io._text_files import parse_xml, text_of
@@ -263,7 +263,7 @@ class KittiDrive:
         self.calibration_path, self.per_frame = _find_calibration(path, calibration)
         self.tracklet_path = _first([path / "tracklet_labels.xml"])
         self._scans = tuple(scan_paths(self.scan_folder))
-        self._times = frame_times(path / ("velodyne_points/timestamps.txt" if raw else "times.txt"))
+        self._times = drive_times(path)
 
     @functools.cached_property
     def tracklets(self) -> Mapping[int, tuple[Box, ...]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 from manip3d._util.times import nanoseconds, parse_time
@@ -37,6 +38,47 @@ def frame_times(file: Path) -> dict[int, int]:
                 f"expected a time, got {line[:40]!r}", file=str(file), line=number + 1
             ) from None
     return times
+
+
+def drive_times(drive: Path) -> dict[int, int]:
+    """Return nanoseconds by frame number of a drive; empty where it has no file of times.
+
+    Parameters
+    ----------
+    drive : Path
+        Folder of the drive. The times of its scans count before those of the whole drive.
+
+    Raises
+    ------
+    FormatError
+        A line is no time.
+    """
+    of_scans = drive / "velodyne_points" / "timestamps.txt"
+    return frame_times(of_scans if of_scans.is_file() else drive / "times.txt")
+
+
+def scan_times(drive: Path, scans: Iterable[Path]) -> dict[Path, int]:
+    """Return when scans of a drive were taken, nanoseconds, of those of which it says so.
+
+    Parameters
+    ----------
+    drive : Path
+        Folder of the drive.
+    scans : iterable of Path
+        Files whose names are numbers of frames; others have no time.
+
+    Raises
+    ------
+    FormatError
+        A line of the times is none.
+    """
+    times = drive_times(drive)
+    names = {scan: scan.name.split(".")[0] for scan in scans}
+    return {
+        scan: times[int(name)]
+        for scan, name in names.items()
+        if name.isdecimal() and int(name) in times
+    }
 
 
 def _seconds(line: str) -> int:
