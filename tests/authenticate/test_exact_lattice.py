@@ -184,6 +184,24 @@ def test_order_turns_and_crops_accuse_nobody(unit: Unit) -> None:
     assert said(without_labels(turned)).verdict in ("undecidable", "processed")
 
 
+def test_reflectances_of_sixteen_bits_are_those_of_the_scanner(unit: Unit) -> None:
+    scan = exact_scan(unit)
+    values = np.random.default_rng(0).integers(0, 65536, scan.num_points).astype(np.float32)
+    assert said(scan.replace(intensity=values)).verdict == "undecidable"
+
+
+@pytest.mark.parametrize("name", ["hesai", "ouster", "velodyne"])
+def test_rounding_of_large_coordinates_accuses_nobody(name: str) -> None:
+    """Single precision leaves 0.5 mm of what is 5 km away, and of 50 m in centimetres."""
+    unit = {**UNITS, "velodyne": velodyne()}[name]
+    scan = exact_scan(unit, labelled=True)
+    for scale in (10.0, 50.0, 70.0, 100.0):
+        larger = scan.replace(points=scan.points * np.float32(scale))
+        found = said(larger)
+        assert found.verdict == "undecidable", (scale, found.reason)
+        assert len(found.suspected) == 0
+
+
 def test_a_laser_that_saw_little_accuses_nobody(unit: Unit) -> None:
     """Its line is not known: of few points, or of points at one distance only."""
     scan = exact_scan(unit, labelled=True)

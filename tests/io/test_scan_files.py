@@ -622,3 +622,21 @@ def test_rings_may_be_floats_where_they_are_whole(is_whole: bool, tmp_path: Path
         np.frombuffer((tmp_path / "b.pcd").read_bytes()[-800:], "<f4").reshape(50, 4),
         rows.astype(np.float32),
     )
+
+
+@pytest.mark.parametrize("suffix", [".bin", ".pcd.bin"])
+@pytest.mark.parametrize("digits", [3, None])
+def test_numbers_of_64_bits_are_refused(tmp_path: Path, suffix: str, digits: int | None) -> None:
+    """Read as numbers of 32 bits, they are twice as many points, and not those of the scan."""
+    columns = 4 if suffix == ".bin" else 5
+    numbers = np.random.default_rng(0).normal(0.0, 20.0, (3000, columns)).astype(np.float32)
+    wide = numbers.astype(np.float64)
+    if digits is not None:
+        wide = wide.round(digits)
+    wide.tofile(tmp_path / f"wide{suffix}")
+    with pytest.raises(FormatError):
+        read_scan(tmp_path / f"wide{suffix}")
+    if suffix == ".bin":
+        numbers[7] = 3e12  # a damaged value is no sign of other numbers
+        numbers.tofile(tmp_path / "scan.bin")
+        assert read_scan(tmp_path / "scan.bin").num_points == 3000

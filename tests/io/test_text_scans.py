@@ -201,6 +201,15 @@ def test_infinite_coordinates_are_refused(tmp_path: Path) -> None:
         read(tmp_path, "1 2 3 4\n1 2 3 1e300\n")
 
 
+def test_a_scan_in_millimetres_stays_around_its_scanner(tmp_path: Path) -> None:
+    around = np.random.default_rng(0).normal(0.0, 30_000.0, (500, 3)).round()
+    scan = read(tmp_path, "\n".join(" ".join(f"{v:.0f}" for v in row) for row in around))
+    np.testing.assert_array_equal(scan.points, around)
+    in_grid = around / 1000.0 + [500_000.0, 5_000_000.0, 100.0]
+    scan = read(tmp_path, "\n".join(" ".join(f"{v:.3f}" for v in row) for row in in_grid))
+    assert np.abs(scan.points).max() < 1000.0
+
+
 def test_one_far_return_moves_nothing(tmp_path: Path) -> None:
     frame = read(tmp_path, "1 2 3\n4 5 6\n9000 0 0\n")
     assert frame.points.tolist() == [[1, 2, 3], [4, 5, 6], [9000, 0, 0]]

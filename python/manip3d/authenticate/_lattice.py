@@ -51,6 +51,10 @@ EXACT_TOLERANCE = 1e-4
 """Metres from a line or a step, in a cloud whose coordinates are those that the scanner's driver
 computed, in single precision: they are within 3e-5 of them 100 m away."""
 
+EXACT_REACH = 300.0
+"""Metres within which single precision leaves less than that tolerance: what lies farther, as most
+of a cloud in centimetres does, is off its own lattice by rounding."""
+
 EXACT_STEPS = (512, 1024, 1800, 2048, 3600, 4096, 9000, 18_000, 36_000)
 """Counts of encoders that are looked for in exact clouds, the coarsest first: Ouster's columns of a
 turn, and whole numbers of 0.01 degrees, in which Hesai's packets state azimuths."""
@@ -304,13 +308,15 @@ class SensorLattice:
         Returns
         -------
         (N,) bool
-            False nearer to the axis than `LINES_APART`, farther above or below all lines than half
-            of the distance between the two outermost, and for points of lasers that may have no
-            line: fewer than half of those of a ring are on any, and they look as high as one laser
-            does; or nothing but the order of the file tells rings, and there is room for a laser.
+            False nearer to the axis than `LINES_APART`, farther than `EXACT_REACH`, farther above or
+            below all lines than half of the distance between the two outermost, and for points of
+            lasers that may have no line: fewer than half of those of a ring are on any, and they
+            look as high as one laser does; or nothing but the order of the file tells rings, and
+            there is room for a laser.
         """
         reading = self.read(frame.points) if reading is None else reading
         told = self._is_between_lines(frame.points) & (reading.ring >= 0)
+        told &= np.abs(frame.points).max(axis=1, initial=0.0) < EXACT_REACH
         cloud = _Cloud.of(frame)
         known = cloud.labels >= 0
         label = np.unique(cloud.labels[known], return_inverse=True)[1]

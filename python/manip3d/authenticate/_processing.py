@@ -170,7 +170,7 @@ def find_processing(
     generic : GenericResult or None
         What detector III says by the sensor's lattice.
     reflectance : (N,) float32 or None
-        Reflectance of each point, looked at only for a scanner on a lattice.
+        Reflectance of each point, looked at only for an HDL-64E on its lattice.
     reading : LatticeReading or None
         Where the points lie on the sensor's lattice; None: it is read here.
     """
@@ -189,7 +189,9 @@ def find_processing(
         )
     elif generic is not None and generic.lattice is not None:
         found += _of_lattice(points, sensor, generic, reading)
-        if reflectance is not None and "order" not in generic.contradicted:
+        if sensor.name != HDL64E or "order" in generic.contradicted:
+            reflectance = None  # other scanners have other units
+        if reflectance is not None:
             found += _of_reflectance(reflectance)
     return tuple(found)
 

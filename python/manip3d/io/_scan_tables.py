@@ -33,8 +33,14 @@ _COMPRESSED = (".gz", ".xz")
 _TEXT = ("xyz", "asc", "pts", "txt", "csv")
 _UNSTATED = (*_TEXT, "npy")
 """Formats that do not say where the scanner is, or which of their numbers are whole."""
+_BARE = ("kitti", "nuscenes")
+_LARGEST = 1e9
+"""Metres, and any other number of a scan; halves of 64-bit numbers, read as 32-bit ones, are larger
+here and there."""
 _FAR = 8192.0
 """Metres; farther from 0 float32 has steps of more than a millimetre."""
+_MOST_OF = (0.1, 0.5, 0.9)
+"""Quantiles of coordinates between which most lie, and their middle."""
 _INTENSITY = ("intensity", "reflectance", "reflectivity", "remission", "i")
 _RING = ("ring", "channel", "laser_id")
 
@@ -105,9 +111,33 @@ def read_columns(
     columns = tuple((str(a), str(b), int(c)) for a, b, c in fields)
     dtype = _dtype(columns)
     values = raw.view(dtype) if raw.size else np.empty(num_points, dtype)
+    if kind in _BARE:
+        _refuse_doubles(raw, name)
     header: dict[str, Any] = {"pairs": tuple((str(a), str(b)) for a, b in pairs)}
     layout = _with_short_intensity(columns) if kind in _TEXT else columns
     return Table(kind, _columns(values, columns), name, layout, header)
+
+
+def _refuse_doubles(raw: NDArray[np.uint8], file: str) -> None:
+    """Refuse a file without a header whose bytes are numbers of 64 bits, not of 32.
+
+    Raises
+    ------
+    FormatError
+        As 32-bit numbers some are far from what a scan holds, as 64-bit ones none is.
+    """
+    if raw.nbytes % np.dtype(np.float64).itemsize:
+        return
+    single = np.abs(raw.reshape(-1).view(np.float32))
+    if float(single.max(initial=0.0)) <= _LARGEST:
+        return
+    double = np.abs(raw.reshape(-1).view(np.float64))
+    with np.errstate(invalid="ignore"):
+        is_double = ((double == 0.0) | ((double > 1.0 / _LARGEST) & (double < _LARGEST))).all()
+    if is_double:
+        raise FormatError(
+            "numbers of 64 bits, expected 32: write it as float32, or as a .npy file", file=file
+        )
 
 
 def read_table(
@@ -244,7 +274,11 @@ def _to_file(kind: str) -> NDArray[np.float64]:
 
 
 def near_zero(stored: NDArray[Any]) -> NDArray[np.float64]:
-    """(4, 4): takes points near 0 to coordinates that lie far from it, as those of maps do."""
+    """(4, 4): takes points near 0 to coordinates that lie far from it, as those of maps do.
+
+    Those of a scan in millimetres are as large, but no larger than the scan is wide: it stays
+    around its scanner.
+    """
     matrix = np.eye(4)
     if not len(stored):
         return matrix
@@ -252,7 +286,10 @@ def near_zero(stored: NDArray[Any]) -> NDArray[np.float64]:
     # stand in the file.
     farthest = np.abs(stored).max(axis=1)
     if np.median(farthest) > _FAR and farthest.max() <= np.finfo(np.float32).max:
-        matrix[:3, 3] = np.round(np.median(stored.astype(np.float64, copy=False), axis=0))
+        wide = stored.astype(np.float64, copy=False)
+        low, middle, high = np.quantile(wide, _MOST_OF, axis=0, method="nearest")
+        if np.abs(middle).max() > (high - low).max():
+            matrix[:3, 3] = np.round(middle)
     return matrix
 
 
