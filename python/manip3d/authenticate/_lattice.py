@@ -308,9 +308,9 @@ class SensorLattice:
         Returns
         -------
         (N,) bool
-            False nearer to the axis than `LINES_APART`, farther than `EXACT_REACH`, farther above or
-            below all lines than half of the distance between the two outermost, and for points of
-            lasers that may have no line: fewer than half of those of a ring are on any, and they
+            False nearer to the axis than `LINES_APART`, farther than `EXACT_REACH`, farther above
+            or below all lines than half of the distance between the two outermost, and for points
+            of lasers that may have no line: fewer than half of those of a ring are on any, and they
             look as high as one laser does; or nothing but the order of the file tells rings, and
             there is room for a laser.
         """
