@@ -217,6 +217,12 @@ def test_a_period_of_part_of_the_turn_is_no_encoder() -> None:
     assert estimate_lattice(named_rings(interpolated(0.013), 1800)).steps == 0
 
 
+def test_points_nearer_to_the_axis_than_the_beam_are_no_error() -> None:
+    rho, angle = np.linspace(1.6, 6.0, 500), np.linspace(0.0, 6.0, 500)
+    found = _lattice._fit_encoder(rho, angle, 4000, 1.8, 0.0)
+    assert np.isfinite(found).all()
+
+
 def test_lattice_is_written_and_read(tmp_path: Path) -> None:
     LATTICE.save(tmp_path / "sensor.json")
     again = SensorLattice.load(tmp_path / "sensor.json")

@@ -894,11 +894,20 @@ def _step_trust(
     return found
 
 
+def _beside(lateral: float | Floats, rho: Floats) -> Floats:
+    """Angle between a beam that passes the axis at a distance and what it meets, from the axis.
+
+    Points nearer than that, which are on no such beam, are taken to lie where it is nearest.
+    """
+    angle: Floats = np.arcsin(np.clip(lateral / rho, -1.0, 1.0))
+    return angle
+
+
 def _off_the_steps(
     rho: Floats, angle: Floats, lateral: float, azimuth: float, steps: int
 ) -> Floats:
     """Metres from the nearest step of the encoder."""
-    beam = angle - np.arcsin(np.clip(lateral / rho, -1.0, 1.0)) - azimuth
+    beam = angle - _beside(lateral, rho) - azimuth
     return _off_step(beam, steps) * rho
 
 
@@ -981,7 +990,7 @@ def _fit_encoder(
     if len(rho) < FEWEST_POINTS:
         return 0.0, 0.0
     for _ in range(5):
-        error = _off_step(angle - np.arcsin(lateral / rho) - azimuth, steps) * rho
+        error = _off_step(angle - _beside(lateral, rho) - azimuth, steps) * rho
         near = np.abs(error) < LINE_TOLERANCE
         if near.sum() < 2:
             break
@@ -1003,7 +1012,7 @@ def _stands_on_steps(
     between packets (HDL-32E, VLP) there may be a period, but it holds for a part of the turn."""
     shares = []
     for k, rows in enumerate(members):
-        beam = angle[rows] - np.arcsin(lateral[k] / rho[rows]) - azimuth[k]
+        beam = angle[rows] - _beside(lateral[k], rho[rows]) - azimuth[k]
         off = np.abs(_off_step(beam, steps) * rho[rows]) > LINE_TOLERANCE
         sector = (angle[rows] * (SECTORS / (2.0 * math.pi))).astype(np.intp).clip(0, SECTORS - 1)
         points = np.bincount(sector, minlength=SECTORS)
@@ -1032,7 +1041,7 @@ def _align_counts(
     directions then: the correlation of who answered when peaks at the difference.
     """
     known = ring >= 0
-    beam = angle[known] - np.arcsin(lateral[ring[known]] / rho[known]) - azimuth[ring[known]]
+    beam = angle[known] - _beside(lateral[ring[known]], rho[known]) - azimuth[ring[known]]
     count = np.mod(np.round(beam * (steps / (2.0 * math.pi))), steps).astype(np.int64)
     shape = (int(frame.max()) + 1, len(lateral), steps)
     answered = np.zeros(shape)
