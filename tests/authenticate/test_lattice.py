@@ -223,6 +223,12 @@ def test_points_nearer_to_the_axis_than_the_beam_are_no_error() -> None:
     assert np.isfinite(found).all()
 
 
+def test_points_at_one_distance_tell_no_beam_beside_the_axis() -> None:
+    step = 2.0 * math.pi / 4000
+    found = _lattice._fit_encoder(np.full(500, 5.0), step * np.arange(500), 4000, 0.02, 0.01)
+    assert found == (0.02, 0.01)
+
+
 def test_lattice_is_written_and_read(tmp_path: Path) -> None:
     LATTICE.save(tmp_path / "sensor.json")
     again = SensorLattice.load(tmp_path / "sensor.json")

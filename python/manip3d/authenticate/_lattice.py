@@ -992,7 +992,7 @@ def _fit_encoder(
     for _ in range(5):
         error = _off_step(angle - _beside(lateral, rho) - azimuth, steps) * rho
         near = np.abs(error) < LINE_TOLERANCE
-        if near.sum() < 2:
+        if near.sum() < 2 or np.ptp(rho[near]) <= LEAST_SPREAD:
             break
         turn, shift = line_fit(rho[near], error[near])
         lateral, azimuth = lateral + shift, azimuth + turn
