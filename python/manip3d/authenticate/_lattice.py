@@ -51,9 +51,10 @@ EXACT_TOLERANCE = 1e-4
 """Metres from a line or a step, in a cloud whose coordinates are those that the scanner's driver
 computed, in single precision: they are within 3e-5 of them 100 m away."""
 
-EXACT_REACH = 300.0
-"""Metres within which single precision leaves less than that tolerance: what lies farther, as most
-of a cloud in centimetres does, is off its own lattice by rounding."""
+EXACT_REACH = 100.0
+"""Metres within which single precision leaves less than that tolerance. Drivers compute directions
+to 6e-7 radians, so that returns from 160 m on, and most of a clean cloud in centimetres, are off
+their own lattice."""
 
 EXACT_STEPS = (512, 1024, 1800, 2048, 3600, 4096, 9000, 18_000, 36_000)
 """Counts of encoders that are looked for in exact clouds, the coarsest first: Ouster's columns of a
