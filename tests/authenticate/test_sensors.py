@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from manip3d.authenticate import identify_sensor
+import lattice_scans as scans
+from exact_scans import exact_scan, hesai
+from manip3d.authenticate import SensorLattice, identify_sensor, kitti_lattice
+from manip3d.authenticate._lattice import COLUMNS
 from manip3d.authenticate._sensors import BEAM_WIDTH, BEAMS
 
 COUNT = 8000
@@ -62,10 +67,98 @@ def test_other_lasers_are_counted(lasers: int) -> None:
 def test_no_rows_are_no_spinning_scanner() -> None:
     anywhere = np.linspace(-20.0, 20.0, 100_000)
     assert identify_sensor(scan_of(anywhere)).kind == "unknown"
-    ahead = identify_sensor(scan_of(anywhere, turn=80.0))
-    assert (ahead.name, ahead.kind) == ("non-repetitive scanner", "non-repetitive")
+    for turn in (80.0, 140.0):
+        ahead = identify_sensor(scan_of(anywhere, turn=turn))
+        assert (ahead.name, ahead.kind) == ("non-repetitive scanner", "non-repetitive")
+    assert identify_sensor(scan_of(anywhere, turn=170.0)).kind == "unknown"
 
 
 def test_few_points_tell_nothing() -> None:
     few = identify_sensor(scan_of(BEAMS["VLP-16"])[:900])
     assert (few.kind, few.reason) == ("unknown", "fewer than 1000 points")
+
+
+def test_points_within_two_metres_do_not_blur_the_elevations() -> None:
+    """Lasers sit beside each other, which turns what is near up or down."""
+    near = scan_of(np.linspace(-20.0, 20.0, 5000), seed=1)
+    near *= 1.6 / np.linalg.norm(near, axis=1, keepdims=True)
+    mixed = np.concatenate([scan_of(BEAMS["VLP-16"], blur=0.03), near])
+    assert identify_sensor(mixed).name == "VLP-16"
+    far = np.concatenate([scan_of(BEAMS["VLP-16"], blur=0.03), 2.0 * near])
+    assert identify_sensor(far).name != "VLP-16"
+
+
+def of_lasers(count: int) -> SensorLattice:
+    """The lasers of KITTI's scanner that are so many apart that this many remain."""
+    known = kitti_lattice()
+    kept = np.linspace(0, 63, count).astype(np.intp)
+    return replace(known, **{name: getattr(known, name)[kept] for name in COLUMNS})
+
+
+def street_of(lattice: SensorLattice) -> NDArray[np.float32]:
+    return scans.scan(np.random.default_rng(5), lattice)
+
+
+@pytest.mark.parametrize("lasers", [16, 20, 64])
+def test_a_scanner_whose_lattice_is_given_is_named_by_its_lasers(lasers: int) -> None:
+    lattice = of_lasers(lasers)
+    found = identify_sensor(street_of(lattice), lattice=lattice)
+    expected = "HDL-64E" if lasers == 64 else f"scanner of {lasers} lasers"
+    assert (found.name, found.kind, found.off_lattice) == (expected, "lattice", 0.0)
+    assert found.lattice is lattice
+    assert not found.is_own
+
+
+def test_fewer_than_sixteen_lasers_are_on_no_lattice() -> None:
+    lattice = of_lasers(15)
+    assert identify_sensor(street_of(lattice), lattice=lattice).lattice is not lattice
+
+
+@pytest.mark.parametrize(("kept", "is_on"), [(20, True), (19, False)])
+def test_a_laser_counts_from_twenty_points_on(kept: int, is_on: bool) -> None:
+    lattice = of_lasers(16)
+    points = street_of(lattice)
+    ring = lattice.read(points).ring
+    some = np.ones(len(points), np.bool_)
+    some[np.flatnonzero(ring == 7)[kept:]] = False
+    assert (identify_sensor(points[some], lattice=lattice).lattice is lattice) is is_on
+
+
+@pytest.mark.parametrize(("turned", "is_on"), [(0.4, True), (0.6, False)])
+def test_half_of_the_horizon_stands_on_the_lattice(turned: float, is_on: bool) -> None:
+    lattice = of_lasers(16)
+    points = street_of(lattice)
+    angle = np.mod(np.arctan2(points[:, 1], points[:, 0]), 2.0 * np.pi)
+    points[angle < 2.0 * np.pi * turned, 2] += np.float32(0.05)
+    assert (identify_sensor(points, lattice=lattice).lattice is lattice) is is_on
+
+
+@pytest.mark.parametrize("shift", [0.004, 0.012])
+def test_a_scan_beside_the_lines_was_moved(shift: float) -> None:
+    points = street_of(kitti_lattice())
+    points[:, 2] += np.float32(shift)
+    found = identify_sensor(points)
+    assert (found.name, found.kind) == ("HDL-64E", "lattice")
+    assert found.off_lattice == pytest.approx(shift, rel=0.1)
+    points[:, 2] += np.float32(0.05)
+    assert identify_sensor(points).off_lattice == 0.0
+
+
+@pytest.mark.parametrize(("lasers", "is_exact"), [(7, False), (8, True), (16, True)])
+def test_eight_lasers_are_the_fewest_of_an_exact_lattice(lasers: int, is_exact: bool) -> None:
+    found = identify_sensor(exact_scan(hesai(lasers), labelled=True))
+    assert (found.kind == "lattice") is is_exact
+    assert found.is_own is is_exact
+
+
+@pytest.mark.parametrize(("step", "is_terrestrial"), [(0.3, True), (0.45, False)])
+def test_a_coarse_grid_is_not_that_of_a_terrestrial_scanner(
+    step: float, is_terrestrial: bool
+) -> None:
+    """Detectors I and II are calibrated for fine ones."""
+    azimuth, elevation = np.meshgrid(np.arange(0.0, 360.0, step), np.arange(-50.0, 50.0, step))
+    a, e = np.radians(azimuth.ravel()), np.radians(elevation.ravel())
+    beam = np.column_stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    walls = 5.0 / np.abs(beam).max(axis=1, keepdims=True)
+    found = identify_sensor((walls * beam).astype(np.float32))
+    assert (found.kind == "terrestrial") is is_terrestrial
