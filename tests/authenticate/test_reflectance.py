@@ -16,8 +16,11 @@ from manip3d.authenticate import ReflectanceResult, TurnResult, reflectance_cons
 from manip3d.authenticate._reflectance import (
     TAIL,
     TAIL_FRAMES,
+    _between_steps,
+    _is_off,
     is_in_hundredths,
     reflectance_p_value,
+    why_not_judged,
     why_rewritten,
 )
 from manip3d.report import write_evidence
@@ -186,6 +189,23 @@ def test_what_cannot_be_judged(
     found = reflectance_consistency(LidarFrame(points, given), lattice=LATTICE)
     assert found.verdict == "undecidable"
     assert why in found.reason
+    assert (found.p_value, found.score, found.with_turns) == (1.0, 0.0, False)
+    assert found.regions == ()
+    assert len(found.suspected) == 0
+
+
+def test_turns_that_are_not_given_are_aligned_here(
+    turns: list[LidarFrame], aligned: TurnResult
+) -> None:
+    values, box = of_box(turns)
+    values[box] = np.round(np.clip(values[box] - 0.25, 0.0, 0.99), 2)
+    frame = turns[1].replace(intensity=values)
+    found = reflectance_consistency(
+        frame, lattice=LATTICE, previous=turns[0], following=turns[2], threads=1
+    )
+    expected = judged(turns, aligned, values)
+    assert (found.verdict, found.score, found.with_turns) == ("tampered", expected.score, True)
+    np.testing.assert_array_equal(found.suspected, expected.suspected)
 
 
 def test_bad_input_is_named(turns: list[LidarFrame]) -> None:
@@ -300,3 +320,66 @@ def test_a_strength_is_as_rare_as_clean_frames_show_it() -> None:
     for strength in sorted(TAIL, reverse=True)[: len(TAIL) // 2]:
         expected = (1 + sum(value >= strength for value in TAIL)) / (1 + TAIL_FRAMES)
         assert reflectance_p_value(strength) == expected
+
+
+def test_which_steps_are_off() -> None:
+    steps = np.array([-1.0, -0.0004, 0.0, 0.4, 1.0005, 1.002, 100.0, 100.0005, 101.0])
+    off = [True, False, False, True, False, True, False, False, True]
+    assert _is_off(steps, most=100).tolist() == off
+
+
+@pytest.mark.parametrize("off", [1, 2])
+def test_a_fifth_of_the_values_off_the_hundredths_is_too_many(off: int) -> None:
+    values = np.full(70, 0.25, np.float32)  # ten of which are looked at
+    values[: 7 * off : 7] = 0.2525
+    assert is_in_hundredths(values) is (off < 2)
+
+
+@pytest.mark.parametrize(("different", "is_judged"), [(15, False), (16, True)])
+def test_sixteen_values_are_enough(different: int, is_judged: bool) -> None:
+    """Also where only those that are not looked at first differ."""
+    random = np.random.default_rng(0)
+    values = (0.3 + 0.01 * random.permutation(np.arange(7000) % different)).astype(np.float32)
+    some = LidarFrame(np.ones((7000, 3), np.float32), values)
+    assert (why_not_judged(some) is None) is is_judged
+    values[::7] = np.resize(values[:7], 1000)
+    few_there = LidarFrame(np.ones((7000, 3), np.float32), values)
+    assert str(why_not_judged(few_there)).startswith("reflectances have fewer") is not is_judged
+
+
+@pytest.mark.parametrize(("beyond", "is_judged"), [(1399, True), (1401, False)])
+def test_a_fifth_of_the_values_may_be_beyond_the_scale(beyond: int, is_judged: bool) -> None:
+    values = np.resize(written_reflectances(), 7000)
+    values[-beyond:] = 2.0
+    frame = LidarFrame(np.ones((7000, 3), np.float32), values)
+    assert (why_not_judged(frame) != "reflectances are not in [0, 1]") is is_judged
+
+
+def test_a_value_beside_a_hundredth_counts_where_most_are_exact() -> None:
+    values = np.full(100, 0.25, np.float32)
+    beside = np.nextafter(np.float32(0.25), np.float32(1.0))
+    values[:49] = beside
+    assert _between_steps(values).tolist() == list(range(49))
+    values[49] = beside
+    assert len(_between_steps(values)) == 0  # as many as are exact: another way to compute them
+    values[:20] = 0.2525
+    assert _between_steps(values).tolist() == [*range(20), *range(20, 50)]
+    values[20] = 0.2525
+    assert len(_between_steps(values)) == 0  # a file that has no hundredths
+
+
+@pytest.mark.parametrize(("clipped", "before", "is_named"), [
+    (20, 9, True), (19, 9, False), (20, 10, False), (21, 10, True),
+])  # fmt: skip
+def test_so_many_values_at_the_end_were_clipped(clipped: int, before: int, is_named: bool) -> None:
+    values = 0.01 * (np.arange(7000) * 3 % 71)
+    values = np.r_[values[values < 0.59], np.full(clipped, 0.61), np.full(before, 0.6)]
+    found = why_rewritten(values.astype(np.float32))
+    assert (found is not None and found.endswith("they were clipped")) is is_named
+
+
+@pytest.mark.parametrize(("end", "is_named"), [(0.98, True), (0.99, False)])
+def test_a_saturated_scanner_clipped_nothing(end: float, is_named: bool) -> None:
+    values = 0.01 * (np.arange(7000) * 3 % 95)
+    found = why_rewritten(np.r_[values, np.full(50, end)].astype(np.float32))
+    assert (found is not None and found.endswith("they were clipped")) is is_named
