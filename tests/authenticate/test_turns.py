@@ -197,6 +197,33 @@ def test_inspect_asks_the_turns(turns: list[np.ndarray], tmp_path: Path) -> None
     assert (half.verdict, half.turns) == ("processed", None)
 
 
+@pytest.mark.parametrize("cut", ["before", "after"])
+def test_a_turn_that_was_cut_accuses_nobody(turns: list[np.ndarray], cut: str) -> None:
+    """What was cut off there came anew, and what stands behind the cut was looked through."""
+    frame = with_far_point(turns[1][~turn_scans.box_at(0, 0.0).contains(turns[1])])
+    beside = {"before": with_far_point(turns[0]), "after": with_far_point(turns[2])}
+
+    def of_turns() -> authenticate.DetectorReport:
+        found = authenticate.inspect(
+            frame, previous=beside["before"], following=beside["after"], lattice=LATTICE
+        )
+        return next(report for report in found.detectors if report.name == "turns")
+
+    assert of_turns().verdict == "tampered"
+    whole = beside[cut]
+    for kept in (
+        np.abs(whole[:, 1]) < 6.5,
+        whole[:, 0] > 0.0,
+        np.arange(len(whole)) % 2 == 0,
+    ):
+        beside[cut] = whole[kept]
+        report = of_turns()
+        assert (report.verdict, dict(report.power)) == ("undecidable", {})
+        assert report.reason.startswith((f"the turn {cut} was cropped", f"the turn {cut} was thin"))
+    beside[cut] = np.float32(np.round(whole.astype(np.float64), 2))  # still compared
+    assert of_turns().verdict == "tampered"
+
+
 def test_power_says_what_neighbours_add_for_white_box_edits(turns: list[np.ndarray]) -> None:
     frames = [LidarFrame(points, origin=(0, 0, 0)) for points in turns]
     alone = authenticate.measure_power(frames[1:2], LATTICE, planted=3, rng=1)

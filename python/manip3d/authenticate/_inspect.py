@@ -51,6 +51,7 @@ from manip3d.authenticate._processing import (
     are_fired_twice,
     copies_of_earlier,
     find_processing,
+    left_out_of_turn,
     padding,
     silent_lasers,
 )
@@ -366,8 +367,8 @@ def inspect(
         The frames a turn earlier and later: what was answered then is missed now. One of them is
         a further witness of detector III; with both, detector IV compares what the turns saw, and
         detector III looks at the frame alone. Frames whose ``time_ns`` are more than 0.15 s apart
-        are no neighbours, and a frame whose neighbour has nine tenths of its points, in any order,
-        is ``processed`` (repeated).
+        are no neighbours, those that were cut or thinned do not accuse it, and a frame whose
+        neighbour has nine tenths of its points, in any order, is ``processed`` (repeated).
     lattice : SensorLattice, optional
         Lattice of the scanner, from `estimate_lattice` on clean scans. Without it that of KITTI's
         scanner is tried, then one estimated from the frame.
@@ -748,9 +749,13 @@ def _by_lattice(
     turns, reflectance = None, None
     is_compared = all(step.kind in STILL_COMPARED for step in processing)
     if sensor.name == HDL64E and generic is not None and is_compared and not repeated:
+        compared = before, after
         if changed:
-            before, after = _in_lasers_of(centred, identified, (before, after), threads)
-        turns, reflectance = _beside_turns(centred, identified, (before, after), threads)
+            compared = _in_lasers_of(centred, identified, compared, threads)
+        turns, reflectance = _beside_turns(centred, identified, compared, threads)
+        if cut := _cut_turns(centred, (before, after), sensor, (turns, reflectance)):
+            why_not = [*why_not, *cut]
+            turns, reflectance = _beside_turns(centred, identified, (None, None), threads)
     reports = (
         *_not_applicable(sensor, embedding),
         _of_generic(generic, place, sensor, embedding),
@@ -933,6 +938,33 @@ def _usable(scan: LidarFrame, beside: _Beside) -> tuple[_Beside, list[str], list
         before = after = None
         repeats.append(f"the turns before and after have {same}")
     return (before, after), repeats + why, repeats
+
+
+LEAST_OF_TURN = 0.7
+"""Share of the scan's points that a whole turn beside it has at least."""
+
+
+def _cut_turns(
+    scan: LidarFrame,
+    beside: _Beside,
+    sensor: Sensor,
+    found: tuple[TurnResult | None, ReflectanceResult | None],
+) -> list[str]:
+    """Why turns say nothing: where a part of them was left out, nothing came or vanished.
+
+    It is looked for where something was found, or where they have far fewer points.
+    """
+    if found[0] is None:
+        return []
+    is_accused = any(each is not None and each.verdict == "tampered" for each in found)
+    why = []
+    for other, name in zip(beside, ("before", "after"), strict=True):
+        if other is None:
+            continue
+        if is_accused or other.num_points < LEAST_OF_TURN * scan.num_points:
+            left_out = left_out_of_turn(other.points, sensor)
+            why += [] if left_out is None else [f"the turn {name} was {left_out}"]
+    return why
 
 
 def _apart_ns(scan: LidarFrame, other: LidarFrame) -> int:

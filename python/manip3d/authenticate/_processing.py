@@ -125,6 +125,9 @@ could be missed there, at least, so that a few lost ones say nothing."""
 OFF_LATTICE = 0.002
 """Metres from a line or a step: what lies farther is of no firing."""
 
+MOST_OFF_FIRINGS = 0.1
+"""Share of such points in a turn whose extent is told; KITTI's have none, rounded ones most."""
+
 MOST_TWICE = 0.3
 """Share of a laser's points in a sector that share a firing with another one, in one turn."""
 
@@ -330,7 +333,7 @@ def _of_lattice(
         found.append(Processing("fused", f"{twice:.0f} degrees of azimuth were seen twice"))
     if contradicted & {"grid", "step"}:  # no point is on its firing: nothing tells which answered
         return found
-    return found + _of_extent(points, sensor, generic, reading)
+    return found + _of_extent(points, sensor, reading, is_in_order="order" not in contradicted)
 
 
 FAR_ENOUGH, LEAST_ALIKE, LEAST_TURN = 10.0, 0.5, 0.01
@@ -404,11 +407,35 @@ def _degrees_seen_twice(
     return float(np.count_nonzero(lasers > 0.5) * 360.0 / SECTORS)
 
 
+def left_out_of_turn(points: NDArray[np.float32], sensor: Sensor) -> str | None:
+    """Say what was cut off or thinned out of a turn beside a scan; None: nothing that can be told.
+
+    Whole lasers that are missing do not count: they are left out of the comparison. Where points
+    were moved off their firings nothing tells which answered.
+
+    Parameters
+    ----------
+    points : (N, 3) float32
+        The scanner in (0, 0, 0).
+    sensor : Sensor
+        The scanner of the scan.
+    """
+    if sensor.lattice is None or len(points) == 0:
+        return None
+    reading = sensor.lattice.read(points)
+    is_off = np.maximum(np.abs(reading.line_error), np.abs(reading.step_error)) > OFF_LATTICE
+    if np.mean(is_off) > MOST_OFF_FIRINGS:
+        return None
+    found = _of_extent(points, sensor, reading, is_in_order=False)
+    return next((f"{step.kind}: {step.detail}" for step in found if step.kind != "lasers"), None)
+
+
 def _of_extent(
     points: NDArray[np.float32],
     sensor: Sensor,
-    generic: GenericResult,
     reading: LatticeReading | None,
+    *,
+    is_in_order: bool,
 ) -> list[Processing]:
     if sensor.lattice is None or len(points) == 0:
         return []
@@ -448,7 +475,7 @@ def _of_extent(
         found.append(Processing("cropped", f"no points below a height of {z.min():.2f} m"))
     found += thinned
     first = first_azimuth(reading.ring, reading.azimuth)
-    if gap <= WIDEST_GAP and abs(first) > FIRST_AZIMUTH and "order" not in generic.contradicted:
+    if gap <= WIDEST_GAP and abs(first) > FIRST_AZIMUTH and is_in_order:
         found.append(Processing("turned", f"the rings begin at {first:.0f} degrees of azimuth"))
     return found
 
