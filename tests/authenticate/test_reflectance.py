@@ -136,6 +136,17 @@ def test_a_few_values_that_no_scanner_writes_do_not_stop_the_search(
         found = judged(turns, beside, values)
         assert (found.verdict, found.regions[0].kind) == ("tampered", "grid")
         assert np.array_equal(found.regions[0].rows, np.flatnonzero(box))
+        assert found.score == found.regions[0].strength == box.sum() / 3.0
+
+
+def test_a_rate_that_the_p_value_reaches_alarms(turns: list[LidarFrame]) -> None:
+    values, box = of_box(turns)
+    values[box] = 0.3333
+    frame, least = turns[1].replace(intensity=values), 1.0 / (1 + TAIL_FRAMES)
+    for rate, verdict in ((least, "tampered"), (0.99 * least, "no_trace")):
+        found = reflectance_consistency(frame, lattice=LATTICE, false_alarm_rate=rate)
+        assert (found.verdict, found.p_value) == (verdict, least)
+        assert found.score == box.sum() / 3.0
 
 
 def test_hundredths_that_were_computed_differ_in_the_last_bit(turns: list[LidarFrame]) -> None:
