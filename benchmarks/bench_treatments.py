@@ -1,4 +1,4 @@
-"""What `inspect` says of scans that users cut, thinned, turned or rounded: section `treatments`.
+"""Verdicts of `inspect` on scans that users cut, thinned, turned or rounded: section `treatments`.
 
 ``python benchmarks/bench_treatments.py treated.jsonl`` treats clean scans, and the same with an
 edit, as files are treated on their way from a scanner to an archive, and inspects what comes out.
@@ -132,10 +132,10 @@ def voxels(size: float, *, centroid: bool) -> Treatment:
 
     def treat(scan: LidarFrame, _: np.random.Generator) -> LidarFrame:
         cells = np.floor(scan.points / size).astype(np.int64)
-        _, first, inverse = np.unique(cells, axis=0, return_index=True, return_inverse=True)
+        found = np.unique(cells, axis=0, return_index=True, return_inverse=True)
+        first, inverse = found[1], found[2].ravel()
         if not centroid:
             return scan.select(first)
-        inverse = inverse.ravel()
         number = np.bincount(inverse)
         means = [np.bincount(inverse, scan.points[:, k]) / number for k in range(3)]
         return of(scan.select(first), np.column_stack(means))
@@ -184,7 +184,7 @@ def in_16_bits(scan: LidarFrame) -> LidarFrame:
     """The scan in half precision, without what it cannot hold."""
     within = np.abs(scan.points).max(axis=1, initial=0.0) < np.finfo(np.float16).max
     some = scan.select(np.flatnonzero(within))
-    return of(some, some.points.astype(np.float16))
+    return of(some, some.points.astype(np.float16).astype(np.float32))
 
 
 def fused(scan: LidarFrame, _: np.random.Generator) -> LidarFrame:
@@ -213,10 +213,11 @@ def noisy(metres: float) -> Treatment:
 def rings_of(scan: LidarFrame) -> NDArray[np.int64]:
     """Number of the laser of each point, from the elevations where the file has none."""
     if scan.ring is not None:
-        return scan.ring.astype(np.int64)
+        return np.asarray(scan.ring, np.int64)
     x, y, z = scan.points.astype(np.float64).T
     elevation = np.degrees(np.arctan2(z, np.hypot(x, y)))
-    return np.floor((elevation + 90.0) / 0.4).astype(np.int64)
+    steps: NDArray[np.int64] = np.floor((elevation + 90.0) / 0.4).astype(np.int64)
+    return steps
 
 
 def in_rings(holds: Callable[[NDArray[np.int64]], NDArray[np.bool_]]) -> Treatment:
@@ -325,7 +326,7 @@ TREATMENTS: dict[str, Treatment] = {
         scan if scan.intensity is None else scan.select(np.flatnonzero(scan.intensity > 0.05))
     ),
 }
-"""What is done to clouds on their way, by how the table calls it."""
+"""Treatments by how the table calls them."""
 
 
 def clean_scans() -> Iterator[tuple[str, str, LidarFrame]]:
@@ -345,7 +346,8 @@ def clean_scans() -> Iterator[tuple[str, str, LidarFrame]]:
         from manip3d.simulate.streets import street
 
         for number in range(FIRST_STREET, FIRST_STREET + 5):
-            yield "HDL-64E", f"street {number}", hdl64e(street(number), 3.0, rng=number, threads=1)
+            made = hdl64e(street(number), 3.0, rng=number, threads=1)
+            yield "HDL-64E", f"street {number}", made.frame
 
 
 def edited(scan: LidarFrame, number: int) -> Iterator[tuple[str, LidarFrame]]:
@@ -370,7 +372,7 @@ def edited(scan: LidarFrame, number: int) -> Iterator[tuple[str, LidarFrame]]:
 
 
 def judged(scan: LidarFrame) -> Line:
-    """What `inspect` says, and how long it took."""
+    """Verdict of `inspect`, and how long it took."""
     from manip3d.authenticate import inspect
 
     begin = time.process_time()

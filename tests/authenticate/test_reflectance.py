@@ -219,6 +219,19 @@ def test_turns_that_are_not_given_are_aligned_here(
     np.testing.assert_array_equal(found.suspected, expected.suspected)
 
 
+@pytest.mark.parametrize("rewritten", [0, 2])
+def test_a_turn_with_other_reflectances_is_not_compared(
+    turns: list[LidarFrame], aligned: TurnResult, rewritten: int
+) -> None:
+    beside = list(turns)
+    beside[rewritten] = turns[rewritten].replace(intensity=None)
+    values, box = of_box(turns)
+    values[box] = np.round(np.clip(values[box] - 0.25, 0.0, 0.99), 2)
+    found = judged(beside, aligned, values)
+    assert not found.with_turns
+    assert "changed" not in {region.kind for region in found.regions}
+
+
 def test_bad_input_is_named(turns: list[LidarFrame]) -> None:
     with pytest.raises(InputError, match="previous, following"):
         reflectance_consistency(turns[1], lattice=LATTICE, previous=turns[0])

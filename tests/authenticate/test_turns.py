@@ -199,7 +199,7 @@ def test_inspect_asks_the_turns(turns: list[np.ndarray], tmp_path: Path) -> None
 
 @pytest.mark.parametrize("cut", ["before", "after"])
 def test_a_turn_that_was_cut_accuses_nobody(turns: list[np.ndarray], cut: str) -> None:
-    """What was cut off there came anew, and what stands behind the cut was looked through."""
+    """Cut off there, a thing seems to have come anew, or to be looked through."""
     frame = with_far_point(turns[1][~turn_scans.box_at(0, 0.0).contains(turns[1])])
     beside = {"before": with_far_point(turns[0]), "after": with_far_point(turns[2])}
 
