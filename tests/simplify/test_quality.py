@@ -75,6 +75,18 @@ def test_a_flat_square_becomes_two_faces_with_its_outline() -> None:
     assert result.max_error < 1e-5
 
 
+def test_faces_that_no_collapse_touched_stay_where_they_are() -> None:
+    """A box around a ball that touches it nearly: points of the ball are nearest to the box."""
+    ball = exact_models.ball()
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
+    corners *= 1.002 * np.abs(ball.vertices).max()
+    faces = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]]
+    faces += [[2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
+    result = simplify.quality(together(ball, Mesh(corners, faces)), ratio=0.1)
+    box = result.mesh.vertices[result.vertex_map[-8:]]
+    np.testing.assert_array_equal(box, corners)
+
+
 @pytest.mark.parametrize("share", [0.5, 0.1])
 def test_a_sheet_with_front_and_back_keeps_its_outline(share: float) -> None:
     """Its rim has two faces as all edges have, and shrank at no price until its area was gone."""

@@ -296,7 +296,7 @@ class QualitySimplifier {
   /// for which nothing is owed yet stays in the planes of its borders: beside a texture that has
   /// kept its place exactly, other faces would pull it away.
   void move_to_fit(std::int32_t v, const Vector3d& by, double area) {
-    if (kept_.is_locked(v) || !(by.squaredNorm() > 0.0)) return;
+    if (kept_.is_locked(v) || is_exact_[v] || !(by.squaredNorm() > 0.0)) return;
     Vector3d step = by;
     if (original_.border[v] > 0.0 && original_.owed[v] <= kOwesNothing * original_.area[v]) {
       const Quadric& q = original_.borders[v];
@@ -323,6 +323,18 @@ class QualitySimplifier {
     }
   }
 
+  /// Finds the vertices whose faces are all as they were: nothing is gained there, and points that
+  /// stand for something else nearby would pull them away.
+  void find_exact() {
+    is_exact_.assign(mesh_.num_vertices(), false);
+    for (std::int32_t v = 0; v < mesh_.num_vertices(); ++v) {
+      const auto& edges = check_.edges(v);
+      is_exact_[v] = version_[v] == 0 && std::ranges::all_of(edges, [&](const RingEdge& edge) {
+                       return version_[edge.vertex] == 0;
+                     });
+    }
+  }
+
   // --- The result ----------------------------------------------------------------------------
 
   QualityResult finish() {
@@ -345,6 +357,7 @@ class QualitySimplifier {
     }
     queue_ = {};  // room for the fit
     forbidden_ = {};
+    find_exact();
     pull_back_spikes();
     SurfaceFit fit(input_, [this](std::int32_t v) {
       return pieces_.size() == 0 || pieces_.is_there(pieces_.of_vertex(v));
@@ -354,7 +367,9 @@ class QualitySimplifier {
         mesh_,
         [this](std::int32_t v, const Vector3d& by, double area) { move_to_fit(v, by, area); },
         part_of(tell, 0.8, end));
-    if (original_.is_textured) attributes_.fit_texture(fit, part_of(progress_, 0.95, 1.0));
+    if (original_.is_textured) {
+      attributes_.fit_texture(fit, is_exact_, part_of(progress_, 0.95, 1.0));
+    }
   }
 
   [[nodiscard]] CollapseStop why_it_stopped() {
@@ -400,6 +415,7 @@ class QualitySimplifier {
   std::vector<std::uint32_t> version_;  // of a vertex: how often it moved
   std::vector<bool> blocked_;           // vertices with an edge that was refused
   std::vector<std::int32_t> into_;      // what a vertex collapsed onto, or -1
+  std::vector<bool> is_exact_;          // of a vertex: all its faces are as they were
   std::set<std::int32_t> kept_pieces_;  // those with a locked vertex
   FlatHeap<Entry> queue_, forbidden_;
   std::vector<std::int32_t> neighbours_;

@@ -104,8 +104,9 @@ Vector3d Attributes::color_at(std::int32_t v, std::int32_t t, const Vector3d& p)
   return (1.0 - share) * colors_[v] + share * colors_[t];
 }
 
-void Attributes::fit_texture(SurfaceFit& fit, const Progress& progress) {
-  const auto may_change = [&](std::int32_t v) { return !kept_.is_locked(v); };
+void Attributes::fit_texture(SurfaceFit& fit, const std::vector<bool>& is_exact,
+                             const Progress& progress) {
+  const auto may_change = [&](std::int32_t v) { return !kept_.is_locked(v) && !is_exact[v]; };
   const auto set_texture = [&](std::int32_t wedge, const Vector2d& uv) {
     mesh_.set_uv(wedge, within(chart_box_[chart_[wedge]], kTextureReach, uv));
   };

@@ -18,7 +18,8 @@ class Attributes {
   /// v and t are about to become one vertex at p, with these wedges.
   void collapse(std::int32_t v, std::int32_t t, const Vector3d& p, const JoinedWedges& wedges);
   /// Moves the texture coordinates nearer to the input's, within their charts.
-  void fit_texture(SurfaceFit& fit, const Progress& progress);
+  /// @param is_exact  of a vertex: its own stay as they are.
+  void fit_texture(SurfaceFit& fit, const std::vector<bool>& is_exact, const Progress& progress);
   /// Writes the colours of the vertices that were kept.
   void write_colors(const std::vector<std::int32_t>& kept, TriangleMesh& out) const;
 
