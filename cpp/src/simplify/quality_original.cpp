@@ -63,6 +63,7 @@ Original::Original(const CollapseMesh& mesh, const QualityOptions& wanted, bool 
     texture.resize(mesh.num_wedges());
     jumps.resize(mesh.num_vertices());
     jump.resize(mesh.num_vertices(), 0.0);
+    seam.resize(mesh.num_vertices(), 0.0);
   }
   for (std::int32_t f = 0; f < mesh.num_slots(); ++f) {
     ticker.tick();
@@ -140,12 +141,13 @@ void Original::add_borders(const CollapseMesh& mesh, std::int32_t v, Ring& ring)
         border[end] += 0.5 * weight * along.norm();
       }
       if (!is_textured || !edge.is_seam) continue;
-      const double seen =
-          0.5 * along.norm() * texture_factor() * texture_jump(mesh, f, v, t) / edge.num_faces;
+      const double half = 0.5 * along.norm() / edge.num_faces;
+      const double seen = half * texture_factor() * texture_jump(mesh, f, v, t);
       const Quadric shown = Quadric::plane(across / length, mesh.position(v), seen);
       for (const std::int32_t end : {v, t}) {
         jumps[end] += shown;
         jump[end] += seen;
+        seam[end] += half;
       }
     }
   });
@@ -158,6 +160,7 @@ void Original::merge(std::int32_t v, std::int32_t t, double owes) {
   if (is_textured) {
     jumps[t] += jumps[v];
     jump[t] += jump[v];
+    seam[t] += seam[v];
   }
   area[t] += area[v];
   border[t] += border[v];
@@ -176,6 +179,13 @@ double Original::strips(double squares, double length, double area_around) const
   if (!(squares > 0.0) || !(length > 0.0)) return 0.0;
   const double most = std::max(options.boundary_weight, options.seam_weight);
   return kStripDistance * std::min(squares, most * area_around * std::sqrt(squares / length));
+}
+
+double Original::wrong_side(std::int32_t v, std::int32_t t, const Vector3d& p) const {
+  const double shown = jump[v] + jump[t], length = seam[v] + seam[t];
+  if (!(shown > 0.0) || !(length > 0.0)) return 0.0;
+  const double most = (area[v] + area[t]) * shown / length;
+  return std::min(most, integral(jumps[v](p) + jumps[t](p), shown));
 }
 
 }  // namespace manip3d::quality_detail

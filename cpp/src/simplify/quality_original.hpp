@@ -86,6 +86,10 @@ struct Original {
   /// it (on models that give each face a chart of its own, all edges are borders).
   [[nodiscard]] double strips(double squares, double length, double area_around) const;
 
+  /// The price of the strips along the seams of v and t that show the texture of the other side if
+  /// the vertex lies at p, all over their width: of no more area than there is around them.
+  [[nodiscard]] double wrong_side(std::int32_t v, std::int32_t t, const Vector3d& p) const;
+
   /// Price of a difference of texture coordinates of 1, for each unit of area.
   [[nodiscard]] double texture_factor() const {
     return options.texture_weight * texture_length / texture_share;
@@ -97,6 +101,7 @@ struct Original {
   std::vector<Quadric> borders;           // of a vertex: the boundaries and seams
   std::vector<Quadric> jumps;             // of a vertex: the seams, weighted by what they show
   std::vector<double> jump;               // of a vertex: weighted length of those seams
+  std::vector<double> seam;               // of a vertex: length of those seams
   std::vector<AttributeQuadric> texture;  // of a wedge
   std::vector<Eigen::AlignedBox3d> box;   // of a vertex: around those faces
   std::vector<double> area;               // of a vertex: of those faces

@@ -165,11 +165,7 @@ Plan Prices::plan(std::int32_t v, std::int32_t t, std::int32_t num_edge_faces, P
   const Vector3d& p = plan.position;
   plan.owed = original_.strips(borders(p), original_.border[v] + original_.border[t], area);
   if (original_.is_textured) {
-    plan.owed += wedges_.price(p);
-    // Along a seam that moves away, a strip shows the other side's texture.
-    Quadric jumps = original_.jumps[v];
-    jumps += original_.jumps[t];
-    plan.owed += kStripDistance * integral(jumps(p), original_.jump[v] + original_.jump[t]);
+    plan.owed += wedges_.price(p) + original_.wrong_side(v, t, p);
   }
   plan.price = kSurfaceShare * integral(star.quadric(p), star.area) +
                std::max(0.0, plan.owed - original_.owed[v] - original_.owed[t]) + spike(v, t, p) +
