@@ -223,6 +223,9 @@ class QualitySimplifier {
       queue_.push({best.price, v, t, entry.version});
       return;
     }
+    const bool first = original_.guard_rims(mesh_, v, check_.first_ring());
+    const bool second = original_.guard_rims(mesh_, t, check_.second_ring());
+    if (first || second) return push_edge(v, t, edge->num_faces);
     const double error = mesh_.scale() * original_.error(v, t, best.position);
     if (error > options_.max_error) return refuse(v, t, Rejection::kErrorLimit);
     if (!distance_.allows_collapse(v, t, best.position)) {

@@ -1,5 +1,6 @@
 #include "simplify/quality_original.hpp"
 
+#include <array>
 #include <cstddef>
 
 namespace manip3d::quality_detail {
@@ -12,10 +13,39 @@ constexpr double kOneSided = 0.99;
 /// A texture is weighted by the share of the area that shows one, but by no less than this.
 constexpr double kLeastTextured = 0.01;
 
+/// A border needs no plane of its own if those that are there hold it by this share of it.
+constexpr double kGuarded = 0.5;
+
+/// A plane that weighs less than this share of those that are there is lost in their rounding.
+constexpr double kRounding = 1e-12;
+
+/// Whether the planes of a border hold a vertex along a unit vector as one of that weight would.
+bool is_held(const Quadric& q, const Vector3d& n, double weight) {
+  const double held = n.x() * (q.xx * n.x() + 2.0 * (q.xy * n.y() + q.xz * n.z())) +
+                      n.y() * (q.yy * n.y() + 2.0 * q.yz * n.z()) + q.zz * n.z() * n.z();
+  return held >= kGuarded * weight || weight <= kRounding * (q.xx + q.yy + q.zz);
+}
+
+/// Whether the two faces of the edge v t open by 90 degrees or more, as nearly all do.
+bool opens_wide(const CollapseMesh& mesh, std::int32_t v, std::int32_t t) {
+  std::array<std::int32_t, 2> third{t, t};
+  std::size_t count = 0;
+  mesh.for_each_face(v, [&](std::int32_t f, std::int32_t c) {
+    const std::int32_t a = mesh.face(f)[(c + 1) % 3], b = mesh.face(f)[(c + 2) % 3];
+    if (a == t) third[count++] = b;
+    if (b == t) third[count++] = a;
+  });
+  const Vector3d along = mesh.position(t) - mesh.position(v);
+  const Vector3d first = mesh.position(third[0]) - mesh.position(v),
+                 second = mesh.position(third[1]) - mesh.position(v);
+  return first.dot(second) * along.squaredNorm() <= first.dot(along) * second.dot(along);
+}
+
 /// Whether all faces of an edge of v lie on one side of it: on a boundary, and on the rim of a
 /// sheet whose front and back are faces of their own, where the surface ends as well.
 bool is_one_sided(const CollapseMesh& mesh, std::int32_t v, const RingEdge& edge) {
   if (edge.num_faces == 1) return true;
+  if (edge.num_faces == 2 && opens_wide(mesh, v, edge.vertex)) return false;
   const Vector3d along = (mesh.position(edge.vertex) - mesh.position(v)).normalized();
   Vector3d sum = Vector3d::Zero();
   mesh.for_each_face(v, [&](std::int32_t f, std::int32_t c) {
@@ -151,6 +181,30 @@ void Original::add_borders(const CollapseMesh& mesh, std::int32_t v, Ring& ring)
       }
     }
   });
+}
+
+bool Original::guard_rims(const CollapseMesh& mesh, std::int32_t v, const Ring& ring) {
+  bool is_new = false;
+  for (const RingEdge& edge : ring.edges()) {
+    if (edge.num_faces > 2 || !is_one_sided(mesh, v, edge)) continue;
+    const std::int32_t t = edge.vertex;
+    const Vector3d along = mesh.position(t) - mesh.position(v);
+    const double weight = 0.5 * options.boundary_weight * along.norm();
+    mesh.for_each_face(v, [&](std::int32_t f, std::int32_t) {
+      if (!touches(mesh, f, t)) return;
+      const Vector3d across = along.cross(area_vector(mesh, f));
+      const double length = across.norm();
+      if (!(length > 0.0)) return;
+      const Vector3d normal = across / length;
+      for (const std::int32_t end : {v, t}) {
+        if (is_held(borders[end], normal, weight)) continue;
+        borders[end] += Quadric::plane(normal, mesh.position(v), weight);
+        border[end] += weight;
+        is_new = true;
+      }
+    });
+  }
+  return is_new;
 }
 
 void Original::merge(std::int32_t v, std::int32_t t, double owes) {

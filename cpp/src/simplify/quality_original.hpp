@@ -74,6 +74,11 @@ struct Original {
   Original(const CollapseMesh& mesh, const QualityOptions& options, bool has_texture,
            const Progress& progress);
 
+  /// Where the surface ends at an edge of v as it is now, but did not when it was read (a plate
+  /// that lost its thickness, a tube its cap), the edge is a border from here on: in the plane of
+  /// its faces nothing else holds it. Whether it became one now.
+  bool guard_rims(const CollapseMesh& mesh, std::int32_t v, const Ring& ring);
+
   /// v becomes a part of t, which then owes so much for borders and texture.
   void merge(std::int32_t v, std::int32_t t, double owes);
 

@@ -28,6 +28,10 @@ class CollapseCheck {
   /// Looks at two vertices, which the functions below speak of; their edge, if they have one.
   const RingEdge* look_at(std::int32_t v, std::int32_t t);
 
+  /// The edges of the two.
+  [[nodiscard]] const Ring& first_ring() const { return ring_v_; }
+  [[nodiscard]] const Ring& second_ring() const { return ring_t_; }
+
   [[nodiscard]] bool breaks_link() const;
   /// Whether a locked vertex has no faces but those on the edge, which go.
   [[nodiscard]] bool takes_last_face_of_locked() const;
