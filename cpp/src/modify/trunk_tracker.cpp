@@ -6,6 +6,7 @@
 #include <cmath>
 #include <initializer_list>
 #include <limits>
+#include <tuple>
 
 #include "geometry/constants.hpp"
 #include "manip3d/modify/joint_smoother.hpp"
@@ -462,6 +463,23 @@ double TrunkTracker::deviation_at(const Eigen::Vector3d& p, const BodyFrame& fra
   return std::sqrt(row.dot(covariance_ * row) + turn_variance_ * row.head<2>().squaredNorm());
 }
 
+/// How large the trunk of the joints' means is against an adult's, by its shoulders and its spine;
+/// 1 for larger ones, and as long as neither is known.
+double TrunkTracker::size_against_adult() const {
+  constexpr double kLeast = 0.4;  // of an adult: joints that are nearer to each other are wrong
+  constexpr std::array<std::tuple<Joint, Joint, double>, 2> kLengths = {
+      {{kShoulderLeft, kShoulderRight, 0.35}, {kSpineBase, kSpineShoulder, 0.535}}};  // metres
+  double sum = 0.0, adult = 0.0;
+  for (const auto& [from, to, length] : kLengths) {
+    const JointMean& a = joints_[static_cast<std::size_t>(from)];
+    const JointMean& b = joints_[static_cast<std::size_t>(to)];
+    if (a.weight == 0.0 || b.weight == 0.0) continue;
+    sum += (a.place - b.place).norm();
+    adult += length;
+  }
+  return adult > 0.0 ? std::clamp(sum / adult, kLeast, 1.0) : 1.0;
+}
+
 /// Variances of the plane that the joints tell: its roll and yaw, and metres aside.
 Eigen::Vector3d TrunkTracker::joint_plane_variance() const {
   const auto variance = [&](Joint joint) {
@@ -471,6 +489,7 @@ Eigen::Vector3d TrunkTracker::joint_plane_variance() const {
   const JointTrust trusted = joint_trust();
   // Yaw: variance of the mean of both pairs' directions, weighted by trust, over its squared
   // length.
+  const double size = size_against_adult();
   constexpr double kShoulders = 0.35, kHips = 0.18, kOtherPair = 0.5;  // metres, metres
   const bool arm = is_arm(affected_);
   const auto pair_trust = [&](Joint left, Joint right) {
@@ -478,7 +497,7 @@ Eigen::Vector3d TrunkTracker::joint_plane_variance() const {
   };
   const double a = (arm ? 1.0 : kOtherPair) * pair_trust(kShoulderLeft, kShoulderRight);
   const double b = (arm ? kOtherPair : 1.0) * pair_trust(kHipLeft, kHipRight);
-  const double length = std::max(a * kShoulders + b * kHips, 1e-3);
+  const double length = std::max(size * (a * kShoulders + b * kHips), 1e-3);
   const double yaw = (a * a * (variance(kShoulderLeft) + variance(kShoulderRight)) +
                       b * b * (variance(kHipLeft) + variance(kHipRight))) /
                      (length * length);
@@ -486,8 +505,9 @@ Eigen::Vector3d TrunkTracker::joint_plane_variance() const {
   constexpr double kSpine = 0.25;  // metres: deviation of their heights
   double precision = 0.0;
   for (const Joint joint : kMiddle) precision += 1.0 / (variance(joint) + 1e-6);
-  Eigen::Vector3d bias = kPlaneBias;
-  double roll = 1.0 / (precision * kSpine * kSpine);
+  // Joints are off by metres: the smaller a body, the more its axes are turned by them.
+  Eigen::Vector3d bias(kPlaneBias[0] / size, kPlaneBias[1] / size, kPlaneBias[2]);
+  double roll = 1.0 / (precision * size * size * kSpine * kSpine);
   if (!arm) {
     bias[0] = kLegRoll;
     roll *= kLeftTilt * kLeftTilt;

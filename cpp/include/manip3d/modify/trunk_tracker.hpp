@@ -41,6 +41,9 @@ std::optional<BodyFrame> trunk_frame(const Skeleton& skeleton, Limb limb,
 /// those of heavy-tailed distributions (Geman-McClure, Cauchy), so that an arm before the trunk or
 /// a joint that jumps does not count. `update` and `learn` allocate nothing after the first frame.
 ///
+/// Joints are off by metres, and so turn the axes of a small body by more than those of an adult:
+/// the angles that they are trusted to are divided by the trunk's size against an adult's.
+///
 /// The uncertainty of the trunk's motion grows with the time between two frames. After a gap
 /// of a quarter of a second, in the images or in the joints alone, the joints tell the trunk anew.
 /// If the plane is turned against the shoulders and hips of the last tenth of a second by more than
@@ -137,6 +140,7 @@ class TrunkTracker {
   [[nodiscard]] double innovation(const JointMean& mean) const;
   [[nodiscard]] double mean_variance(const JointMean& mean) const;
   [[nodiscard]] JointTrust joint_trust() const;
+  [[nodiscard]] double size_against_adult() const;
   [[nodiscard]] Eigen::Vector3d joint_plane_variance() const;
 
   Limb affected_;
