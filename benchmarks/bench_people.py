@@ -619,7 +619,6 @@ def unindexed_row(who: str, cases: list[tuple[list[RgbdFrame], Limb]]) -> list[s
 def print_unindexed(half: str) -> None:
     """Print the table of people without a body index."""
     import tables
-
     from manip3d import datasets
     from manip3d.simulate import BodySimulator
 
@@ -646,7 +645,7 @@ def print_unindexed(half: str) -> None:
         and numbers(uri)[0] in (3, 24, 25, 27)
     ]  # fmt: skip
     for name in LIMBS:
-        rows.append(unindexed_row(f"recorded, {name}", [(frames, name) for frames in trials]))  # type: ignore[arg-type]
+        rows.append(unindexed_row(f"recorded, {name}", [(frames, name) for frames in trials]))  # type: ignore[misc]
     head = ["% of the frames", "frames", "tracking, index", "tracking, none", "overlap", "5 %"]
     print(tables.table(head, rows))
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from test_unusual_people import Scene
 
 from manip3d import RgbdFrame
 from manip3d.modify import (
@@ -19,7 +20,6 @@ from manip3d.modify import (
 from manip3d.rgbd import NO_BODY
 from manip3d.simulate import BodySimulator
 from manip3d.simulate._figure import Pose, about
-from test_unusual_people import Scene
 
 LIMBS: tuple[Limb, ...] = ("left_arm", "right_arm", "left_leg", "right_leg")
 
