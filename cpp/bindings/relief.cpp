@@ -83,6 +83,7 @@ void bind_relief(py::module_& m) {
           [](ReliefOptions& self, double value) { self.dense.focal = value; })
       .def_readwrite("levels", &ReliefOptions::levels)
       .def_readwrite("stability", &ReliefOptions::stability)
+      .def_readwrite("measure_coverage", &ReliefOptions::measure_coverage)
       .def_readwrite("num_threads", &ReliefOptions::num_threads);
   py::class_<Exclusive<Relief>>(m, "ReliefSolver")
       .def(py::init<>())

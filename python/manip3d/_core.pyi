@@ -531,6 +531,7 @@ class ReliefStop:
 class ReliefOptions:
     effort: ReliefEffort
     from_origin: bool
+    measure_coverage: bool
     move_points: bool
     def __init__(self) -> None: ...
     @property

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from manip3d import Intrinsics, simplify
+from manip3d import Intrinsics, _core, simplify
 
 CAMERA = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
 METHODS: dict[str, Callable[..., simplify.DepthSimplification]] = {
@@ -64,6 +64,32 @@ def test_coverage_is_of_the_image_that_was_given(method: str) -> None:
     depth[:] = 0  # a camera that reuses its buffer
     assert found.coverage == expected
     assert pickle.loads(pickle.dumps(found)).coverage == expected
+
+
+@pytest.mark.parametrize("step", [None, 0.05])
+def test_live_measures_coverage_when_it_is_asked_for(step: float | None) -> None:
+    depth = two_walls()
+    depth[10:20, 10:14] = 0
+    found = simplify.relief(depth, CAMERA, 40, effort="live", depth_step=step)
+    cut = simplify.cut_depth_steps(found, depth)
+    assert found.cover is None
+    assert cut.cover is None
+    points, valid, rows_up = _core.unproject(depth, CAMERA, 1)
+    options = _core.ReliefOptions()
+    options.target_points = 40
+    options.effort = _core.ReliefEffort.live
+    options.from_origin = True
+    options.max_step = np.inf if step is None else step
+    options.focal = found.surface.focal
+    measured = _core.ReliefSolver().run(
+        points.reshape(*depth.shape, 3), valid.reshape(depth.shape).view(np.bool_), rows_up, options
+    )
+    names = "coverage", "bridges", "outside"
+    for name in names:
+        assert getattr(found, name) == pytest.approx(measured[name], abs=1e-12), name
+    if step is not None:
+        left = [getattr(cut, name) for name in names]
+        assert left == pytest.approx(measured["without_off"], abs=1e-12)
 
 
 def test_coverage_agrees_with_what_relief_measures_itself() -> None:

@@ -19,6 +19,7 @@
 namespace manip3d {
 namespace {
 
+using relief_detail::CutCoverage;
 using relief_detail::EdgeMemory;
 using relief_detail::Keep;
 using relief_detail::Surface;
@@ -45,6 +46,7 @@ struct Budget {
   float round_share;  ///< Share of the vertices that a round may remove.
   int flip_sweeps;
   float flip_floor;  ///< Pairs of triangles below this many mean errors are not looked at.
+  bool by_sample;    ///< Refiner::flip_sampled(): `flip_floor` counts mean volumes.
   int move_rounds;   ///< Rounds of moves and flips.
   int radius;        ///< Farthest move, pixels.
   int boundary_sweeps;
@@ -65,17 +67,17 @@ struct Budget {
 Budget budget_of(ReliefEffort effort) {
   switch (effort) {
     case ReliefEffort::kLive:
-      return {0.4, 2, 0.4F, 1, 1.0F, 0, 0, 2, 2.0, true, 0.9F, 14.0};
+      return {0.4, 2, 0.4F, 2, 0.1F, true, 0, 0, 2, 2.0, true, 0.9F, 14.0};
     case ReliefEffort::kFast:
-      return {0.7, 1, 0.3F, 3, 0.3F, 0, 0, 4, 0.0, false, 0.0F, 18.0};
+      return {0.7, 1, 0.3F, 3, 0.3F, false, 0, 0, 4, 0.0, false, 0.0F, 18.0};
     case ReliefEffort::kBalanced:
-      return {1.0, 1, 0.2F, 3, 0.3F, 1, 1, 4, 0.0, false, 0.0F, 0.0};
+      return {1.0, 1, 0.2F, 3, 0.3F, false, 1, 1, 4, 0.0, false, 0.0F, 0.0};
     case ReliefEffort::kFine:
-      return {3.0, 1, 0.2F, 4, 0.3F, 2, 1, 4, 0.0, false, 0.0F, 0.0};
+      return {3.0, 1, 0.2F, 4, 0.3F, false, 2, 1, 4, 0.0, false, 0.0F, 0.0};
     case ReliefEffort::kBest:
       break;
   }
-  return {1e9, 1, 0.1F, 8, 0.3F, 4, 2, 4, 0.0, false, 0.0F, 0.0};
+  return {1e9, 1, 0.1F, 8, 0.3F, false, 4, 2, 4, 0.0, false, 0.0F, 0.0};
 }
 
 void check_options(const ReliefOptions& options) {
@@ -324,10 +326,15 @@ void Relief::Memory::select(const ReliefOptions& options, std::int64_t target, b
   result.dropped_pixels =
       area * collapser.run(*worked, mesh, target, budget.round_share, refuses_off);
   if (result.dropped_pixels > 0) result.stop = ReliefStop::kSmallPieces;
+  mesh.compact();  // what follows goes around its vertices several times
 }
 
 void Relief::Memory::refine(const Budget& budget) {
   refiner.assign(mesh);
+  if (budget.by_sample) {
+    refiner.flip_sampled(*worked, mesh, budget.flip_sweeps, budget.flip_floor, before);
+    return;
+  }
   refiner.flip_edges(*worked, mesh, budget.flip_sweeps, budget.flip_floor, before);
   for (int round = 0; round < budget.move_rounds; ++round) {
     const int moved = refiner.move_vertices(*worked, mesh, budget.radius, keep);
@@ -604,10 +611,12 @@ void Relief::run(const PointGridView& grid, const ReliefOptions& options, Relief
   const DepthMesh& mesh = result.mesh;
   const Surface& measured = m.pinholes.num_filled() > 0 ? m.measured : m.surface;
   find_off(measured, mesh.pixels, mesh.faces, result.off);
-  const auto [whole, without_off] =
-      coverage_of(measured, mesh.pixels, mesh.faces, result.off, m.coverage);
-  result.cover = whole;
-  result.cover_without_off = without_off;
+  CutCoverage found;
+  if (options.measure_coverage) {
+    found = coverage_of(measured, mesh.pixels, mesh.faces, result.off, m.coverage);
+  }
+  result.cover = found.whole;
+  result.cover_without_off = found.without_off;
   if (options.stability > 1.0) m.before.assign(m.surface, m.mesh);
 }
 

@@ -26,6 +26,9 @@ bool is_between(const PixelPlace& p, const PixelPlace& a, const PixelPlace& b) {
          p[1] >= std::min(a[1], b[1]) && p[1] <= std::max(a[1], b[1]);
 }
 
+/// As ==, which would compare bytes by a call.
+bool is_same(const PixelPlace& p, const PixelPlace& q) { return p[0] == q[0] && p[1] == q[1]; }
+
 bool is_on(const PixelPlace& p, const PixelPlace& a, const PixelPlace& b) {
   return doubled_area(a, b, p) == 0 && is_between(p, a, b);
 }
@@ -186,7 +189,8 @@ bool BoundaryMover::move(const Surface& surface, Triangulation& mesh, std::int32
     bool free = true;
     if (turn != 0) {
       visit_places(surface.cols(), t, [&](std::int32_t p, const Pixel& at) {
-        free = free && (at == from || at == to_first || at == to_last || mesh.num_at(p) == 0);
+        free = free && (mesh.num_at(p) == 0 || is_same(at, from) || is_same(at, to_first) ||
+                        is_same(at, to_last));
       });
     }
     return free;
@@ -198,7 +202,7 @@ bool BoundaryMover::move(const Surface& surface, Triangulation& mesh, std::int32
       const Pixel to = {from[0] + du, from[1] + dv};
       if (to[0] < 0 || to[1] < 0 || to[0] >= surface.cols() || to[1] >= surface.rows()) continue;
       const std::int32_t pixel = to[1] * surface.cols() + to[0];
-      if (to == from || !surface.is_used(pixel) || mesh.num_at(pixel) > 0) continue;
+      if (is_same(to, from) || !surface.is_used(pixel) || mesh.num_at(pixel) > 0) continue;
       if (!is_linked(surface, from, to) || !keeps_fan(mesh, fan, to)) continue;
       const int value =
           worth(surface, from, to, to_first, true) + worth(surface, from, to, to_last, false);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <limits>
 
 #include "simplify/relief_coverage.hpp"
@@ -109,7 +110,9 @@ void Collapser::assign(const Surface& surface, const Triangulation& mesh,
                        std::span<const Keep> keep, float keep_factor) {
   make_room(nodes_, mesh.num_slots());
   make_room(boundary_, mesh.num_slots());
-  make_room(seen_, mesh.num_face_slots());
+  make_room(piece_of_, mesh.num_face_slots());
+  make_room(known_, mesh.num_slots());
+  known_.clear();
   nodes_.assign(mesh.num_slots(), {});
   boundary_.assign(mesh.num_slots(), {});
   if (!keep.empty()) {
@@ -156,31 +159,34 @@ void Collapser::find_pieces(const Triangulation& mesh) {
   left_out_ = 0;
   largest_ = 0;
   has_fixed_ = false;
-  const auto enter = [&](std::int32_t t) {  // a vertex has one fan, so it belongs to one piece
+  piece_of_.assign(mesh.num_face_slots(), kNone);
+  std::int32_t num_pieces = 0;
+  const auto enter = [&](std::int32_t t) {
+    piece_of_[t] = num_pieces;
     stack_.push_back(t);
-    for (const std::int32_t v : mesh.triangle(t)) {
-      nodes_[v].piece = static_cast<std::int32_t>(pieces_.size()) - 1;
-    }
   };
-  seen_.assign(mesh.num_face_slots(), 0);
   for (std::int32_t from = 0; from < mesh.num_face_slots(); ++from) {
-    if (!mesh.is_face(from) || seen_[from] != 0) continue;
-    Piece& piece = pieces_.emplace_back();
+    if (!mesh.is_face(from) || piece_of_[from] != kNone) continue;
     stack_.clear();
     enter(from);
-    seen_[from] = 1;
     while (!stack_.empty()) {
       const std::int32_t t = stack_.back();
       stack_.pop_back();
-      const auto [a, b, c] = mesh.triangle(t);
-      piece.doubled_pixels += mesh.orient(a, b, c);
-      piece.fixed = piece.fixed || is_fixed(a) || is_fixed(b) || is_fixed(c);
       for (const std::int32_t n : mesh.neighbors(t)) {
-        if (n == Triangulation::kNone || seen_[n] != 0) continue;
-        seen_[n] = 1;
-        enter(n);
+        if (n != kNone && piece_of_[n] == kNone) enter(n);
       }
     }
+    ++num_pieces;
+  }
+  pieces_.resize(num_pieces);
+  for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
+    if (!mesh.is_face(t)) continue;
+    const auto [a, b, c] = mesh.triangle(t);
+    Piece& piece = pieces_[piece_of_[t]];
+    piece.doubled_pixels += mesh.orient(a, b, c);
+    piece.fixed = piece.fixed || is_fixed(a) || is_fixed(b) || is_fixed(c);
+    // A vertex has one fan, so it belongs to one piece.
+    nodes_[a].piece = nodes_[b].piece = nodes_[c].piece = piece_of_[t];
   }
   for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
     has_fixed_ = has_fixed_ || is_fixed(v);
@@ -201,8 +207,45 @@ float Collapser::price(const Triangulation& mesh, std::int32_t v, std::int32_t t
   return price * nodes_[v].factor;
 }
 
+Float4 Collapser::four_prices(const Triangulation& mesh, std::int32_t v,
+                              const std::array<std::int32_t, 4>& to) const {
+  const auto point_of = [&](int i) { return load4(&mesh.vertex(to[i]).point.x()); };
+  static_assert(offsetof(LocalQuadric, weight) == offsetof(LocalQuadric, c) + sizeof(float) &&
+                offsetof(Node, spent) == sizeof(LocalQuadric) &&
+                offsetof(Node, factor) == offsetof(Node, spent) + sizeof(float));
+  const auto end_of = [&](int i) { return load4(&nodes_[to[i]].surface.c); };
+  const auto [to_x, to_y, to_z, flags] =
+      transpose({point_of(0), point_of(1), point_of(2), point_of(3)});
+  const auto [c, weight, spent, factor] = transpose({end_of(0), end_of(1), end_of(2), end_of(3)});
+  const Vec3& from = mesh.vertex(v).point;
+  const Node& node = nodes_[v];
+  const LocalQuadric& q = node.surface;
+  const Float4 x = to_x - from.x(), y = to_y - from.y(), z = to_z - from.z();
+  const Float4 own = x * (q.xx * x + 2.0F * (q.xy * y + q.xz * z + q.bx)) +
+                     y * (q.yy * y + 2.0F * (q.yz * z + q.by)) + z * (q.zz * z + 2.0F * q.bz) + q.c;
+  const Float4 squares = (own > 0.0F ? own : all_of(0.0F)) + c;
+  return (sqrt4(squares * (q.weight + weight)) - node.spent - spent) * node.factor;
+}
+
+int Collapser::cheapest_inside(const Triangulation& mesh, std::int32_t v, const Fan& fan,
+                               float& lowest) const {
+  int best = -1;
+  for (int i = 0; i < fan.num_neighbors; i += 4) {
+    std::array<std::int32_t, 4> to{};
+    for (int k = 0; k < 4; ++k) to[k] = fan.neighbors[std::min(i + k, fan.num_neighbors - 1)];
+    const Float4 prices = four_prices(mesh, v, to);
+    for (int k = 0; k < 4; ++k) {
+      if (best >= 0 && !(prices[k] < lowest)) continue;
+      lowest = prices[k];
+      best = i + k;
+    }
+  }
+  return best;
+}
+
 int Collapser::cheapest(const Surface& surface, const Triangulation& mesh, std::int32_t v,
                         const Fan& fan, bool legal, std::int32_t round, float& lowest) const {
+  if (!legal && !mesh.vertex(v).on_boundary) return cheapest_inside(mesh, v, fan, lowest);
   // Along the boundary only, to the first or the last neighbour.
   const int step = mesh.vertex(v).on_boundary ? fan.num_neighbors - 1 : 1;
   float cover = 0.0F, cut = 0.0F;
@@ -250,11 +293,13 @@ float Collapser::price_of_piece(const Surface& surface, const Triangulation& mes
   return kThird * static_cast<float>(piece.area) * distance * kept;
 }
 
-void Collapser::find_moves(const Surface& surface, const Triangulation& mesh) {
+void Collapser::find_moves(const Surface& surface, const Triangulation& mesh, float most) {
   Fan fan;
   moves_.clear();
+  const auto is_dear = [&](std::int32_t v) { return most < kStays && known_[v] > most; };
   for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
-    if (!mesh.vertex(v).alive() || !mesh.fan(v, fan)) continue;
+    const Triangulation::Vertex& vertex = mesh.vertex(v);
+    if (!vertex.alive() || (is_dear(v) && !vertex.on_boundary) || !mesh.fan(v, fan)) continue;
     if (mesh.vertex(v).on_boundary) {
       if (mesh.is_alone(fan.faces[0])) {
         if (v != mesh.triangle(fan.faces[0])[0]) continue;
@@ -269,9 +314,10 @@ void Collapser::find_moves(const Surface& surface, const Triangulation& mesh) {
         moves_.push_back({kCoverFactor * cover, v, kCloseHole});
       }
     }
-    if (is_fixed(v)) continue;
+    if (is_fixed(v) || is_dear(v)) continue;
     Move move{0.0F, v, 0};
     const int i = cheapest(surface, mesh, v, fan, false, kNoRound, move.price);
+    if (!known_.empty()) known_[v] = move.price;
     move.to = fan.neighbors[i];
     moves_.push_back(move);
   }
@@ -324,13 +370,12 @@ bool Collapser::may_sweep(const Triangulation& mesh, std::int32_t v, Fan& fan) c
 float Collapser::sampled_price(const Surface& surface, const Triangulation& mesh, float share) {
   constexpr std::int32_t kStride = 8;
   Fan fan;
-  make_room(prices_, mesh.num_slots() / kStride + 1);
+  make_room(prices_, mesh.num_slots());
   prices_.clear();
   for (std::int32_t v = 0; v < mesh.num_slots(); v += kStride) {
     if (!may_sweep(mesh, v, fan)) continue;
-    float price = 0.0F;
-    cheapest(surface, mesh, v, fan, false, kNoRound, price);
-    prices_.push_back(price);
+    cheapest(surface, mesh, v, fan, false, kNoRound, known_[v]);
+    prices_.push_back(known_[v]);
   }
   if (prices_.empty()) return 0.0F;
   const auto at =
@@ -343,25 +388,54 @@ void Collapser::sweep_below(const Surface& surface, Triangulation& mesh, std::in
                             float limit) {
   Fan fan;
   for (std::int32_t v = 0; v < mesh.num_slots() && mesh.num_vertices() > target; ++v) {
-    if (!may_sweep(mesh, v, fan)) continue;
-    float price = 0.0F;
-    const int i = cheapest(surface, mesh, v, fan, false, kNoRound, price);
-    if (i >= 0 && price <= limit && may_collapse(surface, mesh, v, fan, i)) merge(mesh, v, fan, i);
+    if (known_[v] > limit || !may_sweep(mesh, v, fan)) continue;
+    const int i = cheapest(surface, mesh, v, fan, false, kNoRound, known_[v]);
+    if (i < 0 || !(known_[v] <= limit) || !may_collapse(surface, mesh, v, fan, i)) continue;
+    merge(mesh, v, fan, i);
+    known_[fan.neighbors[i]] = 0.0F;  // its quadric is another one
   }
 }
 
 void Collapser::sweep(const Surface& surface, Triangulation& mesh, std::int64_t target,
                       float sweep_share) {
   refuses_off_ = false;
+  known_.assign(mesh.num_slots(), 0.0F);
   constexpr std::int64_t kLeast = 8 * kFew;
   for (;;) {
     const std::int64_t before = mesh.num_vertices();
     const std::int64_t surplus = before - target;
-    if (before < kLeast || 4 * surplus < before) return;
+    if (before < kLeast || 4 * surplus < before) break;
     const float wanted = sweep_share * static_cast<float>(surplus) / static_cast<float>(before);
     sweep_below(surface, mesh, target, sampled_price(surface, mesh, wanted));
-    if (10 * (before - mesh.num_vertices()) < surplus) return;
+    compact(mesh);  // the rest is near each other in memory again
+    if (10 * (before - mesh.num_vertices()) < surplus) break;
   }
+}
+
+void Collapser::compact(Triangulation& mesh) {
+  std::int32_t count = 0;
+  for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
+    if (!mesh.vertex(v).alive()) continue;
+    nodes_[count] = nodes_[v];
+    boundary_[count] = boundary_[v];
+    known_[count++] = known_[v];
+  }
+  nodes_.resize(count);
+  boundary_.resize(count);
+  known_.resize(count);
+  mesh.compact();
+}
+
+/// The price that so many vertices are below, as far as their prices are known.
+float Collapser::known_price(const Triangulation& mesh, std::int64_t count) {
+  prices_.clear();
+  for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
+    if (mesh.vertex(v).alive()) prices_.push_back(known_[v]);
+  }
+  if (count >= static_cast<std::int64_t>(prices_.size())) return kStays;
+  const auto at = prices_.begin() + static_cast<std::ptrdiff_t>(count);
+  std::nth_element(prices_.begin(), at, prices_.end());
+  return *at;
 }
 
 bool Collapser::make(const Surface& surface, Triangulation& mesh, const Move& move,
@@ -419,7 +493,10 @@ std::int64_t Collapser::run(const Surface& surface, Triangulation& mesh, std::in
     const std::int64_t least = std::max(target, before - share);
     refuses_off_ =
         surface.steps().has_steps() && (before == 4 || (refuses_off && before <= kFew && !forced));
-    find_moves(surface, mesh);
+    // After sweep(), vertices that were far from the cheapest when last looked at are not looked
+    // at.
+    const bool few = all || before < 8 * kFew || known_.empty();
+    find_moves(surface, mesh, few ? kStays : known_price(mesh, 3 * share));
     // Half as many again, because some will not be legal or will have changed neighbours; as for
     // any lower target, so that lower targets continue where this one stops.
     sort_moves(all ? moves_.size() : static_cast<std::size_t>(share + share / 2));

@@ -1,9 +1,11 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <span>
 #include <vector>
 
+#include "geometry/lanes.hpp"
 #include "simplify/relief_triangulation.hpp"
 
 namespace manip3d::relief_detail {
@@ -50,7 +52,9 @@ class Collapser {
               float keep_factor);
   /// Many collapses in little time, before run(): vertices one after the other merge where that
   /// costs no more than a limit, below which the sampled share `sweep_share` of the prices lies.
-  /// Again and again until that is a small part of what is left to remove.
+  /// Again and again until that is a small part of what is left to remove. A vertex whose price was
+  /// above the limit when it was last looked at is not looked at again, here and in run(), unless
+  /// another one has merged into it since. Leaves no slots of removed vertices.
   void sweep(const Surface& surface, Triangulation& mesh, std::int64_t target, float sweep_share);
   /// Stops at `target` vertices, or with more where vertices that stay leave no other way. Best
   /// first in rounds, each of which removes at most the share `round_share` of the vertices.
@@ -71,7 +75,8 @@ class Collapser {
     double area = 0.0;
     bool fixed = false;  ///< Some vertex stays.
   };
-  /// What a price asks of both ends of an edge, in one line of the cache.
+  /// What a price asks of both ends of an edge, in one line of the cache; four_prices() reads the
+  /// four numbers from surface.c on.
   struct alignas(64) Node {
     LocalQuadric surface;
     float spent = 0.0F;         ///< sqrt(w Q) at the vertex itself.
@@ -91,10 +96,17 @@ class Collapser {
   /// touched in this round; -1 if there is none. `legal`: only where that is legal.
   int cheapest(const Surface& surface, const Triangulation& mesh, std::int32_t v,
                const Triangulation::Fan& fan, bool legal, std::int32_t round, float& lowest) const;
+  /// The same for a vertex off the boundary, whatever is legal and was touched.
+  int cheapest_inside(const Triangulation& mesh, std::int32_t v, const Triangulation::Fan& fan,
+                      float& lowest) const;
+  /// price() of four neighbours of a vertex off the boundary.
+  [[nodiscard]] Float4 four_prices(const Triangulation& mesh, std::int32_t v,
+                                   const std::array<std::int32_t, 4>& to) const;
   /// Is it legal, and no new triangle off the surface where these are refused?
   [[nodiscard]] bool may_collapse(const Surface& surface, const Triangulation& mesh, std::int32_t v,
                                   const Triangulation::Fan& fan, int i) const;
-  void find_moves(const Surface& surface, const Triangulation& mesh);
+  /// @param most  vertices whose price is known to be above it are left out.
+  void find_moves(const Surface& surface, const Triangulation& mesh, float most);
   void sort_moves(std::size_t count);
   bool make(const Surface& surface, Triangulation& mesh, const Move& move, std::int32_t round,
             std::int64_t target);
@@ -105,6 +117,8 @@ class Collapser {
                                Triangulation::Fan& fan) const;
   float sampled_price(const Surface& surface, const Triangulation& mesh, float share);
   void sweep_below(const Surface& surface, Triangulation& mesh, std::int64_t target, float limit);
+  [[nodiscard]] float known_price(const Triangulation& mesh, std::int64_t count);
+  void compact(Triangulation& mesh);
   bool leave_out_least(Triangulation& mesh);
   void leave_out(Triangulation& mesh, std::int32_t piece, std::span<const std::int32_t> faces);
 
@@ -119,7 +133,10 @@ class Collapser {
   std::vector<Move> moves_;
   std::vector<float> prices_;
   std::vector<std::int32_t> stack_;
-  std::vector<std::uint8_t> seen_;
+  std::vector<std::int32_t> piece_of_;  ///< By face.
+  /// By vertex: the lowest price when it was last looked at, 0 if that is not known. Empty where
+  /// nothing was swept.
+  std::vector<float> known_;
 };
 
 /// Each of so few vertices counts; triangles across steps are then a large part of a mesh.

@@ -138,7 +138,8 @@ Over pixels_over(const Surface& surface, const Corners& t) {
   const InverseDepth plane(surface, t);
   visit_pixels(surface.cols(), t[0], t[1], t[2], SidePixels::kClosed, [&](std::int32_t p) {
     const Corner at = {surface.u(p), surface.v(p)};
-    if (at == t[0] || at == t[1] || at == t[2]) return;
+    const auto is_at = [&](const Corner& c) { return at[0] == c[0] && at[1] == c[1]; };
+    if (is_at(t[0]) || is_at(t[1]) || is_at(t[2])) return;
     if (!surface.is_used(p)) {
       ++over.unseen;
       return;
@@ -181,6 +182,10 @@ bool crosses_step(const Surface& surface, const Corner& one, const Corner& other
 }
 
 bool lies_off(const Surface& surface, const Corners& t) {
+  const auto depth = [&](int i) { return surface.depth(t[i][1] * surface.cols() + t[i][0]); };
+  const auto [least, most] = std::minmax({depth(0), depth(1), depth(2)});
+  // The limit rises with the depth: no two corners differ by a step then.
+  if (least > 0.0F && !surface.steps().is_step(least, most)) return false;
   if (!crosses_step(surface, t[0], t[1]) && !crosses_step(surface, t[1], t[2]) &&
       !crosses_step(surface, t[2], t[0])) {
     return false;

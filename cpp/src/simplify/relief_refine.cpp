@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "geometry/constants.hpp"
+#include "geometry/lanes.hpp"
 #include "simplify/relief_raster.hpp"
 
 namespace manip3d::relief_detail {
@@ -41,6 +42,109 @@ float triangle_error(const Surface& surface, const SurfaceCorner& a, const Surfa
 float triangle_error(const Surface& surface, const Triangulation& mesh, std::int32_t a,
                      std::int32_t b, std::int32_t c) {
   return triangle_error(surface, corner_of(mesh, a), corner_of(mesh, b), corner_of(mesh, c));
+}
+
+/// The volume between the two pairs of triangles that a quadrilateral can be cut into, times six: a
+/// flip gains no more than that.
+float volume_between(const Triangulation& mesh, const std::array<std::int32_t, 4>& abcd) {
+  const Vec3& a = mesh.vertex(abcd[0]).point;
+  const Vec3 ab = mesh.vertex(abcd[1]).point - a, ac = mesh.vertex(abcd[2]).point - a;
+  return std::abs(ab.cross(ac).dot(mesh.vertex(abcd[3]).point - a));
+}
+
+/// Its mean over every eighth triangle's sides.
+float mean_volume(const Triangulation& mesh) {
+  constexpr std::int32_t kStride = 8;
+  double sum = 0.0;
+  std::int64_t count = 0;
+  std::array<std::int32_t, 4> abcd{};
+  for (std::int32_t t = 0; t < mesh.num_face_slots(); t += kStride) {
+    if (!mesh.is_face(t)) continue;
+    for (int i = 0; i < 3; ++i) {
+      if (!mesh.quad(t, i, abcd)) continue;
+      sum += volume_between(mesh, abcd);
+      ++count;
+    }
+  }
+  return count > 0 ? static_cast<float>(sum / static_cast<double>(count)) : 0.0F;
+}
+
+template <int kA, int kB, int kC, int kD>
+Float4 pick(Float4 lanes) {
+  return __builtin_shufflevector(lanes, lanes, kA, kB, kC, kD);
+}
+
+Float4 absolute(Float4 lanes) { return lanes < 0.0F ? -lanes : lanes; }
+
+float sum_of(Float4 lanes) { return (lanes[0] + lanes[1]) + (lanes[2] + lanes[3]); }
+
+using FourPoints = std::array<Float4, 3>;  ///< x, y and z of each lane.
+
+/// The planes of four triangles, one to a lane: normal and distance from the origin.
+struct FourPlanes {
+  FourPoints normal;
+  Float4 d;
+
+  FourPlanes(const FourPoints& p, const FourPoints& q, const FourPoints& r) {
+    const Float4 x1 = q[0] - p[0], y1 = q[1] - p[1], z1 = q[2] - p[2];
+    const Float4 x2 = r[0] - p[0], y2 = r[1] - p[1], z2 = r[2] - p[2];
+    normal = {y1 * z2 - z1 * y2, z1 * x2 - x1 * z2, x1 * y2 - y1 * x2};
+    auto& [x, y, z] = normal;
+    const Float4 length = sqrt4(x * x + (y * y + z * z));
+    const Float4 scale = 1.0F / (length > 0.0F ? length : all_of(1.0F));
+    x *= scale, y *= scale, z *= scale;
+    d = x * p[0] + (y * p[1] + z * p[2]);
+  }
+  /// Distances of four points from the planes of these lanes.
+  template <int kA, int kB, int kC, int kD>
+  [[nodiscard]] Float4 distances(const Float4& x, const Float4& y, const Float4& z) const {
+    return absolute(pick<kA, kB, kC, kD>(normal[0]) * x + pick<kA, kB, kC, kD>(normal[1]) * y +
+                    pick<kA, kB, kC, kD>(normal[2]) * z - pick<kA, kB, kC, kD>(d));
+  }
+};
+
+/// An estimate of the error of a convex quadrilateral, cut as it is and along its other diagonal.
+struct DiagonalErrors {
+  float now = 0.0F, flipped = 0.0F;
+};
+
+/// The diagonals cut it into four triangles around the point where they cross. Three pixels of each
+/// stand for it by its share of the pixels.
+DiagonalErrors sampled_errors(const Surface& surface, const Triangulation& mesh,
+                              const std::array<std::int32_t, 4>& abcd) {
+  const Triangulation::Vertex &a = mesh.vertex(abcd[0]), &b = mesh.vertex(abcd[1]),
+                              &c = mesh.vertex(abcd[2]), &d = mesh.vertex(abcd[3]);
+  const auto [px, py, pz, flags] = transpose(
+      {load4(&a.point.x()), load4(&b.point.x()), load4(&c.point.x()), load4(&d.point.x())});
+  // Lanes: abc and bdc as it is, abd and adc when it is flipped.
+  const FourPlanes planes({pick<0, 1, 0, 0>(px), pick<0, 1, 0, 0>(py), pick<0, 1, 0, 0>(pz)},
+                          {pick<1, 3, 1, 3>(px), pick<1, 3, 1, 3>(py), pick<1, 3, 1, 3>(pz)},
+                          {pick<2, 2, 3, 2>(px), pick<2, 2, 3, 2>(py), pick<2, 2, 3, 2>(pz)});
+  const auto before_ad = static_cast<float>(mesh.orient(abcd[0], abcd[1], abcd[3]));
+  const auto after_ad = static_cast<float>(mesh.orient(abcd[0], abcd[3], abcd[2]));
+  const float share = before_ad / (before_ad + after_ad);
+  const auto columns = [](int p, int q, int r, int s) {
+    return Float4{static_cast<float>(p), static_cast<float>(q), static_cast<float>(r),
+                  static_cast<float>(s)};
+  };
+  // Lanes: the sides ab, bd, dc and ca.
+  const Float4 u = columns(a.u, b.u, d.u, c.u), v = columns(a.v, b.v, d.v, c.v);
+  const float mid_u = u[1] + share * (u[3] - u[1]), mid_v = v[1] + share * (v[3] - v[1]);
+  const Float4 u1 = u - mid_u, v1 = v - mid_v, u2 = pick<1, 2, 3, 0>(u1), v2 = pick<1, 2, 3, 0>(v1);
+  const Float4 area = absolute(u1 * v2 - v1 * u2);
+  Float4 now = all_of(0.0F), flipped = all_of(0.0F);
+  constexpr std::array<std::array<float, 2>, 3> kPlaces = {
+      {{0.25F, 0.25F}, {0.5F, 0.25F}, {0.25F, 0.5F}}};
+  for (const auto& [first, second] : kPlaces) {
+    const Int4 at_u = __builtin_convertvector(first * u1 + second * u2 + (mid_u + 0.5F), Int4);
+    const Int4 at_v = __builtin_convertvector(first * v1 + second * v2 + (mid_v + 0.5F), Int4);
+    const Int4 at = at_v * surface.cols() + at_u;
+    const auto sample = [&](int i) { return load4(&surface.sample(at[i]).x); };
+    const auto [x, y, z, weight] = transpose({sample(0), sample(1), sample(2), sample(3)});
+    now += area * weight * planes.distances<0, 1, 1, 0>(x, y, z);
+    flipped += area * weight * planes.distances<2, 2, 3, 3>(x, y, z);
+  }
+  return {sum_of(now), sum_of(flipped)};
 }
 
 }  // namespace
@@ -134,6 +238,36 @@ int Refiner::flip_edges(const Surface& surface, Triangulation& mesh, int sweeps,
     if (flips == 0) break;
   }
   return total;
+}
+
+void Refiner::flip_sampled(const Surface& surface, Triangulation& mesh, int sweeps, float floor,
+                           const EdgeMemory& before) {
+  constexpr float kGain = 0.999F;  // as in flip_edges()
+  const float negligible = floor * mean_volume(mesh);
+  for (int sweep = 0; sweep < sweeps; ++sweep) {
+    bool flipped = false;
+    next_dirty_.assign(dirty_.size(), 0);
+    for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
+      if (!mesh.is_face(t)) continue;
+      for (int i = 0; i < 3; ++i) {
+        const std::int32_t o = mesh.neighbors(t)[i];
+        if (o < t || (dirty_[t] == 0 && dirty_[o] == 0)) continue;  // kNone, or asked from there
+        std::array<std::int32_t, 4> q{};
+        if (!mesh.quad(t, i, q)) continue;
+        const bool was = before.has(surface, mesh, q[1], q[2]);
+        const bool returns = !was && before.has(surface, mesh, q[0], q[3]);
+        if (!returns && !(volume_between(mesh, q) > negligible)) continue;
+        const float gain = was ? kGain * kKeptGain : returns ? kGain / kKeptGain : kGain;
+        const DiagonalErrors errors = sampled_errors(surface, mesh, q);
+        if (!(errors.flipped < gain * errors.now)) continue;
+        mesh.flip(t, i);
+        next_dirty_[t] = next_dirty_[o] = 1;
+        flipped = true;
+      }
+    }
+    if (!flipped) return;
+    dirty_.swap(next_dirty_);
+  }
 }
 
 float Refiner::error_at(const Surface& surface, const Triangulation& mesh,

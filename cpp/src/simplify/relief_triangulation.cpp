@@ -95,6 +95,34 @@ void Triangulation::change_surface(const Surface& from, const Surface& to) {
   }
 }
 
+void Triangulation::compact() {
+  make_room(new_number_, std::max(num_face_slots(), num_slots()));
+  new_number_.resize(faces_.size());
+  std::int32_t count = 0;
+  for (std::int32_t t = 0; t < num_face_slots(); ++t) new_number_[t] = is_face(t) ? count++ : kNone;
+  for (std::int32_t t = 0; t < num_face_slots(); ++t) {
+    if (new_number_[t] == kNone) continue;
+    Face face = faces_[t];
+    for (std::int32_t& n : face.neighbors) n = n == kNone ? kNone : new_number_[n];
+    faces_[new_number_[t]] = face;
+  }
+  faces_.resize(count);
+  for (Vertex& vertex : vertices_) {
+    if (vertex.alive()) vertex.triangle = new_number_[vertex.triangle];
+  }
+  new_number_.resize(vertices_.size());
+  count = 0;
+  for (std::int32_t v = 0; v < num_slots(); ++v) {
+    if (!vertices_[v].alive()) continue;
+    new_number_[v] = count;
+    vertices_[count++] = vertices_[v];
+  }
+  vertices_.resize(count);
+  for (Face& face : faces_) {
+    for (std::int32_t& v : face.corners) v = new_number_[v];
+  }
+}
+
 void Triangulation::clear() {
   vertices_.clear();
   faces_.clear();

@@ -51,6 +51,8 @@ class Triangulation {
   void assign(const Surface& surface, std::span<const Triangle> faces);
 
   void clear();
+  /// Leaves no slots of removed vertices and triangles; the others keep their order.
+  void compact();
   /// The same mesh over the pixels of another surface of the same input, which has all of them.
   void change_surface(const Surface& from, const Surface& to);
   /// Removes triangles that have no neighbours but each other.
@@ -83,7 +85,8 @@ class Triangulation {
 
   /// Is t a piece of its own?
   [[nodiscard]] bool is_alone(std::int32_t t) const {
-    return faces_[t].neighbors == Triangle{kNone, kNone, kNone};
+    const auto [a, b, c] = faces_[t].neighbors;  // == would compare bytes by a call
+    return a == kNone && b == kNone && c == kNone;
   }
   /// How far a point is from the nearest vertex of other pieces than t, a piece of its own: of
   /// those in the least square of pixels around t that holds any. 1 (the whole surface) if there is
@@ -170,6 +173,7 @@ class Triangulation {
   };
   std::vector<std::int32_t> first_side_;
   std::vector<Side> sides_;
+  std::vector<std::int32_t> new_number_;  ///< Scratch of compact().
 };
 
 }  // namespace manip3d::relief_detail

@@ -32,6 +32,8 @@ struct ReliefOptions {
   /// Sizes of smaller meshes that share the vertices: strictly decreasing, at least 3, below
   /// target_points; not with move_points. Each is a prefix of the vertices.
   std::vector<std::int64_t> levels;
+  /// Fill ReliefResult::cover and cover_without_off. depth_coverage() finds the same afterwards.
+  bool measure_coverage = true;
   int num_threads = 1;
 };
 
@@ -56,7 +58,8 @@ struct ReliefResult {
   ReliefStop stop = ReliefStop::kTarget;
   std::int64_t dropped_pixels = 0;  ///< kSmallPieces: pixels of the pieces left out.
   std::int64_t filled_pixels = 0;   ///< Pixels of pinholes that the surface was continued over.
-  DepthCoverage cover;              ///< Coverage of the mesh before points move.
+  /// Coverage of the mesh before points move; 0 if it was not asked for.
+  DepthCoverage cover;
   /// By face, with a limit on steps: 1 if it joins what a step keeps apart. Along one of its sides
   /// steps make most of the difference in depth, and faces_off_surface() gives more than a quarter
   /// or nothing. Empty without a limit.
@@ -88,7 +91,8 @@ struct ReliefResult {
 ///    in the order of the vertices, below a limit for the price that rises from pass to pass.
 /// 3. Edges are flipped and vertices moved to other measured points nearby while that lowers the
 ///    sum of distances between the pixels and the planes of their triangles [cf. Dyn, Levin &
-///    Rippa 1990, data dependent triangulations].
+///    Rippa 1990, data dependent triangulations]. kLive flips by twelve pixels of each pair of
+///    triangles.
 /// 4. `move_points`: vertices slide along their lines of sight towards the least-squares fit of all
 ///    pixels, all the way, half of it or not at all: what leaves the least error around them.
 /// 5. `levels`: each size is made by steps 1 to 3, the smallest first, and the vertices of the size
