@@ -331,7 +331,8 @@ void Relief::Memory::select(const ReliefOptions& options, std::int64_t target, b
 
 void Relief::Memory::refine(const Budget& budget) {
   refiner.assign(mesh);
-  if (budget.by_sample) {
+  // Filled pixels weigh nothing: of twelve, too few would be left where many are.
+  if (budget.by_sample && pinholes.num_filled() == 0) {
     refiner.flip_sampled(*worked, mesh, budget.flip_sweeps, budget.flip_floor, before);
     return;
   }
