@@ -13,8 +13,6 @@ namespace {
 constexpr double kUsual = 1.01;    // a crown lies above a head's radius, soles below that of a foot
 constexpr double kMostOff = 0.06;  // of a mean over many frames
 constexpr double kFewFrames = 3.0;
-constexpr double kMemory = 90.0;             // frames
-constexpr double kLeast = 0.6, kMost = 1.6;  // beyond these, a frame counts as one of them
 
 /// The farthest of some points in one direction but for two, which may be noise.
 class Farthest {
@@ -128,6 +126,8 @@ void Stature::learn(const Skeleton& person, const BoneSegments& bones, const Per
     ++legs;
   }
   if (legs == 0) return;
+  constexpr double kMemory = 90.0;             // frames
+  constexpr double kLeast = 0.6, kMost = 1.6;  // beyond these, a frame counts as one of them
   frames_ = std::min(frames_ + 1.0, kMemory);
   const double now = std::clamp(sum / legs, kLeast, kMost);
   ratio_ += (now - ratio_) / frames_;
