@@ -15,8 +15,9 @@ import lattice_scans as scans
 import manip3d
 from manip3d import _core, authenticate
 from manip3d.authenticate import SensorLattice, _lattice, estimate_lattice, generic_consistency
-from manip3d.authenticate._generic import EVIDENCE, consistency_allowing
+from manip3d.authenticate._generic import EVIDENCE, SuspectRegion, consistency_allowing
 from manip3d.datasets import open_kitti
+from manip3d.lidar import Box
 from real_data import RealData
 
 LATTICE = scans.lattice()
@@ -592,7 +593,9 @@ def test_hole_between_two_answered_frames(clean: np.ndarray) -> None:
     found = judged(forged, previous=clean, following=clean)
     assert 0.8 * lost < found.evidence["time"].strength <= 1.2 * lost
     # A hole as small as this is chance between two frames, and would be evidence beside one.
-    small = replace(found, regions=(replace(found.regions[0], strength={"time": 120.0}),))
+    nowhere, none = (0.0, 0.0, 0.0), np.empty(0, np.int64)
+    region = SuspectRegion(1e-3, {"time": 120.0}, nowhere, nowhere, none, Box(nowhere, nowhere))
+    small = replace(found, regions=(region,))
     assert not small.without(()).regions
     assert replace(small, rules={}).without(()).regions
     # A dark car that moves by leaves a hole in each frame.
