@@ -594,7 +594,7 @@ def test_hole_between_two_answered_frames(clean: np.ndarray) -> None:
     assert 0.8 * lost < found.evidence["time"].strength <= 1.2 * lost
     # A hole as small as this is chance between two frames, and would be evidence beside one.
     nowhere, none = (0.0, 0.0, 0.0), np.empty(0, np.int64)
-    region = SuspectRegion(1e-3, {"time": 120.0}, nowhere, nowhere, none, Box(nowhere, nowhere))
+    region = SuspectRegion(1e-3, {"time": 300.0}, nowhere, nowhere, none, Box(nowhere, nowhere))
     small = replace(found, regions=(region,))
     assert not small.without(()).regions
     assert replace(small, rules={}).without(()).regions
