@@ -25,7 +25,7 @@ LIMBS: tuple[Limb, ...] = ("left_arm", "right_arm", "left_leg", "right_leg")
 
 
 def blind(frame: RgbdFrame) -> RgbdFrame:
-    """As a source gives it that does not know which pixels are people."""
+    """The frame of a source that does not know which pixels are people."""
     people = tuple(replace(person, body=NO_BODY) for person in frame.skeletons)
     return replace(frame, body_index=None, skeletons=people)
 

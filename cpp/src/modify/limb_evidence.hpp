@@ -11,7 +11,7 @@
 #include "modify/phantom_image.hpp"
 
 /// @file
-/// What joints and depth image say of a limb: is it there, is it seen, was it guessed?
+/// Evidence of joints and depth image about a limb: is it there, is it seen, was it guessed?
 namespace manip3d {
 
 /// May the person have a limb where the tracker sees it?

@@ -17,7 +17,7 @@ namespace manip3d {
 /// The patient in one frame.
 struct PatientFrame {
   std::optional<Skeleton> person;  ///< Smoothed; as last seen where it is not here; none: nobody.
-  Skeleton raw;                    ///< As tracked in this frame, before smoothing; if it is here.
+  Skeleton raw;                    ///< The tracker's, before smoothing; only if it is here.
   bool is_here = false;            ///< Has the tracker told it in this frame?
   bool is_new = false;  ///< It may be somebody else than before: nothing that was learnt holds.
 };

@@ -591,7 +591,7 @@ class PhantomPipeline::Workspace {
 
   /// The phantom as it is drawn in this frame.
   struct Shown {
-    const MirroredLimb& points;  ///< As mirrored now, or moved with the body.
+    const MirroredLimb& points;  ///< Mirrored in this frame, or moved with the body.
     PixelBox box;                ///< Drawn pixels of the limb.
   };
 
@@ -718,7 +718,7 @@ class PhantomPipeline::Workspace {
   std::optional<Intrinsics> camera_;
   PixelRays rays_;
 
-  // What is learnt of the person over the frames.
+  // Learnt of the person over the frames.
   LimbPresence presence_;
   InferredClock inferred_;
   TrunkTracker trunk_;

@@ -74,9 +74,9 @@ struct Original {
   Original(const CollapseMesh& mesh, const QualityOptions& options, bool has_texture,
            const Progress& progress);
 
-  /// Where the surface ends at an edge of v as it is now, but did not when it was read (a plate
-  /// that lost its thickness, a tube its cap), the edge is a border from here on: in the plane of
-  /// its faces nothing else holds it. Whether it became one now.
+  /// Makes borders of the edges of v at which the surface ends now, but did not when it was read
+  /// (a plate that lost its thickness, a tube its cap): nothing else holds them in the plane of
+  /// their faces. Returns whether there were such edges.
   bool guard_rims(const CollapseMesh& mesh, std::int32_t v, const Ring& ring);
 
   /// v becomes a part of t, which then owes so much for borders and texture.

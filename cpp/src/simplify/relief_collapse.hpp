@@ -75,8 +75,8 @@ class Collapser {
     double area = 0.0;
     bool fixed = false;  ///< Some vertex stays.
   };
-  /// What a price asks of both ends of an edge, in one line of the cache; four_prices() reads the
-  /// four numbers from surface.c on.
+  /// The numbers of an edge's end that its price needs, in one line of the cache; four_prices()
+  /// reads the four from surface.c on.
   struct alignas(64) Node {
     LocalQuadric surface;
     float spent = 0.0F;         ///< sqrt(w Q) at the vertex itself.
