@@ -34,7 +34,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> None:
     def create_then(cls: type[KeyFile], path: Path, **options: int) -> KeyFile:
         with monkeypatch.context() as patch:
             now = next(times)
-            patch.setattr("manip3d.authenticate._watermark.time.time_ns", lambda: now)
+            patch.setattr("time.time_ns", lambda: now)
             made: KeyFile = create(cls, path, **options)
             return made
 

@@ -21,6 +21,7 @@ __getattr__, __dir__, __all__ = lazily(
         "_drives": "DriveInspection inspect_drive judge_drive verdict_of_drive",
         "_generic": "EvidenceReport GenericResult SuspectRegion generic_consistency",
         "_inspect": "DetectorReport Inspection combined_verdict inspect",
+        "_keys": "KeyFile KeyRing",
         "_lattice": "LatticeReading SensorLattice estimate_lattice",
         "_occlusion": (
             "CALIBRATED_OCCLUSION PAPER_OCCLUSION RINGS_OCCLUSION AngularGrid "
@@ -33,6 +34,7 @@ __getattr__, __dir__, __all__ = lazily(
             "embed_paper noise_blocks"
         ),
         "_picture_files": "picture_path read_carrier write_carrier",
+        "_picture_records": "record_of_picture without_record",
         "_power": "EDITS calibrate_lattice measure_power",
         "_reflectance": "ReflectanceRegion ReflectanceResult reflectance_consistency",
         "_repeats": "are_same_points points_id",
@@ -54,8 +56,7 @@ __getattr__, __dir__, __all__ = lazily(
         ),
         "_watch": "TURN_S DriveMoment DriveWatch WatchedDrive watch_drive",
         "_watermark": (
-            "CARRIERS EMBEDDINGS MAX_MOVE_M KeyFile KeyRing Policy Tile Watermarked Watermarker "
-            "WatermarkResult record_of_picture without_record"
+            "CARRIERS EMBEDDINGS MAX_MOVE_M Policy Tile Watermarked Watermarker WatermarkResult"
         ),
         "_watermark_drives": "EmbeddedScan VerifiedFiles drive_pictures embed_files verify_files",
         "_watermark_files": (

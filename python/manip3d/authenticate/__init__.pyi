@@ -42,6 +42,7 @@ from manip3d.authenticate._inspect import (
     combined_verdict,
     inspect,
 )
+from manip3d.authenticate._keys import KeyFile, KeyRing
 from manip3d.authenticate._lattice import LatticeReading, SensorLattice, estimate_lattice
 from manip3d.authenticate._occlusion import (
     CALIBRATED_OCCLUSION,
@@ -65,6 +66,7 @@ from manip3d.authenticate._paper_watermark import (
     noise_blocks,
 )
 from manip3d.authenticate._picture_files import picture_path, read_carrier, write_carrier
+from manip3d.authenticate._picture_records import record_of_picture, without_record
 from manip3d.authenticate._power import EDITS, calibrate_lattice, measure_power
 from manip3d.authenticate._reflectance import (
     ReflectanceRegion,
@@ -111,15 +113,11 @@ from manip3d.authenticate._watermark import (
     CARRIERS,
     EMBEDDINGS,
     MAX_MOVE_M,
-    KeyFile,
-    KeyRing,
     Policy,
     Tile,
     Watermarked,
     Watermarker,
     WatermarkResult,
-    record_of_picture,
-    without_record,
 )
 from manip3d.authenticate._watermark_drives import (
     EmbeddedScan,

@@ -17,11 +17,12 @@ from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
 from manip3d.authenticate._generic import NUM_TESTS
 from manip3d.authenticate._inspect import DetectorReport, Inspection, inspect, repeating
+from manip3d.authenticate._keys import KeyFile, KeyRing
 from manip3d.authenticate._lattice import SensorLattice
 from manip3d.authenticate._repeats import EarlierScans
 from manip3d.authenticate._sequence import FRAMES_PER_SECOND, DriveEvidence, drive_evidence
 from manip3d.authenticate._verdict import FALSE_ALARM_RATE, Processing, binomial_tail, rate_of
-from manip3d.authenticate._watermark import KeyFile, KeyRing, Policy, Watermarker
+from manip3d.authenticate._watermark import Policy, Watermarker
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame
 

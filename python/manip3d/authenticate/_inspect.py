@@ -29,6 +29,7 @@ from manip3d.authenticate._generic import (
     GenericResult,
     consistency_allowing,
 )
+from manip3d.authenticate._keys import KeyFile, KeyRing
 from manip3d.authenticate._lattice import LatticeReading, SensorLattice
 from manip3d.authenticate._occlusion import (
     PAPER_OCCLUSION,
@@ -69,7 +70,7 @@ from manip3d.authenticate._verdict import (
     likelihood_ratio,
     rate_of,
 )
-from manip3d.authenticate._watermark import KeyFile, KeyRing, Policy, Watermarker, WatermarkResult
+from manip3d.authenticate._watermark import Policy, Watermarker, WatermarkResult
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame, ScanLike, to_scan
 from manip3d.lidar import place as place_of

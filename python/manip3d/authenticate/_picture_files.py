@@ -14,7 +14,7 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
-from manip3d.authenticate._watermark import checked_picture
+from manip3d.authenticate._picture_records import checked_picture
 from manip3d.errors import FormatError
 from manip3d.io._files import atomic_write, regular_bytes
 from manip3d.io._images import require

@@ -11,12 +11,10 @@ __getattr__, __dir__, __all__ = lazily(
         "opening": "Opened kind_of open_thing",
         "page": "figure film has_display html iframe play view",
         "pictures": "comparison picture png_bytes points_picture",
-        "points": (
-            "Classes Colors DepthImage DrawnPoints Lines Scale box_lines depth_points "
-            "drawn_points rgbd_points scan_points skeleton_lines"
-        ),
+        "points": "Classes Colors DrawnPoints Lines Scale box_lines drawn_points",
         "renderers": "renderer",
         "scene": "Pose",
+        "sensor_points": "DepthImage depth_points rgbd_points scan_points skeleton_lines",
         "showing": "shown",
         "timing": "FrameTimes frame_times",
     },

@@ -5,19 +5,21 @@ from manip3d.viewer.pictures import comparison, picture, png_bytes, points_pictu
 from manip3d.viewer.points import (
     Classes,
     Colors,
-    DepthImage,
     DrawnPoints,
     Lines,
     Scale,
     box_lines,
-    depth_points,
     drawn_points,
+)
+from manip3d.viewer.renderers import renderer
+from manip3d.viewer.scene import Pose
+from manip3d.viewer.sensor_points import (
+    DepthImage,
+    depth_points,
     rgbd_points,
     scan_points,
     skeleton_lines,
 )
-from manip3d.viewer.renderers import renderer
-from manip3d.viewer.scene import Pose
 from manip3d.viewer.showing import shown
 from manip3d.viewer.timing import FrameTimes, frame_times
 

@@ -19,8 +19,8 @@ from manip3d.viewer.points import (
     Classes,
     DrawnPoints,
     box_lines,
-    scan_points,
 )
+from manip3d.viewer.sensor_points import scan_points
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

@@ -21,8 +21,8 @@ from manip3d.io._scan_files import SCAN_SUFFIXES
 from manip3d.io._scan_npy import is_npy_scan
 from manip3d.io._scan_tables import scan_suffix
 from manip3d.lidar import LidarFrame
-from manip3d.viewer.points import DepthImage
 from manip3d.viewer.scene import pillow
+from manip3d.viewer.sensor_points import DepthImage
 
 if TYPE_CHECKING:
     from manip3d.camera import Intrinsics

@@ -14,7 +14,7 @@ from manip3d.lidar import LidarFrame
 from manip3d.mesh import Mesh
 from manip3d.viewer import _chromium, _pyvista
 from manip3d.viewer.legend import with_legend
-from manip3d.viewer.points import DrawnPoints, drawn_points, scan_points
+from manip3d.viewer.points import DrawnPoints, drawn_points
 from manip3d.viewer.renderers import renderer
 from manip3d.viewer.scene import (
     BACKGROUND,
@@ -27,6 +27,7 @@ from manip3d.viewer.scene import (
     pillow,
     rgb,
 )
+from manip3d.viewer.sensor_points import scan_points
 from manip3d.viewer.showing import Shown, shown
 
 if TYPE_CHECKING:

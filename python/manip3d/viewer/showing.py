@@ -20,7 +20,8 @@ from manip3d.simplify import (
     SimplifyResult,
 )
 from manip3d.viewer.evidence_points import evidence, forgery_points
-from manip3d.viewer.points import DepthImage, DrawnPoints, rgbd_points, scan_points
+from manip3d.viewer.points import DrawnPoints
+from manip3d.viewer.sensor_points import DepthImage, rgbd_points, scan_points
 
 Shown = Mesh | DrawnPoints
 

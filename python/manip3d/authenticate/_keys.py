@@ -1,0 +1,231 @@
+"""Keys of the watermark: a file for each, and the ring of those that a sensor has had."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from types import TracebackType
+
+from manip3d import _core
+from manip3d._util.checked import checked
+from manip3d._util.paths import path_of
+from manip3d.errors import InputError
+
+
+@checked
+class KeyFile:
+    """The key of a sensor, read from its file; Python never holds its bytes.
+
+    Parameters
+    ----------
+    path : path
+        A file of `KeyFile.create`.
+
+    Attributes
+    ----------
+    key_id : str
+        Tells keys apart, hexadecimal; it is no secret.
+    created_ns, expires_ns : int
+        Nanoseconds since 1970; an ``expires_ns`` of 0 means never.
+
+    Raises
+    ------
+    InputError
+        Others than the owner can read the file.
+    FormatError
+        It is no key file, or damaged.
+    OSError
+        It cannot be read.
+
+    Notes
+    -----
+    Keys are replaced by giving a sensor a new file, under a new name; a verifier of old records
+    needs the old file, too, see `KeyRing`. The key is symmetric: whoever can verify could also
+    embed. It is held in memory that swap and core dumps leave out, and wiped by `close`.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self._key = _core.WatermarkKey(os.fsencode(path_of(path)))
+
+    @classmethod
+    def create(cls, path: str | os.PathLike[str], *, expires_ns: int = 0) -> KeyFile:
+        """Draw a new key, write it to a file that only its owner can read, and open that.
+
+        Parameters
+        ----------
+        path : path
+            Where the new file is written.
+        expires_ns : int
+            When the key expires, nanoseconds since 1970; 0: never.
+
+        Returns
+        -------
+        KeyFile
+
+        Raises
+        ------
+        OSError
+            The file exists already (it is never replaced), or cannot be written.
+        InputError
+            ``expires_ns`` is in the past.
+        """
+        name = os.fsencode(path_of(path))
+        _core.WatermarkKey.create(name, time.time_ns(), expires_ns)
+        return cls(path)
+
+    @property
+    def key_id(self) -> str:
+        """Identifier, hexadecimal."""
+        return self._key.id.hex()
+
+    @property
+    def created_ns(self) -> int:
+        """Time of its creation, nanoseconds since 1970."""
+        return self._key.created_ns
+
+    @property
+    def expires_ns(self) -> int:
+        """Time from which it must not embed, nanoseconds since 1970; 0: it does not expire."""
+        return self._key.expires_ns
+
+    def close(self) -> None:
+        """Wipe the key; may be called twice."""
+        self._key.close()
+
+    def __enter__(self) -> KeyFile:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        state = "" if self._key.is_open else ", closed"
+        return f"<manip3d.authenticate.KeyFile: {self.key_id[:8]}{state}>"
+
+
+@checked
+class KeyRing:
+    """The keys that a sensor has had, one after the other; a verifier takes all of them.
+
+    A record names no key: its own tag tells which key made it. The newest key embeds. Older ones
+    verify only records that state a time before the next key was made, and no key verifies records
+    that state a time at which it had expired. In a stream that has gone on to a newer key, also by
+    the verifier's state file, frames of an older one are replays.
+
+    Parameters
+    ----------
+    keys : sequence of KeyFile
+        In any order; `KeyFile.created_ns` tells which is the newest.
+
+    Raises
+    ------
+    InputError
+        No keys, or the same key twice.
+
+    Notes
+    -----
+    Make the new key when the sensor is to use it: what the old one signs from then on is refused.
+    The time that a record states is the embedder's word. Of scans that bring their own time, that
+    one is stated: a drive of 2011 that is signed today with the old key verifies. Whoever has
+    stolen an old key can sign with an earlier time, which only a verifier notices that has seen a
+    newer key in the stream: leave a stolen key out of the ring, and its records are unverifiable. A
+    state file whose last frame was of a key that is left out is refused.
+
+    Examples
+    --------
+    >>> import tempfile, numpy as np
+    >>> from manip3d.authenticate import KeyFile, KeyRing, Watermarker
+    >>> scan = np.arange(9000, dtype=np.float32).reshape(3000, 3) / 8
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     old = KeyFile.create(folder + "/2025.key")
+    ...     sent = Watermarker(old).embed(scan)
+    ...     new = KeyFile.create(folder + "/2026.key")
+    ...     late = Watermarker(old).embed(scan)
+    ...     marker = Watermarker(KeyRing([old, new]))
+    ...     print(marker.verify(sent.frame, sent.record).verdict)
+    ...     print(marker.verify(late.frame, late.record).reason)
+    authentic
+    the record states a time after its key had expired or had been replaced
+    """
+
+    def __init__(self, keys: Sequence[KeyFile]) -> None:
+        newest_first = sorted(keys, key=lambda key: (key.created_ns, key.key_id), reverse=True)
+        if not newest_first:
+            raise InputError("keys: expected at least one, got none")
+        for one, other in pairwise(newest_first):
+            if one.key_id == other.key_id:
+                raise InputError(f"keys: expected each key once, got {one.key_id[:8]} twice")
+        self.keys = tuple(newest_first)
+
+    @classmethod
+    def open(cls, paths: Sequence[str | os.PathLike[str]]) -> KeyRing:
+        """Open key files, and the key files of folders.
+
+        Parameters
+        ----------
+        paths : sequence of path
+            Key files, and folders whose files that end in ``.key`` are taken.
+
+        Returns
+        -------
+        KeyRing
+
+        Raises
+        ------
+        InputError
+            A folder without key files, or as `KeyFile` and `KeyRing`.
+        FormatError, OSError
+            As `KeyFile`.
+        """
+        files = [file for path in paths for file in _key_files(path_of(path))]
+        opened: list[KeyFile] = []
+        try:
+            opened += (KeyFile(file) for file in files)
+            return cls(opened)
+        except BaseException:
+            for key in opened:
+                key.close()
+            raise
+
+    @property
+    def newest(self) -> KeyFile:
+        """The key that embeds."""
+        return self.keys[0]
+
+    def close(self) -> None:
+        """Wipe all keys; may be called twice."""
+        for key in self.keys:
+            key.close()
+
+    def __enter__(self) -> KeyRing:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        names = ", ".join(key.key_id[:8] for key in self.keys)
+        return f"<manip3d.authenticate.KeyRing: {names}>"
+
+
+def _key_files(path: Path) -> list[Path]:
+    """The key file, or those of a folder."""
+    if not path.is_dir():
+        return [path]
+    found = sorted(path.glob("*.key"))
+    if not found:
+        raise InputError(f"{path}: expected a folder with files that end in .key, found none")
+    return found

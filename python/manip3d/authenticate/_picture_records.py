@@ -1,0 +1,94 @@
+"""Pictures that carry the record of a watermark in their lowest bits."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from manip3d import _core
+from manip3d._util.checked import checked
+from manip3d.errors import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+
+def checked_picture(picture: ArrayLike) -> NDArray[np.uint8]:
+    """Return a picture as an array of 8 bits a sample, grey or RGB."""
+    pixels = np.asarray(picture)
+    if pixels.dtype != np.uint8 or not (
+        pixels.ndim == 2 or (pixels.ndim == 3 and pixels.shape[2] == 3)
+    ):
+        raise InputError(
+            f"picture: expected uint8 (H, W) or (H, W, 3), got {pixels.dtype} {pixels.shape}"
+        )
+    return np.ascontiguousarray(pixels)
+
+
+@checked
+def record_of_picture(picture: ArrayLike) -> bytes:
+    """Return the record that a picture carries, as it stands there: nothing is verified.
+
+    Parameters
+    ----------
+    picture : (H, W) or (H, W, 3) uint8
+
+    Returns
+    -------
+    bytes
+
+    Raises
+    ------
+    InputError
+        Another kind of picture, or one of fewer than 16384 samples.
+    FormatError
+        There is no record in it.
+
+    Examples
+    --------
+    >>> import tempfile, numpy as np, manip3d
+    >>> from manip3d.authenticate import KeyFile, Watermarker, record_of_picture
+    >>> scan = manip3d.LidarFrame(np.arange(9000, dtype=np.float32).reshape(3000, 3) / 8)
+    >>> grey = np.full((375, 1242), 128, np.uint8)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     marker = Watermarker(KeyFile.create(folder + "/sensor.key"))
+    ...     sent = marker.embed(scan, picture=grey)
+    ...     print(marker.verify(sent.frame, None, picture=sent.picture).verdict)
+    authentic
+    >>> record_of_picture(sent.picture) == sent.record
+    True
+    """
+    return _core.watermark_in_picture(checked_picture(picture))
+
+
+@checked
+def without_record(picture: ArrayLike) -> NDArray[np.uint8]:
+    """Return a picture with the bits cleared that carry a record.
+
+    What both ends make of the picture, such as the stereo depth of the printed watermark, is the
+    same before embedding and after it.
+
+    Parameters
+    ----------
+    picture : (H, W) or (H, W, 3) uint8
+
+    Returns
+    -------
+    (H, W) or (H, W, 3) uint8
+        A copy.
+
+    Raises
+    ------
+    InputError
+        Another kind of picture, or one of fewer than 16384 samples.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d.authenticate import without_record
+    >>> int(without_record(np.full((128, 128), 255, np.uint8)).max())
+    254
+    """
+    pixels = checked_picture(picture)
+    return _core.without_watermark_record(pixels).reshape(pixels.shape)
