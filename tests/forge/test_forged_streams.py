@@ -14,7 +14,8 @@ import pytest
 
 from capsule_body import SMALL, frame, pose
 from manip3d import FormatError, InputError, Intrinsics, RgbdCalibration, RgbdFrame, capture, forge
-from manip3d.forge._stream import _joined_bits, _median_seen
+from manip3d.forge._plates import _median_seen
+from manip3d.forge._stream import _joined_bits
 from manip3d.rgbd import NO_BODY
 
 HANDS_UP = {

@@ -16,11 +16,10 @@ __getattr__, __dir__, __all__ = lazily(
         ),
         "_firings": "MOST_SPOOFED lattice_insert lattice_remove spoof",
         "_objects": "Segmentation nearest_object segment",
+        "_plates": "background_plate without_people",
         "_recorded": "MOST_KEPT RecordedPeople at_pace recorded_people recorded_poses",
-        "_stream": (
-            "ForgedFrame ForgedStream StreamForger StreamTruth background_plate "
-            "read_stream_truth stream without_people"
-        ),
+        "_stream": "ForgedFrame ForgedStream StreamForger stream",
+        "_stream_truth": "StreamTruth read_stream_truth",
         "_truth": "Forgery Lattice",
     },
 )

@@ -21,6 +21,7 @@ from manip3d.forge._attacks import (
 )
 from manip3d.forge._firings import MOST_SPOOFED, lattice_insert, lattice_remove, spoof
 from manip3d.forge._objects import Segmentation, nearest_object, segment
+from manip3d.forge._plates import background_plate, without_people
 from manip3d.forge._recorded import (
     MOST_KEPT,
     RecordedPeople,
@@ -28,16 +29,8 @@ from manip3d.forge._recorded import (
     recorded_people,
     recorded_poses,
 )
-from manip3d.forge._stream import (
-    ForgedFrame,
-    ForgedStream,
-    StreamForger,
-    StreamTruth,
-    background_plate,
-    read_stream_truth,
-    stream,
-    without_people,
-)
+from manip3d.forge._stream import ForgedFrame, ForgedStream, StreamForger, stream
+from manip3d.forge._stream_truth import StreamTruth, read_stream_truth
 from manip3d.forge._truth import Forgery, Lattice
 
 __all__ = [

@@ -12,7 +12,7 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d.errors import InputError
-from manip3d.forge._stream import background_plate
+from manip3d.forge._plates import background_plate
 from manip3d.rgbd import RgbdFrame, check_frames
 
 MOST_KEPT = 300

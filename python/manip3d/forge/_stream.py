@@ -2,29 +2,25 @@
 
 from __future__ import annotations
 
-import io
 import math
 import os
 import threading
 import time
-import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from itertools import count
 from typing import TYPE_CHECKING, Any, Literal
-from zipfile import BadZipFile, ZipFile
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from manip3d import _core
 from manip3d._util.arrays import vector
 from manip3d._util.checked import checked
-from manip3d._util.paths import path_of
 from manip3d.camera import same_camera
-from manip3d.errors import FormatError, InputError
-from manip3d.io._files import atomic_write, regular_bytes
+from manip3d.errors import InputError
+from manip3d.forge._plates import labels_of
+from manip3d.forge._stream_truth import StreamTruth, check_size, write_truth
 from manip3d.modify import (
     AnimationMesh,
     JointSmoother,
@@ -32,7 +28,6 @@ from manip3d.modify import (
     Skinning,
     animate,
     animation_mesh,
-    segment_body,
 )
 from manip3d.rgbd import NO_BODY, RgbdCalibration, RgbdFrame, Skeleton, check_frames
 
@@ -42,8 +37,6 @@ if TYPE_CHECKING:
     Mask = NDArray[np.bool_]
 
 Surface = Literal["mesh", "points"]
-
-_EVERYBODY = 1  # label of a person without a skeleton: any bone
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,332 +57,6 @@ class ForgedFrame:
     frame: RgbdFrame
     mask: Mask
     stage_ms: dict[str, float] = field(default_factory=dict)
-
-
-_MOST_BYTES = 160 << 20
-_MOST_PIXELS_OF_A_BYTE = 2048  # masks with a person in them are 200 to 500, empty ones 8000
-_MOST_PIXELS = 2**38  # in all frames: eight hours of a depth camera of 640x480 at 30 Hz
-
-
-@dataclass(frozen=True, eq=False)
-class StreamTruth:
-    """Truth about a forged recording.
-
-    Attributes
-    ----------
-    kind : int
-        1: the person as recorded; 2: in another pose.
-    masks : (T, H, W) bool
-        Forged pixels of each frame.
-    numbers : (T,) int64
-        `RgbdFrame.number` of each frame.
-    """
-
-    kind: int
-    masks: Mask
-    numbers: NDArray[np.int64]
-
-    def write(self, path: str | os.PathLike[str]) -> None:
-        """Write the truth as a NumPy archive (``.npz``), whole or not at all.
-
-        Parameters
-        ----------
-        path : path
-            An ``.npz`` file; `read_stream_truth` reads it, if it is told ``max_bytes`` where more
-            than 160 MiB of pixels have nearly no forged one among them.
-
-        Raises
-        ------
-        InputError
-            There are more pixels than `read_stream_truth` takes.
-        OSError
-            The file cannot be written.
-        """
-        _check_size(self.masks.size)
-        shape = (self.masks.shape[0], self.masks.shape[1], self.masks.shape[2])
-        _write_truth(path, self.kind, shape, np.packbits(self.masks), self.numbers)
-
-
-def _check_size(pixels: int) -> None:
-    if pixels > _MOST_PIXELS:
-        raise InputError(f"masks: expected at most {_MOST_PIXELS} pixels in all, got {pixels}")
-
-
-def _write_truth(
-    path: str | os.PathLike[str],
-    kind: int,
-    shape: tuple[int, int, int],
-    bits: NDArray[np.uint8],
-    numbers: NDArray[np.int64],
-) -> None:
-    """Write the masks of a stream, packed in one run over all frames."""
-    stream = io.BytesIO()
-    np.savez_compressed(
-        stream,
-        kind=np.int64(kind),
-        shape=np.array(shape, np.int64),
-        masks=bits,
-        numbers=numbers,
-    )
-    atomic_write(path_of(path), stream.getvalue())
-
-
-@checked
-def read_stream_truth(path: str | os.PathLike[str], *, max_bytes: int | None = None) -> StreamTruth:
-    """Read what `StreamTruth.write` has written.
-
-    Parameters
-    ----------
-    path : path-like
-        An ``.npz`` archive.
-    max_bytes : int, optional
-        Refuse masks of more pixels, each of which takes a byte. Default: 160 MiB, which are 772
-        frames of a Kinect V2, or 2048 for each byte of the file if that is more: masks with a
-        person in them compress less, empty ones so well that a file says little of their size.
-
-    Returns
-    -------
-    StreamTruth
-
-    Raises
-    ------
-    FormatError
-        The file is no such archive, or its masks take more than ``max_bytes``.
-    OSError
-        It cannot be read.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from manip3d import forge
-    >>> masks = np.zeros((2, 48, 64), bool)
-    >>> masks[1, 10:20, 10:20] = True
-    >>> forge.StreamTruth(1, masks, np.arange(2)).write("truth.npz")
-    >>> forge.read_stream_truth("truth.npz").masks.sum(axis=(1, 2)).tolist()
-    [0, 100]
-    """
-    content = regular_bytes(path_of(path))
-    if max_bytes is None:
-        max_bytes = max(_MOST_BYTES, _MOST_PIXELS_OF_A_BYTE * len(content))
-    try:
-        claimed_numbers = _check_claims(content, max_bytes)
-        with np.load(io.BytesIO(content), allow_pickle=False) as archive:
-            frames, height, width = (int(side) for side in archive["shape"])
-            size = frames * height * width
-            if size > min(_MOST_PIXELS, max_bytes):
-                raise ValueError(f"{size} pixels are more than max_bytes = {max_bytes}")
-            if claimed_numbers != (frames,) or (frames and not size):
-                raise ValueError("numbers do not agree with the masks")
-            bits, numbers = archive["masks"], archive["numbers"]
-            kind = int(archive["kind"])
-        if min(frames, height, width) < 0 or (size + 7) // 8 != bits.size or kind not in (1, 2):
-            raise ValueError("sizes do not agree")
-        flat = np.unpackbits(bits.astype(np.uint8, casting="no", copy=False), count=size)
-        masks = flat.view(np.bool_).reshape(frames, height, width)
-        if numbers.dtype != np.int64:
-            raise ValueError("numbers do not agree with the masks")
-    except (
-        ValueError,
-        KeyError,
-        EOFError,
-        TypeError,
-        OverflowError,
-        MemoryError,
-        OSError,  # of the archive: the file itself was read
-        NotImplementedError,  # a version or a compression of zip
-        RuntimeError,  # encrypted
-        BadZipFile,
-        zlib.error,
-    ) as error:
-        raise FormatError(
-            f"expected the truth of a forged stream: {error}", file=str(path)
-        ) from None
-    return StreamTruth(kind, masks, numbers)
-
-
-def _check_claims(content: bytes, max_bytes: int) -> tuple[int, ...]:
-    """Refuse arrays that claim more than there is, before anything is allocated for them.
-
-    Returns the shape that the numbers claim, which is to agree with that of the masks.
-    """
-    numbers: tuple[int, ...] = ()
-    with ZipFile(io.BytesIO(content)) as archive:
-        for member in archive.infolist():
-            with archive.open(member) as stream:
-                version = np.lib.format.read_magic(stream)
-                if version != (1, 0):
-                    raise ValueError(f"an array of version {version}")
-                shape, _, dtype = np.lib.format.read_array_header_1_0(stream)
-                if math.prod(shape) * dtype.itemsize > member.file_size:
-                    raise ValueError(f"{member.filename} claims {shape} {dtype}, and has less")
-                if member.filename == "numbers.npy":
-                    numbers = shape
-                    continue
-                if math.prod(shape) * dtype.itemsize > max_bytes // 8 + 64:  # eight pixels a byte
-                    raise ValueError(f"{member.filename} is for more than max_bytes = {max_bytes}")
-    return numbers
-
-
-@checked
-def background_plate(frames: Iterable[RgbdFrame]) -> RgbdFrame:
-    """Return the scene behind the people of a recording whose camera stands still.
-
-    Each pixel is the median of the frames that show nobody there. Depth that is never seen is that
-    of the nearest pixels of the row which are, the farther of the two; colour alike. Times, number
-    and calibration are those of the first frame.
-
-    Parameters
-    ----------
-    frames : iterable of RgbdFrame
-        With ``body_index`` or skeletons where there are people. Colour is kept where it has the
-        depth image's pixels.
-
-    Returns
-    -------
-    RgbdFrame
-
-    Raises
-    ------
-    InputError
-        There is no frame; frames differ in size.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from manip3d import Intrinsics, RgbdCalibration, RgbdFrame, forge
-    >>> camera = RgbdCalibration(Intrinsics(fx=60, fy=60, cx=31.5, cy=23.5, width=64, height=48))
-    >>> frames = []
-    >>> for n in range(3):  # a person walks by
-    ...     body = np.full((48, 64), 255, np.uint8)
-    ...     body[10:, 20 * n : 20 * n + 10] = 0
-    ...     depth = np.where(body == 0, 1500, 3000).astype(np.uint16)
-    ...     frames.append(RgbdFrame(depth, camera, body_index=body, number=n))
-    >>> plate = forge.background_plate(frames)
-    >>> int(frames[0].depth.min()), int(plate.depth.min())
-    (1500, 3000)
-    """
-    some = list(frames)
-    check_frames("frames", some)
-    if not some:
-        raise InputError("frames: expected one at least, got none")
-    if any(frame.depth.shape != some[0].depth.shape for frame in some):
-        raise InputError("frames: expected images of one size")
-    first = some[0]
-    free = np.stack([_nobody(frame) for frame in some])
-    depth = _median_seen(np.where(free, np.stack([frame.depth for frame in some]), 0))
-    with_color = first.calibration.registration is None and all(f.color is not None for f in some)
-    color = None
-    if with_color:
-        best = free.argmax(axis=0)  # the first frame that shows nobody there
-        colors = np.stack([frame.color for frame in some if frame.color is not None])
-        chosen = np.take_along_axis(colors, best[None, ..., None], axis=0)[0]
-        source = _nearest_seen(np.asarray(free.any(axis=0)), depth)
-        color = np.ascontiguousarray(np.take_along_axis(chosen, source[..., None], axis=1))
-    filled = np.take_along_axis(depth, _nearest_seen(np.asarray(depth > 0), depth), axis=1)
-    # Pixels without a measurement although nobody hides them in most frames stay without one.
-    is_mostly_free = 2 * free.sum(axis=0) > len(some)
-    depth = np.where((depth == 0) & is_mostly_free, np.uint16(0), filled)
-    nobody = np.full(depth.shape, NO_BODY, np.uint8)
-    calibration = first.calibration
-    if not with_color and calibration.registration is not None:
-        calibration = replace(calibration, registration=None)
-    return replace(
-        first, depth=depth, color=color, body_index=nobody, skeletons=(), calibration=calibration
-    )
-
-
-_MARGIN = 3
-"""Pixels beside a person that may show them though the body index does not say so: a camera loses
-its depth there, and colour runs over the edge."""
-
-
-def _nobody(frame: RgbdFrame) -> Mask:
-    """Pixels that show the scene for sure: nobody within `_MARGIN` of them."""
-    if frame.body_index is not None:
-        somebody = np.asarray(frame.body_index != NO_BODY)
-    else:  # around the skeletons
-        somebody = np.zeros(frame.depth.shape, np.bool_)
-        for person in frame.skeletons:
-            somebody |= _labels(frame, person) > 0
-    for axis in (0, 1):
-        padding = [(_MARGIN, _MARGIN) if a == axis else (0, 0) for a in (0, 1)]
-        windows = sliding_window_view(np.pad(somebody, padding), 2 * _MARGIN + 1, axis)
-        somebody = np.asarray(windows.any(axis=-1))
-    return ~somebody
-
-
-def _median_seen(depths: NDArray[np.uint16]) -> NDArray[np.uint16]:
-    """The lower median over time of what is not 0."""
-    ordered = np.sort(depths, axis=0)
-    num_seen = (depths > 0).sum(axis=0)
-    at = len(depths) - num_seen + np.maximum(num_seen - 1, 0) // 2
-    middle = np.take_along_axis(ordered, np.minimum(at, len(depths) - 1)[None], axis=0)[0]
-    return np.where(num_seen > 0, middle, 0).astype(np.uint16)
-
-
-def _nearest_seen(seen: Mask, depth: NDArray[np.uint16]) -> NDArray[np.intp]:
-    """For each pixel the column of its row to take: its own, or the farther of the next seen."""
-    column = np.arange(seen.shape[1])
-    left = np.maximum.accumulate(np.where(seen, column, -1), axis=1)
-    right = np.minimum.accumulate(np.where(seen, column, len(column))[:, ::-1], axis=1)[:, ::-1]
-    has_left, has_right = left >= 0, right < len(column)
-    left, right = np.maximum(left, 0), np.minimum(right, len(column) - 1)
-    farther = np.take_along_axis(depth, left, 1) >= np.take_along_axis(depth, right, 1)
-    take_left = has_left & (farther | ~has_right)
-    return np.where(seen | ~(has_left | has_right), column, np.where(take_left, left, right))
-
-
-@checked
-def without_people(frame: RgbdFrame, plate: RgbdFrame) -> RgbdFrame:
-    """Return a frame whose people are replaced by the scene behind, as of `background_plate`.
-
-    Parameters
-    ----------
-    frame : RgbdFrame
-        With ``body_index`` or skeletons; without them nothing is replaced.
-    plate : RgbdFrame
-        The scene behind, of the same camera and size.
-
-    Returns
-    -------
-    RgbdFrame
-        Without skeletons.
-
-    Raises
-    ------
-    InputError
-        The two differ in size.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from manip3d import Intrinsics, RgbdCalibration, RgbdFrame, forge
-    >>> camera = RgbdCalibration(Intrinsics(fx=60, fy=60, cx=31.5, cy=23.5, width=64, height=48))
-    >>> frames = []
-    >>> for n in range(3):  # a person walks by
-    ...     body = np.full((48, 64), 255, np.uint8)
-    ...     body[10:, 20 * n : 20 * n + 10] = 0
-    ...     depth = np.where(body == 0, 1500, 3000).astype(np.uint16)
-    ...     frames.append(RgbdFrame(depth, camera, body_index=body, number=n))
-    >>> plate = forge.background_plate(frames)
-    >>> empty = forge.without_people(frames[1], plate)
-    >>> int(frames[1].depth.min()), int(empty.depth.min())
-    (1500, 3000)
-    """
-    if frame.depth.shape != plate.depth.shape:
-        raise InputError("plate: expected the size of the frame")
-    nobody = _nobody(frame)
-    color = frame.color
-    aligned = frame.calibration.registration is None
-    if color is not None and plate.color is not None and aligned:
-        color = np.where(nobody[..., None], color, plate.color)
-    return replace(
-        frame,
-        depth=np.where(nobody, frame.depth, plate.depth),
-        color=color,
-        body_index=np.full(nobody.shape, NO_BODY, np.uint8),
-        skeletons=(),
-    )
 
 
 class _Stopwatch:
@@ -649,9 +316,9 @@ class ForgedStream:
             The file cannot be written.
         """
         shape = self._shape
-        _check_size(math.prod(shape))
+        check_size(math.prod(shape))
         bits = _joined_bits(self._bits, shape[1] * shape[2])
-        _write_truth(path, self.kind, shape, bits, np.array(self._numbers, np.int64))
+        write_truth(path, self.kind, shape, bits, np.array(self._numbers, np.int64))
 
 
 def _joined_bits(packed: Sequence[NDArray[np.uint8]], size: int) -> NDArray[np.uint8]:
@@ -825,22 +492,6 @@ class _Followed:
         return found
 
 
-def _labels(frame: RgbdFrame, person: Skeleton | None) -> NDArray[np.uint8]:
-    """Bone of each pixel of the person; of everybody if there is no skeleton."""
-    if person is not None:
-        found = segment_body(
-            frame.depth,
-            frame.calibration.depth,
-            person,
-            segmentation="region",
-            body_index=frame.body_index,
-        )
-        return found.labels
-    if frame.body_index is None:  # nobody is seen
-        return np.zeros(frame.depth.shape, np.uint8)
-    return np.where(frame.body_index != NO_BODY, np.uint8(_EVERYBODY), np.uint8(0))
-
-
 def _drawn(
     frame: RgbdFrame,
     scene: RgbdFrame,
@@ -886,7 +537,7 @@ def _forge(
     labels = np.zeros(frame.depth.shape, np.uint8)
     moved = person
     if kind == 1 or (person is not None and pose is not None):
-        labels = _labels(frame, person)
+        labels = labels_of(frame, person)
     watch.done("segmentation")
     stays = not options.move.any()
     in_place = kind == 1 and stays and same_camera(camera, scene.calibration.depth)
