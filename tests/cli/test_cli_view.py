@@ -89,6 +89,32 @@ def test_view_takes_every_kind(bundle: None, tmp_path: Path, depth: Path) -> Non
         assert f'"title": "{source.name}"' in page.read_text()
 
 
+def test_several_files_are_shown_side_by_side(bundle: None, tmp_path: Path, depth: Path) -> None:
+    LidarFrame(np.eye(3)).write(tmp_path / "scan.bin")
+    Mesh(np.eye(3), [[0, 1, 2]]).write(tmp_path / "face.ply")
+    page = tmp_path / "both.html"
+    done = manip3d("view", tmp_path / "scan.bin", tmp_path / "face.ply", "-o", page)
+    assert done.returncode == 0, done.stderr
+    assert page.is_file()
+    assert '"title": "scan.bin, face.ply"' in page.read_text()
+    assert all(f'"label": "{name}"' in page.read_text() for name in ("scan.bin", "face.ply"))
+    again = manip3d("view", tmp_path / "scan.bin", depth, "-o", page)
+    assert "exists already" in error_line(again)
+    folder = tmp_path / "pages"
+    assert manip3d("view", tmp_path / "scan.bin", depth, "-o", folder).returncode == 0
+    assert sorted(path.name for path in folder.glob("*.html")) == ["depth.html", "scan.html"]
+
+
+def test_a_file_that_cannot_be_shown_spoils_no_page(bundle: None, tmp_path: Path) -> None:
+    Mesh(np.eye(3), [[0, 1, 2]]).write(tmp_path / "face.ply")
+    (tmp_path / "bad.ply").write_text("no mesh")
+    page = tmp_path / "both.html"
+    done = manip3d("view", tmp_path / "face.ply", tmp_path / "bad.ply", "-o", page)
+    assert done.returncode == 1
+    assert "bad.ply: line 1: expected 'ply'" in done.stderr
+    assert not page.exists()
+
+
 def test_view_takes_a_frame_by_its_number(bundle: None, tmp_path: Path) -> None:
     folder = walk(tmp_path / "walk")
     done = manip3d("view", folder, "--frame", 2, "-o", tmp_path / "a.html")

@@ -78,6 +78,20 @@ class Many:
             raise InputError(f"--to: expected one of {', '.join(self.writable)}, got {self.to}")
         return (self.find or find_files)(sources, suffixes=self.suffixes)
 
+    def check_folder(self, sources: Sequence[str], output: object) -> None:
+        """Refuse an output that is named like one file, where each source gets a file of its own.
+
+        Raises
+        ------
+        InputError
+            It has a suffix that the verb writes, and is no folder that is there.
+        """
+        suffix = PurePosixPath(str(output or "")).suffix.lower()
+        if suffix not in self.writable or not suffix or Path(str(output)).is_dir():
+            return
+        more = f"several {self.noun}s" if len(sources) > 1 else f"the {self.noun}s of {sources[0]}"
+        raise InputError(f"--output: expected a folder for {more}, got the file name {output}")
+
     def rename(self, relative: str) -> str:
         """The name of an output from that of its source."""
         path = PurePosixPath(relative)
@@ -185,6 +199,7 @@ def over_files(
                 return
             check(given)
             many = _kind_of_many(drives)(suffixes(), to, writable(), otherwise)
+            many.check_folder(sources, given.get("output"))
             files = choose(many.files(sources))
             each = {} if prepare is None else prepare(files, given)
             chain = in_order(given | asked)

@@ -15,10 +15,14 @@ from manip3d.cli.options import Calibration, DepthUnit, Force, OptionalOutput, Q
 from manip3d.cli.sources import open_mesh
 from manip3d.cli.terminal import Terminal, check_output, count, naming_options
 from manip3d.errors import InputError
+from manip3d.io import is_url
 from manip3d.lidar import LidarFrame
 
 if TYPE_CHECKING:
     from manip3d.camera import Intrinsics
+
+
+SUFFIXES = (".html", ".png")
 
 
 @dataclass(frozen=True)
@@ -32,7 +36,42 @@ class Choice:
     calibration: Path | None
 
 
-@over_files(kinds.shown_suffixes, writable=lambda: (".html", ".png"), otherwise=".html")
+MOST_BESIDE = 9  # things on one page; more are a folder's, a page each
+
+
+def _side_by_side(sources: list[str], given: dict[str, Any]) -> bool:
+    """Show several files, named one by one, in one page or picture."""
+    from manip3d import viewer
+    from manip3d.batch import is_pattern
+
+    output = given["output"]
+    one_place = output is None or (Path(output).suffix.lower() in SUFFIXES and not is_url(output))
+    named = all(source != "-" and not is_pattern(source) for source in sources)
+    if not 1 < len(sources) <= MOST_BESIDE or not one_place or not named or given["shared"]:
+        return False
+    if any(is_url(source) or kinds.kind_of(source) == "folder" for source in sources):
+        return False
+    if output is not None and Path(output).is_dir():
+        return False  # a page each, in that folder
+    check_output(output, SUFFIXES, force=given["force"])
+    terminal = Terminal(quiet=given["quiet"])
+    calibration = given["calibration"]
+    choice = Choice(given["frame"], given["intrinsics"], given["unit"], given["color"], calibration)
+    for source in sources:
+        expect_kind(source, *SHOWN, verb="view")
+    things = [_open(source, choice, terminal) for source in sources]
+    names = [Path(source).name for source in sources]
+    labels = names if len(set(names)) == len(names) else list(sources)
+    options: dict[str, Any] = {"color_by": given["color_by"], "labels": labels}
+    if output is None or Path(output).suffix.lower() == ".html":
+        options["title"] = ", ".join(labels)
+    _tell(viewer.view(things, output, **options), output, terminal)
+    return True
+
+
+@over_files(
+    kinds.shown_suffixes, writable=lambda: SUFFIXES, otherwise=".html", together=_side_by_side
+)
 def view(
     source: Source,
     output: OptionalOutput = None,
@@ -66,11 +105,12 @@ def view(
     """Show a mesh, a scan, a depth image or a frame of a recording.
 
     Opens the browser, or writes a page (.html) or a picture (.png). Scans and depth images are
-    shown as points; a depth image is first seen as its camera saw it.
+    shown as points; a depth image is first seen as its camera saw it. Several files are shown side
+    by side, or with a folder as --output as a page each.
 
     Example: manip3d view scan.bin -o scan.html
     """
-    check_output(output, (".html", ".png"), force=force)
+    check_output(output, SUFFIXES, force=force)
     expect_kind(source, *SHOWN, verb="view")
     terminal = Terminal(quiet=quiet)
     choice = Choice(frame, intrinsics, unit, color, calibration)
@@ -86,7 +126,12 @@ def write(
     options: dict[str, Any] = {"color_by": color_by}
     if output is None or output.suffix.lower() == ".html":
         options["title"] = "stdin" if source == "-" else Path(source).name
-    path = viewer.view(thing, output, **options)
+    _tell(viewer.view(thing, output, **options), output, terminal)
+
+
+def _tell(path: Path, output: Path | None, terminal: Terminal) -> None:
+    from manip3d import viewer
+
     if output is not None:
         terminal.say(f"wrote {output}")
     elif not viewer.has_display():
