@@ -8,7 +8,7 @@ import io
 import json
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -263,8 +263,9 @@ def _png(figure: Figure) -> str:
 
 PAGE_STYLE = (
     "body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem}"
-    ".wide{overflow-x:auto}table{border-collapse:collapse}td,th{padding:.2rem .8rem;"
-    "text-align:left;border-bottom:1px solid #ccc}img{max-width:100%}"
+    ".wide{overflow-x:auto;font-size:.9rem}table{border-collapse:collapse}"
+    "td,th{padding:.2rem .6rem;text-align:left;border-bottom:1px solid #ccc}"
+    "img{max-width:100%}.long{min-width:12rem}"
     "@media(max-width:40rem){body{margin:1rem auto}td,th{padding:.2rem .4rem}}"
     ".tampered{color:#b00020}.no_trace{color:#1b5e20}.undecidable,.processed{color:#7a5c00}"
 )
@@ -285,9 +286,9 @@ def _page(inspection: Inspection, source: str) -> str:
         + f"{html.escape(place_sentence(inspection))}</p>"
         + _facts(inspection, source)
         + _verdicts(inspection)
+        + _scene(inspection)
         + _regions(inspection)
         + _power(inspection)
-        + _scene(inspection)
         + "".join(
             f'<h2>{html.escape(caption)}</h2><img alt="{html.escape(caption)}" '
             f'src="data:image/png;base64,{data}">'
@@ -347,30 +348,39 @@ def _facts(inspection: Inspection, source: str) -> str:
         )
         facts.append(
             f"detector III: p-values up to {generic.false_alarm_rate:g} alarm; smallest of this "
-            f"scan {generic.p_value:.2g}"
+            f"scan {_p_text(generic.p_value)}"
         )
         used = [kind for kind, said in generic.evidence.items() if said.used]
         facts.append(f"kinds of evidence that were used: {', '.join(used) or 'none'}")
     if inspection.turns is not None:
         facts.append(
             f"detector IV: p-values up to {inspection.turns.false_alarm_rate:g} alarm; smallest of "
-            f"this scan {inspection.turns.p_value:.2g}"
+            f"this scan {_p_text(inspection.turns.p_value)}"
         )
     if inspection.reflectance is not None:
         facts.append(
             f"detector V: p-values up to {inspection.reflectance.false_alarm_rate:g} alarm; "
-            f"smallest of this scan {inspection.reflectance.p_value:.2g}"
+            f"smallest of this scan {_p_text(inspection.reflectance.p_value)}"
         )
     return "<ul>" + "".join(f"<li>{html.escape(fact)}</li>" for fact in facts) + "</ul>"
 
 
+def _evidence_text(evidence: Mapping[str, float]) -> str:
+    return ", ".join(f"{kind} {strength:.3g}" for kind, strength in evidence.items())
+
+
+def _p_text(value: float) -> str:
+    """A p-value for people; those that double precision has no number for are 0."""
+    return f"{value:.2g}" if value > 0.0 else "below 1e-300"
+
+
 def _regions(inspection: Inspection) -> str:
     rows = "".join(
-        f"<tr><td>{html.escape(report.title)}</td><td>{number}</td>"
+        f"<tr><td>{html.escape(report.title.partition(':')[0])}</td><td>{number}</td>"
         + "".join(f"<td>{v:.2f}</td>" for v in (*region.box.center, *region.box.size))
         + f"<td>{math.degrees(region.box.yaw):.0f}</td><td>{len(region.rows)}</td>"
-        + f"<td>{'' if region.p_value is None else f'{region.p_value:.1e}'}</td>"
-        + f"<td>{html.escape(', '.join(f'{k} {v:.3g}' for k, v in region.evidence.items()))}</td>"
+        + f"<td>{'' if region.p_value is None else f'{region.p_value:.2g}'}</td>"
+        + f"<td class=long>{html.escape(_evidence_text(region.evidence))}</td>"
         + "</tr>"
         for report in inspection.detectors
         for number, region in enumerate(report.regions, 1)
