@@ -3,7 +3,8 @@
 ``python benchmarks/bench_treatments.py treated.jsonl`` treats clean scans, and the same with an
 edit, as files are treated on their way from a scanner to an archive, and inspects what comes out.
 No clean scan may be accused, and no edit may be `no_trace` whose evidence the treatment destroyed.
-``--pairs`` treats each scan twice, by so many pairs of treatments drawn by chance.
+``--pairs`` treats each scan twice, by so many pairs of treatments drawn by chance. ``--beside``
+treats both turns beside so many frames of drive 0005, clean and with one thing deleted.
 
 Scans are those of ``$MANIP3D_DATA``, where they are here (KITTI's scanner, eleven others,
 terrestrial ones), else frames of simulated streets. Edits are planted in frames of KITTI's scanner,
@@ -409,6 +410,33 @@ def run(file: Path, pairs: int, until: float = math.inf) -> list[Line]:
     return known
 
 
+def run_beside(file: Path, frames: int, until: float) -> list[Line]:
+    """The same of frames of a drive between turns that were treated, which are not."""
+    from bench_removed import recorded
+    from manip3d.authenticate import inspect
+    from manip3d.authenticate._power import _some_object
+
+    known = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
+    done = {(line["scan"], line["treatment"]) for line in known}
+    drive = recorded()
+    for k in np.linspace(1, len(drive) - 2, frames).astype(int).tolist():
+        frame, random = drive[k], np.random.default_rng(k)
+        versions = {"": frame}
+        if (rows := _some_object(frame.points, random)) is not None:
+            versions["removed"] = frame.select(np.setdiff1d(np.arange(frame.num_points), rows))
+        for name, treat in TREATMENTS.items():
+            if (k, name) in done or time.monotonic() > until:
+                continue
+            before, after = treat(drive[k - 1], random), treat(drive[k + 1], random)
+            for edit, scan in versions.items():
+                found = inspect(scan, previous=before, following=after, threads=1)
+                line = {"scan": k, "edit": edit, "treatment": name, "verdict": found.verdict}
+                known.append(line | {"reason": found.reason})
+                with file.open("a") as out:
+                    out.write(json.dumps(known[-1]) + "\n")
+    return known
+
+
 def chosen(pairs: int, number: int, edit: str) -> dict[str, Treatment]:
     """All treatments, or so many pairs of them, others for each scan."""
     if not pairs:
@@ -465,14 +493,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("file", type=Path, help="lines of what was judged, .jsonl")
     parser.add_argument("--pairs", type=int, default=0, help="pairs of treatments of each scan")
+    parser.add_argument("--beside", type=int, default=0, help="frames between treated turns")
     parser.add_argument("--minutes", type=float, default=math.inf, help="judge no longer than this")
     options = parser.parse_args()
     one_thread()
     import tables
 
-    lines = run(options.file, options.pairs, time.monotonic() + 60.0 * options.minutes)
+    until = time.monotonic() + 60.0 * options.minutes
+    if options.beside:
+        lines = run_beside(options.file, options.beside, until)
+    else:
+        lines = run(options.file, options.pairs, until)
     table = report(lines)
-    if options.pairs:
+    if options.pairs or options.beside:
         print(table)
     else:
         tables.write_section("treatments", table)

@@ -188,12 +188,13 @@ void bind_lattice(py::module_& m) {
   m.def(
       "compare_turns",
       [](const CArray<float>& points, const CArray<float>& previous, const CArray<float>& following,
-         const CArray<double>& rings, int threads) {
+         const CArray<double>& rings, bool whole_turns, int threads) {
         const PointsView view(rows<Points>(points, "points"));
         const PointsView earlier(rows<Points>(previous, "previous"));
         const PointsView later(rows<Points>(following, "following"));
         const ScanLattice lattice = to_lattice(rings, 0, 0.0, 0.0);
         TurnOptions options;
+        options.whole_turns = whole_turns;
         options.num_threads = threads;
         TurnResult result;
         {
@@ -209,7 +210,8 @@ void bind_lattice(py::module_& m) {
         return fields;
       },
       py::arg("points").noconvert(), py::arg("previous").noconvert(),
-      py::arg("following").noconvert(), py::arg("rings").noconvert(), py::arg("threads"));
+      py::arg("following").noconvert(), py::arg("rings").noconvert(), py::arg("whole_turns"),
+      py::arg("threads"));
   m.def(
       "compare_reflectance",
       [](const CArray<float>& points, const CArray<float>& reflectance, const CArray<double>& rings,

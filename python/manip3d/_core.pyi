@@ -2062,6 +2062,7 @@ def compare_turns(
     previous: numpy.typing.NDArray[numpy.float32],
     following: numpy.typing.NDArray[numpy.float32],
     rings: numpy.typing.NDArray[numpy.float64],
+    whole_turns: bool,
     threads: typing.SupportsInt | typing.SupportsIndex,
 ) -> dict[str, typing.Any]: ...
 def composite(

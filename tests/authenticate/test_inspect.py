@@ -912,7 +912,15 @@ def test_the_detectors_of_a_frame_share_its_rate() -> None:
     points = closed_in()
     values = np.random.default_rng(3).integers(0, 99, len(points)).astype(np.float32) / 100.0
     frame = LidarFrame(points, values)
-    before, after = (LidarFrame(points + np.float32(k), values) for k in (1e-3, 2e-3))
+    reading = LATTICE.read(points)
+    away = np.linalg.norm(points.astype(np.float64), axis=1)
+    before, after = (
+        LidarFrame(
+            scans.rounded(scans.beam_points(LATTICE, reading.ring, reading.count, away + more)),
+            values,
+        )
+        for more in (0.1, 0.2)
+    )
     found = authenticate.inspect(frame, previous=before, following=after, lattice=LATTICE)
     results = (found.generic, found.turns, found.reflectance)
     rates = [result.false_alarm_rate for result in results if result is not None]

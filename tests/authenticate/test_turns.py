@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,9 @@ import pytest
 import lattice_scans as scans
 import turn_scans
 from manip3d import InputError, LidarFrame, authenticate, forge
-from manip3d.authenticate import TurnResult, turn_consistency
+from manip3d.authenticate import TurnResult, _drives, turn_consistency
 from manip3d.authenticate._movers import passes_by
+from manip3d.authenticate._processing import Lacking, left_out_of_turn
 from manip3d.report import write_evidence
 
 LATTICE = turn_scans.LATTICE
@@ -197,31 +199,120 @@ def test_inspect_asks_the_turns(turns: list[np.ndarray], tmp_path: Path) -> None
     assert (half.verdict, half.turns) == ("processed", None)
 
 
-@pytest.mark.parametrize("cut", ["before", "after"])
+def cut_in_ways(turn: np.ndarray) -> Iterator[np.ndarray]:
+    """A turn of which something was left out, as users and forgers do; box 0 is still seen."""
+    for kept in (
+        np.abs(turn[:, 1]) < 6.5,
+        turn[:, 0] > 0.0,
+        np.arange(len(turn)) % 2 == 0,
+        np.hypot(turn[:, 0], turn[:, 1]) < 25.0,
+    ):
+        yield turn[kept]
+        yield np.float32(np.round(turn[kept].astype(np.float64), 2))
+    yield np.float32(np.round(turn.astype(np.float64), 2))
+
+
+def beside_cut_turns(
+    frame: np.ndarray, turns: list[np.ndarray], cut: str
+) -> Iterator[authenticate.Inspection]:
+    """The frame inspected between turns of which one was cut, or both."""
+    before, after = with_far_point(turns[0].copy()), with_far_point(turns[2].copy())
+    for lacking in zip(cut_in_ways(before), cut_in_ways(after), strict=True):
+        yield authenticate.inspect(
+            frame,
+            previous=before if cut == "after" else lacking[0],
+            following=after if cut == "before" else lacking[1],
+            lattice=LATTICE,
+        )
+
+
+@pytest.mark.parametrize("cut", ["before", "after", "both"])
 def test_a_turn_that_was_cut_accuses_nobody(turns: list[np.ndarray], cut: str) -> None:
     """Cut off there, a thing seems to have come anew, or to be looked through."""
-    frame = with_far_point(turns[1][~turn_scans.box_at(0, 0.0).contains(turns[1])])
-    beside = {"before": with_far_point(turns[0]), "after": with_far_point(turns[2])}
-
-    def of_turns() -> authenticate.DetectorReport:
-        found = authenticate.inspect(
-            frame, previous=beside["before"], following=beside["after"], lattice=LATTICE
-        )
-        return next(report for report in found.detectors if report.name == "turns")
-
-    assert of_turns().verdict == "tampered"
-    whole = beside[cut]
-    for kept in (
-        np.abs(whole[:, 1]) < 6.5,
-        whole[:, 0] > 0.0,
-        np.arange(len(whole)) % 2 == 0,
-    ):
-        beside[cut] = whole[kept]
-        report = of_turns()
+    for found in beside_cut_turns(with_far_point(turns[1].copy()), turns, cut):
+        assert found.verdict == "processed"
+        steps = [step.detail for step in found.processing if step.kind == "neighbours"]
+        names = ["before", "after"] if cut == "both" else [cut]
+        assert [step.split(" was ")[0] for step in steps] == [f"the turn {name}" for name in names]
+        report = next(report for report in found.detectors if report.name == "turns")
         assert (report.verdict, dict(report.power)) == ("undecidable", {})
-        assert report.reason.startswith((f"the turn {cut} was cropped", f"the turn {cut} was thin"))
-    beside[cut] = np.float32(np.round(whole.astype(np.float64), 2))  # still compared
-    assert of_turns().verdict == "tampered"
+        assert report.reason == "; ".join(steps)
+
+
+def test_turns_whose_points_were_moved_accuse_nobody_and_clear_nobody(
+    turns: list[np.ndarray],
+) -> None:
+    frame = turns[1][~turn_scans.box_at(0, 0.0).contains(turns[1])]
+    for share in (1.0, 1.08):  # a scale shifts what stands far away by more than turns may differ
+        found = authenticate.inspect(
+            frame,
+            previous=np.float32(turns[0] * share),
+            following=np.float32(turns[2] * share),
+            lattice=LATTICE,
+        )
+        report = next(report for report in found.detectors if report.name == "turns")
+        assert report.verdict == ("tampered" if share == 1.0 else "undecidable")
+    assert [step.kind for step in found.processing].count("neighbours") == 2
+    assert report.reason == (
+        "the turn before was moved to where the scanner does not measure; "
+        "the turn after was moved to where the scanner does not measure"
+    )
+
+
+@pytest.mark.parametrize("cut", ["before", "after", "both"])
+def test_turns_that_were_cut_do_not_hide_what_was_deleted(
+    turns: list[np.ndarray], cut: str
+) -> None:
+    box = turn_scans.box_at(0, 0.0)
+    frame = with_far_point(turns[1][~box.contains(turns[1])])
+    for found in beside_cut_turns(frame, turns, cut):
+        assert found.accusing is not None
+        assert found.accusing.name == "turns"
+        assert np.abs(np.subtract(found.regions[0].box.center[:2], box.center[:2])).max() < 1.5
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_drive_looks_closer_at_turns_beside_one_that_was_cut(
+    turns: list[np.ndarray], monkeypatch: pytest.MonkeyPatch, threads: int
+) -> None:
+    """By the own inspection of that one; where all are whole it costs nothing."""
+
+    def on_its_car(points: np.ndarray) -> np.ndarray:
+        """As whole frames are, with a return from afar and some of the scanner's own car."""
+        whole = with_far_point(points.copy())
+        reading = LATTICE.read(whole)
+        row = np.flatnonzero(reading.ring == 60)[:1]
+        near = scans.beam_points(LATTICE, reading.ring[row], reading.count[row], np.full(1, 1.8))
+        whole[row] = scans.rounded(near)
+        return whole[scans.in_file_order(LATTICE, whole)]
+
+    more = [turn_scans.turn(STEP * k, 10 + k) for k in (2, 3)]
+    drive = [LidarFrame(on_its_car(turn), origin=(0, 0, 0)) for turn in (*turns, *more)]
+    asked = []
+
+    def left_out(turn: LidarFrame, lattice: authenticate.SensorLattice) -> Lacking | None:
+        asked.append(turn)
+        return left_out_of_turn(turn, lattice)
+
+    def judged_drive() -> list[authenticate.Inspection]:
+        found = list(authenticate.inspect_drive(drive, lattice=LATTICE, threads=threads))
+        return [each for each in found if each is not None]
+
+    monkeypatch.setattr(_drives, "left_out_of_turn", left_out)
+    assert [each.verdict for each in judged_drive()] == ["no_trace"] * 5
+    assert not asked
+    box = turn_scans.box_at(0, 0.0)
+    drive[1] = drive[1].select(np.flatnonzero(~box.contains(drive[1].points)))
+    drive[2] = drive[2].select(np.flatnonzero(np.abs(drive[2].points[:, 1]) < 6.5))
+    found = judged_drive()
+    assert len(asked) == 4
+    assert [each.verdict for each in found[1:4]] == ["tampered", "processed", "processed"]
+    assert {step.kind for step in found[3].processing} == {"neighbours"}
+    for k in (1, 3):
+        alone = authenticate.inspect(
+            drive[k], previous=drive[k - 1], following=drive[k + 1], lattice=LATTICE
+        )
+        assert alone.record() == found[k].record()
 
 
 def test_power_says_what_neighbours_add_for_white_box_edits(turns: list[np.ndarray]) -> None:

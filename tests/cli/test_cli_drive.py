@@ -337,11 +337,11 @@ def test_only_frames_a_turn_apart_are_neighbours(
     seen: list[tuple[bool, bool]] = []
     real = authenticate.inspect
 
-    def spy(frame: object, **options: object) -> object:
+    def spy(frame: object, left_out: object, **options: object) -> object:
         seen.append((options["previous"] is not None, options["following"] is not None))
         return real(np.zeros((0, 3), np.float32))
 
-    monkeypatch.setattr("manip3d.authenticate._drives.inspect", spy)
+    monkeypatch.setattr("manip3d.authenticate._drives.inspect_beside", spy)
     for numbers, expected in (
         (None, [(False, True), (True, True), (True, False)]),
         ([0, 2, 4], [(False, False)] * 3),

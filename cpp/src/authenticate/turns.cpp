@@ -1,5 +1,6 @@
 #include "manip3d/authenticate/turns.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -38,6 +39,7 @@ constexpr int kMovedRings = 2;
 struct TurnView {
   RingImage<float> near, far;      // metres: of the direction and the eight around it
   RingImage<std::int32_t> points;  // in the nine directions
+  RingImage<std::uint8_t> full;    // whether each of them has points
 };
 
 int turn_column(double azimuth) {
@@ -69,11 +71,13 @@ class Directed {
 TurnView single_view(const Directed& directed, int rings) {
   TurnView view{{rings, kTurnColumns, kNothingNear},
                 {rings, kTurnColumns, -kNothingNear},
+                {rings, kTurnColumns, 0},
                 {rings, kTurnColumns, 0}};
   directed.each([&](Eigen::Index, int ring, int column, float range) {
     view.near(ring, column) = std::min(view.near(ring, column), range);
     view.far(ring, column) = std::max(view.far(ring, column), range);
     ++view.points(ring, column);
+    view.full(ring, column) = 1;
   });
   return view;
 }
@@ -86,17 +90,20 @@ TurnView spread_view(const TurnView& view) {
       float near = kNothingNear;
       float far = -kNothingNear;
       std::int32_t points = 0;
+      std::uint8_t full = 1;
       for (int r = std::max(0, ring - 1); r <= std::min(view.near.rings() - 1, ring + 1); ++r) {
         for (int d = -1; d <= 1; ++d) {
           const int c = view.near.wrapped(column + d);
           near = std::min(near, view.near(r, c));
           far = std::max(far, view.far(r, c));
           points += view.points(r, c);
+          full &= view.full(r, c);
         }
       }
       spread.near(ring, column) = near;
       spread.far(ring, column) = far;
       spread.points(ring, column) = points;
+      spread.full(ring, column) = full;
     }
   }
   return spread;
@@ -112,6 +119,24 @@ Points moved_points(const PointsView& view, const ScanMotion& motion) {
   }
   return points;
 }
+
+// How far a turn reaches, so that what lies beyond is not missing in it.
+struct TurnExtent {
+  Eigen::AlignedBox3f box;
+  float range = 0.0F;  // metres
+
+  TurnExtent() = default;
+  explicit TurnExtent(const Points& points) {
+    for (Eigen::Index i = 0; i < points.rows(); ++i) {
+      box.extend(points.row(i).transpose());
+      range = std::max(range, points.row(i).norm());
+    }
+  }
+
+  [[nodiscard]] bool holds(const Eigen::Vector3f& p) const {
+    return box.contains(p) && p.norm() <= range;
+  }
+};
 
 PointsView view_of(const Points& points) {
   return PointsView(PointsView::Map<Points>(points.data(), points.rows(), 3));
@@ -240,7 +265,8 @@ class TurnComparison {
         others_{Directed(views_[0], lattice, options.num_threads, progress),
                 Directed(views_[1], lattice, options.num_threads, progress)},
         before_(spread_view(single_view(others_[0], lattice.num_rings()))),
-        after_(spread_view(single_view(others_[1], lattice.num_rings()))) {}
+        after_(spread_view(single_view(others_[1], lattice.num_rings()))),
+        extents_{extent(turns[0]), extent(turns[1])} {}
 
   std::vector<TurnRegion> run() {
     std::array<RingImage<std::uint8_t>, kNumTurnEvidence> images{blank(), blank(), blank()};
@@ -263,6 +289,10 @@ class TurnComparison {
   struct Told {
     bool lost = false, through = false, before = false;
   };
+
+  [[nodiscard]] TurnExtent extent(const Points& turn) const {
+    return options_.whole_turns ? TurnExtent() : TurnExtent(turn);
+  }
 
   [[nodiscard]] RingImage<std::uint8_t> blank() const {
     return {lattice_.num_rings(), kTurnColumns, 0};
@@ -287,14 +317,26 @@ class TurnComparison {
            std::abs(a - b) < slack(farthest_seen(ring, column));
   }
 
-  // Whether what a laser sees at a distance is above the ground.
-  [[nodiscard]] bool is_above(int ring, int column, double range) const {
+  // The place that a laser sees at a distance.
+  [[nodiscard]] Eigen::Vector3d place(int ring, int column, double range) const {
     const ScanLattice::Ring& laser = lattice_.rings[ring];
     const double cosine = 1.0 / std::sqrt(1.0 + laser.slope * laser.slope);
     const double rho = range * cosine;
     const double z = laser.slope * rho + laser.offset;
     const SinCos azimuth = sin_cos(kFullTurn * (column + 0.5) / kTurnColumns);
-    return ground_.above(rho * azimuth.cos, rho * azimuth.sin, z) > options_.height;
+    return {rho * azimuth.cos, rho * azimuth.sin, z};
+  }
+
+  // Whether what a laser sees at a distance is above the ground.
+  [[nodiscard]] bool is_above(int ring, int column, double range) const {
+    const Eigen::Vector3d p = place(ring, column, range);
+    return ground_.above(p.x(), p.y(), p.z()) > options_.height;
+  }
+
+  // Whether nothing was left out of the turns around a direction, as far as they tell themselves.
+  [[nodiscard]] bool are_full(int ring, int column) const {
+    return options_.whole_turns ||
+           (before_.full(ring, column) != 0 && after_.full(ring, column) != 0);
   }
 
   [[nodiscard]] Told tell(int ring, int column) const {
@@ -312,10 +354,11 @@ class TurnComparison {
     if (!answered) return told;
     // One surface in all nine directions, of both turns: an edge shows what is behind it, too.
     const bool one_surface = far - near < slack(far);
-    told.through = in_reach && one_surface && is_above(ring, column, near) &&
+    const bool full = are_full(ring, column);
+    told.through = full && in_reach && one_surface && is_above(ring, column, near) &&
                    now_.near(ring, column) > far + slack(far);
     const double here = now_.far(ring, column);
-    told.before = here > options_.nearest && here < options_.farthest &&
+    told.before = full && here > options_.nearest && here < options_.farthest &&
                   is_above(ring, column, here) && near > here + slack(here);
     return told;
   }
@@ -376,17 +419,21 @@ class TurnComparison {
       if (around[column] == 0) continue;
       for (int ring = top; ring <= bottom; ++ring) {
         if (now_.points(ring, column) == 0) continue;
-        before += gone(kind, before_, ring, column) ? 1 : 0;
-        after += gone(kind, after_, ring, column) ? 1 : 0;
+        before += gone(kind, before_, extents_[0], ring, column) ? 1 : 0;
+        after += gone(kind, after_, extents_[1], ring, column) ? 1 : 0;
       }
     }
     return std::max(before, after);
   }
 
   // Whether a turn has in a direction what the frame has elsewhere.
-  [[nodiscard]] bool gone(TurnEvidence kind, const TurnView& turn, int ring, int column) const {
-    if (kind == TurnEvidence::kLost) return turn.points(ring, column) == 0;
+  [[nodiscard]] bool gone(TurnEvidence kind, const TurnView& turn, const TurnExtent& extent,
+                          int ring, int column) const {
     const double here = now_.near(ring, column);
+    if (kind == TurnEvidence::kLost) {
+      return turn.points(ring, column) == 0 &&
+             (options_.whole_turns || extent.holds(place(ring, column, here).cast<float>()));
+    }
     if (kind == TurnEvidence::kBefore) {
       const double there = turn.far(ring, column);
       return there > options_.nearest && here > there + slack(there) &&
@@ -431,6 +478,7 @@ class TurnComparison {
   std::array<PointsView, 2> views_;
   std::array<Directed, 2> others_;
   TurnView before_, after_;
+  std::array<TurnExtent, 2> extents_;
 };
 
 void check_turn_options(const TurnOptions& options) {

@@ -16,9 +16,16 @@ import numpy as np
 from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
 from manip3d.authenticate._generic import NUM_TESTS
-from manip3d.authenticate._inspect import DetectorReport, Inspection, inspect, repeating
+from manip3d.authenticate._inspect import (
+    DetectorReport,
+    Inspection,
+    LeftOut,
+    inspect_beside,
+    repeating,
+)
 from manip3d.authenticate._keys import KeyFile, KeyRing
 from manip3d.authenticate._lattice import SensorLattice
+from manip3d.authenticate._processing import STILL_COMPARED, left_out_of_turn
 from manip3d.authenticate._repeats import EarlierScans
 from manip3d.authenticate._sequence import FRAMES_PER_SECOND, DriveEvidence, drive_evidence
 from manip3d.authenticate._verdict import FALSE_ALARM_RATE, Processing, binomial_tail, rate_of
@@ -98,8 +105,8 @@ def inspect_drive(
         One for each frame, in their order; a frame with nine tenths of the points of an earlier one
         of the drive, to the bit and in any order, is ``processed`` (repeated) unless it is
         tampered, and ``repeats`` is the place of that one. With one thread as soon as the frame
-        after it was read, and three frames are held at a time; with several, once the scanner's
-        lattice is known, as many frames later and more.
+        after it was judged, which tells whether it is whole, and five frames are held at a time;
+        with several, once the scanner's lattice is known, as many frames later and more.
 
     Raises
     ------
@@ -127,9 +134,9 @@ def inspect_drive(
         ),
         itertools.repeat(None) if records is None or key is None else iter(records),
         key,
-        lambda frame, before, after, known, signed, cores: inspect(
-            frame, previous=before, following=after, lattice=known, sensor=sensor, origin=origin,
-            watermark=signed, power=power, printed=printed, threads=cores,
+        lambda frame, before, after, known, signed, left_out, cores: inspect_beside(
+            frame, left_out, previous=before, following=after, lattice=known, sensor=sensor,
+            origin=origin, watermark=signed, key=None, power=power, printed=printed, threads=cores,
         ),
         lattice,
         threads_of(threads),
@@ -520,6 +527,21 @@ def _with_following(
     return zip(ahead, itertools.chain(behind, [None]), strict=False)
 
 
+@dataclass
+class _Scan:
+    """A scan of a drive while it is judged."""
+
+    asked: tuple[Any, ...] = ()  # frame, before, after, lattice, signed
+    repeat: tuple[int, str] | None = None
+    found: Future[Inspection] | Inspection | None = None
+
+    def result(self) -> Inspection | None:
+        """What it was judged to be, between turns that were taken to be whole."""
+        if isinstance(self.found, Future):
+            self.found = self.found.result()
+        return self.found
+
+
 def _each(
     pairs: Iterator[tuple[_Numbered, _Numbered | None]],
     records: Iterator[bytes | None],
@@ -530,51 +552,74 @@ def _each(
 ) -> Iterator[Inspection | None]:
     """Frame by frame until the lattice is known, then a frame a thread at a time.
 
+    Each is yielded once the one after it was judged, which tells whether that one is whole.
     Watermarks are verified in order, one after the other.
     """
 
     def beside(other: _Numbered | None, number: int) -> LidarFrame | None:
         return None if other is None or other[1] != number else other[0]
 
-    def judge_repeated(repeat: tuple[int, str] | None, *asked: Any) -> Inspection:
-        return repeating(judge(*asked), repeat)
+    def judge_repeated(scan: _Scan, left_out: LeftOut, cores: int) -> Inspection:
+        return repeating(judge(*scan.asked, left_out, cores), scan.repeat)
+
+    def settled(scan: _Scan, *turns: _Scan | None) -> Inspection | None:
+        found = scan.result()
+        results = [None if turn is None else turn.result() for turn in turns]
+        if found is None or found.turns is None or all(map(_is_whole, results)):
+            return found
+        return judge_repeated(scan, left_out_of_turn, threads)
 
     many = threads or len(os.sched_getaffinity(0))
     earlier = EarlierScans()
     verifier = None if key is None else Watermarker(key)
     before: _Numbered | None = None
-    waiting: deque[Future[Inspection] | Inspection | None] = deque()
+    last: _Scan | None = None
+    waiting: deque[_Scan] = deque()
     pool = ThreadPoolExecutor(many)  # its threads are started when they are first needed
     try:
         for place, ((frame, number), after) in enumerate(pairs):
             record = next(records, None)
-            if frame is None:
-                waiting.append(None)
-            else:
+            scan = _Scan()
+            if frame is not None:
                 signed = None
                 if verifier is not None and record is not None:
                     signed = verifier.verify(frame, record, policy=Policy(order="any"))
                 scans = frame, beside(before, number - 1), beside(after, number + 1)
                 if not isinstance(frame, LidarFrame):
                     raise InputError(f"frames: expected LidarFrames, got {type(frame).__name__}")
-                repeat = earlier.repeated(frame.points, place)
+                scan = _Scan((*scans, lattice, signed), earlier.repeated(frame.points, place))
                 if many > 1 and lattice is not None:
-                    waiting.append(pool.submit(judge_repeated, repeat, *scans, lattice, signed, 1))
+                    scan.found = pool.submit(judge_repeated, scan, _taken_for_whole, 1)
                 else:
-                    found = judge_repeated(repeat, *scans, lattice, signed, threads)
+                    found = judge_repeated(scan, _taken_for_whole, threads)
                     if lattice is None and found.sensor is not None and not found.sensor.is_own:
                         lattice = found.sensor.lattice
-                    waiting.append(found)
+                    scan.found = found
+            waiting.append(scan)
             before = frame, number
-            while waiting and (len(waiting) > many or not isinstance(waiting[0], Future)):
-                yield _result_of(waiting.popleft())
+            while len(waiting) > 1 and (
+                len(waiting) > many + 1 or not isinstance(waiting[1].found, Future)
+            ):
+                now = waiting.popleft()
+                yield settled(now, last, waiting[0])
+                now.asked, last = (), now
         while waiting:
-            yield _result_of(waiting.popleft())
+            now = waiting.popleft()
+            yield settled(now, last, waiting[0] if waiting else None)
+            now.asked, last = (), now
     finally:
         pool.shutdown(cancel_futures=True)
         if verifier is not None:
             verifier.close()
 
 
-def _result_of(found: Future[Inspection] | Inspection | None) -> Inspection | None:
-    return found.result() if isinstance(found, Future) else found
+def _taken_for_whole(_turn: LidarFrame, _lattice: SensorLattice) -> None:
+    """What of a turn was left out: its own inspection tells."""
+
+
+def _is_whole(turn: Inspection | None) -> bool:
+    """Whether nothing tells that a turn lacks points that it had; None: there is no turn."""
+    return turn is None or (
+        turn.verdict in ("no_trace", "tampered", "processed")
+        and all(step.kind in (*STILL_COMPARED, "neighbours") for step in turn.processing)
+    )

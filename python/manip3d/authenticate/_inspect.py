@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -49,6 +49,7 @@ from manip3d.authenticate._power import (
 from manip3d.authenticate._processing import (
     COORDINATES_KEPT,
     STILL_COMPARED,
+    Lacking,
     are_fired_twice,
     copies_of_earlier,
     find_processing,
@@ -368,7 +369,8 @@ def inspect(
         The frames a turn earlier and later: what was answered then is missed now. One of them is
         a further witness of detector III; with both, detector IV compares what the turns saw, and
         detector III looks at the frame alone. Frames whose ``time_ns`` are more than 0.15 s apart
-        are no neighbours, those that were cut or thinned do not accuse it, and a frame whose
+        are no neighbours. A frame between two of which one was cut, thinned or moved off its
+        firings is ``processed`` (neighbours) unless what they still show accuses it, and one whose
         neighbour has nine tenths of its points, in any order, is ``processed`` (repeated).
     lattice : SensorLattice, optional
         Lattice of the scanner, from `estimate_lattice` on clean scans. Without it that of KITTI's
@@ -439,6 +441,34 @@ def inspect(
     >>> manip3d.authenticate.inspect(np.zeros((0, 3), np.float32)).verdict
     'undecidable'
     """
+    return inspect_beside(
+        frame, left_out_of_turn, previous=previous, following=following, lattice=lattice,
+        sensor=sensor, origin=origin, watermark=watermark, key=key, power=power, plant=plant,
+        printed=printed, threads=threads, progress=progress,
+    )  # fmt: skip
+
+
+def inspect_beside(
+    frame: ScanLike,
+    left_out: LeftOut,
+    *,
+    previous: ScanLike | None,
+    following: ScanLike | None,
+    lattice: SensorLattice | None,
+    sensor: str,
+    origin: ArrayLike | None,
+    watermark: bytes | WatermarkResult | None,
+    key: KeyFile | KeyRing | None,
+    power: bool,
+    printed: bool,
+    threads: int,
+    plant: int = 0,
+    progress: Progress = None,
+) -> Inspection:
+    """Judge as `inspect` does, and ask ``left_out`` whether the turns beside the frame are whole.
+
+    The scans of a drive ask twice for each turn, which needs one look only.
+    """
     if sensor not in SENSORS:
         raise InputError(f"sensor: expected one of {', '.join(SENSORS)}, got {sensor!r}")
     if plant < 0:
@@ -454,7 +484,7 @@ def inspect(
             result = _inspected(
                 scan,
                 signed,
-                _Asked(previous, following, lattice, sensor, origin, printed, threads),
+                _Asked(previous, following, lattice, sensor, origin, printed, threads, left_out),
                 report or (lambda _: None),
             )
         result = replace(_with_watermark(result, signed), scan=scan.replace(origin=result.origin))
@@ -529,6 +559,7 @@ class _Asked(NamedTuple):
     origin: ArrayLike | None
     printed: bool
     threads: int
+    left_out: LeftOut
 
 
 _Identified = tuple[Sensor, "LatticeReading | None"]
@@ -536,6 +567,9 @@ _Identified = tuple[Sensor, "LatticeReading | None"]
 
 _Beside = tuple["LidarFrame | None", "LidarFrame | None"]
 """The frames one revolution before and after."""
+
+LeftOut: TypeAlias = "Callable[[LidarFrame, SensorLattice], Lacking | None]"
+"""How to tell what a turn lacks, as `left_out_of_turn` does."""
 
 
 def _inspected(
@@ -569,8 +603,9 @@ def _inspected(
         beside = (asked.previous, asked.following)
         before, after = (_neighbour(other, place, embedding, units) for other in beside)
         result = _by_lattice(
-            scan, place, source, (found, reading), (before, after), embedding, units, asked.threads
-        )
+            scan, place, source, (found, reading), (before, after), embedding, units,
+            asked.left_out, asked.threads,
+        )  # fmt: skip
     elif found.kind == "terrestrial":
         result = _by_angles(scan, place, source, found, asked.printed, asked.threads, told)
     else:
@@ -730,6 +765,7 @@ def _by_lattice(
     beside: _Beside,
     embedding: str,
     units_per_m: int,
+    left_out: LeftOut,
     threads: int,
 ) -> Inspection:
     """Judge by detectors III, IV and V, allowing for what a verified embedding moved."""
@@ -748,15 +784,19 @@ def _by_lattice(
     if generic is not None and changed:
         generic = generic.without(_spoiled(generic, processing))
     turns, reflectance = None, None
+    lacking: list[str] = []
+    of_turns: tuple[Processing, ...] = ()
     is_compared = all(step.kind in STILL_COMPARED for step in processing)
     if sensor.name == HDL64E and generic is not None and is_compared and not repeated:
         compared = before, after
         if changed:
             compared = _in_lasers_of(centred, identified, compared, threads)
-        turns, reflectance = _beside_turns(centred, identified, compared, threads)
-        if cut := _cut_turns(centred, (before, after), sensor, (turns, reflectance)):
-            why_not = [*why_not, *cut]
-            turns, reflectance = _beside_turns(centred, identified, (None, None), threads)
+        if before is not None and after is not None and sensor.lattice is not None:
+            lacking, are_in_place, of_turns = _lacking((before, after), sensor.lattice, left_out)
+            if not are_in_place:
+                compared, why_not = (None, None), [*why_not, *lacking]
+        turns, reflectance = _beside_turns(centred, identified, compared, lacking, threads)
+        processing += of_turns
     reports = (
         *_not_applicable(sensor, embedding),
         _of_generic(generic, place, sensor, embedding),
@@ -850,9 +890,16 @@ def _in_lasers_of(
 
 
 def _beside_turns(
-    centred: LidarFrame, identified: _Identified, beside: _Beside, threads: int
+    centred: LidarFrame,
+    identified: _Identified,
+    beside: _Beside,
+    lacking: Sequence[str],
+    threads: int,
 ) -> tuple[TurnResult | None, ReflectanceResult | None]:
-    """Results of detectors IV and V, where there is what they need."""
+    """Results of detectors IV and V, where there is what they need.
+
+    Turns that are not whole accuse by what they saw, but that they saw no more says nothing.
+    """
     (sensor, reading), (before, after) = identified, beside
     if sensor.lattice is None:
         return None, None
@@ -860,13 +907,16 @@ def _beside_turns(
     if before is not None and after is not None:
         turns = turn_consistency(
             centred, before, after, lattice=sensor.lattice,
-            false_alarm_rate=rate_of("turns"), threads=threads,
+            false_alarm_rate=rate_of("turns"), whole_turns=not lacking, threads=threads,
         )  # fmt: skip
+        if lacking and turns.verdict == "no_trace":
+            turns = replace(turns, verdict="undecidable", reason="; ".join(lacking))
     if centred.intensity is None:
         return turns, None
+    is_alone = turns is None or bool(lacking)
     reflectance = reflectances_read(
-        reading, centred, sensor.lattice, previous=None if turns is None else before,
-        following=None if turns is None else after, turns=turns,
+        reading, centred, sensor.lattice, previous=None if is_alone else before,
+        following=None if is_alone else after, turns=None if is_alone else turns,
         false_alarm_rate=rate_of("reflectance"), threads=threads,
     )  # fmt: skip
     return turns, reflectance
@@ -941,31 +991,25 @@ def _usable(scan: LidarFrame, beside: _Beside) -> tuple[_Beside, list[str], list
     return (before, after), repeats + why, repeats
 
 
-LEAST_OF_TURN = 0.7
-"""Share of the scan's points that a whole turn beside it has at least."""
+def _lacking(
+    beside: _Beside, lattice: SensorLattice, left_out: LeftOut
+) -> tuple[list[str], bool, tuple[Processing, ...]]:
+    """Why turns may lack points that they had; whether what is left lies where it was measured.
 
-
-def _cut_turns(
-    scan: LidarFrame,
-    beside: _Beside,
-    sensor: Sensor,
-    found: tuple[TurnResult | None, ReflectanceResult | None],
-) -> list[str]:
-    """Why turns say nothing: where a part of them was left out, nothing came or vanished.
-
-    It is looked for where something was found, or where they have far fewer points.
+    Then what somebody did to them, which can hide edits of the frame: nobody cropped the parts of
+    turns with which a recording of packets begins and ends.
     """
-    if found[0] is None:
-        return []
-    is_accused = any(each is not None and each.verdict == "tampered" for each in found)
-    why = []
-    for other, name in zip(beside, ("before", "after"), strict=True):
-        if other is None:
+    why: list[str] = []
+    processing: list[Processing] = []
+    are_in_place = True
+    for turn, name in zip(beside, ("before", "after"), strict=True):
+        if turn is None or (lacking := left_out(turn, lattice)) is None:
             continue
-        if is_accused or other.num_points < LEAST_OF_TURN * scan.num_points:
-            left_out = left_out_of_turn(other.points, sensor)
-            why += [] if left_out is None else [f"the turn {name} was {left_out}"]
-    return why
+        why.append(f"the turn {name} was {lacking.reason}")
+        are_in_place &= lacking.is_in_place
+        if not _is_part_of_turn(turn):
+            processing.append(Processing("neighbours", why[-1]))
+    return why, are_in_place, tuple(processing)
 
 
 def _apart_ns(scan: LidarFrame, other: LidarFrame) -> int:

@@ -302,7 +302,7 @@ def _of_lattice(
     reading: LatticeReading | None,
 ) -> list[Processing]:
     found = []
-    contradicted = generic.contradicted
+    contradicted, lattice = generic.contradicted, sensor.lattice
     if sensor.is_own:  # such a lattice tells neither the order of the points nor what is missing
         fused = Processing("fused", "most directions hold several returns")
         return [fused] if "duplicate" in contradicted else []
@@ -333,7 +333,7 @@ def _of_lattice(
         found.append(Processing("fused", f"{twice:.0f} degrees of azimuth were seen twice"))
     if contradicted & {"grid", "step"}:  # no point is on its firing: nothing tells which answered
         return found
-    return found + _of_extent(points, sensor, reading, is_in_order="order" not in contradicted)
+    return found + _of_extent(points, lattice, reading, is_in_order="order" not in contradicted)
 
 
 FAR_ENOUGH, LEAST_ALIKE, LEAST_TURN = 10.0, 0.5, 0.01
@@ -407,45 +407,77 @@ def _degrees_seen_twice(
     return float(np.count_nonzero(lasers > 0.5) * 360.0 / SECTORS)
 
 
-def left_out_of_turn(points: NDArray[np.float32], sensor: Sensor) -> str | None:
-    """Say what was cut off or thinned out of a turn beside a scan; None: nothing that can be told.
+class Lacking(NamedTuple):
+    """Why a turn may lack points that the scanner measured.
 
-    Whole lasers that are missing do not count: they are left out of the comparison. Where points
-    were moved off their firings nothing tells which answered.
+    Attributes
+    ----------
+    reason : str
+        What was done to the turn.
+    is_in_place : bool
+        Whether what is left lies where it was measured, to a few centimetres.
+    """
+
+    reason: str
+    is_in_place: bool
+
+
+def left_out_of_turn(turn: LidarFrame, lattice: SensorLattice) -> Lacking | None:
+    """Say why a turn beside a scan may lack points that it had; None: nothing tells that it does.
+
+    Parts of it were cut off or thinned out; or its points were moved off their firings, so that
+    nothing tells which answered. Whole lasers that are missing do not count: they are left out of
+    the comparison.
 
     Parameters
     ----------
-    points : (N, 3) float32
+    turn : LidarFrame
         The scanner in (0, 0, 0).
-    sensor : Sensor
-        The scanner of the scan.
+    lattice : SensorLattice
+        That of the scan's scanner.
     """
-    if sensor.lattice is None or len(points) == 0:
+    if turn.num_points == 0:
         return None
-    reading = sensor.lattice.read(points)
+    reading = lattice.read(turn.points)
     is_off = np.maximum(np.abs(reading.line_error), np.abs(reading.step_error)) > OFF_LATTICE
-    if np.mean(is_off) > MOST_OFF_FIRINGS:
-        return None
-    found = _of_extent(points, sensor, reading, is_in_order=False)
-    return next((f"{step.kind}: {step.detail}" for step in found if step.kind != "lasers"), None)
+    some, step_m = turn.points[:: max(1, turn.num_points // SAMPLE)], lattice.coordinate_step
+    is_scaled = step_m > 0.0 and _share_rounded(some, step_m) < 1.0 - MOST_OFF_FIRINGS
+    if np.mean(is_off) > MOST_OFF_FIRINGS or is_scaled:
+        for step in _of_coordinates(turn.points):
+            return Lacking(f"{step.kind}: {step.detail}", is_in_place=True)
+        return Lacking("moved to where the scanner does not measure", is_in_place=False)
+    for step in _of_extent(turn.points, lattice, reading, is_in_order=False):
+        if step.kind != "lasers":
+            return Lacking(f"{step.kind}: {step.detail}", is_in_place=True)
+    return None
+
+
+def _widest_gap(azimuth: NDArray[np.float32]) -> float:
+    """Degrees of the widest gap between azimuths; 0: it is certainly below `WIDEST_GAP`."""
+    cells = round(720.0 / WIDEST_GAP)  # two of them side by side hold no wider gap
+    cell = np.minimum((azimuth * (cells / (2.0 * math.pi))).astype(np.intp), cells - 1)
+    if np.bincount(cell, minlength=cells).all():
+        return 0.0
+    azimuth = np.sort(azimuth)
+    gaps = np.diff(np.r_[azimuth, azimuth[:1] + 2.0 * math.pi])
+    return math.degrees(float(gaps.max(initial=0.0)))
 
 
 def _of_extent(
     points: NDArray[np.float32],
-    sensor: Sensor,
+    lattice: SensorLattice | None,
     reading: LatticeReading | None,
     *,
     is_in_order: bool,
 ) -> list[Processing]:
-    if sensor.lattice is None or len(points) == 0:
+    if lattice is None or len(points) == 0:
         return []
     found = []
-    reading = sensor.lattice.read(points) if reading is None else reading
-    azimuth = np.sort(reading.azimuth[reading.ring >= 0])
-    gap = math.degrees(float(np.diff(np.r_[azimuth, azimuth[:1] + 2.0 * math.pi]).max(initial=0.0)))
+    reading = lattice.read(points) if reading is None else reading
+    gap = _widest_gap(reading.azimuth[reading.ring >= 0])
     if gap > WIDEST_GAP:
         found.append(Processing("cropped", f"no points in {gap:.0f} degrees of azimuth"))
-    firings = firings_of(reading, len(sensor.lattice.slope))
+    firings = firings_of(reading, len(lattice.slope))
     wide = points.astype(np.float64)
     x, y, z = wide.T
     distance = np.sqrt(x * x + y * y + z * z)
@@ -456,16 +488,16 @@ def _of_extent(
     for name, along in zip("xy", (x, y), strict=True):
         if _is_cut_on_both_sides(along, firings):
             found.append(Processing("cropped", f"{name} ends at {along.max():.1f} m on both sides"))
-    if distance.min() > NEAREST_RANGE and _lowest_are_silent(reading, sensor.lattice):
+    if distance.min() > NEAREST_RANGE and _lowest_are_silent(reading, lattice):
         found.append(Processing("cropped", f"no points nearer than {distance.min():.1f} m"))
     thinned = []
     if firings is not None:
         thinned = _of_thinning(firings, distance, whole=gap <= WIDEST_GAP)
-    silent = 0 if firings is None else _silent_at_the_bottom(firings, sensor.lattice)
+    silent = 0 if firings is None else _silent_at_the_bottom(firings, lattice)
     if silent:
         lasers = "laser has" if silent == 1 else f"{silent} lasers have"
         found.append(Processing("lasers", f"the lowest {lasers} nearly no returns"))
-    elif not found and not thinned and _own_car_is_silent(reading, distance, sensor.lattice):
+    elif not found and not thinned and _own_car_is_silent(reading, distance, lattice):
         found.append(Processing("cropped", "the scanner's own car does not answer"))
     if firings is not None and _highest_are_silent(firings):
         found.append(Processing("cropped", "the highest lasers have no returns"))
@@ -474,8 +506,10 @@ def _of_extent(
     if is_cut_below(wide, firings):
         found.append(Processing("cropped", f"no points below a height of {z.min():.2f} m"))
     found += thinned
+    if gap > WIDEST_GAP or not is_in_order:
+        return found
     first = first_azimuth(reading.ring, reading.azimuth)
-    if gap <= WIDEST_GAP and abs(first) > FIRST_AZIMUTH and is_in_order:
+    if abs(first) > FIRST_AZIMUTH:
         found.append(Processing("turned", f"the rings begin at {first:.0f} degrees of azimuth"))
     return found
 

@@ -188,6 +188,7 @@ def turn_consistency(
     *,
     lattice: SensorLattice,
     false_alarm_rate: float = 0.01,
+    whole_turns: bool = True,
     threads: int = 0,
 ) -> TurnResult:
     """Look for what was removed from a frame, or put into it, with the turns before and after.
@@ -203,6 +204,9 @@ def turn_consistency(
     false_alarm_rate : float
         Share of clean frames that may be called tampered; in (0, 1). Rates below 1 / 920 never
         alarm: the threshold stands on so many frames.
+    whole_turns : bool
+        Whether both turns have all of their points. If not (they were cropped or thinned), nothing
+        is taken for new or looked through where one of them has gaps, and less is found.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
@@ -248,6 +252,7 @@ def turn_consistency(
         before,
         after,
         lattice.table,
+        whole_turns,
         threads_of(threads),
     )
     motions = _matrix(found["previous"]), _matrix(found["following"])

@@ -36,6 +36,10 @@ struct TurnOptions {
   double height = 0.3;            ///< Metres above the ground plane: what is lower is ground.
   double tolerance = 0.3;         ///< Metres between the places of one surface in two turns ...
   double tolerance_share = 0.03;  ///< ... and this share of the distance.
+  /// Whether the turns have all of their points. If not, only directions in whose surroundings they
+  /// have returns throughout tell of places that they looked through, and returns of the frame
+  /// beyond what a turn has left do not tell that something moved away.
+  bool whole_turns = true;
   int num_threads = 0;
 };
 
