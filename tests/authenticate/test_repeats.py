@@ -192,6 +192,13 @@ def test_what_the_way_of_the_scanner_tells() -> None:
     assert turns is not None
     found[3] = replace(NOTHING, turns=replace(turns, following=np.eye(4)))
     assert authenticate.judge_drive(found).remarks == ()  # the two scans disagree
+    found = moving([0.9] * 5)
+    for k in (1, 3):
+        found[k] = replace(NOTHING, turns=replace(turns, aligned=False))
+    assert [(each.kind, each.detail.split(":")[0]) for each in
+            authenticate.judge_drive(found).remarks] == [
+        ("unaligned", "numbers 1, 3 cannot be aligned with the scans before and after")
+    ]  # fmt: skip
 
 
 def test_the_page_and_the_record_say_it(tmp_path: Path) -> None:

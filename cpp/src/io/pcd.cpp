@@ -58,18 +58,27 @@ class HeaderReader {
     } else if (key == "COUNT") {
       each_word(cursor, [&](LineCursor& c) { header_.counts.push_back(c.integer("COUNT")); });
     } else if (key == "WIDTH") {
-      header_.width = cursor.integer("WIDTH");
+      header_.width = number_of(cursor, "WIDTH");
     } else if (key == "HEIGHT") {
-      header_.height = cursor.integer("HEIGHT");
+      header_.height = number_of(cursor, "HEIGHT");
     } else if (key == "VIEWPOINT") {
       viewpoint(cursor);
     } else if (key == "POINTS") {
-      header_.points = cursor.integer("POINTS");
+      header_.points = number_of(cursor, "POINTS");
     } else if (key == "DATA") {
       header_.data = cursor.rest();
     } else {
       input_.fail_at_line("unknown entry '" + std::string(key.substr(0, 40)) + "'");
     }
+  }
+
+  std::int64_t number_of(LineCursor& cursor, const char* name) {
+    const std::int64_t number = cursor.integer(name);
+    if (number < 0) {
+      input_.fail_at_line(std::string(name) + ": expected at least 0, got " +
+                          std::to_string(number));
+    }
+    return number;
   }
 
   template <typename F>

@@ -176,7 +176,8 @@ class DriveInspection:
         ``missing`` (between two more time passes than between others, or file names are left out:
         somebody removed scans, or a recorder lost them, so that this alone changes no verdict) and
         ``unordered`` (times go back), ``jumps`` (between two turns the scanner moves as no car
-        does) and ``backwards`` (it moves to the rear: the scans may be in the reverse order).
+        does), ``unaligned`` (scans show another place than those beside them, as in a drive whose
+        order was changed, or nothing to align them by) and ``backwards`` (it moves to the rear: the scans may be in the reverse order).
     """
 
     verdict: Verdict
@@ -294,7 +295,7 @@ def _of_times(times_ns: Sequence[int | None]) -> tuple[Processing, ...]:
 
 
 def _of_motion(found: Sequence[Inspection | None]) -> tuple[Processing, ...]:
-    """Remarks told by the way of the scanner: it jumps, or moves backwards faster than cars do."""
+    """Remarks told by the way of the scanner: it jumps, is not to be followed, or moves backwards."""
     steps = _steps(found)
     lengths = {k: float(np.linalg.norm(step)) for k, step in steps.items()}
     jumps = []
@@ -313,6 +314,13 @@ def _of_motion(found: Sequence[Inspection | None]) -> tuple[Processing, ...]:
         told.append(Processing("jumps", detail))
     ahead = np.array([step[0] for step in steps.values()])
     fast = ahead[np.abs(ahead) > _FASTER_THAN_BACKING]
+    apart = [k for k, each in enumerate(found) if each and each.turns and not each.turns.aligned]
+    if apart:
+        detail = (
+            f"{_listed(apart)} cannot be aligned with the scans before and after: they are in "
+            "another order there, of another place, or show nothing to align them by"
+        )
+        told.append(Processing("unaligned", detail))
     if len(fast) >= _FEWEST_MOVING and (fast < 0.0).all():
         detail = (
             f"the scanner moves backwards by {-np.median(fast):.1f} m a turn wherever it moves "
