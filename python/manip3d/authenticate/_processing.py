@@ -56,10 +56,11 @@ NEAREST_RANGE, LEAST_OF_LOWEST = 2.5, 0.25
 Where a scanner's own car does not answer (1.5 m in KITTI), the road does, which the lowest lasers
 meet 4 m away; where nothing answers them, what is near was cut off."""
 
-OWN_CAR, FEWEST_OF_OWN_CAR = 2.0, 5
-"""Metres, points: the rack of KITTI's own car answers the lowest eighth of the lasers nearer than
-this, by 30 points and more in each of the 47 whole frames. Fewer are left of it where what is near
-was cut off, in whatever shape."""
+OWN_CAR, OF_OWN_CAR, FEWEST_OF_OWN_CAR = 2.0, (120.0, 140.0), 5
+"""Metres, degrees of azimuth to the left and to the right, points: the rack of KITTI's own car
+answers the lowest eighth of the lasers nearer than this, by 28 points and more in each of the whole
+frames. Fewer are left of it where what is near was cut off, in whatever shape. Elsewhere walls and
+other cars answer them, too."""
 
 FACE, MOST_ON_FACE = 0.05, 50
 """Metres, points: where a frame was cut at a height, many points lie next to the cut; the lowest
@@ -552,7 +553,9 @@ def _own_car_is_silent(
 ) -> bool:
     """Whether what KITTI's own car returns is not there; other scanners stand on other cars."""
     lowest = reading.ring >= len(lattice.slope) - len(lattice.slope) // 8
-    of_car = int(np.count_nonzero(lowest & (distance < OWN_CAR)))
+    to_a_side = 180.0 - np.abs(180.0 - np.degrees(reading.azimuth[lowest & (distance < OWN_CAR)]))
+    least, most = OF_OWN_CAR
+    of_car = int(np.count_nonzero((to_a_side > least) & (to_a_side < most)))
     return _is_unit_of_kitti(lattice) and of_car < FEWEST_OF_OWN_CAR
 
 
