@@ -39,10 +39,10 @@ def detectors(folder: Path) -> dict[str, Detector]:
         "I, density": lambda scan: authenticate.density_consistency(scan, threads=1),
         "II, occlusion": lambda scan: authenticate.occlusion_consistency(scan, threads=1),
         "III, lattice known": lambda scan: authenticate.generic_consistency(
-            scan, calibration=lattice, threads=1
+            scan, lattice=lattice, threads=1
         ),
         "III, with the frame before": lambda scan: authenticate.generic_consistency(
-            scan, calibration=lattice, previous=before, threads=1
+            scan, lattice=lattice, previous=before, threads=1
         ),
         "III, lattice from the frame": lambda scan: authenticate.generic_consistency(
             scan, threads=1

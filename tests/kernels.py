@@ -264,7 +264,7 @@ KERNELS: dict[str, Kernel] = {
         cloud, threads=t
     ),
     "authenticate.generic_consistency": lambda t: authenticate.generic_consistency(
-        scan, calibration=scanner, threads=t
+        scan, lattice=scanner, threads=t
     ),
     "authenticate.turn_consistency": lambda t: authenticate.turn_consistency(
         yard[~turn_scans.box_at(0, 0.0).contains(yard)], yard, yard, lattice=scanner, threads=t

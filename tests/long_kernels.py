@@ -138,7 +138,7 @@ LONG: dict[str, Callable[[], Callable[[], object]]] = {
         authenticate.density_consistency, cloud(), threads=1
     ),
     "authenticate.generic_consistency": lambda: partial(
-        authenticate.generic_consistency, scan(30), calibration=lattice_scans.lattice(), threads=1
+        authenticate.generic_consistency, scan(30), lattice=lattice_scans.lattice(), threads=1
     ),
     "authenticate.turn_consistency": lambda: partial(
         authenticate.turn_consistency,

@@ -36,8 +36,8 @@ DETECTIONS: dict[str, Callable[[], Detection]] = {
     "density of nothing": lambda: authenticate.density_consistency(NOTHING),
     "occlusion": lambda: authenticate.occlusion_consistency(FORGED_CAVE),
     "occlusion of nothing": lambda: authenticate.occlusion_consistency(NOTHING),
-    "generic": lambda: authenticate.generic_consistency(FORGED_STREET, calibration=LATTICE),
-    "generic of nothing": lambda: authenticate.generic_consistency(NOTHING, calibration=LATTICE),
+    "generic": lambda: authenticate.generic_consistency(FORGED_STREET, lattice=LATTICE),
+    "generic of nothing": lambda: authenticate.generic_consistency(NOTHING, lattice=LATTICE),
     "turns": lambda: authenticate.turn_consistency(FRAME, FRAME, FRAME, lattice=LATTICE),
     "reflectance": lambda: authenticate.reflectance_consistency(FRAME, lattice=LATTICE),
     "cross-modal": lambda: authenticate.cross_modal_consistency(

@@ -32,7 +32,7 @@ def target() -> Target:
 @pytest.mark.parametrize("attack", ADDING)
 def test_attacks_that_add_or_move_are_found(target: Target, attack: str) -> None:
     forged = as_written(ADDING[attack](target), LATTICE)
-    assert generic_consistency(forged, calibration=LATTICE).p_value < 1e-9
+    assert generic_consistency(forged, lattice=LATTICE).p_value < 1e-9
 
 
 def test_attacker_who_emulates_the_scanner_leaves_its_lattice_alone(target: Target) -> None:
@@ -40,11 +40,11 @@ def test_attacker_who_emulates_the_scanner_leaves_its_lattice_alone(target: Targ
     ranges = as_written(OTHERS["occlusion on firings"](target), LATTICE)
     exact = as_written(OTHERS["occlusion on firings, ranges"](target), LATTICE)
     assert not np.array_equal(exact, target.scan)
-    found = generic_consistency(ranges, calibration=LATTICE)
+    found = generic_consistency(ranges, lattice=LATTICE)
     told = [kind for kind, report in found.evidence.items() if report.strength > 0]
     assert told == ["place", "range"]
     assert found.verdict == "tampered"
-    result = generic_consistency(exact, calibration=LATTICE)
+    result = generic_consistency(exact, lattice=LATTICE)
     assert all(report.strength == 0.0 for report in result.evidence.values())
     assert result.verdict == "no_trace"
 

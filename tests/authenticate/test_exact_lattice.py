@@ -261,7 +261,7 @@ def test_a_calibrated_lattice_knows_its_power(unit: Unit, tmp_path: Path) -> Non
     forged = clean.points.copy()
     forged[on_post(forged)] += np.float32([0.5, 0.3, 0.0])
     assert inspect(without_labels(forged), lattice=loaded).verdict == "tampered"
-    assert generic_consistency(without_labels(forged), calibration=loaded).verdict == "tampered"
+    assert generic_consistency(without_labels(forged), lattice=loaded).verdict == "tampered"
 
 
 @pytest.mark.parametrize("tolerance", [0.0, -1.0, 0.01, float("nan"), "wide", None])

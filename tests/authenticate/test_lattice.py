@@ -29,7 +29,7 @@ def clean() -> np.ndarray:
 
 
 def judged(points: np.ndarray, **options):
-    return generic_consistency(points, calibration=LATTICE, **options)
+    return generic_consistency(points, lattice=LATTICE, **options)
 
 
 def sorted_scan(points: np.ndarray) -> np.ndarray:
@@ -159,7 +159,7 @@ def test_lattice_is_found_again(frames: int) -> None:
     turn = (found.azimuth - LATTICE.azimuth) * (4000 / (2.0 * math.pi))
     turn = np.mod(turn - np.round(np.median(turn)) + 2000, 4000) - 2000
     assert np.abs(turn).max() < 0.1  # one shift of the encoder's zero for all lasers
-    assert generic_consistency(scans.scan(rng), calibration=found).verdict == "no_trace"
+    assert generic_consistency(scans.scan(rng), lattice=found).verdict == "no_trace"
 
 
 def test_lattice_survives_a_forged_part(clean: np.ndarray) -> None:
@@ -401,7 +401,7 @@ def test_points_on_the_lattice_leave_no_place(clean: np.ndarray) -> None:
 def test_places_are_not_looked_for_where_they_are_not_known(clean: np.ndarray) -> None:
     for field in ("coordinate_step", "range_step", "steps"):
         lattice = SensorLattice(**{**vars(LATTICE), field: 0})
-        assert not generic_consistency(clean, calibration=lattice).evidence["place"].used
+        assert not generic_consistency(clean, lattice=lattice).evidence["place"].used
     assert not judged(clean, tolerance=0.004).evidence["place"].used
     assert not judged(clean, azimuth_error=0.001).evidence["place"].used
 
@@ -439,7 +439,7 @@ def test_a_line_that_is_hardly_known_tells_no_place(clean: np.ndarray) -> None:
     wide = clean[rows].astype(np.float64)
     forged[rows] = scans.rounded(wide * (1.0 - 0.03 / np.linalg.norm(wide, axis=1, keepdims=True)))
     assert judged(forged).evidence["place"].strength > 20.0
-    assert generic_consistency(forged, calibration=doubtful).evidence["place"].share == 0.0
+    assert generic_consistency(forged, lattice=doubtful).evidence["place"].share == 0.0
 
 
 @pytest.mark.parametrize("noise", [0.0002, 0.0003])
@@ -481,8 +481,8 @@ def test_five_points_apart_are_found_where_they_are_near_to_each_other(clean: np
 
 def test_drift_is_not_looked_for_where_points_were_moved(clean: np.ndarray) -> None:
     coarse = SensorLattice(**{**vars(LATTICE), "coordinate_step": 0.0})
-    assert not generic_consistency(clean, calibration=coarse).evidence["drift"].used
-    loose = generic_consistency(clean, calibration=LATTICE, tolerance=0.004)
+    assert not generic_consistency(clean, lattice=coarse).evidence["drift"].used
+    loose = generic_consistency(clean, lattice=LATTICE, tolerance=0.004)
     assert not loose.evidence["drift"].used
 
 
@@ -514,15 +514,15 @@ def test_turn_before_tells_what_was_removed() -> None:
     beside = (np.abs(angle - 0.8) < 0.13) & (rho > 9.0) & (now[:, 2] < -0.5)
     thin = beside & (np.random.default_rng(0).random(len(now)) < 0.2)
     forged = now[~(hidden | thin)]
-    alone = generic_consistency(forged, calibration=sensor)
-    informed = generic_consistency(forged, calibration=sensor, previous=before)
+    alone = generic_consistency(forged, lattice=sensor)
+    informed = generic_consistency(forged, lattice=sensor, previous=before)
     assert informed.evidence["time"].used
     assert informed.evidence["time"].strength > alone.evidence["void"].strength + 30
     assert informed.verdict == "tampered"
-    same = generic_consistency(forged, calibration=sensor, previous=forged)
+    same = generic_consistency(forged, lattice=sensor, previous=forged)
     assert same.evidence["time"].strength == 0.0
     moved = before + np.float32(0.01)
-    assert not generic_consistency(now, calibration=sensor, previous=moved).evidence["time"].used
+    assert not generic_consistency(now, lattice=sensor, previous=moved).evidence["time"].used
 
 
 TOP = (scans.GROUND + 1.5) / 10.0  # slope of the ray over it
@@ -667,7 +667,7 @@ def test_other_drives_are_on_its_lattice(kitti: Kitti, hdl64: SensorLattice, dri
         extra = trust[np.arange(len(rho)), reading.ring]
         assert (np.abs(reading.line_error) - extra).max() < 0.0009
         assert (np.abs(reading.step_error) - extra).max() < 0.0009
-        result = generic_consistency(points, calibration=hdl64)
+        result = generic_consistency(points, lattice=hdl64)
         assert result.verdict == "no_trace"
         assert all(report.used for kind, report in result.evidence.items() if kind != "time")
 
@@ -681,7 +681,7 @@ def test_moved_car_is_found(kitti: Kitti, hdl64: SensorLattice, calibrated: bool
     forged = points.copy()
     forged[rows] += 3.0 * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
     forged = np.round(forged.astype(np.float64) * 1000.0) / 1000.0
-    result = generic_consistency(forged, calibration=hdl64 if calibrated else None)
+    result = generic_consistency(forged, lattice=hdl64 if calibrated else None)
     assert result.verdict == "tampered"
     assert result.p_value < 1e-12
     touched = np.flatnonzero(rows)

@@ -108,9 +108,7 @@ def test_a_filled_hole_has_the_values_of_its_rim(turns: list[LidarFrame]) -> Non
     """The white-box deletion, which no other detector finds in one frame."""
     forged = forge.lattice_remove(turns[1], turn_scans.box_at(0, 0.0), lattice=LATTICE)
     assert forged.intensity is not None
-    assert authenticate.generic_consistency(forged.points, calibration=LATTICE).verdict == (
-        "no_trace"
-    )
+    assert authenticate.generic_consistency(forged.points, lattice=LATTICE).verdict == ("no_trace")
     found = reflectance_consistency(LidarFrame(forged.points, forged.intensity), lattice=LATTICE)
     assert (found.verdict, found.regions[0].kind) == ("tampered", "even")
     assert np.isin(found.suspected, forged.moved).mean() > 0.8

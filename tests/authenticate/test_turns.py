@@ -60,9 +60,7 @@ def test_box_that_is_overwritten_by_its_background_is_looked_through(
     found = judged(turns, forged.points)
     assert (found.verdict, found.regions[0].kind) == ("tampered", "through")
     assert np.isin(found.suspected, forged.moved).mean() > 0.9
-    assert authenticate.generic_consistency(forged.points, calibration=LATTICE).verdict == (
-        "no_trace"
-    )
+    assert authenticate.generic_consistency(forged.points, lattice=LATTICE).verdict == ("no_trace")
 
 
 def test_box_that_was_put_before_the_wall_was_not_there(turns: list[np.ndarray]) -> None:

@@ -57,7 +57,7 @@ def check_lattice(forged: Forgery) -> None:
     np.testing.assert_array_equal(now.count, was.count)
     assert np.abs(now.line_error).max() < 1e-3
     assert np.abs(now.step_error).max() < 1e-3
-    assert generic_consistency(forged.frame, calibration=LATTICE).verdict == "no_trace"
+    assert generic_consistency(forged.frame, lattice=LATTICE).verdict == "no_trace"
 
 
 @pytest.mark.parametrize("turn", [0.0, 1.0, math.pi, -2.5])
@@ -108,7 +108,7 @@ def test_removed_object_gives_way_to_what_stands_beside_it() -> None:
     healed = forge.lattice_remove(with_pillar.frame, box, lattice=LATTICE)
     touched = np.isin(healed.source_index, with_pillar.moved)
     assert np.count_nonzero(touched & (healed.label == 2)) > 0.95 * len(with_pillar.moved)
-    assert generic_consistency(healed.frame, calibration=LATTICE).verdict == "no_trace"
+    assert generic_consistency(healed.frame, lattice=LATTICE).verdict == "no_trace"
     # The flat street between walls is what it was, but for noise and for corners.
     before = STREET[with_pillar.source_index[healed.source_index]]
     off = np.linalg.norm(healed.points - before, axis=1)[healed.label == 2]

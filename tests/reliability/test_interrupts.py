@@ -102,7 +102,7 @@ NO_FIRING = textwrap.dedent(
     lattice = lattice_scans.lattice()
     far = dataclasses.replace(lattice, lateral=np.full_like(lattice.lateral, 1000.0))
     for previous in (None, points):
-        result = authenticate.generic_consistency(points, calibration=far, previous=previous)
+        result = authenticate.generic_consistency(points, lattice=far, previous=previous)
         print(result.verdict)
     """
 )

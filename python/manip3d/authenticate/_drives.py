@@ -177,7 +177,8 @@ class DriveInspection:
         somebody removed scans, or a recorder lost them, so that this alone changes no verdict) and
         ``unordered`` (times go back), ``jumps`` (between two turns the scanner moves as no car
         does), ``unaligned`` (scans show another place than those beside them, as in a drive whose
-        order was changed, or nothing to align them by) and ``backwards`` (it moves to the rear: the scans may be in the reverse order).
+        order was changed, or nothing to align them by) and ``backwards`` (it moves to the rear: the
+        scans may be in the reverse order).
     """
 
     verdict: Verdict
@@ -295,7 +296,7 @@ def _of_times(times_ns: Sequence[int | None]) -> tuple[Processing, ...]:
 
 
 def _of_motion(found: Sequence[Inspection | None]) -> tuple[Processing, ...]:
-    """Remarks told by the way of the scanner: it jumps, is not to be followed, or moves backwards."""
+    """Remarks told by the way of the scanner: it jumps, moves backwards, or cannot be followed."""
     steps = _steps(found)
     lengths = {k: float(np.linalg.norm(step)) for k, step in steps.items()}
     jumps = []

@@ -291,7 +291,7 @@ FEWEST_DIRECTIONS = 1000
 def generic_consistency(
     frame: LidarFrame | ArrayLike,
     *,
-    calibration: SensorLattice | None = None,
+    lattice: SensorLattice | None = None,
     previous: LidarFrame | ArrayLike | None = None,
     following: LidarFrame | ArrayLike | None = None,
     false_alarm_rate: float = 0.01,
@@ -306,7 +306,7 @@ def generic_consistency(
     ----------
     frame : LidarFrame or (N, 3) points
         Metres, the scanner at the origin, the points in the order of its file.
-    calibration : SensorLattice, optional
+    lattice : SensorLattice, optional
         Lattice of the scanner, from :func:`estimate_lattice` on clean scans; else it is estimated
         from the frame itself, which takes some tenths of a second.
     previous : LidarFrame or (N, 3) points, optional
@@ -367,16 +367,16 @@ def generic_consistency(
     >>> scan = lattice.points_at(ring, 2 * count, distance).round(3)
     >>> azimuth = np.arctan2(scan[:, 1], scan[:, 0]) % (2 * np.pi)
     >>> scan = scan[np.lexsort((azimuth, ring))].astype(np.float32)
-    >>> generic_consistency(scan, calibration=lattice).verdict
+    >>> generic_consistency(scan, lattice=lattice).verdict
     'no_trace'
     >>> scan[20000:20300, 2] += 0.01  # 300 points, lifted by a centimetre
-    >>> generic_consistency(scan, calibration=lattice).verdict
+    >>> generic_consistency(scan, lattice=lattice).verdict
     'tampered'
     """
     if not 0.0 < false_alarm_rate < 1.0:
         raise InputError(f"false_alarm_rate: expected a share in (0, 1), got {false_alarm_rate!r}")
     cloud = _points_of(frame, "points")
-    lattice = calibration
+    is_stated = lattice is not None
     if lattice is None:
         try:
             lattice = estimate_lattice(frame)
@@ -391,7 +391,7 @@ def generic_consistency(
     )
     return _consistency(
         frame, lattice, previous, following, limits, None, false_alarm_rate,
-        is_stated=calibration is not None, threads=threads,
+        is_stated=is_stated, threads=threads,
     )  # fmt: skip
 
 

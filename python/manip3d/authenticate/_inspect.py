@@ -74,7 +74,7 @@ from manip3d.authenticate._verdict import (
 from manip3d.authenticate._watermark import Policy, Watermarker, WatermarkResult
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame, ScanLike, to_scan
-from manip3d.lidar import place as place_of
+from manip3d.lidar import place as position_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -83,7 +83,7 @@ if TYPE_CHECKING:
 
     from manip3d._util.options import Progress
 
-    Place = tuple[float, float, float]
+    Position = tuple[float, float, float]
 
 TITLES = {
     "density": "I: spacing follows range",
@@ -219,7 +219,7 @@ class Inspection(Showable):
     num_points: int
     sensor: Sensor | None
     processing: tuple[Processing, ...]
-    origin: Place | None
+    origin: Position | None
     origin_from: str
     detectors: tuple[DetectorReport, ...]
     blind: tuple[str, ...] = BLIND
@@ -506,15 +506,15 @@ def _planted(
     progress: Progress,
 ) -> Inspection:
     """The result with what is found of edits in copies of the scan, where nothing was found yet."""
-    scan, sensor, place = result.scan, result.sensor, result.origin
+    scan, sensor, position = result.scan, result.sensor, result.origin
     is_unmeasured = _is_unmeasured(result)
     if not is_unmeasured and result.verdict != "no_trace":
         return result
-    if scan is None or place is None or sensor is None or sensor.lattice is None:
+    if scan is None or position is None or sensor is None or sensor.lattice is None:
         return result
-    frames = [_at_origin(scan, place)]
+    frames = [_at_origin(scan, position)]
     if previous is not None and following is not None and not is_unmeasured:
-        before, after = (_at_origin(_as_frame(other), place) for other in (previous, following))
+        before, after = (_at_origin(_as_frame(other), position) for other in (previous, following))
         frames = [before, *frames, after]
     here = measure_power(
         frames, sensor.lattice, planted=plant, neighbours=len(frames) > 1, threads=threads,
@@ -591,25 +591,25 @@ def _inspected(
     if embedding:
         points = without_bits(scan.points, embedding, units)
         scan = scan.replace(points=points, exact=None, format=None)
-    place, source, known = _scanner(scan, asked.origin, asked.lattice, asked.threads)
+    position, source, known = _scanner(scan, asked.origin, asked.lattice, asked.threads)
     told(0.1)
-    if place is None:
-        return _without_place(scan, source)
+    if position is None:
+        return _without_position(scan, source)
     found, reading = _identified(
-        _at_origin(scan, place), asked.sensor, asked.lattice, asked.threads, known
+        _at_origin(scan, position), asked.sensor, asked.lattice, asked.threads, known
     )
     told(0.3)
     if found.kind == "lattice" and not asked.printed:
         beside = (asked.previous, asked.following)
-        before, after = (_neighbour(other, place, embedding, units) for other in beside)
+        before, after = (_neighbour(other, position, embedding, units) for other in beside)
         result = _by_lattice(
-            scan, place, source, (found, reading), (before, after), embedding, units,
+            scan, position, source, (found, reading), (before, after), embedding, units,
             asked.left_out, asked.threads,
         )  # fmt: skip
     elif found.kind == "terrestrial":
-        result = _by_angles(scan, place, source, found, asked.printed, asked.threads, told)
+        result = _by_angles(scan, position, source, found, asked.printed, asked.threads, told)
     else:
-        result = _not_judged(scan, place, source, found, asked.printed)
+        result = _not_judged(scan, position, source, found, asked.printed)
     told(1.0)
     return result
 
@@ -654,8 +654,10 @@ def _with_watermark(result: Inspection, signed: WatermarkResult | None) -> Inspe
 def _carrying(scan: LidarFrame, trace: tuple[Processing, ...]) -> Inspection:
     """A scan with the bits of a watermark that nobody verified: points lie where it put them."""
     reports = tuple(DetectorReport(name, "undecidable", trace[0].detail) for name in FORENSIC)
-    place = None if scan.origin is None else place_of(scan.origin, "origin")
-    known = None if place is None else (float(place[0]), float(place[1]), float(place[2]))
+    known = None
+    if scan.origin is not None:
+        x, y, z = (float(value) for value in position_of(scan.origin, "origin"))
+        known = (x, y, z)
     return Inspection(
         "processed", _reason("processed", reports, trace), scan.num_points, None, trace, known,
         "file" if known is not None else "not looked for in a scan with a watermark", reports,
@@ -741,7 +743,7 @@ def _stated(scan: LidarFrame, sensor: str, threads: int) -> Sensor:
 
 
 def _neighbour(
-    scan: ScanLike | None, place: Place, embedding: str, units_per_m: int
+    scan: ScanLike | None, position: Position, embedding: str, units_per_m: int
 ) -> LidarFrame | None:
     if scan is None:
         return None
@@ -749,7 +751,7 @@ def _neighbour(
     if embedding and find_carrier(frame.points, units_per_m) == embedding:
         points = without_bits(frame.points, embedding, units_per_m)
         frame = frame.replace(points=points, exact=None, format=None)
-    return _at_origin(frame, place)
+    return _at_origin(frame, position)
 
 
 def _is_part_of_turn(scan: LidarFrame) -> bool:
@@ -759,7 +761,7 @@ def _is_part_of_turn(scan: LidarFrame) -> bool:
 
 def _by_lattice(
     scan: LidarFrame,
-    place: Place,
+    position: Position,
     source: str,
     identified: _Identified,
     beside: _Beside,
@@ -770,7 +772,7 @@ def _by_lattice(
 ) -> Inspection:
     """Judge by detectors III, IV and V, allowing for what a verified embedding moved."""
     sensor, reading = identified
-    centred = _at_origin(scan, place)
+    centred = _at_origin(scan, position)
     (before, after), why_not, repeats = _usable(centred, beside)
     generic, repeated = _judged_by_lattice(
         centred, identified, (before, after), embedding, units_per_m, threads
@@ -799,9 +801,9 @@ def _by_lattice(
         processing += of_turns
     reports = (
         *_not_applicable(sensor, embedding),
-        _of_generic(generic, place, sensor, embedding),
-        *_turns_report(turns, beside, why_not, place, sensor, embedding),
-        *_reflectance_report(reflectance, place, sensor, embedding),
+        _of_generic(generic, position, sensor, embedding),
+        *_turns_report(turns, beside, why_not, position, sensor, embedding),
+        *_reflectance_report(reflectance, position, sensor, embedding),
     )
     if _is_part_of_turn(scan) and {step.kind for step in processing} == {"cropped"}:
         processing = ()
@@ -809,7 +811,7 @@ def _by_lattice(
             why = "the recording holds a part of this turn only"
             reports = tuple(DetectorReport(each.name, "undecidable", why) for each in reports)
     return _combined(
-        scan, place, source, sensor, reports, processing, generic=generic, turns=turns,
+        scan, position, source, sensor, reports, processing, generic=generic, turns=turns,
         reflectance=reflectance,
         blind=BLIND if reports[-1].name == "reflectance" and reports[-1].power
         else (*BLIND, BLIND_WITHOUT_REFLECTANCES),
@@ -934,13 +936,13 @@ def _turns_report(
     turns: TurnResult | None,
     beside: _Beside,
     why_not: Sequence[str],
-    place: Place,
+    position: Position,
     sensor: Sensor,
     embedding: str,
 ) -> tuple[DetectorReport, ...]:
     """Report of detector IV, or why it could not judge frames that were given; else none."""
     if turns is not None:
-        return (_report_of("turns", turns, place, known_power("turns", sensor, embedding)),)
+        return (_report_of("turns", turns, position, known_power("turns", sensor, embedding)),)
     if any(other is None for other in beside) or (not why_not and sensor.name == HDL64E):
         return ()
     reasons = why_not or [f"there are no thresholds for a {sensor.name}"]
@@ -948,14 +950,14 @@ def _turns_report(
 
 
 def _reflectance_report(
-    found: ReflectanceResult | None, place: Place, sensor: Sensor, embedding: str
+    found: ReflectanceResult | None, position: Position, sensor: Sensor, embedding: str
 ) -> tuple[DetectorReport, ...]:
     """Report of detector V if it was run."""
     if found is None:
         return ()
     setting = "reflectance" if found.with_turns else "reflectance alone"
     power = known_power(setting, sensor, embedding)
-    return (_report_of("reflectance", found, place, power),)
+    return (_report_of("reflectance", found, position, power),)
 
 
 _NO_SKETCH = sketch_of(np.empty((0, 3), np.float32))
@@ -1026,7 +1028,7 @@ def _spoiled(generic: GenericResult, processing: Sequence[Processing]) -> Sequen
 
 def _by_angles(
     scan: LidarFrame,
-    place: Place,
+    position: Position,
     source: str,
     sensor: Sensor,
     printed: bool,
@@ -1034,14 +1036,14 @@ def _by_angles(
     told: Callable[[float], object],
 ) -> Inspection:
     """Judge by detectors I and II."""
-    if source in ("argument", "file") and _fused(scan, place, threads):
-        return _without_place(scan, "several positions fused, or the scanner stood elsewhere")
+    if source in ("argument", "file") and _fused(scan, position, threads):
+        return _without_position(scan, "several positions fused, or the scanner stood elsewhere")
     density = density_consistency(
-        scan, parameters=PAPER_DENSITY if printed else None, origin=place, threads=threads
+        scan, parameters=PAPER_DENSITY if printed else None, origin=position, threads=threads
     )
     told(0.6)
     occlusion = occlusion_consistency(
-        scan, parameters=PAPER_OCCLUSION if printed else None, origin=place, threads=threads
+        scan, parameters=PAPER_OCCLUSION if printed else None, origin=position, threads=threads
     )
     told(0.9)
     reports = (
@@ -1049,15 +1051,15 @@ def _by_angles(
         _of_angles("occlusion", occlusion, sensor),
         DetectorReport("generic", "undecidable", "no scan of a spinning scanner"),
     )
-    processing = find_processing(_at_origin(scan, place).points, sensor, None)
+    processing = find_processing(_at_origin(scan, position).points, sensor, None)
     return _combined(
-        scan, place, source, sensor, reports, processing, density=density, occlusion=occlusion,
+        scan, position, source, sensor, reports, processing, density=density, occlusion=occlusion,
         blind=(*BLIND, BLIND_TERRESTRIAL),
     )  # fmt: skip
 
 
 def _not_judged(
-    scan: LidarFrame, place: Place, source: str, sensor: Sensor, printed: bool
+    scan: LidarFrame, position: Position, source: str, sensor: Sensor, printed: bool
 ) -> Inspection:
     why = f"{sensor.name} ({sensor.reason}): no detector is calibrated for it"
     if sensor.turned:
@@ -1067,16 +1069,16 @@ def _not_judged(
     if printed:
         why = f"{sensor.name}: the printed thresholds are those of terrestrial scanners"
     reports = tuple(DetectorReport(name, "undecidable", why) for name in FORENSIC)
-    points = _at_origin(scan, place).points
+    points = _at_origin(scan, position).points
     processing = () if scan.num_points < 1000 else find_processing(points, sensor, None)
     if sensor.kind == "unknown":
         processing = ()
-    return _combined(scan, place, source, sensor, reports, processing)
+    return _combined(scan, position, source, sensor, reports, processing)
 
 
 def _combined(
     scan: LidarFrame,
-    place: Place,
+    position: Position,
     source: str,
     sensor: Sensor,
     reports: tuple[DetectorReport, ...],
@@ -1085,8 +1087,8 @@ def _combined(
 ) -> Inspection:
     verdict = combined_verdict(reports, processing)
     return Inspection(
-        verdict, _reason(verdict, reports, processing), scan.num_points, sensor, processing, place,
-        source, reports, scan=scan.replace(origin=place), **results,
+        verdict, _reason(verdict, reports, processing), scan.num_points, sensor, processing,
+        position, source, reports, scan=scan.replace(origin=position), **results,
     )  # fmt: skip
 
 
@@ -1133,7 +1135,7 @@ def _as_frame(scan: ScanLike) -> LidarFrame:
 
 def _scanner(
     frame: LidarFrame, origin: ArrayLike | None, lattice: SensorLattice | None, threads: int
-) -> tuple[Place | None, str, _Identified | None]:
+) -> tuple[Position | None, str, _Identified | None]:
     """The scanner's position and who states it; or None and why the scan cannot be judged.
 
     Then the scanner, where its lattice told the position.
@@ -1145,7 +1147,7 @@ def _scanner(
             return (0.0, 0.0, 0.0), "the lattice of a spinning scanner", identified
         found = estimate_origin(frame, threads=threads)
         return found.position, found.reason, None
-    x, y, z = (float(value) for value in place_of(stated, "origin"))
+    x, y, z = (float(value) for value in position_of(stated, "origin"))
     return (x, y, z), "argument" if origin is not None else "file", None
 
 
@@ -1154,27 +1156,27 @@ def _tells_position(sensor: Sensor) -> bool:
     return sensor.kind == "lattice" or bool(sensor.turned or sensor.unit)
 
 
-def _fused(scan: LidarFrame, place: Place, threads: int) -> bool:
+def _fused(scan: LidarFrame, position: Position, threads: int) -> bool:
     """Whether a scan with a grid has one that does not hold around the stated position."""
-    grid = estimate_grid(scan, origin=place, threads=threads)
+    grid = estimate_grid(scan, origin=position, threads=threads)
     return (
         grid.elevation_strength > 0.0
-        and estimate_origin(scan, known=place, threads=threads).position is None
+        and estimate_origin(scan, known=position, threads=threads).position is None
     )
 
 
-def _without_place(frame: LidarFrame, why: str) -> Inspection:
+def _without_position(frame: LidarFrame, why: str) -> Inspection:
     reports = tuple(DetectorReport(name, "undecidable", why) for name in FORENSIC)
     return Inspection(
         "undecidable", why, frame.num_points, None, (), None, why, reports, scan=frame
     )
 
 
-def _at_origin(frame: LidarFrame, place: Place) -> LidarFrame:
+def _at_origin(frame: LidarFrame, position: Position) -> LidarFrame:
     """The frame with the scanner in (0, 0, 0), as detector III takes it."""
-    if not any(place):
+    if not any(position):
         return frame
-    moved = (frame.points - np.asarray(place)).astype(np.float32)
+    moved = (frame.points - np.asarray(position)).astype(np.float32)
     return frame.replace(points=moved, exact=None, format=None, origin=(0.0, 0.0, 0.0))
 
 
@@ -1187,7 +1189,7 @@ def _of_angles(name: str, found: DensityResult | OcclusionResult, sensor: Sensor
 
 
 def _of_generic(
-    found: GenericResult | None, place: Place, sensor: Sensor, embedding: str
+    found: GenericResult | None, position: Position, sensor: Sensor, embedding: str
 ) -> DetectorReport:
     if found is None:
         return DetectorReport(
@@ -1197,7 +1199,9 @@ def _of_generic(
     calibration = EXACT_CALIBRATION if is_exact else LATTICE_CALIBRATION
     least = 1.0 / (1 + calibration.num_scans)
     regions = tuple(
-        Region(_moved(region.box, place), region.rows, max(least, region.p_value), region.strength)
+        Region(
+            _moved(region.box, position), region.rows, max(least, region.p_value), region.strength
+        )
         for region in found.regions
     )
     judged = found.verdict != "undecidable" and any(e.used for e in found.evidence.values())
@@ -1209,12 +1213,15 @@ def _of_generic(
 
 
 def _report_of(
-    name: str, found: TurnResult | ReflectanceResult, place: Place, power: Mapping[str, Power]
+    name: str, found: TurnResult | ReflectanceResult, position: Position, power: Mapping[str, Power]
 ) -> DetectorReport:
-    """The report of detector IV or V, whose boxes are seen from the scanner at ``place``."""
+    """The report of detector IV or V, whose boxes are seen from the scanner at ``position``."""
     regions = tuple(
         Region(
-            _moved(region.box, place), region.rows, region.p_value, {region.kind: region.strength}
+            _moved(region.box, position),
+            region.rows,
+            region.p_value,
+            {region.kind: region.strength},
         )
         for region in found.regions
     )
@@ -1228,7 +1235,7 @@ def _report_of(
     )  # fmt: skip
 
 
-def _moved(box: Box, place: Place) -> Box:
+def _moved(box: Box, position: Position) -> Box:
     """The box in the scan's own frame, which is seen from the scanner."""
     x, y, z = box.center
-    return replace(box, center=(x + place[0], y + place[1], z + place[2]))
+    return replace(box, center=(x + position[0], y + position[1], z + position[2]))

@@ -461,7 +461,7 @@ def calibrate_lattice(
         with reporting(part(*clean), "clean scans") as report:
             for number, frame in enumerate(others, 1):
                 found = generic_consistency(
-                    frame, calibration=lattice, false_alarm_rate=rate, threads=threads
+                    frame, lattice=lattice, false_alarm_rate=rate, threads=threads
                 )
                 accused += found.verdict == "tampered"
                 if report is not None:

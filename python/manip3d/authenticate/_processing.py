@@ -376,7 +376,7 @@ def _rearranged(points: NDArray[np.float32], generic: GenericResult) -> Processi
     for kind, words, sign, direction in REARRANGED:
         undone = points[::direction] * np.array([1, sign, 1], np.float32)
         told = generic_consistency(
-            np.ascontiguousarray(undone, np.float32), calibration=generic.lattice
+            np.ascontiguousarray(undone, np.float32), lattice=generic.lattice
         )
         if not told.contradicted & {"order", "step"}:
             return Processing(kind, words)

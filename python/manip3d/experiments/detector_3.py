@@ -214,7 +214,7 @@ def run_clean(case: Case) -> Row:
     """The verdicts on the frames of a scene as they are."""
     lattice = _real_lattice()
     frames = [_load(file) for file in case.options["files"]]
-    results = [generic_consistency(frame, calibration=lattice) for frame in frames]
+    results = [generic_consistency(frame, lattice=lattice) for frame in frames]
     return {
         "frames": len(frames),
         "scores": [result.score for result in results],
@@ -232,7 +232,7 @@ def run_simulated(case: Case) -> Row:
     lattice = _simulated_lattice()
     first, streets = case.options["first"], case.options["streets"]
     results = [
-        generic_consistency(frame, calibration=lattice)
+        generic_consistency(frame, lattice=lattice)
         for seed in range(first, first + streets)
         for frame in _street_frames.__wrapped__(seed)
     ]
@@ -255,7 +255,7 @@ def run_attack(case: Case) -> Row:
         for target in _targets(scan, lattice, case.options["objects"], random):
             forgeries.append(as_written(attack(target), lattice))
             distances.append(target.distance)
-    results = [generic_consistency(forgery, calibration=lattice) for forgery in forgeries]
+    results = [generic_consistency(forgery, lattice=lattice) for forgery in forgeries]
     return {
         "frames": len(forgeries),
         "distances": distances,
@@ -275,7 +275,7 @@ def run_timed(case: Case) -> Row:
     for number, (file, follower) in enumerate(zip(files[::2], files[1::2], strict=True)):
         random = np.random.default_rng([case.options["seed"], number])
         previous, scan = _load(file), _load(follower)
-        judge = functools.partial(generic_consistency, calibration=lattice)
+        judge = functools.partial(generic_consistency, lattice=lattice)
         clean.append(judge(scan, previous=previous))
         clean_alone.append(judge(scan))
         for target in _targets(scan, lattice, case.options["objects"], random):

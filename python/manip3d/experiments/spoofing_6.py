@@ -253,7 +253,7 @@ def _scores(
     if not boxes:
         return []
     generic = authenticate.generic_consistency(
-        scan, calibration=lattice, false_alarm_rate=0.999, threads=1
+        scan, lattice=lattice, false_alarm_rate=0.999, threads=1
     )
     beside = authenticate.turn_consistency(
         scan, turns.before, turns.after, lattice=lattice, false_alarm_rate=0.999, threads=1
