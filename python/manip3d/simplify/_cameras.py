@@ -375,6 +375,58 @@ def _spacing(view: _View) -> float:
     return float(np.median(np.linalg.norm(steps, axis=1))) if len(steps) else 0.0
 
 
+def _own_vertices(
+    chosen: DepthSimplification, border_pixels: NDArray[np.int32]
+) -> NDArray[np.bool_]:
+    """Which vertices of a view are new: one for each pixel that no vertex of the border has."""
+    _, first = np.unique(_pixel_keys(chosen.pixels), return_index=True)
+    own = np.zeros(chosen.num_vertices, bool)
+    own[first] = True  # a relief has two vertices where two fans of triangles meet
+    own &= ~np.isin(_pixel_keys(chosen.pixels), _pixel_keys(border_pixels))
+    return own
+
+
+def _in_world(view: _View, vertices: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Vertices of a view in the coordinates of all views."""
+    moved: NDArray[np.float64] = product(vertices.astype(np.float64), view.pose[:3, :3].T)
+    return moved + view.pose[:3, 3]
+
+
+def _centroids(pixels: NDArray[np.int32], corners: NDArray[np.int32]) -> NDArray[np.int32]:
+    """The pixel in the middle of each triangle."""
+    centroids: NDArray[np.int32] = (2 * pixels[corners].sum(axis=1) + 3) // 6
+    return centroids
+
+
+def _triangles_between(
+    view: _View, pixels: NDArray[np.int32], open_pixels: NDArray[np.bool_]
+) -> NDArray[np.int32]:
+    """Triangles between pixels whose middle is open, turned to the camera."""
+    corners: NDArray[np.int32] = _core.grid_delaunay(np.ascontiguousarray(pixels))
+    centroids = _centroids(pixels, corners)
+    corners = corners[open_pixels[centroids[:, 1], centroids[:, 0]]]
+    return corners if view.rows_up else corners[:, [0, 2, 1]]
+
+
+def _is_turned_right(
+    vertices: NDArray[np.float64],
+    pixels: NDArray[np.int32],
+    corners: NDArray[np.int32],
+    of_border: int,
+    normals: NDArray[np.float64],
+) -> NDArray[np.bool_]:
+    """Which triangles face as the surface does.
+
+    A border vertex sits at the nearest pixel, not exactly where it is seen: a sliver of the seam
+    may have turned over.
+    """
+    seam = (corners < of_border).any(axis=1)
+    centroids = _centroids(pixels, corners)
+    facing = _normals(vertices, corners) * normals[centroids[:, 1], centroids[:, 0]]
+    is_right: NDArray[np.bool_] = ~seam | (facing.sum(axis=1) > 0)
+    return is_right
+
+
 class _Joint:
     """The mesh so far."""
 
@@ -419,69 +471,57 @@ class _Joint:
             whole = ~steps.across(view, chosen.pixels, chosen.faces)
             self._append(index, view, chosen.with_faces(chosen.faces[whole]))
             return
-        is_relief = isinstance(chosen, Relief)
-        _, first = np.unique(_pixel_keys(chosen.pixels), return_index=True)
-        own = np.zeros(chosen.num_vertices, bool)
-        own[first] = True  # a relief has two vertices where two fans of triangles meet
-        own &= ~np.isin(_pixel_keys(chosen.pixels), _pixel_keys(border[1]))
+        own = _own_vertices(chosen, border[1])
         pixels = np.concatenate([border[1], chosen.pixels[own]])
         new = np.arange(len(self.vertices), len(self.vertices) + own.sum(), dtype=np.int32)
         vertex = np.concatenate([border[0], new])
-        local = chosen.vertices[own].astype(np.float64)
-        vertices = np.concatenate(
-            [self.vertices, product(local, view.pose[:3, :3].T) + view.pose[:3, 3]]
-        )
-        corners = _core.grid_delaunay(np.ascontiguousarray(pixels))
-        centroids = (2 * pixels[corners].sum(axis=1) + 3) // 6
-        corners = corners[open_pixels[centroids[:, 1], centroids[:, 0]]]
-        if not view.rows_up:
-            corners = corners[:, [0, 2, 1]]
-        faces = vertex[corners]
-        keep = self._fits(faces)
-        # A border vertex sits at the nearest pixel, not exactly where it is seen: a sliver of the
-        # seam may have turned over.
-        seam = (corners < len(border[0])).any(axis=1)
-        centroids = (2 * pixels[corners].sum(axis=1) + 3) // 6
-        facing = _normals(vertices, faces) * normals[centroids[:, 1], centroids[:, 0]]
-        keep &= ~seam | (facing.sum(axis=1) > 0)
-        if is_relief:  # a limit on the dense surface: its own triangles may be as long as they are
+        world = _in_world(view, chosen.vertices[own])
+        vertices = np.concatenate([self.vertices, world])
+        corners = _triangles_between(view, pixels, open_pixels)
+        keep = self._fits(vertex[corners])
+        keep &= _is_turned_right(vertices[vertex], pixels, corners, len(border[0]), normals)
+        if isinstance(chosen, Relief):
+            # a limit on the dense surface: its own triangles may be as long as they are
             keep &= ~steps.apart(view, pixels, corners)
         elif steps.max_edge < math.inf:
+            faces = vertex[corners]
             sides = vertices[faces] - vertices[np.roll(faces, 1, axis=1)]
             keep &= np.linalg.norm(sides, axis=2).max(axis=1) <= steps.max_edge
         keep &= ~steps.across(view, pixels, corners)
         corners = corners[keep]
-        if is_relief:
+        if isinstance(chosen, Relief):
             seam = (corners < len(border[0])).any(axis=1)
             corners[~seam] = self._flipped(view, pixels, corners[~seam])
             corners = corners[
                 ~(steps.across(view, pixels, corners) | steps.apart(view, pixels, corners))
             ]
-        faces = vertex[corners]
-        texcoords = _uvs(view, vertices[vertex], pixels)
-        self.vertices = vertices
-        self.faces = np.concatenate([self.faces, faces])
-        self.vertex_view = np.concatenate([self.vertex_view, np.full(len(new), index, np.int32)])
-        self.pixels = np.concatenate([self.pixels, chosen.pixels[own]])
-        self.face_view = np.concatenate([self.face_view, np.full(len(faces), index, np.int32)])
-        self.corner_texcoords = np.concatenate([self.corner_texcoords, texcoords[corners]])
+        texcoords = _uvs(view, vertices[vertex], pixels)[corners]
+        self._extend(index, world, vertex[corners], chosen.pixels[own], texcoords)
 
     def _append(self, index: int, view: _View, chosen: DepthSimplification) -> None:
         """A view that meets nothing of what is there keeps its triangles."""
-        count = len(self.vertices)
-        local = chosen.vertices.astype(np.float64)
-        world = product(local, view.pose[:3, :3].T) + view.pose[:3, 3]
-        texcoords = _uvs(view, world, chosen.pixels)
-        self.vertices = np.concatenate([self.vertices, world])
-        self.faces = np.concatenate([self.faces, chosen.faces + np.int32(count)])
+        world = _in_world(view, chosen.vertices)
+        texcoords = _uvs(view, world, chosen.pixels)[chosen.faces]
+        faces = chosen.faces + np.int32(len(self.vertices))
+        self._extend(index, world, faces, chosen.pixels, texcoords)
+
+    def _extend(
+        self,
+        index: int,
+        vertices: NDArray[np.float64],
+        faces: NDArray[np.int32],
+        pixels: NDArray[np.int32],
+        corner_texcoords: NDArray[np.float32],
+    ) -> None:
+        """Put the new vertices and faces of a view behind those that are there."""
+        self.vertices = np.concatenate([self.vertices, vertices])
+        self.faces = np.concatenate([self.faces, faces])
         self.vertex_view = np.concatenate(
-            [self.vertex_view, np.full(chosen.num_vertices, index, np.int32)]
+            [self.vertex_view, np.full(len(vertices), index, np.int32)]
         )
-        self.pixels = np.concatenate([self.pixels, chosen.pixels])
-        self.face_view = np.concatenate(
-            [self.face_view, np.full(chosen.num_faces, index, np.int32)]
-        )
-        self.corner_texcoords = np.concatenate([self.corner_texcoords, texcoords[chosen.faces]])
+        self.pixels = np.concatenate([self.pixels, pixels])
+        self.face_view = np.concatenate([self.face_view, np.full(len(faces), index, np.int32)])
+        self.corner_texcoords = np.concatenate([self.corner_texcoords, corner_texcoords])
 
     @staticmethod
     def _flipped(
