@@ -78,10 +78,15 @@ LEAST_SPREAD = 1e-3
 """Metres from nearest to farthest that a line of an exact cloud needs; how far it can be trusted is
 in ``slope_error``."""
 
-SAME_ELEVATION, FEWEST_ALIKE, MOST_RINGS = 4e-7, 3, 256
+SAME_ELEVATION = 4e-7
 """Radians between neighbours among the sorted elevations of a laser of an exact cloud, of which
-single precision leaves 1e-7; points that chance leaves no nearer to each other; and lasers that a
-spinning scanner has at most."""
+single precision leaves 1e-7."""
+
+FEWEST_ALIKE = 3
+"""Fewest points at one elevation that make a laser: chance leaves two as near to each other."""
+
+MOST_RINGS = 256
+"""Lasers that a spinning scanner has at most."""
 
 BEGIN_OF_TURN = math.radians(2.0)
 """Azimuth before that of the first point at which rings may begin, where azimuths descend."""
@@ -111,9 +116,14 @@ an OS-1-128. Of 34 crops of the same two that chose nothing and tell a lattice, 
 FEWEST_PAIRS = 30
 """Fewest pairs of points a given number of firings apart, for the encoder's counts."""
 
-MOST_SEARCHED, LIKELY, MOST_POINTS = 300, 4, 1000
-"""Points of a ring for a search over a grid; places of the grid that are kept of it; points by
-which the best of these is chosen. Of longer rings so many to twice as many are taken. A ring that
+MOST_SEARCHED = 300
+"""Points of a ring for a search over a grid; of longer rings so many to twice as many are taken."""
+
+LIKELY = 4
+"""Places of the grid that are kept of that search."""
+
+MOST_POINTS = 1000
+"""Points of a ring (twice as many at most) by which the best of these places is chosen. A ring that
 mostly meets the road has all but one distance, and few points tell the places apart."""
 
 MOST_PAIRED = 250
