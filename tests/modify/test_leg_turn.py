@@ -133,3 +133,40 @@ def test_a_leg_aside_is_not_drawn_beside_the_phantom() -> None:
         farthest.append(np.min(off, axis=0).max())
     assert len(farthest) > 10
     assert max(farthest) < 0.20  # a thigh's radius, 6 cm, and what joints are off by
+
+
+@pytest.mark.parametrize("limb", ["left_leg", "right_leg"])
+@pytest.mark.parametrize(("turn", "thigh_turn"), [(15.0, 15.0), (-15.0, -15.0), (15.0, -15.0)])
+def test_legs_that_are_turned_against_the_chest_stay_whole(
+    limb: modify.Limb, turn: float, thigh_turn: float
+) -> None:
+    """How much of a thigh is seen depends on where it points.
+
+    By the middles of what is seen of thighs and shins, the plane stayed at the trunk's, and 14 to
+    44 % of what is below the hips was lost.
+    """
+    pipeline = modify.PhantomPipeline(limb)
+    simulator = BodySimulator(
+        motion="still",
+        sitting=True,
+        turn=turn,
+        thigh_turn=thigh_turn,
+        tracker="kinect-v1",
+        color="none",
+        room=False,
+        seed=11,
+    )
+    lost, turned = [], []
+    for number in range(16):
+        seen = simulator.capture(number / 30.0)
+        result = pipeline.process(seen.frame)
+        points = seen.frame.calibration.depth.unproject(seen.frame.depth)
+        hips = seen.frame.skeletons[0].positions[0, 1]
+        below = (seen.frame.body_index == 0) & (points[..., 1] > hips)
+        lost.append(np.mean(result.kinds[below] == modify.PixelKind.NONE))
+        assert result.plane is not None
+        left = seen.truth.lateral[0]
+        normal = result.plane.normal * np.sign(result.plane.normal @ left)
+        turned.append(np.degrees(np.arctan2(normal[2], normal[0]) - np.arctan2(left[2], left[0])))
+    assert np.median(lost[4:]) < 0.08
+    assert np.median(turned[4:]) * np.sign(thigh_turn) > 3.0

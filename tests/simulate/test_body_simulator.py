@@ -238,6 +238,23 @@ def test_the_plane_of_symmetry_stays_when_shoulders_tilt_and_turns_with_the_body
     )
 
 
+def test_the_legs_of_a_sitting_person_turn_against_the_pelvis() -> None:
+    straight, turned = (
+        BodySimulator(motion="still", sitting=True, thigh_turn=turn).capture(0.0).truth
+        for turn in (0.0, 20.0)
+    )
+    np.testing.assert_array_equal(turned.lateral, straight.lateral)
+    for hip, knee in ((12, 13), (16, 17)):
+        before, after = (t.joints[knee] - t.joints[hip] for t in (straight, turned))
+        assert np.linalg.norm(after) == pytest.approx(np.linalg.norm(before))
+        angle = np.arctan2(after[0], -after[2]) - np.arctan2(before[0], -before[2])
+        assert np.rad2deg(angle) == pytest.approx(20.0)  # towards the person's left, +x
+    standing = BodySimulator(motion="still", thigh_turn=20.0).capture(0.0).truth
+    np.testing.assert_array_equal(
+        standing.joints, BodySimulator(motion="still").capture(0.0).truth.joints
+    )
+
+
 def test_somebody_else_comes_in_with_an_index_of_their_own() -> None:
     simulator = BodySimulator(visitor=1.0, motion="still")
     assert len(simulator.frame(0.5).skeletons) == 1

@@ -1,5 +1,6 @@
 #include "modify/leg_turn.hpp"
 
+#include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
@@ -14,7 +15,7 @@ namespace {
 constexpr double kWindow = 90.0;        // frames of the means
 constexpr double kErrorGain = 0.1;      // of the means' errors: a third of a second
 constexpr double kLeastError = 0.0001;  // squared sine: half a degree
-constexpr double kUnsure = 0.06;        // radians: of what trunk and legs err by
+constexpr double kUnsure = 0.03;        // radians: of what trunk and legs err by
 constexpr std::size_t kNumParts = 2;    // thigh and shin: feet are short and half hidden
 
 /// The direction made square to the spine.
@@ -22,19 +23,20 @@ Eigen::Vector3d upright(const Eigen::Vector3d& direction, const BodyFrame& trunk
   return (direction - direction.dot(trunk.y) * trunk.y).normalized();
 }
 
-/// The points of a leg's parts.
+/// Points of one part of a leg.
 struct Part {
-  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-  double count = 0.0;
+  static constexpr std::size_t kMost = 200;  // points: more do not steady it
+  std::array<Eigen::Vector3d, kMost> points;
+  std::size_t count = 0;
 };
 using Parts = std::array<Part, kNumParts>;
 
-/// Gives each point of the leg to the nearest part between two of its joints.
-Parts parts_of(const PersonPoints& points, const Skeleton& person, Limb leg) {
+/// Calls use(part, point) for each point of the leg, with the nearest part between two joints.
+template <typename Use>
+void for_each_part(const PersonPoints& points, const Skeleton& person, Limb leg, const Use& use) {
   const auto chain = limb_chain(leg);
   std::array<bool, kNumJoints> is_leg{};
   for (std::size_t bone = 0; bone < kNumJoints; ++bone) is_leg[bone] = is_limb_bone(leg, bone);
-  Parts parts{};
   for (std::int64_t i = 0; i < points.count; ++i) {
     if (!is_leg[points.label[i]]) continue;
     const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
@@ -49,11 +51,50 @@ Parts parts_of(const PersonPoints& points, const Skeleton& person, Limb leg) {
       nearest = off;
       part = k;
     }
-    if (part == kNumParts) continue;  // the foot
-    parts[part].sum += p.cast<double>();
-    parts[part].count += 1.0;
+    if (part < kNumParts) use(part, p.cast<double>());  // the last one is the foot
   }
+}
+
+/// Evenly spread points of the leg's parts.
+Parts parts_of(const PersonPoints& points, const Skeleton& person, Limb leg) {
+  std::array<std::size_t, kNumParts> all{}, seen{};
+  for_each_part(points, person, leg, [&](std::size_t part, const auto&) { ++all[part]; });
+  Parts parts;
+  for_each_part(points, person, leg, [&](std::size_t part, const Eigen::Vector3d& p) {
+    const std::size_t stride = (all[part] + Part::kMost - 1) / Part::kMost;
+    if (seen[part]++ % stride == 0) parts[part].points[parts[part].count++] = p;
+  });
   return parts;
+}
+
+/// The skin of one part of a leg: so far from the bone between two joints as its points are on
+/// average.
+class Skin {
+ public:
+  Skin(const Eigen::Vector3d& from, const Eigen::Vector3d& to, const Part& part)
+      : from_(from), bone_(to - from), length2_(std::max(bone_.squaredNorm(), 1e-9)) {
+    double sum = 0.0;
+    for (std::size_t i = 0; i < part.count; ++i) sum += from_bone(part.points[i]).norm();
+    radius_ = sum / static_cast<double>(std::max<std::size_t>(part.count, 1));
+  }
+  [[nodiscard]] Eigen::Vector3d from_bone(const Eigen::Vector3d& p) const {
+    const Eigen::Vector3d off = p - from_;
+    return off - std::clamp(off.dot(bone_) / length2_, 0.0, 1.0) * bone_;
+  }
+  [[nodiscard]] double radius() const { return radius_; }
+
+ private:
+  Eigen::Vector3d from_, bone_;
+  double length2_, radius_ = 0.0;
+};
+
+std::array<Skin, kNumParts> skins_of(const Skeleton& person, Limb leg, const Parts& parts) {
+  const auto chain = limb_chain(leg);
+  const auto skin = [&](std::size_t part) {
+    return Skin(person[chain[part]].cast<double>(), person[chain[part + 1]].cast<double>(),
+                parts[part]);
+  };
+  return {skin(0), skin(1)};
 }
 
 bool has_parts(const Skeleton& person, Limb leg) {
@@ -70,58 +111,68 @@ double seated_share(const Skeleton& person, Limb leg, const BodyFrame& trunk) {
   return 1.0 - along * along / std::max(thigh.squaredNorm(), 1e-9);
 }
 
-/// The plane at which one leg is mirrored onto the other.
+/// The plane at which one leg is mirrored onto the other, against that of the trunk.
 struct LegPlane {
-  double turn = 0.0, shift = 0.0;
+  double turn = 0.0, roll = 0.0;  ///< Tangents from the trunk's n to its z, and to its y.
+  double shift = 0.0;             ///< Metres.
 };
 
-/// With parts at a_k and b_k, weights w_k of sum W, means a and b, and d = b - a: the reflection at
-/// the plane n through the means' middle that leaves the least sum of w_k |R a_k - b_k|^2 has the
-/// unit normal with the least n' (4 sum w_k (a_k - a)(b_k - b)' - W d d') n. Upright in the trunk,
-/// n = c n_t + s z_t, and this is a quadratic form of (c, s).
-std::optional<LegPlane> plane_between(const Parts& intact, const Parts& affected,
-                                      const BodyFrame& trunk) {
-  constexpr double kLeastPoints = 60.0, kLeastShare = 0.4;  // of a part; of the other leg's
-  constexpr double kMostOff = 0.06;    // metres: legs in different poses are farther off
-  constexpr double kMostTurn = 0.6;    // tangent: 31 degrees, what a spine turns by
-  constexpr double kMostShift = 0.10;  // metres
-  double weight = 0.0;
-  Eigen::Vector3d mean_a = Eigen::Vector3d::Zero(), mean_b = mean_a;
-  std::array<Eigen::Vector3d, kNumParts> a, b;
-  std::array<double, kNumParts> w{};
-  for (std::size_t k = 0; k < kNumParts; ++k) {
-    const double less = std::min(intact[k].count, affected[k].count);
-    const double more = std::max(intact[k].count, affected[k].count);
-    if (!(less >= kLeastPoints && less >= kLeastShare * more)) return std::nullopt;
-    a[k] = intact[k].sum / intact[k].count - trunk.origin;
-    b[k] = affected[k].sum / affected[k].count - trunk.origin;
-    w[k] = less;
-    weight += w[k];
-    mean_a += w[k] * a[k];
-    mean_b += w[k] * b[k];
+/// The plane at which the points of the affected leg lie on the skin of the intact one, with that
+/// of the trunk as a prior.
+///
+/// How much of a thigh is seen depends on where it points, so that points are laid onto the skin
+/// and not onto points: they may lie anywhere along the bone. With n = n_t + a z_t + b y_t the
+/// normal and c the shift, s = n (p - o) - c, and p' = p - 2 s n, changes of a, b and c move p' by
+/// -2 (z_t (p - o) n + s z_t) da - 2 (y_t (p - o) n + s y_t) db + 2 n dc. Residuals are weighted as
+/// those of a heavy-tailed distribution (Geman-McClure), at first a wide one.
+std::optional<LegPlane> plane_between(const std::array<Skin, kNumParts>& intact,
+                                      const Parts& affected, const BodyFrame& trunk) {
+  // Metres: from legs that point past each other to what the gate takes for the same flesh.
+  constexpr std::array kScales = {0.30, 0.30, 0.20, 0.15, 0.10, 0.08, 0.06, 0.06};
+  constexpr double kNoise = 0.02;                    // metres, of a whole part: joints err so
+  const Eigen::Vector3d kDeviation(0.2, 0.1, 0.05);  // of turn, roll and shift
+  constexpr double kMostTurn = 0.6;                  // tangent: 31 degrees, what a spine turns by
+  constexpr double kMostShift = 0.10;                // metres
+  constexpr double kMostOff = 0.04;  // metres: legs in different poses are farther off
+  const Eigen::Vector3d prior = kDeviation.cwiseProduct(kDeviation).cwiseInverse();
+  Eigen::Vector3d plane = Eigen::Vector3d::Zero();
+  std::array<double, kNumParts> off{};
+  for (const double scale : kScales) {
+    off.fill(0.0);
+    const Eigen::Vector3d n = (trunk.n + plane[0] * trunk.z + plane[1] * trunk.y).normalized();
+    Eigen::Matrix3d information = prior.asDiagonal();
+    Eigen::Vector3d gradient = -prior.cwiseProduct(plane);
+    for (std::size_t k = 0; k < kNumParts; ++k) {
+      const auto count = static_cast<double>(affected[k].count);
+      for (std::size_t i = 0; i < affected[k].count; ++i) {
+        const Eigen::Vector3d& p = affected[k].points[i];
+        const Eigen::Vector3d from = p - trunk.origin;
+        const double s = n.dot(from) - plane[2];
+        const Eigen::Vector3d away = intact[k].from_bone(p - 2.0 * s * n);
+        const double distance = std::max(away.norm(), 1e-6), e = distance - intact[k].radius();
+        off[k] += std::abs(e) / count;
+        const Eigen::Vector3d out = away / distance;
+        const double along = out.dot(n);
+        const Eigen::Vector3d row(-2.0 * (trunk.z.dot(from) * along + s * out.dot(trunk.z)),
+                                  -2.0 * (trunk.y.dot(from) * along + s * out.dot(trunk.y)),
+                                  2.0 * along);
+        const double share = 1.0 + (e * e) / (scale * scale);
+        const double weight = 1.0 / (kNoise * kNoise * count * share * share);
+        information += weight * row * row.transpose();
+        gradient -= weight * e * row;
+      }
+    }
+    plane += information.ldlt().solve(gradient);
   }
-  mean_a /= weight;
-  mean_b /= weight;
-  const Eigen::Vector3d across = mean_b - mean_a;
-  Eigen::Matrix3d form = -weight * across * across.transpose();
-  for (std::size_t k = 0; k < kNumParts; ++k) {
-    form += 4.0 * w[k] * (a[k] - mean_a) * (b[k] - mean_b).transpose();
-  }
-  const double nn = trunk.n.dot(form * trunk.n), zz = trunk.z.dot(form * trunk.z);
-  const double nz = 0.5 * (trunk.n.dot(form * trunk.z) + trunk.z.dot(form * trunk.n));
-  // The eigenvector of the lesser eigenvalue; its tangent by the half-angle formula.
-  const double half = 0.5 * (zz - nn), length = std::sqrt(half * half + nz * nz);
-  if (!(half + length > 1e-9 * weight)) return std::nullopt;
-  const double turn = -nz / (half + length);
-  const Eigen::Vector3d n = (trunk.n + turn * trunk.z).normalized();
-  const double offset = 0.5 * n.dot(mean_a + mean_b);
-  const double shift = offset / n.dot(trunk.n);
-  if (!(std::abs(turn) < kMostTurn && std::abs(shift) < kMostShift)) return std::nullopt;
-  for (std::size_t k = 0; k < kNumParts; ++k) {
-    const Eigen::Vector3d mirrored = a[k] - 2.0 * (n.dot(a[k]) - offset) * n;
-    if (!((mirrored - b[k]).norm() < kMostOff)) return std::nullopt;
-  }
-  return LegPlane{turn, shift};
+  const bool is_likely = std::abs(plane[0]) < kMostTurn && std::abs(plane[2]) < kMostShift;
+  const bool fits = std::ranges::all_of(off, [](double o) { return o < kMostOff; });
+  if (!(is_likely && fits)) return std::nullopt;
+  return LegPlane{plane[0], plane[1], plane[2]};
+}
+
+/// The share of a turn that is believed: small ones may be errors.
+double believed(double squared_turn) {
+  return squared_turn / (squared_turn + kUnsure * kUnsure);
 }
 
 }  // namespace
@@ -133,8 +184,11 @@ void LegTurn::learn(const PersonPoints& points, const Skeleton& person, const Bo
   seated_ = seated_share(person, intact, trunk);
   if (!(std::min(seated_, seated_share(person, affected_, trunk)) > kLeastSeated)) return;
   if (!has_parts(person, affected_) || !has_parts(person, intact)) return;
-  const auto told =
-      plane_between(parts_of(points, person, intact), parts_of(points, person, affected_), trunk);
+  const Parts mine = parts_of(points, person, affected_), other = parts_of(points, person, intact);
+  constexpr std::size_t kLeastPoints = 60;
+  const auto is_seen = [](const Part& part) { return part.count >= kLeastPoints; };
+  if (!std::ranges::all_of(mine, is_seen) || !std::ranges::all_of(other, is_seen)) return;
+  const auto told = plane_between(skins_of(person, intact, other), mine, trunk);
   if (!told) return;
   const double gain = 1.0 / std::min(frames_ + 1.0, kWindow);
   const Eigen::Vector3d normal = upright(trunk.n + told->turn * trunk.z, trunk);
@@ -146,6 +200,7 @@ void LegTurn::learn(const PersonPoints& points, const Skeleton& person, const Bo
   }
   normal_ += gain * (normal - normal_);
   turn_ += gain * (told->turn - turn_);
+  roll_ += gain * (told->roll - roll_);
   shift_ += gain * (told->shift - shift_);
   frames_ = std::min(frames_ + 1.0, kWindow);
 }
@@ -164,13 +219,14 @@ BodyFrame LegTurn::of(const BodyFrame& trunk) const {
   const Eigen::Vector3d told = upright(with_trunk * with_trunk * upright(normal_, trunk) +
                                            seat * seat * upright(turned(trunk), trunk),
                                        trunk);
-  const double turn2 = told.cross(trunk.n).squaredNorm();
   // All of the turn from 45 degrees on, none of it below 30.
-  const double seated = std::clamp(4.0 * seated_ - 1.0, 0.0, 1.0);
-  const double share = trust_ * seated * turn2 / (turn2 + kUnsure * kUnsure);
+  const double seated = trust_ * std::clamp(4.0 * seated_ - 1.0, 0.0, 1.0);
+  const double share = seated * believed(told.cross(trunk.n).squaredNorm());
+  const double roll = seated * believed(roll_ * roll_) * roll_;
   BodyFrame legs = trunk;
-  legs.n = legs.x = (trunk.n + share * (told - trunk.n)).normalized();
-  legs.z = legs.n.cross(trunk.y);
+  legs.n = legs.x = (trunk.n + share * (told - trunk.n) + roll * trunk.y).normalized();
+  legs.y = (trunk.y - trunk.y.dot(legs.n) * legs.n).normalized();
+  legs.z = legs.n.cross(legs.y);
   legs.origin += share * shift_ * trunk.n;
   return legs;
 }

@@ -15,9 +15,9 @@ namespace manip3d {
 /// The thighs of a seated person may be turned by ten degrees and more against shoulders and chest;
 /// a leg mirrored at the trunk's plane then lies beside the affected one. Where the affected leg is
 /// seen (mirror therapy after a stroke or for a leg that hurts, and volunteers), the two legs tell
-/// their own plane: the one, upright in the trunk, at which thigh and shin of one leg are mirrored
-/// onto those of the other best. A frame in which they do not mirror each other tells nothing, as
-/// one in which only one leg is stretched.
+/// their own plane: the one at which thigh and shin of one leg, mirrored, lie on the skin of the
+/// other best. It may be turned about the spine, tilted (both feet to one side) and shifted. A frame
+/// in which they do not mirror each other tells nothing, as one in which only one leg is stretched.
 ///
 /// The trunk may turn while the thighs stay on the seat, and person and seat may turn together. The
 /// plane's direction is therefore averaged twice, against the camera and against the trunk, and
@@ -48,6 +48,7 @@ class LegTurn {
   double frames_ = 0.0;                               ///< Frames in the means.
   Eigen::Vector3d normal_ = Eigen::Vector3d::Zero();  ///< Mean, in the camera.
   double turn_ = 0.0;   ///< Mean, as a tangent from the trunk's n to its z.
+  double roll_ = 0.0;   ///< Mean, as a tangent from the trunk's n to its y.
   double shift_ = 0.0;  ///< Mean distance of the plane from the trunk's origin along its n, metres.
   double seated_ = 0.0;  ///< Posture of the intact leg: 1 seated, 0 standing.
   double trust_ = 0.0;   ///< 1 while the affected leg is there.

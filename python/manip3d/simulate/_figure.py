@@ -114,12 +114,16 @@ class Arm:
 
 @dataclass(frozen=True)
 class Leg:
-    """Angles of a leg in degrees; 0: it stands. ``ankle`` raises the tip of the foot."""
+    """Angles of a leg in degrees; 0: it stands.
+
+    ``turn`` turns it outwards about the vertical, ``ankle`` raises the tip of the foot.
+    """
 
     flexion: float = 0.0
     abduction: float = 2.0
     knee: float = 0.0
     ankle: float = 0.0
+    turn: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -247,6 +251,8 @@ def _arm(arm: Arm) -> list[Array]:
 
 def _leg(leg: Leg) -> list[Array]:
     hip = product(about("z", leg.abduction), about("x", -leg.flexion))
+    if leg.turn:
+        hip = product(about("y", leg.turn), hip)
     return [hip, about("x", leg.knee), about("x", -leg.ankle)]
 
 

@@ -41,6 +41,7 @@ def pose_at(
     sitting: bool = False,
     turn: float = 0.0,
     shoulder_tilt: float = 0.0,
+    thigh_turn: float = 0.0,
 ) -> Pose:
     """The pose of an exercise at a time.
 
@@ -53,6 +54,8 @@ def pose_at(
         Whether the left and the right limb take part; the other one rests.
     sitting : bool
     turn, shoulder_tilt : float, degrees
+    thigh_turn : float, degrees
+        Turn of a sitting person's legs against the pelvis, to the person's left.
     """
     motion = MOTIONS[exercise]
     arm, leg = (_SEATED_ARM, _SEATED) if sitting else (Arm(), _STANDING)
@@ -64,6 +67,8 @@ def pose_at(
             arms[side] = motion.arm(time, arm)
         if motion.leg is not None:
             legs[side] = motion.leg(time, leg, side == 0)
+    if sitting and thigh_turn:
+        legs = [replace(legs[0], turn=thigh_turn), replace(legs[1], turn=-thigh_turn)]
     return Pose(
         turn=turn,
         shoulder_tilt=shoulder_tilt,

@@ -222,6 +222,8 @@ class BodySimulator:
         The chest moves ahead by so much and back, once in four seconds; at rest 0.005.
     shoulder_tilt : float, degrees
         Tilt of the shoulders against the chest; the left one goes up.
+    thigh_turn : float, degrees
+        Turn of a sitting person's legs against the pelvis, to the person's left.
     stripes : bool
         On the shirt.
     cover : str
@@ -297,6 +299,7 @@ class BodySimulator:
     sway: float = 0.0
     breath: float = 0.0
     shoulder_tilt: float = 0.0
+    thigh_turn: float = 0.0
     stripes: bool = False
     cover: str = "none"
     visitor: float | None = None
@@ -349,6 +352,7 @@ class BodySimulator:
             ("turn", -360.0, 360.0),
             ("turning", -360.0, 360.0),
             ("shoulder_tilt", -30.0, 30.0),
+            ("thigh_turn", -45.0, 45.0),
             ("seed", 0, 1 << 63),
         ):
             number = getattr(self, name)
@@ -539,6 +543,7 @@ class BodySimulator:
             + self.turning * time
             + self.sway * float(np.sin(2.0 * np.pi * time / _SWAY_PERIOD)),
             shoulder_tilt=self.shoulder_tilt,
+            thigh_turn=self.thigh_turn,
         )
         pose = clear_of_trunk(pose, self.girth)
         figure = pose_figure(pose, (0.0, CAMERA_HEIGHT, self.distance))
