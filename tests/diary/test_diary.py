@@ -88,7 +88,7 @@ def test_what_is_written_is_read_again_by_another_program(diary: Diary, key: Pat
         assert first.pictures == ((0.0, jpeg("P01")), (0.1, jpeg("P01")))
         assert second.pictures == ((25.0, jpeg("P01", 90_000)),)
         assert jpeg("P01") not in repr(first).encode()
-        (filled,) = again.questionnaires("P01")
+        (filled,) = again.mcgill("P01")
         assert (filled.occasion, filled.score.pri, filled.ranks) == ("baseline", 20, (1,) * 20)
         (event,) = again.events("P01")
         assert (event.kind, event.text) == ("other", "stump of P01 was sore")
@@ -217,7 +217,7 @@ def test_refusals(diary: Diary) -> None:
     diary.add_mcgill("P01", [1] * 20, 1, occasion="week-1")
     with pytest.raises(InputError, match="P01 has a questionnaire of week-1"):
         diary.add_mcgill("P01", [1] * 20, 1, occasion="week-1")
-    assert len(diary.questionnaires("P01")) == 1
+    assert len(diary.mcgill("P01")) == 1
     assert diary.sessions("P01")[0].ratings == ()
     diary.check()
 

@@ -96,7 +96,7 @@ def test_tables_hold_everything(diary: Diary, tmp_path: Path) -> None:
 def test_answers_after_touch_and_felt_limbs_are_exported(diary: Diary, tmp_path: Path) -> None:
     given = diary.add_ownership("P02", "synchronous", [3, 2, 1, -3, 0, 0], at=START)
     assert (given.ownership, given.control) == (2.0, -1.0)
-    assert len(diary.questionnaires("P01")) == 1  # McGill's alone
+    assert len(diary.mcgill("P01")) == 1  # McGill's alone
     export_csv(diary, tmp_path / "tables")
     first, answers = rows(tmp_path / "tables", "ownership")
     assert (first["participant"], answers["participant"]) == ("P01", "P02")

@@ -208,7 +208,7 @@ def test_answers_are_kept_with_their_questions_and_exported(
         assert found[0] == given
         assert [one.questionnaire for one in found] == [form, reworded, OWNERSHIP, MCGILL]
         assert found[3].answers == (*[1] * 20, 3)
-        assert len(diary.questionnaires("P01")) == len(diary.ownership("P01")) == 1
+        assert len(diary.mcgill("P01")) == len(diary.ownership("P01")) == 1
         diary.check()
         write_page(diary, tmp_path / "P01.html", "P01", today=START.date())
         check_tables(diary, tmp_path, form)
@@ -289,7 +289,7 @@ def test_mcgill_with_words_counts_as_mcgill_and_its_words_are_not_kept(tmp_path:
         diary.enrol("P01")
         kept = diary.add_answers("P01", licensed, [1] * 20 + [3], occasion="week-1")
         assert kept.questionnaire == MCGILL
-        (filled,) = diary.questionnaires("P01")
+        (filled,) = diary.mcgill("P01")
         assert (filled.occasion, filled.score.pri, filled.score.ppi) == ("week-1", 20, 3)
         with pytest.raises(InputError, match="P01 has a questionnaire of week-1"):
             diary.add_mcgill("P01", [0] * 20, 0, occasion="week-1")

@@ -168,3 +168,40 @@ def test_the_plane_of_a_small_body_is_known_as_well_as_is_said() -> None:
             error = np.degrees(np.arccos(min(1.0, cosine)))
             shares.append(error / result.quality.plane_deg)
     assert np.sqrt(np.mean(np.square(shares))) < 1.6  # standard deviations; 2.1 once
+
+
+@pytest.mark.parametrize(("limb", "seen"), [("left_leg", "left"), ("right_arm", "right")])
+def test_joints_beyond_the_border_of_the_picture_are_no_wrong_calibration(
+    limb: Limb, seen: str
+) -> None:
+    """A person of whom the camera sees one half: trackers go on beyond the border.
+
+    Those joints have no pixel to lie on, and every frame was `calibration`.
+    """
+    people = BodySimulator(
+        motion="reach" if limb.endswith("arm") else "stepping",
+        amputated=limb,
+        tracker="kinect-v2",
+        color="none",
+        room=False,
+        frames=16,
+        rate=15.0,
+    )
+    columns = slice(256, 512) if seen == "right" else slice(0, 256)
+    camera = replace(DEPTH_CAMERA, width=256, cx=DEPTH_CAMERA.cx - columns.start)
+    halves = [
+        replace(
+            frame,
+            depth=frame.depth[:, columns].copy(),
+            body_index=frame.body_index[:, columns].copy(),
+            calibration=RgbdCalibration(camera),
+        )
+        for frame in people
+        if frame.body_index is not None
+    ]
+    for hidden in (limb, limb.replace("left", "?").replace("right", "left").replace("?", "right")):
+        pipeline = PhantomPipeline(hidden)  # type: ignore[arg-type]
+        results = [pipeline.process(frame) for frame in halves]
+        assert all(result.reason is not PhantomReason.CALIBRATION for result in results)
+        if hidden == limb:  # the intact limb is on the side that is seen
+            assert sum(result.state is PhantomState.TRACKING for result in results) > 12

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "geometry/same_camera.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/modify/limb_fit.hpp"
 #include "manip3d/modify/trunk_tracker.hpp"
@@ -45,12 +46,6 @@ void check_all_options(const PhantomOptions& o) {
   check("fade_seconds", o.fade_seconds, 3600.0);
   check("max_depth_step", o.mesh.max_depth_step, 100.0);
   check_options(o.mask);
-}
-
-bool same_camera(const Intrinsics& a, const Intrinsics& b) {
-  return a.width == b.width && a.height == b.height && a.fx == b.fx && a.fy == b.fy &&
-         a.cx == b.cx && a.cy == b.cy && a.distortion == b.distortion &&
-         a.ray_table == b.ray_table && a.mirrored == b.mirrored;
 }
 
 /// Adds the time since it was last asked to one stage after the other.

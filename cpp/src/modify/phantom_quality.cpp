@@ -120,10 +120,10 @@ double joint_fit(const Skeleton& person, Limb affected, const PixelProjector& pr
     const auto j = static_cast<Joint>(joint);
     if (is_limb_bone(affected, joint) || j == limb_root(affected)) continue;
     if (person.state(j) != TrackingState::kTracked || !is_usable(person, j)) continue;
-    ++all;
     const Eigen::Vector3f& p = person[j];
     const std::int32_t pixel = projector.pixel(p.x(), p.y(), p.z());
-    if (pixel < 0) continue;
+    if (pixel < 0) continue;  // trackers go on beyond the image's border
+    ++all;
     const auto cols = static_cast<std::int32_t>(image.cols);
     const std::int32_t u = pixel % cols, v = pixel / cols;
     bool found = false;

@@ -62,6 +62,9 @@ const Eigen::Vector3d kPlaneBias(0.03, 0.04, 0.012);
 constexpr double kLegRoll = 0.005;  // a leaning trunk says little about the roll of the pelvis
 constexpr double kLeftTilt = 0.2;   // of the spine's tilt, in a plane for legs
 constexpr double kUnknown = 0.04;   // square metres: of a joint never seen
+constexpr double kShoulders = 0.35, kHips = 0.18;  // metres between those of an adult
+// Shoulders are twice as far apart as hips, so halved they count as much: for legs.
+constexpr double kOtherPair = 0.5;
 
 constexpr std::array kTrunkJoints = {kSpineBase,    kSpineMid,      kSpineShoulder, kNeck,
                                      kShoulderLeft, kShoulderRight, kHipLeft,       kHipRight};
@@ -235,8 +238,6 @@ std::optional<BodyFrame> trusted_frame(const Skeleton& skeleton, Limb limb, cons
   const auto line = middle_line(skeleton, trust);
   if (!line) return std::nullopt;
   const bool arm = is_arm(limb);
-  // Shoulders are twice as far apart as hips, so halved they count as much: for legs.
-  constexpr double kOtherPair = 0.5;
   Eigen::Vector3d x = Eigen::Vector3d::Zero();
   double weight = 0.0;
   const auto add = [&](const std::optional<JointPair>& pair, double share) {
@@ -294,9 +295,8 @@ void TrunkTracker::reset() {
   error_power_ = kFirstErrors * kFirstJitter * kFirstJitter;
   error_product_ = kFirstCorrelation * error_power_;
   turn_variance_ = 0.0;
-  covariance_.setZero();
+  covariance_.reset();
   surface_share_ = 0.0;
-  deviation_deg_ = std::numeric_limits<double>::infinity();
 }
 
 /// The same person: what its joints jitter by is known, and nothing else.
@@ -314,7 +314,7 @@ void TrunkTracker::start(const BodyFrame& frame) {
 /// Forgets the pose, which tells nothing of where the trunk is after a gap.
 void TrunkTracker::end_motion() {
   pose_.reset();
-  deviation_deg_ = std::numeric_limits<double>::infinity();
+  covariance_.reset();
   for (JointMean& mean : joints_) mean.num_last = 0;
 }
 
@@ -350,7 +350,6 @@ std::optional<BodyFrame> TrunkTracker::update(const Skeleton* joints, const Dept
   measure_symmetry(depth, rays, camera);
   if (jumps) across_.setZero();  // what was before the turn tells nothing
   if (joints != nullptr) compare_turn(*joints, without_joints);
-  deviation_deg_ = std::hypot(deviation_deg_, disagreement_ / kDegree);
   time_s_ = time_s;
   return frame();
 }
@@ -398,7 +397,7 @@ void TrunkTracker::measure_symmetry(const DepthView& depth, const PixelRays& ray
   const auto axes = trusted_frame(mean_skeleton(), affected_, joint_trust(), down_);
   if (!axes) return;
   if (surface_.size() < kLeastSurface) {
-    judge(joint_plane_variance().cwiseInverse().asDiagonal());
+    covariance_ = Eigen::Matrix3d(joint_plane_variance().cwiseInverse().asDiagonal()).inverse();
     return;
   }
   const PixelProjector projector(camera, rays);
@@ -441,7 +440,7 @@ void TrunkTracker::measure_symmetry(const DepthView& depth, const PixelRays& ray
   }
   Eigen::Matrix3d known = prior.asDiagonal();
   if (agreed >= kLeastSurface) known += told / (kSharedNoise * kSharedNoise);
-  judge(known);
+  covariance_ = known.inverse();
   if (agreed < kLeastSurface) return;
   plane_.weight = std::min(plane_.weight + 1.0, kSymmetryWindow);
   const double gain = 1.0 / plane_.weight;
@@ -449,18 +448,19 @@ void TrunkTracker::measure_symmetry(const DepthView& depth, const PixelRays& ray
   plane_.offset += gain * (n.dot(o - pose_->translation) - plane_.offset);
 }
 
-/// The deviation of the plane's normal: of what is known of the plane within the trunk, its roll
-/// and its yaw, and of the trunk's own turn.
-void TrunkTracker::judge(const Eigen::Matrix3d& information) {
-  covariance_ = information.inverse();
+double TrunkTracker::deviation_deg() const {
+  if (!covariance_) return std::numeric_limits<double>::infinity();
   constexpr double kDegrees = 57.29577951308232;
-  deviation_deg_ = kDegrees * std::sqrt(turn_variance_ + covariance_(0, 0) + covariance_(1, 1));
+  const Eigen::Matrix3d& plane = *covariance_;
+  const double known = kDegrees * std::sqrt(turn_variance_ + plane(0, 0) + plane(1, 1));
+  return std::hypot(known, disagreement_ / kDegree);
 }
 
 double TrunkTracker::deviation_at(const Eigen::Vector3d& p, const BodyFrame& frame) const {
   const Eigen::Vector3d from = p - frame.origin;
   const Eigen::Vector3d row(frame.y.dot(from), frame.z.dot(from), -1.0);
-  return std::sqrt(row.dot(covariance_ * row) + turn_variance_ * row.head<2>().squaredNorm());
+  const double within = covariance_ ? row.dot(*covariance_ * row) : 0.0;
+  return std::sqrt(within + turn_variance_ * row.head<2>().squaredNorm());
 }
 
 /// How large the trunk of the joints' means is against an adult's, by its shoulders and its spine;
@@ -468,7 +468,7 @@ double TrunkTracker::deviation_at(const Eigen::Vector3d& p, const BodyFrame& fra
 double TrunkTracker::size_against_adult() const {
   constexpr double kLeast = 0.4;  // of an adult: joints that are nearer to each other are wrong
   constexpr std::array<std::tuple<Joint, Joint, double>, 2> kLengths = {
-      {{kShoulderLeft, kShoulderRight, 0.35}, {kSpineBase, kSpineShoulder, 0.535}}};  // metres
+      {{kShoulderLeft, kShoulderRight, kShoulders}, {kSpineBase, kSpineShoulder, 0.535}}};  // metres
   double sum = 0.0, adult = 0.0;
   for (const auto& [from, to, length] : kLengths) {
     const JointMean& a = joints_[static_cast<std::size_t>(from)];
@@ -490,7 +490,6 @@ Eigen::Vector3d TrunkTracker::joint_plane_variance() const {
   // Yaw: variance of the mean of both pairs' directions, weighted by trust, over its squared
   // length.
   const double size = size_against_adult();
-  constexpr double kShoulders = 0.35, kHips = 0.18, kOtherPair = 0.5;  // metres, metres
   const bool arm = is_arm(affected_);
   const auto pair_trust = [&](Joint left, Joint right) {
     return std::min(trust_of(trusted, left), trust_of(trusted, right));
@@ -530,7 +529,6 @@ bool TrunkTracker::contradicts(const Skeleton& joints) const {
 
 /// From right to left, of the shoulders and half of the hips, as far as both of a pair are tracked.
 std::optional<TrunkTracker::Across> TrunkTracker::tracked_across(const Skeleton& joints) const {
-  constexpr double kShoulders = 0.35, kHips = 0.18;  // metres
   Across across;
   double length = 0.0, variance = 0.0;
   const auto add = [&](Joint left, Joint right, double share, double width) {
@@ -544,7 +542,7 @@ std::optional<TrunkTracker::Across> TrunkTracker::tracked_across(const Skeleton&
     }
   };
   add(kShoulderLeft, kShoulderRight, 1.0, kShoulders);
-  add(kHipLeft, kHipRight, 0.5, kHips);
+  add(kHipLeft, kHipRight, kOtherPair, kHips);
   if (across.direction.isZero(0.0)) return std::nullopt;
   across.jitter = std::sqrt(variance) / length;
   return across;

@@ -225,7 +225,7 @@ def show_participant(path: File, participant: Who, key: Key = None, as_json: Jso
     with _opened(path, key) as diary:
         person = diary.participant(participant)
         sessions = diary.sessions(participant)
-        filled, events = diary.questionnaires(participant), diary.events(participant)
+        filled, events = diary.mcgill(participant), diary.events(participant)
         answers = diary.answers(participant)
         elsewhere = {one.number for one in diary.ownership(participant)}
         elsewhere |= {one.number for one in filled}

@@ -332,7 +332,7 @@ def analyse(
     scores = np.full((len(people), len(OCCASIONS)), np.nan)
     kept = {}
     for number, person in enumerate(people):
-        for filled in diary.questionnaires(person.identifier):
+        for filled in diary.mcgill(person.identifier):
             if filled.occasion in OCCASIONS:
                 scores[number, OCCASIONS.index(filled.occasion)] = filled.score.pri
         kept[person.identifier] = adherence(

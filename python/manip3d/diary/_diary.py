@@ -813,7 +813,7 @@ class Diary:
             key=lambda rating: rating.at,
         )
 
-    def questionnaires(self, identifier: str) -> list[McGill]:
+    def mcgill(self, identifier: str) -> list[McGill]:
         """Return the McGill questionnaires of a participant, by time.
 
         Parameters
@@ -905,7 +905,7 @@ class Diary:
         Returns
         -------
         list of Answers
-            Those of `questionnaires` and `ownership` too, as `MCGILL` and `OWNERSHIP`.
+            Those of `mcgill` and `ownership` too, as `MCGILL` and `OWNERSHIP`.
 
         Raises
         ------
@@ -916,7 +916,7 @@ class Diary:
         """
         found = [
             Answers(one.at, MCGILL, (*one.ranks, one.score.ppi), one.occasion, one.number)
-            for one in self.questionnaires(identifier)
+            for one in self.mcgill(identifier)
         ]
         found += [
             Answers(one.at, OWNERSHIP, one.answers, "other", one.number)

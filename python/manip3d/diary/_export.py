@@ -180,7 +180,7 @@ def _tables(diary: Diary, identifiers: Iterable[str]) -> _Tables:
                     rows["anomalies"].append([name, count, number, start, end])
         for rating in diary.ratings(name):
             rows["ratings"].append([name, rating.at, rating.when, rating.pain])
-        for filled in diary.questionnaires(name):
+        for filled in diary.mcgill(name):
             score = asdict(filled.score)
             rows["questionnaires"].append(
                 [name, filled.at, filled.occasion, *score.values(), *filled.ranks]
@@ -293,7 +293,7 @@ def fhir_bundle(diary: Diary, identifier: str) -> dict[str, Any]:
         pain["valueInteger"] = rating.pain
         if rating.when != "other":
             pain["note"] = [{"text": f"{rating.when} the session"}]
-    for one in diary.questionnaires(identifier):
+    for one in diary.mcgill(identifier):
         found[_url("questionnaires", one.number)] = _questionnaire(one, about)
     for cue in diary.ownership(identifier):
         found[_url("questionnaires", cue.number)] = _ownership(cue, about)

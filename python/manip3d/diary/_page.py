@@ -333,7 +333,7 @@ def _trends(diary: Diary, person: Participant, sessions: Sequence[DiarySession])
     shares = [Point.of(g.at, start, 100 * g.by_phantom / g.score) for g in games if g.score > 0]
     tracked = [Point.of(g.at, start, 100 * g.tracked) for g in games if g.tracked is not None]
     filled = [
-        Point.of(one.at, start, one.score.pri) for one in diary.questionnaires(person.identifier)
+        Point.of(one.at, start, one.score.pri) for one in diary.mcgill(person.identifier)
     ]
     charts = [
         ("Pain before sessions, 0 to 10", _pain_before(sessions, person), 10.0),
@@ -379,7 +379,7 @@ def _events(diary: Diary, identifier: str) -> str:
 
 
 def _mcgill(diary: Diary, identifier: str) -> str:
-    filled = diary.questionnaires(identifier)
+    filled = diary.mcgill(identifier)
     if not filled:
         return "<p>None yet.</p>"
     rows = [
@@ -396,7 +396,7 @@ def _forms(diary: Diary, identifier: str) -> list[str]:
     filled: dict[Questionnaire, list[Answers]] = {}
     # Compared by row: the same questions filled in by hand are shown here.
     elsewhere = {one.number for one in diary.ownership(identifier)}
-    elsewhere |= {one.number for one in diary.questionnaires(identifier)}
+    elsewhere |= {one.number for one in diary.mcgill(identifier)}
     for one in diary.answers(identifier):
         if one.number not in elsewhere:
             filled.setdefault(one.questionnaire, []).append(one)

@@ -72,9 +72,10 @@ class TrunkTracker {
 
   void reset();
 
-  /// Standard deviation of the plane's normal, degrees, with what it is turned by against the
-  /// joints; infinite before the first frame.
-  [[nodiscard]] double deviation_deg() const { return deviation_deg_; }
+  /// Standard deviation of the plane's normal, degrees, of its roll and yaw within the trunk and of
+  /// the trunk's own turn, with what it is turned by against the joints; infinite before the first
+  /// frame.
+  [[nodiscard]] double deviation_deg() const;
   /// Standard deviation of a point's distance from the plane, metres, by the plane's own errors.
   [[nodiscard]] double deviation_at(const Eigen::Vector3d& p, const BodyFrame& frame) const;
 
@@ -135,7 +136,6 @@ class TrunkTracker {
   [[nodiscard]] bool has_jumped(const Skeleton& joints, double elapsed) const;
   [[nodiscard]] Skeleton mean_skeleton() const;
   void measure_symmetry(const DepthView& depth, const PixelRays& rays, const Intrinsics& camera);
-  void judge(const Eigen::Matrix3d& information);
   [[nodiscard]] double correlation() const;
   [[nodiscard]] double innovation(const JointMean& mean) const;
   [[nodiscard]] double mean_variance(const JointMean& mean) const;
@@ -161,10 +161,9 @@ class TrunkTracker {
   double error_power_ = 0.0, error_product_ = 0.0;
   double turn_variance_ = 0.0;  ///< Variance of the trunk's orientation, square radians.
   /// Covariance of the plane's place within the trunk: roll and yaw of its normal, radians, and its
-  /// offset, metres.
-  Eigen::Matrix3d covariance_ = Eigen::Matrix3d::Zero();
+  /// offset, metres. None until a frame told it.
+  std::optional<Eigen::Matrix3d> covariance_;
   double surface_share_ = 0.0;  ///< Share of the key frame that the last frame agreed with.
-  double deviation_deg_ = 0.0;
 };
 
 }  // namespace manip3d
