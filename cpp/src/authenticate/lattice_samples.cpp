@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "authenticate/watermark_record.hpp"
-#include "authenticate/wide_vectors.hpp"
+#include "geometry/wide_vectors.hpp"
 #include "manip3d/error.hpp"
 
 namespace manip3d {

@@ -17,6 +17,7 @@ class SharedUnionFind {
   }
 
   void join(std::int32_t i, std::int32_t j) {
+    if (at(i).load(std::memory_order_relaxed) == at(j).load(std::memory_order_relaxed)) return;
     for (;;) {
       i = root(i);
       j = root(j);

@@ -114,14 +114,20 @@ void merge_normals(FastMesh& mesh, std::int32_t v, std::int32_t t) {
   });
 }
 
-void merge_colors(FastMesh& mesh, std::int32_t v, std::int32_t t, const Vector3f& p) {
+ColorMix mix_of(const FastMesh& mesh, std::int32_t v, std::int32_t t, const Vector3f& p) {
   const Vector3f origin = position_of(mesh.vertices[v]),
                  edge = position_of(mesh.vertices[t]) - origin;
   const float squared = edge.squaredNorm();
   const float share =
       squared > 0.0F ? std::clamp((p - origin).dot(edge) / squared, 0.0F, 1.0F) : 1.0F;
-  Vector3f& color = mesh.colors[mesh.id[v]];
-  color += share * (mesh.colors[mesh.id[t]] - color);
+  return {v, t, share};
+}
+
+void mix_colors(FastMesh& mesh, const std::vector<ColorMix>& mixes) {
+  for (const auto& [v, t, share] : mixes) {
+    Vector3f& color = mesh.colors[mesh.id[v]];
+    color += share * (mesh.colors[mesh.id[t]] - color);
+  }
 }
 
 }  // namespace manip3d::fast_detail

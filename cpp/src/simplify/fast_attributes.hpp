@@ -26,7 +26,16 @@ void merge_wedges(FastMesh& mesh, std::int32_t v, std::int32_t t, const Vector3f
                   MergedWedges& merged);
 /// Corners of t get the normal of v that is nearest to theirs.
 void merge_normals(FastMesh& mesh, std::int32_t v, std::int32_t t);
+
+/// Colours of a collapse that are yet to be mixed: those of t have this share. A pass takes a
+/// vertex once, so its colours wait for its end, when nothing else has to wait for the memory.
+struct ColorMix {
+  std::int32_t v, t;
+  float share;
+};
+
 /// Between the colours of v and t, as p lies between them.
-void merge_colors(FastMesh& mesh, std::int32_t v, std::int32_t t, const Vector3f& p);
+ColorMix mix_of(const FastMesh& mesh, std::int32_t v, std::int32_t t, const Vector3f& p);
+void mix_colors(FastMesh& mesh, const std::vector<ColorMix>& mixes);
 
 }  // namespace manip3d::fast_detail

@@ -298,7 +298,7 @@ void EdgeCollapser::apply(std::int32_t v, std::int32_t t, const Vector3f& offset
   const Vector3f p = old + offset;
   if (mesh_.has_wedges()) merge_wedges(mesh_, v, t, p, task.merged);
   if (!mesh_.normals.empty()) merge_normals(mesh_, v, t);
-  if (!mesh_.colors.empty()) merge_colors(mesh_, v, t, p);
+  if (!mesh_.colors.empty()) task.mixes.push_back(mix_of(mesh_, v, t, p));
   const Vector3f u = p - old;  // what single precision made of it
   vertex.x = p.x(), vertex.y = p.y(), vertex.z = p.z();
   vertex.xx = edge.xx, vertex.xy = edge.xy, vertex.xz = edge.xz;

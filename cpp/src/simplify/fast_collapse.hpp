@@ -47,6 +47,7 @@ struct CollapseTask {
   std::vector<std::int32_t> doubling;  // vertices whose faces may lie on others'
   std::vector<Triple> twin_faces;      // around them: vertices of faces back to back
   MergedWedges merged;
+  std::vector<ColorMix> mixes;              // of this pass
   std::int64_t removed = 0, collapses = 0;  // faces, and how many times
   float squared_error = 0.0F;
 };

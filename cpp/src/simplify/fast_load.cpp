@@ -10,13 +10,42 @@ namespace {
 
 using Eigen::Vector3d;
 
+/// Huge pages save a small mesh much of its time, and a large one nothing that can be measured;
+/// below half of one they would be mostly empty.
+std::size_t bytes_of_arena(const MeshView& mesh) {
+  constexpr std::size_t kBytesOfFace = 128, kLeast = std::size_t{1} << 20;
+  constexpr std::size_t kMost = std::size_t{1} << 26;
+  const std::size_t bytes = kBytesOfFace * static_cast<std::size_t>(mesh.num_faces());
+  return bytes < kLeast || bytes > kMost ? 0 : bytes;
+}
+
+/// Up to so many faces are compared each with each.
+constexpr std::size_t kMostCompared = 8;
+
 std::int32_t lowest(const Triple& f) { return std::min({f[0], f[1], f[2]}); }
+
+/// Whether two of the faces `here`, whose lowest vertex is v, may have the same corners.
+/// Nearly always none do, and this is a quick way to see it.
+bool may_be_copies(const Bulk<Triple>& faces, std::int32_t v,
+                   const std::vector<std::int32_t>& here) {
+  if (here.size() > kMostCompared) return true;
+  std::array<std::uint64_t, kMostCompared> sides;  // NOLINT: filled below
+  bool is_any = false;
+  for (std::size_t i = 0; i < here.size(); ++i) {
+    const Triple& face = faces[here[i]];
+    const auto c = static_cast<std::uint32_t>(2 * (face[2] == v) + (face[1] == v));
+    const std::int32_t next = face[after(c)], last = face[before(c)];
+    sides[i] = static_cast<std::uint64_t>(next) << 32 | static_cast<std::uint32_t>(last);
+    for (std::size_t j = 0; j < i; ++j) is_any |= sides[j] == sides[i];
+  }
+  return is_any;
+}
 
 /// Appends the faces of `here` (in order) whose key an earlier one has.
 template <typename Key>
 void append_copies(std::vector<std::int32_t>& here, const Key& key,
                    std::vector<std::int32_t>& copies) {
-  if (here.size() <= 8) {
+  if (here.size() <= kMostCompared) {
     for (std::size_t i = 1; i < here.size(); ++i) {
       const auto own = key(here[i]);
       if (std::any_of(here.begin(), here.begin() + static_cast<std::ptrdiff_t>(i),
@@ -43,7 +72,8 @@ FastMesh::FastMesh(const MeshView& mesh, const BoundingBox& box, const std::vect
       tasks(in_tasks),
       scale(box.diagonal() > 0.0 ? box.diagonal() : 1.0),
       center(box.center()),
-      order(spatial_order(mesh, box, in_tasks.num_threads(), in_tasks.part(0.0, 0.05))) {
+      arena(bytes_of_arena(mesh)),
+      order(spatial_order(mesh, box, in_tasks.num_threads(), arena, in_tasks.part(0.0, 0.05))) {
   load_vertices(locked_in);
   load_faces();
   build_adjacency();
@@ -70,15 +100,16 @@ void FastMesh::load_vertices(const std::vector<bool>& locked_in) {
       if (locked_in[v] && order.rank[v] >= 0) locked[order.rank[v]] = 1;
     }
   }
-  for (Eigen::Index v = 0; input.colors.rows() > 0 && v < num_vertices(); ++v) {
-    colors.emplace_back(input.colors.row(order.source[v]).cast<float>().transpose());
-  }
+  if (input.colors.rows() > 0) colors.resize(vertices.size());
+  over_vertices([&](std::int32_t v) {
+    if (!colors.empty()) colors[v] = input.colors.row(order.source[v]).cast<float>().transpose();
+  });
 }
 
 /// Faces in the order of their lowest vertices.
 void FastMesh::load_faces() {
   const auto count = static_cast<std::int64_t>(input.num_faces());
-  Bulk<Triple> ranks(count);
+  Bulk<Triple> ranks(count, arena);
   tasks.over(count, kBlock, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t f = begin; f < end; ++f) {
       const std::int32_t* face = input.faces.data() + 3 * f;
@@ -86,7 +117,7 @@ void FastMesh::load_faces() {
     }
   });
   tasks.report(0.06);
-  std::vector<std::int32_t> start(vertices.size() + 1, 0);
+  Bulk<std::int32_t> start(vertices.size() + 1, 0, arena);
   in_ranges([&](const auto& is_mine) {
     for (const Triple& face : ranks) {
       if (is_mine(lowest(face)) && !is_degenerate(face)) ++start[lowest(face) + 1];
@@ -158,7 +189,7 @@ void FastMesh::remove_equal_faces() {
       here.clear();
       const std::int32_t v = lowest(faces[f]);
       for (; next < count && lowest(faces[next]) == v; ++next) here.push_back(next);
-      append_copies(here, key, copies[block]);
+      if (may_be_copies(faces, v, here)) append_copies(here, key, copies[block]);
     }
   });
   std::vector<std::uint8_t> is_copy;

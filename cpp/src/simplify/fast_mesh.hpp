@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "geometry/arena.hpp"
 #include "geometry/bulk.hpp"
 #include "geometry/lanes.hpp"
 #include "manip3d/geometry/mesh.hpp"
@@ -197,30 +198,31 @@ struct FastMesh {
   Tasks& tasks;
   double scale;
   Eigen::Vector3d center;
+  Arena arena;  // before the tables that are in it
   SpatialOrder order;
 
-  Bulk<QuadricVertex> vertices;
-  std::vector<std::int32_t> id;          // of a vertex: its number at the beginning
+  Bulk<QuadricVertex> vertices{arena};
+  Bulk<std::int32_t> id{arena};          // of a vertex: its number at the beginning
   std::vector<std::uint8_t> is_open;     // of a vertex: not closed around, or with several wedges
   std::vector<std::uint8_t> is_complex;  // of a vertex: with complex edges; empty: none
-  std::vector<std::int32_t> into;        // of a vertex at the beginning: what took it in, or -1
+  Bulk<std::int32_t> into{arena};        // of a vertex at the beginning: what took it in, or -1
   std::vector<std::uint8_t> is_moved;    // of a vertex at the beginning
   std::vector<std::uint8_t> locked;      // of a vertex at the beginning; empty: none
-  std::vector<Vector3f> colors;          // of a vertex at the beginning; empty: none
+  Bulk<Vector3f> colors{arena};          // of a vertex at the beginning; empty: none
 
-  Bulk<Triple> faces;
-  Bulk<std::int32_t> face_ids;  // of a face: row of the input
-  std::vector<Triple> wedges;   // of a face; empty: nothing to tell apart
-  std::vector<Triple> normals;  // of a face; empty: none
+  Bulk<Triple> faces{arena};
+  Bulk<std::int32_t> face_ids{arena};  // of a face: row of the input
+  Bulk<Triple> wedges{arena};          // of a face; empty: nothing to tell apart
+  Bulk<Triple> normals{arena};         // of a face; empty: none
   WedgeTable table;
   std::vector<std::int32_t> wedge_into;
   std::int64_t num_dropped = 0;  // faces of the input without area, and copies of others
 
-  std::vector<std::uint32_t> first_corner;  // of a vertex
-  Bulk<std::uint32_t> corners_by_vertex;
+  Bulk<std::uint32_t> first_corner{arena};  // of a vertex
+  Bulk<std::uint32_t> corners_by_vertex{arena};
 
   // In a pass, of a vertex:
-  Bulk<std::int32_t> remap;            // what it went into
+  Bulk<std::int32_t> remap{arena};     // what it went into
   std::vector<std::uint8_t> is_taken;  // has collapsed
   std::vector<std::uint8_t> level;     // the lowest at which one block has all its faces
 
@@ -241,7 +243,7 @@ struct FastMesh {
   void write_texcoords(TriangleMesh& out) const;
   void write_normals(TriangleMesh& out) const;
 
-  Bulk<std::int32_t> number_;  // after a pass, of a vertex that stays: in its chunk
+  Bulk<std::int32_t> number_{arena};  // after a pass, of a vertex that stays: in its chunk
   std::vector<std::int64_t> kept_of_chunk_;
 };
 

@@ -90,8 +90,8 @@ void FastPass::prepare_workers() {
   const int top = mesh_.top_level();
   if (workers_.size() <= static_cast<std::size_t>(top)) workers_.resize(top + 1);
   for (int level = 0; level < static_cast<int>(workers_.size()); ++level) {
-    if (workers_[level].size() < static_cast<std::size_t>(mesh_.num_blocks(level))) {
-      workers_[level].resize(mesh_.num_blocks(level));
+    while (workers_[level].size() < static_cast<std::size_t>(mesh_.num_blocks(level))) {
+      workers_[level].emplace_back(mesh_.arena);
     }
     for (Worker& worker : workers_[level]) {
       worker.task.level = level;
@@ -300,17 +300,19 @@ void FastPass::collapse_in_order(const Bulk<PricedEdge>& candidates, Worker& wor
 std::size_t FastPass::find_in_reach(const Bulk<PricedEdge>& candidates, std::size_t begin,
                                     std::vector<EdgeInReach>& near) const {
   constexpr std::size_t kAtOnce = 64;
-  const std::size_t end = std::min(candidates.size(), begin + kAtOnce);
-  for (std::size_t i = end; i < std::min(candidates.size(), end + kAtOnce); ++i) {
-    __builtin_prefetch(&mesh_.faces[candidates[i].slot / 3]);
-  }
   const bool is_any = is_small();
-  near.resize(end - begin);
-  std::size_t count = 0;
-  for (std::size_t i = begin; i < end; ++i) {
-    const auto [v, t] = mesh_.edge_at(candidates[i].slot);
-    near[count] = {candidates[i].key, v, t};
-    count += static_cast<std::size_t>(is_any | ((mesh_.is_taken[v] | mesh_.is_taken[t]) == 0));
+  near.resize(2 * kAtOnce);
+  std::size_t count = 0, end = begin;
+  while (count < kAtOnce && end < candidates.size()) {
+    const std::size_t next = std::min(candidates.size(), end + kAtOnce);
+    for (std::size_t i = next; i < std::min(candidates.size(), next + kAtOnce); ++i) {
+      __builtin_prefetch(&mesh_.faces[candidates[i].slot / 3]);
+    }
+    for (; end < next; ++end) {
+      const auto [v, t] = mesh_.edge_at(candidates[end].slot);
+      near[count] = {candidates[end].key, v, t};
+      count += static_cast<std::size_t>(is_any | ((mesh_.is_taken[v] | mesh_.is_taken[t]) == 0));
+    }
   }
   near.resize(count);
   return end;
@@ -318,7 +320,7 @@ std::size_t FastPass::find_in_reach(const Bulk<PricedEdge>& candidates, std::siz
 
 /// Asks the memory for what the next candidates will touch: they lie anywhere in the block.
 void FastPass::prefetch(const std::vector<EdgeInReach>& candidates, std::size_t i) const {
-  constexpr std::size_t kSoon = 2, kLater = 4;
+  constexpr std::size_t kSoon = 4, kLater = 8;
   if (i + kLater < candidates.size()) {
     for (const std::int32_t v : {candidates[i + kLater].v, candidates[i + kLater].t}) {
       __builtin_prefetch(&mesh_.vertices[v]);
@@ -341,6 +343,12 @@ bool FastPass::is_hub(std::int32_t v) const {
 
 /// Puts the pass into effect.
 void FastPass::end() {
+  for (std::vector<Worker>& level : workers_) {
+    mesh_.tasks.over(static_cast<std::int64_t>(level.size()), 1, [&](std::int64_t i, std::int64_t) {
+      mix_colors(mesh_, level[i].task.mixes);
+      level[i].task.mixes.clear();
+    });
+  }
   mesh_.end_pass();
   std::vector<std::int32_t> around;
   std::vector<Triple> twins;

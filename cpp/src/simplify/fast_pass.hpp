@@ -47,6 +47,8 @@ class FastPass {
   };
   /// A block of a level.
   struct Worker {
+    explicit Worker(Arena& arena) : candidates(arena), sorted(arena), waiting(arena) {}
+
     CollapseTask task;
     Bulk<PricedEdge> candidates;  // at first all edges of this block
     Bulk<PricedEdge> sorted;

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "geometry/lanes.hpp"
+#include "geometry/wide_vectors.hpp"
 #include "simplify/quadric_vertex.hpp"
 
 namespace manip3d::fast_detail {
@@ -52,14 +53,88 @@ void price_four(const FastMesh& mesh, float squared_limit, const EdgeWithEnds* f
   }
 }
 
+#ifdef MANIP3D_AVX2
+#pragma GCC push_options
+#pragma GCC target("avx2")
+namespace wide {
+
+using Float8 = float __attribute__((vector_size(32)));
+using Int8 = std::int32_t __attribute__((vector_size(32)));
+
+#define MANIP3D_EDGE_QUADRIC EdgeQuadric8
+#include "simplify/edge_quadric.inc"
+#undef MANIP3D_EDGE_QUADRIC
+
+/// Turns eight vertices into one with eight numbers for each.
+void transpose8(const FastMesh& mesh, const EdgeWithEnds* edges, std::int32_t EdgeWithEnds::* end,
+                QuadricVertexOf<Float8>& out) {
+  std::array<const float*, 8> from;  // NOLINT: filled below
+  for (std::size_t i = 0; i < 8; ++i) from[i] = &mesh.vertices[edges[i].*end].x;
+  Float8* to = &out.x;
+  for (int row = 0; row < 4; ++row, to += 4) {
+    const auto pair = [&](std::size_t i) {  // of the vertices i and i + 4
+      return __builtin_shufflevector(load4(from[i] + 4 * row), load4(from[i + 4] + 4 * row), 0, 1,
+                                     2, 3, 4, 5, 6, 7);
+    };
+    const Float8 r0 = pair(0), r1 = pair(1), r2 = pair(2), r3 = pair(3);
+    const Float8 a = __builtin_shufflevector(r0, r1, 0, 8, 1, 9, 4, 12, 5, 13);
+    const Float8 b = __builtin_shufflevector(r2, r3, 0, 8, 1, 9, 4, 12, 5, 13);
+    const Float8 c = __builtin_shufflevector(r0, r1, 2, 10, 3, 11, 6, 14, 7, 15);
+    const Float8 d = __builtin_shufflevector(r2, r3, 2, 10, 3, 11, 6, 14, 7, 15);
+    to[0] = __builtin_shufflevector(a, b, 0, 1, 8, 9, 4, 5, 12, 13);
+    to[1] = __builtin_shufflevector(a, b, 2, 3, 10, 11, 6, 7, 14, 15);
+    to[2] = __builtin_shufflevector(c, d, 0, 1, 8, 9, 4, 5, 12, 13);
+    to[3] = __builtin_shufflevector(c, d, 2, 3, 10, 11, 6, 7, 14, 15);
+  }
+}
+
+Int8 bits8(std::uint32_t bits) { return Int8{} + static_cast<std::int32_t>(bits); }
+
+/// The same as price_four() of eight edges: the same operations, so the same bits.
+void price_eight(const FastMesh& mesh, float squared_limit, const EdgeWithEnds* from,
+                 PricedEdge* to) {
+  QuadricVertexOf<Float8> v, t;  // NOLINT: filled below
+  transpose8(mesh, from, &EdgeWithEnds::v, v);
+  transpose8(mesh, from, &EdgeWithEnds::t, t);
+  const EdgeQuadric8<Float8> edge(v, t);
+  const Float8 value = edge.value(edge.ux, edge.uy, edge.uz), price = edge.price(value);
+  const Int8 too_dear = value > squared_limit * edge.weight;
+  const Int8 positive = price > 0.0F, others = ~(price <= 0.0F) & bits8(kDearest);
+  const Int8 known = (positive & reinterpret_cast<Int8>(price)) | (~positive & others);
+  const Int8 keys = (too_dear & bits8(kTooDear)) | (~too_dear & known);
+  for (std::size_t i = 0; i < 8; ++i) {
+    to[i] = {static_cast<std::uint32_t>(keys[i]), from[i].slot};
+  }
+}
+
+}  // namespace wide
+#pragma GCC pop_options
+#endif
+
+/// Prices edges, eight at a time where the processor can; both tables have room for kLanes more.
+constexpr std::size_t kLanes = 8;
+void price(const FastMesh& mesh, float squared_limit, EdgeWithEnds* from, std::size_t count,
+           PricedEdge* to) {
+  for (std::size_t i = count; i % kLanes != 0; ++i) from[i] = from[count - 1];
+#ifdef MANIP3D_AVX2
+  if (has_avx2()) {
+    for (std::size_t i = 0; i < count; i += kLanes) {
+      wide::price_eight(mesh, squared_limit, from + i, to + i);
+    }
+    return;
+  }
+#endif
+  for (std::size_t i = 0; i < count; i += 4) price_four(mesh, squared_limit, from + i, to + i);
+}
+
 }  // namespace
 
 void price_edges(const FastMesh& mesh, const FastPieces& pieces, float squared_limit,
                  std::int64_t begin, std::int64_t end, Bulk<PricedEdge>& edges) {
   constexpr std::int64_t kFaces = 256;  // so many that their edges stay in the nearest cache
   edges.clear();
-  edges.reserve(2 * (end - begin));               // three for two faces, more where it is open
-  std::array<EdgeWithEnds, 3 * kFaces + 3> here;  // NOLINT: filled below
+  edges.reserve(2 * (end - begin));                    // three for two faces, more where it is open
+  std::array<EdgeWithEnds, 3 * kFaces + kLanes> here;  // NOLINT: filled below
   for (std::int64_t f = begin; f < end;) {
     std::size_t count = 0;
     for (const std::int64_t stop = std::min(end, f + kFaces); f < stop; ++f) {
@@ -71,11 +146,9 @@ void price_edges(const FastMesh& mesh, const FastPieces& pieces, float squared_l
       }
     }
     if (count == 0) continue;
-    for (std::size_t i = count; i % 4 != 0; ++i) here[i] = here[count - 1];
     const std::size_t first = edges.size();
-    edges.resize(first + count + 3);
-    for (std::size_t i = 0; i < count; i += 4)
-      price_four(mesh, squared_limit, &here[i], &edges[first + i]);
+    edges.resize(first + count + kLanes);
+    price(mesh, squared_limit, here.data(), count, &edges[first]);
     edges.resize(first + count);
   }
 }

@@ -29,7 +29,7 @@ struct Coded {
 void sort_by_code(Bulk<Coded>& items) {
   constexpr int kBits = 10;
   constexpr std::size_t kBins = 1U << kBits;
-  Bulk<Coded> other(items.size());
+  Bulk<Coded> other(items.size(), items.get_allocator());
   for (int shift = 0; shift < 30; shift += kBits) {
     std::array<std::uint32_t, kBins> start{};
     for (const Coded& item : items) ++start[(item.code >> shift) & (kBins - 1)];
@@ -43,14 +43,14 @@ void sort_by_code(Bulk<Coded>& items) {
 }  // namespace
 
 SpatialOrder spatial_order(const MeshView& mesh, const BoundingBox& box, int num_threads,
-                           const Progress& progress) {
-  SpatialOrder order;
+                           Arena& arena, const Progress& progress) {
+  SpatialOrder order{Bulk<std::int32_t>(arena), Bulk<std::int32_t>(arena)};
   order.rank.assign(mesh.num_vertices(), -1);
   for (Eigen::Index i = 0; i < mesh.faces.size(); ++i) order.rank[mesh.faces.data()[i]] = 0;
   if (progress) progress(0.1);
   const double extent = (box.max - box.min).maxCoeff();
   const double cells = extent > 0.0 && std::isfinite(extent) ? 1023.0 / extent : 0.0;
-  Bulk<Coded> items(mesh.num_vertices());
+  Bulk<Coded> items(mesh.num_vertices(), arena);
   parallel_chunks(
       mesh.num_vertices(), 1 << 14, num_threads, [&](std::int64_t begin, std::int64_t end) {
         for (auto v = static_cast<std::int32_t>(begin); v < end; ++v) {

@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "geometry/bulk.hpp"
 #include "manip3d/geometry/mesh.hpp"
 #include "manip3d/progress.hpp"
 
@@ -11,13 +12,13 @@ namespace manip3d {
 /// The vertices of a mesh in an order in which neighbours in space are mostly neighbours in memory,
 /// those at the same place as one.
 struct SpatialOrder {
-  std::vector<std::int32_t> rank;    ///< Rank of each input vertex; -1: in no face.
-  std::vector<std::int32_t> source;  ///< Lowest input vertex of each rank.
+  Bulk<std::int32_t> rank;    ///< Rank of each input vertex; -1: in no face.
+  Bulk<std::int32_t> source;  ///< Lowest input vertex of each rank.
 };
 
 /// By Morton code on a grid of 1024 cells along the box, then by coordinates. `num_threads` as in
-/// parallel_chunks().
+/// parallel_chunks(); the tables are in the arena.
 SpatialOrder spatial_order(const MeshView& mesh, const BoundingBox& box, int num_threads,
-                           const Progress& progress);
+                           Arena& arena, const Progress& progress);
 
 }  // namespace manip3d
