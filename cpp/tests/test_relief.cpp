@@ -3,12 +3,18 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <cstdlib>
+#include <map>
+#include <numeric>
+#include <set>
+#include <utility>
 #include <vector>
 
 #include "allocations.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/simplify/relief.hpp"
 #include "simplify/relief_coverage.hpp"
+#include "simplify/relief_start.hpp"
 
 namespace manip3d {
 namespace {
@@ -95,6 +101,98 @@ TEST(Relief, TrianglesAcrossAStepMustBeSeenForTheMostPart) {
   // No pixel lies off them: 30 pixels of the first are seen and 45 not, 42 of the other and 33 not.
   EXPECT_TRUE(relief_detail::lies_off(surface, {pixel(0, 0), pixel(11, 0), pixel(0, 11)}));
   EXPECT_FALSE(relief_detail::lies_off(surface, {pixel(11, 0), pixel(11, 11), pixel(0, 0)}));
+}
+
+/// Noise with steps between flat parts: pixels are missing alone, in groups and beside the steps.
+PointGrid torn(std::uint32_t seed) {
+  constexpr std::int64_t kWide = 61, kHigh = 47;
+  PointGrid grid;
+  grid.rows = kHigh;
+  grid.cols = kWide;
+  grid.points.resize(kHigh * kWide, 3);
+  grid.valid.assign(kHigh * kWide, 1);
+  std::uint32_t noise = seed;
+  const auto draw = [&noise] {
+    noise = noise * 1664525U + 1013904223U;
+    return static_cast<float>(noise >> 8U) / static_cast<float>(1U << 24U);
+  };
+  for (std::int64_t v = 0; v < kHigh; ++v) {
+    for (std::int64_t u = 0; u < kWide; ++u) {
+      const auto x = static_cast<float>(u), y = static_cast<float>(v);
+      const bool is_near = std::hypot(x - 25.0F, y - 20.0F) < 13.0F + 2.0F * draw();
+      const float z = (is_near ? 1.0F : 2.0F) + 0.004F * draw();
+      grid.points.row(v * kWide + u) << 0.01F * x * z, 0.01F * y * z, z;
+      const float lost = u > 40 ? 0.3F : 0.03F;
+      if (draw() < lost || (u > 8 && u < 13 && v > 9 && v < 31)) grid.valid[v * kWide + u] = 0;
+    }
+  }
+  return grid;
+}
+
+using PixelEdges = std::map<std::pair<std::int32_t, std::int32_t>, int>;
+
+/// Edges that only one triangle has, cut at every pixel that they go through.
+PixelEdges contour_of(std::span<const relief_detail::Triangle> faces, int cols) {
+  PixelEdges edges;
+  for (const relief_detail::Triangle& t : faces) {
+    for (std::size_t i = 0; i < 3; ++i) {
+      const std::int32_t a = t[i], b = t[(i + 1) % 3];
+      const std::int32_t du = b % cols - a % cols, dv = b / cols - a / cols;
+      const std::int32_t count = std::gcd(std::abs(du), std::abs(dv));
+      const std::int32_t step = dv / count * cols + du / count;
+      for (std::int32_t k = 0; k < count; ++k) ++edges[{a + k * step, a + (k + 1) * step}];
+    }
+  }
+  PixelEdges contour;
+  for (const auto& [edge, count] : edges) {
+    const auto back = edges.find({edge.second, edge.first});
+    const int left = count - (back == edges.end() ? 0 : back->second);
+    if (left > 0) contour[edge] = left;
+  }
+  return contour;
+}
+
+TEST(StartMesh, CoversWhatTheDenseMeshCoversByBlocksToo) {
+  DenseRule rule;
+  rule.max_step = 0.1;
+  for (std::uint32_t seed = 1; seed <= 12; ++seed) {
+    relief_detail::Surface surface;
+    surface.assign(torn(seed).view(), rule, {}, 1);
+    std::vector<relief_detail::Triangle> dense;
+    surface.dense_triangles(dense);
+    std::vector<relief_detail::Keep> keep(surface.num_pixels(), relief_detail::Keep::kFree);
+    for (std::size_t p = seed; p < keep.size(); p += 17) keep[p] = relief_detail::Keep::kPrefer;
+    for (const bool keeps : {false, true}) {
+      relief_detail::StartMesh start;
+      const std::span<const relief_detail::Keep> kept =
+          keeps ? std::span<const relief_detail::Keep>(keep)
+                : std::span<const relief_detail::Keep>();
+      const auto faces = start.build(surface, 150, 1, kept, true);
+      EXPECT_EQ(contour_of(faces, surface.cols()), contour_of(dense, surface.cols())) << seed;
+      std::set<std::int32_t> vertices;
+      for (const relief_detail::Triangle& t : faces) {
+        const std::int32_t u1 = surface.u(t[1]) - surface.u(t[0]),
+                           v1 = surface.v(t[1]) - surface.v(t[0]),
+                           u2 = surface.u(t[2]) - surface.u(t[0]),
+                           v2 = surface.v(t[2]) - surface.v(t[0]);
+        EXPECT_GT(u1 * v2 - v1 * u2, 0);
+        vertices.insert(t.begin(), t.end());
+      }
+      if (!keeps) {
+        relief_detail::StartMesh other;
+        std::set<std::int32_t> more;
+        for (const auto& t : other.build(surface, 150, 1, {}, false)) {
+          more.insert(t.begin(), t.end());
+        }
+        EXPECT_LT(vertices.size(), more.size()) << seed;
+        continue;
+      }
+      for (std::size_t p = seed; p < keep.size(); p += 17) {
+        const auto pixel = static_cast<std::int32_t>(p);
+        EXPECT_EQ(vertices.count(pixel), surface.is_used(pixel) ? 1U : 0U) << seed << ' ' << p;
+      }
+    }
+  }
 }
 
 TEST(Relief, ForgetsTheFrameBeforeAndReusesItsResult) {

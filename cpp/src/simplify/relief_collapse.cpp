@@ -11,16 +11,6 @@
 namespace manip3d::relief_detail {
 namespace {
 
-// A cut along a side of length L at distance d loses the area L d / 2 at the mean distance d / 3.
-// A surface that is missing costs more than one that is off by as much. Of 1, 4, 12, 16 and 40,
-// tried on two Stanford scans, a person and a desk, 12 keeps most of the surface that the mean
-// error can pay for: at 1 % of the points 0.95 of it instead of 0.94, and 0.99 instead of 0.98 at 5
-// %.
-constexpr float kMissingFactor = 12.0F;
-constexpr float kBoundaryWeight = kMissingFactor / 6.0F;
-// A false surface costs more than a missing one: of 2.5 and 10 times as much, 10 leaves half of the
-// false surface at 1 % of the points.
-constexpr float kCoverFactor = 10.0F * kMissingFactor;
 // Pixels that are not believed show a surface all the same: losing it counts at least this share of
 // what losing surface of mean confidence does.
 constexpr float kLeastLoss = 0.05F;
@@ -32,10 +22,10 @@ constexpr std::int32_t kNone = Triangulation::kNone;
 
 /// The price of a triangle that is lost, by its distance from the side ac: the least that a cut
 /// costs. Quadrics say less where each end of a side holds a part of its length.
-float price_of_cut(const Vec3& a, const Vec3& b, const Vec3& c) {
+float price_of_cut(float boundary_weight, const Vec3& a, const Vec3& b, const Vec3& c) {
   const float doubled_area = (b - a).cross(c - a).norm();
   const float side = (c - a).norm();
-  return side > 0.0F ? kBoundaryWeight * doubled_area * doubled_area / side : 0.0F;
+  return side > 0.0F ? boundary_weight * doubled_area * doubled_area / side : 0.0F;
 }
 
 /// A triangle's plane is believed no more than its corners are, and counts no more than the pixels
@@ -107,7 +97,11 @@ void LocalQuadric::add(const LocalQuadric& q, const Vec3& offset) {
 }
 
 void Collapser::assign(const Surface& surface, const Triangulation& mesh,
-                       std::span<const Keep> keep, float keep_factor) {
+                       std::span<const Keep> keep, float keep_factor, float missing_factor,
+                       float false_factor) {
+  // A cut along a side of length L at distance d loses the area L d / 2 at the mean distance d / 3.
+  boundary_weight_ = missing_factor / 6.0F;
+  cover_factor_ = false_factor * missing_factor;
   make_room(nodes_, mesh.num_slots());
   make_room(boundary_, mesh.num_slots());
   make_room(piece_of_, mesh.num_face_slots());
@@ -144,7 +138,7 @@ void Collapser::assign(const Surface& surface, const Triangulation& mesh,
       if (!(length > 0.0F)) continue;
       for (const std::int32_t end : {p, q}) {
         boundary_[end].add_plane_through_origin(upright / length,
-                                                loss * (kBoundaryWeight * length));
+                                                loss * (boundary_weight_ * length));
       }
     }
   }
@@ -250,10 +244,10 @@ int Collapser::cheapest(const Surface& surface, const Triangulation& mesh, std::
   const int step = mesh.vertex(v).on_boundary ? fan.num_neighbors - 1 : 1;
   float cover = 0.0F, cut = 0.0F;
   if (mesh.has_bay(v, fan)) {
-    cover = kCoverFactor * mesh.bay(surface, v, fan).price;
+    cover = cover_factor_ * mesh.bay(surface, v, fan).price;
   } else if (mesh.vertex(v).on_boundary) {
     cut = std::max(surface.confidence(mesh.vertex(v).pixel), least_loss_) *
-          price_of_cut(mesh.vertex(fan.neighbors[0]).point, mesh.vertex(v).point,
+          price_of_cut(boundary_weight_, mesh.vertex(fan.neighbors[0]).point, mesh.vertex(v).point,
                        mesh.vertex(fan.neighbors[fan.num_neighbors - 1]).point);
   }
   int best = -1;
@@ -311,7 +305,7 @@ void Collapser::find_moves(const Surface& surface, const Triangulation& mesh, fl
       if (first != kNone && v < first && v < second) {
         const float cover = price_of_cover(mesh.vertex(v).point, mesh.vertex(first).point,
                                            mesh.vertex(second).point);
-        moves_.push_back({kCoverFactor * cover, v, kCloseHole});
+        moves_.push_back({cover_factor_ * cover, v, kCloseHole});
       }
     }
     if (is_fixed(v) || is_dear(v)) continue;

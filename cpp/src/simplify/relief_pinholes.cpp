@@ -35,12 +35,13 @@ void PinholeFiller::visit_around(std::int64_t pixel, Visit&& visit) const {
 bool PinholeFiller::fill(const PointGridView& grid, const DenseRule& rule,
                          std::span<const float> confidence, const Surface& surface) {
   grid_ = grid;
-  num_filled_ = 0;
+  clear();
   if (grid.rows < 3 || grid.cols < 3) return false;
   const StepRule steps(rule);
   const auto num_pixels = static_cast<double>(grid.rows * grid.cols);
   find(steps, rule, surface, kPinhole);
-  if (static_cast<double>(num_filled_) >= kChanceShare * num_pixels) {
+  by_chance_ = static_cast<double>(num_filled_) >= kChanceShare * num_pixels;
+  if (by_chance_) {
     find(steps, rule, surface, kChanceHole);
   }
   if (num_filled_ == 0 || static_cast<double>(num_filled_) < kLeastShare * num_pixels) {

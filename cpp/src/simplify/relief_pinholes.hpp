@@ -31,9 +31,14 @@ class PinholeFiller {
   [[nodiscard]] PointGridView grid() const { return filled_; }
   [[nodiscard]] std::span<const float> confidence() const { return confidence_; }
   [[nodiscard]] std::int64_t num_filled() const { return num_filled_; }
+  /// Are pixels missing at random: was a fiftieth of them filled?
+  [[nodiscard]] bool are_by_chance() const { return by_chance_; }
   /// Is this pixel of the grid a filled one?
   [[nodiscard]] bool is_filled(std::int64_t pixel) const { return state_[pixel] == kFilled; }
-  void clear() { num_filled_ = 0; }
+  void clear() {
+    num_filled_ = 0;
+    by_chance_ = false;
+  }
 
  private:
   enum State : std::uint8_t { kMeasured, kUnseen, kOpen, kFilled };
@@ -66,6 +71,7 @@ class PinholeFiller {
   std::vector<std::uint8_t> valid_;
   std::vector<float> confidence_;
   std::int64_t num_filled_ = 0;
+  bool by_chance_ = false;
 };
 
 }  // namespace manip3d::relief_detail

@@ -76,6 +76,10 @@ void StartMesh::measure_sides(const Surface& surface, int finest, std::span<cons
     for (int u = odd_row ? 0 : step; u < cols; u += 2 * step) {
       const std::int32_t p = v * cols + u;
       float error = step == 1 ? errors_[p] : kNoTriangle;
+      if (by_blocks_ && step == ContourBlocks::kSize &&
+          blocks_.around(u, v) == ContourBlocks::State::kCut) {
+        error = kMustSplit;
+      }
       if (step > 1) {
         const bool left = u > 0, right = u + h < cols;
         if (v > 0) {
@@ -92,7 +96,7 @@ void StartMesh::measure_sides(const Surface& surface, int finest, std::span<cons
         const float own =
             distance_from_line(surface.sample(p).point(), surface.sample(p - away).point(),
                                surface.sample(p + away).point());
-        error = std::max(error, own * weight * surface.confidence(p));
+        error = std::max(error, own * weight * weight_of(surface, p));
       }
       errors_[p] = is_kept(keep, p) && error >= 0.0F ? kMustSplit : error;
     }
@@ -106,6 +110,10 @@ void StartMesh::measure_diagonals(const Surface& surface, int finest, std::span<
   for (int v = step; v < rows; v += 2 * step) {
     for (int u = step; u < cols; u += 2 * step) {
       const std::int32_t p = v * cols + u;
+      if (is_left_out(u, v, step)) {
+        errors_[p] = kNoTriangle;
+        continue;
+      }
       float error = std::max(std::max(errors_[p - step], errors_[p + step]),
                              std::max(errors_[p - step * cols], errors_[p + step * cols]));
       if (step >= finest && error >= 0.0F && error < kMustSplit) {
@@ -113,7 +121,7 @@ void StartMesh::measure_diagonals(const Surface& surface, int finest, std::span<
         const float own =
             distance_from_line(surface.sample(p).point(), surface.sample(p - away).point(),
                                surface.sample(p + away).point());
-        error = std::max(error, own * weight * surface.confidence(p));
+        error = std::max(error, own * weight * weight_of(surface, p));
       }
       errors_[p] = is_kept(keep, p) && error >= 0.0F ? kMustSplit : error;
     }
@@ -122,7 +130,11 @@ void StartMesh::measure_diagonals(const Surface& surface, int finest, std::span<
 
 void StartMesh::measure(const Surface& surface, int finest, std::span<const Keep> keep) {
   errors_.resize(std::int64_t{surface.cols()} * surface.rows());
-  measure_pixels(surface);
+  if (by_blocks_) {
+    blocks_.fill(surface.cols(), 0.0F, kNoTriangle, errors_);
+  } else {
+    measure_pixels(surface);
+  }
   for (int step = 1; step < kTile; step *= 2) {
     // A pass that could only write what is there.
     if (step > 1 || finest == 1 || !keep.empty()) measure_sides(surface, finest, keep, step);
@@ -180,6 +192,7 @@ void StartMesh::emit_cells(const Surface& surface, float threshold) {
   const int cols = surface.cols();
   for (int v = 0; v + 1 < surface.rows(); ++v) {
     visit_busy(cols, v, 0, 1, cols - 1, [&](int u) {
+      if (is_left_out(u, v, 1)) return;
       const std::int32_t a = v * cols + u, b = a + 1, c = a + cols, d = c + 1;
       const std::uint8_t cell = surface.cell(a);
       if ((cell & kFull) == 0) return;
@@ -234,7 +247,7 @@ void StartMesh::emit_fans(const Surface& surface, float threshold, int step) {
   }
 }
 
-void StartMesh::emit(const Surface& surface, float threshold) {
+void StartMesh::emit(const Surface& surface, float threshold, std::span<const Keep> keep) {
   const int cols = surface.cols();
   const int half = kTile / 2;
   faces_.clear();
@@ -256,12 +269,15 @@ void StartMesh::emit(const Surface& surface, float threshold) {
   }
   for (int step = half; step >= 1; step /= 2) emit_fans(surface, threshold, step);
   emit_cells(surface, threshold);
+  if (by_blocks_) blocks_.emit(surface, errors_, threshold, keep, faces_);
 }
 
 std::span<const Triangle> StartMesh::build(const Surface& surface, std::int64_t num_vertices,
-                                           int finest, std::span<const Keep> keep) {
+                                           int finest, std::span<const Keep> keep, bool by_blocks) {
+  by_blocks_ = by_blocks;
+  if (by_blocks) blocks_.assign(surface);
   measure(surface, finest, keep);
-  emit(surface, threshold_for(surface, num_vertices, finest));
+  emit(surface, threshold_for(surface, num_vertices, finest), keep);
   return faces_;
 }
 

@@ -4,6 +4,7 @@
 #include <span>
 #include <vector>
 
+#include "simplify/relief_blocks.hpp"
 #include "simplify/relief_triangulation.hpp"
 
 namespace manip3d::relief_detail {
@@ -19,8 +20,10 @@ class StartMesh {
   /// @param finest  power of two: pixels between the vertices of the finest grid; finer ones only
   ///                where the edges of the surface need them.
   /// @param keep  by pixel, may be empty: pixels that become vertices in any case.
+  /// @param by_blocks  the surface's ends are triangulated by ContourBlocks, and bisections
+  ///                   weighed by the area around them instead of their pixels.
   std::span<const Triangle> build(const Surface& surface, std::int64_t num_vertices, int finest,
-                                  std::span<const Keep> keep);
+                                  std::span<const Keep> keep, bool by_blocks);
   /// The same triangles tile by tile: neighbours are then near each other in memory, which what
   /// goes around vertices waits for.
   std::span<const Triangle> order_by_tile(const Surface& surface);
@@ -34,10 +37,23 @@ class StartMesh {
   void find_busy_tiles(const Surface& surface, float threshold);
   template <typename Visit>
   void visit_busy(int cols, int v, int first, int stride, int end, Visit&& visit);
-  void emit(const Surface& surface, float threshold);
+  void emit(const Surface& surface, float threshold, std::span<const Keep> keep);
   void emit_cells(const Surface& surface, float threshold);
   void emit_fans(const Surface& surface, float threshold, int step);
 
+  /// Is a pixel in a square that bisections leave to `blocks_`, at a step within it?
+  [[nodiscard]] bool is_left_out(int u, int v, int step) const {
+    return by_blocks_ && step < ContourBlocks::kSize &&
+           blocks_.state(u, v) != ContourBlocks::State::kWhole;
+  }
+
+  /// How much the distance of a pixel counts.
+  [[nodiscard]] float weight_of(const Surface& surface, std::int32_t pixel) const {
+    return by_blocks_ ? surface.sample(pixel).weight : surface.confidence(pixel);
+  }
+
+  bool by_blocks_ = false;  ///< Of the latest build().
+  ContourBlocks blocks_;
   std::vector<float> errors_;  ///< By pixel: of the bisection there, at least that of its parts.
   std::vector<std::uint8_t> busy_;  ///< By tile: is something in it bisected?
   std::vector<std::int32_t> histogram_;

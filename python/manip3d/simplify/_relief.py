@@ -262,7 +262,8 @@ def relief(
         say how far. Texture coordinates stay those of the line of sight (re-projected if there is
         a registration).
     effort : 'live', 'fast', 'balanced', 'fine' or 'best'
-        Each is slower and nearer to the surface than the one before.
+        Each is slower and nearer to the surface than the one before; but ``live`` is about as near
+        as ``fast``.
     max_edge : float, metres, optional
         Triangles of the dense surface with a longer edge are left out of it.
     depth_step : float, optional
@@ -296,12 +297,14 @@ def relief(
     lower the sum of distances between the pixels and their triangles' planes. Silhouettes and
     depth discontinuities (``max_edge``) are boundaries of the mesh from the start, and vertices
     there move pixel by pixel to where the surface ends. With 64 pixels or more to a vertex
-    ``live`` works on every second one; most of its edges collapse one after the other, below a
-    limit for the price that rises from pass to pass, and it flips edges by twelve pixels of each
-    pair of triangles. Any target is met: where it costs less than the next collapse, holes are
-    closed, bays of the silhouette filled and small pieces left out; ``coverage`` and ``bridges``
-    say how much. ``live`` measures these two when they are first asked for, which takes up to a
-    third of the time of the mesh.
+    ``live`` works on every second one. It bisects by the distance times the area, goes down to
+    squares of four pixels where the surface ends and keeps of the contour in each the pixels at
+    which it turns; most of its edges collapse one after the other, below a limit for the price
+    that rises from pass to pass, and it flips edges by twelve pixels of each pair of triangles.
+    Any target is met: where it costs less than the next collapse, holes are closed, bays of the
+    silhouette filled and small pieces left out; ``coverage`` and ``bridges`` say how much. ``live``
+    measures these two when they are first asked for, which takes up to a third of the time of the
+    mesh.
 
     A confidence multiplies the distance that decides whether a bisection is needed at its pixel,
     and the pixel's area in the sum of distances that flips and moves lower. A triangle's quadric,

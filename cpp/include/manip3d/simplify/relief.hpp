@@ -12,7 +12,8 @@
 
 namespace manip3d {
 
-/// How much time a relief may take; each is slower and nearer to the surface than the one before.
+/// How much time a relief may take; each is slower and nearer to the surface than the one before,
+/// but kLive is about as near as kFast.
 enum class ReliefEffort : std::uint8_t { kLive, kFast, kBalanced, kFine, kBest };
 
 struct ReliefOptions {
@@ -79,7 +80,9 @@ struct ReliefResult {
 ///    alike. No vertex is there in the end.
 /// 1. An adaptive triangulation by longest-edge bisection, down to single pixels where the surface
 ///    ends or is cut: silhouettes and depth discontinuities are boundaries of the mesh from the
-///    start.
+///    start. kLive bisects by distance times area, and not below squares of four pixels where the
+///    surface ends: there a contour has a vertex at each pixel at which it turns, and what is left
+///    of the square few others.
 /// 2. Holes down to three vertices are closed, bays of pixels without surface filled and pieces
 /// down
 ///    to one triangle left out where that costs less than the next collapse, so that any target is

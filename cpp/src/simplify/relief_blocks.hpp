@@ -1,0 +1,100 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "simplify/relief_triangulation.hpp"
+
+namespace manip3d::relief_detail {
+
+/// Squares of pixels in which a surface ends or is cut, each triangulated on its own: the contour
+/// within a square keeps every pixel at which it turns, and the rest of the square needs no vertex.
+/// A bisection would have to grade from single pixels at the contour to large triangles.
+///
+/// Neighbouring squares agree on the vertices of the side between them by a rule that is the same
+/// from either of them, so that together they are one mesh without gaps. It covers exactly what the
+/// dense mesh covers.
+class ContourBlocks {
+ public:
+  static constexpr int kSize = 4;  ///< Pixels of a side.
+
+  enum class State : std::uint8_t {
+    kEmpty,  ///< No surface.
+    kWhole,  ///< All of its surface, and no vertex on its sides but what bisections put there.
+    kCut,    ///< Triangulated here.
+  };
+
+  void assign(const Surface& surface);
+  /// Of the square that begins at or contains a pixel.
+  [[nodiscard]] State state(int u, int v) const { return states_[v / kSize * across_ + u / kSize]; }
+  /// What the squares around a pixel, a corner of each, have in common; kCut if they differ.
+  [[nodiscard]] State around(int u, int v) const;
+  /// By pixel: `whole` in whole squares and on their sides, else `other`.
+  void fill(int cols, float whole, float other, std::vector<float>& out) const;
+  /// Appends the triangles of the squares that are cut.
+  /// @param errors     by pixel: on a side, those at or above the threshold are vertices.
+  /// @param threshold  pixels amid a square are, too, while one is so far off its triangle: its
+  ///                   distance times twice the triangle's area.
+  /// @param keep  by pixel, may be empty: pixels that are vertices in any case.
+  void emit(const Surface& surface, std::span<const float> errors, float threshold,
+            std::span<const Keep> keep, std::vector<Triangle>& out);
+
+ private:
+  /// Column and row within a square.
+  struct Place {
+    std::int32_t u = 0, v = 0;
+    [[nodiscard]] bool is_on_side() const { return u == 0 || v == 0 || u == kSize || v == kSize; }
+    [[nodiscard]] bool is_corner() const {
+      return (u == 0 || u == kSize) && (v == 0 || v == kSize);
+    }
+  };
+  struct Loop {
+    std::int32_t first, last;  ///< In `places_`; `last` is behind it.
+  };
+  using PlaceTriangle = std::array<Place, 3>;
+
+  static std::int32_t doubled_area(const Place& a, const Place& b, const Place& c) {
+    return (b.u - a.u) * (c.v - a.v) - (b.v - a.v) * (c.u - a.u);
+  }
+  [[nodiscard]] std::int32_t pixel_of(const Surface& surface, const Place& p) const {
+    return (v0_ + p.v) * surface.cols() + u0_ + p.u;
+  }
+  [[nodiscard]] State state_of(int column, int row) const {
+    const bool is_inside = column >= 0 && row >= 0 && column < across_ && row < down_;
+    return is_inside ? states_[row * across_ + column] : State::kEmpty;
+  }
+  void cut_beside(const Surface& surface, int column, int row);
+  void find_edges(const Surface& surface);
+  void add_edge(int from, int direction);
+  /// Which pixels are vertices, beside those at which a contour turns.
+  struct Marks {
+    std::span<const float> errors;
+    float threshold;
+    std::span<const Keep> keep;
+  };
+  void trace(const Surface& surface, const Marks& marks, int start);
+  [[nodiscard]] bool is_vertex(const Surface& surface, const Marks& marks, const Place& p) const;
+  void join_holes();
+  void join(const Loop& hole);
+  [[nodiscard]] bool is_seen(const Place& from, const Place& to) const;
+  void clip_ears(const Loop& loop);
+  void insert_kept(const Surface& surface, std::span<const Keep> keep);
+  void refine(const Surface& surface, float threshold);
+  [[nodiscard]] bool find_farthest(const Surface& surface, const PlaceTriangle& corners,
+                                   float& most, Place& farthest) const;
+  void insert(const Place& place);
+
+  int across_ = 0, down_ = 0;
+  std::vector<State> states_, before_;
+  // Of the square at hand.
+  int u0_ = 0, v0_ = 0;
+  /// By pixel, as bits: the directions of the edges of the contour that begin there.
+  std::array<std::uint8_t, (kSize + 1) * (kSize + 1)> edges_{};
+  std::vector<Place> places_, polygon_;
+  std::vector<Loop> loops_;
+  std::vector<PlaceTriangle> triangles_;
+};
+
+}  // namespace manip3d::relief_detail
