@@ -22,6 +22,7 @@ namespace {
 using relief_detail::CutCoverage;
 using relief_detail::EdgeMemory;
 using relief_detail::Keep;
+using relief_detail::kMissingFactor;
 using relief_detail::Surface;
 using relief_detail::Triangle;
 using relief_detail::Triangulation;
@@ -73,11 +74,10 @@ struct Budget {
   /// 14, 16 and 18 for kLive, tried on three scenes and two scans at 5 %, 16 is enough for 1.3
   /// times.
   double dense_start;
-  /// Collapser's factor on the price of missing surface. Of 1, 4, 12, 16 and 40, tried on two
-  /// Stanford scans, a person and a desk, 12 keeps most of the surface that the mean error can pay
-  /// for: at 1 % of the points 0.95 of it instead of 0.94, and 0.99 instead of 0.98 at 5 %. Of 12,
-  /// 16 and 20, tried for kLive on three scenes and two scans, 20 covers 0.001 to 0.004 more than
-  /// 12, at both shares and no more error in the mean.
+  /// Collapser's factor on the price of missing surface, down to kSparse pixels per vertex; beyond,
+  /// it is kMissingFactor. Of 12, 16 and 20, tried for kLive on three scenes and two
+  /// scans, 20 covers 0.001 to 0.002 more at 5 % than 12, at the same error. At 1 % it costs scans
+  /// from the side up to a quarter of their error.
   float missing;
 };
 
@@ -86,15 +86,15 @@ Budget budget_of(ReliefEffort effort) {
     case ReliefEffort::kLive:
       return {0.4, 2, 0.4F, 2, 0.1F, true, 0, 0, 2, 2.0, true, true, 0.9F, 16.0, 20.0F};
     case ReliefEffort::kFast:
-      return {0.7, 1, 0.3F, 3, 0.3F, false, 0, 0, 4, 0.0, false, false, 0.0F, 18.0, 12.0F};
+      return {0.7, 1, 0.3F, 3, 0.3F, false, 0, 0, 4, 0.0, false, false, 0.0F, 18.0, kMissingFactor};
     case ReliefEffort::kBalanced:
-      return {1.0, 1, 0.2F, 3, 0.3F, false, 1, 1, 4, 0.0, false, false, 0.0F, 0.0, 12.0F};
+      return {1.0, 1, 0.2F, 3, 0.3F, false, 1, 1, 4, 0.0, false, false, 0.0F, 0.0, kMissingFactor};
     case ReliefEffort::kFine:
-      return {3.0, 1, 0.2F, 4, 0.3F, false, 2, 1, 4, 0.0, false, false, 0.0F, 0.0, 12.0F};
+      return {3.0, 1, 0.2F, 4, 0.3F, false, 2, 1, 4, 0.0, false, false, 0.0F, 0.0, kMissingFactor};
     case ReliefEffort::kBest:
       break;
   }
-  return {1e9, 1, 0.1F, 8, 0.3F, false, 4, 2, 4, 0.0, false, false, 0.0F, 0.0, 12.0F};
+  return {1e9, 1, 0.1F, 8, 0.3F, false, 4, 2, 4, 0.0, false, false, 0.0F, 0.0, kMissingFactor};
 }
 
 void check_options(const ReliefOptions& options) {
@@ -322,7 +322,8 @@ void Relief::Memory::select(const ReliefOptions& options, std::int64_t target, b
                          : budget.half_start;
   const double wanted = share * static_cast<double>(target);
   auto splits = static_cast<std::int64_t>(std::min(wanted, static_cast<double>(used)));
-  int finest = worked == &surface && target <= used / kSparse ? budget.finest : 1;
+  const bool is_sparse = worked != &surface || target <= used / kSparse;
+  int finest = worked == &surface && is_sparse ? budget.finest : 1;
   result.stop = used <= target ? ReliefStop::kAllPoints : ReliefStop::kTarget;
   result.dropped_pixels = 0;
   if (used <= target) splits = used, finest = 1;
@@ -343,8 +344,8 @@ void Relief::Memory::select(const ReliefOptions& options, std::int64_t target, b
   // Where pixels are missing at random, what is beside the surface is no end of it.
   const float false_factor =
       budget.by_blocks && pinholes.are_by_chance() ? kChanceFalse : relief_detail::kFalseFactor;
-  collapser.assign(*worked, mesh, keep, static_cast<float>(options.stability), budget.missing,
-                   false_factor);
+  collapser.assign(*worked, mesh, keep, static_cast<float>(options.stability),
+                   is_sparse ? kMissingFactor : budget.missing, false_factor);
   if (budget.sweep_share > 0.0F) collapser.sweep(*worked, mesh, target, budget.sweep_share);
   result.dropped_pixels =
       area * collapser.run(*worked, mesh, target, budget.round_share, refuses_off);

@@ -143,6 +143,10 @@ class Collapser {
   std::vector<float> known_;
 };
 
+/// Missing surface for surface that is off by as much: of 1, 4, 12, 16 and 40 times as much, tried
+/// on two Stanford scans, a person and a desk, 12 keeps most of the surface that the mean error can
+/// pay for: at 1 % of the points 0.95 of it instead of 0.94, and 0.99 instead of 0.98 at 5 %.
+inline constexpr float kMissingFactor = 12.0F;
 /// False surface for missing one: of 2.5 and 10 times as much, 10 leaves half of the false surface
 /// at 1 % of the points.
 inline constexpr float kFalseFactor = 10.0F;
