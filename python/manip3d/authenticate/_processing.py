@@ -435,7 +435,7 @@ def left_out_of_turn(turn: LidarFrame, lattice: SensorLattice) -> Lacking | None
     turn : LidarFrame
         The scanner in (0, 0, 0).
     lattice : SensorLattice
-        That of the scan's scanner.
+        Lattice of the scan's scanner.
     """
     if turn.num_points == 0:
         return None
