@@ -329,7 +329,9 @@ def simulated_row(has_leg: bool, turn: float, thigh_turn: float = 0.0) -> list[s
     lost: list[float] = []
     ideal: list[float] = []
     tracked: list[bool] = []
-    motions = ("still", "dorsiflexion") if thigh_turn else ("still", "knee-extension", "dorsiflexion")
+    motions = (
+        ("still", "dorsiflexion") if thigh_turn else ("still", "knee-extension", "dorsiflexion")
+    )
     for leg, motion, aside in itertools.product(LIMBS[2:], motions, sorted({-turn, turn})):
         pipeline = PhantomPipeline(leg)
         simulator = BodySimulator(

@@ -1,6 +1,6 @@
 """How still the phantom limb is: its plane, its lag, its steps, simulated and recorded.
 
-``python benchmarks/bench_steadiness.py [plane|rest]`` prints three tables.
+``python benchmarks/bench_steadiness.py [--parts plane|rest]`` prints three tables.
 
 The first two are of simulated people without the limb, of whom the truth is known, with white
 jitter and with AR(1) jitter (rho 0.9) on every joint. `plane`: the true intact hand or foot is
@@ -191,10 +191,13 @@ def print_rest(trials: str) -> None:
     print(tables.table(head, rows))
 
 
+PARTS = ("plane", "rest")
+
+
 def main() -> None:
     """Print the tables that are asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("parts", nargs="*", default=["plane", "rest"], choices=("plane", "rest"))
+    parser.add_argument("--parts", nargs="*", default=PARTS, choices=PARTS)
     parser.add_argument("--frames", type=int, default=120, help="of each simulated sequence")
     parser.add_argument("--scenes", type=int, nargs="*", default=range(len(SCENES)))
     parser.add_argument("--trials", default="", help="a pattern of names, such as a2[45]")

@@ -171,9 +171,7 @@ std::optional<LegPlane> plane_between(const std::array<Skin, kNumParts>& intact,
 }
 
 /// The share of a turn that is believed: small ones may be errors.
-double believed(double squared_turn) {
-  return squared_turn / (squared_turn + kUnsure * kUnsure);
-}
+double believed(double squared_turn) { return squared_turn / (squared_turn + kUnsure * kUnsure); }
 
 }  // namespace
 

@@ -468,7 +468,8 @@ double TrunkTracker::deviation_at(const Eigen::Vector3d& p, const BodyFrame& fra
 double TrunkTracker::size_against_adult() const {
   constexpr double kLeast = 0.4;  // of an adult: joints that are nearer to each other are wrong
   constexpr std::array<std::tuple<Joint, Joint, double>, 2> kLengths = {
-      {{kShoulderLeft, kShoulderRight, kShoulders}, {kSpineBase, kSpineShoulder, 0.535}}};  // metres
+      {{kShoulderLeft, kShoulderRight, kShoulders},
+       {kSpineBase, kSpineShoulder, 0.535}}};  // metres
   double sum = 0.0, adult = 0.0;
   for (const auto& [from, to, length] : kLengths) {
     const JointMean& a = joints_[static_cast<std::size_t>(from)];

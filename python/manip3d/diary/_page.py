@@ -332,9 +332,7 @@ def _trends(diary: Diary, person: Participant, sessions: Sequence[DiarySession])
     ]
     shares = [Point.of(g.at, start, 100 * g.by_phantom / g.score) for g in games if g.score > 0]
     tracked = [Point.of(g.at, start, 100 * g.tracked) for g in games if g.tracked is not None]
-    filled = [
-        Point.of(one.at, start, one.score.pri) for one in diary.mcgill(person.identifier)
-    ]
+    filled = [Point.of(one.at, start, one.score.pri) for one in diary.mcgill(person.identifier)]
     charts = [
         ("Pain before sessions, 0 to 10", _pain_before(sessions, person), 10.0),
         ("Pain after sessions, 0 to 10", after, 10.0),
