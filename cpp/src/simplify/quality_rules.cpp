@@ -82,15 +82,23 @@ std::optional<Rejection> CollapseCheck::check_move(std::int32_t v, const Vector3
   return refusal;
 }
 
-/// The face (from, a, b) when its first vertex is at p.
+/// The face (from, a, b) when its first vertex is at p. One that had no area before, as around the
+/// poles of spheres whose vertices there differ by rounding, has none to lose and no side to keep:
+/// refusing it would hold all that is around it.
 std::optional<Rejection> CollapseCheck::check_face(std::int32_t from, std::int32_t a,
                                                    std::int32_t b, const Vector3d& p) const {
   const Vector3d &pa = mesh_.position(a), &pb = mesh_.position(b), &old = mesh_.position(from);
   const Vector3d before = (pa - old).cross(pb - old), after = (pa - p).cross(pb - p);
-  const double longest =
-      std::max({(pa - p).squaredNorm(), (pb - p).squaredNorm(), (pb - pa).squaredNorm()});
-  if (!(after.norm() > kLeastSine * longest)) return Rejection::kDegenerate;
-  if (may_turn_faces(rules_) || !(before.squaredNorm() > 0.0)) return std::nullopt;
+  const auto has_area = [&](const Vector3d& normal, const Vector3d& first) {
+    const double longest =
+        std::max({(pa - first).squaredNorm(), (pb - first).squaredNorm(), (pb - pa).squaredNorm()});
+    return normal.norm() > kLeastSine * longest;
+  };
+  const bool had_area = has_area(before, old);
+  if (!has_area(after, p)) {
+    return had_area ? std::optional(Rejection::kDegenerate) : std::nullopt;
+  }
+  if (may_turn_faces(rules_) || !had_area) return std::nullopt;
   if (!(before.dot(after) > kLeastNormalCosine * before.norm() * after.norm())) {
     return Rejection::kFlip;
   }
