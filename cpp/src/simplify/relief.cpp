@@ -42,7 +42,7 @@ constexpr std::int64_t kHalf = 64;
 constexpr std::int64_t kDense = 6;
 
 /// How many times as much false surface costs as missing one, where pixels are missing at random.
-/// Of 0.3, 1, 2, 3 and 10, tried on four draws of 30 % of a made-up surface, 2 and 3 cover most.
+/// Tried on four draws of 30 % of a made-up surface: of 0.3, 1, 2, 3 and 10, 2 and 3 cover most.
 constexpr float kChanceFalse = 3.0F;
 
 /// A surface of every second pixel that lacks more of the dense triangles than this is too thin.

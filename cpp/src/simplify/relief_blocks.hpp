@@ -27,9 +27,9 @@ class ContourBlocks {
   };
 
   void assign(const Surface& surface);
-  /// Of the square that begins at or contains a pixel.
+  /// State of the square that contains a pixel or begins there.
   [[nodiscard]] State state(int u, int v) const { return states_[v / kSize * across_ + u / kSize]; }
-  /// What the squares around a pixel, a corner of each, have in common; kCut if they differ.
+  /// The state of all squares that have a pixel as a corner; kCut if they differ.
   [[nodiscard]] State around(int u, int v) const;
   /// By pixel: `whole` in whole squares and on their sides, else `other`.
   void fill(int cols, float whole, float other, std::vector<float>& out) const;
@@ -88,7 +88,7 @@ class ContourBlocks {
 
   int across_ = 0, down_ = 0;
   std::vector<State> states_, before_;
-  // Of the square at hand.
+  // The square at hand.
   int u0_ = 0, v0_ = 0;
   /// By pixel, as bits: the directions of the edges of the contour that begin there.
   std::array<std::uint8_t, (kSize + 1) * (kSize + 1)> edges_{};

@@ -52,7 +52,7 @@ class StartMesh {
     return by_blocks_ ? surface.sample(pixel).weight : surface.confidence(pixel);
   }
 
-  bool by_blocks_ = false;  ///< Of the latest build().
+  bool by_blocks_ = false;  ///< In the latest build().
   ContourBlocks blocks_;
   std::vector<float> errors_;  ///< By pixel: of the bisection there, at least that of its parts.
   std::vector<std::uint8_t> busy_;  ///< By tile: is something in it bisected?
