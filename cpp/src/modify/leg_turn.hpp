@@ -16,8 +16,9 @@ namespace manip3d {
 /// a leg mirrored at the trunk's plane then lies beside the affected one. Where the affected leg is
 /// seen (mirror therapy after a stroke or for a leg that hurts, and volunteers), the two legs tell
 /// their own plane: the one at which thigh and shin of one leg, mirrored, lie on the skin of the
-/// other best. It may be turned about the spine, tilted (both feet to one side) and shifted. A frame
-/// in which they do not mirror each other tells nothing, as one in which only one leg is stretched.
+/// other best. It may be turned about the spine, tilted (both feet to one side) and shifted. A
+/// frame in which they do not mirror each other tells nothing, as one in which only one leg is
+/// stretched.
 ///
 /// The trunk may turn while the thighs stay on the seat, and person and seat may turn together. The
 /// plane's direction is therefore averaged twice, against the camera and against the trunk, and
