@@ -53,7 +53,9 @@ void price_four(const FastMesh& mesh, float squared_limit, const EdgeWithEnds* f
   }
 }
 
-#ifdef MANIP3D_AVX2
+// Lambdas and members of templates have wider vectors by these pragmas only, which clang lacks.
+#if defined(MANIP3D_AVX2) && !defined(__clang__)
+#define MANIP3D_PRICES_EIGHT
 #pragma GCC push_options
 #pragma GCC target("avx2")
 namespace wide {
@@ -116,7 +118,7 @@ constexpr std::size_t kLanes = 8;
 void price(const FastMesh& mesh, float squared_limit, EdgeWithEnds* from, std::size_t count,
            PricedEdge* to) {
   for (std::size_t i = count; i % kLanes != 0; ++i) from[i] = from[count - 1];
-#ifdef MANIP3D_AVX2
+#ifdef MANIP3D_PRICES_EIGHT
   if (has_avx2()) {
     for (std::size_t i = 0; i < count; i += kLanes) {
       wide::price_eight(mesh, squared_limit, from + i, to + i);
