@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 import lattice_scans as scans
 from exact_scans import exact_scan, hesai
+from manip3d import LidarFrame
 from manip3d.authenticate import SensorLattice, identify_sensor, kitti_lattice
 from manip3d.authenticate._lattice import COLUMNS
 from manip3d.authenticate._sensors import BEAM_WIDTH, BEAMS
@@ -62,6 +63,27 @@ def test_other_lasers_are_counted(lasers: int) -> None:
     found = identify_sensor(scan_of(np.linspace(-21.37, 17.91, lasers)))
     assert (found.name, found.kind) == ("spinning scanner", "spinning")
     assert found.reason == f"the points stand on {lasers} elevations"
+
+
+@pytest.mark.parametrize("model", BEAMS)
+def test_rings_name_a_model_whose_points_were_deskewed(model: str) -> None:
+    """Of single points nothing is at the lasers' elevations; the median of each ring is."""
+    beams = np.sort(BEAMS[model])
+    random = np.random.default_rng(5)
+    ring = random.integers(0, len(beams), COUNT)
+    apart = 0.4 * np.gradient(beams)
+    elevation = np.radians(beams[ring] + random.uniform(-apart[ring], apart[ring]))
+    azimuth = random.uniform(-np.pi, np.pi, COUNT)
+    level = np.cos(elevation)
+    beam = np.column_stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
+    points = (beam * random.uniform(4.0, 40.0, (COUNT, 1))).astype(np.float32)
+    assert identify_sensor(points).kind == "unknown"
+    ids = random.permutation(len(beams)).astype(np.uint16)  # in the order of firing
+    found = identify_sensor(LidarFrame(points, ring=ids[ring]))
+    assert (found.name, found.kind) == (model, "spinning")
+    assert found.reason == f"its {len(beams)} rings have the elevations of its lasers"
+    tilted = LidarFrame(points, ring=random.permutation(ids[ring]))
+    assert identify_sensor(tilted).kind == "unknown"
 
 
 def test_no_rows_are_no_spinning_scanner() -> None:

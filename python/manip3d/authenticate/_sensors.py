@@ -59,6 +59,13 @@ BEAM_WIDTH = 0.12
 FEWEST_POINTS, FEWEST_RINGS = 1000, 16
 """Fewest points and rings of a scan on a lattice."""
 
+FEWEST_OF_RING, MOST_OF_RINGS = 50, 0.8
+"""Fewest points of a ring whose median elevation tells its laser, and share of the rings that stand
+at a maker's elevation: a car's motion moves rings that see little but one direction."""
+
+FAR = 2.0
+"""Metres: nearer, offsets of the lasers blur the elevations."""
+
 FEWEST_DISTINCT = 500
 """Fewest distinct ones among 20 000 points; copies of fewer are no scan."""
 
@@ -240,7 +247,7 @@ def identify_and_read(
         or _by_grid(frame, threads)
         or _by_beams(frame.points)
     )
-    return sensor, None
+    return (_by_rings(frame) or sensor) if sensor.kind == "unknown" else sensor, None
 
 
 def nothing_to_tell(points: NDArray[np.float32]) -> str | None:
@@ -448,11 +455,34 @@ def _by_beams(points: NDArray[np.float32]) -> Sensor:
     return UNKNOWN
 
 
+def _by_rings(frame: LidarFrame) -> Sensor | None:
+    """A scanner by the median elevation of each ring, which deskewing leaves in its place."""
+    if frame.ring is None:
+        return None
+    distance = np.linalg.norm(frame.points.astype(np.float64), axis=1)
+    far = distance > FAR
+    elevation = np.degrees(np.arcsin(frame.points[far, 2] / distance[far]))
+    ring = np.asarray(frame.ring)[far]
+    crowded = np.flatnonzero(np.bincount(ring, minlength=1) >= FEWEST_OF_RING)
+    medians = np.sort([np.median(elevation[ring == each]) for each in crowded])
+    if len(medians) < FEWEST_RINGS:
+        return None
+    for model, beams in BEAMS.items():
+        order = np.sort(beams)
+        nearest = np.abs(medians[:, None] - order).argmin(axis=1)
+        off = np.abs(medians - order[nearest])
+        if len(np.unique(nearest)) == len(medians) and (off < BEAM_WIDTH).mean() > MOST_OF_RINGS:
+            return Sensor(
+                model, "spinning", f"its {len(medians)} rings have the elevations of its lasers"
+            )
+    return None
+
+
 def _elevations(points: NDArray[np.float32]) -> Floats:
-    """Degrees, of the points 2 m away and farther: nearer, offsets of the lasers blur them."""
+    """Degrees, of the points that are far enough away."""
     xyz = points.astype(np.float64)
     distance = np.sqrt((xyz * xyz).sum(axis=1))
-    far = distance > 2.0
+    far = distance > FAR
     elevation: Floats = np.degrees(np.arcsin(xyz[far, 2] / distance[far]))
     return elevation
 
