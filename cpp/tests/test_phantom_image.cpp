@@ -77,6 +77,7 @@ TEST(PhantomImage, FillsFromTheLimbWithinReachOfTheMirroredSkin) {
 
 TEST(PhantomImage, FillsBehindAnArmFromTheOtherThigh) {
   BodyFrame frame;
+  frame.origin.setZero();
   frame.n = frame.x = Eigen::Vector3d::UnitX();
   frame.y = -Eigen::Vector3d::UnitY();
   frame.z = frame.n.cross(frame.y);
