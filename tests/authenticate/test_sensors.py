@@ -67,7 +67,7 @@ def test_other_lasers_are_counted(lasers: int) -> None:
 
 @pytest.mark.parametrize("model", BEAMS)
 def test_rings_name_a_model_whose_points_were_deskewed(model: str) -> None:
-    """Of single points nothing is at the lasers' elevations; the median of each ring is."""
+    """Single points are beside the lasers' elevations; the median of each ring is at one."""
     beams = np.sort(BEAMS[model])
     random = np.random.default_rng(5)
     ring = random.integers(0, len(beams), COUNT)

@@ -276,7 +276,7 @@ def test_a_drive_looks_closer_at_turns_beside_one_that_was_cut(
     """By the own inspection of that one; where all are whole it costs nothing."""
 
     def on_its_car(points: np.ndarray) -> np.ndarray:
-        """As whole frames are, with a return from afar and some of the scanner's own car."""
+        """A whole frame, with a return from afar and some of the scanner's own car."""
         whole = with_far_point(points.copy())
         reading = LATTICE.read(whole)
         row = np.flatnonzero(reading.ring == 60)[:1]

@@ -306,7 +306,7 @@ def test_texture_coordinates_of_a_broken_export_cost_no_shape() -> None:
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_poles_whose_vertices_differ_by_rounding_hold_nothing(dtype: type) -> None:
-    # As programs write spheres: sin(pi) is not 0, so the faces around a pole have hardly any area.
+    # Most programs write spheres so: sin(pi) is not 0, and faces at a pole have hardly any area.
     # Refusing to leave them so kept all that was around them, at the price of the rest.
     xy, faces = grid(40)
     up, around = np.pi * xy[:, 0], 2.0 * np.pi * xy[:, 1]

@@ -341,7 +341,7 @@ void Relief::Memory::select(const ReliefOptions& options, std::int64_t target, b
   }
   if (mesh.num_vertices() <= target) return;
   const std::int64_t area = worked == &surface ? 1 : 4;  // of a pixel
-  // Where pixels are missing at random, what is beside the surface is no end of it.
+  // The surface does not end beside pixels that are missing at random.
   const float false_factor =
       budget.by_blocks && pinholes.are_by_chance() ? kChanceFalse : relief_detail::kFalseFactor;
   collapser.assign(*worked, mesh, keep, static_cast<float>(options.stability),

@@ -545,7 +545,7 @@ class _Scan:
     found: Future[Inspection] | Inspection | None = None
 
     def result(self) -> Inspection | None:
-        """What it was judged to be, between turns that were taken to be whole."""
+        """Its inspection, between turns that were taken to be whole."""
         if isinstance(self.found, Future):
             self.found = self.found.result()
         return self.found
@@ -623,7 +623,7 @@ def _each(
 
 
 def _taken_for_whole(_turn: LidarFrame, _lattice: SensorLattice) -> None:
-    """What of a turn was left out: its own inspection tells."""
+    """Say nothing of what was left out of a turn: its own inspection tells."""
 
 
 def _is_whole(turn: Inspection | None) -> bool:

@@ -131,7 +131,7 @@ def _stored_colors(frame: LidarFrame) -> Image | None:
 
 
 def camera_poses(camera: Intrinsics, middle: float) -> tuple[Pose, ...]:
-    """Where the camera stood, and places from where its picture is seen obliquely.
+    """The place of the camera, and places from where its picture is seen obliquely.
 
     Parameters
     ----------
