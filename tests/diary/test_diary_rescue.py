@@ -118,7 +118,9 @@ def test_a_damaged_page_loses_its_rows_only(kept: Path, tmp_path: Path) -> None:
     leaves = pages(kept, "games", "leaves")
     assert len(leaves) > 4
     destroy(kept, leaves[2])
-    (told,) = rescue_diary(kept, tmp_path / "new.diary").missing
+    missing = rescue_diary(kept, tmp_path / "new.diary").missing
+    # Numbers of rows are random: the page may hold the game that has an anomaly and a clip.
+    (told,) = (told for told in missing if told.startswith("games: "))
     numbers = re.fullmatch(r"games: rows after (\d+) before (\d+) cannot be read", told)
     assert numbers is not None
     first, last = map(int, numbers.groups())
