@@ -285,6 +285,45 @@ def test_a_hub_with_very_many_faces_takes_no_quadratic_time() -> None:
     assert simplify.fast(cone, ratio=0.01).mesh.num_faces == 400
 
 
+def test_faces_that_only_a_hub_joins_do_not_take_a_pass_each() -> None:
+    n = 3000
+    turn = np.arange(2 * n) * (np.pi / n)
+    rim = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(2 * n)])
+    around = 2 * np.arange(n)
+    bunch = Mesh(
+        np.concatenate([[[0, 0, 0.0]], rim]),
+        np.column_stack([np.zeros(n, int), around + 1, around + 2]).astype(np.int32),
+    )
+    result = simplify.fast(bunch, ratio=0.1)
+    assert result.mesh.num_faces == 300
+    assert sum(result.rejected.values()) < 100 * n  # 1500 n when each face took a pass
+
+
+@pytest.mark.parametrize("method", [simplify.fast, simplify.quality])
+def test_faces_that_all_lie_on_a_line_go(method: Method) -> None:
+    line = np.arange(100)[:, None] * [1.0, 0.0, 0.0]
+    first = np.arange(98)
+    mesh = Mesh(line, np.column_stack([first, first + 1, first + 2]).astype(np.int32))
+    result = method(mesh, ratio=0.5)
+    assert result.mesh.num_faces <= 49
+    assert result.relaxed_collapses == 0
+
+
+def test_poles_that_rounding_keeps_open_grow_no_spikes() -> None:
+    n = 48
+    down, turn = (side.ravel() for side in np.mgrid[0 : n + 1, 0 : n + 1] / n)
+    up, around = np.pi * down, 2.0 * np.pi * turn
+    place = [np.sin(up) * np.cos(around), np.sin(up) * np.sin(around), np.cos(up)]
+    first = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
+    lower = np.column_stack([first, first + n + 1, first + 1])
+    upper = np.column_stack([first + 1, first + n + 1, first + n + 2])
+    faces = np.concatenate([lower, upper]).astype(np.int32)
+    texcoords = np.column_stack([turn, down])
+    ball = Mesh(np.column_stack(place), faces, texcoords=texcoords, face_texcoords=faces)
+    farthest = metrics.metro(ball, simplify.fast(ball, ratio=0.9).mesh, sampling="vertex").max
+    assert farthest < 1e-3
+
+
 def test_wrong_options() -> None:
     hill = exact_models.hill(5)
     with pytest.raises(InputError, match="max_distance: expected mode='quality' or"):

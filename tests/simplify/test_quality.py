@@ -317,6 +317,117 @@ def test_poles_whose_vertices_differ_by_rounding_hold_nothing(dtype: type) -> No
     assert metrics.metro(mesh, simplified, sampling="area").mean < 0.005
 
 
+def revolved(profile: NDArray[np.float64], sides: int, *, dtype: type = np.float32) -> Mesh:
+    """A profile (radius, height) turned about z, as programs write it: each vertex of the seam and
+    of the poles has others at its place, but for rounding, with texture coordinates of their own.
+    """
+    rows, turns = len(profile), np.linspace(0.0, 1.0, sides + 1)
+    radius, height = (np.tile(column, sides + 1) for column in profile.T)
+    u, v = np.repeat(turns, rows), np.tile(np.linspace(0.0, 1.0, rows), sides + 1)
+    angle = 2.0 * np.pi * u
+    vertices = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), height])
+    first = (np.arange(sides)[:, None] * rows + np.arange(rows - 1)).ravel()
+    lower = np.column_stack([first, first + rows, first + 1])
+    upper = np.column_stack([first + 1, first + rows, first + rows + 1])
+    faces = np.concatenate([lower, upper]).astype(np.int32)
+    texcoords = np.column_stack([u, v])
+    vertices = vertices.astype(dtype).astype(np.float64)
+    return Mesh(vertices, faces, texcoords=texcoords, face_texcoords=faces)
+
+
+def capsule() -> Mesh:
+    turn = np.linspace(-0.5 * np.pi, 0.0, 13)
+    end = np.column_stack([np.cos(turn), np.sin(turn) - 0.5])
+    return revolved(np.concatenate([end, end[::-1] * [1.0, -1.0]]), 48)
+
+
+@pytest.mark.parametrize("ratio", [0.04, 0.02, 0.01])
+def test_vertices_that_rounding_keeps_apart_are_one(ratio: float) -> None:
+    mesh = capsule()
+    errors = [
+        metrics.metro(mesh, method(mesh, ratio=ratio).mesh, sampling="area").mean
+        for method in (simplify.quality, simplify.fast)
+    ]
+    assert errors[0] < errors[1]
+
+
+def test_a_joined_vertex_goes_where_the_one_at_its_place_goes() -> None:
+    mesh = capsule()
+    result = simplify.quality(mesh, ratio=0.5)
+    at_pole = np.flatnonzero(np.linalg.norm(mesh.vertices[:, :2], axis=1) < 1e-6)
+    at_pole = at_pole[mesh.vertices[at_pole, 2] < 0]
+    assert len(at_pole) > 40
+    assert len(np.unique(result.vertex_map[at_pole])) == 1
+    assert result.vertex_map[at_pole[0]] >= 0
+    locked = np.zeros(mesh.num_vertices, bool)
+    locked[at_pole] = True
+    kept = simplify.quality(mesh, ratio=0.5, locked=locked)
+    places = kept.mesh.vertices[kept.vertex_map[at_pole]]
+    np.testing.assert_array_equal(places, mesh.vertices[at_pole])
+
+
+def test_what_is_small_and_no_rounding_stays_apart() -> None:
+    # A ball of a hundred-thousandth of the size: its vertices are nearer to each other than what
+    # is joined, and so are the two sides of its slit.
+    ball = capsule()
+    small = ball.replace(vertices=ball.vertices * 3e-7)
+    far = ball.replace(vertices=ball.vertices + [3.0, 0.0, 0.0])
+    result = simplify.quality(together(small, far), target_faces=2 * ball.num_faces - 200)
+    assert (result.vertex_map[: ball.num_vertices] >= 0).all()
+
+
+def test_needles_stay_where_there_is_nothing_else_or_nothing_to_do() -> None:
+    needles = Mesh([[0, 0, 0], [1, 0, 0], [1, 1e-8, 0], [0, 1e-8, 0]], [[0, 1, 2], [0, 2, 3]])
+    assert simplify.quality(needles, target_faces=1).mesh.num_faces == 1
+    mesh = capsule()
+    unchanged = simplify.quality(mesh, target_faces=mesh.num_faces).mesh
+    np.testing.assert_array_equal(unchanged.vertices, simplify.clean(mesh).mesh.vertices)
+
+
+def cone(sides: int) -> Mesh:
+    """Each face at its tip has a texture coordinate of its own there, in the middle of its others'."""
+    turn = np.arange(sides + 1) / sides
+    rim = [np.cos(2 * np.pi * turn[:-1]), np.sin(2 * np.pi * turn[:-1]), np.zeros(sides)]
+    vertices = np.concatenate([[[0.0, 0.0, 2.0]], np.column_stack(rim)])
+    i = np.arange(sides)
+    faces = np.column_stack([np.zeros(sides, int), i + 1, (i + 1) % sides + 1]).astype(np.int32)
+    tips = np.column_stack([turn[:-1] + 0.5 / sides, np.ones(sides)])
+    texcoords = np.concatenate([np.column_stack([turn, np.zeros(sides + 1)]), tips])
+    corners = np.column_stack([sides + 1 + i, i, i + 1]).astype(np.int32)
+    return Mesh(vertices, faces, texcoords=texcoords, face_texcoords=corners)
+
+
+def test_texture_coordinates_of_each_face_at_a_tip_are_hardly_a_seam() -> None:
+    mesh = cone(256)
+    bare = Mesh(mesh.vertices, mesh.faces)
+    errors = [
+        metrics.metro(mesh, simplify.quality(m, target_faces=16).mesh, sampling="area").mean
+        for m in (mesh, bare)
+    ]
+    assert errors[0] < 1.25 * errors[1]
+
+
+def test_max_error_of_a_few_collapses_around_a_tip_is_hardly_that_of_a_seam() -> None:
+    mesh = cone(256)
+    errors = [
+        simplify.quality(m, target_faces=250).max_error
+        for m in (mesh, Mesh(mesh.vertices, mesh.faces))
+    ]
+    assert errors[0] < 8.0 * errors[1]  # 86 times when each edge there was a seam
+
+
+@pytest.mark.parametrize("method", [simplify.quality, simplify.fast, simplify.qem4vr])
+@pytest.mark.parametrize("textured", [True, False])
+def test_very_many_faces_around_a_vertex_take_no_quadratic_time(
+    method: Callable[..., Any], textured: bool
+) -> None:
+    mesh = cone(60_000)
+    if not textured:
+        mesh = Mesh(mesh.vertices, mesh.faces)
+    result = method(mesh, ratio=0.1)
+    assert result.mesh.num_faces == 6000
+
+
 def test_pieces_vanish_in_the_order_of_their_distance() -> None:
     near = tetrahedron((0.5, 0.5, 0.001), 0.02)
     far = tetrahedron((0.5, 0.5, 0.6), 0.02)

@@ -20,7 +20,9 @@ CollapseMesh::CollapseMesh(const MeshView& mesh)
       moved_(mesh.num_vertices(), false),
       faces_(mesh.num_faces()),
       first_corner_(mesh.num_vertices(), -1),
-      next_corner_(3 * mesh.num_faces(), -1) {
+      next_corner_(3 * mesh.num_faces(), -1),
+      previous_corner_(3 * mesh.num_faces(), -1),
+      degree_(mesh.num_vertices(), 0) {
   const BoundingBox box = bounding_box(mesh);
   if (box.diagonal() > 0.0) scale_ = box.diagonal();
   center_ = box.center();
@@ -41,7 +43,9 @@ CollapseMesh::CollapseMesh(const MeshView& mesh)
       const std::int32_t corner = 3 * f + c;
       std::int32_t& first = first_corner_[face[c]];
       next_corner_[corner] = first;
+      if (first >= 0) previous_corner_[first] = corner;
       first = corner;
+      ++degree_[face[c]];
     }
   }
   make_wedges(mesh);
@@ -142,9 +146,10 @@ std::int32_t CollapseMesh::nearest_normal(std::int32_t normal, std::int32_t t) c
 }
 
 void CollapseMesh::unlink(std::int32_t vertex, std::int32_t corner) {
-  std::int32_t* link = &first_corner_[vertex];
-  while (*link != corner) link = &next_corner_[*link];
-  *link = next_corner_[corner];
+  const std::int32_t next = next_corner_[corner], last = previous_corner_[corner];
+  (last < 0 ? first_corner_[vertex] : next_corner_[last]) = next;
+  if (next >= 0) previous_corner_[next] = last;
+  --degree_[vertex];
 }
 
 void CollapseMesh::remove_face(std::int32_t f) {
@@ -163,6 +168,7 @@ void CollapseMesh::collapse(std::int32_t v, std::int32_t t, const WedgeMap& map)
   }
   std::int32_t corner = first_corner_[v];
   first_corner_[v] = -1;
+  degree_[v] = 0;
   std::int32_t moved_first = -1;
   std::int32_t moved_last = -1;
   while (corner >= 0) {
@@ -180,12 +186,15 @@ void CollapseMesh::collapse(std::int32_t v, std::int32_t t, const WedgeMap& map)
       face[c] = t;
       wedges_[f][c] = map.at(wedges_[f][c]);
       (moved_last < 0 ? moved_first : next_corner_[moved_last]) = corner;
+      previous_corner_[corner] = moved_last;
       moved_last = corner;
+      ++degree_[t];
     }
     corner = next;
   }
   if (moved_last < 0) return;
   next_corner_[moved_last] = first_corner_[t];
+  if (first_corner_[t] >= 0) previous_corner_[first_corner_[t]] = moved_last;
   first_corner_[t] = moved_first;
 }
 

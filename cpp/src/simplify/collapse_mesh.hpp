@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "manip3d/geometry/mesh.hpp"
+#include "simplify/collapse_rules.hpp"
 
 namespace manip3d {
 
@@ -130,7 +131,23 @@ class CollapseMesh {
     }
   }
 
+  /// Calls body(face) for each face with the vertices v and t, in the order of v's faces; in that
+  /// of t's if v is a hub.
+  template <typename Body>
+  void for_each_face_between(std::int32_t v, std::int32_t t, Body&& body) const {
+    const bool swaps = is_hub(v) && degree_[t] < degree_[v];
+    const std::int32_t other = swaps ? v : t;
+    for_each_face(swaps ? t : v, [&](std::int32_t f, std::int32_t) {
+      const Triple& face = faces_[f];
+      if (face[0] == other || face[1] == other || face[2] == other) body(f);
+    });
+  }
+
   [[nodiscard]] bool is_isolated(std::int32_t v) const { return first_corner_[v] < 0; }
+  /// Number of faces of a vertex.
+  [[nodiscard]] std::int32_t degree(std::int32_t v) const { return degree_[v]; }
+  /// Whether a vertex has so many faces that they are not looked at in each step around it.
+  [[nodiscard]] bool is_hub(std::int32_t v) const { return degree_[v] > kHub; }
   /// A face of a vertex that is not isolated.
   [[nodiscard]] std::int32_t first_face(std::int32_t v) const { return first_corner_[v] / 3; }
 
@@ -177,11 +194,13 @@ class CollapseMesh {
   std::vector<Triple> wedges_;
   std::vector<Triple> normal_indices_;  // of a face; empty when the mesh has no normals
   Vertices normals_;
-  std::vector<std::int32_t> first_corner_;  // of a vertex; corner = 3 face + 0..2; -1: none
-  std::vector<std::int32_t> next_corner_;   // of a corner, in the list of its vertex
-  std::vector<std::int64_t> surface_;       // of a wedge: 2 material + (has texture coordinates)
-  std::vector<Eigen::Vector2d> texcoords_;  // of a wedge
-  std::vector<std::int32_t> texcoord_;      // of a wedge: row of the input's table, or -1
+  std::vector<std::int32_t> first_corner_;     // of a vertex; corner = 3 face + 0..2; -1: none
+  std::vector<std::int32_t> next_corner_;      // of a corner, in the list of its vertex
+  std::vector<std::int32_t> previous_corner_;  // of a corner: the one before it; -1: none
+  std::vector<std::int32_t> degree_;           // of a vertex
+  std::vector<std::int64_t> surface_;          // of a wedge: 2 material + (has texture coordinates)
+  std::vector<Eigen::Vector2d> texcoords_;     // of a wedge
+  std::vector<std::int32_t> texcoord_;         // of a wedge: row of the input's table, or -1
   std::int64_t num_faces_ = 0;
   std::int64_t num_dropped_ = 0;
 };

@@ -51,6 +51,10 @@ constexpr bool may_double_faces(Rules rules, bool has_complex_edge) {
 
 constexpr bool may_turn_faces(Rules rules) { return rules == Rules::kFlips; }
 
+/// A vertex with more faces is a hub: the middle of a disc, the tip of a cone with very many sides.
+/// Looking at all of its faces after each collapse beside it would take the square of their number.
+constexpr std::int32_t kHub = 512;
+
 /// The other two corners of a face around a vertex, counter-clockwise.
 using Side = std::array<std::int32_t, 2>;
 

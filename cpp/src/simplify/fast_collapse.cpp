@@ -109,7 +109,9 @@ std::optional<Rejection> EdgeCollapser::collapse(std::int32_t v, std::int32_t t,
   const auto num_gone =
       static_cast<std::int64_t>(first.across.size()) + (is_doubling ? count_doubles(task) : 0);
   if (num_gone > quota) return std::nullopt;  // another one may fit
-  if (first.rest.empty() && second.rest.empty()) return Rejection::kDegenerate;
+  if (first.rest.empty() && second.rest.empty() && !hangs_at_hub(first)) {
+    return Rejection::kDegenerate;
+  }
   if (takes_last_face_of_locked(v, t, first, task)) return Rejection::kDegenerate;
   if (!is_doubling) {
     if (const auto reason = check_links(v, t, first, second)) return reason;
@@ -125,6 +127,12 @@ std::optional<Rejection> EdgeCollapser::collapse(std::int32_t v, std::int32_t t,
   task.removed += num_gone;
   ++task.collapses;
   return std::nullopt;
+}
+
+/// Whether a face alone on its edge has its third corner at a vertex with very many: that one
+/// collapses once in a pass, and each of the faces that it alone joins would take a pass.
+bool EdgeCollapser::hangs_at_hub(const Fan& first) const {
+  return first.across.size() == 1 && mesh_.corners(first.across.front()).size() > kHub;
 }
 
 /// The faces of v as they are now: of those that collapsed before in this pass, what is left.
@@ -284,7 +292,13 @@ std::optional<Rejection> EdgeCollapser::check_faces(const Fan& fan, const Vector
                        ~(true_lanes(cosine > 0.0F) &
                          true_lanes(cosine * cosine > kLeastSquaredCosine * area * area_before));
     if ((degenerate | flips) == 0) continue;
-    const auto lane = std::countr_zero(degenerate | flips);
+    // A face that had no area has none to lose, and no side to keep.
+    const Float4 ka = (pa - old).squared_norm(), kb = (pb - old).squared_norm();
+    const Float4 wider = ka < kb ? kb : ka, widest = wider < lc ? lc : wider;
+    const unsigned had_area = true_lanes(area_before > kLeastSquaredSine * widest * widest);
+    const unsigned broken = (degenerate | flips) & had_area;
+    if (broken == 0) continue;
+    const auto lane = std::countr_zero(broken);
     return ((degenerate >> lane) & 1U) != 0 ? Rejection::kDegenerate : Rejection::kFlip;
   }
   return std::nullopt;

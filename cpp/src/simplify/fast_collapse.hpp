@@ -70,6 +70,7 @@ class EdgeCollapser {
 
  private:
   void gather(std::int32_t v, std::int32_t other, Fan& fan) const;
+  [[nodiscard]] bool hangs_at_hub(const Fan& first) const;
   [[nodiscard]] bool takes_last_face_of_locked(std::int32_t v, std::int32_t t, const Fan& first,
                                                const CollapseTask& task) const;
   [[nodiscard]] bool has_complex_edge_at(std::int32_t v, std::int32_t t, CollapseTask& task) const;

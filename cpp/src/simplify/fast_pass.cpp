@@ -337,8 +337,11 @@ void FastPass::prefetch(const std::vector<EdgeInReach>& candidates, std::size_t 
   }
 }
 
+/// Whether a vertex has so many faces that its edges are left alone, those beside it are not: once
+/// it was refused some times, and at once where each face may have a texture coordinate of its own.
 bool FastPass::is_hub(std::int32_t v) const {
-  return static_cast<std::int64_t>(mesh_.corners(v).size()) * refusals_[v] > kHubPatience;
+  const auto num_faces = static_cast<std::int64_t>(mesh_.corners(v).size());
+  return num_faces * refusals_[v] > kHubPatience || (mesh_.has_wedges() && num_faces > kHub);
 }
 
 /// Puts the pass into effect.

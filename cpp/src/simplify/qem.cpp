@@ -23,6 +23,10 @@ namespace {
 /// deviation of 3e-5 of the edge) makes short edges go first there and changes nothing elsewhere.
 constexpr double kShortEdgePreference = 1e-9;
 
+/// The best collapse of a hub is found again after changes at so large a part of its faces, or when
+/// its turn comes.
+constexpr std::int32_t kHubChanges = 8;
+
 /// Accumulated quadrics: of the faces alone (the reported error) and with the constraints (the
 /// order), both weighted by area; optionally of (x, y, z, u, v) per wedge.
 class Quadrics {
@@ -181,6 +185,7 @@ class QemSimplifier {
         quadrics_(mesh_, options),
         legality_(mesh_, options),
         queue_(mesh_.num_vertices()),
+        changes_(mesh_.num_vertices(), 0),
         ring_(mesh_.num_vertices()) {
     if (options.max_distance < std::numeric_limits<double>::infinity()) {
       guard_.emplace(input, options.max_distance);
@@ -264,6 +269,7 @@ class QemSimplifier {
   /// Queues the best collapse of v; with `after`, the best of those that come after it.
   void propose(std::int32_t v, const Candidate* after) {
     if (mesh_.is_isolated(v)) return;
+    changes_[v] = 0;
     mesh_.gather_ring(v, ring_);
     const VertexClass vertex = classify_vertex(mesh_, ring_, v);
     if (is_locked_now(vertex)) {
@@ -322,6 +328,7 @@ class QemSimplifier {
   void try_cheapest(QemResult& result) {
     const Candidate candidate = queue_.top();
     const std::int32_t v = candidate.vertex, t = candidate.target;
+    if (changes_[v] > 0) return propose(v, nullptr);
     // Q_t may have grown since; it never shrinks, so the queue's costs are lower bounds.
     if (price(v, t).cost > candidate.cost) {
       propose(v, nullptr);
@@ -388,7 +395,11 @@ class QemSimplifier {
     queue_.remove(v);
     // Their faces have changed, and with them their edges, costs and legality; t is among them.
     for (const std::int32_t w : neighbours_) {
-      mesh_.is_isolated(w) ? queue_.remove(w) : propose(w, nullptr);
+      if (mesh_.is_isolated(w)) {
+        queue_.remove(w);
+      } else if (!mesh_.is_hub(w) || ++changes_[w] > mesh_.degree(w) / kHubChanges) {
+        propose(w, nullptr);
+      }
     }
   }
 
@@ -427,6 +438,7 @@ class QemSimplifier {
   Quadrics quadrics_;
   Legality legality_;
   CollapseQueue queue_;
+  std::vector<std::int32_t> changes_;  // of a hub: beside it, since its best collapse was found
   Ring ring_;
   WedgeMap map_;
   std::vector<std::int32_t> neighbours_;

@@ -18,6 +18,7 @@
 #include "simplify/quality_distance.hpp"
 #include "simplify/quality_price.hpp"
 #include "simplify/quality_rules.hpp"
+#include "simplify/rounding_weld.hpp"
 #include "simplify/surface_fit.hpp"
 #include "simplify/usual_unit.hpp"
 
@@ -79,6 +80,7 @@ class QualitySimplifier {
         doubled_(mesh_),
         version_(mesh_.num_vertices(), 0),
         blocked_(mesh_.num_vertices(), false),
+        is_hub_(mesh_.num_vertices(), false),
         into_(mesh_.num_vertices(), -1) {
     for (std::int32_t i = 0; i < pieces_.size(); ++i) {
       const auto is_locked = [&](std::int32_t v) { return kept_.is_locked(v); };
@@ -121,11 +123,14 @@ class QualitySimplifier {
 
   void push_edge(std::int32_t v, std::int32_t t, std::int32_t num_faces) {
     if (kept_.is_locked(v) && kept_.is_locked(t)) return;
+    if (mesh_.is_hub(v) || mesh_.is_hub(t)) return;  // priced when it has fewer faces
     const Plan best = prices_.plan(v, t, num_faces, Place::kBest);
     queue_.push({best.price, v, t, version_[v] + version_[t]});
   }
 
   void push_edges(std::int32_t v) {
+    is_hub_[v] = mesh_.is_hub(v);
+    if (is_hub_[v]) return;
     prices_.begin_edges(v);
     for (const RingEdge& edge : check_.edges(v)) {
       push_edge(std::max(v, edge.vertex), std::min(v, edge.vertex), edge.num_faces);
@@ -138,6 +143,8 @@ class QualitySimplifier {
     for (std::int32_t v = 0; v < mesh_.num_vertices(); ++v) {
       ticker.tick();
       if (mesh_.is_isolated(v)) continue;
+      is_hub_[v] = mesh_.is_hub(v);
+      if (is_hub_[v]) continue;
       prices_.begin_edges(v);
       for (const RingEdge& edge : check_.edges(v)) {
         if (edge.vertex < v) push_edge(v, edge.vertex, edge.num_faces);
@@ -272,7 +279,8 @@ class QualitySimplifier {
     if (!mesh_.is_isolated(t)) push_edges(t);
     for (const std::int32_t w : neighbours_) {
       if (mesh_.is_isolated(w)) original_.box[t].extend(original_.box[w]);
-      if (w == t || !blocked_[w] || mesh_.is_isolated(w)) continue;
+      const bool was_hub = is_hub_[w] && !mesh_.is_hub(w);
+      if (w == t || (!blocked_[w] && !was_hub) || mesh_.is_isolated(w)) continue;
       blocked_[w] = false;
       push_edges(w);
     }
@@ -417,6 +425,7 @@ class QualitySimplifier {
   DoubledFaces doubled_;
   std::vector<std::uint32_t> version_;  // of a vertex: how often it moved
   std::vector<bool> blocked_;           // vertices with an edge that was refused
+  std::vector<bool> is_hub_;            // vertices whose edges wait until they have fewer faces
   std::vector<std::int32_t> into_;      // what a vertex collapsed onto, or -1
   std::vector<bool> is_exact_;          // of a vertex: all its faces are as they were
   std::set<std::int32_t> kept_pieces_;  // those with a locked vertex
@@ -465,7 +474,14 @@ QualityResult simplify_quality(const MeshView& mesh, const QualityOptions& optio
   QualityOptions in_unit = options;
   in_unit.max_error = usual.from_file(options.max_error);
   in_unit.max_distance = usual.from_file(options.max_distance);
-  QualityResult result = QualitySimplifier(usual.mesh(), in_unit, progress).run();
+  // With max_distance even rounding counts.
+  std::optional<RoundingWeld> weld;
+  if (mesh.num_faces() > options.target_faces && !std::isfinite(options.max_distance)) {
+    weld.emplace(usual.mesh(), options.locked);
+  }
+  QualityResult result =
+      QualitySimplifier(weld ? weld->mesh() : usual.mesh(), in_unit, progress).run();
+  if (weld) weld->complete(result.vertex_map);
   usual.to_file(result.mesh.vertices);
   result.max_error = usual.to_file(result.max_error);
   if (result.distance_bound) result.distance_bound = usual.to_file(*result.distance_bound);

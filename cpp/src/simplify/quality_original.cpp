@@ -26,15 +26,19 @@ bool is_held(const Quadric& q, const Vector3d& n, double weight) {
   return held >= kGuarded * weight || weight <= kRounding * (q.xx + q.yy + q.zz);
 }
 
+std::int32_t third_vertex(const CollapseMesh& mesh, std::int32_t f, std::int32_t v,
+                          std::int32_t t) {
+  const auto& face = mesh.face(f);
+  return *std::find_if(face.begin(), face.end(),
+                       [&](std::int32_t corner) { return corner != v && corner != t; });
+}
+
 /// Whether the two faces of the edge v t open by 90 degrees or more, as nearly all do.
 bool opens_wide(const CollapseMesh& mesh, std::int32_t v, std::int32_t t) {
   std::array<std::int32_t, 2> third{t, t};
   std::size_t count = 0;
-  mesh.for_each_face(v, [&](std::int32_t f, std::int32_t c) {
-    const std::int32_t a = mesh.face(f)[(c + 1) % 3], b = mesh.face(f)[(c + 2) % 3];
-    if (a == t) third[count++] = b;
-    if (b == t) third[count++] = a;
-  });
+  mesh.for_each_face_between(v, t,
+                             [&](std::int32_t f) { third[count++] = third_vertex(mesh, f, v, t); });
   const Vector3d along = mesh.position(t) - mesh.position(v);
   const Vector3d first = mesh.position(third[0]) - mesh.position(v),
                  second = mesh.position(third[1]) - mesh.position(v);
@@ -48,10 +52,9 @@ bool is_one_sided(const CollapseMesh& mesh, std::int32_t v, const RingEdge& edge
   if (edge.num_faces == 2 && opens_wide(mesh, v, edge.vertex)) return false;
   const Vector3d along = (mesh.position(edge.vertex) - mesh.position(v)).normalized();
   Vector3d sum = Vector3d::Zero();
-  mesh.for_each_face(v, [&](std::int32_t f, std::int32_t c) {
-    const std::int32_t a = mesh.face(f)[(c + 1) % 3], b = mesh.face(f)[(c + 2) % 3];
-    if (a != edge.vertex && b != edge.vertex) return;
-    const Vector3d to_third = mesh.position(a == edge.vertex ? b : a) - mesh.position(v);
+  mesh.for_each_face_between(v, edge.vertex, [&](std::int32_t f) {
+    const Vector3d to_third =
+        mesh.position(third_vertex(mesh, f, v, edge.vertex)) - mesh.position(v);
     sum += (to_third - along.dot(to_third) * along).normalized();
   });
   return sum.norm() > kOneSided * edge.num_faces;
@@ -67,8 +70,8 @@ double texture_jump(const CollapseMesh& mesh, std::int32_t f, std::int32_t v, st
   };
   if (!shows_texture(mesh, f)) return 0.0;
   double jump = 0.0;
-  mesh.for_each_face(v, [&](std::int32_t g, std::int32_t) {
-    if (g == f || !touches(mesh, g, t) || !shows_texture(mesh, g)) return;
+  mesh.for_each_face_between(v, t, [&](std::int32_t g) {
+    if (g == f || !shows_texture(mesh, g)) return;
     if (mesh.surface(mesh.wedges(g)[0]) != mesh.surface(mesh.wedges(f)[0])) return;
     jump = std::max(jump, 0.5 * (uv(f, v) - uv(g, v)).norm() + 0.5 * (uv(f, t) - uv(g, t)).norm());
   });
@@ -164,8 +167,9 @@ void Original::add_borders(const CollapseMesh& mesh, std::int32_t v, Ring& ring)
       if (!(length > 0.0)) continue;
       const double weight =
           is_boundary ? options.boundary_weight : options.seam_weight / edge.num_faces;
+      const double held = is_boundary ? weight : weight * parted(mesh, f, v, t);
       const Quadric plane =
-          Quadric::plane(across / length, mesh.position(v), 0.5 * weight * along.norm());
+          Quadric::plane(across / length, mesh.position(v), 0.5 * held * along.norm());
       for (const std::int32_t end : {v, t}) {
         borders[end] += plane;
         border[end] += 0.5 * weight * along.norm();
@@ -183,6 +187,29 @@ void Original::add_borders(const CollapseMesh& mesh, std::int32_t v, Ring& ring)
   });
 }
 
+/// How far the texture of a face is apart from those of the others on its edge v t, from 0 to 1, by
+/// the length of the edge. Around the tip of a cone each face has a texture coordinate of its own,
+/// as if its edges were seams; they part it from its neighbours by hardly anything. Seams that are
+/// open at both ends count in full, and so do borders of materials.
+double Original::parted(const CollapseMesh& mesh, std::int32_t f, std::int32_t v,
+                        std::int32_t t) const {
+  if (!is_textured || !shows_texture(mesh, f) || !(texture_length > 0.0)) return 1.0;
+  bool is_same = true, joins_v = true, joins_t = true;
+  const auto wedge_at = [&](std::int32_t face, std::int32_t vertex) {
+    const auto& corners = mesh.face(face);
+    return mesh.wedges(face)[corners[0] == vertex ? 0 : corners[1] == vertex ? 1 : 2];
+  };
+  mesh.for_each_face_between(v, t, [&](std::int32_t g) {
+    is_same = is_same && shows_texture(mesh, g) &&
+              mesh.surface(mesh.wedges(g)[0]) == mesh.surface(mesh.wedges(f)[0]);
+    joins_v = joins_v && wedge_at(g, v) == wedge_at(f, v);
+    joins_t = joins_t && wedge_at(g, t) == wedge_at(f, t);
+  });
+  if (!is_same || !(joins_v || joins_t)) return 1.0;
+  const double length = (mesh.position(t) - mesh.position(v)).norm();
+  return std::min(1.0, texture_jump(mesh, f, v, t) * texture_length / length);
+}
+
 bool Original::guard_rims(const CollapseMesh& mesh, std::int32_t v, const Ring& ring) {
   bool is_new = false;
   for (const RingEdge& edge : ring.edges()) {
@@ -190,8 +217,7 @@ bool Original::guard_rims(const CollapseMesh& mesh, std::int32_t v, const Ring& 
     const std::int32_t t = edge.vertex;
     const Vector3d along = mesh.position(t) - mesh.position(v);
     const double weight = 0.5 * options.boundary_weight * along.norm();
-    mesh.for_each_face(v, [&](std::int32_t f, std::int32_t) {
-      if (!touches(mesh, f, t)) return;
+    mesh.for_each_face_between(v, t, [&](std::int32_t f) {
       const Vector3d across = along.cross(area_vector(mesh, f));
       const double length = across.norm();
       if (!(length > 0.0)) return;

@@ -118,6 +118,8 @@ struct Original {
   void measure_texture(const CollapseMesh& mesh);
   void add_face(const CollapseMesh& mesh, std::int32_t f);
   void add_borders(const CollapseMesh& mesh, std::int32_t v, Ring& ring);
+  [[nodiscard]] double parted(const CollapseMesh& mesh, std::int32_t f, std::int32_t v,
+                              std::int32_t t) const;
 
   double texture_length = 0.0;  // on the surface, of a unit of texture
   double texture_share = 1.0;   // of the area: what shows a texture

@@ -103,6 +103,9 @@ void SurfaceFit::place_samples(const CollapseMesh& mesh, bool has_many) {
   for (std::int64_t f = 0; f < original_.num_faces(); ++f) {
     // A vertex that only such faces use belongs to no piece; is_there_ must not be asked about it.
     if (is_degenerate(original_.faces, f) || !is_there_(original_.faces(f, 0))) continue;
+    // Points among very many needles are near to the boxes of most, and their error is tiny.
+    const auto face = original_.faces.row(f);
+    if (mesh.is_hub(face[0]) || mesh.is_hub(face[1]) || mesh.is_hub(face[2])) continue;
     const Eigen::Matrix3d p = corners_of(mesh, f);
     areas[f] = (p.col(1) - p.col(0)).cross(p.col(2) - p.col(0)).norm();
     total += areas[f];
