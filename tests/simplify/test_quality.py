@@ -371,7 +371,7 @@ def test_what_is_small_and_no_rounding_stays_apart() -> None:
     # is joined, and so are the two sides of its slit.
     ball = capsule()
     small = ball.replace(vertices=ball.vertices * 3e-7)
-    far = ball.replace(vertices=ball.vertices + [3.0, 0.0, 0.0])
+    far = ball.replace(vertices=ball.vertices + np.array([3.0, 0.0, 0.0]))
     result = simplify.quality(together(small, far), target_faces=2 * ball.num_faces - 200)
     assert (result.vertex_map[: ball.num_vertices] >= 0).all()
 
@@ -385,7 +385,7 @@ def test_needles_stay_where_there_is_nothing_else_or_nothing_to_do() -> None:
 
 
 def cone(sides: int) -> Mesh:
-    """Each face at its tip has a texture coordinate of its own there, in the middle of its others'."""
+    """Each face has a texture coordinate of its own at the tip, midway between its others."""
     turn = np.arange(sides + 1) / sides
     rim = [np.cos(2 * np.pi * turn[:-1]), np.sin(2 * np.pi * turn[:-1]), np.zeros(sides)]
     vertices = np.concatenate([[[0.0, 0.0, 2.0]], np.column_stack(rim)])
