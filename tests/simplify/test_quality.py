@@ -377,7 +377,8 @@ def test_what_is_small_and_no_rounding_stays_apart() -> None:
 
 
 def test_needles_stay_where_there_is_nothing_else_or_nothing_to_do() -> None:
-    needles = Mesh([[0, 0, 0], [1, 0, 0], [1, 1e-8, 0], [0, 1e-8, 0]], [[0, 1, 2], [0, 2, 3]])
+    corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1e-8, 0], [0, 1e-8, 0]])
+    needles = Mesh(corners, [[0, 1, 2], [0, 2, 3]])
     assert simplify.quality(needles, target_faces=1).mesh.num_faces == 1
     mesh = capsule()
     unchanged = simplify.quality(mesh, target_faces=mesh.num_faces).mesh
