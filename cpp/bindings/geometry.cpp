@@ -8,6 +8,7 @@
 #include "manip3d/geometry/mesh.hpp"
 #include "manip3d/geometry/nearest_neighbours.hpp"
 #include "manip3d/geometry/shading.hpp"
+#include "manip3d/geometry/sparse_points.hpp"
 #include "manip3d/geometry/summary.hpp"
 #include "manip3d/geometry/topology.hpp"
 #include "mesh.hpp"
@@ -138,6 +139,20 @@ void bind_geometry(py::module_& m) {
       },
       py::arg("points").noconvert(), py::arg("origin"), py::arg("resolution"), py::arg("threads"),
       py::arg("progress"));
+  m.def(
+      "sparse_distances",
+      [](const CArray<float>& points, int neighbours, double nearest, double farthest, int every) {
+        const PointsView view = points_view(points, {});
+        std::vector<float> distances;
+        {
+          const py::gil_scoped_release nogil;
+          distances =
+              sparse_distances(view, {neighbours, nearest, farthest, every}, interruptible());
+        }
+        return to_numpy(std::move(distances));
+      },
+      py::arg("points").noconvert(), py::arg("neighbours"), py::arg("nearest"), py::arg("farthest"),
+      py::arg("every"));
 }
 
 }  // namespace manip3d::bindings

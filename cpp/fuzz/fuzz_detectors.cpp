@@ -19,6 +19,7 @@
 #include "manip3d/geometry/nearest_neighbours.hpp"
 #include "manip3d/geometry/scan_grid.hpp"
 #include "manip3d/geometry/scan_origin.hpp"
+#include "manip3d/geometry/sparse_points.hpp"
 #include "scan_from_bytes.hpp"
 
 namespace {
@@ -51,6 +52,31 @@ std::vector<double> check_nearest(const PointCloud& scan, const Eigen::Vector3d&
     distances.push_back(found[i]);
   }
   return distances;
+}
+
+// As all pairs say, to the rounding of single precision.
+void check_sparse(const PointCloud& scan, int neighbours) {
+  const SparseOptions options{neighbours, 0.3, 5.0, 1};
+  const std::vector<float> found = sparse_distances(scan, options);
+  std::vector<double> expected;
+  for (Eigen::Index i = 0; i < scan.points.rows(); ++i) {
+    std::vector<double> distances;
+    for (Eigen::Index k = 0; k < scan.points.rows(); ++k) {
+      if (k == i) continue;
+      const Eigen::RowVector3d offset =
+          scan.points.row(i).cast<double>() - scan.points.row(k).cast<double>();
+      distances.push_back(
+          std::sqrt(offset[0] * offset[0] + offset[1] * offset[1] + offset[2] * offset[2]));
+    }
+    std::sort(distances.begin(), distances.end());
+    const auto wanted = static_cast<std::size_t>(neighbours);
+    const double last = distances.size() < wanted ? options.farthest : distances[wanted - 1];
+    if (last >= options.nearest) expected.push_back(std::min(last, options.farthest));
+  }
+  require(found.size() == expected.size());
+  for (std::size_t i = 0; i < found.size(); ++i) {
+    require(std::abs(found[i] - expected[i]) <= 1e-5 * expected[i]);
+  }
 }
 
 void check_density(const PointCloud& scan, const std::vector<double>& distances,
@@ -148,6 +174,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     options.num_threads = 1;
     check_density(scan, distances, options);
   });
+  run([&] { check_sparse(scan, 1 + static_cast<int>(scan.points.rows() % 8)); });
   run([&] {
     OcclusionOptions options;
     options.origin = origin;

@@ -167,6 +167,7 @@ __all__: list[str] = [
     "simplify_qem",
     "simplify_quality",
     "snap_to_lattice",
+    "sparse_distances",
     "subtract",
     "summarize",
     "texture_error",
@@ -2610,6 +2611,13 @@ def snap_to_lattice(
     tuple[list[float], list[float], float],
     numpy.typing.NDArray[numpy.float64],
 ]: ...
+def sparse_distances(
+    points: numpy.typing.NDArray[numpy.float32],
+    neighbours: typing.SupportsInt | typing.SupportsIndex,
+    nearest: typing.SupportsFloat | typing.SupportsIndex,
+    farthest: typing.SupportsFloat | typing.SupportsIndex,
+    every: typing.SupportsInt | typing.SupportsIndex,
+) -> numpy.ndarray: ...
 def subtract(
     points: numpy.typing.NDArray[numpy.float32],
     intensity: numpy.typing.NDArray[numpy.float32],

@@ -791,7 +791,7 @@ def _by_lattice(
     is_compared = all(step.kind in STILL_COMPARED for step in processing)
     if sensor.name == HDL64E and generic is not None and is_compared and not repeated:
         compared = before, after
-        if changed:
+        if any(step.kind == "lasers" for step in changed):
             compared = _in_lasers_of(centred, identified, compared, threads)
         if before is not None and after is not None and sensor.lattice is not None:
             lacking, are_in_place, of_turns = _lacking((before, after), sensor.lattice, left_out)

@@ -274,7 +274,8 @@ class Processing:
     ----------
     kind : str
         ``shuffled``, ``reversed``, ``mirrored``, ``rounded``, ``float16``, ``cropped``,
-        ``thinned``, ``lasers`` (some were left out), ``filtered``, ``turned``, ``scaled``,
+        ``thinned``, ``lasers`` (some were left out), ``filtered``, ``outliers`` (points far
+        from others were left out), ``turned``, ``scaled``,
         ``moved``, ``fused``, ``repeated``, ``padded`` (rows without a return), ``reflectances`` or
         ``neighbours`` (what the turns beside the scan lack hides what the scan lacks); of
         recordings also ``resampled`` and ``lossily coded``; of drives see `DriveInspection`.

@@ -1,0 +1,153 @@
+#include "manip3d/geometry/sparse_points.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <string>
+
+#include "geometry/cell_list.hpp"
+#include "manip3d/error.hpp"
+
+namespace manip3d {
+namespace {
+
+constexpr int kMostNeighbours = 8;
+constexpr std::int64_t kBesideInFile = 6;  // rows before and after that are looked at first
+constexpr int kReach = 5;                  // cells to each side that a search looks at, at most
+constexpr double kRounding = 1e-4;         // share of a distance that single precision may lose
+constexpr double kRound = 0.01;  // cells: less of a cell is surely reached, as places are rounded
+constexpr double kMostReach = 1e3;  // metres
+constexpr float kFarthest = 1e6F;   // metres: numbers of cells stay far from 2^63
+
+// The smallest few of squared distances, ascending.
+class Smallest {
+ public:
+  explicit Smallest(int count) : count_(count) {
+    squared_.fill(kNone);
+    items_.fill(-1);
+  }
+
+  // One item may be added several times, and counts once.
+  void add(double squared, std::int32_t item) {
+    if (!(squared < last())) return;
+    const auto known = items_.begin() + count_;
+    if (std::find(items_.begin(), known, item) != known) return;
+    int k = count_ - 1;
+    for (; k > 0 && squared_[k - 1] > squared; --k) {
+      squared_[k] = squared_[k - 1];
+      items_[k] = items_[k - 1];
+    }
+    squared_[k] = squared;
+    items_[k] = item;
+  }
+
+  [[nodiscard]] double last() const { return squared_[count_ - 1]; }
+
+ private:
+  static constexpr double kNone = std::numeric_limits<double>::infinity();
+
+  std::array<double, kMostNeighbours> squared_;
+  std::array<std::int32_t, kMostNeighbours> items_;
+  int count_;
+};
+
+class SparseSearch {
+ public:
+  SparseSearch(const PointsView& view, const SparseOptions& options, const Progress& progress)
+      : view_(view), options_(options), ticker_(progress) {}
+
+  [[nodiscard]] std::vector<float> run() {
+    const std::vector<std::int32_t> rows = not_beside_in_file();
+    if (rows.empty()) return {};
+    const CellList cells(view_, options_.farthest / (kReach - kRound), Eigen::Vector3d::Zero(),
+                         ticker_);
+    std::vector<float> distances;
+    for (std::size_t k = 0; k < rows.size(); k += options_.every) {
+      ticker_.tick();
+      const double distance = std::min(std::sqrt(within_cells(cells, rows[k])), options_.farthest);
+      if (distance >= options_.nearest) distances.push_back(static_cast<float>(distance));
+    }
+    return distances;
+  }
+
+ private:
+  // Rows without so many neighbours, nearer than `nearest`, among those before and after them.
+  // Scans list what a laser saw in turn: of most points the neighbours are close by.
+  [[nodiscard]] std::vector<std::int32_t> not_beside_in_file() {
+    const std::int64_t count = view_.num_points();
+    const auto below = static_cast<float>((1.0 - kRounding) * options_.nearest);
+    std::vector<std::uint8_t> near(static_cast<std::size_t>(count), 0);
+    const float* const xyz = view_.points.data();
+    for (std::int64_t apart = 1; apart <= kBesideInFile; ++apart) {
+      for (std::int64_t i = 0; i + apart < count; ++i) {
+        const float x = xyz[3 * i] - xyz[3 * (i + apart)];
+        const float y = xyz[3 * i + 1] - xyz[3 * (i + apart) + 1];
+        const float z = xyz[3 * i + 2] - xyz[3 * (i + apart) + 2];
+        const std::uint8_t is_near = x * x + y * y + z * z < below * below ? 1 : 0;
+        near[i] += is_near;
+        near[i + apart] += is_near;
+      }
+      ticker_.tick();
+    }
+    std::vector<std::int32_t> rows;
+    for (std::int64_t i = 0; i < count; ++i) {
+      if (near[i] < options_.neighbours) rows.push_back(static_cast<std::int32_t>(i));
+    }
+    return rows;
+  }
+
+  // The squared distance: exact up to `farthest`, else at least so far. Nearly all points have
+  // their neighbours within a cell or two.
+  [[nodiscard]] double within_cells(const CellList& cells, std::int32_t row) const {
+    const double sure = 1.0 - kRound;
+    const double cell = cells.cell_size();
+    const double near = search<1>(cells, row);
+    if (near <= sure * sure * cell * cell) return near;
+    const double beyond = search<2>(cells, row);
+    if (beyond <= (1.0 + sure) * (1.0 + sure) * cell * cell) return beyond;
+    return search<kReach>(cells, row);
+  }
+
+  template <int reach>
+  [[nodiscard]] double search(const CellList& cells, std::int32_t row) const {
+    const std::int32_t place = cells.place_of(row);
+    Smallest smallest(options_.neighbours);
+    cells.visit<reach>(place, [&](std::int32_t other) {
+      if (other != place) smallest.add(cells.squared_distance(place, other), other);
+    });
+    return smallest.last();
+  }
+
+  const PointsView& view_;
+  const SparseOptions& options_;
+  Ticker ticker_;
+};
+
+void check_sparse(const SparseOptions& options) {
+  if (!(options.neighbours >= 1 && options.neighbours <= kMostNeighbours)) {
+    throw InputError("neighbours: expected 1 to 8, got " + std::to_string(options.neighbours));
+  }
+  if (!(options.every >= 1)) {
+    throw InputError("every: expected at least 1, got " + std::to_string(options.every));
+  }
+  if (!(options.nearest >= 0.001 && options.farthest > options.nearest &&
+        options.farthest < kMostReach)) {
+    throw InputError("nearest: expected 0.001 <= nearest < farthest < 1000 metres");
+  }
+}
+
+}  // namespace
+
+std::vector<float> sparse_distances(const PointsView& view, const SparseOptions& options,
+                                    const Progress& progress) {
+  check_points(view);
+  check_sparse(options);
+  if (view.num_points() > 0 && !(view.points.cwiseAbs().maxCoeff() < kFarthest)) {
+    throw InputError("points: expected coordinates below 1e6 metres");
+  }
+  return SparseSearch(view, options, progress).run();
+}
+
+}  // namespace manip3d

@@ -1,0 +1,95 @@
+"""Filters of outliers, which leave out points far from their neighbours, are named."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+import pytest
+
+from manip3d import InputError, _core, authenticate, simulate
+from manip3d.authenticate._processing import cut_of_outliers
+from manip3d.lidar import LidarFrame
+
+scipy_spatial = pytest.importorskip("scipy.spatial")
+
+
+def neighbour_distances(points: np.ndarray, count: int) -> np.ndarray:
+    """Distances of each point from its nearest others, ascending."""
+    wide = points.astype(np.float64)
+    near: np.ndarray = scipy_spatial.cKDTree(wide).query(wide, count + 1)[0]
+    return near[:, 1:]
+
+
+@pytest.mark.parametrize("neighbours", [1, 4, 8])
+def test_distances_are_those_of_all_pairs(neighbours: int) -> None:
+    rng = np.random.default_rng(neighbours)
+    near = np.cumsum(rng.normal(0.0, 0.08, (3000, 3)), axis=0)  # rows beside each other are near
+    points = np.concatenate([near, rng.uniform(-9, 9, (400, 3)), near[:50]]).astype(np.float32)
+    for order in (np.arange(len(points)), rng.permutation(len(points))):
+        cloud = np.ascontiguousarray(points[order])
+        expected = neighbour_distances(cloud, neighbours)[:, -1]
+        expected = np.minimum(expected[expected >= 0.24], 2.0)
+        found = _core.sparse_distances(cloud, neighbours, 0.24, 2.0, 1)
+        np.testing.assert_allclose(found, expected, rtol=1e-6)
+        assert len(_core.sparse_distances(cloud, neighbours, 0.24, 2.0, 4)) < len(found) / 3
+
+
+def test_few_points_have_no_neighbours() -> None:
+    assert _core.sparse_distances(np.zeros((0, 3), np.float32), 4, 0.24, 2.0, 1).tolist() == []
+    assert _core.sparse_distances(np.ones((3, 3), np.float32), 4, 0.24, 2.0, 1).tolist() == [
+        2,
+        2,
+        2,
+    ]
+    assert _core.sparse_distances(np.ones((9, 3), np.float32), 4, 0.24, 2.0, 1).tolist() == []
+
+
+def test_bad_options_are_named() -> None:
+    for options, name in (
+        ((0, 0.24, 2.0, 1), "neighbours"),
+        ((9, 0.24, 2.0, 1), "neighbours"),
+        ((4, 0.0, 2.0, 1), "nearest"),
+        ((4, float("nan"), 2.0, 1), "nearest"),
+        ((4, 3.0, 2.0, 1), "nearest"),
+        ((4, 0.24, float("inf"), 1), "nearest"),
+        ((4, 0.24, 2.0, 0), "every"),
+    ):
+        with pytest.raises(InputError, match=name):
+            _core.sparse_distances(np.zeros((9, 3), np.float32), *options)
+
+
+@cache
+def street() -> LidarFrame:
+    return simulate.hdl64e(simulate.street(rng=3), 1.0, rng=0).frame
+
+
+def statistical(points: np.ndarray) -> np.ndarray:
+    mean = neighbour_distances(points, 20).mean(axis=1)
+    return mean < mean.mean() + 2.0 * mean.std()
+
+
+def by_radius(points: np.ndarray) -> np.ndarray:
+    return neighbour_distances(points, 5)[:, -1] < 1.0
+
+
+@pytest.mark.parametrize("keeps", [statistical, by_radius])
+def test_filters_of_outliers_are_named(keeps: Callable[[np.ndarray], np.ndarray]) -> None:
+    pytest.importorskip("open3d")
+    assert cut_of_outliers(street().points) == 0.0
+    assert authenticate.inspect(street(), power=False).verdict != "processed"
+    kept = street().select(np.flatnonzero(keeps(street().points)))
+    found = authenticate.inspect(kept)
+    assert found.verdict == "processed"
+    named = next(step for step in found.processing if step.kind == "outliers")
+    assert "from its neighbours, as a filter of outliers leaves a scan" in named.detail
+
+
+def test_other_treatments_are_no_filter_of_outliers() -> None:
+    pytest.importorskip("open3d")
+    points = street().points
+    away = np.linalg.norm(points, axis=1)
+    random = np.random.default_rng(0).random(len(points))
+    for rows in (away < 40.0, points[:, 0] > 0.0, away > 3.0, random < 0.5, points[:, 2] < 0.5):
+        assert cut_of_outliers(np.ascontiguousarray(points[rows])) == 0.0
