@@ -141,18 +141,19 @@ void bind_geometry(py::module_& m) {
       py::arg("progress"));
   m.def(
       "sparse_distances",
-      [](const CArray<float>& points, int neighbours, double nearest, double farthest, int every) {
+      [](const CArray<float>& points, int neighbours, double nearest, double angle, double farthest,
+         int every) {
         const PointsView view = points_view(points, {});
         std::vector<float> distances;
         {
           const py::gil_scoped_release nogil;
-          distances =
-              sparse_distances(view, {neighbours, nearest, farthest, every}, interruptible());
+          distances = sparse_distances(view, {neighbours, nearest, angle, farthest, every},
+                                       interruptible());
         }
         return to_numpy(std::move(distances));
       },
-      py::arg("points").noconvert(), py::arg("neighbours"), py::arg("nearest"), py::arg("farthest"),
-      py::arg("every"));
+      py::arg("points").noconvert(), py::arg("neighbours"), py::arg("nearest"), py::arg("angle"),
+      py::arg("farthest"), py::arg("every"));
 }
 
 }  // namespace manip3d::bindings

@@ -56,7 +56,7 @@ std::vector<double> check_nearest(const PointCloud& scan, const Eigen::Vector3d&
 
 // As all pairs say, to the rounding of single precision.
 void check_sparse(const PointCloud& scan, int neighbours) {
-  const SparseOptions options{neighbours, 0.3, 5.0, 1};
+  const SparseOptions options{neighbours, 0.3, 0.05, 5.0, 1};
   const std::vector<float> found = sparse_distances(scan, options);
   std::vector<double> expected;
   for (Eigen::Index i = 0; i < scan.points.rows(); ++i) {
@@ -70,8 +70,11 @@ void check_sparse(const PointCloud& scan, int neighbours) {
     }
     std::sort(distances.begin(), distances.end());
     const auto wanted = static_cast<std::size_t>(neighbours);
+    const Eigen::RowVector3d place = scan.points.row(i).cast<double>();
     const double last = distances.size() < wanted ? options.farthest : distances[wanted - 1];
-    if (last >= options.nearest) expected.push_back(std::min(last, options.farthest));
+    const double range = std::sqrt(place[0] * place[0] + place[1] * place[1] + place[2] * place[2]);
+    if (last >= std::max(options.nearest, options.angle * range))
+      expected.push_back(std::min(last, options.farthest));
   }
   require(found.size() == expected.size());
   for (std::size_t i = 0; i < found.size(); ++i) {

@@ -2615,6 +2615,7 @@ def sparse_distances(
     points: numpy.typing.NDArray[numpy.float32],
     neighbours: typing.SupportsInt | typing.SupportsIndex,
     nearest: typing.SupportsFloat | typing.SupportsIndex,
+    angle: typing.SupportsFloat | typing.SupportsIndex,
     farthest: typing.SupportsFloat | typing.SupportsIndex,
     every: typing.SupportsInt | typing.SupportsIndex,
 ) -> numpy.ndarray: ...

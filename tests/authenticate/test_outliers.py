@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from manip3d import InputError, _core, authenticate, simulate
-from manip3d.authenticate._processing import cut_of_outliers
+from manip3d.authenticate._processing import MOST_CUT, cut_of_outliers
 from manip3d.lidar import LidarFrame
 
 scipy_spatial = pytest.importorskip("scipy.spatial")
@@ -31,30 +31,39 @@ def test_distances_are_those_of_all_pairs(neighbours: int) -> None:
         cloud = np.ascontiguousarray(points[order])
         expected = neighbour_distances(cloud, neighbours)[:, -1]
         expected = np.minimum(expected[expected >= 0.24], 2.0)
-        found = _core.sparse_distances(cloud, neighbours, 0.24, 2.0, 1)
+        found = _core.sparse_distances(cloud, neighbours, 0.24, 0.0, 2.0, 1)
         np.testing.assert_allclose(found, expected, rtol=1e-6)
-        assert len(_core.sparse_distances(cloud, neighbours, 0.24, 2.0, 4)) < len(found) / 3
+        assert len(_core.sparse_distances(cloud, neighbours, 0.24, 0.0, 2.0, 4)) < len(found) / 3
+
+
+def test_near_points_count_from_a_share_of_the_range() -> None:
+    line = np.arange(10.0)[:, None] * np.array([0.0, 0.5, 0.0])
+    cloud = np.add(line, [10.0, 0.0, 0.0]).astype(np.float32)
+    assert len(_core.sparse_distances(cloud, 1, 0.24, 0.04, 2.0, 1)) == 10
+    assert len(_core.sparse_distances(cloud, 1, 0.24, 0.06, 2.0, 1)) == 0
+    assert len(_core.sparse_distances(cloud, 2, 0.24, 0.06, 2.0, 1)) == 2  # the ends
 
 
 def test_few_points_have_no_neighbours() -> None:
-    assert _core.sparse_distances(np.zeros((0, 3), np.float32), 4, 0.24, 2.0, 1).tolist() == []
-    assert _core.sparse_distances(np.ones((3, 3), np.float32), 4, 0.24, 2.0, 1).tolist() == [
+    assert _core.sparse_distances(np.zeros((0, 3), np.float32), 4, 0.24, 0.0, 2.0, 1).tolist() == []
+    assert _core.sparse_distances(np.ones((3, 3), np.float32), 4, 0.24, 0.0, 2.0, 1).tolist() == [
         2,
         2,
         2,
     ]
-    assert _core.sparse_distances(np.ones((9, 3), np.float32), 4, 0.24, 2.0, 1).tolist() == []
+    assert _core.sparse_distances(np.ones((9, 3), np.float32), 4, 0.24, 0.0, 2.0, 1).tolist() == []
 
 
 def test_bad_options_are_named() -> None:
     for options, name in (
-        ((0, 0.24, 2.0, 1), "neighbours"),
-        ((9, 0.24, 2.0, 1), "neighbours"),
-        ((4, 0.0, 2.0, 1), "nearest"),
-        ((4, float("nan"), 2.0, 1), "nearest"),
-        ((4, 3.0, 2.0, 1), "nearest"),
-        ((4, 0.24, float("inf"), 1), "nearest"),
-        ((4, 0.24, 2.0, 0), "every"),
+        ((0, 0.24, 0.0, 2.0, 1), "neighbours"),
+        ((9, 0.24, 0.0, 2.0, 1), "neighbours"),
+        ((4, 0.0, 0.0, 2.0, 1), "nearest"),
+        ((4, float("nan"), 0.0, 2.0, 1), "nearest"),
+        ((4, 3.0, 0.0, 2.0, 1), "nearest"),
+        ((4, 0.24, 0.0, float("inf"), 1), "nearest"),
+        ((4, 0.24, 0.0, 2.0, 0), "every"),
+        ((4, 0.24, -0.1, 2.0, 1), "angle"),
     ):
         with pytest.raises(InputError, match=name):
             _core.sparse_distances(np.zeros((9, 3), np.float32), *options)
@@ -77,7 +86,7 @@ def by_radius(points: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("keeps", [statistical, by_radius])
 def test_filters_of_outliers_are_named(keeps: Callable[[np.ndarray], np.ndarray]) -> None:
     pytest.importorskip("open3d")
-    assert cut_of_outliers(street().points) == 0.0
+    assert cut_of_outliers(street().points)[0] < MOST_CUT
     assert authenticate.inspect(street(), power=False).verdict != "processed"
     kept = street().select(np.flatnonzero(keeps(street().points)))
     found = authenticate.inspect(kept)
@@ -92,4 +101,6 @@ def test_other_treatments_are_no_filter_of_outliers() -> None:
     away = np.linalg.norm(points, axis=1)
     random = np.random.default_rng(0).random(len(points))
     for rows in (away < 40.0, points[:, 0] > 0.0, away > 3.0, random < 0.5, points[:, 2] < 0.5):
-        assert cut_of_outliers(np.ascontiguousarray(points[rows])) == 0.0
+        found = authenticate.inspect(street().select(np.flatnonzero(rows)), power=False)
+        assert found.verdict == "processed"
+        assert "outliers" not in {step.kind for step in found.processing}

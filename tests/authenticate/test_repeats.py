@@ -183,6 +183,8 @@ def test_what_the_way_of_the_scanner_tells() -> None:
     assert kinds(0.9, 0.9, 1.8, 0.9, 0.9) == ["jumps"]
     assert kinds(*[-0.9] * 6) == ["backwards"]
     assert kinds(*[-0.3] * 6) == []  # a car that reverses
+    assert kinds(*[-0.3] * 100) == ["backwards"]  # farther than cars reverse
+    assert kinds(*[-0.3] * 50, *[0.3] * 10, *[-0.3] * 50) == []
     assert kinds(-0.9, -0.9, 0.9, 0.9, 0.9, 0.9) == ["jumps"]
     found = moving([0.9] * 3 + [3.6] + [0.9] * 3)
     told = authenticate.judge_drive(found)

@@ -114,6 +114,22 @@ def test_turns_of_another_place_are_undecidable(turns: list[np.ndarray]) -> None
     elsewhere = turn_scans.turn(12.0, 5)
     found = turn_consistency(turns[1], turns[0], elsewhere, lattice=LATTICE)
     assert found.verdict == "undecidable"
+    assert not found.foreign
+
+
+def test_a_frame_of_another_place_is_foreign(turns: list[np.ndarray]) -> None:
+    elsewhere = turn_scans.turn(12.0, 5)
+    told = turn_consistency(elsewhere, turns[0], turns[2], lattice=LATTICE)
+    assert (told.verdict, told.foreign, told.aligned) == ("undecidable", True, False)
+    far = [with_far_point(points) for points in (turns[0], elsewhere, turns[2])]
+    before, put_in, after = (LidarFrame(points, origin=(0, 0, 0)) for points in far)
+    found = authenticate.inspect(put_in, previous=before, following=after, lattice=LATTICE)
+    assert (found.verdict, found.processing[-1].kind) == ("processed", "foreign")
+    assert judged(turns, turns[1]).foreign is False
+    drive = authenticate.judge_drive([found])
+    assert drive.verdict == "processed"
+    assert "foreign: number 0 shows another place than the scans before and after" in drive.reason
+    assert [remark.kind for remark in drive.remarks] == ["foreign"]
 
 
 def test_what_is_wrong_is_named(turns: list[np.ndarray]) -> None:

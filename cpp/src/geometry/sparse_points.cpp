@@ -67,17 +67,28 @@ class SparseSearch {
     for (std::size_t k = 0; k < rows.size(); k += options_.every) {
       ticker_.tick();
       const double distance = std::min(std::sqrt(within_cells(cells, rows[k])), options_.farthest);
-      if (distance >= options_.nearest) distances.push_back(static_cast<float>(distance));
+      if (distance >= nearest_of(rows[k])) distances.push_back(static_cast<float>(distance));
     }
     return distances;
   }
 
  private:
-  // Rows without so many neighbours, nearer than `nearest`, among those before and after them.
+  // Metres; a point with the neighbour nearer than this does not count.
+  [[nodiscard]] double nearest_of(std::int64_t row) const {
+    const Eigen::RowVector3d place = view_.points.row(row).cast<double>();
+    const double range = std::sqrt(place[0] * place[0] + place[1] * place[1] + place[2] * place[2]);
+    return std::max(options_.nearest, options_.angle * range);
+  }
+
+  // Rows without so many neighbours, nearer than counts, among those before and after them.
   // Scans list what a laser saw in turn: of most points the neighbours are close by.
   [[nodiscard]] std::vector<std::int32_t> not_beside_in_file() {
     const std::int64_t count = view_.num_points();
-    const auto below = static_cast<float>((1.0 - kRounding) * options_.nearest);
+    std::vector<float> below(static_cast<std::size_t>(count));
+    for (std::int64_t i = 0; i < count; ++i) {
+      const double nearest = (1.0 - kRounding) * nearest_of(i);
+      below[i] = static_cast<float>(nearest * nearest);
+    }
     std::vector<std::uint8_t> near(static_cast<std::size_t>(count), 0);
     const float* const xyz = view_.points.data();
     for (std::int64_t apart = 1; apart <= kBesideInFile; ++apart) {
@@ -85,9 +96,9 @@ class SparseSearch {
         const float x = xyz[3 * i] - xyz[3 * (i + apart)];
         const float y = xyz[3 * i + 1] - xyz[3 * (i + apart) + 1];
         const float z = xyz[3 * i + 2] - xyz[3 * (i + apart) + 2];
-        const std::uint8_t is_near = x * x + y * y + z * z < below * below ? 1 : 0;
-        near[i] += is_near;
-        near[i + apart] += is_near;
+        const float squared = x * x + y * y + z * z;
+        near[i] += squared < below[i] ? 1 : 0;
+        near[i + apart] += squared < below[i + apart] ? 1 : 0;
       }
       ticker_.tick();
     }
@@ -128,6 +139,9 @@ class SparseSearch {
 void check_sparse(const SparseOptions& options) {
   if (!(options.neighbours >= 1 && options.neighbours <= kMostNeighbours)) {
     throw InputError("neighbours: expected 1 to 8, got " + std::to_string(options.neighbours));
+  }
+  if (!(options.angle >= 0.0 && options.angle < 1.0)) {
+    throw InputError("angle: expected radians in [0, 1), got " + std::to_string(options.angle));
   }
   if (!(options.every >= 1)) {
     throw InputError("every: expected at least 1, got " + std::to_string(options.every));

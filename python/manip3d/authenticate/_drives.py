@@ -51,8 +51,12 @@ _OF_MANY_TURNS = {"turns", "reflectance"}
 
 _MOST_NAMED = 10
 
-_FASTER_THAN_BACKING, _FEWEST_MOVING = 0.5, 3
-"""Metres a turn of a tenth of a second, 18 km/h, and turns: cars that reverse are slower."""
+_FASTER_THAN_BACKING, _FEWEST_MOVING, _FARTHER_THAN_BACKING = 0.5, 3, 20.0
+"""Metres a turn of a tenth of a second, 18 km/h; turns; metres in all: cars that reverse are slower
+and stop before."""
+
+_MOVING = 0.05
+"""Metres a turn: what is less may be the alignment's error."""
 
 _MOST_GAINED, _SAME_MOTION = 0.5, 0.2
 """Metres: so much more or less than in the turn beside is five times gravity; and how far two
@@ -177,8 +181,10 @@ class DriveInspection:
         somebody removed scans, or a recorder lost them, so that this alone changes no verdict) and
         ``unordered`` (times go back), ``jumps`` (between two turns the scanner moves as no car
         does), ``unaligned`` (scans show another place than those beside them, as in a drive whose
-        order was changed, or nothing to align them by) and ``backwards`` (it moves to the rear: the
-        scans may be in the reverse order).
+        order was changed, or nothing to align them by), ``foreign`` (scans show another place than
+        those before and after them, which show the same: such scans are ``processed``) and
+        ``backwards`` (it moves to the rear, faster or farther than cars reverse: the scans may be
+        in the reverse order).
     """
 
     verdict: Verdict
@@ -315,17 +321,33 @@ def _of_motion(found: Sequence[Inspection | None]) -> tuple[Processing, ...]:
         told.append(Processing("jumps", detail))
     ahead = np.array([step[0] for step in steps.values()])
     fast = ahead[np.abs(ahead) > _FASTER_THAN_BACKING]
-    apart = [k for k, each in enumerate(found) if each and each.turns and not each.turns.aligned]
+    foreign = [k for k, each in enumerate(found) if each and each.turns and each.turns.foreign]
+    if foreign:
+        detail = (
+            f"{_listed(foreign)} {'shows' if len(foreign) == 1 else 'show'} another place than the "
+            "scans before and after, which show the same: put in between, or of another scanner"
+        )
+        told.append(Processing("foreign", detail))
+    explained = {k + beside for k in foreign for beside in (-1, 0, 1)}
+    apart = [
+        k
+        for k, each in enumerate(found)
+        if each and each.turns and not each.turns.aligned and k not in explained
+    ]
     if apart:
         detail = (
             f"{_listed(apart)} cannot be aligned with the scans before and after: they are in "
             "another order there, of another place, or show nothing to align them by"
         )
         told.append(Processing("unaligned", detail))
-    if len(fast) >= _FEWEST_MOVING and (fast < 0.0).all():
+    moving = ahead[np.abs(ahead) > _MOVING]
+    is_fast = len(fast) >= _FEWEST_MOVING and bool((fast < 0.0).all())
+    is_far = bool((moving < 0.0).all()) and float(-moving.sum()) > _FARTHER_THAN_BACKING
+    if is_fast or is_far:
+        of = fast if is_fast else moving
         detail = (
-            f"the scanner moves backwards by {-np.median(fast):.1f} m a turn wherever it moves "
-            f"({len(fast)} turns): the scans are in the reverse order, or it looks to the rear"
+            f"the scanner moves backwards by {-np.median(of):.1f} m a turn wherever it moves "
+            f"({len(of)} turns): the scans are in the reverse order, or it looks to the rear"
         )
         told.append(Processing("backwards", detail))
     return tuple(told)
@@ -630,5 +652,5 @@ def _is_whole(turn: Inspection | None) -> bool:
     """Whether nothing tells that a turn lacks points that it had; None: there is no turn."""
     return turn is None or (
         turn.verdict in ("no_trace", "tampered", "processed")
-        and all(step.kind in (*STILL_COMPARED, "neighbours") for step in turn.processing)
+        and all(step.kind in (*STILL_COMPARED, "neighbours", "foreign") for step in turn.processing)
     )

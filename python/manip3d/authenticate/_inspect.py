@@ -60,7 +60,7 @@ from manip3d.authenticate._processing import (
 from manip3d.authenticate._reflectance import ReflectanceResult, reflectances_read
 from manip3d.authenticate._repeats import in_common, sketch_of
 from manip3d.authenticate._sensors import HDL64E, Sensor, identify_and_read, nothing_to_tell
-from manip3d.authenticate._turns import MOST_APART_NS, TurnResult, turn_consistency
+from manip3d.authenticate._turns import FOREIGN, MOST_APART_NS, TurnResult, turn_consistency
 from manip3d.authenticate._verdict import (
     NO_POWER,
     Calibration,
@@ -371,7 +371,8 @@ def inspect(
         detector III looks at the frame alone. Frames whose ``time_ns`` are more than 0.15 s apart
         are no neighbours. A frame between two of which one was cut, thinned or moved off its
         firings is ``processed`` (neighbours) unless what they still show accuses it, and one whose
-        neighbour has nine tenths of its points, in any order, is ``processed`` (repeated).
+        neighbour has nine tenths of its points, in any order, is ``processed`` (repeated). One that
+        shows another place than both, which show the same, is ``processed`` (foreign).
     lattice : SensorLattice, optional
         Lattice of the scanner, from `estimate_lattice` on clean scans. Without it that of KITTI's
         scanner is tried, then one estimated from the frame.
@@ -799,6 +800,8 @@ def _by_lattice(
                 compared, why_not = (None, None), [*why_not, *lacking]
         turns, reflectance = _beside_turns(centred, identified, compared, lacking, threads)
         processing += of_turns
+        if turns is not None and turns.foreign:
+            processing += (Processing("foreign", FOREIGN),)
     reports = (
         *_not_applicable(sensor, embedding),
         _of_generic(generic, position, sensor, embedding),

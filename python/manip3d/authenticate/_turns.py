@@ -146,6 +146,9 @@ class TurnResult:
     aligned : bool
         Whether both turns could be aligned with the frame, so that the motions hold, although the
         scanner moved too far for the thresholds.
+    foreign : bool
+        Whether neither turn could be aligned with the frame, and both with each other: they show
+        one place, and the frame another.
     """
 
     verdict: Verdict
@@ -159,6 +162,7 @@ class TurnResult:
     following: NDArray[np.float64] = field(repr=False)
     calibration: Calibration = field(repr=False)
     aligned: bool = True
+    foreign: bool = False
 
     @property
     def power(self) -> Mapping[str, Power]:
@@ -172,6 +176,8 @@ CALIBRATION = Calibration(
     38,
     "Simulated cars swallow pulses, but nothing in them grows or sways in the wind.",
 )
+
+FOREIGN = "the turns before and after show one place, and the frame another"
 
 _REASONS = {
     "lost": "returns are missing from a thing that the turns before and after saw",
@@ -258,9 +264,10 @@ def turn_consistency(
     motions = _matrix(found["previous"]), _matrix(found["following"])
     nothing = np.empty(0, np.int64)
     if (why := _why_not_judged(found, motions)) is not None:
+        is_foreign = _is_foreign(found, before, after, lattice, threads_of(threads))
         return TurnResult(
-            "undecidable", why, 1.0, 0.0, false_alarm_rate, (), nothing, *motions, CALIBRATION,
-            aligned=bool(found["judged"]),
+            "undecidable", FOREIGN if is_foreign else why, 1.0, 0.0, false_alarm_rate, (), nothing,
+            *motions, CALIBRATION, aligned=bool(found["judged"]), foreign=is_foreign,
         )  # fmt: skip
     regions = [_region(each, cloud) for each in found["regions"] if each["distance"] < FARTHEST]
     if any(region.kind == "before" and region.p_value < 1.0 for region in regions):
@@ -325,6 +332,20 @@ def _why_not_judged(
             f"{FARTHEST_MOTION} m. Turns may be missing"
         )
     return None
+
+
+def _is_foreign(
+    found: Mapping[str, Any],
+    before: NDArray[np.float32],
+    after: NDArray[np.float32],
+    lattice: SensorLattice,
+    threads: int,
+) -> bool:
+    """Whether the turns lie to each other as two turns do, and neither to the frame."""
+    if not found["has_ground"] or any(found[name]["found"] for name in ("previous", "following")):
+        return False
+    skipping = _core.compare_turns(before, after, after, lattice.table, True, threads)
+    return bool(skipping["previous"]["found"])
 
 
 def _in_frame(points: NDArray[np.float32], motion: NDArray[np.float64]) -> NDArray[np.float64]:

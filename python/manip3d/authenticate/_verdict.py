@@ -277,7 +277,8 @@ class Processing:
         ``thinned``, ``lasers`` (some were left out), ``filtered``, ``outliers`` (points far
         from others were left out), ``turned``, ``scaled``,
         ``moved``, ``fused``, ``repeated``, ``padded`` (rows without a return), ``reflectances`` or
-        ``neighbours`` (what the turns beside the scan lack hides what the scan lacks); of
+        ``neighbours`` (what the turns beside the scan lack hides what the scan lacks), ``foreign``
+        (they show one place, and the scan another); of
         recordings also ``resampled`` and ``lossily coded``; of drives see `DriveInspection`.
     detail : str
         In words, with numbers.

@@ -10,12 +10,14 @@ namespace manip3d {
 struct SparseOptions {
   int neighbours = 4;     ///< Distances are to the neighbour of this number; 1 to 8.
   double nearest = 0.24;  ///< Metres; points with that neighbour nearer than this are left out.
+  double angle = 0.016;   ///< Radians; the same where it is nearer than so much of the range.
   double farthest = 2.0;  ///< Metres; a neighbour farther than this counts as so far away.
   int every = 2;          ///< One point in so many of those without neighbours beside them.
 };
 
 /// Distances of points of a scan from their k-th nearest other point, where that is no nearer than
-/// `nearest`; exact up to `farthest`, in the order of the points.
+/// `nearest` and than `angle` times the range from (0, 0, 0); exact up to `farthest`, in the order
+/// of the points.
 ///
 /// Most points of a scan have their neighbours beside them in the file; only those that do not are
 /// searched for in cells, and of these one in `every`.
