@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from manip3d import InputError, authenticate, capture, datasets
+from manip3d import InputError, LidarFrame, authenticate, capture, datasets
 from velodyne_packets import block, ethernet, packet, pcap, udp_frame
 
 
@@ -77,3 +77,15 @@ def test_what_is_no_drive_is_refused(drive: Path, tmp_path: Path) -> None:
         capture.open_drive(tmp_path / "nothing.obj")
     with pytest.raises(InputError, match="calibration: expected with a recording of packets"):
         capture.open_drive(drive, calibration="db.xml")
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npy", ".txt"])
+def test_drives_of_exported_clouds_are_opened(suffix: str, tmp_path: Path) -> None:
+    folder = tmp_path / "velodyne_points" / "data"
+    folder.mkdir(parents=True)
+    points = np.random.default_rng(0).normal(0.0, 9.0, (50, 3)).astype(np.float32)
+    for number in (3, 4):
+        LidarFrame(points + number, np.ones(50, np.float32)).write(folder / f"{number:010}{suffix}")
+    drive = capture.open_drive(tmp_path)
+    assert [frame is not None and frame.num_points for frame in drive] == [50, 50]
+    assert (drive.names, drive.numbers) == ([f"{n:010}{suffix}" for n in (3, 4)], [3, 4])

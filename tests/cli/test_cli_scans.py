@@ -141,3 +141,13 @@ def test_view_writes_a_picture(tmp_path: Path) -> None:
     scan().write(tmp_path / "a.bin")
     run("view", tmp_path / "a.bin", "-o", tmp_path / "a.png")
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_folder_of_exported_clouds_is_inspected(tmp_path: Path) -> None:
+    """Tables that hold no points are passed over."""
+    points = np.random.default_rng(0).normal(0.0, 9.0, (50, 3)).astype(np.float32)
+    for name in ("a.csv", "b.npy"):
+        LidarFrame(points).write(tmp_path / name)
+    (tmp_path / "notes.csv").write_text("name,value\na,1\n")
+    rows = json.loads(run("inspect", tmp_path, "--json", "--policy", "undecidable=0"))
+    assert [Path(row["source"]).name for row in rows] == ["a.csv", "b.npy"]

@@ -10,7 +10,7 @@ import pytest
 
 from manip3d import FormatError, LidarFrame, io
 from manip3d.cli.kinds import kind_of
-from manip3d.io._scan_files import scan_paths
+from manip3d.io._scan_files import readable_scans, scan_paths
 
 EXPECTED = [[1.5, -2.0, 3.25], [4.0, 5.0, -6.0]]
 
@@ -183,6 +183,8 @@ def test_other_formats_become_text_and_back(tmp_path: Path) -> None:
         ("1,2,3\n4,5 6,7\n", 2, "expected a number"),
         ("5\n6\n7\n", 2, "expected 3 numbers, got 1"),
         ("3\n1 2 3\n4 5 6\n", 3, "as many points as the first line says, got 2"),
+        ("x,y,z\n1,5,2,25,-3,75\n", 2, "commas stand between the columns and within the numbers"),
+        ("1,5,2,25,-3,75\n1,50,2,05,-3,75\n", 2, "write decimal points, or semicolons"),
         (" ".join(["1"] * 65), 1, "more than 64 numbers"),
         (",".join(["x", "y", "z", *"a" * 62]), 1, "more than 64 columns"),
     ],
@@ -221,6 +223,39 @@ def test_one_far_return_moves_nothing(tmp_path: Path) -> None:
 def test_an_empty_file_has_no_points(tmp_path: Path) -> None:
     for text in ("", "\n", "# nothing\n", "0\n", "x,y,z\n"):
         assert read(tmp_path, text).num_points == 0
+
+
+def test_whole_numbers_between_commas_are_no_halves(tmp_path: Path) -> None:
+    frame = read(tmp_path, "1,2,3,255,128,0\n4,5,6,10,20,30\n")
+    assert frame.points.tolist() == [[1, 2, 3], [4, 5, 6]]
+    assert read(tmp_path, "1.5,2,3,007,1,05\n").points.tolist() == [[1.5, 2, 3]]
+
+
+def test_named_columns_come_in_any_order(tmp_path: Path) -> None:
+    frame = read(tmp_path, "time;ring;intensity;z;y;x\n0,5;7;0,25;3,25;-2;1,5\n0,6;8;0;-6;5;4\n")
+    assert frame.points.tolist() == EXPECTED
+    assert frame.ring is not None
+    assert frame.ring.tolist() == [7, 8]
+    assert frame.fields["time"].tolist() == [0.5, 0.6]
+
+
+def test_texts_and_arrays_alone_in_a_folder_are_scans(tmp_path: Path) -> None:
+    np.save(tmp_path / "c.npy", np.zeros((20, 4), np.float32))
+    np.save(tmp_path / "depth.npy", np.zeros((480, 640), np.float32))
+    for name, text in {
+        "a.csv": "x;y;z\n1;2;3\n",
+        "b.txt": "1.5 2 3 0.5\n",
+        "d.pts": "1\n1 2 3 4\n",
+        "table.csv": "name,count\na,3\n",
+        "times.txt": "0.1\n0.2\n",
+        "timestamps.txt": "2011-09-26 13:02:25.964389445\n",
+        "calib.txt": "P0: 7.2e+02 0 6.1e+02\n",
+        "oxts.txt": " ".join(["1.5"] * 30) + "\n",
+    }.items():
+        (tmp_path / name).write_text(text)
+    assert [path.name for path in readable_scans(tmp_path)] == ["a.csv", "b.txt", "c.npy", "d.pts"]
+    np.zeros((9, 4), np.float32).tofile(tmp_path / "e.bin")
+    assert [path.name for path in readable_scans(tmp_path)] == ["e.bin"]
 
 
 def test_texts_of_a_folder_are_not_taken_for_scans(tmp_path: Path) -> None:

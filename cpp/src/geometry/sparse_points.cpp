@@ -66,8 +66,10 @@ class SparseSearch {
     std::vector<float> distances;
     for (std::size_t k = 0; k < rows.size(); k += options_.every) {
       ticker_.tick();
-      const double distance = std::min(std::sqrt(within_cells(cells, rows[k])), options_.farthest);
-      if (distance >= nearest_of(rows[k])) distances.push_back(static_cast<float>(distance));
+      const double least = nearest_of(rows[k]);
+      const double distance =
+          std::min(std::sqrt(within_cells(cells, rows[k], least)), options_.farthest);
+      if (distance >= least) distances.push_back(static_cast<float>(distance));
     }
     return distances;
   }
@@ -109,15 +111,16 @@ class SparseSearch {
     return rows;
   }
 
-  // The squared distance: exact up to `farthest`, else at least so far. Nearly all points have
-  // their neighbours within a cell or two.
-  [[nodiscard]] double within_cells(const CellList& cells, std::int32_t row) const {
+  // The squared distance: exact from `least` up to `farthest`, else below or beyond it. Nearly all
+  // points have their neighbours within a cell or two.
+  [[nodiscard]] double within_cells(const CellList& cells, std::int32_t row, double least) const {
     const double sure = 1.0 - kRound;
     const double cell = cells.cell_size();
     const double near = search<1>(cells, row);
-    if (near <= sure * sure * cell * cell) return near;
+    if (near <= sure * sure * cell * cell || near < least * least) return near;
     const double beyond = search<2>(cells, row);
-    if (beyond <= (1.0 + sure) * (1.0 + sure) * cell * cell) return beyond;
+    const double surely = (1.0 + sure) * cell;
+    if (beyond <= surely * surely || beyond < least * least) return beyond;
     return search<kReach>(cells, row);
   }
 

@@ -101,6 +101,26 @@ bool to_number(std::string_view text, char separator, double& value) {
   return to_number({digits.data(), text.size()}, value);
 }
 
+/// Do cells between commas hold the halves of numbers, "1,05,2,25,3,007"? Their second halves are
+/// bare digits.
+bool are_halves(const std::vector<std::string_view>& cells) {
+  if (cells.size() < 6 || cells.size() % 2 != 0) return false;
+  for (std::size_t i = 1; i < cells.size(); i += 2) {
+    if (cells[i].empty() || !std::all_of(cells[i].begin(), cells[i].end(), is_digit)) return false;
+  }
+  return std::all_of(cells.begin(), cells.end(), [](std::string_view cell) {
+    return cell.find_first_of(".eE") == std::string_view::npos;
+  });
+}
+
+/// Does one of the second halves begin with a zero, as no whole number does?
+bool has_zero_in_front(const std::vector<std::string_view>& cells) {
+  for (std::size_t i = 1; i < cells.size(); i += 2) {
+    if (cells[i].size() > 1 && cells[i].front() == '0') return true;
+  }
+  return false;
+}
+
 /// The name of a column in lower case; x, y and z in the words of other writers, too.
 std::string column_name(std::string_view text) {
   std::string name(text);
@@ -247,6 +267,13 @@ class TextReader {
       set_columns(cells_.size());
     }
     drop_last(cells_, table_.fields.size());
+    if (separator_ == ',' &&
+        (cells_.size() == 2 * table_.fields.size() || has_zero_in_front(cells_)) &&
+        are_halves(cells_)) {
+      input_.fail_at_line(
+          "commas stand between the columns and within the numbers: write decimal points, or "
+          "semicolons between columns");
+    }
     if (cells_.size() != table_.fields.size() || cells_.size() < 3) {
       input_.fail_at_line("expected " + std::to_string(table_.fields.size()) + " numbers, got " +
                           std::to_string(cells_.size()));

@@ -166,7 +166,8 @@ an HDL-64E only: in the clean court of a Hesai QT64 it is 10."""
 
 LEAST_REACH = 45.0
 """Metres: a crop that reaches less far leaves out points that stand alone as well: frames of KITTI
-up to 30 m have a ratio of 6.4, a simulated one up to 40 m has 7.8, and 4.9 is the most up to 50 m."""
+up to 30 m have a ratio of 6.4, a simulated one up to 40 m has 7.8, and 4.9 the
+most up to 50 m."""
 
 MOST_FIRED_TWICE = 0.02
 """Share of points that repeat the one of the firing before. A VLP-16 close to its surroundings has

@@ -19,7 +19,7 @@ from manip3d.errors import InputError
 from manip3d.io import read_scan, write_scan
 from manip3d.io._files import atomic_pair, atomic_path, open_regular
 from manip3d.io._frame_times import drive_times
-from manip3d.io._scan_files import FOLDER_SUFFIXES, scan_paths
+from manip3d.io._scan_files import FOLDER_SUFFIXES, readable_scans, scan_paths
 from manip3d.io._scan_tables import scan_suffix
 from manip3d.lidar import LidarFrame
 
@@ -467,6 +467,21 @@ def drive_records_alone(folder: str | os.PathLike[str]) -> list[Path]:
     return sorted(path for path in records if scan_of_record(path) is None)
 
 
+def scans_to_read(folder: str | os.PathLike[str]) -> list[Path]:
+    """Return the scans of a drive as `drive_scans` does, or what another program made of them.
+
+    KITTI publishes its unsynchronised drives as text, and users export clouds as ``.csv`` and
+    ``.npy``. A watermark is not embedded in such files.
+
+    Raises
+    ------
+    InputError
+        As `drive_scans`.
+    """
+    scans = sorted(readable_scans(_scan_folder(folder)), key=lambda path: path.name)
+    return scans or drive_scans(folder)
+
+
 @checked
 def drive_numbers(folder: str | os.PathLike[str]) -> list[int]:
     """Return a number for each scan of a drive: those a turn apart have numbers that differ by one.
@@ -508,7 +523,7 @@ def drive_numbers(folder: str | os.PathLike[str]) -> list[int]:
     >>> drive_numbers("drive")
     [4, 5]
     """
-    root, scans = path_of(folder), drive_scans(folder)
+    root, scans = path_of(folder), scans_to_read(folder)
     names = [path.name.split(".")[0] for path in scans]
     is_sequence = (root / "velodyne_points").is_dir() or (root / "times.txt").is_file()
     if not is_sequence or not all(name.isdecimal() for name in names):

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from manip3d._util.checked import checked
-from manip3d.authenticate import drive_numbers, drive_scans, find_record, read_record
+from manip3d.authenticate import drive_numbers, find_record, read_record
+from manip3d.authenticate._watermark_files import scans_to_read
 from manip3d.capture._addresses import scan_address
 from manip3d.capture._lidar import expect_scans, open_lidar
 from manip3d.errors import Error, InputError
@@ -76,7 +77,7 @@ class LidarDrive:
             yield None if path is None else _record_beside(path)
 
     def _files(self) -> Iterator[LidarFrame | None]:
-        scans = drive_scans(self._source)
+        scans = scans_to_read(self._source)
         times = scan_times(Path(self._source), scans)
         for number, path in enumerate(scans):
             self.names.append(path.name)
@@ -125,7 +126,8 @@ def open_drive(
     Parameters
     ----------
     source : path or str
-        Folder in KITTI's layout, a file of packets (``.pcap``), a bag, or an address of
+        Folder in KITTI's layout (texts and arrays count where there are no other scans), a file of
+        packets (``.pcap``), a bag, or an address of
         `open_lidar`.
     calibration : path, optional
         Calibration of a Velodyne HDL-64E, for packets.

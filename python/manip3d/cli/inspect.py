@@ -35,12 +35,13 @@ from manip3d.cli.terminal import (
 from manip3d.cli.watermark import key_of
 from manip3d.errors import InputError
 from manip3d.io import is_url
-from manip3d.io._scan_files import FOLDER_SUFFIXES
+from manip3d.io._scan_files import EXPORTED_SUFFIXES, FOLDER_SUFFIXES, holds_points
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from manip3d.authenticate import DriveInspection, Inspection, KeyRing, StreamInspection
+    from manip3d.batch import SourceFile
 
 EXIT_CODES = {"no_trace": 0, "tampered": 3, "processed": MISSED, "undecidable": MISSED}
 """Exit code of each verdict."""
@@ -84,8 +85,38 @@ def _name_copies(rows: Sequence[dict[str, Any]]) -> None:
         row["same_points_as"] = None if first is None else known[first]["source"]
 
 
+def _find_scans(sources: Sequence[str], *, suffixes: Sequence[str]) -> list[SourceFile]:
+    """The scans that sources stand for; of a folder without any, texts and arrays with points."""
+    from manip3d._util.paths import by_number
+    from manip3d.batch import find_files
+
+    found: dict[str, SourceFile] = {}
+    for source in sources:
+        try:
+            files = find_files([source], suffixes=suffixes)
+        except InputError:
+            if not Path(source).is_dir():
+                raise
+            files = _exported(source)
+            if not files:
+                raise
+        found |= {file.name: file for file in files if file.name not in found}
+    return [found[name] for name in sorted(found, key=by_number)]
+
+
+def _exported(folder: str) -> list[SourceFile]:
+    from manip3d.batch import find_files
+
+    try:
+        files = find_files([folder], suffixes=EXPORTED_SUFFIXES)
+    except InputError:
+        return []
+    return [file for file in files if holds_points(Path(file.name))]
+
+
 @over_files(
     lambda: FOLDER_SUFFIXES,
+    find=_find_scans,
     writable=lambda: (".html", ".json"),
     otherwise=".html",
     check=_check_for_many,

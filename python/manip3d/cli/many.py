@@ -127,6 +127,7 @@ def over_files(
         lambda options: None
     ),
     across: Callable[[list[dict[str, Any]]], object] = lambda rows: None,
+    find: Callable[..., list[SourceFile]] | None = None,
 ) -> Callable[[Verb], Verb]:
     """Make a verb of one file (and ``output``) a verb of many.
 
@@ -174,6 +175,8 @@ def over_files(
         of ``together``, as ``prepare`` left them.
     across : callable(rows)
         Completes rows by what they tell beside each other, before they are printed.
+    find : callable, optional
+        As of `Many`.
     """
 
     def decorate(verb: Verb) -> Verb:
@@ -199,6 +202,8 @@ def over_files(
                 return
             check(given)
             many = _kind_of_many(drives)(suffixes(), to, writable(), otherwise)
+            if find is not None:
+                many = replace(many, find=find)
             many.check_folder(sources, given.get("output"))
             files = choose(many.files(sources))
             each = {} if prepare is None else prepare(files, given)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import InputError
 from manip3d.io import _scan_tables as tables
+from manip3d.io._files import open_regular
 from manip3d.io._limits import byte_limit, clock
 from manip3d.io._remote import is_url, local_copy, local_output
 from manip3d.io._scan_tables import scan_suffix
@@ -23,6 +25,13 @@ FOLDER_SUFFIXES: tuple[str, ...] = tuple(
 )
 """Those of them by which folders are searched: most texts and arrays in a folder are no scans, and
 a watermarked drive consists of no other files, since what verifies it must find them."""
+
+EXPORTED_SUFFIXES: tuple[str, ...] = tuple(s for s in SCAN_SUFFIXES if s not in FOLDER_SUFFIXES)
+"""Those by which a folder is searched that has no others: clouds that another program wrote."""
+
+_HEAD_BYTES, _HEAD_LINES, _MOST_COLUMNS = 4096, 8, 24
+"""What tells a text of points, and the most columns that one is taken to have: poses of a car and
+its navigation have more, or are named."""
 
 
 @checked
@@ -229,6 +238,56 @@ def write_scans(frames: Sequence[LidarFrame], path: str | os.PathLike[str]) -> N
     if len(frames) != 1:
         raise InputError(f"frames: only E57 holds several scans, got {len(frames)}")
     return write_scan(frames[0], path)
+
+
+def holds_points(path: Path) -> bool:
+    """Return whether a text or an array holds points: three numbers a line, or names of x, y, z.
+
+    Raises
+    ------
+    OSError
+        It cannot be read.
+    """
+    if scan_suffix(path) == ".npy":
+        from manip3d.io._scan_npy import is_npy_scan
+
+        return is_npy_scan(path)
+    with open_regular(path) as file:
+        head = file.read(_HEAD_BYTES).decode("utf-8", "replace")
+    for line in head.splitlines()[:_HEAD_LINES]:
+        cells = [cell.strip('"').lower() for cell in re.split(r"[;,\s]+", line.strip("\ufeff#/ "))]
+        if len(cells) > _MOST_COLUMNS:
+            return False
+        if {"x", "y", "z"} <= set(cells) or any(cell.startswith("points") for cell in cells):
+            return True
+        if len(cells) >= 3 and all(map(_is_number, cells[:3])):
+            return True
+    return False
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def readable_scans(folder: str | os.PathLike[str]) -> list[Path]:
+    """The scans of a folder: those of `FOLDER_SUFFIXES`, else the texts and arrays with points.
+
+    Raises
+    ------
+    OSError
+        A file cannot be read.
+    """
+    if scans := [*scan_paths(folder)]:
+        return scans
+    return [
+        path
+        for path in sorted(path_of(folder, "folder").iterdir())
+        if scan_suffix(path) in EXPORTED_SUFFIXES and path.is_file() and holds_points(path)
+    ]
 
 
 def scan_paths(folder: str | os.PathLike[str]) -> Iterator[Path]:
