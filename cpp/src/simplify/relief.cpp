@@ -202,10 +202,16 @@ struct Relief::Memory {
   relief_detail::Refiner refiner;
   std::vector<Vec3> sight;                         ///< By vertex: where it may slide.
   std::vector<std::int32_t> order;                 ///< Vertices by pixel.
-  std::vector<std::int32_t> number;                ///< Vertex -> output vertex; kNone: left out.
-  std::vector<std::vector<std::uint8_t>> written;  ///< By level, last the mesh, and vertex.
-  std::vector<std::uint8_t> may_write;             ///< By vertex.
-  std::vector<std::int32_t> written_pixels;        ///< Pixels of the vertices that are written.
+  std::vector<std::int32_t> number;  ///< Vertex -> output vertex; kNone: left out.
+  enum class Written : std::uint8_t {
+    kNot,
+    kAsOwn,     ///< As a vertex of its own.
+    kWithLast,  ///< As the vertex of the fan before it at its pixel.
+  };
+  /// By level, last the mesh, and vertex; empty: all as their own.
+  std::vector<std::vector<Written>> written;
+  std::vector<std::uint8_t> may_write;       ///< By vertex.
+  std::vector<std::int32_t> written_pixels;  ///< Pixels of the vertices that are written.
   struct Placed {
     std::int32_t pixel, number;
     auto operator<=>(const Placed&) const = default;
@@ -249,15 +255,14 @@ struct Relief::Memory {
   void fix_vertices();
   [[nodiscard]] bool holds(const Triangulation& smaller);
   void find_sight(const ReliefOptions& options);
-  /// Which vertices of the mesh and of its levels are written, if there are pinholes: a vertex that
-  /// could not leave one goes, with its triangles, and vertices that are left without a triangle
-  /// go, too. From the largest size down, since each has the vertices of the next smaller one.
-  void find_written();
-  void find_written(const Triangulation& of, std::vector<std::uint8_t>& is_written);
+  /// Which vertices of the mesh and of its levels are written. A vertex that could not leave a
+  /// pinhole goes, with its triangles, and vertices that are left without a triangle go, too. From
+  /// the largest size down, since each has the vertices of the next smaller one: two fans that meet
+  /// at a pixel share the vertex of one fan that the larger size has there.
   /// @param once  the triangles of a pixel share a vertex, also where they meet nowhere else.
-  /// @param is_written  by vertex; empty: all are.
-  std::int32_t number_vertices(const Triangulation& of, bool once,
-                               std::span<const std::uint8_t> is_written);
+  void find_written(bool once);
+  void find_written(const Triangulation& of, std::vector<Written>& how);
+  std::int32_t number_vertices(const Triangulation& of, std::span<const Written> how);
   void write(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
   void write_faces(const Triangulation& from, bool rows_up, Rows<std::int32_t, 3>& to);
   void move_points(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
@@ -386,13 +391,17 @@ void Relief::Memory::fix_vertices() {
   }
 }
 
+/// Is there a vertex at each pixel where the smaller mesh has one? It may have several there, whose
+/// fans meet nowhere else; where these are one in the larger mesh, they are written as one.
 bool Relief::Memory::holds(const Triangulation& smaller) {
   smaller.sorted_vertices(order);
   mesh.sorted_vertices(number);
-  const auto pixel_in = [](const Triangulation& of) {
-    return [&of](std::int32_t v) { return of.vertex(v).pixel; };
-  };
-  return std::ranges::includes(number, order, {}, pixel_in(mesh), pixel_in(smaller));
+  auto larger = number.cbegin();
+  return std::ranges::all_of(order, [&](std::int32_t v) {
+    const std::int32_t pixel = smaller.vertex(v).pixel;
+    while (larger != number.cend() && mesh.vertex(*larger).pixel < pixel) ++larger;
+    return larger != number.cend() && mesh.vertex(*larger).pixel == pixel;
+  });
 }
 
 void Relief::Memory::make_mesh(const ReliefOptions& options, std::int64_t target, bool refuses_off,
@@ -471,43 +480,55 @@ void Relief::Memory::find_sight(const ReliefOptions& options) {
   }
 }
 
-void Relief::Memory::find_written() {
+void Relief::Memory::find_written(bool once) {
   written.resize(levels.size() + 1);
-  for (std::vector<std::uint8_t>& none : written) none.clear();
-  if (pinholes.num_filled() == 0) return;
+  for (std::vector<Written>& none : written) none.clear();
+  if (pinholes.num_filled() == 0 && levels.empty() && !once) return;
   mesh.sorted_vertices(order);
   written_pixels.clear();
-  for (const std::int32_t v : order) written_pixels.push_back(mesh.vertex(v).pixel);
+  for (const std::int32_t v : order) {
+    const std::int32_t pixel = mesh.vertex(v).pixel;
+    if (!once || written_pixels.empty() || written_pixels.back() != pixel) {
+      written_pixels.push_back(pixel);
+    }
+  }
   find_written(mesh, written.back());
   for (std::size_t i = levels.size(); i-- > 0;) find_written(levels[i], written[i]);
 }
 
-void Relief::Memory::find_written(const Triangulation& of, std::vector<std::uint8_t>& is_written) {
+void Relief::Memory::find_written(const Triangulation& of, std::vector<Written>& how) {
   may_write.assign(of.num_slots(), 0);
   of.sorted_vertices(order);
-  auto larger = written_pixels.begin();  // of the next larger size
+  auto larger = written_pixels.cbegin();  // of the next larger size
+  const auto find = [&](std::int32_t pixel) {
+    while (larger != written_pixels.cend() && *larger < pixel) ++larger;
+    return larger != written_pixels.cend() && *larger == pixel;
+  };
   for (const std::int32_t v : order) {
     const std::int32_t pixel = of.vertex(v).pixel;
-    while (larger != written_pixels.end() && *larger < pixel) ++larger;
-    if (larger == written_pixels.end() || *larger != pixel) continue;
-    ++larger;
-    may_write[v] = is_pinhole(pixel) ? 0 : 1;
+    may_write[v] = find(pixel) && !is_pinhole(pixel) ? 1 : 0;
   }
-  is_written.assign(of.num_slots(), 0);
+  how.assign(of.num_slots(), Written::kNot);
   for (std::int32_t t = 0; t < of.num_face_slots(); ++t) {
     if (!of.is_face(t)) continue;
     const Triangle& corners = of.triangle(t);
     if (!std::ranges::all_of(corners, [&](std::int32_t v) { return may_write[v] != 0; })) continue;
-    for (const std::int32_t v : corners) is_written[v] = 1;
+    for (const std::int32_t v : corners) how[v] = Written::kWithLast;
   }
-  written_pixels.clear();
+  larger = written_pixels.cbegin();
+  std::vector<std::int32_t> own;
   for (const std::int32_t v : order) {
-    if (is_written[v] != 0) written_pixels.push_back(of.vertex(v).pixel);
+    const std::int32_t pixel = of.vertex(v).pixel;
+    if (how[v] == Written::kNot || !find(pixel)) continue;
+    how[v] = Written::kAsOwn;
+    own.push_back(pixel);
+    ++larger;
   }
+  written_pixels.swap(own);
 }
 
-std::int32_t Relief::Memory::number_vertices(const Triangulation& of, bool once,
-                                             std::span<const std::uint8_t> is_written) {
+std::int32_t Relief::Memory::number_vertices(const Triangulation& of,
+                                             std::span<const Written> how) {
   of.sorted_vertices(order);
   relief_detail::make_room(number, of.num_slots());
   number.resize(of.num_slots());
@@ -515,11 +536,12 @@ std::int32_t Relief::Memory::number_vertices(const Triangulation& of, bool once,
   std::int32_t i = 0, latest = Triangulation::kNone;
   for (const std::int32_t v : order) {
     const std::int32_t pixel = of.vertex(v).pixel;
-    if (!is_written.empty() && is_written[v] == 0) {
+    const Written as = how.empty() ? Written::kAsOwn : how[v];
+    if (as == Written::kNot) {
       number[v] = Triangulation::kNone;
       continue;
     }
-    if (once && latest != Triangulation::kNone && of.vertex(latest).pixel == pixel) {
+    if (as == Written::kWithLast) {
       number[v] = number[latest];
     } else if (i < num_before && placed[i].pixel == pixel) {
       number[v] = placed[i++].number;
@@ -536,14 +558,14 @@ std::int32_t Relief::Memory::number_vertices(const Triangulation& of, bool once,
 void Relief::Memory::write(const PointGridView& grid, const ReliefOptions& options,
                            ReliefResult& result) {
   placed.clear();
-  find_written();
+  find_written(takes_all(options));
   result.levels.resize(levels.size());
   for (std::size_t i = 0; i < levels.size(); ++i) {
     ReliefLevel& level = result.levels[levels.size() - 1 - i];
-    level.num_vertices = number_vertices(levels[i], takes_all(options), written[i]);
+    level.num_vertices = number_vertices(levels[i], written[i]);
     write_faces(levels[i], grid.rows_up, level.faces);
   }
-  const Eigen::Index num_vertices = number_vertices(mesh, takes_all(options), written.back());
+  const Eigen::Index num_vertices = number_vertices(mesh, written.back());
   DepthMesh& out = result.mesh;
   previous.clear();
   const auto width = static_cast<double>(grid.cols), height = static_cast<double>(grid.rows);

@@ -274,9 +274,10 @@ def relief(
         over them lie a step away from, where bays were filled and holes closed.
     levels : sequence of int
         Sizes of smaller meshes over the first of the same vertices: strictly decreasing, below
-        ``target_points``; `Relief.prefix` returns them. The smallest is what a call of its own
-        returns; each larger one keeps the vertices of the one before, which costs some accuracy,
-        and all together take the time of a call for each. Not with ``move_points``.
+        ``target_points``; `Relief.prefix` returns them. The smallest has the triangles that a call
+        of its own returns, but where its parts meet at a pixel that is one vertex of a larger size,
+        they share it. Each larger one keeps the vertices of the one before, which costs some
+        accuracy, and all together take the time of a call for each. Not with ``move_points``.
     threads : int
         0: all cores. The result is the same for any number.
 

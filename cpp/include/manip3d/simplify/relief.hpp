@@ -100,7 +100,8 @@ struct ReliefResult {
 ///    pixels, all the way, half of it or not at all: what leaves the least error around them.
 /// 5. `levels`: each size is made by steps 1 to 3, the smallest first, and the vertices of the size
 ///    before stay: a progressive order of the vertices. Where they leave no legal way to a size,
-///    its mesh is that of the size before.
+///    its mesh is that of the size before. Two fans of a smaller size that meet at a pixel share
+///    its vertex where the larger size has only one there.
 ///
 /// The confidence of a pixel multiplies each of these measures: the error of a pixel that is
 /// halved or of the pixels that a triangle lies over, and the area of a triangle of step 2, which
