@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import inspect
 import math
 import re
@@ -117,8 +118,13 @@ ALIASES = {
     "round": "round_points",
 }
 WORDS_OF_THE_FACADE = {"seam_planes": "planes", "poisson_disk": "poisson"}
-# A stream's own: single images have no frame before them, whose edges they could keep.
-OTHERWISE = {("ReliefOptions", "ReliefStream", "stability"): 30.0}
+# A stream's own: single images have no frame before them, whose edges they could keep; and what
+# runs for each frame leaves the other cores to the rest of its program.
+OTHERWISE = {
+    ("ReliefOptions", "ReliefStream", "stability"): 30.0,
+    ("ReliefOptions", "ReliefStream", "num_threads"): 1,
+    ("Cs3Options", "Cs3Stream", "num_threads"): 1,
+}
 
 
 def same(facade: Any, core: Any) -> bool:
@@ -177,3 +183,23 @@ def test_defaults_arrive_in_the_core() -> None:
     names = [name for name in dir(core) if not name.startswith("_")]
     assert len(names) >= 10
     assert {n: getattr(facade, n) for n in names} == {n: getattr(core, n) for n in names}
+
+
+PER_FRAME = {"Cs3Stream", "ReliefStream"}
+
+
+def test_functions_use_all_cores_and_what_runs_for_each_frame_one() -> None:
+    found: dict[str, Any] = {}
+    for module in (manip3d, authenticate, capture, forge, metrics, modify, simplify):
+        for name, thing in vars(module).items():
+            if name.startswith("_") or not callable(thing):
+                continue
+            methods = vars(thing).items() if inspect.isclass(thing) else ()
+            public = [(f"{name}.{key}", f) for key, f in methods if key[0] != "_" and callable(f)]
+            for called, call in [(name, thing), *public]:
+                with contextlib.suppress(ValueError):  # an exception has no signature
+                    threads = inspect.signature(call).parameters.get("threads")
+                    if threads is not None:
+                        found[called] = threads.default
+    assert len(found) > 30
+    assert {name for name, default in found.items() if default != 0} == PER_FRAME

@@ -19,6 +19,7 @@ using fuzzing::require;
 
 Cs3Options take_options(fuzzing::Bytes& bytes) {
   Cs3Options options;
+  options.num_threads = 1;
   options.target_points = bytes.take<std::uint8_t>();
   const auto choices = bytes.take<std::uint16_t>();
   options.importance = static_cast<Cs3Importance>(choices % 2);

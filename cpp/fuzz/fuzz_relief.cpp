@@ -50,6 +50,7 @@ std::vector<float> take_confidence(fuzzing::Bytes& bytes, std::size_t count) {
 
 ReliefOptions take_options(fuzzing::Bytes& bytes) {
   ReliefOptions options;
+  options.num_threads = 1;
   const auto choices = bytes.take<std::uint16_t>();
   options.target_points = bytes.take<std::uint8_t>();
   options.effort = static_cast<ReliefEffort>(choices % 5);

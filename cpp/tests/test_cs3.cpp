@@ -59,6 +59,7 @@ TEST(Cs3, AllocatesNothingAfterTheTenthFrame) {
     Cs3Options options;
     options.target_points = 1000;
     options.sampling = sampling;
+    options.num_threads = 1;
     options.max_edge = 0.1;
     options.distance_dependent = true;
     for (std::size_t frame = 0; frame < frames.size(); ++frame) {

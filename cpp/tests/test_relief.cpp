@@ -55,6 +55,7 @@ TEST(Relief, AllocatesNothingButTheResultAfterTheTenthFrame) {
     ReliefOptions options;
     options.target_points = 700;
     options.effort = effort;
+    options.num_threads = 1;
     options.move_points = true;
     options.stability = 30.0;
     ReliefResult result;

@@ -91,14 +91,14 @@ class Intrinsics:
 
     @overload
     def unproject(
-        self, depth: ArrayLike, pixels: None = None, *, threads: int = 1
+        self, depth: ArrayLike, pixels: None = None, *, threads: int = 0
     ) -> NDArray[np.float32]: ...
     @overload
     def unproject(
-        self, depth: ArrayLike, pixels: ArrayLike, *, threads: int = 1
+        self, depth: ArrayLike, pixels: ArrayLike, *, threads: int = 0
     ) -> NDArray[np.float64]: ...
     def unproject(
-        self, depth: ArrayLike, pixels: ArrayLike | None = None, *, threads: int = 1
+        self, depth: ArrayLike, pixels: ArrayLike | None = None, *, threads: int = 0
     ) -> NDArray[np.float32] | NDArray[np.float64]:
         """Lift a depth image, or single pixels, to points of the camera frame in metres.
 

@@ -123,13 +123,15 @@ def _operator(
     from manip3d import simplify
 
     if method == "cios":
-        return lambda depth: simplify.cs3(depth, camera, points, max_edge=max_edge)
+        return lambda depth: simplify.cs3(
+            depth, camera, points, max_edge=max_edge, threads=1
+        )
     moved = method.endswith("moved")
     if "stream" in method:
         stream = simplify.ReliefStream(camera, points, move_points=moved, max_edge=max_edge)
         return stream.simplify
     return lambda depth: simplify.relief(
-        depth, camera, points, move_points=moved, max_edge=max_edge
+        depth, camera, points, move_points=moved, max_edge=max_edge, threads=1
     )
 
 

@@ -581,7 +581,7 @@ def cs3_cameras(
     max_edge: float | None = None,
     depth_step: float | None = None,
     tolerance: float | None = None,
-    threads: int = 1,
+    threads: int = 0,
 ) -> JointSimplification:
     """Simplify what several calibrated cameras saw into one mesh, the overlap sampled once.
 
@@ -655,7 +655,7 @@ def relief_cameras(
     max_edge: float | None = None,
     depth_step: float | None = None,
     tolerance: float | None = None,
-    threads: int = 1,
+    threads: int = 0,
 ) -> JointSimplification:
     """Simplify what several calibrated cameras saw into one mesh by `relief`.
 

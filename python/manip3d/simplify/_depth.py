@@ -417,7 +417,7 @@ def dense_mesh(
     color: ArrayLike | None = None,
     registration: Registration | None = None,
     max_edge: float | None = None,
-    threads: int = 1,
+    threads: int = 0,
 ) -> DepthMesh:
     """Return the full mesh of a depth image, with which simplification is compared.
 
@@ -477,7 +477,7 @@ def dense_mesh_grid(
     color: ArrayLike | None = None,
     rows_up: bool = True,
     max_edge: float | None = None,
-    threads: int = 1,
+    threads: int = 0,
 ) -> DepthMesh:
     """Return the full mesh of a range scan; see `dense_mesh`.
 
@@ -624,8 +624,10 @@ class Cs3Stream:
     Parameters
     ----------
     target_points : int
-    variant, max_edge, distance_dependent, threads, reading
+    variant, max_edge, distance_dependent, reading
         As for `cs3`.
+    threads : int
+        0: all cores. The result is the same for any number.
     frames : int, optional
         Hand out the arrays of this many results in turn instead of fresh ones: a result is valid
         until as many more frames have come. With one thread the core then allocates nothing.
@@ -741,7 +743,7 @@ def cs3(
     max_edge: float | None = None,
     depth_step: float | None = None,
     distance_dependent: bool = False,
-    threads: int = 1,
+    threads: int = 0,
     reading: dict[str, str | float] | None = None,
 ) -> Cs3Result:
     """Simplify a depth image by its curvature (CS3, dissertation chapter 3).
@@ -835,7 +837,7 @@ def cs3_grid(
     rows_up: bool = True,
     variant: Variant = "cios",
     max_edge: float | None = None,
-    threads: int = 1,
+    threads: int = 0,
     reading: dict[str, str | float] | None = None,
 ) -> Cs3Result:
     """Simplify a grid of points that is no pinhole image, such as a range scan; see `cs3`.

@@ -120,7 +120,7 @@ class DepthOptions:
     by_distance: bool = False
     move_points: bool = False
     seed: int = 0
-    threads: int = 1
+    threads: int = 0
     min_coverage: float = 0.9
     bandwidth: float | None = None
     rate: float | None = None

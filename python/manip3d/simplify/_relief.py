@@ -233,7 +233,7 @@ def relief(
     max_edge: float | None = None,
     depth_step: float | None = None,
     levels: Sequence[int] = (),
-    threads: int = 1,
+    threads: int = 0,
 ) -> Relief:
     """Simplify a depth image so that the mean distance of its surface from the mesh is small.
 
@@ -375,7 +375,7 @@ def relief_grid(
     effort: Effort = "balanced",
     max_edge: float | None = None,
     levels: Sequence[int] = (),
-    threads: int = 1,
+    threads: int = 0,
 ) -> Relief:
     """Simplify a range scan; see `relief`.
 
@@ -471,6 +471,7 @@ class ReliefStream:
     gate : float
         A pixel that changes by a larger part of its depth starts anew.
     threads : int
+        0: all cores. The result is the same for any number.
     bandwidth : float, bytes a second, optional
         What may be sent: each frame gets the points, up to ``target_points``, whose encoded mesh,
         with the picture, fits into its share of the bytes. No second has more, also if frames come

@@ -42,7 +42,7 @@ def sample_depth(
     registration: Registration | None = None,
     max_edge: float | None = None,
     rng: Rng = 0,
-    threads: int = 1,
+    threads: int = 0,
 ) -> DepthSimplification:
     """Reduce a depth image by a method that CS3 is compared with.
 

@@ -46,7 +46,7 @@ struct PointGrid {
 /// Lifts a depth image to points of the camera frame, metres: V(u) = R(u) K^-1 u (dissertation
 /// section 3.3.1). Sizes must agree.
 /// @throws InputError  other sizes; a depth that is negative or infinite.
-PointGrid unproject(const DepthView& depth, const PixelRays& rays, int num_threads = 1);
+PointGrid unproject(const DepthView& depth, const PixelRays& rays, int num_threads = 0);
 
 /// @throws InputError  side above kMaxImageSide; a valid point that is not finite.
 void check_point_grid(const PointGridView& grid);

@@ -27,7 +27,7 @@ struct DepthMeshBuffers {
 struct GridMeshOptions {
   /// Triangles with a longer edge are left out; units of the points.
   double max_edge = std::numeric_limits<double>::infinity();
-  int num_threads = 1;
+  int num_threads = 0;  ///< 0: all cores.
 };
 
 /// The dense mesh of a grid: all valid pixels; two triangles for each 2x2 cell of four of them,

@@ -29,8 +29,8 @@ struct Cs3Options {
   bool distance_dependent = false;  ///< Rd times R(u) / R_max (eq. 3.9); depth images only.
   /// Triangles with a longer edge are dropped: the text's check for scenes.
   double max_edge = std::numeric_limits<double>::infinity();
-  int num_threads = 1;
-  Cs3Reading reading;  ///< Another one than the default takes its time.
+  int num_threads = 0;  ///< 0: all cores.
+  Cs3Reading reading;   ///< Another one than the default takes its time.
 };
 
 /// How the number of points came about.

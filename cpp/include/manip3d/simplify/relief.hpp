@@ -35,7 +35,7 @@ struct ReliefOptions {
   std::vector<std::int64_t> levels;
   /// Fill ReliefResult::cover and cover_without_off. depth_coverage() finds the same afterwards.
   bool measure_coverage = true;
-  int num_threads = 1;
+  int num_threads = 0;  ///< 0: all cores.
 };
 
 /// How the number of vertices came about.
