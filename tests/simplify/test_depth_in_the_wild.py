@@ -157,6 +157,15 @@ def test_where_nothing_is_left_nothing_is_covered() -> None:
     assert result.coverage_missed
 
 
+def test_a_mesh_where_there_is_no_surface_is_all_bridges() -> None:
+    v, u = np.mgrid[0:120, 0:160]
+    depth = np.where((u + v) % 2 == 0, 1000, 3000).astype(np.uint16)  # a step beside each pixel
+    found = simplify.cs3(depth, CAMERA, 60, depth_step=0.05)
+    assert found.num_faces > 0
+    assert (found.coverage, found.bridges, found.outside) == (0, 1, 1)
+    assert simplify.relief(depth, CAMERA, 60, depth_step=0.05).bridges == 0  # no faces
+
+
 @pytest.mark.parametrize("believed", [np.arange(160) >= 80, np.zeros(160, bool)])
 @pytest.mark.parametrize("points", [20, 50, 300])
 def test_what_is_not_believed_is_covered(believed: NDArray[np.bool_], points: int) -> None:

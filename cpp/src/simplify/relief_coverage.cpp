@@ -276,6 +276,14 @@ double cover_face(const Surface& surface, const Corners& t, std::uint8_t mark,
   return double{area_of(surface, t)} * static_cast<double>(without) / static_cast<double>(inside);
 }
 
+bool has_area(const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
+              const Eigen::Ref<const Rows<std::int32_t, 3>>& faces, Eigen::Index f) {
+  const auto step = [&](int corner, int axis) -> std::int64_t {
+    return std::int64_t{pixels(faces(f, corner), axis)} - pixels(faces(f, 0), axis);
+  };
+  return step(1, 0) * step(2, 1) != step(1, 1) * step(2, 0);
+}
+
 }  // namespace
 
 CutCoverage coverage_of(const Surface& surface,
@@ -284,7 +292,14 @@ CutCoverage coverage_of(const Surface& surface,
                         std::span<const std::uint8_t> off, CoverageScratch& scratch) {
   CutCoverage result;
   result.whole.outside = result.without_off.outside = Covered::share_outside(surface);
-  if (surface.num_used() == 0) return result;
+  if (surface.num_used() == 0) {  // all of its area is a bridge
+    for (Eigen::Index f = 0; f < faces.rows(); ++f) {
+      if (!has_area(pixels, faces, f)) continue;
+      result.whole.bridges = 1.0;
+      if (off.empty() || off[f] == 0) result.without_off.bridges = 1.0;
+    }
+    return result;
+  }
   scratch.covered.assign(surface.num_pixels(), 0);
   count_flaws(surface, scratch.flaws);
   if (surface.steps().has_steps()) find_depths(surface, scratch);

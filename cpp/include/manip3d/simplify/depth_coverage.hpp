@@ -33,7 +33,8 @@ struct DepthCoverage {
 };
 
 /// Compares a mesh whose vertices are pixels with the dense surface of their grid.
-/// A mesh without faces has no coverage, nor has one where there is no dense surface.
+/// A mesh without faces has no coverage, nor has one where there is no dense surface: all of its
+/// area is a bridge then.
 /// @param pixels    (n, 2) column and row of each vertex.
 /// @throws InputError  as check_point_grid and DenseRule::check; a pixel or an index out of range.
 DepthCoverage depth_coverage(const PointGridView& grid,
