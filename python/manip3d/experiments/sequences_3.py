@@ -123,9 +123,7 @@ def _operator(
     from manip3d import simplify
 
     if method == "cios":
-        return lambda depth: simplify.cs3(
-            depth, camera, points, max_edge=max_edge, threads=1
-        )
+        return lambda depth: simplify.cs3(depth, camera, points, max_edge=max_edge, threads=1)
     moved = method.endswith("moved")
     if "stream" in method:
         stream = simplify.ReliefStream(camera, points, move_points=moved, max_edge=max_edge)
