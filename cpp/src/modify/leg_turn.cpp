@@ -15,7 +15,6 @@ namespace {
 constexpr double kWindow = 90.0;        // frames of the means
 constexpr double kErrorGain = 0.1;      // of the means' errors: a third of a second
 constexpr double kLeastError = 0.0001;  // squared sine: half a degree
-constexpr double kUnsure = 0.03;        // radians: of what trunk and legs err by
 constexpr std::size_t kNumParts = 2;    // thigh and shin: feet are short and half hidden
 
 /// The direction made square to the spine.
@@ -25,7 +24,7 @@ Eigen::Vector3d upright(const Eigen::Vector3d& direction, const BodyFrame& trunk
 
 /// Points of one part of a leg.
 struct Part {
-  static constexpr std::size_t kMost = 200;  // points: more do not steady it
+  static constexpr std::size_t kMost = 100;  // points: more do not steady it
   std::array<Eigen::Vector3d, kMost> points;
   std::size_t count = 0;
 };
@@ -74,13 +73,14 @@ class Skin {
   Skin(const Eigen::Vector3d& from, const Eigen::Vector3d& to, const Part& part)
       : from_(from), bone_(to - from), length2_(std::max(bone_.squaredNorm(), 1e-9)) {
     double sum = 0.0;
-    for (std::size_t i = 0; i < part.count; ++i) sum += from_bone(part.points[i]).norm();
+    for (std::size_t i = 0; i < part.count; ++i) sum += from_bone(part.points[i] - from).norm();
     radius_ = sum / static_cast<double>(std::max<std::size_t>(part.count, 1));
   }
+  /// From the nearest point of the bone to a point, given from its first joint.
   [[nodiscard]] Eigen::Vector3d from_bone(const Eigen::Vector3d& p) const {
-    const Eigen::Vector3d off = p - from_;
-    return off - std::clamp(off.dot(bone_) / length2_, 0.0, 1.0) * bone_;
+    return p - std::clamp(p.dot(bone_) / length2_, 0.0, 1.0) * bone_;
   }
+  [[nodiscard]] const Eigen::Vector3d& first_joint() const { return from_; }
   [[nodiscard]] double radius() const { return radius_; }
 
  private:
@@ -88,13 +88,20 @@ class Skin {
   double length2_, radius_ = 0.0;
 };
 
-std::array<Skin, kNumParts> skins_of(const Skeleton& person, Limb leg, const Parts& parts) {
+/// What is seen of a leg.
+struct SeenLeg {
+  Parts parts;
+  std::array<Skin, kNumParts> skins;
+};
+
+SeenLeg see(const PersonPoints& points, const Skeleton& person, Limb leg) {
   const auto chain = limb_chain(leg);
+  const Parts parts = parts_of(points, person, leg);
   const auto skin = [&](std::size_t part) {
     return Skin(person[chain[part]].cast<double>(), person[chain[part + 1]].cast<double>(),
                 parts[part]);
   };
-  return {skin(0), skin(1)};
+  return {parts, {skin(0), skin(1)}};
 }
 
 bool has_parts(const Skeleton& person, Limb leg) {
@@ -117,50 +124,62 @@ struct LegPlane {
   double shift = 0.0;             ///< Metres.
 };
 
-/// The plane at which the points of the affected leg lie on the skin of the intact one, with that
-/// of the trunk as a prior.
+/// The plane at which the points of each leg lie on the skin of the other, with that of the trunk
+/// as a wide prior.
 ///
 /// How much of a thigh is seen depends on where it points, so that points are laid onto the skin
-/// and not onto points: they may lie anywhere along the bone. With n = n_t + a z_t + b y_t the
-/// normal and c the shift, s = n (p - o) - c, and p' = p - 2 s n, changes of a, b and c move p' by
-/// -2 (z_t (p - o) n + s z_t) da - 2 (y_t (p - o) n + s y_t) db + 2 n dc. Residuals are weighted as
-/// those of a heavy-tailed distribution (Geman-McClure), at first a wide one.
-std::optional<LegPlane> plane_between(const std::array<Skin, kNumParts>& intact,
-                                      const Parts& affected, const BodyFrame& trunk) {
+/// and not onto points: they may lie anywhere along the bone. Both ways count, as the joints of
+/// either leg err. With n = n_t + a z_t + b y_t the normal and c the shift, s = n (p - o) - c, and
+/// p' = p - 2 s n, changes of a, b and c move p' by
+/// -2 (z_t (p - o) n + s z_t) da - 2 (y_t (p - o) n + s y_t) db + 2 n dc. A knee that is bent more
+/// than the other is no turn: mirrored shins may turn about n at the knee by a fourth unknown.
+/// Residuals are weighted as those of a heavy-tailed distribution (Geman-McClure), at first a wide
+/// one.
+std::optional<LegPlane> plane_between(const SeenLeg& intact, const SeenLeg& affected,
+                                      const BodyFrame& trunk) {
   // Metres: from legs that point past each other to what the gate takes for the same flesh.
   constexpr std::array kScales = {0.30, 0.30, 0.20, 0.15, 0.10, 0.08, 0.06, 0.06};
-  constexpr double kNoise = 0.02;                    // metres, of a whole part: joints err so
-  const Eigen::Vector3d kDeviation(0.2, 0.1, 0.05);  // of turn, roll and shift
-  constexpr double kMostTurn = 0.6;                  // tangent: 31 degrees, what a spine turns by
-  constexpr double kMostShift = 0.10;                // metres
-  constexpr double kMostOff = 0.04;  // metres: legs in different poses are farther off
-  const Eigen::Vector3d prior = kDeviation.cwiseProduct(kDeviation).cwiseInverse();
-  Eigen::Vector3d plane = Eigen::Vector3d::Zero();
+  constexpr double kNoise = 0.02;  // metres, of a whole part: joints err so
+  // Of turn, roll, shift and bend: a narrow one draws the plane of turned legs to the trunk's.
+  const Eigen::Vector4d kDeviation(0.6, 0.1, 0.05, 0.5);
+  constexpr double kMostTurn = 0.6;    // tangent: 31 degrees, what a spine turns by
+  constexpr double kMostShift = 0.10;  // metres
+  constexpr double kMostOff = 0.04;    // metres: legs in different poses are farther off
+  const Eigen::Vector4d prior = kDeviation.cwiseProduct(kDeviation).cwiseInverse();
+  Eigen::Vector4d plane = Eigen::Vector4d::Zero();
   std::array<double, kNumParts> off{};
   for (const double scale : kScales) {
     off.fill(0.0);
     const Eigen::Vector3d n = (trunk.n + plane[0] * trunk.z + plane[1] * trunk.y).normalized();
-    Eigen::Matrix3d information = prior.asDiagonal();
-    Eigen::Vector3d gradient = -prior.cwiseProduct(plane);
-    for (std::size_t k = 0; k < kNumParts; ++k) {
-      const auto count = static_cast<double>(affected[k].count);
-      for (std::size_t i = 0; i < affected[k].count; ++i) {
-        const Eigen::Vector3d& p = affected[k].points[i];
-        const Eigen::Vector3d from = p - trunk.origin;
-        const double s = n.dot(from) - plane[2];
-        const Eigen::Vector3d away = intact[k].from_bone(p - 2.0 * s * n);
-        const double distance = std::max(away.norm(), 1e-6), e = distance - intact[k].radius();
+    Eigen::Matrix4d information = prior.asDiagonal();
+    Eigen::Vector4d gradient = -prior.cwiseProduct(plane);
+    const auto lay = [&](const SeenLeg& from, const SeenLeg& onto, std::size_t k, double bend) {
+      const Part& part = from.parts[k];
+      const Skin& skin = onto.skins[k];
+      const bool is_shin = k == 1;
+      const Eigen::AngleAxisd bent(is_shin ? bend * plane[3] : 0.0, n);
+      const auto count = 2.0 * static_cast<double>(part.count);
+      for (std::size_t i = 0; i < part.count; ++i) {
+        const Eigen::Vector3d p = part.points[i] - trunk.origin;
+        const double s = n.dot(p) - plane[2];
+        const Eigen::Vector3d mirrored = bent * (part.points[i] - 2.0 * s * n - skin.first_joint());
+        const Eigen::Vector3d away = skin.from_bone(mirrored);
+        const double distance = std::max(away.norm(), 1e-6), e = distance - skin.radius();
         off[k] += std::abs(e) / count;
         const Eigen::Vector3d out = away / distance;
         const double along = out.dot(n);
-        const Eigen::Vector3d row(-2.0 * (trunk.z.dot(from) * along + s * out.dot(trunk.z)),
-                                  -2.0 * (trunk.y.dot(from) * along + s * out.dot(trunk.y)),
-                                  2.0 * along);
+        const Eigen::Vector4d row(-2.0 * (trunk.z.dot(p) * along + s * out.dot(trunk.z)),
+                                  -2.0 * (trunk.y.dot(p) * along + s * out.dot(trunk.y)),
+                                  2.0 * along, is_shin ? bend * out.dot(n.cross(mirrored)) : 0.0);
         const double share = 1.0 + (e * e) / (scale * scale);
         const double weight = 1.0 / (kNoise * kNoise * count * share * share);
         information += weight * row * row.transpose();
         gradient -= weight * e * row;
       }
+    };
+    for (std::size_t k = 0; k < kNumParts; ++k) {
+      lay(affected, intact, k, -1.0);
+      lay(intact, affected, k, 1.0);
     }
     plane += information.ldlt().solve(gradient);
   }
@@ -169,9 +188,6 @@ std::optional<LegPlane> plane_between(const std::array<Skin, kNumParts>& intact,
   if (!(is_likely && fits)) return std::nullopt;
   return LegPlane{plane[0], plane[1], plane[2]};
 }
-
-/// The share of a turn that is believed: small ones may be errors.
-double believed(double squared_turn) { return squared_turn / (squared_turn + kUnsure * kUnsure); }
 
 }  // namespace
 
@@ -182,11 +198,12 @@ void LegTurn::learn(const PersonPoints& points, const Skeleton& person, const Bo
   seated_ = seated_share(person, intact, trunk);
   if (!(std::min(seated_, seated_share(person, affected_, trunk)) > kLeastSeated)) return;
   if (!has_parts(person, affected_) || !has_parts(person, intact)) return;
-  const Parts mine = parts_of(points, person, affected_), other = parts_of(points, person, intact);
+  const SeenLeg mine = see(points, person, affected_), other = see(points, person, intact);
   constexpr std::size_t kLeastPoints = 60;
   const auto is_seen = [](const Part& part) { return part.count >= kLeastPoints; };
-  if (!std::ranges::all_of(mine, is_seen) || !std::ranges::all_of(other, is_seen)) return;
-  const auto told = plane_between(skins_of(person, intact, other), mine, trunk);
+  if (!std::ranges::all_of(mine.parts, is_seen) || !std::ranges::all_of(other.parts, is_seen))
+    return;
+  const auto told = plane_between(other, mine, trunk);
   if (!told) return;
   const double gain = 1.0 / std::min(frames_ + 1.0, kWindow);
   const Eigen::Vector3d normal = upright(trunk.n + told->turn * trunk.z, trunk);
@@ -219,13 +236,11 @@ BodyFrame LegTurn::of(const BodyFrame& trunk) const {
                                        trunk);
   // All of the turn from 45 degrees on, none of it below 30.
   const double seated = trust_ * std::clamp(4.0 * seated_ - 1.0, 0.0, 1.0);
-  const double share = seated * believed(told.cross(trunk.n).squaredNorm());
-  const double roll = seated * believed(roll_ * roll_) * roll_;
   BodyFrame legs = trunk;
-  legs.n = legs.x = (trunk.n + share * (told - trunk.n) + roll * trunk.y).normalized();
+  legs.n = legs.x = (trunk.n + seated * (told - trunk.n) + seated * roll_ * trunk.y).normalized();
   legs.y = (trunk.y - trunk.y.dot(legs.n) * legs.n).normalized();
   legs.z = legs.n.cross(legs.y);
-  legs.origin += share * shift_ * trunk.n;
+  legs.origin += seated * shift_ * trunk.n;
   return legs;
 }
 

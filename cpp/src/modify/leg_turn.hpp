@@ -15,16 +15,16 @@ namespace manip3d {
 /// The thighs of a seated person may be turned by ten degrees and more against shoulders and chest;
 /// a leg mirrored at the trunk's plane then lies beside the affected one. Where the affected leg is
 /// seen (mirror therapy after a stroke or for a leg that hurts, and volunteers), the two legs tell
-/// their own plane: the one at which thigh and shin of one leg, mirrored, lie on the skin of the
-/// other best. It may be turned about the spine, tilted (both feet to one side) and shifted. A
-/// frame in which they do not mirror each other tells nothing, as one in which only one leg is
-/// stretched.
+/// their own plane: the one at which thigh and shin of each leg, mirrored, lie on the skin of the
+/// other best. It may be turned about the spine, tilted (both feet to one side) and shifted, and
+/// one knee may be bent more than the other. A frame in which they do not mirror each other tells
+/// nothing, as one in which only one leg is stretched out.
 ///
 /// The trunk may turn while the thighs stay on the seat, and person and seat may turn together. The
 /// plane's direction is therefore averaged twice, against the camera and against the trunk, and
 /// each mean counts the more, the better it foresaw the last frames. The means go over 3 seconds,
 /// so that the plane does not follow one leg that moves aside. A person who stands has the trunk's
-/// plane, and small turns, which may be errors, count less.
+/// plane.
 class LegTurn {
  public:
   explicit LegTurn(Limb affected) : affected_(affected) {}
