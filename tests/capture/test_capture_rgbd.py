@@ -476,6 +476,22 @@ DEPTH = (1000 + np.arange(ROWS * COLS, dtype=np.uint16)).reshape(ROWS, COLS)
 COLOR = np.arange(ROWS * COLS * 3, dtype=np.uint16).reshape(ROWS, COLS, 3).astype(np.uint8)
 
 
+def test_colours_of_another_size_without_a_registration_are_left_out(tmp_path: Path) -> None:
+    """Nobody knows which pixel of depth they belong to, whatever the sizes."""
+    for name, shape in (("depth", (ROWS, COLS)), ("color", (2 * ROWS, 2 * COLS, 3))):
+        (tmp_path / name).mkdir()
+        for number in range(3):
+            image = np.ones(shape, np.uint16 if name == "depth" else np.uint8)
+            Image.fromarray(image).save(tmp_path / name / f"{number}.png")
+    camera = Intrinsics(fx=60, fy=60, cx=31.5, cy=23.5, width=COLS, height=ROWS)
+    with capture.open_rgbd(f"folder:{tmp_path}", camera=camera) as source:
+        with pytest.warns(UserWarning, match="of another size than the depth images") as warned:
+            frames = list(source)
+        assert len(warned) == 1
+        assert [frame.color for frame in frames] == [None] * 3
+        assert source.counters["unregistered_color"] == 3
+
+
 @pytest.mark.parametrize("name", ["color", "colour", "rgb"])
 def test_plain_folders_of_images(tmp_path: Path, name: str) -> None:
     images(tmp_path, "depth", 4, DEPTH)

@@ -75,7 +75,8 @@ def test_a_folder_of_images_gets_its_camera_and_a_word_about_joints(tmp_path: Pa
         depth = np.full((48, 64), 10_000, np.uint16)
         Image.fromarray(depth).save(tmp_path / "walk" / "depth" / f"{i}.png")
     words = ("phantom", "render", tmp_path / "walk", "-o", tmp_path / "out")
-    assert "expected the camera of its images" in str(run(*words).exception)
+    refused = str(run(*words).exception)
+    assert "expected the camera of its images (--intrinsics, or camera= in Python)" in refused
     camera = ("--intrinsics", "60,60,31.5,23.5", "--units-per-metre", "5000")
     done = run(*words, *camera)
     assert done.exit_code == 0, done.output
@@ -84,6 +85,32 @@ def test_a_folder_of_images_gets_its_camera_and_a_word_about_joints(tmp_path: Pa
     assert "not in view" not in done.stderr  # nobody was looked for
     picture = np.asarray(Image.open(tmp_path / "out" / "000001.png"))
     assert picture.shape == (48, 3 * 64, 3)
+
+
+def test_frames_that_cannot_be_read_are_told_and_passed_over(tmp_path: Path) -> None:
+    recording = tmp_path / "walk"
+    with capture.open_rgbd(SOURCE.replace("frames=3", "frames=6")) as simulated:
+        capture.record(simulated, recording)
+    (recording / "depth" / "000000.png").unlink()
+    (recording / "depth" / "000002.png").unlink()
+    (recording / "depth" / "000003.png").write_bytes(b"no picture")
+    words = ("phantom", "render", recording, "--limb", "left-arm", "-o", tmp_path / "out")
+    done = run(*words, "--json")
+    assert done.exit_code == 1, done.output
+    record = json.loads(done.stdout)
+    assert record["frames"] == 5  # there is no picture before the first one that is read
+    assert record["states"] == {"tracking": 3, "holding": 2}
+    assert list(record["errors"]) == ["0", "2", "3"]
+    assert "3 frames cannot be read" in done.stderr
+    assert "000003.png: damaged" in done.stderr
+    pictures = [path.read_bytes() for path in sorted((tmp_path / "out").iterdir())]
+    assert len(pictures) == 5
+    assert pictures[0] == pictures[1] == pictures[2] != pictures[3]
+    for depth in (recording / "depth").iterdir():
+        depth.unlink()
+    nothing = run(*words, "--force")
+    assert nothing.exit_code == 1
+    assert isinstance(nothing.exception, FileNotFoundError)
 
 
 def test_other_folders_are_not_replaced(tmp_path: Path) -> None:

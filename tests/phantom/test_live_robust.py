@@ -21,7 +21,7 @@ import pytest
 
 import capsule_body
 import rgbd_frames
-from manip3d import DeviceError, InputError, capture
+from manip3d import DeviceError, FormatError, InputError, capture
 from manip3d.phantom import _live, run_live
 from manip3d.rgbd import RgbdFrame
 from manip3d.viewer.page import BUNDLE
@@ -167,6 +167,26 @@ def test_only_a_camera_is_said_to_give_no_frames(
     told = [each for each in found if isinstance(each, str)]
     assert told == ["The camera gives no frames."] * (2 if is_live else 0)
     assert len(found) - len(told) == 2
+
+
+def test_a_live_session_goes_on_past_frames_that_cannot_be_read() -> None:
+    class Torn(PulledCamera):
+        is_live = False
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.asked = 0
+
+        def read(self, timeout: float) -> RgbdFrame | None:
+            self.asked += 1
+            if self.asked in (2, 3):
+                raise [FormatError("damaged"), FileNotFoundError("000003.png")][self.asked - 2]
+            return capsule_body.painted(self.asked) if self.asked < 5 else None
+
+    source = cast(capture.RgbdSource, Torn())
+    found = list(_live._captured("torn", source, math.inf, once=True))
+    assert found[1:3] == ["A frame of the recording cannot be read."] * 2
+    assert len(found) == 4
 
 
 def test_a_recording_whose_next_frame_is_far_away_does_not_outlast_the_session() -> None:

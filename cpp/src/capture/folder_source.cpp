@@ -251,7 +251,8 @@ std::unique_ptr<RgbdSource> open_folder(const fs::path& folder, const RgbdOption
       fs::exists(folder / "frames.jsonl") ? recorded_frames(folder) : plain_frames(folder);
   if (!calibration) {
     throw InputError("calibration: " + folder.string() +
-                     " has no calibration.json: expected the camera of its images");
+                     " has no calibration.json: expected the camera of its images "
+                     "(--intrinsics, or camera= in Python)");
   }
   return make_source(std::move(frames), std::move(calibration), kMillimetres, options);
 }

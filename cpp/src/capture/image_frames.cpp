@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "capture/image_codec.hpp"
 #include "capture/small_file.hpp"
@@ -25,16 +26,27 @@ void check_crc(const Bytes& data, std::uint32_t expected) {
   throw FormatError("damaged: it is not what was recorded (CRC-32)", {});
 }
 
-/// The image of a file as `decode` reads it; `camera` says how large it must be.
+constexpr std::int64_t kMostPixels = std::int64_t{1} << 24;  // of a colour image of any size
+
+/// The image of a file as `decode` reads it, from a file as large as so many pixels make it.
 template <typename Decode>
-auto load_image(const ImageFile& file, const Intrinsics& camera, const Decode& decode) {
+auto load_image(const ImageFile& file, std::int64_t pixels, const Decode& decode) {
   constexpr std::uint64_t kBytesPerPixel = 8, kHeaderBytes = 1 << 20;  // no encoder gets there
-  const std::int64_t pixels = camera.width * camera.height;
   const Bytes data = read_small_file(
       file.path, kBytesPerPixel * static_cast<std::uint64_t>(pixels) + kHeaderBytes);
   try {
     if (file.crc32) check_crc(data, *file.crc32);
-    auto image = decode(data, std::max(pixels, std::int64_t{1} << 24));
+    return decode(data, std::max(pixels, kMostPixels));
+  } catch (const FormatError& error) {
+    throw error.in_file(file.path.string());
+  }
+}
+
+/// The image of a file; `camera` says how large it must be.
+template <typename Decode>
+auto load_image(const ImageFile& file, const Intrinsics& camera, const Decode& decode) {
+  auto image = load_image(file, camera.width * camera.height, decode);
+  try {
     if (image.rows != camera.height || image.cols != camera.width) {
       throw FormatError("expected " + pixels_of(camera.height, camera.width) +
                             " as the calibration says, got " + pixels_of(image.rows, image.cols),
@@ -44,6 +56,12 @@ auto load_image(const ImageFile& file, const Intrinsics& camera, const Decode& d
   } catch (const FormatError& error) {
     throw error.in_file(file.path.string());
   }
+}
+
+void set_color(RgbdFrame& frame, DecodedImage<std::uint8_t> color) {
+  frame.color = std::move(color.pixels);
+  frame.color_rows = color.rows;
+  frame.color_cols = color.cols;
 }
 
 void to_millimetres(std::vector<std::uint16_t>& depth, double units_per_metre,
@@ -73,6 +91,7 @@ ImageFrames::ImageFrames(Listing listing, std::shared_ptr<const RgbdCalibration>
 
 Counters ImageFrames::counters() const {
   Counters counters = {{"frames", frames_}, {"out_of_order", out_of_order_}, {"damaged", damaged_}};
+  if (unregistered_color_ > 0) counters.emplace_back("unregistered_color", unregistered_color_);
   counters.insert(counters.end(), listing_.counters.begin(), listing_.counters.end());
   return counters;
 }
@@ -114,11 +133,14 @@ void ImageFrames::load(RgbdFrame& frame) try {
   frame.color.clear();
   frame.color_rows = frame.color_cols = 0;
   if (!files_.color.path.empty()) {
-    const auto& registration = stored_->registration;
-    const Intrinsics& camera = registration ? registration->color : depth_camera;
-    frame.color = load_image(files_.color, camera, decode_rgb).pixels;
-    frame.color_rows = camera.height;
-    frame.color_cols = camera.width;
+    if (const auto& registration = stored_->registration) {
+      set_color(frame, load_image(files_.color, registration->color, decode_rgb));
+    } else if (auto color = load_image(files_.color, kMostPixels, decode_rgb);
+               color.rows == depth_camera.height && color.cols == depth_camera.width) {
+      set_color(frame, std::move(color));
+    } else {
+      ++unregistered_color_;  // nobody knows which pixel of depth a colour belongs to
+    }
   }
   frame.skeletons = files_.skeletons;
   frame.calibration = calibration_;

@@ -74,7 +74,7 @@ class ImageFrames final : public RgbdSource {
   double units_per_metre_;
   FrameFiles files_;
   std::optional<std::pair<std::int64_t, std::int64_t>> last_;  // number and time
-  std::int64_t frames_ = 0, out_of_order_ = 0, damaged_ = 0;
+  std::int64_t frames_ = 0, out_of_order_ = 0, damaged_ = 0, unregistered_color_ = 0;
 };
 
 /// A line of frames.jsonl; the images are in the folder of that name.

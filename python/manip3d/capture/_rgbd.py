@@ -11,7 +11,7 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
 from dataclasses import dataclass
-from itertools import islice
+from itertools import count, islice
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, Protocol, overload, runtime_checkable
@@ -26,13 +26,14 @@ from manip3d.capture._bag_rgbd import BagImages
 from manip3d.capture._forged import MOST_KEPT, SwitchedForgery, motion_of, read_plan
 from manip3d.capture._frame_source import FrameSource
 from manip3d.capture._one_camera import with_one_camera
-from manip3d.errors import InputError
+from manip3d.errors import FormatError, InputError
 from manip3d.rgbd import RgbdCalibration, RgbdFrame, Skeleton
 
 if TYPE_CHECKING:
     from manip3d._util.options import Progress
 
 _LONGEST_BEFORE = 60.0  # seconds
+_MOST_ERRORS = 1000  # frames, where nobody knows how many there are
 _PEOPLE = ("utd-mhad", "labanotation", "people")
 _RECORDINGS = ("folder", "mkv", "tum")  # files that can be read again, and written
 
@@ -99,6 +100,8 @@ class RgbdSource(FrameSource[RgbdFrame]):
     uri : str
     is_live : bool
         Frames come when they come, and the latest one wins.
+    errors : dict of int to str
+        Why frames could not be read, by their places in `past_errors`.
     """
 
     def __init__(
@@ -116,6 +119,8 @@ class RgbdSource(FrameSource[RgbdFrame]):
         self._indexed: Any = None
         self._is_started = self._is_stopped = False
         self._calibration: RgbdCalibration | None = None
+        self.errors: dict[int, str] = {}
+        self._is_color_checked = False
         self.start()
 
     @property
@@ -245,7 +250,49 @@ class RgbdSource(FrameSource[RgbdFrame]):
         DeviceError
             The camera is gone; `start` tries to open it again.
         """
-        return self._wait(timeout)
+        frame = self._wait(timeout)
+        if not self._is_color_checked and self.counters.get("unregistered_color"):
+            self._is_color_checked = True
+            warnings.warn(
+                f"{self.uri}: the colour images are of another size than the depth images, and the "
+                "calibration has no registration: frames have no colour",
+                stacklevel=caller_level(),
+            )
+        return frame
+
+    def past_errors(self) -> Iterator[RgbdFrame | None]:
+        """Read on to the end, past frames that cannot be read; `errors` begins anew.
+
+        Yields
+        ------
+        RgbdFrame or None
+            None: the frame cannot be read, and `errors` says why.
+
+        Raises
+        ------
+        FormatError, OSError
+            The first reason, where no frame can be read.
+        DeviceError
+            The camera is gone.
+        """
+        self.errors.clear()
+        first: Exception | None = None
+        most = self.num_frames or _MOST_ERRORS
+        for number in count():
+            try:
+                frame = self.read()
+            except (FormatError, OSError) as error:
+                first = first or error
+                self.errors[number] = str(error)
+                if len(self.errors) > most:  # it does not get on
+                    raise
+                yield None
+                continue
+            if frame is None:
+                if first is not None and len(self.errors) == number:
+                    raise first
+                return
+            yield frame
 
     def _rewind(self) -> None:
         if self._reopen is not None and not self._is_stopped:

@@ -143,7 +143,8 @@ def phantom_render(
     """Draw people with a phantom limb: what was seen, the phantom, the mesh from the side.
 
     The output is a film (.mp4), a contact sheet of the 40 worst frames by the pipeline's own score
-    (.png), or a folder of PNG pictures (a name without a suffix).
+    (.png), or a folder of PNG pictures (a name without a suffix). Frames that cannot be read are
+    told and passed over, and the exit code is then 1.
 
     Example: manip3d phantom render 'sim:body?amputated=right-arm&frames=30' -o phantom
     """
@@ -184,6 +185,10 @@ def phantom_render(
     shell.say(f"wrote {output}: {counted(film.frames, 'frame')}, {told}")
     for message, number in film.messages.items() if film.frames_with_skeleton else ():
         shell.say(f"{counted(number, 'frame')}: {message}")
+    for place, reason in film.errors.items():
+        shell.say(f"frame {place}: {reason}")
+    if film.errors:
+        shell.say(f"{counted(len(film.errors), 'frame')} cannot be read")
     shell.result(
         {
             "source": source,
@@ -194,8 +199,11 @@ def phantom_render(
             "states": dict(film.states),
             "messages": dict(film.messages),
             "stage_ms": dict(film.stage_ms),
+            "errors": {str(place): reason for place, reason in film.errors.items()},
         }
     )
+    if film.errors:
+        raise typer.Exit(1)
 
 
 class GameName(StrEnum):

@@ -16,7 +16,7 @@ from urllib.parse import parse_qs, urlsplit
 
 from manip3d._util.checked import checked
 from manip3d._util.extras import require
-from manip3d.errors import DeviceError, InputError
+from manip3d.errors import DeviceError, FormatError, InputError
 from manip3d.modify import Limb, PoseTracker
 from manip3d.phantom._diary import DiaryRecorder
 from manip3d.phantom._interrupts import Interrupts
@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 __all__ = ["LiveReport", "run_live", "simulated_patient"]
 
 _ENDLESS = 1 << 31  # frames of a simulated person, who exercises until the session ends
+_MOST_UNREAD = 100  # frames in a row, after which the recording is given up
 _AGAIN_S = 1.0  # between attempts to open a camera that is gone
 
 
@@ -423,6 +424,7 @@ def _captured(
 
 def _until_the_end(source: RgbdSource, end: float) -> Iterator[RgbdFrame | str]:
     is_there = True
+    unread = 0
     while True:
         asked = time.monotonic()
         # The first frame is waited for even where it took longer than that to open the source.
@@ -437,7 +439,15 @@ def _until_the_end(source: RgbdSource, end: float) -> Iterator[RgbdFrame | str]:
             yield "The camera is gone: check its cable."
             time.sleep(_AGAIN_S)
             continue
+        except (FormatError, OSError):
+            unread += 1
+            if unread > _MOST_UNREAD:
+                raise
+            is_there = not source.is_live
+            yield "A frame of the recording cannot be read."
+            continue
         if frame is not None:
+            unread = 0
             yield frame
             continue
         now = time.monotonic()

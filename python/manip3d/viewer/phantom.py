@@ -35,6 +35,8 @@ RATE = 30
 _WORST, _COLUMNS, _WIDTH = 40, 8, 200
 """Frames of a contact sheet, those of a row, and the width of each in pixels."""
 
+_UNREAD = "The frame cannot be read."
+
 _HELD = 64
 """Colour images that are kept for phantoms that are held: two seconds."""
 
@@ -57,6 +59,9 @@ class PhantomFilm:
         Mean time of each stage of the pipeline, milliseconds a frame.
     messages : mapping of str to int
         Why frames were not ``tracking``, in sentences for an operator, and in how many frames.
+    errors : mapping of int to str
+        Why frames could not be read, by their places. The picture before such a frame is shown
+        again, and it counts as ``holding``; before the first that is read there is none.
     """
 
     path: Path
@@ -66,6 +71,7 @@ class PhantomFilm:
     states: Mapping[str, int]
     stage_ms: Mapping[str, float]
     messages: Mapping[str, int]
+    errors: Mapping[int, str]
 
 
 def render_phantom(
@@ -120,6 +126,8 @@ def render_phantom(
     ------
     InputError
         An option is out of range, ``output`` has another suffix or exists, or there is no frame.
+    FormatError, OSError
+        No frame can be read.
     MissingExtraError
         PyAV (films), Pillow (pictures) or MediaPipe (``pose``) is not installed.
     """
@@ -140,12 +148,17 @@ def render_phantom(
         PoseTracker() if pose else nullcontext() as tracker,
     ):
         total = frames or getattr(stream, "num_frames", None)
-        taken: Iterable[RgbdFrame] = itertools.islice(stream, frames)
+        past_errors: Any = getattr(stream, "past_errors", stream.__iter__)
+        taken: Iterable[RgbdFrame | None] = itertools.islice(past_errors(), frames)
         if tracker is not None:
             # A camera may begin with frames that have no colour yet.
-            taken = (f if f.color is None else tracker.annotate(f) for f in taken)
+            taken = (f if f is None or f.color is None else tracker.annotate(f) for f in taken)
         for frame, picture, phantom in _pictures(taken, pipeline, azimuth, threads):
             sink.add(picture, phantom)
+            if frame is None:
+                states["holding"] += 1
+                messages[_UNREAD] += 1
+                continue
             with_skeleton += bool(frame.skeletons)
             states[phantom.state.value] += 1
             if phantom.state != "tracking":
@@ -158,7 +171,10 @@ def render_phantom(
             raise InputError(f"{name}: expected frames, found none")
     number = states.total()
     stage_ms = {name: 1e3 * spent / number for name, spent in seconds.items()}
-    return PhantomFilm(path, limb, number, with_skeleton, dict(states), stage_ms, dict(messages))
+    errors = dict(getattr(stream, "errors", {}))
+    return PhantomFilm(
+        path, limb, number, with_skeleton, dict(states), stage_ms, dict(messages), errors
+    )
 
 
 def _opened(source: str | Iterable[RgbdFrame]) -> Any:
@@ -183,12 +199,19 @@ def limb_of(source: str) -> str:
 
 
 def _pictures(
-    frames: Iterable[RgbdFrame], pipeline: Any, azimuth: float, threads: int
-) -> Iterator[tuple[RgbdFrame, Image, Any]]:
+    frames: Iterable[RgbdFrame | None], pipeline: Any, azimuth: float, threads: int
+) -> Iterator[tuple[RgbdFrame | None, Image, Any]]:
+    """The pictures of the frames; for one that cannot be read that of the frame before it."""
     from manip3d.viewer import people
 
     older: deque[tuple[int, Image]] = deque(maxlen=_HELD)
+    sheet: Image | None = None
+    phantom: Any = None
     for frame in frames:
+        if frame is None:
+            if sheet is not None:
+                yield None, sheet, phantom
+            continue
         phantom = pipeline.process(frame)
         if frame.color is not None:
             older.append((frame.number, frame.color))
