@@ -185,8 +185,8 @@ def phantom_render(
     shell.say(f"wrote {output}: {counted(film.frames, 'frame')}, {told}")
     for message, number in film.messages.items() if film.frames_with_skeleton else ():
         shell.say(f"{counted(number, 'frame')}: {message}")
-    for place, reason in film.errors.items():
-        shell.say(f"frame {place}: {reason}")
+    for frame, reason in film.errors.items():
+        shell.say(f"frame {frame}: {reason}")
     if film.errors:
         shell.say(f"{counted(len(film.errors), 'frame')} cannot be read")
     shell.result(
@@ -199,7 +199,7 @@ def phantom_render(
             "states": dict(film.states),
             "messages": dict(film.messages),
             "stage_ms": dict(film.stage_ms),
-            "errors": {str(place): reason for place, reason in film.errors.items()},
+            "errors": {str(frame): reason for frame, reason in film.errors.items()},
         }
     )
     if film.errors:
