@@ -72,9 +72,9 @@ void check_sparse(const PointCloud& scan, int neighbours) {
     const auto wanted = static_cast<std::size_t>(neighbours);
     const Eigen::RowVector3d place = scan.points.row(i).cast<double>();
     const double last = distances.size() < wanted ? options.farthest : distances[wanted - 1];
+    const double counted = std::min(last, options.farthest);
     const double range = std::sqrt(place[0] * place[0] + place[1] * place[1] + place[2] * place[2]);
-    if (last >= std::max(options.nearest, options.angle * range))
-      expected.push_back(std::min(last, options.farthest));
+    if (counted >= std::max(options.nearest, options.angle * range)) expected.push_back(counted);
   }
   require(found.size() == expected.size());
   for (std::size_t i = 0; i < found.size(); ++i) {
