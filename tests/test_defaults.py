@@ -100,6 +100,7 @@ FACADES: dict[str, list[Callable[..., Any]]] = {
     "ShoeCoverOptions": [modify.ShoeCoverTracker],
     "SilhouetteOptions": [],  # inspect_stream has its own relief
     "SnapOptions": [forge.snap_to_lattice],
+    "SparseOptions": [],  # find_processing says which points stand alone
     "TextureErrorOptions": [metrics.texture_error],
     "UdpOptions": [capture.open_lidar],
     "VelodyneOptions": [capture.open_lidar],

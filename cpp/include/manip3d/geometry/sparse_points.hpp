@@ -10,7 +10,7 @@ namespace manip3d {
 struct SparseOptions {
   int neighbours = 4;     ///< Distances are to the neighbour of this number; 1 to 8.
   double nearest = 0.24;  ///< Metres; points with that neighbour nearer than this are left out.
-  double angle = 0.016;   ///< Radians; the same where it is nearer than so much of the range.
+  double angle = 0.012;   ///< Radians; the same where it is nearer than so much of the range.
   double farthest = 2.0;  ///< Metres; a neighbour farther than this counts as so far away.
   int every = 2;          ///< One point in so many of those without neighbours beside them.
 };
