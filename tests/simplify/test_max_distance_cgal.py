@@ -96,7 +96,7 @@ def test_cgal_and_a_known_distance(cgal: Distances) -> None:
 
 
 @pytest.mark.realdata
-@pytest.mark.parametrize("method", [qem4vr, quality])
+@pytest.mark.parametrize("method", [pytest.param(qem4vr, marks=pytest.mark.slow), quality])
 @pytest.mark.parametrize("name", ["spot"])
 def test_cgal_finds_no_larger_distance_on_real_models(
     cgal: Distances, real_mesh: Callable[[str], Mesh], name: str, method: Callable[..., Any]

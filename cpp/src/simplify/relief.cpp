@@ -566,6 +566,9 @@ void Relief::Memory::write(const PointGridView& grid, const ReliefOptions& optio
     write_faces(levels[i], grid.rows_up, level.faces);
   }
   const Eigen::Index num_vertices = number_vertices(mesh, written.back());
+  if (result.stop == ReliefStop::kTarget && num_vertices < options.target_points) {
+    result.stop = ReliefStop::kSmallPieces;  // around pinholes
+  }
   DepthMesh& out = result.mesh;
   previous.clear();
   const auto width = static_cast<double>(grid.cols), height = static_cast<double>(grid.rows);

@@ -42,8 +42,8 @@ struct ReliefOptions {
 enum class ReliefStop : std::uint8_t {
   kTarget,       ///< Reduced to the target.
   kAllPoints,    ///< The surface has no more points than the target.
-  kSmallPieces,  ///< Pieces were left out: small ones, or all but a triangle where nothing else
-                 ///< goes.
+  kSmallPieces,  ///< Pieces were left out: small ones, triangles at a pinhole that could not be
+                 ///< left, or all but a triangle where nothing else goes.
   kSmallerLevel  ///< The vertices of a smaller level left no legal way: its mesh is the result.
 };
 
