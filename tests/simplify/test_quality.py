@@ -119,7 +119,7 @@ def test_a_strip_along_a_seam_shows_the_other_side_all_over_its_width() -> None:
         texcoords=np.vstack([xy * [0.5, 1], xy * [-0.5, 1] + [1, 0]]),
         face_texcoords=np.where(is_left[:, None], faces, faces + len(xy)),
     )
-    result = simplify.quality(mesh, ratio=0.1)
+    result = simplify.quality(mesh, ratio=0.1, texture_weight=0.1)
     error = metrics.texture_error(mesh, result.mesh, samples=50_000).mean
     assert error is not None
     assert error < 2e-3
@@ -228,15 +228,27 @@ def test_a_texture_that_kept_its_place_is_not_pulled_away_by_other_faces() -> No
     assert metrics.texture_error(mesh, result).max < 1e-8
 
 
-def test_texture_coordinates_are_fitted_to_the_faces_they_stand_for() -> None:
-    """Left as collapses made them, they err by 3.6e-3 on average."""
+def bent_texture() -> Mesh:
     xy, faces = grid(32)
     x, y = xy.T
     uv = np.column_stack([x + 0.08 * np.sin(9 * y), y + 0.08 * np.sin(8 * x)])
     vertices = np.column_stack([xy, 0.1 * np.sin(6 * x) * np.sin(5 * y)])
-    mesh = Mesh(vertices, faces, texcoords=uv, face_texcoords=faces)
-    result = simplify.quality(mesh, target_faces=200)
+    return Mesh(vertices, faces, texcoords=uv, face_texcoords=faces)
+
+
+def test_texture_coordinates_are_fitted_to_the_faces_they_stand_for() -> None:
+    """Left as collapses made them, they err by 3.6e-3 on average."""
+    mesh = bent_texture()
+    result = simplify.quality(mesh, target_faces=200, texture_weight=0.1)
     assert metrics.texture_error(mesh, result.mesh).mean < 3.3e-3
+
+
+@pytest.mark.parametrize(("faces", "most"), [(300, 1.8e-3), (180, 3e-3), (100, 6e-3)])
+def test_a_bent_texture_keeps_vertices_by_default(faces: int, most: float) -> None:
+    """2.0e-3, 3.4e-3 and 6.7e-3 at half of its weight, for 0.92 to 0.89 of the error of shape."""
+    mesh = bent_texture()
+    result = simplify.quality(mesh, target_faces=faces).mesh
+    assert metrics.texture_error(mesh, result, samples=50_000).mean < most
 
 
 @pytest.mark.parametrize("faces", [800, 400])
@@ -269,7 +281,7 @@ def test_a_seam_is_as_dear_as_what_is_seen_beside_it(faces: int, most: float) ->
         texcoords=np.concatenate([texcoords, texcoords + 0.5]),
         face_texcoords=np.where(left, cells, cells + len(xy)),
     )
-    result = simplify.quality(mesh, target_faces=faces).mesh
+    result = simplify.quality(mesh, target_faces=faces, texture_weight=0.1).mesh
     assert metrics.texture_error(mesh, result, samples=30_000).mean < most
 
 

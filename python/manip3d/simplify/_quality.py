@@ -124,7 +124,7 @@ def quality(
     max_distance: float | None = None,
     boundary_weight: float = 1.0,
     seam_weight: float = 3.0,
-    texture_weight: float = 0.1,
+    texture_weight: float = 0.2,
     locked: NDArray[np.bool_] | None = None,
     importance: ArrayLike | None = None,
     progress: Progress = None,

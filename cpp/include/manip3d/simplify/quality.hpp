@@ -22,7 +22,7 @@ struct QualityOptions {
   double seam_weight = 3.0;      ///< The same along borders of materials and texture charts.
   /// Price of a shifted texture, on average over the surface that shows one; a shifted surface
   /// has 1.
-  double texture_weight = 0.1;
+  double texture_weight = 0.2;
   std::vector<bool> locked;  ///< Vertices that stay where they are; empty: none.
   /// The factor, > 0, of each vertex on the price of changing the surface there. Empty: all 1.
   std::vector<double> importance;
