@@ -232,7 +232,7 @@ def test_the_command_writes_levels(tmp_path: Path) -> None:
     hills().write(tmp_path / "hills.obj")
     done = manip3d("lod", str(tmp_path / "hills.obj"), "-o", str(tmp_path / "out.glb"), "--json")
     assert done.returncode == 0
-    assert [level["faces"] for level in json.loads(done.stdout)["levels"]] == [800, 400, 200, 99]
+    assert [level["faces"] for level in json.loads(done.stdout)["levels"]] == [800, 400, 200, 100]
     assert len(document_of(tmp_path / "out.glb")["meshes"]) == 4
     done = manip3d(
         "lod", str(tmp_path / "hills.obj"), "-o", str(tmp_path / "levels"), "--levels", "2"
