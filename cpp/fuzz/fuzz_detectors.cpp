@@ -54,7 +54,7 @@ std::vector<double> check_nearest(const PointCloud& scan, const Eigen::Vector3d&
   return distances;
 }
 
-// As all pairs say, to the rounding of single precision.
+// The distances of all pairs give the same, to the rounding of single precision.
 void check_sparse(const PointCloud& scan, int neighbours) {
   const SparseOptions options{neighbours, 0.3, 0.05, 5.0, 1};
   const std::vector<float> found = sparse_distances(scan, options);

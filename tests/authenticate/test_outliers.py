@@ -83,7 +83,7 @@ def by_radius(points: np.ndarray) -> np.ndarray:
     return neighbour_distances(points, 5)[:, -1] < 1.0
 
 
-# What is far stands alone: a statistical filter takes all of it from a simulated street, a crop.
+# Far points stand alone: a statistical filter takes all of them from a simulated street, a crop.
 @pytest.mark.parametrize(("keeps", "kind"), [(statistical, "cropped"), (by_radius, "outliers")])
 def test_filters_of_outliers_are_named(
     keeps: Callable[[np.ndarray], np.ndarray], kind: str

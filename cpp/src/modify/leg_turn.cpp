@@ -88,7 +88,7 @@ class Skin {
   double length2_, radius_ = 0.0;
 };
 
-/// What is seen of a leg.
+/// Visible points of a leg, and the skin that they make.
 struct SeenLeg {
   Parts parts;
   std::array<Skin, kNumParts> skins;
@@ -140,7 +140,7 @@ std::optional<LegPlane> plane_between(const SeenLeg& intact, const SeenLeg& affe
   // Metres: from legs that point past each other to what the gate takes for the same flesh.
   constexpr std::array kScales = {0.30, 0.30, 0.20, 0.15, 0.10, 0.08, 0.06, 0.06};
   constexpr double kNoise = 0.02;  // metres, of a whole part: joints err so
-  // Of turn, roll, shift and bend: a narrow one draws the plane of turned legs to the trunk's.
+  // Turn, roll, shift and bend: a narrow prior draws the plane of turned legs to the trunk's.
   const Eigen::Vector4d kDeviation(0.6, 0.1, 0.05, 0.5);
   constexpr double kMostTurn = 0.6;    // tangent: 31 degrees, what a spine turns by
   constexpr double kMostShift = 0.10;  // metres

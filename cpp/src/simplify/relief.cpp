@@ -205,8 +205,8 @@ struct Relief::Memory {
   std::vector<std::int32_t> number;  ///< Vertex -> output vertex; kNone: left out.
   enum class Written : std::uint8_t {
     kNot,
-    kAsOwn,     ///< As a vertex of its own.
-    kWithLast,  ///< As the vertex of the fan before it at its pixel.
+    kAsOwn,     ///< It is a vertex of its own.
+    kWithLast,  ///< It is the vertex of the fan before it at its pixel.
   };
   /// By level, last the mesh, and vertex; empty: all as their own.
   std::vector<std::vector<Written>> written;

@@ -30,8 +30,8 @@ EXPORTED_SUFFIXES: tuple[str, ...] = tuple(s for s in SCAN_SUFFIXES if s not in 
 """Those by which a folder is searched that has no others: clouds that another program wrote."""
 
 _HEAD_BYTES, _HEAD_LINES, _MOST_COLUMNS = 4096, 8, 24
-"""What tells a text of points, and the most columns that one is taken to have: poses of a car and
-its navigation have more, or are named."""
+"""Bytes and lines that tell a text of points, and the most columns of one: poses of a car and its
+navigation have more, or are named."""
 
 
 @checked
