@@ -12,8 +12,10 @@
 
 #include "allocations.hpp"
 #include "manip3d/error.hpp"
+#include "manip3d/geometry/grid_mesh.hpp"
 #include "manip3d/simplify/relief.hpp"
 #include "simplify/relief_coverage.hpp"
+#include "simplify/relief_raster.hpp"
 #include "simplify/relief_start.hpp"
 
 namespace manip3d {
@@ -193,6 +195,85 @@ TEST(StartMesh, CoversWhatTheDenseMeshCoversByBlocksToo) {
         EXPECT_EQ(vertices.count(pixel), surface.is_used(pixel) ? 1U : 0U) << seed << ' ' << p;
       }
     }
+  }
+}
+
+TEST(Relief, SliversHaveThePixelsOfTheirTriangles) {
+  constexpr std::int32_t kCols = 40;
+  constexpr int kReach = 7;
+  const std::array<std::int32_t, 2> from = {20, 20};
+  const auto area = [](const auto& a, const auto& b, const auto& c) {
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+  };
+  for (int direction = 0; direction < 9; ++direction) {
+    const std::array<std::int32_t, 2> step = {direction % 3 - 1, direction / 3 - 1};
+    const std::array<std::int32_t, 2> to = {from[0] + step[0], from[1] + step[1]};
+    for (std::int32_t v = -kReach; v <= kReach; ++v) {
+      for (std::int32_t u = -kReach; u <= kReach; ++u) {
+        const std::array<std::int32_t, 2> end = {from[0] + u, from[1] + v};
+        const std::int32_t turn = area(from, end, to);
+        if (turn == 0) continue;
+        std::map<std::int32_t, std::pair<bool, bool>> expected, visited;
+        relief_detail::visit_pixels(
+            kCols, from, turn > 0 ? end : to, turn > 0 ? to : end,
+            relief_detail::SidePixels::kClosed, [&](std::int32_t pixel) {
+              const std::array<std::int32_t, 2> p = {pixel % kCols, pixel / kCols};
+              expected[pixel] = {area(from, end, p) == 0, area(to, end, p) == 0};
+            });
+        relief_detail::visit_sliver(kCols, from, step, end,
+                                    [&](std::int32_t pixel, bool on_first, bool on_second) {
+                                      EXPECT_TRUE(
+                                          visited.insert({pixel, {on_first, on_second}}).second);
+                                    });
+        EXPECT_EQ(visited, expected) << direction << ": " << u << ", " << v;
+      }
+    }
+  }
+}
+
+TEST(Relief, SurfacesAreTheDenseMeshWhateverTheirWidth) {
+  for (std::int64_t cols = 2; cols < 44; ++cols) {
+    PointGrid grid = torn(static_cast<std::uint32_t>(cols));
+    // The last columns of it: rows of every length, so that four pixels at a time do not fit.
+    PointGrid part;
+    part.rows = grid.rows;
+    part.cols = cols;
+    part.points.resize(part.rows * cols, 3);
+    for (std::int64_t v = 0; v < part.rows; ++v) {
+      for (std::int64_t u = 0; u < cols; ++u) {
+        const std::int64_t pixel = v * grid.cols + grid.cols - cols + u;
+        part.points.row(v * cols + u) = grid.points.row(pixel);
+        part.valid.push_back(grid.valid[pixel]);
+      }
+    }
+    GridMeshOptions dense;
+    dense.max_edge = 0.05;
+    DenseRule rule;
+    rule.max_edge = dense.max_edge;
+    relief_detail::Surface surface, threaded;
+    surface.assign(part.view(), rule, {}, 1);
+    threaded.assign(part.view(), rule, {}, 4);
+    const DepthMesh mesh = grid_mesh(part.view(), dense);
+    ASSERT_EQ(surface.num_faces(), mesh.faces.rows()) << cols;
+    double area = 0.0, weight = 0.0;
+    for (Eigen::Index f = 0; f < mesh.faces.rows(); ++f) {
+      const Eigen::Vector3d a = mesh.vertices.row(mesh.faces(f, 0)).cast<double>();
+      const Eigen::Vector3d b = mesh.vertices.row(mesh.faces(f, 1)).cast<double>();
+      const Eigen::Vector3d c = mesh.vertices.row(mesh.faces(f, 2)).cast<double>();
+      area += 0.5 * (b - a).cross(c - a).norm();
+    }
+    std::int64_t used = 0;
+    for (std::size_t p = 0; p < surface.num_pixels(); ++p) {
+      const auto pixel = static_cast<std::int32_t>(p);
+      weight += surface.sample(pixel).weight;
+      used += surface.is_used(pixel) ? 1 : 0;
+      EXPECT_EQ(threaded.sample(pixel).weight, surface.sample(pixel).weight);
+      EXPECT_EQ(threaded.cell(pixel), surface.cell(pixel));
+    }
+    EXPECT_EQ(used, surface.num_used());
+    const auto corners = mesh.faces.reshaped();
+    EXPECT_EQ(used, std::ssize(std::set<std::int32_t>(corners.begin(), corners.end())));
+    EXPECT_NEAR(weight * surface.unit() * surface.unit(), area, 1e-5 * area) << cols;
   }
 }
 

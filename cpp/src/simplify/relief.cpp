@@ -202,6 +202,7 @@ struct Relief::Memory {
   relief_detail::Refiner refiner;
   std::vector<Vec3> sight;           ///< By vertex: where it may slide.
   std::vector<std::int32_t> order;   ///< Vertices by pixel.
+  std::vector<std::int32_t> sorting;  ///< Scratch of what sorts them.
   std::vector<std::int32_t> number;  ///< Vertex -> output vertex; kNone: left out.
   enum class Written : std::uint8_t {
     kNot,
@@ -394,8 +395,8 @@ void Relief::Memory::fix_vertices() {
 /// Is there a vertex at each pixel where the smaller mesh has one? It may have several there, whose
 /// fans meet nowhere else; where these are one in the larger mesh, they are written as one.
 bool Relief::Memory::holds(const Triangulation& smaller) {
-  smaller.sorted_vertices(order);
-  mesh.sorted_vertices(number);
+  smaller.sorted_vertices(order, sorting);
+  mesh.sorted_vertices(number, sorting);
   auto larger = number.cbegin();
   return std::ranges::all_of(order, [&](std::int32_t v) {
     const std::int32_t pixel = smaller.vertex(v).pixel;
@@ -484,7 +485,7 @@ void Relief::Memory::find_written(bool once) {
   written.resize(levels.size() + 1);
   for (std::vector<Written>& none : written) none.clear();
   if (pinholes.num_filled() == 0 && levels.empty() && !once) return;
-  mesh.sorted_vertices(order);
+  mesh.sorted_vertices(order, sorting);
   written_pixels.clear();
   for (const std::int32_t v : order) {
     const std::int32_t pixel = mesh.vertex(v).pixel;
@@ -498,7 +499,7 @@ void Relief::Memory::find_written(bool once) {
 
 void Relief::Memory::find_written(const Triangulation& of, std::vector<Written>& how) {
   may_write.assign(of.num_slots(), 0);
-  of.sorted_vertices(order);
+  of.sorted_vertices(order, sorting);
   auto larger = written_pixels.cbegin();  // of the next larger size
   const auto find = [&](std::int32_t pixel) {
     while (larger != written_pixels.cend() && *larger < pixel) ++larger;
@@ -529,7 +530,7 @@ void Relief::Memory::find_written(const Triangulation& of, std::vector<Written>&
 
 std::int32_t Relief::Memory::number_vertices(const Triangulation& of,
                                              std::span<const Written> how) {
-  of.sorted_vertices(order);
+  of.sorted_vertices(order, sorting);
   relief_detail::make_room(number, of.num_slots());
   number.resize(of.num_slots());
   const auto num_before = static_cast<std::int32_t>(placed.size());

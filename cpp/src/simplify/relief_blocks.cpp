@@ -35,6 +35,36 @@ constexpr std::array<std::uint8_t, 8> kTouched = {0, kA | kB | kD, kA | kC | kD,
 constexpr std::array<std::uint8_t, 8> kComplete = {0, kB, kC, kA | kB | kC | kD,
                                                    0, kA, kD, kA | kB | kC | kD};
 
+constexpr int kPlaces = kStride * kStride;
+
+constexpr std::uint32_t bit_at(int u, int v) { return 1U << (v * kStride + u); }
+
+/// By two pixels of a square: those of its pixels that are on the left of the line through them or
+/// on it, as bits.
+constexpr std::array<std::array<std::uint32_t, kPlaces>, kPlaces> kLeftOf = [] {
+  std::array<std::array<std::uint32_t, kPlaces>, kPlaces> left{};
+  for (int a = 0; a < kPlaces; ++a) {
+    for (int b = 0; b < kPlaces; ++b) {
+      const int du = b % kStride - a % kStride, dv = b / kStride - a / kStride;
+      for (int v = 0; v < kStride; ++v) {
+        for (int u = 0; u < kStride; ++u) {
+          if (du * (v - a / kStride) - dv * (u - a % kStride) >= 0) left[a][b] |= bit_at(u, v);
+        }
+      }
+    }
+  }
+  return left;
+}();
+
+/// The pixels amid a square.
+constexpr std::uint32_t kInner = [] {
+  std::uint32_t inner = 0;
+  for (int v = 1; v < kSize; ++v) {
+    for (int u = 1; u < kSize; ++u) inner |= bit_at(u, v);
+  }
+  return inner;
+}();
+
 /// The cells around a pixel.
 struct CellsAround {
   CellsAround(const Surface& surface, int u, int v) {
@@ -308,6 +338,15 @@ bool ContourBlocks::is_seen(const Place& from, const Place& to) const {
   return true;
 }
 
+/// The pixels in and on a triangle but its corners, as bits.
+std::uint32_t ContourBlocks::pixels_in(const Place& a, const Place& b, const Place& c) {
+  const auto number = [](const Place& p) {
+    return static_cast<std::size_t>(p.v * kStride + p.u);
+  };
+  const std::size_t i = number(a), j = number(b), k = number(c);
+  return kLeftOf[i][j] & kLeftOf[j][k] & kLeftOf[k][i] & ~(1U << i | 1U << j | 1U << k);
+}
+
 /// Cuts off the corner whose new side is the shortest, again and again.
 void ContourBlocks::clip_ears(const Loop& loop) {
   polygon_.assign(places_.begin() + loop.first, places_.begin() + loop.last);
@@ -316,19 +355,14 @@ void ContourBlocks::clip_ears(const Loop& loop) {
     const auto at = [&](std::int32_t i) -> const Place& {
       return polygon_[i < 0 ? i + size : i < size ? i : i - size];
     };
+    std::uint32_t corners = 0;
+    for (const Place& p : polygon_) corners |= bit_at(p.u, p.v);
     std::int32_t least = std::numeric_limits<std::int32_t>::max(), best = -1;
     for (std::int32_t i = 0; i < size; ++i) {
       const Place &a = at(i - 1), &b = at(i), &c = at(i + 1);
       const std::int32_t length = (c.u - a.u) * (c.u - a.u) + (c.v - a.v) * (c.v - a.v);
       if (length >= least || doubled_area(a, b, c) <= 0) continue;
-      const bool is_free = std::ranges::none_of(polygon_, [&](const Place& p) {
-        const std::int32_t ab = doubled_area(a, b, p), bc = doubled_area(b, c, p),
-                           ca = doubled_area(c, a, p);
-        // Its own corners are where two of these are nothing.
-        return ab >= 0 && bc >= 0 && ca >= 0 &&
-               (ab == 0 ? 1 : 0) + (bc == 0 ? 1 : 0) + (ca == 0 ? 1 : 0) < 2;
-      });
-      if (is_free) least = length, best = i;
+      if ((pixels_in(a, b, c) & corners) == 0) least = length, best = i;
     }
     if (best < 0) return;  // a line is left
     triangles_.push_back({at(best - 1), at(best), at(best + 1)});
@@ -364,28 +398,22 @@ void ContourBlocks::refine(const Surface& surface, float threshold) {
 bool ContourBlocks::find_farthest(const Surface& surface, const PlaceTriangle& corners, float& most,
                                   Place& farthest) const {
   const auto& [a, b, c] = corners;
-  const std::int32_t area = doubled_area(a, b, c);
-  const auto [left, right] = std::minmax({a.u, b.u, c.u});
-  const auto [low, high] = std::minmax({a.v, b.v, c.v});
-  if (right - left < 2 && high - low < 2) return false;  // only its corners
+  std::uint32_t pixels = pixels_in(a, b, c) & kInner;
+  if (pixels == 0) return false;
   const Vec3 origin = surface.sample(pixel_of(surface, a)).point();
   const Vec3 normal = (surface.sample(pixel_of(surface, b)).point() - origin)
                           .cross(surface.sample(pixel_of(surface, c)).point() - origin);
   bool found = false;
-  for (int v = std::max(low, 1); v <= std::min(high, kSize - 1); ++v) {
-    for (int u = std::max(left, 1); u <= std::min(right, kSize - 1); ++u) {
-      const Place p{u, v};
-      const std::int32_t ab = doubled_area(a, b, p), bc = doubled_area(b, c, p);
-      const std::int32_t ca = area - ab - bc;
-      if (ab < 0 || bc < 0 || ca < 0 || ab == area || bc == area || ca == area) continue;
-      const std::int32_t pixel = pixel_of(surface, p);
-      const float off = std::abs(normal.dot(surface.sample(pixel).point() - origin));
-      const float error = off * surface.confidence(pixel);
-      if (!(error > most) || !CellsAround(surface, u0_ + u, v0_ + v).are_complete()) continue;
-      most = error;
-      farthest = p;
-      found = true;
-    }
+  for (; pixels != 0; pixels &= pixels - 1) {
+    const int number = std::countr_zero(pixels);
+    const Place p{number % kStride, number / kStride};
+    const std::int32_t pixel = pixel_of(surface, p);
+    const float off = std::abs(normal.dot(surface.sample(pixel).point() - origin));
+    const float error = off * surface.confidence(pixel);
+    if (!(error > most) || !CellsAround(surface, u0_ + p.u, v0_ + p.v).are_complete()) continue;
+    most = error;
+    farthest = p;
+    found = true;
   }
   return found;
 }

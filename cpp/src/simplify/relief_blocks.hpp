@@ -58,6 +58,7 @@ class ContourBlocks {
   static std::int32_t doubled_area(const Place& a, const Place& b, const Place& c) {
     return (b.u - a.u) * (c.v - a.v) - (b.v - a.v) * (c.u - a.u);
   }
+  static std::uint32_t pixels_in(const Place& a, const Place& b, const Place& c);
   [[nodiscard]] std::int32_t pixel_of(const Surface& surface, const Place& p) const {
     return (v0_ + p.v) * surface.cols() + u0_ + p.u;
   }

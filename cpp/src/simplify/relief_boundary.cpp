@@ -1,6 +1,7 @@
 #include "simplify/relief_boundary.hpp"
 
 #include <algorithm>
+#include <cstdlib>
 
 #include "simplify/relief_raster.hpp"
 
@@ -26,9 +27,6 @@ bool is_between(const PixelPlace& p, const PixelPlace& a, const PixelPlace& b) {
          p[1] >= std::min(a[1], b[1]) && p[1] <= std::max(a[1], b[1]);
 }
 
-/// As ==, which would compare bytes by a call.
-bool is_same(const PixelPlace& p, const PixelPlace& q) { return p[0] == q[0] && p[1] == q[1]; }
-
 bool is_on(const PixelPlace& p, const PixelPlace& a, const PixelPlace& b) {
   return doubled_area(a, b, p) == 0 && is_between(p, a, b);
 }
@@ -44,59 +42,84 @@ bool meet(const PixelPlace& a, const PixelPlace& b, const PixelPlace& p, const P
          (sa == 0 && is_between(a, p, q)) || (sb == 0 && is_between(b, p, q));
 }
 
-/// Is there a dense edge between two neighbouring pixels, or a whole cell if they are diagonal?
-bool is_linked(const Surface& surface, PixelPlace p, PixelPlace q) {
-  if (p[1] > q[1] || (p[1] == q[1] && p[0] > q[0])) std::swap(p, q);
-  const int cols = surface.cols();
-  const auto cell = [&](int u, int v) -> unsigned {
-    return u >= 0 && v >= 0 ? surface.cell(v * cols + u) : 0U;
-  };
-  if (p[1] == q[1]) {
-    return (cell(p[0], p[1]) & kFirst) != 0 || (cell(p[0], p[1] - 1) & kSecond) != 0;
-  }
-  if (p[0] == q[0]) {
+/// Steps from a pixel to one of the eight around it, and what tells whether the two are linked: by a
+/// dense edge, or by a whole cell where they are diagonal.
+struct Step {
+  Step(int across, int up, std::int32_t cols)
+      : du(across), dv(up), cols_(cols), to_cell_(-(across > 0 ? 1 : 0) - (up > 0 ? cols : 0)) {}
+
+  /// Is a pixel linked to the one before it?
+  [[nodiscard]] bool is_linked(const Surface& surface, std::int32_t pixel) const {
+    const std::int32_t low = pixel + to_cell_;  // the cell above and right of the lesser one
+    const auto cell = [&](std::int32_t at) -> unsigned { return at >= 0 ? surface.cell(at) : 0U; };
+    if (dv == 0) return (cell(low) & kFirst) != 0 || (cell(low - cols_) & kSecond) != 0;
+    if (du != 0) return (cell(low) & kFull) == kFull;
     const auto has_side = [](unsigned one, bool left) {  // ac or bd
       const bool turned = (one & kCutFromBToC) != 0;
       return (one & (turned == left ? kFirst : kSecond)) != 0;
     };
-    return has_side(cell(p[0], p[1]), true) || has_side(cell(p[0] - 1, p[1]), false);
+    // The last column of the row before has no cells.
+    return has_side(cell(low), true) || has_side(cell(low - 1), false);
   }
-  return (cell(std::min(p[0], q[0]), p[1]) & kFull) == kFull;
-}
 
-/// Calls visit(pixel, place) for the pixels in and on a triangle: one division for each row.
-template <typename Visit>
-void visit_places(int cols, const std::array<PixelPlace, 3>& t, Visit&& visit) {
-  visit_spans(cols, t[0], t[1], t[2], SidePixels::kClosed,
-              [&](std::int32_t first, std::int32_t last) {
-                const std::int32_t v = first / cols, u = first - v * cols;
-                for (std::int32_t p = first; p <= last; ++p) visit(p, PixelPlace{u + p - first, v});
-              });
-}
+  int du, dv;
+
+ private:
+  std::int32_t cols_, to_cell_;
+};
 
 /// Change of the covered surface, in pixels, when a boundary vertex moves by a pixel, seen at one
-/// of its two boundary edges: `from` and `to` are its places, `end` is the edge's other end, and
-/// the mesh lies on the left of the edge, which begins at the vertex where `starts` is true. A
-/// covered pixel without surface counts -kFalseFactor.
-int worth(const Surface& surface, const PixelPlace& from, const PixelPlace& to,
-          const PixelPlace& end, bool starts) {
-  const std::int64_t turn = starts ? doubled_area(from, end, to) : doubled_area(end, from, to);
+/// of its two boundary edges: `end` is the edge's other end, and the mesh lies on the left of the
+/// edge, which begins at the vertex where `starts` is true. A covered pixel without surface counts
+/// -kFalseFactor.
+int worth(const Surface& surface, const PixelPlace& from, const Step& step, const PixelPlace& end,
+          bool starts) {
+  const std::int32_t turn =
+      (end[0] - from[0]) * step.dv - (end[1] - from[1]) * step.du;
   if (turn == 0) return 0;
-  const bool gains = turn < 0;
   // Pixels of the old edge are covered already when pixels are won, those of the new edge stay
   // covered when pixels are lost: neither counts.
-  const PixelPlace& kept = gains ? from : to;
-  std::array<PixelPlace, 3> t = {from, end, to};
-  if (doubled_area(t[0], t[1], t[2]) < 0) std::swap(t[1], t[2]);
   int sum = 0;
-  visit_places(surface.cols(), t, [&](std::int32_t pixel, const PixelPlace& p) {
-    if (is_on(p, kept, end)) return;
-    const PixelPlace back = {p[0] - (to[0] - from[0]), p[1] - (to[1] - from[1])};
-    const bool is_surface = surface.is_used(pixel) && (!gains || is_linked(surface, p, back));
-    sum += is_surface ? 1 : -kFalseFactor;
-  });
-  return gains ? sum : -sum;
+  if ((turn < 0) == starts) {
+    visit_sliver(surface.cols(), from, {step.du, step.dv}, end, [&](std::int32_t pixel, bool is_old, bool) {
+      if (is_old) return;
+      sum += surface.is_used(pixel) && step.is_linked(surface, pixel) ? 1 : -kFalseFactor;
+    });
+  } else {
+    visit_sliver(surface.cols(), from, {step.du, step.dv}, end, [&](std::int32_t pixel, bool, bool is_new) {
+      if (!is_new) sum -= surface.is_used(pixel) ? 1 : -kFalseFactor;
+    });
+  }
+  return sum;
 }
+
+/// The outer sides of a fan, as seen from its centre: which moves of it turn no triangle over.
+class FanSides {
+ public:
+  FanSides(const Triangulation& mesh, const Triangulation::Fan& fan, const PixelPlace& center)
+      : size_(fan.size) {
+    for (int i = 0; i < fan.size; ++i) {
+      const PixelPlace a = place_of(mesh, fan.neighbors[i]), b = place_of(mesh, fan.next(i));
+      const std::int32_t du = b[0] - a[0], dv = b[1] - a[1];
+      sides_[i] = {du, dv, du * (center[1] - a[1]) - dv * (center[0] - a[0])};
+    }
+  }
+  /// Does each triangle keep an area where the centre moves by so much?
+  [[nodiscard]] bool stay(int du, int dv) const {
+    for (int i = 0; i < size_; ++i) {
+      const Side& side = sides_[i];
+      if (side.doubled_area + side.du * dv - side.dv * du <= 0) return false;
+    }
+    return true;
+  }
+
+ private:
+  struct Side {
+    std::int32_t du, dv, doubled_area;
+  };
+  int size_;
+  std::array<Side, Triangulation::kMaxFan> sides_;  // the first size_ ones
+};
 
 }  // namespace
 
@@ -138,16 +161,6 @@ void BoundaryMover::visit_tiles(const std::array<Pixel, 3>& corners, Visit&& vis
   }
 }
 
-bool BoundaryMover::keeps_fan(const Triangulation& mesh, const Triangulation::Fan& fan,
-                              const Pixel& to) const {
-  for (int i = 0; i < fan.size; ++i) {
-    if (doubled_area(to, place_of(mesh, fan.neighbors[i]), place_of(mesh, fan.next(i))) <= 0) {
-      return false;
-    }
-  }
-  return true;
-}
-
 bool BoundaryMover::meets_other(const Triangulation& mesh, std::int32_t v, std::int32_t first,
                                 std::int32_t last, const Pixel& to) const {
   bool met = false;
@@ -180,40 +193,40 @@ bool BoundaryMover::move(const Surface& surface, Triangulation& mesh, std::int32
   for (const std::int32_t at : {v, first, last}) {
     if (mesh.num_at(mesh.vertex(at).pixel) > 1) return false;
   }
+  const std::int32_t cols = surface.cols();
   const Pixel from = place_of(mesh, v), to_first = place_of(mesh, first),
               to_last = place_of(mesh, last);
-  const auto is_free = [&](const Pixel& to, const Pixel& end) {
-    std::array<Pixel, 3> t = {from, end, to};
-    const std::int64_t turn = doubled_area(t[0], t[1], t[2]);
-    if (turn < 0) std::swap(t[1], t[2]);
+  const FanSides sides(mesh, fan, from);
+  const std::int32_t at_v = mesh.vertex(v).pixel, at_first = mesh.vertex(first).pixel,
+                     at_last = mesh.vertex(last).pixel;
+  const auto is_free = [&](const Step& step, const Pixel& end) {
+    if ((end[0] - from[0]) * step.dv == (end[1] - from[1]) * step.du) return true;
     bool free = true;
-    if (turn != 0) {
-      visit_places(surface.cols(), t, [&](std::int32_t p, const Pixel& at) {
-        free = free && (mesh.num_at(p) == 0 || is_same(at, from) || is_same(at, to_first) ||
-                        is_same(at, to_last));
-      });
-    }
+    visit_sliver(cols, from, {step.du, step.dv}, end, [&](std::int32_t p, bool, bool) {
+      free = free && (mesh.num_at(p) == 0 || p == at_v || p == at_first || p == at_last);
+    });
     return free;
   };
   int most = 0;
-  Pixel best{};
+  std::int32_t best = at_v;
   for (int dv = -1; dv <= 1; ++dv) {
     for (int du = -1; du <= 1; ++du) {
       const Pixel to = {from[0] + du, from[1] + dv};
-      if (to[0] < 0 || to[1] < 0 || to[0] >= surface.cols() || to[1] >= surface.rows()) continue;
-      const std::int32_t pixel = to[1] * surface.cols() + to[0];
-      if (is_same(to, from) || !surface.is_used(pixel) || mesh.num_at(pixel) > 0) continue;
-      if (!is_linked(surface, from, to) || !keeps_fan(mesh, fan, to)) continue;
-      const int value =
-          worth(surface, from, to, to_first, true) + worth(surface, from, to, to_last, false);
-      if (value <= most || !is_free(to, to_first) || !is_free(to, to_last)) continue;
+      if (to[0] < 0 || to[1] < 0 || to[0] >= cols || to[1] >= surface.rows()) continue;
+      const std::int32_t pixel = at_v + dv * cols + du;
+      if (pixel == at_v || !surface.is_used(pixel) || mesh.num_at(pixel) > 0) continue;
+      const Step step(du, dv, cols);
+      if (!step.is_linked(surface, pixel) || !sides.stay(du, dv)) continue;
+      const int value = worth(surface, from, step, to_first, true) +
+                        worth(surface, from, step, to_last, false);
+      if (value <= most || !is_free(step, to_first) || !is_free(step, to_last)) continue;
       if (meets_other(mesh, v, first, last, to)) continue;
       most = value;
-      best = to;
+      best = pixel;
     }
   }
   if (most == 0) return false;
-  mesh.move(v, surface, best[1] * surface.cols() + best[0]);
+  mesh.move(v, surface, best);
   return true;
 }
 

@@ -28,8 +28,6 @@ class BoundaryMover {
   template <typename Visit>
   void visit_tiles(const std::array<Pixel, 3>& corners, Visit&& visit) const;
   bool move(const Surface& surface, Triangulation& mesh, std::int32_t v);
-  [[nodiscard]] bool keeps_fan(const Triangulation& mesh, const Triangulation::Fan& fan,
-                               const Pixel& to) const;
   [[nodiscard]] bool meets_other(const Triangulation& mesh, std::int32_t v, std::int32_t first,
                                  std::int32_t last, const Pixel& to) const;
 

@@ -82,6 +82,29 @@ std::int32_t largest_face(const Surface& surface, const Triangulation& mesh) {
   return largest == kNone ? any : largest;
 }
 
+/// What LocalQuadric::add_plane_through_origin() adds, four numbers at a time.
+class QuadricSum {
+ public:
+  QuadricSum(const Vec3& n, float weight) {
+    const Vec3 wn = weight * n;
+    first_ = Float4{wn.x(), wn.x(), wn.x(), wn.y()} * Float4{n.x(), n.y(), n.z(), n.y()};
+    second_ = Float4{wn.y(), wn.z(), 0.0F, 0.0F} * n.z();
+    third_ = Float4{0.0F, 0.0F, weight, 0.0F};
+  }
+  /// @param to  the first number of a quadric; that behind its last one gets nothing.
+  void add_to(float* to) const {
+    static_assert(offsetof(LocalQuadric, yz) == 4 * sizeof(float) &&
+                  offsetof(LocalQuadric, bz) == 8 * sizeof(float) &&
+                  offsetof(LocalQuadric, weight) == 10 * sizeof(float));
+    store4(to, load4(to) + first_);
+    store4(to + 4, load4(to + 4) + second_);
+    store4(to + 8, load4(to + 8) + third_);
+  }
+
+ private:
+  Float4 first_, second_, third_;
+};
+
 }  // namespace
 
 void LocalQuadric::add(const LocalQuadric& q, const Vec3& offset) {
@@ -126,9 +149,12 @@ void Collapser::assign(const Surface& surface, const Triangulation& mesh,
     const Vec3 n = normal / twice_area;
     const float trust = confidence_of(surface, mesh, corners);
     const float loss = std::max(trust, least_loss_);
+    const float third = twice_area * (1.0F / 6.0F);
+    const QuadricSum plane(n, trust * third);
     for (int i = 0; i < 3; ++i) {
-      nodes_[corners[i]].surface.add_plane_through_origin(n, trust * (twice_area * (1.0F / 6.0F)));
-      nodes_[corners[i]].area += loss * (twice_area * (1.0F / 6.0F));
+      Node& node = nodes_[corners[i]];
+      plane.add_to(&node.surface.xx);
+      node.area += loss * third;
       if (mesh.neighbors(t)[i] != Triangulation::kNone) continue;
       // The plane along the side, upright on the triangle.
       const std::int32_t p = corners[(i + 1) % 3], q = corners[(i + 2) % 3];
@@ -317,16 +343,32 @@ void Collapser::find_moves(const Surface& surface, const Triangulation& mesh, fl
   }
 }
 
-void Collapser::sort_moves(std::size_t count) {
-  const auto cheaper = [](const Move& a, const Move& b) {
-    return a.price < b.price || (a.price == b.price && a.vertex < b.vertex);
-  };
-  if (count < moves_.size()) {
-    const auto end = moves_.begin() + static_cast<std::ptrdiff_t>(count);
-    std::nth_element(moves_.begin(), end, moves_.end(), cheaper);
-    moves_.resize(count);
+namespace {
+
+struct IsCheaper {
+  template <typename Move>
+  bool operator()(const Move& a, const Move& b) const {
+    if (a.price != b.price) return a.price < b.price;
+    return a.vertex < b.vertex || (a.vertex == b.vertex && a.to < b.to);
   }
-  std::sort(moves_.begin(), moves_.end(), cheaper);
+};
+
+}  // namespace
+
+void Collapser::keep_cheapest(std::size_t count) {
+  if (count >= moves_.size()) return;
+  std::nth_element(moves_.begin(), moves_.begin() + static_cast<std::ptrdiff_t>(count),
+                   moves_.end(), IsCheaper());
+  moves_.resize(count);
+}
+
+/// Sorts so many more of the moves, behind those that are sorted; how many are then.
+std::size_t Collapser::sort_more(std::size_t sorted, std::size_t count) {
+  const auto first = moves_.begin() + static_cast<std::ptrdiff_t>(sorted);
+  const auto end = first + static_cast<std::ptrdiff_t>(std::min(count, moves_.size() - sorted));
+  if (end != moves_.end()) std::nth_element(first, end, moves_.end(), IsCheaper());
+  std::sort(first, end, IsCheaper());
+  return static_cast<std::size_t>(end - moves_.begin());
 }
 
 bool Collapser::collapse(const Surface& surface, Triangulation& mesh, const Move& move,
@@ -493,9 +535,14 @@ std::int64_t Collapser::run(const Surface& surface, Triangulation& mesh, std::in
     find_moves(surface, mesh, few ? kStays : known_price(mesh, 3 * share));
     // Half as many again, because some will not be legal or will have changed neighbours; as for
     // any lower target, so that lower targets continue where this one stops.
-    sort_moves(all ? moves_.size() : static_cast<std::size_t>(share + share / 2));
+    if (!all) keep_cheapest(static_cast<std::size_t>(share + share / 2));
     bool made = false;
+    std::size_t sorted = 0;  // in parts: what is left when enough are made needs no order
     for (std::size_t i = 0; i < moves_.size() && mesh.num_vertices() > least; ++i) {
+      if (i == sorted) {
+        const auto missing = static_cast<std::size_t>(mesh.num_vertices() - least);
+        sorted = sort_more(sorted, missing + missing / 4 + moves_.size() / 8);
+      }
       made = make(surface, mesh, moves_[i], round, target) || made;
     }
     const bool stuck = !made && all;

@@ -110,7 +110,8 @@ class Collapser {
                                   const Triangulation::Fan& fan, int i) const;
   /// @param most  vertices whose price is known to be above it are left out.
   void find_moves(const Surface& surface, const Triangulation& mesh, float most);
-  void sort_moves(std::size_t count);
+  void keep_cheapest(std::size_t count);
+  std::size_t sort_more(std::size_t sorted, std::size_t count);
   bool make(const Surface& surface, Triangulation& mesh, const Move& move, std::int32_t round,
             std::int64_t target);
   bool collapse(const Surface& surface, Triangulation& mesh, const Move& move, std::int32_t round);

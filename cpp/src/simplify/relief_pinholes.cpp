@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <algorithm>
+#include <cstring>
 
 namespace manip3d::relief_detail {
 namespace {
@@ -19,6 +20,12 @@ constexpr double kChanceShare = 0.02;
 constexpr int kRounds = 24;
 
 using Point = Eigen::Map<const Eigen::Vector3f>;
+
+std::uint64_t eight_bytes(const std::uint8_t* from) {
+  std::uint64_t bytes = 0;
+  std::memcpy(&bytes, from, sizeof bytes);
+  return bytes;
+}
 
 }  // namespace
 
@@ -97,6 +104,10 @@ void PinholeFiller::find_holes(const StepRule& steps, const Surface& surface, in
   hole_at_.resize(num_pixels);
   // A pixel beside an open one is open: most pixels without a measurement lie around an object.
   for (std::int64_t p = grid_.cols + 1; p < num_pixels - grid_.cols; ++p) {
+    if (p + 8 <= num_pixels && eight_bytes(&state_[p]) == 0) {  // all measured
+      p += 7;
+      continue;
+    }
     if (state_[p] != kUnseen) continue;
     if (state_[p - 1] == kOpen || state_[p - grid_.cols] == kOpen) {
       state_[p] = kOpen;
@@ -113,6 +124,10 @@ void PinholeFiller::find_strays(const StepRule& steps, const Surface& surface) {
     surface.uses_of_row(v, used_);
     for (std::int64_t u = 1; u + 1 < grid_.cols; ++u) {
       const std::int64_t p = v * grid_.cols + u;
+      if (u + 8 <= grid_.cols && (eight_bytes(grid_.valid + p) & ~eight_bytes(&used_[u])) == 0) {
+        u += 7;  // all that are measured are used
+        continue;
+      }
       if (grid_.valid[p] == 0 || used_[u] != 0) continue;
       const float depth = grid_.points[3 * p + 2];
       bool is_stray = true;

@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdint>
 #include <cstdlib>
+#include <utility>
 
 namespace manip3d::relief_detail {
 
@@ -71,6 +72,57 @@ void visit_pixels(int cols, const std::array<std::int32_t, 2>& a,
   visit_spans(cols, a, b, c, edges, [&](std::int32_t first, std::int32_t last) {
     for (std::int32_t pixel = first; pixel <= last; ++pixel) visit(pixel);
   });
+}
+
+/// Calls visit(pixel, on_first, on_second) for the pixels in and on the triangle between a pixel,
+/// one of the eight around it and a third one that is not on a line with them. `on_first` and
+/// `on_second`: is it on the side from the pixel, or from its neighbour, to the third one? Without
+/// a division: column by column, or row by row where the triangle is higher than wide.
+/// @param step  from the pixel to its neighbour.
+template <typename Visit>
+void visit_sliver(std::int32_t cols, const std::array<std::int32_t, 2>& from,
+                  const std::array<std::int32_t, 2>& step, const std::array<std::int32_t, 2>& end,
+                  Visit&& visit) {
+  std::int32_t length = end[0] - from[0], rise = end[1] - from[1];
+  std::int32_t dx = step[0], dy = step[1], right = 1, up = cols;
+  if (std::abs(rise) > std::abs(length)) {
+    std::swap(length, rise);
+    std::swap(dx, dy);
+    std::swap(right, up);
+  }
+  if (length < 0) length = -length, dx = -dx, right = -right;
+  if (length * dy < rise * dx) rise = -rise, dy = -dy, up = -up;
+  // The neighbour is above the first side now, whose slope is -1 to 1.
+  std::int32_t column = from[1] * cols + from[0];
+  std::int32_t x = 0;
+  if (dx < 0) visit(column - right + dy * up, false, true);
+  if (dx > 0) {
+    visit(column, true, false);
+    x = 1;
+    column += right;
+  }
+  // The lowest and the highest pixel of a column, and how far they are above the first side and
+  // below the second one, times the length of these.
+  std::int32_t low = x == 0 ? 0 : rise > 0 ? 1 : rise == -length ? -1 : 0;
+  std::int32_t above = low * length - x * rise;
+  const std::int32_t top_length = length - dx, top_rise = rise - dy;
+  std::int32_t high = dy, below = 0;
+  const auto climb = [&] {
+    below += top_rise;
+    while (below < 0) below += top_length, --high;
+    while (below >= top_length) below -= top_length, ++high;
+  };
+  if (dx < 0) climb();
+  for (;; ++x, column += right) {
+    for (std::int32_t y = low; y <= high; ++y) {
+      visit(column + y * up, y == low && above == 0, top_length == 0 || (y == high && below == 0));
+    }
+    if (x == length) return;
+    above -= rise;
+    if (above < 0) above += length, ++low;
+    if (above >= length) above -= length, --low;
+    climb();
+  }
 }
 
 }  // namespace manip3d::relief_detail

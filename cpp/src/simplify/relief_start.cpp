@@ -6,6 +6,8 @@
 #include <limits>
 #include <numeric>
 
+#include "geometry/lanes.hpp"
+
 namespace manip3d::relief_detail {
 namespace {
 
@@ -66,65 +68,116 @@ void StartMesh::measure_pixels(const Surface& surface) {
   }
 }
 
+/// Raises the errors of four bisections in a row by their own: the distance of the pixel from the
+/// line between two others, times the area around it. Those that are not measured stay.
+void StartMesh::raise_four(const Surface& surface, std::int32_t first, int stride,
+                           const std::array<std::int32_t, 4>& away, float weight,
+                           std::array<float, 4>& errors) const {
+  const auto lanes = [&](auto&& pixel) {
+    return transpose({load4(&surface.sample(pixel(0)).x), load4(&surface.sample(pixel(1)).x),
+                      load4(&surface.sample(pixel(2)).x), load4(&surface.sample(pixel(3)).x)});
+  };
+  const auto [px, py, pz, area] = lanes([&](int i) { return first + i * stride; });
+  const auto [ax, ay, az, area_a] = lanes([&](int i) { return first + i * stride - away[i]; });
+  const auto [bx, by, bz, area_b] = lanes([&](int i) { return first + i * stride + away[i]; });
+  // As distance_from_line().
+  const Float4 x1 = px - ax, y1 = py - ay, z1 = pz - az, x2 = bx - ax, y2 = by - ay, z2 = bz - az;
+  const Float4 x = y1 * z2 - z1 * y2, y = z1 * x2 - x1 * z2, z = x1 * y2 - y1 * x2;
+  const Float4 squared = x * x + (y * y + z * z), length = x2 * x2 + (y2 * y2 + z2 * z2);
+  const Int4 is_line = length > 0.0F;
+  const Float4 root = sqrt4(squared / (is_line ? length : all_of(1.0F)));
+  Float4 counted = area;
+  if (!by_blocks_) {
+    for (int i = 0; i < 4; ++i) counted[i] = surface.confidence(first + i * stride);
+  }
+  const Float4 own = (is_line ? root : all_of(0.0F)) * weight * counted;
+  for (int i = 0; i < 4; ++i) {
+    if (errors[i] >= 0.0F && errors[i] < kMustSplit) errors[i] = std::max(errors[i], own[i]);
+  }
+}
+
+/// Of a row of bisections: what their parts have, raised by their own.
+/// @param part  of the pixel in a column: the largest error of its parts.
+/// @param away  of the pixel in a column: the ends of what is halved, from there.
+template <typename Part, typename Away>
+void StartMesh::measure_row(const Surface& surface, std::span<const Keep> keep, int v, int first,
+                            int step, bool is_measured, Part&& part, Away&& away) {
+  const int cols = surface.cols(), stride = 2 * step;
+  const float weight = static_cast<float>(step * step);
+  const auto put = [&](std::int32_t p, float error) {
+    errors_[p] = is_kept(keep, p) && error >= 0.0F ? kMustSplit : error;
+  };
+  int u = first;
+  for (; u + 3 * stride < cols; u += 4 * stride) {
+    const std::int32_t p = v * cols + u;
+    std::array<float, 4> errors = {part(u), part(u + stride), part(u + 2 * stride),
+                                   part(u + 3 * stride)};
+    const auto can_rise = [](float error) { return error >= 0.0F && error < kMustSplit; };
+    if (is_measured && std::ranges::any_of(errors, can_rise)) {
+      raise_four(surface, p, stride,
+                 {away(u), away(u + stride), away(u + 2 * stride), away(u + 3 * stride)}, weight,
+                 errors);
+    }
+    for (int i = 0; i < 4; ++i) put(p + i * stride, errors[i]);
+  }
+  for (; u < cols; u += stride) {
+    const std::int32_t p = v * cols + u;
+    float error = part(u);
+    if (is_measured && error >= 0.0F && error < kMustSplit) {
+      const float own =
+          distance_from_line(surface.sample(p).point(), surface.sample(p - away(u)).point(),
+                             surface.sample(p + away(u)).point());
+      error = std::max(error, own * weight * weight_of(surface, p));
+    }
+    put(p, error);
+  }
+}
+
 void StartMesh::measure_sides(const Surface& surface, int finest, std::span<const Keep> keep,
                               int step) {
   const int cols = surface.cols(), rows = surface.rows();
-  const float weight = static_cast<float>(step * step);
   const int h = step / 2;
   for (int v = 0; v < rows; v += step) {
     const bool odd_row = is_odd(v / step);
-    for (int u = odd_row ? 0 : step; u < cols; u += 2 * step) {
+    const std::int32_t away = odd_row ? step * cols : step;
+    const bool below = v > 0, above = v + h < rows;
+    const auto part = [&](int u) {
       const std::int32_t p = v * cols + u;
-      float error = step == 1 ? errors_[p] : kNoTriangle;
+      if (step == 1) return errors_[p];
+      float error = kNoTriangle;
       if (by_blocks_ && step == ContourBlocks::kSize &&
           blocks_.around(u, v) == ContourBlocks::State::kCut) {
         error = kMustSplit;
       }
-      if (step > 1) {
-        const bool left = u > 0, right = u + h < cols;
-        if (v > 0) {
-          if (left) error = std::max(error, errors_[p - h * cols - h]);
-          if (right) error = std::max(error, errors_[p - h * cols + h]);
-        }
-        if (v + h < rows) {
-          if (left) error = std::max(error, errors_[p + h * cols - h]);
-          if (right) error = std::max(error, errors_[p + h * cols + h]);
-        }
+      const bool left = u > 0, right = u + h < cols;
+      if (below) {
+        if (left) error = std::max(error, errors_[p - h * cols - h]);
+        if (right) error = std::max(error, errors_[p - h * cols + h]);
       }
-      if (step >= finest && error >= 0.0F && error < kMustSplit) {
-        const std::int32_t away = odd_row ? step * cols : step;
-        const float own =
-            distance_from_line(surface.sample(p).point(), surface.sample(p - away).point(),
-                               surface.sample(p + away).point());
-        error = std::max(error, own * weight * weight_of(surface, p));
+      if (above) {
+        if (left) error = std::max(error, errors_[p + h * cols - h]);
+        if (right) error = std::max(error, errors_[p + h * cols + h]);
       }
-      errors_[p] = is_kept(keep, p) && error >= 0.0F ? kMustSplit : error;
-    }
+      return error;
+    };
+    measure_row(surface, keep, v, odd_row ? 0 : step, step, step >= finest, part,
+                [away](int) { return away; });
   }
 }
 
 void StartMesh::measure_diagonals(const Surface& surface, int finest, std::span<const Keep> keep,
                                   int step) {
   const int cols = surface.cols(), rows = surface.rows();
-  const float weight = static_cast<float>(step * step);
   for (int v = step; v < rows; v += 2 * step) {
-    for (int u = step; u < cols; u += 2 * step) {
+    const auto part = [&](int u) {
+      if (is_left_out(u, v, step)) return kNoTriangle;
       const std::int32_t p = v * cols + u;
-      if (is_left_out(u, v, step)) {
-        errors_[p] = kNoTriangle;
-        continue;
-      }
-      float error = std::max(std::max(errors_[p - step], errors_[p + step]),
-                             std::max(errors_[p - step * cols], errors_[p + step * cols]));
-      if (step >= finest && error >= 0.0F && error < kMustSplit) {
-        const std::int32_t away = step * cols + step * diagonal_direction(u, v, step);
-        const float own =
-            distance_from_line(surface.sample(p).point(), surface.sample(p - away).point(),
-                               surface.sample(p + away).point());
-        error = std::max(error, own * weight * weight_of(surface, p));
-      }
-      errors_[p] = is_kept(keep, p) && error >= 0.0F ? kMustSplit : error;
-    }
+      return std::max(std::max(errors_[p - step], errors_[p + step]),
+                      std::max(errors_[p - step * cols], errors_[p + step * cols]));
+    };
+    measure_row(surface, keep, v, step, step, step >= finest, part, [&](int u) {
+      return step * cols + step * diagonal_direction(u, v, step);
+    });
   }
 }
 
@@ -190,9 +243,7 @@ void StartMesh::visit_busy(int cols, int v, int first, int stride, int end, Visi
 
 void StartMesh::emit_cells(const Surface& surface, float threshold) {
   const int cols = surface.cols();
-  for (int v = 0; v + 1 < surface.rows(); ++v) {
-    visit_busy(cols, v, 0, 1, cols - 1, [&](int u) {
-      if (is_left_out(u, v, 1)) return;
+  const auto emit_cell = [&](int u, int v) {
       const std::int32_t a = v * cols + u, b = a + 1, c = a + cols, d = c + 1;
       const std::uint8_t cell = surface.cell(a);
       if ((cell & kFull) == 0) return;
@@ -207,6 +258,15 @@ void StartMesh::emit_cells(const Surface& surface, float threshold) {
         const std::uint8_t cut = at_bc ? kFull : kFull | kCutFromBToC;
         faces_.push_back(cell_triangle(cut, second, a, cols));
       }
+    };
+  // The error of a diagonal is no less than that of the sides around it: where it is below the
+  // threshold, so are all corners of its four cells, as in squares that are left out.
+  for (int v = 0; v + 1 < surface.rows(); ++v) {
+    const float* const diagonals = errors_.data() + std::ptrdiff_t{v | 1} * cols + 1;
+    visit_busy(cols, v, 0, 2, cols - 1, [&](int u) {
+      if (!(diagonals[u] >= threshold)) return;
+      emit_cell(u, v);
+      emit_cell(u + 1, v);
     });
   }
 }
@@ -288,11 +348,16 @@ std::span<const Triangle> StartMesh::order_by_tile(const Surface& surface) {
     return v / kTile * across + u / kTile;
   };
   first_in_.assign(static_cast<std::size_t>(across) * (surface.rows() / kTile + 1) + 1, 0);
-  for (const Triangle& t : faces_) ++first_in_[tile_of(t) + 1];
+  make_room(tiles_, static_cast<std::int64_t>(faces_.size()));
+  tiles_.clear();
+  for (const Triangle& t : faces_) {
+    tiles_.push_back(tile_of(t));
+    ++first_in_[tiles_.back() + 1];
+  }
   std::partial_sum(first_in_.begin(), first_in_.end(), first_in_.begin());
   make_room(ordered_, static_cast<std::int64_t>(faces_.size()));
   ordered_.resize(faces_.size());
-  for (const Triangle& t : faces_) ordered_[first_in_[tile_of(t)]++] = t;
+  for (std::size_t i = 0; i < faces_.size(); ++i) ordered_[first_in_[tiles_[i]]++] = faces_[i];
   return ordered_;
 }
 

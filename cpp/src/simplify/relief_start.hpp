@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -31,6 +32,12 @@ class StartMesh {
  private:
   void measure(const Surface& surface, int finest, std::span<const Keep> keep);
   void measure_pixels(const Surface& surface);
+  void raise_four(const Surface& surface, std::int32_t first, int stride,
+                  const std::array<std::int32_t, 4>& away, float weight,
+                  std::array<float, 4>& errors) const;
+  template <typename Part, typename Away>
+  void measure_row(const Surface& surface, std::span<const Keep> keep, int v, int first, int step,
+                   bool is_measured, Part&& part, Away&& away);
   void measure_sides(const Surface& surface, int finest, std::span<const Keep> keep, int step);
   void measure_diagonals(const Surface& surface, int finest, std::span<const Keep> keep, int step);
   [[nodiscard]] float threshold_for(const Surface& surface, std::int64_t num_vertices, int finest);
@@ -59,6 +66,7 @@ class StartMesh {
   std::vector<std::int32_t> histogram_;
   std::vector<Triangle> faces_, ordered_;
   std::vector<std::int32_t> first_in_;  ///< By tile: where in `ordered_` it starts.
+  std::vector<std::int32_t> tiles_;     ///< By triangle of `faces_`.
 };
 
 }  // namespace manip3d::relief_detail

@@ -3,6 +3,7 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstring>
 #include <limits>
@@ -10,12 +11,13 @@
 #include "geometry/cell_cut.hpp"
 #include "geometry/constants.hpp"
 #include "geometry/lanes.hpp"
+#include "geometry/wide_vectors.hpp"
 #include "manip3d/geometry/parallel.hpp"
 
 namespace manip3d::relief_detail {
 namespace {
 
-constexpr std::int64_t kRowsPerChunk = 16;
+constexpr std::int64_t kRowsPerChunk = 32;
 
 int padded(int size) {
   const int tiles = std::max(1, (size - 2) / Surface::kTile + 1);
@@ -29,14 +31,11 @@ std::uint8_t cell_of(CellCut cut) {  // corners 0 to 3 are a, b, d, c
   return kCells[static_cast<std::size_t>(cut)];
 }
 
-/// The triangles of a cell of two by two cells, as far as theirs cover them.
-/// @param parts   at a, b, c and d.
-/// @param turned  a whole one is cut from b to c.
-std::uint8_t cell_of_four(const std::array<std::uint8_t, 4>& parts, bool turned) {
+/// The triangle of a cell of two by two cells that theirs, at a, b, c and d, cover; of four whole
+/// ones it has two.
+std::uint8_t part_of_four(const std::array<std::uint8_t, 4>& parts) {
+  if (((parts[0] | parts[1] | parts[2] | parts[3]) & kFull) == 0) return 0;
   const auto is_whole = [&](int i) { return (parts[i] & kFull) == kFull; };
-  if (is_whole(0) && is_whole(1) && is_whole(2) && is_whole(3)) {
-    return turned ? std::uint8_t{kCutFromBToC | kFull} : std::uint8_t{kFull};
-  }
   // Half of the parts that the cut goes through is enough.
   const auto has = [&](int i, std::uint8_t half) { return is_whole(i) || parts[i] == half; };
   if (is_whole(1) && has(0, kFirst) && has(3, kFirst)) return kFirst;
@@ -63,37 +62,14 @@ class Rooms {
   std::size_t size_;
 };
 
-/// A row of samples, coordinate by coordinate: loops over it take several pixels at a time.
-struct CoordinateRow {
-  explicit CoordinateRow(Rooms<float>& rooms) : x(rooms.row()), y(rooms.row()), z(rooms.row()) {}
-  std::span<float> x, y, z;
-  void assign(std::span<const Sample> row) {
-    for (std::size_t u = 0; u < row.size(); ++u) {
-      x[u] = row[u].x, y[u] = row[u].y, z[u] = row[u].z;
-    }
-  }
-};
-
-/// Squared distances of the pixels of two rows, from the given first ones on.
-void squared_distances(const CoordinateRow& row, int first, const CoordinateRow& other,
-                       int other_first, std::span<float> out) {
-  const float *x = row.x.data() + first, *y = row.y.data() + first, *z = row.z.data() + first;
-  const float *x2 = other.x.data() + other_first, *y2 = other.y.data() + other_first,
-              *z2 = other.z.data() + other_first;
-  float* const to = out.data();
-  const auto size = static_cast<std::ptrdiff_t>(out.size()) - std::max(first, other_first);
-  for (std::ptrdiff_t u = 0; u < size; ++u) {
-    const float dx = x[u] - x2[u], dy = y[u] - y2[u], dz = z[u] - z2[u];
-    to[u] = dx * dx + (dy * dy + dz * dz);
-  }
-}
-
 // What decides on a cell, as bits; bits 0 to 3: are a, b, d, c valid?
 constexpr std::uint16_t kTurned = 16;  // the diagonal from b to c is the shorter one
 // The ends of the side are near enough.
 constexpr std::uint16_t kNearAB = 32, kNearDC = 64, kNearAC = 128, kNearBD = 256, kNearAD = 512,
                         kNearBC = 1024;
 constexpr std::uint16_t kAllNear = kNearAB | kNearDC | kNearAC | kNearBD | kNearAD | kNearBC;
+constexpr std::array<std::uint16_t, 6> kNear = {kNearAB, kNearDC, kNearAC,
+                                                kNearBD, kNearAD, kNearBC};
 constexpr unsigned kAllCellBits = 2048;
 
 std::uint8_t cell_of_bits(unsigned bits) {
@@ -120,98 +96,56 @@ const std::array<std::uint8_t, kAllCellBits>& cells_by_bits() {
   return cells;
 }
 
-/// Rows of cells in turn, with the lengths of their sides.
-class CellRows {
- public:
-  static constexpr std::int64_t kFloatRows = 11;
-
-  CellRows(Rooms<float> rooms, std::span<std::uint16_t> bits, float max_squared)
-      : max_squared_(max_squared),
-        above_(rooms),
-        below_(rooms),
-        ab_(rooms.row()),
-        dc_(rooms.row()),
-        ac_(rooms.row()),
-        ad_(rooms.row()),
-        bc_(rooms.row()),
-        bits_(bits) {}
-
-  void start(std::span<const Sample> row) { below_.assign(row); }
-  /// The z of the two rows of pixels around the cells.
-  [[nodiscard]] std::span<const float> z_above() const { return above_.z; }
-  [[nodiscard]] std::span<const float> z_below() const { return below_.z; }
-
-  /// The bits of the cells between the row given last and the next one.
-  std::span<const std::uint16_t> next(std::span<const Sample> row) {
-    std::swap(above_, below_);
-    below_.assign(row);
-    squared_distances(above_, 0, below_, 1, ad_);
-    squared_distances(above_, 1, below_, 0, bc_);
-    const auto size = static_cast<std::ptrdiff_t>(row.size()) - 1;
-    std::uint16_t* const bits = bits_.data();
-    const float *ad = ad_.data(), *bc = bc_.data();
-    const auto where = [](bool condition, std::uint16_t bit) {
-      return static_cast<std::uint16_t>(condition ? bit : 0);
-    };
-    if (!(max_squared_ < kInfinityF)) {
-      for (std::ptrdiff_t u = 0; u < size; ++u) {
-        bits[u] = static_cast<std::uint16_t>(kAllNear | where(!(ad[u] <= bc[u]), kTurned));
-      }
-      return bits_;
-    }
-    squared_distances(above_, 0, above_, 1, ab_);
-    squared_distances(below_, 0, below_, 1, dc_);
-    squared_distances(above_, 0, below_, 0, ac_);
-    const float *ab = ab_.data(), *dc = dc_.data(), *ac = ac_.data();
-    const float most = max_squared_;
-    for (std::ptrdiff_t u = 0; u < size; ++u) {
-      bits[u] = static_cast<std::uint16_t>(
-          where(!(ad[u] <= bc[u]), kTurned) | where(ab[u] <= most, kNearAB) |
-          where(dc[u] <= most, kNearDC) | where(ac[u] <= most, kNearAC) |
-          where(ac[u + 1] <= most, kNearBD) | where(ad[u] <= most, kNearAD) |
-          where(bc[u] <= most, kNearBC));
-    }
-    return bits_;
-  }
-
- private:
-  float max_squared_;
-  CoordinateRow above_, below_;
-  std::span<float> ab_, dc_, ac_, ad_, bc_;
-  std::span<std::uint16_t> bits_;
-};
-
-/// A third of the areas of the triangles of a row of cells. Cell u is entry u + 1, and there is one
-/// without triangles before them and four after them: cells are looked at four at a time.
-struct AreaRow {
-  AreaRow(Rooms<float>& areas, std::span<std::int32_t> all)
-      : first(areas.row()), second(areas.row()), cells(all) {}
-  std::span<float> first, second;
-  std::span<std::int32_t> cells;  ///< One for each cell of the row.
+/// A row of points, coordinate by coordinate, with zeros after it: loops take four at a time.
+struct CoordinateRow {
+  explicit CoordinateRow(Rooms<float>& rooms) : x(rooms.row()), y(rooms.row()), z(rooms.row()) {}
+  std::span<float> x, y, z;
 
   void clear() {
-    for (const std::span<float> areas : {first, second})
-      std::fill(areas.begin(), areas.end(), 0.0F);
-    std::fill(cells.begin(), cells.end(), 0);
+    for (const std::span<float> row : {x, y, z}) std::fill(row.begin(), row.end(), 0.0F);
   }
-  void assign(const CoordinateRow& above, const CoordinateRow& below,
-              std::span<const std::uint8_t> row);
+};
+
+/// A third of the areas of the triangles of a row of cells, and whether a cell is cut from b to c,
+/// as a mask. Cell u is entry u + 1, and there is one without triangles before them and some after
+/// them.
+struct AreaRow {
+  explicit AreaRow(Rooms<float>& rooms)
+      : first(rooms.row()), second(rooms.row()), turned(rooms.row()) {}
+  std::span<float> first, second, turned;
+
+  void clear() {
+    for (const std::span<float> row : {first, second, turned}) {
+      std::fill(row.begin(), row.end(), 0.0F);
+    }
+  }
+  /// Four cells from cell u on.
+  void store(std::ptrdiff_t u, Float4 firsts, Float4 seconds, Int4 turns) {
+    store4(first.data() + u + 1, firsts);
+    store4(second.data() + u + 1, seconds);
+    std::memcpy(turned.data() + u + 1, &turns, sizeof turns);
+  }
 };
 
 /// Four neighbouring points of a row.
 struct Point4 {
   Point4(const CoordinateRow& row, std::ptrdiff_t u)
-      : x(load4(&row.x[u])), y(load4(&row.y[u])), z(load4(&row.z[u])) {}
+      : x(load4(row.x.data() + u)), y(load4(row.y.data() + u)), z(load4(row.z.data() + u)) {}
   Point4(Float4 x4, Float4 y4, Float4 z4) : x(x4), y(y4), z(z4) {}
   Float4 x, y, z;
 };
 
-Point4 choose4(Int4 condition, const Point4& p, const Point4& q) {
+MANIP3D_INLINE Point4 choose4(Int4 condition, const Point4& p, const Point4& q) {
   return {condition ? p.x : q.x, condition ? p.y : q.y, condition ? p.z : q.z};
 }
 
+MANIP3D_INLINE Float4 squared_distances(const Point4& p, const Point4& q) {
+  const Float4 dx = p.x - q.x, dy = p.y - q.y, dz = p.z - q.z;
+  return dx * dx + (dy * dy + dz * dz);
+}
+
 /// A third of the areas of four triangles.
-Float4 thirds(const Point4& p, const Point4& q, const Point4& r) {
+MANIP3D_INLINE Float4 thirds(const Point4& p, const Point4& q, const Point4& r) {
   constexpr float kSixth = 1.0F / 6.0F;  // half a cross product for each of three corners
   const Float4 ax = q.x - p.x, ay = q.y - p.y, az = q.z - p.z;
   const Float4 bx = r.x - p.x, by = r.y - p.y, bz = r.z - p.z;
@@ -219,42 +153,335 @@ Float4 thirds(const Point4& p, const Point4& q, const Point4& r) {
   return all_of(kSixth) * sqrt4(nx * nx + (ny * ny + nz * nz));
 }
 
-void AreaRow::assign(const CoordinateRow& above, const CoordinateRow& below,
-                     std::span<const std::uint8_t> row) {
-  std::copy(row.begin(), row.end(), cells.begin() + 1);
-  const auto size = static_cast<std::ptrdiff_t>(row.size());
-  for (std::ptrdiff_t u = 0; u < size; u += 4) {
-    const Int4 cell = load4(&cells[u + 1]);
-    const auto has = [&cell](std::int32_t bit) -> Int4 { return (cell & bit) != 0; };
-    const Int4 turned = has(kCutFromBToC);
-    const Point4 a(above, u), b(above, u + 1), c(below, u), d(below, u + 1);
-    const Float4 one = thirds(a, b, choose4(turned, c, d));
-    const Float4 other = thirds(choose4(turned, b, a), d, c);
-    store4(&first[u + 1], has(kFirst) ? one : all_of(0.0F));
-    store4(&second[u + 1], has(kSecond) ? other : all_of(0.0F));
+/// Stores the areas of four cells, as far as these have triangles.
+MANIP3D_INLINE void store_areas(const Point4& a, const Point4& b, const Point4& c, const Point4& d,
+                                Int4 cells, AreaRow* areas, std::ptrdiff_t u) {
+  const auto has = [&](std::int32_t bit) -> Int4 { return (cells & bit) != 0; };
+  const Int4 turned = has(kCutFromBToC);
+  const Float4 one = thirds(a, b, choose4(turned, c, d));
+  const Float4 other = thirds(choose4(turned, b, a), d, c);
+  areas->store(u, has(kFirst) ? one : all_of(0.0F), has(kSecond) ? other : all_of(0.0F), turned);
+}
+
+constexpr std::uint32_t kFourOnes = 0x01010101U;
+
+/// By four bits: four bytes that are 1 where the bit is set.
+constexpr std::array<std::uint32_t, 16> kBytesOfBits = [] {
+  std::array<std::uint32_t, 16> bytes{};
+  for (std::uint32_t bits = 0; bits < 16; ++bits) {
+    for (std::uint32_t i = 0; i < 4; ++i) bytes[bits] |= (bits >> i & 1U) << (8U * i);
+  }
+  return bytes;
+}();
+
+MANIP3D_INLINE std::uint32_t four_bytes(const std::uint8_t* from) {
+  std::uint32_t bytes = 0;
+  std::memcpy(&bytes, from, sizeof bytes);
+  return bytes;
+}
+
+MANIP3D_INLINE Float4 minimum(Float4 p, Float4 q) { return p < q ? p : q; }
+MANIP3D_INLINE Float4 maximum(Float4 p, Float4 q) { return p > q ? p : q; }
+
+/// Four numbers less a shift, times a scale, in double precision and rounded once.
+MANIP3D_INLINE Float4 normalised(Float4 lanes, Double2 low_shift, Double2 high_shift,
+                                 double scale) {
+  const Float2 low = __builtin_convertvector((low_doubles(lanes) - low_shift) * scale, Float2);
+  const Float2 high = __builtin_convertvector((high_doubles(lanes) - high_shift) * scale, Float2);
+  return __builtin_shufflevector(low, high, 0, 1, 2, 3);
+}
+
+/// What one row after the other becomes.
+class RowBuilder {
+ public:
+  static constexpr std::ptrdiff_t kPadding = 8;    ///< Entries of a row after its last pixel.
+  static constexpr std::ptrdiff_t kFloatRows = 12;
+
+  RowBuilder(const StepRule& steps, double max_edge, double unit, const Eigen::Vector3d& center,
+             int num_pixels)
+      : steps_(steps),
+        max_squared_(static_cast<float>((max_edge / unit) * (max_edge / unit))),
+        unit_(unit),
+        center_(center),
+        num_pixels_(num_pixels) {}
+
+  void load(const float* points, const std::uint8_t* valid, CoordinateRow& to) const;
+  void load(const Sample* samples, CoordinateRow& to) const;
+  /// The cells between two rows of pixels.
+  /// @return  how many triangles they have.
+  int cut(const CoordinateRow& above, const std::uint8_t* valid_above, const CoordinateRow& below,
+          const std::uint8_t* valid_below, std::uint8_t* cells, AreaRow& areas) const;
+  /// The areas of cells that are known. The row of cells goes on for at least a pixel more.
+  int measure(const CoordinateRow& above, const CoordinateRow& below, const std::uint8_t* cells,
+              AreaRow& areas) const;
+  /// Pixels between two rows of cells.
+  /// @return  how many of them are used.
+  int weigh(const CoordinateRow& row, const AreaRow& before, const AreaRow& after, Sample* samples,
+            std::uint8_t* used) const;
+
+ private:
+  /// Bits of the lanes in which a whole cell spans a step.
+  [[nodiscard]] unsigned stepped(const Point4& a, const Point4& b, const Point4& c,
+                                 const Point4& d) const;
+  /// Bit i: are the ends of a side of cell i near enough?
+  [[nodiscard]] unsigned near(Float4 squared) const { return true_lanes(squared <= max_squared_); }
+  [[nodiscard]] bool is_step(float z1, float z2, float z3) const {
+    const auto [low, high] = std::minmax({z1, z2, z3});
+    const auto nearest = static_cast<float>(unit_ * low + center_.z());
+    return !(unit_ * double{high - low} <= double{steps_.limit(nearest)});
+  }
+
+  StepRule steps_;
+  float max_squared_;
+  double unit_;
+  Eigen::Vector3d center_;
+  std::ptrdiff_t num_pixels_;
+};
+
+MANIP3D_INLINE void RowBuilder::load(const float* points, const std::uint8_t* valid,
+                                     CoordinateRow& to) const {
+  const double scale = 1.0 / unit_;
+  const double cx = center_.x(), cy = center_.y(), cz = center_.z();
+  const Double2 xy = {cx, cy}, zx = {cz, cx}, yz = {cy, cz};
+  float *const x = to.x.data(), *const y = to.y.data(), *const z = to.z.data();
+  const auto clear = [&](std::ptrdiff_t u) { x[u] = y[u] = z[u] = 0.0F; };
+  std::ptrdiff_t u = 0;
+  for (; u + 4 <= num_pixels_; u += 4) {
+    const std::uint32_t four = four_bytes(valid + u);
+    if (four == 0) {
+      for (std::ptrdiff_t k = u; k < u + 4; ++k) clear(k);
+      continue;
+    }
+    const float* const p = points + 3 * u;
+    const Float4 f = normalised(load4(p), xy, zx, scale);
+    const Float4 g = normalised(load4(p + 4), yz, xy, scale);
+    const Float4 h = normalised(load4(p + 8), zx, yz, scale);
+    const Float4 x12 = __builtin_shufflevector(g, h, 2, 2, 5, 5);
+    const Float4 y01 = __builtin_shufflevector(f, g, 1, 1, 4, 4);
+    const Float4 y23 = __builtin_shufflevector(g, h, 3, 3, 6, 6);
+    const Float4 z01 = __builtin_shufflevector(f, g, 2, 2, 5, 5);
+    store4(x + u, __builtin_shufflevector(f, x12, 0, 3, 4, 6));
+    store4(y + u, __builtin_shufflevector(y01, y23, 0, 2, 4, 6));
+    store4(z + u, __builtin_shufflevector(z01, h, 0, 2, 4, 7));
+    if (four == kFourOnes) continue;
+    for (std::ptrdiff_t k = u; k < u + 4; ++k) {
+      if (valid[k] == 0) clear(k);
+    }
+  }
+  for (; u < num_pixels_; ++u) {
+    clear(u);
+    if (valid[u] == 0) continue;
+    const float* const p = points + 3 * u;
+    x[u] = static_cast<float>((p[0] - cx) * scale);
+    y[u] = static_cast<float>((p[1] - cy) * scale);
+    z[u] = static_cast<float>((p[2] - cz) * scale);
   }
 }
 
-/// What the pixels between two rows of cells get.
-void add_corners(const AreaRow& before, const AreaRow& after, std::span<float> out) {
-  // Entry u is the cell on the left, u + 1 that on the right.
-  const float *f1 = before.first.data(), *s1 = before.second.data();
-  const float *f2 = after.first.data(), *s2 = after.second.data();
-  const std::int32_t *cell1 = before.cells.data(), *cell2 = after.cells.data();
-  float* const to = out.data();
-  const auto size = static_cast<std::ptrdiff_t>(out.size());
-  for (std::ptrdiff_t u = 0; u < size; ++u) {
-    const float one1 = f1[u], two1 = s1[u], one2 = f1[u + 1], two2 = s1[u + 1];
-    const float one3 = f2[u], two3 = s2[u], one4 = f2[u + 1], two4 = s2[u + 1];
-    // d and c of the cells before; b and a of those after.
-    float sum = ((cell1[u] & kCutFromBToC) != 0 ? 0.0F : one1) + two1;
-    sum += (cell1[u + 1] & kCutFromBToC) != 0 ? one2 : 0.0F;
-    sum = sum + two2 + one3;
-    sum += (cell2[u] & kCutFromBToC) != 0 ? two3 : 0.0F;
-    sum += one4;
-    to[u] = sum + ((cell2[u + 1] & kCutFromBToC) != 0 ? 0.0F : two4);
+inline void RowBuilder::load(const Sample* samples, CoordinateRow& to) const {
+  for (std::ptrdiff_t u = 0; u < num_pixels_; ++u) {
+    to.x[u] = samples[u].x, to.y[u] = samples[u].y, to.z[u] = samples[u].z;
   }
 }
+
+MANIP3D_INLINE unsigned RowBuilder::stepped(const Point4& a, const Point4& b, const Point4& c,
+                                            const Point4& d) const {
+  const Float4 low = minimum(minimum(a.z, b.z), minimum(c.z, d.z));
+  const Float4 height = maximum(maximum(a.z, b.z), maximum(c.z, d.z)) - low;
+  const Float4 limit = steps_.limit(affine4(unit_, low, center_.z()));
+  const auto first_two = unit_ * low_doubles(height) <= low_doubles(limit);
+  const auto last_two = unit_ * high_doubles(height) <= high_doubles(limit);
+  unsigned bits = 15;
+  for (int i = 0; i < 2; ++i) {
+    bits -= first_two[i] != 0 ? 1U << i : 0U;
+    bits -= last_two[i] != 0 ? 4U << i : 0U;
+  }
+  return bits;
+}
+
+MANIP3D_INLINE int RowBuilder::cut(const CoordinateRow& above, const std::uint8_t* valid_above,
+                                   const CoordinateRow& below, const std::uint8_t* valid_below,
+                                   std::uint8_t* cells, AreaRow& areas) const {
+  const std::array<std::uint8_t, kAllCellBits>& cell_by_bits = cells_by_bits();
+  const std::ptrdiff_t size = num_pixels_ - 1;
+  const bool has_steps = steps_.has_steps(), has_limit = max_squared_ < kInfinityF;
+  int num_faces = 0;
+  for (std::ptrdiff_t u = 0; u < size; u += 4) {
+    const bool whole = u + 4 <= size;
+    std::uint32_t all = 0;
+    if (whole) {
+      const std::uint32_t b0 = four_bytes(valid_above + u), b1 = four_bytes(valid_above + u + 1);
+      const std::uint32_t b2 = four_bytes(valid_below + u), b3 = four_bytes(valid_below + u + 1);
+      all = b0 & b1 & b2 & b3;
+      if ((b0 | b1 | b2 | b3) == 0) {
+        std::fill_n(cells + u, 4, std::uint8_t{0});
+        areas.store(u, all_of(0.0F), all_of(0.0F), Int4{});
+        continue;
+      }
+    }
+    const Point4 a(above, u), b(above, u + 1), c(below, u), d(below, u + 1);
+    const Float4 ad = squared_distances(a, d), bc = squared_distances(b, c);
+    const Int4 turned = ~(ad <= bc);  // the diagonal from b to c is the shorter one
+    const unsigned steps = has_steps ? stepped(a, b, c, d) : 0U;
+    std::array<unsigned, 6> ends{15, 15, 15, 15, 15, 15};
+    unsigned all_near = 15;
+    if (has_limit) {
+      ends = {near(squared_distances(a, b)), near(squared_distances(d, c)),
+              near(squared_distances(a, c)), near(squared_distances(b, d)), near(ad), near(bc)};
+      for (const unsigned one : ends) all_near &= one;
+    }
+    const unsigned turns = true_lanes(turned);
+    if (all == kFourOnes && steps == 0 && all_near == 15) {
+      const std::uint32_t bytes = kFull * kFourOnes | kCutFromBToC * kBytesOfBits[turns];
+      std::memcpy(cells + u, &bytes, sizeof bytes);
+      num_faces += 8;
+      areas.store(u, thirds(a, b, choose4(turned, c, d)), thirds(choose4(turned, b, a), d, c),
+                  turned);
+    } else {
+      Int4 four{};
+      for (std::ptrdiff_t i = 0; i < std::min<std::ptrdiff_t>(4, size - u); ++i) {
+        const std::ptrdiff_t k = u + i;
+        unsigned bits = valid_above[k] | valid_above[k + 1] << 1U | valid_below[k + 1] << 2U |
+                        valid_below[k] << 3U | (turns >> i & 1U) * kTurned;
+        for (std::size_t n = 0; n < ends.size(); ++n) bits |= (ends[n] >> i & 1U) * kNear[n];
+        std::uint8_t cell = cell_by_bits[bits];
+        // Whole cells without a step have none in their halves either.
+        if (has_steps && cell != 0 && !((cell & kFull) == kFull && (steps >> i & 1U) == 0)) {
+          const bool from_b = (cell & kCutFromBToC) != 0;
+          const float za = a.z[i], zb = b.z[i], zc = c.z[i], zd = d.z[i];
+          if (is_step(za, zb, from_b ? zc : zd)) cell &= static_cast<std::uint8_t>(~kFirst);
+          if (is_step(from_b ? zb : za, zd, zc)) cell &= static_cast<std::uint8_t>(~kSecond);
+          if ((cell & kFull) == 0) cell = 0;
+        }
+        cells[k] = cell;
+        four[i] = cell;
+        num_faces += (cell & 1) + (cell >> 1 & 1);
+      }
+      store_areas(a, b, c, d, four, &areas, u);
+    }
+  }
+  return num_faces;
+}
+
+inline int RowBuilder::measure(const CoordinateRow& above, const CoordinateRow& below,
+                               const std::uint8_t* cells, AreaRow& areas) const {
+  int num_faces = 0;
+  for (std::ptrdiff_t u = 0; u + 1 < num_pixels_; u += 4) {
+    Int4 four{};
+    for (std::ptrdiff_t i = 0; i < std::min<std::ptrdiff_t>(4, num_pixels_ - 1 - u); ++i) {
+      four[i] = cells[u + i];
+      num_faces += (cells[u + i] & 1) + (cells[u + i] >> 1 & 1);
+    }
+    store_areas({above, u}, {above, u + 1}, {below, u}, {below, u + 1}, four, &areas, u);
+  }
+  return num_faces;
+}
+
+MANIP3D_INLINE int RowBuilder::weigh(const CoordinateRow& row, const AreaRow& before,
+                                     const AreaRow& after, Sample* samples,
+                                     std::uint8_t* used) const {
+  const auto weights = [&](std::ptrdiff_t u) {
+    // Entry u is the cell on the left, u + 1 that on the right.
+    const float *f1 = &before.first[u], *s1 = &before.second[u], *t1 = &before.turned[u];
+    const float *f2 = &after.first[u], *s2 = &after.second[u], *t2 = &after.turned[u];
+    const auto turned = [](const float* from) {
+      Int4 mask;
+      std::memcpy(&mask, from, sizeof mask);
+      return mask;
+    };
+    const Float4 none = all_of(0.0F);
+    // d and c of the cells before; b and a of those after.
+    Float4 sum = (turned(t1) ? none : load4(f1)) + load4(s1);
+    sum += turned(t1 + 1) ? load4(f1 + 1) : none;
+    sum = sum + load4(s1 + 1) + load4(f2);
+    sum += turned(t2) ? load4(s2) : none;
+    sum += load4(f2 + 1);
+    return sum + (turned(t2 + 1) ? none : load4(s2 + 1));
+  };
+  int count = 0;
+  for (std::ptrdiff_t u = 0; u < num_pixels_; u += 4) {
+    const Float4 weight = weights(u);
+    const auto four = transpose({load4(&row.x[u]), load4(&row.y[u]), load4(&row.z[u]), weight});
+    const unsigned bits = true_lanes(weight > 0.0F);
+    if (u + 4 <= num_pixels_) {
+      for (std::size_t i = 0; i < 4; ++i) store4(&samples[u + static_cast<std::ptrdiff_t>(i)].x, four[i]);
+      std::memcpy(used + u, &kBytesOfBits[bits], sizeof kBytesOfBits[bits]);
+      count += std::popcount(bits);
+      continue;
+    }
+    for (std::ptrdiff_t i = 0; i < num_pixels_ - u; ++i) {
+      const Float4& one = four[static_cast<std::size_t>(i)];
+      samples[u + i] = {one[0], one[1], one[2], one[3]};
+      used[u + i] = static_cast<std::uint8_t>(bits >> i & 1U);
+      count += used[u + i];
+    }
+  }
+  return count;
+}
+
+/// What becomes rows of pixels, and where they go.
+struct RowJob {
+  const PointGridView& grid;
+  const RowBuilder& builder;
+  int u0, v0, cols, used_cols, used_rows;
+  bool is_alone;  ///< The chunks take turns: they share one part of the scratch.
+  std::span<Sample> samples;
+  std::span<std::uint8_t> valid, used, cells;
+  std::span<float> row_floats;
+  std::span<std::uint8_t> row_cells;
+  std::span<std::array<int, 2>> row_counts;
+};
+
+/// The rows of pixels of one chunk, with the cells after them.
+MANIP3D_INLINE void build_rows(const RowJob& job, std::int64_t begin, std::int64_t end) {
+  const PointGridView& grid = job.grid;
+  const auto chunk = static_cast<std::size_t>(begin / kRowsPerChunk);
+  const std::size_t width = static_cast<std::size_t>(job.used_cols + RowBuilder::kPadding);
+  const std::size_t part = job.is_alone ? 0 : chunk;
+  Rooms<float> rooms(job.row_floats.data() + part * width * RowBuilder::kFloatRows, width);
+  CoordinateRow above(rooms), below(rooms);
+  AreaRow before(rooms), after(rooms);
+  const auto first_of = [&](std::int64_t v) { return (v + job.v0) * grid.cols + job.u0; };
+  for (CoordinateRow* row : {&above, &below}) row->clear();
+  for (AreaRow* row : {&before, &after}) row->clear();
+  job.builder.load(grid.points + 3 * first_of(begin), grid.valid + first_of(begin), below);
+  if (begin > 0) {  // the cells of the row before are another chunk's
+    job.builder.load(grid.points + 3 * first_of(begin - 1), grid.valid + first_of(begin - 1),
+                     above);
+    job.builder.cut(above, grid.valid + first_of(begin - 1), below, grid.valid + first_of(begin),
+                    job.row_cells.data() + part * width, before);
+  }
+  int num_faces = 0, num_used = 0;
+  for (std::int64_t v = begin; v < end; ++v) {
+    const std::ptrdiff_t row = v * job.cols;
+    const std::uint8_t* const valid = grid.valid + first_of(v);
+    std::swap(above, below);
+    std::copy_n(valid, job.used_cols, job.valid.data() + row);
+    if (v + 1 < job.used_rows) {
+      const std::int64_t next = first_of(v + 1);
+      job.builder.load(grid.points + 3 * next, grid.valid + next, below);
+      num_faces +=
+          job.builder.cut(above, valid, below, grid.valid + next, job.cells.data() + row, after);
+    } else {
+      after.clear();
+    }
+    num_used += job.builder.weigh(above, before, after, job.samples.data() + row,
+                                  job.used.data() + row);
+    std::fill_n(job.samples.data() + row + job.used_cols, job.cols - job.used_cols, Sample{});
+    std::swap(before, after);
+  }
+  job.row_counts[chunk] = {num_faces, num_used};
+}
+
+void build_rows_narrow(const RowJob& job, std::int64_t begin, std::int64_t end) {
+  build_rows(job, begin, end);
+}
+
+#ifdef MANIP3D_AVX2
+MANIP3D_AVX2 void build_rows_wide(const RowJob& job, std::int64_t begin, std::int64_t end) {
+  build_rows(job, begin, end);
+}
+#endif
 
 }  // namespace
 
@@ -371,175 +598,79 @@ void Surface::find_joined(const PointGridView& grid, const DenseRule& rule) {
   }
 }
 
-void Surface::load_samples(const PointGridView& grid, int num_threads) {
-  const auto size = std::int64_t{cols_} * rows_;
+void Surface::build(const PointGridView& grid, const DenseRule& rule, int num_threads) {
+  const auto size = static_cast<std::size_t>(cols_) * rows_;
   samples_.resize(size);
-  valid_.assign(size, 0);
-  const double scale = 1.0 / unit_;
+  for (std::vector<std::uint8_t>* bytes : {&valid_, &used_, &cells_}) bytes->assign(size, 0);
+  const RowBuilder builder(steps_, rule.max_edge, unit_, center_, used_cols_);
+  const bool is_alone = num_threads == 1;
+  const std::int64_t chunks = (used_rows_ + kRowsPerChunk - 1) / kRowsPerChunk;
+  const std::int64_t parts = is_alone ? 1 : chunks, width = used_cols_ + RowBuilder::kPadding;
+  make_room(row_floats_, parts * width * RowBuilder::kFloatRows);
+  row_floats_.resize(static_cast<std::size_t>(parts * width * RowBuilder::kFloatRows));
+  make_room(row_cells_, parts * width);
+  row_cells_.resize(static_cast<std::size_t>(parts * width));
+  make_room(row_counts_, chunks);
+  row_counts_.resize(static_cast<std::size_t>(chunks));
+  const RowJob job{grid,        builder,       u0_,          v0_,          cols_,
+                   used_cols_,  used_rows_,    is_alone,     samples_,     valid_,
+                   used_,       cells_,        row_floats_,  row_cells_,   row_counts_};
+  // A function object of one reference needs no memory of its own.
   parallel_chunks(used_rows_, kRowsPerChunk, num_threads,
-                  [&](std::int64_t begin, std::int64_t end) {
-                    for (std::int64_t v = begin; v < end; ++v) {
-                      const std::int64_t from = (v + v0_) * grid.cols + u0_;
-                      Sample* row = samples_.data() + v * cols_;
-                      for (std::int64_t u = 0; u < used_cols_; ++u) {
-                        const std::uint8_t valid = grid.valid[from + u];
-                        valid_[v * cols_ + u] = valid;
-                        row[u] = {};
-                        if (valid == 0) continue;
-                        const float* p = grid.points + 3 * (from + u);
-                        row[u].x = static_cast<float>((p[0] - center_.x()) * scale);
-                        row[u].y = static_cast<float>((p[1] - center_.y()) * scale);
-                        row[u].z = static_cast<float>((p[2] - center_.z()) * scale);
-                      }
-                      std::fill(row + used_cols_, row + cols_, Sample{});
-                    }
+                  [&job](std::int64_t begin, std::int64_t end) {
+#ifdef MANIP3D_AVX2
+                    if (has_avx2()) return build_rows_wide(job, begin, end);
+#endif
+                    build_rows_narrow(job, begin, end);
                   });
-  std::fill(samples_.begin() + std::int64_t{used_rows_} * cols_, samples_.end(), Sample{});
+  for (const auto [num_faces, num_used] : row_counts_) {
+    num_faces_ += num_faces;
+    num_used_ += num_used;
+  }
+  std::fill(samples_.begin() + std::ptrdiff_t{used_rows_} * cols_, samples_.end(), Sample{});
 }
 
-void Surface::cut_cells(const DenseRule& rule, int num_threads) {
-  cells_.assign(samples_.size(), 0);
-  // Each chunk of rows has its own part of the scratch, whichever thread takes it.
-  const std::int64_t size = (used_rows_ + kRowsPerChunk - 1) / kRowsPerChunk * used_cols_;
-  make_room(row_floats_, size * CellRows::kFloatRows);
-  row_floats_.resize(static_cast<std::size_t>(size * CellRows::kFloatRows));
-  make_room(row_bits_, size);
-  row_bits_.resize(size);
-  // A function object of two references needs no memory of its own.
-  parallel_chunks(
-      used_rows_ - 1, kRowsPerChunk, num_threads,
-      [this, &rule](std::int64_t begin, std::int64_t end) { cut_rows(rule, begin, end); });
-}
-
-void Surface::cut_rows(const DenseRule& rule, std::int64_t begin, std::int64_t end) {
-  const double limit = rule.max_edge / unit_;
-  const std::array<std::uint8_t, kAllCellBits>& cell_by_bits = cells_by_bits();
-  const auto width = static_cast<std::size_t>(used_cols_);
-  const std::int64_t first = begin / kRowsPerChunk * used_cols_;
-  CellRows rows({row_floats_.data() + first * CellRows::kFloatRows, width},
-                {row_bits_.data() + first, width}, static_cast<float>(limit * limit));
-  rows.start(used_row(static_cast<int>(begin)));
-  for (auto v = static_cast<int>(begin); v < static_cast<int>(end); ++v) {
-    const std::span<const std::uint16_t> bits = rows.next(used_row(v + 1));
-    const std::uint8_t* above = valid_.data() + std::ptrdiff_t{v} * cols_;
-    const std::uint8_t* below = above + cols_;
-    std::uint8_t* cells = cells_.data() + std::ptrdiff_t{v} * cols_;
-    for (int u = 0; u + 1 < used_cols_; ++u) {
-      const unsigned valid = above[u] | above[u + 1] << 1U | below[u + 1] << 2U | below[u] << 3U;
-      cells[u] = cell_by_bits[bits[u] | valid];
-    }
-    if (steps_.has_steps()) {
-      cut_steps(v, rows.z_above(), rows.z_below(), {row_bits_.data() + first, width});
-    }
-  }
-}
-
-void Surface::cut_steps(int v, std::span<const float> z_above, std::span<const float> z_below,
-                        std::span<std::uint16_t> stepped) {
-  const StepRule steps = steps_;
-  const double unit = unit_, middle = center_.z();
-  const auto is_step = [&](float low, float high) {
-    const auto nearest = static_cast<float>(unit * low + middle);
-    return !(unit * double{high - low} <= double{steps.limit(nearest)});
-  };
-  // Whole cells without a step have none in their halves either: four of them at a time.
-  const std::ptrdiff_t size = std::ptrdiff_t{used_cols_} - 1;
-  const float *above = z_above.data(), *below = z_below.data();
-  const auto lower = [](Float4 p, Float4 q) { return p < q ? p : q; };
-  const auto higher = [](Float4 p, Float4 q) { return p > q ? p : q; };
-  std::ptrdiff_t first = 0;
-  for (; first + 4 <= size; first += 4) {
-    const Float4 a = load4(above + first), b = load4(above + first + 1);
-    const Float4 c = load4(below + first), d = load4(below + first + 1);
-    const Float4 low = lower(lower(a, b), lower(c, d));
-    const Float4 height = higher(higher(a, b), higher(c, d)) - low;
-    const Float4 limit = steps.limit(affine4(unit, low, middle));
-    const auto first_two = unit * low_doubles(height) <= low_doubles(limit);
-    const auto last_two = unit * high_doubles(height) <= high_doubles(limit);
-    for (int i = 0; i < 2; ++i) {
-      stepped[first + i] = first_two[i] != 0 ? 0 : 1;
-      stepped[first + 2 + i] = last_two[i] != 0 ? 0 : 1;
-    }
-  }
-  for (; first < size; ++first) {
-    const auto [low, high] =
-        std::minmax({above[first], above[first + 1], below[first], below[first + 1]});
-    stepped[first] = is_step(low, high) ? 1 : 0;
-  }
-  for (int u = 0; u + 1 < used_cols_; ++u) {
-    const std::int32_t a = v * cols_ + u;
-    std::uint8_t& cell = cells_[a];
-    if (cell == 0 || ((cell & kFull) == kFull && stepped[u] == 0)) continue;
-    for (const bool second : {false, true}) {
-      const std::uint8_t half = second ? kSecond : kFirst;
-      if ((cell & half) == 0) continue;
-      const auto [p, q, r] = cell_triangle(cell, second, a, cols_);
-      const auto [least, most] = std::minmax({samples_[p].z, samples_[q].z, samples_[r].z});
-      if (is_step(least, most)) cell &= static_cast<std::uint8_t>(~half);
-    }
-    if ((cell & kFull) == 0) cell = 0;
-  }
-}
-
+/// Weighs the samples by the areas of the cells that are there.
 void Surface::add_areas() {
-  constexpr std::int64_t kFloatRows = 4 + 6 + 1;
-  const std::int64_t padded_cols = std::int64_t{used_cols_} + 4;
-  const auto width = static_cast<std::size_t>(padded_cols);
-  make_room(row_floats_, kFloatRows * padded_cols);
-  row_floats_.resize(kFloatRows * width);
-  make_room(row_cells_, 2 * padded_cols);
-  row_cells_.resize(2 * width);
-  Rooms<float> rooms(row_floats_.data(), width);
-  // Areas of the cells below and above a row of pixels.
-  AreaRow before(rooms, {row_cells_.data(), width});
-  AreaRow row(rooms, {row_cells_.data() + width, width});
-  CoordinateRow points(rooms), next(rooms);
-  const std::span<float> weights = rooms.row().first(used_cols_);
-  for (AreaRow* areas : {&before, &row}) areas->clear();
-  num_faces_ = 0;
-  points.assign(used_row(0));
-  for (int v = 0; v < used_rows_; ++v) {
-    std::swap(before, row);
+  const RowBuilder builder(steps_, 1.0, 1.0, center_, used_cols_);
+  const std::int64_t width = used_cols_ + RowBuilder::kPadding;
+  make_room(row_floats_, width * RowBuilder::kFloatRows);
+  row_floats_.resize(static_cast<std::size_t>(width * RowBuilder::kFloatRows));
+  Rooms<float> rooms(row_floats_.data(), static_cast<std::size_t>(width));
+  CoordinateRow above(rooms), below(rooms);
+  AreaRow before(rooms), after(rooms);
+  for (CoordinateRow* row : {&above, &below}) row->clear();
+  for (AreaRow* row : {&before, &after}) row->clear();
+  used_.assign(samples_.size(), 0);
+  num_faces_ = num_used_ = 0;
+  builder.load(samples_.data(), below);
+  for (std::ptrdiff_t v = 0; v < used_rows_; ++v) {
+    std::swap(above, below);
     if (v + 1 < used_rows_) {
-      next.assign(used_row(v + 1));
-      const std::span cells(cells_.data() + std::ptrdiff_t{v} * cols_,
-                            static_cast<std::size_t>(used_cols_ - 1));
-      row.assign(points, next, cells);
-      int halves = 0;
-      for (const std::uint8_t cell : cells) halves += (cell & 1) + (cell >> 1 & 1);
-      num_faces_ += halves;
-      std::swap(points, next);
+      builder.load(samples_.data() + (v + 1) * cols_, below);
+      num_faces_ += builder.measure(above, below, cells_.data() + v * cols_, after);
     } else {
-      row.clear();
+      after.clear();
     }
-    add_corners(before, row, weights);
-    Sample* const samples = samples_.data() + std::ptrdiff_t{v} * cols_;
-    for (int u = 0; u < used_cols_; ++u) samples[u].weight = weights[u];
+    num_used_ += builder.weigh(above, before, after, samples_.data() + v * cols_,
+                               used_.data() + v * cols_);
+    std::swap(before, after);
   }
-  count_used();
 }
 
-void Surface::count_used() {
-  used_.resize(samples_.size());
-  const Sample* const samples = samples_.data();
-  std::uint8_t* const used = used_.data();
-  const auto size = static_cast<std::ptrdiff_t>(samples_.size());
-  for (std::ptrdiff_t p = 0; p < size; ++p) used[p] = samples[p].weight > 0.0F ? 1 : 0;
+float Surface::mean_area() const { return has_confidence() ? mean_area_ : mean_weight(); }
+
+float Surface::mean_weight() const {
   double total = 0.0;
-  std::int32_t count = 0;
-  for (std::ptrdiff_t p = 0; p < size; ++p) {
-    total += samples[p].weight;
-    count += used[p];
-  }
-  num_used_ = count;
-  mean_area_ =
-      static_cast<float>(total / static_cast<double>(std::max<std::int64_t>(num_used_, 1)));
+  for (const Sample& sample : samples_) total += sample.weight;
+  return static_cast<float>(total / static_cast<double>(std::max<std::int64_t>(num_used_, 1)));
 }
 
 void Surface::weigh(const PointGridView& grid, std::span<const float> confidence) {
   confidence_.clear();
   mean_confidence_ = 1.0F;
   if (confidence.empty()) return;
+  mean_area_ = mean_weight();
   confidence_.assign(samples_.size(), 0.0F);
   for (int v = 0; v < used_rows_; ++v) {
     const float* from = confidence.data() + (v + v0_) * grid.cols + u0_;
@@ -569,9 +700,7 @@ void Surface::assign(const PointGridView& whole, const DenseRule& rule,
   }
   cols_ = padded(used_cols_);
   rows_ = padded(used_rows_);
-  load_samples(grid, num_threads);
-  cut_cells(rule, num_threads);
-  add_areas();
+  build(grid, rule, num_threads);
   weigh(grid, confidence);
 }
 
@@ -608,14 +737,21 @@ void Surface::assign_half(const Surface& whole) {
   for (int v = 0; v + 1 < used_rows_; ++v) {
     for (int u = 0; u + 1 < used_cols_; ++u) {
       const std::int32_t a = v * cols_ + u;
-      const Vec3 ad = samples_[a + cols_ + 1].point() - samples_[a].point();
-      const Vec3 bc = samples_[a + cols_].point() - samples_[a + 1].point();
       const std::uint8_t* const cell = whole.cells_.data() + pixel_of_whole(u, v);
-      cells_[a] = cell_of_four({cell[0], cell[1], cell[whole.cols_], cell[whole.cols_ + 1]},
-                               bc.squaredNorm() < ad.squaredNorm());
+      const std::array<std::uint8_t, 4> parts = {cell[0], cell[1], cell[whole.cols_],
+                                                 cell[whole.cols_ + 1]};
+      if ((parts[0] & parts[1] & parts[2] & parts[3] & kFull) == kFull) {
+        const Vec3 ad = samples_[a + cols_ + 1].point() - samples_[a].point();
+        const Vec3 bc = samples_[a + cols_].point() - samples_[a + 1].point();
+        const bool turned = bc.squaredNorm() < ad.squaredNorm();
+        cells_[a] = turned ? std::uint8_t{kCutFromBToC | kFull} : std::uint8_t{kFull};
+      } else {
+        cells_[a] = part_of_four(parts);
+      }
     }
   }
   add_areas();
+  if (has_confidence()) mean_area_ = mean_weight();
   for (std::size_t p = 0; p < confidence_.size(); ++p) samples_[p].weight *= confidence_[p];
 }
 

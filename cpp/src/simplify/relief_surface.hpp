@@ -156,7 +156,8 @@ class Surface {
   /// How many columns and rows a small move (in input units) from a pixel's point goes along the
   /// surface.
   [[nodiscard]] Eigen::Vector2f pixels_along(std::int32_t pixel, const Vec3& move) const;
-  [[nodiscard]] float mean_area() const { return mean_area_; }
+  /// Of the used pixels.
+  [[nodiscard]] float mean_area() const;
   [[nodiscard]] double unit() const { return unit_; }
   [[nodiscard]] const Eigen::Vector3d& center() const { return center_; }
 
@@ -166,23 +167,11 @@ class Surface {
   [[nodiscard]] bool is_stretched(const DenseRule& rule) const;
   /// Keeps the valid pixels that some triangle can use, by the rule.
   void find_joined(const PointGridView& grid, const DenseRule& rule);
-  void load_samples(const PointGridView& grid, int num_threads);
-  void cut_cells(const DenseRule& rule, int num_threads);
-  /// The rows of cells of one chunk.
-  void cut_rows(const DenseRule& rule, std::int64_t begin, std::int64_t end);
-  /// Leaves out the triangles of a row of cells that span a step in depth.
-  /// @param z_above, z_below  of the pixels around the cells.
-  /// @param stepped           scratch: one for each cell of the row.
-  void cut_steps(int v, std::span<const float> z_above, std::span<const float> z_below,
-                 std::span<std::uint16_t> stepped);
+  /// Samples, cells and uses of all pixels.
+  void build(const PointGridView& grid, const DenseRule& rule, int num_threads);
   void add_areas();
-  void count_used();
+  [[nodiscard]] float mean_weight() const;
   void weigh(const PointGridView& grid, std::span<const float> confidence);
-
-  /// The pixels of a row that are no padding.
-  [[nodiscard]] std::span<const Sample> used_row(int v) const {
-    return {samples_.data() + std::ptrdiff_t{v} * cols_, static_cast<std::size_t>(used_cols_)};
-  }
 
   int cols_ = 0, rows_ = 0;            ///< Padded.
   int u0_ = 0, v0_ = 0;                ///< The crop's corner in the input.
@@ -195,14 +184,14 @@ class Surface {
   std::vector<float> confidence_;  ///< By pixel; or empty.
   std::vector<std::uint8_t> cells_;
   std::vector<float> row_floats_;  ///< Scratch of loops over rows, as the next two.
-  std::vector<std::uint16_t> row_bits_;
-  std::vector<std::int32_t> row_cells_;
+  std::vector<std::uint8_t> row_cells_;
+  std::vector<std::array<int, 2>> row_counts_;
   std::vector<std::uint8_t> joined_;  ///< By pixel of the grid, where it was needed.
   StepRule steps_;
   Eigen::Vector3d low_ = Eigen::Vector3d::Zero(), high_ = Eigen::Vector3d::Zero();
   std::int64_t num_faces_ = 0, num_used_ = 0, num_valid_ = 0;
   float mean_confidence_ = 1.0F;
-  float mean_area_ = 0.0F;
+  float mean_area_ = 0.0F;  ///< With confidences: before these weigh it.
 };
 
 /// The corners of the triangle of a cell, as pixels; `second`: which of the two.

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <numeric>
 #include <utility>
 
 #include "simplify/relief_raster.hpp"
@@ -15,62 +16,70 @@ float price_of_cover(const Vec3& a, const Vec3& b, const Vec3& c) {
 }
 
 void Triangulation::link_neighbors(std::span<const Triangle> faces) {
-  // The sides of the triangles by the pixel where they start.
-  std::fill(first_side_.begin(), first_side_.end(), 0);
-  for (const auto& [a, b, c] : faces) {
-    ++first_side_[a + 1], ++first_side_[b + 1], ++first_side_[c + 1];
-  }
-  for (std::size_t p = 1; p < first_side_.size(); ++p) first_side_[p] += first_side_[p - 1];
+  // Each side waits at the pixel where it starts until the triangle on its other side comes.
   const auto num_faces = static_cast<std::int32_t>(faces.size());
   make_room(sides_, std::int64_t{3} * num_faces);
   sides_.resize(3 * faces.size());
-  for (std::int32_t t = num_faces - 1; t >= 0; --t) {
-    const auto [a, b, c] = faces[t];
-    sides_[--first_side_[a + 1]] = {b, t};
-    sides_[--first_side_[b + 1]] = {c, t};
-    sides_[--first_side_[c + 1]] = {a, t};
-  }
-  // first_side_[p + 1] is now where pixel p starts, first_side_[p + 2] where it ends.
-  const auto triangle_of = [&](std::int32_t start, std::int32_t end) {
-    for (std::int32_t k = first_side_[start + 1]; k < first_side_[start + 2]; ++k) {
-      if (sides_[k].end == end) return sides_[k].triangle;
-    }
-    return kNone;
-  };
   make_room(faces_, num_faces);
   faces_.resize(faces.size());
   for (std::int32_t t = 0; t < num_faces; ++t) {
+    const auto link = [&](int i, std::int32_t start, std::int32_t end) {
+      std::int32_t* waiting = &first_side_[end];
+      while (*waiting != kNone && sides_[*waiting].end != start) waiting = &sides_[*waiting].next;
+      const std::int32_t other = *waiting;
+      if (other == kNone) {
+        sides_[3 * t + i] = {end, first_side_[start]};
+        first_side_[start] = 3 * t + i;
+        faces_[t].neighbors[i] = kNone;
+        return;
+      }
+      *waiting = sides_[other].next;
+      faces_[t].neighbors[i] = other / 3;
+      faces_[other / 3].neighbors[other % 3] = t;
+    };
     const auto [a, b, c] = faces[t];
-    faces_[t].neighbors = {triangle_of(c, b), triangle_of(a, c), triangle_of(b, a)};
+    link(0, b, c);
+    link(1, c, a);
+    link(2, a, b);
+  }
+  for (std::int32_t t = 0; t < num_faces; ++t) {  // nothing waits when the next mesh comes
+    for (int i = 0; i < 3; ++i) {
+      if (faces_[t].neighbors[i] == kNone) first_side_[faces[t][next_corner(i)]] = kNone;
+    }
   }
 }
 
 void Triangulation::split_fans(const Surface& surface, std::span<const Triangle> faces) {
   for (Face& face : faces_) face.corners = {kNone, kNone, kNone};
+  make_room(vertices_, static_cast<std::int64_t>(faces.size()) / 2);
   vertices_.clear();
-  for (std::size_t i = 0; i < 3 * faces.size(); ++i) {
-    if (faces_[i / 3].corners[i % 3] != kNone) continue;
-    const std::int32_t pixel = faces[i / 3][i % 3];
-    const auto id = static_cast<std::int32_t>(vertices_.size());
-    auto first = static_cast<std::int32_t>(i / 3);
-    bool on_boundary = true;
-    for (const std::int32_t from = first;;) {  // backwards to where the fan starts
-      const std::int32_t before =
-          faces_[first].neighbors[previous_corner(corner(faces[first], pixel))];
-      if (before == kNone) break;
-      first = before;
-      if (first == from) {
-        on_boundary = false;
-        break;
+  for (std::int32_t from = 0; from < num_face_slots(); ++from) {
+    for (int i = 0; i < 3; ++i) {
+      if (faces_[from].corners[i] != kNone) continue;
+      const std::int32_t pixel = faces[from][i];
+      const auto id = static_cast<std::int32_t>(vertices_.size());
+      std::int32_t t = from;
+      int k = i;
+      do {
+        faces_[t].corners[k] = id;
+        t = faces_[t].neighbors[next_corner(k)];
+        if (t == kNone) break;
+        k = corner(faces[t], pixel);
+      } while (t != from);
+      std::int32_t first = from;
+      if (t == kNone) {  // backwards to where the fan starts
+        k = i;
+        for (;;) {
+          const std::int32_t before = faces_[first].neighbors[previous_corner(k)];
+          if (before == kNone) break;
+          first = before;
+          k = corner(faces[first], pixel);
+          faces_[first].corners[k] = id;
+        }
       }
-    }
-    vertices_.push_back({pixel, first, surface.u(pixel), surface.v(pixel),
-                         surface.sample(pixel).point(), on_boundary});
-    for (std::int32_t t = first;;) {
-      const int k = corner(faces[t], pixel);
-      faces_[t].corners[k] = id;
-      t = faces_[t].neighbors[next_corner(k)];
-      if (t == kNone || t == first) break;
+      const int v = surface.v(pixel);
+      vertices_.push_back({pixel, first, pixel - v * surface.cols(), v,
+                           surface.sample(pixel).point(), t == kNone});
     }
   }
   num_alive_ = static_cast<std::int64_t>(vertices_.size());
@@ -79,7 +88,7 @@ void Triangulation::split_fans(const Surface& surface, std::span<const Triangle>
 }
 
 void Triangulation::assign(const Surface& surface, std::span<const Triangle> faces) {
-  first_side_.resize(std::int64_t{surface.cols()} * surface.rows() + 2);
+  if (first_side_.size() < surface.num_pixels()) first_side_.resize(surface.num_pixels(), kNone);
   link_neighbors(faces);
   split_fans(surface, faces);
 }
@@ -129,14 +138,32 @@ void Triangulation::clear() {
   num_alive_ = 0;
 }
 
-void Triangulation::sorted_vertices(std::vector<std::int32_t>& out) const {
+void Triangulation::sorted_vertices(std::vector<std::int32_t>& out,
+                                    std::vector<std::int32_t>& scratch) const {
+  constexpr int kBits = 10;
+  constexpr std::int32_t kDigits = 1 << kBits;
+  std::array<std::int32_t, kDigits> first_of{};
+  std::int32_t most = 0;
+  make_room(out, num_slots());
+  make_room(scratch, num_slots());
   out.clear();
   for (std::int32_t v = 0; v < num_slots(); ++v) {
-    if (vertices_[v].alive()) out.push_back(v);
+    if (!vertices_[v].alive()) continue;
+    out.push_back(v);
+    most = std::max(most, vertices_[v].pixel);
   }
-  std::sort(out.begin(), out.end(), [&](std::int32_t a, std::int32_t b) {
-    return std::pair(vertices_[a].pixel, a) < std::pair(vertices_[b].pixel, b);
-  });
+  // By the digits of the pixel, the last one first; vertices with the same one keep their order.
+  scratch.resize(out.size());
+  for (int shift = 0; shift < 31 && most >> shift != 0; shift += kBits) {
+    const auto digit = [&](std::int32_t v) {
+      return vertices_[v].pixel >> shift & (kDigits - 1);
+    };
+    first_of.fill(0);
+    for (const std::int32_t v : out) ++first_of[digit(v)];
+    std::exclusive_scan(first_of.begin(), first_of.end(), first_of.begin(), 0);
+    for (const std::int32_t v : out) scratch[first_of[digit(v)]++] = v;
+    out.swap(scratch);
+  }
 }
 
 void Triangulation::remove_vertex(std::int32_t v) {

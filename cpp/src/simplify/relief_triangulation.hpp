@@ -65,8 +65,8 @@ class Triangulation {
     return static_cast<std::int32_t>(vertices_.size());
   }
   [[nodiscard]] std::int64_t num_vertices() const { return num_alive_; }
-  /// Vertices by pixel.
-  void sorted_vertices(std::vector<std::int32_t>& out) const;
+  /// Vertices by pixel, those of the same pixel by their number.
+  void sorted_vertices(std::vector<std::int32_t>& out, std::vector<std::int32_t>& scratch) const;
   [[nodiscard]] const Vertex& vertex(std::int32_t v) const { return vertices_[v]; }
   /// How many vertices a pixel has, one for each fan.
   [[nodiscard]] int num_at(std::int32_t pixel) const { return num_at_[pixel]; }
@@ -167,12 +167,12 @@ class Triangulation {
   std::vector<Face> faces_;
   std::int64_t num_alive_ = 0;
   std::vector<std::uint8_t> num_at_;  ///< By pixel: vertices.
-  // Scratch of assign().
+  // Scratch of assign(): sides without a triangle beyond them so far.
   struct Side {
-    std::int32_t end, triangle;
+    std::int32_t end, next;  ///< The pixel where it ends, and the next side from the same pixel.
   };
-  std::vector<std::int32_t> first_side_;
-  std::vector<Side> sides_;
+  std::vector<std::int32_t> first_side_;  ///< By pixel where it starts; kNone between calls.
+  std::vector<Side> sides_;               ///< By three times the triangle plus the corner opposite.
   std::vector<std::int32_t> new_number_;  ///< Scratch of compact().
 };
 
