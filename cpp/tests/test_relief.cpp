@@ -220,11 +220,10 @@ TEST(Relief, SliversHaveThePixelsOfTheirTriangles) {
               const std::array<std::int32_t, 2> p = {pixel % kCols, pixel / kCols};
               expected[pixel] = {area(from, end, p) == 0, area(to, end, p) == 0};
             });
-        relief_detail::visit_sliver(kCols, from, step, end,
-                                    [&](std::int32_t pixel, bool on_first, bool on_second) {
-                                      EXPECT_TRUE(
-                                          visited.insert({pixel, {on_first, on_second}}).second);
-                                    });
+        relief_detail::visit_sliver(
+            kCols, from, step, end, [&](std::int32_t pixel, bool on_first, bool on_second) {
+              EXPECT_TRUE(visited.insert({pixel, {on_first, on_second}}).second);
+            });
         EXPECT_EQ(visited, expected) << direction << ": " << u << ", " << v;
       }
     }

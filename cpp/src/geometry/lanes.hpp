@@ -55,17 +55,53 @@ using Float2 = float __attribute__((vector_size(8)));
 
 /// Two of four lanes in double precision.
 inline Double2 low_doubles(Float4 lanes) {
+#if defined(__SSE2__)
+  __m128 floats;
+  std::memcpy(&floats, &lanes, sizeof floats);
+  const __m128d two = _mm_cvtps_pd(floats);
+  Double2 doubles;
+  std::memcpy(&doubles, &two, sizeof doubles);
+  return doubles;
+#else
   return __builtin_convertvector(__builtin_shufflevector(lanes, lanes, 0, 1), Double2);
+#endif
 }
 inline Double2 high_doubles(Float4 lanes) {
-  return __builtin_convertvector(__builtin_shufflevector(lanes, lanes, 2, 3), Double2);
+  return low_doubles(__builtin_shufflevector(lanes, lanes, 2, 3, 2, 3));
+}
+
+/// Four numbers, each rounded once.
+inline Float4 rounded(Double2 low, Double2 high) {
+#if defined(__SSE2__)
+  __m128d two, others;
+  std::memcpy(&two, &low, sizeof two);
+  std::memcpy(&others, &high, sizeof others);
+  const __m128 four = _mm_movelh_ps(_mm_cvtpd_ps(two), _mm_cvtpd_ps(others));
+  Float4 lanes;
+  std::memcpy(&lanes, &four, sizeof lanes);
+  return lanes;
+#else
+  return __builtin_shufflevector(__builtin_convertvector(low, Float2),
+                                 __builtin_convertvector(high, Float2), 0, 1, 2, 3);
+#endif
 }
 
 /// scale * lane + shift, computed in double precision and rounded once.
 inline Float4 affine4(double scale, Float4 lanes, double shift) {
-  const Float2 low = __builtin_convertvector(scale * low_doubles(lanes) + shift, Float2);
-  const Float2 high = __builtin_convertvector(scale * high_doubles(lanes) + shift, Float2);
-  return __builtin_shufflevector(low, high, 0, 1, 2, 3);
+  return rounded(scale * low_doubles(lanes) + shift, scale * high_doubles(lanes) + shift);
+}
+
+using Long2 = std::int64_t __attribute__((vector_size(16)));
+
+/// Bit i: is lane i of a comparison of doubles true?
+inline unsigned true_lanes(Long2 compared) {
+#if defined(__SSE2__)
+  __m128d lanes;
+  std::memcpy(&lanes, &compared, sizeof lanes);
+  return static_cast<unsigned>(_mm_movemask_pd(lanes));
+#else
+  return (compared[0] != 0 ? 1U : 0U) | (compared[1] != 0 ? 2U : 0U);
+#endif
 }
 
 /// Bit i: is lane i of a comparison true?

@@ -200,10 +200,10 @@ struct Relief::Memory {
   Triangulation careless;  ///< The same where triangles across steps were not refused.
   relief_detail::Collapser collapser;
   relief_detail::Refiner refiner;
-  std::vector<Vec3> sight;           ///< By vertex: where it may slide.
-  std::vector<std::int32_t> order;   ///< Vertices by pixel.
+  std::vector<Vec3> sight;            ///< By vertex: where it may slide.
+  std::vector<std::int32_t> order;    ///< Vertices by pixel.
   std::vector<std::int32_t> sorting;  ///< Scratch of what sorts them.
-  std::vector<std::int32_t> number;  ///< Vertex -> output vertex; kNone: left out.
+  std::vector<std::int32_t> number;   ///< Vertex -> output vertex; kNone: left out.
   enum class Written : std::uint8_t {
     kNot,
     kAsOwn,     ///< It is a vertex of its own.

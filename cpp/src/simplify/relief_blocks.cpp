@@ -340,9 +340,7 @@ bool ContourBlocks::is_seen(const Place& from, const Place& to) const {
 
 /// The pixels in and on a triangle but its corners, as bits.
 std::uint32_t ContourBlocks::pixels_in(const Place& a, const Place& b, const Place& c) {
-  const auto number = [](const Place& p) {
-    return static_cast<std::size_t>(p.v * kStride + p.u);
-  };
+  const auto number = [](const Place& p) { return static_cast<std::size_t>(p.v * kStride + p.u); };
   const std::size_t i = number(a), j = number(b), k = number(c);
   return kLeftOf[i][j] & kLeftOf[j][k] & kLeftOf[k][i] & ~(1U << i | 1U << j | 1U << k);
 }

@@ -33,6 +33,13 @@ bool is_on(const PixelPlace& p, const PixelPlace& a, const PixelPlace& b) {
 
 int sign(std::int64_t value) { return (value > 0 ? 1 : 0) - (value < 0 ? 1 : 0); }
 
+/// Are the boxes around two segments?
+bool are_apart(const PixelPlace& a, const PixelPlace& b, const PixelPlace& p, const PixelPlace& q) {
+  return std::max(a[0], b[0]) < std::min(p[0], q[0]) ||
+         std::max(p[0], q[0]) < std::min(a[0], b[0]) ||
+         std::max(a[1], b[1]) < std::min(p[1], q[1]) || std::max(p[1], q[1]) < std::min(a[1], b[1]);
+}
+
 /// Do two segments have a point in common?
 bool meet(const PixelPlace& a, const PixelPlace& b, const PixelPlace& p, const PixelPlace& q) {
   const int sp = sign(doubled_area(a, b, p)), sq = sign(doubled_area(a, b, q));
@@ -42,8 +49,8 @@ bool meet(const PixelPlace& a, const PixelPlace& b, const PixelPlace& p, const P
          (sa == 0 && is_between(a, p, q)) || (sb == 0 && is_between(b, p, q));
 }
 
-/// Steps from a pixel to one of the eight around it, and what tells whether the two are linked: by a
-/// dense edge, or by a whole cell where they are diagonal.
+/// Steps from a pixel to one of the eight around it, and what tells whether the two are linked: by
+/// a dense edge, or by a whole cell where they are diagonal.
 struct Step {
   Step(int across, int up, std::int32_t cols)
       : du(across), dv(up), cols_(cols), to_cell_(-(across > 0 ? 1 : 0) - (up > 0 ? cols : 0)) {}
@@ -74,21 +81,22 @@ struct Step {
 /// -kFalseFactor.
 int worth(const Surface& surface, const PixelPlace& from, const Step& step, const PixelPlace& end,
           bool starts) {
-  const std::int32_t turn =
-      (end[0] - from[0]) * step.dv - (end[1] - from[1]) * step.du;
+  const std::int32_t turn = (end[0] - from[0]) * step.dv - (end[1] - from[1]) * step.du;
   if (turn == 0) return 0;
   // Pixels of the old edge are covered already when pixels are won, those of the new edge stay
   // covered when pixels are lost: neither counts.
   int sum = 0;
   if ((turn < 0) == starts) {
-    visit_sliver(surface.cols(), from, {step.du, step.dv}, end, [&](std::int32_t pixel, bool is_old, bool) {
-      if (is_old) return;
-      sum += surface.is_used(pixel) && step.is_linked(surface, pixel) ? 1 : -kFalseFactor;
-    });
+    visit_sliver(
+        surface.cols(), from, {step.du, step.dv}, end, [&](std::int32_t pixel, bool is_old, bool) {
+          if (is_old) return;
+          sum += surface.is_used(pixel) && step.is_linked(surface, pixel) ? 1 : -kFalseFactor;
+        });
   } else {
-    visit_sliver(surface.cols(), from, {step.du, step.dv}, end, [&](std::int32_t pixel, bool, bool is_new) {
-      if (!is_new) sum -= surface.is_used(pixel) ? 1 : -kFalseFactor;
-    });
+    visit_sliver(surface.cols(), from, {step.du, step.dv}, end,
+                 [&](std::int32_t pixel, bool, bool is_new) {
+                   if (!is_new) sum -= surface.is_used(pixel) ? 1 : -kFalseFactor;
+                 });
   }
   return sum;
 }
@@ -171,6 +179,7 @@ bool BoundaryMover::meets_other(const Triangulation& mesh, std::int32_t v, std::
         const auto [p, q] = edges_[in_tile_[k]];
         if (p == v || q == v) continue;
         const Pixel at_p = place_of(mesh, p), at_q = place_of(mesh, q);
+        if (are_apart(a, to, at_p, at_q)) continue;
         if ((p == first && q == last) || (p == last && q == first)) {  // around a hole of three
           met = sign(doubled_area(at_p, at_q, to)) !=
                 sign(doubled_area(at_p, at_q, place_of(mesh, v)));
@@ -207,27 +216,30 @@ bool BoundaryMover::move(const Surface& surface, Triangulation& mesh, std::int32
     });
     return free;
   };
-  int most = 0;
-  std::int32_t best = at_v;
-  for (int dv = -1; dv <= 1; ++dv) {
-    for (int du = -1; du <= 1; ++du) {
-      const Pixel to = {from[0] + du, from[1] + dv};
-      if (to[0] < 0 || to[1] < 0 || to[0] >= cols || to[1] >= surface.rows()) continue;
-      const std::int32_t pixel = at_v + dv * cols + du;
-      if (pixel == at_v || !surface.is_used(pixel) || mesh.num_at(pixel) > 0) continue;
-      const Step step(du, dv, cols);
-      if (!step.is_linked(surface, pixel) || !sides.stay(du, dv)) continue;
-      const int value = worth(surface, from, step, to_first, true) +
-                        worth(surface, from, step, to_last, false);
-      if (value <= most || !is_free(step, to_first) || !is_free(step, to_last)) continue;
-      if (meets_other(mesh, v, first, last, to)) continue;
-      most = value;
-      best = pixel;
-    }
+  // What each step is worth; whether it is possible is asked of the best ones only.
+  std::array<int, 9> worths{};
+  for (int i = 0; i < 9; ++i) {
+    const Step step(i % 3 - 1, i / 3 - 1, cols);
+    const Pixel to = {from[0] + step.du, from[1] + step.dv};
+    if (to[0] < 0 || to[1] < 0 || to[0] >= cols || to[1] >= surface.rows()) continue;
+    const std::int32_t pixel = at_v + step.dv * cols + step.du;
+    if (pixel == at_v || !surface.is_used(pixel) || mesh.num_at(pixel) > 0) continue;
+    if (!step.is_linked(surface, pixel) || !sides.stay(step.du, step.dv)) continue;
+    worths[i] =
+        worth(surface, from, step, to_first, true) + worth(surface, from, step, to_last, false);
   }
-  if (most == 0) return false;
-  mesh.move(v, surface, best);
-  return true;
+  for (;;) {
+    const auto best = std::max_element(worths.begin(), worths.end());  // the first of equal ones
+    if (*best <= 0) return false;
+    *best = 0;
+    const auto i = static_cast<int>(best - worths.begin());
+    const Step step(i % 3 - 1, i / 3 - 1, cols);
+    const Pixel to = {from[0] + step.du, from[1] + step.dv};
+    if (!is_free(step, to_first) || !is_free(step, to_last)) continue;
+    if (meets_other(mesh, v, first, last, to)) continue;
+    mesh.move(v, surface, at_v + step.dv * cols + step.du);
+    return true;
+  }
 }
 
 void BoundaryMover::run(const Surface& surface, Triangulation& mesh, std::span<const Keep> keep,

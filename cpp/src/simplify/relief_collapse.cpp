@@ -174,45 +174,48 @@ void Collapser::assign(const Surface& surface, const Triangulation& mesh,
 bool Collapser::is_fixed(std::int32_t v) const { return nodes_[v].factor == kStays; }
 
 void Collapser::find_pieces(const Triangulation& mesh) {
-  make_room(stack_, mesh.num_face_slots());
-  pieces_.clear();
   left_out_ = 0;
   largest_ = 0;
   has_fixed_ = false;
-  piece_of_.assign(mesh.num_face_slots(), kNone);
-  std::int32_t num_pieces = 0;
-  const auto enter = [&](std::int32_t t) {
-    piece_of_[t] = num_pieces;
-    stack_.push_back(t);
+  // Each triangle leads to an earlier one of its piece, the first one to itself.
+  piece_of_.resize(mesh.num_face_slots());
+  const auto first_of = [this](std::int32_t t) {
+    while (piece_of_[t] != t) t = piece_of_[t] = piece_of_[piece_of_[t]];
+    return t;
   };
-  for (std::int32_t from = 0; from < mesh.num_face_slots(); ++from) {
-    if (!mesh.is_face(from) || piece_of_[from] != kNone) continue;
-    stack_.clear();
-    enter(from);
-    while (!stack_.empty()) {
-      const std::int32_t t = stack_.back();
-      stack_.pop_back();
-      for (const std::int32_t n : mesh.neighbors(t)) {
-        if (n != kNone && piece_of_[n] == kNone) enter(n);
-      }
+  for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
+    piece_of_[t] = t;
+    if (!mesh.is_face(t)) continue;
+    std::int32_t first = t;
+    for (const std::int32_t n : mesh.neighbors(t)) {
+      if (n == kNone || n > t) continue;
+      const std::int32_t other = first_of(n);
+      piece_of_[std::max(first, other)] = std::min(first, other);
+      first = std::min(first, other);
     }
-    ++num_pieces;
   }
-  pieces_.resize(num_pieces);
+  std::int32_t num_pieces = 0;
+  pieces_.clear();
   for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
     if (!mesh.is_face(t)) continue;
+    if (piece_of_[t] == t) {
+      piece_of_[t] = num_pieces++;
+      pieces_.push_back({});
+    } else {
+      piece_of_[t] = piece_of_[piece_of_[t]];
+    }
     const auto [a, b, c] = mesh.triangle(t);
-    Piece& piece = pieces_[piece_of_[t]];
-    piece.doubled_pixels += mesh.orient(a, b, c);
-    piece.fixed = piece.fixed || is_fixed(a) || is_fixed(b) || is_fixed(c);
-    // A vertex has one fan, so it belongs to one piece.
-    nodes_[a].piece = nodes_[b].piece = nodes_[c].piece = piece_of_[t];
+    pieces_[piece_of_[t]].doubled_pixels += mesh.orient(a, b, c);
   }
   for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
+    // A vertex has one fan, so it belongs to one piece.
+    nodes_[v].piece = piece_of_[mesh.vertex(v).triangle];
+    Piece& piece = pieces_[nodes_[v].piece];
+    piece.area += nodes_[v].area;
+    piece.fixed = piece.fixed || is_fixed(v);
     has_fixed_ = has_fixed_ || is_fixed(v);
-    pieces_[nodes_[v].piece].area += nodes_[v].area;
   }
-  for (std::int32_t i = 1; i < static_cast<std::int32_t>(pieces_.size()); ++i) {
+  for (std::int32_t i = 1; i < num_pieces; ++i) {
     if (pieces_[i].area > pieces_[largest_].area) largest_ = i;
   }
 }

@@ -5,6 +5,7 @@
 
 #include "geometry/constants.hpp"
 #include "geometry/lanes.hpp"
+#include "geometry/wide_vectors.hpp"
 #include "simplify/relief_raster.hpp"
 
 namespace manip3d::relief_detail {
@@ -110,8 +111,8 @@ struct DiagonalErrors {
 
 /// The diagonals cut it into four triangles around the point where they cross. Three pixels of each
 /// stand for it by its share of the pixels.
-DiagonalErrors sampled_errors(const Surface& surface, const Triangulation& mesh,
-                              const std::array<std::int32_t, 4>& abcd) {
+MANIP3D_INLINE DiagonalErrors errors_of_samples(const Surface& surface, const Triangulation& mesh,
+                                                const std::array<std::int32_t, 4>& abcd) {
   const Triangulation::Vertex &a = mesh.vertex(abcd[0]), &b = mesh.vertex(abcd[1]),
                               &c = mesh.vertex(abcd[2]), &d = mesh.vertex(abcd[3]);
   const auto [px, py, pz, flags] = transpose(
@@ -146,6 +147,18 @@ DiagonalErrors sampled_errors(const Surface& surface, const Triangulation& mesh,
   }
   return {sum_of(now), sum_of(flipped)};
 }
+
+DiagonalErrors sampled_errors(const Surface& surface, const Triangulation& mesh,
+                              const std::array<std::int32_t, 4>& abcd) {
+  return errors_of_samples(surface, mesh, abcd);
+}
+
+#ifdef MANIP3D_AVX2
+MANIP3D_AVX2 DiagonalErrors sampled_errors_wide(const Surface& surface, const Triangulation& mesh,
+                                                const std::array<std::int32_t, 4>& abcd) {
+  return errors_of_samples(surface, mesh, abcd);
+}
+#endif
 
 }  // namespace
 
@@ -244,6 +257,10 @@ void Refiner::flip_sampled(const Surface& surface, Triangulation& mesh, int swee
                            const EdgeMemory& before) {
   constexpr float kGain = 0.999F;  // as in flip_edges()
   const float negligible = floor * mean_volume(mesh);
+  auto* sampled = &sampled_errors;
+#ifdef MANIP3D_AVX2
+  if (has_avx2()) sampled = &sampled_errors_wide;
+#endif
   for (int sweep = 0; sweep < sweeps; ++sweep) {
     bool flipped = false;
     next_dirty_.assign(dirty_.size(), 0);
@@ -258,7 +275,7 @@ void Refiner::flip_sampled(const Surface& surface, Triangulation& mesh, int swee
         const bool returns = !was && before.has(surface, mesh, q[0], q[3]);
         if (!returns && !(volume_between(mesh, q) > negligible)) continue;
         const float gain = was ? kGain * kKeptGain : returns ? kGain / kKeptGain : kGain;
-        const DiagonalErrors errors = sampled_errors(surface, mesh, q);
+        const DiagonalErrors errors = sampled(surface, mesh, q);
         if (!(errors.flipped < gain * errors.now)) continue;
         mesh.flip(t, i);
         next_dirty_[t] = next_dirty_[o] = 1;

@@ -6,8 +6,6 @@
 #include <limits>
 #include <numeric>
 
-#include "geometry/lanes.hpp"
-
 namespace manip3d::relief_detail {
 namespace {
 
@@ -70,9 +68,8 @@ void StartMesh::measure_pixels(const Surface& surface) {
 
 /// Raises the errors of four bisections in a row by their own: the distance of the pixel from the
 /// line between two others, times the area around it. Those that are not measured stay.
-void StartMesh::raise_four(const Surface& surface, std::int32_t first, int stride,
-                           const std::array<std::int32_t, 4>& away, float weight,
-                           std::array<float, 4>& errors) const {
+Float4 StartMesh::raised(const Surface& surface, Float4 errors, std::int32_t first, int stride,
+                         const std::array<std::int32_t, 4>& away, float weight) const {
   const auto lanes = [&](auto&& pixel) {
     return transpose({load4(&surface.sample(pixel(0)).x), load4(&surface.sample(pixel(1)).x),
                       load4(&surface.sample(pixel(2)).x), load4(&surface.sample(pixel(3)).x)});
@@ -91,9 +88,8 @@ void StartMesh::raise_four(const Surface& surface, std::int32_t first, int strid
     for (int i = 0; i < 4; ++i) counted[i] = surface.confidence(first + i * stride);
   }
   const Float4 own = (is_line ? root : all_of(0.0F)) * weight * counted;
-  for (int i = 0; i < 4; ++i) {
-    if (errors[i] >= 0.0F && errors[i] < kMustSplit) errors[i] = std::max(errors[i], own[i]);
-  }
+  const Int4 can_rise = (errors >= 0.0F) & (errors < kMustSplit) & (errors < own);
+  return can_rise ? own : errors;
 }
 
 /// Of a row of bisections: what their parts have, raised by their own.
@@ -110,13 +106,11 @@ void StartMesh::measure_row(const Surface& surface, std::span<const Keep> keep, 
   int u = first;
   for (; u + 3 * stride < cols; u += 4 * stride) {
     const std::int32_t p = v * cols + u;
-    std::array<float, 4> errors = {part(u), part(u + stride), part(u + 2 * stride),
-                                   part(u + 3 * stride)};
-    const auto can_rise = [](float error) { return error >= 0.0F && error < kMustSplit; };
-    if (is_measured && std::ranges::any_of(errors, can_rise)) {
-      raise_four(surface, p, stride,
-                 {away(u), away(u + stride), away(u + 2 * stride), away(u + 3 * stride)}, weight,
-                 errors);
+    Float4 errors = {part(u), part(u + stride), part(u + 2 * stride), part(u + 3 * stride)};
+    if (is_measured && true_lanes((errors >= 0.0F) & (errors < kMustSplit)) != 0) {
+      errors =
+          raised(surface, errors, p, stride,
+                 {away(u), away(u + stride), away(u + 2 * stride), away(u + 3 * stride)}, weight);
     }
     for (int i = 0; i < 4; ++i) put(p + i * stride, errors[i]);
   }
@@ -175,9 +169,8 @@ void StartMesh::measure_diagonals(const Surface& surface, int finest, std::span<
       return std::max(std::max(errors_[p - step], errors_[p + step]),
                       std::max(errors_[p - step * cols], errors_[p + step * cols]));
     };
-    measure_row(surface, keep, v, step, step, step >= finest, part, [&](int u) {
-      return step * cols + step * diagonal_direction(u, v, step);
-    });
+    measure_row(surface, keep, v, step, step, step >= finest, part,
+                [&](int u) { return step * cols + step * diagonal_direction(u, v, step); });
   }
 }
 
@@ -244,21 +237,21 @@ void StartMesh::visit_busy(int cols, int v, int first, int stride, int end, Visi
 void StartMesh::emit_cells(const Surface& surface, float threshold) {
   const int cols = surface.cols();
   const auto emit_cell = [&](int u, int v) {
-      const std::int32_t a = v * cols + u, b = a + 1, c = a + cols, d = c + 1;
-      const std::uint8_t cell = surface.cell(a);
-      if ((cell & kFull) == 0) return;
-      // The two corners at which a side is halved: b and c, or a and d.
-      const bool at_bc = is_odd(u) == is_odd(v);
-      const bool first = errors_[at_bc ? b : a] >= threshold;
-      const bool second = errors_[at_bc ? c : d] >= threshold;
-      if (first && second) {
-        if ((cell & kFirst) != 0) faces_.push_back(cell_triangle(cell, false, a, cols));
-        if ((cell & kSecond) != 0) faces_.push_back(cell_triangle(cell, true, a, cols));
-      } else if (first || second) {  // half of it; the other half is in a larger triangle
-        const std::uint8_t cut = at_bc ? kFull : kFull | kCutFromBToC;
-        faces_.push_back(cell_triangle(cut, second, a, cols));
-      }
-    };
+    const std::int32_t a = v * cols + u, b = a + 1, c = a + cols, d = c + 1;
+    const std::uint8_t cell = surface.cell(a);
+    if ((cell & kFull) == 0) return;
+    // The two corners at which a side is halved: b and c, or a and d.
+    const bool at_bc = is_odd(u) == is_odd(v);
+    const bool first = errors_[at_bc ? b : a] >= threshold;
+    const bool second = errors_[at_bc ? c : d] >= threshold;
+    if (first && second) {
+      if ((cell & kFirst) != 0) faces_.push_back(cell_triangle(cell, false, a, cols));
+      if ((cell & kSecond) != 0) faces_.push_back(cell_triangle(cell, true, a, cols));
+    } else if (first || second) {  // half of it; the other half is in a larger triangle
+      const std::uint8_t cut = at_bc ? kFull : kFull | kCutFromBToC;
+      faces_.push_back(cell_triangle(cut, second, a, cols));
+    }
+  };
   // The error of a diagonal is no less than that of the sides around it: where it is below the
   // threshold, so are all corners of its four cells, as in squares that are left out.
   for (int v = 0; v + 1 < surface.rows(); ++v) {

@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+#include "geometry/lanes.hpp"
 #include "simplify/relief_blocks.hpp"
 #include "simplify/relief_triangulation.hpp"
 
@@ -32,9 +33,8 @@ class StartMesh {
  private:
   void measure(const Surface& surface, int finest, std::span<const Keep> keep);
   void measure_pixels(const Surface& surface);
-  void raise_four(const Surface& surface, std::int32_t first, int stride,
-                  const std::array<std::int32_t, 4>& away, float weight,
-                  std::array<float, 4>& errors) const;
+  [[nodiscard]] Float4 raised(const Surface& surface, Float4 errors, std::int32_t first, int stride,
+                              const std::array<std::int32_t, 4>& away, float weight) const;
   template <typename Part, typename Away>
   void measure_row(const Surface& surface, std::span<const Keep> keep, int v, int first, int step,
                    bool is_measured, Part&& part, Away&& away);

@@ -68,8 +68,6 @@ constexpr std::uint16_t kTurned = 16;  // the diagonal from b to c is the shorte
 constexpr std::uint16_t kNearAB = 32, kNearDC = 64, kNearAC = 128, kNearBD = 256, kNearAD = 512,
                         kNearBC = 1024;
 constexpr std::uint16_t kAllNear = kNearAB | kNearDC | kNearAC | kNearBD | kNearAD | kNearBC;
-constexpr std::array<std::uint16_t, 6> kNear = {kNearAB, kNearDC, kNearAC,
-                                                kNearBD, kNearAD, kNearBC};
 constexpr unsigned kAllCellBits = 2048;
 
 std::uint8_t cell_of_bits(unsigned bits) {
@@ -120,7 +118,7 @@ struct AreaRow {
     }
   }
   /// Four cells from cell u on.
-  void store(std::ptrdiff_t u, Float4 firsts, Float4 seconds, Int4 turns) {
+  void store(std::ptrdiff_t u, Float4 firsts, Float4 seconds, Int4 turns) const {
     store4(first.data() + u + 1, firsts);
     store4(second.data() + u + 1, seconds);
     std::memcpy(turned.data() + u + 1, &turns, sizeof turns);
@@ -155,12 +153,12 @@ MANIP3D_INLINE Float4 thirds(const Point4& p, const Point4& q, const Point4& r) 
 
 /// Stores the areas of four cells, as far as these have triangles.
 MANIP3D_INLINE void store_areas(const Point4& a, const Point4& b, const Point4& c, const Point4& d,
-                                Int4 cells, AreaRow* areas, std::ptrdiff_t u) {
+                                Int4 cells, const AreaRow& areas, std::ptrdiff_t u) {
   const auto has = [&](std::int32_t bit) -> Int4 { return (cells & bit) != 0; };
   const Int4 turned = has(kCutFromBToC);
   const Float4 one = thirds(a, b, choose4(turned, c, d));
   const Float4 other = thirds(choose4(turned, b, a), d, c);
-  areas->store(u, has(kFirst) ? one : all_of(0.0F), has(kSecond) ? other : all_of(0.0F), turned);
+  areas.store(u, has(kFirst) ? one : all_of(0.0F), has(kSecond) ? other : all_of(0.0F), turned);
 }
 
 constexpr std::uint32_t kFourOnes = 0x01010101U;
@@ -186,15 +184,14 @@ MANIP3D_INLINE Float4 maximum(Float4 p, Float4 q) { return p > q ? p : q; }
 /// Four numbers less a shift, times a scale, in double precision and rounded once.
 MANIP3D_INLINE Float4 normalised(Float4 lanes, Double2 low_shift, Double2 high_shift,
                                  double scale) {
-  const Float2 low = __builtin_convertvector((low_doubles(lanes) - low_shift) * scale, Float2);
-  const Float2 high = __builtin_convertvector((high_doubles(lanes) - high_shift) * scale, Float2);
-  return __builtin_shufflevector(low, high, 0, 1, 2, 3);
+  return rounded((low_doubles(lanes) - low_shift) * scale,
+                 (high_doubles(lanes) - high_shift) * scale);
 }
 
 /// What one row after the other becomes.
 class RowBuilder {
  public:
-  static constexpr std::ptrdiff_t kPadding = 8;    ///< Entries of a row after its last pixel.
+  static constexpr std::ptrdiff_t kPadding = 8;  ///< Entries of a row after its last pixel.
   static constexpr std::ptrdiff_t kFloatRows = 12;
 
   RowBuilder(const StepRule& steps, double max_edge, double unit, const Eigen::Vector3d& center,
@@ -210,7 +207,7 @@ class RowBuilder {
   /// The cells between two rows of pixels.
   /// @return  how many triangles they have.
   int cut(const CoordinateRow& above, const std::uint8_t* valid_above, const CoordinateRow& below,
-          const std::uint8_t* valid_below, std::uint8_t* cells, AreaRow& areas) const;
+          const std::uint8_t* valid_below, std::uint8_t* cells, const AreaRow& areas) const;
   /// The areas of cells that are known. The row of cells goes on for at least a pixel more.
   int measure(const CoordinateRow& above, const CoordinateRow& below, const std::uint8_t* cells,
               AreaRow& areas) const;
@@ -223,8 +220,6 @@ class RowBuilder {
   /// Bits of the lanes in which a whole cell spans a step.
   [[nodiscard]] unsigned stepped(const Point4& a, const Point4& b, const Point4& c,
                                  const Point4& d) const;
-  /// Bit i: are the ends of a side of cell i near enough?
-  [[nodiscard]] unsigned near(Float4 squared) const { return true_lanes(squared <= max_squared_); }
   [[nodiscard]] bool is_step(float z1, float z2, float z3) const {
     const auto [low, high] = std::minmax({z1, z2, z3});
     const auto nearest = static_cast<float>(unit_ * low + center_.z());
@@ -289,19 +284,18 @@ MANIP3D_INLINE unsigned RowBuilder::stepped(const Point4& a, const Point4& b, co
   const Float4 low = minimum(minimum(a.z, b.z), minimum(c.z, d.z));
   const Float4 height = maximum(maximum(a.z, b.z), maximum(c.z, d.z)) - low;
   const Float4 limit = steps_.limit(affine4(unit_, low, center_.z()));
-  const auto first_two = unit_ * low_doubles(height) <= low_doubles(limit);
-  const auto last_two = unit_ * high_doubles(height) <= high_doubles(limit);
-  unsigned bits = 15;
-  for (int i = 0; i < 2; ++i) {
-    bits -= first_two[i] != 0 ? 1U << i : 0U;
-    bits -= last_two[i] != 0 ? 4U << i : 0U;
-  }
-  return bits;
+  const Long2 first_two = unit_ * low_doubles(height) <= low_doubles(limit);
+  const Long2 last_two = unit_ * high_doubles(height) <= high_doubles(limit);
+  return 15U - (true_lanes(first_two) | true_lanes(last_two) << 2U);
 }
 
-MANIP3D_INLINE int RowBuilder::cut(const CoordinateRow& above, const std::uint8_t* valid_above,
-                                   const CoordinateRow& below, const std::uint8_t* valid_below,
-                                   std::uint8_t* cells, AreaRow& areas) const {
+MANIP3D_INLINE int RowBuilder::cut(const CoordinateRow& row_above, const std::uint8_t* valid_above,
+                                   const CoordinateRow& row_below, const std::uint8_t* valid_below,
+                                   std::uint8_t* cells, const AreaRow& area_row) const {
+  const CoordinateRow above = row_above,
+                      below = row_below;  // bytes may alias whatever is in memory
+  const AreaRow areas = area_row;
+  const RowBuilder own = *this;
   const std::array<std::uint8_t, kAllCellBits>& cell_by_bits = cells_by_bits();
   const std::ptrdiff_t size = num_pixels_ - 1;
   const bool has_steps = steps_.has_steps(), has_limit = max_squared_ < kInfinityF;
@@ -322,16 +316,18 @@ MANIP3D_INLINE int RowBuilder::cut(const CoordinateRow& above, const std::uint8_
     const Point4 a(above, u), b(above, u + 1), c(below, u), d(below, u + 1);
     const Float4 ad = squared_distances(a, d), bc = squared_distances(b, c);
     const Int4 turned = ~(ad <= bc);  // the diagonal from b to c is the shorter one
-    const unsigned steps = has_steps ? stepped(a, b, c, d) : 0U;
-    std::array<unsigned, 6> ends{15, 15, 15, 15, 15, 15};
-    unsigned all_near = 15;
+    const unsigned steps = has_steps ? own.stepped(a, b, c, d) : 0U;
+    Int4 near = Int4{} + kAllNear;
     if (has_limit) {
-      ends = {near(squared_distances(a, b)), near(squared_distances(d, c)),
-              near(squared_distances(a, c)), near(squared_distances(b, d)), near(ad), near(bc)};
-      for (const unsigned one : ends) all_near &= one;
+      const auto where = [&](Float4 squared, std::int32_t bit) {
+        return (squared <= own.max_squared_) & bit;
+      };
+      near = where(squared_distances(a, b), kNearAB) | where(squared_distances(d, c), kNearDC) |
+             where(squared_distances(a, c), kNearAC) | where(squared_distances(b, d), kNearBD) |
+             where(ad, kNearAD) | where(bc, kNearBC);
     }
     const unsigned turns = true_lanes(turned);
-    if (all == kFourOnes && steps == 0 && all_near == 15) {
+    if (all == kFourOnes && steps == 0 && true_lanes(near == kAllNear) == 15) {
       const std::uint32_t bytes = kFull * kFourOnes | kCutFromBToC * kBytesOfBits[turns];
       std::memcpy(cells + u, &bytes, sizeof bytes);
       num_faces += 8;
@@ -341,23 +337,23 @@ MANIP3D_INLINE int RowBuilder::cut(const CoordinateRow& above, const std::uint8_
       Int4 four{};
       for (std::ptrdiff_t i = 0; i < std::min<std::ptrdiff_t>(4, size - u); ++i) {
         const std::ptrdiff_t k = u + i;
-        unsigned bits = valid_above[k] | valid_above[k + 1] << 1U | valid_below[k + 1] << 2U |
-                        valid_below[k] << 3U | (turns >> i & 1U) * kTurned;
-        for (std::size_t n = 0; n < ends.size(); ++n) bits |= (ends[n] >> i & 1U) * kNear[n];
+        const unsigned valid = valid_above[k] | valid_above[k + 1] << 1U |
+                               valid_below[k + 1] << 2U | valid_below[k] << 3U;
+        const unsigned bits = valid | (turns >> i & 1U) * kTurned | static_cast<unsigned>(near[i]);
         std::uint8_t cell = cell_by_bits[bits];
         // Whole cells without a step have none in their halves either.
         if (has_steps && cell != 0 && !((cell & kFull) == kFull && (steps >> i & 1U) == 0)) {
           const bool from_b = (cell & kCutFromBToC) != 0;
           const float za = a.z[i], zb = b.z[i], zc = c.z[i], zd = d.z[i];
-          if (is_step(za, zb, from_b ? zc : zd)) cell &= static_cast<std::uint8_t>(~kFirst);
-          if (is_step(from_b ? zb : za, zd, zc)) cell &= static_cast<std::uint8_t>(~kSecond);
+          if (own.is_step(za, zb, from_b ? zc : zd)) cell &= static_cast<std::uint8_t>(~kFirst);
+          if (own.is_step(from_b ? zb : za, zd, zc)) cell &= static_cast<std::uint8_t>(~kSecond);
           if ((cell & kFull) == 0) cell = 0;
         }
         cells[k] = cell;
         four[i] = cell;
         num_faces += (cell & 1) + (cell >> 1 & 1);
       }
-      store_areas(a, b, c, d, four, &areas, u);
+      store_areas(a, b, c, d, four, areas, u);
     }
   }
   return num_faces;
@@ -372,14 +368,16 @@ inline int RowBuilder::measure(const CoordinateRow& above, const CoordinateRow& 
       four[i] = cells[u + i];
       num_faces += (cells[u + i] & 1) + (cells[u + i] >> 1 & 1);
     }
-    store_areas({above, u}, {above, u + 1}, {below, u}, {below, u + 1}, four, &areas, u);
+    store_areas({above, u}, {above, u + 1}, {below, u}, {below, u + 1}, four, areas, u);
   }
   return num_faces;
 }
 
-MANIP3D_INLINE int RowBuilder::weigh(const CoordinateRow& row, const AreaRow& before,
-                                     const AreaRow& after, Sample* samples,
+MANIP3D_INLINE int RowBuilder::weigh(const CoordinateRow& coordinates, const AreaRow& row_before,
+                                     const AreaRow& row_after, Sample* samples,
                                      std::uint8_t* used) const {
+  const CoordinateRow row = coordinates;
+  const AreaRow before = row_before, after = row_after;
   const auto weights = [&](std::ptrdiff_t u) {
     // Entry u is the cell on the left, u + 1 that on the right.
     const float *f1 = &before.first[u], *s1 = &before.second[u], *t1 = &before.turned[u];
@@ -404,7 +402,8 @@ MANIP3D_INLINE int RowBuilder::weigh(const CoordinateRow& row, const AreaRow& be
     const auto four = transpose({load4(&row.x[u]), load4(&row.y[u]), load4(&row.z[u]), weight});
     const unsigned bits = true_lanes(weight > 0.0F);
     if (u + 4 <= num_pixels_) {
-      for (std::size_t i = 0; i < 4; ++i) store4(&samples[u + static_cast<std::ptrdiff_t>(i)].x, four[i]);
+      for (std::size_t i = 0; i < 4; ++i)
+        store4(&samples[u + static_cast<std::ptrdiff_t>(i)].x, four[i]);
       std::memcpy(used + u, &kBytesOfBits[bits], sizeof kBytesOfBits[bits]);
       count += std::popcount(bits);
       continue;
@@ -465,8 +464,8 @@ MANIP3D_INLINE void build_rows(const RowJob& job, std::int64_t begin, std::int64
     } else {
       after.clear();
     }
-    num_used += job.builder.weigh(above, before, after, job.samples.data() + row,
-                                  job.used.data() + row);
+    num_used +=
+        job.builder.weigh(above, before, after, job.samples.data() + row, job.used.data() + row);
     std::fill_n(job.samples.data() + row + job.used_cols, job.cols - job.used_cols, Sample{});
     std::swap(before, after);
   }
@@ -612,9 +611,8 @@ void Surface::build(const PointGridView& grid, const DenseRule& rule, int num_th
   row_cells_.resize(static_cast<std::size_t>(parts * width));
   make_room(row_counts_, chunks);
   row_counts_.resize(static_cast<std::size_t>(chunks));
-  const RowJob job{grid,        builder,       u0_,          v0_,          cols_,
-                   used_cols_,  used_rows_,    is_alone,     samples_,     valid_,
-                   used_,       cells_,        row_floats_,  row_cells_,   row_counts_};
+  const RowJob job{grid,     builder, u0_,   v0_,    cols_,       used_cols_, used_rows_, is_alone,
+                   samples_, valid_,  used_, cells_, row_floats_, row_cells_, row_counts_};
   // A function object of one reference needs no memory of its own.
   parallel_chunks(used_rows_, kRowsPerChunk, num_threads,
                   [&job](std::int64_t begin, std::int64_t end) {
@@ -652,8 +650,8 @@ void Surface::add_areas() {
     } else {
       after.clear();
     }
-    num_used_ += builder.weigh(above, before, after, samples_.data() + v * cols_,
-                               used_.data() + v * cols_);
+    num_used_ +=
+        builder.weigh(above, before, after, samples_.data() + v * cols_, used_.data() + v * cols_);
     std::swap(before, after);
   }
 }

@@ -78,8 +78,8 @@ void Triangulation::split_fans(const Surface& surface, std::span<const Triangle>
         }
       }
       const int v = surface.v(pixel);
-      vertices_.push_back({pixel, first, pixel - v * surface.cols(), v,
-                           surface.sample(pixel).point(), t == kNone});
+      vertices_.push_back(
+          {pixel, first, pixel - v * surface.cols(), v, surface.sample(pixel).point(), t == kNone});
     }
   }
   num_alive_ = static_cast<std::int64_t>(vertices_.size());
@@ -155,9 +155,7 @@ void Triangulation::sorted_vertices(std::vector<std::int32_t>& out,
   // By the digits of the pixel, the last one first; vertices with the same one keep their order.
   scratch.resize(out.size());
   for (int shift = 0; shift < 31 && most >> shift != 0; shift += kBits) {
-    const auto digit = [&](std::int32_t v) {
-      return vertices_[v].pixel >> shift & (kDigits - 1);
-    };
+    const auto digit = [&](std::int32_t v) { return vertices_[v].pixel >> shift & (kDigits - 1); };
     first_of.fill(0);
     for (const std::int32_t v : out) ++first_of[digit(v)];
     std::exclusive_scan(first_of.begin(), first_of.end(), first_of.begin(), 0);
