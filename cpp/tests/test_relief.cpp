@@ -199,7 +199,7 @@ TEST(StartMesh, CoversWhatTheDenseMeshCoversByBlocksToo) {
 }
 
 TEST(Relief, SliversHaveThePixelsOfTheirTriangles) {
-  constexpr std::int32_t kCols = 40;
+  constexpr std::int32_t kWidth = 40;
   constexpr int kReach = 7;
   const std::array<std::int32_t, 2> from = {20, 20};
   const auto area = [](const auto& a, const auto& b, const auto& c) {
@@ -215,13 +215,13 @@ TEST(Relief, SliversHaveThePixelsOfTheirTriangles) {
         if (turn == 0) continue;
         std::map<std::int32_t, std::pair<bool, bool>> expected, visited;
         relief_detail::visit_pixels(
-            kCols, from, turn > 0 ? end : to, turn > 0 ? to : end,
+            kWidth, from, turn > 0 ? end : to, turn > 0 ? to : end,
             relief_detail::SidePixels::kClosed, [&](std::int32_t pixel) {
-              const std::array<std::int32_t, 2> p = {pixel % kCols, pixel / kCols};
+              const std::array<std::int32_t, 2> p = {pixel % kWidth, pixel / kWidth};
               expected[pixel] = {area(from, end, p) == 0, area(to, end, p) == 0};
             });
         relief_detail::visit_sliver(
-            kCols, from, step, end, [&](std::int32_t pixel, bool on_first, bool on_second) {
+            kWidth, from, step, end, [&](std::int32_t pixel, bool on_first, bool on_second) {
               EXPECT_TRUE(visited.insert({pixel, {on_first, on_second}}).second);
             });
         EXPECT_EQ(visited, expected) << direction << ": " << u << ", " << v;
