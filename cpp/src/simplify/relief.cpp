@@ -262,6 +262,11 @@ struct Relief::Memory {
   /// at a pixel share the vertex of one fan that the larger size has there.
   /// @param once  the triangles of a pixel share a vertex, also where they meet nowhere else.
   void find_written(bool once);
+  [[nodiscard]] bool has_many_pixels() const {
+    return static_cast<std::int64_t>(surface.num_pixels()) > relief_detail::kManyPixels;
+  }
+  /// Gives back what is of no more use when the result is written.
+  void release_meshes();
   void find_written(const Triangulation& of, std::vector<Written>& how);
   std::int32_t number_vertices(const Triangulation& of, std::span<const Written> how);
   void write(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
@@ -345,6 +350,10 @@ void Relief::Memory::select(const ReliefOptions& options, std::int64_t target, b
     if (splits == used) finest = 1;
     triangulate();
   }
+  if (has_many_pixels()) {
+    start = {};
+    mesh.release_scratch();
+  }
   if (mesh.num_vertices() <= target) return;
   const std::int64_t area = worked == &surface ? 1 : 4;  // of a pixel
   // The surface does not end beside pixels that are missing at random.
@@ -356,6 +365,7 @@ void Relief::Memory::select(const ReliefOptions& options, std::int64_t target, b
   result.dropped_pixels =
       area * collapser.run(*worked, mesh, target, budget.round_share, refuses_off);
   if (result.dropped_pixels > 0) result.stop = ReliefStop::kSmallPieces;
+  if (has_many_pixels()) collapser = {};
   mesh.compact();  // what follows goes around its vertices several times
 }
 
@@ -479,6 +489,16 @@ void Relief::Memory::find_sight(const ReliefOptions& options) {
   for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
     sight[v] = options.from_origin ? (mesh.vertex(v).point + center).normalized() : parallel;
   }
+}
+
+void Relief::Memory::release_meshes() {
+  refiner = {};
+  for (Triangulation* triangulation : {&mesh, &careless}) *triangulation = {};
+  for (auto* vertices : {&order, &sorting, &number, &written_pixels})
+    relief_detail::release(*vertices);
+  relief_detail::release(placed);
+  half = {};
+  if (pinholes.num_filled() > 0) surface = {};
 }
 
 void Relief::Memory::find_written(bool once) {
@@ -659,6 +679,7 @@ void Relief::run(const PointGridView& grid, const ReliefOptions& options, Relief
     m.build_meshes(taken, options, result);
   }
   m.write(taken, options, result);
+  if (m.has_many_pixels() && !(options.stability > 1.0)) m.release_meshes();
   const DepthMesh& mesh = result.mesh;
   const Surface& measured = m.pinholes.num_filled() > 0 ? m.measured : m.surface;
   find_off(measured, mesh.pixels, mesh.faces, result.off);

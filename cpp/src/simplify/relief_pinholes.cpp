@@ -51,20 +51,31 @@ bool PinholeFiller::fill(const PointGridView& grid, const DenseRule& rule,
   if (by_chance_) {
     find(steps, rule, surface, kChanceHole);
   }
-  if (num_filled_ == 0 || static_cast<double>(num_filled_) < kLeastShare * num_pixels) {
+  const bool is_worth = static_cast<double>(num_filled_) >= kLeastShare * num_pixels;
+  if (is_worth && num_filled_ > 0) {
+    fill_in(confidence);
+  } else {
     num_filled_ = 0;
-    return false;
   }
+  if (grid.rows * grid.cols > kManyPixels) {
+    release(holes_);
+    release(hole_at_);
+    release(open_);
+  }
+  return num_filled_ > 0;
+}
+
+void PinholeFiller::fill_in(std::span<const float> confidence) {
+  const std::int64_t num_pixels = grid_.rows * grid_.cols;
   if (confidence.empty()) {
-    confidence_.assign(grid.rows * grid.cols, 1.0F);
+    confidence_.assign(num_pixels, 1.0F);
   } else {
     confidence_.assign(confidence.begin(), confidence.end());
   }
-  points_.assign(grid.points, grid.points + 3 * grid.rows * grid.cols);
-  valid_.assign(grid.valid, grid.valid + grid.rows * grid.cols);
+  points_.assign(grid_.points, grid_.points + 3 * num_pixels);
+  valid_.assign(grid_.valid, grid_.valid + num_pixels);
   interpolate();
-  filled_ = {grid.rows, grid.cols, points_.data(), valid_.data(), grid.rows_up};
-  return true;
+  filled_ = {grid_.rows, grid_.cols, points_.data(), valid_.data(), grid_.rows_up};
 }
 
 void PinholeFiller::find(const StepRule& steps, const DenseRule& rule, const Surface& surface,

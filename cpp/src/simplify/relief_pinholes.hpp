@@ -48,6 +48,8 @@ class PinholeFiller {
   };
   /// Finds the holes of at most `most` pixels, and how many pixels they have.
   void find(const StepRule& steps, const DenseRule& rule, const Surface& surface, int most);
+  /// Makes the grid without its pinholes.
+  void fill_in(std::span<const float> confidence);
   void find_holes(const StepRule& steps, const Surface& surface, int most);
   void find_strays(const StepRule& steps, const Surface& surface);
   void gather(std::int32_t first, int most);

@@ -28,6 +28,16 @@ void make_room(std::vector<Item>& items, std::int64_t size) {
   if (items.capacity() < needed) items.reserve(needed + needed / 4);
 }
 
+/// Images of more pixels than this are no camera's frames: their scratch is given back as soon as
+/// it is of no more use, because at the peak it would be most of the memory.
+inline constexpr std::int64_t kManyPixels = std::int64_t{1} << 22;
+
+/// Gives memory back.
+template <typename Item>
+void release(std::vector<Item>& items) {
+  std::vector<Item>().swap(items);
+}
+
 /// A measured point and how much its distance from a mesh counts: the area of the dense mesh that
 /// belongs to it, a third of each triangle around it, times its confidence.
 struct Sample {

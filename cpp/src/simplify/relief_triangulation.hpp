@@ -51,6 +51,11 @@ class Triangulation {
   void assign(const Surface& surface, std::span<const Triangle> faces);
 
   void clear();
+  /// Gives back what assign() needed.
+  void release_scratch() {
+    release(first_side_);
+    release(sides_);
+  }
   /// Leaves no slots of removed vertices and triangles; the others keep their order.
   void compact();
   /// The same mesh over the pixels of another surface of the same input, which has all of them.
