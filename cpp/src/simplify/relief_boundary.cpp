@@ -216,7 +216,7 @@ bool BoundaryMover::move(const Surface& surface, Triangulation& mesh, std::int32
     });
     return free;
   };
-  // What each step is worth; whether it is possible is asked of the best ones only.
+  // The worth of each step; whether it is possible is asked of the best ones only.
   std::array<int, 9> worths{};
   for (int i = 0; i < 9; ++i) {
     const Step step(i % 3 - 1, i / 3 - 1, cols);

@@ -82,7 +82,7 @@ std::int32_t largest_face(const Surface& surface, const Triangulation& mesh) {
   return largest == kNone ? any : largest;
 }
 
-/// What LocalQuadric::add_plane_through_origin() adds, four numbers at a time.
+/// The summands of LocalQuadric::add_plane_through_origin(), four numbers at a time.
 class QuadricSum {
  public:
   QuadricSum(const Vec3& n, float weight) {

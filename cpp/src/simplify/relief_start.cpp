@@ -77,7 +77,7 @@ Float4 StartMesh::raised(const Surface& surface, Float4 errors, std::int32_t fir
   const auto [px, py, pz, area] = lanes([&](int i) { return first + i * stride; });
   const auto [ax, ay, az, area_a] = lanes([&](int i) { return first + i * stride - away[i]; });
   const auto [bx, by, bz, area_b] = lanes([&](int i) { return first + i * stride + away[i]; });
-  // As distance_from_line().
+  // The same operations as in distance_from_line().
   const Float4 x1 = px - ax, y1 = py - ay, z1 = pz - az, x2 = bx - ax, y2 = by - ay, z2 = bz - az;
   const Float4 x = y1 * z2 - z1 * y2, y = z1 * x2 - x1 * z2, z = x1 * y2 - y1 * x2;
   const Float4 squared = x * x + (y * y + z * z), length = x2 * x2 + (y2 * y2 + z2 * z2);
@@ -92,7 +92,7 @@ Float4 StartMesh::raised(const Surface& surface, Float4 errors, std::int32_t fir
   return can_rise ? own : errors;
 }
 
-/// Of a row of bisections: what their parts have, raised by their own.
+/// Measures a row of bisections: the errors of their parts, raised by their own.
 /// @param part  of the pixel in a column: the largest error of its parts.
 /// @param away  of the pixel in a column: the ends of what is halved, from there.
 template <typename Part, typename Away>

@@ -188,7 +188,7 @@ MANIP3D_INLINE Float4 normalised(Float4 lanes, Double2 low_shift, Double2 high_s
                  (high_doubles(lanes) - high_shift) * scale);
 }
 
-/// What one row after the other becomes.
+/// Makes a surface of a grid, one row after the other.
 class RowBuilder {
  public:
   static constexpr std::ptrdiff_t kPadding = 8;  ///< Entries of a row after its last pixel.
@@ -418,7 +418,7 @@ MANIP3D_INLINE int RowBuilder::weigh(const CoordinateRow& coordinates, const Are
   return count;
 }
 
-/// What becomes rows of pixels, and where they go.
+/// The input of build_rows(), and where its rows go.
 struct RowJob {
   const PointGridView& grid;
   const RowBuilder& builder;

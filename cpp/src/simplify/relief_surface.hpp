@@ -166,7 +166,7 @@ class Surface {
   /// How many columns and rows a small move (in input units) from a pixel's point goes along the
   /// surface.
   [[nodiscard]] Eigen::Vector2f pixels_along(std::int32_t pixel, const Vec3& move) const;
-  /// Of the used pixels.
+  /// The mean over the used pixels.
   [[nodiscard]] float mean_area() const;
   [[nodiscard]] double unit() const { return unit_; }
   [[nodiscard]] const Eigen::Vector3d& center() const { return center_; }
