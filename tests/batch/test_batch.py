@@ -400,3 +400,19 @@ def test_a_batch_over_an_object_store(bucket: str) -> None:
     again = batch.run(upper, f"{bucket}/in/**/*.txt", f"{bucket}/out", **arguments)
     assert (again.resumed, again.failed) == (2, 0)
     assert store.cat("scans/out/b.txt") == b"MENDED"
+
+
+def test_hidden_files_of_a_folder_are_left_out(texts: Path) -> None:
+    """macOS leaves ._a.txt beside a.txt on other file systems."""
+    (texts / "._a.txt").write_bytes(b"\0\5\x16\7" + bytes(60))
+    (texts / ".git").mkdir()
+    (texts / ".git" / "e.txt").write_text("five")
+    named = [file.relative for file in batch.find_files(texts, suffixes=[".txt"])]
+    assert named == ["a.txt", "b.txt", "c.txt", "deep/d.txt"]
+    assert [file.relative for file in batch.find_files(texts)][-1] == "picture.png"
+    assert [file.is_named for file in batch.find_files(texts / "._a.txt")] == [True]
+    hidden = texts / ".git"  # named itself
+    assert [file.relative for file in batch.find_files(hidden, suffixes=[".txt"])] == ["e.txt"]
+    for drive in (texts / "drive", texts / ".old"):
+        (drive / "velodyne").mkdir(parents=True)
+    assert [drive.relative for drive in batch.find_drives(texts)] == ["drive"]

@@ -194,6 +194,20 @@ def test_every_method_has_a_name(torus: Path, tmp_path: Path, method: str) -> No
         assert record["target_missed"] is False
 
 
+def test_a_limit_without_a_target_misses_none(torus: Path, tmp_path: Path) -> None:
+    output = tmp_path / "light.ply"
+    order = ("simplify", torus, "-o", output, "--strict", "--json")
+    done = manip3d(*order, "--max-distance", "1e9")
+    assert done.returncode == 0, done.stderr
+    record = json.loads(done.stdout)
+    assert (record["stop"], record["target_missed"]) == ("no_legal_collapse", False)
+    assert "missed" not in done.stderr
+    output.unlink()
+    assert manip3d(*order, "--max-distance", "1e9", "--faces", "1").returncode in (0, 4)
+    done = manip3d(*order, "--headset", "0", "90")
+    assert error_line(done).endswith("--headset: ms_per_million: expected a number > 0, got 0.0")
+
+
 def test_quality_is_the_mode_of_users(torus: Path, tmp_path: Path) -> None:
     output = tmp_path / "light.ply"
     base = ("simplify", torus, "-o", output, "--ratio", "0.5", "--json", "--force")

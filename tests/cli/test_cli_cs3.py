@@ -617,3 +617,18 @@ def test_each_shortfall_alone_is_exit_4_under_strict(
     assert [kind for kind in kinds if record[f"{kind}_missed"]] == ([missed] if missed else [])
     assert done.returncode == (4 if strict and missed else 0)
     assert (tmp_path / "x.ply").exists()  # what was found is written all the same
+
+
+def test_a_missing_image_of_a_folder_fails_alone(tmp_path: Path) -> None:
+    folder = tmp_path / "images"
+    folder.mkdir()
+    np.save(folder / "a.npy", np.full((120, 160), 2.0, np.float32))
+    (folder / "b.png").symlink_to(tmp_path / "gone.png")
+    (folder / "._a.npy").write_bytes(b"\0\5\x16\7" + bytes(60))
+    order = ("depth", folder, "--intrinsics", FOCAL, "--points", "50", "-o", tmp_path / "out")
+    done = manip3d(*order, "--jobs", "1", "--json")
+    assert done.returncode == 1
+    rows = json.loads(done.stdout)
+    assert [Path(row["source"]).name for row in rows] == ["a.npy", "b.png"]
+    assert [bool(row["error"]) for row in rows] == [False, True]
+    assert (tmp_path / "out" / "a.glb").is_file()

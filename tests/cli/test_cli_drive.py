@@ -185,6 +185,7 @@ def test_a_scan_that_cannot_be_read_is_an_error_and_no_end(drive: Path, tmp_path
     assert "error" in found[1]
     assert [each.get("verdict") for each in found] == ["no_trace", None, "no_trace"]
     assert json.loads(done.stdout)["failed"] == 1
+    assert done.stderr.endswith("manip3d: error: 1 of 3 scans could not be read\n")
 
 
 def test_tampering_outranks_what_cannot_be_read(drive: Path, tmp_path: Path) -> None:

@@ -184,3 +184,25 @@ def test_dask_gives_the_same_verdicts(signed: Path, key: Path) -> None:
     code, found, _ = verified(signed, "--key", key, "--dask", "local", "--jobs", 2)
     assert code == 3
     assert [row["verdict"] for row in found] == ["authentic", "authentic", "tampered"]
+
+
+def test_hidden_scans_are_not_signed_and_are_noticed(
+    fleet: Path, key: Path, tmp_path: Path
+) -> None:
+    """macOS leaves ._a.bin beside a.bin on other file systems; some readers would take them."""
+    drive = fleet / "monday" / "car_a"
+    scans = Path("velodyne_points", "data")
+    for number in range(2):
+        (drive / scans / f"._{number:010d}.bin").write_bytes(b"\0\5\x16\7" + bytes(60))
+    out = tmp_path / "signed"
+    done = run("watermark", "embed", str(drive), "--key", str(key), "-o", str(out))
+    assert done.returncode == 0, done.stderr
+    assert not [*(out / scans).glob("._*")]
+    order = ("watermark", "verify", str(out), "--key", str(key), "--json")
+    assert run(*order).returncode == 0
+    shutil.copy(drive / scans / "._0000000000.bin", out / scans / ".0000000000.bin")
+    done = run(*order)
+    assert done.returncode == 4
+    found = [each["scan"] for each in json.loads(done.stdout)["frames"]
+             if each["verdict"] != "authentic"]  # fmt: skip
+    assert found == [".0000000000.bin"]

@@ -218,6 +218,34 @@ def test_masks_with_a_palette_may_have_alpha(tmp_path: Path) -> None:
         np.testing.assert_array_equal(read_pixel_map(tmp_path / name), [[0, 200], [90, 0]])
 
 
+def big_tiff(depth: np.ndarray) -> bytes:
+    """A BigTIFF of one strip, as GDAL and tifffile write large images."""
+    rows, columns = depth.shape
+    bits, kind = 8 * depth.itemsize, {"u": 1, "f": 3}[depth.dtype.kind]
+    entries = [(256, columns), (257, rows), (258, bits), (259, 1), (262, 1), (277, 1), (278, rows),
+               (279, depth.nbytes), (339, kind)]  # fmt: skip
+    start = 16 + 8 + 20 * (len(entries) + 1) + 8
+    lines = sorted([(tag, 4, value) for tag, value in entries] + [(273, 4, start)])
+    table = b"".join(struct.pack("<HHQQ", tag, form, 1, value) for tag, form, value in lines)
+    head = b"II" + struct.pack("<HHHQ", 43, 8, 0, 16) + struct.pack("<Q", len(lines))
+    return head + table + struct.pack("<Q", 0) + depth.tobytes()
+
+
+@pytest.mark.parametrize("dtype", ["<u2", "<f4"])
+def test_large_tiffs_are_read(dtype: str, tmp_path: Path) -> None:
+    depth = DEPTH.astype(dtype)
+    (tmp_path / "a.tif").write_bytes(big_tiff(depth))
+    np.testing.assert_array_equal(read_depth(tmp_path / "a.tif"), depth)
+    np.testing.assert_array_equal(read_pixel_map(tmp_path / "a.tif"), depth)
+
+
+def test_a_tiff_of_an_unknown_kind_is_told(tmp_path: Path) -> None:
+    (tmp_path / "a.tif").write_bytes(big_tiff(DEPTH.astype("<f8")))
+    with pytest.raises(FormatError, match="fractions of 32 bits") as caught:
+        read_depth(tmp_path / "a.tif")
+    assert "object at" not in str(caught.value)
+
+
 def tiff_of_one_pixel(value: int) -> bytes:
     """A colour of 16 bits: 10 entries end at byte 134, where the bits of the channels follow."""
     short, long = 3, 4

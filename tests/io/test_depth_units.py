@@ -202,3 +202,17 @@ def test_a_given_unit_that_no_camera_has_is_doubted(
     if doubt:
         assert found.doubt.endswith(f"the numbers look like unit {'mm' if unit == 'm' else 'm'}")
         assert f"; warning: {found.doubt}" in found.sentence
+
+
+@pytest.mark.parametrize("nothing", [1e10, 65504.0, np.inf])
+@pytest.mark.parametrize("share", [0.2, 0.8])
+def test_what_renderers_store_for_nothing_is_no_measurement(
+    nothing: float, share: float, tmp_path: Path
+) -> None:
+    depth = np.full((10, 10), 2.5, np.float32)
+    depth.ravel()[: int(100 * share)] = nothing
+    np.save(tmp_path / "a.npy", depth)
+    reading = read_depth_guessing(tmp_path / "a.npy")
+    assert reading.unit == "m"
+    assert reading.num_measured == round(100 * (1 - share))
+    assert reading.range_m == (2.5, 2.5)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import io
+import resource
 from pathlib import Path
 from typing import Any
 
@@ -160,3 +162,16 @@ def test_truth_values_are_written_back_as_such(tmp_path: Path) -> None:
     again = np.load(tmp_path / "b.npy")
     assert again.dtype == rows.dtype
     assert np.array_equal(again, rows)
+
+
+def test_a_full_disk_is_named(tmp_path: Path) -> None:
+    frame = LidarFrame(np.ones((100_000, 3), np.float32))
+    kept = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, kept[1]))
+    try:
+        with pytest.raises(OSError, match=r"scan\.npy") as caught:
+            frame.write(tmp_path / "scan.npy")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, kept)
+    assert caught.value.errno == errno.EFBIG
+    assert not [*tmp_path.iterdir()]

@@ -8,11 +8,13 @@ import re
 import subprocess
 import sys
 import textwrap
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import manip3d
 import rgbd_frames
 from manip3d import FormatError, LidarFrame, authenticate, capture, io
 from manip3d._util.json import unsealed
@@ -211,3 +213,36 @@ def test_json_that_nests_too_deep_is_no_json(tmp_path: Path) -> None:
         file.truncate(1 << 40)
     with pytest.raises(FormatError, match=r"a\.json.*at most 1048576 bytes"):
         authenticate.SensorLattice.load(path)
+
+
+POINTER = (
+    "version https://git-lfs.github.com/spec/v1\n"
+    f"oid sha256:{'4d7a' * 16}\n"
+    "size 123\n"
+)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["a.bin", "a.pcd", "a.ply", "a.csv", "a.las", "a.e57", "a.npy", "a.glb", "a.gltf", "a.obj",
+     "a.stl", "a.png", "a.exr"],
+)  # fmt: skip
+def test_pointers_of_git_lfs_are_named(tmp_path: Path, name: str) -> None:
+    file = tmp_path / name
+    file.write_text(POINTER)
+    suffix = file.suffix
+    readers: list[Callable[[Path], object]] = []
+    if suffix in io.SCAN_SUFFIXES:
+        readers.append(io.read_scan)
+    if suffix in io.READABLE:
+        readers.append(manip3d.read_mesh)
+    if suffix in (".glb", ".gltf"):
+        readers.append(io.read_scene)
+    if suffix in io.DEPTH_SUFFIXES:
+        readers.append(io.read_depth)
+    if suffix in (".pcd", ".ply"):
+        readers.append(io.read_range_grid)
+    for read in readers:
+        with pytest.raises(FormatError, match="git lfs pull") as caught:
+            read(file)
+        assert caught.value.file == str(file)

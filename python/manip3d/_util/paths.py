@@ -28,6 +28,15 @@ def path_of(path: str | os.PathLike[str], name: str = "path") -> Path:
     return Path(path)
 
 
+def is_hidden(name: str) -> bool:
+    """Return whether a file or a folder of this name is left out where a folder is searched.
+
+    Programs leave such files beside others: macOS ``._scan.bin`` beside each ``scan.bin`` on drives
+    that are not its own, editors and version control theirs.
+    """
+    return name.startswith(".")
+
+
 def by_number(name: str) -> tuple[tuple[tuple[int, str, int], ...], str]:
     """Key that sorts names as people do: numbers in them by their size, so that 2 is before 10."""
     parts = re.split(r"([0-9]+)", name)

@@ -16,6 +16,7 @@ from manip3d.authenticate._picture_files import picture_path, read_carrier
 from manip3d.authenticate._watermark import Policy, Watermarker, WatermarkResult, WatermarkVerdict
 from manip3d.authenticate._watermark_files import (
     RECORD_SUFFIX,
+    all_drive_scans,
     as_stored,
     copy_rest_of_drive,
     drive_records_alone,
@@ -379,7 +380,7 @@ def _verified_scans(source: Path, *, has_pictures: bool) -> list[Path]:
         return [source.with_suffix("")]
     if not source.is_dir():
         return [source]
-    scans = drive_scans(source)
+    scans = all_drive_scans(source)
     if not has_pictures:
         scans += [record.with_suffix("") for record in drive_records_alone(source)]
     return sorted(scans, key=lambda scan: scan.name)

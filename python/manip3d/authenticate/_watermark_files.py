@@ -400,7 +400,7 @@ def _are_same(read: NDArray[np.float64] | None, written: NDArray[np.float64] | N
 
 @checked
 def drive_scans(folder: str | os.PathLike[str]) -> list[Path]:
-    """Return the scans of a KITTI drive in their order.
+    """Return the scans of a KITTI drive in their order; hidden files do not count.
 
     Parameters
     ----------
@@ -428,7 +428,23 @@ def drive_scans(folder: str | os.PathLike[str]) -> list[Path]:
     >>> [path.name for path in drive_scans("drive")]
     ['000004.bin']
     """
-    scans = sorted(scan_paths(_scan_folder(folder)), key=lambda path: path.name)
+    return _drive_scans(folder, hidden=False)
+
+
+def all_drive_scans(folder: str | os.PathLike[str]) -> list[Path]:
+    """Return what `drive_scans` does, and hidden scans: some programs read them, too.
+
+    Raises
+    ------
+    InputError
+        As `drive_scans`.
+    """
+    return _drive_scans(folder, hidden=True)
+
+
+def _drive_scans(folder: str | os.PathLike[str], *, hidden: bool) -> list[Path]:
+    found = scan_paths(_scan_folder(folder), hidden=hidden)
+    scans = sorted(found, key=lambda path: path.name)
     if not scans:
         raise InputError(f"{os.fspath(folder)}: expected scans, found none")
     return scans

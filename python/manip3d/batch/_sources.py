@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from manip3d._util.checked import checked
-from manip3d._util.paths import by_number, path_of
+from manip3d._util.paths import by_number, is_hidden, path_of
 from manip3d.batch._stamps import (
     stamp_of_file,
     stamp_of_files,
@@ -124,7 +124,8 @@ def find_files(
     Parameters
     ----------
     sources : path, URL or sequence of them
-        Files, folders (all files below them), and patterns (``*``, ``?``, ``[...]``, ``**``).
+        Files, folders (all files below them but hidden ones), and patterns (``*``, ``?``,
+        ``[...]``, ``**``).
     suffixes : sequence of str, optional
         Suffixes of the files that are taken from a folder, alone or followed by ``.gz`` or ``.xz``.
         Files that are named, or that a pattern matches, are taken in any case.
@@ -251,13 +252,19 @@ def _is_drive(folder: Path) -> bool:
 
 def _below(folder: Path, suffixes: Sequence[str] | None) -> Iterator[Path]:
     """Drives below a folder, and the wanted files that belong to none."""
-    for top, folders, names in os.walk(folder):
-        folders.sort()
+    for top, folders, names in _walk(folder):
         if _is_drive(Path(top)):
             folders.clear()
             yield Path(top)
         elif suffixes is not None:
             yield from (Path(top) / name for name in names if _is_wanted(name, suffixes))
+
+
+def _walk(folder: Path) -> Iterator[tuple[str, list[str], list[str]]]:
+    """As `os.walk`, in the order of names and without what is hidden."""
+    for top, folders, names in os.walk(folder):
+        folders[:] = sorted(name for name in folders if not is_hidden(name))
+        yield top, folders, [name for name in names if not is_hidden(name)]
 
 
 def _local(source: str, suffixes: Sequence[str] | None) -> Iterator[SourceFile]:
@@ -266,7 +273,7 @@ def _local(source: str, suffixes: Sequence[str] | None) -> Iterator[SourceFile]:
         matched = [Path(p) for p in glob.glob(source, recursive=True)]
         files, root = [p for p in matched if not p.is_dir()], _fixed_part(source)
     elif path.is_dir():
-        walked = (Path(top) / name for top, _, names in os.walk(path) for name in names)
+        walked = (Path(top) / name for top, _, names in _walk(path) for name in names)
         files, root = [p for p in walked if _is_wanted(p.name, suffixes)], str(path)
     else:
         path.stat()  # a missing file is an OSError that names it
@@ -290,7 +297,8 @@ def _remote(source: str, suffixes: Sequence[str] | None) -> Iterator[SourceFile]
     files = {
         str(name): info
         for name, info in infos.items()
-        if info.get("type") == "file" and (not in_folder or _is_wanted(str(name), suffixes))
+        if info.get("type") == "file"
+        and (not in_folder or (_is_wanted(str(name), suffixes) and not _is_below_hidden(name, root)))
     }
     _refuse_none(files, source, suffixes)
     for name, info in files.items():
@@ -298,6 +306,10 @@ def _remote(source: str, suffixes: Sequence[str] | None) -> Iterator[SourceFile]
         yield SourceFile(
             str(system.unstrip_protocol(name)), relative, stamp_of_info(info), not in_folder
         )
+
+
+def _is_below_hidden(name: str, root: str) -> bool:
+    return any(map(is_hidden, PurePosixPath(str(name)).relative_to(root).parts))
 
 
 def _is_wanted(name: str, suffixes: Sequence[str] | None) -> bool:

@@ -25,7 +25,7 @@ from manip3d.cli.options import (
     Strict,
 )
 from manip3d.cli.terminal import Terminal, check_output, count, counted, naming_options
-from manip3d.errors import InputError
+from manip3d.errors import FormatError, InputError
 from manip3d.io import DEPTH_SUFFIXES, WRITABLE
 from manip3d.io._scan_tables import scan_suffix
 
@@ -70,9 +70,8 @@ _OPTIONS = ("intrinsics", "unit", "variant", "by-distance", "move-points", "max-
 def _of_frames(files: list[SourceFile], options: dict[str, Any]) -> dict[str, dict[str, str]]:
     """One unit for all frames, and the colour image, mask and confidence of each."""
     from manip3d import simplify
-    from manip3d.io import is_color_png, is_url
 
-    names = [f.name for f in files if is_url(f.name) or not is_color_png(f.name)]
+    names = [file.name for file in files if not _is_picture(file.name)]
     each: dict[str, dict[str, str]] = {file.name: {"color": ""} for file in files}
     with naming_options("color", "mask", "confidence", "unit"):
         options["unit"] = simplify.common_depth_unit(names, options["unit"], options["intrinsics"])
@@ -85,6 +84,15 @@ def _of_frames(files: list[SourceFile], options: dict[str, Any]) -> dict[str, di
             for frame, image in simplify.colors_of_frames(names, folder, name=name).items():
                 each[frame][name] = image
     return each
+
+
+def _is_picture(name: str) -> bool:
+    from manip3d.io import is_color_png, is_url
+
+    try:
+        return not is_url(name) and is_color_png(name)
+    except (OSError, FormatError):  # the frame's own turn reports it
+        return False
 
 
 _BUDGETS = ("points", "bandwidth", "rate")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -27,6 +28,7 @@ from manip3d.cli.options import (
 from manip3d.cli.terminal import (
     Terminal,
     check_output,
+    count,
     counted,
     naming_options,
     shown,
@@ -273,6 +275,9 @@ def inspect(
                 options={"lattice": known, "sensor": sensor, "origin": origin, "power": power,
                          "printed": printed, "threads": jobs},
             )  # fmt: skip
+        if together.num_missing and not shell.is_collecting:  # of a row the table tells
+            told = f"{count(together.num_missing)} of {counted(together.num_scans, 'scan')}"
+            print(f"manip3d: error: {told} could not be read", file=sys.stderr)
         code = codes[together.verdict]
         is_whole = not together.num_missing or (together.verdict == "tampered" and code)
         raise typer.Exit(code if is_whole else 1)

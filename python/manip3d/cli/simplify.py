@@ -260,6 +260,7 @@ def _outcome(
     done: Any, run: Any, target: int | None, seconds: float, faces_after: int
 ) -> dict[str, Any]:
     stop = str(done.stop)
+    is_short = stop not in ("target_reached", "error_limit", "distance_limit")
     return {
         "faces_after": faces_after,
         "target_faces": target,
@@ -269,7 +270,8 @@ def _outcome(
         "rejected": dict(run.rejected),
         "message": run.message,
         "seconds": round(seconds, 4),
-        "target_missed": stop not in ("target_reached", "error_limit", "distance_limit"),
+        # A limit of the error or the distance is kept where no collapse is left to try.
+        "target_missed": is_short and (target is not None or stop == "refused"),
     }
 
 
@@ -296,7 +298,10 @@ def _headset_faces(headset: tuple[float, float], faces: int | None) -> int:
 
     if faces is not None:
         raise InputError("--headset: expected without --faces, got both")
-    budget = polygon_budget(*headset)
+    try:
+        budget = polygon_budget(*headset)
+    except InputError as error:
+        raise InputError(f"--headset: {error}") from None
     if budget < 1:
         raise InputError(f"--headset: {headset[0]:g} ms and {headset[1]:g} Hz leave no face")
     return budget

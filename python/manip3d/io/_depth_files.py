@@ -16,7 +16,7 @@ import numpy as np
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import Error, FormatError, InputError, MissingExtraError
-from manip3d.io._files import open_regular
+from manip3d.io._files import open_regular, refuse_pointer
 from manip3d.io._limits import byte_limit, check_points, clock
 from manip3d.io._npy_headers import read_npy_header
 from manip3d.io._remote import local_copy
@@ -33,6 +33,7 @@ DEPTH_SUFFIXES = (".png", ".pgm", ".tif", ".tiff", ".pfm", ".exr", ".npy", ".npz
 
 MILLIMETRES = 1000.0
 MOST_PIXELS = 1 << 25
+_PNG_OR_TIFF = (b"\x89PNG\r\n\x1a\n", b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _HEADER_BYTES = 1 << 20  # beside the pixels: headers, colour profiles, text
 
 
@@ -104,6 +105,7 @@ def _read(
     limit, largest = byte_limit(None), 8 * max_pixels + _HEADER_BYTES
     with clock(name):
         with local_copy(path, max_bytes=limit or None) as local, open_regular(local) as file:
+            refuse_pointer(local)
             data = file.read(min(largest, limit or largest) + 1)
         try:
             if limit and len(data) > limit:
@@ -206,7 +208,7 @@ def decode_depth(data: bytes, max_pixels: int) -> NDArray[Any]:
         return _depth_of_npy(data, max_pixels)
     if re.match(rb"P5[\s#]", data):
         return _read_pgm(data, max_pixels)
-    if data.startswith((b"\x89PNG\r\n\x1a\n", b"II*\0", b"MM\0*")):
+    if data.startswith(_PNG_OR_TIFF):
         return _read_with_pillow(data, max_pixels)
     if re.match(rb"P[fF]\s", data):
         return _read_pfm(data, max_pixels)
@@ -221,7 +223,7 @@ def decode_depth(data: bytes, max_pixels: int) -> NDArray[Any]:
 def _decode_map(data: bytes, max_pixels: int) -> NDArray[Any]:
     if data.startswith(b"\x93NUMPY"):
         return _read_npy(data, max_pixels, _MAP_DTYPES)
-    if data.startswith((b"\x89PNG\r\n\x1a\n", b"II*\0", b"MM\0*")):
+    if data.startswith(_PNG_OR_TIFF):
         return _read_with_pillow(data, max_pixels, ("1", "L"), ("P", "LA", "RGB", "RGBA"))
     raise FormatError(
         f"expected a PNG or TIFF, or a .npy file, got bytes that begin with {data[:8]!r}",
@@ -431,6 +433,7 @@ def _read_with_pillow(
 ) -> NDArray[Any]:
     try:
         from PIL import Image as pillow
+        from PIL import UnidentifiedImageError
     except ImportError:
         raise MissingExtraError("pillow", "io") from None
     try:
@@ -451,6 +454,9 @@ def _read_with_pillow(
                 stored = np.array(image)
     except Error:
         raise
+    except UnidentifiedImageError as error:  # its words name no file and no reason
+        kinds = "whole numbers of 8, 16 or 32 bits or fractions of 32 bits"
+        raise FormatError(f"expected an image of {kinds}, or the file is damaged") from error
     except Exception as error:  # Pillow's parsers fail with a dozen types on damaged files
         reason = str(error) or type(error).__name__
         raise FormatError(f"damaged image: {reason}") from error

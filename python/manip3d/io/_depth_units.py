@@ -36,6 +36,10 @@ _NEAREST_MILLIMETRES = 4_000.0
 in 1/5000 m of which no twentieth is nearer than 0.8 m."""
 
 
+_NOTHING_THERE = 65_504.0
+"""Metres: the largest number of 16 bits. Renderers store it, or 1e10, where a ray hits nothing; no
+camera measures that far."""
+
 _NEAREST_MEDIAN, _FARTHEST_MEDIAN = 0.05, 200.0
 """Metres: cameras that look at something nearer, and lasers that see farther, are rare."""
 
@@ -102,15 +106,16 @@ def _per_metre(units: float) -> Callable[[NDArray[Any]], Depth]:
     def metres(stored: NDArray[Any]) -> Depth:
         if stored.dtype == np.uint16 and units == MILLIMETRES:
             return np.array(stored, order="C")
-        return _positive(stored / units)
+        with np.errstate(invalid="ignore"):  # signalling NaN
+            return _positive(stored / units)
 
     return metres
 
 
 def _positive(depth: NDArray[Any]) -> Depth:
-    """Metres, 0 where there is none; infinite or negative numbers are no measurements."""
+    """Metres, 0 where there is none; numbers below 0 or beyond all cameras are no measurements."""
     with np.errstate(invalid="ignore"):
-        there = np.isfinite(depth) & (depth > 0)
+        there = (depth > 0) & (depth < _NOTHING_THERE)
     return np.where(there, depth, 0).astype(np.float32)
 
 
@@ -347,7 +352,8 @@ def guess_depth_unit(stored: NDArray[Any]) -> tuple[str, str]:
 
 
 def _guess_float(measured: NDArray[Any]) -> tuple[str, str]:
-    median = float(np.median(measured))
+    near = measured[measured < _NOTHING_THERE]
+    median = float(np.median(near if len(near) else measured))
     if median > 100:
         return "mm", f"fractions, but half of the image would be beyond {median:.0f} m"
     return "m", "the image holds fractions, not whole numbers"

@@ -22,6 +22,35 @@ def check_regular(path: str | os.PathLike[str]) -> None:
     open_regular(path).close()
 
 
+_POINTER = b"version https://git-lfs.github.com/spec/"
+_MOST_POINTER = 1024  # bytes, by the specification of Git LFS
+
+
+def refuse_pointer(path: str | os.PathLike[str]) -> None:
+    """Refuse the text that Git LFS leaves in the place of a file that it did not fetch.
+
+    Raises
+    ------
+    FormatError
+        The file is such a pointer.
+    OSError
+        It is there and cannot be read.
+    """
+    try:
+        about = os.stat(path)
+    except OSError:  # the reader says so, after what is wrong with the name
+        return
+    if not stat.S_ISREG(about.st_mode) or about.st_size >= _MOST_POINTER:
+        return
+    with open_regular(path) as file:
+        is_pointer = file.read(len(_POINTER)) == _POINTER
+    if is_pointer:
+        raise FormatError(
+            "expected the file, got a pointer to it of Git LFS: 'git lfs pull' fetches the file",
+            file=str(path),
+        )
+
+
 def regular_bytes(path: str | os.PathLike[str]) -> bytes:
     """Return the content of what `open_regular` opens."""
     with open_regular(path) as file:

@@ -14,7 +14,7 @@ from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import InputError
 from manip3d.io._draco import decode_draco
-from manip3d.io._files import regular_bytes
+from manip3d.io._files import refuse_pointer, regular_bytes
 from manip3d.io._images import texture_path, with_common_images
 from manip3d.io._limits import byte_limit, check_points, clock
 from manip3d.io._remote import is_url, local_copy, local_output
@@ -96,6 +96,7 @@ def read_report(
     """
     limit = byte_limit(max_bytes)
     with clock(os.fspath(path)) as look, local_copy(path, max_bytes=limit or None) as local:
+        refuse_pointer(local)
         found = _core.read_mesh(os.fsencode(local), bool(allow_outside), limit, decode_draco, look)
         report = _report(found, os.fspath(path))
         if is_url(path):

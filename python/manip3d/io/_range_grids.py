@@ -11,6 +11,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d.errors import FormatError
+from manip3d.io._files import refuse_pointer
 from manip3d.io._limits import byte_limit, check_points, clock
 from manip3d.io._remote import local_copy
 from manip3d.io._scan_tables import Table, measured_points, read_columns, scan_suffix
@@ -76,6 +77,7 @@ def read_range_grid(path: str | os.PathLike[str], *, max_bytes: int | None = Non
     """
     limit = byte_limit(max_bytes)
     with clock(os.fspath(path)) as look, local_copy(path, max_bytes=limit or None) as local:
+        refuse_pointer(local)
         if scan_suffix(path) == ".pcd":
             return _of_cloud(read_columns(local, limit, look), os.fspath(path))
         rows, cols, vertex, vertices = _core.read_range_grid(os.fsencode(local), limit, look)

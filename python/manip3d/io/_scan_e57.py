@@ -56,7 +56,9 @@ def read_all(path: Path, limit: int) -> list[LidarFrame]:
     except (FormatError, OSError, MemoryError):
         raise
     except Exception as error:  # whatever the library makes of a damaged file
-        raise FormatError(f"damaged E57: {str(error)[:200]}", file=str(path)) from error
+        # Behind the first line the library tells its own functions.
+        reason = str(error).replace("\\n", "\n").strip().partition("\n")[0][:200]
+        raise FormatError(f"damaged E57: {reason}", file=str(path)) from error
 
 
 def _check_claims(file: Any, path: Path, limit: int) -> None:

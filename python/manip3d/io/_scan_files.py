@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from manip3d._util.checked import checked
-from manip3d._util.paths import path_of
+from manip3d._util.paths import is_hidden, path_of
 from manip3d.errors import InputError
 from manip3d.io import _scan_tables as tables
-from manip3d.io._files import open_regular
+from manip3d.io._files import open_regular, refuse_pointer
 from manip3d.io._limits import byte_limit, clock
 from manip3d.io._remote import is_url, local_copy, local_output
 from manip3d.io._scan_tables import scan_suffix
@@ -95,7 +95,10 @@ def read_scan(
     """
     frames = read_scans(path, max_bytes=max_bytes)
     if len(frames) != 1:
-        raise InputError(f"{os.fspath(path)}: expected one scan, got {len(frames)}: use read_scans")
+        more = ": use read_scans, or 'manip3d convert' to a folder for a file of each"
+        raise InputError(
+            f"{os.fspath(path)}: expected one scan, got {len(frames)}{more if frames else ''}"
+        )
     return frames[0] if origin is None else frames[0].replace(origin=tuple(origin))
 
 
@@ -128,6 +131,7 @@ def read_scans(path: str | os.PathLike[str], *, max_bytes: int | None = None) ->
     """
     limit = byte_limit(max_bytes)
     with clock(os.fspath(path)) as look, local_copy(path, max_bytes=limit or None) as local:
+        refuse_pointer(local)
         frames = _read_local(local, limit, look)
     return [frame.replace(source=path) for frame in frames] if is_url(path) else frames
 
@@ -276,6 +280,8 @@ def _is_number(text: str) -> bool:
 def readable_scans(folder: str | os.PathLike[str]) -> list[Path]:
     """The scans of a folder: those of `FOLDER_SUFFIXES`, else the texts and arrays with points.
 
+    Hidden files do not count.
+
     Raises
     ------
     OSError
@@ -286,12 +292,17 @@ def readable_scans(folder: str | os.PathLike[str]) -> list[Path]:
     return [
         path
         for path in sorted(path_of(folder, "folder").iterdir())
-        if scan_suffix(path) in EXPORTED_SUFFIXES and path.is_file() and holds_points(path)
+        if scan_suffix(path) in EXPORTED_SUFFIXES
+        and not is_hidden(path.name)
+        and path.is_file()
+        and holds_points(path)
     ]
 
 
-def scan_paths(folder: str | os.PathLike[str]) -> Iterator[Path]:
-    """The scans of a folder, in the order of their names."""
+def scan_paths(folder: str | os.PathLike[str], *, hidden: bool = False) -> Iterator[Path]:
+    """The scans of a folder, in the order of their names; hidden ones only where they are asked."""
     yield from sorted(
-        p for p in path_of(folder, "folder").iterdir() if scan_suffix(p) in FOLDER_SUFFIXES
+        p
+        for p in path_of(folder, "folder").iterdir()
+        if scan_suffix(p) in FOLDER_SUFFIXES and (hidden or not is_hidden(p.name))
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 import os
 import warnings
@@ -99,7 +100,10 @@ def write(frame: LidarFrame, path: Path) -> None:
         named = [(c[0], c[1]) if c[2] == 1 else (c[0], c[1], (c[2],)) for c in layout.columns]
         array = rows.view(np.dtype(named))
     with atomic_path(path) as local, local.open("wb") as file:
-        np.save(file, array, allow_pickle=False)
+        # Where the disk is full, the error of an array that is saved to a file says nothing of it.
+        content = io.BytesIO()
+        np.save(content, array, allow_pickle=False)
+        file.write(content.getbuffer())
 
 
 def _layout(shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[Column, ...]:

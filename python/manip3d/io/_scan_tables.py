@@ -32,6 +32,8 @@ TABLE_SUFFIXES: tuple[str, ...] = tuple(_core.point_suffixes())
 _COMPRESSED = (".gz", ".xz")
 _TEXT = ("xyz", "asc", "pts", "txt", "csv")
 _UNSTATED = (*_TEXT, "npy")
+_NEAR_ZERO = (*_UNSTATED, "ply", "pcd")
+"""Formats whose coordinates may be those of a map."""
 """Formats that do not say where the scanner is, or which of their numbers are whole."""
 _BARE = ("kitti", "nuscenes")
 _LARGEST = 1e9
@@ -43,6 +45,8 @@ _MOST_OF = (0.1, 0.5, 0.9)
 """Quantiles of coordinates between which most lie, and their middle."""
 _INTENSITY = ("intensity", "reflectance", "reflectivity", "remission", "i")
 _RING = ("ring", "channel", "laser_id")
+_OF_CLOUDCOMPARE = "scalar_"
+"""What CloudCompare puts before the names of columns."""
 
 # 3DTK: x to the right, y up, z ahead (left-handed), centimetres.
 _THREE_DTK = 100.0 * np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
@@ -170,7 +174,7 @@ def frame_of_table(
     FormatError
         x, y or z is absent; a number that no scan has.
     """
-    kind, name, by_name = table.kind, table.source, dict(table.columns)
+    kind, name, by_name = table.kind, table.source, _by_plain_names(table.columns)
     missing = [axis for axis in "xyz" if axis not in by_name or by_name[axis].ndim != 1]
     if missing:
         raise FormatError(f"a scan has x, y and z; {', '.join(missing)} not found", file=name)
@@ -179,7 +183,9 @@ def frame_of_table(
     if num_dropped:
         by_name = {key: values[measured] for key, values in by_name.items()}
     stored = np.column_stack([by_name.pop(axis) for axis in "xyz"])
-    to_file = near_zero(stored) if kind in _UNSTATED else _to_file(kind)
+    to_file = near_zero(stored) if kind in _NEAR_ZERO else _to_file(kind)
+    if origin is not None and kind in _NEAR_ZERO and to_file[:3, 3].any():
+        origin = _origin_near_zero(origin, to_file)
     layout = ScanFormat(kind, table.layout, table.header, to_file)
     points = measured_points(stored, layout, name)
     intensity = _intensity(by_name, name)
@@ -212,6 +218,38 @@ def _columns(table: NDArray[Any], columns: Sequence[Column]) -> dict[str, NDArra
         if column != "_" and count > 0:
             found.setdefault(column, table[f"{i} {column}"])
     return found
+
+
+def _plain_name(name: str) -> str:
+    """The name of a column as others write it: ``intensity`` for ``scalar_Intensity``."""
+    return name.lower().removeprefix(_OF_CLOUDCOMPARE)
+
+
+def _by_plain_names(columns: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """The columns; those that others write in other letters get the name that is known here.
+
+    Whole numbers in columns X, Y and Z are steps of a unit that something else tells, as in LAS.
+    """
+    known = {*"xyz", *_INTENSITY, *_RING} - columns.keys()
+    found: dict[str, NDArray[Any]] = {}
+    for name, values in columns.items():
+        plain = _plain_name(name)
+        is_known = plain in known - found.keys() and (plain not in "xyz" or values.dtype.kind == "f")
+        found[plain if is_known else name] = values
+    return found
+
+
+def _origin_near_zero(
+    origin: tuple[float, float, float], to_file: NDArray[np.float64]
+) -> tuple[float, float, float] | None:
+    """Where the scanner stood, in coordinates that were moved near 0.
+
+    None for 0, 0, 0, which writers put where they know no place: no scanner stands that far away.
+    """
+    if not any(origin):
+        return None
+    x, y, z = (np.array(origin) - to_file[:3, 3]).tolist()
+    return x, y, z
 
 
 def _take(
@@ -341,7 +379,7 @@ def packed_rows(frame: LidarFrame, layout: ScanFormat) -> NDArray[Any]:
         if column is not None:
             values |= {key: column for key in names if key not in values}
     for i, (name, kind, count) in enumerate(layout.columns):
-        found = values.get(name)
+        found = values.get(name, values.get(_plain_name(name)))
         if found is not None and count > 0:
             table[f"{i} {name}"] = _cast(found, np.dtype(kind))
     return table

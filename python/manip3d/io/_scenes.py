@@ -14,6 +14,7 @@ from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d.errors import InputError
 from manip3d.io._draco import decode_draco
+from manip3d.io._files import refuse_pointer
 from manip3d.io._limits import byte_limit, check_points, clock
 from manip3d.io._remote import local_copy, local_output
 from manip3d.mesh import Mesh
@@ -218,6 +219,7 @@ def read_scene(
     """
     limit = byte_limit(max_bytes)
     with clock(os.fspath(path)) as look, local_copy(path, max_bytes=limit or None) as local:
+        refuse_pointer(local)
         nodes, meshes, document, buffer, warnings = _core.read_scene(
             os.fsencode(local), bool(allow_outside), limit, decode_draco, look
         )
