@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import struct
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,11 +14,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from command_line import error_line, manip3d
 from manip3d import FormatError, InputError, Intrinsics, RgbdCalibration, capture
+from manip3d.cli.kinds import kind_of
 from real_data import RealData
 
 pytest.importorskip("rosbags.rosbag1", reason="the extra 'bags' is not installed")
 PIL_Image = pytest.importorskip("PIL.Image", reason="the extra 'io' is not installed")
+
+from rosbags import rosbag2  # noqa: E402
 
 from ros_bags import (  # noqa: E402
     COLORS,
@@ -32,9 +37,12 @@ from ros_bags import (  # noqa: E402
     compressed,
     header,
     image,
+    message,
     millimetres,
+    points_of,
     realsense,
     transform,
+    write_bag,
     write_mixed_bag,
 )
 
@@ -387,3 +395,35 @@ def test_depth_shown_as_a_picture_is_not_taken_for_colours(kind: str, tmp_path: 
     assert frame.color is not None
     assert plain.color is not None
     np.testing.assert_array_equal(frame.color, plain.color)
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_bags_of_ros_2_are_told_by_their_types(storage: str, tmp_path: Path) -> None:
+    """Files and folders of images are recordings of a camera, those of clouds a LiDAR's."""
+    images = tmp_path / "images"
+    plugin = getattr(rosbag2.StoragePlugin, storage.upper())
+    with rosbag2.Writer(images, version=8, storage_plugin=plugin) as writer:
+        made: dict[str, Any] = {}
+        for time, topic, kind, each in [*cameras(), depth_at(1.0, millimetres(0))]:
+            if topic not in made:
+                made[topic] = writer.add_connection(topic, kind, typestore=TYPES)
+            writer.write(made[topic], round(time * 1e9), TYPES.serialize_cdr(each, kind))
+    clouds = write_bag(tmp_path / "clouds", {"/top": [message(TYPES, points_of(1))]}, storage)
+    for folder, is_lidar in ((images, False), (clouds, True)):
+        (file,) = (path for path in folder.iterdir() if path.suffix != ".yaml")
+        for place in (folder, file):
+            assert capture.holds_clouds(place) == is_lidar
+            assert kind_of(str(place)) == ("packets" if is_lidar else "recording")
+            assert (capture.scan_address(str(place)) is not None) == is_lidar
+            assert (capture.rgbd_address(str(place)) is not None) != is_lidar
+    done = manip3d("depth", images, "--points", "50", "-o", tmp_path / "meshes", "--json")
+    assert done.returncode == 0, done.stderr
+    assert len(json.loads(done.stdout)["frames"]) == 1
+    whole = next(images.glob("*.mcap"), None)
+    if whole is not None:  # without its end a file does not tell
+        (tmp_path / "cut.mcap").write_bytes(whole.read_bytes()[:-20])
+        assert capture.holds_clouds(tmp_path / "cut.mcap")
+    (tmp_path / "no.db3").write_bytes(b"no database")
+    assert capture.holds_clouds(tmp_path / "no.db3")
+    done = manip3d("depth", images, "--points", "50", "-o", tmp_path / "a.glb")
+    assert error_line(done).endswith("a.glb: expected a folder's name without a suffix")

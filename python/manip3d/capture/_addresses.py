@@ -39,7 +39,7 @@ def scan_address(source: str) -> str | None:
     FormatError
         A ROS 1 bag has no index.
     OSError
-        A ROS 1 bag cannot be read.
+        A ROS bag cannot be read.
 
     Examples
     --------
@@ -58,8 +58,8 @@ def scan_address(source: str) -> str | None:
         address = scan_address(file)
         return f"{address}#{topic}" if address and address.startswith("bag:") else None
     path = Path(source)
-    is_bag = scan_suffix(source) in _BAGS or (path / "metadata.yaml").is_file()
-    if is_bag or (_is_ros1(path) and holds_clouds(path)):
+    is_bag = scan_suffix(source) in _BAGS or is_ros2(path) or _is_ros1(path)
+    if is_bag and (not path.exists() or holds_clouds(path)):
         return f"bag:{source}"
     is_drive = (path / "velodyne").is_dir() or (path / "velodyne_points").is_dir()
     return f"kitti:{source}" if is_drive else None
@@ -78,6 +78,13 @@ def _is_ros1(path: Path) -> bool:
     return path.suffix.lower() == ".bag" and path.is_file()
 
 
+def is_ros2(path: Path) -> bool:
+    """Return whether a file or a folder that is there is a ROS 2 bag."""
+    if path.is_dir():
+        return (path / "metadata.yaml").is_file()
+    return path.suffix.lower() in _BAGS and path.is_file()
+
+
 @checked
 def rgbd_address(source: str) -> str | None:
     """Return the address of RGB-D frames, for `open_rgbd`; None for anything else.
@@ -85,7 +92,7 @@ def rgbd_address(source: str) -> str | None:
     Parameters
     ----------
     source : str
-        A file, a folder or an address; a ROS 1 bag also with one of its topics of depth images.
+        A file, a folder or an address; a ROS bag also with one of its topics of depth images.
 
     Returns
     -------
@@ -98,7 +105,7 @@ def rgbd_address(source: str) -> str | None:
     FormatError
         A ROS 1 bag has no index.
     OSError
-        A ROS 1 bag cannot be read.
+        A ROS bag cannot be read.
 
     Examples
     --------
@@ -112,7 +119,7 @@ def rgbd_address(source: str) -> str | None:
     path = Path(source)
     file, mark, topic = source.rpartition("#")
     bag = Path(file) if mark and topic and not path.exists() else path
-    if _is_ros1(bag):
+    if _is_ros1(bag) or is_ros2(bag):
         return None if holds_clouds(bag) else f"rgbd-bag:{source}"
     if path.suffix.lower() == ".mkv":
         return source if source.startswith("mkv:") else f"mkv:{source}"

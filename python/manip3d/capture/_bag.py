@@ -6,11 +6,15 @@ import contextlib
 import importlib.util
 import json
 import os
+import re
+import sqlite3
 import subprocess
 import sys
 import threading
+import urllib.parse
 import weakref
 from collections.abc import Iterator, Mapping, Sequence
+from io import BufferedReader
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -38,14 +42,20 @@ _IMAGE = b"type=sensor_msgs/Image"
 _PACKED = b"type=sensor_msgs/CompressedImage"
 _IMAGES = "sensor_msgs/msg/Image"
 _MOST_INDEX = 1 << 24  # bytes of the connections that are looked at
+_MCAP = b"\x89MCAP0\r\n"
+_MCAP_FOOTER = 9 + 20 + len(_MCAP)  # a record's head, two places and a checksum, the magic again
+_MOST_METADATA = 1 << 22
+_CLOUD_2 = "sensor_msgs/msg/PointCloud2"
+_IMAGES_2 = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 
 
 @checked
 def holds_clouds(path: str | os.PathLike[str]) -> bool:
-    """Return whether a ROS 1 bag is a LiDAR's: a recording of an RGB-D camera has images.
+    """Return whether a ROS bag is a LiDAR's: a recording of an RGB-D camera has images.
 
-    The types of its connections say so, which stand in the index at the end of the bag,
-    uncompressed.
+    The types of its connections say so: in the index at the end of a ROS 1 bag, in the summary at
+    the end of an MCAP file, in the ``metadata.yaml`` of a ROS 2 bag, in the topics of a ``.db3``
+    file. Of a ROS 2 bag that does not tell, it is assumed.
 
     Parameters
     ----------
@@ -54,7 +64,7 @@ def holds_clouds(path: str | os.PathLike[str]) -> bool:
     Returns
     -------
     bool
-        False also for files that are no ROS 1 bag.
+        False also for files that are no ROS bag.
 
     Raises
     ------
@@ -72,8 +82,15 @@ def holds_clouds(path: str | os.PathLike[str]) -> bool:
     >>> capture.holds_clouds("walk.bag")
     False
     """
-    with open_regular(path_of(path)) as file:
+    place = path_of(path)
+    if place.is_dir():
+        return _are_clouds(_types_of_folder(place))
+    if place.suffix.lower() == ".db3":
+        return _are_clouds(_types_of_database(place))
+    with open_regular(place) as file:
         head = file.read(4096)
+        if head.startswith(_MCAP):
+            return _are_clouds(_summary(file))
         if not head.startswith(_ROS1):
             return False
         name = head.find(b"index_pos=")
@@ -91,6 +108,40 @@ def holds_clouds(path: str | os.PathLike[str]) -> bool:
     if _CLOUD in connections:
         return True
     return b"type=" in connections and not any(kind in connections for kind in (_IMAGE, _PACKED))
+
+
+def _are_clouds(types: bytes) -> bool:
+    """Whether a ROS 2 bag with these types of messages is a LiDAR's."""
+    has_images = any(re.search(kind.encode() + rb"\b", types) for kind in _IMAGES_2)
+    return _CLOUD_2.encode() in types or not has_images
+
+
+def _types_of_folder(folder: Path) -> bytes:
+    with open_regular(folder / "metadata.yaml") as file:
+        return file.read(_MOST_METADATA)
+
+
+def _types_of_database(path: Path) -> bytes:
+    open_regular(path).close()  # raises OSError, and refuses pipes
+    address = f"file:{urllib.parse.quote(str(path.resolve()))}?mode=ro&immutable=1"
+    try:
+        with contextlib.closing(sqlite3.connect(address, uri=True)) as database:
+            rows = database.execute("SELECT type FROM topics LIMIT 10000").fetchall()
+    except sqlite3.Error:  # the reader says what is wrong
+        return b""
+    return " ".join(str(kind) for (kind,) in rows).encode()
+
+
+def _summary(file: BufferedReader) -> bytes:
+    """The records at the end of an MCAP file, which repeat its schemas; empty where it has none."""
+    end = file.seek(0, os.SEEK_END)
+    file.seek(max(0, end - _MCAP_FOOTER))
+    footer = file.read(_MCAP_FOOTER)
+    start = int.from_bytes(footer[9:17], "little")
+    if not footer.endswith(_MCAP) or not 0 < start < end:
+        return b""
+    file.seek(start)
+    return file.read(_MOST_INDEX)
 
 
 class BagPicture(NamedTuple):

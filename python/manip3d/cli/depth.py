@@ -215,6 +215,10 @@ def _recording(sources: list[str], given: dict[str, Any]) -> bool:
     return True
 
 
+_OF_CAMERAS = ("calibration.json", "depth.txt", "metadata.yaml")
+"""Files of recordings that know their camera; the last is that of a ROS 2 bag."""
+
+
 def _is_recording(source: str) -> bool:
     from manip3d.io import is_url
 
@@ -226,7 +230,7 @@ def _is_recording(source: str) -> bool:
         return False
     if kind != "stream":
         path = Path(source)
-        knows_camera = any((path / name).is_file() for name in ("calibration.json", "depth.txt"))
+        knows_camera = any((path / name).is_file() for name in _OF_CAMERAS)
         return kind == "recording" and (knows_camera or path.is_file())
     from manip3d.capture import rgbd_address
 

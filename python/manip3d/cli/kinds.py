@@ -68,9 +68,9 @@ def kind_of(source: str) -> str:
         return _kind_of_folder(path)
     path.stat()  # a missing file is an OSError that names it
     suffix = _suffix(path)
-    if suffix in (".pcap", ".pcapng", ".mcap", ".db3"):
+    if suffix in (".pcap", ".pcapng"):
         return "packets"
-    if suffix == ".bag":
+    if suffix in (".bag", ".mcap", ".db3"):
         from manip3d.capture import holds_clouds
 
         return "packets" if holds_clouds(path) else "recording"
@@ -138,7 +138,9 @@ def _kind_of_folder(path: Path) -> str:
     if any((path / name).exists() for name in names):
         return "recording"
     if (path / "metadata.yaml").is_file():  # of a ROS 2 bag
-        return "packets"
+        from manip3d.capture import holds_clouds
+
+        return "packets" if holds_clouds(path) else "recording"
     is_drive = (path / "velodyne").is_dir() or (path / "velodyne_points").is_dir()
     return "drive" if is_drive else "folder"
 

@@ -218,8 +218,9 @@ def check_output(
     name = path.name.lower().removesuffix(".xz").removesuffix(".gz")
     is_folder = folder and not path.suffix
     if not is_folder and not path.is_char_device() and not name.endswith(tuple(suffixes)):
-        kinds = ", ".join(suffixes) + (", or a folder's name without a suffix" if folder else "")
-        raise InputError(f"-o {path}: expected a name that ends in {kinds}")
+        names = [f"a name that ends in {', '.join(suffixes)}"] if suffixes else []
+        names += ["a folder's name without a suffix"] if folder else []
+        raise InputError(f"-o {path}: expected {', or '.join(names)}")
     if not path.parent.is_dir():
         raise InputError(f"-o {path}: there is no folder {path.parent}")
     refuse_existing(path, force=force)

@@ -61,7 +61,7 @@ def read_scan(
         values say that rows have three, five, six or seven floats instead of x, y, z and intensity
         has the others in ``fields`` as ``column_5`` and so on. nuScenes' ``.pcd.bin``: coordinates
         as they are, the scanner at the origin. PCD: the scanner at its viewpoint. PLY: coordinates
-        as they are, the scanner's place not known. 3DTK's ``.3d``: turned to metres and our axes,
+        as they are, the scanner's place not known; both moved near 0 as LAS is. 3DTK's ``.3d``: turned to metres and our axes,
         the scanner at the origin; the pose of the ``.pose`` file beside it is
         ``format.header["pose"]``. LAS and LAZ: coordinates as they are, moved near 0 where they lie
         far from it. Text (``.xyz``, ``.asc``, ``.pts``, ``.txt``, ``.csv``): a point a line,
