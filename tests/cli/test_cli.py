@@ -548,3 +548,19 @@ main()
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
     assert (done.returncode, done.stderr) == (130, b"")
+
+
+def test_warnings_are_lines_without_places_in_the_code(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.full((20, 20), 2.0, np.float32))
+    camera = tmp_path / "camera.json"
+    camera.write_text('{"fx": 20, "fy": 20, "cx": 9.5, "cy": 9.5, "note": 1}')
+    order = ("--points", "9", "--intrinsics", camera, "-o", tmp_path / "a.glb", "--quiet")
+    done = manip3d("depth", tmp_path / "a.npy", *order)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.splitlines() == ["warning: fields that are no camera's are left out: 'note'"]
+
+
+def test_an_empty_name_is_no_folder(tmp_path: Path) -> None:
+    """It comes of a variable of a script that is not set."""
+    line = error_line(manip3d("simplify", "", "--ratio", "0.5", "-o", tmp_path / "out"))
+    assert line.endswith("source: expected a file, a folder or an address, got ''")

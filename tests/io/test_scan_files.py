@@ -652,7 +652,9 @@ MAP = np.array([458_000.0, 5_428_000.0, 110.0])
 def on_a_map(path: Path, rows: np.ndarray, *, viewpoint: str = "0 0 0 1 0 0 0") -> Path:
     """A scan in coordinates of a map, 64 bits each, as .pcd or .ply has it."""
     if path.suffix == ".pcd":
-        head = f"VERSION 0.7\nFIELDS x y z\nSIZE 8 8 8\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {len(rows)}\n"
+        head = (
+            f"VERSION 0.7\nFIELDS x y z\nSIZE 8 8 8\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {len(rows)}\n"
+        )
         head += f"HEIGHT 1\nVIEWPOINT {viewpoint}\nPOINTS {len(rows)}\nDATA binary\n"
     else:
         head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(rows)}\n"
@@ -679,7 +681,7 @@ def test_scans_on_a_map_keep_their_millimetres(suffix: str, tmp_path: Path) -> N
 
 def test_a_viewpoint_on_a_map_moves_with_the_points(tmp_path: Path) -> None:
     near = np.random.default_rng(2).normal(scale=20.0, size=(500, 3))
-    place = " ".join(map(str, (MAP + [1.0, 2.0, 3.0]).tolist()))
+    place = " ".join(map(str, (MAP + np.arange(1.0, 4.0)).tolist()))
     frame = read_scan(on_a_map(tmp_path / "a.pcd", near + MAP, viewpoint=f"{place} 1 0 0 0"))
     assert frame.origin is not None
     seen = frame.points - np.array(frame.origin)
@@ -699,8 +701,10 @@ def test_names_of_columns_in_other_letters(names: tuple[str, ...], tmp_path: Pat
     path.write_bytes(head.encode() + rows.tobytes())
     frame = read_scan(path)
     assert frame.points.tolist() == rows[:, :3].tolist()
-    assert frame.intensity is not None and frame.intensity.tolist() == [0.5, 0.25]
-    assert frame.ring is not None and frame.ring.tolist() == [7, 9]
+    assert frame.intensity is not None
+    assert frame.intensity.tolist() == [0.5, 0.25]
+    assert frame.ring is not None
+    assert frame.ring.tolist() == [7, 9]
     assert not frame.fields
     frame.write(tmp_path / "b.ply")
     assert (tmp_path / "b.ply").read_bytes() == path.read_bytes()

@@ -215,11 +215,7 @@ def test_json_that_nests_too_deep_is_no_json(tmp_path: Path) -> None:
         authenticate.SensorLattice.load(path)
 
 
-POINTER = (
-    "version https://git-lfs.github.com/spec/v1\n"
-    f"oid sha256:{'4d7a' * 16}\n"
-    "size 123\n"
-)
+POINTER = f"version https://git-lfs.github.com/spec/v1\noid sha256:{'4d7a' * 16}\nsize 123\n"
 
 
 @pytest.mark.parametrize(

@@ -298,7 +298,9 @@ def _remote(source: str, suffixes: Sequence[str] | None) -> Iterator[SourceFile]
         str(name): info
         for name, info in infos.items()
         if info.get("type") == "file"
-        and (not in_folder or (_is_wanted(str(name), suffixes) and not _is_below_hidden(name, root)))
+        and (
+            not in_folder or (_is_wanted(str(name), suffixes) and not _is_below_hidden(name, root))
+        )
     }
     _refuse_none(files, source, suffixes)
     for name, info in files.items():

@@ -12,6 +12,7 @@ import io
 import json
 import os
 import sys
+import warnings
 from typing import Annotated, Any, NoReturn, TextIO
 
 import typer
@@ -119,6 +120,7 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     try:
         try:
             _start_logging(words)
+            show_warnings_in_lines()
             app(arguments, prog_name="manip3d")
         finally:
             _flush(sys.stdout)
@@ -134,6 +136,23 @@ def main(arguments: list[str] | None = None) -> NoReturn:
         message = f"internal error: {type(error).__name__}: {error} (MANIP3D_LOG=debug: where)"
         _fail(error, message, as_json)
     sys.exit(0)
+
+
+def show_warnings_in_lines() -> None:
+    """Have warnings told as messages, without the place in the code that Python puts before."""
+
+    def show(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
+        with contextlib.suppress(OSError):
+            print(f"warning: {' '.join(str(message).split())}", file=file or sys.stderr)
+
+    warnings.showwarning = show
 
 
 def _prepare_streams() -> None:

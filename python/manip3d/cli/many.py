@@ -10,6 +10,7 @@ import copy
 import functools
 import importlib
 import inspect
+import multiprocessing
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -19,7 +20,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
-from manip3d.cli import kinds
+from manip3d.cli import kinds, show_warnings_in_lines
 from manip3d.cli.options import Dask, FolderJobs, Table, TableOfNow, To
 from manip3d.cli.signals import ended_like_ctrl_c
 from manip3d.cli.terminal import Terminal, collecting, count, counted, showing_as
@@ -191,6 +192,8 @@ def over_files(
             from manip3d._util.fingerprint import presentation_fingerprint
 
             sources: list[str] = given.pop(argument)
+            if "" in sources:  # a variable of a script that is not set; it would be this folder
+                raise InputError(f"{argument}: expected a file, a folder or an address, got ''")
             to, table, dask = given.pop("to", ""), given.pop("table"), given.pop("dask")
             jobs = given["jobs"] if has_jobs else given.pop("jobs")
             shared = {"table": table, "dask": dask, "to": to}
@@ -428,6 +431,8 @@ def on_file(
 
     A file of a folder that is of a kind the verb does not take is no error: its row says so.
     """
+    if multiprocessing.parent_process() is not None:  # a worker's
+        show_warnings_in_lines()
     function = inspect.unwrap(getattr(importlib.import_module(module), verb))
     parameters = inspect.signature(function).parameters
     fixed = {"as_json": True, "quiet": True, "force": True, "jobs": 0}

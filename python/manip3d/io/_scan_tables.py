@@ -234,7 +234,9 @@ def _by_plain_names(columns: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[An
     found: dict[str, NDArray[Any]] = {}
     for name, values in columns.items():
         plain = _plain_name(name)
-        is_known = plain in known - found.keys() and (plain not in "xyz" or values.dtype.kind == "f")
+        is_known = plain in known - found.keys() and (
+            plain not in "xyz" or values.dtype.kind == "f"
+        )
         found[plain if is_known else name] = values
     return found
 
