@@ -151,3 +151,12 @@ def test_a_folder_of_exported_clouds_is_inspected(tmp_path: Path) -> None:
     (tmp_path / "notes.csv").write_text("name,value\na,1\n")
     rows = json.loads(run("inspect", tmp_path, "--json", "--policy", "undecidable=0"))
     assert [Path(row["source"]).name for row in rows] == ["a.csv", "b.npy"]
+
+
+def test_coordinates_of_a_map_that_are_lost_are_told(tmp_path: Path) -> None:
+    rows = [f"{458_000 + i % 7} {5_428_000 + i % 5} {110 + i % 3}\n" for i in range(50)]
+    (tmp_path / "a.xyz").write_text("".join(rows))
+    for name in ("b.csv", "b.xyz"):
+        done = manip3d("convert", tmp_path / "a.xyz", "-o", tmp_path / name)
+        assert done.returncode == 0, done.stderr
+        assert ("those of the map are 4580" in done.stderr) == (name == "b.csv")

@@ -646,48 +646,6 @@ def test_numbers_of_64_bits_are_refused(tmp_path: Path, suffix: str, digits: int
         assert read_scan(tmp_path / "scan.bin").num_points == 3000
 
 
-MAP = np.array([458_000.0, 5_428_000.0, 110.0])
-
-
-def on_a_map(path: Path, rows: np.ndarray, *, viewpoint: str = "0 0 0 1 0 0 0") -> Path:
-    """A scan in coordinates of a map, 64 bits each, as .pcd or .ply has it."""
-    if path.suffix == ".pcd":
-        head = (
-            f"VERSION 0.7\nFIELDS x y z\nSIZE 8 8 8\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {len(rows)}\n"
-        )
-        head += f"HEIGHT 1\nVIEWPOINT {viewpoint}\nPOINTS {len(rows)}\nDATA binary\n"
-    else:
-        head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(rows)}\n"
-        head += "".join(f"property double {axis}\n" for axis in "xyz") + "end_header\n"
-    path.write_bytes(head.encode() + rows.astype("<f8").tobytes())
-    return path
-
-
-@pytest.mark.parametrize("suffix", [".pcd", ".ply"])
-def test_scans_on_a_map_keep_their_millimetres(suffix: str, tmp_path: Path) -> None:
-    near = np.random.default_rng(2).normal(scale=20.0, size=(500, 3))
-    path = on_a_map(tmp_path / f"a{suffix}", near + MAP)
-    frame = read_scan(path)
-    assert np.abs(frame.points).max() < 200
-    assert frame.origin is None  # 0, 0, 0 is no place of a scanner so far away
-    shift = frame.points[0] - near[0]
-    np.testing.assert_allclose(frame.points - near, np.tile(shift, (500, 1)), atol=1e-4)
-    frame.write(tmp_path / f"b{suffix}")
-    for name in (f"a{suffix}", f"b{suffix}"):
-        exact = read_scan(tmp_path / name).exact
-        assert exact is not None
-        np.testing.assert_array_equal(exact, near + MAP)
-
-
-def test_a_viewpoint_on_a_map_moves_with_the_points(tmp_path: Path) -> None:
-    near = np.random.default_rng(2).normal(scale=20.0, size=(500, 3))
-    place = " ".join(map(str, (MAP + np.arange(1.0, 4.0)).tolist()))
-    frame = read_scan(on_a_map(tmp_path / "a.pcd", near + MAP, viewpoint=f"{place} 1 0 0 0"))
-    assert frame.origin is not None
-    seen = frame.points - np.array(frame.origin)
-    np.testing.assert_allclose(seen, near - [1.0, 2.0, 3.0], atol=1e-4)
-
-
 @pytest.mark.parametrize(
     "names",
     [("x", "y", "z", "scalar_Intensity", "scalar_ring"), ("X", "Y", "Z", "Reflectance", "RING")],

@@ -164,7 +164,19 @@ def convert(source: str, output: Path, terminal: Terminal, calibration: Path | N
             f"output: {source} holds {len(found)} scans: name a folder, or a file that ends in .e57"
         )
     io.write_scans(found, output)
+    for scan in found:
+        _tell_of_map(scan, scan_suffix(output), terminal)
     terminal.say(f"wrote {output}")
+
+
+def _tell_of_map(scan: LidarFrame, suffix: str, terminal: Terminal) -> None:
+    """Warn of coordinates far from 0, which another format than the scan's gets near 0."""
+    if scan.format is None or scan.format.name == suffix.lstrip(".").replace("laz", "las"):
+        return
+    shift = scan.format.to_file[:3, 3]
+    if shift.any():
+        place = " ".join(f"{value:.0f}" for value in shift)
+        terminal.say(f"warning: coordinates are written near 0: those of the map are {place} more")
 
 
 def _write_folder(scans: Iterator[LidarFrame], output: Path, terminal: Terminal) -> None:
@@ -176,6 +188,7 @@ def _write_folder(scans: Iterator[LidarFrame], output: Path, terminal: Terminal)
     count_written, times = 0, []
     for number, scan in enumerate(scans):
         scan.write(folder / f"{number:06d}.bin")
+        _tell_of_map(scan, ".bin", terminal)
         count_written += 1
         if scan.time_ns is not None:
             times.append(f"{scan.time_ns // SECOND_NS}.{scan.time_ns % SECOND_NS:09d}\n")

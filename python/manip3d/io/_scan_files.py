@@ -61,18 +61,18 @@ def read_scan(
         values say that rows have three, five, six or seven floats instead of x, y, z and intensity
         has the others in ``fields`` as ``column_5`` and so on. nuScenes' ``.pcd.bin``: coordinates
         as they are, the scanner at the origin. PCD: the scanner at its viewpoint. PLY: coordinates
-        as they are, the scanner's place not known. Both are moved near 0 as LAS is. 3DTK's ``.3d``:
-        turned to metres and our axes, the scanner at the origin; the pose of the ``.pose`` file
-        beside it is ``format.header["pose"]``. LAS and LAZ: coordinates as they are, moved near 0
-        where they lie far from it. Text (``.xyz``, ``.asc``, ``.pts``, ``.txt``, ``.csv``): a point
-        a line, columns between commas, semicolons or blanks, named by a line before them, else x,
-        y, z, the intensity where there are four or seven, and ``c3`` and so on; coordinates as of
-        LAS, the scanner's place not known. ``.npy``: rows of x, y, z, the intensity and up to four
-        more numbers, or a structured array that names them; else as text. E57: the scanner's own
-        frame, the scanner at the origin; its pose is ``format.header["pose"]``. Points of all but
-        ``.bin`` without coordinates (NaN, empty, marked invalid) were not measured: they are
-        dropped and counted, and ``file_rows`` has the rows of the others. ``.bin`` has no such
-        points: NaN there is damage.
+        as they are, the scanner's place not known. 3DTK's ``.3d``: turned to metres and our axes,
+        the scanner at the origin; the pose of the ``.pose`` file beside it is
+        ``format.header["pose"]``. LAS and LAZ: coordinates as they are, moved near 0 where they lie
+        far from it. Text (``.xyz``, ``.asc``, ``.pts``, ``.txt``, ``.csv``): a point a line,
+        columns between commas, semicolons or blanks, named by a line before them, else x, y, z, the
+        intensity where there are four or seven, and ``c3`` and so on; coordinates as of LAS, the
+        scanner's place not known. ``.npy``: rows of x, y, z, the intensity and up to four more
+        numbers, or a structured array that names them; else as text. E57: the scanner's own frame,
+        the scanner at the origin; its pose is ``format.header["pose"]``. Points of all but ``.bin``
+        without coordinates (NaN, empty, marked invalid) were not measured: they are dropped and
+        counted, and ``file_rows`` has the rows of the others. ``.bin`` has no such points: NaN
+        there is damage.
 
     Raises
     ------

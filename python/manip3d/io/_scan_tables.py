@@ -32,8 +32,6 @@ TABLE_SUFFIXES: tuple[str, ...] = tuple(_core.point_suffixes())
 _COMPRESSED = (".gz", ".xz")
 _TEXT = ("xyz", "asc", "pts", "txt", "csv")
 _UNSTATED = (*_TEXT, "npy")
-_NEAR_ZERO = (*_UNSTATED, "ply", "pcd")
-"""Formats whose coordinates may be those of a map."""
 """Formats that do not say where the scanner is, or which of their numbers are whole."""
 _BARE = ("kitti", "nuscenes")
 _LARGEST = 1e9
@@ -183,9 +181,7 @@ def frame_of_table(
     if num_dropped:
         by_name = {key: values[measured] for key, values in by_name.items()}
     stored = np.column_stack([by_name.pop(axis) for axis in "xyz"])
-    to_file = near_zero(stored) if kind in _NEAR_ZERO else _to_file(kind)
-    if origin is not None and kind in _NEAR_ZERO and to_file[:3, 3].any():
-        origin = _origin_near_zero(origin, to_file)
+    to_file = near_zero(stored) if kind in _UNSTATED else _to_file(kind)
     layout = ScanFormat(kind, table.layout, table.header, to_file)
     points = measured_points(stored, layout, name)
     intensity = _intensity(by_name, name)
@@ -239,19 +235,6 @@ def _by_plain_names(columns: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[An
         )
         found[plain if is_known else name] = values
     return found
-
-
-def _origin_near_zero(
-    origin: tuple[float, float, float], to_file: NDArray[np.float64]
-) -> tuple[float, float, float] | None:
-    """Where the scanner stood, in coordinates that were moved near 0.
-
-    None for 0, 0, 0, which writers put where they know no place: no scanner stands that far away.
-    """
-    if not any(origin):
-        return None
-    x, y, z = (np.array(origin) - to_file[:3, 3]).tolist()
-    return x, y, z
 
 
 def _take(
