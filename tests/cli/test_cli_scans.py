@@ -160,3 +160,12 @@ def test_coordinates_of_a_map_that_are_lost_are_told(tmp_path: Path) -> None:
         done = manip3d("convert", tmp_path / "a.xyz", "-o", tmp_path / name)
         assert done.returncode == 0, done.stderr
         assert ("those of the map are 4580" in done.stderr) == (name == "b.csv")
+
+
+def test_an_output_of_another_option_is_named_by_it(tmp_path: Path) -> None:
+    np.zeros((9, 4), np.float32).tofile(tmp_path / "a.bin")
+    done = manip3d("inspect", tmp_path / "a.bin", "--rows", tmp_path / "rows.txt")
+    assert done.returncode == 1
+    assert (
+        f"error: --rows {tmp_path / 'rows.txt'}: expected a name that ends in .csv" in done.stderr
+    )

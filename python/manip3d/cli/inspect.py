@@ -284,7 +284,7 @@ def inspect(
     if calibration is not None:
         raise InputError("--calibration: expected with a recording of packets, got a scan")
     check_output(output, report.EVIDENCE_KINDS, force=force)
-    check_output(rows, (".csv",), force=force)
+    check_output(rows, (".csv",), force=force, option="--rows")
     frame = read_scan(source)
     shell.say(f"read {source}: {counted(frame.num_points, 'point')}")
     with shell.progress("inspect") as progress, _keys_of(key) as secret:

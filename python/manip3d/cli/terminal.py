@@ -193,7 +193,12 @@ def naming_options(*options: str) -> Iterator[None]:
 
 
 def check_output(
-    path: Path | None, suffixes: Sequence[str], *, force: bool, folder: bool = False
+    path: Path | None,
+    suffixes: Sequence[str],
+    *,
+    force: bool,
+    folder: bool = False,
+    option: str = "-o",
 ) -> None:
     """Check ``-o`` before any work is done.
 
@@ -207,6 +212,8 @@ def check_output(
         An existing output may be replaced.
     folder : bool
         A name without a suffix is a folder and is accepted too.
+    option : str
+        Name of the option that an error is about.
 
     Raises
     ------
@@ -220,9 +227,9 @@ def check_output(
     if not is_folder and not path.is_char_device() and not name.endswith(tuple(suffixes)):
         names = [f"a name that ends in {', '.join(suffixes)}"] if suffixes else []
         names += ["a folder's name without a suffix"] if folder else []
-        raise InputError(f"-o {path}: expected {', or '.join(names)}")
+        raise InputError(f"{option} {path}: expected {', or '.join(names)}")
     if not path.parent.is_dir():
-        raise InputError(f"-o {path}: there is no folder {path.parent}")
+        raise InputError(f"{option} {path}: there is no folder {path.parent}")
     refuse_existing(path, force=force)
 
 

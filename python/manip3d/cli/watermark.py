@@ -347,7 +347,7 @@ def verify(
     from manip3d import authenticate
 
     shell = Terminal(as_json=as_json, quiet=quiet)
-    check_output(report, (".json",), force=force)
+    check_output(report, (".json",), force=force, option="--report")
     if Path(source).suffix != authenticate.RECORD_SUFFIX:
         expect_kind(source, "scan", "drive", verb="watermark verify")
     policy = policy_of(
