@@ -116,7 +116,7 @@ ScanMotion to_motion(const CArray<double>& matrix, const char* name) {
 
 Fields to_fields(const ScanMotion& motion) {
   Fields fields;
-  fields["rotation"] = to_numpy(Eigen::Matrix3d(motion.rotation));
+  fields["rotation"] = to_numpy(Eigen::Matrix<double, 3, 3, Eigen::RowMajor>(motion.rotation));
   fields["translation"] = to_numpy(Eigen::Vector3d(motion.translation));
   fields["residual"] = motion.residual;
   fields["pairs"] = motion.pairs;

@@ -41,6 +41,8 @@ template <typename Matrix>
 py::array to_numpy(Matrix&& matrix) {
   using Plain = std::decay_t<Matrix>;
   using Scalar = typename Plain::Scalar;
+  static_assert(Plain::ColsAtCompileTime == 1 || Plain::IsRowMajor,
+                "NumPy reads rows: a matrix by columns would be transposed");
   auto owner = std::make_unique<Plain>(std::forward<Matrix>(matrix));
   const auto num_rows = static_cast<py::ssize_t>(owner->rows());
   Scalar* data = owner->data();

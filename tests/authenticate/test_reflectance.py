@@ -96,6 +96,31 @@ def test_changed_reflectances_are_found_beside_the_turns(
     assert np.abs(np.subtract(found.regions[0].box.center, center)).max() < 1.5
 
 
+def test_changed_reflectances_are_found_by_a_scanner_that_turns(turns: list[LidarFrame]) -> None:
+    """Two degrees are a third of a metre at 10 m: turns that are moved by the inverse show other
+    surfaces, and a clean frame more than its noise."""
+    angle = np.radians(2.0)
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0],
+                     [0.0, 0.0, 1.0]])  # fmt: skip
+    before, after = (
+        each.replace(points=np.ascontiguousarray(each.points @ way, np.float32))
+        for each, way in ((turns[0], turn.T), (turns[2], turn))
+    )
+    values, box = of_box(turns)
+    clean = reflectance_consistency(turns[1], lattice=LATTICE, previous=before, following=after)
+    straight = reflectance_consistency(
+        turns[1], lattice=LATTICE, previous=turns[0], following=turns[2]
+    )
+    assert clean.score < straight.score + 0.1
+    values[box] = np.clip(np.round((values[box] - 0.2) * 100.0), 0.0, 99.0) / 100.0
+    found = reflectance_consistency(
+        turns[1].replace(intensity=values.astype(np.float32)), lattice=LATTICE, previous=before,
+        following=after,
+    )  # fmt: skip
+    assert (found.verdict, found.regions[0].kind) == ("tampered", "changed")
+    assert box[found.suspected].mean() > 0.7
+
+
 def test_one_value_has_no_shot_noise(turns: list[LidarFrame]) -> None:
     values, box = of_box(turns)
     values[box] = 0.4

@@ -40,6 +40,18 @@ def test_turns_are_aligned_and_a_clean_frame_is_not_accused(turns: list[np.ndarr
         np.testing.assert_allclose(motion[:3, :3], np.eye(3), atol=2e-3)
 
 
+def test_the_motion_of_a_scanner_that_turns_is_not_its_inverse(turns: list[np.ndarray]) -> None:
+    angle = np.radians(2.0)
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0],
+                     [0.0, 0.0, 1.0]])  # fmt: skip
+    beside = [np.float32(turns[0] @ turn.T), np.float32(turns[2] @ turn)]
+    found = turn_consistency(turns[1], *beside, lattice=LATTICE)
+    assert found.verdict == "no_trace"
+    for motion, way, back in ((found.previous, -STEP, turn.T), (found.following, STEP, turn)):
+        np.testing.assert_allclose(motion[:3, :3], back, atol=2e-3)
+        np.testing.assert_allclose(motion[:3, 3], (way, 0.0, 0.0), atol=0.03)
+
+
 @pytest.mark.parametrize("number", [0, 1, 2])
 def test_deleted_box_is_found_where_it_stood(turns: list[np.ndarray], number: int) -> None:
     box = turn_scans.box_at(number, 0.0)
