@@ -50,6 +50,13 @@ LatticeReading to_reading(const Reading& reading) {
           rows<Eigen::VectorXf>(std::get<5>(reading), "range_error")};
 }
 
+auto to_tuple(LatticeReading&& reading) {
+  return py::make_tuple(
+      to_numpy(std::move(reading.ring)), to_numpy(std::move(reading.count)),
+      to_numpy(std::move(reading.azimuth)), to_numpy(std::move(reading.line_error)),
+      to_numpy(std::move(reading.step_error)), to_numpy(std::move(reading.range_error)));
+}
+
 constexpr const char* kDroppedNames[] = {"",        "unknown",   "contradicted",
                                          "depends", "no ground", "no previous"};
 
@@ -139,10 +146,7 @@ void bind_lattice(py::module_& m) {
           const py::gil_scoped_release nogil;
           reading = read_lattice(view, lattice, threads, interruptible());
         }
-        return py::make_tuple(
-            to_numpy(std::move(reading.ring)), to_numpy(std::move(reading.count)),
-            to_numpy(std::move(reading.azimuth)), to_numpy(std::move(reading.line_error)),
-            to_numpy(std::move(reading.step_error)), to_numpy(std::move(reading.range_error)));
+        return to_tuple(std::move(reading));
       },
       py::arg("points").noconvert(), py::arg("rings").noconvert(), py::arg("steps"),
       py::arg("range_step"), py::arg("coordinate_step"), py::arg("threads"));
@@ -188,18 +192,23 @@ void bind_lattice(py::module_& m) {
   m.def(
       "compare_turns",
       [](const CArray<float>& points, const CArray<float>& previous, const CArray<float>& following,
-         const CArray<double>& rings, bool whole_turns, int threads) {
+         const CArray<double>& rings, bool whole_turns, int threads,
+         const std::optional<Reading>& reading) {
         const PointsView view(rows<Points>(points, "points"));
         const PointsView earlier(rows<Points>(previous, "previous"));
         const PointsView later(rows<Points>(following, "following"));
         const ScanLattice lattice = to_lattice(rings, 0, 0.0, 0.0);
         TurnOptions options;
         options.whole_turns = whole_turns;
+        std::optional<LatticeReading> read;
+        if (reading) read = to_reading(*reading);
         options.num_threads = threads;
         TurnResult result;
         {
           const py::gil_scoped_release nogil;
-          result = compare_turns(view, earlier, later, lattice, options, interruptible());
+          result = read ? compare_turns(view, earlier, later, lattice, std::move(*read), options,
+                                        interruptible())
+                        : compare_turns(view, earlier, later, lattice, options, interruptible());
         }
         Fields fields;
         fields["judged"] = result.is_judged();
@@ -207,16 +216,18 @@ void bind_lattice(py::module_& m) {
         fields["previous"] = to_fields(result.previous);
         fields["following"] = to_fields(result.following);
         fields["regions"] = to_list(std::move(result.regions));
+        fields["seen"] = py::make_tuple(to_tuple(std::move(result.seen[0])),
+                                        to_tuple(std::move(result.seen[1])));
         return fields;
       },
       py::arg("points").noconvert(), py::arg("previous").noconvert(),
       py::arg("following").noconvert(), py::arg("rings").noconvert(), py::arg("whole_turns"),
-      py::arg("threads"));
+      py::arg("threads"), py::arg("reading") = py::none());
   m.def(
       "compare_reflectance",
       [](const CArray<float>& points, const CArray<float>& reflectance, const CArray<double>& rings,
          const std::vector<CArray<float>>& turns, const std::vector<CArray<double>>& motions,
-         int threads, const std::optional<Reading>& reading) {
+         int threads, const std::optional<Reading>& reading, const std::vector<Reading>& seen) {
         const PointsView view = points_view(points, reflectance);
         const ScanLattice lattice = to_lattice(rings, 0, 0.0, 0.0);
         std::optional<LatticeReading> read;
@@ -226,10 +237,17 @@ void bind_lattice(py::module_& m) {
         const PointsView none;
         const PointsView earlier = both ? points_view(turns[0], turns[1]) : none;
         const PointsView later = both ? points_view(turns[2], turns[3]) : none;
+        if (!seen.empty() && !(both && seen.size() == 2)) {
+          throw InputError("seen: expected the readings of two turns or none");
+        }
+        std::vector<LatticeReading> moved;
+        for (const Reading& each : seen) moved.push_back(to_reading(each));
         const ReflectanceTurn previous{earlier,
-                                       both ? to_motion(motions[0], "previous") : ScanMotion{}};
+                                       both ? to_motion(motions[0], "previous") : ScanMotion{},
+                                       moved.empty() ? nullptr : &moved[0]};
         const ReflectanceTurn following{later,
-                                        both ? to_motion(motions[1], "following") : ScanMotion{}};
+                                        both ? to_motion(motions[1], "following") : ScanMotion{},
+                                        moved.empty() ? nullptr : &moved[1]};
         ReflectanceOptions options;
         options.num_threads = threads;
         std::vector<ReflectanceRegion> regions;
@@ -246,7 +264,7 @@ void bind_lattice(py::module_& m) {
       },
       py::arg("points").noconvert(), py::arg("reflectance").noconvert(),
       py::arg("rings").noconvert(), py::arg("turns"), py::arg("motions"), py::arg("threads"),
-      py::arg("reading") = py::none());
+      py::arg("reading") = py::none(), py::arg("seen") = std::vector<Reading>());
   m.attr("CELL_COLUMNS") = kCellColumns;
   m.attr("CELL_RINGS") = kCellRings;
 }

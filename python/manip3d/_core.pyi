@@ -2057,6 +2057,16 @@ def compare_reflectance(
         typing.Annotated[numpy.typing.ArrayLike, numpy.float32],
     ]
     | None = None,
+    seen: collections.abc.Sequence[
+        tuple[
+            typing.Annotated[numpy.typing.ArrayLike, numpy.int32],
+            typing.Annotated[numpy.typing.ArrayLike, numpy.int32],
+            typing.Annotated[numpy.typing.ArrayLike, numpy.float32],
+            typing.Annotated[numpy.typing.ArrayLike, numpy.float32],
+            typing.Annotated[numpy.typing.ArrayLike, numpy.float32],
+            typing.Annotated[numpy.typing.ArrayLike, numpy.float32],
+        ]
+    ] = [],
 ) -> list[tuple[str, float, numpy.typing.NDArray[numpy.int32]]]: ...
 def compare_turns(
     points: numpy.typing.NDArray[numpy.float32],
@@ -2065,6 +2075,15 @@ def compare_turns(
     rings: numpy.typing.NDArray[numpy.float64],
     whole_turns: bool,
     threads: typing.SupportsInt | typing.SupportsIndex,
+    reading: tuple[
+        typing.Annotated[numpy.typing.ArrayLike, numpy.int32],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.int32],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float32],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float32],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float32],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float32],
+    ]
+    | None = None,
 ) -> dict[str, typing.Any]: ...
 def composite(
     vertices: numpy.typing.NDArray[numpy.float32],

@@ -121,6 +121,27 @@ def test_changed_reflectances_are_found_by_a_scanner_that_turns(turns: list[Lida
     assert box[found.suspected].mean() > 0.7
 
 
+def test_turns_that_were_read_are_not_read_again(
+    turns: list[LidarFrame], aligned: TurnResult
+) -> None:
+    table = LATTICE.table
+    seen = _core.compare_turns(
+        turns[1].points, turns[0].points, turns[2].points, table, True, 1
+    )["seen"]  # fmt: skip
+    beside = [a for k in (0, 2) for a in (turns[k].points, turns[k].intensity)]
+    motions = [aligned.previous, aligned.following]
+    values, box = of_box(turns)
+    values[box] *= 0.5
+    given = (turns[1].points, values, table, beside, motions, 1, None)
+    found, expected = _core.compare_reflectance(*given, seen), _core.compare_reflectance(*given)
+    assert repr(found) == repr(expected)
+    assert any(kind == "changed" for kind, _, _ in found)
+    with pytest.raises(InputError, match="seen: expected the readings of two turns"):
+        _core.compare_reflectance(*given, seen[:1])
+    with pytest.raises(InputError, match="reading: expected that of"):
+        _core.compare_reflectance(*given, seen[::-1])
+
+
 def test_one_value_has_no_shot_noise(turns: list[LidarFrame]) -> None:
     values, box = of_box(turns)
     values[box] = 0.4

@@ -11,7 +11,7 @@ import pytest
 
 import lattice_scans as scans
 import turn_scans
-from manip3d import InputError, LidarFrame, authenticate, forge
+from manip3d import InputError, LidarFrame, _core, authenticate, forge
 from manip3d.authenticate import TurnResult, _drives, turn_consistency
 from manip3d.authenticate._movers import passes_by
 from manip3d.authenticate._processing import Lacking, left_out_of_turn
@@ -50,6 +50,27 @@ def test_the_motion_of_a_scanner_that_turns_is_not_its_inverse(turns: list[np.nd
     for motion, way, back in ((found.previous, -STEP, turn.T), (found.following, STEP, turn)):
         np.testing.assert_allclose(motion[:3, :3], back, atol=2e-3)
         np.testing.assert_allclose(motion[:3, 3], (way, 0.0, 0.0), atol=0.03)
+
+
+def test_a_reading_that_is_given_changes_nothing(turns: list[np.ndarray]) -> None:
+    """The turns are read in the frame's coordinates."""
+    table = LATTICE.table
+    told = [
+        _core.compare_turns(turns[1], turns[0], turns[2], table, True, 1, reading)
+        for reading in (None, LATTICE.read(turns[1]).columns)
+    ]
+    for found in told:
+        rotation, shift = found["previous"]["rotation"], found["previous"]["translation"]
+        moved = turns[0] @ rotation.T.astype(np.float32) + np.float32(shift.ravel())
+        seen = LATTICE.read(np.ascontiguousarray(moved))
+        assert np.mean(seen.ring == found["seen"][0][0]) > 0.999
+        apart = np.abs(seen.azimuth - found["seen"][0][2])
+        assert np.mean(np.minimum(apart, 2.0 * np.pi - apart) < 1e-4) > 0.999
+    assert repr(told[0]["regions"]) == repr(told[1]["regions"])
+    with pytest.raises(InputError, match="reading: expected that of"):
+        _core.compare_turns(
+            turns[1], turns[0], turns[2], table, True, 1, LATTICE.read(turns[0]).columns
+        )
 
 
 @pytest.mark.parametrize("number", [0, 1, 2])

@@ -74,72 +74,173 @@ struct ReflectanceScale {
   float lowest, highest;
 };
 
+// The nearest point in each fine direction, by coordinate: directions next to each other are read
+// in one run, also across the end of a turn.
+class NearestImage {
+ public:
+  NearestImage(int rings, int columns, int reach)
+      : rings_(rings), columns_(columns), reach_(reach), width_(columns + 2 * reach) {
+    for (std::vector<float>& axis : axes_) {
+      axis.assign(std::int64_t{rings} * width_, std::numeric_limits<float>::infinity());
+    }
+    rows_.assign(std::int64_t{rings} * width_, -1);
+  }
+
+  [[nodiscard]] int rings() const { return rings_; }
+
+  /// The row of a direction; -1: no point.
+  [[nodiscard]] std::int32_t row(int ring, int column) const {
+    return rows_[first(ring, column) + reach_];
+  }
+
+  void set(int ring, int column, const Eigen::RowVector3f& place, std::int32_t row) {
+    const std::int64_t at = first(ring, column) + reach_;
+    put(at, place, row);
+    if (column < reach_) put(at + columns_, place, row);
+    if (column >= columns_ - reach_) put(at - columns_, place, row);
+  }
+
+  /// Where the run of columns around one begins, `2 * reach + 1` of them.
+  [[nodiscard]] std::int64_t first(int ring, int column) const {
+    return std::int64_t{ring} * width_ + column;
+  }
+  [[nodiscard]] const float* axis(int k, std::int64_t at) const { return axes_[k].data() + at; }
+  [[nodiscard]] const std::int32_t* rows(std::int64_t at) const { return rows_.data() + at; }
+
+ private:
+  void put(std::int64_t at, const Eigen::RowVector3f& place, std::int32_t row) {
+    for (int k = 0; k < 3; ++k) axes_[k][at] = place[k];
+    rows_[at] = row;
+  }
+
+  int rings_, columns_, reach_;
+  std::int64_t width_;
+  std::array<std::vector<float>, 3> axes_;  // infinite where there is no point
+  std::vector<std::int32_t> rows_;
+};
+
 // The reflectances of a turn, less the gain of each laser, looked up from where the frame's scanner
 // stood.
 class ReflectanceView {
  public:
+  // How far points are looked for: squared, and no less in single precision.
+  struct Reach {
+    explicit Reach(double metres)
+        : squared(metres * metres),
+          upper(std::nextafter(static_cast<float>(squared),
+                               std::numeric_limits<float>::infinity())) {}
+    double squared;
+    float upper;
+  };
+
   ReflectanceView(const ReflectanceTurn& turn, const ScanLattice& lattice,
                   const std::vector<double>& gains, int num_threads, const Progress& progress)
-      : nearest_(lattice.num_rings(), kFineColumns, -1) {
+      : nearest_(lattice.num_rings(), kFineColumns, kLookColumns) {
     const PointsView& view = turn.points;
     const LatticeReading own = read_lattice(view, lattice, num_threads, progress);
-    places_.resize(view.num_points(), 3);
+    Points places(view.num_points(), 3);
     const Eigen::Matrix3f rotation = turn.motion.rotation.cast<float>();
     const Eigen::RowVector3f shift = turn.motion.translation.transpose().cast<float>();
     const ReflectanceScale scale(view);
     reflectance_.assign(view.num_points(), kNoReflectance);
     for (Eigen::Index i = 0; i < view.num_points(); ++i) {
-      places_.row(i) = (rotation * view.points.row(i).transpose()).transpose() + shift;
-      if (!places_.row(i).allFinite()) places_.row(i).setZero();  // no scanner sees so far
+      places.row(i) = (rotation * view.points.row(i).transpose()).transpose() + shift;
+      if (!places.row(i).allFinite()) places.row(i).setZero();  // no scanner sees so far
       if (own.ring(i) < 0 || !scale.holds(view.intensity(i))) continue;
       const auto gain = static_cast<float>(gains[own.ring(i)]);
       reflectance_[i] = view.intensity(i) - gain;
     }
-    const PointsView moved(PointsView::Map<Points>(places_.data(), places_.rows(), 3));
-    const LatticeReading seen = read_lattice(moved, lattice, num_threads, progress);
-    for (Eigen::Index i = 0; i < places_.rows(); ++i) {
+    const PointsView moved(PointsView::Map<Points>(places.data(), places.rows(), 3));
+    LatticeReading read;
+    if (turn.seen == nullptr) read = read_lattice(moved, lattice, num_threads, progress);
+    const LatticeReading& seen = turn.seen == nullptr ? read : *turn.seen;
+    for (Eigen::Index i = 0; i < places.rows(); ++i) {
       if (seen.ring(i) < 0 || std::isnan(reflectance_[i])) continue;
-      std::int32_t& first = nearest_(seen.ring(i), share_column(seen.azimuth(i), kFineColumns));
-      if (first < 0 || places_.row(i).squaredNorm() < places_.row(first).squaredNorm()) {
-        first = static_cast<std::int32_t>(i);
+      const int column = share_column(seen.azimuth(i), kFineColumns);
+      const std::int32_t first = nearest_.row(seen.ring(i), column);
+      if (first < 0 || places.row(i).squaredNorm() < places.row(first).squaredNorm()) {
+        nearest_.set(seen.ring(i), column, places.row(i), static_cast<std::int32_t>(i));
       }
     }
   }
 
   // The mean of the nearest points within reach, the nearer the heavier; none: not a number.
   [[nodiscard]] double beside(const Eigen::RowVector3f& place, int ring, int column,
-                              double reach) const {
-    std::array<std::pair<double, std::int32_t>, kMostBeside> best;
+                              const Reach& reach) const {
+    std::array<Beside, kMostBeside> best;
     std::size_t found = 0;
+    std::size_t worst = 0;
+    float bound = reach.upper;  // farther ones are not looked at: most are, once some are known
     for (int r = std::max(0, ring - kLookRings);
          r <= std::min(nearest_.rings() - 1, ring + kLookRings); ++r) {
-      for (int d = -kLookColumns; d <= kLookColumns; ++d) {
-        const std::int32_t i = nearest_(r, nearest_.wrapped(column + d));
-        if (i < 0) continue;
-        std::pair<double, std::int32_t> at{(places_.row(i) - place).squaredNorm(), i};
-        if (!(at.first < reach * reach)) continue;
+      const std::int64_t first = nearest_.first(r, column);
+      const std::array<float, kLookAround> squared = squared_distances(first, place);
+      if (!is_any_within(squared, bound)) continue;
+      const std::int32_t* const rows = nearest_.rows(first);
+      for (int k = 0; k < kLookAround; ++k) {
+        if (!(squared[k] <= bound)) continue;
+        const Beside at{squared[k], rows[k]};
         if (found < kMostBeside) {
+          if (!(static_cast<double>(at.squared) < reach.squared)) continue;
           best[found++] = at;
-        } else if (const auto worst = std::max_element(best.begin(), best.end()); at < *worst) {
-          *worst = at;
+        } else if (at < best[worst]) {
+          best[worst] = at;
         }
+        if (found < kMostBeside) continue;
+        worst = best[0] < best[1] ? 1 : 0;
+        if (best[worst] < best[2]) worst = 2;
+        bound = best[worst].squared;
       }
     }
     if (found == 0) return kNoReflectance;
     double sum = 0.0;
     double weights = 0.0;
     for (std::size_t k = 0; k < found; ++k) {
-      const double weight = 1.0 / (std::sqrt(best[k].first) + kBesideSoftening);
-      sum += weight * static_cast<double>(reflectance_[best[k].second]);
+      const double weight =
+          1.0 / (std::sqrt(static_cast<double>(best[k].squared)) + kBesideSoftening);
+      sum += weight * static_cast<double>(reflectance_[best[k].row]);
       weights += weight;
     }
     return sum / weights;
   }
 
  private:
-  Points places_;
+  static constexpr int kLookAround = 2 * kLookColumns + 1;
+  static_assert(kMostBeside == 3);
+
+  struct Beside {
+    float squared = 0.0F;
+    std::int32_t row = -1;
+    bool operator<(const Beside& other) const {
+      return squared < other.squared || (squared == other.squared && row < other.row);
+    }
+  };
+
+  [[nodiscard]] std::array<float, kLookAround> squared_distances(
+      std::int64_t first, const Eigen::RowVector3f& place) const {
+    const float* const x = nearest_.axis(0, first);
+    const float* const y = nearest_.axis(1, first);
+    const float* const z = nearest_.axis(2, first);
+    std::array<float, kLookAround> squared;
+    for (int k = 0; k < kLookAround; ++k) {
+      const float a = x[k] - place[0];
+      const float b = y[k] - place[1];
+      const float c = z[k] - place[2];
+      squared[k] = a * a + (b * b + c * c);
+    }
+    return squared;
+  }
+
+  // Without a branch for each, as most runs of other lasers hold none.
+  [[nodiscard]] static bool is_any_within(const std::array<float, kLookAround>& squared,
+                                          float bound) {
+    int within = 0;
+    for (const float each : squared) within |= each <= bound ? 1 : 0;
+    return within != 0;
+  }
+
   std::vector<float> reflectance_;
-  RingImage<std::int32_t> nearest_;
+  NearestImage nearest_;
 };
 
 struct ReflectanceTally {
@@ -262,12 +363,13 @@ class ReflectanceSearch {
         ReflectanceView(following, lattice_, gains, options_.num_threads, progress_)};
     Ticker ticker(progress_);
     Tallies tallies(voxels_.size());
+    const ReflectanceView::Reach reach(options_.reach);
     for (Eigen::Index i = 0; i < points_.num_points(); ++i) {
       ticker.tick();
       if (!is_judged(i)) continue;
       const int column = share_column(reading_.azimuth(i), kFineColumns);
       const auto seen = [&](const ReflectanceView& view) {
-        return view.beside(points_.points.row(i), reading_.ring(i), column, options_.reach);
+        return view.beside(points_.points.row(i), reading_.ring(i), column, reach);
       };
       const double before = seen(views[0]);
       const double after = seen(views[1]);
@@ -383,12 +485,16 @@ void check_reflectance_options(const ReflectanceOptions& options) {
   }
 }
 
-void check_compared(const PointsView& points, const ReflectanceTurn* previous,
-                    const ReflectanceTurn* following, const ReflectanceOptions& options) {
+void check_compared(const PointsView& points, const ScanLattice& lattice,
+                    const ReflectanceTurn* previous, const ReflectanceTurn* following,
+                    const ReflectanceOptions& options) {
   check_reflectance_options(options);
   check_reflectance(points, "frame");
   if (previous != nullptr) check_reflectance(previous->points, "previous");
   if (following != nullptr) check_reflectance(following->points, "following");
+  for (const ReflectanceTurn* turn : {previous, following}) {
+    if (turn != nullptr && turn->seen != nullptr) check_reading(*turn->seen, turn->points, lattice);
+  }
 }
 
 }  // namespace
@@ -424,7 +530,7 @@ std::vector<double> laser_gains(const PointsView& points, const LatticeReading& 
 std::vector<ReflectanceRegion> compare_reflectance(
     const PointsView& points, const ScanLattice& lattice, const ReflectanceTurn* previous,
     const ReflectanceTurn* following, const ReflectanceOptions& options, const Progress& progress) {
-  check_compared(points, previous, following, options);
+  check_compared(points, lattice, previous, following, options);
   return ReflectanceSearch(points, lattice,
                            read_lattice(points, lattice, options.num_threads, progress), options,
                            progress)
@@ -435,7 +541,7 @@ std::vector<ReflectanceRegion> compare_reflectance(
     const PointsView& points, const ScanLattice& lattice, LatticeReading reading,
     const ReflectanceTurn* previous, const ReflectanceTurn* following,
     const ReflectanceOptions& options, const Progress& progress) {
-  check_compared(points, previous, following, options);
+  check_compared(points, lattice, previous, following, options);
   check_reading(reading, points, lattice);
   return ReflectanceSearch(points, lattice, std::move(reading), options, progress)
       .run(previous, following);

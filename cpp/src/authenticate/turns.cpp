@@ -7,6 +7,7 @@
 #include <limits>
 #include <span>
 #include <string>
+#include <utility>
 
 #include "authenticate/ground_plane.hpp"
 #include "authenticate/ring_image.hpp"
@@ -49,9 +50,10 @@ int turn_column(double azimuth) {
 // The points of a scan that lasers of the lattice can see, with their directions.
 class Directed {
  public:
-  Directed(const PointsView& points, const ScanLattice& lattice, int num_threads,
-           const Progress& progress)
-      : points_(points), reading_(read_lattice(points, lattice, num_threads, progress)) {}
+  Directed(const PointsView& points, LatticeReading reading)
+      : points_(points), reading_(std::move(reading)) {}
+
+  [[nodiscard]] LatticeReading take_reading() { return std::move(reading_); }
 
   template <typename Visitor>
   void each(const Visitor& visit) const {
@@ -176,9 +178,8 @@ class SeenFromAbove {
   SeenFromAbove(const PointsView& points, const GroundPlane& ground)
       : occupied_(static_cast<std::size_t>(kSide) * kSide, 0) {
     for (const Eigen::Vector2d& p : standing(points, ground)) {
-      if (const int cell = cell_at(p.x(), p.y()); cell >= 0) {
-        occupied_[cell] = 1;
-      }
+      const Cell cell = cell_of(p);
+      if (is_in_reach(cell)) occupied_[place_of(cell)] = 1;
     }
   }
 
@@ -202,16 +203,17 @@ class SeenFromAbove {
     int most = -1;
     for (int degrees = -kGuessTurns; degrees <= kGuessTurns; ++degrees) {
       const SinCos turn = sin_cos(degrees * (kFullTurn / 360.0));
-      std::vector<Eigen::Vector2d> turned;
+      std::vector<Cell> turned;
       for (std::size_t k = 0; k < all.size(); k += stride) {
-        turned.emplace_back(turn.cos * all[k].x() - turn.sin * all[k].y(),
-                            turn.sin * all[k].x() + turn.cos * all[k].y());
+        turned.push_back(cell_of({turn.cos * all[k].x() - turn.sin * all[k].y(),
+                                  turn.sin * all[k].x() + turn.cos * all[k].y()}));
       }
+      const Met met = num_met(turned);
       for (int ahead = -kGuessAhead; ahead <= kGuessAhead; ++ahead) {
         for (int aside = -kGuessAside; aside <= kGuessAside; ++aside) {
-          const int met = num_met(turned, ahead * kGuessCell, aside * kGuessCell);
-          if (met <= most) continue;
-          most = met;
+          const int here = met[aside + kGuessAside][ahead + kGuessAhead];
+          if (here <= most) continue;
+          most = here;
           best.rotation << turn.cos, -turn.sin, 0.0, turn.sin, turn.cos, 0.0, 0.0, 0.0, 1.0;
           best.translation = {ahead * kGuessCell, aside * kGuessCell, 0.0};
         }
@@ -221,20 +223,45 @@ class SeenFromAbove {
   }
 
  private:
-  static constexpr int kSide = static_cast<int>(2.0 * kGuessReach / kGuessCell);
+  static constexpr int kCells = static_cast<int>(2.0 * kGuessReach / kGuessCell);
+  // Around the cells in reach are empty ones, so that points next to them may be shifted, too.
+  static constexpr int kMargin = 2 * std::max(kGuessAhead, kGuessAside);
+  static constexpr int kSide = kCells + 2 * kMargin;
+  static constexpr int kShifts = 2 * kGuessAhead + 1;
 
-  static int cell_at(double x, double y) {
-    const double column = std::floor((x + kGuessReach) / kGuessCell);
-    const double row = std::floor((y + kGuessReach) / kGuessCell);
-    if (!(column >= 0.0 && column < kSide && row >= 0.0 && row < kSide)) return -1;
-    return static_cast<int>(row) * kSide + static_cast<int>(column);
+  struct Cell {
+    int row, column;
+  };
+  // How many points meet what stood there, by their shift aside and ahead in cells.
+  using Met = std::array<std::array<std::int32_t, kShifts>, 2 * kGuessAside + 1>;
+
+  static Cell cell_of(const Eigen::Vector2d& p) {
+    return {static_cast<int>(std::floor((p.y() + kGuessReach) / kGuessCell)),
+            static_cast<int>(std::floor((p.x() + kGuessReach) / kGuessCell))};
   }
 
-  [[nodiscard]] int num_met(const std::vector<Eigen::Vector2d>& points, double x, double y) const {
-    int met = 0;
-    for (const Eigen::Vector2d& p : points) {
-      const int cell = cell_at(p.x() + x, p.y() + y);
-      if (cell >= 0) met += occupied_[cell];
+  static bool is_in_reach(const Cell& cell) {
+    return cell.row >= 0 && cell.row < kCells && cell.column >= 0 && cell.column < kCells;
+  }
+
+  // The place of a cell that is in reach, or at most half the margin away.
+  static std::size_t place_of(const Cell& cell) {
+    return static_cast<std::size_t>(cell.row + kMargin) * kSide + cell.column + kMargin;
+  }
+
+  // Shifts are whole cells: those ahead are read in one run.
+  [[nodiscard]] Met num_met(const std::vector<Cell>& cells) const {
+    constexpr int kHalf = kMargin / 2;
+    Met met{};
+    for (const Cell& cell : cells) {
+      if (cell.row < -kHalf || cell.row >= kCells + kHalf) continue;
+      if (cell.column < -kHalf || cell.column >= kCells + kHalf) continue;
+      for (int aside = -kGuessAside; aside <= kGuessAside; ++aside) {
+        const std::uint8_t* const first =
+            occupied_.data() + place_of({cell.row + aside, cell.column - kGuessAhead});
+        auto& run = met[aside + kGuessAside];
+        for (int k = 0; k < kShifts; ++k) run[k] += first[k];
+      }
     }
     return met;
   }
@@ -252,18 +279,19 @@ bool goes_on(const ScanMotion& previous, const ScanMotion& following) {
 
 class TurnComparison {
  public:
-  TurnComparison(const PointsView& points, const ScanLattice& lattice, const GroundPlane& ground,
-                 const TurnOptions& options, const std::array<Points, 2>& turns,
-                 const Progress& progress)
+  TurnComparison(const PointsView& points, const ScanLattice& lattice, LatticeReading reading,
+                 const GroundPlane& ground, const TurnOptions& options,
+                 const std::array<Points, 2>& turns, const Progress& progress)
       : lattice_(lattice),
         ground_(ground),
         options_(options),
-        directed_(points, lattice, options.num_threads, progress),
+        directed_(points, std::move(reading)),
         now_(single_view(directed_, lattice.num_rings())),
         turns_(turns),
         views_{view_of(turns[0]), view_of(turns[1])},
-        others_{Directed(views_[0], lattice, options.num_threads, progress),
-                Directed(views_[1], lattice, options.num_threads, progress)},
+        others_{
+            Directed(views_[0], read_lattice(views_[0], lattice, options.num_threads, progress)),
+            Directed(views_[1], read_lattice(views_[1], lattice, options.num_threads, progress))},
         before_(spread_view(single_view(others_[0], lattice.num_rings()))),
         after_(spread_view(single_view(others_[1], lattice.num_rings()))),
         extents_{extent(turns[0]), extent(turns[1])} {}
@@ -283,6 +311,10 @@ class TurnComparison {
       add_regions(static_cast<TurnEvidence>(kind), images, regions);
     }
     return regions;
+  }
+
+  std::array<LatticeReading, 2> take_readings() {
+    return {others_[0].take_reading(), others_[1].take_reading()};
   }
 
  private:
@@ -491,11 +523,10 @@ void check_turn_options(const TurnOptions& options) {
   if (!(options.tolerance_share >= 0.0)) refuse("tolerance_share", options.tolerance_share);
 }
 
-}  // namespace
-
-TurnResult compare_turns(const PointsView& points, const PointsView& previous,
-                         const PointsView& following, const ScanLattice& lattice,
-                         const TurnOptions& options, const Progress& progress) {
+// `reading`: where the points lie on the lattice; null: they are read when they are compared.
+TurnResult compared(const PointsView& points, const PointsView& previous,
+                    const PointsView& following, const ScanLattice& lattice,
+                    LatticeReading* reading, const TurnOptions& options, const Progress& progress) {
   check_turn_options(options);
   check_points(points);
   check_points(previous);
@@ -515,9 +546,31 @@ TurnResult compare_turns(const PointsView& points, const PointsView& previous,
   const std::array<Points, 2> turns{moved_points(previous, result.previous),
                                     moved_points(following, result.following)};
   if (progress) progress(0.9);
-  result.regions =
-      TurnComparison(points, lattice, *ground, options, turns, part_of(progress, 0.9, 0.9)).run();
+  const Progress rest = part_of(progress, 0.9, 0.9);
+  TurnComparison comparison(points, lattice,
+                            reading != nullptr
+                                ? std::move(*reading)
+                                : read_lattice(points, lattice, options.num_threads, rest),
+                            *ground, options, turns, rest);
+  result.regions = comparison.run();
+  result.seen = comparison.take_readings();
   return result;
+}
+
+}  // namespace
+
+TurnResult compare_turns(const PointsView& points, const PointsView& previous,
+                         const PointsView& following, const ScanLattice& lattice,
+                         const TurnOptions& options, const Progress& progress) {
+  return compared(points, previous, following, lattice, nullptr, options, progress);
+}
+
+TurnResult compare_turns(const PointsView& points, const PointsView& previous,
+                         const PointsView& following, const ScanLattice& lattice,
+                         LatticeReading reading, const TurnOptions& options,
+                         const Progress& progress) {
+  check_reading(reading, points, lattice);
+  return compared(points, previous, following, lattice, &reading, options, progress);
 }
 
 }  // namespace manip3d

@@ -87,12 +87,19 @@ class LocalPlanes {
     Eigen::Vector3d normal = Eigen::Vector3d::Zero();
   };
 
-  // Row of the nearest point within reach that lies in a plane; -1: there is none.
-  std::int64_t nearest(const Eigen::Vector3d& point, double reach) {
-    tree_.nearest_to(point, 1, found_);
-    if (found_.rows.empty() || !(found_.squared_distances[0] < reach * reach)) return -1;
-    const std::int64_t row = found_.rows[0];
-    return plane(row).state == Plane::State::kFlat ? row : -1;
+  // Row of the nearest point within reach that lies in a plane; -1: there is none. `last` is the
+  // nearest row that was found for the point before it moved a little, or -1: searches are quick
+  // where something near is known.
+  std::int64_t nearest(const Eigen::Vector3d& point, double reach, std::int64_t& last) {
+    KdTree::Nearest known{-1, reach * reach};
+    if (last >= 0) {
+      const double squared = tree_.squared_distance(point, last);
+      if (squared < known.squared_distance) known = {last, squared};
+    }
+    const KdTree::Nearest found = tree_.nearest_to(point, known);
+    if (found.row < 0) return -1;
+    last = found.row;
+    return plane(found.row).state == Plane::State::kFlat ? found.row : -1;
   }
 
   [[nodiscard]] Eigen::Vector3d point(std::int64_t row) const {
@@ -127,7 +134,7 @@ class LocalPlanes {
   PointsView view_;
   KdTree tree_;
   std::vector<Plane> planes_;
-  KdTree::Neighbours found_, around_;
+  KdTree::Neighbours around_;
 };
 
 // The rotation nearest to I + [w]x, by its quaternion (1, w / 2): square roots alone.
@@ -170,6 +177,7 @@ ScanMotion ScanAligner::align(const PointsView& source, const ScanMotion& start,
   double reach = kFarReach;
   double kernel = kWideKernel;
   std::vector<double> distances;
+  std::vector<std::int64_t> last(from.rows(), -1);  // the nearest row of the round before
   for (int round = 0; round < kAlignRounds; ++round) {
     if (progress) progress(0.2 + 0.8 * round / kAlignRounds);
     Eigen::Matrix<double, 6, 6> normal = Eigen::Matrix<double, 6, 6>::Identity() * 1e-6;
@@ -180,7 +188,7 @@ ScanMotion ScanAligner::align(const PointsView& source, const ScanMotion& start,
       ++motion.tried;
       const Eigen::Vector3d moved =
           motion.rotation * from.row(i).transpose().cast<double>() + motion.translation;
-      const std::int64_t row = planes.nearest(moved, reach);
+      const std::int64_t row = planes.nearest(moved, reach, last[i]);
       if (row < 0) continue;
       const Eigen::Vector3d& n = planes.normal(row);
       const double error = n.dot(planes.point(row) - moved);

@@ -53,6 +53,28 @@ class KdTree {
     found.squared_distances.resize(count);
   }
 
+  /// A row, and its squared distance from a place.
+  struct Nearest {
+    std::int64_t row = -1;  ///< -1: no row is nearer than `squared_distance`.
+    double squared_distance = std::numeric_limits<double>::infinity();
+  };
+
+  /// The row nearest to any place, if one is nearer than what is known; else that.
+  [[nodiscard]] Nearest nearest_to(const Eigen::Vector3d& place, const Nearest& known) const {
+    NearestRow nearest(known);
+    if (cloud_.size > 0) tree_.findNeighbors(nearest, place.data(), {});
+    return nearest.best();
+  }
+
+  [[nodiscard]] double squared_distance(const Eigen::Vector3d& place, std::int64_t row) const {
+    double squared = 0.0;
+    for (int axis = 0; axis < 3; ++axis) {
+      const double apart = place[axis] - cloud_.kdtree_get_pt(static_cast<std::size_t>(row), axis);
+      squared += apart * apart;
+    }
+    return squared;
+  }
+
   /// Distance of a row from its nearest other row; infinite where there is no other.
   [[nodiscard]] double nearest_distance(std::int64_t row) const {
     std::array<std::uint32_t, 2> rows;
@@ -81,6 +103,25 @@ class KdTree {
       return false;
     }
   };
+  // What a search found so far, as nanoflann asks for it.
+  class NearestRow {
+   public:
+    explicit NearestRow(const Nearest& known) : best_(known) {}
+    [[nodiscard]] const Nearest& best() const { return best_; }
+    [[nodiscard]] double worstDist() const { return best_.squared_distance; }
+    [[nodiscard]] std::size_t size() const { return full() ? 1 : 0; }
+    [[nodiscard]] bool empty() const { return !full(); }
+    [[nodiscard]] bool full() const { return best_.row >= 0; }
+    void sort() {}
+    bool addPoint(double squared_distance, std::uint32_t row) {
+      if (squared_distance < best_.squared_distance) best_ = {row, squared_distance};
+      return true;
+    }
+
+   private:
+    Nearest best_;
+  };
+
   using Tree =
       nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, Cloud>, Cloud, 3>;
 

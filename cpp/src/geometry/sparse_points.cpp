@@ -91,22 +91,32 @@ class SparseSearch {
       const double nearest = (1.0 - kRounding) * nearest_of(i);
       below[i] = static_cast<float>(nearest * nearest);
     }
-    std::vector<std::uint8_t> near(static_cast<std::size_t>(count), 0);
-    const float* const xyz = view_.points.data();
+    // Loops over runs of one type, whose steps do not depend on each other: several at a time.
+    const Eigen::Matrix<float, Eigen::Dynamic, 3> columns = view_.points;
+    const float* const x = columns.data();
+    const float* const y = x + count;
+    const float* const z = y + count;
+    std::vector<float> near(static_cast<std::size_t>(count), 0.0F);
+    std::vector<float> squared(static_cast<std::size_t>(count));
     for (std::int64_t apart = 1; apart <= kBesideInFile; ++apart) {
       for (std::int64_t i = 0; i + apart < count; ++i) {
-        const float x = xyz[3 * i] - xyz[3 * (i + apart)];
-        const float y = xyz[3 * i + 1] - xyz[3 * (i + apart) + 1];
-        const float z = xyz[3 * i + 2] - xyz[3 * (i + apart) + 2];
-        const float squared = x * x + y * y + z * z;
-        near[i] += squared < below[i] ? 1 : 0;
-        near[i + apart] += squared < below[i + apart] ? 1 : 0;
+        const float a = x[i] - x[i + apart];
+        const float b = y[i] - y[i + apart];
+        const float c = z[i] - z[i + apart];
+        squared[i] = a * a + b * b + c * c;
+      }
+      for (std::int64_t i = 0; i + apart < count; ++i) {
+        near[i] += squared[i] < below[i] ? 1.0F : 0.0F;
+      }
+      for (std::int64_t i = 0; i + apart < count; ++i) {
+        near[i + apart] += squared[i] < below[i + apart] ? 1.0F : 0.0F;
       }
       ticker_.tick();
     }
     std::vector<std::int32_t> rows;
     for (std::int64_t i = 0; i < count; ++i) {
-      if (near[i] < options_.neighbours) rows.push_back(static_cast<std::int32_t>(i));
+      if (near[i] < static_cast<float>(options_.neighbours))
+        rows.push_back(static_cast<std::int32_t>(i));
     }
     return rows;
   }

@@ -60,7 +60,7 @@ from manip3d.authenticate._processing import (
 from manip3d.authenticate._reflectance import ReflectanceResult, reflectances_read
 from manip3d.authenticate._repeats import in_common, sketch_of
 from manip3d.authenticate._sensors import HDL64E, Sensor, identify_and_read, nothing_to_tell
-from manip3d.authenticate._turns import FOREIGN, MOST_APART_NS, TurnResult, turn_consistency
+from manip3d.authenticate._turns import FOREIGN, MOST_APART_NS, TurnResult, turns_read
 from manip3d.authenticate._verdict import (
     NO_POWER,
     Calibration,
@@ -908,10 +908,10 @@ def _beside_turns(
     (sensor, reading), (before, after) = identified, beside
     if sensor.lattice is None:
         return None, None
-    turns = None
+    turns, seen = None, None
     if before is not None and after is not None:
-        turns = turn_consistency(
-            centred, before, after, lattice=sensor.lattice,
+        turns, seen = turns_read(
+            reading, centred, before, after, sensor.lattice,
             false_alarm_rate=rate_of("turns"), whole_turns=not lacking, threads=threads,
         )  # fmt: skip
         if lacking and turns.verdict == "no_trace":
@@ -922,7 +922,7 @@ def _beside_turns(
     reflectance = reflectances_read(
         reading, centred, sensor.lattice, previous=None if is_alone else before,
         following=None if is_alone else after, turns=None if is_alone else turns,
-        false_alarm_rate=rate_of("reflectance"), threads=threads,
+        false_alarm_rate=rate_of("reflectance"), threads=threads, seen=seen,
     )  # fmt: skip
     return turns, reflectance
 

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from manip3d.authenticate._lattice import LatticeReading
+    from manip3d.authenticate._turns import Seen
 
 REFLECTANCE_EVIDENCE = ("grid", "even", "changed")
 """Kinds of evidence. ``grid``: values that are not the hundredths that the rest of the frame has;
@@ -242,8 +243,8 @@ def reflectance_consistency(
     Patterns and moving things raise both, an edit raises only the first (an F-test over windows of
     6 lasers and 4.3 degrees).
 
-    Values that were exchanged within an object, by a little, or copied from another turn's
-    firings, stay unseen.
+    Values that were changed by a little, or copied from another turn's firings, stay unseen, and
+    about half of those that were exchanged within an object.
 
     Examples
     --------
@@ -270,6 +271,7 @@ def reflectances_read(
     turns: TurnResult | None,
     false_alarm_rate: float,
     threads: int,
+    seen: Seen | None = None,
 ) -> ReflectanceResult:
     """Return what `reflectance_consistency` does, of a frame whose lattice may have been read.
 
@@ -279,6 +281,9 @@ def reflectances_read(
         Where the frame's points lie on the lattice; None: it is read here.
     frame, lattice, previous, following, turns, false_alarm_rate, threads
         As of `reflectance_consistency`.
+    seen : tuple of ReadingColumns or None
+        Where both turns lie on the lattice, as `turns_read` said with ``turns``; None: they are
+        read here.
     """
     if not 0.0 < false_alarm_rate < 1.0:
         raise InputError(f"false_alarm_rate: expected a share in (0, 1), got {false_alarm_rate!r}")
@@ -293,6 +298,7 @@ def reflectances_read(
     motions: list[NDArray[np.float64]] = []
     if previous is not None and following is not None:
         if turns is None:
+            seen = None
             turns = turn_consistency(frame, previous, following, lattice=lattice, threads=threads)
         usable = turns.verdict != "undecidable"
         if usable and why_not_judged(previous) is None and why_not_judged(following) is None:
@@ -302,6 +308,7 @@ def reflectances_read(
     found = _core.compare_reflectance(
         _points_of(frame), _reflectance_of(frame), lattice.table, beside, motions,
         threads_of(threads), None if reading is None else reading.columns,
+        seen if motions and seen is not None else (),
     )  # fmt: skip
     regions = [_region(kind, value, rows, frame) for kind, value, rows in found if value > 0.0]
     off = _between_steps(np.ascontiguousarray(frame.intensity, np.float32))

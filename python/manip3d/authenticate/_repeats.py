@@ -172,7 +172,9 @@ def sketch_of(points: NDArray[np.float32]) -> Sketch:
     rows = np.arange(1, len(hashes) + 1, dtype=np.uint32) * _MIXERS[3]
     in_order = int((hashes ^ rows).sum(dtype=np.uint64))
     most = 8 * SKETCH  # a scan of few distinct points has more copies than these, and is sorted
-    few = np.argpartition(hashes, most)[:most] if len(hashes) > most else slice(None)
+    few = np.flatnonzero(hashes < min(2.0 * most / len(hashes), 1.0) * 2.0**32)
+    if len(few) < most < len(hashes):
+        few = np.argpartition(hashes, most)[:most]
     smallest = np.unique(_longer(hashes[few], words[few]))
     if len(smallest) < SKETCH:
         smallest = np.unique(_longer(hashes, words))

@@ -23,6 +23,10 @@ from manip3d.lidar import Box, LidarFrame
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
+    from manip3d.authenticate._lattice import LatticeReading, ReadingColumns
+
+    Seen = tuple[ReadingColumns, ReadingColumns]
+
 TURN_EVIDENCE = ("lost", "through", "before")
 """Kinds of evidence. ``lost``: no return where both turns saw the same thing; ``through``: returns
 from behind a surface that both turns saw; ``before``: returns from a place that both looked
@@ -249,6 +253,32 @@ def turn_consistency(
     >>> authenticate.turn_consistency(nothing, nothing, nothing, lattice=lattice).verdict
     'undecidable'
     """
+    return turns_read(
+        None, frame, previous, following, lattice, false_alarm_rate=false_alarm_rate,
+        whole_turns=whole_turns, threads=threads,
+    )[0]  # fmt: skip
+
+
+def turns_read(
+    reading: LatticeReading | None,
+    frame: LidarFrame | ArrayLike,
+    previous: LidarFrame | ArrayLike,
+    following: LidarFrame | ArrayLike,
+    lattice: SensorLattice,
+    *,
+    false_alarm_rate: float,
+    whole_turns: bool,
+    threads: int,
+) -> tuple[TurnResult, Seen]:
+    """Return what `turn_consistency` does, and where the moved turns lie on the lattice.
+
+    Parameters
+    ----------
+    reading : LatticeReading or None
+        Where the frame's points lie on the lattice; None: they are read here.
+    frame, previous, following, lattice, false_alarm_rate, whole_turns, threads
+        As of `turn_consistency`.
+    """
     if not 0.0 < false_alarm_rate < 1.0:
         raise InputError(f"false_alarm_rate: expected a share in (0, 1), got {false_alarm_rate!r}")
     cloud = _points_of(frame, "frame")
@@ -260,7 +290,9 @@ def turn_consistency(
         lattice.table,
         whole_turns,
         threads_of(threads),
+        None if reading is None else reading.columns,
     )
+    seen: Seen = found["seen"]
     motions = _matrix(found["previous"]), _matrix(found["following"])
     nothing = np.empty(0, np.int64)
     if (why := _why_not_judged(found, motions)) is not None:
@@ -268,7 +300,7 @@ def turn_consistency(
         return TurnResult(
             "undecidable", FOREIGN if is_foreign else why, 1.0, 0.0, false_alarm_rate, (), nothing,
             *motions, CALIBRATION, aligned=bool(found["judged"]), foreign=is_foreign,
-        )  # fmt: skip
+        ), seen  # fmt: skip
     regions = [_region(each, cloud) for each in found["regions"] if each["distance"] < FARTHEST]
     if any(region.kind == "before" and region.p_value < 1.0 for region in regions):
         turns = [_in_frame(*each) for each in zip((before, after), motions, strict=True)]
@@ -293,7 +325,7 @@ def turn_consistency(
         np.unique(np.concatenate(rows)) if rows else nothing,
         *motions,
         CALIBRATION,
-    )
+    ), seen
 
 
 def turn_strength(region: Mapping[str, Any]) -> float:

@@ -36,6 +36,9 @@ struct ReflectanceOptions {
 struct ReflectanceTurn {
   const PointsView& points;
   ScanMotion motion;
+  /// Where its points, moved into the frame's coordinates, lie on the lattice, as compare_turns
+  /// says; null: they are read.
+  const LatticeReading* seen = nullptr;
 };
 
 /// By how much lasers are brighter than one another on the same surfaces, from the frame itself:
@@ -51,7 +54,7 @@ std::vector<double> laser_gains(const PointsView& points, const LatticeReading& 
 /// less the gains of their lasers. If all three have the same noise, E = I - (P + N) / 2 has 3/2 of
 /// its variance and D = P - N twice; what moves or is patterned raises both, an edit raises E.
 /// @throws InputError  what check_points and read_lattice refuse; points without a reflectance, or
-///                     with one beyond [0, 1]; an option out of range.
+///                     with one beyond [0, 1]; a reading of other points; an option out of range.
 std::vector<ReflectanceRegion> compare_reflectance(const PointsView& points,
                                                    const ScanLattice& lattice,
                                                    const ReflectanceTurn* previous,

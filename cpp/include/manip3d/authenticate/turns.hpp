@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -48,6 +49,9 @@ struct TurnResult {
   bool has_ground = false;
   bool is_steady = false;           ///< The scanner went on after the frame as it did before.
   std::vector<TurnRegion> regions;  ///< By kind, then in the order of their first directions.
+  /// Where the points of both turns, in the frame's coordinates, lie on the lattice; empty where
+  /// they are not judged.
+  std::array<LatticeReading, 2> seen;
 
   /// Whether both turns could be aligned, one like the other, and a ground plane was found.
   [[nodiscard]] bool is_judged() const {
@@ -64,5 +68,13 @@ inline constexpr int kTurnColumns = 1080;  ///< Directions around the horizon: t
 TurnResult compare_turns(const PointsView& points, const PointsView& previous,
                          const PointsView& following, const ScanLattice& lattice,
                          const TurnOptions& options = {}, const Progress& progress = {});
+
+/// The same where read_lattice has said already where the points lie on this lattice; only rings,
+/// azimuths and line errors are looked at.
+/// @throws InputError  what check_reading refuses, too.
+TurnResult compare_turns(const PointsView& points, const PointsView& previous,
+                         const PointsView& following, const ScanLattice& lattice,
+                         LatticeReading reading, const TurnOptions& options = {},
+                         const Progress& progress = {});
 
 }  // namespace manip3d
