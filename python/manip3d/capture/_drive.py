@@ -13,6 +13,7 @@ from manip3d.authenticate import drive_numbers, find_record, read_record
 from manip3d.authenticate._watermark_files import scans_to_read
 from manip3d.capture._addresses import scan_address
 from manip3d.capture._lidar import expect_scans, open_lidar
+from manip3d.capture._past_errors import past_errors
 from manip3d.errors import Error, InputError
 from manip3d.io import read_scan
 from manip3d.io._frame_times import scan_times
@@ -20,6 +21,7 @@ from manip3d.io._frame_times import scan_times
 if TYPE_CHECKING:
     from manip3d.lidar import LidarFrame
 
+_REASONS = (Error, OSError)
 _SCHEMES = ("pcap", "ouster", "kitti", "bag")
 
 
@@ -79,32 +81,24 @@ class LidarDrive:
     def _files(self) -> Iterator[LidarFrame | None]:
         scans = scans_to_read(self._source)
         times = scan_times(Path(self._source), scans)
-        for number, path in enumerate(scans):
+        read = past_errors(map(read_scan, scans), self.errors, _REASONS, needs_one=False)
+        for number, (path, scan) in enumerate(zip(scans, read, strict=True)):
             self.names.append(path.name)
             if path in times:
                 self.times_ns[number] = times[path]
             self.paths[number] = path
-            try:
-                yield read_scan(path)
-            except (Error, OSError) as error:
-                self.errors[number] = str(error)
-                yield None
+            yield scan
 
     def _recorded(self) -> Iterator[LidarFrame | None]:
         with open_lidar(self._address, calibration=self._calibration) as opened:
-            try:
-                scans = expect_scans(opened, self._address, lambda: opened.counters)
-                for number, frame in enumerate(scans):
-                    self.names.append(f"frame {number}")
-                    if frame.time_ns is not None:
-                        self.times_ns[number] = frame.time_ns
-                    yield frame
-            except (Error, OSError) as error:
-                if not self.names:
-                    raise
-                self.errors[len(self.names)] = str(error)
-                self.names.append(f"frame {len(self.names)}")
-                yield None
+            scans = expect_scans(opened, self._address, lambda: opened.counters)
+            first = next(scans)  # without it there is no recording
+            read = past_errors(itertools.chain([first], scans), self.errors, _REASONS)
+            for number, scan in enumerate(read):
+                self.names.append(f"frame {number}")
+                if scan is not None and scan.time_ns is not None:
+                    self.times_ns[number] = scan.time_ns
+                yield scan
 
 
 def _record_beside(scan: Path) -> bytes:

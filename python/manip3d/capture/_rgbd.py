@@ -11,10 +11,10 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
 from dataclasses import dataclass
-from itertools import count, islice
+from itertools import islice
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, Protocol, overload, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, cast, overload, runtime_checkable
 
 from manip3d import _core
 from manip3d._util.callers import caller_level
@@ -26,6 +26,7 @@ from manip3d.capture._bag_rgbd import BagImages
 from manip3d.capture._forged import MOST_KEPT, SwitchedForgery, motion_of, read_plan
 from manip3d.capture._frame_source import FrameSource
 from manip3d.capture._one_camera import with_one_camera
+from manip3d.capture._past_errors import past_errors
 from manip3d.errors import FormatError, InputError
 from manip3d.rgbd import RgbdCalibration, RgbdFrame, Skeleton
 
@@ -276,23 +277,9 @@ class RgbdSource(FrameSource[RgbdFrame]):
             The camera is gone.
         """
         self.errors.clear()
-        first: Exception | None = None
+        frames = cast("Iterator[RgbdFrame]", iter(self.read, None))
         most = self.num_frames or _MOST_ERRORS
-        for number in count():
-            try:
-                frame = self.read()
-            except (FormatError, OSError) as error:
-                first = first or error
-                self.errors[number] = str(error)
-                if len(self.errors) > most:  # it does not get on
-                    raise
-                yield None
-                continue
-            if frame is None:
-                if first is not None and len(self.errors) == number:
-                    raise first
-                return
-            yield frame
+        yield from past_errors(frames, self.errors, (FormatError, OSError), most=most)
 
     def _rewind(self) -> None:
         if self._reopen is not None and not self._is_stopped:
