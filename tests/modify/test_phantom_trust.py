@@ -468,7 +468,7 @@ def test_a_clock_that_stands_or_runs_back_does_not_freeze_the_picture(step: int)
     for number in range(40):
         at = (0.01 * number, 0, 2.44)
         image = replace(seen(pose(at=at), number), time=7_000_000_000 + step * number)
-        results.append(pipeline.process(image))
+        results.append(pipeline.process(replace(image, number=7 if step == 0 else number)))
     assert [r.state for r in results[1:11]] == [PhantomState.LATE] * 10
     assert "clock" in results[5].message
     assert {r.state for r in results[11:]} == {PhantomState.TRACKING}
@@ -477,6 +477,22 @@ def test_a_clock_that_stands_or_runs_back_does_not_freeze_the_picture(step: int)
     image = replace(seen(pose(at=(0.4, 0, 2.44)), 40), time=7_100_000_000)
     assert pipeline.process(image).state is PhantomState.TRACKING
     hidden = replace(image, skeletons=(), time=7_900_000_000)
+    assert pipeline.process(hidden).state is PhantomState.FADING
+
+
+@pytest.mark.parametrize(("group", "rate"), [(2, 30.0), (2, 60.0), (2, 15.0), (30, 30.0)])
+def test_frames_that_are_stamped_together_are_shown(group: int, rate: float) -> None:
+    """A driver that stamps pairs of frames, and a clock of whole seconds."""
+    pipeline = PhantomPipeline("right_arm")
+    for number in range(45):
+        image = seen(pose(at=(0.3 * number / rate, 0, 2.44)), number)
+        time = 7_000_000_000 + round(1e9 / rate) * (number // group * group)
+        result = pipeline.process(replace(image, time=time, number=number))
+        assert result.state is PhantomState.TRACKING, number
+        np.testing.assert_allclose(result.skeleton.positions[0][0], 0.3 * number / rate, atol=0.03)
+    assert result.late_frames == 0
+    later = 7_000_000_000 + round(1e9 * (44 / rate + 0.75))
+    hidden = replace(image, skeletons=(), time=later, number=45)
     assert pipeline.process(hidden).state is PhantomState.FADING
 
 

@@ -7,7 +7,6 @@ namespace manip3d {
 namespace {
 
 constexpr std::int64_t kSecond = 1'000'000'000;  // nanoseconds
-constexpr std::int64_t kNominalPeriod = 33'333'333;
 
 /// a - b, or the nearest number there is.
 std::int64_t difference(std::int64_t a, std::int64_t b) {
@@ -19,7 +18,14 @@ std::int64_t difference(std::int64_t a, std::int64_t b) {
 
 }  // namespace
 
-FrameOrder FrameClock::add(std::int64_t time_ns) {
+FrameOrder FrameClock::add(std::int64_t time_ns, std::int64_t number) {
+  const FrameOrder order = place(time_ns, number > last_number_);
+  if (order != FrameOrder::kLate) last_number_ = number;
+  return order;
+}
+
+/// @param is_later  by its number
+FrameOrder FrameClock::place(std::int64_t time_ns, bool is_later) {
   constexpr std::int64_t kMostLate = 10;
   if (!has_time_) {
     start(time_ns);
@@ -36,6 +42,11 @@ FrameOrder FrameClock::add(std::int64_t time_ns) {
     advance(0, kNominalPeriod);
     return FrameOrder::kNext;
   }
+  if (by_ns == 0 && is_later) {
+    late_in_row_ = 0;
+    share();
+    return FrameOrder::kNext;
+  }
   ++late_frames_;
   if (by_ns < -kSecond) {
     start(time_ns);
@@ -50,13 +61,28 @@ FrameOrder FrameClock::add(std::int64_t time_ns) {
 void FrameClock::start(std::int64_t time_ns) {
   has_time_ = true;
   last_time_ns_ = time_ns;
-  late_in_row_ = elapsed_ns_ = 0;
+  late_in_row_ = elapsed_ns_ = ahead_ns_ = 0;
+  num_with_time_ = 1;
+  period_ns_ = kNominalPeriod;
 }
 
 void FrameClock::advance(std::int64_t time_ns, std::int64_t by_ns) {
   constexpr std::int64_t kLongest = 3600 * kSecond;  // all is forgotten
+  constexpr std::int64_t kLeast = 1'000'000;         // nanoseconds: time does not stand
   last_time_ns_ = time_ns;
-  elapsed_ns_ += std::min(by_ns, kLongest);
+  // A frame alone says how far apart frames are that have times of their own.
+  if (num_with_time_ > 1) period_ns_ = std::min(by_ns / num_with_time_, kNominalPeriod);
+  const std::int64_t left_ns = ahead_ns_ > 0 ? std::max(by_ns - ahead_ns_, kLeast) : by_ns;
+  elapsed_ns_ += std::min(left_ns, kLongest);
+  ahead_ns_ = 0;
+  num_with_time_ = 1;
+}
+
+/// One more frame with the last time.
+void FrameClock::share() {
+  ++num_with_time_;
+  ahead_ns_ += period_ns_;
+  elapsed_ns_ += period_ns_;
 }
 
 }  // namespace manip3d

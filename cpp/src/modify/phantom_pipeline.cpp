@@ -141,7 +141,7 @@ class PhantomPipeline::Workspace {
   PhantomReport process(const PhantomInput& input, const PhantomBuffers& out) {
     check_input(input);
     PhantomReport report;
-    const FrameOrder order = clock_.add(input.time_ns);
+    const FrameOrder order = clock_.add(input.time_ns, input.number);
     report.late_frames = clock_.late_frames();
     if (order == FrameOrder::kLate) {
       report.state = PhantomState::kLate;

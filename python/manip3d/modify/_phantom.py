@@ -54,7 +54,7 @@ class PhantomState(enum.StrEnum):
     HOLDING = "holding"  #: it cannot be mirrored; the last phantom moves with the body
     FADING = "fading"  #: as HOLDING, with decreasing opacity
     LOST = "lost"  #: there is no phantom
-    LATE = "late"  #: the frame is not newer than the last one, whose images these are
+    LATE = "late"  #: the frame came before, or is older; these are the last one's images
 
 
 class PhantomReason(enum.StrEnum):
@@ -74,7 +74,7 @@ class PhantomReason(enum.StrEnum):
     CUT = "cut"  #: too much of the person's silhouette is gone
     DOUBLED = "doubled"  #: too much of the affected limb is left
     CLOTH = "cloth"  #: too much may be an empty sleeve or leg of trousers
-    LATE = "late"  #: the frame is not newer than the last one
+    LATE = "late"  #: the frame came before, or is older than the last one
 
     @property
     def message(self) -> str:
@@ -102,8 +102,8 @@ _MESSAGES = {
     PhantomReason.DOUBLED: "Part of the affected limb is still in the picture.",
     PhantomReason.CLOTH: "An empty sleeve or leg of trousers may still be in the picture: let the "
     "patient face the camera.",
-    PhantomReason.LATE: "The camera's clock stands or runs back: at most ten pictures in a row are "
-    "passed over.",
+    PhantomReason.LATE: "The camera's clock runs back, or a picture came twice: at most ten "
+    "pictures in a row are passed over.",
 }
 
 
@@ -224,7 +224,8 @@ class PhantomFrame:
         Pixels of the person, taken out, mirrored, of these with a surface that mirroring turned
         away from the camera, and filled as holes.
     late_frames : int
-        Frames that were not newer than the one before; ten in a row at most are passed over.
+        Frames that were older than the one before, or had its time and no later number; ten in a
+        row at most are passed over.
     color : (H', W', 3) uint8 or None
         The frame's own, for the body.
     phantom_color : (H', W', 3) uint8 or None
@@ -500,7 +501,8 @@ class PhantomPipeline:
         Parameters
         ----------
         frame : RgbdFrame
-            The frame after the one given last; skeletons are needed for a phantom.
+            The frame after the one given last; skeletons are needed for a phantom. Frames with one
+            time, if their numbers grow, are a thirtieth of a second apart or less.
 
         Returns
         -------
