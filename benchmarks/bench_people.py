@@ -25,9 +25,12 @@ floating  the largest piece of the phantom begins more than 10 cm (arms) or 16 c
           root.
 
 A second table says what the legs' frames that are cut have lost, as means in percent of the
-person's pixels below the hips. `limb` is flesh of the affected limb itself, nearest to one of its
-bones: an amputee has none there, and it is lost where the two legs do not mirror each other about
-the plane. `body` is nearest to another bone, and `background` farther than 20 cm from all bones:
+person's pixels below the hips. `limb` is nearest to one of the recorded bones of the affected limb:
+flesh of that limb, which an amputee does not have, and which is lost where the two legs do not
+mirror each other about the plane; but where the tracker puts its joints into the other leg, as it
+does with some seated people, also flesh of that leg. `shown` is what the picture shows below the
+hips, the phantom included: 100 and more if it only lies elsewhere than the leg did. `body` is
+nearest to another bone, and `background` farther than 20 cm from all bones:
 both are removed by error. `best plane` is what of the limb is lost if the plane is turned about
 the vertical and shifted until the two recorded legs cover each other best, which nobody can do
 for a person without the second leg; `turn` is the median of that turn.
@@ -121,6 +124,7 @@ class Loss:
     background: float
     best_plane: float
     turn_deg: float
+    shown: float
 
 
 @dataclass
@@ -145,7 +149,9 @@ class Tally:
 
     def loss_row(self) -> list[str]:
         """Means over the frames that are cut, and the rate of those that are cut by error alone."""
-        parts = np.array([(c.limb, c.body, c.background, c.best_plane) for c in self.losses])
+        parts = np.array(
+            [(c.limb, c.body, c.background, c.shown, c.best_plane) for c in self.losses]
+        )
         turns = np.median([c.turn_deg for c in self.losses])
         by_error = sum(c.body + c.background > 0.15 for c in self.losses) / self.frames
         means = [f"{100 * mean:.1f}" for mean in parts.mean(axis=0)]
@@ -303,12 +309,15 @@ def loss_below(
             if left < best:
                 best, best_turn = left, abs(float(np.degrees(turn)))
     pixels = max(1, int(part.sum()))
+    hips = frame.skeletons[0].positions[0, 1]
+    drawn = (result.kinds != PixelKind.NONE) & (camera.unproject(result.depth)[..., 1] > hips)
     return Loss(
         limb=float((lost & mine).sum()) / pixels,
         body=float((lost & ~mine & ~far).sum()) / pixels,
         background=float((lost & far).sum()) / pixels,
         best_plane=best / pixels,
         turn_deg=best_turn,
+        shown=float(drawn.sum()) / pixels,
     )
 
 
@@ -778,7 +787,7 @@ def main() -> None:
     order = sorted(groups, key=lambda name: (name != "all", name not in LIMBS, name))
     print(tables.table([*head, "reasons"], [[name, *groups[name].row()] for name in order]))
     if any(groups[name].losses for name in order):
-        head = ["cut, legs", "frames cut", "limb", "body", "background"]
+        head = ["cut, legs", "frames cut", "limb", "body", "background", "shown"]
         head += ["best plane", "turn", "cut by error"]
         order = [name for name in order if groups[name].losses]
         print(tables.table(head, [[name, *groups[name].loss_row()] for name in order]))

@@ -1,6 +1,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -99,6 +100,50 @@ TEST(PhantomImage, FillsBehindAnArmFromTheOtherThigh) {
   EXPECT_FLOAT_EQ(mirrored[0].x, -0.20F);
   EXPECT_EQ(mirrored[0].label, kRightKnee);
   EXPECT_TRUE(mirrored[0].only_removed);
+}
+
+/// A leg of three points is taken for the left one, whose bone lies at x; the plane is at x = 0 and
+/// the right leg's bone at -0.3 m. Returns which of the points remain the left leg's.
+std::vector<bool> left_with_bone_at(float x, bool is_there = false, bool has_other = false) {
+  BoneSegments bones;
+  bones.add({x, -0.2F, 2.0F}, {x, 0.2F, 2.0F}, limb_label(Limb::kLeftLeg), {0.08F, 0.08F});
+  bones.add({-0.3F, -0.2F, 2.0F}, {-0.3F, 0.2F, 2.0F}, kRightKnee, {0.08F, 0.08F});
+  BodyFrame frame;
+  frame.origin = {0.0, 0.0, 2.0};
+  frame.n = frame.x = Eigen::Vector3d::UnitX();
+  frame.y = -Eigen::Vector3d::UnitY();
+  frame.z = frame.n.cross(frame.y);
+  Row row;
+  for (const float at : {0.10F, -0.01F, -0.10F}) row.add(at, limb_label(Limb::kLeftLeg));
+  for (int i = 0; i < 2 && has_other; ++i) row.add(-0.30F, kRightKnee);
+  const PhantomImage image = row.image();
+  draw_person(row.points, image);
+  std::vector<std::int32_t> memory(Row::kCount);
+  const std::int64_t given =
+      keep_to_side(Limb::kLeftLeg, is_there, bones, frame, row.points, image, memory);
+  std::vector<bool> left;
+  for (std::size_t i = 0; i < 3; ++i) {
+    left.push_back(row.points.label[i] == limb_label(Limb::kLeftLeg));
+    EXPECT_EQ(row.label[i], row.points.label[i]);
+    EXPECT_TRUE(left.back() || row.points.label[i] == kRightKnee);
+  }
+  EXPECT_EQ(given, std::ranges::count(left, false));
+  return left;
+}
+
+const std::vector<bool> kOwnSide = {true, false, false}, kAll(3, true);
+
+TEST(PhantomImage, FleshBeyondThePlaneIsTheOtherLegs) {
+  EXPECT_EQ(left_with_bone_at(0.1F), kOwnSide);
+  EXPECT_EQ(left_with_bone_at(-0.05F), kOwnSide);  // a joint that is off
+}
+
+TEST(PhantomImage, CrossedLegsMayLieBeyondThePlane) { EXPECT_EQ(left_with_bone_at(-0.1F), kAll); }
+
+TEST(PhantomImage, LegsThatBothHaveTheirFleshKeepItWherePlanesAreOff) {
+  EXPECT_EQ(left_with_bone_at(-0.05F, true, false), kOwnSide);
+  EXPECT_EQ(left_with_bone_at(-0.05F, true, true), kAll);  // one point more, and two to give
+  EXPECT_EQ(left_with_bone_at(-0.05F, false, true), kOwnSide);
 }
 
 }  // namespace

@@ -229,6 +229,8 @@ namespace {
 struct NearestSkin {
   float distance = std::numeric_limits<float>::max();
   std::uint8_t label = 0;
+  Eigen::Vector3f on_bone = Eigen::Vector3f::Zero();  ///< The nearest point of that bone,
+  float radius = 0.0F;                                ///< and its radius there.
 };
 
 /// The nearest skin among bones whose label counts.
@@ -242,8 +244,10 @@ NearestSkin nearest_skin(const Eigen::Vector3f& p, const BoneSegments& bones,
     constexpr float kPoint = 1e-9F;  // square metres
     const float t = std::clamp(from.dot(bone) / std::max(bone.squaredNorm(), kPoint), 0.0F, 1.0F);
     const BoneRadii& r = bones.radii[k];
-    const float skin = (from - t * bone).norm() - (r.start + t * (r.end - r.start));
-    if (skin < nearest.distance) nearest = {skin, bones.label[k]};
+    const float radius = r.start + t * (r.end - r.start), skin = (from - t * bone).norm() - radius;
+    if (skin < nearest.distance) {
+      nearest = {skin, bones.label[k], bones.start[k] + t * bone, radius};
+    }
   }
   return nearest;
 }
@@ -253,6 +257,41 @@ NearestSkin nearest_skin(const Eigen::Vector3f& p, const BoneSegments& bones, st
 }
 
 }  // namespace
+
+std::int64_t keep_to_side(Limb leg, bool is_there, const BoneSegments& bones,
+                          const BodyFrame& frame, PersonPoints& points, const PhantomImage& image,
+                          std::vector<std::int32_t>& given) {
+  const BoneSet is_other = limb_bones(opposite(leg));
+  const Eigen::Vector3f n = frame.n.cast<float>(), origin = frame.origin.cast<float>();
+  const auto point = [&](std::int64_t i) {
+    return Eigen::Vector3f(points.x[i], points.y[i], points.z[i]);
+  };
+  const auto beyond = [&](const Eigen::Vector3f& p) {
+    const float left = n.dot(p - origin);  // n points to the person's left
+    return leg == Limb::kLeftLeg ? -left : left;
+  };
+  std::int64_t count = 0, more = 0;
+  for (std::int64_t i = 0; i < points.count; ++i) {
+    if (is_other[points.label[i]]) --more;
+    if (points.label[i] != limb_label(leg)) continue;
+    ++more;
+    const Eigen::Vector3f p = point(i);
+    if (!(beyond(p) > 0.0F)) continue;
+    const NearestSkin mine =
+        nearest_skin(p, bones, [&](std::uint8_t label) { return label == limb_label(leg); });
+    if (beyond(mine.on_bone) > mine.radius) continue;
+    given[count++] = static_cast<std::int32_t>(i);
+  }
+  if (is_there && count > more) return 0;
+  for (std::int64_t k = 0; k < count; ++k) {
+    const std::int32_t i = given[k];
+    const NearestSkin other =
+        nearest_skin(point(i), bones, [&](std::uint8_t label) { return is_other[label]; });
+    if (other.label == 0) return 0;  // no bone of it is known
+    points.label[i] = image.label[points.pixel[i]] = other.label;
+  }
+  return count;
+}
 
 std::int64_t give_back(const PersonPoints& points, Limb limb, const BoneSegments& bones,
                        double reach, const PhantomImage& image) {

@@ -105,6 +105,17 @@ std::int64_t give_back(const PersonPoints& points, Limb limb, const BoneSegments
 std::int64_t fill_from_limb(const PersonPoints& points, Limb limb, const BoneSegments& bones,
                             const Mirror& mirror, double reach, const PhantomImage& image);
 
+/// Gives points of a leg that lie beyond the plane of symmetry to the nearest bone of the other
+/// leg. A tracker may put the joints of one seated leg into the flesh of the other, which would
+/// then be taken out. What is nearest to a bone that is itself across by more than its radius
+/// stays: legs may be crossed. If the leg is there, all stays unless it has so many points more
+/// than the other one: where only the plane is off, each leg has its own. Returns the number of
+/// points.
+/// @param given  memory for as many numbers as there are points.
+std::int64_t keep_to_side(Limb leg, bool is_there, const BoneSegments& bones,
+                          const BodyFrame& frame, PersonPoints& points, const PhantomImage& image,
+                          std::vector<std::int32_t>& given);
+
 struct MirroredPoint {
   float x, y, z;        ///< Mirrored.
   float source_depth;   ///< Depth of the point itself,

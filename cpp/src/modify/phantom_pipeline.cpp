@@ -486,10 +486,20 @@ class PhantomPipeline::Workspace {
     follow_legs(fitted);
   }
 
+  /// Is the plane known well enough to say which leg is on its left?
+  [[nodiscard]] bool tells_legs_apart() const {
+    constexpr double kMostDeg = 10.0;  // a knee then is off by half of its width
+    const bool is_asked = !is_arm(options_.affected) && goes_by_skin() && follows_trunk();
+    return is_asked && frame_ && trunk_.deviation_deg() < kMostDeg;
+  }
+
   /// Takes out the affected limb. Returns where cloth of it was looked for.
   std::optional<ClothSearch> remove(const Skeleton& fitted, const PhantomInput& input,
                                     const PhantomImage& image, PhantomReport& report) {
     const Limb affected = options_.affected;
+    if (tells_legs_apart()) {
+      keep_to_side(affected, presence_.is_there(), bones_, *frame_, points_, image, vertex_of_);
+    }
     report.num_removed = remove_limb(points_, affected, removal_radius(), flesh(), image);
     if (!goes_by_skin()) return std::nullopt;
     report.num_removed += remove_rest(points_, affected, image, vertex_of_);
