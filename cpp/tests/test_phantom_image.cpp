@@ -9,7 +9,10 @@
 
 #include "manip3d/geometry/skeleton.hpp"
 #include "manip3d/modify/mirror.hpp"
+#include "manip3d/modify/phantom_pipeline.hpp"
+#include "modify/girth.hpp"
 #include "modify/phantom_image.hpp"
+#include "modify/phantom_quality.hpp"
 
 namespace manip3d {
 namespace {
@@ -144,6 +147,26 @@ TEST(PhantomImage, LegsThatBothHaveTheirFleshKeepItWherePlanesAreOff) {
   EXPECT_EQ(left_with_bone_at(-0.05F, true, false), kOwnSide);
   EXPECT_EQ(left_with_bone_at(-0.05F, true, true), kAll);  // one point more, and two to give
   EXPECT_EQ(left_with_bone_at(-0.05F, false, true), kOwnSide);
+}
+
+TEST(PhantomQuality, FleshThatJointsAndPlaneDisagreeAboutCountsAsLeft) {
+  BodyFrame frame;
+  frame.n = frame.x = Eigen::Vector3d::UnitX();
+  frame.origin.setZero();
+  PhantomOptions options;
+  options.affected = Limb::kLeftLeg;
+  PictureJudge judge;
+  judge.reserve(1, Row::kCount);
+  Row row;
+  row.add(-0.3F, kRightKnee);
+  const auto left = [&](std::int64_t num_given) {
+    PhantomQuality quality;
+    judge.measure(row.points, num_given, {}, {}, {}, frame, {}, options, {}, row.image(), quality);
+    return quality.left;
+  };
+  EXPECT_EQ(left(0), 0.0);
+  EXPECT_EQ(left(50), 0.2);  // of a limb of at least 250 pixels
+  EXPECT_EQ(left(500), 1.0);
 }
 
 }  // namespace

@@ -163,10 +163,10 @@ class PhantomPipeline::Workspace {
     }
     if (now.is_here) measure_fit(*now.person, input, image, report.quality);
     stages.end(PhantomStage::kSegmentation);
-    std::optional<ClothSearch> cloth;
+    TakenOut taken;
     if (!options_.keep_residual) {
       if (now.is_here) look_for_limb(*now.person, *fitted, image);
-      cloth = remove(*fitted, input, image, report);
+      taken = remove(*fitted, input, image, report);
     }
     report.plane = frame_;
     stages.end(PhantomStage::kRemoval);
@@ -176,7 +176,7 @@ class PhantomPipeline::Workspace {
     const PixelBox all = fill(shown, time_s, image, report);
     stages.end(PhantomStage::kHoleFilling);
     report.skeleton = phantom_skeleton(*now.person, report.state);
-    judge_picture(*now.person, cloth, time_s, all, image, report);
+    judge_picture(*now.person, taken, time_s, all, image, report);
     stages.end(PhantomStage::kSkeleton);
     report.num_points = write_points(image, all, rays_, out.mesh, vertex_of_);
     stages.end(PhantomStage::kPointCloud);
@@ -493,22 +493,31 @@ class PhantomPipeline::Workspace {
     return is_asked && frame_ && trunk_.deviation_deg() < kMostDeg;
   }
 
-  /// Takes out the affected limb. Returns where cloth of it was looked for.
-  std::optional<ClothSearch> remove(const Skeleton& fitted, const PhantomInput& input,
-                                    const PhantomImage& image, PhantomReport& report) {
+  struct TakenOut {
+    std::optional<ClothSearch> cloth;  ///< Where cloth of the limb was looked for.
+    std::int64_t num_given = 0;        ///< Points that a leg gave to the other one, both there.
+  };
+
+  /// Takes out the affected limb.
+  TakenOut remove(const Skeleton& fitted, const PhantomInput& input, const PhantomImage& image,
+                  PhantomReport& report) {
     const Limb affected = options_.affected;
+    TakenOut taken;
     if (tells_legs_apart()) {
-      keep_to_side(affected, presence_.is_there(), bones_, *frame_, points_, image, vertex_of_);
+      const bool is_there = presence_.is_there();
+      const std::int64_t num_given =
+          keep_to_side(affected, is_there, bones_, *frame_, points_, image, vertex_of_);
+      if (is_there) taken.num_given = num_given;
     }
     report.num_removed = remove_limb(points_, affected, removal_radius(), flesh(), image);
-    if (!goes_by_skin()) return std::nullopt;
+    if (!goes_by_skin()) return taken;
     report.num_removed += remove_rest(points_, affected, image, vertex_of_);
-    const std::optional<ClothSearch> cloth = cloth_search(fitted);
-    if (cloth) {
-      report.num_removed += remove_loose_cloth(points_, *cloth, input.depth,
+    taken.cloth = cloth_search(fitted);
+    if (taken.cloth) {
+      report.num_removed += remove_loose_cloth(points_, *taken.cloth, input.depth,
                                                PixelProjector(*camera_, rays_), image, vertex_of_);
     }
-    return cloth;
+    return taken;
   }
 
   /// Can the intact limb be mirrored, and if not, what becomes of the last phantom?
@@ -553,18 +562,18 @@ class PhantomPipeline::Workspace {
   }
 
   /// Measures what was drawn; what nobody would believe is not called tracking.
-  void judge_picture(const Skeleton& person, const std::optional<ClothSearch>& cloth, double time_s,
+  void judge_picture(const Skeleton& person, const TakenOut& taken, double time_s,
                      const PixelBox& box, const PhantomImage& image, PhantomReport& report) {
     if (report.state != PhantomState::kTracking) {
       leap_.reset();
       return;
     }
     const Limb affected = options_.affected;
-    picture_.measure(points_, report.skeleton, bones_, girth_, *frame_, box, options_, rays_, image,
-                     report.quality);
-    if (cloth) {
+    picture_.measure(points_, taken.num_given, report.skeleton, bones_, girth_, *frame_, box,
+                     options_, rays_, image, report.quality);
+    if (taken.cloth) {
       const PixelProjector projector(*camera_, rays_);
-      report.quality.cloth = share_of_unseen_cloth(points_, *cloth, projector, image);
+      report.quality.cloth = share_of_unseen_cloth(points_, *taken.cloth, projector, image);
     }
     const Joint end = limb_chain(affected)[kNumMainJoints - 1];
     const Joint intact_end = limb_chain(opposite(affected))[kNumMainJoints - 1];

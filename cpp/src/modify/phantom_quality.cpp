@@ -154,11 +154,11 @@ void PictureJudge::reserve(std::int64_t rows, std::int64_t cols) {
   sizes_.reserve(rows * ((cols + 1) / 2));
 }
 
-void PictureJudge::measure(const PersonPoints& points, const Skeleton& phantom,
-                           const BoneSegments& bones, const Girth& girth, const BodyFrame& frame,
-                           const PixelBox& box, const PhantomOptions& options,
-                           const PixelRays& rays, const PhantomImage& image,
-                           PhantomQuality& quality) {
+void PictureJudge::measure(const PersonPoints& points, std::int64_t num_given,
+                           const Skeleton& phantom, const BoneSegments& bones, const Girth& girth,
+                           const BodyFrame& frame, const PixelBox& box,
+                           const PhantomOptions& options, const PixelRays& rays,
+                           const PhantomImage& image, PhantomQuality& quality) {
   const Limb affected = options.affected;
   const Eigen::Vector3f root = phantom[limb_root(affected)];
   measure_pieces(root, box, rays, image, quality);
@@ -170,7 +170,7 @@ void PictureJudge::measure(const PersonPoints& points, const Skeleton& phantom,
   }
   // The thicker a trunk is than the mean adult's, the less is known of where its flank ends.
   const float unsure = 0.5F * girth.around_trunk();
-  std::int64_t limb = 0, left = 0;
+  std::int64_t limb = num_given, left = num_given;
   for (std::int64_t i = 0; i < points.count; ++i) {
     const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
     const std::int32_t pixel = points.pixel[i];

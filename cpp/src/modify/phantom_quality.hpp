@@ -36,13 +36,16 @@ class PictureJudge {
 
   /// Fills in gap, largest, lost and left.
   /// @param points    of the person, as segmented.
+  /// @param num_given of these, flesh of the affected leg by its joints and of the other by the
+  /// plane:
+  ///                  while both legs are there, nobody knows which is right.
   /// @param phantom   its joints in place of the affected limb's.
   /// @param bones     that they were segmented by, of a person of that girth.
   /// @param box       of all that was drawn.
-  void measure(const PersonPoints& points, const Skeleton& phantom, const BoneSegments& bones,
-               const Girth& girth, const BodyFrame& frame, const PixelBox& box,
-               const PhantomOptions& options, const PixelRays& rays, const PhantomImage& image,
-               PhantomQuality& quality);
+  void measure(const PersonPoints& points, std::int64_t num_given, const Skeleton& phantom,
+               const BoneSegments& bones, const Girth& girth, const BodyFrame& frame,
+               const PixelBox& box, const PhantomOptions& options, const PixelRays& rays,
+               const PhantomImage& image, PhantomQuality& quality);
 
  private:
   void measure_pieces(const Eigen::Vector3f& root, const PixelBox& box, const PixelRays& rays,
