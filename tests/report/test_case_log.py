@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from manip3d import FormatError, authenticate, report
+from manip3d.report._case_log import check_log
 
 
 def test_log_shows_what_was_changed(tmp_path: Path) -> None:
@@ -64,21 +65,60 @@ def test_a_log_whose_last_newline_is_missing_goes_on(tmp_path: Path) -> None:
     assert [entry["source"] for entry in report.read_log(log)] == ["a", "b", "c"]
 
 
-def test_a_torn_line_says_how_to_go_on(tmp_path: Path) -> None:
+@pytest.mark.parametrize("tail", ["start", "brace", "zeros", "start and zeros"])
+def test_a_torn_line_is_kept_aside_and_the_log_goes_on(tmp_path: Path, tail: str) -> None:
     log = tmp_path / "case.jsonl"
     found = authenticate.inspect(np.zeros((0, 3), np.float32))
     for source in "ab":
         report.append_log(log, found, source=source)
     whole = log.read_bytes()
-    for torn in (whole + whole[:100], whole + b"{"):
-        log.write_bytes(torn)
-        for fails in (report.read_log, lambda p: report.append_log(p, found, source="c")):
-            with pytest.raises(FormatError, match="line 3: the last line is not whole") as refused:
-                fails(log)
-            assert f"'truncate -s {len(whole)} {log}'" in str(refused.value)
-    os.truncate(log, len(whole))
-    report.append_log(log, found, source="c")
-    assert [entry["source"] for entry in report.read_log(log)] == ["a", "b", "c"]
+    torn = {
+        "start": whole[:100], "brace": b"{", "zeros": bytes(64), "start and zeros": whole[:50] + bytes(9),
+    }[tail]  # fmt: skip
+    log.write_bytes(whole + torn)
+    with pytest.raises(FormatError, match="line 3: the last line is not whole"):
+        report.read_log(log)
+    check_log(log)
+    with pytest.warns(UserWarning, match=f"after {len(torn)} bytes, which are kept in .*torn-1"):
+        report.append_log(log, found, source="c")
+    assert log.read_bytes().startswith(whole)
+    assert (tmp_path / "case.jsonl.torn-1").read_bytes() == torn
+    report.append_log(log, found, source="d")
+    entries = report.read_log(log)
+    assert [entry["source"] for entry in entries] == ["a", "b", "c", "d"]
+    assert [entry.get("torn_line") for entry in entries] == [
+        None, None,
+        {"bytes": len(torn), "sha256": hashlib.sha256(torn).hexdigest(), "kept": "case.jsonl.torn-1"},
+        None,
+    ]  # fmt: skip
+    log.write_bytes(log.read_bytes() + torn)
+    with pytest.warns(UserWarning, match="torn-2"):
+        report.append_log(log, found, source="e")
+    log.write_bytes(log.read_bytes() + b"what no log begins with")
+    with pytest.raises(FormatError, match="line 6: not an entry"):
+        report.append_log(log, found, source="f")
+
+
+def test_a_full_disk_leaves_a_torn_line_in_its_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = tmp_path / "case.jsonl"
+    found = authenticate.inspect(np.zeros((0, 3), np.float32))
+    report.append_log(log, found, source="a")
+    log.write_bytes(log.read_bytes() + log.read_bytes()[:70])
+    torn, write = log.read_bytes(), os.write
+
+    def full(descriptor: int, data: bytes | memoryview) -> int:
+        if len(data) > 70:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return write(descriptor, data)
+
+    with monkeypatch.context() as patched:
+        patched.setattr("manip3d.report._case_log.os.write", full)
+        with pytest.raises(OSError, match="No space left"):
+            report.append_log(log, found, source="b")
+    assert log.read_bytes() == torn
+    assert [path.name for path in tmp_path.iterdir()] == [log.name]
 
 
 def test_a_full_disk_leaves_a_log_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

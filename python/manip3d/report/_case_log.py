@@ -7,14 +7,17 @@ import hashlib
 import json
 import os
 import stat
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from manip3d import __version__
+from manip3d._util.callers import caller_level
 from manip3d._util.checked import checked
 from manip3d._util.json import finite
 from manip3d._util.paths import path_of
@@ -110,22 +113,39 @@ def append_log(
     >>> first == second, report.read_log("cases.jsonl")[1]["previous"] == first
     (False, True)
     """
-    with _locked(path_of(path)) as descriptor:
-        end = _checked_end(descriptor, path)
+    target = path_of(path)
+    with _locked(target) as descriptor:
+        end, torn = _checked_end(descriptor, path)
+        aside = _keep_aside(target, torn) if torn else None
+        mark = {} if aside is None else {"torn_line": _mark_of(torn, aside)}
         entry = {
             "time": datetime.now(UTC).isoformat(timespec="seconds"),
             "manip3d": __version__,
             "source": source,
             "source_sha256": source_sha256,
             **finite(inspection.record()),
+            **mark,
             "previous": end.hash,
         }
         entry["hash"] = _hash(entry)
         line = _line(entry)
         missing = b"" if end.last.endswith(b"\n") or not end.size else b"\n"
-        _append(descriptor, missing + line, end.size)
+        try:
+            _append(descriptor, missing + line, end.size, torn)
+        except BaseException:
+            is_as_it_was = os.fstat(descriptor).st_size == end.size + len(torn)
+            if aside is not None and is_as_it_was:
+                aside.unlink()
+            raise
         size = end.size + len(missing) + len(line)
         _checked_logs[_identity(descriptor)] = _End(size, end.lines + 1, str(entry["hash"]), line)
+    if aside is not None:
+        warnings.warn(
+            f"{target}: line {end.lines + 1} was not whole: its writer was interrupted after "
+            f"{len(torn)} bytes, which are kept in {aside}. The {end.lines} entries before it "
+            "hold, and the log is continued after them",
+            stacklevel=caller_level(),
+        )
     return str(entry["hash"])
 
 
@@ -137,7 +157,7 @@ def check_log(path: str | os.PathLike[str]) -> None:
     InputError
         The name does not end in ``.jsonl``, or there is no such folder.
     FormatError
-        It is no log, or a damaged one.
+        It is no log, or a damaged one. A torn last line is no damage: `append_log` goes on.
     OSError
         It cannot be read.
     """
@@ -211,8 +231,9 @@ def _identity(descriptor: int) -> tuple[int, int]:
     return found.st_dev, found.st_ino
 
 
-def _checked_end(descriptor: int, path: str | os.PathLike[str]) -> _End:
-    """The end of a log, of which only what this process has not checked before is read."""
+def _checked_end(descriptor: int, path: str | os.PathLike[str]) -> tuple[_End, bytes]:
+    """The end of a log, of which only what this process has not checked before is read, and the
+    start of a line after it whose writer was interrupted."""
     start = _checked_logs.get(_identity(descriptor), _End())
     length = len(start.last)
     if os.pread(descriptor, length, start.size - length) != start.last:
@@ -220,19 +241,63 @@ def _checked_end(descriptor: int, path: str | os.PathLike[str]) -> _End:
     with os.fdopen(os.dup(descriptor), "rb") as file:
         file.seek(start.size)
         content = file.read()
+    torn = _torn_line(content)
+    content = content[: len(content) - len(torn)]
     end = start
     for entry, line in _entries(content, start, path):
         end = _End(end.size + len(line), end.lines + 1, str(entry["hash"]), line)
     if end.last.endswith(b"\n"):  # else another writer may yet put the newline there
         _checked_logs[_identity(descriptor)] = end
-    return end
+    return end, torn
+
+
+def _torn_line(content: bytes) -> bytes:
+    """The last line, if it is the start of an entry; b"": the last line is whole, or no entry.
+
+    After a power cut, blocks that never reached the disk read as zeros.
+    """
+    line = content[max(content.rfind(b"\n"), content.rfind(b"\r")) + 1 :]
+    written = line.rstrip(b"\0")
+    if not written.startswith(_START[: len(written)]):
+        return b""
+    try:
+        json.loads(line)
+    except (ValueError, RecursionError):
+        return line
+    return b""  # only its newline is missing
+
+
+def _keep_aside(target: Path, torn: bytes) -> Path:
+    """Write the start of a line to a new file beside the log."""
+    for number in count(1):
+        aside = target.with_name(f"{target.name}.torn-{number}")
+        try:
+            file = open(aside, "xb")
+        except FileExistsError:
+            continue
+        try:
+            with file:
+                file.write(torn)
+                file.flush()
+                os.fsync(file.fileno())
+        except BaseException:
+            aside.unlink()
+            raise
+        _sync_folder(target.parent)
+        return aside
+    raise AssertionError
+
+
+def _mark_of(torn: bytes, aside: Path) -> dict[str, Any]:
+    """What a log says of bytes that were kept aside."""
+    return {"bytes": len(torn), "sha256": hashlib.sha256(torn).hexdigest(), "kept": aside.name}
 
 
 def _entries(
     content: bytes, start: _End, path: str | os.PathLike[str]
 ) -> Iterator[tuple[dict[str, Any], bytes]]:
     """Each entry with its line as it stands in the file, checked."""
-    before, size = start.hash, start.size
+    before = start.hash
     for number, line in enumerate(content.splitlines(keepends=True), start.lines + 1):
         try:
             entry = json.loads(line)
@@ -241,10 +306,9 @@ def _entries(
             same = _line(entry).rstrip() == line.rstrip(b"\r\n")
             linked = same and entry["previous"] == before and _hash(entry) == kept
         except (ValueError, TypeError, KeyError, RecursionError) as error:
-            torn = not line.endswith(b"\n") and line.startswith(_START[: len(line)])
             raise FormatError(
-                _torn(number, len(line), size, path)
-                if torn
+                _torn(number, len(line))
+                if _torn_line(line)
                 else f"line {number}: not an entry of a log: {error}",
                 file=os.fspath(path),
             ) from error
@@ -255,27 +319,31 @@ def _entries(
                 file=os.fspath(path),
             )
         yield entry, line
-        before, size = str(kept), size + len(line)
+        before = str(kept)
 
 
-def _torn(number: int, length: int, size: int, path: str | os.PathLike[str]) -> str:
+def _torn(number: int, length: int) -> str:
     """What a line that ends early means, and how to go on."""
     return (
         f"line {number}: the last line is not whole: its writer was interrupted after {length} "
-        f"bytes. The {number - 1} entries before it hold; after a copy was kept, "
-        f"'truncate -s {size} {os.fspath(path)}' cuts the rest off, and the log can be continued"
+        f"bytes. The {number - 1} entries before it hold; the next inspection that is appended "
+        "keeps these bytes in a file beside the log, and continues it"
     )
 
 
-def _append(descriptor: int, content: bytes, size: int) -> None:
-    """Write all of it to the disk, or leave the file as long as it was."""
+def _append(descriptor: int, content: bytes, size: int, torn: bytes) -> None:
+    """Write all of it to the disk in place of a torn line, or leave the file as it was."""
     try:
+        if torn:
+            os.ftruncate(descriptor, size)
         rest = memoryview(content)
         while rest:
             rest = rest[os.write(descriptor, rest) :]
         os.fsync(descriptor)
     except BaseException:
         os.ftruncate(descriptor, size)
+        if torn:
+            os.write(descriptor, torn)
         raise
 
 
