@@ -1091,3 +1091,15 @@ def test_printed_thresholds_accuse_terrestrial_scans_only() -> None:
         assert authenticate.inspect(frame, printed=True, **options).verdict == verdict
     found = authenticate.inspect(street(), lattice=LATTICE, printed=True)
     assert "the printed thresholds are those of terrestrial scanners" in found.reason
+
+
+@pytest.mark.parametrize("left_out", ["a third", "at random"])
+def test_a_thinned_scan_says_what_share_is_missing(left_out: str) -> None:
+    scan = simulate.hdl64e(simulate.street(rng=3), 1.0, rng=0).frame
+    rows = np.arange(scan.num_points)
+    at_random = np.random.default_rng(7).random(len(rows)) > 0.1
+    kept = rows % 3 != 0 if left_out == "a third" else at_random
+    steps = authenticate.inspect(scan.select(np.flatnonzero(kept))).processing
+    (step,) = (each for each in steps if each.kind == "thinned")
+    share = float(step.detail.partition("%")[0])
+    assert share == pytest.approx(100.0 * (1.0 - kept.mean()), abs=1.5), step.detail

@@ -184,3 +184,15 @@ def test_a_coarse_grid_is_not_that_of_a_terrestrial_scanner(
     walls = 5.0 / np.abs(beam).max(axis=1, keepdims=True)
     found = identify_sensor((walls * beam).astype(np.float32))
     assert (found.kind == "terrestrial") is is_terrestrial
+
+
+@pytest.mark.parametrize("far", [1e19, 1e30, 3e38])
+def test_coordinates_whose_squares_are_no_float32_are_far_away(far: float) -> None:
+    scan = far * np.random.default_rng(0).uniform(0.1, 1.0, (5000, 3))
+    assert identify_sensor(scan.astype(np.float32)).kind != "lattice"
+
+
+def test_one_elevation_is_said_in_the_singular() -> None:
+    azimuth = np.linspace(-np.pi, np.pi, 5000, endpoint=False)
+    ring = 20.0 * np.column_stack([np.cos(azimuth), np.sin(azimuth), 0.05 + 0.0 * azimuth])
+    assert identify_sensor(ring.astype(np.float32)).reason == "the points stand on one elevation"

@@ -126,6 +126,10 @@ HOLE_SECTORS, FEWEST_ON_ROAD = 16, 4000
 """Sectors of the firings: what is missing everywhere is missing in half of them; and firings that
 could be missed there, at least, so that a few lost ones say nothing."""
 
+WIDEST_HOLE = 8
+"""Firings from a return to the next on the same surface: far longer than holes are if every second
+one is missing at random (1 of 256), and shorter than what a dark thing leaves."""
+
 OFF_LATTICE = 0.002
 """Metres from a line or a step: what lies farther is of no firing."""
 
@@ -665,9 +669,10 @@ def _of_thinning(
     below = firings.answered[lower]
     if whole and np.count_nonzero(below) < LEAST_FILL * below.size:
         found.append(Processing("thinned", "fewer returns from the ground than a whole frame has"))
-    elif (holes := _single_holes(firings, distance, lowest)) > MOST_SINGLE_HOLES:
+    elif _single_holes(firings, distance, lowest) > MOST_SINGLE_HOLES:
+        lost = _share_left_out(firings, distance, lowest)
         found.append(
-            Processing("thinned", f"{holes:.1%} of the returns are missing one by one everywhere")
+            Processing("thinned", f"{lost:.1%} of the returns are missing one by one everywhere")
         )
     if silent := len(_silent_between(firings)):
         found.append(Processing("lasers", f"{silent} of the {rings} lasers have no returns"))
@@ -704,11 +709,10 @@ def silent_lasers(
 def _single_holes(firings: Firings, distance: NDArray[np.float64], lasers: slice) -> float:
     """Share of firings without a return among those between two with one on a smooth near surface.
 
-    That of the half of the sectors that lacks least.
+    That of the half of the sectors that lacks least. It is high for any loss that leaves a return
+    on either side of each hole, as of every third point: `_share_left_out` says how many are lost.
     """
-    reach = np.zeros(firings.answered.shape)
-    on = firings.firing >= 0
-    reach[firings.ring[on], firings.firing[on]] = distance[on]
+    reach = _reach(firings, distance)
     before, behind = reach[lasers, :-2], reach[lasers, 2:]
     between = (before > 0.0) & (behind > 0.0) & (before < NEAR_HOLES)
     between &= np.abs(before - behind) < SAME_RANGE * before
@@ -721,6 +725,32 @@ def _single_holes(firings: Firings, distance: NDArray[np.float64], lasers: slice
     fullest = np.argsort(missing / np.maximum(possible, 1), kind="stable")[: HOLE_SECTORS // 2]
     among = int(possible[fullest].sum())
     return float(missing[fullest].sum()) / among if among >= FEWEST_ON_ROAD else 0.0
+
+
+def _reach(firings: Firings, distance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Metres that each laser measured at each firing; 0: no return."""
+    reach = np.zeros(firings.answered.shape)
+    on = firings.firing >= 0
+    reach[firings.ring[on], firings.firing[on]] = distance[on]
+    return reach
+
+
+def _share_left_out(firings: Firings, distance: NDArray[np.float64], lasers: slice) -> float:
+    """Share of the returns of a smooth near surface that are missing, in the median sector.
+
+    A firing without a return counts if it lies between two of its laser, at most `WIDEST_HOLE`
+    firings apart, that have one on the same surface.
+    """
+    reach = _reach(firings, distance)[lasers]
+    laser, firing = np.nonzero((reach > 0.0) & (reach < NEAR_HOLES))
+    here = reach[laser, firing]
+    apart = np.diff(firing)
+    steps = (np.diff(laser) == 0) & (apart <= WIDEST_HOLE)
+    steps &= np.abs(np.diff(here)) < SAME_RANGE * here[:-1]
+    sector = firing[:-1][steps] * HOLE_SECTORS // reach.shape[1]
+    fired = np.bincount(sector, apart[steps], HOLE_SECTORS)
+    missing = np.bincount(sector, apart[steps] - 1, HOLE_SECTORS)
+    return float(np.median(missing[fired > 0] / fired[fired > 0])) if fired.any() else 0.0
 
 
 def _highest_are_silent(firings: Firings) -> bool:

@@ -225,6 +225,7 @@ def identify_sensor(
     return identify_and_read(scan, lattice=lattice, threads=threads)[0]
 
 
+@np.errstate(over="ignore")  # a point too far away for float32 has an infinite distance: it is far
 def identify_and_read(
     scan: ScanLike, *, lattice: SensorLattice | None = None, threads: int = 0
 ) -> tuple[Sensor, LatticeReading | None]:
@@ -444,9 +445,8 @@ def _by_beams(points: NDArray[np.float32]) -> Sensor:
         return Sensor(best, "spinning", f"{share:.0%} of the points at its lasers' elevations")
     peaks = _peaks(elevation)
     if len(peaks) and len(peaks) <= MOST_LASERS:
-        return Sensor(
-            "spinning scanner", "spinning", f"the points stand on {len(peaks)} elevations"
-        )
+        where = "one elevation" if len(peaks) == 1 else f"{len(peaks)} elevations"
+        return Sensor("spinning scanner", "spinning", f"the points stand on {where}")
     azimuth = np.degrees(np.arctan2(points[:, 1], points[:, 0]))
     if np.ptp(azimuth) < 150.0:
         return Sensor(

@@ -272,11 +272,11 @@ def _keep_aside(target: Path, torn: bytes) -> Path:
     for number in count(1):
         aside = target.with_name(f"{target.name}.torn-{number}")
         try:
-            file = open(aside, "xb")
+            descriptor = os.open(aside, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
         except FileExistsError:
             continue
         try:
-            with file:
+            with os.fdopen(descriptor, "wb") as file:
                 file.write(torn)
                 file.flush()
                 os.fsync(file.fileno())
