@@ -820,3 +820,18 @@ def test_adherence_counts_whole_sessions_up_to_two_a_day() -> None:
     assert (found.complete, found.partial, found.simulated) == (2, 0, 3)
     with pytest.raises(InputError, match="today: expected 2026-03-02 or later"):
         adherence([], START, date(2026, 3, 1))
+
+
+def test_a_full_disk_leaves_no_part_of_a_new_diary(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "study.diary"
+    with monkeypatch.context() as patched:
+        # Another failure of SQLite, told in the same way: no disk is full here.
+        patched.setattr(schema, "migrate", lambda connection, _: connection.exec_driver_sql("no"))
+        with pytest.raises(OSError, match=f"{path}: near "):
+            Diary(path, create=True)
+    assert list(tmp_path.iterdir()) == []
+    with Diary(path, create=True) as diary:
+        fill(diary)
+    assert [each.name for each in tmp_path.iterdir()] == [path.name]

@@ -317,6 +317,22 @@ FULL_DISK = textwrap.dedent(
         assert open(path, "rb").read() == before
         assert os.listdir(folder) == ["m." + suffix]
         os.unlink(path)
+    image = b"\\x89PNG\\r\\n\\x1a\\n" + bytes(8000)
+    corners = [[0, 0], [1, 0], [0, 1]]
+    textured = manip3d.Mesh(
+        large.vertices, large.faces, texcoords=corners, face_texcoords=[[0, 1, 2]] * 9000,
+        face_material=[0] * 9000,
+        materials=[manip3d.Material(
+            name="skin", textures={"base_color": manip3d.Texture(path="skin.png", data=image)})],
+    )
+    for suffix in ("obj", "ply", "gltf"):
+        try:
+            textured.write(os.path.join(folder, "m." + suffix))
+        except OSError as error:
+            assert error.errno == errno.ENOSPC, error
+        else:
+            raise AssertionError("the disk should be full")
+        assert os.listdir(folder) == [], os.listdir(folder)
     print("done")
     """
 )

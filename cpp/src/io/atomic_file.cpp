@@ -62,6 +62,7 @@ AtomicFile::~AtomicFile() {
 }
 
 void AtomicFile::write(const char* data, std::size_t size) {
+  is_synced_ = false;
   while (size > 0) {
     const ssize_t written = ::write(file_.get(), data, size);
     if (written < 0 && errno == EINTR) continue;
@@ -71,9 +72,15 @@ void AtomicFile::write(const char* data, std::size_t size) {
   }
 }
 
+void AtomicFile::sync() {
+  if (is_synced_ || temporary_.empty()) return;
+  if (::fsync(file_.get()) != 0) refuse("cannot sync");
+  is_synced_ = true;
+}
+
 void AtomicFile::commit(bool sync) {
   const bool in_place = temporary_.empty();
-  if (sync && !in_place && ::fsync(file_.get()) != 0) refuse("cannot sync");
+  if (sync) this->sync();
   // Closing tells of late errors; the lock is held by the copy until the file has its name.
   if (!in_place) {
     lock_ = Descriptor(::fcntl(file_.get(), F_DUPFD_CLOEXEC, 0));

@@ -120,6 +120,7 @@ void write_gltf(Output& output, GltfScene& scene, const std::filesystem::path& p
                     {"byteLength", scene.buffer.size()}}});
   output.text(to_text(scene.json, 1));
   output.text("\n");
+  files.commit(output);
 }
 
 }  // namespace manip3d

@@ -318,8 +318,8 @@ void write_corner(Output& out, const MeshView& mesh, Eigen::Index face, int corn
 void write_obj(Output& out, const WriteJob& job) {
   const MeshView& mesh = job.mesh;
   const std::vector<std::string> names = unique_names(job.materials);
+  CompanionFiles companions(job);
   if (!names.empty()) {
-    CompanionFiles companions(job);
     const fs::path stem = without_compression_suffix(job.path).stem();
     const std::string content = mtl_text(job, names, companions);
     out.text("mtllib " + companions.place(line_name(stem.string()) + ".mtl", content) + "\n");
@@ -339,6 +339,7 @@ void write_obj(Output& out, const WriteJob& job) {
     for (int c = 0; c < 3; ++c) write_corner(out, mesh, f, c);
     out.text("\n");
   }
+  companions.commit(out);
 }
 
 ReadResult read_obj(ByteSource& source, const ReadOptions& options, const Progress& progress) {

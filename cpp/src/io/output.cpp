@@ -95,13 +95,20 @@ void Output::flush() {
   if (progress_) progress_(0.0);  // how much is to come is not known here; it may cancel
 }
 
-void Output::commit() {
+void Output::finish() {
+  if (is_finished_) return;
   if (encoder_) {
     encoder_->encode(buffer_, true, file_);
     buffer_.clear();
   } else {
     flush();
   }
+  file_.sync();
+  is_finished_ = true;
+}
+
+void Output::commit() {
+  finish();
   file_.commit();
 }
 

@@ -43,6 +43,8 @@ class Output {
     text({bytes.data(), bytes.size()});
   }
 
+  /// Ends the stream: all of it is on the disk, under a temporary name. `commit()` does it too.
+  void finish();
   /// Ends the stream and puts the file in place.
   void commit();
 
@@ -54,6 +56,7 @@ class Output {
   AtomicFile file_;
   std::unique_ptr<Encoder> encoder_;  ///< Null: not compressed.
   std::string buffer_;
+  bool is_finished_ = false;
   Progress progress_;
 };
 

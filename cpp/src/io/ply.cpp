@@ -492,6 +492,7 @@ class PlyWriter {
   PlyWriter(Output& out, const WriteJob& job)
       : out_(out),
         job_(job),
+        companions_(job),
         mesh_(job.mesh),
         normals_(vertex_normals(mesh_, job.warnings)),
         wide_positions_(!fits_float(mesh_.vertices)),
@@ -502,13 +503,13 @@ class PlyWriter {
     write_header();
     for (Eigen::Index i = 0; i < mesh_.vertices.rows(); ++i) write_vertex(i);
     for (Eigen::Index f = 0; f < mesh_.faces.rows(); ++f) write_face(f);
+    companions_.commit(out_);
   }
 
  private:
   void find_textures() {
-    CompanionFiles companions(job_);
     for (const Material& m : job_.materials) {
-      const std::string name = companions.texture_name(m, "base_color");
+      const std::string name = companions_.texture_name(m, "base_color");
       texture_of_material_.push_back(-1);
       if (name.empty()) continue;
       const auto known = std::find(texture_names_.begin(), texture_names_.end(), name);
@@ -587,6 +588,7 @@ class PlyWriter {
 
   Output& out_;
   const WriteJob& job_;
+  CompanionFiles companions_;
   const MeshView& mesh_;
   Vertices normals_;
   bool wide_positions_;

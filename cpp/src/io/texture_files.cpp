@@ -5,10 +5,10 @@
 #include <charconv>
 #include <set>
 #include <system_error>
+#include <utility>
 
 #include "io/warnings.hpp"
 #include "manip3d/error.hpp"
-#include "manip3d/io/atomic_file.hpp"
 
 namespace manip3d {
 namespace fs = std::filesystem;
@@ -54,12 +54,15 @@ std::string CompanionFiles::place(const std::string& name, const std::string& co
   const fs::path plain(name);
   std::string candidate = name;
   for (int attempt = 0;; ++attempt) {
-    const fs::path path = folder_ / candidate;
+    const auto staged = staged_.find(candidate);
+    const fs::path path =
+        staged == staged_.end() ? folder_ / candidate : staged->second->temporary();
     std::error_code missing;
     if (!fs::exists(path, missing)) {
-      AtomicFile file(path);
-      file.write(content.data(), content.size());
-      file.commit();
+      auto file = std::make_unique<AtomicFile>(path);
+      file->write(content.data(), content.size());
+      file->sync();
+      staged_.emplace(candidate, std::move(file));
       return candidate;
     }
     if (fs::is_regular_file(path, missing) && holds(path, content)) return candidate;
@@ -68,6 +71,12 @@ std::string CompanionFiles::place(const std::string& name, const std::string& co
     if (attempt > 0) candidate.append("-").append(std::to_string(attempt));
     candidate.append(plain.extension().string());
   }
+}
+
+void CompanionFiles::commit(Output& output) {
+  output.finish();
+  for (const auto& [name, file] : staged_) file->commit();
+  staged_.clear();
 }
 
 std::string CompanionFiles::texture_name(const Material& material, const std::string& role) {

@@ -2,17 +2,20 @@
 
 #include <filesystem>
 #include <map>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "io/formats.hpp"
+#include "manip3d/io/atomic_file.hpp"
 
 namespace manip3d {
 
 /// Puts textures and material libraries beside a mesh file, under base names; where a different
 /// file of that name exists, the name gets a hash of the content, so that no file that an older
-/// mesh refers to changes.
+/// mesh refers to changes. They appear in `commit()`, after the mesh file was written as a whole
+/// under a temporary name: an error before, such as a full disk, leaves none behind.
 class CompanionFiles {
  public:
   explicit CompanionFiles(const WriteJob& job);
@@ -23,8 +26,11 @@ class CompanionFiles {
   /// Bytes of a texture's image file; "" (with a warning) where it is not to be found.
   std::string image(const Texture& texture);
 
-  /// Writes `content` beside the mesh file under `name` or a name with a hash, which it returns.
+  /// Puts `content` beside the mesh file under `name` or a name with a hash, which it returns.
   std::string place(const std::string& name, const std::string& content);
+
+  /// Lets the files appear, after `output`, which names them, was written as a whole.
+  void commit(Output& output);
 
  private:
   [[nodiscard]] std::optional<std::filesystem::path> find(const Texture& texture) const;
@@ -32,6 +38,7 @@ class CompanionFiles {
   const WriteJob& job_;
   std::filesystem::path folder_;
   std::map<std::string, std::string> name_of_path_;
+  std::map<std::string, std::unique_ptr<AtomicFile>> staged_;  ///< By name.
 };
 
 /// A name for a line of text: no control characters, no blanks at the ends, no backslash at the end

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import sqlite3
 import uuid
@@ -17,10 +18,13 @@ from manip3d.diary._audit import append_row, begin_chain, time_in
 from manip3d.diary._rows import Rows
 from manip3d.diary._sealing import new_key, seal, unseal
 from manip3d.errors import FormatError, InputError
+from manip3d.io._files import _folder_beside, _sync_folder
 
 _CHECK = b"manip3d diary"
 _STUDY = "meta study"  # what the study's identifier is encrypted for
 _CHAIN = "meta audit key"
+_WITHOUT_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS)
+"""What a file system without links says: there a diary is made in its place."""
 _BUSY_S = 5.0  # another program that writes is waited for
 
 
@@ -30,9 +34,14 @@ class DiaryFile:
     Raises InputError, FormatError and OSError as `Diary` does.
     """
 
-    def __init__(self, path: Path, key: bytes | None, *, create: bool) -> None:
+    def __init__(
+        self, path: Path, key: bytes | None, *, create: bool, told_as: Path | None = None
+    ) -> None:
         self.path = path
         self.key = key
+        self._told_as = path if told_as is None else told_as
+        if create and told_as is None and not os.path.lexists(path):
+            _make(path, key)
         self._check_file(create)
         self.engine = sql.create_engine(
             # SQLite takes `:memory:` for no file, and SQLAlchemy `file:` for an address.
@@ -216,8 +225,27 @@ class DiaryFile:
     def _told(self, error: sqlite3.DatabaseError) -> Exception:
         """A full disk, a lock or a file that cannot be written; else the file is damaged."""
         if isinstance(error, sqlite3.OperationalError):
-            return OSError(f"{self.path}: {error}")
+            return OSError(f"{self._told_as}: {error}")
         return FormatError(f"the diary is damaged: {error}", file=str(self.path))
+
+
+def _make(path: Path, key: bytes | None) -> None:
+    """Make a diary, whole or not at all; none if somebody was quicker."""
+    with _folder_beside(path, path) as folder:
+        made = folder / path.name
+        DiaryFile(made, key, create=True, told_as=path).close()
+        try:
+            with contextlib.closing(sqlite3.connect(made)) as plain:
+                # Closing says nothing of a full disk, where the write-ahead log holds the content.
+                plain.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
+        except sqlite3.DatabaseError as error:
+            raise OSError(f"{path}: {error}") from error
+        try:
+            os.link(made, path)
+            _sync_folder(path.parent)
+        except OSError as error:
+            if error.errno not in (errno.EEXIST, *_WITHOUT_LINKS):
+                raise
 
 
 def _on_begin(connection: sql.Connection) -> None:

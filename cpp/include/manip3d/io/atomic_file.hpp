@@ -25,8 +25,12 @@ class AtomicFile {
   ~AtomicFile();
 
   void write(const char* data, std::size_t size);
+  /// Makes sure that what was written is on the disk: a full one is an error before `commit()`.
+  void sync();
   /// @param sync  false: whole for whoever survives this process, but not a power failure.
   void commit(bool sync = true);
+  /// Where the content lies until then; empty: the target is written in place.
+  [[nodiscard]] const std::filesystem::path& temporary() const { return temporary_; }
 
  private:
   void refuse(const char* action) const;
@@ -34,6 +38,7 @@ class AtomicFile {
   std::filesystem::path requested_;  ///< As the caller named it, for messages.
   std::filesystem::path target_;
   std::filesystem::path temporary_;  ///< Empty when written in place.
+  bool is_synced_ = false;           ///< Nothing was written since `sync()`.
   Descriptor file_;                  ///< Locked: see Temporary.
   Descriptor lock_;                  ///< The same, while `file_` is closed.
 };
