@@ -352,3 +352,27 @@ def test_chunks_of_any_size(tmp_path: Path) -> None:
     frame = LidarFrame(np.random.default_rng(0).normal(size=(120_000, 3)))
     frame.write(tmp_path / "a.laz")
     np.testing.assert_allclose(read_scan(tmp_path / "a.laz").points, frame.points, atol=6e-5)
+
+
+@pytest.mark.parametrize("source", ["las", "csv", "ply", "npy"])
+@pytest.mark.parametrize(
+    "name", ["a.csv", "a.xyz", "a.pts", "a.npy", "a.las", "a.laz", "a.ply", "a.pcd"]
+)
+def test_another_format_keeps_coordinates_of_a_map(tmp_path: Path, source: str, name: str) -> None:
+    pytest.importorskip("laspy", reason="the extra 'las' is not installed")
+    random = np.random.default_rng(0)
+    place = np.array([458_000.0, 5_428_000.0, 110.0])
+    stored = (place + random.uniform(0.0, 80.0, (200, 3))).round(3)
+    np.save(tmp_path / "first.npy", stored)
+    first = tmp_path / f"first.{source}"
+    if source == "csv":
+        np.savetxt(first, stored, fmt="%.3f", delimiter=",", header="x,y,z", comments="")
+    elif source != "npy":
+        io.read_scan(tmp_path / "first.npy").write(first)
+    written = tmp_path / name
+    io.read_scan(first).write(written)
+    again = io.read_scan(written)
+    assert again.exact is not None
+    assert np.abs(again.exact - stored).max() < 1e-6
+    if name == "a.csv":
+        assert np.abs(np.loadtxt(written, delimiter=",", skiprows=1)[:, :3] - stored).max() < 1e-6

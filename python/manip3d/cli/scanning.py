@@ -171,10 +171,10 @@ def convert(source: str, output: Path, terminal: Terminal, calibration: Path | N
 
 def _tell_of_map(scan: LidarFrame, suffix: str, terminal: Terminal) -> None:
     """Warn of coordinates far from 0, which another format than the scan's gets near 0."""
-    if scan.format is None or scan.format.name == suffix.lstrip(".").replace("laz", "las"):
-        return
-    shift = scan.format.to_file[:3, 3]
-    if shift.any():
+    from manip3d.io._scan_tables import loses_map_coordinates
+
+    if scan.format is not None and loses_map_coordinates(scan, suffix):
+        shift = scan.format.to_file[:3, 3]
         place = " ".join(f"{value:.0f}" for value in shift)
         terminal.say(f"warning: coordinates are written near 0: those of the map are {place} more")
 

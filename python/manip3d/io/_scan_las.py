@@ -15,6 +15,7 @@ from manip3d.io._las_checks import check_las
 from manip3d.io._scan_tables import (
     exact_coordinates,
     general_fields,
+    map_coordinates,
     measured_points,
     near_zero,
 )
@@ -77,7 +78,8 @@ def write(frame: LidarFrame, path: Path) -> None:
             exact = frame.format.file_coordinates(frame.points)
         columns = dict(frame.fields)
     else:
-        exact = frame.points.astype(np.float64)
+        of_map = map_coordinates(frame, "las")
+        exact = frame.points.astype(np.float64) if of_map is None else of_map
         columns = general_fields(frame)
         header = _new_header(laspy, exact, columns, frame)
     if frame.intensity is not None:

@@ -15,7 +15,13 @@ from manip3d.errors import FormatError
 from manip3d.io._files import atomic_path, open_regular
 from manip3d.io._limits import check_points
 from manip3d.io._npy_headers import MOST_HEADER, read_npy_header
-from manip3d.io._scan_tables import Column, Table, frame_of_table, packed_rows
+from manip3d.io._scan_tables import (
+    Column,
+    Table,
+    frame_of_table,
+    kind_of_coordinates,
+    packed_rows,
+)
 from manip3d.lidar import LidarFrame, ScanFormat
 
 if TYPE_CHECKING:
@@ -90,7 +96,8 @@ def write(frame: LidarFrame, path: Path) -> None:
     layout = frame.format
     if layout is None or layout.name != "npy":
         names = _NAMES if frame.intensity is not None else _NAMES[:3]
-        layout = ScanFormat("npy", tuple((n, "<f4", 1) for n in names), {"plain": True})
+        kind = kind_of_coordinates(frame, "npy")
+        layout = ScanFormat("npy", tuple((n, kind, 1) for n in names), {"plain": True})
     rows = packed_rows(frame, layout)
     if layout.header["plain"]:
         array: NDArray[Any] = rows.view(layout.columns[0][1]).reshape(

@@ -33,6 +33,8 @@ _COMPRESSED = (".gz", ".xz")
 _TEXT = ("xyz", "asc", "pts", "txt", "csv")
 _UNSTATED = (*_TEXT, "npy")
 """Formats that do not say where the scanner is, or which of their numbers are whole."""
+_OF_DOUBLES = (*_UNSTATED, "ply", "pcd", "las")
+"""Formats that can hold the coordinates of a map to the millimetre."""
 _BARE = ("kitti", "nuscenes")
 _LARGEST = 1e9
 """Metres, and any other number of a scan; halves of 64-bit numbers, read as 32-bit ones, are larger
@@ -316,6 +318,28 @@ def near_zero(stored: NDArray[Any]) -> NDArray[np.float64]:
     return matrix
 
 
+def map_coordinates(frame: LidarFrame, name: str) -> NDArray[np.float64] | None:
+    """Coordinates of a map that a scan was read from, for a file of another format that can hold
+    them; None: the scan has none, or the format cannot."""
+    if frame.format is None or name not in _OF_DOUBLES:
+        return None
+    to_file = frame.format.to_file
+    if not np.array_equal(to_file[:3, :3], np.eye(3)):
+        return None
+    if frame.exact is None:
+        return frame.format.file_coordinates(frame.points) if to_file[:3, 3].any() else None
+    is_far = to_file[:3, 3].any() or near_zero(frame.exact)[:3, 3].any()
+    return frame.exact if is_far else None
+
+
+def loses_map_coordinates(frame: LidarFrame, suffix: str) -> bool:
+    """Whether a file of this suffix gets coordinates near 0 for those of the map."""
+    name = suffix.lstrip(".").replace("laz", "las")
+    if frame.format is None or frame.format.name == name or name in _OF_DOUBLES:
+        return False
+    return bool(frame.format.to_file[:3, 3].any())
+
+
 def measured_points(stored: NDArray[Any], layout: ScanFormat, file: str) -> NDArray[np.float32]:
     """File coordinates as points of the frame: metres, our axes, near 0."""
     back = np.linalg.inv(layout.to_file)
@@ -356,6 +380,8 @@ def packed_rows(frame: LidarFrame, layout: ScanFormat) -> NDArray[Any]:
     own = frame.format is not None and frame.format.name == layout.name
     if own and frame.exact is not None:
         coordinates = frame.exact
+    elif not own and (of_map := map_coordinates(frame, layout.name)) is not None:
+        coordinates = of_map
     else:
         coordinates = layout.file_coordinates(frame.points)
     values: dict[str, NDArray[Any]] = dict(zip("xyz", coordinates.T, strict=True))
@@ -396,15 +422,21 @@ def _nuscenes_layout(frame: LidarFrame) -> ScanFormat:
     return ScanFormat("nuscenes", tuple((name, "<f4", 1) for name in names))
 
 
-def _general_columns(frame: LidarFrame) -> tuple[Column, ...]:
-    columns: list[Column] = [(axis, "<f4", 1) for axis in "xyz"]
+def kind_of_coordinates(frame: LidarFrame, name: str) -> str:
+    """NumPy's name of the type of coordinates in a new file of a format."""
+    return "<f4" if map_coordinates(frame, name) is None else "<f8"
+
+
+def _general_columns(frame: LidarFrame, name: str) -> tuple[Column, ...]:
+    kind = kind_of_coordinates(frame, name)
+    columns: list[Column] = [(axis, kind, 1) for axis in "xyz"]
     if frame.intensity is not None:
         columns.append(("intensity", "<f4", 1))
     if frame.ring is not None:
         columns.append(("ring", _kind(frame.ring), 1))
-    for name, values in frame.fields.items():
+    for field_name, values in frame.fields.items():
         if values.ndim <= 2 and values.dtype.kind in "iuf" and values.dtype.itemsize <= 8:
-            columns.append((name, _kind(values), values.shape[1] if values.ndim == 2 else 1))
+            columns.append((field_name, _kind(values), values.shape[1] if values.ndim == 2 else 1))
     return tuple(columns)
 
 
@@ -423,13 +455,19 @@ def _kind(values: NDArray[Any]) -> str:
 
 
 def _pcd_layout(frame: LidarFrame) -> ScanFormat:
-    place = " ".join(repr(value) for value in frame.origin or (0.0, 0.0, 0.0))
+    origin = np.array(frame.origin or (0.0, 0.0, 0.0))
+    is_of_map = frame.origin is not None and map_coordinates(frame, "pcd") is not None
+    if is_of_map and frame.format is not None:
+        origin = origin + frame.format.to_file[:3, 3]
+    place = " ".join(repr(value) for value in origin.tolist())
     header = {"pairs": (("viewpoint", f"{place} 1 0 0 0"), ("data", "binary"))}
-    return ScanFormat("pcd", _general_columns(frame), header)
+    return ScanFormat("pcd", _general_columns(frame, "pcd"), header)
 
 
 def _ply_layout(frame: LidarFrame) -> ScanFormat:
-    columns = [c for c in _general_columns(frame) if c[2] == 1 and c[1] not in ("<i8", "<u8")]
+    columns = [
+        c for c in _general_columns(frame, "ply") if c[2] == 1 and c[1] not in ("<i8", "<u8")
+    ]
     return ScanFormat("ply", tuple(columns))
 
 
@@ -442,7 +480,7 @@ def _three_dtk_layout(frame: LidarFrame) -> ScanFormat:
 
 def _text_layout(name: str) -> Callable[[LidarFrame], ScanFormat]:
     def layout(frame: LidarFrame) -> ScanFormat:
-        columns = [column for column in _general_columns(frame) if column[2] == 1]
+        columns = [column for column in _general_columns(frame, name) if column[2] == 1]
         if name == "csv":
             names = [re.sub(r"[\s,;\"#]", "_", column[0]) for column in columns]
             pairs = [("names", ",".join(names)), ("separator", ",")]
