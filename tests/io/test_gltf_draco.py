@@ -216,6 +216,26 @@ def announcing(faces: bytes, points: bytes = b"\x04") -> bytes:
     return content[:11] + faces + points + content[13:]
 
 
+def with_metadata(content: bytes) -> bytes:
+    """A stream with metadata of an attribute, within another, and of the file."""
+
+    def name(text: bytes) -> bytes:
+        return bytes([len(text)]) + text
+
+    entry = b"\x01" + name(b"attribute_name") + name(b"_FEATURE_ID_0")
+    leaf, nested = entry + b"\x00", entry + b"\x02"
+    element = nested + name(b"first") + leaf + name(b"second") + leaf
+    return content[:10] + b"\x80" + b"\x01\x00" + element + b"\x00\x00" + content[11:]
+
+
+def test_metadata_of_a_stream_are_left_out() -> None:
+    plain = read_mesh_bytes(with_stream(stream()))
+    assert np.array_equal(DracoPy.decode(with_metadata(stream())).points, SQUARE)
+    found = read_mesh_bytes(with_stream(with_metadata(stream())))
+    assert np.array_equal(found.vertices, plain.vertices)
+    assert np.array_equal(found.faces, plain.faces)
+
+
 def hollow_indices() -> bytes:
     scene = DracoScene()
     scene.draco(stream())
@@ -234,9 +254,17 @@ ZOO = {
         with_stream(announcing(b"\x80\x80\x80\x80\x04")),
         "the mesh takes more than",
     ),
-    "metadata": (
+    "metadata that are not there": (
         with_stream(stream()[:10] + b"\x80" + stream()[11:]),
-        "metadata of a Draco stream",
+        f"/{NAME}: damaged Draco stream",
+    ),
+    "metadata without an end": (
+        with_stream(stream()[:10] + b"\x80" + b"\xff\xff\xff\xff\x7f" + stream()[11:]),
+        f"/{NAME}: damaged Draco stream",
+    ),
+    "metadata before a billion points": (
+        with_stream(with_metadata(announcing(b"\x02", b"\x80\x80\x80\x80\x04"))),
+        "the mesh takes more than",
     ),
     "only the indices": (hollow_indices(), f"/{NAME}: damaged Draco stream"),
     "no stream": (with_stream(b"no Draco"), f"/{NAME}: damaged Draco stream"),

@@ -853,3 +853,29 @@ def test_normals_that_are_not_there_cost_the_normals(tmp_path: Path) -> None:
     assert seen.mesh.faces.tolist() == [[0, 1, 2], [2, 1, 0]]
     assert seen.mesh.normals is None
     assert seen.warnings == ("normals are left out: faces name some that the file does not hold",)
+
+
+def test_stl_in_capitals_is_text(tmp_path: Path) -> None:
+    text = (
+        "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n"
+        "endloop\nendfacet\nendsolid a\n"
+    )
+    for written in (text, text.upper(), text.title()):
+        (tmp_path / "a.stl").write_text(written)
+        assert manip3d.read_mesh(tmp_path / "a.stl").num_faces == 1
+        assert io.read_mesh_bytes(written.encode()).num_faces == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "start"),
+    [
+        ("a.wrl", "#VRML V2.0 utf8\nShape {}\n"), ("a.vtk", "# vtk DataFile Version 3.0\nx\n"),
+        ("a.usda", "#usda 1.0\n"), ("a.iv", "#Inventor V2.1 ascii\n"),
+    ],
+)  # fmt: skip
+def test_a_format_that_is_not_read_is_not_taken_for_obj(
+    tmp_path: Path, name: str, start: str
+) -> None:
+    (tmp_path / name).write_text(start)
+    with pytest.raises(FormatError, match=r"unknown mesh format; manip3d reads \.obj \.ply"):
+        manip3d.read_mesh(tmp_path / name)

@@ -78,7 +78,7 @@ DracoElements encode_draco_as(const JsonPlace& accessor, std::size_t index,
 
 /// Faces and points that the head of a stream announces: the library makes room for them before it
 /// looks at the rest. Draco bitstream 2.2, sections 3 and 4; a face of the edgebreaker has three
-/// points at most. Metadata stand before the counts; no writer of glTF is known to store any.
+/// points at most. Metadata (names of feature identifiers, for example) stand before the counts.
 std::int64_t announced_elements(const JsonPlace& draco, ByteSpan stream) {
   constexpr std::size_t kHead = 11, kMethod = 8, kFlags = 10;
   constexpr unsigned kEdgebreaker = 1, kMetadata = 0x80;
@@ -86,9 +86,7 @@ std::int64_t announced_elements(const JsonPlace& draco, ByteSpan stream) {
     if (i >= stream.size()) draco.fail("damaged Draco stream: it ends within its head");
     return std::to_integer<unsigned>(stream[i]);
   };
-  if ((byte(kFlags) & kMetadata) != 0) draco.fail("metadata of a Draco stream are not read");
-  const bool is_edgebreaker = byte(kMethod) == kEdgebreaker;
-  std::size_t at = kHead + (is_edgebreaker ? 1 : 0);
+  std::size_t at = kHead;
   const auto count = [&] {
     std::int64_t value = 0;
     for (int shift = 0; shift < 35; shift += 7) {
@@ -98,6 +96,29 @@ std::int64_t announced_elements(const JsonPlace& draco, ByteSpan stream) {
     }
     return value;
   };
+  if ((byte(kFlags) & kMetadata) != 0) {
+    const auto skip_name = [&] { at += 1 + std::size_t{byte(at)}; };
+    // Depth first: each element within another follows its name.
+    const auto skip_element = [&] {
+      for (std::int64_t left = 1; left > 0; --left) {
+        for (std::int64_t entries = count(); entries > 0; --entries) {
+          skip_name();
+          const std::int64_t size = count();
+          at += static_cast<std::size_t>(size);
+        }
+        const std::int64_t within = count();
+        left += within;
+        if (left > 1) skip_name();
+      }
+    };
+    for (std::int64_t attributes = count(); attributes > 0; --attributes) {
+      count();  // its identifier
+      skip_element();
+    }
+    skip_element();
+  }
+  const bool is_edgebreaker = byte(kMethod) == kEdgebreaker;
+  if (is_edgebreaker) ++at;
   const std::int64_t first = count(), second = count();
   // Sequential: faces, points; edgebreaker: vertices, faces.
   return is_edgebreaker ? first + 4 * second : first + second;

@@ -9,6 +9,7 @@
 #include "io/formats.hpp"
 #include "io/warnings.hpp"
 #include "manip3d/error.hpp"
+#include "parse/letters.hpp"
 
 namespace manip3d {
 namespace fs = std::filesystem;
@@ -191,13 +192,17 @@ std::optional<MeshFormat> format_of_content(std::string_view head,
     std::memcpy(&count, head.data() + kStlHeader - sizeof(count), sizeof(count));
     if (*size == kStlHeader + kStlTriangle * count) return MeshFormat::kStl;
   }
-  if (head.starts_with("solid")) return MeshFormat::kStl;
+  if (starts_with_in_any_case(head, "solid")) return MeshFormat::kStl;
   for (const char* start : {"OFF", "COFF", "NOFF", "CNOFF", "STOFF", "STCOFF", "STNOFF"}) {
     if (head.starts_with(start)) return MeshFormat::kOff;
   }
   if (head.starts_with("ply\n") || head.starts_with("ply\r")) return MeshFormat::kPly;
   if (head.starts_with("glTF")) return MeshFormat::kGlb;
   if (head.starts_with("{")) return MeshFormat::kGltf;
+  // Other formats whose first line is a comment to OBJ.
+  for (const char* start : {"#VRML", "#X3D", "#Inventor", "# vtk", "#usda"}) {
+    if (head.starts_with(start)) return std::nullopt;
+  }
   for (const char* start : {"v ", "#", "mtllib ", "o ", "g ", "vn ", "vt "}) {
     if (head.starts_with(start)) return MeshFormat::kObj;
   }

@@ -12,6 +12,7 @@
 #include "io/unique_rows.hpp"
 #include "io/warnings.hpp"
 #include "parse/input_buffer.hpp"
+#include "parse/letters.hpp"
 #include "parse/line_cursor.hpp"
 
 namespace manip3d {
@@ -47,7 +48,7 @@ class StlReader {
     }
     const auto text = std::find_if(head.begin(), head.end(),
                                    [](unsigned char c) { return std::isspace(c) == 0; });
-    const bool says_solid = std::string_view(text, head.end()).starts_with("solid");
+    const bool says_solid = starts_with_in_any_case({text, head.end()}, "solid");
     const bool has_text_only = std::all_of(head.begin(), head.end(), [](unsigned char c) {
       return c >= 0x80 || std::isprint(c) != 0 || std::isspace(c) != 0;
     });
@@ -94,21 +95,21 @@ class StlReader {
     bool ended = false;
     while (input_.next_line(line)) {
       LineCursor cursor(line, input_.line());
-      const std::string_view keyword = cursor.word();
-      if (keyword == "vertex") {
+      const std::string_view keyword = cursor.word();  // some programs write capitals
+      if (is_same_in_any_case(keyword, "vertex")) {
         if (num_corners == 3) input_.fail_at_line("facet: expected 3 vertices, got more");
         const double x = cursor.number("vertex");
         const double y = cursor.number("vertex");
         const double z = cursor.number("vertex");
         corners_[num_corners++].vertex = vertices_.index({x, y, z}, input_);
         ended = false;
-      } else if (keyword == "endloop") {
+      } else if (is_same_in_any_case(keyword, "endloop")) {
         if (num_corners != 3) {
           input_.fail_at_line("facet: expected 3 vertices, got " + std::to_string(num_corners));
         }
         builder_.add_polygon(corners_, MeshBuilder::kNone, {input_.line(), std::nullopt});
         num_corners = 0;
-      } else if (keyword == "endsolid") {
+      } else if (is_same_in_any_case(keyword, "endsolid")) {
         ended = true;
       }
     }
