@@ -182,3 +182,15 @@ def test_a_process_that_is_limited_itself_reads_bags(tmp_path: Path) -> None:
     script += f"from manip3d import capture; print(len(list(capture.open('bag:{bag}'))))"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
     assert (done.stdout, done.stderr) == ("1\n", "")
+
+
+@pytest.mark.parametrize("kept", [6, 20, -4, -200])
+def test_a_recording_of_mcap_without_its_end_is_called_so(tmp_path: Path, kept: int) -> None:
+    folder = write_bag(tmp_path / "bag", {"/top": [message(TYPES, points_of(1))]})
+    (file,) = folder.glob("*.mcap")
+    file.write_bytes(file.read_bytes()[:kept])
+    for place in (file, folder):
+        with pytest.raises(
+            FormatError, match=rf"{file.name} has no end: .*'mcap recover {file.name}"
+        ):
+            list(capture.open(f"bag:{place}"))

@@ -144,6 +144,19 @@ def _summary(file: BufferedReader) -> bytes:
     return file.read(_MOST_INDEX)
 
 
+def _without_end(path: Path) -> Path | None:
+    """The MCAP file of a bag that does not end as one."""
+    for each in sorted(path.glob("*.mcap")) if path.is_dir() else (path,):
+        with contextlib.suppress(OSError, FormatError), open_regular(each) as file:
+            start = file.read(len(_MCAP))
+            end = file.seek(0, os.SEEK_END)
+            file.seek(max(0, end - len(_MCAP)))
+            is_whole = end > len(_MCAP) and file.read() == _MCAP
+            if start and _MCAP.startswith(start) and not is_whole:
+                return each
+    return None
+
+
 class BagPicture(NamedTuple):
     """A picture of a bag, undecoded: what its message says, and its bytes."""
 
@@ -241,6 +254,11 @@ class BagRecording:
             raise self._refuse("damaged bag: its reader ended")
         header: dict[str, Any] = json.loads(line)
         if "error" in header:
+            if (cut := _without_end(self._path)) is not None:
+                raise self._refuse(
+                    f"{cut.name} has no end: it is cut off, or its recorder did not close it "
+                    f"('mcap recover {cut.name} -o whole.mcap' copies the messages that are whole)"
+                )
             raise self._refuse(f"the bag cannot be read: {header['error']}")
         if "kinds" in header:
             found = ", ".join(header["kinds"])[:200] or "no topic"
