@@ -142,8 +142,8 @@ def append_log(
     if aside is not None:
         warnings.warn(
             f"{target}: line {end.lines + 1} was not whole: its writer was interrupted after "
-            f"{len(torn)} bytes, which are kept in {aside}. The {end.lines} entries before it "
-            "hold, and the log is continued after them",
+            f"{len(torn)} bytes, which are kept in {aside}. The entries before it hold, and the "
+            "log is continued after them",
             stacklevel=caller_level(),
         )
     return str(entry["hash"])
@@ -326,8 +326,8 @@ def _torn(number: int, length: int) -> str:
     """What a line that ends early means, and how to go on."""
     return (
         f"line {number}: the last line is not whole: its writer was interrupted after {length} "
-        f"bytes. The {number - 1} entries before it hold; the next inspection that is appended "
-        "keeps these bytes in a file beside the log, and continues it"
+        "bytes. The entries before it hold; the next inspection that is appended keeps these bytes "
+        "in a file beside the log, and continues it"
     )
 
 
