@@ -100,7 +100,7 @@ class NearestImage {
     if (column >= columns_ - reach_) put(at - columns_, place, row);
   }
 
-  /// Where the run of columns around one begins, `2 * reach + 1` of them.
+  /// The begin of the run of columns around one, `2 * reach + 1` of them.
   [[nodiscard]] std::int64_t first(int ring, int column) const {
     return std::int64_t{ring} * width_ + column;
   }

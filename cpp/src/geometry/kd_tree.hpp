@@ -103,7 +103,7 @@ class KdTree {
       return false;
     }
   };
-  // What a search found so far, as nanoflann asks for it.
+  // The result of a search so far, as nanoflann asks for it.
   class NearestRow {
    public:
     explicit NearestRow(const Nearest& known) : best_(known) {}

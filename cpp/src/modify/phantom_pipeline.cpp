@@ -494,7 +494,7 @@ class PhantomPipeline::Workspace {
   }
 
   struct TakenOut {
-    std::optional<ClothSearch> cloth;  ///< Where cloth of the limb was looked for.
+    std::optional<ClothSearch> cloth;  ///< Place in which cloth was looked for.
     std::int64_t num_given = 0;        ///< Points that a leg gave to the other one, both there.
   };
 

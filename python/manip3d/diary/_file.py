@@ -24,7 +24,7 @@ _CHECK = b"manip3d diary"
 _STUDY = "meta study"  # what the study's identifier is encrypted for
 _CHAIN = "meta audit key"
 _WITHOUT_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS)
-"""What a file system without links says: there a diary is made in its place."""
+"""Errors of a file system without links: there a diary is made in its place."""
 _BUSY_S = 5.0  # another program that writes is waited for
 
 

@@ -107,7 +107,7 @@ def write(frame: LidarFrame, path: Path) -> None:
         named = [(c[0], c[1]) if c[2] == 1 else (c[0], c[1], (c[2],)) for c in layout.columns]
         array = rows.view(np.dtype(named))
     with atomic_path(path) as local, local.open("wb") as file:
-        # Where the disk is full, the error of an array that is saved to a file says nothing of it.
+        # On a full disk, the error of an array that is saved to a file says nothing of the disk.
         content = io.BytesIO()
         np.save(content, array, allow_pickle=False)
         file.write(content.getbuffer())

@@ -289,7 +289,7 @@ def _keep_aside(target: Path, torn: bytes) -> Path:
 
 
 def _mark_of(torn: bytes, aside: Path) -> dict[str, Any]:
-    """What a log says of bytes that were kept aside."""
+    """The words of a log about bytes that were kept aside."""
     return {"bytes": len(torn), "sha256": hashlib.sha256(torn).hexdigest(), "kept": aside.name}
 
 

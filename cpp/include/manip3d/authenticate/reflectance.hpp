@@ -36,7 +36,7 @@ struct ReflectanceOptions {
 struct ReflectanceTurn {
   const PointsView& points;
   ScanMotion motion;
-  /// Where its points, moved into the frame's coordinates, lie on the lattice, as compare_turns
+  /// The places of its points, moved into the frame's coordinates, on the lattice, as compare_turns
   /// says; null: they are read.
   const LatticeReading* seen = nullptr;
 };

@@ -49,7 +49,7 @@ struct TurnResult {
   bool has_ground = false;
   bool is_steady = false;           ///< The scanner went on after the frame as it did before.
   std::vector<TurnRegion> regions;  ///< By kind, then in the order of their first directions.
-  /// Where the points of both turns, in the frame's coordinates, lie on the lattice; empty where
+  /// The places of both turns' points, in the frame's coordinates, on the lattice; empty where
   /// they are not judged.
   std::array<LatticeReading, 2> seen;
 

@@ -29,7 +29,7 @@ class AtomicFile {
   void sync();
   /// @param sync  false: whole for whoever survives this process, but not a power failure.
   void commit(bool sync = true);
-  /// Where the content lies until then; empty: the target is written in place.
+  /// The path of the content until then; empty: the target is written in place.
   [[nodiscard]] const std::filesystem::path& temporary() const { return temporary_; }
 
  private:
