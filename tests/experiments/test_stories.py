@@ -52,15 +52,8 @@ def type_commands(commands: list[str], folder: Path) -> None:
         assert done.returncode in (0, 3), done.stderr
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "depth",
-        pytest.param("model", marks=pytest.mark.slow),
-        pytest.param("phantom", marks=pytest.mark.slow),
-        pytest.param("scan", marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["depth", "model", "phantom", "scan"])
 def test_typed_commands_write_what_the_story_shows(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

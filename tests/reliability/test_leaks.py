@@ -71,13 +71,17 @@ def memory() -> NDArray[np.float64]:
 def least_growth(call: Callable[[], object], calls: int) -> float:
     """Bytes that a call adds, in the best of some windows: a leak is in all of them."""
     least = np.full(2, np.inf)
-    for _ in range(ATTEMPTS):
-        before = memory()
-        for _ in range(calls):
-            call()
-        least = np.minimum(least, (memory() - before) / calls)
-        if (least < MOST_PER_CALL).all():
-            break
+    gc.freeze()  # each collection then looks at what is new only
+    try:
+        for _ in range(ATTEMPTS):
+            before = memory()
+            for _ in range(calls):
+                call()
+            least = np.minimum(least, (memory() - before) / calls)
+            if (least < MOST_PER_CALL).all():
+                break
+    finally:
+        gc.unfreeze()
     return float(least.max())
 
 

@@ -15,6 +15,8 @@ from manip3d import Mesh
 from manip3d.simplify import clean, qem4vr, quality
 from zoo import grid, sphere
 
+pytestmark = pytest.mark.slow  # g++ takes 13 s for CGAL's headers
+
 SOURCE = Path(__file__).with_name("cgal_hausdorff.cpp")
 HEADER = Path("/usr/include/CGAL/Polygon_mesh_processing/distance.h")
 LIMITS = (1e-2, 1e-3, 1e-4)  # of the diagonal
@@ -96,7 +98,7 @@ def test_cgal_and_a_known_distance(cgal: Distances) -> None:
 
 
 @pytest.mark.realdata
-@pytest.mark.parametrize("method", [pytest.param(qem4vr, marks=pytest.mark.slow), quality])
+@pytest.mark.parametrize("method", [qem4vr, quality])
 @pytest.mark.parametrize("name", ["spot"])
 def test_cgal_finds_no_larger_distance_on_real_models(
     cgal: Distances, real_mesh: Callable[[str], Mesh], name: str, method: Callable[..., Any]

@@ -45,13 +45,21 @@ def covering(
     faces: NDArray[np.int64], points: NDArray[np.float64], *, closed: bool = False
 ) -> NDArray[np.int64]:
     """How many triangles hold each point (u, v), strictly inside unless closed."""
-    inside = np.ones((len(points), len(faces)), bool)
-    for i in range(3):
-        p, q = faces[:, i], faces[:, (i + 1) % 3]
-        edge, to = (q - p)[None], points[:, None] - p[None]
-        side = edge[..., 0] * to[..., 1] - edge[..., 1] * to[..., 0]
-        inside &= side >= 0 if closed else side > 0
-    return inside.sum(axis=1)
+    order = np.argsort(points[:, 0], kind="stable")
+    sorted_points = points[order]
+    # Only points of the columns that a triangle spans can lie in it.
+    first = np.searchsorted(sorted_points[:, 0], faces[:, :, 0].min(axis=1), side="left")
+    last = np.searchsorted(sorted_points[:, 0], faces[:, :, 0].max(axis=1), side="right")
+    counts = np.zeros(len(points), np.int64)
+    for triangle, begin, end in zip(faces, first, last, strict=True):
+        near = sorted_points[begin:end]
+        inside = np.ones(len(near), bool)
+        for p, q in zip(triangle, np.roll(triangle, -1, axis=0), strict=True):
+            (edge_u, edge_v), to = q - p, near - p
+            side = edge_u * to[:, 1] - edge_v * to[:, 0]
+            inside &= side >= 0 if closed else side > 0
+        counts[order[begin:end]] += inside
+    return counts
 
 
 def check_promises(
