@@ -110,13 +110,25 @@ ctest: setup
 pytest: setup ctest
 	$(BIN)/python -m pytest -n auto --dist worksteal --durations=15
 
+# Each is one process for most of its time: on two cores two of them run.
+LINTERS := lint-types lint-cpp lint-python lint-viewer lint-layers lint-stubs
+.PHONY: $(LINTERS)
+
 lint: setup ## Check format, ruff, mypy, TypeScript, the layers of the package and the type stubs of the core
-	$(BIN)/clang-format --dry-run -Werror $(CPP_FORMATTED)
+	@$(MAKE) --no-print-directory -j "$$(nproc)" --output-sync $(LINTERS)
+
+lint-types:
+	$(BIN)/mypy
+lint-cpp:
+	@$(BIN)/clang-format --dry-run -Werror $(CPP_FORMATTED)
+lint-python:
 	$(BIN)/ruff check --no-cache --quiet .
 	$(BIN)/ruff format --no-cache --quiet --check .
-	$(BIN)/mypy
+lint-viewer:
 	PATH="$$PATH:$(CURDIR)/$(BIN)" npm --prefix $(VIEWER) run --silent check
+lint-layers:
 	$(BIN)/lint-imports
+lint-stubs:
 	$(BIN)/python .ci/stubs.py --check
 
 stubs: setup ## Write python/manip3d/_core.pyi anew
