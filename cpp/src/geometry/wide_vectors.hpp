@@ -3,7 +3,8 @@
 /// @file
 /// Loops over doubles with the four places of AVX2 where the processor has them. The same
 /// operations in the same order on either path, so that the results are the same, bit for bit.
-#define MANIP3D_INLINE [[gnu::always_inline]] inline
+
+#include "geometry/always_inline.hpp"
 
 #if defined(__x86_64__)
 #define MANIP3D_AVX2 [[gnu::target("avx2")]]

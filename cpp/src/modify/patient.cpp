@@ -131,12 +131,12 @@ Skeleton Patient::smoothed(const Skeleton& told) {
 }
 
 bool is_in_another_unit(const Skeleton& skeleton) {
-  constexpr float kFarthest = 100.0F;  // metres
+  constexpr float kFarthestJoint = 100.0F;  // metres
   bool is_far = false;
   for (std::size_t joint = 0; joint < kNumJoints; ++joint) {
     if (skeleton.states[joint] != TrackingState::kTracked) continue;
     const Eigen::Vector3f& p = skeleton.positions[joint];
-    if (!(p.cwiseAbs().maxCoeff() > kFarthest && p.allFinite())) return false;
+    if (!(p.cwiseAbs().maxCoeff() > kFarthestJoint && p.allFinite())) return false;
     is_far = true;
   }
   return is_far;

@@ -4,13 +4,11 @@
 #include <cmath>
 #include <cstdint>
 
+#include "geometry/always_inline.hpp"
 #include "geometry/constants.hpp"
 #include "simplify/importance_map.hpp"
 
 namespace manip3d {
-
-// Small functions in loops over pixels must vanish, or the loops take one pixel at a time.
-#define MANIP3D_INLINE inline __attribute__((always_inline))
 
 struct PointRow {
   float *x, *y, *z;

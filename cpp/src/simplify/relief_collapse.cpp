@@ -407,11 +407,11 @@ bool Collapser::may_sweep(const Triangulation& mesh, std::int32_t v, Fan& fan) c
 
 /// The price below which this share of the vertices merge, as every eighth of them tells.
 float Collapser::sampled_price(const Surface& surface, const Triangulation& mesh, float share) {
-  constexpr std::int32_t kStride = 8;
+  constexpr std::int32_t kSampleStride = 8;
   Fan fan;
   make_room(prices_, mesh.num_slots());
   prices_.clear();
-  for (std::int32_t v = 0; v < mesh.num_slots(); v += kStride) {
+  for (std::int32_t v = 0; v < mesh.num_slots(); v += kSampleStride) {
     if (!may_sweep(mesh, v, fan)) continue;
     cheapest(surface, mesh, v, fan, false, kNoRound, known_[v]);
     prices_.push_back(known_[v]);
