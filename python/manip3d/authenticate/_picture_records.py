@@ -28,7 +28,7 @@ def checked_picture(picture: ArrayLike) -> NDArray[np.uint8]:
 
 @checked
 def record_of_picture(picture: ArrayLike) -> bytes:
-    """Return the record that a picture carries, as it stands there: nothing is verified.
+    """Return the watermark record that a picture carries in its pixels, without verifying it.
 
     Parameters
     ----------
@@ -41,9 +41,9 @@ def record_of_picture(picture: ArrayLike) -> bytes:
     Raises
     ------
     InputError
-        Another kind of picture, or one of fewer than 16384 samples.
+        Another shape or dtype, or fewer than 16384 samples.
     FormatError
-        There is no record in it.
+        The picture carries no record.
 
     Examples
     --------

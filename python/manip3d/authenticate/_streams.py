@@ -276,6 +276,7 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
         Consecutive frames of one camera. Of a sequence up to 60 are judged, in runs of 6 spread
         over it; of an iterator the first 60, which the reason says where there were more.
     progress : None, True or callable(fraction, message)
+        True shows a bar; a callable gets the fraction done and a message.
 
     Returns
     -------

@@ -500,13 +500,15 @@ def scans_to_read(folder: str | os.PathLike[str]) -> list[Path]:
 
 @checked
 def drive_numbers(folder: str | os.PathLike[str]) -> list[int]:
-    """Return a number for each scan of a drive: those a turn apart have numbers that differ by one.
+    """Return a number for each scan of a drive; those of consecutive turns differ by one.
 
-    They are those of the files' names where the drive is a sequence, as KITTI's raw drives and its
-    odometry sequences with ``times.txt`` are; else, as in its object and stereo benchmarks, where
-    each scan is of another place, they are apart. Where the drive has times (``timestamps.txt``
-    beside the scans, or ``times.txt``), scans more than one and a half turns of a tenth of a second
-    apart are no neighbours, whatever their names are: somebody may have kept every second scan.
+    `inspect_drive` compares a scan with its neighbours only where their numbers differ by one. In a
+    sequence (KITTI's raw drives, and its odometry sequences with ``times.txt``) the numbers are
+    those in the file names. Elsewhere (KITTI's object and stereo benchmarks) each scan shows
+    another place, and the numbers are 0, 2, 4, ... Where the drive has times (``timestamps.txt``
+    beside the scans, or ``times.txt``), a gap of more than 0.15 s, one and a half turns at 10 Hz,
+    is a gap in the numbers, too, whatever the names say: somebody may have kept every second scan
+    and renamed them.
 
     Parameters
     ----------
@@ -523,7 +525,7 @@ def drive_numbers(folder: str | os.PathLike[str]) -> list[int]:
     InputError
         The folder has neither ``velodyne_points/data`` nor ``velodyne``, or no scans.
     FormatError
-        A line of the times is none.
+        A line of the file of times cannot be parsed.
 
     Examples
     --------
@@ -546,12 +548,12 @@ def drive_numbers(folder: str | os.PathLike[str]) -> list[int]:
         return [2 * number for number in range(len(scans))]
     numbers = [int(name) for name in names]
     times = _times_of(root, numbers)
-    left_out, spread = 0, numbers[:1]
+    num_gaps, numbers_with_gaps = 0, numbers[:1]
     for k in range(1, len(numbers)):
         if times and abs(times[k] - times[k - 1]) > MOST_APART_NS:
-            left_out += 1
-        spread.append(numbers[k] + left_out)
-    return spread
+            num_gaps += 1
+        numbers_with_gaps.append(numbers[k] + num_gaps)
+    return numbers_with_gaps
 
 
 def _times_of(drive: Path, numbers: Sequence[int]) -> list[int]:

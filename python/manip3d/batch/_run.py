@@ -120,6 +120,7 @@ def run(
         of them has changed. What a mesh or a scan names beside it (material libraries, textures,
         buffers, poses) is known without.
     progress : None, True or callable(fraction, message)
+        True shows a bar; a callable gets the fraction done and a message.
     on_error : callable(source, error)
         Called for each file that fails.
 

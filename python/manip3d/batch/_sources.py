@@ -51,7 +51,9 @@ class SourceFile:
 
 @checked
 def is_pattern(source: str) -> bool:
-    """Return whether the source is a pattern such as ``scans/*.bin``, and no file of that name.
+    """Return whether a source is a pattern such as ``scans/*.bin``.
+
+    A name with ``*``, ``?`` or ``[`` is no pattern if there is a file of that name.
 
     The ``?`` of an address such as ``sim:body?motion=wave`` begins its options.
 

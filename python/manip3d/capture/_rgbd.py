@@ -814,6 +814,7 @@ def record(
     overwrite : bool
         Replace a recording of the same kind that nobody reads or records.
     progress : None, True or callable(fraction, message)
+        True shows a bar; a callable gets the fraction done and a message.
 
     Returns
     -------

@@ -249,7 +249,11 @@ def configure_logging(*, quiet: bool = False) -> None:
 
 
 def count(number: int) -> str:
-    """A number with thin groups of thousands: ``80 354``."""
+    """A number with its groups of thousands separated: ``80 354``.
+
+    The separator is an ordinary space, unlike on pages: terminals show it, and it can be typed into
+    a search.
+    """
     return f"{number:,}".replace(",", " ")
 
 

@@ -155,7 +155,7 @@ def _sequences(data_set: str, pattern: str) -> list[str]:
 
 @checked
 def open_people(uri: str) -> RgbdSequence:
-    """Open a recording of people after checking its bytes.
+    """Open a recording of people of a public data set, after verifying its checksum.
 
     Parameters
     ----------

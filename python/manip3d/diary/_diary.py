@@ -178,6 +178,7 @@ class Diary:
         Parameters
         ----------
         identifier : str
+            Pseudonym of the participant.
         clips : bool
 
         Raises
@@ -204,7 +205,9 @@ class Diary:
         Parameters
         ----------
         identifier : str
+            Pseudonym of the participant.
         at : datetime, optional
+            When it happened; by default now.
 
         Returns
         -------
@@ -231,7 +234,9 @@ class Diary:
         Parameters
         ----------
         session : int
+            As `start_session` returned it.
         at : datetime, optional
+            When it happened; by default now.
 
         Raises
         ------
@@ -248,7 +253,9 @@ class Diary:
         Parameters
         ----------
         session : int
+            As `start_session` returned it.
         at : datetime, optional
+            When it happened; by default now.
         answered : bool
             False: the patient was asked for a last rating of the pain and gave none.
 
@@ -293,6 +300,7 @@ class Diary:
         Parameters
         ----------
         session : int
+            As `start_session` returned it.
         game : DiaryGame
         clips : sequence of sequences of (float, bytes)
             For each anomaly the seconds of play and the JPEG of each picture, or no pictures; by
@@ -349,13 +357,16 @@ class Diary:
         Parameters
         ----------
         identifier : str
+            Pseudonym of the participant.
         pain : int
             0 (none) to 10 (the worst).
         session : int, optional
+            As `start_session` returned it; by default it belongs to no session.
         when : {"before", "after", "other"}, optional
             By default ``before`` until the first game or touch cue of the session begins (see
             `begin_play`), then ``after``; ``other`` without a session.
         at : datetime, optional
+            When it happened; by default now.
         reason : str
             Why the session must stop, as the caller found by ratings of other sessions, in at most
             2000 characters. It is kept and returned where the ratings of this one give no reason.
@@ -411,10 +422,12 @@ class Diary:
         Parameters
         ----------
         identifier : str
+            Pseudonym of the participant.
         ranks, ppi
             As of `score_mcgill`.
         occasion : {"baseline", "week-1", "week-4", "other"}
         at : datetime, optional
+            When it happened; by default now.
 
         Returns
         -------
@@ -449,13 +462,16 @@ class Diary:
         Parameters
         ----------
         identifier : str
+            Pseudonym of the participant.
         questionnaire : Questionnaire
         answers : sequence of int
             One of each question.
         occasion : {"baseline", "week-1", "week-4", "other"}
             At most one questionnaire of a name for each of the first three.
         session : int, optional
+            As `start_session` returned it; by default it belongs to no session.
         at : datetime, optional
+            When it happened; by default now.
 
         Returns
         -------
@@ -513,11 +529,14 @@ class Diary:
         Parameters
         ----------
         identifier : str
+            Pseudonym of the participant.
         mode : {"synchronous", "asynchronous"}
         answers : sequence of 6 int
             From -3 (not at all) to 3 (very much); the first three are about ownership.
         session : int, optional
+            As `start_session` returned it; by default it belongs to no session.
         at : datetime, optional
+            When it happened; by default now.
 
         Returns
         -------
@@ -555,6 +574,7 @@ class Diary:
         Parameters
         ----------
         identifier : str
+            Pseudonym of the participant.
         length, telescoping : int, per cent
             20 to 150 of the intact limb's length; 0 to 100, how far the end has moved up.
         raised, bent : int, degrees
@@ -562,7 +582,9 @@ class Diary:
         limb : str
             Which one, as ``left_arm``; empty: the one of the enrolment.
         session : int, optional
+            As `start_session` returned it; by default it belongs to no session.
         at : datetime, optional
+            When it happened; by default now.
 
         Returns
         -------
@@ -602,11 +624,14 @@ class Diary:
         Parameters
         ----------
         identifier : str
+            Pseudonym of the participant.
         kind : {"pain", "sickness", "other"}
         text : str
             In the therapist's words, at most 2000 characters.
         session : int, optional
+            As `start_session` returned it; by default it belongs to no session.
         at : datetime, optional
+            When it happened; by default now.
 
         Raises
         ------
@@ -632,6 +657,7 @@ class Diary:
         Parameters
         ----------
         identifier : str
+            Pseudonym of the participant.
 
         Raises
         ------
@@ -647,6 +673,7 @@ class Diary:
         Parameters
         ----------
         identifier : str
+            Pseudonym of the participant.
         files : sequence of path
 
         Raises
@@ -671,6 +698,7 @@ class Diary:
         Parameters
         ----------
         identifier : str
+            Pseudonym of the participant.
 
         Returns
         -------
@@ -697,6 +725,7 @@ class Diary:
         Parameters
         ----------
         identifier : str
+            Pseudonym of the participant.
 
         Raises
         ------
@@ -967,6 +996,7 @@ class Diary:
         Parameters
         ----------
         identifier : str
+            Pseudonym of the participant.
         today : date, optional
             A day of this machine's time zone, by default the present one. Events of that day count
             wherever they were written down: a diary may come from another time zone.

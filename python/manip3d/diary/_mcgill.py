@@ -46,26 +46,34 @@ class McGillScore:
 
 @checked
 def score_mcgill(ranks: Sequence[int], ppi: int) -> McGillScore:
-    """Score the ranks of the words that were chosen.
+    """Score a McGill Pain Questionnaire [1]_.
 
     Parameters
     ----------
     ranks : sequence of 20 int
-        For each group the rank of the chosen word, 0 where none was chosen.
+        For each group of words the rank of the chosen word, from 1, or 0 where none was chosen;
+        `MCGILL_GROUPS` has the highest rank of each group.
     ppi : int
         Present pain intensity, 0 to 5.
 
     Returns
     -------
     McGillScore
+        Sums of ranks, and the number of words chosen.
 
     Raises
     ------
     InputError
-        Not 20 ranks, a rank that the group does not have, or another intensity.
+        Not 20 ranks, a rank that the group does not have, or an intensity out of range.
+
+    References
+    ----------
+    .. [1] R. Melzack, "The McGill Pain Questionnaire: major properties and scoring methods",
+       Pain 1(3), 1975.
 
     Examples
     --------
+    >>> from manip3d.diary import MCGILL_GROUPS, score_mcgill
     >>> score_mcgill([1] * 20, 3).pri
     20
     >>> score_mcgill(MCGILL_GROUPS, 5).pri

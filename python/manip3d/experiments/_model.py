@@ -269,24 +269,25 @@ def _subject(row: Row) -> str:
 
 @checked
 def counted(number: int, noun: str, plural: str = "") -> str:
-    """Return a number with its noun: ``1 face``, ``2 faces``; thousands in groups.
+    """Return a number with its noun in the singular or plural, for pages: ``1 face``, ``2 faces``.
 
     Parameters
     ----------
     number : int
     noun : str
+        The singular.
     plural : str
-        The noun's plural; empty: the noun and an ``s``.
+        The plural; empty: the singular and an ``s``.
 
     Returns
     -------
     str
-        Groups of three digits are parted by a narrow space, U+202F.
+        Groups of thousands are separated by a narrow no-break space, U+202F.
 
     Raises
     ------
     InputError
-        ``number`` is no whole number.
+        ``number`` is not an integer.
 
     Examples
     --------

@@ -48,6 +48,7 @@ def additive(
     allow_collision : bool
         Else scene points within the object's box, 0.3 m above its foot and higher, are an error.
     threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
     Returns
     -------

@@ -122,6 +122,7 @@ def crtp(
     intensity : float
         Intensity of the appended points, where the scan has intensities.
     rng : int, numpy.random.Generator or None
+        Seed, or generator; None: another result each time.
 
     Returns
     -------
@@ -180,7 +181,9 @@ def resample(
     resampling : 'poisson' or 'uniform'
         How points are thinned out: so that none are nearer than a radius, or by chance.
     rng : int, numpy.random.Generator or None
+        Seed, or generator; None: another result each time.
     threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
     Returns
     -------
@@ -254,6 +257,7 @@ def subtract(
     rows : (K,) integers, optional
         Instead of a box.
     threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
     Returns
     -------
@@ -302,7 +306,7 @@ def deform(
     rng: Rng = 0,
     threads: int = 0,
 ) -> Forgery:
-    """Displace the points of a box.
+    """Displace the points in a box: at random, or as a dent or bulge of their surface.
 
     Parameters
     ----------
@@ -317,7 +321,9 @@ def deform(
     origin : (3,), optional
         Where the scanner stands; by default as the frame says, else (0, 0, 0).
     rng : int, numpy.random.Generator or None
+        Seed, or generator; None: another result each time.
     threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
     Returns
     -------
@@ -326,7 +332,7 @@ def deform(
     Raises
     ------
     InputError
-        A number is not finite.
+        ``direction`` is not one of the two; a number is not finite, also of a displaced point.
 
     Examples
     --------
@@ -387,6 +393,7 @@ def insert_occluding(
     lattice : Lattice, optional
         In the scanner's own frame.
     rng : int, numpy.random.Generator or None
+        Seed, or generator; None: another result each time.
 
     Returns
     -------
@@ -457,6 +464,7 @@ def snap_to_lattice(
         Turn to the nearest azimuth step first, where the lattice knows the steps.
     max_move : float, metres
     threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
     Returns
     -------

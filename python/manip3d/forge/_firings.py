@@ -94,6 +94,7 @@ def lattice_insert(
         Returns that are rewritten at most, chosen by chance: 200 is what spoofing reaches that
         injects pulses with one laser (`spoof`).
     rng : int, numpy.random.Generator or None
+        Seed, or generator; None: another result each time.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
@@ -226,6 +227,7 @@ def lattice_remove(
     lattice : authenticate.SensorLattice
         Lattice of the scanner, with its encoder.
     rng : int, numpy.random.Generator or None
+        Seed, or generator; None: another result each time.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 

@@ -70,7 +70,7 @@ def scan_times(drive: Path, scans: Iterable[Path]) -> dict[Path, int]:
     Raises
     ------
     FormatError
-        A line of the times is none.
+        A line of the file of times cannot be parsed.
     """
     times = drive_times(drive)
     names = {scan: scan.name.split(".")[0] for scan in scans}

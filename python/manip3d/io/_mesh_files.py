@@ -232,8 +232,8 @@ def write_mesh(
     Raises
     ------
     InputError
-        Unknown suffix, the mesh is not valid, or ``max_vertices`` is below 3, or it or ``quantize``
-        is for another format.
+        Unknown suffix; the mesh is not valid; ``max_vertices`` is below 3; ``max_vertices`` or
+        ``quantize`` is given and the format is not glTF.
     MissingExtraError
         An image must be converted and Pillow is not installed (extra ``io``).
     OSError

@@ -70,6 +70,7 @@ def boundary_gap(
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
     progress : None, True or callable(fraction, message)
+        True shows a bar; a callable gets the fraction done and a message.
 
     Returns
     -------

@@ -105,6 +105,7 @@ def closest_points(
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The answer does not depend on it.
     progress : None, True or callable(fraction, message)
+        True shows a bar; a callable gets the fraction done and a message.
 
     Returns
     -------
@@ -151,6 +152,7 @@ def nearest_distances(
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The answer does not depend on it.
     progress : None, True or callable(fraction, message)
+        True shows a bar; a callable gets the fraction done and a message.
 
     Returns
     -------
@@ -203,6 +205,7 @@ def metro(
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result is the same, bit for bit, for any number.
     progress : None, True or callable(fraction, message)
+        True shows a bar; a callable gets the fraction done and a message.
 
     Returns
     -------
@@ -301,6 +304,7 @@ def hausdorff_bound(
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result is the same, bit for bit, for any number.
     progress : None, True or callable(fraction, message)
+        True shows a bar; a callable gets the fraction done and a message.
 
     Returns
     -------

@@ -124,6 +124,7 @@ def render_depth(
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
     progress : None, True or callable(fraction, message)
+        True shows a bar; a callable gets the fraction done and a message.
 
     Returns
     -------
@@ -173,6 +174,7 @@ def range_image_error(
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
     progress : None, True or callable(fraction, message)
+        True shows a bar; a callable gets the fraction done and a message.
 
     Returns
     -------
@@ -223,7 +225,9 @@ def range_image_error_grid(
     rows_up : bool
         As for `manip3d.simplify.dense_mesh_grid`; matters only where the lines are parallel.
     threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
     progress : None, True or callable(fraction, message)
+        True shows a bar; a callable gets the fraction done and a message.
 
     Returns
     -------
@@ -267,6 +271,7 @@ def flicker(
         Pixels to measure; choose those that do not move. Only vertices at these pixels count in
         ``changed``.
     threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
     Returns
     -------
@@ -360,6 +365,7 @@ def boundary_noise(
     tolerance : float, metres
         Above the noise of the sensor.
     threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
     Returns
     -------

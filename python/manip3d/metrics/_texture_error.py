@@ -75,6 +75,7 @@ def texture_error(
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
     progress : None, True or callable(fraction, message)
+        True shows a bar; a callable gets the fraction done and a message.
 
     Returns
     -------

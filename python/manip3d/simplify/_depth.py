@@ -494,6 +494,7 @@ def dense_mesh_grid(
     max_edge : float, optional
         In the unit of the points.
     threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
     Returns
     -------

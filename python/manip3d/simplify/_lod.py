@@ -113,7 +113,7 @@ def lod_chain(
     options: Mapping[str, Any] | None = None,
     progress: Progress = None,
 ) -> LodChain:
-    """Make levels of detail of a mesh: each from the record of one run, or each at its best.
+    """Make levels of detail of a mesh, by a run for each level or from the record of one run.
 
     Parameters
     ----------
@@ -124,9 +124,9 @@ def lod_chain(
     ratio : float in (0, 1)
         Faces of a level over those of the one before, where ``levels`` is a number.
     method : str
-        ``"quality"``: a run of its own from the input for each level, with vertices where the error
-        is least (:func:`quality`); ``"fast"``: the same with :func:`fast`; or one of `METHODS`: one
-        run, whose vertices all levels share.
+        ``"quality"`` or ``"fast"``: each level is simplified from ``mesh`` on its own, by
+        :func:`quality` or :func:`fast`. One of `METHODS`: a single run down to the coarsest level,
+        whose collapses are replayed up to each level, so that all levels share its vertices.
     options : dict of str, optional
         Arguments of the method, such as ``{"max_distance": 0.1}``.
     progress : None, True or callable

@@ -404,6 +404,7 @@ def relief_grid(
     levels : sequence of int
         As of `relief`.
     threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
     Returns
     -------

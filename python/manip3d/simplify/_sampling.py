@@ -140,6 +140,7 @@ def sample_depth_grid(
     max_edge : float, optional
         In the unit of the points.
     rng : int, numpy.random.Generator or None
+        Seed, or generator; None: another result each time.
 
     Returns
     -------

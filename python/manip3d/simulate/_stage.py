@@ -137,6 +137,7 @@ class Stage:
         subsets : sequence of (K,) int64, optional
             For each mover the rays that may meet it; else found from its bounding sphere.
         threads : int
+            0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
         """
         static = self._caster.cast(origins, directions, threads=threads)
         face = static.face.astype(np.int64)

@@ -93,6 +93,7 @@ class DepthScene:
         dropouts : float
             Probability that a pixel has no measurement; surfaces seen from the side have none.
         rng : int, numpy.random.Generator or None
+            Seed, or generator; None: another result each time.
 
         Raises
         ------

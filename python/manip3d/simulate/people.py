@@ -700,6 +700,7 @@ def cast_mesh(mesh: Mesh, camera: Intrinsics, *, threads: int = 0) -> Floats:
         In the camera's frame, metres.
     camera : Intrinsics
     threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
     Returns
     -------

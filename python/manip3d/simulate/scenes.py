@@ -90,6 +90,7 @@ def indoor(kind: str, *, rng: Rng = 0, name: str = "") -> Scene:
     kind : str
         ``office``, ``living``, ``lecture``, ``storage``, ``hall`` or ``workshop``.
     rng : int, numpy.random.Generator or None
+        Seed, or generator; None: another result each time.
     name : str
         Name of the scene; its kind, if empty.
 
@@ -122,6 +123,7 @@ def outdoor(kind: str, *, rng: Rng = 0, name: str = "") -> Scene:
     kind : str
         ``street``, ``square``, ``parking``, ``park``, ``courtyard`` or ``suburb``.
     rng : int, numpy.random.Generator or None
+        Seed, or generator; None: another result each time.
     name : str
         Name of the scene; its kind, if empty.
 

@@ -124,6 +124,7 @@ def terrestrial_scan(
     min_range, max_range : float, metres
         Nearer and farther surfaces give no point.
     rng : int, numpy.random.Generator or None
+        Seed, or generator; None: another result each time.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
     progress : None, True or callable

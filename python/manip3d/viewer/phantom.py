@@ -117,6 +117,7 @@ def render_phantom(
     threads : int
         0: ``MANIP3D_THREADS``, else all cores.
     progress : None, True or callable(fraction, message)
+        True shows a bar; a callable gets the fraction done and a message.
 
     Returns
     -------
