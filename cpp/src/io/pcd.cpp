@@ -158,22 +158,6 @@ std::vector<PointField> fields_of(const InputBuffer& input, const PcdHeader& hea
   return fields;
 }
 
-void read_ascii_table(InputBuffer& input, PointTable& table) {
-  std::string_view line;
-  const auto row_size = static_cast<std::uint64_t>(row_bytes(table.fields));
-  for (std::int64_t i = 0; i < table.num_points; ++i) {
-    do {
-      if (!input.next_line(line)) {
-        throw FormatError::at_line(input.line() + 1, "file ends within the points");
-      }
-    } while (LineCursor(line, 0).rest().empty());
-    LineCursor cursor(line, input.line());
-    for (const PointField& field : table.fields) read_text(cursor, field, table.rows);
-    if (!cursor.rest().empty()) input.fail_at_line("more values on the line than fields");
-    if (i % 4096 == 0) input.check_expansion(static_cast<std::uint64_t>(i) * row_size);
-  }
-}
-
 // Field after field, as one piece of LZF.
 void read_compressed(InputBuffer& input, PointTable& table) {
   const std::int64_t offset = input.offset();
@@ -270,7 +254,7 @@ PointTable read_pcd(ByteSource& source, const Progress& progress) {
   const std::int64_t sure =
       input.checked_claim(table.num_points, is_ascii ? 2 : row_size, "points", position);
   if (is_ascii) {
-    read_ascii_table(input, table);
+    read_text_rows(input, table, "fields");
   } else {
     table.rows.reserve(sure * row_size);
     read_rows(input, table.num_points, row_size, table.rows);

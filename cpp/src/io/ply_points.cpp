@@ -5,7 +5,6 @@
 #include "io/point_formats.hpp"
 #include "io/point_values.hpp"
 #include "parse/input_buffer.hpp"
-#include "parse/line_cursor.hpp"
 
 namespace manip3d {
 namespace {
@@ -42,22 +41,6 @@ const ply::Element& points_of(const ply::Header& header) {
   return vertex;
 }
 
-void read_ascii_points(InputBuffer& input, PointTable& table) {
-  std::string_view line;
-  const auto row_size = static_cast<std::uint64_t>(row_bytes(table.fields));
-  for (std::int64_t i = 0; i < table.num_points; ++i) {
-    do {
-      if (!input.next_line(line)) {
-        throw FormatError::at_line(input.line() + 1, "file ends within the points");
-      }
-    } while (LineCursor(line, 0).rest().empty());
-    LineCursor cursor(line, input.line());
-    for (const PointField& field : table.fields) read_text(cursor, field, table.rows);
-    if (!cursor.rest().empty()) input.fail_at_line("more values on the line than properties");
-    if (i % 4096 == 0) input.check_expansion(static_cast<std::uint64_t>(i) * row_size);
-  }
-}
-
 }  // namespace
 
 PointTable read_ply_points(ByteSource& source, const Progress& progress) {
@@ -78,7 +61,7 @@ PointTable read_ply_points(ByteSource& source, const Progress& progress) {
   const std::int64_t sure = input.checked_claim(
       table.num_points, vertex.least_bytes(header.encoding), "points", {vertex.line, std::nullopt});
   if (header.encoding == ply::Encoding::kAscii) {
-    read_ascii_points(input, table);
+    read_text_rows(input, table, "properties");
     return table;
   }
   table.rows.reserve(sure * row_size);

@@ -5,7 +5,10 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <string>
 #include <type_traits>
+
+#include "parse/line_cursor.hpp"
 
 namespace manip3d {
 namespace {
@@ -53,8 +56,7 @@ T parsed(std::string_view word, LineCursor& at_word, const PointField& field) {
   return value;
 }
 
-}  // namespace
-
+// Reads the values of one field from a line and appends their bytes.
 void read_text(LineCursor& cursor, const PointField& field, std::vector<char>& bytes) {
   for (std::int64_t i = 0; i < field.count; ++i) {
     LineCursor at_word = cursor;
@@ -74,6 +76,26 @@ void read_text(LineCursor& cursor, const PointField& field, std::vector<char>& b
       const auto* raw = reinterpret_cast<const char*>(&value);
       bytes.insert(bytes.end(), raw, raw + sizeof(T));
     });
+  }
+}
+
+}  // namespace
+
+void read_text_rows(InputBuffer& input, PointTable& table, const char* columns) {
+  std::string_view line;
+  const auto row_size = static_cast<std::uint64_t>(row_bytes(table.fields));
+  for (std::int64_t i = 0; i < table.num_points; ++i) {
+    do {
+      if (!input.next_line(line)) {
+        throw FormatError::at_line(input.line() + 1, "file ends within the points");
+      }
+    } while (LineCursor(line, 0).rest().empty());
+    LineCursor cursor(line, input.line());
+    for (const PointField& field : table.fields) read_text(cursor, field, table.rows);
+    if (!cursor.rest().empty()) {
+      input.fail_at_line(std::string("more values on the line than ") + columns);
+    }
+    if (i % 4096 == 0) input.check_expansion(static_cast<std::uint64_t>(i) * row_size);
   }
 }
 

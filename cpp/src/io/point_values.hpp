@@ -8,13 +8,13 @@
 #include "io/output.hpp"
 #include "manip3d/io/point_file.hpp"
 #include "parse/input_buffer.hpp"
-#include "parse/line_cursor.hpp"
 
 namespace manip3d {
 
-/// Reads the values of one field from a line and appends their bytes. Numbers with a fraction may
-/// be NaN or infinite; integers must fit their type.
-void read_text(LineCursor& cursor, const PointField& field, std::vector<char>& bytes);
+/// Reads `table.num_points` lines with a value for each field and appends them to `table.rows`.
+/// Empty lines are passed over. Numbers with a fraction may be NaN or infinite; integers must fit
+/// their type. `columns` names the fields in the error about a line with too many values.
+void read_text_rows(InputBuffer& input, PointTable& table, const char* columns);
 
 /// Writes a row as a line.
 void write_text(Output& output, const std::vector<PointField>& fields, const char* row,
