@@ -122,7 +122,7 @@ WORDS_OF_THE_FACADE = {"seam_planes": "planes", "poisson_disk": "poisson"}
 # A stream's own: single images have no frame before them, whose edges they could keep; and what
 # runs for each frame leaves the other cores to the rest of its program.
 OTHERWISE = {
-    ("ReliefOptions", "ReliefStream", "stability"): 30.0,
+    ("ReliefOptions", "ReliefStream", "stability"): 3.0,
     ("ReliefOptions", "ReliefStream", "num_threads"): 1,
     ("Cs3Options", "Cs3Stream", "num_threads"): 1,
 }

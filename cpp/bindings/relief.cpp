@@ -189,7 +189,21 @@ void bind_relief(py::module_& m) {
             });
             return out;
           },
-          py::arg("depth"));
+          py::arg("depth"))
+      .def(
+          "show",
+          [](Exclusive<DepthSmoother>& self, const CArray<std::int32_t>& pixels,
+             const CArray<float>& depths, const CArray<std::int32_t>& faces) {
+            const auto at = rows<Rows<std::int32_t, 2>>(pixels, "pixels");
+            const auto triangles = rows<Rows<std::int32_t, 3>>(faces, "faces");
+            const std::span<const float> z(depths.data(), depths.size());
+            self.with([&](DepthSmoother& smoother) {
+              const py::gil_scoped_release nogil;
+              smoother.show(at, z, triangles);
+            });
+          },
+          py::arg("pixels").noconvert(), py::arg("depths").noconvert(),
+          py::arg("faces").noconvert());
 }
 
 }  // namespace manip3d::bindings

@@ -180,7 +180,13 @@ OBJECTS: dict[str, tuple[Callable[[], Any], list[Callable[[Any], object]]]] = {
     ),
     "DepthSmoother": (
         lambda: _core.DepthSmoother(0.3, 0.1),
-        [lambda s, d=d: s.add(d) for d in DEPTHS] + [lambda s: s.reset()],
+        [lambda s, d=d: s.add(d) for d in DEPTHS]
+        + [
+            lambda s: s.show(
+                np.zeros((0, 2), np.int32), np.zeros(0, np.float32), np.zeros((0, 3), np.int32)
+            ),
+            lambda s: s.reset(),
+        ],
     ),
     "PhantomPipeline": (
         modify.PhantomPipeline,

@@ -450,8 +450,9 @@ def relief_grid(
 class ReliefStream:
     """Simplify the frames of a depth sequence so that what stands still stays still.
 
-    Each pixel is smoothed over time while its depth changes little, and a pixel that was a vertex
-    in the frame before, or an edge, is given up only for a far better one. Buffers are reused.
+    The noise of single frames is taken out of the depths, and what moves is followed; a pixel that
+    was a vertex in the frame before, or an edge, is given up only for a better one. Buffers are
+    reused.
 
     Parameters
     ----------
@@ -489,6 +490,15 @@ class ReliefStream:
     InputError
         An option of the wrong kind; numbers out of range are told at the first frame.
 
+    Notes
+    -----
+    A change of depth that the pixels around have, too, is motion, and is taken at once where it is
+    above the noise. The rest of a pixel's changes is averaged over time, and the result over those
+    of the 24 pixels around that lie on the same surface. Where the mesh of the frame before is
+    within three standard deviations of that, its surface is moved towards it by ``newest_share``
+    at least. The noise is measured in the stream itself: a factor of that of a Kinect, which grows
+    with the square of the depth. The first frame is simplified as it is.
+
     Examples
     --------
     >>> import numpy as np, manip3d
@@ -517,7 +527,7 @@ class ReliefStream:
         effort: Effort = "balanced",
         max_edge: float | None = None,
         depth_step: float | None = None,
-        stability: float = 30.0,
+        stability: float = 3.0,
         newest_share: float = 0.15,
         gate: float = 0.03,
         threads: int = 1,
@@ -584,9 +594,13 @@ class ReliefStream:
         with self._lock:
             make, measured = self._take(depth, color, mask, confidence)
             if self._budget is None:
-                return make(self._most_points)
-            most_points = min(self._most_points, max(measured, LEAST_POINTS))
-            return self._within_bytes(self._budget, make, most_points, time_ns)
+                found = make(self._most_points)
+            else:
+                most_points = min(self._most_points, max(measured, LEAST_POINTS))
+                found = self._within_bytes(self._budget, make, most_points, time_ns)
+            depths = np.ascontiguousarray(found.vertices[:, 2], np.float32)
+            self._smoother.show(found.pixels, depths, found.faces)
+            return found
 
     def _take(
         self,

@@ -1,6 +1,8 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "manip3d/geometry/depth_image.hpp"
@@ -8,12 +10,21 @@
 namespace manip3d {
 
 struct DepthSmootherOptions {
-  double newest_share = 0.15;  ///< Weight of the newest depth once a pixel has settled; (0, 1].
-  double gate = 0.03;          ///< A pixel that changes by a larger part of its depth starts anew.
+  /// Weight of the newest depth once a pixel has settled; (0, 1]. 1: depths are given as they are.
+  double newest_share = 0.15;
+  double gate = 0.03;  ///< A pixel that changes by a larger part of its depth starts anew.
 };
 
-/// Recursive mean of each pixel of a depth sequence: what stands still loses its noise, what moves
-/// is taken as it comes. The first frames after a start count alike (a running mean).
+/// Depths of a sequence without the noise of single frames. What moves is followed, not delayed.
+///
+/// A change of depth that the pixels around have as well is motion: the mean of 25 changes is
+/// taken at once where it is well above the noise. The rest of a change is noise: each pixel keeps
+/// a recursive mean of it, and starts anew where it is far above the noise. The result is the mean
+/// of that and of the pairs of pixels on both sides within two pixels that agree with it. Where the
+/// mesh that was shown last is within the noise, the result stays near to its surface.
+///
+/// The noise is measured: it grows with the square of the depth, by a factor that is the mean of
+/// what the changes of each frame show. A first frame is given as it is.
 class DepthSmoother {
  public:
   /// @throws InputError  newest_share not in (0, 1]; gate is not > 0.
@@ -21,14 +32,49 @@ class DepthSmoother {
   /// The smoothed frame: (rows, cols) metres, 0 where the newest frame has no measurement. Valid
   /// until the next call. A frame of another size starts anew.
   const std::vector<float>& add(const DepthView& depth);
-  void reset() { mean_.clear(); }
+  /// Takes the mesh that was made of the last frame.
+  /// @param pixels  (n, 2) column and row of each vertex.
+  /// @param depths  of each vertex, metres; one that is not > 0 belongs to no surface.
+  /// @throws InputError  a pixel outside of the last frame; other numbers of pixels and depths; an
+  ///                     index out of range.
+  void show(const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels, std::span<const float> depths,
+            const Eigen::Ref<const Rows<std::int32_t, 3>>& faces);
+  void reset();
 
  private:
+  struct Box {
+    std::int64_t u = 0, v = 0, end_u = 0, end_v = 0;
+  };
+  /// Takes the newest depths into `out_`, and the box around those that are measured.
+  void take(const DepthView& depth);
+  void find_changes();
+  /// The mean change of the pixels around each one.
+  void find_motion();
+  void measure_noise();
+  void update();
+  /// Takes the means of pixels and their pairs.
+  void smooth_surface();
+  void stay_near_shown();
+  /// Calls visit(in_box, in_image): where each row of the box begins.
+  template <typename Visit>
+  void for_each_row(Visit&& visit) const;
+  void draw(std::array<std::array<std::int32_t, 2>, 3> at, std::array<float, 3> inverse);
+
   DepthSmootherOptions options_;
   std::int64_t rows_ = 0, cols_ = 0;
   std::vector<float> mean_;           ///< By pixel, metres; 0: nothing yet.
   std::vector<std::uint16_t> count_;  ///< By pixel: frames since its start.
+  Box box_;
+  // By pixel of the box.
+  std::vector<float> change_;   ///< From the mean; 0 where the pixel starts anew.
+  std::vector<float> goes_on_;  ///< 0 where it starts anew, else 1.
+  std::vector<float> motion_;
+  std::vector<float> current_;               ///< The mean where there is a measurement, else 0.
+  std::vector<float> sums_, numbers_, row_;  ///< Scratch.
+  std::vector<float> shown_;                 ///< By pixel: depth of the mesh shown; 0: none.
   std::vector<float> out_;
+  bool has_shown_ = false;
+  double noise_ = -1.0;  ///< Standard deviation over that of a Kinect; negative: not known.
 };
 
 }  // namespace manip3d
