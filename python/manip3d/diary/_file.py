@@ -13,12 +13,12 @@ from pathlib import Path
 
 import sqlalchemy as sql
 
+from manip3d._util.durable import folder_beside, sync_folder
 from manip3d.diary import _schema as schema
 from manip3d.diary._audit import append_row, begin_chain, time_in
 from manip3d.diary._rows import Rows
 from manip3d.diary._sealing import new_key, seal, unseal
 from manip3d.errors import FormatError, InputError
-from manip3d.io._files import _folder_beside, _sync_folder
 
 _CHECK = b"manip3d diary"
 _STUDY = "meta study"  # what the study's identifier is encrypted for
@@ -231,7 +231,7 @@ class DiaryFile:
 
 def _make(path: Path, key: bytes | None) -> None:
     """Make a diary, whole or not at all; none if somebody was quicker."""
-    with _folder_beside(path, path) as folder:
+    with folder_beside(path, path) as folder:
         made = folder / path.name
         DiaryFile(made, key, create=True, told_as=path).close()
         try:
@@ -242,7 +242,7 @@ def _make(path: Path, key: bytes | None) -> None:
             raise OSError(f"{path}: {error}") from error
         try:
             os.link(made, path)
-            _sync_folder(path.parent)
+            sync_folder(path.parent)
         except OSError as error:
             if error.errno not in (errno.EEXIST, *_WITHOUT_LINKS):
                 raise

@@ -6,12 +6,12 @@ import contextlib
 import errno
 import hashlib
 import os
-import shutil
 import stat
 from collections.abc import Iterator
 from pathlib import Path
 
 from manip3d import _core
+from manip3d._util.durable import folder_beside, sync_file, sync_folder
 from manip3d._util.paths import path_of
 from manip3d._util.regular_files import open_regular as open_regular
 from manip3d.errors import FormatError
@@ -78,49 +78,6 @@ def limited_bytes(path: str | os.PathLike[str], most: int) -> bytes:
     return content
 
 
-def _sync_folder(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(descriptor)
-    except OSError as error:
-        if error.errno != errno.EINVAL:  # some network file systems cannot sync a folder
-            raise
-    finally:
-        os.close(descriptor)
-
-
-def _sync_file(path: Path) -> None:
-    with path.open("rb+") as file:
-        os.fsync(file.fileno())
-
-
-@contextlib.contextmanager
-def _named(target: str | os.PathLike[str], folder: Path) -> Iterator[None]:
-    """Errors that name the temporary folder, or nothing, get the name of the target."""
-    try:
-        yield
-    except OSError as error:
-        named = error.filename
-        ours = named is None or Path(os.fsdecode(named)).is_relative_to(folder)
-        if ours and error.errno is not None:
-            raise OSError(error.errno, error.strerror, os.fspath(target)) from error
-        raise
-
-
-@contextlib.contextmanager
-def _folder_beside(target: Path, path: str | os.PathLike[str]) -> Iterator[Path]:
-    """A private folder, locked until it is removed; those of dead writers are removed at once."""
-    with _named(path, target.parent):
-        name, lock = _core.make_temporary_folder(os.fsencode(target.parent))
-    folder = Path(os.fsdecode(name))
-    try:
-        with _named(path, folder):
-            yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-        os.close(lock)
-
-
 @contextlib.contextmanager
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield an empty temporary file that becomes ``path`` when the block ends.
@@ -137,15 +94,15 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         The folder is missing, the disk is full, and the like; ``filename`` is ``path``.
     """
     target = Path(os.path.realpath(path_of(path)))
-    with _folder_beside(target, path) as folder:
+    with folder_beside(target, path) as folder:
         file = folder / target.name
         file.touch()
         with contextlib.suppress(FileNotFoundError, PermissionError):  # a file system without modes
             file.chmod(stat.S_IMODE(target.stat().st_mode))
         yield file
-        _sync_file(file)
+        sync_file(file)
         file.replace(target)
-        _sync_folder(target.parent)
+        sync_folder(target.parent)
 
 
 @contextlib.contextmanager
@@ -166,7 +123,7 @@ def atomic_pair(
     if beside.is_dir():  # it would be moved away, and removed with the temporary folder
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), os.fspath(companion))
     # An error without a name gets that of the inner context: the file, which is the larger one.
-    with _folder_beside(beside, companion) as of_beside, _folder_beside(target, path) as of_target:
+    with folder_beside(beside, companion) as of_beside, folder_beside(target, path) as of_target:
         new = of_target / target.name, of_beside / beside.name
         for file, place in zip(new, (target, beside), strict=True):
             file.touch()
@@ -174,20 +131,20 @@ def atomic_pair(
                 file.chmod(stat.S_IMODE(place.stat().st_mode))
         yield new
         for file in new:
-            _sync_file(file)
+            sync_file(file)
         old = of_beside / "old"
         with contextlib.suppress(FileNotFoundError):
             beside.rename(old)
-            _sync_folder(beside.parent)
+            sync_folder(beside.parent)
         try:
             new[0].replace(target)
         except BaseException:
             if old.exists():
                 old.rename(beside)
             raise
-        _sync_folder(target.parent)
+        sync_folder(target.parent)
         new[1].replace(beside)
-        _sync_folder(beside.parent)
+        sync_folder(beside.parent)
 
 
 @contextlib.contextmanager
@@ -202,12 +159,12 @@ def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
         As `atomic_path`.
     """
     target = Path(os.path.realpath(path_of(path)))
-    with _folder_beside(target, path) as folder:
+    with folder_beside(target, path) as folder:
         new = folder / "new"
         new.mkdir()
         yield new
         _core.replace_folder(os.fsencode(new), os.fsencode(target))
-        _sync_folder(target.parent)
+        sync_folder(target.parent)
 
 
 def write_new(path: str | os.PathLike[str], content: bytes) -> None:
@@ -222,7 +179,7 @@ def write_new(path: str | os.PathLike[str], content: bytes) -> None:
     is_there = FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), os.fspath(target))
     if os.path.lexists(target):
         raise is_there
-    with _folder_beside(target, path) as folder:
+    with folder_beside(target, path) as folder:
         file = folder / target.name
         with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as stream:
             stream.write(content)
@@ -239,7 +196,7 @@ def write_new(path: str | os.PathLike[str], content: bytes) -> None:
             except BaseException:
                 target.unlink()
                 raise
-        _sync_folder(target.parent)
+        sync_folder(target.parent)
 
 
 def atomic_write(path: str | os.PathLike[str], data: bytes | str) -> None:

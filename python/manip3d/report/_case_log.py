@@ -19,10 +19,11 @@ from typing import TYPE_CHECKING, Any
 from manip3d import __version__
 from manip3d._util.callers import caller_level
 from manip3d._util.checked import checked
+from manip3d._util.durable import sync_folder
 from manip3d._util.json import finite
 from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
-from manip3d.io._files import _sync_folder, open_regular
+from manip3d.io._files import open_regular
 
 if TYPE_CHECKING:
     from manip3d.authenticate import DriveInspection, Inspection, StreamInspection
@@ -221,7 +222,7 @@ def _locked(target: Path) -> Iterator[int]:
         fcntl.flock(descriptor, fcntl.LOCK_EX)
         yield descriptor
         if is_new:
-            _sync_folder(target.parent)
+            sync_folder(target.parent)
     finally:
         os.close(descriptor)
 
@@ -283,7 +284,7 @@ def _keep_aside(target: Path, torn: bytes) -> Path:
         except BaseException:
             aside.unlink()
             raise
-        _sync_folder(target.parent)
+        sync_folder(target.parent)
         return aside
     raise AssertionError
 

@@ -17,9 +17,10 @@ from types import TracebackType
 from typing import Any, Self
 
 from manip3d._util.checked import checked
+from manip3d._util.durable import sync_folder
 from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
-from manip3d.io._files import _sync_folder, atomic_write, limited_bytes, regular_bytes
+from manip3d.io._files import atomic_write, limited_bytes, regular_bytes
 from manip3d.study._steps import Value
 
 CODE = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}")
@@ -390,7 +391,7 @@ class StudyFolder:
             if participant not in self.sessions:
                 raise InputError(f"participant: expected one of this study, got {participant!r}")
             self._file(participant).unlink()
-            _sync_folder(self.path / _PARTICIPANTS)
+            sync_folder(self.path / _PARTICIPANTS)
             del self.sessions[participant]
 
     def close(self) -> None:
