@@ -399,6 +399,60 @@ def test_atomic_pair_replaces_both_or_neither(tmp_path: Path) -> None:
     assert {each.name for each in tmp_path.iterdir()} == {"a.bin", "a.bin.wm"}
 
 
+@pytest.mark.parametrize("is_there", [False, True])
+@pytest.mark.parametrize("name", ["a.bin", "old"])
+def test_atomic_pair_takes_the_first_back_when_the_second_cannot_be_renamed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, is_there: bool
+) -> None:
+    scan, record = tmp_path / name, tmp_path / "a.bin.wm"
+    if is_there:
+        scan.write_text("first")
+        record.write_text("first")
+    replace = Path.replace
+
+    def failing(source: Path, target: Path) -> Path:
+        if target == record:
+            raise OSError(errno.EIO, "Input/output error", str(target))
+        return replace(source, target)
+
+    monkeypatch.setattr(Path, "replace", failing)
+    with pytest.raises(OSError, match="Input/output"), atomic_pair(scan, record) as new:
+        for file in new:
+            file.write_text("second")
+    here = {each.name: each.read_text() for each in tmp_path.iterdir()}
+    assert here == ({name: "first", "a.bin.wm": "first"} if is_there else {})
+
+
+@pytest.mark.parametrize("suffix", ["obj", "ply"])
+def test_a_mesh_that_cannot_be_renamed_leaves_no_texture(tmp_path: Path, suffix: str) -> None:
+    if shutil.which("strace") is None:
+        pytest.skip("strace is not installed")
+    out = tmp_path / "out"
+    out.mkdir()
+    code = textwrap.dedent(
+        """
+        import sys
+        from manip3d import Material, Mesh, Texture
+        picture = bytes.fromhex("89504e470d0a1a0a")
+        Mesh(
+            [[0, 0, 0], [1, 0, 0], [0, 1, 0]],
+            [[0, 1, 2]],
+            texcoords=[[0, 0], [1, 0], [0, 1]],
+            face_material=[0],
+            materials=[Material("m", textures={"base_color": Texture("a.png", picture)})],
+        ).write(sys.argv[1])
+        """
+    )
+    calls = {"obj": 3, "ply": 2}[suffix]  # the picture, the material library, the mesh
+    for k in range(1, calls + 1):
+        command = ["strace", "-f", "-qq", "-o", os.devnull, "-e", "trace=rename,renameat,renameat2"]
+        command += ["-e", f"inject=rename,renameat,renameat2:error=EIO:when={k}"]
+        command += [sys.executable, "-c", code, str(out / f"a.{suffix}")]
+        done = subprocess.run(command, capture_output=True, text=True)
+        assert "Input/output error" in done.stderr
+        assert os.listdir(out) == []
+
+
 def test_atomic_pair_leaves_a_folder_that_has_the_companions_name(tmp_path: Path) -> None:
     scan, record = tmp_path / "a.bin", tmp_path / "a.bin.wm"
     record.mkdir()

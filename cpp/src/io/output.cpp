@@ -83,7 +83,13 @@ Output::Output(const std::filesystem::path& path, Compression compression, Progr
   buffer_.reserve(kBlock + kBlock / 4);
 }
 
-Output::~Output() = default;
+Output::~Output() {
+  if (file_.temporary().empty()) return;  // it has its name, or is written in place
+  for (const std::filesystem::path& companion : companions_) {
+    std::error_code ignored;
+    std::filesystem::remove(companion, ignored);
+  }
+}
 
 void Output::flush() {
   if (encoder_) {

@@ -8,6 +8,7 @@
 #include <memory>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "manip3d/io/atomic_file.hpp"
 #include "manip3d/io/byte_source.hpp"
@@ -47,6 +48,8 @@ class Output {
   void finish();
   /// Ends the stream and puts the file in place.
   void commit();
+  /// Names a file that has appeared for this one: it is removed if this one does not appear.
+  void removes_with_it(const std::filesystem::path& companion) { companions_.push_back(companion); }
 
  private:
   class Encoder;
@@ -57,6 +60,7 @@ class Output {
   std::unique_ptr<Encoder> encoder_;  ///< Null: not compressed.
   std::string buffer_;
   bool is_finished_ = false;
+  std::vector<std::filesystem::path> companions_;
   Progress progress_;
 };
 

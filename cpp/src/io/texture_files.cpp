@@ -75,7 +75,10 @@ std::string CompanionFiles::place(const std::string& name, const std::string& co
 
 void CompanionFiles::commit(Output& output) {
   output.finish();
-  for (const auto& [name, file] : staged_) file->commit();
+  for (const auto& [name, file] : staged_) {
+    file->commit();
+    output.removes_with_it(folder_ / name);
+  }
   staged_.clear();
 }
 

@@ -15,7 +15,8 @@ namespace manip3d {
 /// Puts textures and material libraries beside a mesh file, under base names; where a different
 /// file of that name exists, the name gets a hash of the content, so that no file that an older
 /// mesh refers to changes. They appear in `commit()`, after the mesh file was written as a whole
-/// under a temporary name: an error before, such as a full disk, leaves none behind.
+/// under a temporary name: an error before, such as a full disk, leaves none behind, nor does one
+/// while the files get their names.
 class CompanionFiles {
  public:
   explicit CompanionFiles(const WriteJob& job);

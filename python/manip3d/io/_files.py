@@ -111,8 +111,9 @@ def atomic_pair(
 ) -> Iterator[tuple[Path, Path]]:
     """Yield empty temporary files that become a file and what tells about it, such as its record.
 
-    When the block raises, both stay as they were. A process that is killed between the renames
-    leaves the old or the new file without a companion, never the one beside that of the other.
+    When the block raises, or a rename fails, both stay as they were. A process that is killed
+    between the renames leaves the old or the new file without a companion, never the one beside
+    that of the other.
 
     Raises
     ------
@@ -132,18 +133,29 @@ def atomic_pair(
         yield new
         for file in new:
             sync_file(file)
-        old = of_beside / "old"
+        old_target, old_beside = (file.with_name("old" if file.name != "old" else "older") for file in new)
         with contextlib.suppress(FileNotFoundError):
-            beside.rename(old)
+            beside.rename(old_beside)
             sync_folder(beside.parent)
+        is_replaced = target.exists()
+        if is_replaced:
+            with contextlib.suppress(OSError):  # a folder, or a file system without links
+                os.link(target, old_target)
         try:
             new[0].replace(target)
+            sync_folder(target.parent)
+            new[1].replace(beside)
         except BaseException:
-            if old.exists():
-                old.rename(beside)
+            is_old = new[0].exists()
+            if not is_old and old_target.exists():
+                old_target.replace(target)
+                is_old = True
+            elif not is_old and not is_replaced:
+                target.unlink()
+                is_old = True
+            if is_old and old_beside.exists():
+                old_beside.rename(beside)
             raise
-        sync_folder(target.parent)
-        new[1].replace(beside)
         sync_folder(beside.parent)
 
 
