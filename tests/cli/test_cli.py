@@ -40,6 +40,25 @@ print(*sys.modules, file=sys.stderr)
     assert not loaded & heavy
 
 
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["simplify", "a.obj", "--json"], "--output"),
+        (["simplify", "a.obj", "--ratio", "q", "--json"], "--ratio"),
+        (["watermark", "verify", "--json"], "SOURCE"),
+        (["--max-bytes", "0", "info", "a.obj", "--json"], "--max-bytes"),
+        (["nonsense", "--json"], "nonsense"),
+    ],
+)
+def test_wrong_usage_is_one_json_value(arguments: list[str], expected: str) -> None:
+    done = manip3d(*arguments)
+    assert done.returncode == 2
+    error = json.loads(done.stdout)["error"]
+    assert error["code"] == "usage"
+    assert expected in error["message"]
+    assert "Usage:" in done.stderr
+
+
 def test_no_arguments_and_wrong_ones_are_usage_errors() -> None:
     assert manip3d().returncode == 2
     assert manip3d("nonsense").returncode == 2

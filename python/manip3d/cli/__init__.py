@@ -13,6 +13,8 @@ import json
 import os
 import sys
 import warnings
+from collections.abc import Iterator
+from contextvars import ContextVar
 from typing import Annotated, Any, NoReturn, TextIO
 
 import typer
@@ -49,6 +51,24 @@ _VERBS = {
 """Each verb, in the order of the help text, and what that says about it."""
 
 
+_as_json: ContextVar[bool] = ContextVar("as_json", default=False)
+
+
+@contextlib.contextmanager
+def _telling_of_usage() -> Iterator[None]:
+    """Print an error of usage under ``--json``; how the words are used goes to stderr as always."""
+    try:
+        yield
+    except Exception as error:
+        # The class of these errors is Click's, or Typer's own copy of it.
+        message = getattr(error, "format_message", None)
+        if message is not None and _as_json.get() and not _has_answered():
+            line = " ".join(message().split())
+            with contextlib.suppress(OSError):  # the words on stderr are what matters
+                print(json.dumps({"error": {"code": "usage", "message": line}}), flush=True)
+        raise
+
+
 class _Verbs(TyperGroup):
     """The verbs by name and one line of help; a verb is loaded when it is resolved."""
 
@@ -56,6 +76,14 @@ class _Verbs(TyperGroup):
         super().__init__(**attributes)
         for name, line in _VERBS.items():
             self.add_command(TyperCommand(name, help=line))
+
+    def make_context(self, *arguments: Any, **named: Any) -> Any:
+        with _telling_of_usage():
+            return super().make_context(*arguments, **named)
+
+    def invoke(self, ctx: Any) -> Any:
+        with _telling_of_usage():
+            return super().invoke(ctx)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         if args[0] in _VERBS:
@@ -116,6 +144,7 @@ def main(arguments: list[str] | None = None) -> NoReturn:
 
     words = sys.argv[1:] if arguments is None else arguments
     as_json = "--json" in words
+    _as_json.set(as_json)
     _prepare_streams()
     try:
         try:
