@@ -314,6 +314,21 @@ def test_bags_without_depth_images_say_so(tmp_path: Path) -> None:
         capture.open_rgbd(f"rgbd-bag:{tmp_path}/no.bag")
 
 
+def test_a_bag_without_camera_takes_intrinsics(tmp_path: Path) -> None:
+    uri = bag_of(tmp_path, [depth_at(1.0, millimetres(0))])
+    with pytest.raises(FormatError, match="no CameraInfo"):
+        capture.open_rgbd(uri)
+    place = uri.partition(":")[2]
+    done = manip3d(
+        "capture", "record", place, "-o", tmp_path / "out", "--intrinsics", "60,60,31.5,23.5"
+    )
+    assert done.returncode == 0, done.stderr
+    (frame,) = capture.open_rgbd(f"folder:{tmp_path / 'out'}")
+    assert np.array_equal(frame.depth, millimetres(0))
+    camera = frame.calibration.depth
+    assert (camera.width, camera.height, camera.fx) == (64, 48, 60.0)
+
+
 def test_recordings_of_a_realsense(tmp_path: Path) -> None:
     for name, unit in (("mm", 0.001), ("tenths", 0.0001)):
         path = realsense(tmp_path / f"{name}.bag", unit)

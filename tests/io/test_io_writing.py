@@ -417,8 +417,7 @@ def test_atomic_pair_takes_the_first_back_when_the_second_cannot_be_renamed(
 
     monkeypatch.setattr(Path, "replace", failing)
     with pytest.raises(OSError, match="Input/output"), atomic_pair(scan, record) as new:
-        for file in new:
-            file.write_text("second")
+        new[0].write_text("second")
     here = {each.name: each.read_text() for each in tmp_path.iterdir()}
     assert here == ({name: "first", "a.bin.wm": "first"} if is_there else {})
 

@@ -376,3 +376,70 @@ def test_another_format_keeps_coordinates_of_a_map(tmp_path: Path, source: str, 
     assert np.abs(again.exact - stored).max() < 1e-6
     if name == "a.csv":
         assert np.abs(np.loadtxt(written, delimiter=",", skiprows=1)[:, :3] - stored).max() < 1e-6
+    if name == "a.csv" and source == "las":
+        rows = written.read_text().splitlines()[1:]
+        assert all(len(x.partition(".")[2]) <= 4 for row in rows for x in row.split(",")[:3])
+    assert np.abs(again.points).max() < 100.0  # where float32 has steps of less than 0.01 mm
+
+
+def test_e57_holds_coordinates_of_a_map_in_the_pose(tmp_path: Path) -> None:
+    pye57 = pytest.importorskip("pye57", reason="the extra 'e57' is not installed")
+    pytest.importorskip("laspy", reason="the extra 'las' is not installed")
+    place = np.array([458_000.0, 5_428_000.0, 110.0])
+    stored = (place + np.random.default_rng(0).uniform(0.0, 80.0, (200, 3))).round(3)
+    np.save(tmp_path / "a.npy", stored)
+    io.read_scan(tmp_path / "a.npy").write(tmp_path / "a.e57")
+    again = io.read_scan(tmp_path / "a.e57")
+    assert again.format is not None
+    of_pose = again.format.header["pose"][:3, 3]
+    assert np.abs(again.points + of_pose - stored).max() < 1e-4
+    again.write(tmp_path / "b.e57")
+    other = pye57.E57(str(tmp_path / "b.e57"))
+    theirs = other.read_scan(0, ignore_missing_fields=True)  # by the pose
+    other.close()
+    assert np.abs(theirs["cartesianX"] - stored[:, 0]).max() < 1e-4
+
+
+def test_e57_far_from_its_own_scanner_is_read_near_0(tmp_path: Path) -> None:
+    """Others write coordinates of maps into E57 without a pose."""
+    pye57 = pytest.importorskip("pye57", reason="the extra 'e57' is not installed")
+    place = np.array([458_000.0, 5_428_000.0, 110.0])
+    stored = place + np.random.default_rng(0).uniform(0.0, 80.0, (200, 3)).astype(np.float32)
+    axes = ("cartesianX", "cartesianY", "cartesianZ")
+    stored = stored.astype(np.float32).astype(np.float64)  # what pye57 writes
+    file = pye57.E57(str(tmp_path / "a.e57"), mode="w")
+    file.write_scan_raw({axis: stored[:, i] for i, axis in enumerate(axes)})
+    file.close()
+    frame = io.read_scan(tmp_path / "a.e57")
+    assert np.abs(frame.points).max() < 100.0
+    assert frame.origin is None
+    frame.write(tmp_path / "a.csv")
+    assert (
+        np.abs(np.loadtxt(tmp_path / "a.csv", delimiter=",", skiprows=1)[:, :3] - stored).max()
+        < 1e-6
+    )
+    frame.write(tmp_path / "b.e57")
+    other = pye57.E57(str(tmp_path / "b.e57"))
+    theirs = other.read_scan(0, ignore_missing_fields=True)
+    other.close()
+    assert np.abs(theirs["cartesianX"] - stored[:, 0]).max() < 1e-6
+
+
+def test_the_viewpoint_of_a_map_moves_with_its_points(tmp_path: Path) -> None:
+    """One of 0 is what a writer puts that knows none."""
+    place = np.array([458_000.0, 5_428_000.0, 110.0])
+    stored = place + np.random.default_rng(0).uniform(0.0, 80.0, (200, 3)).round(3)
+    head = "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z\nSIZE 8 8 8\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 200\nHEIGHT 1\n"
+    for viewpoint, expected in (("458010 5428010 112", [10.0, 10.0, 2.0]), ("0 0 0", None)):
+        text = head + f"VIEWPOINT {viewpoint} 1 0 0 0\nPOINTS 200\nDATA binary\n"
+        (tmp_path / "a.pcd").write_bytes(text.encode() + stored.astype("<f8").tobytes())
+        frame = io.read_scan(tmp_path / "a.pcd")
+        assert frame.format is not None
+        shift = frame.format.to_file[:3, 3]
+        assert shift.any()
+        if expected is None:
+            assert frame.origin is None
+        else:
+            np.testing.assert_array_equal(frame.origin + shift - place, expected)
+        frame.write(tmp_path / "b.pcd")
+        assert (tmp_path / "b.pcd").read_bytes() == (tmp_path / "a.pcd").read_bytes()

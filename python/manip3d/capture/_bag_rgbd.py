@@ -146,6 +146,31 @@ class BagImages:
         return np.where(is_depth, depth, 0.0).astype(np.uint16)
 
 
+def place_and_topic(uri: str) -> tuple[str, str]:
+    """The two of ``rgbd-bag:PATH#TOPIC``; a file of such a name is a path."""
+    place, topic = uri.partition(":")[2], ""
+    if "#" in place and not Path(place).exists():
+        place, _, topic = place.partition("#")
+    return place, topic
+
+
+def depth_size(path: Path, topic: str) -> tuple[int, int]:
+    """Width and height of the first depth image in a bag, whose camera it need not state.
+
+    Raises
+    ------
+    FormatError, InputError, MissingExtraError, OSError
+        As `manip3d.capture.open_rgbd`.
+    """
+    with closing(BagRecording(path, "", mode="images")) as bag:
+        depth = _depth_topic(bag.cameras(), topic, path)
+        for each in bag.messages([depth]):
+            if isinstance(each, BagPicture):
+                height, width = _stored_depth(each).shape
+                return width, height
+    raise FormatError(f"no image of {depth}", file=str(path))
+
+
 def _depth_topic(found: Mapping[str, Any], topic: str, path: Path) -> str:
     """The topic that is asked for, or the only one of depth images."""
     images: Mapping[str, Mapping[str, Any]] = found["images"]

@@ -22,7 +22,7 @@ from manip3d._util.checked import checked
 from manip3d._util.options import reporting
 from manip3d._util.paths import path_of
 from manip3d.camera import Intrinsics, Registration
-from manip3d.capture._bag_rgbd import BagImages
+from manip3d.capture._bag_rgbd import BagImages, place_and_topic
 from manip3d.capture._forged import MOST_KEPT, SwitchedForgery, motion_of, read_plan
 from manip3d.capture._frame_source import FrameSource
 from manip3d.capture._one_camera import with_one_camera
@@ -664,9 +664,7 @@ def open_rgbd(
     if scheme == "rgbd-bag":
         if not 0.0 <= speed < math.inf:
             raise InputError(f"speed: expected a finite number >= 0, got {speed}")
-        place, topic = uri.partition(":")[2], ""
-        if "#" in place and not Path(place).exists():
-            place, _, topic = place.partition("#")
+        place, topic = place_and_topic(uri)
         images = BagImages(path_of(place, "uri"), topic, camera, units_per_metre)
         return _checked_start(_source_of(images, uri, speed, start), start)
     # Not a RgbdCalibration, which takes no mirrored camera: the core turns the images round.

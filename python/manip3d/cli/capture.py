@@ -95,7 +95,7 @@ def open_source(
     uri = capture.rgbd_address(source) or folder
     options: dict[str, Any] = {"speed": speed, "start": start}
     if intrinsics:
-        options["camera"] = camera_of_folder(intrinsics, uri)
+        options["camera"] = camera_of_images(intrinsics, uri)
     if units_per_metre:
         options["units_per_metre"] = units_per_metre
     opened = capture.open_rgbd(uri, **options)
@@ -105,16 +105,24 @@ def open_source(
     return opened
 
 
-def camera_of_folder(text: str, uri: str) -> Intrinsics:
-    """``--intrinsics`` of a folder of images, whose first image says how large they are."""
+def camera_of_images(text: str, uri: str) -> Intrinsics:
+    """``--intrinsics`` of a folder of images or a bag, whose first image says how large they are."""
     from manip3d.camera import read_intrinsics
     from manip3d.io import read_depth
 
     scheme, _, folder = uri.partition(":")
-    images = sorted((Path(folder) / "depth").glob("*.png"))
-    if scheme not in ("folder", "tum") or not images:
-        raise InputError(f"--intrinsics: expected a folder with images in depth/, got {uri}")
-    height, width = read_depth(images[0]).shape
+    if scheme == "rgbd-bag":
+        from manip3d.capture._bag_rgbd import depth_size, place_and_topic
+
+        place, topic = place_and_topic(uri)
+        width, height = depth_size(Path(place), topic)
+    else:
+        images = sorted((Path(folder) / "depth").glob("*.png"))
+        if scheme not in ("folder", "tum") or not images:
+            raise InputError(
+                f"--intrinsics: expected a bag or a folder with images in depth/, got {uri}"
+            )
+        height, width = read_depth(images[0]).shape
     with naming_options("intrinsics"):
         return read_intrinsics(text, width=width, height=height)
 

@@ -186,7 +186,7 @@ def _camera(source: str, choice: Choice) -> Intrinsics:
 
     uri = rgbd_address(source)
     if uri is not None:
-        return capture.camera_of_folder(choice.intrinsics, uri)
+        return capture.camera_of_images(choice.intrinsics, uri)
     height, width = read_depth(source).shape
     with naming_options("intrinsics"):
         return read_intrinsics(choice.intrinsics, width=width, height=height)

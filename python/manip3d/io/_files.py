@@ -133,7 +133,9 @@ def atomic_pair(
         yield new
         for file in new:
             sync_file(file)
-        old_target, old_beside = (file.with_name("old" if file.name != "old" else "older") for file in new)
+        old_target, old_beside = (
+            file.with_name("old" if file.name != "old" else "older") for file in new
+        )
         with contextlib.suppress(FileNotFoundError):
             beside.rename(old_beside)
             sync_folder(beside.parent)

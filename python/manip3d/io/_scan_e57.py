@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from manip3d._util.linear import product
 from manip3d.errors import FormatError, InputError, MissingExtraError
 from manip3d.io._files import atomic_path, open_regular
 from manip3d.io._limits import check_points
 from manip3d.io._scan_tables import (
     exact_coordinates,
     measured_points,
+    near_zero,
     refuse_expansion,
 )
 from manip3d.lidar import LidarFrame, ScanFormat
@@ -90,14 +92,15 @@ def _read_one(file: Any, index: int, path: Path) -> LidarFrame:
     pose = np.eye(4)
     pose[:3, :3] = header.rotation_matrix
     pose[:3, 3] = header.translation
-    layout = ScanFormat("e57", header={"pose": pose, "rotation": header.rotation, "index": index})
     exact = np.ascontiguousarray(exact[keep])
+    about = {"pose": pose, "rotation": header.rotation, "index": index}
+    layout = ScanFormat("e57", header=about, to_file=near_zero(exact))
     points = measured_points(exact, layout, str(path))
     intensity = data.pop("intensity", None)
     return LidarFrame(
         points=points,
         intensity=None if intensity is None else intensity[keep],
-        origin=(0.0, 0.0, 0.0),
+        origin=None if layout.to_file[:3, 3].any() else (0.0, 0.0, 0.0),
         source=str(path),
         fields={name: values[keep] for name, values in data.items()},
         exact=exact_coordinates(exact, points),
@@ -109,6 +112,8 @@ def _read_one(file: Any, index: int, path: Path) -> LidarFrame:
 
 def write_all(frames: Sequence[LidarFrame], path: Path) -> None:
     """Positions one after the other; pye57 writes coordinates as 32-bit floats.
+
+    Coordinates of a map are written near 0, with the place of that in the pose.
 
     Raises
     ------
@@ -144,4 +149,8 @@ def _write_one(file: Any, frame: LidarFrame) -> None:
     header = frame.format.header if own and frame.format is not None else {}
     pose = header.get("pose", np.eye(4))
     rotation = header.get("rotation", np.array([1.0, 0.0, 0.0, 0.0]))
-    file.write_scan_raw(data, rotation=rotation, translation=pose[:3, 3])
+    to_file = np.eye(4) if frame.format is None else frame.format.to_file
+    is_moved = np.array_equal(to_file[:3, :3], np.eye(3))
+    shift = to_file[:3, 3] if is_moved else np.zeros(3)
+    translation = pose[:3, 3] + product(pose[:3, :3], shift)
+    file.write_scan_raw(data, rotation=rotation, translation=translation)

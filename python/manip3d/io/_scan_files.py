@@ -60,8 +60,9 @@ def read_scan(
         KITTI's ``.bin``: metres, x forward, y left, z up, the scanner at the origin; a file whose
         values say that rows have three, five, six or seven floats instead of x, y, z and intensity
         has the others in ``fields`` as ``column_5`` and so on. nuScenes' ``.pcd.bin``: coordinates
-        as they are, the scanner at the origin. PCD: the scanner at its viewpoint. PLY: coordinates
-        as they are, the scanner's place not known. 3DTK's ``.3d``: turned to metres and our axes,
+        as they are, the scanner at the origin. PCD: the scanner at its viewpoint. PLY: the
+        scanner's place not known. PCD and PLY: coordinates as they are, those of 64 bits as of
+        LAS. 3DTK's ``.3d``: turned to metres and our axes,
         the scanner at the origin; the pose of the ``.pose`` file beside it is
         ``format.header["pose"]``. LAS and LAZ: coordinates as they are, moved near 0 where they lie
         far from it. Text (``.xyz``, ``.asc``, ``.pts``, ``.txt``, ``.csv``): a point a line,
@@ -69,10 +70,10 @@ def read_scan(
         intensity where there are four or seven, and ``c3`` and so on; coordinates as of LAS, the
         scanner's place not known. ``.npy``: rows of x, y, z, the intensity and up to four more
         numbers, or a structured array that names them; else as text. E57: the scanner's own frame,
-        the scanner at the origin; its pose is ``format.header["pose"]``. Points of all but ``.bin``
-        without coordinates (NaN, empty, marked invalid) were not measured: they are dropped and
-        counted, and ``file_rows`` has the rows of the others. ``.bin`` has no such points: NaN
-        there is damage.
+        the scanner at the origin; its pose is ``format.header["pose"]``; coordinates as of LAS
+        where they lie far from 0. Points of all but ``.bin`` without coordinates (NaN, empty,
+        marked invalid) were not measured: they are dropped and counted, and ``file_rows`` has the
+        rows of the others. ``.bin`` has no such points: NaN there is damage.
 
     Raises
     ------
@@ -161,7 +162,8 @@ def write_scan(frame: LidarFrame, path: str | os.PathLike[str]) -> None:
     the file's columns, their types and their order, and the coordinates of points that were not
     moved. Another format gets x, y, z, the intensity (`.bin`: 0 where there is none), the ring and
     what of ``fields`` it can hold; KITTI's ``.bin`` holds nothing else, 3DTK's ``.3d`` the
-    intensity, E57 rows, columns and colours (coordinates as 32-bit floats).
+    intensity, E57 rows, columns and colours (coordinates as 32-bit floats, those of a map near 0
+    with the rest in the pose).
 
     Parameters
     ----------

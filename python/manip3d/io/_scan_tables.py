@@ -183,7 +183,13 @@ def frame_of_table(
     if num_dropped:
         by_name = {key: values[measured] for key, values in by_name.items()}
     stored = np.column_stack([by_name.pop(axis) for axis in "xyz"])
-    to_file = near_zero(stored) if kind in _UNSTATED else _to_file(kind)
+    # Coordinates of 32 bits lose nothing where they are.
+    is_wide = kind in _UNSTATED or (kind in _OF_DOUBLES and stored.dtype != np.float32)
+    to_file = near_zero(stored) if is_wide else _to_file(kind)
+    shift = to_file[:3, 3]
+    if origin is not None and shift.any():
+        # A viewpoint of 0 is what a PCD file of a map holds that knows none.
+        origin = tuple((np.array(origin) - shift).tolist()) if any(origin) else None
     layout = ScanFormat(kind, table.layout, table.header, to_file)
     points = measured_points(stored, layout, name)
     intensity = _intensity(by_name, name)
@@ -335,9 +341,17 @@ def map_coordinates(frame: LidarFrame, name: str) -> NDArray[np.float64] | None:
 def loses_map_coordinates(frame: LidarFrame, suffix: str) -> bool:
     """Whether a file of this suffix gets coordinates near 0 for those of the map."""
     name = suffix.lstrip(".").replace("laz", "las")
-    if frame.format is None or frame.format.name == name or name in _OF_DOUBLES:
+    if frame.format is None or frame.format.name == name or name in (*_OF_DOUBLES, "e57"):
         return False
     return bool(frame.format.to_file[:3, 3].any())
+
+
+def map_place(frame: LidarFrame, suffix: str) -> NDArray[np.float64] | None:
+    """(3,): where the scanner stood on the map by a pose that a file of this suffix cannot hold."""
+    if frame.format is None or frame.format.name != "e57" or suffix == ".e57":
+        return None
+    place: NDArray[np.float64] = frame.format.header["pose"][:3, 3]
+    return place if np.abs(place).max() > _FAR else None
 
 
 def measured_points(stored: NDArray[Any], layout: ScanFormat, file: str) -> NDArray[np.float32]:
@@ -374,6 +388,32 @@ def _origin(kind: str, header: Mapping[str, str]) -> tuple[float, float, float] 
     return 0.0, 0.0, 0.0
 
 
+def _decimals(steps: Sequence[float], offsets: Sequence[float]) -> int | None:
+    """Fewest decimals that write each whole number of steps from an offset; None: more than 9."""
+    numbers = np.array([*steps, *offsets], np.float64)
+    for decimals in range(10):
+        scaled = numbers * 10.0**decimals
+        if (np.abs(scaled - np.rint(scaled)) <= 1e-6 * np.minimum(1.0, np.abs(scaled))).all():
+            return decimals
+    return None
+
+
+def _as_decimals(coordinates: NDArray[np.float64], frame: LidarFrame) -> NDArray[np.float64]:
+    """Coordinates of LAS, steps times a scale, as the decimal numbers that they stand for.
+
+    In 64 bits 111954 * 0.001 is 111.95400000000001. Points between two steps stay as they are.
+    """
+    if frame.format is None or frame.format.name != "las":
+        return coordinates
+    header = frame.format.header["las"]
+    decimals = _decimals(header.scales, header.offsets)
+    if decimals is None:
+        return coordinates
+    rounded = np.round(coordinates, decimals)
+    is_step = np.abs(rounded - coordinates) <= 4.0 * np.spacing(np.abs(coordinates))
+    return np.where(is_step, rounded, coordinates)
+
+
 def packed_rows(frame: LidarFrame, layout: ScanFormat) -> NDArray[Any]:
     """The rows of the file."""
     table = np.zeros(frame.num_points, _dtype(layout.columns))
@@ -381,7 +421,7 @@ def packed_rows(frame: LidarFrame, layout: ScanFormat) -> NDArray[Any]:
     if own and frame.exact is not None:
         coordinates = frame.exact
     elif not own and (of_map := map_coordinates(frame, layout.name)) is not None:
-        coordinates = of_map
+        coordinates = _as_decimals(of_map, frame) if layout.name in _TEXT else of_map
     else:
         coordinates = layout.file_coordinates(frame.points)
     values: dict[str, NDArray[Any]] = dict(zip("xyz", coordinates.T, strict=True))
