@@ -106,7 +106,7 @@ def open_source(
 
 
 def camera_of_images(text: str, uri: str) -> Intrinsics:
-    """``--intrinsics`` of a folder of images or a bag, whose first image says how large they are."""
+    """``--intrinsics`` of a folder of images or a bag, whose first image has the size of all."""
     from manip3d.camera import read_intrinsics
     from manip3d.io import read_depth
 
