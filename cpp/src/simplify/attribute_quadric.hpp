@@ -1,8 +1,8 @@
 #pragma once
 
-#include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 #include <array>
+#include <cmath>
 
 #include "simplify/quadric.hpp"
 
@@ -79,21 +79,57 @@ class LeastSquares {
     a_ -= (weight / q.weight) * gg;
     b_ -= (weight / q.weight) * (q.g.transpose() * q.d);
   }
-  /// weight times the squared distance to a point.
-  void add(const Eigen::Vector3d& point, double weight) {
-    a_.diagonal().array() += weight;
-    b_ -= weight * point;
-  }
 
-  /// The best point with normal.p = offset; not finite when the sum has no minimum.
-  [[nodiscard]] Eigen::Vector3d solve(const Eigen::Vector3d& normal, double offset) const {
-    const auto factors = a_.selfadjointView<Eigen::Lower>().llt();
-    const Eigen::Vector3d x = factors.solve(-b_), y = factors.solve(normal);
+  /// The best point with normal.p = offset, where the sum leaves it open the nearest to a point
+  /// that pulls with a weight; not finite when the sum has no minimum.
+  ///
+  /// @param slack  The pull takes the result off planes that it lies in, by its share of their
+  ///               weight. As long as that is no more than this distance, the result is pulled
+  ///               again, from where it then is [iterated regularisation of Tikhonov]; where it is
+  ///               more, the sum is weak and the pull is what decides.
+  [[nodiscard]] Eigen::Vector3d solve(const Eigen::Vector3d& point, double pull, double slack,
+                                      const Eigen::Vector3d& normal, double offset) const {
+    const Cholesky factors(a_, pull);
+    const Eigen::Vector3d y = factors.solve(normal);
     const double ny = normal.dot(y);
-    return ny > 0.0 ? Eigen::Vector3d(x + y * ((offset - normal.dot(x)) / ny)) : x;
+    const auto bound = [&](const Eigen::Vector3d& free) -> Eigen::Vector3d {
+      if (!(ny > 0.0)) return free;
+      return free + y * ((offset - normal.dot(free)) / ny);
+    };
+    const Eigen::Vector3d free = factors.solve(pull * point - b_), first = bound(free);
+    Eigen::Vector3d best = first;
+    for (int i = 1; i < kPulls; ++i) {
+      best = bound(free + factors.solve(pull * (best - point)));
+      if (!((best - first).squaredNorm() <= slack * slack)) return first;
+    }
+    return best;
   }
 
  private:
+  /// How often the result is pulled at most: each makes the pull's share of it 1e5 times smaller.
+  static constexpr int kPulls = 3;
+
+  /// L L' = a + shift I, of three rows: NaN where that is not positive.
+  struct Cholesky {
+    Cholesky(const Eigen::Matrix3d& a, double shift) {
+      r0 = 1.0 / std::sqrt(a(0, 0) + shift);
+      l10 = a(1, 0) * r0, l20 = a(2, 0) * r0;
+      r1 = 1.0 / std::sqrt(a(1, 1) + shift - l10 * l10);
+      l21 = (a(2, 1) - l20 * l10) * r1;
+      r2 = 1.0 / std::sqrt(a(2, 2) + shift - l20 * l20 - l21 * l21);
+    }
+    [[nodiscard]] Eigen::Vector3d solve(const Eigen::Vector3d& b) const {
+      const double x = b[0] * r0, y = (b[1] - l10 * x) * r1, z = (b[2] - l20 * x - l21 * y) * r2;
+      Eigen::Vector3d result;
+      result[2] = z * r2;
+      result[1] = (y - l21 * result[2]) * r1;
+      result[0] = (x - l10 * result[1] - l20 * result[2]) * r0;
+      return result;
+    }
+    double l10, l20, l21;
+    double r0, r1, r2;  // 1 / the diagonal of L
+  };
+
   Eigen::Matrix3d a_ = Eigen::Matrix3d::Zero();  // the lower triangle counts
   Eigen::Vector3d b_ = Eigen::Vector3d::Zero();
 };

@@ -1,5 +1,6 @@
 #include "manip3d/simplify/quality.hpp"
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <cstdint>

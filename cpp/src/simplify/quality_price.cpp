@@ -11,6 +11,11 @@ namespace {
 /// they do not (RockerArm: 1e-3 costs 5 % of error, 1e-6 none, but then vertices wander).
 constexpr double kTowardsMiddle = 1e-5;
 
+/// That pull takes a vertex off the planes that it lies in, at a crease by 1e-5 of its edge's
+/// length, at needles by more: all the error of flat parts. It is taken back where it is no more
+/// than this share of the length; elsewhere the surface bends so little that the pull decides.
+constexpr double kOffPlanes = 1e-2;
+
 /// On flat regions every price is rounding noise: short edges go first there.
 constexpr double kShortEdgeWeight = 1e-5;
 
@@ -190,11 +195,12 @@ Vector3d Prices::position(std::int32_t v, std::int32_t t, Place place, const Sta
     squares.add(original_.jumps[v], 1.0);
     squares.add(original_.jumps[t], 1.0);
   }
-  squares.add(middle,
-              kTowardsMiddle * (original_.area[v] + original_.area[t]) + 1e-9 * length * length);
+  const double pull =
+      kTowardsMiddle * (original_.area[v] + original_.area[t]) + 1e-9 * length * length;
   const bool has_volume = star.normal.norm() > kLeastVolume * star.area;
   const Vector3d best =
-      squares.solve(has_volume ? star.normal : Vector3d(Vector3d::Zero()), star.offset);
+      squares.solve(middle, pull, kOffPlanes * length,
+                    has_volume ? star.normal : Vector3d(Vector3d::Zero()), star.offset);
   return best.allFinite() ? best : middle;
 }
 
