@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from command_line import manip3d
-from manip3d import LidarFrame, capture
+from manip3d import Intrinsics, LidarFrame, RgbdCalibration, RgbdFrame, capture
 from manip3d.datasets import open_kitti
 from manip3d.io import read_scan
 from velodyne_packets import block, ethernet, packet, pcap, udp_frame
@@ -169,3 +169,20 @@ def test_an_output_of_another_option_is_named_by_it(tmp_path: Path) -> None:
     assert (
         f"error: --rows {tmp_path / 'rows.txt'}: expected a name that ends in .csv" in done.stderr
     )
+
+
+def test_several_recordings_that_are_folders_are_one_source_each(tmp_path: Path) -> None:
+    """Their images were listed one by one, and inspect found no scans in them."""
+    camera = RgbdCalibration(Intrinsics(fx=60, fy=60, cx=31.5, cy=23.5, width=64, height=48))
+    for name in ("a", "b"):
+        depth = np.full((48, 64), 2000, np.uint16)
+        frames = [RgbdFrame(depth, camera, time=n * 33_000_000, number=n) for n in range(3)]
+        capture.record(frames, tmp_path / name)
+    both = (tmp_path / "a", tmp_path / "b")
+    rows = json.loads(manip3d("info", *both, "--json").stdout)
+    assert [(row["source"], row["frames"]) for row in rows] == [(str(path), 3) for path in both]
+    rows = json.loads(manip3d("inspect", *both, "--json").stdout)
+    assert [row["source"] for row in rows] == list(map(str, both))
+    done = manip3d("view", *both, "-o", tmp_path / "pages", "--to", ".html")
+    assert done.returncode == 0, done.stderr
+    assert sorted(path.name for path in (tmp_path / "pages").glob("*.html")) == ["a.html", "b.html"]

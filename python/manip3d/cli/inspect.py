@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from manip3d.cli import kinds
 from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
 from manip3d.cli.options import (
@@ -119,6 +120,7 @@ def _exported(folder: str) -> list[SourceFile]:
 @over_files(
     lambda: FOLDER_SUFFIXES,
     find=_find_scans,
+    whole=kinds.WHOLE,
     writable=lambda: (".html", ".json"),
     otherwise=".html",
     check=_check_for_many,

@@ -18,6 +18,9 @@ _PICTURES = (".jpg", ".jpeg", ".bmp", ".tga", ".gif", ".webp")
 SHOWN = ("mesh", "scan", "range grid", "depth", "packets", "recording", "drive")
 """The kinds that info and view take."""
 
+WHOLE = ("recording", "packets")
+"""The kinds of folders that are one source among several, whatever files they hold."""
+
 NAMES = {
     "mesh": "a mesh",
     "scan": "a LiDAR scan",

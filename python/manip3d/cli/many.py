@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
+from manip3d._util.paths import by_number
 from manip3d.cli import kinds, show_warnings_in_lines
 from manip3d.cli.options import Dask, FolderJobs, Table, TableOfNow, To
 from manip3d.cli.signals import ended_like_ctrl_c
@@ -54,6 +55,8 @@ class Many:
         What one source is.
     find : callable
         Lists the sources, as `manip3d.batch.find_files` does.
+    whole : sequence of str
+        Kinds of folders that are one source each (`kinds.kind_of`), where they are named.
     """
 
     suffixes: Sequence[str]
@@ -62,6 +65,7 @@ class Many:
     otherwise: str = ""
     noun: str = "file"
     find: Callable[..., list[SourceFile]] | None = None
+    whole: Sequence[str] = ()
 
     def files(self, sources: Sequence[str]) -> list[SourceFile]:
         """The files that the sources stand for.
@@ -77,7 +81,22 @@ class Many:
 
         if self.to and self.to not in self.writable:
             raise InputError(f"--to: expected one of {', '.join(self.writable)}, got {self.to}")
-        return (self.find or find_files)(sources, suffixes=self.suffixes)
+        whole = [source for source in sources if self._is_whole(source)]
+        rest = [source for source in sources if source not in whole]
+        found = (self.find or find_files)(rest, suffixes=self.suffixes) if rest else []
+        if not whole:
+            return found
+        by_name = {file.name: file for file in [*map(_of_folder, whole), *found]}
+        return [by_name[name] for name in sorted(by_name, key=by_number)]
+
+    def _is_whole(self, source: str) -> bool:
+        """Whether a folder is one thing, such as a recording, and no place of files."""
+        return bool(
+            self.whole
+            and not is_url(source)
+            and Path(source).is_dir()
+            and kinds.kind_of(source) in self.whole
+        )
 
     def check_folder(self, sources: Sequence[str], output: object) -> None:
         """Refuse an output that is named like one file, where each source gets a file of its own.
@@ -104,6 +123,14 @@ class Many:
         return str(path.with_name(stem + new)) if new else relative
 
 
+def _of_folder(source: str) -> SourceFile:
+    from manip3d.batch import SourceFile
+    from manip3d.batch._stamps import stamp_of_folder
+
+    folder = Path(source)
+    return SourceFile(source, folder.resolve().name, stamp_of_folder(folder), True)
+
+
 def over_files(
     suffixes: Callable[[], Sequence[str]],
     *,
@@ -113,6 +140,7 @@ def over_files(
     prepare: Callable[[list[SourceFile], dict[str, Any]], Mapping[str, Mapping[str, Any]]]
     | None = None,
     drives: bool = False,
+    whole: Sequence[str] = (),
     has_to: bool = True,
     depends: Callable[[Mapping[str, Any]], str] = lambda options: "",
     finish: Callable[[Summary, str], object] = lambda summary, output: None,
@@ -144,6 +172,8 @@ def over_files(
         Returns options of single files by their names, and may change those of all.
     drives : bool
         One source is a whole drive, as `manip3d.batch.find_drives` finds them.
+    whole : sequence of str
+        As of `Many`.
     has_to : bool
         The command has the option ``--to``, if it has outputs.
     depends : callable(options) -> str
@@ -205,6 +235,7 @@ def over_files(
                 return
             check(given)
             many = _kind_of_many(drives)(suffixes(), to, writable(), otherwise)
+            many = replace(many, whole=whole)
             if find is not None:
                 many = replace(many, find=find)
             many.check_folder(sources, given.get("output"))

@@ -70,7 +70,11 @@ def _side_by_side(sources: list[str], given: dict[str, Any]) -> bool:
 
 
 @over_files(
-    kinds.shown_suffixes, writable=lambda: SUFFIXES, otherwise=".html", together=_side_by_side
+    kinds.shown_suffixes,
+    whole=kinds.WHOLE,
+    writable=lambda: SUFFIXES,
+    otherwise=".html",
+    together=_side_by_side,
 )
 def view(
     source: Source,
