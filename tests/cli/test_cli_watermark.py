@@ -452,3 +452,20 @@ def test_a_drive_of_a_key_that_was_replaced(drive: Path, tmp_path: Path) -> None
     for key, code in ((ring, 0), (new, 4)):
         watched = CliRunner().invoke(app, ["alert", "run", str(before), "--key", str(key)])
         assert watched.exit_code == code, watched.output
+
+
+def test_several_drives_are_told_in_a_line_each(key: Path, signed: Path, tmp_path: Path) -> None:
+    """Each frame had thirteen columns of its own."""
+    for name in ("a", "b"):
+        shutil.copytree(signed, tmp_path / "all" / name)
+    done = run("verify", tmp_path / "all", "--key", key)
+    heads, *lines = done.stdout.splitlines()
+    assert done.exit_code == 0
+    assert heads.split() == ["source", "verdict", "num_frames", "reason"]
+    assert len(lines) == 2
+
+
+def test_stdin_has_no_record(key: Path) -> None:
+    done = run("verify", "-", "--key", key)
+    assert done.exit_code == 1
+    assert "stdin has no record" in str(done.exception)

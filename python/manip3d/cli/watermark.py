@@ -309,6 +309,7 @@ def _without_records(files: list[SourceFile]) -> list[SourceFile]:
     depends=key_of,
     choose=_without_records,
     skipped_code=EXIT_CODES["undecidable"],
+    columns=("source", "verdict", "num_frames", "reason"),
     resumes=False,
 )
 def verify(
@@ -348,6 +349,8 @@ def verify(
 
     shell = Terminal(as_json=as_json, quiet=quiet)
     check_output(report, (".json",), force=force, option="--report")
+    if source == "-":
+        raise InputError("source: expected a scan or a drive, got -: stdin has no record")
     if Path(source).suffix != authenticate.RECORD_SUFFIX:
         expect_kind(source, "scan", "drive", verb="watermark verify")
     policy = policy_of(
