@@ -429,7 +429,8 @@ def test_the_viewpoint_of_a_map_moves_with_its_points(tmp_path: Path) -> None:
     """One of 0 is what a writer puts that knows none."""
     place = np.array([458_000.0, 5_428_000.0, 110.0])
     stored = place + np.random.default_rng(0).uniform(0.0, 80.0, (200, 3)).round(3)
-    head = "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z\nSIZE 8 8 8\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 200\nHEIGHT 1\n"
+    head = "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z\n"
+    head += "SIZE 8 8 8\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 200\nHEIGHT 1\n"
     for viewpoint, expected in (("458010 5428010 112", [10.0, 10.0, 2.0]), ("0 0 0", None)):
         text = head + f"VIEWPOINT {viewpoint} 1 0 0 0\nPOINTS 200\nDATA binary\n"
         (tmp_path / "a.pcd").write_bytes(text.encode() + stored.astype("<f8").tobytes())

@@ -173,9 +173,9 @@ def _tell_of_map(scan: LidarFrame, suffix: str, terminal: Terminal) -> None:
     """Warn of coordinates far from 0, which another format than the scan's gets near 0."""
     from manip3d.io._scan_tables import loses_map_coordinates, map_place
 
-    if (place := map_place(scan, suffix)) is not None:
-        of_pose = " ".join(f"{value:.3f}" for value in place)
-        terminal.say(f"warning: coordinates are the scanner's own; its place on the map: {of_pose}")
+    if (pose := map_place(scan, suffix)) is not None:
+        where = " ".join(f"{value:.3f}" for value in pose)
+        terminal.say(f"warning: coordinates are the scanner's own; its place on the map: {where}")
     if scan.format is not None and loses_map_coordinates(scan, suffix):
         shift = scan.format.to_file[:3, 3]
         place = " ".join(f"{value:.0f}" for value in shift)
