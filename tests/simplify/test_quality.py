@@ -93,7 +93,7 @@ def cube(n: int, turned: bool) -> Mesh:
 @pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize("share", [0.5, 0.1, 0.02])
 def test_flat_sides_stay_flat_but_for_rounding(share: float, turned: bool) -> None:
-    """What pulls a vertex towards the middle of its edge took it 3e-7 off the planes it lies in."""
+    """The pull towards the middle of an edge took vertices 3e-7 off the planes they lie in."""
     mesh = cube(12, turned)
     result = simplify.quality(mesh, ratio=share)
     assert result.stop == StopReason.TARGET_REACHED
@@ -162,7 +162,7 @@ def test_a_sheet_with_front_and_back_keeps_its_outline(share: float) -> None:
     result = simplify.quality(both, target_faces=round(share * both.num_faces)).mesh
     sides = result.faces[result.vertices[result.faces][:, :, 2].max(axis=1) < 1]
     assert area(Mesh(result.vertices, sides)) == pytest.approx(2.0, abs=0.01)
-    # Of 576 faces: rounding noise of volumes that cancel sent its vertices far away.
+    # 576 before: rounding noise of volumes that cancel sent its vertices far away.
     assert len(sides) <= 12
 
 

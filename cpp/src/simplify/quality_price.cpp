@@ -11,9 +11,9 @@ namespace {
 /// they do not (RockerArm: 1e-3 costs 5 % of error, 1e-6 none, but then vertices wander).
 constexpr double kTowardsMiddle = 1e-5;
 
-/// That pull takes a vertex off the planes that it lies in, at a crease by 1e-5 of its edge's
-/// length, at needles by more: all the error of flat parts. It is taken back where it is no more
-/// than this share of the length; elsewhere the surface bends so little that the pull decides.
+/// Most of its edge's length by which kTowardsMiddle may take a vertex off the planes that it lies
+/// in (1e-5 at a crease, more at needles: all the error of flat parts) for this to be taken back.
+/// Beyond, the surface bends so little that the pull decides.
 constexpr double kOffPlanes = 1e-2;
 
 /// On flat regions every price is rounding noise: short edges go first there.

@@ -1,4 +1,4 @@
-"""What a file that appears whole or not at all is made of: a folder beside it, and syncs."""
+"""Parts of writing a file that appears whole or not at all: a folder beside it, and syncs."""
 
 from __future__ import annotations
 
