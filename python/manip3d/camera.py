@@ -134,7 +134,7 @@ class Intrinsics:
         array([1., 0., 2.])
         """
         if pixels is None:
-            image = _depth_image(depth, self)
+            image = checked_depth(depth, self)
             points, _, _ = _core.unproject(image, self, threads_of(threads))
             return np.asarray(points, np.float32).reshape(*image.shape, 3)
         at = _last_axis(pixels, 2, "pixels")
@@ -230,7 +230,7 @@ class Registration:
     Raises
     ------
     InputError
-        ``rotation`` is no rotation, or a number is not finite.
+        ``rotation`` is not a rotation, or a number is not finite.
     """
 
     color: Intrinsics
@@ -249,7 +249,7 @@ class Registration:
         _core.check_registration(self)
 
 
-def _depth_image(depth: ArrayLike, intrinsics: Intrinsics) -> NDArray[np.uint16 | np.float32]:
+def checked_depth(depth: ArrayLike, intrinsics: Intrinsics) -> NDArray[np.uint16 | np.float32]:
     """The image in one of the two dtypes of the core; the same object if it is in one."""
     if not isinstance(intrinsics, Intrinsics):
         raise InputError(f"intrinsics: expected Intrinsics, got {intrinsics!r}")
@@ -540,7 +540,7 @@ def _renamed(fields: dict[str, Any]) -> dict[str, Any]:
             ", ..." if len(others) > 5 else ""
         )
         warnings.warn(
-            f"fields that are no camera's are left out: {listed}", stacklevel=caller_level()
+            f"fields that are not a camera's are left out: {listed}", stacklevel=caller_level()
         )
     return {name: value for name, value in ours.items() if name in known}
 
@@ -561,7 +561,7 @@ def _fields_of_matrix(text: str) -> dict[str, float]:
 
 
 def _expect_pinhole(matrix: NDArray[np.float64]) -> None:
-    """Refuse what is no camera, such as a pose; the skew may be what rounding left."""
+    """Refuse what is not a camera, such as a pose; the skew may be what rounding left."""
     below = np.array([matrix[1, 0], matrix[2, 0], matrix[2, 1], matrix[2, 2] - 1.0])
     rest = np.concatenate([(matrix - np.eye(*matrix.shape))[:, 3:].ravel(), below])
     if matrix.shape[0] == 4:

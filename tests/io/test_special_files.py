@@ -26,9 +26,9 @@ PROGRAM = textwrap.dedent(
     import numpy as np
     from pathlib import Path
     from manip3d import FormatError, authenticate, camera, capture, diary, forge, io, report, serve
-    from manip3d.datasets.rgbd import read_color
+    from manip3d import viewer
     from manip3d.diary._sealing import read_key
-    from manip3d.simplify._depth_files import _color_image
+    from manip3d.io._images import read_color
     from manip3d.study import StudyFolder
     from manip3d.study._definition import read_table
 
@@ -75,7 +75,8 @@ READERS = {
     "read_key(Path(path))": (".key",),
     "diary.load_questionnaire(path)": (".json",),
     "read_color(Path(path))": (".png",),
-    "_color_image(Path(path))": (".png",),
+    "np.save(path + '.npy', np.ones((4, 4), np.uint16));"
+    "viewer.open_thing(path + '.npy', color=path)": (".png",),
     "read_table(path)": (".toml", ".json"),
 }
 Case = tuple[str, str]

@@ -68,3 +68,23 @@ def index_rows(values: ArrayLike, columns: int | None, name: str) -> NDArray[np.
                 f"got {array.min()} to {array.max()}"
             )
     return np.ascontiguousarray(array, dtype=np.int32)
+
+
+def checked_grid(
+    points: ArrayLike, valid: ArrayLike | None
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """A grid of points as float32, and which of them are valid: by default the finite ones."""
+    grid = np.asarray(points)
+    if grid.ndim != 3 or grid.shape[2] != 3 or grid.dtype.kind != "f":
+        raise InputError(
+            f"points: expected (H, W, 3) floats, got shape {grid.shape}, dtype {grid.dtype}"
+        )
+    grid = np.ascontiguousarray(grid, dtype=np.float32)
+    if valid is None:
+        return grid, np.isfinite(grid).all(axis=2)
+    mask = np.asarray(valid)
+    if mask.shape != grid.shape[:2] or mask.dtype != np.bool_:
+        raise InputError(
+            f"valid: expected bool of shape {grid.shape[:2]}, got {mask.dtype} of {mask.shape}"
+        )
+    return grid, np.ascontiguousarray(mask)

@@ -18,9 +18,9 @@ from manip3d import Intrinsics
 from manip3d._util.checked import checked
 from manip3d.datasets._registry import DataSet, get, require
 from manip3d.datasets._tables import data_file, table
-from manip3d.errors import FormatError, InputError, MissingExtraError
+from manip3d.errors import FormatError, InputError
 from manip3d.io import read_depth
-from manip3d.io._files import open_regular
+from manip3d.io._images import read_color
 from manip3d.io._text_files import text_of
 
 if TYPE_CHECKING:
@@ -365,7 +365,7 @@ def frame_names(name: str) -> tuple[str, ...]:
     Raises
     ------
     InputError
-        No such data set, or it is no recording.
+        No such data set, or it is not a recording.
 
     Examples
     --------
@@ -438,16 +438,6 @@ def load_frame(name: str, frame: str | int = 0) -> DepthFrame:
         mask=None if mask_path is None else _read_mask(mask_path),
         pose=None if pose_path is None or read_pose is None else read_pose(pose_path, frame),
     )
-
-
-def read_color(path: Path) -> NDArray[np.uint8]:
-    """An image as (H, W, 3) uint8."""
-    try:
-        from PIL import Image
-    except ImportError:
-        raise MissingExtraError("pillow", "io") from None
-    with open_regular(path) as file, Image.open(file) as image:
-        return np.array(image.convert("RGB"))
 
 
 def _read_mask(path: Path) -> NDArray[np.bool_]:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _COMMON = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff")  # how PNG and JPEG files start
-# The PNG mode for each mode of Pillow that has an alpha channel and is none of PNG's.
+# The PNG mode for each mode of Pillow with an alpha channel that PNG does not have.
 _WITH_ALPHA = {"PA": "RGBA", "La": "LA", "RGBa": "RGBA"}
 
 _logger = logging.getLogger("manip3d")
@@ -154,6 +154,44 @@ def _as_png(mesh: Mesh, texture: Texture) -> Texture:
         return texture
     path = None if texture.path is None else str(Path(texture.path).with_suffix(".png"))
     return Texture(path=path, data=stream.getvalue())
+
+
+def read_color(path: Path) -> NDArray[np.uint8]:
+    """Read an image file as (H, W, 3) red, green, blue.
+
+    Raises
+    ------
+    FormatError
+        It is not an image, is damaged or too large, or is not a regular file.
+    MissingExtraError
+        Pillow is not installed.
+    """
+    image_module = require("PIL.Image", "io", "pillow")
+    try:
+        with open_regular(path) as file, image_module.open(file) as image:
+            return np.array(image.convert("RGB"))
+    except FormatError:  # a ValueError, too
+        raise
+    except (
+        image_module.UnidentifiedImageError,
+        ValueError,
+        SyntaxError,
+        image_module.DecompressionBombError,
+    ) as error:
+        raise FormatError(f"expected a colour image: {error}", file=str(path)) from error
+
+
+def png_bytes(pixels: NDArray[np.uint8]) -> bytes:
+    """Return (H, W, 3) or (H, W, 4) pixels as a PNG file.
+
+    Raises
+    ------
+    MissingExtraError
+        Pillow is not installed.
+    """
+    stream = io.BytesIO()
+    require("PIL.Image", "io", "pillow").fromarray(pixels).save(stream, format="PNG")
+    return stream.getvalue()
 
 
 def decoded_picture(data: bytes, extra: str) -> NDArray[np.uint8]:

@@ -243,7 +243,7 @@ def metro(
             original,
             simplified,
             sampling == "area",
-            _checked_samples(samples),
+            checked_samples(samples),
             seed_of(rng),
             threads_of(threads),
             report,
@@ -336,7 +336,7 @@ def hausdorff_bound(
         )
 
 
-def _checked_samples(samples: int | None) -> int:
+def checked_samples(samples: int | None) -> int:
     """The core's number of samples: 0 stands for its default."""
     if samples is None:
         return 0

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d import _core
+from manip3d._util.arrays import checked_grid
 from manip3d._util.checked import checked
 from manip3d._util.options import reporting, threads_of
-from manip3d.camera import Intrinsics, _depth_image
+from manip3d.camera import Intrinsics, checked_depth
 from manip3d.errors import InputError
 from manip3d.mesh import Mesh
 from manip3d.simplify import DepthMesh
-from manip3d.simplify._depth import _point_grid
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -77,8 +77,8 @@ class Flicker:
     unstable : float
         Share of the pixels covered by some frame that another one does not cover.
     changed : float or None
-        Mean share of a frame's vertices that were no vertices of the frame before. None where
-        vertices are no pixels.
+        Mean share of a frame's vertices that were not vertices of the frame before. None where
+        vertices are not pixels.
     frames : int
     """
 
@@ -98,7 +98,7 @@ class BoundaryNoise:
     survived : float
         Share of the flying pixels at which the mesh still shows a surface between the true ones.
     chosen : float or None
-        Share of the flying pixels that are vertices. None where vertices are no pixels.
+        Share of the flying pixels that are vertices. None where vertices are not pixels.
     density : float or None
         Vertices per measured pixel: what ``chosen`` would be for a choice by chance.
     flying : int
@@ -194,7 +194,7 @@ def range_image_error(
     >>> manip3d.metrics.range_image_error(depth, camera, mesh).coverage
     1.0
     """
-    image = _depth_image(depth, intrinsics)
+    image = checked_depth(depth, intrinsics)
     points, valid, rows_up = _lifted(image, intrinsics, threads)
     return _error(mesh, points, valid, rows_up, intrinsics, threads, progress)
 
@@ -248,7 +248,7 @@ def range_image_error_grid(
     >>> metrics.range_image_error_grid(points, None, dense).max
     0.0
     """
-    grid, mask = _point_grid(points, valid)
+    grid, mask = checked_grid(points, valid)
     return _error(mesh, grid, mask, rows_up, None, threads, progress)
 
 
@@ -391,7 +391,7 @@ def boundary_noise(
     >>> metrics.boundary_noise(depth, camera, dense, flying=flying, truth=truth).survived
     1.0
     """
-    image = _depth_image(depth, intrinsics)
+    image = checked_depth(depth, intrinsics)
     for name, array in (("flying", flying), ("truth", truth)):
         if np.shape(array) != image.shape:
             raise InputError(f"{name}: expected shape {image.shape}, got {np.shape(array)}")

@@ -11,7 +11,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d._util.options import reporting, seed_of, threads_of
-from manip3d.metrics._distances import _checked_samples
+from manip3d.metrics._distances import checked_samples
 
 if TYPE_CHECKING:
     from manip3d._util.options import Progress, Rng
@@ -105,7 +105,7 @@ def texture_error(
             *_core.texture_error(
                 original,
                 _with_materials_of(original, simplified),
-                _checked_samples(samples),
+                checked_samples(samples),
                 seed_of(rng),
                 epsilon,
                 threads_of(threads),

@@ -49,7 +49,7 @@ _REACH = 45.0  # metres that the view from above shows ahead
 _SIDE = 22.0  # metres to each side
 
 _ROWS = ("verdict", "watermark", "cross-modal", "forensics")
-_QUIET = ("authentic", "no_trace")
+QUIET = ("authentic", "no_trace")
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class _Records:
         # Without a buffer: what a full disk refuses would stay in it and fail at each seek after.
         self._lines = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115
         weakref.finalize(self, self._lines.close)
-        self._ends = array("q", [0])  # of the lines; behind the last is none that is whole
+        self._ends = array("q", [0])  # of the lines; behind the last end there is no whole line
 
     def append(self, record: Mapping[str, Any]) -> None:
         line = json.dumps(record).encode() + b"\n"
@@ -133,7 +133,7 @@ class AlertTimeline:
         """
         record = alert.record()
         self._records.append(record)
-        self._num_loud += alert.verdict not in _QUIET
+        self._num_loud += alert.verdict not in QUIET
         is_new = alert.verdict != self._last
         self._last = alert.verdict
         if _scan_of(alert) is None or not (is_new or alert.verdict == "tampered"):
@@ -162,7 +162,7 @@ class AlertTimeline:
         count : int
             Largest number of records to return.
         """
-        loud = (record for record in self._records if record["verdict"] not in _QUIET)
+        loud = (record for record in self._records if record["verdict"] not in QUIET)
         first = heapq.nsmallest(count, loud, key=lambda each: (-_gravity(each), each["frame"]))
         return first, self._num_loud
 
@@ -230,7 +230,7 @@ class AlertTimeline:
         return (
             "<!doctype html><html lang=en><meta charset=utf-8>"
             '<meta name=viewport content="width=device-width">'
-            f"<title>{html.escape(self.source)}: {verdict}</title><style>{_STYLE}</style>"
+            f"<title>{html.escape(self.source)}: {verdict}</title><style>{STYLE}</style>"
             f"<h1 class={verdict}>{verdict}</h1><p>{html.escape(reason)}</p>"
             + _facts(self.source, counts)
             + "<h2>Timeline</h2>"
@@ -243,7 +243,7 @@ class AlertTimeline:
         )
 
 
-_STYLE = (
+STYLE = (
     ":root{color-scheme:light}"
     "body{font:16px/1.5 system-ui,sans-serif;max-width:64rem;margin:2rem auto;padding:0 1rem;"
     "background:#fff;color:#1c1e21}"

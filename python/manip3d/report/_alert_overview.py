@@ -15,7 +15,7 @@ from manip3d._util.paths import path_of
 from manip3d.authenticate import RiskParameters
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_write
-from manip3d.report._alert import _QUIET, _STYLE, drawn, strip_of
+from manip3d.report._alert import QUIET, STYLE, drawn, strip_of
 
 _GRAVEST_FIRST = ("failed", "tampered", "undecidable", "no_trace", "authentic")
 
@@ -63,7 +63,7 @@ def write_alert_overview(
     page = (
         "<!doctype html><html lang=en><meta charset=utf-8>"
         '<meta name=viewport content="width=device-width">'
-        f"<title>{title}: {told}</title><style>{_STYLE}</style>"
+        f"<title>{title}: {told}</title><style>{STYLE}</style>"
         f"<h1>{title}</h1><p>{told}</p>"
         + "".join(_vehicle(drive) for drive in ranked)
         + f"<p class=fine>The gravest first. manip3d {html.escape(__version__)}</p></html>\n"
@@ -91,7 +91,7 @@ def _vehicle(drive: Mapping[str, Any]) -> str:
     frames, region = drive["frames"], RiskParameters()
     given = drive.get("risk_levels", {"low": region.low, "high": region.high})
     levels = (float(given["low"]), float(given["high"]))
-    loud = [frame for frame in frames if frame["verdict"] not in _QUIET]
+    loud = [frame for frame in frames if frame["verdict"] not in QUIET]
     worst = max(loud, key=lambda frame: frame["risk"]["score"], default=None)
     facts = [f"{len(frames)} frames, {len(loud)} of them to look at"]
     if worst is not None:

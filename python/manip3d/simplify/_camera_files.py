@@ -18,20 +18,20 @@ from manip3d._util.paths import path_of
 from manip3d.camera import read_intrinsics
 from manip3d.errors import FormatError, InputError
 from manip3d.io import DEPTH_SUFFIXES, read_range_grid, write_mesh
+from manip3d.io._images import read_color
 from manip3d.io._poses import poses_by_file, rigid
 from manip3d.io._text_files import text_of
 from manip3d.simplify._cameras import CameraView, JointSimplification, cs3_cameras, relief_cameras
 from manip3d.simplify._depth_files import (
     SPARSE_WORDS,
     DepthOptions,
-    _color_image,
-    _expect_camera,
-    _expect_options_of_scan,
-    _is_yup,
-    _Measured,
-    _read,
+    Measured,
     common_depth_unit,
+    expect_camera,
+    expect_options_of_scan,
     is_sparse,
+    read_frame,
+    writes_y_up,
 )
 from manip3d.simplify._parts import with_used_vertices
 
@@ -115,7 +115,7 @@ def poses_of_files(
         A Stanford ``.conf`` file, as `manip3d.datasets.read_poses` takes it, with the files' names;
         or lines ``time tx ty tz qx qy qz qw`` (TUM's ``groundtruth.txt``, camera to world, lines
         with ``#`` left out). There the files' names are times, and the pose is that of the nearest
-        time, at most 0.02 s away. Files whose names are no times take as many lines in the order
+        time, at most 0.02 s away. Files whose names are not times take as many lines in the order
         given: no name is a number, or numbers and times ascend and most names (``000001.png``)
         are none of the times.
 
@@ -174,12 +174,12 @@ def _by_time(
     worst = int(apart.argmax())
     asks = f"poses: expected a pose within {_MOST_SECONDS_APART} s of {files[worst]}"
     if np.isinf(apart[worst]):
-        raise InputError(f"{asks}, whose name is no time")
+        raise InputError(f"{asks}, whose name is not a time")
     raise InputError(f"{asks}, the nearest is {apart[worst]:.3f} s away")
 
 
 def _number_in(file: Path) -> float:
-    """The number that is a file's name; NaN where it is none."""
+    """The number that is a file's name; NaN where the name is not a number."""
     stem = Path(_plain(file)).stem
     return float(stem) if re.fullmatch(r"-?[0-9]+(\.[0-9]*)?", stem) else math.nan
 
@@ -301,13 +301,13 @@ def simplify_camera_files(
     started = time.perf_counter()
     joint = _filled(views, options, points, steps)
     seconds = time.perf_counter() - started
-    lone = sum(_Measured.of(_valid_pixels(view)).lone for view in views)
+    lone = sum(Measured.of(_valid_pixels(view)).lone for view in views)
     if not joint.num_faces:
         note = f"; {SPARSE_WORDS}" if is_sparse(lone, joint.num_measured) else ""
         raise FormatError(
             f"expected a surface in {len(files)} views, found none{note}", file=str(place)
         )
-    _write(joint, target, turned=all(are_images) and _is_yup(target))
+    _write(joint, target, turned=all(are_images) and writes_y_up(target))
     return JointFileResult(
         files,
         target,
@@ -361,23 +361,23 @@ def _joined(
 def _image_view(
     file: Path, options: DepthOptions, pose: NDArray[np.float64], picture: Path | None
 ) -> CameraView:
-    _expect_camera(options, file)
-    reading, _ = _read(file, options)
+    expect_camera(options, file)
+    reading, _ = read_frame(file, options)
     height, width = reading.depth.shape
     return CameraView(
         reading.depth,
         read_intrinsics(options.intrinsics, width=width, height=height),
         pose=pose,
-        color=None if picture is None else _color_image(picture),
+        color=None if picture is None else read_color(picture),
     )
 
 
 def _scan_view(
     file: Path, options: DepthOptions, pose: NDArray[np.float64], picture: Path | None
 ) -> CameraView:
-    _expect_options_of_scan(options)
+    expect_options_of_scan(options)
     grid = read_range_grid(file)
-    color = None if picture is None else _color_image(picture)
+    color = None if picture is None else read_color(picture)
     return CameraView(points=grid.points, valid=grid.valid, pose=pose, color=color)
 
 

@@ -11,32 +11,27 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d import _core
-from manip3d._util.arrays import rows
+from manip3d._util.arrays import checked_grid, rows
 from manip3d._util.checked import checked
 from manip3d._util.linear import product
 from manip3d._util.options import threads_of
 from manip3d._util.showing import Showable
-from manip3d.camera import Intrinsics, Registration, _depth_image
+from manip3d.camera import Intrinsics, Registration, checked_depth
 from manip3d.errors import InputError
+from manip3d.io._images import png_bytes
 from manip3d.mesh import Material, Mesh, Texture
+from manip3d.simplify._arguments import checked_color, count_of, limit_of
 from manip3d.simplify._bandwidth import LEAST_POINTS
 from manip3d.simplify._depth import (
     Cs3Result,
     DenseGrid,
     DepthSimplification,
     Variant,
-    _color_image,
-    _count,
-    _limit,
-    _png,
-    _point_grid,
     cs3_grid,
 )
 from manip3d.simplify._depth_steps import StepRule, across_gaps, across_steps
 from manip3d.simplify._pixel_maps import confidence_image, mask_image, masked_depth
-from manip3d.simplify._relief import Effort, Relief
-from manip3d.simplify._relief import _options as relief_options
-from manip3d.simplify._relief import _run as run_relief
+from manip3d.simplify._relief import Effort, Relief, relief_options, run_relief
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -191,7 +186,7 @@ class JointSimplification(Showable):
         materials = tuple(
             Material(
                 f"view {i}",
-                textures={} if c is None else {"base_color": Texture(data=_png(c))},
+                textures={} if c is None else {"base_color": Texture(data=png_bytes(c))},
             )
             for i, c in enumerate(self.colors)
         )
@@ -237,19 +232,19 @@ def _take(view: CameraView, index: int, threads: int) -> _View:
     if (view.depth is None) == (view.points is None):
         raise InputError(f"{name}: expected either depth with intrinsics, or points")
     if view.points is not None:
-        points, valid = _point_grid(view.points, view.valid)
+        points, valid = checked_grid(view.points, view.valid)
         mask = mask_image(view.mask, valid.shape, f"{name}.mask")
         confidence = confidence_image(view.confidence, valid.shape, f"{name}.confidence")
         valid = valid if mask is None else valid & mask
-        color = _color_image(view.color, valid.shape)
+        color = checked_color(view.color, valid.shape)
         return _View(points, valid, bool(view.rows_up), pose, color, None, confidence)
     if view.intrinsics is None:
         raise InputError(f"{name}: expected intrinsics beside depth")
     assert view.depth is not None
-    image = _depth_image(view.depth, view.intrinsics)
+    image = checked_depth(view.depth, view.intrinsics)
     image = masked_depth(image, mask_image(view.mask, image.shape, f"{name}.mask"))
     confidence = confidence_image(view.confidence, image.shape, f"{name}.confidence")
-    color = _color_image(view.color, image.shape, view.registration)
+    color = checked_color(view.color, image.shape, view.registration)
     flat, flags, rows_up = _core.unproject(image, view.intrinsics, threads)
     points = flat.reshape(*image.shape, 3)
     valid = flags.reshape(image.shape).view(np.bool_)
@@ -278,7 +273,7 @@ def _normals(points: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[n
 
 @dataclass(frozen=True)
 class _GapRules:
-    """Tell which triangles of a view are no surface: a step or a gap lies between their corners."""
+    """Tell which triangles of a view span a step or a gap."""
 
     step: float | None
     max_edge: float
@@ -303,7 +298,7 @@ class _GapRules:
         return across_steps(np.ascontiguousarray(corners), pixels, image, rule, surface)
 
     def surface(self, view: _View, faces: NDArray[np.int32]) -> NDArray[np.int32]:
-        """The triangles of the dense mesh that are no step."""
+        """The triangles of the dense mesh that do not span a step."""
         if self.step is None or view.focal == 0:
             return faces
         z = view.points[view.valid][:, 2][faces]
@@ -716,7 +711,7 @@ def relief_cameras(
             threads,
         )
 
-    if _count(target_points, "target_points") < LEAST_POINTS:
+    if count_of(target_points, "target_points") < LEAST_POINTS:
         raise InputError(f"target_points: expected at least 3, got {target_points}")
     return _join(views, target_points, choose, max_edge, depth_step, tolerance, threads)
 
@@ -783,7 +778,7 @@ def _join(
     """One mesh of the pixels that a method chooses in each view."""
     if not len(views):
         raise InputError("views: expected at least one")
-    remaining = _count(target_points, "target_points")
+    remaining = count_of(target_points, "target_points")
     lengths = {"max_edge": max_edge, "depth_step": depth_step, "tolerance": tolerance}
     for name, value in lengths.items():
         if value is not None and not value > 0:
@@ -791,7 +786,7 @@ def _join(
     threads = threads_of(threads)
     taken = [_take(view, index, threads) for index, view in enumerate(views)]
     near = [tolerance or 5.0 * _spacing(view) for view in taken]
-    steps = _GapRules(depth_step, _limit(max_edge))
+    steps = _GapRules(depth_step, limit_of(max_edge))
     dense = [_core.grid_mesh(v.points, v.valid, v.rows_up, math.inf, None, threads) for v in taken]
     surfaces = [
         _Surface(view.world, steps.surface(view, fields["faces"]))

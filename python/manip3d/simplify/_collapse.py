@@ -282,7 +282,7 @@ def faces_of_ratio(num_faces: int, ratio: float) -> int:
     return max(math.ceil(ratio), math.floor(ratio * num_faces))
 
 
-def _target(
+def stopping_rules(
     mesh: Mesh,
     target_faces: int | None,
     ratio: float | None,
@@ -328,7 +328,7 @@ def _simplify(
     link_condition: LinkCondition,
     progress: Progress,
 ) -> SimplifyResult:
-    options.target_faces, options.max_error, options.max_distance = _target(
+    options.target_faces, options.max_error, options.max_distance = stopping_rules(
         mesh, target_faces, ratio, max_error, max_distance
     )
     options.quality_threshold = quality_threshold

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import enum
-import io
 import math
 import threading
 from dataclasses import dataclass, field, replace
@@ -13,13 +12,15 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import numpy as np
 
 from manip3d import _core
-from manip3d._util.arrays import index_rows
+from manip3d._util.arrays import checked_grid, index_rows
 from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
 from manip3d._util.showing import Showable
-from manip3d.camera import Intrinsics, Registration, _depth_image
-from manip3d.errors import InputError, MissingExtraError
+from manip3d.camera import Intrinsics, Registration, checked_depth
+from manip3d.errors import InputError
+from manip3d.io._images import png_bytes
 from manip3d.mesh import Material, Mesh, Texture
+from manip3d.simplify._arguments import checked_color, count_of, limit_of
 from manip3d.simplify._pixel_maps import mask_image, masked_depth
 
 if TYPE_CHECKING:
@@ -175,62 +176,11 @@ class DepthMesh(Showable):
         )
         if self.color is None:
             return mesh
-        texture = Texture(data=_png(self.color))
+        texture = Texture(data=png_bytes(self.color))
         return mesh.replace(
             face_material=np.zeros(self.num_faces, np.int32),
             materials=(Material("colour", textures={"base_color": texture}),),
         )
-
-
-def _png(color: NDArray[np.uint8]) -> bytes:
-    try:
-        from PIL import Image
-    except ImportError as error:
-        raise MissingExtraError("Pillow", "io") from error
-    buffer = io.BytesIO()
-    Image.fromarray(color).save(buffer, "PNG")
-    return buffer.getvalue()
-
-
-def _point_grid(
-    points: ArrayLike, valid: ArrayLike | None
-) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    grid = np.asarray(points)
-    if grid.ndim != 3 or grid.shape[2] != 3 or grid.dtype.kind != "f":
-        raise InputError(
-            f"points: expected (H, W, 3) floats, got shape {grid.shape}, dtype {grid.dtype}"
-        )
-    grid = np.ascontiguousarray(grid, dtype=np.float32)
-    if valid is None:
-        return grid, np.isfinite(grid).all(axis=2)
-    mask = np.asarray(valid)
-    if mask.shape != grid.shape[:2] or mask.dtype != np.bool_:
-        raise InputError(
-            f"valid: expected bool of shape {grid.shape[:2]}, got {mask.dtype} of {mask.shape}"
-        )
-    return grid, np.ascontiguousarray(mask)
-
-
-def _color_image(
-    color: ArrayLike | None, shape: tuple[int, ...], registration: Registration | None = None
-) -> NDArray[np.uint8] | None:
-    if registration is not None:
-        if not isinstance(registration, Registration):
-            raise InputError(f"registration: expected Registration, got {registration!r}")
-        shape = (registration.color.height, registration.color.width)
-    if color is None:
-        return None
-    image = np.asarray(color)
-    if image.dtype != np.uint8 or image.shape not in ((*shape, 3), (*shape, 4)):
-        raise InputError(
-            f"color: expected uint8 of shape ({shape[0]}, {shape[1]}, 3 or 4), "
-            f"got {image.dtype} of {image.shape}"
-        )
-    return image
-
-
-def _limit(value: float | None) -> float:
-    return math.inf if value is None else float(value)
 
 
 class Reached(enum.StrEnum):
@@ -252,7 +202,7 @@ class DenseGrid:
         The caller's own array where it was float32.
     valid : (H, W) bool
     max_edge : float
-        Triangles with a longer edge are no surface; infinite: all are.
+        Triangles with a longer edge are left out; infinite: none is.
     depth_step, focal : float
         As `DenseImage` has them. Default: nothing is known of depth, and every triangle is a
         surface, whatever its slope.
@@ -280,10 +230,10 @@ class DenseImage:
         A copy: cameras reuse their buffers.
     intrinsics : Intrinsics
     max_edge : float
-        Triangles with a longer edge are no surface; infinite: all are.
+        Triangles with a longer edge are left out; infinite: none is.
     depth_step : float
         Triangles whose corners' depths differ by a larger share of the least of them, and by more
-        than a surface shows that is turned by 78 degrees, are none; see `cut_depth_steps`.
+        than a surface shows that is turned by 78 degrees, are left out; see `cut_depth_steps`.
     """
 
     depth: NDArray[np.uint16 | np.float32]
@@ -454,15 +404,15 @@ def dense_mesh(
     >>> simplify.dense_mesh(np.full((48, 64), 2000, np.uint16), camera)
     <manip3d.simplify.DepthMesh: 3072 vertices, 5922 faces>
     """
-    image = _depth_image(depth, intrinsics)
-    picture = _color_image(color, image.shape, registration)
+    image = checked_depth(depth, intrinsics)
+    picture = checked_color(color, image.shape, registration)
     threads = threads_of(threads)
     points, valid, rows_up = _core.unproject(image, intrinsics, threads)
     fields = _core.grid_mesh(
         points.reshape(*image.shape, 3),
         valid.reshape(image.shape).view(np.bool_),
         rows_up,
-        _limit(max_edge),
+        limit_of(max_edge),
         registration,
         threads,
     )
@@ -513,10 +463,10 @@ def dense_mesh_grid(
     >>> manip3d.simplify.dense_mesh_grid(scan).num_faces
     12
     """
-    grid, mask = _point_grid(points, valid)
-    picture = _color_image(color, mask.shape)
+    grid, mask = checked_grid(points, valid)
+    picture = checked_color(color, mask.shape)
     threads = threads_of(threads)
-    fields = _core.grid_mesh(grid, mask, bool(rows_up), _limit(max_edge), None, threads)
+    fields = _core.grid_mesh(grid, mask, bool(rows_up), limit_of(max_edge), None, threads)
     return DepthMesh(**fields, color=picture)
 
 
@@ -550,22 +500,16 @@ def _options(
     if variant not in _VARIANTS:
         raise InputError(f"variant: expected one of {', '.join(_VARIANTS)}, got {variant!r}")
     options = _core.Cs3Options()
-    options.target_points = _count(target_points, "target_points")
+    options.target_points = count_of(target_points, "target_points")
     if options.target_points < 1:
         raise InputError(f"target_points: expected >= 1, got {target_points}")
     options.importance, options.sampling = _VARIANTS[variant]
-    options.max_edge = _limit(max_edge)
+    options.max_edge = limit_of(max_edge)
     options.distance_dependent = bool(distance_dependent)
     options.num_threads = threads_of(threads)
     if reading:
         options.reading = _reading(reading)
     return options
-
-
-def _count(value: int, name: str) -> int:
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 0:
-        raise InputError(f"{name}: expected a whole number >= 0, got {value!r}")
-    return int(value)
 
 
 _READINGS: dict[str, Any] = {
@@ -662,7 +606,7 @@ class Cs3Stream:
             target_points, variant, max_edge, distance_dependent, threads, reading
         )
         self._core = _core.Cs3Runner()
-        self._pool: list[_Buffers | None] = [None] * (_count(frames, "frames") if frames else 0)
+        self._pool: list[_Buffers | None] = [None] * (count_of(frames, "frames") if frames else 0)
         self._next = 0
         self._lock = threading.RLock()
 
@@ -695,8 +639,8 @@ class Cs3Stream:
         -------
         Cs3Result
         """
-        image = _depth_image(depth, intrinsics)
-        picture = _color_image(color, image.shape, registration)
+        image = checked_depth(depth, intrinsics)
+        picture = checked_color(color, image.shape, registration)
         surface = DenseImage(image.copy(), intrinsics, self._options.max_edge)
         with self._lock:
             buffers = self._buffers(image.shape)
@@ -722,8 +666,8 @@ class Cs3Stream:
         -------
         Cs3Result
         """
-        grid, mask = _point_grid(points, valid)
-        picture = _color_image(color, mask.shape)
+        grid, mask = checked_grid(points, valid)
+        picture = checked_color(color, mask.shape)
         surface = DenseGrid(grid, mask, self._options.max_edge)
         with self._lock:
             buffers = self._buffers(mask.shape)
@@ -818,7 +762,7 @@ def cs3(
     )
     if depth_step is not None and not depth_step > 0:
         raise InputError(f"depth_step: expected > 0, got {depth_step}")
-    image = _depth_image(depth, intrinsics)
+    image = checked_depth(depth, intrinsics)
     image = masked_depth(image, mask_image(mask, image.shape))
     found = stream.simplify(image, intrinsics, color=color, registration=registration)
     if depth_step is None or math.isinf(depth_step):
@@ -841,7 +785,7 @@ def cs3_grid(
     threads: int = 0,
     reading: dict[str, str | float] | None = None,
 ) -> Cs3Result:
-    """Simplify a grid of points that is no pinhole image, such as a range scan; see `cs3`.
+    """Simplify a grid of points that is not a pinhole image, such as a range scan; see `cs3`.
 
     Parameters
     ----------

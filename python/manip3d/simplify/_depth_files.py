@@ -20,11 +20,11 @@ from manip3d._util.paths import by_number, path_of
 from manip3d.camera import (
     CAMERA_PRESETS,
     Intrinsics,
-    _depth_image,
     camera_depth_unit,
+    checked_depth,
     read_intrinsics,
 )
-from manip3d.errors import FormatError, InputError, MissingExtraError
+from manip3d.errors import FormatError, InputError
 from manip3d.io import (
     DEPTH_SUFFIXES,
     DepthReading,
@@ -35,7 +35,7 @@ from manip3d.io import (
     write_mesh,
 )
 from manip3d.io._depth_units import depth_reading
-from manip3d.io._files import open_regular
+from manip3d.io._images import read_color
 from manip3d.simplify._bandwidth import LEAST_POINTS, Bandwidth, fit_bytes
 from manip3d.simplify._depth import DenseImage, DepthSimplification, Variant, cs3, cs3_grid
 from manip3d.simplify._depth_steps import DEPTH_STEP, cut_depth_steps
@@ -70,7 +70,7 @@ _NO_CAMERA = (
 
 
 def is_sparse(lone: int, measured: int) -> bool:
-    """Whether most pixels stand alone; a handful of pixels is no projection, but noise."""
+    """Whether most pixels stand alone; a handful of pixels is not a projection, but noise."""
     return 2 * lone > measured and lone >= _FEWEST_PROJECTED
 
 
@@ -167,7 +167,7 @@ class DepthFileResult:
         The range and the unit as they were understood, in words, or why an organised cloud is no
         depth image; empty for scans.
     unit : str
-        The unit that was used; empty for what is no depth image.
+        The unit that was used; empty for what is not a depth image.
     points_before, points : int
         Measured points, and vertices that some face uses.
     faces : int
@@ -308,7 +308,7 @@ def simplify_depth(
     >>> simplify.simplify_depth(wall, camera, options).num_vertices <= 100
     True
     """
-    image = _depth_image(depth, intrinsics)
+    image = checked_depth(depth, intrinsics)
     image = masked_depth(image, mask_image(mask, image.shape))
     if options.points is None:
         raise InputError("options.points: expected a number, as nothing is written here, got None")
@@ -408,14 +408,14 @@ def simplify_depth_file(
     (True, True)
     """
     path, target = path_of(source, "source"), path_of(output, "output")
-    maps = _read_maps(options, color, mask, confidence, confidence_max)
+    maps = read_maps(options, color, mask, confidence, confidence_max)
     if path.suffix.lower() in DEPTH_SUFFIXES:
-        return _from_image(path, target, options, maps)
+        return from_image(path, target, options, maps)
     return _from_scan(path, target, options, maps)
 
 
 @dataclass(frozen=True, eq=False)
-class _Maps:
+class Maps:
     """What is known of the pixels beside their depth."""
 
     color: NDArray[np.uint8] | None
@@ -424,18 +424,18 @@ class _Maps:
     registration: Registration | None = None  # of the colour image; None: the same pixels
 
 
-def _read_maps(
+def read_maps(
     options: DepthOptions,
     color: str | os.PathLike[str] | None,
     mask: str | os.PathLike[str] | None,
     confidence: str | os.PathLike[str] | None,
     confidence_max: int | None,
-) -> _Maps:
+) -> Maps:
     _check_confidence(options, confidence is not None)
     if confidence_max is not None and confidence is None:
         raise InputError("confidence_max: expected with confidence")
-    return _Maps(
-        None if color is None else _color_image(path_of(color, "color")),
+    return Maps(
+        None if color is None else read_color(path_of(color, "color")),
         None if mask is None else read_pixel_map(path_of(mask, "mask")) != 0,
         None if confidence is None else _read_confidence(confidence, confidence_max),
     )
@@ -460,7 +460,7 @@ def _read_confidence(path: str | os.PathLike[str], highest: int | None) -> NDArr
 _CAMERAS_BESIDE = ("calib.txt", "camera-intrinsics.txt", "intrinsic_depth.txt", "intrinsics.txt")
 
 
-def _expect_camera(options: DepthOptions, image: Path | None = None) -> None:
+def expect_camera(options: DepthOptions, image: Path | None = None) -> None:
     if options.intrinsics:
         return
     near = () if image is None else (image.parent / name for name in _CAMERAS_BESIDE)
@@ -472,19 +472,22 @@ def _expect_camera(options: DepthOptions, image: Path | None = None) -> None:
     )
 
 
-def _is_yup(output: Path) -> bool:
+def writes_y_up(output: Path) -> bool:
+    """Whether the format of a file has +y up, as glTF has."""
     return output.name.lower().removesuffix(".xz").removesuffix(".gz").endswith(_YUP_SUFFIXES)
 
 
 _Take = Callable[
-    ["NDArray[Any]", Intrinsics, DepthOptions, _Maps], Callable[[int], DepthSimplification]
+    ["NDArray[Any]", Intrinsics, DepthOptions, Maps], Callable[[int], DepthSimplification]
 ]
-"""What takes up an image, so that meshes of so many points can be made of it."""
+"""Takes an image and returns a function from a number of points to a mesh of the image."""
 
 
-def _alone(
-    depth: NDArray[Any], camera: Intrinsics, options: DepthOptions, maps: _Maps
+def frame_alone(
+    depth: NDArray[Any], camera: Intrinsics, options: DepthOptions, maps: Maps
 ) -> Callable[[int], DepthSimplification]:
+    """Take an image by itself, without the frames before it."""
+
     def uncut(points: int) -> DepthSimplification:
         return _uncut(
             depth, camera, options, points, maps.color, maps.registration, maps.confidence
@@ -493,24 +496,24 @@ def _alone(
     return uncut
 
 
-def _from_image(
-    path: Path, output: Path, options: DepthOptions, maps: _Maps, take: _Take = _alone
+def from_image(
+    path: Path, output: Path, options: DepthOptions, maps: Maps, take: _Take = frame_alone
 ) -> DepthFileResult:
-    _expect_camera(options, path)
-    reading, words = _read(path, options)
+    expect_camera(options, path)
+    reading, words = read_frame(path, options)
     height, width = reading.depth.shape
     camera = read_intrinsics(options.intrinsics, width=width, height=height)
     depth = masked_depth(reading.depth, mask_image(maps.mask, reading.depth.shape))
-    return _from_depth(depth, camera, path, output, options, maps, take, words, reading.unit)
+    return from_depth(depth, camera, path, output, options, maps, take, words, reading.unit)
 
 
-def _from_depth(
+def from_depth(
     depth: NDArray[Any],
     camera: Intrinsics,
     path: Path,
     output: Path,
     options: DepthOptions,
-    maps: _Maps,
+    maps: Maps,
     take: _Take,
     words: str,
     unit: str,
@@ -521,7 +524,7 @@ def _from_depth(
     ``to_file``: takes points of the camera to where they are to be written; by default they stay in
     the camera's axes, or have +y up.
     """
-    is_yup = _is_yup(output)
+    is_y_up = writes_y_up(output)
     started = time.perf_counter()
     uncut_of = take(depth, camera, options, maps)
     taking_up = time.perf_counter() - started
@@ -543,32 +546,32 @@ def _from_depth(
         mesh = with_used_vertices(found.mesh)
         if to_file is not None:
             mesh = mesh.replace(vertices=to_file(mesh.vertices))
-        elif is_yup:  # cameras look along +z, y down; glTF has +y up
+        elif is_y_up:  # cameras look along +z, y down; glTF has +y up
             mesh = mesh.replace(vertices=mesh.vertices * np.array([1.0, -1.0, -1.0]))
         cut = uncut.num_faces - found.num_faces
         return _Made(found, mesh, cut, seconds, faces_left=left, left_area=left_area)
 
-    measured = _Measured.of(depth > 0)
+    measured = Measured.of(depth > 0)
     made = _write(make, path, output, options, measured, has_steps=options.depth_step > 0)
     made = replace(made, seconds=made.seconds + taking_up)
     return _result(path, output, options, made, measured, depth=words, unit=unit)
 
 
 @dataclass(frozen=True)
-class _Measured:
+class Measured:
     """How many pixels are measured, and how many of them stand alone."""
 
     pixels: int
     lone: int
 
     @staticmethod
-    def of(valid: NDArray[np.bool_]) -> _Measured:
+    def of(valid: NDArray[np.bool_]) -> Measured:
         """A pixel is not alone if it is one of three measured ones in a square of two by two."""
         padded = np.pad(valid, 1).astype(np.uint8)
         square = padded[:-1, :-1] + padded[:-1, 1:] + padded[1:, :-1] + padded[1:, 1:]
         full = square >= 3
         joined = full[:-1, :-1] | full[:-1, 1:] | full[1:, :-1] | full[1:, 1:]
-        return _Measured(int(np.count_nonzero(valid)), int(np.count_nonzero(valid & ~joined)))
+        return Measured(int(np.count_nonzero(valid)), int(np.count_nonzero(valid & ~joined)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -594,7 +597,7 @@ def _write(
     source: Path,
     output: Path,
     options: DepthOptions,
-    measured: _Measured,
+    measured: Measured,
     *,
     has_steps: bool,
 ) -> _Made:
@@ -642,7 +645,7 @@ def _write(
 
 
 def _expect_faces(
-    made: _Made, source: Path, options: DepthOptions, measured: _Measured, *, has_steps: bool
+    made: _Made, source: Path, options: DepthOptions, measured: Measured, *, has_steps: bool
 ) -> None:
     """An empty mesh is never written: nobody would look for the reason."""
     if made.mesh.num_faces > 0:
@@ -664,7 +667,7 @@ def _expect_faces(
     raise FormatError(f"expected a surface, {found}", file=str(source))
 
 
-def _read(path: Path, options: DepthOptions) -> tuple[DepthReading, str]:
+def read_frame(path: Path, options: DepthOptions) -> tuple[DepthReading, str]:
     """The image, and what to say of its unit; a camera that knows its unit is believed."""
     reading = read_depth_guessing(path, unit=options.unit)
     unit = camera_depth_unit(options.intrinsics) if reading.guessed else "guess"
@@ -678,13 +681,13 @@ def _read(path: Path, options: DepthOptions) -> tuple[DepthReading, str]:
     return known, words
 
 
-def _from_scan(path: Path, output: Path, options: DepthOptions, maps: _Maps) -> DepthFileResult:
+def _from_scan(path: Path, output: Path, options: DepthOptions, maps: Maps) -> DepthFileResult:
     grid = read_range_grid(path)
     is_cloud = is_cloud_file(path)
     camera = find_camera(grid) if is_cloud else None
     if camera is not None:
-        return _from_cloud(grid, camera, path, output, options, maps)
-    _expect_options_of_scan(options)
+        return from_cloud(grid, camera, path, output, options, maps)
+    expect_options_of_scan(options)
     maps = maps if maps.color is not None else replace(maps, color=grid.color)
     mask = mask_image(maps.mask, grid.valid.shape)
     valid = grid.valid if mask is None else grid.valid & mask
@@ -707,20 +710,20 @@ def _from_scan(path: Path, output: Path, options: DepthOptions, maps: _Maps) -> 
         seconds = time.perf_counter() - started
         return _Made(found, with_used_vertices(found.mesh), 0, seconds)
 
-    measured = _Measured.of(valid)
+    measured = Measured.of(valid)
     made = _write(make, path, output, options, measured, has_steps=False)
     words = _NO_CAMERA if is_cloud and options.max_edge is None else ""
     return _result(path, output, options, made, measured, depth=words)
 
 
-def _from_cloud(
+def from_cloud(
     grid: RangeGrid,
     camera: CloudCamera,
     path: Path,
     output: Path,
     options: DepthOptions,
-    maps: _Maps,
-    take: _Take = _alone,
+    maps: Maps,
+    take: _Take = frame_alone,
 ) -> DepthFileResult:
     """An organised cloud is a depth image that brings its camera and, unless given, its colours."""
     maps = maps if maps.color is not None else replace(maps, color=grid.color)
@@ -740,12 +743,12 @@ def _from_cloud(
         metres = reading.depth / (1000.0 if reading.depth.dtype == np.uint16 else 1.0)
         unit = float(np.median(stored[metres > 0] / metres[metres > 0]))  # of the file, in a metre
         to_file = functools.partial(camera.to_file, unit=unit)
-    return _from_depth(
+    return from_depth(
         depth, camera.intrinsics, path, output, options, maps, take, words, reading.unit, to_file
     )
 
 
-def _expect_options_of_scan(options: DepthOptions) -> None:
+def expect_options_of_scan(options: DepthOptions) -> None:
     """Nothing that is asked for is left undone in silence."""
     given = {
         "by_distance": options.by_distance,
@@ -763,7 +766,7 @@ def _result(
     output: Path,
     options: DepthOptions,
     made: _Made,
-    measured: _Measured,
+    measured: Measured,
     **more: Any,
 ) -> DepthFileResult:
     found = made.found
@@ -793,18 +796,6 @@ def _result(
     )
 
 
-def _color_image(path: Path) -> NDArray[np.uint8]:
-    try:
-        from PIL import Image, UnidentifiedImageError
-    except ImportError:
-        raise MissingExtraError("pillow", "io") from None
-    try:
-        with open_regular(path) as file, Image.open(file) as image:
-            return np.array(image.convert("RGB"))
-    except (UnidentifiedImageError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-        raise FormatError(f"expected a colour image: {error}", file=str(path)) from error
-
-
 @checked
 def colors_of_frames(
     frames: Sequence[str | os.PathLike[str]],
@@ -816,7 +807,7 @@ def colors_of_frames(
 
     Where each depth image has a colour image of its own name, suffix aside, that is its image, and
     other images are left aside. Else both are put in order, numbers in names by their size. Hidden
-    files and files that are no images, by their suffix, do not count.
+    files and files that are not images, by their suffix, do not count.
 
     Parameters
     ----------

@@ -16,10 +16,10 @@ from manip3d.simplify._depth import DepthSimplification
 from manip3d.simplify._depth_files import (
     DepthFileResult,
     DepthOptions,
-    _from_cloud,
-    _from_image,
-    _Maps,
-    _read_maps,
+    Maps,
+    from_cloud,
+    from_image,
+    read_maps,
 )
 from manip3d.simplify._organised import find_camera, is_cloud_file
 from manip3d.simplify._relief import ReliefStream
@@ -104,26 +104,24 @@ class DepthSequence:
         Raises
         ------
         InputError, FormatError, OSError, MissingExtraError
-            As `simplify_depth_file`; an InputError for a scan, for a cloud that is no camera's, and
-            for an image of another size.
+            As `simplify_depth_file`; an InputError for a scan, for a cloud that is not a camera's,
+            and for an image of another size.
         """
         path, target = path_of(source, "source"), path_of(output, "output")
         is_cloud = is_cloud_file(path)
         if not is_cloud and path.suffix.lower() not in DEPTH_SUFFIXES:
             raise InputError(f"source: expected a depth image in a sequence, got {path.name}")
-        maps = _read_maps(self._options, color, mask, confidence, confidence_max)
+        maps = read_maps(self._options, color, mask, confidence, confidence_max)
         with self._lock:
             if not is_cloud:
-                return _from_image(path, target, self._options, maps, self._smoothing.take)
+                return from_image(path, target, self._options, maps, self._smoothing.take)
             grid = read_range_grid(path)
             camera = find_camera(grid)
             if camera is None:
                 raise InputError(
                     f"source: expected a depth camera's cloud in a sequence, got {path.name}"
                 )
-            return _from_cloud(
-                grid, camera, path, target, self._options, maps, self._smoothing.take
-            )
+            return from_cloud(grid, camera, path, target, self._options, maps, self._smoothing.take)
 
 
 class Smoothing:
@@ -134,7 +132,7 @@ class Smoothing:
         self._camera: Intrinsics | None = None
 
     def take(
-        self, depth: NDArray[Any], camera: Intrinsics, options: DepthOptions, maps: _Maps
+        self, depth: NDArray[Any], camera: Intrinsics, options: DepthOptions, maps: Maps
     ) -> Callable[[int], DepthSimplification]:
         """Smooth the next image; return what makes a mesh of so many points of it."""
         if self._camera is None or self._stream is None:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 AnyDepthMesh = TypeVar("AnyDepthMesh", bound=DepthMesh)
 
 DEPTH_STEP = 0.05
-"""Change of depth from one pixel to the next that is no slope any more, as a share of the depth. At
+"""Change of depth from one pixel to the next, as a share of the depth, that no slope explains: at
 f = 525 pixels a surface would have to be turned by 87.8 degrees (arctan 0.05 f) to show it."""
 
 _TAN_78 = math.tan(math.radians(78))

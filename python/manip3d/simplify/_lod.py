@@ -214,7 +214,7 @@ def _chain_of_runs(
 
 
 def check_options(method: str, run: Callable[..., Any], options: Mapping[str, Any] | None) -> None:
-    """Refuse options that are no arguments of the method."""
+    """Refuse options that are not arguments of the method."""
     known = set(inspect.signature(run).parameters) - {"mesh", "target_faces", "progress"}
     if unknown := sorted(str(name) for name in set(options or {}) - known):
         raise InputError(f"options: expected arguments of {method}, got {', '.join(unknown)}")

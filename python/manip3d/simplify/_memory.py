@@ -14,7 +14,7 @@ from manip3d import _core
 from manip3d._util.memory import release_unused, resident_bytes, written_size
 from manip3d._util.options import reporting
 from manip3d.errors import InputError
-from manip3d.simplify._collapse import _target, expect_surface, has_surface
+from manip3d.simplify._collapse import expect_surface, has_surface, stopping_rules
 from manip3d.simplify._parts import (
     CROSSING,
     blocks,
@@ -287,7 +287,7 @@ def simplify_within(
 ) -> QualityResult:
     """Simplify while the process holds at most `memory` bytes; see :func:`simplify`."""
     run: Callable[..., QualityResult] = quality if mode == "quality" else fast
-    target, error_limit, _ = _target(
+    target, error_limit, _ = stopping_rules(
         mesh, target_faces, ratio, max_error, options.get("max_distance")
     )
     if not has_surface(mesh):

@@ -62,7 +62,7 @@ class CloudCamera:
 
 
 def find_camera(grid: RangeGrid) -> CloudCamera | None:
-    """Return the camera of an organised cloud, wherever its frame is; None: it is no camera's."""
+    """Return the camera of an organised cloud in any frame; None: no camera fits its points."""
     found = camera_of_cloud(grid.points, grid.valid)
     if found is not None:
         return CloudCamera(found, grid.points[..., 2], None, np.zeros(3))

@@ -12,7 +12,7 @@ from manip3d._util.checked import checked
 from manip3d._util.options import reporting
 from manip3d._util.showing import Showable
 from manip3d.errors import InputError
-from manip3d.simplify._collapse import StopReason, _target, clean, expect_surface
+from manip3d.simplify._collapse import StopReason, clean, expect_surface, stopping_rules
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -38,7 +38,7 @@ class QualityResult(Showable):
         of its vertex to the planes of the original faces that it stands for, or to those of the
         boundaries and seams, whichever is larger (:func:`fast`: to all of these planes together).
         Of a piece that was removed: its mean distance to what was left. The fit at the end is not
-        in it, and it is no bound of the Hausdorff distance.
+        in it, and it is not a bound of the Hausdorff distance.
     vertex_map : (V,) int32
         Input vertex -> the output vertex it went into; -1 if no face of the output is left there.
     face_map : (F,) int32
@@ -202,7 +202,7 @@ def quality(
     <manip3d.Mesh: 4 vertices, 2 faces>
     """
     options = _core.QualityOptions()
-    options.target_faces, options.max_error, options.max_distance = _target(
+    options.target_faces, options.max_error, options.max_distance = stopping_rules(
         mesh, target_faces, ratio, max_error, max_distance
     )
     options.boundary_weight = boundary_weight
@@ -303,7 +303,9 @@ def fast(
     <manip3d.Mesh: 4 vertices, 2 faces>
     """
     options = _core.FastOptions()
-    options.target_faces, options.max_error, _ = _target(mesh, target_faces, ratio, max_error, None)
+    options.target_faces, options.max_error, _ = stopping_rules(
+        mesh, target_faces, ratio, max_error, None
+    )
     options.boundary_weight = boundary_weight
     options.seam_weight = seam_weight
     options.num_threads = threads

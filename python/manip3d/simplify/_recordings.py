@@ -13,7 +13,13 @@ from manip3d._util.options import reporting
 from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
 from manip3d.rgbd import RgbdFrame
-from manip3d.simplify._depth_files import DepthFileResult, DepthOptions, _alone, _from_depth, _Maps
+from manip3d.simplify._depth_files import (
+    DepthFileResult,
+    DepthOptions,
+    Maps,
+    frame_alone,
+    from_depth,
+)
 from manip3d.simplify._depth_sequence import Smoothing
 
 if TYPE_CHECKING:
@@ -102,7 +108,7 @@ def simplify_recording(
     if num_frames is not None and num_frames < 1:
         raise InputError(f"num_frames: expected at least 1, got {num_frames}")
     folder = path_of(output, "output")
-    take = Smoothing().take if stable else _alone
+    take = Smoothing().take if stable else frame_alone
     total = num_frames if num_frames is not None else getattr(frames, "num_frames", None)
     done: list[DepthFileResult] = []
     failed: dict[int, str] = {}
@@ -110,11 +116,11 @@ def simplify_recording(
         for count, frame in enumerate(frames, 1):
             folder.mkdir(parents=True, exist_ok=True)
             name = f"{frame.number:06}"
-            maps = _Maps(frame.color, registration=frame.calibration.registration)
+            maps = Maps(frame.color, registration=frame.calibration.registration)
             camera, place = frame.calibration.depth, folder / f"{name}{_SUFFIX}"
             try:
                 done.append(
-                    _from_depth(
+                    from_depth(
                         frame.depth, camera, Path(name), place, options, maps, take, "", "mm"
                     )
                 )

@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Literal, Self, get_args
 import numpy as np
 
 from manip3d import _core
+from manip3d._util.arrays import checked_grid
 from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
-from manip3d.camera import Intrinsics, Registration, _depth_image
+from manip3d.camera import Intrinsics, Registration, checked_depth
 from manip3d.errors import InputError
+from manip3d.simplify._arguments import checked_color, limit_of
 from manip3d.simplify._bandwidth import (
     LEAST_POINTS,
     SECOND_NS,
@@ -24,9 +26,6 @@ from manip3d.simplify._depth import (
     DenseGrid,
     DenseImage,
     DepthSimplification,
-    _color_image,
-    _limit,
-    _point_grid,
 )
 from manip3d.simplify._pixel_maps import confidence_image, mask_image, masked_depth
 
@@ -116,7 +115,7 @@ class Relief(DepthSimplification):
         Raises
         ------
         InputError
-            All levels are larger, or ``num_vertices`` is no whole number.
+            All levels are larger, or ``num_vertices`` is not a whole number.
         """
         num_vertices = _whole("num_vertices", num_vertices)
         for count, faces in ((self.num_vertices, self.faces), *self.levels):
@@ -141,7 +140,7 @@ def _whole(name: str, value: int) -> int:
     return int(value)
 
 
-def _options(
+def relief_options(
     target_points: int,
     effort: Effort,
     move_points: bool,
@@ -160,8 +159,8 @@ def _options(
     options.effort = getattr(_core.ReliefEffort, effort)
     options.move_points = bool(move_points)
     options.from_origin = from_origin
-    options.max_edge = _limit(max_edge)
-    options.max_step = _limit(depth_step)
+    options.max_edge = limit_of(max_edge)
+    options.max_step = limit_of(depth_step)
     options.focal = focal
     options.levels = [_whole("levels", size) for size in levels]
     options.measure_coverage = effort != "live"
@@ -193,7 +192,7 @@ def _solver(pixels: int, effort: str) -> _core.ReliefSolver:
     return _KEPT.solver if effort == "live" and pixels <= _MOST_KEPT else _core.ReliefSolver()
 
 
-def _run(
+def run_relief(
     solver: _core.ReliefSolver,
     points: NDArray[np.float32],
     valid: NDArray[np.bool_],
@@ -334,10 +333,10 @@ def relief(
     >>> int(half.pixels[:, 0].max())
     31
     """
-    image = _depth_image(depth, intrinsics)
-    picture = _color_image(color, image.shape, registration)
+    image = checked_depth(depth, intrinsics)
+    picture = checked_color(color, image.shape, registration)
     image = masked_depth(image, mask_image(mask, image.shape))
-    options = _options(
+    options = relief_options(
         target_points,
         effort,
         move_points,
@@ -349,7 +348,7 @@ def relief(
         levels=levels,
     )
     points, valid, rows_up = _core.unproject(image, intrinsics, options.num_threads)
-    return _run(
+    return run_relief(
         _solver(image.size, effort),
         points.reshape(*image.shape, 3),
         valid.reshape(image.shape).view(np.bool_),
@@ -424,16 +423,16 @@ def relief_grid(
     >>> simplify.relief_grid(points, None, 100).num_vertices
     100
     """
-    grid, used = _point_grid(points, valid)
-    picture = _color_image(color, used.shape)
+    grid, used = checked_grid(points, valid)
+    picture = checked_color(color, used.shape)
     chosen = mask_image(mask, used.shape)
     if chosen is not None:
         used = used & chosen
-    options = _options(
+    options = relief_options(
         target_points, effort, move_points, max_edge, threads, from_origin=False, levels=levels
     )
     surface = DenseGrid(grid, used, options.max_edge)
-    return _run(
+    return run_relief(
         _solver(used.size, effort),
         grid,
         used,
@@ -546,7 +545,7 @@ class ReliefStream:
         self._last: tuple[int, int] | None = None
         self._intrinsics = intrinsics
         self._registration = registration
-        self._options = _options(
+        self._options = relief_options(
             target_points,
             effort,
             move_points,
@@ -610,8 +609,8 @@ class ReliefStream:
         confidence: ArrayLike | None,
     ) -> tuple[Callable[[int], Relief], int]:
         """Smooth the next frame; what makes a mesh of so many points, and its measured pixels."""
-        image = _depth_image(depth, self._intrinsics)
-        picture = _color_image(color, image.shape, self._registration)
+        image = checked_depth(depth, self._intrinsics)
+        picture = checked_color(color, image.shape, self._registration)
         image = masked_depth(image, mask_image(mask, image.shape))
         shares = confidence_image(confidence, image.shape)
         smooth = self._smoother.add(image)
@@ -624,7 +623,7 @@ class ReliefStream:
 
         def make(target: int) -> Relief:
             self._options.target_points = target
-            return _run(
+            return run_relief(
                 self._solver,
                 points.reshape(*image.shape, 3),
                 valid.reshape(image.shape).view(np.bool_),

@@ -8,17 +8,16 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 
 from manip3d import _core
+from manip3d._util.arrays import checked_grid
 from manip3d._util.checked import checked
 from manip3d._util.options import seed_of, threads_of
-from manip3d.camera import _depth_image
+from manip3d.camera import checked_depth
 from manip3d.errors import InputError
+from manip3d.simplify._arguments import checked_color, limit_of
 from manip3d.simplify._depth import (
     DenseGrid,
     DenseImage,
     DepthSimplification,
-    _color_image,
-    _limit,
-    _point_grid,
     grid_delaunay,
 )
 
@@ -92,8 +91,8 @@ def sample_depth(
     >>> simplify.sample_depth(wall, camera, 300, method="uniform").num_vertices <= 300
     True
     """
-    image = _depth_image(depth, intrinsics)
-    picture = _color_image(color, image.shape, registration)
+    image = checked_depth(depth, intrinsics)
+    picture = checked_color(color, image.shape, registration)
     points, valid, rows_up = _core.unproject(image, intrinsics, threads_of(threads))
     points, valid = points.reshape(*image.shape, 3), valid.reshape(image.shape).view(np.bool_)
     mesh = sample_depth_grid(
@@ -108,7 +107,7 @@ def sample_depth(
     texcoords = mesh.texcoords
     if registration is not None:
         texcoords = _core.registered_texcoords(mesh.vertices, registration)
-    surface = DenseImage(image.copy(), intrinsics, _limit(max_edge))
+    surface = DenseImage(image.copy(), intrinsics, limit_of(max_edge))
     return replace(mesh, texcoords=texcoords, color=picture, surface=surface)
 
 
@@ -163,8 +162,8 @@ def sample_depth_grid(
     if method not in get_args(SamplingMethod):
         expected = ", ".join(repr(name) for name in get_args(SamplingMethod))
         raise InputError(f"method: expected one of {expected}, got {method!r}")
-    grid, mask = _point_grid(points, valid)
-    picture = _color_image(color, mask.shape, None)
+    grid, mask = checked_grid(points, valid)
+    picture = checked_color(color, mask.shape, None)
     seed = seed_of(rng)
     if method == "uniform":
         pixels = _core.sample_uniform(grid, mask, target_points)
@@ -172,7 +171,7 @@ def sample_depth_grid(
         pixels, _ = _core.sample_poisson_disk(grid, mask, target_points, seed)
     else:
         pixels, _ = _core.sample_scale_space(grid, mask, target_points)
-    return _meshed(grid, mask, pixels, rows_up, _limit(max_edge), picture)
+    return _meshed(grid, mask, pixels, rows_up, limit_of(max_edge), picture)
 
 
 def _meshed(

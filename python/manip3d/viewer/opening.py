@@ -11,24 +11,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
-
 from manip3d import capture, io
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
-from manip3d.errors import FormatError, InputError
+from manip3d.errors import InputError
+from manip3d.io._images import read_color
 from manip3d.io._scan_files import SCAN_SUFFIXES
 from manip3d.io._scan_npy import is_npy_scan
 from manip3d.io._scan_tables import scan_suffix
 from manip3d.lidar import LidarFrame
-from manip3d.viewer.scene import pillow
 from manip3d.viewer.sensor_points import DepthImage
 
 if TYPE_CHECKING:
     from manip3d.camera import Intrinsics
     from manip3d.mesh import Mesh
     from manip3d.rgbd import RgbdFrame
-    from manip3d.viewer.scene import Image
 
 __all__ = ["Kind", "Opened", "kind_of", "open_thing"]
 
@@ -58,7 +55,7 @@ class Opened:
 def kind_of(source: str | os.PathLike[str]) -> Kind:
     """Return what a file, a folder or an address holds, by its name and by what stands there.
 
-    Anything that is no scan, no depth image and no source of RGB-D frames is a ``mesh``.
+    Anything that is not a scan, a depth image or a source of RGB-D frames is a ``mesh``.
 
     Parameters
     ----------
@@ -176,7 +173,7 @@ def open_thing(
         return Opened(kind, *_rgbd_frame(name, frame or 0, intrinsics))
     if kind == "depth":
         reading = io.read_depth_guessing(name, unit=unit)
-        image = None if color is None else _color_image(color)
+        image = None if color is None else read_color(color)
         depth = DepthImage(reading.depth, intrinsics, image)
         return Opened(kind, depth, "; ".join(filter(None, (reading.sentence, depth.note))))
     return Opened(kind, io.read_mesh(name))
@@ -229,12 +226,3 @@ def _numbered(frames: Iterator[Any], number: int, name: str) -> Any:
     if not found:
         raise InputError(f"{name}: expected a frame, found none")
     raise InputError(f"frame: expected at most {found - 1} of {name}, got {number}")
-
-
-def _color_image(path: Path) -> Image:
-    module = pillow()
-    try:
-        with module.open(path) as image:
-            return np.array(image.convert("RGB"))
-    except (module.UnidentifiedImageError, ValueError, module.DecompressionBombError) as error:
-        raise FormatError(f"expected a colour image: {error}", file=str(path)) from error

@@ -1,0 +1,45 @@
+"""Arguments that all functions of depth images take."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from manip3d.camera import Registration
+from manip3d.errors import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+
+def checked_color(
+    color: ArrayLike | None, shape: tuple[int, ...], registration: Registration | None = None
+) -> NDArray[np.uint8] | None:
+    """The colour image of a depth image of ``shape``, or of the registered colour camera's size."""
+    if registration is not None:
+        if not isinstance(registration, Registration):
+            raise InputError(f"registration: expected Registration, got {registration!r}")
+        shape = (registration.color.height, registration.color.width)
+    if color is None:
+        return None
+    image = np.asarray(color)
+    if image.dtype != np.uint8 or image.shape not in ((*shape, 3), (*shape, 4)):
+        raise InputError(
+            f"color: expected uint8 of shape ({shape[0]}, {shape[1]}, 3 or 4), "
+            f"got {image.dtype} of {image.shape}"
+        )
+    return image
+
+
+def limit_of(value: float | None) -> float:
+    """A limit that is not given is infinite."""
+    return math.inf if value is None else float(value)
+
+
+def count_of(value: int, name: str) -> int:
+    """A count as an int; bool and fractions are refused."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 0:
+        raise InputError(f"{name}: expected a whole number >= 0, got {value!r}")
+    return int(value)
