@@ -29,6 +29,8 @@ LATTICE = turn_scans.LATTICE
 STEP = 0.9
 GAIN = np.random.default_rng(7).normal(0.0, 0.06, len(LATTICE.slope))
 """By how much lasers are brighter than one another."""
+KERB = 40
+"""A laser that looks at the ground near by."""
 
 
 def shining(points: np.ndarray, position: float, seed: int) -> LidarFrame:
@@ -218,6 +220,25 @@ def test_a_laser_is_compared_with_itself(turns: list[LidarFrame], aligned: TurnR
     motions = [aligned.previous, aligned.following]
     found = _core.compare_reflectance(turns[1].points, values, table, beside, motions, 1)
     assert max((strength for kind, strength, _ in found if kind == "changed"), default=0.0) < 3000.0
+
+
+@pytest.mark.parametrize(("lasers", "is_found"), [(1, False), (8, True)])
+def test_one_laser_along_a_kerb_is_no_edit(
+    turns: list[LidarFrame], aligned: TurnResult, lasers: int, is_found: bool
+) -> None:
+    """It lies on one side of the kerb in this turn, on the other in the turns before and after."""
+    values, _ = of_box(turns)
+    reading = LATTICE.read(turns[1].points)
+    ahead = np.abs(np.remainder(reading.azimuth + np.pi, 2.0 * np.pi) - np.pi) < np.radians(60.0)
+    there = ahead & (reading.ring >= KERB) & (reading.ring < KERB + lasers)
+    values[there] = np.clip(values[there] + 0.3, 0.0, 0.99)
+    beside = [a for k in (0, 2) for a in (turns[k].points, turns[k].intensity)]
+    found = _core.compare_reflectance(
+        turns[1].points, np.round(values, 2).astype(np.float32), LATTICE.table, beside,
+        [aligned.previous, aligned.following], 1,
+    )  # fmt: skip
+    strength = max((each for kind, each, _ in found if kind == "changed"), default=0.0)
+    assert (strength > 3000.0) == is_found
 
 
 def test_threads_do_not_matter(turns: list[LidarFrame], aligned: TurnResult) -> None:

@@ -42,9 +42,11 @@ constexpr double kMostEnergy = 0.06;
 // Reflectances come in hundredths, and half the frame's noise is below 0.03: energies near 0 say
 // nothing of each other.
 constexpr double kLeastEnergy = 0.0008;
-constexpr double kEnergyRatio = 3.32;  // e^1.2: 99 of 100 windows of clean frames have less
+// Clean frames have few windows with more, whichever pair of lasers is left out.
+constexpr double kEnergyRatio = 3.0;
 constexpr double kMostExcess = 2.0;
 constexpr int kFewestCompared = 20;
+constexpr int kFewestWithout = 10;  // the same where a pair of lasers is left out
 
 // Share of neighbours with the same reflectance on a surface that was painted with one value.
 constexpr double kEvenShare = 0.75;
@@ -250,6 +252,13 @@ struct ReflectanceTally {
   double metres = 0.0;  // kChanged: sum of the distances of the points
 };
 
+ReflectanceTally operator+(const ReflectanceTally& a, const ReflectanceTally& b) {
+  return {a.points + b.points, a.first + b.first, a.second + b.second, a.metres + b.metres};
+}
+
+// A voxel and the 26 around it: the sums of those with the row above, with its own, and below.
+using ReflectanceWindow = std::array<ReflectanceTally, 3>;
+
 class ReflectanceSearch {
  public:
   ReflectanceSearch(const PointsView& points, const ScanLattice& lattice, LatticeReading reading,
@@ -386,37 +395,50 @@ class ReflectanceSearch {
     add_regions(ReflectanceEvidence::kChanged, tallies, regions);
   }
 
-  // The sum over a voxel and the 26 around it.
-  [[nodiscard]] ReflectanceTally window_around(const Tallies& tallies, const RangeVoxel& at) const {
-    ReflectanceTally sum;
+  [[nodiscard]] ReflectanceWindow window_around(const Tallies& tallies,
+                                                const RangeVoxel& at) const {
+    ReflectanceWindow window;
     const int columns = voxels_.columns();
     const int near = std::max(0, at.layer - 1);
     const int far = std::min(RangeVoxels::kLayers - 1, at.layer + 1);
     for (int r = std::max(0, at.row - 1); r <= std::min(voxels_.rows() - 1, at.row + 1); ++r) {
+      ReflectanceTally& sum = window[r - at.row + 1];
       for (int d = -1; d <= 1; ++d) {
         const auto [first, last] =
             voxels_.numbers(r, (at.column + d + columns) % columns, near, far);
-        for (std::int32_t k = first; k < last; ++k) {
-          const ReflectanceTally& tally = tallies[k];
-          sum.points += tally.points;
-          sum.first += tally.first;
-          sum.second += tally.second;
-        }
+        for (std::int32_t k = first; k < last; ++k) sum = sum + tallies[k];
       }
     }
-    return sum;
+    return window;
+  }
+
+  // How much more a window differs from the turns than the turns from each other. The least counts
+  // of those with all lasers and without one row of them: a laser along a kerb lies on one side of
+  // it in this turn, and on the other in the turns before and after.
+  static double changed_ratio(const ReflectanceWindow& window) {
+    const auto ratio_of = [](const ReflectanceTally& sum) {
+      const double floor = kLeastEnergy * sum.points;
+      return (sum.first + floor) / (sum.second + floor);
+    };
+    const ReflectanceTally all = window[0] + window[1] + window[2];
+    if (all.points < kFewestCompared) return 0.0;
+    double least = ratio_of(all);
+    for (const ReflectanceTally& without :
+         {window[1] + window[2], window[0] + window[2], window[0] + window[1]}) {
+      if (without.points < kFewestWithout) return 0.0;
+      least = std::min(least, ratio_of(without));
+    }
+    return least;
   }
 
   // The strength that a voxel adds to its region; 0: its window says nothing.
   static double strength_of(ReflectanceEvidence kind, const ReflectanceTally& own,
-                            const ReflectanceTally& window) {
+                            const ReflectanceWindow& window) {
     if (kind == ReflectanceEvidence::kEven) {
-      return window.first > kEvenRatio ? std::max(own.first, 0.0) : 0.0;
+      const double ratio = window[0].first + window[1].first + window[2].first;
+      return ratio > kEvenRatio ? std::max(own.first, 0.0) : 0.0;
     }
-    if (window.points < kFewestCompared) return 0.0;
-    const double floor = kLeastEnergy * window.points;
-    const double ratio = (window.first + floor) / (window.second + floor);
-    const double excess = std::min(ratio / kEnergyRatio - 1.0, kMostExcess);
+    const double excess = std::min(changed_ratio(window) / kEnergyRatio - 1.0, kMostExcess);
     return excess > 0.0 ? own.metres * excess : 0.0;  // near surfaces have more points
   }
 

@@ -212,7 +212,7 @@ def turn_consistency(
     lattice : SensorLattice
         Lattice of the scanner, from :func:`estimate_lattice`; only its lines are looked at.
     false_alarm_rate : float
-        Share of clean frames that may be called tampered; in (0, 1). Rates below 1 / 920 never
+        Share of clean frames that may be called tampered; in (0, 1). Rates below 1 / 5635 never
         alarm: the threshold stands on so many frames.
     whole_turns : bool
         Whether both turns have all of their points. If not (they were cropped or thinned), nothing
