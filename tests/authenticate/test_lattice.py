@@ -570,8 +570,8 @@ def test_points_that_are_not_finite_are_refused(clean: np.ndarray, value: float)
 def test_extreme_coordinates_do_no_harm() -> None:
     rng = np.random.default_rng(0)
     points = (rng.normal(size=(500, 3)) * 10.0 ** rng.uniform(-38, 38, (500, 1))).astype(np.float32)
-    judged(points)
-    judged(np.zeros((1000, 3), np.float32))
+    for harmless in (points, np.zeros((1000, 3), np.float32)):
+        assert judged(harmless).verdict != "tampered"
 
 
 def test_previous_frames_of_any_kind_do_no_harm(clean: np.ndarray) -> None:
