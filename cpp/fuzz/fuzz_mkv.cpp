@@ -29,7 +29,7 @@ bool is_whole(const RgbdFrame& frame) {
 // Reads the bytes as a recording: whole frames, each counted, or a FormatError with a reason.
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   static const int file = [] {
-    ::av_log_set_level(-8);  // nothing: what FFmpeg says of a damaged file is no finding
+    ::av_log_set_level(-8);  // nothing: what FFmpeg says of a damaged file is not a finding
     manip3d::set_mkv_loader(
         [] { return manip3d::FoundMkvCodec{&manip3d::ffmpeg_mkv_codec(), "", ""}; });
     return ::memfd_create("recording", MFD_CLOEXEC);

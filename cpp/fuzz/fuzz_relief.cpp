@@ -65,7 +65,7 @@ ReliefOptions take_options(fuzzing::Bytes& bytes) {
 
 using Pixels = Rows<std::int32_t, 2>;
 
-// The checks are no code that new inputs are to be searched for in.
+// The fuzzer is not to look for inputs that reach new code in the checks.
 #define MANIP3D_UNCOUNTED __attribute__((no_sanitize("coverage")))
 
 // Strictly inside, in half pixels.

@@ -60,7 +60,7 @@ class ScanFormat:
 
 @dataclass(frozen=True)
 class Box:
-    """A box around an object, upright and turned about the vertical.
+    """A box around an object, upright and rotated about the vertical.
 
     Attributes
     ----------

@@ -249,7 +249,7 @@ class Mesh(Showable):
         Raises
         ------
         InputError
-            ``source`` is no triangle mesh.
+            ``source`` is not a triangle mesh.
         """
         mesh: Mesh = _interop().from_open3d(source)
         return mesh

@@ -147,7 +147,7 @@ class RgbdFrame(Showable):
     ------
     InputError
         Images whose sizes do not agree with each other or with the calibration; a time or number
-        that is no whole number of 64 bits.
+        that is not a whole number of 64 bits.
     """
 
     depth: NDArray[np.uint16]
@@ -212,7 +212,7 @@ def check_frames(name: str, frames: object) -> None:
 
 
 def numbered(frames: Sequence[RgbdFrame], places: Sequence[int]) -> list[RgbdFrame]:
-    """Frames that can be told apart: where all numbers are the same, their places are numbers."""
+    """Frames with distinct numbers: where all numbers are the same, their places are numbers."""
     if len(frames) < 2 or any(frame.number != frames[0].number for frame in frames):
         return list(frames)
     return [replace(frame, number=place) for frame, place in zip(frames, places, strict=False)]

@@ -227,13 +227,13 @@ def test_pairs_are_chosen_where_there_are_several(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("changed", "reason"), [
     ("no info", "no CameraInfo /stereo/left/camera_info beside"),
     ("no tf", "/tf_static does not lead from 'velodyne' to 'camera'"),
-    ("other P", "are no rectified pair"),
+    ("other P", "are not a rectified pair"),
     ("same P", "baseline: expected a number > 0"),
     ("NaN", "expected finite matrices P"),
     ("distorted", "are not rectified"),
     ("zero P", "/stereo/right/camera_info: the camera is not calibrated"),
     ("two focal lengths", "expected one focal length, got 360 and 720"),
-    ("askew", "are no rectified pair"),
+    ("askew", "are not a rectified pair"),
     ("no rotation", "expected a rotation R"),
 ])  # fmt: skip
 def test_pictures_without_geometry_are_named_and_not_compared(

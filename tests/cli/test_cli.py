@@ -139,7 +139,7 @@ def test_doctor_reports_state_and_cure(tmp_path: Path) -> None:
     ("name", "message"),
     [
         ("absent", "does not exist"),
-        ("file", "is no folder"),
+        ("file", "is not a folder"),
         ("empty", "holds none of the folders"),
     ],
 )
@@ -576,7 +576,8 @@ def test_warnings_are_lines_without_places_in_the_code(tmp_path: Path) -> None:
     order = ("--points", "9", "--intrinsics", camera, "-o", tmp_path / "a.glb", "--quiet")
     done = manip3d("depth", tmp_path / "a.npy", *order)
     assert done.returncode == 0, done.stderr
-    assert done.stderr.splitlines() == ["warning: fields that are no camera's are left out: 'note'"]
+    warning = "warning: fields that are not a camera's are left out: 'note'"
+    assert done.stderr.splitlines() == [warning]
 
 
 def test_an_empty_name_is_no_folder(tmp_path: Path) -> None:

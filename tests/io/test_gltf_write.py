@@ -282,7 +282,7 @@ def test_what_is_left_out_is_told(
     with caplog.at_level(logging.WARNING, "manip3d"):
         changed.write(tmp_path / "m.glb")
     assert "texture 'missing.png' not found and left out" in caplog.text
-    assert "texture 'bad.png' is no PNG or JPEG image and was left out" in caplog.text
+    assert "texture 'bad.png' is not a PNG or JPEG image and was left out" in caplog.text
     assert "images" not in json_of(tmp_path / "m.glb")
 
 

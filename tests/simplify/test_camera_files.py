@@ -62,7 +62,7 @@ def test_times_are_never_dropped_for_the_order(tmp_path: Path) -> None:
         places("3.00.png", "1.00.png", "2.03.png")
     with pytest.raises(InputError, match=r"of .*\.05\.png, the nearest is 0\.050 s away"):
         places("3.05.png", "1.05.png", "2.05.png")  # another clock, and another order
-    with pytest.raises(InputError, match=r"of nan\.png, whose name is no time"):
+    with pytest.raises(InputError, match=r"of nan\.png, whose name is not a time"):
         places("1.00.png", "nan.png", "3.00.png")
 
 

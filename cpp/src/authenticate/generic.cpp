@@ -302,7 +302,7 @@ class Examination {
   }
 
   // Who moves points along their beams and writes them again rounds twice, or to ranges between
-  // those that the laser prints: many are no rounding of a place where it can have measured.
+  // those that the laser prints: many are not roundings of a place where it can have measured.
   void examine_places() {
     const double step = lattice_.coordinate_step;
     const bool known = lattice_.steps > 0 && lattice_.range_step > 0.0 && is_rounded_once();

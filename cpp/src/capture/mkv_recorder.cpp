@@ -141,7 +141,7 @@ class MkvRecorder final : public RgbdRecorder {
                        .title = title});
   }
 
-  /// FFmpeg reads no file without a cluster. A record without text is no frame.
+  /// FFmpeg reads no file without a cluster. A record without text is not a frame.
   void start_empty() {
     start({});
     write_record("", 0);

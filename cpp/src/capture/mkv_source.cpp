@@ -22,7 +22,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::int64_t kLasting = 1000;  // microseconds that the writer says a packet lasts
-constexpr int kMostTries = 3;            // an index that is no nonsense takes two
+constexpr int kMostTries = 3;            // a valid index takes two
 constexpr int kLastEntry = std::numeric_limits<int>::max();
 constexpr std::size_t kMaxRecordBytes = 1 << 20;  // 64 skeletons take 300 kB
 

@@ -55,7 +55,7 @@ class Projector {
       return r[0] * x + (r[1] * y + r[2] * z) + translation_[row];
     };
     const Float4 px = moved(0), py = moved(1), pz = moved(2);
-    constexpr float kNearest = 0.01F;  // metres; nearer, a pixel is no place any more
+    constexpr float kNearest = 0.01F;  // metres; nearer, a pixel does not tell a place
     const unsigned is_before = true_lanes(pz > kNearest);
     const Float4 us = fx_ * px / pz + cx_, vs = fy_ * py / pz + cy_;
     for (int i = 0; i < 4; ++i) {

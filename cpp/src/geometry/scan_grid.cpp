@@ -99,7 +99,7 @@ std::vector<float> teeth_of(const std::vector<std::int64_t>& histogram, double b
     values[i] = std::min(values[i], kSpike * means[i]);
   const std::vector<double> passed = high_passed(values, half, means);
   const std::vector<float> rest(passed.begin(), passed.end());
-  // Periods are no whole number of bins: wider teeth meet all the same.
+  // Periods are not a whole number of bins: wider teeth meet all the same.
   std::vector<float> smooth(rest);
   for (std::size_t i = 1; i + 1 < rest.size(); ++i) {
     smooth[i] = 0.25F * rest[i - 1] + 0.5F * rest[i] + 0.25F * rest[i + 1];

@@ -51,7 +51,7 @@ inline void check_points_everywhere(const PointsView& view, int num_threads,
 }
 
 /// Rows that a caller named: ascending, without repetition.
-/// @throws InputError  a row that is none.
+/// @throws InputError  a row out of range.
 inline std::vector<std::int32_t> checked_rows(std::vector<std::int32_t> rows,
                                               std::int64_t num_points) {
   std::sort(rows.begin(), rows.end());

@@ -919,7 +919,7 @@ class Reader {
     }
     const auto source = document_.object("textures", info->member("index")).find("source");
     if (!source) {
-      warn_once("textures that are no PNG or JPEG images are left out");
+      warn_once("textures that are not PNG or JPEG images are left out");
       return;
     }
     const JsonPlace image = document_.object("images", *source);

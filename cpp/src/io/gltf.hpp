@@ -69,9 +69,9 @@ class GltfBudget {
 /// @param budget     what reading it may cost.
 /// @param draco      decodes KHR_draco_mesh_compression; empty: primitives that only a Draco stream
 ///                   holds are refused.
-/// @throws FormatError  not glTF 2.x, lengths or indices that do not fit, nodes that are no forest,
-///                      nesting deeper than 64, a required extension that is not known (it is
-///                      named), a mesh beyond the budget. The message holds a JSON pointer.
+/// @throws FormatError  not glTF 2.x, lengths or indices that do not fit, nodes that are not a
+///                      forest, nesting deeper than 64, a required extension that is not known (it
+///                      is named), a mesh beyond the budget. The message holds a JSON pointer.
 ReadResult parse_gltf(std::span<const std::byte> data, const GltfResource& resource,
                       GltfBudget budget, const Progress& progress = {},
                       const DracoDecoder& draco = {});

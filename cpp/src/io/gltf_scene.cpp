@@ -458,7 +458,8 @@ class SceneBuilder {
     const char* mime_type = mime_type_of(data);
     if (mime_type == nullptr) {
       if (!data.empty()) {
-        warn(warnings_, "texture '" + texture.path + "' is no PNG or JPEG image and was left out");
+        warn(warnings_,
+             "texture '" + texture.path + "' is not a PNG or JPEG image and was left out");
       }
       return -1;
     }

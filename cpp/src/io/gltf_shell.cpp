@@ -231,7 +231,7 @@ class ShellReader {
       const std::string type =
           image_type({reinterpret_cast<const char*>(bytes->data()), bytes->size()});
       if (type.empty()) {
-        warn(warnings_, place.pointer() + " is no PNG or JPEG image; only its name is kept");
+        warn(warnings_, place.pointer() + " is not a PNG or JPEG image; only its name is kept");
         continue;
       }
       image.erase("uri");

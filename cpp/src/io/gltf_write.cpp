@@ -14,7 +14,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-/// `indent` -1: on one line. Names that are no UTF-8 get replacement characters.
+/// `indent` -1: on one line. Names that are not UTF-8 get replacement characters.
 std::string to_text(const Json& json, int indent) {
   return json.dump(indent, ' ', false, Json::error_handler_t::replace);
 }

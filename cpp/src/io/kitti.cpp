@@ -78,7 +78,7 @@ std::size_t columns_by_content(std::string_view floats, std::size_t expected) {
   return least < kMuchLess * as_expected ? best : expected;
 }
 
-// Counts rows with a value that is no finite number: damage, since the format has no word for a
+// Counts rows with a value that is not a finite number: damage, since the format has no word for a
 // point that was not measured.
 class FiniteRows {
  public:

@@ -165,7 +165,7 @@ BoundaryGap boundary_gap(const MeshView& original, const MeshView& simplified,
   }
   const NormalizedPair pair(original, simplified);
   const double step = kStep * pair.diagonal();
-  // By the larger mesh: a simplified edge a million diagonals long is no reason to take as long.
+  // By the larger mesh: a simplified edge a million diagonals long is not a reason to take as long.
   const double step_back = std::max(step, kStep * bounding_box(pair.simplified()).diagonal());
   const BoundaryCurve a(pair.original(), options.weld, part_of(progress, 0.0, 0.0));
   const BoundaryCurve b(pair.simplified(), options.weld, part_of(progress, 0.0, 0.0));

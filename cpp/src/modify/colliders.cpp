@@ -56,7 +56,7 @@ Eigen::Vector3d between(const Eigen::Vector3f& from, const Eigen::Vector3f& to, 
 /// First time in [0, 1] at which a gap that shrinks no faster than `speed` is closed.
 template <typename Gap>
 std::optional<double> advance(double speed, const Gap& gap) {
-  constexpr double kJump = 1000.0;  // metres in one frame are no motion
+  constexpr double kJump = 1000.0;  // metres in one frame are not motion
   if (!(speed <= kJump)) return std::nullopt;
   for (double t = 0.0;;) {
     const double distance = gap(t);

@@ -132,7 +132,7 @@ struct LegPlane {
 /// either leg err. With n = n_t + a z_t + b y_t the normal and c the shift, s = n (p - o) - c, and
 /// p' = p - 2 s n, changes of a, b and c move p' by
 /// -2 (z_t (p - o) n + s z_t) da - 2 (y_t (p - o) n + s y_t) db + 2 n dc. A knee that is bent more
-/// than the other is no turn: mirrored shins may turn about n at the knee by a fourth unknown.
+/// than the other is not a turn: mirrored shins may turn about n at the knee by a fourth unknown.
 /// Residuals are weighted as those of a heavy-tailed distribution (Geman-McClure), at first a wide
 /// one.
 std::optional<LegPlane> plane_between(const SeenLeg& intact, const SeenLeg& affected,

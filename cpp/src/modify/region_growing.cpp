@@ -81,7 +81,7 @@ class LeastFirst {
     keys_.pop_back();
     std::size_t at = 0;
     for (std::size_t child = 1; child < size_; child = kChildren * at + 1) {
-      const std::uint64_t* keys = &keys_[child];  // behind the last key are some that are no keys
+      const std::uint64_t* keys = &keys_[child];  // behind the last key are some that are not keys
       const std::size_t one = keys[1] < keys[0] ? 1 : 0, other = keys[3] < keys[2] ? 3 : 2;
       const std::size_t best = child + (keys[other] < keys[one] ? other : one);
       if (!(keys_[best] < key)) break;

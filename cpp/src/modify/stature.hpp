@@ -15,8 +15,8 @@ namespace manip3d {
 /// by it, but not the joints of a tracker that knows its camera. The height from the crown to a
 /// sole is the longest that both tell, whatever the girth. It is measured across the viewing
 /// direction, along the line from head to ankle in the image, so that a camera may be rolled; a leg
-/// that is held towards the camera tells nothing. A person is not taller than the soles say, as
-/// hats and hair are no wrong focal length, nor than the crown says, as high soles are none.
+/// that is held towards the camera tells nothing. A person is not taller than the soles say (hats
+/// and hair do not make the focal length wrong), nor than the crown says (nor do high soles).
 class Stature {
  public:
   /// Learns from a frame that was segmented by these bones. Frames without head and foot, or with

@@ -70,7 +70,7 @@ std::optional<Eigen::Vector3f> shared(std::span<const Eigen::Vector3f> normals,
 
 constexpr float kLevel = 0.03F;  // metres: a level surface is so near to one height
 
-/// The height of the lowest level surface that is no speck: tables and steps are higher.
+/// The height of the lowest level surface that is not a speck: tables and steps are higher.
 /// @param heights  memory for those of the points.
 std::optional<float> lowest_level(std::span<const Eigen::Vector3f> points,
                                   const Eigen::Vector3f& down, std::span<float> heights) {

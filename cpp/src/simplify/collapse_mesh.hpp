@@ -24,7 +24,7 @@ class Ring {
 
   [[nodiscard]] const std::vector<RingEdge>& edges() const { return edges_; }
 
-  /// The edge to `vertex`, or nullptr if it is no neighbour.
+  /// The edge to `vertex`, or nullptr if it is not a neighbour.
   [[nodiscard]] const RingEdge* find(std::int32_t vertex) const {
     const Slot& slot = slots_[vertex];
     return slot.stamp == stamp_ ? &edges_[slot.index] : nullptr;

@@ -21,7 +21,7 @@ namespace manip3d {
 /// moves inwards leaves original faces behind.
 ///
 /// With limit 0 a change must leave the surface as a set of points as it is, decided by exact
-/// predicates. Faces with a repeated vertex are no surface. A refusal proves nothing: a change
+/// predicates. Faces with a repeated vertex have no surface. A refusal proves nothing: a change
 /// within the limit may be refused where near faces alone do not show it.
 class DistanceGuard {
  public:

@@ -161,7 +161,7 @@ class QualitySimplifier {
   }
 
   [[nodiscard]] double piece_price(std::int32_t i) const {
-    // Faces beyond the target are no gain.
+    // Removing more faces than asked for gains nothing.
     return prices_.piece(i, std::max<std::int64_t>(1, mesh_.num_faces() - options_.target_faces));
   }
 

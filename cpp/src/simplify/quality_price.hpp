@@ -67,7 +67,7 @@ class Prices {
   [[nodiscard]] double lost_shape(std::int32_t v, std::int32_t t, const Vector3d& p);
 
   /// The price of a whole piece, per face that goes, but for no more than `most_faces`: those
-  /// beyond the target are no gain.
+  /// beyond the target gain nothing.
   [[nodiscard]] double piece(std::int32_t piece, std::int64_t most_faces) const;
 
  private:

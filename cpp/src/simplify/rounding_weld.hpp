@@ -9,7 +9,7 @@ namespace manip3d {
 /// A mesh whose edges that only rounding gives a length have none: the poles of surfaces of
 /// revolution as many programs write them, where sin(pi) is not 0. The two ends of an edge are one
 /// if it is as short as a millionth of the mesh's diagonal and as a thousandth of the longest edge
-/// at each end: a part of that size is no rounding. Locked vertices stay by themselves.
+/// at each end: a part of that size is not a rounding. Locked vertices stay by themselves.
 class RoundingWeld {
  public:
   /// @param mesh    Outlives this.

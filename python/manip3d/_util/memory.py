@@ -53,7 +53,7 @@ def bytes_of(text: str) -> int:
     Raises
     ------
     InputError
-        It is no positive number with one of the units.
+        It is not a positive number with one of the units.
     """
     match = re.fullmatch(r"\s*(\d+(?:\.\d*)?)\s*([a-z]*)\s*", text.lower())
     size = 0

@@ -15,7 +15,7 @@ def path_of(path: str | os.PathLike[str], name: str = "path") -> Path:
     Raises
     ------
     InputError
-        It is no path, or has a NUL character, where the operating system would cut it off.
+        It is not a path, or has a NUL character, where the operating system would cut it off.
     """
     if not isinstance(path, str | os.PathLike) or not isinstance(os.fspath(path), str):
         raise InputError(f"{name}: expected a path, got {type(path).__name__}")

@@ -55,7 +55,7 @@ WITNESSES = ("watermark", "cross-modal", "forensics")
 
 @dataclass(frozen=True)
 class WitnessReport:
-    """The word of one witness on one frame.
+    """Verdict of one witness (watermark, cameras or forensics) on one frame.
 
     Attributes
     ----------

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     """Which points carry a bit, and the bits."""
 
 FEWEST_CARRIERS = 1000
-"""Points by which an embedding is told."""
+"""Points from which an embedding is recognised."""
 
 LEAST_CARRYING = 0.9
 """Share of the points that must carry a bit. Chance makes the lowest bits of x, y and z equal for a
@@ -159,7 +159,7 @@ def trace_of(points: Points) -> tuple[Processing, ...]:
 
 
 def rounding_of(embedding: str, units_per_m: int) -> tuple[Processing, ...]:
-    """The processing that a grid coarser than whole millimetres is; empty: it is none."""
+    """The grid as processing if it is coarser than whole millimetres; else empty."""
     from manip3d.authenticate._verdict import Processing
 
     if embedding != "lbm" or units_per_m >= MILLIMETRES:

@@ -486,7 +486,7 @@ def _to_five_degrees(heading: float) -> float:
 
 @checked
 def attack_type(regions: Sequence[CrossModalRegion]) -> str:
-    """Tell the type of an attack from its regions (section 7.4).
+    """Return the type of an attack from its regions (section 7.4).
 
     Something added and something missing within 5 m of each other, or of comparable area in the
     same direction, are one object that was moved, turned or replaced: a modification. An object

@@ -29,7 +29,7 @@ FEWEST_PEERS = 10
 """Sectors that must reach a level before it says what is usual there: more than one object's."""
 
 USUAL = 0.05
-"""Share of the sectors' levels from which being off is no exception: the law does not hold."""
+"""Share of the sectors' levels from which being off is not an exception: the law does not hold."""
 
 
 @dataclass(frozen=True)

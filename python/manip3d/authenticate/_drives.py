@@ -282,7 +282,7 @@ def _repeated(found: Sequence[Inspection | None]) -> tuple[Processing, ...]:
 
 
 def _of_times(times_ns: Sequence[int | None]) -> tuple[Processing, ...]:
-    """Remarks told by the times of the scans: some are missing, or in another order."""
+    """Remarks from the times of the scans: some are missing, or in another order."""
     timed = [(k, time) for k, time in enumerate(times_ns) if time is not None]
     steps = [(a, b, late - early) for (a, early), (b, late) in itertools.pairwise(timed)]
     back = [b for _, b, step in steps if step < 0]
@@ -302,7 +302,7 @@ def _of_times(times_ns: Sequence[int | None]) -> tuple[Processing, ...]:
 
 
 def _of_motion(found: Sequence[Inspection | None]) -> tuple[Processing, ...]:
-    """Remarks told by the way of the scanner: it jumps, moves backwards, or cannot be followed."""
+    """Remarks from the way of the scanner: it jumps, moves backwards, or cannot be followed."""
     steps = _steps(found)
     lengths = {k: float(np.linalg.norm(step)) for k, step in steps.items()}
     jumps = []
@@ -369,7 +369,7 @@ def _of_numbers(numbers: Sequence[int]) -> tuple[Processing, ...]:
     """Numbers that are left out where others follow each other: scans are missing."""
     steps = [b - a for a, b in itertools.pairwise(numbers)]
     if 1 not in steps:
-        return ()  # those of scans that are no sequence, as `drive_numbers` makes them
+        return ()  # those of scans that are not a sequence, as `drive_numbers` makes them
     gaps = [(k, step - 1) for k, step in enumerate(steps) if step > 1]
     return _missing(gaps, "by the numbers in the names of their files")
 

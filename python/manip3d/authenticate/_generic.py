@@ -1,4 +1,4 @@
-"""Detector III: has a LiDAR scan been edited, told from the scan alone?"""
+"""Detector III: has a LiDAR scan been edited, judged from the scan alone?"""
 
 from __future__ import annotations
 
@@ -136,8 +136,8 @@ class SuspectRegion:
     rows : (K,) int64
         Rows of the suspected points; none where points were removed.
     box : Box
-        The tight box, turned about the vertical, of what was edited: of its largest group of points
-        that stand where the sensor cannot measure; else the box between the corners above.
+        The tight box, rotated about the vertical, of what was edited: of its largest group of
+        points that stand where the sensor cannot measure; else the box between the corners above.
     """
 
     p_value: float
@@ -206,7 +206,7 @@ class GenericResult(Showable):
 
     @property
     def calibration(self) -> Calibration | None:
-        """None: what is clean is told by the lattice, not by thresholds fixed on scans."""
+        """None: what is clean follows from the lattice, not from thresholds fixed on scans."""
         return None
 
     @property
@@ -345,7 +345,7 @@ def generic_consistency(
     breaks one or several of these; what is moved along rays from the scanner's centre by
     centimetres leaves the lines by less than they are rounded to, and all points the same way
     (``drift``). Its coordinates are rounded a second time, or its ranges lie between those that the
-    laser prints, so that a share of the points are no rounding of any place where their laser can
+    laser prints, so that a share of the points are not roundings of any place where their laser can
     have measured (``place``); what is removed leaves firings into the ground without a return,
     above ground that answered, with answers to both sides.
     Evidence that the whole frame contradicts (a motion-compensated cloud is on no lattice) is
@@ -494,8 +494,8 @@ def consistency_allowing(
     units_per_m : int
         Steps a metre of the embedding's grid.
     is_stated : bool
-        False: the lattice was read off the frame itself, so that what contradicts it is no sign of
-        processing.
+        False: the lattice was read off the frame itself, so that what contradicts it is not a sign
+        of processing.
     """
     limits = _Limits.of(lattice)
     if embedding in ALLOWED:
@@ -605,7 +605,7 @@ def _of_exact(found: Mapping[str, Any]) -> Mapping[str, Any]:
     """The kernel's answer, without the kinds of evidence that an exact lattice does not know.
 
     Some scanners state two returns of a firing, and each writes its points in another order. A
-    laser that answered once or twice has no line, so that few points are no evidence.
+    laser that answered once or twice has no line, so that few points are not evidence.
     """
     known = [kind in KNOWN_EXACTLY for kind in EVIDENCE]
     evidence = [
@@ -634,7 +634,7 @@ def _quiet_verdict(
     """What a frame without evidence is: only kinds of evidence that were used could object.
 
     A lattice that was read off the frame itself does not know the order of the scanner's files, for
-    one: what contradicts it is no sign of processing.
+    one: what contradicts it is not a sign of processing.
     """
     if not evidence["line"].used or directions < FEWEST_DIRECTIONS:
         return "undecidable"
@@ -747,7 +747,7 @@ def largest_group(points: NDArray[np.float32]) -> NDArray[np.float64]:
 
 
 def tight_box(points: NDArray[np.float64]) -> Box:
-    """Return the box of least ground area around points, turned about z by whole degrees.
+    """Return the box of least ground area around points, rotated about z by whole degrees.
 
     Parameters
     ----------

@@ -377,9 +377,9 @@ def inspect(
         Lattice of the scanner, from `estimate_lattice` on clean scans. Without it that of KITTI's
         scanner is tried, then one estimated from the frame.
     sensor : 'auto', 'lattice', 'terrestrial' or 'other'
-        The scanner: told from the scan; one on a lattice (HDL-64E); a terrestrial one; another,
-        which no detector is calibrated for. A scan that does not stand on the lattice, or on a grid
-        of azimuth and elevation, is undecidable whatever is stated.
+        The scanner: recognised from the scan; one on a lattice (HDL-64E); a terrestrial one;
+        another, which no detector is calibrated for. A scan that does not stand on the lattice, or
+        on a grid of azimuth and elevation, is undecidable whatever is stated.
     origin : (3,), optional
         Position of the scanner, metres; by default that of the frame, else what
         `estimate_origin` finds.

@@ -27,7 +27,7 @@ class KeyFile:
     Attributes
     ----------
     key_id : str
-        Tells keys apart, hexadecimal; it is no secret.
+        Tells keys apart, hexadecimal; it is not a secret.
     created_ns, expires_ns : int
         Nanoseconds since 1970; an ``expires_ns`` of 0 means never.
 
@@ -36,7 +36,7 @@ class KeyFile:
     InputError
         Others than the owner can read the file.
     FormatError
-        It is no key file, or damaged.
+        It is not a key file, or damaged.
     OSError
         It cannot be read.
 

@@ -404,7 +404,7 @@ class SensorLattice:
         Raises
         ------
         FormatError
-            The file is none of these.
+            The file is not a lattice that `save` wrote, or is damaged.
         """
         data = limited_bytes(path_of(path), _MOST_BYTES)
         try:
@@ -509,7 +509,7 @@ def estimate_lattice(
     Raises
     ------
     InputError
-        No rings can be told from each other: another order, or a cloud that was moved.
+        No rings can be distinguished: another order, or a cloud that was moved.
 
     Notes
     -----
@@ -750,7 +750,7 @@ def _exact_lattice(
     slope: Floats,
     offset: Floats,
 ) -> SensorLattice | None:
-    """The lattice of clouds whose coordinates nobody has rounded; None: these are none."""
+    """The lattice of clouds with unrounded coordinates; None if these are rounded."""
     errors = [np.abs(z[rows] - slope[k] * rho[rows] - offset[k]) for k, rows in enumerate(members)]
     if np.median(np.concatenate(errors)) > EXACT_TOLERANCE:
         return None

@@ -1,4 +1,4 @@
-"""Things that drive through a place between two turns, told from things that were put there."""
+"""Things that drive through a place between two turns, as opposed to things put there."""
 
 from __future__ import annotations
 

@@ -95,7 +95,7 @@ CALIBRATED_OCCLUSION = OcclusionParameters()
 """For scanners whose points stand on a grid of azimuth and elevation."""
 
 RINGS_OCCLUSION = OcclusionParameters(min_gap=1.0, min_cells=60, min_area=2.0, max_range=25.0)
-"""For scanners whose rows are no lines of equal elevation (HDL-64E): neighbouring rows share
+"""For scanners whose rows are not lines of equal elevation (HDL-64E): neighbouring rows share
 cells, so only larger gaps and objects count. With an area of 0.5 m2 three of 332 clean frames of
 KITTI that chose nothing were accused, by areas of 0.54 to 0.97 m2; 2 m2 is twice the largest."""
 

@@ -48,7 +48,7 @@ def picture_path(scan: str | os.PathLike[str]) -> Path:
     Raises
     ------
     InputError
-        ``scan`` is no path.
+        ``scan`` is not a path.
 
     Examples
     --------

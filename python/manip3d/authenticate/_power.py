@@ -106,7 +106,7 @@ def _moved(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Gene
 
 
 def _rotated(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Cloud:
-    """The object turned about its own centre by 5 to 30 degrees."""
+    """The object rotated about its own centre by 5 to 30 degrees."""
     center = cloud[rows, :3].mean(axis=0, dtype=np.float64)
     angle = math.radians(rng.uniform(5.0, 30.0)) * rng.choice([-1.0, 1.0])
     turned = _turned(cloud[rows, :3] - center, angle) + center
@@ -424,7 +424,7 @@ def calibrate_lattice(
     Raises
     ------
     InputError
-        There are fewer than four scans, or they have no rings that can be told from each other;
+        There are fewer than four scans, or they have no rings that can be distinguished;
         ``planted`` is not positive or ``most`` is below 4; detector III accuses more of the clean
         scans than chance explains at its rate, so that it cannot judge this scanner.
     FormatError, OSError

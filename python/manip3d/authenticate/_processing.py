@@ -134,7 +134,7 @@ OFF_LATTICE = 0.002
 """Metres from a line or a step: what lies farther is of no firing."""
 
 MOST_OFF_FIRINGS = 0.1
-"""Share of such points in a turn whose extent is told; KITTI's have none, rounded ones most."""
+"""Share of such points in a turn whose extent is reported; KITTI's have none, rounded ones most."""
 
 MOST_TWICE = 0.3
 """Share of a laser's points in a sector that share a firing with another one, in one turn."""
@@ -158,7 +158,7 @@ is twice as far as the firings of one laser lead, so that only points that stand
 the far end of a wall; metres up to which it is looked for; one point in so many is."""
 
 _FAR = 1000.0
-"""Metres: stray coordinates farther away are no returns."""
+"""Metres: stray coordinates farther away are not returns."""
 
 CUT_BELOW, CUT_ABOVE, LEAST_ABOVE, MOST_CUT = 0.8, 1.25, 40, 5.5
 """Shares of a distance, points, ratio. Filters of outliers leave out points whose neighbours are
@@ -189,7 +189,7 @@ def find_processing(
     reflectance: NDArray[np.float32] | None = None,
     reading: LatticeReading | None = None,
 ) -> tuple[Processing, ...]:
-    """Say what was done to the scan as a whole; nothing where nothing can be told.
+    """Say what was done to the scan as a whole; nothing where nothing is known.
 
     Parameters
     ----------
@@ -296,8 +296,8 @@ def are_fired_twice(
 ) -> bool:
     """Return whether all copies are of the same laser's firing before, with the azimuth it had.
 
-    Scanners whose azimuths are told between packets say the same one of two firings now and then,
-    and a wall is at the same range in many.
+    Scanners whose azimuths are interpolated between packets say the same one of two firings now and
+    then, and a wall is at the same range in many.
 
     Parameters
     ----------
@@ -391,7 +391,7 @@ def _of_lattice(
         found.append(
             Processing(
                 "moved",
-                "coordinates are no roundings of places where the scanner measures: they were "
+                "coordinates are not roundings of places where the scanner measures: they were "
                 "rounded twice or cut off, or noise of less than a millimetre was added",
             )
         )

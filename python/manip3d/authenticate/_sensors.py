@@ -67,7 +67,7 @@ FAR = 2.0
 """Metres: nearer, offsets of the lasers blur the elevations."""
 
 FEWEST_DISTINCT = 500
-"""Fewest distinct ones among 20 000 points; copies of fewer are no scan."""
+"""Fewest distinct ones among 20 000 points; copies of fewer are not a scan."""
 
 SECTORS, FEWEST_OF_SECTOR, FEWEST_SECTORS = 72, 100, 8
 """Sectors of the horizon, fewest points of one that counts, and fewest sectors that count."""
@@ -126,7 +126,7 @@ class Sensor:
         Metres: median distance of the points from the lines of the lattice, where they were moved
         off them; 0: they lie on it.
     turned : str
-        How the axes of the scan are turned against x forward, y left, z up; empty: they are not.
+        How the axes of the scan are rotated against x forward, y left, z up; empty: they are not.
     unit : str
         Unit of the scan's coordinates: ``millimetres``, ``centimetres``, ``inches`` or ``feet``;
         empty: metres, or not known.
@@ -188,7 +188,7 @@ def _name_of(lattice: SensorLattice) -> str:
 def identify_sensor(
     scan: ScanLike, *, lattice: SensorLattice | None = None, threads: int = 0
 ) -> Sensor:
-    """Tell which scanner made a scan.
+    """Return which scanner made a scan.
 
     Parameters
     ----------

@@ -105,7 +105,7 @@ class StereoRig:
         Raises
         ------
         InputError
-            No such camera, or the two are no rectified pair.
+            No such camera, or the two are not a rectified pair.
         """
         for name, camera in (("left", left), ("right", right)):
             if camera not in calibration.projections:

@@ -302,12 +302,13 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
     filters over time do that, too. So are those whose silhouettes are sharp because what a camera
     misses beside them keeps the depth of the frame before, as RealSense's filter over time does
     before a moving camera, and because no wide gap is left in the image: large holes were filled.
-    Of time-of-flight cameras, told by the size of their images, the latter is no evidence. No
-    verdict says that a stream is authentic.
+    Of time-of-flight cameras, recognised by the size of their images, the latter is not evidence.
+    No verdict says that a stream is authentic.
 
-    An image that was cut to the size of some camera is told by the field of view that its
+    An image that was cut to the size of some camera is recognised by the field of view that its
     calibration leaves, if that is below 50 degrees. One that was made smaller by leaving pixels
-    out, with a calibration that was scaled alike, cannot be told from that of a smaller camera.
+    out, with a calibration that was scaled alike, cannot be distinguished from that of a smaller
+    camera.
 
     Examples
     --------
@@ -405,7 +406,7 @@ def judged_frames(frames: Iterable[RgbdFrame]) -> list[RgbdFrame]:
     Raises
     ------
     InputError
-        Something is no frame.
+        Something is not a frame.
 
     Examples
     --------

@@ -144,7 +144,7 @@ def surround_consistency(
     """Compare a LiDAR scan with what several stereo pairs saw at the same moment.
 
     Each pair judges its own field of view by `cross_modal_consistency`, in maps that look where it
-    does. What is found is told in the LiDAR's frame.
+    does. Results are in the LiDAR's frame.
 
     Parameters
     ----------

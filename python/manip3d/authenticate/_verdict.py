@@ -116,7 +116,7 @@ class Region:
     Attributes
     ----------
     box : Box
-        The smallest box, turned about the vertical, around its suspected points, metres.
+        The smallest box, rotated about the vertical, around its suspected points, metres.
     rows : (K,) int64
         Rows of its suspected points; none where points were removed.
     p_value : float or None

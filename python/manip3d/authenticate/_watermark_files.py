@@ -54,7 +54,7 @@ def record_path(scan: str | os.PathLike[str]) -> Path:
     Raises
     ------
     InputError
-        ``scan`` is no path.
+        ``scan`` is not a path.
 
     Examples
     --------
@@ -85,7 +85,7 @@ def find_record(scan: str | os.PathLike[str]) -> Path:
     Raises
     ------
     InputError
-        ``scan`` is no path.
+        ``scan`` is not a path.
 
     Examples
     --------
@@ -583,7 +583,7 @@ def plain_name(scan: str | os.PathLike[str], drive: str | os.PathLike[str]) -> P
     Raises
     ------
     InputError
-        An argument is no path.
+        An argument is not a path.
     ValueError
         The scan is not in the drive.
 

@@ -53,7 +53,7 @@ class SourceFile:
 def is_pattern(source: str) -> bool:
     """Return whether a source is a pattern such as ``scans/*.bin``.
 
-    A name with ``*``, ``?`` or ``[`` is no pattern if there is a file of that name.
+    A name with ``*``, ``?`` or ``[`` is not a pattern if there is a file of that name.
 
     The ``?`` of an address such as ``sim:body?motion=wave`` begins its options.
 
@@ -69,7 +69,7 @@ def is_pattern(source: str) -> bool:
     Raises
     ------
     InputError
-        ``source`` is no text.
+        ``source`` is not a str.
 
     Examples
     --------

@@ -74,7 +74,7 @@ class Stamps:
     Parameters
     ----------
     output : str, optional
-        Folder of the run's outputs: what lies in it is no input, unless a source does, too.
+        Folder of the run's outputs: what lies in it is not an input, unless a source does, too.
     written : sequence of str
         Further files and folders that the run writes, such as its table.
     targets : sequence of str

@@ -22,8 +22,8 @@ def write_table(rows: Sequence[Mapping[str, Any]], path: str | os.PathLike[str])
     r"""Write rows as one table, whole or not at all.
 
     Nested values become columns of their own, such as ``metro.vertex.mean`` and ``bounds.0``;
-    lists of more than 16 items are left out. Bytes in names of files that are no UTF-8 are escaped:
-    ``a\udcff.bin``.
+    lists of more than 16 items are left out. Bytes in names of files that are not UTF-8 are
+    escaped: ``a\udcff.bin``.
 
     Parameters
     ----------

@@ -35,7 +35,7 @@ def scan_address(source: str) -> str | None:
     Raises
     ------
     InputError
-        ``source`` is no text.
+        ``source`` is not a str.
     FormatError
         A ROS 1 bag has no index.
     OSError
@@ -101,7 +101,7 @@ def rgbd_address(source: str) -> str | None:
     Raises
     ------
     InputError
-        ``source`` is no text.
+        ``source`` is not a str.
     FormatError
         A ROS 1 bag has no index.
     OSError

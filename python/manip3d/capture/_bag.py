@@ -64,7 +64,7 @@ def holds_clouds(path: str | os.PathLike[str]) -> bool:
     Returns
     -------
     bool
-        False also for files that are no ROS bag.
+        False also for files that are not ROS bags.
 
     Raises
     ------

@@ -76,7 +76,7 @@ def watched_recording(
     Returns
     -------
     manip3d.authenticate.WatchedDrive
-        A picture that cannot be decoded is told in its moment.
+        A picture that cannot be decoded raises at its moment, not here.
 
     Raises
     ------
@@ -186,7 +186,7 @@ def _rig_of(found: Mapping[str, Any], left: str, right: str) -> StereoRig | str:
     (p, rotation, frame), (other, _, _) = infos
     shift = p[:, 3] - other[:, 3]
     if not np.allclose(p[:, :3], other[:, :3]) or abs(shift[1]) > _MOST_ASKEW * abs(shift[0]):
-        return f"{left} and {right} are no rectified pair: their P differ"
+        return f"{left} and {right} are not a rectified pair: their P differ"
     lidar = found["lidar"]
     pose = pose_of(found["transforms"], lidar, frame)
     if pose is None:
@@ -202,7 +202,7 @@ def _rig_of(found: Mapping[str, Any], left: str, right: str) -> StereoRig | str:
 def _matrices(
     info: Mapping[str, Any], name: str
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | str:
-    """P (3, 4) and R (3, 3) of a CameraInfo, or why they are no rectified camera's."""
+    """P (3, 4) and R (3, 3) of a CameraInfo, or why they are not a rectified camera's."""
     numbers = [*info["p"], *info["r"]]
     if len(info["p"]) != 12 or len(info["r"]) != 9 or not np.isfinite(numbers).all():
         return f"{name}: expected finite matrices P (3, 4) and R (3, 3)"

@@ -57,7 +57,7 @@ class LidarDrive:
 
     @property
     def numbers(self) -> list[int] | None:
-        """Numbers of the scans, by which neighbours are told; None: all follow each other."""
+        """Numbers of the scans, by which neighbours are found; None: all follow each other."""
         return drive_numbers(self._source) if self._is_folder else None
 
     def __iter__(self) -> Iterator[LidarFrame | None]:
@@ -102,7 +102,7 @@ class LidarDrive:
 
 
 def _record_beside(scan: Path) -> bytes:
-    """A record that cannot be read is none: the scan is judged all the same."""
+    """The record of a scan; one that cannot be read counts as absent, and the scan is judged."""
     try:
         return read_record(find_record(scan)) or b""
     except (Error, OSError):
@@ -133,7 +133,7 @@ def open_drive(
     Raises
     ------
     InputError
-        The source is no drive and no recording; a calibration is given for files of scans.
+        The source is neither a drive nor a recording; a calibration is given for files of scans.
 
     Examples
     --------

@@ -587,8 +587,8 @@ def open_rgbd(
         Simulated people and data sets are played in the same way.
     camera : Intrinsics or RgbdCalibration, optional
         Camera of a folder of images that has no ``calibration.json``; for other files it replaces
-        their own. A mirrored camera has its images turned round. That of a ``tum:`` sequence
-        without a ``calibration.json`` is told by its folder's name (``freiburg1`` to ``3``); of
+        their own. A mirrored camera has its images flipped. That of a ``tum:`` sequence
+        without a ``calibration.json`` follows from its folder's name (``freiburg1`` to ``3``); of
         others, one is taken that is nearly right, with a warning.
     units_per_metre : float, optional
         Stored units per metre of depth images. By default 1000 for folders and 5000 for ``tum:``;

@@ -34,7 +34,7 @@ class SourceSummary:
         Address of the source.
     depth : Intrinsics
     color : Intrinsics or None
-        None: no camera is told for the colour.
+        None: the source names no colour camera.
     num_frames, num_color, num_body_index, num_skeletons : int
         Frames in all, and those with a colour image, with people's pixels and with skeletons.
     range_m : (float, float) or None

@@ -329,7 +329,7 @@ def depth(
         typer.Option(
             min=0,
             help="Leave out faces across a larger step in depth, as a share of the depth, that no "
-            "surface turned by up to 78 degrees shows; 0: leave out none. For depth images.",
+            "surface inclined by up to 78 degrees shows; 0: leave out none. For depth images.",
         ),
     ] = 0.05,
     max_edge: Annotated[
@@ -466,7 +466,7 @@ def depth(
             rate,
             max_bridges,
         )
-        # Whether a .pcd is an organised cloud is told by its reader.
+        # Whether a .pcd is an organised cloud is decided by its reader.
         clouds = ("scan",) if scan_suffix(source) == ".pcd" else ()
         expect_kind(source, "depth", "range grid", *clouds, verb="depth")
         check_output(output, WRITABLE, force=force)

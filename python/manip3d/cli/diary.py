@@ -78,7 +78,8 @@ def enrol(
     participant: Who,
     limb: Annotated[LimbName | None, typer.Option(help="The affected limb.")] = None,
     clips: Annotated[
-        bool, typer.Option("--clips", help="They consent to short films of difficulties.")
+        bool,
+        typer.Option("--clips", help="The participant consents to short films of difficulties."),
     ] = False,
     key: Key = None,
     as_json: Json = False,
@@ -105,7 +106,9 @@ def consent(
     participant: Who,
     clips: Annotated[
         bool,
-        typer.Option("--clips/--no-clips", help="Whether they consent to films of difficulties."),
+        typer.Option(
+            "--clips/--no-clips", help="Whether the participant consents to films of difficulties."
+        ),
     ],
     key: Key = None,
     as_json: Json = False,
@@ -140,7 +143,7 @@ def consent(
 def write_clips(
     path: File,
     participant: Who,
-    output: Annotated[Path, typer.Option("-o", "--output", help="A folder.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder to make for the films.")],
     key: Key = None,
     force: Force = False,
     as_json: Json = False,
@@ -338,7 +341,7 @@ def form(
     questionnaire: Annotated[
         BuiltIn, typer.Argument(metavar="mcgill|ownership", help="A built-in questionnaire.")
     ],
-    output: Annotated[Path, typer.Option("-o", "--output", help="A JSON file.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="JSON file to write.")],
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -647,7 +650,7 @@ def analyse(path: File, key: Key = None, as_json: Json = False) -> None:
     """Analyse a study: McGill at baseline, week 1 and week 4, responders, adherence.
 
     Changes are those of a mixed model with a random intercept, with 95 % intervals. Research
-    software: this is no advice on anybody's treatment.
+    software: this is not advice on anybody's treatment.
 
     Example: manip3d diary analyse study.diary
     """

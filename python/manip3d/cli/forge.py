@@ -350,7 +350,7 @@ def forge_lidar(
     yaw: Annotated[
         float | None,
         typer.Option(
-            help="Turn about the vertical, radians: of a hoax (default: 0), of the object that "
+            help="Rotation about the vertical, radians: of a hoax (default: 0), of the object that "
             "'rotation' turns (default: -10 degrees), or about the scanner of what "
             "'lattice-insert' and 'spoof' copy (default: 90 degrees)."
         ),

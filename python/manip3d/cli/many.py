@@ -73,7 +73,7 @@ class Many:
         Raises
         ------
         InputError
-            There is none, or `to` is no suffix that the verb writes.
+            There is none, or `to` is not a suffix that the verb writes.
         OSError
             A source is not there.
         """
@@ -104,7 +104,7 @@ class Many:
         Raises
         ------
         InputError
-            It has a suffix that the verb writes, and is no folder that is there.
+            It has a suffix that the verb writes, and is not a folder that is there.
         """
         suffix = PurePosixPath(str(output or "")).suffix.lower()
         if suffix not in self.writable or not suffix or Path(str(output)).is_dir():
@@ -181,7 +181,7 @@ def over_files(
     finish : callable(summary, output)
         Called at the end, where there is an output.
     choose : callable(files) -> files
-        Leaves out files that are no sources of their own.
+        Leaves out files that are not sources of their own.
     skipped_code : int
         Exit code of a file that is skipped because it is of a kind the verb does not take.
     exit_code : callable(rows, options) -> int, optional
@@ -196,7 +196,7 @@ def over_files(
         Files that the verb reads with a source, other than those that a mesh or a scan names. They
         and all options that are files or folders are inputs: a row is made again when one changes.
     resumes : bool
-        False: rows of an earlier run are no answer, since the verb says what is true now.
+        False: rows of an earlier run are not an answer, since the verb says what is true now.
     together : callable(sources, options) -> bool, optional
         Makes one thing of all files where the options ask for that, and returns whether it did;
         ``options["shared"]`` names those of ``--table``, ``--dask`` and ``--to`` that are given.
@@ -460,7 +460,7 @@ def on_file(
 ) -> dict[str, Any]:
     """Run a verb on one file of many; returns what it prints under ``--json``, and its exit code.
 
-    A file of a folder that is of a kind the verb does not take is no error: its row says so.
+    A file of a folder that is of a kind the verb does not take is not an error: its row says so.
     """
     if multiprocessing.parent_process() is not None:  # a worker's
         show_warnings_in_lines()
@@ -537,7 +537,7 @@ def _tell_failed(summary: Summary, noun: str, code: int) -> None:
 
 
 def _gravest(rows: Sequence[Mapping[str, Any]]) -> int:
-    """The gravest exit code of a single file; a code of unknown meaning still is no success."""
+    """The gravest exit code of a single file; a code of unknown meaning still is not a success."""
     codes = {1 if row.get("error") else int(row["exit_code"]) for row in rows}
     known = (code for code in _GRAVEST_FIRST if code in codes)
     return next(known, max(codes, default=0))

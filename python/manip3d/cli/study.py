@@ -250,7 +250,7 @@ def study_results(
     """Write answers as CSV with a REDCap data dictionary, and a summary beside what is published.
 
     Also while the study is run: answers that are stored by then are taken. A damaged journal is
-    told, and the others are written.
+    reported, and the others are written.
 
     Example: manip3d study results answers -o tables
     """
@@ -295,9 +295,14 @@ def study_power(
         typer.Argument(help="Mean difference of two methods' JNDs over its standard deviation."),
     ],
     power: Annotated[float, typer.Option(help="Power to reach.")] = 0.8,
-    alpha: Annotated[float, typer.Option(help="Error of the first kind, two-sided.")] = 0.05,
+    alpha: Annotated[
+        float, typer.Option(help="Significance level (type I error), two-sided.")
+    ] = 0.05,
     comparisons: Annotated[
-        int, typer.Option(min=1, help="Comparisons that share it: 2 where QEM4VR meets two others.")
+        int,
+        typer.Option(
+            min=1, help="Comparisons that share the level: 2 where QEM4VR meets two others."
+        ),
     ] = 2,
     as_json: Json = False,
     quiet: Quiet = False,

@@ -55,7 +55,7 @@ def _key() -> Callable[[RgbdFrame], bool]:
         typed = sys.stdin.fileno()
     except (AttributeError, OSError, ValueError):
         raise InputError("--trigger key: expected a terminal, got no standard input") from None
-    with contextlib.suppress(ImportError, OSError):  # what was typed before is no answer
+    with contextlib.suppress(ImportError, OSError):  # what was typed before is not an answer
         import termios
 
         if os.isatty(typed):

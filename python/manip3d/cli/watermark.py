@@ -283,7 +283,7 @@ def _with_records(num_scans: int, carrier: str) -> str:
 
 
 def _verified_suffixes() -> tuple[str, ...]:
-    """Scans, and records, of which those without a scan are told."""
+    """Scans, and records, of which those without a scan are reported."""
     from manip3d import authenticate
 
     return (*FOLDER_SUFFIXES, authenticate.RECORD_SUFFIX)

@@ -103,7 +103,7 @@ def source_of(name: str) -> str:
     Raises
     ------
     InputError
-        ``name`` is no text.
+        ``name`` is not a str.
 
     Examples
     --------
@@ -116,7 +116,7 @@ def source_of(name: str) -> str:
 
 @checked
 def load_mesh(name: str, *, cleaning: Cleaning = "stored") -> Mesh:
-    """Open a registered mesh after checking its bytes.
+    """Open a registered mesh after verifying its checksum.
 
     Parameters
     ----------

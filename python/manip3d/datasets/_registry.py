@@ -102,7 +102,7 @@ class DataSet:
 
 @cache
 def registry() -> Mapping[str, DataSet]:
-    """All data sets by name: the package's own, then those of installed plug-ins.
+    """Return all data sets by name: the package's own, then those of installed plug-ins.
 
     Raises
     ------
@@ -227,7 +227,7 @@ def data_folder_problem(folder: Path) -> str:
     if not folder.exists():
         return f"{folder} does not exist"
     if not folder.is_dir():
-        return f"{folder} is no folder"
+        return f"{folder} is not a folder"
     parts = {f.path.partition("/")[0] for data_set in registry().values() for f in data_set.files}
     if any((folder / part).is_dir() for part in parts):
         return ""
@@ -301,7 +301,7 @@ def is_here(data_set: DataSet) -> bool:
 
 @checked
 def require(file: DataFile, name: str) -> Path:
-    """Return where the file lies, its bytes checked.
+    """Return the path of a file after verifying its checksum.
 
     Parameters
     ----------

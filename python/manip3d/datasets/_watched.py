@@ -74,12 +74,12 @@ def watched_kitti(
     Returns
     -------
     manip3d.authenticate.WatchedDrive
-        What cannot be read of a frame is told in its moment, and silences nothing else.
+        What cannot be read of a frame is missing at its moment only.
 
     Raises
     ------
     InputError
-        There are no scans; ``carriers`` is no folder; ``frames`` is below 1.
+        There are no scans; ``carriers`` is not a folder; ``frames`` is below 1.
     FormatError, OSError
         Calibration or rigs cannot be read.
 

@@ -459,7 +459,7 @@ def read_tracklets(path: Path) -> dict[int, tuple[Box, ...]]:
     Raises
     ------
     FormatError
-        No well-formed XML of KITTI's tracklets, or a number that is none.
+        The file is not KITTI's XML of tracklets, or a number in it cannot be parsed.
     """
     tracklets = parse_xml(path).find("tracklets")
     if tracklets is None:

@@ -138,7 +138,7 @@ def unmirrored(camera: Intrinsics) -> Intrinsics:
 
 @cache
 def people_uris() -> tuple[str, ...]:
-    """All that `open_people` opens, whether it is on this machine or not."""
+    """Return all addresses that `open_people` takes, also of data that are not here."""
     return (
         *(f"utd-mhad:{name}" for name in _sequences(_UTD_MHAD, r"(a\d+_s\d)_t1_depth\.mat")),
         *(f"labanotation:{name}" for name in _sequences(_LABANOTATION, r"([^/]+)\.csv")),

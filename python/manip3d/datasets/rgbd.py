@@ -380,7 +380,7 @@ def frame_names(name: str) -> tuple[str, ...]:
 
 @checked
 def load_frame(name: str, frame: str | int = 0) -> DepthFrame:
-    """Open one frame of an RGB-D recording after checking its bytes.
+    """Open one frame of an RGB-D recording after verifying its checksums.
 
     Parameters
     ----------

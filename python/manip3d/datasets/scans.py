@@ -127,7 +127,7 @@ def scan_names(data_set: str = "") -> tuple[str, ...]:
 
 @checked
 def scan_path(name: str) -> Path:
-    """Return where the file of a scan lies, its bytes checked.
+    """Return the path of the file of a scan after verifying its checksum.
 
     Parameters
     ----------
@@ -184,7 +184,7 @@ def scan_is_here(name: str) -> bool:
 
 @checked
 def load_scan(name: str) -> RangeScan:
-    """Open a range scan after checking its bytes.
+    """Open a range scan after verifying its checksum.
 
     Parameters
     ----------

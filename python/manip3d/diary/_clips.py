@@ -69,7 +69,7 @@ def pack(pictures: Pictures) -> bytes:
 
 
 def unpack(packed: bytes, about: str) -> tuple[tuple[float, bytes], ...]:
-    """Raises FormatError where they are no pictures."""
+    """Raises FormatError where they are not pictures."""
     found = []
     place = len(_MARK)
     whole = packed.startswith(_MARK)
@@ -114,7 +114,7 @@ def film(clip: Clip) -> bytes:
     InputError
         The clip has no pictures.
     FormatError
-        A picture is no image.
+        A picture is not an image.
     MissingExtraError
         Pillow is not installed.
 

@@ -78,7 +78,7 @@ class Diary:
     InputError
         The diary is encrypted and no key is given, or the other way round.
     FormatError
-        The file is no diary, one of a later version, or of another key.
+        The file is not a diary, one of a later version, or of another key.
     OSError
         There is no such file, or it cannot be opened.
 
@@ -436,7 +436,7 @@ class Diary:
         Raises
         ------
         InputError
-            No such participant or occasion, or the answers are none; the occasion has one already.
+            No such participant or occasion; invalid answers; the occasion has one already.
         """
         score = score_mcgill(ranks, ppi)
         moment = aware(at, "at")
@@ -480,7 +480,7 @@ class Diary:
         Raises
         ------
         InputError
-            No such participant, session or occasion, or the answers are none; the occasion has a
+            No such participant, session or occasion; invalid answers; the occasion has a
             questionnaire of this name already.
         """
         questionnaire.check_answers(answers)
@@ -545,7 +545,7 @@ class Diary:
         Raises
         ------
         InputError
-            No such participant, session or mode, or answers that are none.
+            No such participant, session or mode, or invalid answers.
         """
         if mode not in ("synchronous", "asynchronous"):
             raise InputError(f"mode: expected synchronous or asynchronous, got {mode!r}")
@@ -941,7 +941,7 @@ class Diary:
         InputError
             No such participant.
         FormatError
-            A questionnaire is none: the diary is damaged.
+            A questionnaire cannot be parsed: the diary is damaged.
         """
         found = [
             Answers(one.at, MCGILL, (*one.ranks, one.score.ppi), one.occasion, one.number)
@@ -1030,7 +1030,7 @@ class Diary:
         Raises
         ------
         FormatError
-            A time is none: the diary is damaged.
+            A time cannot be parsed: the diary is damaged.
         """
         with self._file.begin() as rows:
             names = {one.number: one.fields["identifier"] for one in rows.everybody()}

@@ -100,7 +100,7 @@ class DiaryFile:
         return Rows(connection, self.path, self.key, self.chain_key)
 
     def _check_file(self, create: bool) -> None:
-        """Refuse what is no diary, or one of a later version; make a new file."""
+        """Refuse what is not a diary, or one of a later version; make a new file."""
         if create:
             with contextlib.suppress(FileExistsError):
                 os.close(os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
@@ -166,7 +166,7 @@ class DiaryFile:
     def _old_audit(self, connection: sql.Connection) -> list[tuple[str, str, int | None]]:
         """Time, action and participant of each row of an audit without hashes, by time.
 
-        What is no time is taken over as it stands, first: `audit` names it, and the diary opens.
+        What is not a time is taken over as it stands, first: `audit` names it, and the diary opens.
         """
         rows = connection.exec_driver_sql("SELECT at, action, participant FROM audit").all()
         first = datetime.min.replace(tzinfo=UTC)

@@ -121,7 +121,7 @@ def adherence(
 
 @checked
 def stop_reason(before: int | None, now: int) -> str:
-    """Say why a session must stop: the pain is 2 or more above that before it.
+    """Return why a session must stop: pain 2 points or more above the first rating; else empty.
 
     Parameters
     ----------

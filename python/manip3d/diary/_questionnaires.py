@@ -27,7 +27,7 @@ _MOST_NAME, _MOST_TEXT = 200, 1000
 
 @dataclass(frozen=True)
 class QuestionnaireItem:
-    """A question.
+    """A question and the numbers that may answer it.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class QuestionnaireItem:
 
 @dataclass(frozen=True)
 class QuestionnaireScale:
-    """A score.
+    """A score that is computed from the answers to some questions.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class QuestionnaireScale:
 
 @dataclass(frozen=True)
 class Questionnaire:
-    """Questions and scales.
+    """A questionnaire: its questions, and the scales that are scored from the answers.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class Questionnaire:
     Raises
     ------
     InputError
-        A text is empty, too long or has control characters, a range is none, choices are not as
+        A text is empty, too long or has control characters, a range is empty, choices are not as
         many as answers, or a scale has a name twice or asks for questions that are not there.
     """
 
@@ -147,7 +147,7 @@ class Questionnaire:
 
     @checked
     def check_answers(self, answers: Sequence[int]) -> None:
-        """Refuse answers that are none.
+        """Refuse answers that the questionnaire does not allow.
 
         Parameters
         ----------
@@ -252,7 +252,7 @@ def load_questionnaire(path: str | os.PathLike[str]) -> Questionnaire:
     Raises
     ------
     FormatError
-        No such JSON; a key is unknown, there twice or missing, or a value is none that
+        The file is not such JSON: a key is unknown, repeated or missing, or a value is not one that
         `Questionnaire` takes.
     OSError
         It cannot be read.

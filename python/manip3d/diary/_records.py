@@ -44,7 +44,7 @@ def aware(moment: datetime | None, name: str) -> datetime:
 
 @dataclass(frozen=True)
 class Participant:
-    """Somebody who takes part.
+    """A participant of the study, under a pseudonym.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class Participant:
 
 @dataclass(frozen=True)
 class DiaryGame:
-    """A game.
+    """A game of a session.
 
     Attributes
     ----------
@@ -128,7 +128,7 @@ class DiaryGame:
 
 @dataclass(frozen=True)
 class ExportedFile:
-    """A copy that somebody took.
+    """An exported copy of a part of the diary.
 
     Attributes
     ----------
@@ -359,7 +359,7 @@ class FeltRecord:
 
 @dataclass(frozen=True)
 class AdverseEvent:
-    """Something that should not happen.
+    """An adverse event, as somebody reported it.
 
     Attributes
     ----------

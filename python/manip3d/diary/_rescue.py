@@ -64,7 +64,7 @@ def rescue_diary(
     InputError
         ``output`` exists, or is the diary itself, or has a journal of SQLite beside it.
     FormatError
-        The file is no diary, or is damaged where it says what its tables are or by which key it
+        The file is not a diary, or is damaged where it says what its tables are or by which key it
         is read.
     OSError
         A file cannot be read or written; another program writes to the diary.

@@ -29,7 +29,7 @@ _OF_PARTICIPANTS = (
     schema.RATINGS,
     schema.QUESTIONNAIRES,
     schema.EVENTS,
-)  # and clips, whose payloads are no fields
+)  # and clips, whose payloads are not fields
 
 
 @dataclass(frozen=True)

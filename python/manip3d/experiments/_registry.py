@@ -85,7 +85,7 @@ _BUILT_IN = (
 
 @cache
 def registry() -> Mapping[str, Experiment]:
-    """All experiments by id.
+    """Return all experiments by id.
 
     Raises
     ------

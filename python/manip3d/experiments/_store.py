@@ -87,7 +87,7 @@ def unpack_mesh(data: bytes, like: Mesh) -> Mesh:
     Raises
     ------
     InputError
-        An argument is something else, or the arrays are no mesh.
+        An argument is something else, or the arrays are not a mesh.
 
     Examples
     --------

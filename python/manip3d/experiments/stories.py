@@ -82,7 +82,7 @@ def command_line(command: str) -> list[str]:
     Raises
     ------
     Error
-        The command is none of ``manip3d``, or a variable in it is not set.
+        The command is not one of ``manip3d``, or a variable in it is not set.
     """
     program, *arguments = shlex.split(os.path.expandvars(command))
     if program != "manip3d" or any("$" in word for word in arguments):

@@ -128,7 +128,7 @@ EXPERIMENT = Experiment(
         "and result both cover; mm² is the same undivided, and coverage the share of pixels "
         "compared. FMPD is cut off at 1, as the printed values are.",
         "Poisson disks are spread over the surface, by distances in space; the dissertation does "
-        "not say how its own are spread. The relief is no part of the dissertation.",
+        "not say how its own are spread. The relief is not part of the dissertation.",
         "What CS3's text leaves open was chosen on the published scans (readings-3): that CS3 "
         "comes near the printed errors there is a fit, and no confirmation.",
     ),

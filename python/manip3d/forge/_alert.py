@@ -393,7 +393,7 @@ def _check_free(
 ) -> None:
     """Refuse a place of an object where scene points are that do not leave it.
 
-    The place is the box around the object's points, turned by ``yaw``, above the ground.
+    The place is the box around the object's points, rotated by ``yaw``, above the ground.
     """
     turn = _core.rotation_about_z(yaw)
     upright = product(points.astype(np.float64), turn)  # turned back: rows times the inverse

@@ -57,7 +57,7 @@ def ctp(
     position : (3,) metres
         P_object, in the scan's frame.
     rotation : float or (3, 3)
-        Turn about the vertical in radians, or a rotation matrix.
+        Rotation about the vertical in radians, or a rotation matrix.
     scale : float
         Metres per unit of the hoax; see `range_scale`.
     translation : 'centroid' or 'paper'

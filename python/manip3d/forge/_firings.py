@@ -76,7 +76,7 @@ def lattice_insert(
 ) -> Forgery:
     """Let firings see an object that the scanner measured elsewhere: the white-box attack.
 
-    The object is turned about the scanner's axis by whole steps of the encoder, so that its rings,
+    The object is rotated about the scanner's axis by whole steps of the encoder, so that its rings,
     ranges, noise and intensities stay what the scanner measured. Firings that saw something behind
     it see the object; those that saw something nearer, or nothing, stay as they are.
 

@@ -78,9 +78,9 @@ def segment(
     tolerance : float, metres
         Points in the same or in touching cubes of this side belong together.
     min_points : int
-        Smaller clusters are no objects.
+        Smaller clusters are not objects.
     max_size : float, metres
-        Longer ones (walls) are none either.
+        Longer ones (walls) are not objects either.
 
     Returns
     -------

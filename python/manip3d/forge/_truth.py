@@ -231,7 +231,7 @@ def box_arguments(box: Box) -> tuple[tuple[float, float, float], tuple[float, fl
 
 
 def rotation_matrix(rotation: ArrayLike) -> NDArray[np.float64]:
-    """A rotation from a turn about the vertical in radians, or from a (3, 3) matrix."""
+    """A rotation from a rotation about the vertical in radians, or from a (3, 3) matrix."""
     array = np.asarray(rotation, np.float64)
     if array.ndim == 0:
         matrix: NDArray[np.float64] = _core.rotation_about_z(float(array))

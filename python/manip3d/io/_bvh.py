@@ -101,7 +101,7 @@ def read_bvh(path: str | os.PathLike[str]) -> Motion:
     Raises
     ------
     FormatError
-        The file is no BVH, is damaged (names the line), or is larger than 64 MiB or than
+        The file is not a BVH file, is damaged (names the line), or is larger than 64 MiB or than
         `ReadLimits` allow.
     OSError
         It cannot be read.
@@ -109,7 +109,7 @@ def read_bvh(path: str | os.PathLike[str]) -> Motion:
     Notes
     -----
     A joint's frame is that of its parent, moved by OFFSET (and by its position channels, if it has
-    any) and turned by its rotation channels in the order in which they stand [M. Meredith and
+    any) and rotated by its rotation channels in the order in which they stand [M. Meredith and
     S. Maddock, "Motion Capture File Formats Explained", Sheffield 2001]. Position channels of the
     root take the place of its OFFSET, those of other joints are added.
 

@@ -394,7 +394,7 @@ def _depth_of_npy(data: bytes, max_pixels: int) -> NDArray[Any]:
         return stored.astype(np.uint16, copy=False)
     if stored.max() > 65535:
         raise FormatError(f"expected whole numbers of at most 65535, got {stored.max()}")
-    # Numbers below 0 are no measurements, as of fractions.
+    # Numbers below 0 are not measurements, as of fractions.
     return np.asarray(np.maximum(stored, 0), np.uint16)
 
 

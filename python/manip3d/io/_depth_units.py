@@ -113,7 +113,7 @@ def _per_metre(units: float) -> Callable[[NDArray[Any]], Depth]:
 
 
 def _positive(depth: NDArray[Any]) -> Depth:
-    """Metres, 0 where there is none; numbers below 0 or beyond all cameras are no measurements."""
+    """Metres, 0 where there is none; numbers below 0 or beyond all cameras are not measurements."""
     with np.errstate(invalid="ignore"):
         there = (depth > 0) & (depth < _NOTHING_THERE)
     return np.where(there, depth, 0).astype(np.float32)
@@ -203,7 +203,7 @@ def read_depth_guessing(
         ``guess``, one of `DEPTH_UNITS`, the number of units per metre, or ``disparity:FB`` for the
         disparities d of a stereo pair, whose depth is FB / d: FB is the focal length in the units
         of d, pixels or a part of them, times the baseline in metres. With ``disparity:FB,DOFFS`` it
-        is FB / (d + DOFFS). 0 and less is no measurement.
+        is FB / (d + DOFFS). 0 and less is not a measurement.
     max_pixels : int
         Larger images are refused before anything is allocated for them.
 
@@ -215,7 +215,7 @@ def read_depth_guessing(
     Raises
     ------
     InputError
-        ``unit`` is no unit, or one of whole numbers and the image has others.
+        ``unit`` is not a unit, or one of whole numbers and the image has others.
     FormatError, OSError, MissingExtraError
         As `read_depth`.
 

@@ -216,7 +216,7 @@ def write_new(path: str | os.PathLike[str], content: bytes) -> None:
 def atomic_write(path: str | os.PathLike[str], data: bytes | str) -> None:
     """Write ``data`` (text as UTF-8) to ``path``, whole or not at all.
 
-    A target that is no regular file (a pipe, ``/dev/stdout``) is written in place.
+    A target that is not a regular file (a pipe, ``/dev/stdout``) is written in place.
 
     Raises
     ------

@@ -22,7 +22,7 @@ def frame_times(file: Path) -> dict[int, int]:
     Raises
     ------
     FormatError
-        A line is no time.
+        A line is not a time.
     """
     if not file.is_file():
         return {}
@@ -51,7 +51,7 @@ def drive_times(drive: Path) -> dict[int, int]:
     Raises
     ------
     FormatError
-        A line is no time.
+        A line is not a time.
     """
     of_scans = drive / "velodyne_points" / "timestamps.txt"
     return frame_times(of_scans if of_scans.is_file() else drive / "times.txt")

@@ -234,7 +234,7 @@ def _chunk_sizes(stream: BinaryIO, header: _Header, laszip: _LasZip) -> list[int
         table = lazrs.read_chunk_table(stream, lazrs.LazVlr(laszip.data))
     except (MemoryError, KeyboardInterrupt, SystemExit):
         raise
-    except BaseException as error:  # panics of Rust are no Exception
+    except BaseException as error:  # panics of Rust are not an Exception
         _fail(header.start, f"damaged chunk table: {str(error)[:200]}")
     if laszip.chunk_size == _VARIABLE:
         counts = [int(num_points) for num_points, _ in table]

@@ -222,7 +222,7 @@ def write_mesh(
         glTF takes PNG and JPEG images only: others (TGA, BMP, ...) are converted to PNG.
     max_vertices : int, optional
         glTF: a primitive with more vertices than this is split. With 65535 every index fits in 16
-        bits (65535 itself is no index).
+        bits (65535 itself is not an index).
     quantize : bool
         glTF: positions and texture coordinates within the picture in 16 bits, normals in 8
         (``KHR_mesh_quantization``, which readers must know): 8 bytes instead of 12 for a position,

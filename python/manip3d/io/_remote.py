@@ -125,8 +125,10 @@ def local_copy(source: str | os.PathLike[str], *, max_bytes: int | None = None) 
 
     Raises
     ------
-    InputError, MissingExtraError
-        As `filesystem`.
+    InputError
+        fsspec does not know the protocol of the URL.
+    MissingExtraError
+        fsspec is not installed (extra ``remote``).
     FormatError
         The file has more than ``max_bytes``. One that is raised within the block names the URL.
     OSError
@@ -172,8 +174,10 @@ def local_output(output: str | os.PathLike[str]) -> Iterator[Path]:
 
     Raises
     ------
-    InputError, MissingExtraError
-        As `filesystem`; the file system can only be read.
+    InputError
+        fsspec does not know the protocol of the URL, or cannot write to it.
+    MissingExtraError
+        fsspec is not installed (extra ``remote``).
     OSError
         It cannot be written; ``filename`` is the URL.
 

@@ -23,7 +23,7 @@ SCAN_SUFFIXES: tuple[str, ...] = (*tables.TABLE_SUFFIXES, ".npy", ".las", ".laz"
 FOLDER_SUFFIXES: tuple[str, ...] = tuple(
     suffix for suffix in SCAN_SUFFIXES if suffix not in (".asc", ".pts", ".txt", ".csv", ".npy")
 )
-"""Those of them by which folders are searched: most texts and arrays in a folder are no scans, and
+"""Those of them by which folders are searched: most texts and arrays in a folder are not scans, and
 a watermarked drive consists of no other files, since what verifies it must find them."""
 
 EXPORTED_SUFFIXES: tuple[str, ...] = tuple(s for s in SCAN_SUFFIXES if s not in FOLDER_SUFFIXES)
@@ -62,8 +62,8 @@ def read_scan(
         has the others in ``fields`` as ``column_5`` and so on. nuScenes' ``.pcd.bin``: coordinates
         as they are, the scanner at the origin. PCD: the scanner at its viewpoint. PLY: the
         scanner's place not known. PCD and PLY: coordinates as they are, those of 64 bits as of
-        LAS. 3DTK's ``.3d``: turned to metres and our axes,
-        the scanner at the origin; the pose of the ``.pose`` file beside it is
+        LAS. 3DTK's ``.3d``: converted to metres and our axes, the scanner at the origin; the pose
+        of the ``.pose`` file beside it is
         ``format.header["pose"]``. LAS and LAZ: coordinates as they are, moved near 0 where they lie
         far from it. Text (``.xyz``, ``.asc``, ``.pts``, ``.txt``, ``.csv``): a point a line,
         columns between commas, semicolons or blanks, named by a line before them, else x, y, z, the

@@ -111,7 +111,7 @@ def _fitting(values: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
 def _new_header(
     laspy: Any, exact: NDArray[np.float64], columns: dict[str, NDArray[Any]], frame: LidarFrame
 ) -> Any:
-    """Steps of 0.1 mm; what is no standard dimension becomes an extra one."""
+    """Steps of 0.1 mm; what is not a standard dimension becomes an extra one."""
     header = laspy.LasHeader(point_format=6, version="1.4")
     header.scales = np.full(3, 1e-4)
     header.offsets = np.floor(exact.min(axis=0)) if len(exact) else np.zeros(3)

@@ -129,7 +129,7 @@ def _layout(shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[Column, ...]:
 
 
 def _kind(dtype: np.dtype[Any]) -> tuple[str, int]:
-    """NumPy's name of a field's type, little endian, and its numbers; 0 where it is no number."""
+    """NumPy's name of a field's type, little endian, and how many it has; 0: not numeric."""
     base, shape = dtype.base, dtype.shape
     if base.kind not in "iufb" or len(shape) > 1:
         return "", 0

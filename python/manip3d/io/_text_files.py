@@ -72,7 +72,7 @@ def bounded_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
     Raises
     ------
     FormatError
-        There are more, or it is no regular file (`open_regular`).
+        There are more, or it is not a regular file (`open_regular`).
     """
     with open_regular(path) as stream:
         data = stream.read(most + 1)

@@ -142,7 +142,7 @@ class ColliderTracker:
         Raises
         ------
         InputError
-            One of the two arrays is missing, a label is no byte, or the lengths differ.
+            One of the two arrays is missing, a label is not a byte, or the lengths differ.
         """
         if (labels is None) != (squared_distances is None):
             raise InputError("labels, squared_distances: expected both or neither")

@@ -39,7 +39,7 @@ class ShoeCoverTracker:
     reach : float, metres
         Around the ankle.
     min_pixels : int
-        A smaller patch is no foot.
+        A smaller patch is not a foot.
 
     Raises
     ------

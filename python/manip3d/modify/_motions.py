@@ -27,7 +27,7 @@ _UNITS = (1.0, 0.01, 0.001, 0.0254, 0.3048, 0.0254 / 0.45)
 """Metres of the units in use; the last is that of Carnegie Mellon's data set."""
 
 _LEG = 0.85
-"""Metres from hip to ankle of an adult, by which the unit is told."""
+"""Metres from hip to ankle of an adult, from which the unit is inferred."""
 
 _OPTIONAL = {"HandLeft", "HandRight", "FootLeft", "FootRight", "Spine"}
 _AWAY = 2.5  # metres from the camera to the first frame's base of the spine
@@ -67,7 +67,7 @@ def skeletons_from_motion(
     Returns
     -------
     tuple of Skeleton
-        In camera axes: the motion is turned about the vertical, and moved, as a whole, so that the
+        In camera axes: the motion is rotated about the vertical, and moved, as a whole, so that the
         person faces the camera in the first frame, 2.5 m away. Joints that the file does not have
         are `NOT_TRACKED`, or inferred by `skeleton_from`.
 

@@ -216,7 +216,7 @@ class KeyPerson:
     Where the hips are out of the picture, the lowest joint of the spine tells where they are.
     Once lost, the only newcomer of the same size is taken: at once when alone in view, after 0.3
     seconds beside others; after ``patience`` the newcomer nearest to where it was last seen, within
-    ``reach``. Others who were seen beside it are no newcomers until they were not seen for
+    ``reach``. Others who were seen beside it are not newcomers until they were not seen for
     ``forget``: `select` takes one of them. Where clothes are given, whoever has the id and wears
     other colours is passed over for the only one nearby in the key person's colours, and a newcomer
     in other colours is not taken. Another shirt or a jacket is learnt within some 4 seconds at 30

@@ -134,7 +134,7 @@ class DiaryRecorder:
             self._unanswered = []
         else:
             self._unanswered = [*self._unanswered, *self._ratings]
-        # A program that ran on over night was no sitting of a night.
+        # A program that ran on over night was not a sitting of a night.
         at = _now() if _now().date() == self._latest.date() else self._latest
         self._keep_of_session(
             "" if answered else f"no rating at the end of the session, {at:%H:%M}",

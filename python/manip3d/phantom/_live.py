@@ -361,7 +361,7 @@ def hear(
     Raises
     ------
     FormatError
-        It is none of `MESSAGES`.
+        It is not one of `MESSAGES`.
     """
     name, fields = read_message(text, MESSAGES)
     if name == "ack":

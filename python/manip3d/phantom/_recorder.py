@@ -77,7 +77,7 @@ class Recorder(Protocol):
 
 @dataclass(frozen=True)
 class GameSummary:
-    """A game that is over.
+    """Result of a game that is over.
 
     Attributes
     ----------

@@ -56,7 +56,7 @@ class LiveSession:
         Virtual enhancement, 1 to 2: by how much the joints of both arms, or both legs, turn
         further from rest on the page, and in the games, than the patient turns them.
     recorder : Recorder, optional
-        Is told of games, ratings of pain and sickness.
+        Is notified of games, ratings of pain and sickness.
 
     Attributes
     ----------

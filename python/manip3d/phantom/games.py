@@ -136,7 +136,7 @@ def begin(
     Raises
     ------
     InputError
-        No such game or difficulty, a negative seed, or a floor that is no finite number.
+        No such game or difficulty, a negative seed, or a floor that is not a finite number.
     """
     if name not in GAMES:
         raise InputError(f"name: expected one of {', '.join(GAMES)}, got {name!r}")

@@ -49,7 +49,8 @@ class _End:
     hash : str
         Hash of the last line.
     last : bytes
-        The last line with its newline, by which a log that grew is told from one that was changed.
+        The last line with its newline, which distinguishes a log that grew from one that was
+        changed.
     """
 
     size: int = 0
@@ -92,7 +93,7 @@ def append_log(
     Raises
     ------
     FormatError
-        The log is damaged; it is no regular file.
+        The log is damaged; it is not a regular file.
     OSError
         The file cannot be written; the log is as it was.
 
@@ -158,7 +159,7 @@ def check_log(path: str | os.PathLike[str]) -> None:
     InputError
         The name does not end in ``.jsonl``, or there is no such folder.
     FormatError
-        It is no log, or a damaged one. A torn last line is no damage: `append_log` goes on.
+        It is not a log, or a damaged one. A torn last line is not damage: `append_log` goes on.
     OSError
         It cannot be read.
     """
@@ -169,7 +170,7 @@ def check_log(path: str | os.PathLike[str]) -> None:
         raise InputError(f"{target}: there is no folder {target.parent}")
     if target.exists():
         with open_regular(target) as file:
-            fcntl.flock(file, fcntl.LOCK_SH)  # a line that is being written is no torn one
+            fcntl.flock(file, fcntl.LOCK_SH)  # a line that is being written is not a torn one
             _checked_end(file.fileno(), path)
 
 
@@ -190,8 +191,7 @@ def read_log(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
     Raises
     ------
     FormatError
-        A line is no entry, or it, or the one before it, was changed, left out or put in; the last
-        line is not whole.
+        A line is not an entry; a line was changed, left out or put in; the last line is not whole.
 
     Examples
     --------

@@ -33,7 +33,7 @@ def write_report(results_dir: str | os.PathLike[str], output: str | os.PathLike[
     InputError
         The folder holds no results, or the suffix is none of the three.
     FormatError
-        ``results.json`` is no result of a run.
+        ``results.json`` is not a result of a run.
     MissingExtraError
         jinja2 is not installed (``.html`` only).
 

@@ -60,7 +60,7 @@ class Certificate:
 
 @checked
 def make_certificate(host: str) -> Certificate:
-    """Make a certificate that nobody has signed but its own key (ECDSA, P-256).
+    """Make a self-signed certificate (ECDSA, P-256).
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def make_certificate(host: str) -> Certificate:
     Raises
     ------
     InputError
-        ``host`` is no address of one machine.
+        ``host`` is not an address of one machine.
     MissingExtraError
         cryptography is not installed.
 
@@ -163,7 +163,7 @@ def kept_certificate(path: str | os.PathLike[str], host: str) -> Certificate:
 
 
 def address_of(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
-    """The address of one machine; names and 0.0.0.0 are none."""
+    """The address of one machine; names and 0.0.0.0 are refused."""
     try:
         address = ipaddress.ip_address(host)
     except ValueError:

@@ -303,8 +303,8 @@ class LocalServer:
     Raises
     ------
     InputError
-        ``host`` is no loopback address and there is no certificate, the certificate is for another
-        one, or a number is out of range.
+        ``host`` is not a loopback address and there is no certificate; the certificate is for
+        another host; a number is out of range.
     MissingExtraError
         aiohttp is not installed.
 
@@ -754,7 +754,7 @@ class LocalServer:
             if not bucket.take():
                 reason = "too many messages"
             elif message.type != WSMsgType.TEXT:
-                reason = "message is no text"
+                reason = "message is not text"
             else:
                 try:
                     self._on_message(client, message.data)

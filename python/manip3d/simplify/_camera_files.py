@@ -242,7 +242,7 @@ def simplify_camera_files(
     poses : path-like
         As of `poses_of_files`.
     output : path-like
-        A mesh file, in the frame of the poses; glTF of depth images turned by half around x.
+        A mesh file, in the frame of the poses; glTF of depth images rotated by half a turn about x.
     options : DepthOptions
         With ``points``; method ``relief`` or ``cs3``. A ``unit`` to guess is that which
         `common_depth_unit` finds for all.

@@ -132,7 +132,7 @@ def clean(mesh: Mesh, *, weld: bool = True, duplicates: Duplicates = "same") -> 
 
     Notes
     -----
-    In this order: weld, remove faces with a repeated index, remove duplicates (told by
+    In this order: weld, remove faces with a repeated index, remove duplicates (compared by
     positions, with or without welding), remove unreferenced vertices, texture coordinates and
     normals: the pre-cleaning of dissertation section 2.3.1. Cleaning twice changes nothing.
 

@@ -233,7 +233,7 @@ class DenseImage:
         Triangles with a longer edge are left out; infinite: none is.
     depth_step : float
         Triangles whose corners' depths differ by a larger share of the least of them, and by more
-        than a surface shows that is turned by 78 degrees, are left out; see `cut_depth_steps`.
+        than a surface shows that is inclined by 78 degrees, are left out; see `cut_depth_steps`.
     """
 
     depth: NDArray[np.uint16 | np.float32]

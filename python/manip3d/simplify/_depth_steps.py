@@ -26,7 +26,7 @@ AnyDepthMesh = TypeVar("AnyDepthMesh", bound=DepthMesh)
 
 DEPTH_STEP = 0.05
 """Change of depth from one pixel to the next, as a share of the depth, that no slope explains: at
-f = 525 pixels a surface would have to be turned by 87.8 degrees (arctan 0.05 f) to show it."""
+f = 525 pixels a surface would have to be inclined by 87.8 degrees (arctan 0.05 f) to show it."""
 
 _TAN_78 = math.tan(math.radians(78))
 _NOISE_AT_1_M = 1.425e-3  # as of DepthStepOptions
@@ -68,7 +68,7 @@ def cut_depth_steps(
 
     Notes
     -----
-    Where the camera is known no change of depth is a step that a surface turned by 78 degrees
+    Where the camera is known no change of depth is a step that a surface inclined by 78 degrees
     against the image plane shows from one pixel to the next, with three standard deviations of a
     Kinect's noise: z / f tan 78 degrees + 3 * 0.0014 z^2 (metres). Where pixels are coarse, a floor
     changes by more than 5 percent between them.

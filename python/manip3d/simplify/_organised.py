@@ -1,4 +1,4 @@
-"""Organised clouds of depth cameras: the camera is told by the points."""
+"""Organised clouds of depth cameras: the camera is estimated from the points."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ def blocks(count: int) -> Iterator[slice]:
 
 
 def part_of_vertices(mesh: Mesh, depth: int, share: float) -> NDArray[np.uint16]:
-    """Part of each vertex, one of 2^depth, told by its place alone.
+    """Part of each vertex, one of 2^depth, by its position alone.
 
     Each part is cut across its longest side, so that `share` of its vertices lie below the cut.
     """

@@ -268,7 +268,7 @@ def relief(
         Triangles of the dense surface with a longer edge are left out of it.
     depth_step : float, optional
         Triangles of the dense surface whose corners' depths differ by more than this share of the
-        least of them are left out of it, unless a surface that is turned by 78 degrees would show
+        least of them are left out of it, unless a surface that is inclined by 78 degrees would show
         as much from one pixel to the next (`cut_depth_steps` has the rule): steps are boundaries
         from the start. What `cut_depth_steps` cuts afterwards are triangles that most of the pixels
         over them lie a step away from, where bays were filled and holes closed.
@@ -487,7 +487,7 @@ class ReliefStream:
     Raises
     ------
     InputError
-        An option of the wrong kind; numbers out of range are told at the first frame.
+        An option of the wrong kind; numbers out of range are refused at the first frame.
 
     Notes
     -----

@@ -67,7 +67,7 @@ def block(low: ArrayLike, high: ArrayLike, surface: Surface) -> Parts:
 
 
 def standing(heights: ArrayLike, radii: ArrayLike, sectors: int) -> Patch:
-    """A profile turned about z; UV in metres around and up."""
+    """A profile rotated about z; UV in metres around and up."""
     z, r = np.asarray(heights, float), np.asarray(radii, float)
     around = 2.0 * np.pi * float(r.max())
     patch = revolved(z, r, sectors, uv_box=(0.0, float(z[0]), around, float(z[-1])))

@@ -175,14 +175,14 @@ class WorldBuilder:
 
 
 def turned(points: Points, yaw: float) -> Points:
-    """Points turned about z, counter-clockwise."""
+    """Points rotated about z, counter-clockwise."""
     cosine, sine = np.cos(yaw), np.sin(yaw)
     matrix = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
     return product(points, matrix)
 
 
 def placed(parts: Parts, *, at: ArrayLike = (0, 0, 0), yaw: float = 0.0) -> Parts:
-    """Parts turned about z, then shifted."""
+    """Parts rotated about z, then shifted."""
     offset = np.asarray(at, float)
     return [
         (replace(patch, vertices=turned(patch.vertices, yaw) + offset), surface)

@@ -109,7 +109,7 @@ def projections() -> tuple[dict[int, Doubles], Doubles]:
 
 
 def surround_rigs() -> dict[str, StereoRig]:
-    """Return the rigs of `SURROUND`, each the front pair turned about the LiDAR's vertical."""
+    """Return the rigs of `SURROUND`, each the front pair rotated about the LiDAR's vertical."""
     x, y, z = CAMERA_0
     ahead = np.array(
         [
@@ -126,7 +126,7 @@ def surround_rigs() -> dict[str, StereoRig]:
 
 
 def _turn(angle: float) -> Doubles:
-    """(4, 4) turn about the vertical, radians."""
+    """(4, 4) rotation about the vertical, radians."""
     turn = np.eye(4)
     turn[:2, :2] = [[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]
     return turn

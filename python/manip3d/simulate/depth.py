@@ -60,7 +60,7 @@ class DepthScene:
     depth : (H, W) float64
         Exact, along the optical axis; NaN where nothing of the scene is.
     behind : (H, W) float64
-        Depth of what surrounds the scene and is no part of it (a wall that was cut away): at the
+        Depth of what surrounds the scene and is not part of it (a wall that was cut away): at the
         scene's edge pixels float towards it. NaN where there is none.
     color : (H, W, 3) uint8
     slant : (H, W) float64
@@ -98,7 +98,7 @@ class DepthScene:
         Raises
         ------
         InputError
-            A negative ``noise``, a probability that is none.
+            A negative ``noise``, or a probability outside of [0, 1].
         """
         if not noise >= 0:
             raise InputError(f"noise: expected >= 0, got {noise}")

@@ -257,7 +257,7 @@ class Conductor:
         Raises
         ------
         FormatError
-            It is no message that this page may send now.
+            It is not a message that this page may send now.
         """
         session = self._who.get(client)
         step = None if session is None else self.study.step(session)

@@ -161,7 +161,7 @@ def simulate_staircase(
     Raises
     ------
     InputError
-        ``rng`` is no seed.
+        ``rng`` is not a seed.
 
     Examples
     --------

@@ -72,7 +72,7 @@ def make_stimuli(
     InputError
         The study has no stimuli, the folder is there, or an argument is out of range.
     FormatError
-        The definition is none, or a mesh cannot be read.
+        The definition is invalid, or a mesh cannot be read.
     DataMissingError
         A public mesh that the definition names is not here.
     MissingExtraError

@@ -27,7 +27,7 @@ TEMPLATES = ("rating", "jnd-non-textured", "jnd-textured", "display")
 
 @checked
 def read_study(path: str | os.PathLike[str]) -> tuple[Study, dict[str, Any]]:
-    """Read a definition.
+    """Read the definition of a study.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def read_study(path: str | os.PathLike[str]) -> tuple[Study, dict[str, Any]]:
     Raises
     ------
     FormatError
-        It is no definition, something in it is missing, unknown or out of range, or two columns of
+        It is not a definition; something in it is missing, unknown or out of range; two columns of
         the results would have the same name.
     InputError
         A rating has no stimuli.

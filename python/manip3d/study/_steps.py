@@ -84,7 +84,7 @@ class Field:
         Raises
         ------
         FormatError
-            It is no answer to this question.
+            It is not an answer to this question.
         """
         if self.optional and value == "":
             return None

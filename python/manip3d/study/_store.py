@@ -80,7 +80,8 @@ class Session:
         How many participants began before.
     answers : list of Answer
     screen : dict
-        What the page last told of the screen that it is on; empty where none is open. Not stored.
+        What the page last reported about the screen that it is on; empty where none is open. Not
+        stored.
     """
 
     participant: str
@@ -253,7 +254,7 @@ class StudyFolder:
         Raises
         ------
         InputError
-            The code is no code, or differs from another only in its letters' case; the folder was
+            The code is malformed, or differs from another only in its letters' case; the folder was
             opened for reading only.
         """
         with self._turn:

@@ -36,7 +36,7 @@ _HEADER_BYTES = 1 << 16  # where a PLY file names its elements
 
 @dataclass(frozen=True, eq=False)
 class Opened:
-    """Result of `open_any`.
+    """Result of `open_thing`.
 
     Attributes
     ----------

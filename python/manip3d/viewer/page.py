@@ -413,7 +413,7 @@ def film(
     Raises
     ------
     InputError
-        No mesh, something that is none, or an option out of range.
+        No mesh, something that is not a mesh, or an option out of range.
     RenderError
         The viewer is not built; the message names the cure.
 
@@ -581,7 +581,7 @@ def iframe(page: str, *, height: int = 480) -> str:
     Raises
     ------
     InputError
-        ``page`` is no text, or ``height`` no number.
+        ``page`` is not a str, or ``height`` not a number.
 
     Examples
     --------

@@ -114,7 +114,7 @@ def mesh_picture(
     azimuth: float = 35.0,
     threads: int = 0,
 ) -> Image:
-    """The textured mesh, turned about the vertical through its middle, on white.
+    """The textured mesh, rotated about the vertical through its middle, on white.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def surface_picture(
     azimuth: float = 35.0,
     threads: int = 0,
 ) -> Image:
-    """A textured surface, turned about the vertical through its middle, on white.
+    """A textured surface, rotated about the vertical through its middle, on white.
 
     Parameters
     ----------

@@ -155,7 +155,7 @@ class Direction(NamedTuple):
         Raises
         ------
         InputError
-            The text is no direction.
+            The text is not a direction.
         """
         chosen = Direction(
             self.azimuth if azimuth is None else azimuth,
@@ -176,7 +176,7 @@ def up_vector(up: Up) -> Points:
 
 
 def check_view(azimuth: float, elevation: float, up: Up) -> None:
-    """Refuse directions that are none."""
+    """Refuse an unknown ``up`` and angles out of range."""
     if up not in ("y", "z", "-y"):
         raise InputError(f"up: expected 'y', 'z' or '-y', got {up!r}")
     if not math.isfinite(azimuth):

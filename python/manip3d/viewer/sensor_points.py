@@ -158,7 +158,7 @@ def camera_poses(camera: Intrinsics, middle: float) -> tuple[Pose, ...]:
 
 @dataclass(frozen=True, eq=False)
 class DepthImage(Showable):
-    """A depth image that nobody has a calibration for, or none yet.
+    """A depth image to show, with its camera where that is known.
 
     Attributes
     ----------

@@ -15,13 +15,13 @@ namespace manip3d {
 /// Ways in which a scan can contradict its known lattice. All but the last
 /// four are said of single points.
 enum class Evidence : std::uint8_t {
-  kGrid,       ///< Coordinates that are no whole numbers of the coordinate step.
+  kGrid,       ///< Coordinates that are not whole numbers of the coordinate step.
   kLine,       ///< Points beside the line of every laser.
   kStep,       ///< Points between two steps of the encoder.
   kFiring,     ///< Points at a step at which the scanner did not fire.
   kDuplicate,  ///< Two returns of one firing of one laser.
   kOrder,      ///< Points at the wrong place in the file.
-  kPlace,      ///< Points that are no rounding of a place where their laser can have measured.
+  kPlace,      ///< Points that are not roundings of a place where their laser can have measured.
   kRange,      ///< Windows whose ranges are not whole numbers of the range step.
   kDrift,      ///< Windows whose points lie beside their lines on average, by less than rounding.
   kVoid,       ///< Firings that got no return although they went to the ground.
@@ -84,7 +84,7 @@ struct GenericResult {
 
 /// Looks for edits in one frame of a scanner whose lattice is known.
 ///
-/// A kind of evidence that a large share of the whole frame contradicts is no evidence of an edit:
+/// A kind of evidence that a large share of the whole frame contradicts is not evidence of an edit:
 /// somebody processed the frame as a whole (motion compensation, another unit), or it is of another
 /// scanner. It is dropped, with all that stands on it.
 /// @param previous, following  the frames a turn earlier and later, or no points.

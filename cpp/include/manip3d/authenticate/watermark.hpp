@@ -75,7 +75,7 @@ struct WatermarkRecord {
   std::vector<std::array<std::uint8_t, 16>> tags;
   std::array<std::uint8_t, 32> previous{};
 
-  /// @throws FormatError  the bytes are no record of suite 1, or damaged.
+  /// @throws FormatError  the bytes are not a record of suite 1, or damaged.
   static WatermarkRecord parse(std::span<const std::uint8_t> bytes);
 };
 

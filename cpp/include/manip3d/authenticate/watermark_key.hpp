@@ -53,7 +53,7 @@ class WatermarkKey {
 
   /// Reads a key file.
   /// @throws InputError  others can read or write it, or it belongs to somebody else.
-  /// @throws FormatError  it is no key file, or damaged.
+  /// @throws FormatError  it is not a key file, or damaged.
   /// @throws std::filesystem::filesystem_error  the system refused.
   explicit WatermarkKey(const std::filesystem::path& path);
 

@@ -38,7 +38,7 @@ FoundMkvCodec find_mkv_codec();
 /// handed to the operating system before `write` returns: a killed process loses the frame in
 /// progress. When the disk is full, the file ends after the last whole frame.
 /// @throws DeviceError  find_mkv_codec() has none.
-/// @throws InputError  the path exists and is no Matroska file, or is not to be overwritten; a
+/// @throws InputError  the path exists and is not a Matroska file, or is not to be overwritten; a
 /// calibration out of range.
 /// @throws std::filesystem::filesystem_error  the operating system refused.
 std::unique_ptr<RgbdRecorder> record_mkv(const std::filesystem::path& path,

@@ -36,7 +36,7 @@ Eigen::Matrix4d placement_transform(const PointsView& scene, const PointsView& o
                                     const Progress& progress = {});
 
 /// The points, transformed in double and rounded once.
-/// @throws InputError  a transformed coordinate is no finite float.
+/// @throws InputError  a transformed coordinate is not a finite float.
 Points transformed(const Eigen::Ref<const Points>& points, const Eigen::Matrix4d& transform);
 
 /// Copy-Transform-Paste: the object's points, transformed and appended.
@@ -74,7 +74,7 @@ Forgery subtract(const PointsView& scene, const OrientedBox& box, int num_thread
                  const Progress& progress = {});
 
 /// Removes rows of the scene (of a segmented object, say), and appends points.
-/// @throws InputError  what check_points refuses; a row that is none.
+/// @throws InputError  what check_points refuses; a row out of range.
 Forgery replace_rows(const PointsView& scene, std::vector<std::int32_t> rows,
                      const PointsView& added, int num_threads = 0, const Progress& progress = {});
 

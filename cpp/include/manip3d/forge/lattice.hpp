@@ -27,7 +27,7 @@ void check_azimuths(const ScanLattice& lattice);
 
 /// Takes the given rows (what was pasted, say) onto the lattice of the scanner; rings without a
 /// lateral offset.
-/// @throws InputError  what check_points and check_azimuths refuse; a row that is none.
+/// @throws InputError  what check_points and check_azimuths refuse; a row out of range.
 Forgery snap_to_lattice(const PointsView& scene, std::vector<std::int32_t> rows,
                         const ScanLattice& lattice, const SnapOptions& options = {},
                         int num_threads = 0, const Progress& progress = {});

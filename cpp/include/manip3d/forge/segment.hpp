@@ -17,7 +17,7 @@ struct SegmentOptions {
   double ground_slope = 0.3;     ///< Steepest ground, as height over distance.
   double tolerance = 0.5;        ///< Metres: gap that separates two objects.
   std::int64_t min_points = 30;  ///< Fewest points of an object.
-  double max_size = 8.0;         ///< Metres: a longer cluster (a wall) is no object.
+  double max_size = 8.0;         ///< Metres: a longer cluster (a wall) is not an object.
 };
 
 struct Segmentation {

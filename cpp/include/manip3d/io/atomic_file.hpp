@@ -14,7 +14,7 @@ namespace manip3d {
 /// Until `commit()` returns, the target is the old file, whole; without a commit (an exception, a
 /// full disk) the temporary file is removed, and after a kill by the next write to its folder.
 /// `commit()` syncs the file, renames it and syncs the folder. A symbolic link is followed; its
-/// target is replaced. A target that is no regular file (a pipe, /dev/stdout) is written in place.
+/// target is replaced. A target that is not a regular file (a pipe) is written in place.
 /// The mode of a replaced file is kept.
 /// @throws std::filesystem::filesystem_error  the operating system refused, with the target's path.
 class AtomicFile {

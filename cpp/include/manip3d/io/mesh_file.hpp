@@ -74,7 +74,7 @@ struct WriteOptions {
   /// out with a warning.
   std::filesystem::path texture_folder;
   /// glTF: most vertices of a primitive, which is split where it has more; 0: any number. 65 535
-  /// is what 16-bit indices reach (65 535 itself is no index).
+  /// is what 16-bit indices reach (65 535 itself is not an index).
   std::int64_t max_vertices = 0;
   /// glTF: positions and texture coordinates within the picture in 16 bits, normals in 8
   /// (KHR_mesh_quantization, which readers must know): a position moves by at most 1.4e-5 of the

@@ -56,7 +56,7 @@ struct PointField {
 /// PLY: `format` (ascii, binary_little_endian, binary_big_endian), `remark` (a whole line of
 /// comment or obj_info), `skipped` (an element that is not points).
 /// Text: `names` (the line that names the columns), `count` (the first line is the number of
-/// points), `separator` (where it is no blank).
+/// points), `separator` (where it is not a blank).
 using PointHeader = std::vector<std::pair<std::string, std::string>>;
 
 /// The first value of a key; empty when there is none.

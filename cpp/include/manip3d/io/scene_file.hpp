@@ -45,7 +45,7 @@ struct Scene {
 /// Reads a .gltf or .glb file, compressed or not, as a scene.
 ///
 /// Nodes, cameras, lights, materials, textures, animations and `extras` are kept as they are; so
-/// are meshes that are no plain triangles: skinned ones, ones with morph targets, points or lines,
+/// are meshes that are not plain triangles: skinned ones, ones with morph targets, points or lines,
 /// and ones whose textures need a second set of texture coordinates.
 /// @throws FormatError  as read_mesh(); a file of another format.
 Scene read_scene(const std::filesystem::path& path, const ReadOptions& options = {},

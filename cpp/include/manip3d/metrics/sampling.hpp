@@ -21,7 +21,7 @@ struct SurfaceSample {
 /// without area get none. The view must outlive the sampler. 8 bytes a face.
 class SurfaceSampler {
  public:
-  /// @throws InputError  num_samples < 1; a surface without area, or of an area that is no double.
+  /// @throws InputError  num_samples < 1; a surface without area, or with one beyond a double.
   SurfaceSampler(const MeshView& mesh, std::int64_t num_samples, std::uint64_t seed);
 
   [[nodiscard]] SurfaceSample operator[](std::int64_t i) const;

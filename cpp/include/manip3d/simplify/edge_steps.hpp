@@ -11,8 +11,8 @@ namespace manip3d {
 /// z * max(share, slope + noise * z) for the lesser depth z.
 struct EdgeStepRule {
   double share = 0.0, slope = 0.0, noise = 0.0;
-  /// To cross something and come back to the same surface is no step: the steps on the way, those
-  /// down taken from those up, must make more than half of the difference of the ends.
+  /// To cross something and come back to the same surface is not a step: the steps on the way,
+  /// those down taken from those up, must make more than half of the difference of the ends.
   bool passing = false;
 };
 

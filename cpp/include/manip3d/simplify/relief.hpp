@@ -73,7 +73,7 @@ struct ReliefResult {
 /// Few vertices for the dense surface of a point grid (that of grid_mesh()), so that the mean
 /// distance from the surface to the mesh is small.
 ///
-/// 0. Holes of up to four pixels amid one surface are no ends of it, and a measurement with steps
+/// 0. Holes of up to four pixels amid one surface are not ends of it, and a measurement with steps
 ///    all around it is such a hole: the surface is continued over them, with confidence 0, unless
 ///    they are fewer than one pixel of a thousand, or the target leaves room for all pixels. Where
 ///    they are one of fifty, pixels are missing at random, and holes of up to 32 pixels are treated
