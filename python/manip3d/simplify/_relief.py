@@ -593,13 +593,16 @@ class ReliefStream:
         with self._lock:
             make, measured = self._take(depth, color, mask, confidence)
             if self._budget is None:
-                found = make(self._most_points)
-            else:
-                most_points = min(self._most_points, max(measured, LEAST_POINTS))
-                found = self._within_bytes(self._budget, make, most_points, time_ns)
-            depths = np.ascontiguousarray(found.vertices[:, 2], np.float32)
-            self._smoother.show(found.pixels, depths, found.faces)
+                return make(self._most_points)
+            most_points = min(self._most_points, max(measured, LEAST_POINTS))
+            found = self._within_bytes(self._budget, make, most_points, time_ns)
+            self._show(found)  # which need not be the last that was made
             return found
+
+    def _show(self, found: Relief) -> None:
+        """Let the next frame stay near to this mesh."""
+        depths = np.ascontiguousarray(found.vertices[:, 2], np.float32)
+        self._smoother.show(found.pixels, depths, found.faces)
 
     def _take(
         self,
@@ -623,7 +626,7 @@ class ReliefStream:
 
         def make(target: int) -> Relief:
             self._options.target_points = target
-            return run_relief(
+            found = run_relief(
                 self._solver,
                 points.reshape(*image.shape, 3),
                 valid.reshape(image.shape).view(np.bool_),
@@ -634,6 +637,8 @@ class ReliefStream:
                 surface,
                 shares,
             )
+            self._show(found)
+            return found
 
         return make, int(np.count_nonzero(valid))
 
