@@ -527,7 +527,8 @@ def test_a_stable_folder_is_what_a_stream_makes_of_it(frames: Path, tmp_path: Pa
         found = stream.simplify(depth)
         found = simplify.cut_depth_steps(found, found.surface.depth)  # type: ignore[union-attr]
         written = read_mesh(tmp_path / "stable" / f"{source.stem}.glb")
-        expected = found.mesh.vertices * [1, -1, -1]
+        used = np.unique(found.faces)  # a cut frees some
+        expected = found.mesh.vertices[used] * [1, -1, -1]
         np.testing.assert_allclose(
             np.sort(written.vertices, axis=0), np.sort(expected, axis=0), atol=1e-6
         )
