@@ -270,6 +270,9 @@ TREATMENTS: dict[str, Treatment] = {
     "in centimetres": lambda scan, _: of(scan, scan.points * np.float32(100.0)),
     "scaled by 1.02": lambda scan, _: of(scan, scan.points * np.float32(1.02)),
     "shuffled": lambda scan, rng: scan.select(rng.permutation(scan.num_points)),
+    "rows shifted round": ordered(
+        lambda points: np.roll(np.arange(len(points), dtype=np.float64), len(points) // 3)
+    ),
     "sorted by range": ordered(distance),
     "sorted by azimuth": ordered(azimuth),
     "sorted by x": ordered(lambda points: points[:, 0]),

@@ -322,6 +322,18 @@ def test_points_out_of_order(clean: np.ndarray) -> None:
     assert set(result.suspected) == set(range(len(clean) - 40, len(clean)))
 
 
+@pytest.mark.parametrize("rows", [1, 100, 7000, -100])
+def test_rows_that_were_shifted_round_are_in_order(clean: np.ndarray, rows: int) -> None:
+    """As where a drive was cut into turns again, at another angle of the scanner."""
+    result = judged(np.roll(clean, rows, axis=0))
+    assert result.verdict != "tampered"
+    assert result.evidence["order"].strength == 0.0
+    forged = np.vstack([np.delete(clean, np.arange(5000, 5040), axis=0), clean[5000:5040]])
+    moved = judged(np.roll(forged, rows, axis=0))
+    assert moved.evidence["order"].strength == 40.0
+    assert set(moved.suspected) == {(len(clean) - 40 + k + rows) % len(clean) for k in range(40)}
+
+
 def test_ranges_that_the_scanner_cannot_print(clean: np.ndarray) -> None:
     rows = box_of(clean, 1.0, 0.06, 0.5)
     rng = np.random.default_rng(0)

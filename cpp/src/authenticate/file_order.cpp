@@ -47,13 +47,41 @@ std::uint64_t place_of(const LatticeReading& reading, std::int32_t i, float firs
   return ring << 32U | std::bit_cast<std::uint32_t>(ahead < 0.0F ? ahead + kFullTurnF : ahead);
 }
 
+// Where the order begins: at the first point, or where a file goes back to its lowest place, whose
+// rows were shifted round, so that its last points come before its first.
+std::int32_t first_row(const LatticeReading& reading, float first) {
+  constexpr std::uint64_t kNone = ~std::uint64_t{0};
+  std::int32_t row = 0, previous = -1;
+  std::uint64_t front = 0, back = 0, lowest = kNone;
+  for (std::int32_t i = 0; i < reading.ring.size(); ++i) {
+    if (reading.ring(i) < 0) continue;
+    const std::uint64_t place = place_of(reading, i, first);
+    if (previous < 0) front = place;
+    if (previous >= 0 && reading.ring(i) < reading.ring(previous) && place < lowest) {
+      lowest = place;
+      row = i;
+    }
+    previous = i;
+    back = place;
+  }
+  return back <= front && lowest <= front ? row : 0;
+}
+
+// Points from where the order of a file begins, in its order.
+struct Chain {
+  std::int32_t first_row = 0;
+  std::vector<std::int32_t> points;
+};
+
 // The longest non-descending subsequence of the points that have a ring [Fredman 1975].
-std::vector<std::int32_t> longest_in_order(const LatticeReading& reading, float first) {
+Chain longest_in_order(const LatticeReading& reading, float first) {
   const auto n = static_cast<std::int32_t>(reading.ring.size());
   std::vector<std::uint64_t> ends;  // ends[k]: the lowest last place of a subsequence of k + 1
   std::vector<std::int32_t> last;   // the point with that place
   std::vector<std::int32_t> previous(n, -1);
-  for (std::int32_t i = 0; i < n; ++i) {
+  Chain chain{first_row(reading, first), {}};
+  for (std::int32_t j = 0; j < n; ++j) {
+    const std::int32_t i = (chain.first_row + j) % n;
     if (reading.ring(i) < 0) continue;
     const std::uint64_t place = place_of(reading, i, first);
     auto at = ends.end();
@@ -68,22 +96,21 @@ std::vector<std::int32_t> longest_in_order(const LatticeReading& reading, float 
       last[k] = i;
     }
   }
-  std::vector<std::int32_t> chain;
   if (last.empty()) return chain;
   for (std::int32_t i = last.back(); i >= 0; i = previous[i]) {
-    chain.push_back(i);
+    chain.points.push_back(i);
   }
-  std::reverse(chain.begin(), chain.end());
+  std::reverse(chain.points.begin(), chain.points.end());
   return chain;
 }
 
 // The same where rings may begin elsewhere: what explains more of the file holds.
-std::vector<std::int32_t> longest_in_order(const LatticeReading& reading) {
-  std::vector<std::int32_t> chain = longest_in_order(reading, 0.0F);
+Chain longest_in_order(const LatticeReading& reading) {
+  Chain chain = longest_in_order(reading, 0.0F);
   const float first = first_azimuth(reading);
   if (first > 0.0F) {
-    std::vector<std::int32_t> turned = longest_in_order(reading, first);
-    if (turned.size() > chain.size()) return turned;
+    Chain turned = longest_in_order(reading, first);
+    if (turned.points.size() > chain.points.size()) return turned;
   }
   return chain;
 }
@@ -97,10 +124,12 @@ bool is_rounding(const LatticeReading& reading, std::int32_t i, std::int32_t nei
 }  // namespace
 
 std::vector<std::int32_t> misplaced_in_file(const LatticeReading& reading) {
-  const std::vector<std::int32_t> chain = longest_in_order(reading);
+  const auto [first_row, chain] = longest_in_order(reading);
+  const auto n = static_cast<std::int32_t>(reading.ring.size());
   std::vector<std::int32_t> misplaced;
   std::size_t next = 0;  // the first of the chain at or behind i
-  for (std::int32_t i = 0; i < reading.ring.size(); ++i) {
+  for (std::int32_t j = 0; j < n; ++j) {
+    const std::int32_t i = (first_row + j) % n;
     if (next < chain.size() && chain[next] == i) {
       ++next;
       continue;
@@ -110,6 +139,7 @@ std::vector<std::int32_t> misplaced_in_file(const LatticeReading& reading) {
                       (next < chain.size() && is_rounding(reading, i, chain[next]));
     if (!near) misplaced.push_back(i);
   }
+  std::sort(misplaced.begin(), misplaced.end());
   return misplaced;
 }
 
