@@ -324,7 +324,7 @@ def test_points_out_of_order(clean: np.ndarray) -> None:
 
 @pytest.mark.parametrize("rows", [1, 100, 7000, -100])
 def test_rows_that_were_shifted_round_are_in_order(clean: np.ndarray, rows: int) -> None:
-    """As where a drive was cut into turns again, at another angle of the scanner."""
+    """A drive that was cut into turns again, at another angle of the scanner, has such files."""
     result = judged(np.roll(clean, rows, axis=0))
     assert result.verdict != "tampered"
     assert result.evidence["order"].strength == 0.0

@@ -47,8 +47,8 @@ std::uint64_t place_of(const LatticeReading& reading, std::int32_t i, float firs
   return ring << 32U | std::bit_cast<std::uint32_t>(ahead < 0.0F ? ahead + kFullTurnF : ahead);
 }
 
-// Where the order begins: at the first point, or where a file goes back to its lowest place, whose
-// rows were shifted round, so that its last points come before its first.
+// The row at which the order begins: the first, or, in a file whose rows were shifted round so that
+// its last points come before its first, the one at which it goes back to its lowest place.
 std::int32_t first_row(const LatticeReading& reading, float first) {
   constexpr std::uint64_t kNone = ~std::uint64_t{0};
   std::int32_t row = 0, previous = -1;

@@ -116,7 +116,7 @@ void MatroskaWriter::finish() {
 
 int MatroskaWriter::check(int code) {
   if (file_.error != 0) {
-    // What cannot be cut off is passed over by readers: it is not a whole cluster.
+    // Readers pass over a part that cannot be cut off: it is not a whole cluster.
     [[maybe_unused]] const int result = ::ftruncate(file_.descriptor.get(), whole_);
     file_.check("cannot write");
   }
