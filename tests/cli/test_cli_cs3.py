@@ -513,11 +513,11 @@ def still_pixels(folder: Path) -> float:
 def test_a_stable_folder_is_what_a_stream_makes_of_it(frames: Path, tmp_path: Path) -> None:
     base = ("depth", frames, "--points", "150", "--intrinsics", FOCAL, "--json")
     rows = json.loads(manip3d(*base, "--stable", "-o", tmp_path / "stable").stdout)
-    assert all(145 <= row["points"] <= 150 for row in rows)  # less those that a cut step frees
+    assert all(148 <= row["points"] <= 150 for row in rows)  # less those that a cut step frees
     assert all(row["coverage"] > 0.9 and row["unit"] == "mm" for row in rows)
     manip3d(*base, "-o", tmp_path / "alone", "--jobs", "1")
     kept, kept_alone = still_pixels(tmp_path / "stable"), still_pixels(tmp_path / "alone")
-    assert kept > 2 * kept_alone
+    assert kept > 0.45 > 0.2 > kept_alone
 
     sources = sorted(frames.iterdir())
     depths = [np.array(Image.open(path)) for path in sources]
