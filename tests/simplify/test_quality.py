@@ -162,7 +162,7 @@ def test_a_sheet_with_front_and_back_keeps_its_outline(share: float) -> None:
     result = simplify.quality(both, target_faces=round(share * both.num_faces)).mesh
     sides = result.faces[result.vertices[result.faces][:, :, 2].max(axis=1) < 1]
     assert area(Mesh(result.vertices, sides)) == pytest.approx(2.0, abs=0.01)
-    # Of 576 faces: rounding noise of volumes that cancel sent its vertices far away.
+    # The sheet has 576 faces: rounding noise of volumes that cancel sent its vertices far away.
     assert len(sides) <= 12
 
 
