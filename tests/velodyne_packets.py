@@ -59,12 +59,12 @@ def pcap(
 ) -> bytes:  # fmt: skip
     """A pcap file with a frame every ``step`` seconds."""
     magic = 0xA1B23C4D if nanoseconds else 0xA1B2C3D4
-    data = struct.pack(order + "IHHiIII", magic, 2, 4, 0, 0, 65535, link)
+    data = [struct.pack(order + "IHHiIII", magic, 2, 4, 0, 0, 65535, link)]
     for i, frame in enumerate(frames):
         seconds, part = divmod(start + i * step, 1.0)
         ticks = round(part * (1e9 if nanoseconds else 1e6))
-        data += struct.pack(order + "IIII", int(seconds), ticks, len(frame), len(frame)) + frame
-    return data
+        data += [struct.pack(order + "IIII", int(seconds), ticks, len(frame), len(frame)), frame]
+    return b"".join(data)
 
 
 def pcapng(
@@ -85,16 +85,16 @@ def pcapng(
         return struct.pack(order + "II", kind, size) + body + struct.pack(order + "I", size)
 
     per_second = 2 ** (tick - 128) if tick >= 128 else 10**tick
-    data = ng_block(0x0A0D0D0A, struct.pack(order + "IHHq", 0x1A2B3C4D, 1, 0, -1))
+    data = [ng_block(0x0A0D0D0A, struct.pack(order + "IHHq", 0x1A2B3C4D, 1, 0, -1))]
     option = struct.pack(order + "HHBxxx", 9, 1, tick) + struct.pack(order + "HH", 0, 0)
-    data += ng_block(1, struct.pack(order + "HHI", link, 0, 65535) + option)
+    data.append(ng_block(1, struct.pack(order + "HHI", link, 0, 65535) + option))
     for i, frame in enumerate(frames):
         ticks = int((start + Fraction(i, 4)) * per_second) % 2**64
         head = struct.pack(
             order + "IIIII", 0, ticks >> 32, ticks & 0xFFFFFFFF, len(frame), len(frame)
         )
-        data += ng_block(6, head + frame + bytes(-len(frame) % 4))
-    return data
+        data.append(ng_block(6, head + frame + bytes(-len(frame) % 4)))
+    return b"".join(data)
 
 
 def hdl64e_calibration(*, two_points: bool, seed: int = 0) -> VelodyneCalibration:
