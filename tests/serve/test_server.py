@@ -58,10 +58,12 @@ def server(request: pytest.FixtureRequest) -> Iterator[LocalServer]:
     """What holds in the clear holds for an encrypted connection too."""
     limits = Limits(request_seconds=0.5, send_seconds=0.5)
     made = request.getfixturevalue("certificate") if request.param == "https" else None
+    gc.freeze()  # what was there before need not be looked through
     with LocalServer(PAGES, acknowledge, limits=limits, certificate=made) as running:
         assert running.origin.startswith(f"{request.param}://127.0.0.1:")
         yield running
     gc.collect()  # a socket that was left open is said to be, in the test that left it
+    gc.unfreeze()
 
 
 def wait_for(condition: Callable[[], bool]) -> None:
