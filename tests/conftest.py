@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import re
@@ -60,6 +61,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker("browser")
         if real_data.ROOT is None and item.get_closest_marker("realdata"):
             item.add_marker(pytest.mark.skip(reason="MANIP3D_DATA is not set"))
+
+
+def pytest_collection_finish() -> None:
+    """Thousands of tests stay to the end: collections of garbage need not look through them."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.hookimpl(wrapper=True)

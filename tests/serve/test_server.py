@@ -63,7 +63,6 @@ def server(request: pytest.FixtureRequest) -> Iterator[LocalServer]:
         assert running.origin.startswith(f"{request.param}://127.0.0.1:")
         yield running
     gc.collect()  # a socket that was left open is said to be, in the test that left it
-    gc.unfreeze()
 
 
 def wait_for(condition: Callable[[], bool]) -> None:
