@@ -174,7 +174,7 @@ asan: setup ## Run both test suites under the address and undefined-behaviour sa
 tsan: ## Run the C++ tests under the thread sanitizer
 tsan-capture: ## Run those of what reads and records sensors under it
 tsan tsan-capture:
-	.ci/install_packages.sh $(DEV_PACKAGES)
+	.ci/install_packages.sh $(DEV_PACKAGES) $(SANITIZER_PACKAGES)
 	cmake --preset $@ >/dev/null
 	cmake --build --preset $@
 	ctest --preset $@ -j "$$(nproc)"
