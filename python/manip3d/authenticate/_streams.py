@@ -423,7 +423,7 @@ def _length_of(frames: Iterable[RgbdFrame]) -> int | None:
     if isinstance(frames, Sequence):
         return len(frames)
     length: int | None = getattr(frames, "num_frames", None)
-    if length is None and isinstance(frames, _Recording) and not frames.is_live:
+    if length is None and isinstance(frames, _Recording) and frames.has_known_end:
         length = sum(1 for _ in frames)
         frames.start()
     return length
@@ -431,7 +431,7 @@ def _length_of(frames: Iterable[RgbdFrame]) -> int | None:
 
 @runtime_checkable
 class _Recording(Protocol):
-    is_live: bool
+    has_known_end: bool
 
     def start(self) -> None: ...
     def __iter__(self) -> Iterator[RgbdFrame]: ...

@@ -20,12 +20,14 @@ class FrameSource(ABC, Generic[Frame]):
 
     Its ``read(milliseconds)`` gives a frame, the fields of one, True for "not yet" or False for
     "no more"; it may be called from any thread. Each frame goes to one reader. `stop` may be called
-    at any time from any thread, also twice, and ends a `read` that waits.
+    at any time from any thread, also twice: it ends a `read` that waits, and what is no camera
+    gives no frame after that one.
     """
 
     uri: str
+    is_live: bool
     _source: Any
-    _has_ended = False
+    _has_ended = _is_stopped = False
 
     @abstractmethod
     def read(self, timeout: float | None = None) -> Frame | None:
@@ -43,6 +45,9 @@ class FrameSource(ABC, Generic[Frame]):
         if timeout is not None and not timeout >= 0.0:
             raise InputError(f"timeout: expected seconds >= 0, got {timeout}")
         end = math.inf if timeout is None else time.monotonic() + timeout
+        if self._is_stopped and not self.is_live:
+            self._has_ended = True
+            return None
         while True:
             left_ms = 1000 * (end - time.monotonic())
             found = self._source.read(round(min(max(1, left_ms), _POLL_MS)))

@@ -103,7 +103,11 @@ class LidarSource(FrameSource[LidarFrame]):
         return frame
 
     def stop(self) -> None:
-        """End a live source's thread; what it has collected can still be read."""
+        """End a live source's thread; what it has collected can still be read.
+
+        A recording gives no more frames.
+        """
+        self._is_stopped = True
         if self.is_live:
             self._source.stop()
 

@@ -142,6 +142,17 @@ class RgbdSource(FrameSource[RgbdFrame]):
         found: int | None = self._source.num_frames()
         return found
 
+    @property
+    def begins_anew(self) -> bool:
+        """Whether it can be read again from its first frame: no camera, and no iterator's frames."""
+        return not self.is_live and self._reopen is not None
+
+    @property
+    def has_known_end(self) -> bool:
+        """Whether it is known to end: no camera, and no iterable's frames without a length."""
+        is_iterated = isinstance(self._source, _Iterated)
+        return not self.is_live and not (is_iterated and self.num_frames is None)
+
     def start(self) -> None:
         """Open the device again after a `DeviceError`; a recording begins anew, with its counters.
 
@@ -293,7 +304,8 @@ class RgbdSource(FrameSource[RgbdFrame]):
     def stop(self) -> None:
         """End a live source's thread; the frame that it has can still be read.
 
-        A recording that has ended does not begin anew then, unless `start` is called.
+        What is no camera gives no more frames, unless `start` or `seek` is called: a loop over an
+        endless iterator ends, too, with the frame that it waits for.
         """
         self._is_stopped = True
         self._source.stop()
@@ -321,6 +333,11 @@ class ForgedSource(RgbdSource):
         if not isinstance(value, bool):
             raise InputError(f"forged: expected True or False, got {value!r}")
         self._source.is_forged = value
+
+    @property
+    def begins_anew(self) -> bool:
+        """Whether the source that is forged can be read again from its first frame."""
+        return not self.is_live
 
     def _rewind(self) -> None:
         if not self.is_live and not self._is_stopped:

@@ -111,14 +111,14 @@ def _camera(camera: Intrinsics) -> dict[str, Any]:
 def summarize(
     source: RgbdSource, *, seconds: float = LIVE_SECONDS, progress: Progress = None
 ) -> SourceSummary:
-    """Count and time the frames of a source: all of a recording, some of a live one.
+    """Count and time the frames of a source: all of a recording, some of what may never end.
 
     Parameters
     ----------
     source : RgbdSource
         What `open_rgbd` opened; it is closed afterwards.
     seconds : float
-        For so long a live source is looked at.
+        For so long a live source is looked at, and one without a known end, such as an iterator.
     progress : callable or bool, optional
         Called with the share that is done, where the number of frames is known; True: a bar.
 
@@ -159,7 +159,7 @@ def summarize(
                 farthest = max(farthest, measured.max() / 1000.0)
             if report is not None and source.num_frames:
                 report(len(times) / source.num_frames)
-            if source.is_live and time.monotonic() - begin > seconds:
+            if not source.has_known_end and time.monotonic() - begin > seconds:
                 break
     steps = np.diff(np.asarray(times, np.int64)).astype(np.float64) / 1e9
     step = float(np.median(steps)) if len(steps) else 0.0

@@ -50,9 +50,10 @@ def recorded_people(
     Parameters
     ----------
     source : iterable of RgbdFrame
-        A sequence, or what `manip3d.capture.open_rgbd` opened. A camera's frames are kept.
+        A sequence, or what `manip3d.capture.open_rgbd` opened. The frames of a camera or of an
+        iterator, which come once, are kept.
     num_frames : int, optional
-        The first ones only; a camera has no end without.
+        The first ones only; a camera has no end without, nor have some iterators.
     with_plate : bool
         Learn the scene behind the people, from frames that are spread over the recording; else its
         first frames are enough.
@@ -78,7 +79,7 @@ def recorded_people(
     _check_frames_wanted(num_frames)
     name = getattr(source, "uri", "source")
     kept = None
-    if getattr(source, "is_live", False):
+    if isinstance(source, Iterator) or not getattr(source, "begins_anew", True):
         kept = list(islice(source, num_frames))
     every = source if kept is None else kept
     spread, is_told = _Spread(), False
