@@ -6,7 +6,7 @@ import json
 import os
 import re
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from manip3d import _core
-from manip3d._util.arrays import rows, vector
+from manip3d._util.arrays import as_array, rows, vector
 from manip3d._util.callers import caller_level
 from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
@@ -71,6 +71,10 @@ class Intrinsics:
             object.__setattr__(self, name, int(value))
         for name in ("fx", "fy", "cx", "cy"):
             object.__setattr__(self, name, _number(getattr(self, name), f"intrinsics.{name}"))
+        if isinstance(self.distortion, str) or not isinstance(self.distortion, Iterable):
+            raise InputError(
+                f"intrinsics.distortion: expected five numbers, got {self.distortion!r}"
+            )
         coefficients = tuple(_number(k, "intrinsics.distortion") for k in self.distortion)
         if len(coefficients) != 5:
             raise InputError(
@@ -80,7 +84,10 @@ class Intrinsics:
         object.__setattr__(self, "distortion", coefficients)
         object.__setattr__(self, "mirrored", bool(self.mirrored))
         if self.rays is not None:
-            rays = np.ascontiguousarray(self.rays, dtype=np.float32)
+            rays = as_array(self.rays, "intrinsics.rays")
+            if rays.dtype.kind not in "iuf":
+                raise InputError(f"intrinsics.rays: expected numbers, got dtype {rays.dtype}")
+            rays = np.ascontiguousarray(rays, np.float32)
             if rays.shape != (self.height, self.width, 2):
                 raise InputError(
                     f"intrinsics.rays: expected shape ({self.height}, {self.width}, 2), "
@@ -88,6 +95,13 @@ class Intrinsics:
                 )
             object.__setattr__(self, "rays", rays)
         _core.check_intrinsics(self)
+
+    def __eq__(self, other: object) -> bool:
+        """Whether all values are equal, those of the ray tables among them."""
+        return same_camera(self, other) if isinstance(other, Intrinsics) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash((self.width, self.height, self.fx, self.fy, self.cx, self.cy, self.distortion))
 
     @overload
     def unproject(
@@ -106,7 +120,8 @@ class Intrinsics:
         ----------
         depth : (H, W) uint16 in millimetres or float32 in metres
             The distance along the optical axis. 0 and NaN mean no measurement. With ``pixels``:
-            (...) float in metres, one number per pixel, or one for all.
+            (...) uint16 in millimetres, as taken from an image, or float in metres; one number per
+            pixel, or one for all.
         pixels : (..., 2) float, optional
             Columns and rows ``(u, v)``, which need not be whole nor, except with a ray table, lie
             inside the image. A depth of 1 gives the lines of sight.
@@ -138,7 +153,12 @@ class Intrinsics:
             points, _, _ = _core.unproject(image, self, threads_of(threads))
             return np.asarray(points, np.float32).reshape(*image.shape, 3)
         at = _last_axis(pixels, 2, "pixels")
-        z = np.asarray(depth, np.float64)
+        given = as_array(depth, "depth")
+        if given.dtype.kind not in "iuf":
+            raise InputError(f"depth: expected numbers, got dtype {given.dtype}")
+        z = np.asarray(given, np.float64)
+        if given.dtype == np.uint16:
+            z = z / 1000.0
         if z.ndim and z.shape != at.shape[:-1]:
             raise InputError(f"depth: expected one number or shape {at.shape[:-1]}, got {z.shape}")
         if (z < 0).any() or np.isinf(z).any():
@@ -248,12 +268,25 @@ class Registration:
         object.__setattr__(self, "translation", translation)
         _core.check_registration(self)
 
+    def __eq__(self, other: object) -> bool:
+        """Whether all values are equal."""
+        if not isinstance(other, Registration):
+            return NotImplemented
+        return (
+            self.color == other.color
+            and np.array_equal(self.rotation, other.rotation)
+            and np.array_equal(self.translation, other.translation)
+        )
+
+    def __hash__(self) -> int:
+        return hash(self.color)
+
 
 def checked_depth(depth: ArrayLike, intrinsics: Intrinsics) -> NDArray[np.uint16 | np.float32]:
     """The image in one of the two dtypes of the core; the same object if it is in one."""
     if not isinstance(intrinsics, Intrinsics):
         raise InputError(f"intrinsics: expected Intrinsics, got {intrinsics!r}")
-    image = np.asarray(depth)
+    image = as_array(depth, "depth")
     if image.dtype not in (np.uint16, np.float32):
         raise InputError(
             f"depth: expected dtype uint16 (millimetres) or float32 (metres), got {image.dtype}"
@@ -268,7 +301,7 @@ def checked_depth(depth: ArrayLike, intrinsics: Intrinsics) -> NDArray[np.uint16
 
 def _last_axis(values: ArrayLike, size: int, name: str) -> NDArray[np.float64]:
     """A (..., size) C-contiguous float64 array."""
-    array = np.asarray(values)
+    array = as_array(values, name)
     if array.dtype.kind not in "iuf" or array.ndim == 0 or array.shape[-1] != size:
         raise InputError(
             f"{name}: expected numbers of shape (..., {size}), got {array.dtype} of {array.shape}"

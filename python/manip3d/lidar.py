@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 
 from manip3d import _core
+from manip3d._util.arrays import as_array, vector
 from manip3d._util.arrays import rows as as_rows
-from manip3d._util.arrays import vector
 from manip3d._util.linear import product
 from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.showing import Showable
@@ -97,8 +97,12 @@ class Box:
                 raise InputError(f"{name}: expected finite numbers, got {values!r}")
         if not (np.asarray(self.size) >= 0).all():
             raise InputError(f"size: expected numbers >= 0, got {self.size!r}")
-        if not math.isfinite(self.yaw):
+        is_number = np.ndim(self.yaw) == 0 and np.asarray(self.yaw).dtype.kind in "iuf"
+        if not (is_number and math.isfinite(self.yaw)):
             raise InputError(f"yaw: expected a finite number, got {self.yaw!r}")
+        object.__setattr__(self, "center", _three(self.center))  # of an array, too
+        object.__setattr__(self, "size", _three(self.size))
+        object.__setattr__(self, "yaw", float(self.yaw))
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
         """Which of the (N, 3) points lie inside, faces included."""
@@ -182,10 +186,14 @@ class LidarFrame(Showable):
             raise InputError(f"time_ns: expected whole nanoseconds of 64 bits, got {time_ns!r}")
         _core.check_points(points, np.empty(0, np.float32) if intensity is None else intensity)
         exact = None if self.exact is None else as_rows(self.exact, 3, np.float64, "exact")
-        ring = None if self.ring is None else np.asarray(self.ring)
+        ring = None if self.ring is None else as_array(self.ring, "ring")
         if ring is not None and ring.dtype.kind not in "iu":
             raise InputError(f"ring: expected integers, got dtype {ring.dtype}")
-        fields = {name: np.asarray(values) for name, values in self.fields.items()}
+        if not isinstance(self.fields, Mapping):
+            raise InputError(f"fields: expected a mapping of arrays, got {self.fields!r}")
+        if others := [name for name in self.fields if not isinstance(name, str)]:
+            raise InputError(f"fields: expected texts as names, got {others[0]!r}")
+        fields = {name: as_array(values, name) for name, values in self.fields.items()}
         rows = None if self.file_rows is None else np.asarray(self.file_rows)
         if rows is not None and rows.dtype.kind not in "iu":
             raise InputError(f"file_rows: expected integers, got dtype {rows.dtype}")
@@ -232,12 +240,31 @@ class LidarFrame(Showable):
         Parameters
         ----------
         rows : (N,) bool or (M,) integers
-            A mask, or row numbers in the wanted order.
+            A mask, or row numbers in the wanted order; negative ones count from the end.
+
+        Raises
+        ------
+        InputError
+            A mask of another length; row numbers that are no integers or out of range.
         """
-        index = np.asarray(rows)
-        if index.dtype == np.bool_ and index.shape != (self.num_points,):
+        index = as_array(rows, "rows")
+        count = self.num_points
+        if index.ndim == 1 and not index.size:  # an empty list has floats
+            index = index.astype(np.int64) if index.dtype != np.bool_ else index
+        if index.dtype == np.bool_ and index.shape != (count,):
+            raise InputError(f"rows: expected a mask of shape ({count},), got {index.shape}")
+        if index.ndim != 1 or index.dtype.kind not in "biu":
             raise InputError(
-                f"rows: expected a mask of shape ({self.num_points},), got {index.shape}"
+                f"rows: expected a mask or integers of shape (N,), got {index.dtype} {index.shape}"
+            )
+        if (
+            index.dtype.kind in "iu"
+            and index.size
+            and not (index.min() >= -count and index.max() < count)
+        ):
+            raise InputError(
+                f"rows: expected values in [{-count}, {count - 1}], "
+                f"got {index.min()} to {index.max()}"
             )
         return self._taken(lambda values: values[index])
 
@@ -325,10 +352,15 @@ class LidarFrame(Showable):
 
 
 def _column(values: ArrayLike, name: str) -> NDArray[np.float32]:
-    array = np.asarray(values)
+    array = as_array(values, name)
     if array.ndim != 1:
         raise InputError(f"{name}: expected shape (N,), got {array.shape}")
     return as_rows(array[:, None], 1, np.float32, name)[:, 0]
+
+
+def _three(values: Any) -> tuple[float, float, float]:
+    x, y, z = np.asarray(values, np.float64).tolist()
+    return x, y, z
 
 
 def _place(values: Any, name: str) -> tuple[float, float, float]:
@@ -349,7 +381,7 @@ def to_scan(values: ScanLike) -> Scan:
     none = np.empty(0, np.float32)
     if isinstance(values, LidarFrame):
         return Scan(values.points, none if values.intensity is None else values.intensity, values)
-    array = np.asarray(values)
+    array = as_array(values, "scan")
     if array.ndim == 2 and array.shape[1] == 4:
         return Scan(
             as_rows(array[:, :3], 3, np.float32, "scan"),

@@ -178,6 +178,10 @@ class Mesh(Showable):
         self.face_material = (
             None if face_material is None else index_rows(face_material, None, "face_material")
         )
+        if not isinstance(materials, Sequence) or not all(
+            isinstance(material, Material) for material in materials
+        ):
+            raise InputError(f"materials: expected a sequence of Material, got {materials!r}")
         self.materials = tuple(materials)
         self.source = source
         self.validate()

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d import _core
+from manip3d._util.arrays import masked_elements, rows
 from manip3d._util.showing import Showable
 from manip3d.camera import Intrinsics, Registration
 from manip3d.errors import InputError
@@ -82,22 +83,27 @@ class Skeleton:
     body: int = NO_BODY
 
     def __post_init__(self) -> None:
-        for name, shape, dtype in (
-            ("positions", (25, 3), np.float32),
-            ("orientations", (25, 4), np.float32),
-            ("states", (25,), np.uint8),
-        ):
-            array = np.ascontiguousarray(getattr(self, name), dtype)
-            if array.shape != shape:
-                raise InputError(f"skeleton.{name}: expected shape {shape}, got {array.shape}")
+        columns = {"positions": 3, "orientations": 4, "states": None}
+        for name, width in columns.items():
+            array = rows(
+                getattr(self, name),
+                width,
+                np.uint8 if width is None else np.float32,
+                f"skeleton.{name}",
+            )
+            if len(array) != len(JOINTS):
+                expected = (len(JOINTS),) if width is None else (len(JOINTS), width)
+                raise InputError(f"skeleton.{name}: expected shape {expected}, got {array.shape}")
             object.__setattr__(self, name, array)
         if self.states.max() > TRACKED:
             raise InputError(f"skeleton.states: expected 0, 1 or 2, got {self.states.max()}")
+        for name in ("id", "body"):
+            object.__setattr__(self, name, _int64(f"skeleton.{name}", getattr(self, name)))
         if not 0 <= self.body <= NO_BODY:
             raise InputError(f"skeleton.body: expected 0 to 255, got {self.body}")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class RgbdCalibration:
     """What does not change from frame to frame; cameras are not mirrored.
 
@@ -112,6 +118,14 @@ class RgbdCalibration:
     registration: Registration | None = None
 
     def __post_init__(self) -> None:
+        for name, value, kind in (
+            ("depth", self.depth, Intrinsics),
+            ("registration", self.registration, Registration | None),
+        ):
+            if not isinstance(value, kind):
+                raise InputError(
+                    f"calibration.{name}: expected {getattr(kind, '__name__', kind)}, got {value!r}"
+                )
         for name, camera in (
             ("depth", self.depth),
             ("registration.color", self.registration.color if self.registration else None),
@@ -160,6 +174,12 @@ class RgbdFrame(Showable):
     grabbed_ns: int = 0
 
     def __post_init__(self) -> None:
+        if not isinstance(self.calibration, RgbdCalibration):
+            made = isinstance(self.calibration, Intrinsics)
+            raise InputError(
+                f"frame.calibration: expected RgbdCalibration, got {self.calibration!r}"
+                + ("; make one of it: RgbdCalibration(camera)" if made else "")
+            )
         camera = self.calibration.depth
         _check_image("depth", self.depth, np.uint16, (camera.height, camera.width))
         if self.body_index is not None:
@@ -168,6 +188,10 @@ class RgbdFrame(Showable):
             registration = self.calibration.registration
             color = registration.color if registration else camera
             _check_image("color", self.color, np.uint8, (color.height, color.width, 3))
+        if isinstance(self.skeletons, Skeleton) or not all(
+            isinstance(skeleton, Skeleton) for skeleton in self.skeletons
+        ):
+            raise InputError(f"frame.skeletons: expected a tuple of them, got {self.skeletons!r}")
         object.__setattr__(self, "skeletons", tuple(self.skeletons))
         for name in ("time", "number", "grabbed_ns"):
             object.__setattr__(self, name, _int64(f"frame.{name}", getattr(self, name)))
@@ -196,6 +220,8 @@ def _int64(name: str, value: object) -> int:
 
 
 def _check_image(name: str, image: object, dtype: type, shape: tuple[int, ...]) -> None:
+    if masked := masked_elements(image):
+        raise InputError(f"frame.{name}: expected an array without masked elements, got {masked}")
     if not isinstance(image, np.ndarray) or image.dtype != dtype or image.shape != shape:
         got = f"{image.dtype} {image.shape}" if isinstance(image, np.ndarray) else repr(image)
         raise InputError(f"frame.{name}: expected {np.dtype(dtype)} {shape}, got {got}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -12,6 +13,27 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)
+
+
+def masked_elements(values: object) -> str:
+    """Say how many elements of a `numpy.ma` array are masked, and the cure; empty: none is.
+
+    What lies under a mask is any number: taken as one, it would count as measured.
+    """
+    ma = sys.modules.get("numpy.ma")
+    if ma is None or not isinstance(values, ma.MaskedArray) or not ma.is_masked(values):
+        return ""
+    return (
+        f"{np.count_nonzero(ma.getmaskarray(values))} masked elements of {values.size}; fill them "
+        "first (0 in a depth image: `values.filled(0)`), or leave their rows out"
+    )
+
+
+def as_array(values: ArrayLike, name: str) -> NDArray[Any]:
+    """Return ``numpy.asarray(values)``, and refuse masked elements, whose mask it would drop."""
+    if masked := masked_elements(values):
+        raise InputError(f"{name}: expected an array without masked elements, got {masked}")
+    return np.asarray(values)
 
 
 def _shaped(array: NDArray[Any], columns: int | None, name: str) -> NDArray[Any]:
@@ -27,7 +49,7 @@ def rows(
     values: ArrayLike, columns: int | None, dtype: type[_Scalar], name: str
 ) -> NDArray[_Scalar]:
     """An (N, columns) or, for None, (N,) C-contiguous array; the same object if it is one."""
-    array = _shaped(np.asarray(values), columns, name)
+    array = _shaped(as_array(values, name), columns, name)
     if array.dtype.kind not in "biuf":
         raise InputError(f"{name}: expected numbers, got dtype {array.dtype}")
     if array.dtype != dtype and np.issubdtype(dtype, np.integer):
@@ -43,12 +65,13 @@ def rows(
                 f"{name}: expected whole numbers in [{limits.min}, {limits.max}], "
                 f"got {array[~fits][0]}"
             )
-    return np.ascontiguousarray(array, dtype=dtype)
+    with np.errstate(over="ignore"):  # infinite then, which is refused where that matters
+        return np.ascontiguousarray(array, dtype=dtype)
 
 
 def vector(values: ArrayLike, size: int, name: str) -> NDArray[np.float64]:
     """A (size,) float64 array of finite numbers."""
-    array = np.asarray(values)
+    array = as_array(values, name)
     if array.shape != (size,) or array.dtype.kind not in "biuf" or not np.isfinite(array).all():
         words = {2: "two", 3: "three"}.get(size, str(size))
         raise InputError(f"{name}: expected {words} finite numbers, got {values!r}")
@@ -57,7 +80,7 @@ def vector(values: ArrayLike, size: int, name: str) -> NDArray[np.float64]:
 
 def index_rows(values: ArrayLike, columns: int | None, name: str) -> NDArray[np.int32]:
     """An (N, columns) or (N,) C-contiguous int32 array; other integer dtypes are range-checked."""
-    array = _shaped(np.asarray(values), columns, name)
+    array = _shaped(as_array(values, name), columns, name)
     if array.size and array.dtype.kind not in "iu":
         raise InputError(f"{name}: expected integers, got dtype {array.dtype}")
     if array.dtype != np.int32 and array.size:
@@ -74,7 +97,7 @@ def checked_grid(
     points: ArrayLike, valid: ArrayLike | None
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """A grid of points as float32, and which of them are valid: by default the finite ones."""
-    grid = np.asarray(points)
+    grid = as_array(points, "points")
     if grid.ndim != 3 or grid.shape[2] != 3 or grid.dtype.kind != "f":
         raise InputError(
             f"points: expected (H, W, 3) floats, got shape {grid.shape}, dtype {grid.dtype}"
@@ -82,7 +105,7 @@ def checked_grid(
     grid = np.ascontiguousarray(grid, dtype=np.float32)
     if valid is None:
         return grid, np.isfinite(grid).all(axis=2)
-    mask = np.asarray(valid)
+    mask = as_array(valid, "valid")
     if mask.shape != grid.shape[:2] or mask.dtype != np.bool_:
         raise InputError(
             f"valid: expected bool of shape {grid.shape[:2]}, got {mask.dtype} of {mask.shape}"

@@ -14,6 +14,7 @@ from typing import Any, Literal, TypeVar, cast
 
 import numpy as np
 
+from manip3d._util.arrays import masked_elements
 from manip3d.errors import InputError
 
 _Checked = TypeVar("_Checked", bound=Callable[..., Any])
@@ -99,6 +100,8 @@ def _is_whole(value: Any) -> bool:
 
 
 def _is_array(value: Any) -> bool:
+    if masked_elements(value):
+        return False
     try:
         return np.asarray(value).dtype.kind in "biuf"
     except (TypeError, ValueError, OverflowError):  # rows of different lengths, among others
@@ -232,6 +235,8 @@ def _kind_of_tuple(inner: ast.expr, names: Mapping[str, Any]) -> _Kind | None:
 
 def _shown(value: Any) -> str:
     """A value in a message: short, and safe for a terminal."""
+    if masked := masked_elements(value):
+        return f"an array with {masked}"
     if isinstance(value, np.ndarray) and value.ndim:
         return f"an array of {value.dtype} of shape {value.shape}"
     text = repr(value)
