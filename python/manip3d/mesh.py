@@ -248,7 +248,10 @@ class Mesh(Showable):
         """Convert from an Open3D ``TriangleMesh``, legacy or tensor; the inverse of `to_open3d`.
 
         Corners with equal UVs share one texture coordinate; NaN means none. Materials are named
-        ``material_0`` and so on, since Open3D's have no names; textures become PNG.
+        ``material_0`` and so on, since Open3D's have no names; textures become PNG. A single
+        texture without ``triangle_material_ids`` is that of all faces. Of a tensor mesh's material
+        the maps ``albedo``, ``normal`` and ``ao``, base colour, metallic and roughness are taken. A
+        warning names what is left out, such as colours of faces.
 
         Raises
         ------
@@ -283,7 +286,9 @@ class Mesh(Showable):
         """Convert from a ``trimesh.Trimesh`` or ``Scene``; the inverse of `to_trimesh`.
 
         Meshes of a scene are placed by its graph and put one after the other; vertices stay split
-        at seams. Normals are not taken: trimesh does not tell stored from computed ones.
+        at seams. Where some have vertex colours, the vertices of others are white. Normals are not
+        taken: trimesh does not tell stored from computed ones. A warning names what else is left
+        out: colours of faces, transparency of vertices, what is no mesh.
 
         Raises
         ------

@@ -208,6 +208,114 @@ class TestTrimesh:
             Mesh.from_trimesh("mesh")
 
 
+UVS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]] * 2)
+
+
+class TestWhatAMeshCannotHold:
+    """It survives, or a warning says what is left out."""
+
+    pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
+
+    def test_colours_of_faces(self) -> None:
+        trimesh = pytest.importorskip("trimesh")
+        box = trimesh.creation.box()
+        box.visual.face_colors = np.full((12, 4), 90, np.uint8)
+        with pytest.warns(UserWarning, match="left out: colours of faces") as warned:
+            assert Mesh.from_trimesh(box).colors is None
+        assert warned[0].filename == __file__
+
+    def test_transparency_of_vertices(self) -> None:
+        trimesh = pytest.importorskip("trimesh")
+        box = trimesh.creation.box()
+        box.visual.vertex_colors = np.full((8, 4), 90, np.uint8)
+        with pytest.warns(UserWarning, match="left out: transparency"):
+            colors = Mesh.from_trimesh(box).colors
+        assert colors is not None
+        assert (colors == 90).all()
+
+    def test_a_scene_of_which_one_part_has_colours(self) -> None:
+        """None had any then."""
+        trimesh = pytest.importorskip("trimesh")
+        box, ball = trimesh.creation.box(), trimesh.creation.icosphere(1)
+        box.visual.vertex_colors = np.tile(np.uint8([90, 255, 255, 255]), (8, 1))
+        colors = Mesh.from_trimesh(trimesh.Scene([box, ball])).colors
+        assert colors is not None
+        assert np.unique(colors, axis=0).tolist() == [[90, 255, 255], [255, 255, 255]]
+
+    def test_points_of_a_scene(self) -> None:
+        trimesh = pytest.importorskip("trimesh")
+        scene = trimesh.Scene([trimesh.creation.box(), trimesh.PointCloud(np.eye(3))])
+        with pytest.warns(UserWarning, match="left out: 1 of 2 geometries"):
+            assert Mesh.from_trimesh(scene).num_faces == 12
+
+    def test_several_materials_of_one_trimesh(self) -> None:
+        """The first one was that of all faces."""
+        trimesh = pytest.importorskip("trimesh")
+        material = trimesh.visual.material
+        several = material.MultiMaterial([material.PBRMaterial(name=name) for name in "ab"])
+        box = trimesh.creation.box()
+        box.visual = trimesh.visual.TextureVisuals(
+            uv=UVS, material=several, face_materials=np.arange(12) % 2
+        )
+        mesh = Mesh.from_trimesh(box)
+        assert [each.name for each in mesh.materials] == ["a", "b"]
+        assert mesh.face_material is not None
+        assert mesh.face_material.tolist() == [0, 1] * 6
+
+    def test_a_texture_for_print(self) -> None:
+        """PNG has no cyan, magenta, yellow and black."""
+        trimesh = pytest.importorskip("trimesh")
+        image = pytest.importorskip("PIL.Image")
+        box = trimesh.creation.box()
+        box.visual = trimesh.visual.TextureVisuals(
+            uv=UVS,
+            material=trimesh.visual.material.PBRMaterial(
+                baseColorTexture=image.new("CMYK", (2, 2), (0, 255, 255, 0))
+            ),
+        )
+        (material,) = Mesh.from_trimesh(box).materials
+        assert pixels(material.textures["base_color"])[0, 0].tolist() == [255, 0, 0]
+
+    def test_a_single_texture_without_material_ids(self) -> None:
+        """It was in the materials, and no face had it."""
+        o3d = pytest.importorskip("open3d")
+        triangle = Mesh(np.eye(3), [[0, 1, 2]]).to_open3d()
+        triangle.triangle_uvs = o3d.utility.Vector2dVector(UVS[:3])
+        photo = o3d.geometry.Image(np.full((2, 2, 3), 9, np.uint8))
+        triangle.textures = [photo]
+        mesh = Mesh.from_open3d(triangle)
+        assert mesh.face_material is not None
+        assert mesh.face_material.tolist() == [0]
+        triangle.textures = [photo, photo]
+        with pytest.warns(UserWarning, match="left out: which face has which of the 2 textures"):
+            assert Mesh.from_open3d(triangle).face_material is None
+
+    def test_the_material_of_a_tensor_mesh(self) -> None:
+        """It was lost without a word."""
+        o3d = pytest.importorskip("open3d")
+        legacy = Mesh(np.eye(3), [[0, 1, 2]]).to_open3d()
+        triangle = o3d.t.geometry.TriangleMesh.from_legacy(legacy)
+        triangle.triangle.texture_uvs = o3d.core.Tensor(UVS[None, :3].astype(np.float32))
+        triangle.triangle.colors = o3d.core.Tensor(np.zeros((1, 3), np.float32))
+        triangle.material.set_default_properties()
+        triangle.material.material_name = "defaultLit"
+        triangle.material.scalar_properties["metallic"] = 0.25
+        photo = o3d.t.geometry.Image(np.full((2, 2, 3), 9, np.uint8))
+        triangle.material.texture_maps["albedo"] = photo
+        triangle.material.texture_maps["metallic"] = photo
+        with pytest.warns(UserWarning, match="left out") as warned:
+            mesh = Mesh.from_open3d(triangle)
+        assert [str(each.message).partition("left out: ")[2] for each in warned] == [
+            "colours of faces: a Mesh has them by vertex",
+            "texture maps of the material: metallic",
+        ]
+        (material,) = mesh.materials
+        assert material.metallic == 0.25
+        assert pixels(material.textures["base_color"])[0, 0].tolist() == [9, 9, 9]
+        assert mesh.face_material is not None
+        assert mesh.face_material.tolist() == [0]
+
+
 @pytest.mark.parametrize(
     ("package", "method", "cure"),
     [

@@ -144,7 +144,7 @@ class RgbdSource(FrameSource[RgbdFrame]):
 
     @property
     def begins_anew(self) -> bool:
-        """Whether it can be read again from its first frame: no camera, no frames of an iterator."""
+        """Whether it can be read again from its first frame: neither camera nor iterator."""
         return not self.is_live and self._reopen is not None
 
     @property

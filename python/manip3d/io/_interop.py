@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import tempfile
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from manip3d._util.callers import caller_level
 from manip3d.errors import InputError
 from manip3d.io._images import image_bytes, require, with_common_images
 from manip3d.mesh import AlphaMode, Material, Mesh, Texture
@@ -39,6 +41,10 @@ def _vertex_normals(mesh: Mesh) -> NDArray[np.float64] | None:
     per_vertex = np.zeros_like(mesh.vertices)
     per_vertex[mesh.faces] = corners
     return per_vertex if np.array_equal(per_vertex[mesh.faces], corners) else None
+
+
+def _warn_left_out(what: str) -> None:
+    warnings.warn(f"source: left out: {what}", stacklevel=caller_level())
 
 
 def _texture_table(
@@ -94,10 +100,13 @@ def _open3d_image(o3d: Any, mesh: Mesh, material: Material) -> Any:
 
 def from_open3d(source: Any) -> Mesh:
     """See `Mesh.from_open3d`."""
-    if hasattr(source, "to_legacy"):
-        source = source.to_legacy()
+    tensor = source if hasattr(source, "to_legacy") else None
+    if tensor is not None:
+        source = tensor.to_legacy()
     if not hasattr(source, "triangles"):
         raise InputError(f"source: expected an Open3D TriangleMesh, got {type(source)}")
+    if tensor is not None and "colors" in tensor.triangle:
+        _warn_left_out(_FACE_COLORS)
     faces = np.asarray(source.triangles, dtype=np.int32)
     texcoords, face_texcoords = None, None
     if source.has_triangle_uvs():
@@ -110,6 +119,13 @@ def from_open3d(source: Any) -> Mesh:
         if source.has_triangle_material_ids()
         else None
     )
+    materials = _open3d_materials(source, face_material)
+    if tensor is not None and tensor.has_valid_material() and not materials:
+        materials = [_open3d_tensor_material(tensor.material)]
+    if face_material is None and len(materials) == 1:  # then it is that of all faces
+        face_material = np.zeros(len(faces), np.int32)
+    elif face_material is None and materials:
+        _warn_left_out(f"which face has which of the {len(materials)} textures: no face says so")
     colors = None
     if source.has_vertex_colors():
         colors = np.rint(255 * np.clip(np.asarray(source.vertex_colors), 0, 1)).astype(np.uint8)
@@ -122,7 +138,7 @@ def from_open3d(source: Any) -> Mesh:
         face_normals=faces if has_normals else None,
         colors=colors,
         face_material=face_material,
-        materials=_open3d_materials(source, face_material),
+        materials=materials,
     )
 
 
@@ -138,6 +154,32 @@ def _open3d_materials(source: Any, face_material: NDArray[np.int32] | None) -> l
         )
         for i in range(max(used, len(images)))
     ]
+
+
+_OPEN3D_MAPS = {"albedo": "base_color", "normal": "normal", "ao": "occlusion"}
+"""Texture maps of a tensor mesh's material, and their roles here."""
+
+
+def _open3d_tensor_material(material: Any) -> Material:
+    maps, scalars, vectors = (
+        dict(material.texture_maps),
+        dict(material.scalar_properties),
+        dict(material.vector_properties),
+    )
+    if others := sorted(set(maps) - set(_OPEN3D_MAPS)):
+        _warn_left_out(f"texture maps of the material: {', '.join(others)}")
+    red, green, blue, alpha = np.asarray(vectors.get("base_color", (1.0,) * 4), float).tolist()
+    return Material(
+        "material_0",
+        base_color=(red, green, blue, alpha),
+        metallic=float(scalars.get("metallic", 0.0)),
+        roughness=float(scalars.get("roughness", 1.0)),
+        textures={
+            role: Texture(data=_open3d_png(maps[name].to_legacy()))
+            for name, role in _OPEN3D_MAPS.items()
+            if name in maps
+        },
+    )
 
 
 def _open3d_png(image: Any) -> bytes:
@@ -266,11 +308,13 @@ def from_trimesh(source: Any) -> Mesh:
     if isinstance(source, trimesh.Trimesh):
         placed = [(source, np.eye(4))]
     elif isinstance(source, trimesh.Scene):
-        placed = [
+        geometries = [
             (source.geometry[geometry], transform)
             for transform, geometry in (source.graph[n] for n in source.graph.nodes_geometry)
-            if isinstance(source.geometry[geometry], trimesh.Trimesh)
         ]
+        placed = [pair for pair in geometries if isinstance(pair[0], trimesh.Trimesh)]
+        if others := len(geometries) - len(placed):
+            _warn_left_out(f"{others} of {len(geometries)} geometries, which are no meshes")
     else:
         raise InputError(f"source: expected a trimesh.Trimesh or Scene, got {type(source)}")
     sources = [m for m, _ in placed]
@@ -315,17 +359,28 @@ def _trimesh_corners(mesh: Any) -> NDArray[np.float64]:
     return corners
 
 
+_FACE_COLORS = "colours of faces: a Mesh has them by vertex"
+
+
 def _trimesh_colors(meshes: list[Any]) -> NDArray[np.uint8] | None:
-    """(V, 3) vertex colours if all meshes carry them."""
+    """(V, 3) vertex colours if some mesh carries them; white in others, which changes no look."""
     found = []
+    is_any = False
     for mesh in meshes:
         colors = mesh.vertex_attributes.get("color")
         if colors is None and mesh.visual.kind == "vertex":
             colors = mesh.visual.vertex_colors
+        elif mesh.visual.kind == "face":
+            _warn_left_out(_FACE_COLORS)
         if colors is None:
-            return None
-        found.append(np.asarray(colors)[:, :3])
-    return np.concatenate(found) if found else None
+            found.append(np.full((len(mesh.vertices), 3), 255, np.uint8))
+            continue
+        is_any = True
+        colors = np.asarray(colors)
+        if colors.shape[1] > 3 and (colors[:, 3] < 255).any():
+            _warn_left_out("transparency of vertex colours")
+        found.append(colors[:, :3])
+    return np.concatenate(found) if is_any else None
 
 
 def _trimesh_materials(meshes: list[Any]) -> tuple[list[Material], NDArray[np.int32]]:
@@ -333,16 +388,24 @@ def _trimesh_materials(meshes: list[Any]) -> tuple[list[Material], NDArray[np.in
     index: dict[int, int] = {}
     materials: list[Material] = []
     per_face: list[NDArray[np.int32]] = []
+
+    def row_of(material: Any) -> int:
+        if material is None or _says_nothing(material):
+            return -1
+        if id(material) not in index:
+            index[id(material)] = len(materials)
+            materials.append(_from_trimesh_material(material))
+        return index[id(material)]
+
     for mesh in meshes:
         material = getattr(mesh.visual, "material", None)
-        if material is None or _says_nothing(material):
-            row = -1
-        elif id(material) in index:
-            row = index[id(material)]
+        several = getattr(material, "materials", None)  # of a MultiMaterial
+        of_faces = getattr(mesh.visual, "face_materials", None)
+        if several and of_faces is not None and len(of_faces) == len(mesh.faces):
+            rows = np.array([row_of(each) for each in several], np.int32)
+            per_face.append(rows[np.asarray(of_faces, np.int64)])
         else:
-            row = index[id(material)] = len(materials)
-            materials.append(_from_trimesh_material(material))
-        per_face.append(np.full(len(mesh.faces), row, dtype=np.int32))
+            per_face.append(np.full(len(mesh.faces), row_of(material), dtype=np.int32))
     return materials, np.concatenate([np.empty(0, dtype=np.int32), *per_face])
 
 
@@ -385,7 +448,12 @@ def _three(values: Any) -> tuple[float, float, float]:
     return red, green, blue
 
 
+_PNG_MODES = ("1", "I", "I;16", "L", "LA", "P", "RGB", "RGBA")
+
+
 def _png(image: Any) -> bytes:
     stream = io.BytesIO()
+    if image.mode not in _PNG_MODES:  # those of print and video, among others
+        image = image.convert("RGB")
     image.save(stream, format="PNG")
     return stream.getvalue()
