@@ -262,6 +262,9 @@ def test_commands_on_a_scan_and_its_picture(tmp_path: Path, key: KeyFile) -> Non
     carried = picture_path(out)
     assert run("verify", out, "--key", secret, "--picture", carried)[0] == 0
     assert run("verify", out, "--key", secret)[0] == 4
+    again = ("embed", out, "--key", secret, "--picture", carried, "-o", tmp_path / "c.bin")
+    assert run(*again)[0] == 1  # the picture carries a record already
+    assert run(*again, "--again")[0] == 0
     assert run("verify", out, "--key", secret, "--picture", shown)[0] == 4
     assert run("verify", out, "--key", secret, "--picture", tmp_path / "no.png")[0] == 4
     other = read_carrier(carried).copy()

@@ -185,6 +185,7 @@ def test_a_recording_of_unknown_length_is_judged_all_over_without_being_kept(
 ) -> None:
     recorded = _Counted(200)
     _sources_by_name(monkeypatch, {"unfinished": recorded})
+    monkeypatch.setattr(capture.RgbdSource, "has_known_end", True)  # as that of a file
     judged: list[int] = []
 
     def inspect(frames: list[RgbdFrame], **_: object) -> None:
@@ -248,7 +249,7 @@ def test_forge_names_wrong_options(person: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     done = manip3d("forge", "stream", person, "--type", 2, "-o", out)
     assert done.returncode == 1
-    assert "pose: expected a motion for type 2" in done.stderr
+    assert "--pose: expected a motion for type 2" in done.stderr
     assert manip3d("forge", "stream", person, "--type", 3, "-o", out).returncode == 2
     assert manip3d("forge", "stream", person, "-o", out).returncode == 2
     assert not out.exists()

@@ -13,7 +13,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 import manip3d
-from manip3d.authenticate import KeyFile
+from manip3d.authenticate import KeyFile, Watermarker, embed_files
 from manip3d.cli import app
 
 RANDOM = np.random.default_rng(0)
@@ -128,6 +128,33 @@ def test_a_scan(key: Path, tmp_path: Path, embedding: str) -> None:
     assert verify(out, key)[0] == 4
 
 
+def test_what_is_signed_is_signed_again_only_when_asked(
+    key: Path, drive: Path, tmp_path: Path
+) -> None:
+    """It was signed anew without a word, which moved its points twice."""
+    signed, again = tmp_path / "signed", tmp_path / "again"
+    assert run("embed", drive, "--key", key, "-o", signed, "-q").exit_code == 0
+    done = run("embed", signed, "--key", key, "-o", again, "-q")
+    assert done.exit_code == 1
+    assert "0000000000.bin: is signed already" in str(done.exception)
+    assert "and 3 more; --again (again=True)" in str(done.exception)
+    assert not again.exists()
+    one = signed / "velodyne_points" / "data" / "0000000001.bin"
+    place = ("--key", key, "-o", one, "--force", "-q")
+    before = one.read_bytes()
+    assert run("embed", one, *place).exit_code == 1  # in its own place
+    assert one.read_bytes() == before
+    assert run("embed", one, *place, "--again").exit_code == 0
+    assert verify(one, key)[0] == 0
+    assert run("embed", signed, "--key", key, "-o", again, "--again", "-q").exit_code == 0
+    assert verify(again, key)[0] == 0
+    packed = tmp_path / "packed.bin.xz"
+    packed.write_bytes(lzma.compress(before))
+    shutil.copy(one.with_name(one.name + ".wm"), tmp_path / "packed.bin.wm")
+    with pytest.raises(manip3d.InputError, match=r"signed already \(.*packed\.bin\.wm\)"):
+        embed_files(Watermarker(KeyFile(key)), packed, tmp_path / "c.bin")
+
+
 def test_formats_that_round_are_refused(key: Path, tmp_path: Path) -> None:
     scan(1).write(tmp_path / "a.bin")
     for suffix in (".pcd", ".ply"):
@@ -227,7 +254,7 @@ def test_a_signed_drive_is_a_drive(key: Path, drive: Path, tmp_path: Path) -> No
         (drive.parent / name).write_text(name)
     (frame_of(drive, 0).parent / "0000000000.bin.wm").write_bytes(b"an old record")
     out = drive / "signed"
-    assert run("embed", drive, "--key", key, "-o", out, "-q").exit_code == 0
+    assert run("embed", drive, "--key", key, "-o", out, "--again", "-q").exit_code == 0
     for name in (*beside, "velodyne_points/timestamps.txt"):
         assert (out / name).read_bytes() == (drive / name).read_bytes()
     for name in day:
@@ -236,7 +263,7 @@ def test_a_signed_drive_is_a_drive(key: Path, drive: Path, tmp_path: Path) -> No
     assert not list(out.rglob("signed"))
     assert verify(out, key)[0] == 0
     bare = tmp_path / "bare"
-    assert run("embed", drive, "--key", key, "-o", bare, "--scans-only").exit_code == 0
+    assert run("embed", drive, "--key", key, "-o", bare, "--scans-only", "--again").exit_code == 0
     assert [path.name for path in bare.iterdir()] == ["velodyne_points"]
 
 

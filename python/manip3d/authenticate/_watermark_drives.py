@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +13,7 @@ from manip3d._util.checked import checked
 from manip3d._util.options import reporting
 from manip3d._util.paths import path_of
 from manip3d.authenticate._picture_files import picture_path, read_carrier
+from manip3d.authenticate._picture_records import record_of_picture
 from manip3d.authenticate._watermark import Policy, Watermarker, WatermarkResult, WatermarkVerdict
 from manip3d.authenticate._watermark_files import (
     RECORD_SUFFIX,
@@ -146,6 +147,7 @@ def embed_files(
     picture: str = "",
     scans_only: bool = False,
     replace: bool = False,
+    again: bool = False,
     progress: Progress = None,
 ) -> list[EmbeddedScan]:
     """Embed a watermark into a scan's file, or into all scans of a drive as one chain.
@@ -169,6 +171,10 @@ def embed_files(
     replace : bool
         What is there may be replaced; scans and records of an earlier drive go from the folders of
         scans, where they would be frames of this chain.
+    again : bool
+        Embed also where a record is beside a scan of ``source``, or in its picture, as for another
+        key. Its points were moved by the earlier watermark, and move once more; what the earlier
+        key signed cannot be verified in the result.
     progress : callable or bool, optional
         Called with the share that is done and the name of the scan; True: a bar.
 
@@ -179,8 +185,8 @@ def embed_files(
     Raises
     ------
     InputError
-        There is something at ``output`` already, the folder has no scans, or a format does not keep
-        coordinates (`write_watermarked`).
+        There is something at ``output`` already, the folder has no scans, a scan is signed already,
+        or a format does not keep coordinates (`write_watermarked`).
     FormatError, OSError
         A file cannot be read or written.
 
@@ -204,16 +210,21 @@ def embed_files(
     if not begin.is_dir():
         _check_scan(target, picture, replace=replace)
         seen = Path(picture) if picture else None
+        if not again:
+            _refuse_signed({begin: seen})
         return [_embed(marker, begin, target, seen, None, time_ns=None, is_end=True)]
     _check_folder(begin, target, replace=replace)
     folder = drive_pictures(begin, picture) if picture else None
     scans = drive_scans(begin)
+    seen_at = {scan: None if folder is None else _picture_of(scan, folder) for scan in scans}
+    if not again:
+        _refuse_signed(seen_at)
     times = scan_times(begin, scans)
     done: list[EmbeddedScan] = []
     pictures: set[Path] = set()
     with reporting(progress, "embed") as report:
         for number, scan in enumerate(scans):
-            seen = None if folder is None else _picture_of(scan, folder)
+            seen = seen_at[scan]
             shown = None if seen is None else target / seen.relative_to(begin)
             written = _embed(
                 marker,
@@ -257,11 +268,36 @@ def _embed(
     return EmbeddedScan(target, sent.number, len(sent.points), sent.num_tiles, time_ns is not None)
 
 
+def _refuse_signed(pictures: Mapping[Path, Path | None]) -> None:
+    """Refuse scans that are signed already: a record beside them, or in their pictures."""
+    signed = [scan for scan, picture in pictures.items() if _record_of(scan, picture) is not None]
+    if not signed:
+        return
+    others = f", and {len(signed) - 1} more" if len(signed) > 1 else ""
+    raise InputError(
+        f"{signed[0]}: is signed already ({_record_of(signed[0], pictures[signed[0]])}){others}; "
+        "--again (again=True) signs it anew, and what was signed before is lost in the result"
+    )
+
+
+def _record_of(scan: Path, picture: Path | None) -> Path | None:
+    """The file that carries the record of a scan, if there is one."""
+    beside = find_record(scan)
+    if beside.is_file():
+        return beside
+    try:
+        if picture is not None and record_of_picture(read_carrier(picture)):
+            return picture
+    except (FormatError, InputError, OSError):  # no record, or no picture: told where it is needed
+        pass
+    return None
+
+
 def _check_scan(target: Path, picture: str, *, replace: bool) -> None:
     files = [target] if not picture else [target, picture_path(target)]
     for file in files:
         if file.exists() and not replace:
-            raise InputError(f"{file}: exists already; --force replaces it")
+            raise InputError(f"{file}: exists already; --force (replace=True) replaces it")
     refuse_existing_record(target, replace=replace)
 
 
@@ -273,7 +309,7 @@ def _check_folder(source: Path, output: Path, *, replace: bool) -> None:
     if output.resolve() == source.resolve():
         raise InputError(f"output: expected another folder than the drive's, got {output}")
     if output.exists() and any(output.iterdir()) and not replace:
-        raise InputError(f"{output}: exists already; --force replaces its scans")
+        raise InputError(f"{output}: exists already; --force (replace=True) replaces its scans")
 
 
 def _picture_of(scan: Path, folder: Path) -> Path:

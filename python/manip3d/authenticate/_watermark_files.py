@@ -202,11 +202,11 @@ def refuse_existing_record(scan: str | os.PathLike[str], *, replace: bool = Fals
     >>> refuse_existing_record("scan.bin")
     Traceback (most recent call last):
         ...
-    manip3d.errors.InputError: scan.bin.wm: exists already; --force replaces it
+    manip3d.errors.InputError: scan.bin.wm: exists already; --force (replace=True) replaces it
     """
     path = record_path(scan)
     if path.exists() and not replace:
-        raise InputError(f"{path}: exists already; --force replaces it")
+        raise InputError(f"{path}: exists already; --force (replace=True) replaces it")
 
 
 @checked

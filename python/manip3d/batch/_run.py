@@ -414,4 +414,6 @@ def _refuse_existing(
     taken = [target for target in targets.values() if target in there]
     is_here = Path(table).exists() if not is_url(table) else table in there
     if taken or is_here:
-        raise InputError(f"{taken[0] if taken else table}: exists already; --force replaces it")
+        raise InputError(
+            f"{taken[0] if taken else table}: exists already; --force (overwrite=True) replaces it"
+        )

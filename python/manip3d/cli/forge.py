@@ -496,7 +496,8 @@ def forge_frames(
                 scenes = _first(opened, most)
             behind = scenes[0] if still else forge.at_pace(scenes, given.step_ns)
         motion = _motion(pose, given.step_ns, frames, terminal) if pose else None
-        forged = forge.stream(given.frames, behind, kind=kind, pose=motion, **options)
+        with naming_options("pose", "method", "scope", "move", "blend"):
+            forged = forge.stream(given.frames, behind, kind=kind, pose=motion, **options)
         done = _record(forged, output, truth, terminal, force=force)
     forged.write_truth(truth)
     terminal.say(f"wrote {output} and {truth.name}")

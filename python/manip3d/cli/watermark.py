@@ -206,6 +206,9 @@ def embed(
         bool,
         typer.Option("--scans-only", help="Leave out what a drive has beside its scans."),
     ] = False,
+    again: Annotated[
+        bool, typer.Option("--again", help="Sign scans anew that have a record already.")
+    ] = False,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -248,6 +251,7 @@ def embed(
             picture=picture,
             scans_only=scans_only,
             replace=force,
+            again=again,
             progress=progress,
         )
         record = {
