@@ -391,9 +391,17 @@ def to_scan(values: ScanLike) -> Scan:
     return Scan(as_rows(array, 3, np.float32, "scan"), none, None)
 
 
+def as_frame(scan: ScanLike) -> LidarFrame:
+    """The scan as a frame that a result keeps: of arrays, which the caller may write to, a copy."""
+    if isinstance(scan, LidarFrame):
+        return scan
+    points, intensity, _ = to_scan(scan)
+    return LidarFrame(points.copy(), intensity.copy() if len(intensity) else None)
+
+
 def placed(scan: Scan, origin: NDArray[np.float64]) -> LidarFrame:
     """The scan as a frame whose scanner stood at ``origin``."""
-    frame = LidarFrame(scan.points) if scan.frame is None else scan.frame
+    frame = LidarFrame(scan.points.copy()) if scan.frame is None else scan.frame
     return frame.replace(origin=tuple(origin.tolist()))
 
 

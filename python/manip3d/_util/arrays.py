@@ -94,15 +94,19 @@ def index_rows(values: ArrayLike, columns: int | None, name: str) -> NDArray[np.
 
 
 def checked_grid(
-    points: ArrayLike, valid: ArrayLike | None
+    points: ArrayLike, valid: ArrayLike | None, *, kept: bool = False
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """A grid of points as float32, and which of them are valid: by default the finite ones."""
+    """A grid of points as float32, and which of them are valid: by default the finite ones.
+
+    What a result keeps (``kept``) is a copy, so that the caller may use their arrays again.
+    """
     grid = as_array(points, "points")
     if grid.ndim != 3 or grid.shape[2] != 3 or grid.dtype.kind != "f":
         raise InputError(
             f"points: expected (H, W, 3) floats, got shape {grid.shape}, dtype {grid.dtype}"
         )
-    grid = np.ascontiguousarray(grid, dtype=np.float32)
+    copy = True if kept else None  # None: where it has to be
+    grid = np.array(grid, np.float32, order="C", copy=copy)
     if valid is None:
         return grid, np.isfinite(grid).all(axis=2)
     mask = as_array(valid, "valid")
@@ -110,4 +114,4 @@ def checked_grid(
         raise InputError(
             f"valid: expected bool of shape {grid.shape[:2]}, got {mask.dtype} of {mask.shape}"
         )
-    return grid, np.ascontiguousarray(mask)
+    return grid, np.array(mask, order="C", copy=copy)

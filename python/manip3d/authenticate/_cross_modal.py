@@ -152,7 +152,7 @@ class CrossModalParameters:
         return options
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CrossModalRegion:
     """Neighbouring directions in which LiDAR and cameras contradict each other in the same way.
 

@@ -120,7 +120,7 @@ class EvidenceReport:
     p_value: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SuspectRegion:
     """A connected part of the view with evidence of an edit.
 
@@ -409,7 +409,9 @@ def _consistency(
 ) -> GenericResult:
     """Judge a frame; of an exact lattice, the points that it tells of."""
     cloud = _points_of(frame, "points")
-    scan = frame if isinstance(frame, LidarFrame) else LidarFrame(cloud, origin=(0.0, 0.0, 0.0))
+    scan = (
+        frame if isinstance(frame, LidarFrame) else LidarFrame(cloud.copy(), origin=(0.0, 0.0, 0.0))
+    )
     if not lattice.is_exact:
         found = _examined(cloud, lattice, previous, following, limits, reading, threads)
         return _judged(found, scan, lattice, false_alarm_rate, is_stated=is_stated)

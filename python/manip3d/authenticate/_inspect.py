@@ -73,7 +73,7 @@ from manip3d.authenticate._verdict import (
 )
 from manip3d.authenticate._watermark import Policy, Watermarker, WatermarkResult
 from manip3d.errors import InputError
-from manip3d.lidar import Box, LidarFrame, ScanLike, to_scan
+from manip3d.lidar import Box, LidarFrame, ScanLike, as_frame
 from manip3d.lidar import place as position_of
 
 if TYPE_CHECKING:
@@ -477,7 +477,7 @@ def inspect_beside(
         raise InputError(f"plant: expected at least 0, got {plant}")
     if plant and not power:
         raise InputError(f"plant: expected with power, which it is part of; got {plant} without")
-    scan = _as_frame(frame)
+    scan = as_frame(frame)
     signed = _verified(scan, watermark, key)
     is_planting = bool(plant) and signed is None
     own = 1.0 / (1 + plant * len(EDITS)) if is_planting else 1.0
@@ -516,7 +516,7 @@ def _planted(
         return result
     frames = [_at_origin(scan, position)]
     if previous is not None and following is not None and not is_unmeasured:
-        before, after = (_at_origin(_as_frame(other), position) for other in (previous, following))
+        before, after = (_at_origin(as_frame(other), position) for other in (previous, following))
         frames = [before, *frames, after]
     here = measure_power(
         frames, sensor.lattice, planted=plant, neighbours=len(frames) > 1, threads=threads,
@@ -749,7 +749,7 @@ def _neighbour(
 ) -> LidarFrame | None:
     if scan is None:
         return None
-    frame = _as_frame(scan)
+    frame = as_frame(scan)
     if embedding and find_carrier(frame.points, units_per_m) == embedding:
         points = without_bits(frame.points, embedding, units_per_m)
         frame = frame.replace(points=points, exact=None, format=None)
@@ -1128,13 +1128,6 @@ def _reason(
         return last.reason if has_said else reports[0].reason
     deciding = next(r for r in reports if r.verdict == verdict)
     return f"detector {deciding.title.split(':')[0]}: {deciding.reason}"
-
-
-def _as_frame(scan: ScanLike) -> LidarFrame:
-    if isinstance(scan, LidarFrame):
-        return scan
-    points, intensity, _ = to_scan(scan)
-    return LidarFrame(points, intensity if len(intensity) else None)
 
 
 def _scanner(

@@ -11,9 +11,8 @@ from manip3d import _core
 from manip3d._util.arrays import index_rows
 from manip3d._util.checked import checked
 from manip3d._util.options import generator_of
-from manip3d.authenticate._watermark import as_frame
 from manip3d.errors import InputError
-from manip3d.lidar import LidarFrame, ScanLike, to_scan
+from manip3d.lidar import LidarFrame, ScanLike, as_frame, to_scan
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

@@ -25,9 +25,9 @@ from manip3d.authenticate._keys import KeyFile, KeyRing
 from manip3d.authenticate._picture_records import checked_picture
 from manip3d.authenticate._verdict import Calibration, Power, Region
 from manip3d.authenticate._verified_frames import VerifiedFrames
-from manip3d.errors import FormatError, InputError
+from manip3d.errors import Error, FormatError, InputError
 from manip3d.io._scan_tables import measured_points
-from manip3d.lidar import Box, LidarFrame, ScanFormat, ScanLike, to_scan
+from manip3d.lidar import Box, LidarFrame, ScanFormat, ScanLike, as_frame, to_scan
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -408,6 +408,7 @@ class Watermarker:
         self._embedder: _core.WatermarkEmbedder | None = None
         self._verifier = _verifier_of(ring)
         self._turn = threading.Lock()
+        self._is_closed = False
         self._kept = None if state is None else VerifiedFrames(path_of(state), self._verifier)
 
     @property
@@ -499,6 +500,8 @@ class Watermarker:
     def _begun(self) -> _core.WatermarkEmbedder:
         """The embedder, whose making draws the session: one, however many threads ask for it."""
         with self._turn:
+            if self._is_closed:
+                raise Error("the watermarker is closed")
             if self._embedder is None:
                 slices, least, rounding, units = self._options
                 self._embedder = _core.WatermarkEmbedder(
@@ -636,6 +639,7 @@ class Watermarker:
     def close(self) -> None:
         """Let others use the state file, and wipe what was derived from the key."""
         with self._turn:
+            self._is_closed = True
             try:
                 if self._kept is not None:
                     self._kept.close()
@@ -705,14 +709,6 @@ def _session_bytes(text: str) -> bytes:
     if len(session) != 16:
         raise InputError(f"sessions: expected 32 hexadecimal digits each, got {text!r}")
     return session
-
-
-def as_frame(scan: ScanLike) -> LidarFrame:
-    """Return the scan as a frame."""
-    if isinstance(scan, LidarFrame):
-        return scan
-    points, intensity, _ = to_scan(scan)
-    return LidarFrame(points, intensity if len(intensity) else None)
 
 
 def _unverifiable(reason: str, frame: LidarFrame) -> WatermarkResult:

@@ -32,7 +32,7 @@ _RAW = "https://raw.githubusercontent.com/"
 _INTERNAL = "none stated: for tests and measurements only, not to be published"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DepthFrame:
     """One depth image with what its recording says about it.
 

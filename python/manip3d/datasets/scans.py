@@ -65,7 +65,7 @@ def _data_sets() -> tuple[DataSet, ...]:
 DATA_SETS = _data_sets()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RangeScan:
     """One range image and where it belongs among its neighbours.
 

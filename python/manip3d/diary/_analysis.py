@@ -82,7 +82,7 @@ class MixedModel:
     scores: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DiaryAnalysis:
     """Results of the diaries of a study.
 

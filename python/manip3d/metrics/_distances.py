@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from manip3d.mesh import Mesh
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ClosestPoints:
     """Nearest points of a surface; see :func:`closest_points`.
 

@@ -17,7 +17,10 @@ if TYPE_CHECKING:
 def checked_color(
     color: ArrayLike | None, shape: tuple[int, ...], registration: Registration | None = None
 ) -> NDArray[np.uint8] | None:
-    """The colour image of a depth image of ``shape``, or of the registered colour camera's size."""
+    """The colour image of a depth image of ``shape``, or of the registered colour camera's size.
+
+    It is a copy: results keep it, and whoever takes pictures uses their buffer again.
+    """
     if registration is not None:
         if not isinstance(registration, Registration):
             raise InputError(f"registration: expected Registration, got {registration!r}")
@@ -30,7 +33,7 @@ def checked_color(
             f"color: expected uint8 of shape ({shape[0]}, {shape[1]}, 3 or 4), "
             f"got {image.dtype} of {image.shape}"
         )
-    return image
+    return np.array(image)
 
 
 def limit_of(value: float | None) -> float:

@@ -218,7 +218,7 @@ def _take(view: CameraView, index: int, threads: int) -> _View:
     name = f"views[{index}]"
     if not isinstance(view, CameraView):
         raise InputError(f"{name}: expected CameraView, got {view!r}")
-    pose = rows(view.pose, 4, np.float64, f"{name}.pose")
+    pose = rows(view.pose, 4, np.float64, f"{name}.pose").copy()
     rotation = pose[:3, :3]
     rigid = (
         pose.shape == (4, 4)
@@ -232,7 +232,7 @@ def _take(view: CameraView, index: int, threads: int) -> _View:
     if (view.depth is None) == (view.points is None):
         raise InputError(f"{name}: expected either depth with intrinsics, or points")
     if view.points is not None:
-        points, valid = checked_grid(view.points, view.valid)
+        points, valid = checked_grid(view.points, view.valid, kept=True)
         mask = mask_image(view.mask, valid.shape, f"{name}.mask")
         confidence = confidence_image(view.confidence, valid.shape, f"{name}.confidence")
         valid = valid if mask is None else valid & mask

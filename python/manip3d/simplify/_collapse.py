@@ -66,7 +66,7 @@ _LINK_CONDITIONS = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CleanResult(Showable):
     """A cleaned mesh, what became of each vertex and face, and what was removed.
 
@@ -161,7 +161,7 @@ class StopReason(enum.StrEnum):
     REFUSED = "refused"  #: the method cannot work on this mesh; see ``message``
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SimplifyResult(Showable):
     """A simplified mesh, how it came about and why it ended there.
 
@@ -221,7 +221,8 @@ class SimplifyResult(Showable):
     def level_of_detail(self, target_faces: int) -> Mesh:
         """Return the mesh as it was when it first had ``target_faces`` or fewer.
 
-        Replays the record: equal to a run of its own for that target, without its cost.
+        Replays the record: equal to a run of its own for that target, without its cost. The arrays
+        of the mesh that was simplified must be as they were.
 
         Parameters
         ----------

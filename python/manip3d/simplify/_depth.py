@@ -666,7 +666,7 @@ class Cs3Stream:
         -------
         Cs3Result
         """
-        grid, mask = checked_grid(points, valid)
+        grid, mask = checked_grid(points, valid, kept=True)
         picture = checked_color(color, mask.shape)
         surface = DenseGrid(grid, mask, self._options.max_edge)
         with self._lock:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["QualityResult", "fast", "quality"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class QualityResult(Showable):
     """A simplified mesh whose vertices lie where the error is least, and why it ended there.
 

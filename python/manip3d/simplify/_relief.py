@@ -423,7 +423,7 @@ def relief_grid(
     >>> simplify.relief_grid(points, None, 100).num_vertices
     100
     """
-    grid, used = checked_grid(points, valid)
+    grid, used = checked_grid(points, valid, kept=True)
     picture = checked_color(color, used.shape)
     chosen = mask_image(mask, used.shape)
     if chosen is not None:

@@ -162,7 +162,7 @@ def sample_depth_grid(
     if method not in get_args(SamplingMethod):
         expected = ", ".join(repr(name) for name in get_args(SamplingMethod))
         raise InputError(f"method: expected one of {expected}, got {method!r}")
-    grid, mask = checked_grid(points, valid)
+    grid, mask = checked_grid(points, valid, kept=True)
     picture = checked_color(color, mask.shape, None)
     seed = seed_of(rng)
     if method == "uniform":

@@ -27,7 +27,7 @@ _PATIENCE = 240.0  # seconds; a program in the place of a graphics card draws sl
 _WARMING = 2  # frames before those that are timed; as in stage.js
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FrameTimes:
     """Result of `frame_times`.
 
