@@ -24,6 +24,8 @@ from manip3d import (
     RgbdCalibration,
     RgbdFrame,
     Skeleton,
+    authenticate,
+    forge,
     simplify,
 )
 
@@ -136,6 +138,26 @@ def test_other_values_are_others() -> None:
 def test_a_box_of_arrays_is_a_box_of_numbers() -> None:
     box = Box(np.float32([1, 2, 3]), np.array([4, 5, 6]))  # type: ignore[arg-type]
     assert json.loads(json.dumps(asdict(box)))["size"] == [4.0, 5.0, 6.0]
+
+
+# --- coordinates of maps --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("make", [LidarFrame, authenticate.estimate_origin, forge.segment])
+def test_coordinates_that_float32_rounds_raise_a_warning(make: Callable[[Any], object]) -> None:
+    """Half a metre between two neighbours at UTM's northings, without a word."""
+    points = np.random.default_rng(0).uniform(-30, 30, (3000, 3))
+    place = np.array([500_000.0, 5_400_000.0, 200.0])
+    with pytest.warns(UserWarning, match=r"rounds these coordinates by up to 0\.25 m") as warned:
+        make(points + place)
+    assert warned[0].filename == __file__
+    make(points)  # near zero: no warning
+    make(np.rint(points) + place)  # float32 holds them
+
+
+def test_coordinates_that_are_kept_raise_no_warning() -> None:
+    exact = np.eye(3) / 3 + 5_400_000.0
+    assert LidarFrame(exact, exact=exact).exact is exact
 
 
 # --- masked arrays --------------------------------------------------------------------------------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from dataclasses import replace as _replace
@@ -14,6 +15,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.arrays import as_array, vector
 from manip3d._util.arrays import rows as as_rows
+from manip3d._util.callers import caller_level
 from manip3d._util.linear import product
 from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.showing import Showable
@@ -160,7 +162,8 @@ class LidarFrame(Showable):
 
     Notes
     -----
-    C-contiguous arrays of the dtypes above are kept as they are, without a copy.
+    C-contiguous arrays of the dtypes above are kept as they are, without a copy. Points that
+    float32 rounds by more than a millimetre, such as those of a national grid, raise a warning.
     """
 
     points: NDArray[np.float32]
@@ -176,7 +179,8 @@ class LidarFrame(Showable):
     file_rows: NDArray[np.int64] | None = None
 
     def __post_init__(self) -> None:
-        points = as_rows(self.points, 3, np.float32, "points")
+        convert = _near_points if self.exact is None else _points
+        points = convert(self.points, "points")
         intensity = None
         if self.intensity is not None:
             intensity = _column(self.intensity, "intensity")
@@ -351,6 +355,29 @@ class LidarFrame(Showable):
         return f"<manip3d.LidarFrame: {'; '.join(parts)}>"
 
 
+_FAR_M = 8192.0  # a float32 is rounded by a quarter of a millimetre and more
+_MOST_ROUNDED_M = 0.001
+
+
+def _points(values: ArrayLike, name: str) -> NDArray[np.float32]:
+    return as_rows(values, 3, np.float32, name)
+
+
+def _near_points(values: ArrayLike, name: str) -> NDArray[np.float32]:
+    """(N, 3) float32 points, with a warning where that rounds them by more than a millimetre."""
+    points = _points(values, name)
+    if points is values or not points.size or not _FAR_M < np.abs(points).max() < math.inf:
+        return points
+    rounded = float(np.abs(np.asarray(values) - points.astype(np.float64)).max())
+    if rounded > _MOST_ROUNDED_M:
+        warnings.warn(
+            f"{name}: float32 rounds these coordinates by up to {rounded:.2g} m; subtract a place "
+            "near them first, as readers of files do (`LidarFrame.exact` keeps float64)",
+            stacklevel=caller_level(),
+        )
+    return points
+
+
 def _column(values: ArrayLike, name: str) -> NDArray[np.float32]:
     array = as_array(values, name)
     if array.ndim != 1:
@@ -384,11 +411,11 @@ def to_scan(values: ScanLike) -> Scan:
     array = as_array(values, "scan")
     if array.ndim == 2 and array.shape[1] == 4:
         return Scan(
-            as_rows(array[:, :3], 3, np.float32, "scan"),
+            _near_points(array[:, :3], "scan"),
             np.ascontiguousarray(array[:, 3], np.float32),
             None,
         )
-    return Scan(as_rows(array, 3, np.float32, "scan"), none, None)
+    return Scan(_near_points(array, "scan"), none, None)
 
 
 def as_frame(scan: ScanLike) -> LidarFrame:

@@ -81,8 +81,25 @@ def test_the_points_that_were_inspected_are_shown(tmp_path: Path) -> None:
 
 # --- equality -------------------------------------------------------------------------------------
 
-PACKAGES = """simplify modify forge authenticate metrics io capture datasets camera rgbd lidar
-study diary phantom batch report viewer""".split()
+PACKAGES = [
+    "simplify",
+    "modify",
+    "forge",
+    "authenticate",
+    "metrics",
+    "io",
+    "capture",
+    "datasets",
+    "camera",
+    "rgbd",
+    "lidar",
+    "study",
+    "diary",
+    "phantom",
+    "batch",
+    "report",
+    "viewer",
+]
 
 
 def dataclasses_of(package: str) -> list[type]:

@@ -32,6 +32,7 @@ def checked_color(
         raise InputError(
             f"color: expected uint8 of shape ({shape[0]}, {shape[1]}, 3 or 4), "
             f"got {image.dtype} of {image.shape}"
+            + ("; images of another camera need its registration" * (registration is None))
         )
     return np.array(image)
 
