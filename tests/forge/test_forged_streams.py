@@ -400,3 +400,19 @@ def test_many_small_frames_and_long_recordings_are_read(tmp_path: Path) -> None:
     forge.StreamTruth(1, long, np.arange(780)).write(path)
     del small
     np.testing.assert_array_equal(forge.read_stream_truth(path).masks, long)
+
+
+def test_frames_at_a_pace_are_a_sequence() -> None:
+    """Its last frame was no frame, and a pace that is none counted as unknown."""
+    slow = [replace(person(n), time=n * 100_000_000) for n in range(3)]
+    played = forge.at_pace(slow, 5e7)
+    numbers = [frame.number for frame in played]
+    assert numbers == [0, 0, 1, 1, 2, 2]
+    assert [played[n].number for n in range(-6, 0)] == numbers
+    assert [frame.number for frame in played[-2:]] == [2, 2]
+    for wrong in (6, -7):
+        with pytest.raises(IndexError):
+            played[wrong]
+    for step in (-1.0, np.nan, np.inf):
+        with pytest.raises(InputError, match="step_ns: expected a finite number >= 0"):
+            forge.at_pace(slow, step)

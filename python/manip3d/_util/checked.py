@@ -7,6 +7,7 @@ import builtins
 import collections.abc
 import functools
 import inspect
+import operator
 import os
 import sys
 from collections.abc import Callable, Mapping
@@ -19,7 +20,10 @@ from manip3d.errors import InputError
 
 _Checked = TypeVar("_Checked", bound=Callable[..., Any])
 
-_INT64 = range(-(2**63), 2**63)
+
+def _has_64_bits(value: Any) -> bool:
+    # Not `in range`, which counts up to what is no plain int, such as NumPy's.
+    return -(2**63) <= operator.index(value) < 2**63
 
 
 def checked(function: _Checked) -> _Checked:
@@ -37,7 +41,7 @@ def checked(function: _Checked) -> _Checked:
     -----
     Annotations of numbers, texts, paths, containers and classes are understood, as are unions of
     them, ``ArrayLike`` (an array of numbers) and aliases. An argument whose annotation has another
-    part is left to the function.
+    part is left to the function, which gets scalars of NumPy as Python's numbers.
     """
     if isinstance(function, type):
         for name, member in tuple(vars(function).items()):
@@ -57,9 +61,14 @@ def checked(function: _Checked) -> _Checked:
             kind = expected.get(name)
             if kind is not None and not kind.accepts(value):
                 raise InputError(f"{name}{kind.complaint(value)}")
-        return function(*args, **kwargs)
+        return function(*map(_plain, args), **{n: _plain(value) for n, value in kwargs.items()})
 
     return cast("_Checked", wrapper)
+
+
+def _plain(value: Any) -> Any:
+    """Return NumPy's scalars as Python's numbers, which results and JSON keep."""
+    return value.item() if isinstance(value, np.number | np.bool_) else value
 
 
 class _Kind:
@@ -91,12 +100,13 @@ def _is_number(value: Any) -> bool:
     if isinstance(value, np.ndarray):
         return value.ndim == 0 and value.dtype.kind in "iuf"
     if isinstance(value, int) and not isinstance(value, bool):
-        return value in _INT64
+        return _has_64_bits(value)
     return isinstance(value, float | np.integer | np.floating)
 
 
 def _is_whole(value: Any) -> bool:
-    return isinstance(value, int | np.integer) and not isinstance(value, bool) and value in _INT64
+    is_whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    return is_whole and _has_64_bits(value)
 
 
 def _is_array(value: Any) -> bool:

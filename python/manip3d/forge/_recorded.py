@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -169,7 +170,7 @@ def at_pace(frames: Sequence[RgbdFrame], step_ns: float) -> Sequence[RgbdFrame]:
     Raises
     ------
     InputError
-        ``num_frames`` is below 1, or there is no frame.
+        There is no frame, or ``step_ns`` is negative or not finite.
 
     Examples
     --------
@@ -182,6 +183,8 @@ def at_pace(frames: Sequence[RgbdFrame], step_ns: float) -> Sequence[RgbdFrame]:
     check_frames("frames", frames[:1])
     if not len(frames):
         raise InputError("frames: expected one at least, got none")
+    if not 0.0 <= step_ns < math.inf:
+        raise InputError(f"step_ns: expected a finite number >= 0, got {step_ns}")
     return _AtStep(frames, _step_of([frame.time for frame in frames[:_TIMED]]), step_ns)
 
 
@@ -257,6 +260,7 @@ class _AtStep(Sequence[RgbdFrame]):
     def __getitem__(self, at: int | slice) -> RgbdFrame | list[RgbdFrame]:
         if isinstance(at, slice):
             return [self[number] for number in range(*at.indices(self._length))]
-        if not 0 <= at < self._length:
+        if not -self._length <= at < self._length:
             raise IndexError(at)
+        at %= self._length
         return self._frames[min(int(at * self._ratio + 0.5), len(self._frames) - 1)]

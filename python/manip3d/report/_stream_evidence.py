@@ -61,7 +61,7 @@ def write_stream_evidence(
     Raises
     ------
     InputError
-        The suffix is neither of the two, or none of the frames was judged.
+        The suffix is neither of the two, or the page has no frame that was judged.
     MissingExtraError
         Pillow, which draws the frames, is not installed.
 

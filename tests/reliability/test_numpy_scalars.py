@@ -1,0 +1,74 @@
+"""Numbers that come out of NumPy and pandas are numbers, in every public function."""
+
+from __future__ import annotations
+
+import importlib
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+import pytest
+from test_argument_kinds import call_with, recorded
+
+import kernels
+from manip3d import InputError, Intrinsics, capture, simplify
+
+LAZY = ("forge.at_pace", "forge.stream")
+"""Their results make frames when they are asked for."""
+
+
+class Number(IntEnum):
+    """A number of a program's own."""
+
+    SIXTY = 60
+
+
+def as_scalar(value: Any) -> Any:
+    """The same value as NumPy has it; None: it is no single value."""
+    if isinstance(value, bool):
+        return np.bool_(value)
+    if isinstance(value, int):
+        return np.int64(value)
+    if isinstance(value, float):
+        return np.float64(value)
+    if isinstance(value, tuple) and value and all(type(item) in (int, float) for item in value):
+        return np.array(value)
+    return None
+
+
+def results(value: Any) -> Any:
+    return list(value) if hasattr(value, "__next__") else value
+
+
+@pytest.mark.parametrize("name", kernels.KERNELS)
+def test_kernels_take_scalars_of_numpy(name: str) -> None:
+    """An np.int64 was looked for in a range of 2^64 numbers, one after the other."""
+    package_name, _, function_name = name.partition(".")
+    package = importlib.import_module(f"manip3d.{package_name}")
+    with recorded(package, function_name) as calls:
+        kernels.KERNELS[name](1)
+    function, arguments = getattr(package, function_name), calls[0]
+    scalars = {
+        argument: scalar
+        for argument, value in arguments.items()
+        if (scalar := as_scalar(value)) is not None
+    }
+    if not scalars:
+        return
+    expected = kernels.hash_of(results(call_with(function, arguments)))
+    for argument, scalar in scalars.items():
+        found = results(call_with(function, arguments | {argument: scalar}))
+        if name not in LAZY:
+            assert kernels.hash_of(found) == expected, argument
+
+
+@pytest.mark.parametrize("count", [np.int64(60), np.uint8(60), np.int32(60), Number.SIXTY])
+def test_whole_numbers_of_all_kinds(count: Any) -> None:
+    mesh = simplify.relief(kernels.DEPTH, kernels.CAMERA, count, effort="live", threads=1)
+    assert kernels.hash_of(mesh) == kernels.hash_of(
+        simplify.relief(kernels.DEPTH, kernels.CAMERA, 60, effort="live", threads=1)
+    )
+    with pytest.raises(InputError, match="target_points: expected a whole number of 64 bits"):
+        simplify.relief(kernels.DEPTH, kernels.CAMERA, np.uint64(2**63))
+    assert capture.from_frames(kernels.walk)[np.int64(2)] is kernels.walk[2]
+    assert Intrinsics(count, count, 9, 9, 5, 5).width == 60
