@@ -359,6 +359,7 @@ def test_an_address_opens_the_simulator() -> None:
     )
     assert source.calibration.depth is DEPTH_CAMERA
     assert len(source) == 7
+    assert [frame.number for frame in source[5:]] == [5, 6]
 
 
 @pytest.mark.parametrize(

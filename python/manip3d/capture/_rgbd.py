@@ -537,6 +537,8 @@ def from_frames(frames: Iterable[RgbdFrame], *, uri: str = "frames") -> RgbdSour
     ----------
     frames : iterable of RgbdFrame
         Frames of one camera. The first is read at once, unless ``frames`` has a ``calibration``.
+        They may never end: `RgbdSource.stop` ends a loop over them then. `read` waits for the
+        iterator, whatever its ``timeout``.
     uri : str
         Name of the source in messages.
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -384,13 +384,19 @@ class BodySimulator:
     def __len__(self) -> int:
         return self.frames
 
-    def __getitem__(self, index: int) -> RgbdFrame:
+    @overload
+    def __getitem__(self, index: int) -> RgbdFrame: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[RgbdFrame]: ...
+    def __getitem__(self, index: int | slice) -> RgbdFrame | list[RgbdFrame]:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(self.frames))]
         if not -self.frames <= index < self.frames:
             raise IndexError(f"frame {index} of {self.frames}")
         return self.frame(index % self.frames / self.rate)
 
     def __iter__(self) -> Iterator[RgbdFrame]:
-        return map(self.__getitem__, range(self.frames))
+        return (self[index] for index in range(self.frames))
 
     def frame(self, time: float) -> RgbdFrame:
         """Return what the sensor delivers at a time.
