@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -259,3 +260,12 @@ def test_detectors_without_a_p_value_have_the_stated_rate(name: str) -> None:
 def test_long_lists_of_accused_scans_are_cut() -> None:
     reason = authenticate.verdict_of_drive([ODD, CLEAN] * 15)[1]
     assert "15 of 30 scans accused (numbers 0, 2, 4, 6, 8, 10, 12, 14, 16, 18 and 5 more)" in reason
+
+
+def test_no_scan_of_a_drive_is_left_out_for_want_of_a_number() -> None:
+    """The last scans were not judged where there were fewer numbers than scans."""
+    empty = LidarFrame(np.empty((0, 3), np.float32))
+    found = authenticate.inspect_drive([empty] * 3, numbers=[7, 8])
+    with pytest.raises(InputError, match="numbers: expected one for each frame, got 2"):
+        list(found)
+    assert len(list(authenticate.inspect_drive([empty] * 3, numbers=itertools.count()))) == 3

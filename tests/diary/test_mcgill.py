@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from manip3d import InputError
@@ -11,6 +12,8 @@ from manip3d.diary import MCGILL_GROUPS, McGillScore, score_mcgill
 def test_the_published_maxima() -> None:
     assert len(MCGILL_GROUPS) == 20
     assert score_mcgill(MCGILL_GROUPS, 5) == McGillScore(42, 14, 5, 17, 78, 20, 5)
+    ranks = np.array(MCGILL_GROUPS)  # as a table of answers has them
+    assert score_mcgill(ranks, np.int64(5)) == score_mcgill(MCGILL_GROUPS, 5)  # type: ignore[arg-type]
     assert score_mcgill([0] * 20, 0) == McGillScore(0, 0, 0, 0, 0, 0, 0)
 
 

@@ -115,7 +115,7 @@ def inspect_drive(
     Raises
     ------
     InputError
-        As `inspect`; a key without records.
+        As `inspect`; a key without records; fewer ``numbers`` than frames, when they end.
 
     Examples
     --------
@@ -133,9 +133,7 @@ def inspect_drive(
     if key is not None and records is None:
         raise InputError("key: expected with the records of the frames, got none")
     return _each(
-        _with_following(
-            zip(frames, itertools.count() if numbers is None else numbers, strict=False)
-        ),
+        _with_following(_numbered(frames, itertools.count() if numbers is None else numbers)),
         itertools.repeat(None) if records is None or key is None else iter(records),
         key,
         lambda frame, before, after, known, signed, left_out, cores: inspect_beside(
@@ -145,6 +143,18 @@ def inspect_drive(
         lattice,
         threads_of(threads),
     )  # fmt: skip
+
+
+def _numbered(
+    frames: Iterable[LidarFrame | None], numbers: Iterable[int]
+) -> Iterator[tuple[LidarFrame | None, int]]:
+    """Frames and their numbers, of which there may be more than frames, but not fewer."""
+    following = iter(numbers)
+    for count, frame in enumerate(frames):
+        number = next(following, None)
+        if number is None:
+            raise InputError(f"numbers: expected one for each frame, got {count}, and more frames")
+        yield frame, number
 
 
 def _check_each(name: str, values: object, *kinds: type) -> None:

@@ -81,8 +81,9 @@ def score_mcgill(ranks: Sequence[int], ppi: int) -> McGillScore:
     """
     if len(ranks) != len(MCGILL_GROUPS):
         raise InputError(f"ranks: expected {len(MCGILL_GROUPS)}, got {len(ranks)}")
+    ranks = [int(rank) for rank in ranks]  # of NumPy, too
     for number, (rank, most) in enumerate(zip(ranks, MCGILL_GROUPS, strict=True), 1):
-        if isinstance(rank, bool) or not isinstance(rank, int) or not 0 <= rank <= most:
+        if not 0 <= rank <= most:
             raise InputError(f"ranks: expected 0 to {most} in group {number}, got {rank!r}")
     if not 0 <= ppi <= 5:
         raise InputError(f"ppi: expected 0 to 5, got {ppi}")
