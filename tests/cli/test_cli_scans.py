@@ -156,10 +156,11 @@ def test_a_folder_of_exported_clouds_is_inspected(tmp_path: Path) -> None:
 def test_coordinates_of_a_map_that_are_lost_are_told(tmp_path: Path) -> None:
     rows = [f"{458_000 + i % 7} {5_428_000 + i % 5} {110 + i % 3}\n" for i in range(50)]
     (tmp_path / "a.xyz").write_text("".join(rows))
-    for name in ("b.bin", "b.3d", "b.csv", "b.xyz"):
+    for name in ("b.bin", "b.3d", "b.csv", "b.xyz", "b.pcd", "b.ply"):
         done = manip3d("convert", tmp_path / "a.xyz", "-o", tmp_path / name)
         assert done.returncode == 0, done.stderr
         assert ("those of the map are 4580" in done.stderr) == (name in ("b.bin", "b.3d"))
+        assert ("which PCL and Open3D do not read" in done.stderr) == (name == "b.pcd")
 
 
 def test_an_output_of_another_option_is_named_by_it(tmp_path: Path) -> None:

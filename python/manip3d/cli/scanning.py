@@ -170,9 +170,15 @@ def convert(source: str, output: Path, terminal: Terminal, calibration: Path | N
 
 
 def _tell_of_map(scan: LidarFrame, suffix: str, terminal: Terminal) -> None:
-    """Warn of coordinates far from 0, which another format than the scan's gets near 0."""
-    from manip3d.io._scan_tables import loses_map_coordinates, map_place
+    """Warn of coordinates far from 0 that another format gets near 0, or that few programs read."""
+    from manip3d.io._scan_tables import loses_map_coordinates, map_coordinates, map_place
 
+    is_new = scan.format is not None and scan.format.name != "pcd"
+    if suffix == ".pcd" and is_new and map_coordinates(scan, "pcd") is not None:
+        terminal.say(
+            "warning: coordinates of 64 bits, which PCL and Open3D do not read in .pcd files: "
+            "for these write .ply or .las"
+        )
     if (pose := map_place(scan, suffix)) is not None:
         where = " ".join(f"{value:.3f}" for value in pose)
         terminal.say(f"warning: coordinates are the scanner's own; its place on the map: {where}")

@@ -14,6 +14,7 @@ from manip3d.io import _scan_tables as tables
 from manip3d.io._files import open_regular, refuse_pointer
 from manip3d.io._limits import byte_limit, clock
 from manip3d.io._remote import is_url, local_copy, local_output
+from manip3d.io._scan_colors import renamed
 from manip3d.io._scan_tables import scan_suffix
 from manip3d.lidar import LidarFrame
 
@@ -163,7 +164,9 @@ def write_scan(frame: LidarFrame, path: str | os.PathLike[str]) -> None:
     moved. Another format gets x, y, z, the intensity (`.bin`: 0 where there is none), the ring and
     what of ``fields`` it can hold; KITTI's ``.bin`` holds nothing else, 3DTK's ``.3d`` the
     intensity, E57 rows, columns and colours (coordinates as 32-bit floats, those of a map near 0
-    with the rest in the pose).
+    with the rest in the pose). Colours get the names that the other format has for them (PCD: one
+    number), with 8 bits, in LAS stretched to 16; normals those of PLY and PCD. ``.pts`` has colours
+    as its last columns; ``.xyz``, ``.asc`` and ``.txt`` hold no more than the intensity.
 
     Parameters
     ----------
@@ -191,6 +194,7 @@ def write_scan(frame: LidarFrame, path: str | os.PathLike[str]) -> None:
     _refuse_compression(path)
     if scan_suffix(path_of(path)) == ".e57":
         return write_scans([frame], path)
+    frame = renamed(frame, scan_suffix(path_of(path)).lstrip(".").replace("laz", "las"))
     with local_output(path) as local:
         if scan_suffix(local) in (".las", ".laz"):
             from manip3d.io import _scan_las
@@ -240,7 +244,7 @@ def write_scans(frames: Sequence[LidarFrame], path: str | os.PathLike[str]) -> N
         from manip3d.io import _scan_e57
 
         with local_output(path) as local:
-            return _scan_e57.write_all(frames, local)
+            return _scan_e57.write_all([renamed(frame, "e57") for frame in frames], local)
     if len(frames) != 1:
         raise InputError(f"frames: only E57 holds several scans, got {len(frames)}")
     return write_scan(frames[0], path)

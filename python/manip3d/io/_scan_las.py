@@ -112,7 +112,8 @@ def _new_header(
     laspy: Any, exact: NDArray[np.float64], columns: dict[str, NDArray[Any]], frame: LidarFrame
 ) -> Any:
     """Steps of 0.1 mm; what is not a standard dimension becomes an extra one."""
-    header = laspy.LasHeader(point_format=6, version="1.4")
+    is_colored = all(name in columns for name in ("red", "green", "blue"))
+    header = laspy.LasHeader(point_format=7 if is_colored else 6, version="1.4")
     header.scales = np.full(3, 1e-4)
     header.offsets = np.floor(exact.min(axis=0)) if len(exact) else np.zeros(3)
     extra = dict(columns)

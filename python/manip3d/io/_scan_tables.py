@@ -15,6 +15,7 @@ import numpy as np
 from manip3d import _core
 from manip3d.errors import FormatError
 from manip3d.io._limits import check_points
+from manip3d.io._scan_colors import color_names, plain_name
 from manip3d.io._text_files import text_of
 from manip3d.lidar import LidarFrame, ScanFormat
 
@@ -45,8 +46,6 @@ _MOST_OF = (0.1, 0.5, 0.9)
 """Quantiles of coordinates between which most lie, and their middle."""
 _INTENSITY = ("intensity", "reflectance", "reflectivity", "remission", "i")
 _RING = ("ring", "channel", "laser_id")
-_OF_CLOUDCOMPARE = "scalar_"
-"""What CloudCompare puts before the names of columns."""
 
 # 3DTK: x to the right, y up, z ahead (left-handed), centimetres.
 _THREE_DTK = 100.0 * np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
@@ -224,11 +223,6 @@ def _columns(table: NDArray[Any], columns: Sequence[Column]) -> dict[str, NDArra
     return found
 
 
-def _plain_name(name: str) -> str:
-    """The name of a column as others write it: ``intensity`` for ``scalar_Intensity``."""
-    return name.lower().removeprefix(_OF_CLOUDCOMPARE)
-
-
 def _by_plain_names(columns: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     """The columns; those that others write in other letters get the name that is known here.
 
@@ -237,7 +231,7 @@ def _by_plain_names(columns: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[An
     known = {*"xyz", *_INTENSITY, *_RING} - columns.keys()
     found: dict[str, NDArray[Any]] = {}
     for name, values in columns.items():
-        plain = _plain_name(name)
+        plain = plain_name(name)
         is_known = plain in known - found.keys() and (
             plain not in "xyz" or values.dtype.kind == "f"
         )
@@ -430,7 +424,7 @@ def packed_rows(frame: LidarFrame, layout: ScanFormat) -> NDArray[Any]:
         if column is not None:
             values |= {key: column for key in names if key not in values}
     for i, (name, kind, count) in enumerate(layout.columns):
-        found = values.get(name, values.get(_plain_name(name)))
+        found = values.get(name, values.get(plain_name(name)))
         if found is not None and count > 0:
             table[f"{i} {name}"] = _cast(found, np.dtype(kind))
     return table
@@ -525,7 +519,9 @@ def _text_layout(name: str) -> Callable[[LidarFrame], ScanFormat]:
             names = [re.sub(r"[\s,;\"#]", "_", column[0]) for column in columns]
             pairs = [("names", ",".join(names)), ("separator", ",")]
         else:  # nothing would tell what other columns are
-            columns = columns[: 3 + (frame.intensity is not None)]
+            last = color_names(frame, name)
+            colors = [column for column in columns if column[0] in last]
+            columns = columns[: 3 + (frame.intensity is not None)] + colors
             pairs = [("count", "")] if name == "pts" else []
         return ScanFormat(name, tuple(columns), {"pairs": tuple(pairs)})
 

@@ -1,0 +1,129 @@
+"""Colours and normals of scans, under the names that each format has for them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d.lidar import LidarFrame
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+_COLORS = (
+    ("red", "green", "blue"),
+    ("colorred", "colorgreen", "colorblue"),
+    ("diffuse_red", "diffuse_green", "diffuse_blue"),
+    ("r", "g", "b"),
+)
+_PACKED = ("rgb", "rgba")
+"""Red, green and blue in one number of 32 bits, as PCD has them, or in one row."""
+_UNNAMED = (("c4", "c5", "c6"), ("c3", "c4", "c5"))
+"""The last columns of a text without names: those of Leica's ``.pts``, and those of Open3D's."""
+_NORMALS = {"ply": ("nx", "ny", "nz"), "pcd": ("normal_x", "normal_y", "normal_z")}
+_NAMES = {
+    "e57": ("colorRed", "colorGreen", "colorBlue"),
+    **dict.fromkeys(("ply", "las", "csv", "pts"), ("red", "green", "blue")),
+}
+_OF_CLOUDCOMPARE = "scalar_"
+"""What CloudCompare puts before the names of columns."""
+_LAS_STEP = 256
+"""LAS stretches a colour of 8 bits to 16 by this factor."""
+
+
+def plain_name(name: str) -> str:
+    """The name of a column as others write it: ``intensity`` for ``scalar_Intensity``."""
+    return name.lower().removeprefix(_OF_CLOUDCOMPARE)
+
+
+def renamed(frame: LidarFrame, name: str) -> LidarFrame:
+    """The frame with colours and normals as another format than its own names them.
+
+    Colours have 8 bits in all formats but LAS. The fields stay as they are where there are none, or
+    where the format has no names for them.
+    """
+    if frame.format is not None and frame.format.name == name:
+        return frame
+    fields = dict(frame.fields)
+    _rename_normals(fields, name)
+    found = _find_colors(fields)
+    if found is not None and (name == "pcd" or name in _NAMES):
+        taken, colors = found
+        kept = {key: values for key, values in fields.items() if key not in taken}
+        fields = kept | _named_colors(colors, name)
+    return frame.replace(fields=fields)
+
+
+def color_names(frame: LidarFrame, name: str) -> tuple[str, ...]:
+    """The fields of a renamed frame that hold its colours; empty: it has none."""
+    names = _NAMES.get(name, ())
+    return names if names and all(each in frame.fields for each in names) else ()
+
+
+def _rename_normals(fields: dict[str, NDArray[Any]], name: str) -> None:
+    wanted = _NORMALS.get(name)
+    for names in _NORMALS.values():
+        if wanted is not None and names != wanted and all(each in fields for each in names):
+            # Open3D takes those of 64 bits in PCD for 0.
+            taken = [fields.pop(each).astype(np.float32) for each in names]
+            fields |= dict(zip(wanted, taken, strict=True))
+
+
+def _find_colors(
+    fields: Mapping[str, NDArray[Any]],
+) -> tuple[Sequence[str], NDArray[np.uint8]] | None:
+    """The names of the fields that hold colours, and the colours, (N, 3)."""
+    by_plain = {plain_name(name): name for name in fields}
+    for names in (*_COLORS, *_UNNAMED):
+        if not all(name in by_plain for name in names):
+            continue
+        taken = [by_plain[name] for name in names]
+        if names in _UNNAMED and taken[-1] != list(fields)[-1]:
+            continue
+        colors = _as_bytes([fields[name] for name in taken])
+        if colors is not None:
+            return taken, colors
+    for name in _PACKED:
+        values = fields.get(by_plain.get(name, name))
+        if values is not None and (colors := _unpacked(values)) is not None:
+            return [by_plain[name]], colors
+    return None
+
+
+def _as_bytes(columns: Sequence[NDArray[Any]]) -> NDArray[np.uint8] | None:
+    """Columns of 8 or 16 bits, or of whole numbers from 0 to 255; None: they are no colours.
+
+    Numbers of 16 bits of which none is above 255 are those of 8 that were not stretched.
+    """
+    if any(values.ndim != 1 or values.dtype.kind not in "iuf" for values in columns):
+        return None
+    values = np.column_stack(columns)
+    if not values.size:
+        return values.astype(np.uint8)
+    if not bool((np.isfinite(values) & (values == np.rint(values)) & (values >= 0)).all()):
+        return None
+    largest = values.max()
+    is_wide = 255 < largest <= 65535 and all(v.dtype.itemsize == 2 for v in columns)
+    if largest > 255 and not is_wide:
+        return None
+    return (values // _LAS_STEP if is_wide else values).astype(np.uint8)
+
+
+def _unpacked(values: NDArray[Any]) -> NDArray[np.uint8] | None:
+    if values.ndim == 2 and values.shape[1] in (3, 4) and values.dtype == np.uint8:
+        return np.ascontiguousarray(values[:, :3])
+    if values.ndim != 1 or values.dtype.kind not in "iuf" or values.dtype.itemsize != 4:
+        return None
+    bits = np.ascontiguousarray(values).view(np.uint32)
+    return np.column_stack([bits >> shift & 255 for shift in (16, 8, 0)]).astype(np.uint8)
+
+
+def _named_colors(colors: NDArray[np.uint8], name: str) -> dict[str, NDArray[Any]]:
+    if name == "pcd":
+        red, green, blue = colors.astype(np.uint32).T
+        return {"rgb": (red << 16 | green << 8 | blue).view(np.float32)}
+    wide = colors.astype(np.uint16) * _LAS_STEP if name == "las" else colors
+    return {each: np.ascontiguousarray(wide[:, i]) for i, each in enumerate(_NAMES[name])}
