@@ -329,6 +329,37 @@ def test_a_bag_without_camera_takes_intrinsics(tmp_path: Path) -> None:
     assert (camera.width, camera.height, camera.fx) == (64, 48, 60.0)
 
 
+def test_info_and_inspect_take_the_camera_of_a_bag_without_one(tmp_path: Path) -> None:
+    place = bag_of(tmp_path, [depth_at(1.0, millimetres(0))]).partition(":")[2]
+    camera = ("--intrinsics", "60,60,31.5,23.5")
+    done = manip3d("info", place, *camera, "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["depth"]["fx"] == 60.0
+    done = manip3d("inspect", place, *camera, "--json")
+    assert done.returncode == 4, done.stderr
+    assert json.loads(done.stdout)["verdict"] == "processed"
+    np.ones((9, 4), np.float32).tofile(tmp_path / "a.bin")
+    done = manip3d("inspect", tmp_path / "a.bin", *camera)
+    assert done.returncode == 1
+    assert "--intrinsics: expected with an RGB-D recording, got scans of a LiDAR" in done.stderr
+
+
+def test_a_folder_of_recordings_is_inspected(tmp_path: Path) -> None:
+    """Scans beside them too, and texts with points where there is no scan."""
+    folder = tmp_path / "data"
+    (folder / "below").mkdir(parents=True)
+    bag = realsense(tmp_path / "mm.bag", 0.001)
+    bag.rename(folder / "below" / "mm.bag")
+    (folder / "cloud.csv").write_text("x,y,z\n" + "1,2,3\n" * 9)
+    for names in ({"mm.bag", "cloud.csv"}, {"mm.bag", "a.bin"}):
+        done = manip3d("inspect", folder, "--json")
+        assert done.returncode == 4, done.stderr
+        rows = json.loads(done.stdout)
+        assert {Path(row["source"]).name for row in rows} == names
+        assert {row["verdict"] for row in rows} == {"processed", "undecidable"}
+        np.ones((9, 4), np.float32).tofile(folder / "a.bin")
+
+
 def test_recordings_of_a_realsense(tmp_path: Path) -> None:
     for name, unit in (("mm", 0.001), ("tenths", 0.0001)):
         path = realsense(tmp_path / f"{name}.bag", unit)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from manip3d.cli import capture, describing, kinds, scanning
 from manip3d.cli.kinds import SHOWN, expect_kind
 from manip3d.cli.many import over_files
-from manip3d.cli.options import Calibration, DepthUnit, Json, Quiet, Source
+from manip3d.cli.options import Calibration, DepthUnit, FolderIntrinsics, Json, Quiet, Source
 from manip3d.cli.terminal import Terminal
 
 
@@ -17,6 +17,7 @@ from manip3d.cli.terminal import Terminal
 def info(
     source: Source,
     calibration: Calibration = None,
+    intrinsics: FolderIntrinsics = "",
     unit: DepthUnit = "guess",
     as_json: Json = False,
     quiet: Quiet = False,
@@ -35,7 +36,7 @@ def info(
     shell = Terminal(as_json=as_json, quiet=quiet)
     kind = "mesh" if source == "-" else kind_of(source)
     if kind == "rgbd":
-        opened = capture.open_source(source, shell)
+        opened = capture.open_source(source, shell, intrinsics=intrinsics)
         told = capture.info(opened, shell)
         shell.result(told, lambda console: capture.show_info(console, told))
     elif kind == "scan":

@@ -20,6 +20,7 @@ from manip3d.cli.many import over_files
 from manip3d.cli.options import (
     MISSED,
     Calibration,
+    FolderIntrinsics,
     Force,
     Jobs,
     Json,
@@ -39,6 +40,7 @@ from manip3d.cli.watermark import key_of
 from manip3d.errors import InputError
 from manip3d.io import is_url
 from manip3d.io._scan_files import EXPORTED_SUFFIXES, FOLDER_SUFFIXES, holds_points
+from manip3d.io._scan_tables import scan_suffix
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -89,7 +91,8 @@ def _name_copies(rows: Sequence[dict[str, Any]]) -> None:
 
 
 def _find_scans(sources: Sequence[str], *, suffixes: Sequence[str]) -> list[SourceFile]:
-    """The scans that sources stand for; of a folder without any, texts and arrays with points."""
+    """The scans and recordings that sources stand for; of a folder without any scan also texts and
+    arrays with points."""
     from manip3d._util.paths import by_number
     from manip3d.batch import find_files
 
@@ -98,27 +101,30 @@ def _find_scans(sources: Sequence[str], *, suffixes: Sequence[str]) -> list[Sour
         try:
             files = find_files([source], suffixes=suffixes)
         except InputError:
-            if not Path(source).is_dir():
-                raise
             files = _exported(source)
             if not files:
                 raise
+        if not any(scan_suffix(file.name) in FOLDER_SUFFIXES for file in files):
+            files = [*files, *_exported(source)]
         found |= {file.name: file for file in files if file.name not in found}
     return [found[name] for name in sorted(found, key=by_number)]
 
 
-def _exported(folder: str) -> list[SourceFile]:
+def _exported(source: str) -> list[SourceFile]:
+    """The texts and arrays with points of a folder; of another source none."""
     from manip3d.batch import find_files
 
+    if is_url(source) or not Path(source).is_dir():
+        return []
     try:
-        files = find_files([folder], suffixes=EXPORTED_SUFFIXES)
+        files = find_files([source], suffixes=EXPORTED_SUFFIXES)
     except InputError:
         return []
     return [file for file in files if holds_points(Path(file.name))]
 
 
 @over_files(
-    lambda: FOLDER_SUFFIXES,
+    kinds.inspected_suffixes,
     find=_find_scans,
     whole=kinds.WHOLE,
     writable=lambda: (".html", ".json"),
@@ -185,6 +191,7 @@ def inspect(
         ),
     ] = None,
     calibration: Calibration = None,
+    intrinsics: FolderIntrinsics = "",
     printed: Annotated[
         bool,
         typer.Option(
@@ -263,7 +270,11 @@ def inspect(
             calibration=calibration, origin=origin, printed=printed or None, plant=plant or None,
             sensor=None if sensor == "auto" else sensor,
         )  # fmt: skip
-        raise typer.Exit(codes[inspect_recording(source, output, log, shell)])
+        raise typer.Exit(
+            codes[inspect_recording(source, output, log, shell, intrinsics=intrinsics)]
+        )
+    if not shell.is_collecting:  # one of several files may be an RGB-D recording
+        _refuse("an RGB-D recording", "scans of a LiDAR", intrinsics=intrinsics or None)
     known = None if lattice is None else authenticate.SensorLattice.load(lattice)
     if kind in ("drive", "packets", "stream"):
         check_output(output, report.EVIDENCE_KINDS, force=force)
@@ -486,12 +497,14 @@ def _is_rgbd(source: str) -> bool:
     return scheme in known and not (scheme == "sim" and not source.startswith("sim:body"))
 
 
-def inspect_recording(source: str, output: Path | None, log: Path | None, shell: Terminal) -> str:
+def inspect_recording(
+    source: str, output: Path | None, log: Path | None, shell: Terminal, *, intrinsics: str = ""
+) -> str:
     """Inspect an RGB-D recording, print and write what was found, and return the verdict."""
     from manip3d import authenticate, report
     from manip3d.cli.capture import open_source
 
-    with open_source(source, shell) as opened:
+    with open_source(source, shell, intrinsics=intrinsics) as opened:
         frames = authenticate.judged_frames(opened)
     with shell.progress("inspect") as progress:
         found = authenticate.inspect_stream(frames, progress=progress)

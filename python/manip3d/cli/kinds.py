@@ -13,6 +13,7 @@ from manip3d.io._scan_files import FOLDER_SUFFIXES
 from manip3d.io._scan_npy import is_npy_scan
 
 _HEADER_BYTES = 1 << 16  # where a PLY file names its elements
+_RECORDINGS = (".pcap", ".pcapng", ".mcap", ".bag", ".mkv")
 _PICTURES = (".jpg", ".jpeg", ".bmp", ".tga", ".gif", ".webp")
 
 SHOWN = ("mesh", "scan", "range grid", "depth", "packets", "recording", "drive")
@@ -167,7 +168,12 @@ def _kind_of_ply(path: Path) -> str:
 
 def shown_suffixes() -> tuple[str, ...]:
     """Return the suffixes of files that info and view take from a folder."""
-    return (*READABLE, *FOLDER_SUFFIXES, *DEPTH_SUFFIXES, ".pcap", ".pcapng", ".mcap", ".mkv")
+    return (*READABLE, *FOLDER_SUFFIXES, *DEPTH_SUFFIXES, *_RECORDINGS)
+
+
+def inspected_suffixes() -> tuple[str, ...]:
+    """Return the suffixes of scans and recordings that inspect takes from a folder."""
+    return (*FOLDER_SUFFIXES, *_RECORDINGS)
 
 
 def recording_suffixes() -> tuple[str, ...]:
