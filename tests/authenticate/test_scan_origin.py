@@ -6,6 +6,7 @@ import dataclasses
 import json
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,11 +17,15 @@ import manip3d
 from cave_scans import CAVE, ball
 from manip3d import InputError, LidarFrame, forge
 from manip3d.authenticate import (
+    _inspect,
+    _origin,
     density_consistency,
     estimate_origin,
+    inspect,
     occlusion_consistency,
 )
 from manip3d.cli import app
+from manip3d.lidar import ScanFormat
 from real_data import RealData
 from watermark_scans import grid_scan
 
@@ -228,3 +233,45 @@ def test_a_cloud_that_nobody_scanned_is_given_up_soon() -> None:
     assert estimate_origin(grid_scan(2000), threads=1).position is None
     # A guard against a search that hangs, no measurement: 1.2 s here, 15 s before.
     assert time.process_time() - begin < 8
+
+
+def on_map(points: Points, sources: object = None, place: float = 5e6) -> LidarFrame:
+    """A scan as it is read from coordinates of a map, with the flight lines of LAS."""
+    to_file = np.eye(4)
+    to_file[:3, 3] = place
+    fields = {} if sources is None else {"point_source_id": np.asarray(sources, np.uint16)}
+    return LidarFrame(points, fields=fields, format=ScanFormat("las", to_file=to_file))
+
+
+def test_a_map_of_several_flights_has_no_single_place() -> None:
+    points = grid_scan(2000)
+    lines = np.arange(len(points)) % 3
+    frame = on_map(points, lines)
+    found = inspect(frame, power=False)
+    assert found.verdict == "undecidable"
+    assert found.reason.startswith("the file names 3 flight lines or positions")
+    assert occlusion_consistency(frame).verdict == "undecidable"
+    assert inspect(frame, origin=(0.0, 0.0, 0.0), power=False).origin_from == "argument"
+    one = np.zeros(len(points))
+    one[: len(points) // 150] = 7  # less than 1 %
+    for other in (on_map(points, one), on_map(points, lines, place=0.0), on_map(points)):
+        assert "flight lines" not in inspect(other, power=False).reason
+
+
+def test_a_scan_on_a_map_tells_where_it_was_taken(
+    single: tuple[str, Points], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No lattice is looked for around the 0 of its coordinates, which is not the scanner's."""
+    name, points = single
+    looked_at: list[LidarFrame] = []
+    identify = _inspect.identify_and_read
+
+    def looking(frame: LidarFrame, **options: Any) -> Any:
+        looked_at.append(frame)
+        return identify(frame, **options)
+
+    monkeypatch.setattr(_inspect, "identify_and_read", looking)
+    monkeypatch.setattr(_origin, "generic_consistency", None)
+    found = inspect(on_map(moved(points, (12.0, -7.0, 1.0))), power=False)
+    assert found.origin == pytest.approx((12.0, -7.0, 1.0), abs=2e-3), name
+    assert [frame.origin for frame in looked_at] == [(0.0, 0.0, 0.0)]  # moved there

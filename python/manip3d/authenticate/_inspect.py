@@ -37,7 +37,12 @@ from manip3d.authenticate._occlusion import (
     estimate_grid,
     occlusion_consistency,
 )
-from manip3d.authenticate._origin import LEAST_EXPLAINED, estimate_origin
+from manip3d.authenticate._origin import (
+    LEAST_EXPLAINED,
+    estimate_origin,
+    is_on_map,
+    several_sources,
+)
 from manip3d.authenticate._power import (
     BLIND,
     BLIND_TERRESTRIAL,
@@ -1139,6 +1144,11 @@ def _scanner(
     """
     stated = origin if origin is not None else frame.origin
     if stated is None:
+        if (why := several_sources(frame)) is not None:
+            return None, why, None
+        if lattice is None and is_on_map(frame):  # a scanner's lattice stands around its own 0
+            found = estimate_origin(frame, threads=threads)
+            return found.position, found.reason, None
         identified = identify_and_read(frame, lattice=lattice, threads=threads)
         if frame.num_points and _tells_position(identified[0]):
             return (0.0, 0.0, 0.0), "the lattice of a spinning scanner", identified

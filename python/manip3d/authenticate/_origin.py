@@ -12,7 +12,7 @@ from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d._util.options import reporting, threads_of
 from manip3d.authenticate._generic import generic_consistency
-from manip3d.lidar import ScanLike, place, to_scan
+from manip3d.lidar import LidarFrame, ScanLike, place, to_scan
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -25,6 +25,9 @@ LEAST_EXPLAINED = 0.94
 ``calibration-indoor-03``, ``-05``, ``-outdoor-03`` and ``-05`` of `manip3d.simulate.scenes`: one
 position, with or without a pasted object, at least 0.99; with a fifth of a second one at most 0.92;
 with all of it, no grid is found. A forest of a Riegl VZ-400i: 0.966."""
+
+LEAST_OF_SOURCE = 0.01
+"""Share of the points that one flight line or position has at least, to count as one."""
 
 NO_ORIGIN = "no single position explains the scan; give origin= if it is known"
 
@@ -82,7 +85,8 @@ def estimate_origin(
         Without a position for clouds fused from several, for scans without such a grid, and for
         those turned out of their upright. Scanners like the HDL-64E have no grid of elevations, or
         (VLP-32C: five lasers of 32 are off it) none for all lasers: (0, 0, 0) where detector III
-        finds their lattice around it, else none.
+        finds their lattice around it, else none. It is not looked for where the coordinates were
+        moved to 0 from those of a map.
 
     Raises
     ------
@@ -115,7 +119,9 @@ def estimate_origin(
         )
     reason = "the angular grid"
     fused = found and explained < LEAST_EXPLAINED
-    if around is None and (fused or not found) and _stands_on_lattice(scene, threads):
+    # The 0 of coordinates that were moved there from a map is no scanner's place.
+    is_own = around is None and not is_on_map(scene.frame)
+    if is_own and (fused or not found) and _stands_on_lattice(scene, threads):
         found, position, explained = True, (0.0, 0.0, 0.0), 1.0
         reason = "the lattice of a spinning scanner"
     elif not found:
@@ -146,8 +152,34 @@ def scanner_position(
         return np.zeros(3)
     if scan.frame.origin is not None:
         return place(scan.frame.origin, "origin")
+    if several_sources(scan.frame) is not None:
+        return None
     found = estimate_origin(scan.frame, threads=threads).position
     return None if found is None else np.asarray(found)
+
+
+def is_on_map(frame: LidarFrame | None) -> bool:
+    """Whether the points were moved near 0 from coordinates of a map."""
+    if frame is None or frame.format is None:
+        return False
+    to_file = frame.format.to_file
+    return bool(to_file[:3, 3].any()) and np.array_equal(to_file[:3, :3], np.eye(3))
+
+
+def several_sources(frame: LidarFrame) -> str | None:
+    """Why no single position explains a scan on a map whose points name their flight lines or
+    positions (``point_source_id`` of LAS); None: they name one, or none."""
+    if not is_on_map(frame):
+        return None
+    names = {name.lower().replace("_", ""): name for name in frame.fields}
+    source = frame.fields.get(names.get("pointsourceid", ""))
+    if source is None or source.ndim != 1 or not len(source):
+        return None
+    shares = np.unique(source, return_counts=True)[1] / len(source)
+    number = int(np.count_nonzero(shares >= LEAST_OF_SOURCE))
+    if number < 2:
+        return None
+    return f"the file names {number} flight lines or positions: give origin= if it is known"
 
 
 def _stands_on_lattice(scene: Scan, threads: int) -> bool:
