@@ -19,6 +19,7 @@ from manip3d import InputError, LidarFrame, forge
 from manip3d.authenticate import (
     _inspect,
     _origin,
+    _sensors,
     density_consistency,
     estimate_origin,
     inspect,
@@ -264,7 +265,7 @@ def test_a_scan_on_a_map_tells_where_it_was_taken(
     """No lattice is looked for around the 0 of its coordinates, which is not the scanner's."""
     name, points = single
     looked_at: list[LidarFrame] = []
-    identify = _inspect.identify_and_read
+    identify = _sensors.identify_and_read
 
     def looking(frame: LidarFrame, **options: Any) -> Any:
         looked_at.append(frame)

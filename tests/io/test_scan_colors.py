@@ -126,7 +126,7 @@ def test_numbers_that_are_no_colors_stay(tmp_path: Path, fields: dict[str, Any])
 def test_a_scan_without_points_or_colors(tmp_path: Path) -> None:
     empty = np.empty(0, np.uint8)
     fields = {"red": empty, "green": empty, "blue": empty}
-    io.write_scan(LidarFrame(np.empty((0, 3)), fields=fields), tmp_path / "a.pcd")
+    io.write_scan(LidarFrame(np.empty((0, 3), np.float32), fields=fields), tmp_path / "a.pcd")
     assert list(read_scan(tmp_path / "a.pcd").fields) == ["rgb"]
     io.write_scan(LidarFrame(POINTS), tmp_path / "a.ply")
     assert not read_scan(tmp_path / "a.ply").fields
