@@ -79,6 +79,8 @@ def test_colors_in_texts(tmp_path: Path, first: str) -> None:
     frame = read_scan(tmp_path / f"a.{first}")
     frame.write(tmp_path / "b.csv")
     assert (tmp_path / "b.csv").read_text().partition("\n")[0].endswith("red,green,blue")
+    numbers = np.loadtxt(tmp_path / "b.csv", delimiter=",", skiprows=1)[:, -3:]
+    assert np.array_equal(numbers, COLORS * 256 if first == "las" else COLORS)
     frame.write(tmp_path / "b.pts")
     for text in ("b.csv", "b.pts"):
         read_scan(tmp_path / text).write(tmp_path / "c.ply")
@@ -103,6 +105,18 @@ def test_colors_of_16_bits_that_hold_8(tmp_path: Path) -> None:
     back = read_scan(tmp_path / "a.ply").fields
     assert [back[name].tolist() for name in fields] == COLORS.T.tolist()
     assert back["red"].dtype == np.uint8
+
+
+def test_colors_of_16_bits_stay_where_the_format_has_them(tmp_path: Path) -> None:
+    laspy = pytest.importorskip("laspy")
+    wide = RNG.integers(0, 65536, (200, 3)).astype(np.uint16)
+    fields = {n: wide[:, i] for i, n in enumerate(("red", "green", "blue"))}
+    io.write_scan(LidarFrame(POINTS, fields=fields, format=ScanFormat("ply")), tmp_path / "a.csv")
+    read_scan(tmp_path / "a.csv").write(tmp_path / "a.las")
+    las = laspy.read(tmp_path / "a.las")
+    assert np.array_equal(np.column_stack([las.red, las.green, las.blue]), wide)
+    read_scan(tmp_path / "a.csv").write(tmp_path / "a.pcd")
+    assert np.array_equal(colors_seen(tmp_path / "a.pcd"), wide // 256)
 
 
 @pytest.mark.parametrize(

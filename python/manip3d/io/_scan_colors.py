@@ -30,6 +30,8 @@ _NAMES = {
 }
 _OF_CLOUDCOMPARE = "scalar_"
 """What CloudCompare puts before the names of columns."""
+_WIDE = ("las", "csv")
+"""Formats that hold colours of 16 bits."""
 _LAS_STEP = 256
 """LAS stretches a colour of 8 bits to 16 by this factor."""
 
@@ -42,8 +44,8 @@ def plain_name(name: str) -> str:
 def renamed(frame: LidarFrame, name: str) -> LidarFrame:
     """The frame with colours and normals as another format than its own names them.
 
-    Colours have 8 bits in all formats but LAS. The fields stay as they are where there are none, or
-    where the format has no names for them.
+    Colours have 8 bits in all formats but LAS and CSV. The fields stay as they are where there are
+    none, or where the format has no names for them.
     """
     if frame.format is not None and frame.format.name == name:
         return frame
@@ -74,8 +76,8 @@ def _rename_normals(fields: dict[str, NDArray[Any]], name: str) -> None:
 
 def _find_colors(
     fields: Mapping[str, NDArray[Any]],
-) -> tuple[Sequence[str], NDArray[np.uint8]] | None:
-    """The names of the fields that hold colours, and the colours, (N, 3)."""
+) -> tuple[Sequence[str], NDArray[Any]] | None:
+    """The names of the fields that hold colours, and the colours, (N, 3), of 8 or 16 bits."""
     by_plain = {plain_name(name): name for name in fields}
     for names in (*_COLORS, *_UNNAMED):
         if not all(name in by_plain for name in names):
@@ -83,7 +85,8 @@ def _find_colors(
         taken = [by_plain[name] for name in names]
         if names in _UNNAMED and taken[-1] != list(fields)[-1]:
             continue
-        colors = _as_bytes([fields[name] for name in taken])
+        most = 255 if len(names[0]) < 3 else 65535  # r, or a column without a name, may be anything
+        colors = _as_colors([fields[name] for name in taken], most)
         if colors is not None:
             return taken, colors
     for name in _PACKED:
@@ -93,23 +96,20 @@ def _find_colors(
     return None
 
 
-def _as_bytes(columns: Sequence[NDArray[Any]]) -> NDArray[np.uint8] | None:
-    """Columns of 8 or 16 bits, or of whole numbers from 0 to 255; None: they are no colours.
+def _as_colors(columns: Sequence[NDArray[Any]], most: int) -> NDArray[Any] | None:
+    """Columns of whole numbers from 0 to ``most``; None: they are no colours.
 
     Numbers of 16 bits of which none is above 255 are those of 8 that were not stretched.
     """
     if any(values.ndim != 1 or values.dtype.kind not in "iuf" for values in columns):
         return None
     values = np.column_stack(columns)
-    if not values.size:
-        return values.astype(np.uint8)
     if not bool((np.isfinite(values) & (values == np.rint(values)) & (values >= 0)).all()):
         return None
-    largest = values.max()
-    is_wide = 255 < largest <= 65535 and all(v.dtype.itemsize == 2 for v in columns)
-    if largest > 255 and not is_wide:
+    largest = values.max(initial=0)
+    if largest > most:
         return None
-    return (values // _LAS_STEP if is_wide else values).astype(np.uint8)
+    return values.astype(np.uint8 if largest <= 255 else np.uint16)
 
 
 def _unpacked(values: NDArray[Any]) -> NDArray[np.uint8] | None:
@@ -121,9 +121,13 @@ def _unpacked(values: NDArray[Any]) -> NDArray[np.uint8] | None:
     return np.column_stack([bits >> shift & 255 for shift in (16, 8, 0)]).astype(np.uint8)
 
 
-def _named_colors(colors: NDArray[np.uint8], name: str) -> dict[str, NDArray[Any]]:
+def _named_colors(colors: NDArray[Any], name: str) -> dict[str, NDArray[Any]]:
+    is_wide = colors.dtype == np.uint16
+    if is_wide and name not in _WIDE:
+        colors = (colors // _LAS_STEP).astype(np.uint8)
+    if not is_wide and name == "las":
+        colors = colors.astype(np.uint16) * _LAS_STEP
     if name == "pcd":
         red, green, blue = colors.astype(np.uint32).T
         return {"rgb": (red << 16 | green << 8 | blue).view(np.float32)}
-    wide = colors.astype(np.uint16) * _LAS_STEP if name == "las" else colors
-    return {each: np.ascontiguousarray(wide[:, i]) for i, each in enumerate(_NAMES[name])}
+    return {each: np.ascontiguousarray(colors[:, i]) for i, each in enumerate(_NAMES[name])}

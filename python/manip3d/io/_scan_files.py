@@ -165,7 +165,7 @@ def write_scan(frame: LidarFrame, path: str | os.PathLike[str]) -> None:
     what of ``fields`` it can hold; KITTI's ``.bin`` holds nothing else, 3DTK's ``.3d`` the
     intensity, E57 rows, columns and colours (coordinates as 32-bit floats, those of a map near 0
     with the rest in the pose). Colours get the names that the other format has for them (PCD: one
-    number), with 8 bits, in LAS stretched to 16; normals those of PLY and PCD. ``.pts`` has colours
+    number), with 8 bits, in LAS with 16; normals those of PLY and PCD. ``.pts`` has colours
     as its last columns; ``.xyz``, ``.asc`` and ``.txt`` hold no more than the intensity.
 
     Parameters
