@@ -238,6 +238,24 @@ def test_the_plane_of_symmetry_stays_when_shoulders_tilt_and_turns_with_the_body
     )
 
 
+@pytest.mark.parametrize("sitting", [False, True])
+@pytest.mark.parametrize("twist", [-20.0, 20.0])
+def test_the_chest_turns_against_the_pelvis(twist: float, sitting: bool) -> None:
+    """The pelvis and the legs stay, and the chest has turned farthest after a second."""
+    straight, turned = (
+        BodySimulator(motion="still", sitting=sitting, twist=angle).capture(1.0).truth
+        for angle in (0.0, twist)
+    )
+    legs = [*LIMBS["left_leg"], *LIMBS["right_leg"]]
+    np.testing.assert_array_equal(turned.joints[legs], straight.joints[legs])
+    np.testing.assert_array_equal(turned.lateral[0], straight.lateral[0])
+    before, after = straight.lateral[1], turned.lateral[1]
+    angle = np.arctan2(after[2], after[0]) - np.arctan2(before[2], before[0])
+    assert np.rad2deg(angle) == pytest.approx(twist)
+    shoulders = turned.joints[4] - turned.joints[8]
+    assert shoulders @ after == pytest.approx(np.linalg.norm(shoulders))
+
+
 def test_the_legs_of_a_sitting_person_turn_against_the_pelvis() -> None:
     straight, turned = (
         BodySimulator(motion="still", sitting=True, thigh_turn=turn).capture(0.0).truth

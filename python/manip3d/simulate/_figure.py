@@ -136,6 +136,8 @@ class Pose:
         Turn of the whole body to the person's left; 0: towards the camera.
     lean : float
         Forward lean of the chest.
+    twist : float
+        Turn of the chest against the pelvis, to the person's left.
     shoulder_tilt : float
         Tilt of the shoulders alone; the person's left one goes up.
     head_turn : float
@@ -148,6 +150,7 @@ class Pose:
 
     turn: float = 0.0
     lean: float = 0.0
+    twist: float = 0.0
     shoulder_tilt: float = 0.0
     head_turn: float = 0.0
     left_arm: Arm = field(default_factory=Arm)
@@ -161,6 +164,7 @@ class Pose:
         return replace(
             self,
             turn=-self.turn,
+            twist=-self.twist,
             shoulder_tilt=-self.shoulder_tilt,
             head_turn=-self.head_turn,
             left_arm=self.right_arm,
@@ -235,7 +239,7 @@ def _local_rotations(pose: Pose) -> Array:
     ]
     middle = [
         about("y", pose.turn),
-        about("x", pose.lean),
+        product(about("y", pose.twist), about("x", pose.lean)),
         about("z", pose.shoulder_tilt),
         about("y", pose.head_turn),
     ]

@@ -40,6 +40,7 @@ def pose_at(
     moving: tuple[bool, bool] = (True, True),
     sitting: bool = False,
     turn: float = 0.0,
+    twist: float = 0.0,
     shoulder_tilt: float = 0.0,
     thigh_turn: float = 0.0,
 ) -> Pose:
@@ -53,7 +54,7 @@ def pose_at(
     moving : (bool, bool)
         Whether the left and the right limb take part; the other one rests.
     sitting : bool
-    turn, shoulder_tilt : float, degrees
+    turn, twist, shoulder_tilt : float, degrees
     thigh_turn : float, degrees
         Turn of a sitting person's legs against the pelvis, to the person's left.
     """
@@ -71,6 +72,7 @@ def pose_at(
         legs = [replace(legs[0], turn=thigh_turn), replace(legs[1], turn=-thigh_turn)]
     return Pose(
         turn=turn,
+        twist=twist,
         shoulder_tilt=shoulder_tilt,
         left_arm=arms[0],
         right_arm=arms[1],

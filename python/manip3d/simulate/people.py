@@ -33,7 +33,7 @@ from manip3d.rgbd import (
 )
 from manip3d.simulate._clothes import SIDE, Clothes, paint
 from manip3d.simulate._figure import LIMBS, REST_JOINTS, PosedFigure, opposite, pose_figure
-from manip3d.simulate._motions import MOTIONS, clear_of_trunk, pose_at, walk
+from manip3d.simulate._motions import MOTIONS, PERIOD, clear_of_trunk, pose_at, walk
 from manip3d.simulate._raycast import CHUNK, RayCaster
 from manip3d.simulate._scenery import CHAIRS, SCENES, Box, Scenery, box_mesh, furnish
 from manip3d.simulate._skin import DRESSINGS, TILES, Skin, build_skin
@@ -218,6 +218,9 @@ class BodySimulator:
         Turn of the whole body to the person's left: at the start, and what is added each second.
     sway : float, degrees
         The whole body turns to and fro by so much, once in two seconds.
+    twist : float, degrees
+        The chest turns against the pelvis to and fro by so much, once in four seconds: first to the
+        person's left, or to the right if it is negative.
     breath : float, metres
         The chest moves ahead by so much and back, once in four seconds; at rest 0.005.
     shoulder_tilt : float, degrees
@@ -297,6 +300,7 @@ class BodySimulator:
     turn: float = 0.0
     turning: float = 0.0
     sway: float = 0.0
+    twist: float = 0.0
     breath: float = 0.0
     shoulder_tilt: float = 0.0
     thigh_turn: float = 0.0
@@ -350,6 +354,7 @@ class BodySimulator:
             ("rate", 1.0, 1000.0),
             ("frames", 0, 1 << 31),
             ("turn", -360.0, 360.0),
+            ("twist", -60.0, 60.0),
             ("turning", -360.0, 360.0),
             ("shoulder_tilt", -30.0, 30.0),
             ("thigh_turn", -45.0, 45.0),
@@ -548,6 +553,7 @@ class BodySimulator:
             turn=self.turn
             + self.turning * time
             + self.sway * float(np.sin(2.0 * np.pi * time / _SWAY_PERIOD)),
+            twist=self.twist * float(np.sin(2.0 * np.pi * time / PERIOD)),
             shoulder_tilt=self.shoulder_tilt,
             thigh_turn=self.thigh_turn,
         )
