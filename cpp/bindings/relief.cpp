@@ -177,6 +177,7 @@ void bind_relief(py::module_& m) {
            }),
            py::arg("newest_share"), py::arg("gate"))
       .def("reset", exclusively(&DepthSmoother::reset))
+      .def("starts_anew", exclusively(&DepthSmoother::starts_anew))
       .def(
           "add",
           [](Exclusive<DepthSmoother>& self, const py::array& depth) {

@@ -592,6 +592,7 @@ class DepthSmoother:
         depths: numpy.typing.NDArray[numpy.float32],
         faces: numpy.typing.NDArray[numpy.int32],
     ) -> None: ...
+    def starts_anew(self) -> bool: ...
 
 class Duplicates:
     """

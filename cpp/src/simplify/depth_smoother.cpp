@@ -17,12 +17,14 @@ namespace {
 // How many standard deviations of the noise. Of some 40 choices, tried on five recordings of people
 // (UTD-MHAD, actions 1, 4, 6, 8 and 12 of the first subject), these halve the flicker at the least
 // error of what moves.
-constexpr float kMotion = 1.5F;      // a mean change by twice that is motion; one below it is noise
+constexpr float kMotion = 3.0F;      // a mean change by twice that is motion; one below it is noise
 constexpr float kNewSurface = 4.0F;  // another surface, beside what moves
 constexpr float kSameSurface = 4.0F;  // a pair of pixels on the same surface, and its middle
 constexpr float kNearShown = 3.0F;    // the mesh that was shown is as good as any
 constexpr double kMostNoise = 2.0;    // over a Kinect's
 constexpr int kRadius = 2;            // of the pixels around another one
+constexpr int kAround = (2 * kRadius + 1) * (2 * kRadius + 1);  // pixels, itself among them
+constexpr std::int64_t kBlock = 8;  // pixels a side: three blocks are as wide as an arm or wider
 constexpr std::int64_t kLargestSide = 16384;
 constexpr std::uint16_t kMostFrames = 60000;
 
@@ -89,8 +91,11 @@ DepthSmoother::DepthSmoother(const DepthSmootherOptions& options) : options_(opt
 
 void DepthSmoother::reset() {
   mean_.clear();
+  last_.clear();
+  second_last_.clear();
   has_shown_ = false;
-  noise_ = -1.0;
+  starts_anew_ = true;
+  noise_ = noise_of_means_ = -1.0;
 }
 
 const std::vector<float>& DepthSmoother::add(const DepthView& depth) {
@@ -103,13 +108,18 @@ const std::vector<float>& DepthSmoother::add(const DepthView& depth) {
     count_.assign(size, 0);
   }
   take(depth);
+  starts_anew_ = false;
   if (options_.newest_share < 1.0 && box_.u < box_.end_u) {
     find_changes();
     find_motion();
     measure_noise();
+    measure_noise_of_means();
     update();
     smooth_surface();
-    if (has_shown_) stay_near_shown();
+    if (has_shown_ && !starts_anew_) {
+      find_moving_blocks();
+      stay_near_shown();
+    }
   }
   has_shown_ = false;
   return out_;
@@ -141,11 +151,12 @@ void DepthSmoother::take(const DepthView& depth) {
 
 void DepthSmoother::find_changes() {
   const std::int64_t width = box_.end_u - box_.u;
-  for (auto* by_pixel : {&change_, &goes_on_, &motion_, &sums_, &numbers_, &current_}) {
+  for (auto* by_pixel : {&change_, &goes_on_, &motion_, &moves_, &sums_, &numbers_, &current_}) {
     by_pixel->resize(width * (box_.end_v - box_.v));
   }
   row_.resize(2 * width);
   const auto gate = static_cast<float>(options_.gate);
+  std::int64_t num_measured = 0, num_going_on = 0;
   for_each_row([&](std::int64_t in_box, std::int64_t in_image) {
     for (std::int64_t u = 0; u < width; ++u) {
       const float z = out_[in_image + u], mean = mean_[in_image + u], change = z - mean;
@@ -153,8 +164,18 @@ void DepthSmoother::find_changes() {
           is_measured(z) && count_[in_image + u] > 0 && std::abs(change) <= gate * mean;
       change_[in_box + u] = goes_on ? change : 0.0F;
       goes_on_[in_box + u] = goes_on ? 1.0F : 0.0F;
+      num_measured += int{is_measured(z)};
+      num_going_on += int{goes_on};
     }
   });
+  starts_anew_ = 2 * num_going_on < num_measured;
+  if (!starts_anew_) return;
+  // Another view: the pixels whose depth is nearly the same show another surface, too.
+  std::ranges::fill(change_, 0.0F);
+  std::ranges::fill(goes_on_, 0.0F);
+  std::ranges::fill(count_, std::uint16_t{0});
+  last_.clear();
+  second_last_.clear();
 }
 
 void DepthSmoother::find_motion() {
@@ -204,9 +225,52 @@ void DepthSmoother::measure_noise() {
   noise_ = noise_ < 0.0 ? now : noise_ + options_.newest_share * (now - noise_);
 }
 
+/// Second differences over time: motion at a constant speed has none, and their median is little
+/// raised by edges that move.
+void DepthSmoother::measure_noise_of_means() {
+  constexpr std::int64_t kRows = 8, kCols = 2;  // apart: a sixteenth of the pixels tells as much
+  constexpr std::size_t kFewest = 20;
+  constexpr double kOfMedian = 1.4826;  // the standard deviation over the median absolute value
+  const auto share = options_.newest_share;
+  samples_.clear();
+  if (second_last_.size() == out_.size()) {
+    for (std::int64_t v = box_.v + kRadius; v < box_.end_v - kRadius; v += kRows) {
+      for (std::int64_t u = box_.u + kRadius; u < box_.end_u - kRadius; u += kCols) {
+        add_second_difference(v * cols_ + u);
+      }
+    }
+  }
+  second_last_.swap(last_);
+  last_ = out_;
+  if (samples_.size() < kFewest) return;
+  const auto middle = samples_.begin() + static_cast<std::ptrdiff_t>(samples_.size() / 2);
+  std::ranges::nth_element(samples_, middle);
+  const double now = std::min(kOfMedian / std::sqrt(6.0) * *middle, kMostNoise);
+  noise_of_means_ = noise_of_means_ < 0.0 ? now : noise_of_means_ + share * (now - noise_of_means_);
+}
+
+void DepthSmoother::add_second_difference(std::int64_t pixel) {
+  const auto gate = static_cast<float>(options_.gate);
+  float sum = 0.0F;
+  for (int dv = -kRadius; dv <= kRadius; ++dv) {
+    for (int du = -kRadius; du <= kRadius; ++du) {
+      const std::int64_t i = pixel + dv * cols_ + du;
+      const float now = out_[i], then = last_[i], before = second_last_[i];
+      if (!(is_measured(now) && is_measured(then) && is_measured(before))) return;
+      if (!(std::abs(now - then) <= gate * then && std::abs(then - before) <= gate * then)) return;
+      sum += (now - then) - (then - before);
+    }
+  }
+  const float mean = std::abs(sum) / static_cast<float>(kAround) / noise_at(last_[pixel]);
+  if (mean < kInfinityF) samples_.push_back(mean);
+}
+
 void DepthSmoother::update() {
   const auto share = static_cast<float>(options_.newest_share);
   const auto noise = static_cast<float>(std::max(noise_, 0.0));
+  // Until it is known, as if the noise of no two pixels had anything in common.
+  const auto noise_of_means = static_cast<float>(
+      noise_of_means_ < 0.0 ? std::max(noise_, 0.0) / (2 * kRadius + 1) : noise_of_means_);
   const std::int64_t width = box_.end_u - box_.u;
   for_each_row([&](std::int64_t in_box, std::int64_t in_image) {
     for (std::int64_t u = 0; u < width; ++u) {
@@ -216,13 +280,15 @@ void DepthSmoother::update() {
       if (!is_measured(z)) continue;  // a pixel that is back soon goes on where it was
       float& mean = mean_[in_image + u];
       std::uint16_t& count = count_[in_image + u];
-      const float sigma = noise * noise_at(mean), limit = kMotion * sigma;
+      const float sigma = noise * noise_at(mean);
+      const float limit = kMotion * noise_of_means * noise_at(mean);
       const float above = std::abs(motion_[i]) - limit;
       const float part = above <= 0.0F ? 0.0F : above >= limit ? 1.0F : above / limit;
       const float followed = part * motion_[i], rest = change_[i] - followed;
       const bool goes_on = goes_on_[i] != 0.0F && std::abs(rest) <= kNewSurface * sigma;
       count = goes_on ? static_cast<std::uint16_t>(std::min<int>(count + 1, kMostFrames))
                       : std::uint16_t{1};
+      moves_[i] = goes_on ? part : 1.0F;
       const float weight = std::max(share, 1.0F / static_cast<float>(count));
       current_[i] = mean = goes_on ? mean + followed + weight * rest : z;
     }
@@ -262,16 +328,53 @@ void DepthSmoother::smooth_surface() {
   });
 }
 
+void DepthSmoother::find_moving_blocks() {
+  const std::int64_t width = box_.end_u - box_.u, height = box_.end_v - box_.v;
+  const std::int64_t cols = (width + kBlock - 1) / kBlock, rows = (height + kBlock - 1) / kBlock;
+  block_sums_.assign(cols * rows, {});
+  for (std::int64_t v = 0; v < height; ++v) {
+    for (std::int64_t u = 0; u < width; ++u) {
+      const std::int64_t i = v * width + u;
+      BlockSum& block = block_sums_[v / kBlock * cols + u / kBlock];
+      block.moves += goes_on_[i] * moves_[i];
+      block.number += goes_on_[i];
+    }
+  }
+  moving_blocks_.resize(cols * rows);
+  for (std::int64_t v = 0; v < rows; ++v) {
+    for (std::int64_t u = 0; u < cols; ++u) {
+      float moves = 0.0F, number = 0.0F;
+      for (std::int64_t y = std::max<std::int64_t>(v - 1, 0); y <= std::min(v + 1, rows - 1); ++y) {
+        for (std::int64_t x = std::max<std::int64_t>(u - 1, 0); x <= std::min(u + 1, cols - 1);
+             ++x) {
+          moves += block_sums_[y * cols + x].moves;
+          number += block_sums_[y * cols + x].number;
+        }
+      }
+      moving_blocks_[v * cols + u] = moves / std::max(number, 1.0F);
+    }
+  }
+}
+
 void DepthSmoother::stay_near_shown() {
   const auto share = static_cast<float>(options_.newest_share);
   const auto noise = kNearShown * static_cast<float>(std::max(noise_, 0.0));
-  for (std::size_t i = 0; i < out_.size(); ++i) {
-    if (!(shown_[i] > 0.0F) || !is_measured(out_[i])) continue;
-    const float from = out_[i] - shown_[i], limit = noise * noise_at(out_[i]);
-    const float squared = from * from, most = limit * limit;
-    const float part = squared >= most ? 1.0F : std::max(squared / most, share);
-    out_[i] = shown_[i] + part * from;
-  }
+  const std::int64_t width = box_.end_u - box_.u, cols = (width + kBlock - 1) / kBlock;
+  for_each_row([&](std::int64_t in_box, std::int64_t in_image) {
+    const float* const moving = moving_blocks_.data() + in_box / width / kBlock * cols;
+    for (std::int64_t u = 0; u < width; ++u) {
+      const float shown = shown_[in_image + u];
+      float& depth = out_[in_image + u];
+      if (!(shown > 0.0F) || !is_measured(depth)) continue;
+      // The mesh shown last is no guide where half of the pixels around move.
+      const float from = depth - shown, limit = noise * noise_at(depth);
+      const float by_motion = 4.0F * moving[u / kBlock] * moving[u / kBlock];
+      const float least = std::max(by_motion * by_motion, share);
+      const float squared = from * from, most = limit * limit;
+      const float part = squared >= most ? 1.0F : std::clamp(squared / most, least, 1.0F);
+      depth = shown + part * from;
+    }
+  });
 }
 
 void DepthSmoother::show(const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,

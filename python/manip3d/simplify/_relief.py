@@ -492,11 +492,16 @@ class ReliefStream:
     Notes
     -----
     A change of depth that the pixels around have, too, is motion, and is taken at once where it is
-    above the noise. The rest of a pixel's changes is averaged over time, and the result over those
-    of the 24 pixels around that lie on the same surface. Where the mesh of the frame before is
-    within three standard deviations of that, its surface is moved towards it by ``newest_share``
-    at least. The noise is measured in the stream itself: a factor of that of a Kinect, which grows
-    with the square of the depth. The first frame is simplified as it is.
+    above the noise of the mean of 25 pixels. The rest of a pixel's changes is averaged over time,
+    and the result over those of the 24 pixels around that lie on the same surface. Where the mesh
+    of the frame before is within three standard deviations of that, its surface is moved towards it
+    by ``newest_share`` at least, and wholly where half of the pixels around move. Both noises are
+    measured in the stream itself: factors of that of a Kinect, which grows with the square of the
+    depth. The first frame is simplified as it is, and the stream starts anew with a frame of which
+    less than half of the pixels have the depth they had before.
+
+    Motion that changes depths by less than the noise of such a mean lags behind by up to twice
+    that noise. Against the surface as it is, a stream can then be farther off than single frames.
 
     Examples
     --------
@@ -617,6 +622,8 @@ class ReliefStream:
         image = masked_depth(image, mask_image(mask, image.shape))
         shares = confidence_image(confidence, image.shape)
         smooth = self._smoother.add(image)
+        if self._smoother.starts_anew():
+            self._solver.reset()  # the vertices of another view are no better than any others
         points, valid, rows_up = _core.unproject(
             smooth, self._intrinsics, self._options.num_threads
         )

@@ -18,13 +18,15 @@ struct DepthSmootherOptions {
 /// Depths of a sequence without the noise of single frames. What moves is followed, not delayed.
 ///
 /// A change of depth that the pixels around have as well is motion: the mean of 25 changes is
-/// taken at once where it is well above the noise. The rest of a change is noise: each pixel keeps
-/// a recursive mean of it, and starts anew where it is far above the noise. The result is the mean
-/// of that and of the pairs of pixels on both sides within two pixels that agree with it. Where the
-/// mesh that was shown last is within the noise, the result stays near to its surface.
+/// taken at once where it is well above the noise of such means. The rest of a change is noise:
+/// each pixel keeps a recursive mean of it, and starts anew where it is far above the noise. The
+/// result is the mean of that and of the pairs of pixels on both sides within two pixels that agree
+/// with it. Where the mesh that was shown last is within the noise, and little around moves, the
+/// result stays near to its surface.
 ///
-/// The noise is measured: it grows with the square of the depth, by a factor that is the mean of
-/// what the changes of each frame show. A first frame is given as it is.
+/// Both noises are measured: they grow with the square of the depth, by factors that the changes of
+/// each frame show, that of means from second differences over time. A first frame is given as it
+/// is, and all pixels start anew where less than half of them go on.
 class DepthSmoother {
  public:
   /// @throws InputError  newest_share not in (0, 1]; gate is not > 0.
@@ -40,10 +42,15 @@ class DepthSmoother {
   void show(const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels, std::span<const float> depths,
             const Eigen::Ref<const Rows<std::int32_t, 3>>& faces);
   void reset();
+  /// Whether the last frame had nothing in common with those before, or was the first.
+  bool starts_anew() const { return starts_anew_; }
 
  private:
   struct Box {
     std::int64_t u = 0, v = 0, end_u = 0, end_v = 0;
+  };
+  struct BlockSum {
+    float moves = 0.0F, number = 0.0F;
   };
   /// Takes the newest depths into `out_`, and the box around those that are measured.
   void take(const DepthView& depth);
@@ -51,9 +58,15 @@ class DepthSmoother {
   /// The mean change of the pixels around each one.
   void find_motion();
   void measure_noise();
+  /// The noise of the mean of 25 pixels: a fifth of that of one if it is white, more if neighbours
+  /// have some of it in common.
+  void measure_noise_of_means();
+  void add_second_difference(std::int64_t pixel);
   void update();
   /// Takes the means of pixels and their pairs.
   void smooth_surface();
+  /// The share of pixels that move, in each block and those around it.
+  void find_moving_blocks();
   void stay_near_shown();
   /// Calls visit(in_box, in_image): where each row of the box begins.
   template <typename Visit>
@@ -69,12 +82,20 @@ class DepthSmoother {
   std::vector<float> change_;   ///< From the mean; 0 where the pixel starts anew.
   std::vector<float> goes_on_;  ///< 0 where it starts anew, else 1.
   std::vector<float> motion_;
+  std::vector<float>
+      moves_;  ///< Part of the motion that was followed, 0 to 1; 1 where it starts anew.
   std::vector<float> current_;               ///< The mean where there is a measurement, else 0.
   std::vector<float> sums_, numbers_, row_;  ///< Scratch.
   std::vector<float> shown_;                 ///< By pixel: depth of the mesh shown; 0: none.
+  std::vector<float> last_, second_last_;    ///< By pixel: frames before as they were measured.
+  std::vector<float> samples_;
+  std::vector<BlockSum> block_sums_;
+  std::vector<float> moving_blocks_;
   std::vector<float> out_;
   bool has_shown_ = false;
-  double noise_ = -1.0;  ///< Standard deviation over that of a Kinect; negative: not known.
+  bool starts_anew_ = true;
+  // Standard deviations over that of a Kinect's pixel; negative: not known.
+  double noise_ = -1.0, noise_of_means_ = -1.0;
 };
 
 }  // namespace manip3d
