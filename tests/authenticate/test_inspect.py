@@ -580,6 +580,116 @@ def test_rows_that_were_left_out_as_nan_are_named(tmp_path: Path) -> None:
     assert found.reason == "padded: 2 rows have no coordinates (NaN)"
 
 
+def with_fill_value(points: np.ndarray, metres: float) -> np.ndarray:
+    """Firings between those of the scan that had no return, filled with one range."""
+    reading = LATTICE.read(points)
+    some = np.random.default_rng(4).choice(len(points), 3000, replace=False)
+    ring, count = reading.ring[some], (reading.count[some] + 1) % LATTICE.steps
+    filled = scans.rounded(LATTICE.points_at(ring, count, np.full(len(some), metres)))
+    both = np.concatenate([points, filled])
+    return both[scans.in_file_order(LATTICE, both)]
+
+
+def lifted(points: np.ndarray) -> np.ndarray:
+    """An edit of 300 points."""
+    points = points.copy()
+    points[20_000:20_300] += np.float32([0.3, 0.2, 0.0])
+    return points
+
+
+NO_RETURNS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "three points at 10 km": lambda p: np.concatenate([p, np.float32([[1e4, 0, 0]] * 3)]),
+    "16 bits of centimetres": lambda p: np.insert(p, [9, 900, 50_000], 655.35, axis=0),
+    "many of 0x7FFF": lambda p: np.insert(p, np.arange(0, len(p), 9), 32767.0, axis=0),
+    "16 bits of the scanner": lambda p: np.insert(p, [9, 10], [131.07, 0, 0], axis=0),
+    "the largest floats": lambda p: np.insert(p, [7, 7, 70], 3.4e38, axis=0),
+    "far points at random": lambda p: np.concatenate(
+        [p, np.random.default_rng(0).uniform(150, 400, (40, 3)).astype(np.float32)]
+    ),
+    "a hair beside the scanner": lambda p: np.insert(p, [8, 80, 800], 0.001, axis=0),
+    "firings filled with 120 m": lambda p: with_fill_value(p, 120.0),
+    "firings filled with 90 m": lambda p: with_fill_value(p, 90.0),
+}
+
+
+@pytest.mark.parametrize("name", NO_RETURNS)
+def test_rows_that_are_no_returns_are_set_apart(name: str) -> None:
+    spoil = NO_RETURNS[name]
+    found = street_with(spoil)
+    assert found.verdict == "processed", found.record()
+    assert [step.kind for step in found.processing] == ["padded"]
+    changed = street()
+    changed = lifted(changed)
+    spoiled = spoil(changed)
+    forged = street_with(lambda _: spoiled)
+    assert (forged.verdict, [step.kind for step in forged.processing]) == ("tampered", ["padded"])
+    assert forged.num_points == len(spoiled)
+    edited = changed[20_000:20_300]
+    suspected = spoiled[forged.suspected]
+    assert (suspected[:, None] == edited).all(axis=2).any(axis=1).mean() > 0.9
+
+
+def test_near_points_that_were_pasted_beside_a_marker_are_an_edit() -> None:
+    pasted = np.float32([[12.0, 3.0, 0.5]] * 3)
+    marker = np.float32([[1e4, 0.0, 0.0]] * 3)
+    found = street_with(lambda points: np.concatenate([points, marker, pasted]))
+    assert found.verdict == "tampered"
+    assert found.suspected.min() >= found.num_points - 3
+
+
+def test_markers_in_the_turns_beside_a_frame_are_no_evidence() -> None:
+    points = street()
+    marked = np.concatenate([points, np.float32([[1e4, 0, 0]] * 3)])
+    bare, spoiled = (
+        authenticate.inspect(points, previous=p, following=p, origin=(0, 0, 0), lattice=LATTICE)
+        for p in (scans.rounded(points @ FLAT_TURN), scans.rounded(marked @ FLAT_TURN))
+    )
+    assert bare.record() == spoiled.record()
+
+
+@pytest.mark.parametrize("place", ["in front", "earlier", "later", "at the end"])
+def test_points_that_are_repeated_elsewhere_in_the_file_are_no_edit(place: str) -> None:
+    def again(points: np.ndarray) -> np.ndarray:
+        rng = np.random.default_rng(2)
+        rows = np.sort(rng.choice(len(points), 400, replace=False))
+        at = {
+            "in front": np.zeros(len(rows), int),
+            "earlier": (rows * rng.random(len(rows))).astype(int),
+            "later": rows + ((len(points) - rows) * rng.random(len(rows))).astype(int),
+            "at the end": np.full(len(rows), len(points)),
+        }[place]
+        order = np.argsort(at, kind="stable")
+        return np.insert(points, at[order], points[rows[order]], axis=0)
+
+    found = street_with(again)
+    assert found.reason == "repeated: 400 points repeat another one"
+    forged = street_with(lambda points: again(lifted(points)))
+    assert (forged.verdict, [s.kind for s in forged.processing]) == ("tampered", ["repeated"])
+
+
+REGROUPED: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "near before far": lambda p: np.hypot(p[:, 0], p[:, 1]) > 24.0,
+    "the nearest first": lambda p: np.hypot(p[:, 0], p[:, 1]) > 4.2,
+    "low before high": lambda p: p[:, 2] > 1.0,
+    "one thing at the end": lambda p: np.hypot(p[:, 0] - 12.0, p[:, 1]) < 2.0,
+}
+
+
+@pytest.mark.parametrize("name", REGROUPED)
+def test_files_that_were_sorted_by_group_are_no_edit(name: str) -> None:
+    def sort(points: np.ndarray) -> np.ndarray:
+        return points[np.argsort(REGROUPED[name](points), kind="stable")]
+
+    found = street_with(sort)
+    assert found.verdict == "processed", found.record()
+    assert {step.kind for step in found.processing} <= {"regrouped", "shuffled"}
+    forged = street_with(lambda points: sort(lifted(points)))
+    assert forged.verdict == "tampered"
+    edited = lifted(street())[20_000:20_300]
+    suspected = sort(lifted(street()))[forged.suspected]
+    assert (suspected[:, None] == edited).all(axis=2).any(axis=1).mean() > 0.9
+
+
 def reflectances(points: np.ndarray) -> np.ndarray:
     """Whole hundredths with the scanner's noise, some of them 0."""
     rng = np.random.default_rng(3)

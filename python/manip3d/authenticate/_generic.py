@@ -230,7 +230,7 @@ class GenericResult(Showable):
         scan : LidarFrame
         """
         regions = tuple(replace(region, rows=rows[region.rows]) for region in self.regions)
-        return replace(self, regions=regions, suspected=rows[self.suspected], scan=scan)
+        return replace(self, regions=regions, suspected=np.sort(rows[self.suspected]), scan=scan)
 
     def without(
         self, kinds: Collection[str], *, why: str = "processed", quiet: Verdict = "processed"

@@ -31,6 +31,7 @@ from manip3d.authenticate._generic import (
 )
 from manip3d.authenticate._keys import KeyFile, KeyRing
 from manip3d.authenticate._lattice import LatticeReading, SensorLattice
+from manip3d.authenticate._no_returns import returns_of
 from manip3d.authenticate._occlusion import (
     PAPER_OCCLUSION,
     OcclusionResult,
@@ -59,6 +60,7 @@ from manip3d.authenticate._processing import (
     copies_of_earlier,
     find_processing,
     left_out_of_turn,
+    one_of_each,
     padding,
     silent_lasers,
 )
@@ -437,6 +439,11 @@ def inspect(
     it was signed. The lowest bits (`lbm`) take the steps of the scanner's ranges with them, so that
     fewer edits that were made before embedding are found; ``power`` says how many.
 
+    Rows that are no returns (markers farther away than the scanner measures, one range for all
+    firings without a return), and further copies of a point, are named and set apart, and the
+    others are judged. Points that stand elsewhere in the file than the scanner writes them are
+    named, too; that alone accuses nobody.
+
     Where a scan was processed as a whole, detector III does not judge what is missing, and IV and
     V do not run: it is ``processed``, whether or not something was removed from it as well. Only
     where whole lasers were left out, IV and V judge what the others saw.
@@ -777,17 +784,82 @@ def _by_lattice(
     left_out: LeftOut,
     threads: int,
 ) -> Inspection:
+    """Judge the returns of a scan, and of the turns beside it; name its rows that are none."""
+    sensor, reading = identified
+    rows, padded = _returns_of(_at_origin(scan, position), sensor, reading)
+    before, after = (_returns(turn, sensor) for turn in beside)
+    if rows is None:
+        return _returns_by_lattice(
+            scan, position, source, identified, (before, after), padded, embedding, units_per_m,
+            left_out, threads,
+        )  # fmt: skip
+    judged = _returns_by_lattice(
+        scan.select(rows), position, source, (sensor, None), (before, after), padded, embedding,
+        units_per_m, left_out, threads,
+    )  # fmt: skip
+    return _with_rows(judged, rows, scan.replace(origin=position))
+
+
+def _returns_of(
+    scan: LidarFrame, sensor: Sensor, reading: LatticeReading | None
+) -> tuple[NDArray[np.int64] | None, tuple[Processing, ...]]:
+    return (None, ()) if sensor.lattice is None else returns_of(scan, sensor.lattice, reading)
+
+
+def _returns(turn: LidarFrame | None, sensor: Sensor) -> LidarFrame | None:
+    """The turn without the rows that are no returns of the scanner."""
+    if turn is None:
+        return None
+    rows, _ = _returns_of(turn, sensor, None)
+    return turn if rows is None else turn.select(rows)
+
+
+def _with_rows(found: Inspection, rows: NDArray[np.int64], scan: LidarFrame) -> Inspection:
+    """The result of some rows of a scan as one of the whole scan."""
+    reports = tuple(
+        replace(
+            report,
+            regions=tuple(replace(each, rows=rows[each.rows]) for each in report.regions),
+            suspected=rows[report.suspected],
+        )
+        for report in found.detectors
+    )
+    generic, turns, reflectance = found.generic, found.turns, found.reflectance
+    return replace(
+        found,
+        num_points=scan.num_points,
+        detectors=reports,
+        generic=None if generic is None else generic.with_rows(rows, scan),
+        turns=None if turns is None else turns.with_rows(rows),
+        reflectance=None if reflectance is None else reflectance.with_rows(rows),
+        scan=scan,
+    )
+
+
+def _returns_by_lattice(
+    scan: LidarFrame,
+    position: Position,
+    source: str,
+    identified: _Identified,
+    beside: _Beside,
+    padded: tuple[Processing, ...],
+    embedding: str,
+    units_per_m: int,
+    left_out: LeftOut,
+    threads: int,
+) -> Inspection:
     """Judge by detectors III, IV and V, allowing for what a verified embedding moved."""
     sensor, reading = identified
     centred = _at_origin(scan, position)
     (before, after), why_not, repeats = _usable(centred, beside)
-    generic, repeated = _judged_by_lattice(
+    generic, of_rows, once = _judged_by_lattice(
         centred, identified, (before, after), embedding, units_per_m, threads
     )
     repeated_turns = tuple(Processing("repeated", detail) for detail in repeats)
     coarse = rounding_of(embedding, units_per_m)
-    found = find_processing(centred.points, sensor, generic, centred.intensity, reading)
-    processing = repeated + padding(scan, sensor) + repeated_turns + coarse
+    seen, reading = (centred, reading) if once is None else (centred.select(once), None)
+    found = find_processing(seen.points, sensor, generic, seen.intensity, reading)
+    processing = of_rows + padded + padding(scan, sensor) + repeated_turns + coarse
     processing += tuple(step for step in found if not (coarse and step.kind == "rounded"))
     changed = [step for step in processing if step.kind not in COORDINATES_KEPT]
     if generic is not None and changed:
@@ -796,7 +868,8 @@ def _by_lattice(
     lacking: list[str] = []
     of_turns: tuple[Processing, ...] = ()
     is_compared = all(step.kind in STILL_COMPARED for step in processing)
-    if sensor.name == HDL64E and generic is not None and is_compared and not repeated:
+    is_repeated = any(step.kind == "repeated" for step in of_rows)
+    if sensor.name == HDL64E and generic is not None and is_compared and not is_repeated:
         compared = before, after
         if any(step.kind == "lasers" for step in changed):
             compared = _in_lasers_of(centred, identified, compared, threads)
@@ -834,11 +907,14 @@ def _judged_by_lattice(
     embedding: str,
     units_per_m: int,
     threads: int,
-) -> tuple[GenericResult | None, tuple[Processing, ...]]:
-    """Detector III's result, and the repetition of points, which are judged once only."""
+) -> tuple[GenericResult | None, tuple[Processing, ...], NDArray[np.int64] | None]:
+    """Detector III's result, and what was done to rows: which are repeated, or stand elsewhere.
+
+    Then the rows that were judged, each point once; None: all.
+    """
     sensor, reading = identified
     if sensor.off_lattice != 0.0 or sensor.lattice is None:
-        return None, ()
+        return None, (), None
     before, after = beside
     both = before is not None and after is not None  # what is missing is detector IV's to find
     judge = functools.partial(
@@ -855,17 +931,39 @@ def _judged_by_lattice(
     if sensor.is_own and not sensor.lattice.is_exact:
         judge = functools.partial(_where_told, judge, sensor.lattice)
     generic = judge(centred, reading=reading)
-    if not generic.evidence["duplicate"].share > 0.0:
-        return generic, ()
-    copies = copies_of_earlier(centred.points)
-    if not copies.any():
-        return generic, ()
-    kept = np.flatnonzero(~copies)
-    judged = judge(centred.select(kept)).with_rows(kept, centred)
-    if are_fired_twice(centred.points, copies, sensor.lattice):
-        return judged, ()
-    detail = f"{np.count_nonzero(copies)} points repeat another one"
-    return judged, (Processing("repeated", detail),)
+    rows = np.arange(centred.num_points)
+    of_rows: tuple[Processing, ...] = ()
+    copies = np.zeros(centred.num_points, np.bool_)
+    if generic.evidence["duplicate"].share > 0.0:
+        copies = copies_of_earlier(centred.points)
+    if copies.any():
+        reading = reading or sensor.lattice.read(centred.points, threads=threads)
+        rows = np.flatnonzero(one_of_each(centred.points, copies, reading))
+        generic = judge(centred.select(rows)).with_rows(rows, centred)
+        if not are_fired_twice(centred.points, copies, sensor.lattice):
+            detail = f"{np.count_nonzero(copies)} points repeat another one"
+            of_rows = (Processing("repeated", detail),)
+    if number := _number_elsewhere(generic):
+        scan = centred.select(rows)
+        found = sensor.lattice.read(scan.points, threads=threads)
+        order = np.lexsort((found.azimuth, found.ring))
+        judged = judge(scan.select(order)).with_rows(rows[order], centred)
+        generic = judged.without(("order",), quiet=judged.verdict)
+        detail = f"{number} points stand elsewhere in the file than where the scanner writes them"
+        of_rows = (*of_rows, Processing("regrouped", detail))
+    return generic, of_rows, rows if copies.any() else None
+
+
+def _number_elsewhere(generic: GenericResult) -> int:
+    """Number of points at places that only the order of the file speaks of.
+
+    They stand where the scanner measures: whoever sorts a file by distance, height or class puts
+    them elsewhere in it, and none of `EDITS` is found by that alone.
+    """
+    if not generic.evidence["order"].used or generic.values_changed:
+        return 0
+    kept = {id(region.rows) for region in generic.without(("order",)).regions}
+    return sum(len(region.rows) for region in generic.regions if id(region.rows) not in kept)
 
 
 def _where_told(

@@ -172,7 +172,7 @@ MOST_FIRED_TWICE = 0.02
 """Share of points that repeat the one of the firing before. A VLP-16 close to its surroundings has
 0.008, a VLP-32C 0.0006."""
 
-COORDINATES_KEPT = ("repeated", "reflectances", "padded")
+COORDINATES_KEPT = ("repeated", "reflectances", "padded", "regrouped")
 """Kinds of processing that leave every return where it was measured."""
 
 STILL_COMPARED = (*COORDINATES_KEPT, "lasers", "outliers")
@@ -217,8 +217,8 @@ def find_processing(
         )
     elif generic is not None and generic.lattice is not None:
         found += _of_lattice(points, sensor, generic, reading)
-        if sensor.name != HDL64E or "order" in generic.contradicted:
-            reflectance = None  # other scanners have other units
+        if sensor.name != HDL64E or not generic.evidence["order"].used:
+            reflectance = None  # another scanner's unit, or neighbours that were sorted apart
         if reflectance is not None:
             found += _of_reflectance(reflectance)
         if sensor.name == HDL64E and generic.verdict != "tampered":  # pasted points stand alone too
@@ -283,12 +283,51 @@ def copies_of_earlier(points: NDArray[np.float32]) -> NDArray[np.bool_]:
     ----------
     points : (N, 3) float32
     """
-    words = np.ascontiguousarray(points).view(np.uint32).astype(np.uint64)
-    order = np.lexsort((words[:, 2], words[:, 1], words[:, 0]))
-    same = (words[order[1:]] == words[order[:-1]]).all(axis=1)
+    order, same = _equal_rows(points)
     copies = np.zeros(len(points), np.bool_)
     copies[order[1:][same]] = True  # a stable sort leaves the first of equal rows in front
     return copies & points.any(axis=1)
+
+
+def _equal_rows(points: NDArray[np.float32]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """An order in which equal rows follow each other, and which rows equal the one before."""
+    words = np.ascontiguousarray(points).view(np.uint32).astype(np.uint64)
+    order = np.lexsort((words[:, 2], words[:, 1], words[:, 0]))
+    return order, (words[order[1:]] == words[order[:-1]]).all(axis=1)
+
+
+def one_of_each(
+    points: NDArray[np.float32], copies: NDArray[np.bool_], reading: LatticeReading
+) -> NDArray[np.bool_]:
+    """Return which rows are left if each point is kept once: where it stands in the file's order.
+
+    That is the first of its places between rows, of points that are not repeated, before and behind
+    which the scanner writes it; else the first of all its places.
+
+    Parameters
+    ----------
+    points : (N, 3) float32
+    copies : (N,) bool
+        As of `copies_of_earlier`.
+    reading : LatticeReading
+        Where the points lie on the lattice.
+    """
+    order, same = _equal_rows(points)
+    group = np.empty(len(points), np.int64)
+    group[order] = np.cumsum(np.r_[False, ~same])
+    is_single = ~np.isin(group, group[copies])
+    place = reading.ring + reading.azimuth.astype(np.float64) / (2.0 * math.pi)
+    rows = np.flatnonzero(~is_single & points.any(axis=1))
+    single = np.flatnonzero(is_single & (reading.ring >= 0))
+    behind = np.searchsorted(single, rows)
+    around = np.r_[-math.inf, place[single], math.inf]
+    in_order = (around[behind] <= place[rows]) & (place[rows] <= around[behind + 1])
+    best = rows[np.lexsort((rows, ~in_order, group[rows]))]
+    first = np.r_[True, np.diff(group[best]) != 0] if len(best) else np.empty(0, np.bool_)
+    kept = np.ones(len(points), np.bool_)
+    kept[rows] = False
+    kept[best[first]] = True
+    return kept
 
 
 def are_fired_twice(
@@ -401,7 +440,7 @@ def _of_lattice(
         found.append(Processing("fused", f"{twice:.0f} degrees of azimuth were seen twice"))
     if contradicted & {"grid", "step"}:  # no point is on its firing: nothing tells which answered
         return found
-    return found + _of_extent(points, lattice, reading, is_in_order="order" not in contradicted)
+    return found + _of_extent(points, lattice, reading, is_in_order=generic.evidence["order"].used)
 
 
 FAR_ENOUGH, LEAST_ALIKE, LEAST_TURN = 10.0, 0.5, 0.01

@@ -4,7 +4,7 @@ have."""
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -163,6 +163,17 @@ class ReflectanceResult:
     def power(self) -> Mapping[str, Power]:
         """Empty: it depends on the scanner, see `inspect`."""
         return NO_POWER
+
+    def with_rows(self, rows: NDArray[np.int64]) -> ReflectanceResult:
+        """Return the result for a scan of which only some points were judged.
+
+        Parameters
+        ----------
+        rows : (N,) int64
+            Row of the scan of each point that was judged.
+        """
+        regions = tuple(replace(region, rows=rows[region.rows]) for region in self.regions)
+        return replace(self, regions=regions, suspected=rows[self.suspected])
 
 
 _REASONS = {

@@ -273,12 +273,12 @@ class Processing:
     Attributes
     ----------
     kind : str
-        ``shuffled``, ``reversed``, ``mirrored``, ``rounded``, ``float16``, ``cropped``,
-        ``thinned``, ``lasers`` (some were left out), ``filtered``, ``outliers`` (points far
-        from others were left out), ``turned``, ``scaled``,
-        ``moved``, ``fused``, ``repeated``, ``padded`` (rows without a return), ``reflectances`` or
-        ``neighbours`` (what the turns beside the scan lack hides what the scan lacks), ``foreign``
-        (they show one place, and the scan another); of
+        ``shuffled``, ``regrouped`` (some points stand elsewhere in the file than the scanner writes
+        them), ``reversed``, ``mirrored``, ``rounded``, ``float16``, ``cropped``, ``thinned``,
+        ``lasers`` (some were left out), ``filtered``, ``outliers`` (points far from others were
+        left out), ``turned``, ``scaled``, ``moved``, ``fused``, ``repeated``, ``padded`` (rows that
+        are no returns), ``reflectances`` or ``neighbours`` (what the turns beside the scan lack
+        hides what the scan lacks), ``foreign`` (they show one place, and the scan another); of
         recordings also ``resampled`` and ``lossily coded``; of drives see `DriveInspection`.
     detail : str
         In words, with numbers.
