@@ -590,6 +590,24 @@ def with_fill_value(points: np.ndarray, metres: float) -> np.ndarray:
     return both[scans.in_file_order(LATTICE, both)]
 
 
+@pytest.mark.parametrize("is_zeroed", [False, True])
+def test_a_page_of_the_file_that_was_lost_is_named(is_zeroed: bool) -> None:
+    page = np.arange(60_160, 60_416)
+
+    def lose(points: np.ndarray) -> np.ndarray:
+        if not is_zeroed:
+            return np.delete(points, page, axis=0)
+        points = points.copy()
+        points[page] = 0.0
+        return points
+
+    found = street_with(lose)
+    assert found.verdict == "processed", found.record()
+    told = re.search(r"thinned: a laser .* has no return in (\d+) firings in a row", found.reason)
+    assert told is not None
+    assert 250 < int(told[1]) < 262
+
+
 def lifted(points: np.ndarray) -> np.ndarray:
     """An edit of 300 points."""
     points = points.copy()
