@@ -115,7 +115,9 @@ def rounded(units: float) -> Treatment:
 
 def ordered(key: Callable[[Doubles], Doubles]) -> Treatment:
     """The treatment that sorts points."""
-    return lambda scan, _: scan.select(np.argsort(key(scan.points.astype(np.float64))))
+    return lambda scan, _: scan.select(
+        np.argsort(key(scan.points.astype(np.float64)), kind="stable")
+    )
 
 
 def about(axis: int, degrees: float) -> Doubles:
@@ -179,6 +181,18 @@ def padded(scan: LidarFrame, rows: int) -> LidarFrame:
     if rings is not None and zeros.ring is not None:
         rings = np.concatenate([rings, zeros.ring])
     return type(scan)(points, values, ring=rings, origin=scan.origin)
+
+
+def marked(
+    scan: LidarFrame, rows: NDArray[np.intp], place: tuple[float, float, float]
+) -> LidarFrame:
+    """The scan with rows at one place before some of its own, as decoders leave them."""
+    if scan.num_points == 0:
+        return scan
+    both = scan.select(np.insert(np.arange(scan.num_points), rows, 0))
+    points = both.points.copy()
+    points[rows + np.arange(len(rows))] = place
+    return of(both, points)
 
 
 def in_16_bits(scan: LidarFrame) -> LidarFrame:
@@ -306,6 +320,20 @@ TREATMENTS: dict[str, Treatment] = {
     ),
     "last row again": lambda scan, _: repeated(scan, np.full(1000, scan.num_points - 1)),
     "zeros": lambda scan, _: padded(scan, 1000),
+    "three markers at 10 km": lambda scan, _: marked(
+        scan, np.full(3, scan.num_points), (10_000.0, 0.0, 0.0)
+    ),
+    "1000 rows of 0x7FFF": lambda scan, rng: marked(
+        scan, np.sort(rng.integers(0, scan.num_points, 1000)), (32_767.0,) * 3
+    ),
+    "200 rows in front, too": lambda scan, rng: scan.select(
+        np.concatenate([rng.choice(scan.num_points, 200), np.arange(scan.num_points)])
+    ),
+    "near before far": ordered(lambda points: (distance(points) > 50.0).astype(np.float64)),
+    "low before high": ordered(lambda points: (points[:, 2] > 1.5).astype(np.float64)),
+    "a page lost": lambda scan, _: scan.select(
+        np.flatnonzero(np.arange(scan.num_points) // 256 != scan.num_points // 512)
+    ),
     "height above ground": moved(lambda: np.eye(3), (0.0, 0.0, 1.73)),
     "turned by 30 degrees": moved(lambda: about(2, 30.0), (0.0, 0.0, 0.0)),
     "pitched by 2 degrees": moved(lambda: about(1, 2.0), (0.0, 0.0, 0.0)),
