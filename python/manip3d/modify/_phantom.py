@@ -120,7 +120,9 @@ class PhantomQuality:
         about three seconds, which tells a wrong focal length. 1 while head and a foot are not
         tracked within the image, without a body index, and with ``segmentation="paper"``.
     plane_deg : float, degrees
-        Standard deviation of the plane of symmetry's normal; 0 with ``plane="joints"``.
+        Standard deviation of the plane of symmetry's normal, with what it is turned by against the
+        shoulders and hips beyond their errors, as where the chest twists above a missing leg; 0
+        with ``plane="joints"``.
     across : float, metres
         Standard deviation of the intact leg's distance from the plane, the largest of its joints
         that are nearer to it than two of them, or beyond: they may be on its other side. 0 where

@@ -73,8 +73,8 @@ class TrunkTracker {
   void reset();
 
   /// Standard deviation of the plane's normal, degrees, of its roll and yaw within the trunk and of
-  /// the trunk's own turn, with what it is turned by against the joints; infinite before the first
-  /// frame.
+  /// the trunk's own turn, with what it is turned by against the joints, or, for a leg, what the
+  /// chest is twisted by against the hips; infinite before the first frame.
   [[nodiscard]] double deviation_deg() const;
   /// Standard deviation of a point's distance from the plane, metres, by the plane's own errors.
   [[nodiscard]] double deviation_at(const Eigen::Vector3d& p, const BodyFrame& frame) const;
@@ -132,6 +132,7 @@ class TrunkTracker {
   void average_joints(const Skeleton& joints);
   [[nodiscard]] bool contradicts(const Skeleton& joints) const;
   void compare_turn(const Skeleton& joints, double elapsed);
+  void compare_hips(const Skeleton& joints, double elapsed);
   [[nodiscard]] std::optional<Across> tracked_across(const Skeleton& joints) const;
   [[nodiscard]] bool has_jumped(const Skeleton& joints, double elapsed) const;
   [[nodiscard]] Skeleton mean_skeleton() const;
@@ -153,6 +154,11 @@ class TrunkTracker {
   PlaneMean plane_;
   Eigen::Vector3d across_ = Eigen::Vector3d::Zero();  ///< From right to left lately, in the trunk.
   double disagreement_ = 0.0;  ///< Radians between it and the plane's normal, if beyond its errors.
+  /// The hips against the plane of a leg: from right to left lately, in the trunk; the angle about
+  /// the spine that they usually have to the plane's normal, radians, and the seconds that tell it.
+  Eigen::Vector3d hips_ = Eigen::Vector3d::Zero();
+  double usual_angle_ = 0.0, usual_time_ = 0.0;
+  double twist_ = 0.0;  ///< Radians that they are turned from that, if beyond their errors.
   std::vector<SurfacePoint> surface_;
   Eigen::Quaterniond key_rotation_ = Eigen::Quaterniond::Identity();
   double residual_ = 0.0;  ///< Mean distance of the surface from the key frame, metres.
