@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import math
 import re
@@ -568,6 +569,7 @@ def test_a_long_drive_keeps_few_bytes_of_a_frame(tmp_path: Path) -> None:
             tally.add(alert)
             del alert
             if number in (100, 200):
+                gc.collect()
                 kept.append(tracemalloc.get_traced_memory()[0])
         tracemalloc.stop()
     assert tally.verdict()[0] == "authentic"

@@ -262,7 +262,7 @@ def test_a_recording_of_unknown_length_is_counted_and_a_camera_is_not(is_live: b
         num_frames = None
 
         def __init__(self) -> None:
-            self.is_live = is_live
+            self.has_known_end = not is_live
             self.start()
 
         def start(self) -> None:

@@ -135,7 +135,7 @@ def _sources_by_name(monkeypatch: pytest.MonkeyPatch, places: dict[str, _Counted
     """Open these instead of addresses; those whose names begin with "live" are live."""
     from manip3d.cli import capture as cli_capture
 
-    def opened(place: str, _: Terminal) -> capture.RgbdSource:
+    def opened(place: str, _: Terminal, **__: object) -> capture.RgbdSource:
         source = capture.from_frames(places[place], uri=place)
         source.is_live = place.startswith("live")
         return source
