@@ -53,7 +53,7 @@ constexpr double kAcrossTime = 0.1, kMostDisagreement = 0.26;
 // radians that it may differ by from that, beyond one and a half deviations of its errors; seconds
 // that an angle of 0 counts as at the start. Chosen on seed 0 of `bench_people.py --twist` and on
 // the tuning half of the recorded people.
-constexpr double kHipsTime = 0.2, kUsualTime = 10.0, kMostTwist = 0.07, kFirstUsual = 3.0;
+constexpr double kHipsTime = 0.2, kUsualTime = 10.0, kMostTwist = 0.10, kFirstUsual = 3.0;
 // Radians that the joints' direction across may jump by from one frame to the next, and standard
 // deviations of its jitter: beyond both the body may have turned farther than its surface is found
 // from the last pose.
