@@ -1,4 +1,4 @@
-"""What results keep is theirs: callers may write to their arrays after a call."""
+"""Results keep copies: callers may write to their arrays after a call."""
 
 from __future__ import annotations
 
