@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shlex
 import shutil
 import subprocess
 import sys
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from subprocess import PIPE
 
 import click
 import numpy as np
@@ -375,7 +377,7 @@ def test_every_extra_is_known_and_in_readme() -> None:
 
 
 WITHOUT_EXTRAS = """\
-import sys
+import contextlib, io, json, os, sys
 
 class Blind:
     def __init__(self, finder):
@@ -390,17 +392,42 @@ class Blind:
 
 sys.meta_path[:] = [Blind(finder) for finder in sys.meta_path]
 from manip3d.cli import main
-main({arguments!r})
+for line in sys.stdin:
+    folder, arguments = json.loads(line)
+    os.chdir(folder)
+    said, code = io.StringIO(), 0
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(said):
+        try:
+            main(arguments)
+        except SystemExit as exit:
+            code = exit.code or 0
+    print(json.dumps([code, said.getvalue()]), flush=True)
 """
 
+Run = Callable[[list[str], Path], tuple[int, str]]
 
-def run_without_extras(arguments: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
-    """The command as it is with no optional package installed."""
+
+@pytest.fixture(scope="module")
+def run_without_extras() -> Iterator[Run]:
+    """Runs a command as it is with no optional package installed: exit code, standard error.
+
+    One process for all of them, which a process for each would spend on its start.
+    """
     modules = sorted({module for modules in EXTRAS.values() for module in modules})
-    program = WITHOUT_EXTRAS.format(modules=modules, arguments=arguments)
-    return subprocess.run(
-        [sys.executable, "-c", program], cwd=folder, capture_output=True, text=True, check=False
-    )
+    program = WITHOUT_EXTRAS.format(modules=modules)
+    with subprocess.Popen(
+        [sys.executable, "-c", program], stdin=PIPE, stdout=PIPE, text=True
+    ) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+
+        def run(arguments: list[str], folder: Path) -> tuple[int, str]:
+            print(json.dumps([str(folder), arguments]), file=process.stdin, flush=True)
+            code, said = json.loads(process.stdout.readline())
+            return code, said
+
+        yield run
+        process.stdin.close()
 
 
 @pytest.mark.parametrize(
@@ -412,7 +439,7 @@ def run_without_extras(arguments: list[str], folder: Path) -> subprocess.Complet
     ],
 )
 def test_lines_of_readme_need_the_extra_that_they_name(
-    line: str, place: Path, tmp_path: Path
+    line: str, place: Path, tmp_path: Path, run_without_extras: Run
 ) -> None:
     named = re.search(r"\bneeds (?:\w+, )*(\w+)$", line)
     words = shortened(line)
@@ -422,18 +449,18 @@ def test_lines_of_readme_need_the_extra_that_they_name(
     for output in ("rows.csv", "case.jsonl", "drive.jsonl"):  # of the same line in the test before
         (place / output).unlink(missing_ok=True)
     make_sources(words, place)
-    done = run_without_extras(words, place)
+    code, said = run_without_extras(words, place)
     if named is None:
-        assert done.returncode in (0, 3), done.stderr
+        assert code in (0, 3), said
     else:
-        assert done.returncode == 1
-        assert f"pip install 'manip3d[{named[1]}]'" in done.stderr.splitlines()[-1]
+        assert code == 1
+        assert f"pip install 'manip3d[{named[1]}]'" in said.splitlines()[-1]
 
 
-def test_a_demo_without_its_extra_is_one_sentence(tmp_path: Path) -> None:
-    done = run_without_extras(["demo", "-o", "demo"], tmp_path)
-    assert done.returncode == 1
-    (line,) = done.stderr.splitlines()
+def test_a_demo_without_its_extra_is_one_sentence(tmp_path: Path, run_without_extras: Run) -> None:
+    code, said = run_without_extras(["demo", "-o", "demo"], tmp_path)
+    assert code == 1
+    (line,) = said.splitlines()
     assert line.startswith("manip3d: error: ")
     assert line.endswith("pip install 'manip3d[demo]'")
     assert list(tmp_path.iterdir()) == []

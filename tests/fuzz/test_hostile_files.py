@@ -12,7 +12,7 @@ import pytest
 
 from manip3d import FormatError
 
-CASES = 400
+CASES = 300
 """For each kind, more than 10 000 in all; a million are for the night."""
 
 
