@@ -11,6 +11,7 @@ import pytest
 
 from manip3d import LidarFrame, io
 from manip3d.io import read_scan
+from manip3d.io._scan_files import names_left_out
 from manip3d.lidar import ScanFormat
 
 RNG = np.random.default_rng(0)
@@ -71,6 +72,28 @@ def test_colors_survive_another_format(tmp_path: Path, first: str, second: str) 
     assert np.array_equal(colors_seen(tmp_path / f"b.{second}"), COLORS)
     read_scan(tmp_path / f"b.{second}").write(tmp_path / f"c.{first}")
     assert np.array_equal(colors_seen(tmp_path / f"c.{first}"), COLORS)
+
+
+@pytest.mark.parametrize(
+    "suffix", ["ply", "pcd", "csv", "pts", "xyz", "bin", "3d", "npy", "las", "e57"]
+)
+def test_what_is_left_out_is_told(tmp_path: Path, suffix: str) -> None:
+    columns = dict(zip(("red", "green", "blue"), COLORS.astype(np.uint8).T, strict=True))
+    columns |= dict(zip(("nx", "ny", "nz"), NORMALS.T, strict=True))
+    frame = LidarFrame(POINTS, RNG.random(200), fields=columns | {"empty": np.zeros(200)})
+    for module in {"las": ["laspy"], "e57": ["pye57"]}.get(suffix, []):
+        pytest.importorskip(module)
+    written = tmp_path / f"a.{suffix}"
+    frame.write(written)
+    if suffix in ("ply", "csv"):
+        assert set(columns) <= set(read_scan(written).fields)
+    told = names_left_out(frame, f".{suffix}")
+    assert "empty" not in told
+    held = [
+        suffix in ("ply", "pcd", "csv", "pts", "las", "e57"),
+        suffix in ("ply", "pcd", "csv", "las"),
+    ]
+    assert told == [name for i, name in enumerate(columns) if not held[i // 3]]
 
 
 @pytest.mark.parametrize("first", SUFFIXES)

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
+_MOST_TOLD = 8
+"""Names of columns in one line."""
+
 
 def frames(
     source: str, terminal: Terminal, calibration: Path | None = None
@@ -153,20 +156,30 @@ def convert(source: str, output: Path, terminal: Terminal, calibration: Path | N
         Several scans, and ``output`` is a file of a format that holds one.
     """
     from manip3d import io
+    from manip3d.io._scan_files import names_left_out
 
     scans = frames(source, terminal, calibration)
-    if not scan_suffix(output):
+    suffix = scan_suffix(output)
+    if not suffix:
         _write_folder(scans, output, terminal)
         return
     found = list(scans)
-    if len(found) > 1 and scan_suffix(output) != ".e57":
+    if len(found) > 1 and suffix != ".e57":
         raise InputError(
             f"output: {source} holds {len(found)} scans: name a folder, or a file that ends in .e57"
         )
     io.write_scans(found, output)
     for scan in found:
-        _tell_of_map(scan, scan_suffix(output), terminal)
+        _tell_of_map(scan, suffix, terminal)
+    _tell_left_out([name for scan in found for name in names_left_out(scan, suffix)], terminal)
     terminal.say(f"wrote {output}")
+
+
+def _tell_left_out(names: list[str], terminal: Terminal) -> None:
+    told = list(dict.fromkeys(names))
+    more = f" and {len(told) - _MOST_TOLD} more" if len(told) > _MOST_TOLD else ""
+    if told:
+        terminal.say(f"warning: the format does not hold {', '.join(told[:_MOST_TOLD])}{more}")
 
 
 def _tell_of_map(scan: LidarFrame, suffix: str, terminal: Terminal) -> None:
@@ -191,16 +204,20 @@ def _tell_of_map(scan: LidarFrame, suffix: str, terminal: Terminal) -> None:
 def _write_folder(scans: Iterator[LidarFrame], output: Path, terminal: Terminal) -> None:
     """``velodyne/000000.bin`` and so on, and ``times.txt`` where the scans have times."""
     from manip3d.io._files import atomic_write
+    from manip3d.io._scan_files import names_left_out
 
     folder = output / "velodyne"
     folder.mkdir(parents=True, exist_ok=True)
     count_written, times = 0, []
+    left_out: dict[str, None] = {}
     for number, scan in enumerate(scans):
         scan.write(folder / f"{number:06d}.bin")
         _tell_of_map(scan, ".bin", terminal)
+        left_out |= dict.fromkeys(names_left_out(scan, ".bin"))
         count_written += 1
         if scan.time_ns is not None:
             times.append(f"{scan.time_ns // SECOND_NS}.{scan.time_ns % SECOND_NS:09d}\n")
     if times and len(times) == count_written:
         atomic_write(output / "times.txt", "".join(times))
+    _tell_left_out(list(left_out), terminal)
     terminal.say(f"wrote {count_written} scans to {output}{os.sep}")

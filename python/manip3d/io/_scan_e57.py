@@ -30,8 +30,9 @@ _BLOCK = 1 << 20
 _CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 _SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
 _STATES = ("cartesianInvalidState", "sphericalInvalidState")
-_INTEGERS = {"rowIndex": np.uint16, "columnIndex": np.uint16, "colorRed": np.uint8,
+INTEGERS = {"rowIndex": np.uint16, "columnIndex": np.uint16, "colorRed": np.uint8,
              "colorGreen": np.uint8, "colorBlue": np.uint8}  # fmt: skip
+"""What is written beside coordinates and the intensity, and its types."""
 
 
 def _pye57() -> Any:
@@ -142,7 +143,7 @@ def _write_one(file: Any, frame: LidarFrame) -> None:
     }
     if frame.intensity is not None:
         data["intensity"] = frame.intensity
-    for name, dtype in _INTEGERS.items():
+    for name, dtype in INTEGERS.items():
         if name in frame.fields:
             data[name] = frame.fields[name].astype(dtype)
     own = frame.format is not None and frame.format.name == "e57"

@@ -207,6 +207,32 @@ def write_scan(frame: LidarFrame, path: str | os.PathLike[str]) -> None:
         return tables.write_table(frame, os.fspath(local))
 
 
+def names_left_out(frame: LidarFrame, suffix: str) -> list[str]:
+    """The columns of a scan that a file of another format does not hold, if not all are 0."""
+    name = suffix.lstrip(".").replace("laz", "las")
+    if suffix in tables.TABLE_SUFFIXES:
+        name = tables.format_name(suffix)
+    if frame.format is not None and frame.format.name == name:
+        return []
+    frame = renamed(frame, name)
+    if suffix in tables.TABLE_SUFFIXES:
+        held = tables.column_names(frame, suffix)
+    elif name == "las":
+        held = {"intensity", *tables.general_fields(frame)}
+    elif name == "e57":
+        from manip3d.io import _scan_e57
+
+        held = {"intensity", *_scan_e57.INTEGERS}
+    else:
+        held = {"intensity"}
+    columns = {"intensity": frame.intensity, "ring": frame.ring, **frame.fields}
+    return [
+        key
+        for key, values in columns.items()
+        if key not in held and values is not None and values.any()
+    ]
+
+
 def _refuse_compression(path: str | os.PathLike[str]) -> None:
     name = path_of(path)
     if scan_suffix(name) not in tables.TABLE_SUFFIXES and name.suffix.lower() in (".gz", ".xz"):

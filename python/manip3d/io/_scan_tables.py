@@ -570,6 +570,16 @@ _TABLES = {
 }
 
 
+def format_name(suffix: str) -> str:
+    """`ScanFormat`'s name of the format of one of `TABLE_SUFFIXES`."""
+    return _TABLES[suffix].name
+
+
+def column_names(frame: LidarFrame, suffix: str) -> set[str]:
+    """The columns of a new file of one of `TABLE_SUFFIXES`."""
+    return {name for name, _, _ in _TABLES[suffix].layout(frame).columns}
+
+
 def write_table(frame: LidarFrame, name: str) -> None:
     """Write a scan as the table that the suffix of ``name`` says; see `manip3d.io.write_scan`."""
     table = _TABLES.get(scan_suffix(name))
