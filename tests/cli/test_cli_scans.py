@@ -116,6 +116,9 @@ def test_convert(tmp_path: Path) -> None:
     assert np.array_equal(read_scan(tmp_path / "b.pcd").points, scan().points)
     assert "exists already" in run("convert", tmp_path / "a.bin", "-o", tmp_path / "b.pcd", code=1)
     run("convert", tmp_path / "a.bin", "-o", tmp_path / "c.pcd", "--up", "z", code=2)
+    scan().replace(fields={"red": np.arange(300.0)}).write(tmp_path / "red.ply")
+    done = manip3d("convert", str(tmp_path / "red.ply"), "-o", str(tmp_path / "red.bin"))
+    assert "red left out" in done.stderr
     assert "expected a name that ends in .pcd.bin" in run(
         "convert", tmp_path / "a.bin", "-o", tmp_path / "c.obj", code=1
     )

@@ -171,15 +171,17 @@ def convert(source: str, output: Path, terminal: Terminal, calibration: Path | N
     io.write_scans(found, output)
     for scan in found:
         _tell_of_map(scan, suffix, terminal)
-    _tell_left_out([name for scan in found for name in names_left_out(scan, suffix)], terminal)
+    _tell_left_out(
+        [name for scan in found for name in names_left_out(scan, suffix)], output, terminal
+    )
     terminal.say(f"wrote {output}")
 
 
-def _tell_left_out(names: list[str], terminal: Terminal) -> None:
+def _tell_left_out(names: list[str], output: Path, terminal: Terminal) -> None:
     told = list(dict.fromkeys(names))
     more = f" and {len(told) - _MOST_TOLD} more" if len(told) > _MOST_TOLD else ""
     if told:
-        terminal.say(f"warning: the format does not hold {', '.join(told[:_MOST_TOLD])}{more}")
+        terminal.say(f"{output}: {', '.join(told[:_MOST_TOLD])}{more} left out")
 
 
 def _tell_of_map(scan: LidarFrame, suffix: str, terminal: Terminal) -> None:
@@ -219,5 +221,5 @@ def _write_folder(scans: Iterator[LidarFrame], output: Path, terminal: Terminal)
             times.append(f"{scan.time_ns // SECOND_NS}.{scan.time_ns % SECOND_NS:09d}\n")
     if times and len(times) == count_written:
         atomic_write(output / "times.txt", "".join(times))
-    _tell_left_out(list(left_out), terminal)
+    _tell_left_out(list(left_out), output, terminal)
     terminal.say(f"wrote {count_written} scans to {output}{os.sep}")
