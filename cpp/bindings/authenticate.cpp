@@ -60,20 +60,21 @@ void bind_authenticate(py::module_& m) {
       py::arg("points").noconvert(), py::arg("origin"), py::arg("threads"));
   m.def(
       "estimate_scan_origin",
-      [](const CArray<float>& points, const std::optional<Eigen::Vector3d>& known, int threads,
-         const PyProgress& progress) {
+      [](const CArray<float>& points, const std::optional<Eigen::Vector3d>& known, bool tries_zero,
+         int threads, const PyProgress& progress) {
         const PointsView view = points_view(points, {});
         const Progress report = interruptible(progress);
         ScanOrigin r;
         {
           const py::gil_scoped_release nogil;
-          r = estimate_scan_origin(view, known, threads, report);
+          r = estimate_scan_origin(view, {known, tries_zero, threads}, report);
         }
         return std::make_tuple(r.found, std::tuple(r.position.x(), r.position.y(), r.position.z()),
                                r.axis, r.azimuth_step, r.elevation_step, r.azimuth_coherence,
                                r.elevation_coherence, r.explained);
       },
-      py::arg("points").noconvert(), py::arg("known"), py::arg("threads"), py::arg("progress"));
+      py::arg("points").noconvert(), py::arg("known"), py::arg("tries_zero"), py::arg("threads"),
+      py::arg("progress"));
   m.def(
       "occlusion_consistency",
       [](const CArray<float>& points, const Eigen::Vector3d& origin, const Grid& grid,

@@ -211,9 +211,10 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     for (Eigen::Index k = 0; k < copies; ++k) {
       many.points.middleRows(k * rows, rows) = scan.points * (1.0F + 0.03F * static_cast<float>(k));
     }
-    const bool known = bytes.take<std::uint8_t>() % 2 == 1;
-    const ScanOrigin found =
-        estimate_scan_origin(many, known ? std::optional(origin) : std::nullopt, 1);
+    const auto kind = bytes.take<std::uint8_t>();
+    ScanOriginOptions options{.tries_zero = kind % 4 < 2, .num_threads = 1};
+    if (kind % 2 == 1) options.known = origin;
+    const ScanOrigin found = estimate_scan_origin(many, options);
     require(found.position.allFinite());
     require(found.explained >= 0.0 && found.explained <= 1.0 + 1e-9);
     require(!found.found || found.azimuth_step > 0.0 || found.elevation_step > 0.0);

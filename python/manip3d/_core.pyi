@@ -2203,6 +2203,7 @@ def estimate_scan_grid(
 def estimate_scan_origin(
     points: numpy.typing.NDArray[numpy.float32],
     known: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"] | None,
+    tries_zero: bool,
     threads: typing.SupportsInt | typing.SupportsIndex,
     progress: collections.abc.Callable[[float], object] | None,
 ) -> tuple[bool, tuple[float, float, float], int, float, float, float, float, float]: ...

@@ -276,3 +276,16 @@ def test_a_scan_on_a_map_tells_where_it_was_taken(
     found = inspect(on_map(moved(points, (12.0, -7.0, 1.0))), power=False)
     assert found.origin == pytest.approx((12.0, -7.0, 1.0), abs=2e-3), name
     assert [frame.origin for frame in looked_at] == [(0.0, 0.0, 0.0)]  # moved there
+
+
+def test_the_zero_of_a_map_is_not_tried() -> None:
+    """Three of six fits; no grid is found in any of them."""
+
+    def stages(scan: LidarFrame | Points) -> set[float]:
+        told: set[float] = set()
+        assert estimate_origin(scan, progress=lambda done, _: told.add(done)).position is None
+        return told
+
+    points = grid_scan(2000)
+    assert any(0.0 < done < 0.5 for done in stages(points))
+    assert not any(0.0 < done < 0.5 for done in stages(on_map(points)))

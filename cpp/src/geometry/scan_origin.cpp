@@ -654,26 +654,30 @@ ScanOrigin fit_grid(const Points& sample, const Vector3d& start, int axis, bool 
 
 }  // namespace
 
-ScanOrigin estimate_scan_origin(const PointsView& view, const std::optional<Vector3d>& known,
-                                int num_threads, const Progress& progress) {
-  check_points_everywhere(view, num_threads, part_of(progress, 0.0, 0.0));
+ScanOrigin estimate_scan_origin(const PointsView& view, const ScanOriginOptions& options,
+                                const Progress& progress) {
+  check_points_everywhere(view, options.num_threads, part_of(progress, 0.0, 0.0));
+  const std::optional<Vector3d>& known = options.known;
   if (known && !known->allFinite()) throw InputError("origin: expected finite numbers");
   const Points sample = sample_points(view);
   if (sample.rows() < kFewestPoints) return {};
   const double thinned =
       std::min(1.0, static_cast<double>(kSampled) / static_cast<double>(view.num_points()));
   constexpr int kAxes[] = {2, 1, 0};
-  const Vector3d zero = known.value_or(Vector3d::Zero());
   int tried = 0;  // of the six positions and axes
   const auto next = [&] {
     const double done = tried++ / 6.0;
     return part_of(progress, done, done);
   };
-  for (const int axis : kAxes) {
-    const ScanOrigin result = fit_grid(sample, zero, axis, known.has_value(), thinned, next());
-    if (result.found) return result;
+  if (known || options.tries_zero) {
+    const Vector3d start = known.value_or(Vector3d::Zero());
+    for (const int axis : kAxes) {
+      const ScanOrigin result = fit_grid(sample, start, axis, known.has_value(), thinned, next());
+      if (result.found) return result;
+    }
   }
   if (known) return {};
+  tried = 3;
   const std::vector<Patch> patches = sample_patches(sample, part_of(progress, 0.5, 0.5));
   if (patches.size() < 100) return {};
   for (const int axis : kAxes) {

@@ -113,14 +113,14 @@ def estimate_origin(
     """
     scene = to_scan(scan)
     around = None if known is None else place(known, "known")
+    # The 0 of coordinates that were moved there from a map is no scanner's place.
+    is_own = around is None and not is_on_map(scene.frame)
     with reporting(progress, "origin") as report:
         found, position, axis, across, up, columns, rows, explained = _core.estimate_scan_origin(
-            scene.points, around, threads_of(threads), report
+            scene.points, around, is_own, threads_of(threads), report
         )
     reason = "the angular grid"
     fused = found and explained < LEAST_EXPLAINED
-    # The 0 of coordinates that were moved there from a map is no scanner's place.
-    is_own = around is None and not is_on_map(scene.frame)
     if is_own and (fused or not found) and _stands_on_lattice(scene, threads):
         found, position, explained = True, (0.0, 0.0, 0.0), 1.0
         reason = "the lattice of a spinning scanner"

@@ -29,22 +29,29 @@ struct ScanOrigin {
   double explained = 0.0;
 };
 
+struct ScanOriginOptions {
+  std::optional<Eigen::Vector3d> known;  ///< Judge this position only.
+  /// Try (0, 0, 0) first, as the place of the scanner in its own coordinates. In those of a map,
+  /// moved by a round number, it is no more likely than any other.
+  bool tries_zero = true;
+  int num_threads = 0;
+};
+
 /// Finds the position from which a scan stands on a grid of azimuth and elevation.
 ///
-/// (0, 0, 0) is tried first. If it fails, the first guess is the position from which every patch of
-/// surface has the number of points that its solid angle calls for; it is right to some per cent of
-/// the range. Gauss-Newton steps then make the phases of the grid agree. They are compared within
-/// windows of 8 columns at first, over which a wrong position hardly shifts them, and the window is
-/// doubled as long as they agree, to 256 columns at most. The polar axis may be x, y or z.
+/// (0, 0, 0) is tried first, unless the options say otherwise. Then the first guess is the position
+/// from which every patch of surface has the number of points that its solid angle calls for; it is
+/// right to some per cent of the range. Gauss-Newton steps then make the phases of the grid agree.
+/// They are compared within windows of 8 columns at first, over which a wrong position hardly
+/// shifts them, and the window is doubled as long as they agree, to 256 columns at most. The polar
+/// axis may be x, y or z.
 ///
 /// `found` is false for clouds of two scanners, of scanners without such a grid, and for clouds
 /// that were tilted; also where only azimuth columns were found, which leave the height
 /// undetermined. Looks at up to 400 000 points in any order; the result is the same for any number
 /// of threads.
-/// @param known  judge this position only.
 /// @throws InputError  what check_points refuses; a known position that is not finite.
-ScanOrigin estimate_scan_origin(const PointsView& view,
-                                const std::optional<Eigen::Vector3d>& known = {},
-                                int num_threads = 0, const Progress& progress = {});
+ScanOrigin estimate_scan_origin(const PointsView& view, const ScanOriginOptions& options = {},
+                                const Progress& progress = {});
 
 }  // namespace manip3d
