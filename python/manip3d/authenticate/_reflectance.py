@@ -4,7 +4,7 @@ have."""
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +17,7 @@ from manip3d._util.options import threads_of
 from manip3d.authenticate._generic import largest_group, tight_box
 from manip3d.authenticate._lattice import SensorLattice
 from manip3d.authenticate._turns import TurnResult, turn_consistency
-from manip3d.authenticate._verdict import NO_POWER, Calibration, Power, Verdict
+from manip3d.authenticate._verdict import BesideTurns, Calibration
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame
 
@@ -125,7 +125,7 @@ class ReflectanceRegion:
 
 
 @dataclass(frozen=True, eq=False)
-class ReflectanceResult:
+class ReflectanceResult(BesideTurns):
     """The result of detector V for a frame; see :func:`reflectance_consistency`.
 
     Attributes
@@ -140,40 +140,18 @@ class ReflectanceResult:
         The largest strength of a region; larger is more suspicious.
     false_alarm_rate : float
         As asked for.
-    with_turns : bool
-        Whether the turns before and after were compared, too.
     regions : tuple of ReflectanceRegion
         Regions whose own ``p_value`` does not exceed ``false_alarm_rate``, the strongest first.
     suspected : (K,) int64
         Rows of the points in them.
+    with_turns : bool
+        Whether the turns before and after were compared, too.
     calibration : Calibration
     """
 
-    verdict: Verdict
-    reason: str
-    p_value: float
-    score: float
-    false_alarm_rate: float
-    with_turns: bool
     regions: tuple[ReflectanceRegion, ...]
-    suspected: NDArray[np.int64]
+    with_turns: bool
     calibration: Calibration = field(repr=False)
-
-    @property
-    def power(self) -> Mapping[str, Power]:
-        """Empty: it depends on the scanner, see `inspect`."""
-        return NO_POWER
-
-    def with_rows(self, rows: NDArray[np.int64]) -> ReflectanceResult:
-        """Return the result for a scan of which only some points were judged.
-
-        Parameters
-        ----------
-        rows : (N,) int64
-            Row of the scan of each point that was judged.
-        """
-        regions = tuple(replace(region, rows=rows[region.rows]) for region in self.regions)
-        return replace(self, regions=regions, suspected=rows[self.suspected])
 
 
 _REASONS = {
@@ -283,7 +261,7 @@ def reflectances_read(
     nothing = np.empty(0, np.int64)
     if (why := why_not_judged(frame)) is not None:
         return ReflectanceResult(
-            "undecidable", why, 1.0, 0.0, false_alarm_rate, False, (), nothing, CALIBRATION
+            "undecidable", why, 1.0, 0.0, false_alarm_rate, (), nothing, False, CALIBRATION
         )
     beside: list[NDArray[np.float32]] = []
     motions: list[NDArray[np.float64]] = []
@@ -314,9 +292,9 @@ def reflectances_read(
         min((region.p_value for region in regions), default=1.0),
         max((region.strength for region in regions), default=0.0),
         false_alarm_rate,
-        bool(motions),
         alarming,
         np.unique(np.concatenate(rows)) if rows else nothing,
+        bool(motions),
         CALIBRATION,
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from manip3d._util.options import threads_of
 from manip3d.authenticate._generic import largest_group, tight_box
 from manip3d.authenticate._lattice import SensorLattice
 from manip3d.authenticate._movers import passes_by
-from manip3d.authenticate._verdict import NO_POWER, Calibration, Power, Verdict
+from manip3d.authenticate._verdict import BesideTurns, Calibration
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame
 
@@ -124,7 +124,7 @@ class TurnRegion:
 
 
 @dataclass(frozen=True, eq=False)
-class TurnResult:
+class TurnResult(BesideTurns):
     """Result of detector IV for a frame; see :func:`turn_consistency`.
 
     Attributes
@@ -155,34 +155,12 @@ class TurnResult:
         one place, and the frame another.
     """
 
-    verdict: Verdict
-    reason: str
-    p_value: float
-    score: float
-    false_alarm_rate: float
     regions: tuple[TurnRegion, ...]
-    suspected: NDArray[np.int64]
     previous: NDArray[np.float64] = field(repr=False)
     following: NDArray[np.float64] = field(repr=False)
     calibration: Calibration = field(repr=False)
     aligned: bool = True
     foreign: bool = False
-
-    @property
-    def power(self) -> Mapping[str, Power]:
-        """Empty: it depends on the scanner, see `inspect`."""
-        return NO_POWER
-
-    def with_rows(self, rows: NDArray[np.int64]) -> TurnResult:
-        """Return the result for a scan of which only some points were judged.
-
-        Parameters
-        ----------
-        rows : (N,) int64
-            Row of the scan of each point that was judged.
-        """
-        regions = tuple(replace(region, rows=rows[region.rows]) for region in self.regions)
-        return replace(self, regions=regions, suspected=rows[self.suspected])
 
 
 CALIBRATION = Calibration(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias, runtime_checkable
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, TypeAlias, runtime_checkable
 
 import numpy as np
 
@@ -264,6 +264,52 @@ class WithoutRate(Showable):
     def power(self) -> Mapping[str, Power]:
         """Empty: it depends on the sensors; `inspect` looks it up for a scanner it knows."""
         return NO_POWER
+
+
+@dataclass(frozen=True, eq=False)
+class BesideTurns:
+    """Fields of the results of detectors IV and V, which compare a frame with the turns beside it.
+
+    Attributes
+    ----------
+    verdict : 'no_trace', 'tampered' or 'undecidable'
+    reason : str
+        In words.
+    p_value : float
+        Probability, at most, that a clean frame shows as much.
+    score : float
+        The largest strength of a region; larger is more suspicious.
+    false_alarm_rate : float
+        As asked for.
+    regions : tuple
+        Regions whose own ``p_value`` does not exceed ``false_alarm_rate``, the strongest first.
+    suspected : (K,) int64
+        Rows of the points in them.
+    """
+
+    verdict: Verdict
+    reason: str
+    p_value: float
+    score: float
+    false_alarm_rate: float
+    regions: tuple[Any, ...]
+    suspected: NDArray[np.int64]
+
+    @property
+    def power(self) -> Mapping[str, Power]:
+        """Empty: it depends on the scanner, see `inspect`."""
+        return NO_POWER
+
+    def with_rows(self, rows: NDArray[np.int64]) -> Self:
+        """Return the result for a scan of which only some points were judged.
+
+        Parameters
+        ----------
+        rows : (N,) int64
+            Row of the scan of each point that was judged.
+        """
+        regions = tuple(replace(region, rows=rows[region.rows]) for region in self.regions)
+        return replace(self, regions=regions, suspected=rows[self.suspected])
 
 
 @dataclass(frozen=True)
