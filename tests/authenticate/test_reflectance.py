@@ -98,6 +98,60 @@ def test_changed_reflectances_are_found_beside_the_turns(
     assert np.abs(np.subtract(found.regions[0].box.center, center)).max() < 1.5
 
 
+def test_a_shift_within_the_noise_is_found_by_its_mean(
+    turns: list[LidarFrame], aligned: TurnResult
+) -> None:
+    """Noise of 0.04 hides a shift of 0.06 from the energies of single points."""
+    values, box = of_box(turns)
+    values[box] = np.round(np.clip(values[box] - 0.06, 0.0, 0.99), 2)
+    found = judged(turns, aligned, values)
+    assert (found.verdict, found.regions[0].kind) == ("tampered", "changed")
+    assert box[found.suspected].mean() > 0.9
+
+
+def test_a_dark_thing_that_shines_is_found(turns: list[LidarFrame], aligned: TurnResult) -> None:
+    """Its returns are 0 in both turns beside the frame; in all three they say nothing."""
+    dark = [
+        turn.replace(intensity=np.where(
+            turn_scans.box_at(0, STEP * k).contains(turn.points), np.float32(0), turn.intensity
+        ))
+        for k, turn in zip((-1, 0, 1), turns, strict=True)
+    ]  # fmt: skip
+    values, box = of_box(dark)
+    assert not values[box].any()
+    assert judged(dark, aligned, values).verdict == "no_trace"
+    shine = np.random.default_rng(3).normal(0.15, 0.04, int(box.sum()))
+    values[box] = np.round(np.clip(shine, 0.0, 0.99), 2)
+    found = judged(dark, aligned, values)
+    assert (found.verdict, found.regions[0].kind) == ("tampered", "changed")
+    assert box[found.suspected].mean() > 0.9
+
+
+def test_a_thing_that_goes_dark_is_found_by_its_dark_returns(
+    turns: list[LidarFrame], aligned: TurnResult
+) -> None:
+    values, box = of_box(turns)
+    values[box] = 0.0
+    found = judged(turns, aligned, values)
+    assert (found.verdict, found.regions[0].kind) == ("tampered", "changed")
+    assert np.isin(np.flatnonzero(box), found.suspected).mean() > 0.7
+
+
+def test_rows_of_a_result_can_be_those_of_a_whole_scan(
+    turns: list[LidarFrame], aligned: TurnResult
+) -> None:
+    values, box = of_box(turns)
+    values[box] = np.clip(values[box] + 0.2, 0.0, 0.99)
+    found = judged(turns, aligned, values)
+    rows = np.arange(len(values)) + 1000
+    moved = found.with_rows(rows)
+    assert isinstance(moved, ReflectanceResult)
+    assert np.array_equal(moved.suspected, found.suspected + 1000)
+    assert np.array_equal(moved.regions[0].rows, found.regions[0].rows + 1000)
+    assert (moved.verdict, moved.calibration) == (found.verdict, found.calibration)
+    assert isinstance(aligned.with_rows(rows), TurnResult)
+
+
 def test_changed_reflectances_are_found_by_a_scanner_that_turns(turns: list[LidarFrame]) -> None:
     """Two degrees are a third of a metre at 10 m: turns that are moved by the inverse show other
     surfaces, and a clean frame more than its noise."""

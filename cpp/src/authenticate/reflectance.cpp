@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <numeric>
 #include <span>
@@ -44,6 +45,11 @@ constexpr double kMostEnergy = 0.06;
 constexpr double kLeastEnergy = 0.0008;
 // Clean frames have few windows with more, whichever pair of lasers is left out.
 constexpr double kEnergyRatio = 3.0;
+// The mean of a window is compared, too: surfaces that were scaled or shifted by less than their
+// noise differ in nothing else. It may vary by a quarter of a point's energy, as neighbours are
+// alike, and by so much beside.
+constexpr double kMeanShare = 0.25;
+constexpr double kLeastMean = 0.0004;
 constexpr double kMostExcess = 2.0;
 constexpr int kFewestCompared = 20;
 constexpr int kFewestWithout = 10;  // the same where a pair of lasers is left out
@@ -67,12 +73,19 @@ int share_column(double azimuth, int columns) {
   return std::min(static_cast<int>(azimuth * (columns / kFullTurn)), columns - 1);
 }
 
+// Ends of the scale, where reflectances are clipped.
+enum class End : std::uint8_t { kNone, kLow, kHigh };
+
 // Which reflectances are clipped: the smallest and the largest of a scan.
 struct ReflectanceScale {
   explicit ReflectanceScale(const PointsView& view)
       : lowest(view.intensity.size() > 0 ? view.intensity.minCoeff() : 0.0F),
         highest(view.intensity.size() > 0 ? view.intensity.maxCoeff() : 0.0F) {}
   [[nodiscard]] bool holds(float value) const { return value > lowest && value < highest; }
+  [[nodiscard]] End end(float value) const {
+    if (holds(value)) return End::kNone;
+    return value <= lowest ? End::kLow : End::kHigh;
+  }
   float lowest, highest;
 };
 
@@ -135,9 +148,16 @@ class ReflectanceView {
     float upper;
   };
 
+  // Means of the points around a place; none within reach: not a number.
+  struct Seen {
+    double measured = kNoReflectance;  // of those that are not clipped
+    double all = kNoReflectance;
+    End end = End::kNone;  // where all of them are clipped
+  };
+
   ReflectanceView(const ReflectanceTurn& turn, const ScanLattice& lattice,
                   const std::vector<double>& gains, int num_threads, const Progress& progress)
-      : nearest_(lattice.num_rings(), kFineColumns, kLookColumns) {
+      : measured_(lattice.num_rings(), kFineColumns, kLookColumns), all_(measured_) {
     const PointsView& view = turn.points;
     const LatticeReading own = read_lattice(view, lattice, num_threads, progress);
     Points places(view.num_points(), 3);
@@ -145,12 +165,14 @@ class ReflectanceView {
     const Eigen::RowVector3f shift = turn.motion.translation.transpose().cast<float>();
     const ReflectanceScale scale(view);
     reflectance_.assign(view.num_points(), kNoReflectance);
+    ends_.assign(view.num_points(), End::kNone);
     for (Eigen::Index i = 0; i < view.num_points(); ++i) {
       places.row(i) = (rotation * view.points.row(i).transpose()).transpose() + shift;
       if (!places.row(i).allFinite()) places.row(i).setZero();  // no scanner sees so far
-      if (own.ring(i) < 0 || !scale.holds(view.intensity(i))) continue;
+      if (own.ring(i) < 0) continue;
       const auto gain = static_cast<float>(gains[own.ring(i)]);
       reflectance_[i] = view.intensity(i) - gain;
+      ends_[i] = scale.end(view.intensity(i));
     }
     const PointsView moved(PointsView::Map<Points>(places.data(), places.rows(), 3));
     LatticeReading read;
@@ -159,51 +181,33 @@ class ReflectanceView {
     for (Eigen::Index i = 0; i < places.rows(); ++i) {
       if (seen.ring(i) < 0 || std::isnan(reflectance_[i])) continue;
       const int column = share_column(seen.azimuth(i), kFineColumns);
-      const std::int32_t first = nearest_.row(seen.ring(i), column);
-      if (first < 0 || places.row(i).squaredNorm() < places.row(first).squaredNorm()) {
-        nearest_.set(seen.ring(i), column, places.row(i), static_cast<std::int32_t>(i));
-      }
+      const auto keep_nearest = [&](NearestImage& image) {
+        const std::int32_t first = image.row(seen.ring(i), column);
+        if (first >= 0 && !(places.row(i).squaredNorm() < places.row(first).squaredNorm())) return;
+        image.set(seen.ring(i), column, places.row(i), static_cast<std::int32_t>(i));
+      };
+      keep_nearest(all_);
+      if (ends_[i] == End::kNone) keep_nearest(measured_);
     }
   }
 
-  // The mean of the nearest points within reach, the nearer the heavier; none: not a number.
-  [[nodiscard]] double beside(const Eigen::RowVector3f& place, int ring, int column,
-                              const Reach& reach) const {
-    std::array<Beside, kMostBeside> best;
-    std::size_t found = 0;
-    std::size_t worst = 0;
-    float bound = reach.upper;  // farther ones are not looked at: most are, once some are known
-    for (int r = std::max(0, ring - kLookRings);
-         r <= std::min(nearest_.rings() - 1, ring + kLookRings); ++r) {
-      const std::int64_t first = nearest_.first(r, column);
-      const std::array<float, kLookAround> squared = squared_distances(first, place);
-      if (!is_any_within(squared, bound)) continue;
-      const std::int32_t* const rows = nearest_.rows(first);
-      for (int k = 0; k < kLookAround; ++k) {
-        if (!(squared[k] <= bound)) continue;
-        const Beside at{squared[k], rows[k]};
-        if (found < kMostBeside) {
-          if (!(static_cast<double>(at.squared) < reach.squared)) continue;
-          best[found++] = at;
-        } else if (at < best[worst]) {
-          best[worst] = at;
-        }
-        if (found < kMostBeside) continue;
-        worst = best[0] < best[1] ? 1 : 0;
-        if (best[worst] < best[2]) worst = 2;
-        bound = best[worst].squared;
-      }
+  // What the points around a place have, the nearer the heavier.
+  [[nodiscard]] Seen beside(const Eigen::RowVector3f& place, int ring, int column,
+                            const Reach& reach) const {
+    const Nearest around = nearest(all_, place, ring, column, reach);
+    Seen seen;
+    seen.all = mean_of(around);
+    bool is_any_clipped = false;
+    bool is_one_end = around.count > 0;
+    for (std::size_t k = 0; k < around.count; ++k) {
+      const End end = ends_[around.best[k].row];
+      is_any_clipped |= end != End::kNone;
+      is_one_end &= end == ends_[around.best[0].row];
     }
-    if (found == 0) return kNoReflectance;
-    double sum = 0.0;
-    double weights = 0.0;
-    for (std::size_t k = 0; k < found; ++k) {
-      const double weight =
-          1.0 / (std::sqrt(static_cast<double>(best[k].squared)) + kBesideSoftening);
-      sum += weight * static_cast<double>(reflectance_[best[k].row]);
-      weights += weight;
-    }
-    return sum / weights;
+    if (is_one_end) seen.end = ends_[around.best[0].row];
+    seen.measured =
+        is_any_clipped ? mean_of(nearest(measured_, place, ring, column, reach)) : seen.all;
+    return seen;
   }
 
  private:
@@ -218,11 +222,60 @@ class ReflectanceView {
     }
   };
 
-  [[nodiscard]] std::array<float, kLookAround> squared_distances(
-      std::int64_t first, const Eigen::RowVector3f& place) const {
-    const float* const x = nearest_.axis(0, first);
-    const float* const y = nearest_.axis(1, first);
-    const float* const z = nearest_.axis(2, first);
+  // The nearest points within reach.
+  struct Nearest {
+    std::array<Beside, kMostBeside> best;
+    std::size_t count = 0;
+  };
+
+  static Nearest nearest(const NearestImage& image, const Eigen::RowVector3f& place, int ring,
+                         int column, const Reach& reach) {
+    Nearest found;
+    std::array<Beside, kMostBeside>& best = found.best;
+    std::size_t worst = 0;
+    float bound = reach.upper;  // farther ones are not looked at: most are, once some are known
+    for (int r = std::max(0, ring - kLookRings);
+         r <= std::min(image.rings() - 1, ring + kLookRings); ++r) {
+      const std::int64_t first = image.first(r, column);
+      const std::array<float, kLookAround> squared = squared_distances(image, first, place);
+      if (!is_any_within(squared, bound)) continue;
+      const std::int32_t* const rows = image.rows(first);
+      for (int k = 0; k < kLookAround; ++k) {
+        if (!(squared[k] <= bound)) continue;
+        const Beside at{squared[k], rows[k]};
+        if (found.count < kMostBeside) {
+          if (!(static_cast<double>(at.squared) < reach.squared)) continue;
+          best[found.count++] = at;
+        } else if (at < best[worst]) {
+          best[worst] = at;
+        }
+        if (found.count < kMostBeside) continue;
+        worst = best[0] < best[1] ? 1 : 0;
+        if (best[worst] < best[2]) worst = 2;
+        bound = best[worst].squared;
+      }
+    }
+    return found;
+  }
+
+  [[nodiscard]] double mean_of(const Nearest& around) const {
+    if (around.count == 0) return kNoReflectance;
+    double sum = 0.0;
+    double weights = 0.0;
+    for (std::size_t k = 0; k < around.count; ++k) {
+      const double weight =
+          1.0 / (std::sqrt(static_cast<double>(around.best[k].squared)) + kBesideSoftening);
+      sum += weight * static_cast<double>(reflectance_[around.best[k].row]);
+      weights += weight;
+    }
+    return sum / weights;
+  }
+
+  [[nodiscard]] static std::array<float, kLookAround> squared_distances(
+      const NearestImage& image, std::int64_t first, const Eigen::RowVector3f& place) {
+    const float* const x = image.axis(0, first);
+    const float* const y = image.axis(1, first);
+    const float* const z = image.axis(2, first);
     std::array<float, kLookAround> squared;
     for (int k = 0; k < kLookAround; ++k) {
       const float a = x[k] - place[0];
@@ -242,7 +295,8 @@ class ReflectanceView {
   }
 
   std::vector<float> reflectance_;
-  NearestImage nearest_;
+  std::vector<End> ends_;
+  NearestImage measured_, all_;  // without those that are clipped, and with them
 };
 
 struct ReflectanceTally {
@@ -250,10 +304,13 @@ struct ReflectanceTally {
   double first = 0.0;   // kEven: log likelihood ratio; kChanged: energy of E
   double second = 0.0;  // kChanged: energy of D
   double metres = 0.0;  // kChanged: sum of the distances of the points
+  double edit = 0.0;    // kChanged: sum of E
+  double apart = 0.0;   // kChanged: sum of D
 };
 
 ReflectanceTally operator+(const ReflectanceTally& a, const ReflectanceTally& b) {
-  return {a.points + b.points, a.first + b.first, a.second + b.second, a.metres + b.metres};
+  return {a.points + b.points, a.first + b.first, a.second + b.second,
+          a.metres + b.metres, a.edit + b.edit,   a.apart + b.apart};
 }
 
 // A voxel and the 26 around it: the sums of those with the row above, with its own, and below.
@@ -272,7 +329,7 @@ class ReflectanceSearch {
         voxels_((lattice.num_rings() + kShareRings - 1) / kShareRings, kShareColumns),
         ranges_(points.num_points(), 0.0) {
     for (Eigen::Index i = 0; i < points.num_points(); ++i) {
-      if (reading_.ring(i) < 0 || !scale_.holds(points.intensity(i))) continue;
+      if (reading_.ring(i) < 0) continue;
       const double range = range_of(points, i);
       if (!(range > options.nearest && range < options.farthest)) continue;
       ranges_[i] = range;
@@ -291,8 +348,13 @@ class ReflectanceSearch {
 
  private:
   using Tallies = std::vector<ReflectanceTally>;  // of each voxel
+  using Strengths = std::vector<float>;           // the same; 0: says nothing
 
-  [[nodiscard]] bool is_judged(Eigen::Index i) const { return ranges_[i] > 0.0; }
+  // Whether a point is looked at: within range, and where evenness is, not clipped.
+  [[nodiscard]] bool is_judged(ReflectanceEvidence kind, Eigen::Index i) const {
+    if (!(ranges_[i] > 0.0)) return false;
+    return kind == ReflectanceEvidence::kChanged || scale_.holds(points_.intensity(i));
+  }
 
   [[nodiscard]] RangeVoxel voxel_of(Eigen::Index i) const {
     return {reading_.ring(i) / kShareRings, share_column(reading_.azimuth(i), kShareColumns),
@@ -339,7 +401,8 @@ class ReflectanceSearch {
         ticker.tick();
         const std::int32_t a = rows[k - 1];
         const std::int32_t b = rows[k];
-        if (!is_judged(a) || !is_judged(b)) continue;
+        if (!is_judged(ReflectanceEvidence::kEven, a)) continue;
+        if (!is_judged(ReflectanceEvidence::kEven, b)) continue;
         if (!(reading_.azimuth(b) - reading_.azimuth(a) < kEvenGap)) continue;
         if (!is_one_surface(ranges_[a], ranges_[b], 0.03, 0.05)) continue;
         const std::size_t ring = reading_.ring(a);
@@ -361,7 +424,9 @@ class ReflectanceSearch {
       ++tally.points;
       tally.first += ratios[pair.ring][pair.same ? 1 : 0];
     }
-    add_regions(ReflectanceEvidence::kEven, tallies, regions);
+    Strengths strengths(voxels_.size(), 0.0F);
+    raise_to(strengths, tallies, even_strength);
+    add_regions(ReflectanceEvidence::kEven, strengths, regions);
   }
 
   void find_changed(const ReflectanceTurn& previous, const ReflectanceTurn& following,
@@ -371,28 +436,44 @@ class ReflectanceSearch {
         ReflectanceView(previous, lattice_, gains, options_.num_threads, progress_),
         ReflectanceView(following, lattice_, gains, options_.num_threads, progress_)};
     Ticker ticker(progress_);
-    Tallies tallies(voxels_.size());
+    // Clipped returns hide a part of what they differ by, so that they are counted beside the
+    // others, and without them.
+    Tallies measured(voxels_.size());
+    Tallies all(voxels_.size());
     const ReflectanceView::Reach reach(options_.reach);
     for (Eigen::Index i = 0; i < points_.num_points(); ++i) {
       ticker.tick();
-      if (!is_judged(i)) continue;
+      if (!is_judged(ReflectanceEvidence::kChanged, i)) continue;
       const int column = share_column(reading_.azimuth(i), kFineColumns);
       const auto seen = [&](const ReflectanceView& view) {
         return view.beside(points_.points.row(i), reading_.ring(i), column, reach);
       };
-      const double before = seen(views[0]);
-      const double after = seen(views[1]);
-      if (std::isnan(before) || std::isnan(after)) continue;
+      const ReflectanceView::Seen before = seen(views[0]);
+      const ReflectanceView::Seen after = seen(views[1]);
       const double here = points_.intensity(i) - gains[reading_.ring(i)];
-      const double edit = here - (before + after) / 2.0;
-      const double apart = before - after;
-      ReflectanceTally& tally = tally_of(tallies, i);
-      ++tally.points;
-      tally.first += std::min(edit * edit / 1.5, kMostEnergy);
-      tally.second += std::min(apart * apart / 2.0, kMostEnergy);
-      tally.metres += ranges_[i];
+      const auto compare = [&](Tallies& tallies, double earlier, double later) {
+        if (std::isnan(earlier) || std::isnan(later)) return;
+        const double edit = here - (earlier + later) / 2.0;
+        const double apart = earlier - later;
+        ReflectanceTally& tally = tally_of(tallies, i);
+        ++tally.points;
+        tally.first += std::min(edit * edit / 1.5, kMostEnergy);
+        tally.second += std::min(apart * apart / 2.0, kMostEnergy);
+        tally.metres += ranges_[i];
+        tally.edit += edit;
+        tally.apart += apart;
+      };
+      const End end = scale_.end(points_.intensity(i));
+      if (end == End::kNone) compare(measured, before.measured, after.measured);
+      // What is clipped in all three turns says nothing of any.
+      if (end != End::kNone && end == before.end && end == after.end) continue;
+      compare(all, before.all, after.all);
     }
-    add_regions(ReflectanceEvidence::kChanged, tallies, regions);
+    Strengths strengths(voxels_.size(), 0.0F);
+    for (const Tallies& tallies : {std::cref(measured), std::cref(all)}) {
+      raise_to(strengths, tallies, changed_strength);
+    }
+    add_regions(ReflectanceEvidence::kChanged, strengths, regions);
   }
 
   [[nodiscard]] ReflectanceWindow window_around(const Tallies& tallies,
@@ -412,47 +493,59 @@ class ReflectanceSearch {
     return window;
   }
 
-  // How much more a window differs from the turns than the turns from each other. The least counts
-  // of those with all lasers and without one row of them: a laser along a kerb lies on one side of
-  // it in this turn, and on the other in the turns before and after.
+  // How much more points differ from the turns than the turns from each other, one by one or in
+  // the mean.
+  static double changed_ratio(const ReflectanceTally& sum) {
+    const double floor = kLeastEnergy * sum.points;
+    const double energies = (sum.first + floor) / (sum.second + floor);
+    const double edit = sum.edit / sum.points;
+    const double apart = sum.apart / sum.points;
+    const double noise = kMeanShare * sum.second / sum.points + apart * apart / 2.0 + kLeastMean;
+    return std::max(energies, (edit * edit / 1.5 + kLeastMean) / noise);
+  }
+
+  // The same of a window. The least counts of those with all lasers and without one row of them: a
+  // laser along a kerb lies on one side of it in this turn, and on the other in the turns before
+  // and after.
   static double changed_ratio(const ReflectanceWindow& window) {
-    const auto ratio_of = [](const ReflectanceTally& sum) {
-      const double floor = kLeastEnergy * sum.points;
-      return (sum.first + floor) / (sum.second + floor);
-    };
     const ReflectanceTally all = window[0] + window[1] + window[2];
     if (all.points < kFewestCompared) return 0.0;
-    double least = ratio_of(all);
+    double least = changed_ratio(all);
     for (const ReflectanceTally& without :
          {window[1] + window[2], window[0] + window[2], window[0] + window[1]}) {
       if (without.points < kFewestWithout) return 0.0;
-      least = std::min(least, ratio_of(without));
+      least = std::min(least, changed_ratio(without));
     }
     return least;
   }
 
   // The strength that a voxel adds to its region; 0: its window says nothing.
-  static double strength_of(ReflectanceEvidence kind, const ReflectanceTally& own,
-                            const ReflectanceWindow& window) {
-    if (kind == ReflectanceEvidence::kEven) {
-      const double ratio = window[0].first + window[1].first + window[2].first;
-      return ratio > kEvenRatio ? std::max(own.first, 0.0) : 0.0;
-    }
+  static double even_strength(const ReflectanceTally& own, const ReflectanceWindow& window) {
+    const double ratio = window[0].first + window[1].first + window[2].first;
+    return ratio > kEvenRatio ? std::max(own.first, 0.0) : 0.0;
+  }
+
+  static double changed_strength(const ReflectanceTally& own, const ReflectanceWindow& window) {
     const double excess = std::min(changed_ratio(window) / kEnergyRatio - 1.0, kMostExcess);
     return excess > 0.0 ? own.metres * excess : 0.0;  // near surfaces have more points
   }
 
-  void add_regions(ReflectanceEvidence kind, const Tallies& tallies,
-                   std::vector<ReflectanceRegion>& regions) const {
-    RingImage<std::uint8_t> suspect(voxels_.rows(), voxels_.columns(), 0);
-    std::vector<float> strengths(voxels_.size(), 0.0F);
+  // Raises strengths to those that `strength_of` finds in tallies, where these are more.
+  template <class StrengthOf>
+  void raise_to(Strengths& strengths, const Tallies& tallies, StrengthOf strength_of) const {
     for (std::size_t k = 0; k < voxels_.size(); ++k) {
       if (tallies[k].points == 0) continue;
+      const ReflectanceWindow window = window_around(tallies, voxels_.voxels()[k]);
+      strengths[k] = std::max(strengths[k], static_cast<float>(strength_of(tallies[k], window)));
+    }
+  }
+
+  void add_regions(ReflectanceEvidence kind, const Strengths& strengths,
+                   std::vector<ReflectanceRegion>& regions) const {
+    RingImage<std::uint8_t> suspect(voxels_.rows(), voxels_.columns(), 0);
+    for (std::size_t k = 0; k < voxels_.size(); ++k) {
       const RangeVoxel& at = voxels_.voxels()[k];
-      const double strength = strength_of(kind, tallies[k], window_around(tallies, at));
-      if (!(strength > 0.0)) continue;
-      strengths[k] = static_cast<float>(strength);
-      suspect(at.row, at.column) = 1;
+      if (strengths[k] > 0.0F) suspect(at.row, at.column) = 1;
     }
     const std::size_t first = regions.size();
     RingImage<std::int32_t> region_of(voxels_.rows(), voxels_.columns(), -1);
@@ -469,7 +562,7 @@ class ReflectanceSearch {
     }
     if (regions.size() == first) return;
     for (Eigen::Index i = 0; i < points_.num_points(); ++i) {
-      if (!is_judged(i)) continue;
+      if (!is_judged(kind, i)) continue;
       const RangeVoxel at = voxel_of(i);
       if (!(strengths[voxels_(at)] > 0.0F)) continue;
       regions[region_of(at.row, at.column)].rows.push_back(static_cast<std::int32_t>(i));
@@ -483,7 +576,7 @@ class ReflectanceSearch {
   ReflectanceScale scale_;
   LatticeReading reading_;
   RangeVoxels voxels_;
-  std::vector<double> ranges_;  // metres; 0: not judged
+  std::vector<double> ranges_;  // metres; 0: out of range
 };
 
 void check_reflectance(const PointsView& view, const char* name) {

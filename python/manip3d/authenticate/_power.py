@@ -647,10 +647,10 @@ MEASURED: Mapping[str, Mapping[str, Power]] = ReadOnlyMapping(
         "reflectance": _measured(
             _BESIDE,
             reflectance__one_value=(22, 22),
-            reflectance__scaled=(17, 22),
+            reflectance__scaled=(18, 22),
             reflectance__shifted=(19, 22),
-            reflectance__exchanged=(11, 22),
-            reflectance__from_elsewhere=(14, 22),
+            reflectance__exchanged=(12, 22),
+            reflectance__from_elsewhere=(17, 22),
             white_box_removed=(20, 22),
             white_box_added=(14, 22),
             spoofed=(1, 22),

@@ -49,11 +49,14 @@ std::vector<double> laser_gains(const PointsView& points, const LatticeReading& 
 /// Looks for rewritten reflectances in one frame.
 ///
 /// Reflectances are shares in [0, 1]; the frame's smallest and largest value are taken for the ends
-/// of the scale, where it is clipped, and are not looked at. With both neighbours, the reflectance
-/// I of a point is compared with P and N, those of the points around it a turn earlier and later,
-/// less the gains of their lasers. If all three have the same noise, E = I - (P + N) / 2 has 3/2 of
-/// its variance and D = P - N twice; what moves or is patterned raises both, an edit raises E. It
-/// must do so whichever pair of lasers is left out of a window: a single one may run along an edge.
+/// of the scale, where it is clipped; evenness is not looked for there. With both neighbours, the
+/// reflectance I of a point is compared with P and N, those of the points around it a turn earlier
+/// and later, less the gains of their lasers. If all three have the same noise, E = I - (P + N) / 2
+/// has 3/2 of its variance and D = P - N twice; what moves or is patterned raises both, an edit
+/// raises E, or the mean of E over a window. It must do so whichever pair of lasers is left out of
+/// a window: a single one may run along an edge. Returns at an end of the scale are compared beside
+/// the others, and left out: whichever shows more counts. Those at the same end in all three turns
+/// say nothing.
 /// @throws InputError  what check_points and read_lattice refuse; points without a reflectance, or
 ///                     with one beyond [0, 1]; a reading of other points; an option out of range.
 std::vector<ReflectanceRegion> compare_reflectance(const PointsView& points,
