@@ -393,3 +393,13 @@ def test_a_camera_of_another_size_tells_what_it_would_be(tmp_path: Path) -> None
         camera.read_intrinsics(path, width=64, height=48)
     with pytest.raises(InputError, match=r"the image has 64 x 64$"):
         camera.read_intrinsics(path, width=64, height=64)
+
+
+@pytest.mark.parametrize("dtype", [">u2", "<u2", ">f4", "<f4"])
+def test_depth_images_may_have_either_byte_order(dtype: str) -> None:
+    """16-bit PGM and PNG files are big-endian, and so are the arrays that are views of them."""
+    depth = np.arange(1, 64 * 48 + 1).reshape(48, 64)
+    native = depth.astype(np.dtype(dtype).newbyteorder("="))
+    np.testing.assert_array_equal(
+        PINHOLE.unproject(depth.astype(dtype)), PINHOLE.unproject(native)
+    )

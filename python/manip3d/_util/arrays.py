@@ -30,10 +30,14 @@ def masked_elements(values: object) -> str:
 
 
 def as_array(values: ArrayLike, name: str) -> NDArray[Any]:
-    """Return ``numpy.asarray(values)``, and refuse masked elements, whose mask it would drop."""
+    """Return ``numpy.asarray(values)`` in this machine's byte order.
+
+    Masked elements are refused, as the array would be without its mask.
+    """
     if masked := masked_elements(values):
         raise InputError(f"{name}: expected an array without masked elements, got {masked}")
-    return np.asarray(values)
+    array = np.asarray(values)
+    return array if array.dtype.isnative else array.astype(array.dtype.newbyteorder("="))
 
 
 def _shaped(array: NDArray[Any], columns: int | None, name: str) -> NDArray[Any]:
