@@ -92,7 +92,11 @@ def test_fused_positions_are_no_position(
     other = scan(name, (shift, -0.4 * shift, 0.05), rng=7)
     other = other[np.random.default_rng(2).random(len(other)) < share]
     fused = np.concatenate([points, other])
-    found = estimate_origin(moved(fused, (20.0, -8.0, 3.0)))
+    told: list[float] = []
+    found = estimate_origin(
+        moved(fused, (20.0, -8.0, 3.0)), progress=lambda fraction, _: told.append(fraction)
+    )
+    assert told == sorted(told) and told[-1] == 1.0
     assert found.position is None
     assert "position" in found.reason
     known = estimate_origin(fused, known=(0, 0, 0)).position

@@ -172,7 +172,11 @@ def test_limits_are_for_gltf_only(tmp_path: Path) -> None:
 def test_a_budget_goes_where_the_error_is() -> None:
     rough = hills()
     smooth = rough.replace(vertices=rough.vertices * [1, 1, 0.1])
-    shared = share_budget([rough, smooth], 400, method="qem4vr")
+    told: list[float] = []
+    shared = share_budget(
+        [rough, smooth], 400, method="qem4vr", progress=lambda fraction, _: told.append(fraction)
+    )
+    assert told == sorted(told) and told[-1] == 1.0
     assert shared.reached
     assert 398 <= shared.num_faces <= 400
     first, second = shared.levels

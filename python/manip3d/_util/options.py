@@ -67,7 +67,7 @@ def reporting(progress: Progress, message: str) -> Iterator[Callable[[float], ob
 def sharing(progress: Progress, message: str) -> Iterator[Callable[[float, float], Progress]]:
     """Share one progress out to several runs: ``part(begin, end)`` reports one of them.
 
-    The whole never goes back.
+    The whole never goes back, and ends at 1, also where a run stopped before its own end.
     """
     with reporting(progress, message) as report:
         so_far = 0.0
@@ -84,6 +84,8 @@ def sharing(progress: Progress, message: str) -> Iterator[Callable[[float, float
             return tell
 
         yield part
+        if report is not None and so_far < 1.0:
+            report(1.0)
 
 
 def shares(sizes: Iterable[float]) -> list[tuple[float, float]]:

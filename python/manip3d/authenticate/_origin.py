@@ -119,16 +119,18 @@ def estimate_origin(
         found, position, axis, across, up, columns, rows, explained = _core.estimate_scan_origin(
             scene.points, around, is_own, threads_of(threads), report
         )
-    reason = "the angular grid"
-    fused = found and explained < LEAST_EXPLAINED
-    if is_own and (fused or not found) and _stands_on_lattice(scene, threads):
-        found, position, explained = True, (0.0, 0.0, 0.0), 1.0
-        reason = "the lattice of a spinning scanner"
-    elif not found:
-        reason = NO_ORIGIN
-    elif around is None and fused:
-        found = False
-        reason = f"the grid explains {explained:.0%} of the scan: several positions fused"
+        reason = "the angular grid"
+        fused = found and explained < LEAST_EXPLAINED
+        if is_own and (fused or not found) and _stands_on_lattice(scene, threads):
+            found, position, explained = True, (0.0, 0.0, 0.0), 1.0
+            reason = "the lattice of a spinning scanner"
+        elif not found:
+            reason = NO_ORIGIN
+        elif around is None and fused:
+            found = False
+            reason = f"the grid explains {explained:.0%} of the scan: several positions fused"
+        if report is not None:
+            report(1.0)  # the search may end early
     return OriginEstimate(
         position if found else None,
         "xyz"[axis],

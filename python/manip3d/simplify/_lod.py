@@ -411,11 +411,11 @@ def share_budget(
     if faces < 1:
         raise InputError(f"faces: expected >= 1, got {faces}")
     check_options(method, runner(method), options)
-    if sum(mesh.num_faces for mesh in meshes) <= faces:
-        levels = tuple(LodLevel(mesh, 0.0) for mesh in meshes)
-    else:
-        by = _share_by_runs if method in _OWN_RUNS else _share_by_records
-        with sharing(progress, "simplify") as part:
+    by = _share_by_runs if method in _OWN_RUNS else _share_by_records
+    with sharing(progress, "simplify") as part:
+        if sum(mesh.num_faces for mesh in meshes) <= faces:
+            levels = tuple(LodLevel(mesh, 0.0) for mesh in meshes)
+        else:
             levels = by(meshes, faces, method, options, part)
     num_faces = sum(level.num_faces for level in levels)
     return SharedBudget(
