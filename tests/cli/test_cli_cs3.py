@@ -89,6 +89,26 @@ def test_a_recording_without_a_camera_is_refused_with_the_folder_of_its_depth_im
     assert (tmp_path / "out" / "1311868164.5.glb").is_file()
 
 
+@pytest.mark.parametrize(
+    ("given", "named"),
+    [(("--method", "relief", "--max-edge", "0.01"), "--max-edge"),
+     (("--method", "cs3"), "--depth-step")],
+)  # fmt: skip
+def test_errors_of_files_name_the_options(
+    given: tuple[str, ...], named: str, tmp_path: Path
+) -> None:
+    """Python's names of the arguments are not what the user typed."""
+    depth = np.zeros((24, 48), np.uint16)
+    depth[10, 10:12], depth[11, 10:12] = (500, 4000), (4000, 500)
+    Image.fromarray(depth).save(tmp_path / "depth.png")
+    files = (tmp_path / "depth.png", "-o", tmp_path / "out.glb", "--unit", "mm")
+    options = ("--points", "100", "--intrinsics", "40,40,23.5,11.5")
+    done = manip3d("depth", *files, *options, *given)
+    assert done.returncode == 1
+    assert named in done.stderr
+    assert "depth_step" not in done.stderr and "max_edge" not in done.stderr
+
+
 @pytest.mark.parametrize("depth_step", ["0", "0.05"])
 def test_an_image_of_lone_pixels_is_said_to_be_one(depth_step: str, tmp_path: Path) -> None:
     depth = np.zeros((24, 48), np.uint16)

@@ -24,7 +24,14 @@ from manip3d.cli.options import (
     Seed,
     Strict,
 )
-from manip3d.cli.terminal import Terminal, check_output, count, counted, naming_options
+from manip3d.cli.terminal import (
+    Terminal,
+    check_output,
+    count,
+    counted,
+    named_as_options,
+    naming_options,
+)
 from manip3d.errors import FormatError, InputError
 from manip3d.io import DEPTH_SUFFIXES, WRITABLE
 from manip3d.io._scan_tables import scan_suffix
@@ -206,7 +213,7 @@ def _recording(sources: list[str], given: dict[str, Any]) -> bool:
             progress=progress,
         )
     shell.say(_recording_sentence(made, output))
-    failed = {str(number): reason for number, reason in made.failed.items()}
+    failed = {str(n): named_as_options(reason, _OPTIONS) for n, reason in made.failed.items()}
     shell.result({"output": str(output), "frames": [_record(r) for r in made.frames],
                   "failed": failed})  # fmt: skip
     missed = any(r.target_missed or r.coverage_missed or r.bridges_missed for r in made.frames)
@@ -496,7 +503,8 @@ def _tell(shell: Terminal, result: DepthFileResult) -> None:
     if result.depth:
         is_guess = result.unit and result.options.unit == "guess"
         override = "; --unit overrides it" if is_guess else ""
-        shell.say(f"read {result.source}: {result.depth}{override}")
+        words = named_as_options(result.depth, _OPTIONS)
+        shell.say(f"read {result.source}: {words}{override}")
     shell.say(_sentence(result))
 
 

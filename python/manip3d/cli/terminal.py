@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import os
+import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -13,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from manip3d._util.json import finite
-from manip3d.errors import InputError
+from manip3d.errors import FormatError, InputError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -176,14 +177,32 @@ def refuse_existing(path: Path | None, *, force: bool) -> None:
         raise InputError(f"{path}: exists already; --force replaces it")
 
 
+def named_as_options(text: str, options: Sequence[str]) -> str:
+    """Return ``text`` with options for arguments: ``see depth_step`` becomes ``see --depth-step``.
+
+    Only names with an underscore are found; others are words of the language as well.
+    """
+    for option in options:
+        if "-" in option:
+            text = re.sub(rf"(?<![\w-]){option.replace('-', '_')}\b", f"--{option}", text)
+    return text
+
+
 @contextmanager
 def naming_options(*options: str) -> Iterator[None]:
-    """Turn an `InputError` about an argument into one about the option of that name.
+    """Turn an error about an argument into one about the option of that name.
 
     ``depth_step: expected >= 0`` becomes ``--depth-step: expected >= 0``.
     """
     try:
         yield
+    except FormatError as error:
+        reason = named_as_options(error.reason, options)
+        if reason == error.reason:
+            raise
+        raise FormatError(
+            reason, file=error.file, line=error.line, byte_offset=error.byte_offset
+        ) from error
     except InputError as error:
         names, colon, rest = str(error).partition(":")
         found = [name.strip().replace("_", "-") for name in names.split(",")]
