@@ -370,7 +370,8 @@ def qem4vr(
     target_faces : int, optional
         Stop at this many faces or fewer.
     ratio : float in [0, 1], optional
-        The fraction of the input's faces that stays.
+        The fraction of the input's faces that stays; with ``target_faces``, the larger number of
+        faces is the target.
     max_error : float, optional
         No collapse with a larger error (see ``SimplifyResult.max_error``), in the file's unit. It
         bounds how far planes of the removed faces are from the vertex that stays, on average: not

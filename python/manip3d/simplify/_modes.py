@@ -63,7 +63,8 @@ def simplify(
     target_faces : int, optional
         Stop at this many faces or fewer.
     ratio : float in [0, 1], optional
-        The fraction of the input's faces that stays.
+        The fraction of the input's faces that stays; with ``target_faces``, the larger number of
+        faces is the target.
     max_error : float, optional
         No step with a larger error, in the file's unit; each mode says what it measures.
     max_distance : float, optional

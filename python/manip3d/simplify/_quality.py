@@ -140,7 +140,8 @@ def quality(
     target_faces : int, optional
         Stop at this many faces or fewer.
     ratio : float in [0, 1], optional
-        The fraction of the input's faces that stays.
+        The fraction of the input's faces that stays; with ``target_faces``, the larger number of
+        faces is the target.
     max_error : float, optional
         No step with a larger error (see ``QualityResult.max_error``), in the file's unit.
     max_distance : float > 0, optional
@@ -254,7 +255,8 @@ def fast(
     target_faces : int, optional
         Stop at this many faces or fewer.
     ratio : float in [0, 1], optional
-        The fraction of the input's faces that stays.
+        The fraction of the input's faces that stays; with ``target_faces``, the larger number of
+        faces is the target.
     max_error : float, optional
         No step with a larger error (see ``QualityResult.max_error``), in the file's unit. Targets
         combine; the first one reached stops. One is needed.

@@ -439,7 +439,8 @@ def simplify_scene(
         Stop at this many faces as they are drawn, or fewer: those of a mesh count for each node
         that shows it (``Scene.num_faces``).
     ratio : float in [0, 1], optional
-        The fraction of the drawn faces that stays.
+        The fraction of the drawn faces that stays; with ``target_faces``, the larger number of
+        faces is the target.
     max_error, max_distance : float, optional
         As for the method, in the unit of the scene, at the largest instance of each mesh. A mesh
         that no instance shows (all have scale 0, or are smaller than 1e-5 of the scene's diagonal)
