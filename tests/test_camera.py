@@ -400,6 +400,4 @@ def test_depth_images_may_have_either_byte_order(dtype: str) -> None:
     """16-bit PGM and PNG files are big-endian, and so are the arrays that are views of them."""
     depth = np.arange(1, 64 * 48 + 1).reshape(48, 64)
     native = depth.astype(np.dtype(dtype).newbyteorder("="))
-    np.testing.assert_array_equal(
-        PINHOLE.unproject(depth.astype(dtype)), PINHOLE.unproject(native)
-    )
+    np.testing.assert_array_equal(PINHOLE.unproject(depth.astype(dtype)), PINHOLE.unproject(native))

@@ -96,7 +96,8 @@ def test_fused_positions_are_no_position(
     found = estimate_origin(
         moved(fused, (20.0, -8.0, 3.0)), progress=lambda fraction, _: told.append(fraction)
     )
-    assert told == sorted(told) and told[-1] == 1.0
+    assert told == sorted(told)
+    assert told[-1] == 1.0
     assert found.position is None
     assert "position" in found.reason
     known = estimate_origin(fused, known=(0, 0, 0)).position

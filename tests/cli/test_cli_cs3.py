@@ -106,7 +106,8 @@ def test_errors_of_files_name_the_options(
     done = manip3d("depth", *files, *options, *given)
     assert done.returncode == 1
     assert named in done.stderr
-    assert "depth_step" not in done.stderr and "max_edge" not in done.stderr
+    assert "depth_step" not in done.stderr
+    assert "max_edge" not in done.stderr
 
 
 @pytest.mark.parametrize("depth_step", ["0", "0.05"])
