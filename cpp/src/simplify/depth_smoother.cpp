@@ -25,6 +25,8 @@ constexpr double kMostNoise = 2.0;    // over a Kinect's
 constexpr int kRadius = 2;            // of the pixels around another one
 constexpr int kAround = (2 * kRadius + 1) * (2 * kRadius + 1);  // pixels, itself among them
 constexpr std::int64_t kBlock = 8;  // pixels a side: three blocks are as wide as an arm or wider
+constexpr float kPixelsAround = 9.0F * kBlock * kBlock;  // of a block and those beside it
+constexpr std::size_t kFewestSamples = 20;
 constexpr std::int64_t kLargestSide = 16384;
 constexpr std::uint16_t kMostFrames = 60000;
 
@@ -33,6 +35,25 @@ bool is_measured(float depth) { return depth > 0.0F && depth < kInfinityF; }
 MANIP3D_INLINE float noise_at(float depth) {
   constexpr auto kAtOneMetre = static_cast<float>(DepthStepOptions{}.noise_at_1_m);
   return kAtOneMetre * depth * depth;
+}
+
+/// The part of a mean change that is motion: none up to the limit, all from twice that on.
+MANIP3D_INLINE float part_of_motion(float change, float limit) {
+  const float above = std::abs(change) - limit;
+  return above <= 0.0F ? 0.0F : above >= limit ? 1.0F : above / limit;
+}
+
+/// Moves a measured noise towards what the newest frame shows; a negative one was not known.
+void renew(double& noise, double now, double share) {
+  noise = noise < 0.0 ? now : noise + share * (now - noise);
+}
+
+/// The standard deviation over a Kinect's of what has these second differences over time.
+double deviation_of(std::vector<float>& differences, double most) {
+  constexpr double kOfMedian = 1.4826;  // the standard deviation over the median absolute value
+  const auto middle = differences.begin() + static_cast<std::ptrdiff_t>(differences.size() / 2);
+  std::ranges::nth_element(differences, middle);
+  return std::min(kOfMedian / std::sqrt(6.0) * *middle, most);
 }
 
 /// Adds to each number of a row those up to kRadius before and behind it.
@@ -95,7 +116,7 @@ void DepthSmoother::reset() {
   second_last_.clear();
   has_shown_ = false;
   starts_anew_ = true;
-  noise_ = noise_of_means_ = -1.0;
+  noise_ = noise_of_means_ = noise_of_blocks_ = -1.0;
 }
 
 const std::vector<float>& DepthSmoother::add(const DepthView& depth) {
@@ -114,6 +135,10 @@ const std::vector<float>& DepthSmoother::add(const DepthView& depth) {
     find_motion();
     measure_noise();
     measure_noise_of_means();
+    measure_noise_of_blocks();
+    second_last_.swap(last_);
+    last_ = out_;
+    find_block_motion();
     update();
     smooth_surface();
     if (has_shown_ && !starts_anew_) {
@@ -151,7 +176,8 @@ void DepthSmoother::take(const DepthView& depth) {
 
 void DepthSmoother::find_changes() {
   const std::int64_t width = box_.end_u - box_.u;
-  for (auto* by_pixel : {&change_, &goes_on_, &motion_, &moves_, &sums_, &numbers_, &current_}) {
+  for (auto* by_pixel :
+       {&change_, &goes_on_, &motion_, &moves_, &drift_, &sums_, &numbers_, &current_}) {
     by_pixel->resize(width * (box_.end_v - box_.v));
   }
   row_.resize(2 * width);
@@ -222,31 +248,22 @@ void DepthSmoother::measure_noise() {
   });
   if (number == 0) return;
   const double now = std::min(kOfMean * sum / static_cast<double>(number), kMostNoise);
-  noise_ = noise_ < 0.0 ? now : noise_ + options_.newest_share * (now - noise_);
+  renew(noise_, now, options_.newest_share);
 }
 
 /// Second differences over time: motion at a constant speed has none, and their median is little
 /// raised by edges that move.
 void DepthSmoother::measure_noise_of_means() {
   constexpr std::int64_t kRows = 8, kCols = 2;  // apart: a sixteenth of the pixels tells as much
-  constexpr std::size_t kFewest = 20;
-  constexpr double kOfMedian = 1.4826;  // the standard deviation over the median absolute value
-  const auto share = options_.newest_share;
+  if (second_last_.size() != out_.size()) return;
   samples_.clear();
-  if (second_last_.size() == out_.size()) {
-    for (std::int64_t v = box_.v + kRadius; v < box_.end_v - kRadius; v += kRows) {
-      for (std::int64_t u = box_.u + kRadius; u < box_.end_u - kRadius; u += kCols) {
-        add_second_difference(v * cols_ + u);
-      }
+  for (std::int64_t v = box_.v + kRadius; v < box_.end_v - kRadius; v += kRows) {
+    for (std::int64_t u = box_.u + kRadius; u < box_.end_u - kRadius; u += kCols) {
+      add_second_difference(v * cols_ + u);
     }
   }
-  second_last_.swap(last_);
-  last_ = out_;
-  if (samples_.size() < kFewest) return;
-  const auto middle = samples_.begin() + static_cast<std::ptrdiff_t>(samples_.size() / 2);
-  std::ranges::nth_element(samples_, middle);
-  const double now = std::min(kOfMedian / std::sqrt(6.0) * *middle, kMostNoise);
-  noise_of_means_ = noise_of_means_ < 0.0 ? now : noise_of_means_ + share * (now - noise_of_means_);
+  if (samples_.size() < kFewestSamples) return;
+  renew(noise_of_means_, deviation_of(samples_, kMostNoise), options_.newest_share);
 }
 
 void DepthSmoother::add_second_difference(std::int64_t pixel) {
@@ -265,14 +282,137 @@ void DepthSmoother::add_second_difference(std::int64_t pixel) {
   if (mean < kInfinityF) samples_.push_back(mean);
 }
 
+void DepthSmoother::measure_noise_of_blocks() {
+  constexpr float kMeasured = 0.75F;  // of the pixels around
+  if (second_last_.size() != out_.size()) return;
+  const auto gate = static_cast<float>(options_.gate);
+  clear_block_sums();
+  for_each_row([&](std::int64_t in_box, std::int64_t in_image) {
+    const float *now = out_.data() + in_image, *then = last_.data() + in_image,
+                *before = second_last_.data() + in_image;
+    add_to_blocks(in_box, [&](std::int64_t u) {
+      const float newest = now[u] - then[u], last = then[u] - before[u], limit = gate * then[u];
+      const int counts = int{is_measured(now[u])} & int{is_measured(before[u])} &
+                         int{is_measured(then[u])} & int{std::abs(newest) <= limit} &
+                         int{std::abs(last) <= limit};
+      return BlockSum{counts != 0 ? newest - last : 0.0F, counts != 0 ? then[u] : 0.0F,
+                      static_cast<float>(counts)};
+    });
+  });
+  samples_.clear();
+  for (std::int64_t v = 0; v < block_rows_; ++v) {
+    for (std::int64_t u = 0; u < block_cols_; ++u) {
+      const BlockSum all = sum_around(v, u);
+      if (all.number < kMeasured * kPixelsAround) continue;
+      const float mean = std::abs(all.value) / all.number / noise_at(all.depth / all.number);
+      if (mean < kInfinityF) samples_.push_back(mean);
+    }
+  }
+  if (samples_.size() < kFewestSamples) return;
+  renew(noise_of_blocks_, deviation_of(samples_, kMostNoise), options_.newest_share);
+}
+
+void DepthSmoother::clear_block_sums() {
+  block_cols_ = (box_.end_u - box_.u + kBlock - 1) / kBlock;
+  block_rows_ = (box_.end_v - box_.v + kBlock - 1) / kBlock;
+  block_sums_.assign(block_cols_ * block_rows_, {});
+}
+
+template <typename Value>
+void DepthSmoother::add_to_blocks(std::int64_t in_box, Value&& value) {
+  const std::int64_t width = box_.end_u - box_.u;
+  BlockSum* const row = block_sums_.data() + in_box / width / kBlock * block_cols_;
+  for (std::int64_t block = 0; block < block_cols_; ++block) {
+    BlockSum sum = row[block];
+    for (std::int64_t u = block * kBlock; u < std::min((block + 1) * kBlock, width); ++u) {
+      const BlockSum one = value(u);
+      sum.value += one.value;
+      sum.depth += one.depth;
+      sum.number += one.number;
+    }
+    row[block] = sum;
+  }
+}
+
+DepthSmoother::BlockSum DepthSmoother::sum_around(std::int64_t v, std::int64_t u) const {
+  BlockSum all;
+  for (std::int64_t y = std::max<std::int64_t>(v - 1, 0); y <= std::min(v + 1, block_rows_ - 1);
+       ++y) {
+    for (std::int64_t x = std::max<std::int64_t>(u - 1, 0); x <= std::min(u + 1, block_cols_ - 1);
+         ++x) {
+      const BlockSum& one = block_sums_[y * block_cols_ + x];
+      all.value += one.value;
+      all.depth += one.depth;
+      all.number += one.number;
+    }
+  }
+  return all;
+}
+
+float DepthSmoother::limit_of_motion() const {
+  // Until it is known, as if the noise of no two pixels had anything in common.
+  const double noise =
+      noise_of_means_ < 0.0 ? std::max(noise_, 0.0) / (2 * kRadius + 1) : noise_of_means_;
+  return kMotion * static_cast<float>(noise);
+}
+
+void DepthSmoother::find_block_motion() {
+  const auto noise = kNewSurface * static_cast<float>(std::max(noise_, 0.0));
+  const float limit = limit_of_motion();
+  clear_block_sums();
+  for_each_row([&](std::int64_t in_box, std::int64_t in_image) {
+    add_to_blocks(in_box, [&](std::int64_t u) {
+      const std::int64_t i = in_box + u;
+      const float mean = mean_[in_image + u], sigma = noise_at(mean), change = change_[i];
+      moves_[i] = part_of_motion(motion_[i], limit * sigma);
+      const bool counts = goes_on_[i] != 0.0F && std::abs(change) <= noise * sigma;
+      const float weight = counts ? 1.0F - moves_[i] : 0.0F;
+      return BlockSum{weight * change, counts ? weight * mean : 0.0F, weight};
+    });
+  });
+  block_motion_.assign(block_cols_ * block_rows_, 0.0F);
+  if (noise_of_blocks_ < 0.0) return;
+  for (std::int64_t v = 0; v < block_rows_; ++v) {
+    for (std::int64_t u = 0; u < block_cols_; ++u) {
+      const BlockSum all = sum_around(v, u);
+      if (!(all.number >= 1.0F)) continue;
+      const float mean = all.value / all.number;
+      const float sigma = static_cast<float>(noise_of_blocks_) *
+                          std::sqrt(kPixelsAround / all.number) * noise_at(all.depth / all.number);
+      const float followed = part_of_motion(mean, kMotion * sigma) * mean;
+      if (std::abs(followed) < kInfinityF) block_motion_[v * block_cols_ + u] = followed;
+    }
+  }
+}
+
+void DepthSmoother::interpolate_block_motion(std::int64_t v, float* drift) const {
+  const std::int64_t width = box_.end_u - box_.u, half = kBlock / 2;
+  const auto at = [](std::int64_t i) { return (static_cast<float>(i) + 0.5F) / kBlock; };
+  const std::int64_t below = (v + half) / kBlock;  // of the two rows of blocks
+  const float* const first =
+      block_motion_.data() + std::max<std::int64_t>(below - 1, 0) * block_cols_;
+  const float* const second = block_motion_.data() + std::min(below, block_rows_ - 1) * block_cols_;
+  const float down = at((v + half) % kBlock);
+  for (std::int64_t right = 0; right <= block_cols_; ++right) {
+    const std::int64_t a = std::max<std::int64_t>(right - 1, 0);
+    const std::int64_t b = std::min(right, block_cols_ - 1);
+    const float before = first[a] + down * (second[a] - first[a]);
+    const float after = first[b] + down * (second[b] - first[b]);
+    const std::int64_t start = right * kBlock - half;
+    for (std::int64_t u = std::max<std::int64_t>(start, 0); u < std::min(start + kBlock, width);
+         ++u) {
+      drift[u] = before + at(u - start) * (after - before);
+    }
+  }
+}
+
 void DepthSmoother::update() {
   const auto share = static_cast<float>(options_.newest_share);
   const auto noise = static_cast<float>(std::max(noise_, 0.0));
-  // Until it is known, as if the noise of no two pixels had anything in common.
-  const auto noise_of_means = static_cast<float>(
-      noise_of_means_ < 0.0 ? std::max(noise_, 0.0) / (2 * kRadius + 1) : noise_of_means_);
+  const float limit = limit_of_motion();
   const std::int64_t width = box_.end_u - box_.u;
   for_each_row([&](std::int64_t in_box, std::int64_t in_image) {
+    interpolate_block_motion(in_box / width, drift_.data() + in_box);
     for (std::int64_t u = 0; u < width; ++u) {
       const std::int64_t i = in_box + u;
       const float z = out_[in_image + u];
@@ -280,15 +420,13 @@ void DepthSmoother::update() {
       if (!is_measured(z)) continue;  // a pixel that is back soon goes on where it was
       float& mean = mean_[in_image + u];
       std::uint16_t& count = count_[in_image + u];
-      const float sigma = noise * noise_at(mean);
-      const float limit = kMotion * noise_of_means * noise_at(mean);
-      const float above = std::abs(motion_[i]) - limit;
-      const float part = above <= 0.0F ? 0.0F : above >= limit ? 1.0F : above / limit;
-      const float followed = part * motion_[i], rest = change_[i] - followed;
-      const bool goes_on = goes_on_[i] != 0.0F && std::abs(rest) <= kNewSurface * sigma;
+      const float sigma = noise_at(mean), drift = drift_[i], own = motion_[i] - drift;
+      const float followed = drift + part_of_motion(own, limit * sigma) * own;
+      const float rest = change_[i] - followed;
+      const bool goes_on = goes_on_[i] != 0.0F && std::abs(rest) <= kNewSurface * noise * sigma;
       count = goes_on ? static_cast<std::uint16_t>(std::min<int>(count + 1, kMostFrames))
                       : std::uint16_t{1};
-      moves_[i] = goes_on ? part : 1.0F;
+      if (!goes_on) moves_[i] = 1.0F;
       const float weight = std::max(share, 1.0F / static_cast<float>(count));
       current_[i] = mean = goes_on ? mean + followed + weight * rest : z;
     }
@@ -329,43 +467,33 @@ void DepthSmoother::smooth_surface() {
 }
 
 void DepthSmoother::find_moving_blocks() {
-  const std::int64_t width = box_.end_u - box_.u, height = box_.end_v - box_.v;
-  const std::int64_t cols = (width + kBlock - 1) / kBlock, rows = (height + kBlock - 1) / kBlock;
-  block_sums_.assign(cols * rows, {});
-  for (std::int64_t v = 0; v < height; ++v) {
-    for (std::int64_t u = 0; u < width; ++u) {
-      const std::int64_t i = v * width + u;
-      BlockSum& block = block_sums_[v / kBlock * cols + u / kBlock];
-      block.moves += goes_on_[i] * moves_[i];
-      block.number += goes_on_[i];
-    }
-  }
-  moving_blocks_.resize(cols * rows);
-  for (std::int64_t v = 0; v < rows; ++v) {
-    for (std::int64_t u = 0; u < cols; ++u) {
-      float moves = 0.0F, number = 0.0F;
-      for (std::int64_t y = std::max<std::int64_t>(v - 1, 0); y <= std::min(v + 1, rows - 1); ++y) {
-        for (std::int64_t x = std::max<std::int64_t>(u - 1, 0); x <= std::min(u + 1, cols - 1);
-             ++x) {
-          moves += block_sums_[y * cols + x].moves;
-          number += block_sums_[y * cols + x].number;
-        }
-      }
-      moving_blocks_[v * cols + u] = moves / std::max(number, 1.0F);
+  clear_block_sums();
+  for_each_row([&](std::int64_t in_box, std::int64_t) {
+    add_to_blocks(in_box, [&](std::int64_t u) {
+      const float goes_on = goes_on_[in_box + u];
+      return BlockSum{goes_on * moves_[in_box + u], 0.0F, goes_on};
+    });
+  });
+  moving_blocks_.resize(block_sums_.size());
+  for (std::int64_t v = 0; v < block_rows_; ++v) {
+    for (std::int64_t u = 0; u < block_cols_; ++u) {
+      const BlockSum all = sum_around(v, u);
+      moving_blocks_[v * block_cols_ + u] = all.value / std::max(all.number, 1.0F);
     }
   }
 }
 
 void DepthSmoother::stay_near_shown() {
-  const auto share = static_cast<float>(options_.newest_share);
+  // It goes along with the blocks' motion, and so need not be drawn to what is new as fast.
+  const auto share = 0.5F * static_cast<float>(options_.newest_share);
   const auto noise = kNearShown * static_cast<float>(std::max(noise_, 0.0));
-  const std::int64_t width = box_.end_u - box_.u, cols = (width + kBlock - 1) / kBlock;
+  const std::int64_t width = box_.end_u - box_.u;
   for_each_row([&](std::int64_t in_box, std::int64_t in_image) {
-    const float* const moving = moving_blocks_.data() + in_box / width / kBlock * cols;
+    const float* const moving = moving_blocks_.data() + in_box / width / kBlock * block_cols_;
     for (std::int64_t u = 0; u < width; ++u) {
-      const float shown = shown_[in_image + u];
       float& depth = out_[in_image + u];
-      if (!(shown > 0.0F) || !is_measured(depth)) continue;
+      if (!(shown_[in_image + u] > 0.0F) || !is_measured(depth)) continue;
+      const float shown = shown_[in_image + u] + drift_[in_box + u] * goes_on_[in_box + u];
       // The mesh shown last is no guide where half of the pixels around move.
       const float from = depth - shown, limit = noise * noise_at(depth);
       const float by_motion = 4.0F * moving[u / kBlock] * moving[u / kBlock];

@@ -491,17 +491,19 @@ class ReliefStream:
 
     Notes
     -----
-    A change of depth that the pixels around have, too, is motion, and is taken at once where it is
-    above the noise of the mean of 25 pixels. The rest of a pixel's changes is averaged over time,
-    and the result over those of the 24 pixels around that lie on the same surface. Where the mesh
-    of the frame before is within three standard deviations of that, its surface is moved towards it
-    by ``newest_share`` at least, and wholly where half of the pixels around move. Both noises are
-    measured in the stream itself: factors of that of a Kinect, which grows with the square of the
-    depth. The first frame is simplified as it is, and the stream starts anew with a frame of which
-    less than half of the pixels have the depth they had before.
+    A change of depth that the pixels around have, too, is motion: the mean change of 24 x 24
+    pixels, and what the mean of 25 pixels differs from it, are taken at once where they are above
+    the noise of such means. The rest of a pixel's changes is averaged over time, and the result
+    over those of the 24 pixels around that lie on the same surface. The mesh of the frame before
+    goes along with the motion of the larger means. Where it is within three standard deviations of
+    the result, its surface is moved towards that by half of ``newest_share`` at least, and wholly
+    where half of the pixels around move. The noises are measured in the stream itself: factors of
+    that of a Kinect, which grows with the square of the depth. The first frame is simplified as it
+    is, and the stream starts anew with a frame of which less than half of the pixels have the depth
+    they had before.
 
-    Motion that changes depths by less than the noise of such a mean lags behind by up to twice
-    that noise. Against the surface as it is, a stream can then be farther off than single frames.
+    Motion that changes depths by less than three times the noise of the larger mean lags behind by
+    up to twice that.
 
     Examples
     --------
