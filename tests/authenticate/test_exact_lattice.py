@@ -60,6 +60,21 @@ def test_the_lattice_of_an_exact_scan(unit: Unit, labelled: bool) -> None:
     assert np.abs(reading.range_error).max() < 2e-5
 
 
+def test_a_wall_at_coarse_ranges_is_no_fill_value() -> None:
+    """A round wall whose farthest step of 8 mm holds several returns of each laser."""
+    scan = exact_scan(hesai(64))
+    towards = scan.points / np.linalg.norm(scan.points, axis=1, keepdims=True)
+    noise = np.random.default_rng(0).normal(0.0, 0.01, (scan.num_points, 1)).clip(-0.02, 0.02)
+    reach = (np.rint((8.0 + noise) / 0.008) * 0.008).astype(np.float32)
+    wall = (towards * reach).astype(np.float32)
+    found = said(without_labels(wall))
+    assert "64 lasers" in found.sensor.name, found.record()
+    assert found.processing == ()
+    filled = wall.copy()
+    filled[::9] = towards[::9] * np.float32(50.0)
+    assert [step.kind for step in said(without_labels(filled)).processing] == ["padded"]
+
+
 def test_lines_between_lasers_are_left_out() -> None:
     """Moved points may lie on a line of their own, steeper or flatter than those around it."""
     slope = np.array([0.02, 0.01, -0.011, -0.001, -0.012, -0.012, -0.02])

@@ -180,6 +180,21 @@ def test_clouds_on_no_lines_have_no_lattice(clean: np.ndarray) -> None:
         assert generic_consistency(cloud).verdict == "undecidable"
 
 
+def test_lines_that_hardly_any_point_is_on_are_no_lasers() -> None:
+    """Rings of a rounded or noisy cloud that see little but sky may agree on a line by chance."""
+    rng = np.random.default_rng(0)
+    rho = np.linspace(5.0, 12.0, 8)
+    off = np.where(np.arange(8) < 6, 0.0, 0.1)
+    rings = [np.stack([rho, 0.0 * rho, 0.1 * k * rho + off], axis=1) for k in range(5)]
+    elsewhere = rng.normal(0.0, 5.0, (2000, 3)) - [0.0, 0.0, 40.0]
+    cloud = np.concatenate([*rings, elsewhere]).astype(np.float32)
+    ring = np.concatenate([np.repeat(np.arange(5), 8), np.full(2000, 5)])
+    frame = manip3d.LidarFrame(cloud, ring=ring)
+    with pytest.raises(manip3d.InputError, match="lines"):
+        estimate_lattice(frame)
+    assert generic_consistency(frame).verdict == "undecidable"
+
+
 def named_rings(azimuth: np.ndarray, few: int) -> manip3d.LidarFrame:
     """Sixteen lasers in the origin between walls: the lowest sees a roof, the highest the sky."""
     rng = np.random.default_rng(1)

@@ -97,6 +97,9 @@ FEWEST_POINTS = 100
 FEWEST_LABELLED = 8
 """Fewest points of a ring that the frame names: enough to tell a line from an object."""
 
+LEAST_LINES = 4
+"""Fewest lines that are the lasers of a scanner."""
+
 NARROW = 0.05
 """Metres: a ring of less extent from the axis (the scanner's own car, a wall around it) says where
 its line passes there, not how it goes on."""
@@ -669,11 +672,7 @@ def _find_lines(clouds: Sequence[_Cloud]) -> tuple[Floats, Floats]:
     # The same laser's slopes differ by 1e-5 between frames, two lasers' by 5e-3.
     groups = np.split(lines, np.flatnonzero(np.diff(-lines[:, 0]) > 1e-3) + 1)
     agreed = [group[group[:, 2].argmax()] for group in groups if 2 * len(group) >= len(clouds)]
-    if len(agreed) < 4:
-        raise InputError(
-            f"frames: expected the rings of a spinning scanner, ring after ring and each by "
-            f"azimuth, or `ring`; found {len(agreed)} lines"
-        )
+    _check_lines(len(agreed))
     slope, offset = np.array(agreed)[:, 0], np.array(agreed)[:, 1]
     rho = np.concatenate([cloud.rho for cloud in clouds])
     z = np.concatenate([cloud.points[:, 2] for cloud in clouds])
@@ -686,7 +685,16 @@ def _find_lines(clouds: Sequence[_Cloud]) -> tuple[Floats, Floats]:
         for k, rows in enumerate(members)
         if len(rows) >= FEWEST_LABELLED
     ]
+    _check_lines(len(fits))  # rounded or noisy rings agree on lines that few points are on
     return np.array(fits)[:, 0], np.array(fits)[:, 1]
+
+
+def _check_lines(found: int) -> None:
+    if found < LEAST_LINES:
+        raise InputError(
+            f"frames: expected the rings of a spinning scanner, ring after ring and each by "
+            f"azimuth, or `ring`; found {found} lines"
+        )
 
 
 def _fit_ring(cloud: _Cloud, ring: NDArray[np.intp]) -> tuple[float, float, int] | None:

@@ -30,7 +30,12 @@ each laser that make a fill value."""
 SAME_RANGE, FEWEST_OF_LASER, FEWEST_LASERS = 0.003, 5, 4
 """Metres by which rounding to millimetres leaves one range of a laser; rows of a laser, lasers: so
 many at once have their farthest points at one range where firings without a return were filled with
-one. Noise of the scanner spreads the returns of a wall by centimetres."""
+one."""
+
+NOISE = 0.1
+"""Metres over which a scanner's noise spreads the returns of a wall. Scanners that state ranges in
+steps of 8 mm put many of them at the farthest step, but more at those before it; before a fill
+value there is next to nothing."""
 
 
 def farthest_range(lattice: SensorLattice) -> float:
@@ -112,8 +117,12 @@ def _filled(
     farthest = np.zeros(int(laser.max()) + 1)
     np.maximum.at(farthest, laser, distance)
     same = distance > farthest[laser] - SAME_RANGE
-    of_laser = np.bincount(laser[same], minlength=len(farthest))
-    many = of_laser[1:][of_laser[1:] >= FEWEST_OF_LASER]
-    if len(many) >= FEWEST_LASERS and many.sum() >= FEWEST_FILLED:
+    before = ~same & (distance > farthest[laser] - NOISE)
+    of_laser, of_wall = (
+        np.bincount(laser[rows], minlength=len(farthest)) for rows in (same, before)
+    )
+    is_filled = (of_laser >= FEWEST_OF_LASER) & (of_laser > of_wall)
+    is_filled[0] = False
+    if np.count_nonzero(is_filled) >= FEWEST_LASERS and of_laser[is_filled].sum() >= FEWEST_FILLED:
         filled[last[same & (laser > 0)]] = True
     return filled
