@@ -231,7 +231,7 @@ def test_many_scans_have_one_table_and_the_gravest_exit_code(
     (tmp_path / "forged" / "clean.bin").rename(folder / "forged.bin")
     (folder / "torn.bin").write_bytes(b"123")
     (folder / "mesh.ply").write_bytes(b"ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\n"
-                                      b"element face 0\nend_header\n")  # fmt: skip
+                                      b"element face 1\nend_header\n")  # fmt: skip
     table = tmp_path / "verdicts.csv"
     done = run("inspect", folder, "--table", table, "-q", "--jobs", 1)
     assert done.exit_code == 3  # tampering outranks files that cannot be read

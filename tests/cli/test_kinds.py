@@ -70,6 +70,21 @@ def arguments(verb: str, source: Path, mesh: Path, folder: Path) -> list[str]:
     return [*verb.split(), *lines[verb]]
 
 
+def test_a_ply_of_points_that_says_it_has_no_faces_is_a_scan(tmp_path: Path) -> None:
+    path = tmp_path / "meshlab.ply"
+    path.write_text(
+        "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\n"
+        "property float z\nelement face 0\nproperty list uchar int vertex_indices\nend_header\n"
+        "1 2 3\n4 5 6\n"
+    )
+    assert kind_of(str(path)) == "scan"
+    done = CliRunner().invoke(app, ["convert", str(path), "-o", str(tmp_path / "b.bin")])
+    assert done.exit_code == 0, done.output
+    assert np.fromfile(tmp_path / "b.bin", np.float32).tolist() == [1, 2, 3, 0, 4, 5, 6, 0]
+    told = CliRunner().invoke(app, ["info", str(path)])
+    assert "range" in told.output
+
+
 def test_every_kind_is_told(files: dict[str, Path]) -> None:
     assert set(files) == set(NAMES)
     assert {kind: kind_of(str(path)) for kind, path in files.items()} == {k: k for k in files}

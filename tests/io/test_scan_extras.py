@@ -72,6 +72,22 @@ def test_las_is_written_back_as_read(tmp_path: Path, suffix: str, far: bool) -> 
 
 
 @pytest.mark.parametrize("suffix", ["las", "laz"])
+def test_the_octree_of_a_copc_file_is_left_out(tmp_path: Path, suffix: str) -> None:
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    info = laspy.vlrs.VLR(user_id="copc", record_id=1, record_data=bytes(160))
+    header.vlrs.extend([info, laspy.vlrs.VLR(user_id="survey", record_id=7, record_data=b"kept")])
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = np.arange(30.0).reshape(3, 10)
+    las.write(str(tmp_path / "a.copc.laz"))
+    io.write_scan(read_scan(tmp_path / "a.copc.laz"), tmp_path / f"b.{suffix}")
+    back = laspy.read(tmp_path / f"b.{suffix}")
+    assert np.array_equal(back.xyz, las.xyz)
+    assert [record.user_id for record in back.header.vlrs if "las" not in record.user_id] == [
+        "survey"
+    ]
+
+
+@pytest.mark.parametrize("suffix", ["las", "laz"])
 @pytest.mark.parametrize("num_points", [0, 100])
 def test_other_scans_as_las(tmp_path: Path, suffix: str, num_points: int) -> None:
     rng = np.random.default_rng(1)

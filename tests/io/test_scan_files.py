@@ -678,3 +678,19 @@ def test_whole_numbers_in_capital_columns_are_no_coordinates(tmp_path: Path) -> 
     np.save(tmp_path / "a.npy", np.zeros(9, [("X", "i4"), ("Y", "i4"), ("Z", "i4")]))
     with pytest.raises(FormatError, match="x, y, z not found"):
         read_scan(tmp_path / "a.npy")
+
+
+@pytest.mark.parametrize("suffix", ["bin", "pcd.bin", "ply", "xyz", "pcd"])
+def test_an_intensity_of_several_numbers_is_no_intensity(tmp_path: Path, suffix: str) -> None:
+    header = "VERSION .7\nFIELDS x y z intensity\nSIZE 4 4 4 4\nTYPE F F F F\nCOUNT 1 1 1 4\n"
+    rows = "\n".join(f"{k} 2 3 5 5 5 5" for k in range(8))
+    source = tmp_path / "a.pcd"
+    source.write_text(f"{header}WIDTH 8\nHEIGHT 1\nPOINTS 8\nDATA ascii\n{rows}\n")
+    frame = read_scan(source)
+    assert frame.intensity is None
+    write_scan(frame, tmp_path / f"b.{suffix}")
+    back = read_scan(tmp_path / f"b.{suffix}")
+    assert np.array_equal(back.points, frame.points)
+    if suffix.endswith("bin"):
+        assert back.intensity is not None
+        assert not back.intensity.any()

@@ -157,13 +157,15 @@ def _kind_of_ply(path: Path) -> str:
             header = stream.read(_HEADER_BYTES).partition(b"end_header")[0]
     except (OSError, EOFError, lzma.LZMAError):
         return "mesh"  # the reader of meshes says what is wrong
-    words = (line.split() for line in header.splitlines())
+    words = [line.split() for line in header.splitlines()]
     elements = {line[1] for line in words if line[:1] == [b"element"] and len(line) > 1}
     if b"range_grid" in elements:
         return "range grid"
     if not elements:
         return "unknown"  # damaged
-    return "scan" if elements <= {b"vertex", b"camera"} else "mesh"
+    # MeshLab writes the scans that it opens with no faces, and says so.
+    empty = {line[1] for line in words if line[:1] == [b"element"] and line[2:] == [b"0"]}
+    return "scan" if elements - empty <= {b"vertex", b"camera"} else "mesh"
 
 
 def shown_suffixes() -> tuple[str, ...]:

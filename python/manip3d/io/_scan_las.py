@@ -72,7 +72,7 @@ def write(frame: LidarFrame, path: Path) -> None:
     laspy = _laspy()
     own = frame.format is not None and frame.format.name == "las"
     if own and frame.format is not None:
-        header = copy.deepcopy(frame.format.header["las"])
+        header = _without_octree(copy.deepcopy(frame.format.header["las"]))
         exact = frame.exact
         if exact is None:
             exact = frame.format.file_coordinates(frame.points)
@@ -99,6 +99,14 @@ def write(frame: LidarFrame, path: Path) -> None:
         memory = io.BytesIO()
         las.write(memory if compressed else disk, do_compress=compressed)
         disk.write(memory.getbuffer())
+
+
+def _without_octree(header: Any) -> Any:
+    """Leave out the octree of a COPC file: laspy writes none, and other rows would not fit it."""
+    for records in (header.vlrs, header.evlrs):
+        if records is not None:
+            records[:] = [record for record in records if record.user_id.strip("\0 ") != "copc"]
+    return header
 
 
 def _fitting(values: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:

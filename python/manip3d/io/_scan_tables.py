@@ -425,7 +425,8 @@ def packed_rows(frame: LidarFrame, layout: ScanFormat) -> NDArray[Any]:
             values |= {key: column for key in names if key not in values}
     for i, (name, kind, count) in enumerate(layout.columns):
         found = values.get(name, values.get(plain_name(name)))
-        if found is not None and count > 0:
+        # A field of several numbers a point has no place in a column of one.
+        if found is not None and count > 0 and found.size == count * len(found):
             table[f"{i} {name}"] = _cast(found, np.dtype(kind))
     return table
 

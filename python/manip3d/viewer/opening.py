@@ -105,8 +105,10 @@ def _has_faces(path: Path) -> bool:
             header = stream.read(_HEADER_BYTES).partition(b"end_header")[0]
     except (OSError, EOFError, lzma.LZMAError):
         return True  # the reader of meshes says what is wrong
-    elements = {line.split()[1] for line in header.splitlines() if line.startswith(b"element ")}
-    return not elements <= {b"vertex", b"camera"}
+    elements = [line.split()[1:3] for line in header.splitlines() if line.startswith(b"element ")]
+    # MeshLab writes the scans that it opens with no faces, and says so.
+    told = {name for name, *number in elements if number != [b"0"] or name == b"range_grid"}
+    return not told <= {b"vertex", b"camera"}
 
 
 @checked
