@@ -55,6 +55,32 @@ def depth_over(found: simplify.DepthMesh, corners: NDArray[np.int32]) -> NDArray
     return np.where((weights >= -1e-9).all(axis=0), 1 / inverse, np.nan)
 
 
+def boxes_before_a_slope(seed: int) -> NDArray[np.uint16]:
+    rng = np.random.default_rng(seed)
+    depth = np.full((48, 64), 3000.0) - np.arange(48)[:, None] * rng.uniform(0, 20)
+    for _ in range(rng.integers(2, 8)):
+        v, u = rng.integers(0, 40), rng.integers(0, 55)
+        box = np.s_[v : v + rng.integers(4, 20), u : u + rng.integers(4, 20)]
+        depth[box] = rng.uniform(1000, 2800)
+    depth += rng.normal(size=depth.shape) * rng.uniform(0, 30)
+    depth[rng.random(depth.shape) < rng.uniform(0, 0.1)] = 0
+    return depth.round().clip(0).astype(np.uint16)
+
+
+@pytest.mark.parametrize("seed", [69, 209, 243, 302])
+def test_three_points_are_a_face_between_depth_steps(seed: int, tmp_path: Path) -> None:
+    """The last face lies across a step (69, 209), or the last piece has four points."""
+    depth, camera = boxes_before_a_slope(seed), Intrinsics(64, 48, 57.0, 57.0, 31.5, 23.5)
+    found = simplify.simplify_depth(depth, camera, simplify.DepthOptions(3, method="relief"))
+    assert (found.num_faces, found.num_used) == (1, 3)
+    assert found.coverage > 0.1
+    np.save(tmp_path / "a.npy", depth)
+    options = simplify.DepthOptions(3, method="relief", intrinsics="57,57,31.5,23.5", unit="mm")
+    made = simplify.simplify_depth_file(tmp_path / "a.npy", tmp_path / "a.ply", options)
+    assert (made.faces, made.points) == (1, 3)
+    assert io.read_mesh(tmp_path / "a.ply").num_faces == 1
+
+
 def test_edges_that_pass_behind_something_are_no_steps() -> None:
     depth = slope_behind_pole()
     found = simplify.relief(depth, CAMERA, 6, depth_step=0.05)

@@ -312,8 +312,17 @@ def simplify_depth(
     image = masked_depth(image, mask_image(mask, image.shape))
     if options.points is None:
         raise InputError("options.points: expected a number, as nothing is written here, got None")
-    found = _uncut(image, intrinsics, options, options.points, color, registration, confidence)
-    return cut_depth_steps(found, image, step=options.depth_step) if options.depth_step else found
+
+    def uncut_of(points: int) -> DepthSimplification:
+        return _uncut(image, intrinsics, options, points, color, registration, confidence)
+
+    uncut = uncut_of(options.points)
+    if not options.depth_step:
+        return uncut
+    found = cut_depth_steps(uncut, image, step=options.depth_step)
+    if options.method != "relief":
+        return found
+    return _with_a_face(found, uncut_of, options.depth_step, options.points)
 
 
 def _uncut(
@@ -538,6 +547,8 @@ def from_depth(
         seen = uncut.surface.depth  # the image, or its mean over time
         if options.depth_step:
             found = cut_depth_steps(uncut, seen, step=options.depth_step)
+            if options.method == "relief":
+                found = _with_a_face(found, uncut_of, options.depth_step, points)
         left, left_area = 0, 0.0
         if not options.depth_step and options.max_edge is None:
             without = cut_depth_steps(uncut, seen)
@@ -548,13 +559,37 @@ def from_depth(
             mesh = mesh.replace(vertices=to_file(mesh.vertices))
         elif is_y_up:  # cameras look along +z, y down; glTF has +y up
             mesh = mesh.replace(vertices=mesh.vertices * np.array([1.0, -1.0, -1.0]))
-        cut = uncut.num_faces - found.num_faces
+        cut = max(0, uncut.num_faces - found.num_faces)
         return _Made(found, mesh, cut, seconds, faces_left=left, left_area=left_area)
 
     measured = Measured.of(depth > 0)
     made = _write(make, path, output, options, measured, has_steps=options.depth_step > 0)
     made = replace(made, seconds=made.seconds + taking_up)
     return _result(path, output, options, made, measured, depth=words, unit=unit)
+
+
+def _with_a_face(
+    found: DepthSimplification,
+    uncut_of: Callable[[int], DepthSimplification],
+    step: float,
+    points: int,
+) -> DepthSimplification:
+    """Take the largest face that a few more points leave, where no face is left of so few.
+
+    The last faces may all lie across depth steps, or be those of a piece of four points.
+    """
+    for more in (1, 2, 4, 8, 16, 32, 64):
+        if found.num_faces:
+            break
+        uncut = uncut_of(points + more)
+        assert isinstance(uncut.surface, DenseImage)
+        found = cut_depth_steps(uncut, uncut.surface.depth, step=step)
+        if found.num_used > points:
+            first, second, third = (found.pixels[corner].astype(float) for corner in found.faces.T)
+            one, other = second - first, third - first
+            area = np.abs(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0])
+            found = found.with_faces(np.ascontiguousarray(found.faces[[area.argmax()]]))
+    return found
 
 
 @dataclass(frozen=True)
