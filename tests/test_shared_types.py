@@ -5,9 +5,11 @@ from __future__ import annotations
 import copy
 import json
 import pickle
+import sys
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -186,6 +188,14 @@ def test_masked_elements_are_no_measurements(name: str) -> None:
     """The mask was dropped, and what lies under it counted as measured."""
     with pytest.raises(InputError, match=r"1 masked elements? of \d+; fill them"):
         MASKED[name]()
+
+
+def test_a_thread_that_is_importing_masked_arrays_disturbs_no_other(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The frame thread of a live session ended: "partially initialized module 'numpy.ma'"."""
+    monkeypatch.setitem(sys.modules, "numpy.ma", ModuleType("numpy.ma"))
+    assert simplify.dense_mesh(kernels.DEPTH, kernels.CAMERA).mesh.num_vertices > 0
 
 
 def test_a_masked_array_without_masked_elements_is_an_array(tmp_path: Path) -> None:

@@ -20,8 +20,14 @@ def masked_elements(values: object) -> str:
 
     What lies under a mask is any number: taken as one, it would count as measured.
     """
-    ma = sys.modules.get("numpy.ma")
-    if ma is None or not isinstance(values, ma.MaskedArray) or not ma.is_masked(values):
+    # NumPy 2 imports numpy.ma when it is first used. Until its class is there, which another thread
+    # may be about to define, there are no masked arrays.
+    masked_array = getattr(sys.modules.get("numpy.ma"), "MaskedArray", None)
+    if masked_array is None or not isinstance(values, masked_array):
+        return ""
+    from numpy import ma  # waits for a thread that is importing it
+
+    if not ma.is_masked(values):
         return ""
     return (
         f"{np.count_nonzero(ma.getmaskarray(values))} masked elements of {values.size}; fill them "
