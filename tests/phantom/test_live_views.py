@@ -213,3 +213,22 @@ def test_a_bubble_is_burst_in_a_headset(stage: Stage) -> None:
         stage.show(2)
         assert tab.evaluate("manip3dLive.panel()") is None
         assert tab.evaluate("manip3dLive.stats().bad") == 0
+
+
+def test_a_headset_that_does_not_start_says_why(stage: Stage) -> None:
+    """The reason was overwritten by the next picture."""
+    refusing = (
+        "Object.defineProperty(navigator, 'xr', {value: {isSessionSupported: async () => true, "
+        "requestSession: async () => { throw new Error('it is in use'); }}})"
+    )
+    with _chromium.open_address("about:blank", (640, 450)) as tab:
+        tab.send("Page.addScriptToEvaluateOnNewDocument", source=refusing)
+        tab.send("Page.navigate", url=stage.server.new_url())
+        wait_for(lambda: stage.server.num_clients == 1)
+        stage.show(2)
+        wait_for(lambda: tab.evaluate("document.querySelector('#headset')?.hidden === false"))
+        tab.evaluate("document.querySelector('#headset').click()")
+        wait_for(lambda: text_of(tab, "#headset-told") != "")
+        stage.show(3)
+        assert text_of(tab, "#headset-told") == "The headset did not start: it is in use"
+        assert text_of(tab, "#headset") == "Enter headset"

@@ -257,6 +257,12 @@ def test_the_browser_plays_a_film(chromium: None, quad: Mesh) -> None:
         stopped = tab.evaluate(frame)
         assert tab.evaluate("document.querySelector('footer button').textContent") == "Play"
         assert tab.evaluate(frame) == stopped
+        # After somebody has moved the time bar it has the focus: space and letters still count.
+        told = "document.querySelector('footer input').dispatchEvent(new KeyboardEvent('keydown', "
+        tab.evaluate(told + "{key: ' ', bubbles: true, cancelable: true}))")
+        assert tab.evaluate("document.querySelector('footer button').textContent") == "Stop"
+        is_its_own = tab.evaluate(told + "{key: 'ArrowLeft', bubbles: true, cancelable: true}))")
+        assert is_its_own  # nobody has taken the key from the time bar
     assert reddish(first).sum() > 10_000
     assert reddish(last).sum() == 0
     assert seen == 3

@@ -308,8 +308,9 @@ function addKeys(stage, actions) {
   };
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey) return; // the browser's own
-    // They have keys of their own.
-    if (event.target instanceof HTMLSelectElement || event.target instanceof HTMLInputElement) return;
+    // Lists have keys of their own; of the time bar only the arrow keys are, not space and letters.
+    if (event.target instanceof HTMLSelectElement) return;
+    if (event.target instanceof HTMLInputElement && event.key in arrows) return;
     if (event.key === " " && event.target instanceof HTMLButtonElement) return;
     stage.held ||= event.key in arrows || "+=-".includes(event.key);
     if (event.key in arrows) {

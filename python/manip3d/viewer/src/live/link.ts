@@ -124,7 +124,8 @@ export class Link {
   stats(): Stats {
     const sorted = [...this.latencies].sort((a, b) => a - b);
     const share = (p: number): number => sorted[Math.round(p * (sorted.length - 1))];
-    const span = this.times.length > 1 ? this.times[this.times.length - 1] - this.times[0] : 0;
+    // Up to now, so that the number falls while no picture comes.
+    const span = this.times.length > 1 ? performance.now() - this.times[0] : 0;
     return {
       ...this.counted,
       perSecond: span > 0 ? (1000 * (this.times.length - 1)) / span : 0,

@@ -73,6 +73,7 @@ for (const [value, word] of [["screen", "Screen"], ["side-by-side", "3D televisi
   way.append(element("option", { value }, word));
 }
 const headset = element("button", { id: "headset", hidden: "" }, "Enter headset");
+const headsetTold = element("span", { id: "headset-told", role: "status" });
 
 const addScreen = element("button", { id: "add-screen" }, "Add a screen");
 const screenTold = element("span", { id: "screen-told", role: "status" });
@@ -208,6 +209,7 @@ document.body.append(
       { class: "row", role: "group", "aria-label": "View" },
       element("label", {}, "View ", way),
       headset,
+      headsetTold,
       ...Object.values(toggles),
       addScreen,
       screenTold,
@@ -630,6 +632,7 @@ void hasHeadset().then((found) => {
 });
 headset.addEventListener("click", () => {
   headset.blur();
+  write(headsetTold, "");
   if (session) {
     void session.end();
     return;
@@ -646,7 +649,7 @@ headset.addEventListener("click", () => {
       headset.replaceChildren("Leave headset");
       if (newest) tell(newest);
     })
-    .catch((error: Error) => write(stateText, `The headset did not start: ${error.message}`));
+    .catch((error: Error) => write(headsetTold, `The headset did not start: ${error.message}`));
 });
 
 new ResizeObserver(fit).observe(canvas.parentElement as HTMLElement);
