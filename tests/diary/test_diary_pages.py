@@ -178,7 +178,7 @@ def test_the_overview_shows_who_needs_attention(tmp_path: Path) -> None:
             '<span class="warning">No session for 9 days</span>',
             '<span class="warning">No session for 10 days</span>',
         ]
-        assert "Stopped today: You feel sick." in rows["index"][-1]
+        assert "No more games today; the patient was told: You feel sick." in rows["index"][-1]
         assert "1 adverse event in 7 days (sickness)" in rows["index"][-1]
         assert rows["worse"][3:5] == ["10 to 10", "+7.0 (+7.0 to +7.0)"]
         assert rows["new"][2:5] == ["-", "-", "-"]  # nobody played

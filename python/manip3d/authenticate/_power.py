@@ -262,6 +262,28 @@ EDITS: Mapping[str, Edit] = MappingProxyType(
 )
 """Classes of edits that are planted, by attackers who write whole millimetres in file order."""
 
+EDIT_MEANINGS: Mapping[str, str] = MappingProxyType(
+    {
+        "added": "a copy of an object, turned about the scanner",
+        "moved": "an object shifted by 0.5 to 3 m on the ground",
+        "rotated": "an object turned about its own centre by 5 to 30 degrees",
+        "resampled": "an object's points replaced by others between them",
+        "removed": "an object's points left out",
+        "along rays": "an object 10 cm nearer to the scanner or farther from it",
+        "bump": "a bump of 5 cm on an object, half a metre wide",
+        "five points": "five points of an object moved by up to 0.5 m along each axis",
+        "white-box removed": "an object's firings rewritten to see what stands beside it",
+        "white-box added": "firings rewritten on the scanner's lattice to see an object",
+        "spoofed": "at most 200 firings rewritten on the lattice to see an object",
+        "reflectance: one value": "an object in one reflectance",
+        "reflectance: scaled": "an object's reflectances times 0.5 or 1.5",
+        "reflectance: shifted": "an object's reflectances plus or minus 0.2",
+        "reflectance: exchanged": "an object's reflectances in another order",
+        "reflectance: from elsewhere": "an object with the reflectances of another place",
+    }
+)
+"""The edits of each class in words, for reports."""
+
 
 @checked
 def measure_power(

@@ -30,7 +30,7 @@ from manip3d.io._files import atomic_folder, atomic_write
 
 _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #1c2430; max-width: 60rem; margin: 2rem auto;
-  padding: 0 1rem; }
+  padding: 0 1rem; overflow-wrap: break-word; }
 h1 { margin-bottom: 0; } h2 { margin-top: 2rem; }
 table { border-collapse: collapse; width: 100%; }
 th, td { padding: .3rem .6rem; border-bottom: 1px solid #d5dbe3; text-align: left; }
@@ -39,6 +39,7 @@ td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
 figure { display: inline-block; margin: 0 1rem 1rem 0; max-width: 20rem; }
 figure.trend { max-width: 27rem; width: 100%; }
 figure img { width: 100%; } figcaption { font-size: .85rem; color: #5a6675; }
+.wide { overflow-x: auto; } .wide svg { min-width: 36rem; }
 svg { width: 100%; height: auto; } svg text { font-size: 12px; fill: #5a6675; }
 """
 _INTENDED_USE = (
@@ -230,7 +231,7 @@ def _alarms(
     found = []
     halt = diary.halt_reason(person.identifier, today=today)
     if halt:
-        found.append(f"Stopped today: {halt}")
+        found.append(f"No more games today; the patient was told: {halt}")
     since = today - timedelta(days=_RECENT_DAYS)
     recent = [e for e in diary.events(person.identifier) if since < e.local_date <= today]
     if recent:
@@ -268,7 +269,7 @@ def _page(
         f"({done.share:.0%}) up to day {done.days}, {done.partial} more in part. Days with a game: "
         f"{done.days_played}.{_left_out(done.simulated)}</p>",
         "<h2>Pain before and after each session</h2>",
-        pain_chart(real, person.enrolled),
+        f'<div class="wide">{pain_chart(real, person.enrolled)}</div>',
         "<h2>Trends</h2>",
         _trends(diary, person, real),
         "<h2>Adverse events</h2>",
@@ -476,7 +477,7 @@ def _table(names: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     body = "\n".join(
         "<tr>" + "".join(f"<td>{_cell(cell)}</td>" for cell in row) + "</tr>" for row in rows
     )
-    return f"<table>\n<tr>{head}</tr>\n{body}\n</table>"
+    return f'<div class="wide"><table>\n<tr>{head}</tr>\n{body}\n</table></div>'
 
 
 def _dash(value: int | None) -> str:

@@ -246,7 +246,7 @@ class AlertTimeline:
 STYLE = (
     ":root{color-scheme:light}"
     "body{font:16px/1.5 system-ui,sans-serif;max-width:64rem;margin:2rem auto;padding:0 1rem;"
-    "background:#fff;color:#1c1e21}"
+    "background:#fff;color:#1c1e21;overflow-wrap:break-word}"
     ".wide{overflow-x:auto}table{border-collapse:collapse;font-size:.9rem}"
     "td,th{padding:.2rem .8rem;text-align:left;border-bottom:1px solid #ccc;vertical-align:top}"
     "svg{display:block;max-width:100%}figure{margin:0}figcaption,.fine{font-size:.84rem;"

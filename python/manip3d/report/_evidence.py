@@ -18,6 +18,7 @@ from manip3d import __version__, viewer
 from manip3d._util.checked import checked
 from manip3d._util.json import finite
 from manip3d._util.paths import path_of
+from manip3d.authenticate._power import EDIT_MEANINGS
 from manip3d.authenticate._verdict import FALSE_ALARM_RATE
 from manip3d.datasets import file_sha256
 from manip3d.errors import InputError
@@ -262,7 +263,8 @@ def _png(figure: Figure) -> str:
 # --- the page -------------------------------------------------------------------------------------
 
 PAGE_STYLE = (
-    "body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem}"
+    "body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;"
+    "overflow-wrap:break-word}small{display:block;color:#5d636b}"  # paths and hashes are long words
     ".wide{overflow-x:auto;font-size:.9rem}table{border-collapse:collapse}"
     "td,th{padding:.2rem .6rem;text-align:left;border-bottom:1px solid #ccc}"
     "img{max-width:100%}.long{min-width:12rem}"
@@ -325,10 +327,10 @@ def _ratio(inspection: Inspection) -> str:
     ratio = inspection.likelihood_ratio
     if ratio is None:
         return ""
-    said = "for an edit" if ratio > 1.0 else "for a clean scan"
+    favoured = "an edit" if ratio > 1.0 else "a clean scan"
     return (
-        f"<p>Likelihood ratio of an edit over a clean scan: {ratio:.3g} ({said}; clean scans have "
-        "a mean of 1 at most)</p>"
+        f"<p>Likelihood ratio of an edit over a clean scan: {ratio:.3g}. It favours {favoured}; "
+        "over many clean scans its mean is at most 1.</p>"
     )
 
 
@@ -343,26 +345,26 @@ def _facts(inspection: Inspection, source: str) -> str:
     generic = inspection.generic
     if generic is not None:
         facts.append(
-            f"of clean scans {FALSE_ALARM_RATE:.0%} at most may be called tampered by all "
-            "detectors together; each has its share of that"
+            f"limit of false alarms: all detectors together may call {FALSE_ALARM_RATE:.0%} of "
+            "clean scans tampered; each detector has a share of that"
         )
-        facts.append(
-            f"detector III: p-values up to {generic.false_alarm_rate:g} alarm; smallest of this "
-            f"scan {_p_text(generic.p_value)}"
-        )
+        facts.append(_p_values("III", generic.false_alarm_rate, generic.p_value))
         used = [kind for kind, said in generic.evidence.items() if said.used]
         facts.append(f"kinds of evidence that were used: {', '.join(used) or 'none'}")
     if inspection.turns is not None:
-        facts.append(
-            f"detector IV: p-values up to {inspection.turns.false_alarm_rate:g} alarm; smallest of "
-            f"this scan {_p_text(inspection.turns.p_value)}"
-        )
+        turns = inspection.turns
+        facts.append(_p_values("IV", turns.false_alarm_rate, turns.p_value))
     if inspection.reflectance is not None:
-        facts.append(
-            f"detector V: p-values up to {inspection.reflectance.false_alarm_rate:g} alarm; "
-            f"smallest of this scan {_p_text(inspection.reflectance.p_value)}"
-        )
+        reflectance = inspection.reflectance
+        facts.append(_p_values("V", reflectance.false_alarm_rate, reflectance.p_value))
     return "<ul>" + "".join(f"<li>{html.escape(fact)}</li>" for fact in facts) + "</ul>"
+
+
+def _p_values(detector: str, limit: float, smallest: float) -> str:
+    return (
+        f"detector {detector}: p-values up to {limit:g} raise an alarm; the smallest of this scan "
+        f"is {_p_text(smallest)}"
+    )
 
 
 def _evidence_text(evidence: Mapping[str, float]) -> str:
@@ -397,8 +399,11 @@ def _regions(inspection: Inspection) -> str:
 def _power(inspection: Inspection) -> str:
     if not inspection.power:
         return ""
+    # Detectors I and II were measured with edits of their own.
+    meanings = EDIT_MEANINGS if inspection.generic is not None else {}
     rows = "".join(
-        f"<tr><td>{html.escape(name)}</td><td>{power.share:.0%}</td>"
+        f"<tr><td>{html.escape(name)}{_small(meanings.get(name, ''))}</td>"
+        f"<td>{power.share:.0%}</td>"
         f"<td>{power.found} of {power.planted}"
         + (
             f"; {power.here_found} of {power.here_planted} in this scan"
@@ -419,6 +424,10 @@ def _power(inspection: Inspection) -> str:
         f"<th>found<th>planted in clean scans</tr>{rows}</table></div>"
         f"<p>{html.escape('; '.join(sorted(sources)))}</p>"
     )
+
+
+def _small(text: str) -> str:
+    return f"<small>{html.escape(text)}</small>" if text else ""
 
 
 def _calibrations(inspection: Inspection) -> str:
