@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from manip3d import Error, datasets
+from manip3d import Error, Mesh, datasets
 from manip3d.experiments import Case, Plan, stories
 from manip3d.experiments._scan_pictures import Eye, draw_scan
 
@@ -184,3 +184,23 @@ def test_stories_are_told(told: list[str], tmp_path: Path) -> None:
         (scan,) = experiments["story-scan"]["rows"]
         assert "The forged one: tampered." in scan["facts"][0]
     shutil.rmtree(tmp_path)
+
+
+def test_a_far_wall_with_many_points_leaves_the_picture_to_the_desk() -> None:
+    """A desk that fills the image and has few points, before a rough wall: the desk stays.
+
+    By the median of the vertices the wall was the middle, and the desk a corner of the picture.
+    """
+    desk = np.array([[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1]], float)
+    across, up = np.meshgrid(np.linspace(0, 1, 20), np.linspace(0, 1, 20))
+    wall = np.column_stack([across.ravel(), up.ravel(), np.full(400, -4.0)])
+    corner = np.add.outer(np.arange(19) * 20, np.arange(19)).ravel()
+    faces = np.concatenate(
+        [
+            [[0, 1, 2], [0, 2, 3]],
+            4 + corner[:, None] + [0, 1, 20],
+            4 + corner[:, None] + [1, 21, 20],
+        ]
+    )
+    near = stories._near(Mesh(np.concatenate([desk, wall]), faces))
+    assert near.faces.tolist() == [[0, 1, 2], [0, 2, 3]]

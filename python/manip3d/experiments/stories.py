@@ -240,7 +240,7 @@ def _compared(light: Mapping[str, Any], plain: Mapping[str, Any]) -> str:
         moved = (
             ""
             if texture is None
-            else f", and its texture moves by {100 * texture:.2f} % of an image"
+            else f", and its texture moves by {100 * texture:.2f}\N{NO-BREAK SPACE}% of an image"
         )
         sentences.append(
             f"{name} is {forward * 1e3:.3f} thousandths of the model's diagonal off{moved}"
@@ -277,7 +277,7 @@ def _tell_depth(folder: Path, printed: Sequence[Any]) -> Shown:
     record = printed[-1]
     depth = read_depth(folder / record["input"])
     mesh = _near(read_mesh(folder / "scene.glb"))
-    view: dict[str, Any] = {"azimuth": 20.0, "elevation": 8.0, "size": (640, 480), "zoom": 1.5}
+    view: dict[str, Any] = {"azimuth": 20.0, "elevation": 8.0, "size": (640, 480)}
     pictures = [
         ("the depth image: near is light", people.depth_picture(depth)),
         (
@@ -300,10 +300,20 @@ def _tell_depth(folder: Path, printed: Sequence[Any]) -> Shown:
 
 
 def _near(mesh: Mesh) -> Mesh:
-    """The mesh without what lies far behind its middle, so that a picture is filled by the rest."""
+    """The mesh without what lies far behind the middle of the image: the rest fills a picture.
+
+    The middle is the distance that half of the image does not exceed. Vertices are no measure of
+    it, as a rough wall far away takes many.
+    """
     distance = -mesh.vertices[:, 2]  # cameras look along -z in glTF
-    near = distance < 1.6 * np.median(distance)
-    kept = near[mesh.faces].all(axis=1)
+    first, second, third = np.swapaxes((mesh.vertices[:, :2] / distance[:, None])[mesh.faces], 0, 1)
+    (a, b), (c, d) = (second - first).T, (third - first).T
+    share = np.abs(a * d - b * c)  # of the image, twice the area
+    farthest = distance[mesh.faces].max(axis=1)
+    order = np.argsort(farthest)
+    covered = np.cumsum(share[order])
+    middle = farthest[order[np.searchsorted(covered, covered[-1] / 2.0)]]
+    kept = farthest < 1.6 * middle
     names = ("faces", "face_texcoords", "face_normals", "face_material")
     per_face = {name: getattr(mesh, name) for name in names}
     return mesh.replace(**{n: values[kept] for n, values in per_face.items() if values is not None})
