@@ -48,6 +48,9 @@ def test_from_consent_to_csv(chromium: None, definition: Path, tmp_path: Path) -
         ):
             person = Participant(tab)
             person.begin("P1")
+            person.next_step()
+            # Screen readers say what is new, and the tabulator key does not begin at the address.
+            assert tab.evaluate("document.activeElement.textContent") == "Consent"
             seen = person.answer_all(plain_answer)
             assert seen[:3] == ["consent", "about", "introduction"]
             assert seen[3:8] == [
@@ -208,3 +211,18 @@ def test_who_does_not_agree_is_asked_nothing(
         results = write_results(study, folder, tmp_path / "results")
     assert rows_of(results / "participants.csv") == []
     assert rows_of(results / "answers.csv") == []
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(1, "1 second."), (30, "30 seconds."), (60, "1 minute."), (90, "1.5 minutes.")],
+)
+def test_a_time_is_said_in_words(definition: Path, seconds: int, text: str) -> None:
+    file = definition.read_text().replace(
+        "familiarisation_s = 0.3\n", f"familiarisation_s = {seconds}\n"
+    )
+    definition.write_text(file)
+    study, _ = read_study(definition)
+    assert isinstance(study, DisplayStudy)
+    step = study.steps(Session("P1", 0))[0]
+    assert step.text[0].endswith(text)

@@ -624,7 +624,10 @@ class LocalServer:
         if request.path == "/" and token is not None:
             if self._redeem_token(token) or is_known:
                 return None
-            return 403, "wrong token, or one that has let a browser in already"
+            return 403, (
+                "wrong token: an address lets in one browser, once. Go on in that browser, or "
+                "start 'manip3d' anew"
+            )
         return None if is_known else (403, "no session: open the address that 'manip3d' printed")
 
     def _redeem_token(self, token: str) -> bool:

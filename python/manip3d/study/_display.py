@@ -144,8 +144,9 @@ class DisplayStudy(Study):
             truth = {"display": display, "session": number + 1}
             key = f"d{number + 1}"
             of_all = f"Session {number + 1} of {len(self.displays)}: {display}"
-            minutes = self.familiarisation_s / 60
-            long = f"{minutes:g} minutes" if minutes >= 1 else f"{self.familiarisation_s:g} seconds"
+            seconds = self.familiarisation_s
+            amount, unit = (seconds / 60, "minute") if seconds >= 60 else (seconds, "second")
+            long = f"{amount:g} {unit}" if amount == 1 else f"{amount:g} {unit}s"
             found.append(
                 Step(
                     f"{key}_familiarisation",

@@ -186,7 +186,7 @@ function showStep(step) {
   const form = make("form", { id: "form" });
   form.append(
     make("div", { id: "progress" }, bar(step.progress)),
-    make("h1", {}, step.title),
+    make("h1", { tabIndex: -1 }, step.title),
     ...step.text.map((text) => make("p", {}, text)),
   );
   const sides = step.fields.find((field) => field.is_side);
@@ -195,6 +195,8 @@ function showStep(step) {
   const button = make("button", { type: "submit", id: "continue" }, step.button);
   if (sides) button.hidden = others.length === 0;
   replace(form);
+  // Screen readers read the new step, and the tabulator key goes on from its beginning.
+  form.querySelector("h1")?.focus();
   const media = step.stimuli.length ? show(step, sides, form) : Promise.resolve();
   form.append(asked, make("p", { id: "wait", className: "quiet", hidden: true }), button);
   form.addEventListener("submit", (event) => {
