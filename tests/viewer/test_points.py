@@ -137,6 +137,15 @@ def test_emphasised_points_are_wider_and_survive_thinning() -> None:
         cloud.thinned(0)
 
 
+def test_points_of_a_dense_scan_do_not_hide_each_other_when_thinned() -> None:
+    """Six million points of a terrestrial scan were drawn as balls that covered everything."""
+    points = np.random.default_rng(2).normal(size=(100_000, 3))
+    dense = DrawnPoints(points, origin=(0.0, 0.0, 0.0), spread=0.02)
+    assert dense.thinned(1000).spread == pytest.approx((4 * np.pi / 1000) ** 0.5)
+    sparse = replace(dense, spread=0.002)
+    assert sparse.thinned(1000).spread == pytest.approx(0.02)
+
+
 def test_points_far_from_the_sensor_are_wider() -> None:
     cloud = scan_points(scan())
     width = cloud.widths()

@@ -427,11 +427,13 @@ class DrawnPoints(Showable):
         )
         fewer = self.points[kept]
         wider = float(np.sqrt(self.num_points / max_points))  # as much of a surface is covered
+        # Points all around a scanner leave no gaps at this width; wider ones would hide each other.
+        enough = float(np.sqrt(4.0 * np.pi / max_points))
         return replace(
             self,
             points=fewer,
             columns=tuple(column.select(kept) for column in self.columns),
-            spread=self.spread * wider,
+            spread=max(self.spread, min(self.spread * wider, enough)),
             least=self.least * wider,
             detail=f"{self.detail or f'{self.num_points:,} points'}, {max_points:,} shown",
         )
