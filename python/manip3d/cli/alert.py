@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="alert",
-    help="Watch the LiDAR of a drive: watermark, cameras, forensics, risk.",
+    help="Watch the LiDAR of a drive by watermark, cameras and forensics.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )

@@ -400,7 +400,7 @@ def _write_png(path: Path, image: NDArray[np.uint8]) -> None:
 
 @app.command("list")
 def capture_list(as_json: Json = False) -> None:
-    """List the cameras and recordings that can be opened here, and why others cannot.
+    """List the cameras and recordings that can be opened here. For others it prints why.
 
     Example: manip3d capture list
     """
@@ -502,7 +502,7 @@ def capture_play(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Read frame after frame and print how fast they come; with -o, write pictures.
+    """Read frame after frame and print how fast they come. With -o, pictures are written.
 
     Example: manip3d capture play patient.mkv -o frames.png
     """

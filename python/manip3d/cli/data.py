@@ -116,7 +116,7 @@ def data_get(
     names: Annotated[list[str], typer.Argument(help="Names of data sets, from 'data list'.")],
     quiet: Quiet = False,
 ) -> None:
-    """Fetch data sets from their official homes; each licence is shown first.
+    """Fetch data sets from their official homes. Each licence is shown first.
 
     A data set that may not be fetched by a program ends with the steps to get it by hand.
 

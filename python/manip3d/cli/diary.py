@@ -57,7 +57,7 @@ def keygen(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Make a key file for an encrypted diary, which only its owner can read.
+    """Make a key file for an encrypted diary. Only its owner can read it.
 
     Keep it apart from the diary, and a copy of it: without its key a diary is lost. An existing
     file is never replaced.
@@ -85,7 +85,7 @@ def enrol(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Add a participant; a diary that does not exist is made, with --key an encrypted one.
+    """Add a participant. A diary that does not exist is made, with --key an encrypted one.
 
     Use a pseudonym, and keep elsewhere who it is. The days of the protocol are counted from today.
 
@@ -114,7 +114,7 @@ def consent(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Note whether a participant consents to short films; without consent theirs are deleted.
+    """Note whether a participant consents to short films. Without consent theirs are deleted.
 
     A film shows the person before a grey ground, nothing of the room, from 5 s before 10 s without
     a point. When consent is withdrawn, the films that were exported before are listed: delete them.
@@ -149,7 +149,7 @@ def write_clips(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Write the films of a participant into a folder (animated WebP, not encrypted).
+    """Write the films of a participant into a folder. They are animated WebP, and not encrypted.
 
     Example: manip3d diary clips study.diary P01 -o clips
     """
@@ -165,7 +165,9 @@ def write_clips(
 
 @app.command("list")
 def list_participants(path: File, key: Key = None, as_json: Json = False) -> None:
-    """List the participants: sessions, the last one, share of the protocol that was done.
+    """List the participants.
+
+    Each has its sessions, the last one, and the share of the protocol that was done.
 
     Example: manip3d diary list study.diary
     """
@@ -219,7 +221,9 @@ def _session_row(session: DiarySession) -> list[str]:
 
 @app.command("show")
 def show_participant(path: File, participant: Who, key: Key = None, as_json: Json = False) -> None:
-    """Show the sessions, games, ratings, questionnaires and adverse events of a participant.
+    """Show what a diary holds of a participant.
+
+    It prints sessions, games, ratings, questionnaires and adverse events.
 
     Example: manip3d diary show study.diary P01
     """
@@ -302,7 +306,7 @@ def rate(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Write down a rating of pain, a McGill questionnaire or an adverse event.
+    """Note a rating of pain, a McGill questionnaire or an event.
 
     The questionnaire's words are protected and not part of this program.
 
@@ -345,7 +349,7 @@ def form(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Write a built-in questionnaire as a file for 'manip3d diary ask', to change its words.
+    """Write a built-in questionnaire as a file. Its words can be changed for 'manip3d diary ask'.
 
     McGill's groups have no words, which are protected; who has a licence adds them as "choices",
     beginning with what stands for 0. As long as ranges and scales stay, the answers count as
@@ -382,7 +386,7 @@ def ask(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Ask the questions of a questionnaire, and write down the answers and their scores.
+    """Ask a questionnaire. The answers and their scores are written down.
 
     The file has a name, items (text, low, high, choices) and scales (name, items, reverse, method);
     'manip3d diary form' writes examples. Nothing is written before the last answer.
@@ -464,7 +468,7 @@ def export(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Write a copy of a diary for other programs; what it holds is not encrypted any more.
+    """Write a copy of a diary for other programs. What it holds is not encrypted any more.
 
     Example: manip3d diary export study.diary -o export
     """
@@ -506,7 +510,7 @@ def delete(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Delete a participant: no byte of what they said and did remains in the diary.
+    """Delete a participant. No byte of what they said and did remains in the diary.
 
     Files of exports are listed, tables of several participants too; --exports removes those that
     nobody has changed. Other copies are not reached, nor what the disk itself keeps of overwritten
@@ -571,7 +575,8 @@ def _remove(shell: Terminal, files: Sequence[Path]) -> list[Path]:
 
 @app.command("audit")
 def audit(path: File, key: Key = None, as_json: Json = False) -> None:
-    """List what was done to a diary, by time: enrolments, sessions, exports, deletions ...
+    """List what was done to a diary, by time. Enrolments, sessions, exports and deletions are among
+    it.
 
     Times are those of the clock where it was done, with its offset from UTC. What was done to
     participants who were deleted is deleted too. Each row is bound to those before it by a keyed
@@ -604,7 +609,9 @@ def audit(path: File, key: Key = None, as_json: Json = False) -> None:
 
 @app.command("check")
 def check(path: File, key: Key = None, as_json: Json = False, quiet: Quiet = False) -> None:
-    """Read the whole diary: pages of the file, each entry, films, and the chain of the audit.
+    """Read the whole diary and report damage.
+
+    It reads the pages of the file, each entry, films, and the chain of the audit.
 
     The first thing that is not as it was written is named, and the exit code is 1.
 
@@ -626,7 +633,7 @@ def rescue(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Copy what can be read of a damaged diary into a new one, which opens with the same key.
+    """Copy what can be read of a damaged diary into a new one. It opens with the same key.
 
     What is missing is listed, and the exit code is then 1. The damaged file stays as it is.
 
@@ -647,7 +654,7 @@ def rescue(
 
 @app.command("analyse")
 def analyse(path: File, key: Key = None, as_json: Json = False) -> None:
-    """Analyse a study: McGill at baseline, week 1 and week 4, responders, adherence.
+    """Analyse a study. It prints McGill at baseline, week 1 and week 4, responders and adherence.
 
     Changes are those of a mixed model with a random intercept, with 95 % intervals. Research
     software: this is not advice on anybody's treatment.

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="forge",
-    help="Forge LiDAR scans and RGB-D streams, with the truth beside them.",
+    help="Forge LiDAR scans and RGB-D streams, with their truth.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -386,7 +386,7 @@ def forge_lidar(
     jobs: Jobs = 0,
     seed: Seed = 0,
 ) -> None:
-    """Forge a LiDAR scan; the truth is written beside it, as OUT.truth.json.
+    """Forge a LiDAR scan. The truth is written beside it, as OUT.truth.json.
 
     Example: manip3d forge lidar ctp scan.bin -o forged.bin --hoax car.obj --position 8 2 -1
     """
@@ -425,7 +425,8 @@ def alert_set(
     quiet: Quiet = False,
     seed: Seed = 0,
 ) -> None:
-    """Write the frames and attacks of table 7.2 (ALERT) as files: three simulated drives.
+    """Write the frames and attacks of table 7.2 (ALERT) as files. They are of three simulated
+    drives.
 
     There are as many frames as in the dissertation: 1765 clean ones, and 8735 attacked ones less
     those without an object that can be attacked so. Scans are OUT/drive_1/additive/000000.bin.xz,
@@ -626,7 +627,7 @@ def forge_stream(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Forge an RGB-D stream; the truth is written beside it, as OUT.truth.npz.
+    """Forge an RGB-D stream. The truth is written beside it, as OUT.truth.npz.
 
     Example: manip3d forge stream "sim:body?frames=12" --type 1 --still -o insertion
     """
@@ -691,7 +692,8 @@ def forge_people(
     ] = 0,
     seed: Seed = 0,
 ) -> None:
-    """Forge the published set: six simulated people, four actions, three backgrounds, with truth.
+    """Forge the published set of people, with truth. It has six simulated people, four actions and
+    three backgrounds.
 
     A run that was stopped goes on where it was when the same command is given again.
 

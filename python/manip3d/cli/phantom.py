@@ -140,7 +140,8 @@ def phantom_render(
     quiet: Quiet = False,
     jobs: Jobs = 0,
 ) -> None:
-    """Draw people with a phantom limb: what was seen, the phantom, the mesh from the side.
+    """Draw people with a phantom limb. A picture shows what was seen, the phantom, and the mesh
+    from the side.
 
     The output is a film (.mp4), a contact sheet of the 40 worst frames by the pipeline's own score
     (.png), or a folder of PNG pictures (a name without a suffix). Frames that cannot be read are
@@ -332,7 +333,7 @@ def phantom_live(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Show a person with a phantom limb in the browser, live, with a game. Research software.
+    """Show a phantom limb live in the browser, with a game. Research software.
 
     The page is served to this machine only (see --host), to whoever has the address that is
     printed. Ctrl-C ends the session, and so do SIGTERM and a terminal that is closed. With a diary

@@ -98,7 +98,7 @@ def study_stimuli(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Make the stimuli that a definition names: forged streams, or simplified meshes.
+    """Make the stimuli that a definition names. These are forged streams or simplified meshes.
 
     They are written beside the definition, under the name that it gives. Those of --images get
     names that tell nothing, and a rating of them needs composition = "any".
@@ -128,7 +128,7 @@ def study_stimuli(
 
 _RUNS = {
     "rating": "Run a rating: real, manipulated or undecidable, and why. Ctrl-C ends it.",
-    "jnd": "Run staircases for the just noticeable difference of simplification. Ctrl-C ends it.",
+    "jnd": "Measure the just noticeable difference of simplification. Ctrl-C ends it.",
     "display": "Run the comparison of displays: practice, play, questionnaire. Ctrl-C ends it.",
 }
 """Kinds of studies, and what their commands do."""
@@ -223,7 +223,7 @@ def study_simulate(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Let simulated participants answer, to try a study before people do.
+    """Let simulated people answer, to try a study before people do.
 
     A folder that holds answers of people is refused.
 
@@ -247,7 +247,8 @@ def study_results(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Write answers as CSV with a REDCap data dictionary, and a summary beside what is published.
+    """Write answers as CSV with a REDCap data dictionary. A summary stands beside what is
+    published.
 
     Also while the study is run: answers that are stored by then are taken. A damaged journal is
     reported, and the others are written.
@@ -275,7 +276,7 @@ def study_withdraw(
     participant: Annotated[str, typer.Argument(metavar="CODE", help="Participant code.")],
     quiet: Quiet = False,
 ) -> None:
-    """Delete all answers of a participant who has withdrawn their consent.
+    """Delete all answers of a participant who has withdrawn consent.
 
     Results that were written before still hold them: write these again.
 
@@ -307,7 +308,7 @@ def study_power(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Print how many participants a paired comparison of two methods needs.
+    """Print how many participants a comparison of two methods needs.
 
     Example: manip3d study power 0.5
     """

@@ -213,7 +213,7 @@ def embed(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Embed a watermark into a scan, or into all scans of a drive as one chain.
+    """Embed a watermark into a scan or a drive. All scans of a drive form one chain.
 
     The record of each scan is written beside it, as SCAN.wm, or with --picture in the lowest bits
     of the picture, SCAN.png or that of the drive. Points move by at most 1.8 mm (lbm), 1.9 mm (qim)
