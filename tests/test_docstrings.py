@@ -7,6 +7,7 @@ import functools
 import importlib
 import inspect
 import io
+import itertools
 import re
 import tokenize
 from collections.abc import Callable, Iterator
@@ -42,7 +43,6 @@ WITHOUT_ERRORS = {
     "capture.sources",
     "datasets.cache_folder",
     "datasets.data_root",
-    "io.describe_unit",
     "io.guess_depth_unit",
     "io.is_url",
     "phantom.simulated_patient",
@@ -101,6 +101,21 @@ def described(parameters: str) -> set[str]:
     """Names on the left of a `Parameters` section: ``a, b : int`` describes two."""
     heads = [line.partition(":")[0] for line in parameters.split("\n") if line[:1].strip()]
     return {name.strip(" *") for head in heads for name in head.split(",")}
+
+
+def bare(parameters: str) -> list[str]:
+    """Numbers, flags, texts and choices without a word about them; a `Mesh` explains itself."""
+    lines = [*parameters.rstrip().split("\n"), ""]
+    return [
+        line
+        for line, following in itertools.pairwise(lines)
+        if re.match(r"\S.* : (int|float|str|bool|')", line) and not following.startswith(" ")
+    ]
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_numbers_flags_and_texts_are_described(name: str) -> None:
+    assert bare(sections(FUNCTIONS[name]).get("Parameters", "")) == []
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)

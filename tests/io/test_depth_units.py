@@ -94,6 +94,9 @@ def test_numbers_of_units_and_wrong_ones(tmp_path: Path) -> None:
     assert found.range_m == (2.0, 2.0)
     assert found.unit == "256"
     assert describe_unit("256") == "1/256 m"
+    assert describe_unit("guess") == "guessed from the stored numbers"
+    with pytest.raises(InputError, match="unit: expected guess, mm"):
+        describe_unit("furlong")  # was "1/furlong m"
     assert read_depth_guessing(path, unit=1000.0).unit == "mm"
     for unit in ("yard", "0", "-5", "nan", "inf"):
         with pytest.raises(InputError, match="unit: expected guess, mm"):

@@ -9,14 +9,14 @@
 namespace manip3d {
 namespace {
 
-constexpr Eigen::Index kStride = 8;  // of the points looked at: a plane needs few
+constexpr Eigen::Index kStride = 8;  // every eighth point is used: a plane needs few
 constexpr double kNearest = 4.0;     // metres; nearer, the vehicle itself is seen
 constexpr double kFarthest = 25.0;
 constexpr double kLowest = -4.0;  // metres below the scanner
 constexpr double kHighest = -0.5;
 constexpr double kBin = 0.1;                                           // metres of height
-constexpr std::array<double, 5> kBands = {0.4, 0.3, 0.2, 0.15, 0.15};  // metres
-constexpr std::size_t kFewest = 200;                                   // points, of every eighth
+constexpr std::array<double, 5> kBands = {0.4, 0.3, 0.2, 0.15, 0.15};  // metres, step by step
+constexpr std::size_t kFewest = 200;                                   // points that agree
 
 std::vector<Eigen::Vector3d> candidates(const PointsView& points) {
   std::vector<Eigen::Vector3d> found;
@@ -43,18 +43,18 @@ std::optional<GroundPlane> find_ground_plane(const PointsView& points) {
   const std::vector<Eigen::Vector3d> low = candidates(points);
   GroundPlane plane{0.0, 0.0, most_frequent_height(low)};
   for (const double band : kBands) {
-    Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
+    Eigen::Matrix3d gram = Eigen::Matrix3d::Zero();  // of the normal equations
     Eigen::Vector3d right = Eigen::Vector3d::Zero();
     std::size_t agreeing = 0;
     for (const auto& p : low) {
       if (!(std::abs(plane.above(p.x(), p.y(), p.z())) < band)) continue;
       const Eigen::Vector3d row(p.x(), p.y(), 1.0);
-      normal += row * row.transpose();
+      gram += row * row.transpose();
       right += row * p.z();
       ++agreeing;
     }
     if (agreeing < kFewest) return std::nullopt;
-    const Eigen::Vector3d solution = normal.ldlt().solve(right);
+    const Eigen::Vector3d solution = gram.ldlt().solve(right);
     if (!solution.allFinite()) return std::nullopt;
     plane = {solution.x(), solution.y(), solution.z()};
   }

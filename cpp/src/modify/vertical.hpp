@@ -28,8 +28,9 @@ struct FloorPlane {
 /// level surface, within two metres of the person where there is enough of it.
 class Vertical {
  public:
+  /// Learns from one frame: which way is down, and the floor's plane where enough of it is seen.
   /// @param body_index  (rows, cols) or null: then nobody is left out.
-  /// @param hips  of the person, metres.
+  /// @param hips  the middle of the person's hips in the camera's frame, metres.
   void learn(const DepthView& depth, const std::uint8_t* body_index, const PixelRays& rays,
              const Eigen::Vector3f& hips);
 
@@ -42,7 +43,7 @@ class Vertical {
   void reset() { *this = {}; }
 
  private:
-  static constexpr std::size_t kMost = 2048;
+  static constexpr std::size_t kMost = 2048;  // places of a frame that are looked at
 
   void find_floor(std::size_t count, const Eigen::Vector3f& now, const Eigen::Vector3f& hips);
 

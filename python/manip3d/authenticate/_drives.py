@@ -93,7 +93,7 @@ def inspect_drive(
         judged is tried first on all later scans, unless that scan told it itself: such a lattice
         judges that scan alone.
     sensor, origin, power, printed, threads
-        As of `inspect`.
+        As for `inspect`.
     numbers : iterable of int, optional
         Number of each frame: only those that differ by one are a turn apart, and neighbours. By
         default all follow each other. What a turn saw and another one did not is evidence, so that
@@ -238,7 +238,7 @@ def judge_drive(
     Parameters
     ----------
     found, numbers
-        As of `verdict_of_drive`.
+        As for `verdict_of_drive`.
     times_ns : sequence of (int or None), optional
         When each scan was taken, nanoseconds; None: not known.
 

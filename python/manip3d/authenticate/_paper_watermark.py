@@ -141,6 +141,7 @@ def embed_paper(
     embedding : 'lbm', 'qim' or 'qim-printed'
         Lowest bits; QIM of z in cells of 2.5 mm, whose order survives; QIM by equations 7.1 to 7.3.
     key_2 : int
+        Secret number from which the permutations of the blocks follow.
     frame : int
         Number of the frame, from which the permutations of the blocks follow, too.
     merge : 'adjacent' or 'paper'

@@ -313,7 +313,7 @@ def one_of_each(
     ----------
     points : (N, 3) float32
     copies : (N,) bool
-        As of `copies_of_earlier`.
+        As for `copies_of_earlier`.
     reading : LatticeReading
         Where the points lie on the lattice.
     """
@@ -348,7 +348,7 @@ def are_fired_twice(
     points : (N, 3) float32
         In the order of the scanner.
     copies : (N,) bool
-        As of `copies_of_earlier`.
+        As for `copies_of_earlier`.
     lattice : SensorLattice
     """
     rows = np.flatnonzero(copies)

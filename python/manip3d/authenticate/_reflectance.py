@@ -253,7 +253,7 @@ def reflectances_read(
     reading : LatticeReading or None
         Where the frame's points lie on the lattice; None: it is read here.
     frame, lattice, previous, following, turns, false_alarm_rate, threads
-        As of `reflectance_consistency`.
+        As for `reflectance_consistency`.
     seen : tuple of ReadingColumns or None
         Where both turns lie on the lattice, as `turns_read` said with ``turns``; None: they are
         read here.

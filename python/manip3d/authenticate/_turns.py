@@ -266,7 +266,7 @@ def turns_read(
     reading : LatticeReading or None
         Where the frame's points lie on the lattice; None: they are read here.
     frame, previous, following, lattice, false_alarm_rate, whole_turns, threads
-        As of `turn_consistency`.
+        As for `turn_consistency`.
     """
     if not 0.0 < false_alarm_rate < 1.0:
         raise InputError(f"false_alarm_rate: expected a share in (0, 1), got {false_alarm_rate!r}")

@@ -165,15 +165,15 @@ def over_files(
     argument : str
         The verb's argument that becomes many.
     suffixes, writable : callable
-        As of `Many`; called when a command runs.
+        As for `Many`; called when a command runs.
     otherwise : str
-        As of `Many`.
+        As for `Many`.
     prepare : callable(files, options), optional
         Returns options of single files by their names, and may change those of all.
     drives : bool
         One source is a whole drive, as `manip3d.batch.find_drives` finds them.
     whole : sequence of str
-        As of `Many`.
+        As for `Many`.
     has_to : bool
         The command has the option ``--to``, if it has outputs.
     depends : callable(options) -> str
@@ -207,7 +207,7 @@ def over_files(
     across : callable(rows)
         Completes rows by what they tell beside each other, before they are printed.
     find : callable, optional
-        As of `Many`.
+        As for `Many`.
     """
 
     def decorate(verb: Verb) -> Verb:

@@ -95,6 +95,7 @@ def source_of(name: str) -> str:
     Parameters
     ----------
     name : str
+        Name of a mesh in the registry.
 
     Returns
     -------

@@ -134,6 +134,7 @@ def get(name: str) -> DataSet:
     Parameters
     ----------
     name : str
+        As `manip3d data list` prints it.
 
     Returns
     -------

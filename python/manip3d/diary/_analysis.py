@@ -377,6 +377,7 @@ def simulate_cohort(
     effects : sequence of float
         Mean changes from baseline to each further occasion.
     participants : int
+        How many take part.
     baseline, sd_between, sd_within : float
         Mean at baseline; spread between participants, and of one participant's scores.
     sd_response : float
@@ -384,6 +385,7 @@ def simulate_cohort(
     missing : float
         Probability that a score after baseline is missing, whatever it would have been.
     seed : int
+        Seed of all random choices.
 
     Returns
     -------

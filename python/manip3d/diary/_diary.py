@@ -424,7 +424,7 @@ class Diary:
         identifier : str
             Pseudonym of the participant.
         ranks, ppi
-            As of `score_mcgill`.
+            As for `score_mcgill`.
         occasion : {"baseline", "week-1", "week-4", "other"}
         at : datetime, optional
             When it happened; by default now.

@@ -263,6 +263,7 @@ def fhir_bundle(diary: Diary, identifier: str) -> dict[str, Any]:
     ----------
     diary : Diary
     identifier : str
+        Pseudonym of the participant.
 
     Returns
     -------

@@ -69,10 +69,11 @@ def write_page(
     output : path
         An HTML file; it is not encrypted.
     identifier : str
+        Pseudonym of the participant.
     today : date, optional
         Last day on which sessions were due; by default today.
     clips : bool
-        With the films of difficulties.
+        Include the films of difficulties.
     overwrite : bool
         Replace the file.
 
@@ -111,7 +112,7 @@ def write_overview(
 ) -> None:
     """Write a folder of pages: ``index.html`` with all participants, and one page of each.
 
-    The overview shows adherence, the last visit, how the pain changes, and alarms: no game any more
+    The overview shows adherence, the last visit, how the pain changes, and alarms: games stopped for
     today, adverse events of the last 7 days, a pain that grows (the 95 % interval of its trend is
     above 0), and no session for 3 days or more while the protocol lasts.
 
@@ -123,14 +124,14 @@ def write_overview(
     today : date, optional
         Last day on which sessions were due; by default today.
     clips : bool
-        With the films of difficulties.
+        Include the films of difficulties.
     overwrite : bool
         Replace a folder that holds such pages only.
 
     Raises
     ------
     InputError
-        The folder exists.
+        The folder exists, or with ``overwrite`` it holds other files.
     OSError
         It cannot be written.
     MissingExtraError

@@ -274,6 +274,7 @@ def counted(number: int, noun: str, plural: str = "") -> str:
     Parameters
     ----------
     number : int
+        How many there are.
     noun : str
         The singular.
     plural : str

@@ -310,6 +310,7 @@ def rotation(
     box : Box, optional
         Around the object; default: the nearest one, as `nearest_object` finds it.
     angle : float, radians
+        Counter-clockwise, seen from above.
     sideways : float, metres
         To the left, seen from the scanner; the authors' own tool has 2 m.
     origin : (3,), optional

@@ -463,6 +463,7 @@ def snap_to_lattice(
     azimuth : bool
         Turn to the nearest azimuth step first, where the lattice knows the steps.
     max_move : float, metres
+        Points move along their ray by at most this; see ``along``.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 

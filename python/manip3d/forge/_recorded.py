@@ -117,7 +117,7 @@ def recorded_poses(
     ----------
     source : iterable of RgbdFrame
     num_frames : int, optional
-        The first ones only.
+        The first ones only. None, or more than 9000: the first 9000, five minutes at 30 a second.
 
     Returns
     -------

@@ -91,7 +91,7 @@ class StreamForger:
     Parameters
     ----------
     background, kind, pose, method, scope, move, surface, fill_pinholes, blend, smoothing, by_label
-        As of `stream`.
+        As for `stream`.
 
     Attributes
     ----------
@@ -362,7 +362,7 @@ def stream(
     pose : iterable of RgbdFrame or Skeleton, optional
         For type 2: anybody's motion, frame by frame; played as ``background`` is.
     method, scope
-        As of `modify.animate`.
+        As for `modify.animate`.
     move : (3,), metres
         From where the person was to where they stand before the background, in its camera's axes.
     surface : {"mesh", "points"}
@@ -375,7 +375,7 @@ def stream(
     smoothing : bool
         Smooth the joints of both skeletons first, by `modify.JointSmoother`.
     by_label : bool
-        As of `modify.animation_mesh`; without it meshes tear (figure 5.5).
+        As for `modify.animation_mesh`; without it meshes tear (figure 5.5).
 
     Returns
     -------

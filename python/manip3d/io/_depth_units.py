@@ -177,12 +177,20 @@ def describe_unit(unit: str) -> str:
     -------
     str
 
+    Raises
+    ------
+    InputError
+        No such unit.
+
     Examples
     --------
     >>> from manip3d import io
     >>> io.describe_unit("tum")
     '1/5000 m: TUM RGB-D, ICL-NUIM'
     """
+    unit = _checked_unit(unit)
+    if unit == "guess":
+        return "guessed from the stored numbers"
     if unit.startswith(_DISPARITY):
         focal_baseline, offset = _disparity_numbers(unit)
         return f"depth is {focal_baseline:g} m / (d + {offset:g}), of a stereo pair"
@@ -198,7 +206,7 @@ def read_depth_guessing(
     Parameters
     ----------
     path : path-like
-        As of `read_depth`; the content decides, not the suffix.
+        As for `read_depth`; the content decides, not the suffix.
     unit : str or float
         ``guess``, one of `DEPTH_UNITS`, the number of units per metre, or ``disparity:FB`` for the
         disparities d of a stereo pair, whose depth is FB / d: FB is the focal length in the units

@@ -64,6 +64,7 @@ def is_url(source: str | os.PathLike[str]) -> bool:
     Parameters
     ----------
     source : str or path
+        What a user gave as a file.
 
     Returns
     -------

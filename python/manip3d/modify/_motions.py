@@ -54,7 +54,7 @@ def skeletons_from_motion(
     Parameters
     ----------
     motion : Motion
-        As of `io.read_bvh`, y up. Joints are known by their names: those of `rgbd.JOINTS` (as
+        As for `io.read_bvh`, y up. Joints are known by their names: those of `rgbd.JOINTS` (as
         `capture.export_joints` writes them), of Carnegie Mellon's and Mixamo's files (``Hips``,
         ``LeftArm``, ``LeftForeArm``, with any prefix up to a colon), of Biovision's (``Hips``,
         ``LeftShoulder``, ``LeftElbow``) and of Poser's (``hip``, ``lShldr``, ``lForeArm``).

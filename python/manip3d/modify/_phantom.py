@@ -421,7 +421,7 @@ class PhantomPipeline:
     smoothing : {"default", "seated"} or None
         Preset of `JointSmoother`; None: joints are not smoothed.
     segmentation : {"skin", "paper"}
-        As of `segment_body`.
+        As for `segment_body`.
     arm_radius, leg_radius : float, metres
         Points within this distance of a limb's bones belong to the limb.
     root_radius : float, metres
@@ -725,9 +725,9 @@ def segment_body(
         no thicker than an arm; ``region``: labels grow from the pixels under the bones and stop at
         steps of the depth (section 5.1.1).
     body_index : (H, W) uint8, optional
-        As of `RgbdFrame`.
+        As for `RgbdFrame`.
     near, far, margin : float, metres
-        As of `PhantomPipeline`.
+        As for `PhantomPipeline`.
     seeds : {"line", "middle"}
         For ``region`` only: all pixels under a bone, or the one under its middle (figure 5.4).
     reach : float, metres

@@ -105,8 +105,8 @@ def lift_landmarks(
     names = joint_layouts()["mediapipe"]
     if at.shape != (len(names), 2) or not visible.shape == relative.shape == (len(names),):
         raise InputError(
-            f"landmarks: expected shapes (33, 2), (33,), (33,), got {at.shape}, {visible.shape}, "
-            f"{relative.shape}"
+            "pixels, visibility, relative_depth: expected shapes (33, 2), (33,), (33,), got "
+            f"{at.shape}, {visible.shape}, {relative.shape}"
         )
     if window < 1 or window % 2 == 0:
         raise InputError(f"window: expected an odd number of pixels, got {window}")

@@ -225,7 +225,9 @@ class KeyPerson:
     Parameters
     ----------
     patience : float, seconds
+        Time before a lost person is looked for among newcomers.
     reach : float, metres
+        How far from where it was last seen a person is looked for.
     forget : float, seconds
         After so long the choice is made as if for the first time, among newcomers.
 

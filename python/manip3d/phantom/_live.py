@@ -66,7 +66,7 @@ class LiveReport:
     stage_ms : mapping of str to float
         Mean time of pipeline, rules and encoder over the last frames.
     clients : sequence of mapping
-        As of `manip3d.serve.LocalServer.report`.
+        As for `manip3d.serve.LocalServer.report`.
     refused : mapping of str to int
         What the server refused, by reason.
     games : sequence of GameSummary

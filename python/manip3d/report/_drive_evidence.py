@@ -76,9 +76,9 @@ def write_drive_evidence(
     errors : sequence of str
         What was said of the scans that could not be read.
     numbers : sequence of int, optional
-        As of `manip3d.authenticate.verdict_of_drive`.
+        As for `manip3d.authenticate.verdict_of_drive`.
     times_ns : sequence of (int or None), optional
-        As of `manip3d.authenticate.judge_drive`.
+        As for `manip3d.authenticate.judge_drive`.
 
     Raises
     ------

@@ -37,6 +37,7 @@ def bundled_pages(name: str, title: str, body: str) -> dict[str, Page]:
     name : str
         Name of the bundle: ``live`` or ``study``.
     title : str
+        Title of the page, as text.
     body : str
         HTML before the script.
 

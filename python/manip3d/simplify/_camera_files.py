@@ -60,9 +60,9 @@ class JointFileResult:
         Time of the method alone. More than one per cent of the points that fell out where views
         meet are asked for again, up to three times; of all tries.
     coverage, bridges : float
-        As of `JointSimplification`.
+        As for `JointSimplification`.
     lone_pixels : int
-        As of `DepthFileResult`, of all views.
+        As for `DepthFileResult`, of all views.
     """
 
     sources: tuple[Path, ...]
@@ -238,9 +238,9 @@ def simplify_camera_files(
     Parameters
     ----------
     sources : sequence of path-like
-        As of `simplify_depth_file`; the earlier ones are preferred where several see the same.
+        As for `simplify_depth_file`; the earlier ones are preferred where several see the same.
     poses : path-like
-        As of `poses_of_files`.
+        As for `poses_of_files`.
     output : path-like
         A mesh file, in the frame of the poses; glTF of depth images rotated by half a turn about x.
     options : DepthOptions

@@ -503,7 +503,7 @@ def qem_orig(
     Parameters
     ----------
     mesh, target_faces, ratio, max_error, max_distance, quality_threshold, link_condition, progress
-        As of :func:`qem4vr`.
+        As for :func:`qem4vr`.
 
     Returns
     -------
@@ -553,7 +553,7 @@ def qem_bp(
     Parameters
     ----------
     mesh, target_faces, ratio, max_error, max_distance, quality_threshold, link_condition, progress
-        As of :func:`qem4vr`.
+        As for :func:`qem4vr`.
     boundary : 'freeze' or 'weight'
         Boundary vertices never move, as in MeshLab, which is why the method stops early on open
         meshes; or planes of constant weight 1 alone, section 2.4.2's literal reading.
@@ -609,7 +609,7 @@ def qem_tp(
     Parameters
     ----------
     mesh, target_faces, ratio, max_error, max_distance, quality_threshold, link_condition, progress
-        As of :func:`qem4vr`.
+        As for :func:`qem4vr`.
 
     Returns
     -------
@@ -659,9 +659,9 @@ def qem_btp(
     Parameters
     ----------
     mesh, target_faces, ratio, max_error, max_distance, quality_threshold, link_condition, progress
-        As of :func:`qem4vr`.
+        As for :func:`qem4vr`.
     boundary
-        As of :func:`qem_bp`.
+        As for :func:`qem_bp`.
 
     Returns
     -------

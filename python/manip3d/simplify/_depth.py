@@ -434,7 +434,7 @@ def dense_mesh_grid(
     Parameters
     ----------
     points : (H, W, 3) float
-        As of `manip3d.io.read_range_grid`. Rounded to float32.
+        As for `manip3d.io.read_range_grid`. Rounded to float32.
     valid : (H, W) bool, optional
         Default: where all three coordinates are finite.
     color : (H, W, 3 or 4) uint8, optional
@@ -569,6 +569,7 @@ class Cs3Stream:
     Parameters
     ----------
     target_points : int
+        How many points of each frame to keep.
     variant, max_edge, distance_dependent, reading
         As for `cs3`.
     threads : int
@@ -790,10 +791,11 @@ def cs3_grid(
     Parameters
     ----------
     points : (H, W, 3) float
-        As of `manip3d.io.read_range_grid`. Rounded to float32.
+        As for `manip3d.io.read_range_grid`. Rounded to float32.
     valid : (H, W) bool, optional
         None: where all three coordinates are finite.
     target_points : int
+        How many points to keep.
     color : (H, W, 3 or 4) uint8, optional
     rows_up : bool
         As for `dense_mesh_grid`.

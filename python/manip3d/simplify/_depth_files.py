@@ -183,7 +183,7 @@ class DepthFileResult:
     filled_pixels : int
         Pixels of pinholes that a ``relief`` continued the surface over.
     stop : str
-        As of `DepthSimplification`.
+        As for `DepthSimplification`.
     reached : str or None
         How the number of points came about (``cs3``).
     literal_count : int or None

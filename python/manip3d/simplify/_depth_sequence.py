@@ -94,7 +94,7 @@ class DepthSequence:
             A depth image (``manip3d.io.DEPTH_SUFFIXES``), or an organised cloud of a depth camera,
             of the size of the first one, whose camera is that of all clouds.
         output, color, mask, confidence, confidence_max
-            As of `simplify_depth_file`.
+            As for `simplify_depth_file`.
 
         Returns
         -------

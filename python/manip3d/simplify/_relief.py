@@ -382,7 +382,7 @@ def relief_grid(
     Parameters
     ----------
     points : (H, W, 3) float
-        As of `manip3d.io.read_range_grid`. Rounded to float32.
+        As for `manip3d.io.read_range_grid`. Rounded to float32.
     valid : (H, W) bool or None
         None: where all three coordinates are finite.
     target_points : int
@@ -391,17 +391,18 @@ def relief_grid(
     mask : (H, W) bool, optional
         True where a valid pixel may be used; by default everywhere.
     confidence : (H, W) float, 0 to 1, optional
-        As of `relief`.
+        As for `relief`.
     rows_up : bool
         Whether rows go upward, seen from the sensor (Stanford's scans), or downward (images).
     move_points : bool
-        As of `relief`, but along the mean normal of the surface; texture coordinates follow to
+        As for `relief`, but along the mean normal of the surface; texture coordinates follow to
         where the moved vertex lies on the surface.
     effort : 'live', 'fast', 'balanced', 'fine' or 'best'
+        As for `relief`.
     max_edge : float, optional
         In the unit of the points.
     levels : sequence of int
-        As of `relief`.
+        As for `relief`.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
@@ -460,10 +461,13 @@ class ReliefStream:
         At most so many vertices; at least 3.
     registration : Registration, optional
     move_points : bool
+        As for `relief`.
     effort : 'live', 'fast', 'balanced', 'fine' or 'best'
+        As for `relief`.
     max_edge : float, metres, optional
+        As for `relief`.
     depth_step : float, optional
-        As of `relief`.
+        As for `relief`.
     stability : float
         How many times as much it costs to give up a vertex of the frame before; 1: each frame
         chooses for itself.
@@ -584,7 +588,7 @@ class ReliefStream:
         depth : (H, W) uint16 in millimetres or float32 in metres
         color : (H', W', 3 or 4) uint8, optional
         mask, confidence : (H, W) bool, and float from 0 to 1, optional
-            As of `relief`; of this frame.
+            As for `relief`; of this frame.
         time_ns : int, optional
             When it was taken, for the ``bandwidth``; default: frames come at the ``rate``.
 

@@ -128,11 +128,13 @@ def sample_depth_grid(
     Parameters
     ----------
     points : (H, W, 3) float
-        As of `manip3d.io.read_range_grid`. Rounded to float32.
+        As for `manip3d.io.read_range_grid`. Rounded to float32.
     valid : (H, W) bool, optional
         Default: where all three coordinates are finite.
     target_points : int
+        How many points to keep.
     method : 'uniform', 'poisson' or 'ssa'
+        As for `sample_depth`.
     color : (H, W, 3 or 4) uint8, optional
     rows_up : bool
         As for `dense_mesh_grid`.

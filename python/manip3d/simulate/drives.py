@@ -107,6 +107,7 @@ def drive(
     ----------
     street : Street
     frames : int
+        How many frames the drive has.
     start : float, seconds
         Time of the first frame.
     pictures : bool
@@ -191,6 +192,7 @@ def write_drive(
     folder : path-like
         Made. The drive is ``2000_01_01/2000_01_01_drive_NNNN_sync`` in it.
     frames : int
+        How many frames the drive has.
     number : int
         NNNN.
     start, pictures, surround, rng, threads

@@ -110,6 +110,7 @@ def write_forged_people(
     matroska : bool
         Write ``.mkv`` files, else folders of images.
     seed : int
+        Seed of all random choices.
     jobs : int
         Processes; 0: one per core; 1: in this one.
     overwrite : bool

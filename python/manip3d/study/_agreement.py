@@ -32,6 +32,7 @@ def share_interval(hits: int, count: int) -> Interval:
     Parameters
     ----------
     hits, count : int
+        The share is ``hits`` of ``count``.
 
     Returns
     -------
@@ -101,10 +102,11 @@ def fleiss_kappa_interval(counts: ArrayLike, *, repeats: int = 2000, rng: Rng = 
     Parameters
     ----------
     counts : (items, categories) int
-        As of `fleiss_kappa`.
+        As for `fleiss_kappa`.
     repeats : int
         At least 100.
     rng : int, Generator or None
+        Seed, or generator; None: another interval each time.
 
     Returns
     -------

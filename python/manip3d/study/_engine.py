@@ -576,7 +576,9 @@ def simulate_participants(
     folder : StudyFolder
         Without answers of people, which simulated ones must not mix with.
     count : int
+        How many take part, 1 to 10000.
     seed : int
+        Seed of the answers; the study's own seed counts too.
 
     Returns
     -------

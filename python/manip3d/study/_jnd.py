@@ -153,6 +153,7 @@ def simulate_staircase(
     observer : SimulatedObserver
     rules : Rules, optional
     rng : int, Generator or None
+        Seed, or generator; None: other answers each time.
 
     Returns
     -------
@@ -571,11 +572,11 @@ def required_participants(
     Parameters
     ----------
     effect : float
-        As of `paired_power`; not 0.
+        As for `paired_power`; not 0.
     power : float
         At least that.
     alpha, comparisons
-        As of `paired_power`.
+        As for `paired_power`.
 
     Returns
     -------

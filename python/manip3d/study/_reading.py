@@ -80,7 +80,7 @@ def study_of(definition: Mapping[str, Any]) -> Study:
     Parameters
     ----------
     definition : mapping
-        As of `StudyFolder.definition`.
+        As for `StudyFolder.definition`.
 
     Returns
     -------

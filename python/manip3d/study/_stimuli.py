@@ -155,6 +155,7 @@ def make_rating_stimuli(
         Surfaces meshed from LiDAR scans: so many real ones, as many with an object added, and as
         many with a part that is dented or bulges.
     seed : int
+        Seed of all random choices.
     overwrite : bool
         Replace the folder if it is there.
     progress : callable, optional

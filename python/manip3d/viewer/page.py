@@ -316,6 +316,7 @@ def html(
     thing : Mesh, LidarFrame, RgbdFrame, DrawnPoints or a result, or a sequence of them
         As for `manip3d.viewer.shown`.
     title : str
+        Title of the page.
     labels : sequence of str, optional
         A name below each; its number of faces or points stands beside it.
     azimuth, elevation, up, color_by, shading, texture, wireframe, boundary, backfaces
@@ -398,7 +399,9 @@ def film(
     meshes : sequence of Mesh or results that hold one
         At least one; in the order in which they are shown.
     rate : float, frames per second
+        How fast the film is played.
     title : str
+        Title of the page.
     labels : sequence of str, optional
         A name of each.
     azimuth, elevation, up
@@ -572,6 +575,7 @@ def iframe(page: str, *, height: int = 480) -> str:
     page : str
         A whole page, as `html` returns it.
     height : int, pixels
+        Height of the frame.
 
     Returns
     -------
@@ -606,7 +610,9 @@ def figure(
     thing : Mesh, LidarFrame, RgbdFrame, DrawnPoints or a result
         As for `manip3d.viewer.shown`.
     caption : str
+        Text over the view.
     height : int, pixels
+        Height of the view.
     max_points : int
         Most points shown. A larger cloud is thinned to that number, and the figure says so.
 

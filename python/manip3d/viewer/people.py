@@ -164,7 +164,7 @@ def surface_picture(
     texcoords : (n, 2) float32
         Texture coordinates of each vertex.
     color, camera, azimuth, threads
-        As of `mesh_picture`.
+        As for `mesh_picture`.
 
     Raises
     ------
@@ -216,9 +216,9 @@ def phantom_sheet(
     phantom : PhantomFrame
         What `manip3d.modify.PhantomPipeline` made of it.
     phantom_color : (H', W', 3) uint8, optional
-        As of `textured_picture`.
+        As for `textured_picture`.
     azimuth : float, degrees
-        As of `mesh_picture`.
+        As for `mesh_picture`.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores.
 

@@ -102,6 +102,7 @@ def picture(
         ``False`` leaves out faces seen from behind, as games do: for models with an outline
         shell, which would hide everything else.
     background : '#rrggbb' or (r, g, b) of 0 to 255
+        Colour where there is no mesh.
 
     Returns
     -------
