@@ -112,9 +112,9 @@ def write_overview(
 ) -> None:
     """Write a folder of pages: ``index.html`` with all participants, and one page of each.
 
-    The overview shows adherence, the last visit, how the pain changes, and alarms: games stopped for
-    today, adverse events of the last 7 days, a pain that grows (the 95 % interval of its trend is
-    above 0), and no session for 3 days or more while the protocol lasts.
+    The overview shows adherence, the last visit, how the pain changes, and alarms: games that are
+    stopped for today, adverse events of the last 7 days, a pain that grows (the 95 % interval of
+    its trend is above 0), and no session for 3 days or more while the protocol lasts.
 
     Parameters
     ----------
