@@ -21,7 +21,8 @@ from manip3d.camera import Intrinsics, Registration
 from manip3d.capture._bag import BagPicture, BagRecording
 from manip3d.capture._bag_pictures import decoded, pose_of, rigid, rows_of
 from manip3d.errors import FormatError, InputError
-from manip3d.io._depth_files import MOST_PIXELS, decode_depth
+from manip3d.io._depth_files import MOST_PIXELS
+from manip3d.io._depth_formats import decode_depth
 from manip3d.rgbd import RgbdCalibration, RgbdFrame
 
 if TYPE_CHECKING:

@@ -1,40 +1,30 @@
-"""Reading of depth images: 16-bit PNG, PGM and TIFF, PFM, EXR, and NumPy arrays; `read_depth`."""
+"""Reading of depth images and of maps of their pixels from files; `read_depth`."""
 
 from __future__ import annotations
 
-import contextlib
-import io
 import os
-import re
-import sys
-import warnings
-import zipfile
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
-from manip3d.errors import Error, FormatError, InputError, MissingExtraError
+from manip3d.errors import FormatError, InputError
+from manip3d.io._depth_formats import HEADER_BYTES, decode_depth, decode_map
 from manip3d.io._files import open_regular, refuse_pointer
-from manip3d.io._limits import byte_limit, check_points, clock
-from manip3d.io._npy_headers import read_npy_header
+from manip3d.io._limits import byte_limit, clock
 from manip3d.io._remote import local_copy
-from manip3d.io._scan_tables import refuse_expansion
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
-    from PIL import Image
 
 DEPTH_SUFFIXES = (".png", ".pgm", ".tif", ".tiff", ".pfm", ".exr", ".npy", ".npz")
 """Suffixes that `read_depth` knows."""
 
 MILLIMETRES = 1000.0
 MOST_PIXELS = 1 << 25
-_PNG_OR_TIFF = (b"\x89PNG\r\n\x1a\n", b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
-_HEADER_BYTES = 1 << 20  # beside the pixels: headers, colour profiles, text
 
 
 @checked
@@ -102,7 +92,7 @@ def _read(
     if not max_pixels > 0:
         raise InputError(f"max_pixels: expected > 0, got {max_pixels}")
     name = os.fspath(path)
-    limit, largest = byte_limit(None), 8 * max_pixels + _HEADER_BYTES
+    limit, largest = byte_limit(None), 8 * max_pixels + HEADER_BYTES
     with clock(name):
         with local_copy(path, max_bytes=limit or None) as local, open_regular(local) as file:
             refuse_pointer(local)
@@ -159,7 +149,7 @@ def read_pixel_map(
     >>> int(io.read_pixel_map("mask.npy").sum())
     3
     """
-    return _read(path, max_pixels, _decode_map)
+    return _read(path, max_pixels, decode_map)
 
 
 @checked
@@ -192,287 +182,6 @@ def is_color_png(path: str | os.PathLike[str]) -> bool:
     with open_regular(path_of(path)) as file:
         header = file.read(26)
     return header.startswith(b"\x89PNG\r\n\x1a\n") and len(header) == 26 and header[24] <= 8
-
-
-def decode_depth(data: bytes, max_pixels: int) -> NDArray[Any]:
-    """Return the numbers of a depth image's file, (H, W), as they are stored.
-
-    Raises
-    ------
-    FormatError
-        It is damaged, no depth image, or larger than ``max_pixels``.
-    MissingExtraError
-        Pillow is not installed (PNG and TIFF).
-    """
-    if data.startswith(b"\x93NUMPY"):
-        return _depth_of_npy(data, max_pixels)
-    if re.match(rb"P5[\s#]", data):
-        return _read_pgm(data, max_pixels)
-    if data.startswith(_PNG_OR_TIFF):
-        return _read_with_pillow(data, max_pixels)
-    if re.match(rb"P[fF]\s", data):
-        return _read_pfm(data, max_pixels)
-    if data.startswith(b"PK"):
-        return _read_npz(data, max_pixels)
-    if data.startswith(b"\x76\x2f\x31\x01"):
-        return _read_exr(data, max_pixels)
-    kinds = "a 16-bit PNG, PGM or TIFF, or a .pfm, .exr, .npy or .npz file"
-    raise FormatError(f"expected {kinds}, got bytes that begin with {data[:8]!r}", byte_offset=0)
-
-
-def _decode_map(data: bytes, max_pixels: int) -> NDArray[Any]:
-    if data.startswith(b"\x93NUMPY"):
-        return _read_npy(data, max_pixels, _MAP_DTYPES)
-    if data.startswith(_PNG_OR_TIFF):
-        return _read_with_pillow(data, max_pixels, ("1", "L"), ("P", "LA", "RGB", "RGBA"))
-    raise FormatError(
-        f"expected a PNG or TIFF, or a .npy file, got bytes that begin with {data[:8]!r}",
-        byte_offset=0,
-    )
-
-
-def _checked_size(rows: int, columns: int, max_pixels: int) -> None:
-    if not (rows > 0 and columns > 0):
-        raise FormatError(f"expected at least one pixel, got {columns} x {rows}")
-    if rows * columns > max_pixels:
-        raise FormatError(f"expected at most {max_pixels} pixels, got {columns} x {rows}")
-    check_points(rows * columns, "")
-    limit = byte_limit(None)
-    if limit and rows * columns > limit:  # a pixel takes a byte at least
-        raise FormatError(f"more than max_bytes = {limit}")
-
-
-# --- PGM: Pillow would stretch the numbers of a file whose largest value is not 65535 -----------
-
-_PGM_HEADER = re.compile(
-    rb"P5" + 3 * rb"(?:\s|#[^\n\r]{0,1000}[\n\r]){1,100}(\d{1,9})" + rb"\s", re.DOTALL
-)
-
-
-def _read_pgm(data: bytes, max_pixels: int) -> NDArray[np.uint16]:
-    header = _PGM_HEADER.match(data, 0, 8192)
-    if header is None:
-        raise FormatError("expected a PGM header 'P5 WIDTH HEIGHT MAXIMUM'", byte_offset=0)
-    columns, rows, largest = (int(field) for field in header.groups())
-    _checked_size(rows, columns, max_pixels)
-    if not 255 < largest < 65536:
-        raise FormatError(f"expected a PGM of 16 bits (maximum 256 to 65535), got {largest}")
-    size = 2 * rows * columns
-    if len(data) - header.end() < size:
-        raise FormatError(
-            f"expected {size} bytes of pixels, got {len(data) - header.end()}",
-            byte_offset=header.end(),
-        )
-    pixels = np.frombuffer(data, ">u2", rows * columns, header.end()).reshape(rows, columns)
-    if pixels.max() > largest:
-        raise FormatError(f"expected values up to {largest}, got {pixels.max()}")
-    return pixels.astype(np.uint16)
-
-
-# --- PFM: floats, the lowest row first -----------------------------------------------------------
-
-_PFM_HEADER = re.compile(rb"P([fF])\s+(\d{1,9})\s+(\d{1,9})\s+([-+]?[0-9.eE+-]{1,32})(\r\n|\s)")
-
-
-def _read_pfm(data: bytes, max_pixels: int) -> NDArray[np.float32]:
-    header = _PFM_HEADER.match(data, 0, 8192)
-    try:
-        scale = float(header[4]) if header else 0.0
-    except ValueError:
-        scale = 0.0
-    if header is None or not scale:
-        raise FormatError("expected a PFM header 'Pf WIDTH HEIGHT SCALE'", byte_offset=0)
-    if header[1] == b"F":
-        raise FormatError("expected a PFM of one channel (Pf), got colours (PF)", byte_offset=0)
-    columns, rows = int(header[2]), int(header[3])
-    _checked_size(rows, columns, max_pixels)
-    size, start = 4 * rows * columns, header.end()
-    if header[5] == b"\r\n" and len(data) - start < size:
-        start -= 1  # the line ends in a carriage return, and the pixels begin with a 10
-    if len(data) - start < size:
-        raise FormatError(
-            f"expected {size} bytes of pixels, got {len(data) - start}", byte_offset=start
-        )
-    order = "<f4" if scale < 0 else ">f4"
-    pixels = np.frombuffer(data, order, rows * columns, start).reshape(rows, columns)[::-1]
-    # Infinity is what Middlebury and others store where nothing is known.
-    return np.where(np.isinf(pixels), np.float32(0.0), pixels).astype(np.float32)
-
-
-# --- EXR ---------------------------------------------------------------------------------------
-
-_NOTHING_HIT = 65504.0
-"""The largest number of 16 bits; where a ray hits nothing, Blender writes it, or 1e10."""
-
-_DEPTH_CHANNELS = ("z", "depth", "y", "v")  # the last part of "ViewLayer.Depth.Z", in lower case
-
-
-def _read_exr(data: bytes, max_pixels: int) -> NDArray[np.float32]:
-    try:
-        import OpenEXR
-    except ImportError:
-        raise MissingExtraError("OpenEXR", "exr") from None
-
-    def opened(*, header_only: bool) -> Any:
-        stream = io.BytesIO(data)
-        return OpenEXR.File(stream, separate_channels=True, header_only=header_only, num_threads=0)
-
-    try:
-        with contextlib.redirect_stdout(sys.stderr):  # it prints what is wrong
-            with opened(header_only=True) as file:
-                header = dict(file.header())  # it is emptied in the end
-            (left, top), (right, bottom) = header["dataWindow"]
-            rows, columns = int(bottom) - int(top) + 1, int(right) - int(left) + 1
-            _checked_size(rows, columns, max_pixels)
-            if rows * columns * len(header["channels"]) > 2 * max_pixels:
-                raise FormatError(f"more than {2 * max_pixels} numbers in all channels")
-            with opened(header_only=False) as file:
-                channels = {name: channel.pixels for name, channel in file.channels().items()}
-        stored = np.asarray(_depth_channel(channels), np.float32)
-        if stored.shape != (rows, columns):
-            raise FormatError(f"expected {columns} x {rows} pixels, got shape {stored.shape}")
-    except Error:
-        raise
-    except Exception as error:  # damaged files end in half a dozen types
-        raise FormatError(f"damaged .exr: {str(error) or type(error).__name__}") from error
-    return np.where(stored < _NOTHING_HIT, stored, np.float32(0.0))
-
-
-def _depth_channel(channels: dict[str, NDArray[Any]]) -> NDArray[Any]:
-    """The only channel, or the one that has depth by its name, or one of three equal ones."""
-    if len(channels) == 1:
-        return next(iter(channels.values()))
-    of_depth = [n for n in channels if n.rpartition(".")[2].lower() in _DEPTH_CHANNELS]
-    if len(of_depth) == 1:
-        return channels[of_depth[0]]
-    color = [channels[name] for name in "RGB" if name in channels]
-    if len(color) == 3 and all(np.array_equal(one, color[0], equal_nan=True) for one in color):
-        return color[0]
-    names = ", ".join(repr(name[:40]) for name in sorted(channels)[:20]) or "none"
-    raise FormatError(f"expected one channel, or one named Z or Depth, got {names}")
-
-
-# --- NumPy -------------------------------------------------------------------------------------
-
-
-_DEPTH_DTYPES = (
-    np.uint16, np.int16, np.uint32, np.int32, np.uint64, np.int64,
-    np.float16, np.float32, np.float64,
-)  # fmt: skip
-_MAP_DTYPES = (np.bool_, np.uint8, np.uint16, np.float32, np.float64)
-
-
-def _read_npz(data: bytes, max_pixels: int) -> NDArray[Any]:
-    """The only array of an archive, or the one that is called depth."""
-    try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            arrays = {
-                entry.filename.removesuffix(".npy"): entry
-                for entry in archive.infolist()
-                if entry.filename.endswith(".npy")
-            }
-            entry = next(iter(arrays.values())) if len(arrays) == 1 else arrays.get("depth")
-            if entry is None:
-                names = ", ".join(sorted(arrays)[:20]) or "none"
-                raise FormatError(f"expected one array, or one named depth, got {names}")
-            refuse_expansion(entry.file_size, len(data), byte_limit(None), "")
-            with archive.open(entry) as member:
-                array = member.read(8 * max_pixels + _HEADER_BYTES)
-    except Error:
-        raise
-    except Exception as error:  # zipfile and zlib fail with a dozen types on damaged files
-        raise FormatError(f"damaged .npz: {str(error) or type(error).__name__}") from error
-    return _depth_of_npy(array, max_pixels)
-
-
-def _depth_of_npy(data: bytes, max_pixels: int) -> NDArray[Any]:
-    """An array as depth images are stored: uint16, float32 or float64."""
-    stored = _read_npy(data, max_pixels, _DEPTH_DTYPES)
-    if stored.dtype.kind == "f":
-        return stored.astype(np.float32) if stored.dtype.itemsize == 2 else stored
-    if stored.dtype == np.uint16:
-        return stored.astype(np.uint16, copy=False)
-    if stored.max() > 65535:
-        raise FormatError(f"expected whole numbers of at most 65535, got {stored.max()}")
-    # Numbers below 0 are not measurements, as of fractions.
-    return np.asarray(np.maximum(stored, 0), np.uint16)
-
-
-def _read_npy(data: bytes, max_pixels: int, dtypes: tuple[type[np.generic], ...]) -> NDArray[Any]:
-    shape, fortran, dtype, start = read_npy_header(data)
-    while len(shape) > 2 and shape[0] == 1:
-        shape = shape[1:]
-    while len(shape) > 2 and shape[-1] == 1:
-        shape = shape[:-1]
-    if len(shape) != 2 or dtype.newbyteorder("=") not in dtypes:
-        *names, last = (np.dtype(known).name for known in dtypes)
-        raise FormatError(
-            f"expected a 2-D array of {', '.join(names)} or {last}, got {dtype} {shape}"
-        )
-    _checked_size(*shape, max_pixels)
-    size = shape[0] * shape[1] * dtype.itemsize
-    if len(data) - start < size:
-        raise FormatError(
-            f"expected {size} bytes of pixels, got {len(data) - start}", byte_offset=start
-        )
-    pixels = np.frombuffer(data, dtype, shape[0] * shape[1], start)
-    values: NDArray[Any] = pixels.reshape(shape, order="F" if fortran else "C")
-    return values.astype(dtype.newbyteorder("="), copy=False)
-
-
-# --- PNG and TIFF ------------------------------------------------------------------------------
-
-_BITS_PER_SAMPLE = 258  # tag of a TIFF
-
-
-def _read_with_pillow(
-    data: bytes,
-    max_pixels: int,
-    narrow_modes: tuple[str, ...] = (),
-    color_modes: tuple[str, ...] = (),
-) -> NDArray[Any]:
-    try:
-        from PIL import Image as pillow
-        from PIL import UnidentifiedImageError
-    except ImportError:
-        raise MissingExtraError("pillow", "io") from None
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # a warning about a file is a verdict on it
-            with pillow.open(io.BytesIO(data), formats=("PNG", "TIFF")) as image:
-                _checked_size(image.height, image.width, max_pixels)
-                if image.mode in narrow_modes:
-                    return np.array(image)
-                if image.mode in color_modes:
-                    if (depth := _bits_of_channel(data, image)) > 8:  # Pillow keeps the upper 8
-                        raise FormatError(f"expected colours of 8 bits, got {depth}")
-                    whole = image.convert("RGBA") if image.mode == "P" else image
-                    return np.asarray(np.array(whole.convert("RGB")).max(axis=2))
-                if not image.mode.startswith("I;16") and image.mode not in ("I", "F"):
-                    kinds = "8 or 16 bits of grey, or colours" if color_modes else "16 bits of grey"
-                    raise FormatError(f"expected {kinds}, got mode {image.mode}")
-                stored = np.array(image)
-    except Error:
-        raise
-    except UnidentifiedImageError as error:  # its words name no file and no reason
-        kinds = "whole numbers of 8, 16 or 32 bits or fractions of 32 bits"
-        raise FormatError(f"expected an image of {kinds}, or the file is damaged") from error
-    except Exception as error:  # Pillow's parsers fail with a dozen types on damaged files
-        reason = str(error) or type(error).__name__
-        raise FormatError(f"damaged image: {reason}") from error
-    if stored.dtype.kind == "f":
-        return stored
-    if stored.min() < 0 or stored.max() > 65535:
-        raise FormatError(f"expected 16-bit values, got {stored.min()} to {stored.max()}")
-    return stored.astype(np.uint16)
-
-
-def _bits_of_channel(data: bytes, image: Image.Image) -> int:
-    """The bits of each channel of a PNG or TIFF."""
-    if data.startswith(b"\x89PNG"):
-        return data[24]
-    bits: tuple[int, ...] = getattr(image, "tag_v2", {}).get(_BITS_PER_SAMPLE, (1,))
-    return max(bits)
 
 
 def _in_our_units(
