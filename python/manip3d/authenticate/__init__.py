@@ -20,7 +20,8 @@ __getattr__, __dir__, __all__ = lazily(
         ),
         "_drives": "DriveInspection inspect_drive judge_drive verdict_of_drive",
         "_generic": "EvidenceReport GenericResult SuspectRegion generic_consistency",
-        "_inspect": "DetectorReport Inspection combined_verdict inspect",
+        "_inspect": "inspect",
+        "_inspection": "DetectorReport Inspection combined_verdict",
         "_keys": "KeyFile KeyRing",
         "_lattice": "LatticeReading SensorLattice estimate_lattice",
         "_occlusion": (

@@ -36,12 +36,8 @@ from manip3d.authenticate._generic import (
     SuspectRegion,
     generic_consistency,
 )
-from manip3d.authenticate._inspect import (
-    DetectorReport,
-    Inspection,
-    combined_verdict,
-    inspect,
-)
+from manip3d.authenticate._inspect import inspect
+from manip3d.authenticate._inspection import DetectorReport, Inspection, combined_verdict
 from manip3d.authenticate._keys import KeyFile, KeyRing
 from manip3d.authenticate._lattice import LatticeReading, SensorLattice, estimate_lattice
 from manip3d.authenticate._occlusion import (

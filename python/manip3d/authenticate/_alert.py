@@ -22,7 +22,8 @@ from manip3d.authenticate._cross_modal import (
     CrossModalResult,
     cross_modal_consistency,
 )
-from manip3d.authenticate._inspect import Inspection, inspect
+from manip3d.authenticate._inspect import inspect
+from manip3d.authenticate._inspection import Inspection
 from manip3d.authenticate._risk import (
     ACTIONS,
     AttackObservation,

@@ -16,13 +16,8 @@ import numpy as np
 from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
 from manip3d.authenticate._generic import NUM_TESTS
-from manip3d.authenticate._inspect import (
-    DetectorReport,
-    Inspection,
-    LeftOut,
-    inspect_beside,
-    repeating,
-)
+from manip3d.authenticate._inspect import LeftOut, inspect_beside, repeating
+from manip3d.authenticate._inspection import DetectorReport, Inspection
 from manip3d.authenticate._keys import KeyFile, KeyRing
 from manip3d.authenticate._lattice import SensorLattice
 from manip3d.authenticate._processing import STILL_COMPARED, left_out_of_turn

@@ -1,10 +1,10 @@
-"""All detectors together: what one scan gives each of them to say, and the verdict that follows."""
+"""All detectors together: `inspect` runs each that can judge a scan."""
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -12,7 +12,6 @@ import numpy as np
 from manip3d._util.checked import checked
 from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.options import reporting, sharing
-from manip3d._util.showing import Showable
 from manip3d.authenticate._carriers import (
     ALLOWED,
     MILLIMETRES,
@@ -29,6 +28,7 @@ from manip3d.authenticate._generic import (
     GenericResult,
     consistency_allowing,
 )
+from manip3d.authenticate._inspection import DetectorReport, Inspection, combined_verdict
 from manip3d.authenticate._keys import KeyFile, KeyRing
 from manip3d.authenticate._lattice import LatticeReading, SensorLattice
 from manip3d.authenticate._no_returns import returns_of
@@ -75,7 +75,6 @@ from manip3d.authenticate._verdict import (
     Processing,
     Region,
     Verdict,
-    likelihood_ratio,
     rate_of,
 )
 from manip3d.authenticate._watermark import Policy, Watermarker, WatermarkResult
@@ -91,16 +90,6 @@ if TYPE_CHECKING:
     from manip3d._util.options import Progress
 
     Position = tuple[float, float, float]
-
-TITLES = {
-    "density": "I: spacing follows range",
-    "occlusion": "II: nothing behind anything",
-    "generic": "III: the sensor's lattice",
-    "turns": "IV: the turns before and after",
-    "reflectance": "V: the reflectances",
-    "watermark": "Keyed watermark",
-}
-"""What each detector tests, by its name."""
 
 FORENSIC = ("density", "occlusion", "generic")
 """Detectors I, II and III, which look at the scan alone."""
@@ -127,226 +116,6 @@ EXACT_CALIBRATION = Calibration(
 
 SENSORS = ("auto", "lattice", "terrestrial", "other")
 """What a caller can say of the scanner; ``auto``: `identify_sensor` tells."""
-
-
-@dataclass(frozen=True, eq=False)
-class DetectorReport:
-    """Verdict of one detector on a scan, in the words that all of them share.
-
-    Attributes
-    ----------
-    name : 'density', 'occlusion', 'generic', 'turns', 'reflectance' or 'watermark'
-    verdict : 'no_trace', 'tampered', 'processed' or 'undecidable'
-    reason : str
-        The verdict's reason in words.
-    score : float or None
-        The detector's own measure, larger is more suspicious; None: it could not judge.
-    p_value : float or None
-        Probability, at most, that a clean scan shows as much; None: the detector states none. It is
-        never below 1 / (n + 1) of the n clean scans of ``calibration``, which support no less.
-    regions : tuple of Region
-        Places with evidence, the most significant first.
-    suspected : (K,) int64
-        Rows of the suspected points.
-    power : mapping of str to Power
-        Share of the edits of each class that the detector finds in clean scans of this scanner;
-        empty: not measured for this scanner.
-    calibration : Calibration or None
-        Where the thresholds come from; None: a publication, a user, or the detector needs none.
-    """
-
-    name: str
-    verdict: Verdict
-    reason: str
-    score: float | None = None
-    p_value: float | None = None
-    regions: tuple[Region, ...] = ()
-    suspected: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64), repr=False)
-    power: Mapping[str, Power] = field(default_factory=lambda: NO_POWER, repr=False)
-    calibration: Calibration | None = None
-
-    @property
-    def title(self) -> str:
-        """The test that the detector makes."""
-        return TITLES[self.name]
-
-    @property
-    def boxes(self) -> tuple[Box, ...]:
-        """Boxes around the suspected points, metres."""
-        return tuple(region.box for region in self.regions)
-
-    @property
-    def could_object(self) -> bool:
-        """Whether the detector finds half of the edits of some class at least, as measured."""
-        return any(power.share >= 0.5 for power in self.power.values())
-
-
-@dataclass(frozen=True, eq=False)
-class Inspection(Showable):
-    """Result of `inspect`.
-
-    Attributes
-    ----------
-    verdict : 'no_trace', 'tampered', 'processed' or 'undecidable'
-        The verdict of all detectors together, see `combined_verdict`.
-    reason : str
-        The verdict's reason in words.
-    num_points : int
-        Points of the scan.
-    sensor : Sensor or None
-        The scanner that made it; None: its position is not known.
-    processing : tuple of Processing
-        What was done to the scan as a whole.
-    origin : (float, float, float) or None
-        Position of the scanner, metres; None: it is not known, and nothing can be judged.
-    origin_from : str
-        ``argument``, ``file``, the words of `estimate_origin`, or why the position is not known.
-    detectors : tuple of DetectorReport
-        One report each of detectors I, II and III; of detector IV where the frames before and
-        after were given; of detector V where a spinning scanner's frame has reflectances; and of
-        the watermark where a record was given and a key.
-    blind : tuple of str
-        Classes of edits that no detector finds in scans of this scanner.
-    planted_here : mapping of str to Power
-        What all detectors together find of the edits that were planted in copies of this very scan,
-        by class, which ``power`` states too; empty: none were planted.
-    density, occlusion, generic, turns, reflectance
-        The detectors' own results with their maps; None where a detector did not run.
-    scan : LidarFrame or None
-        What was judged, so that the result can be shown.
-    watermark : WatermarkResult or None
-        What the verifier says of the record that was given; None: none was, or no key.
-    repeats : int or None
-        Place in its drive, from 0, of the earlier scan whose points this one has; None: there is
-        none, or the scan was inspected alone.
-    """
-
-    verdict: Verdict
-    reason: str
-    num_points: int
-    sensor: Sensor | None
-    processing: tuple[Processing, ...]
-    origin: Position | None
-    origin_from: str
-    detectors: tuple[DetectorReport, ...]
-    blind: tuple[str, ...] = BLIND
-    planted_here: Mapping[str, Power] = field(default_factory=lambda: NO_POWER, repr=False)
-    density: DensityResult | None = field(default=None, repr=False)
-    occlusion: OcclusionResult | None = field(default=None, repr=False)
-    generic: GenericResult | None = field(default=None, repr=False)
-    turns: TurnResult | None = field(default=None, repr=False)
-    reflectance: ReflectanceResult | None = field(default=None, repr=False)
-    scan: LidarFrame | None = field(default=None, repr=False)
-    watermark: WatermarkResult | None = field(default=None, repr=False)
-    repeats: int | None = None
-
-    @property
-    def accusing(self) -> DetectorReport | None:
-        """The detector that says ``tampered``; None: no detector does."""
-        return next((r for r in reversed(self.detectors) if r.verdict == "tampered"), None)
-
-    @property
-    def score(self) -> float | None:
-        """The largest score that a detector with the common verdict gives."""
-        return max((r.score for r in self._deciding() if r.score is not None), default=None)
-
-    @property
-    def p_value(self) -> float | None:
-        """The smallest p-value that a detector with the common verdict states."""
-        return min((r.p_value for r in self._deciding() if r.p_value is not None), default=None)
-
-    @property
-    def likelihood_ratio(self) -> float | None:
-        """Lower bound of the likelihood ratio of the evidence: edited against clean.
-
-        Of the smallest p-value of the detectors that looked, times their number; see
-        `likelihood_ratio`. None: none of them states a p-value, or the scan was processed.
-        """
-        p_values = [r.p_value for r in self.detectors if r.p_value is not None]
-        if not p_values or self.verdict == "processed":
-            return None
-        return likelihood_ratio(min(1.0, min(p_values) * len(p_values)))
-
-    @property
-    def regions(self) -> tuple[Region, ...]:
-        """Places with evidence, of all detectors whose verdict is the common one."""
-        return tuple(region for report in self._deciding() for region in report.regions)
-
-    @property
-    def suspected(self) -> NDArray[np.int64]:
-        """Rows of the points that the detectors with the common verdict suspect, ascending."""
-        rows = [report.suspected for report in self._deciding()]
-        return np.unique(np.concatenate(rows)) if rows else np.empty(0, np.int64)
-
-    @property
-    def power(self) -> Mapping[str, Power]:
-        """By class of edit: of the detector that finds most of them, and in this scan of all."""
-        best: dict[str, Power] = {}
-        for report in self.detectors:
-            for name, power in report.power.items():
-                if name not in best or power.share > best[name].share:
-                    best[name] = power
-        for name, here in self.planted_here.items():
-            if name in best:
-                best[name] = replace(best[name], here_found=here.found, here_planted=here.planted)
-        return ReadOnlyMapping(best)
-
-    @property
-    def calibration(self) -> Calibration | None:
-        """Calibration of the first detector with the common verdict that has one, else None."""
-        return next((r.calibration for r in self._deciding() if r.calibration is not None), None)
-
-    def _deciding(self) -> tuple[DetectorReport, ...]:
-        return tuple(report for report in self.detectors if report.verdict == self.verdict)
-
-    def record(self) -> dict[str, Any]:
-        """Return the result as JSON values, without the maps."""
-        return {
-            "verdict": self.verdict,
-            "reason": self.reason,
-            "score": self.score,
-            "p_value": self.p_value,
-            "likelihood_ratio": self.likelihood_ratio,
-            "points": self.num_points,
-            "sensor": None if self.sensor is None else self.sensor.name,
-            "sensor_reason": None if self.sensor is None else self.sensor.reason,
-            "processing": [vars(step) for step in self.processing],
-            "repeats": self.repeats,
-            "regions": [region.record() for region in self.regions],
-            "power": {name: power.record() for name, power in self.power.items()},
-            "blind": list(self.blind),
-            "origin": None if self.origin is None else list(self.origin),
-            "origin_from": self.origin_from,
-            "watermark": None if self.watermark is None else self.watermark.record(),
-            "detectors": {report.name: self._detector(report) for report in self.detectors},
-        }
-
-    def _detector(self, report: DetectorReport) -> dict[str, Any]:
-        values: dict[str, Any] = {
-            "verdict": report.verdict,
-            "reason": report.reason,
-            "score": report.score,
-            "p_value": report.p_value,
-            "suspected_points": len(report.suspected),
-            "boxes": [
-                {"center": list(box.center), "size": list(box.size), "yaw": box.yaw}
-                for box in report.boxes
-            ],
-            "power": {name: power.record() for name, power in report.power.items()},
-            "calibration": None if report.calibration is None else vars(report.calibration),
-        }
-        if report.name == "density" and self.density is not None:
-            values["offending_ranges"] = self.density.offending.tolist()
-        if report.name == "occlusion" and self.occlusion is not None:
-            grid = self.occlusion.grid
-            values["cell_degrees"] = [grid.azimuth_deg, grid.elevation_deg]
-        if report.name == "generic" and self.generic is not None:
-            values["false_alarm_rate"] = self.generic.false_alarm_rate
-        if report.name == "turns" and self.turns is not None:
-            values["false_alarm_rate"] = self.turns.false_alarm_rate
-        if report.name == "reflectance" and self.reflectance is not None:
-            values["false_alarm_rate"] = self.reflectance.false_alarm_rate
-        return values
 
 
 @checked
@@ -677,49 +446,6 @@ def _carrying(scan: LidarFrame, trace: tuple[Processing, ...]) -> Inspection:
         "file" if known is not None else "not looked for in a scan with a watermark", reports,
         scan=scan,
     )  # fmt: skip
-
-
-@checked
-def combined_verdict(
-    reports: Sequence[DetectorReport], processing: Sequence[Processing] = ()
-) -> Verdict:
-    """Combine the verdicts of all detectors that were run.
-
-    Parameters
-    ----------
-    reports : sequence of DetectorReport
-    processing : sequence of Processing
-        What was done to the scan as a whole.
-
-    Returns
-    -------
-    'no_trace', 'tampered', 'processed' or 'undecidable'
-        ``tampered`` if a detector has localised evidence. Else ``processed`` if something was done
-        to the whole scan, which can hide an edit. Else ``no_trace`` if a detector that finds edits
-        of some class, as measured on clean scans of this scanner, looked and found none. Else
-        ``undecidable``.
-
-    Raises
-    ------
-    InputError
-        ``reports`` or ``processing`` holds something else.
-
-    Examples
-    --------
-    >>> from manip3d.authenticate import DetectorReport, Processing, combined_verdict
-    >>> found = DetectorReport("occlusion", "tampered", "points behind a wall")
-    >>> rounded = Processing("rounded", "to 1 cm")
-    >>> combined_verdict([found], [rounded]), combined_verdict([], [rounded]), combined_verdict([])
-    ('tampered', 'processed', 'undecidable')
-    """
-    verdicts = {report.verdict for report in reports}
-    if "tampered" in verdicts:
-        return "tampered"
-    if len(processing) or "processed" in verdicts:
-        return "processed"
-    if any(report.verdict == "no_trace" and report.could_object for report in reports):
-        return "no_trace"
-    return "undecidable"
 
 
 def _identified(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d._util.checked import checked
-from manip3d.authenticate._inspect import Inspection
+from manip3d.authenticate._inspection import Inspection
 from manip3d.authenticate._verdict import binomial_tail
 from manip3d.errors import InputError
 
