@@ -323,3 +323,13 @@ def test_fragments_are_noticed(reader: Any, text: str, lines: list[int]) -> None
 
 def test_exceptions_exist() -> None:
     assert set(FUNCTIONS) >= WITHOUT_ERRORS | WITHOUT_EXAMPLE
+
+
+def test_the_guide_of_authenticate_names_each_function() -> None:
+    """More than a hundred names: the package's docstring groups them by what they are for."""
+    from manip3d import authenticate
+
+    named = set(re.findall(r"`(\w+)`", authenticate.__doc__ or ""))
+    functions = {name.removeprefix("authenticate.") for name in FUNCTIONS if "authenticate" in name}
+    assert sorted(functions - named) == []
+    assert sorted(named - set(authenticate.__all__)) == []

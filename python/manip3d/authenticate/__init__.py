@@ -1,4 +1,38 @@
-"""Has this scan or stream been edited? Detectors that look at it, watermarks that prove it."""
+"""Has this scan or stream been edited? Detectors that look at it, watermarks that prove it.
+
+Begin with `inspect` (a LiDAR scan), `inspect_drive` or `inspect_stream` (an RGB-D recording), and
+with `Watermarker` where a key can be kept. The other names, by what they are for:
+
+Verdict of all detectors
+    `inspect`, `inspect_drive`, `combined_verdict`, `judge_drive`, `verdict_of_drive`,
+    `drive_evidence`, `likelihood_ratio`; results `Inspection`, `DetectorReport`, `DriveInspection`.
+One detector alone, I to V
+    `density_consistency`, `occlusion_consistency`, `generic_consistency`, `turn_consistency`,
+    `reflectance_consistency`.
+The scanner
+    `identify_sensor`, `estimate_lattice`, `kitti_lattice`, `estimate_origin`, `estimate_grid`.
+Measuring what is found
+    `measure_power`, `calibrate_lattice`, and the classes of edits, `EDITS`.
+Copies
+    `are_same_points`, `points_id`.
+RGB-D streams
+    `inspect_stream`, `judged_frames`, `depth_noise`, `inter_frame_noise`.
+Keyed watermark
+    `KeyFile`, `KeyRing`, `Watermarker`, `Policy`; of files `embed_files`, `verify_files`,
+    `verdict_of_stream`.
+Records beside scans, and in pictures
+    `find_record`, `read_record`, `record_path`, `refuse_existing_record`, `scan_of_record`,
+    `write_watermarked`, `as_stored`, `check_holds_float32`, `plain_name`, `drive_scans`,
+    `drive_numbers`, `drive_records_alone`, `copy_rest_of_drive`, `drive_pictures`, `picture_path`,
+    `read_carrier`, `write_carrier`, `record_of_picture`, `without_record`.
+Printed watermark (dissertation section 7.3.1), to compare with
+    `embed_paper`, `compare_paper`, `noise_blocks`.
+Cameras beside the LiDAR
+    `cross_modal_consistency`, `surround_consistency`, `stereo_disparity`, `attack_type`,
+    `read_rigs`, `write_rigs`.
+Alerts while driving
+    `AlertMonitor`, `watch_drive`, `verdict_of_alerts`, `RiskTracker`, `temporal_factor`.
+"""
 
 from __future__ import annotations
 
