@@ -308,7 +308,9 @@ def test_without_depth_nothing_is_made_up() -> None:
 
 def test_wrong_arguments_are_named() -> None:
     frame = picture(wall(2.0))
-    with pytest.raises(manip3d.InputError, match=r"landmarks: .* got \(3, 2\)"):
+    with pytest.raises(
+        manip3d.InputError, match=r"pixels, visibility, relative_depth: .* got \(3, 2\)"
+    ):
         modify.lift_landmarks(np.zeros((3, 2)), np.ones(33), np.ones(33), frame)
     with pytest.raises(manip3d.InputError, match="window: expected an odd number of pixels, got 4"):
         lift(frame, window=4)
