@@ -137,6 +137,28 @@ def test_a_thing_that_goes_dark_is_found_by_its_dark_returns(
     assert np.isin(np.flatnonzero(box), found.suspected).mean() > 0.7
 
 
+@pytest.mark.parametrize("change", [lambda v: v + 0.06, lambda v: v**0.8])
+def test_a_frame_that_was_brightened_as_a_whole_is_processed(
+    turns: list[LidarFrame], change: Callable[[np.ndarray], np.ndarray]
+) -> None:
+    """It differs from both turns everywhere, at no place in particular."""
+    values, _ = of_box(turns)
+    brighter = np.round(np.clip(change(values), 0.0, 0.99), 2).astype(np.float32)
+    edited = turns[1].replace(intensity=brighter)
+    beside = {"previous": turns[0], "following": turns[2]}
+    found = reflectance_consistency(edited, lattice=LATTICE, **beside)
+    assert (found.verdict, found.with_turns) == ("undecidable", False)
+    assert found.rewritten.startswith("reflectances differ as a whole")
+    assert found.reason == found.rewritten
+    result = authenticate.inspect(edited, lattice=LATTICE, power=False, **beside)
+    assert result.verdict == "processed"
+    assert "reflectances" in [step.kind for step in result.processing]
+    # One turn alone that was brightened says nothing of the frame.
+    for before, after in ((edited, turns[2]), (turns[0], edited)):
+        other = reflectance_consistency(turns[1], lattice=LATTICE, previous=before, following=after)
+        assert (other.verdict, other.rewritten) == ("no_trace", "")
+
+
 def test_rows_of_a_result_can_be_those_of_a_whole_scan(
     turns: list[LidarFrame], aligned: TurnResult
 ) -> None:

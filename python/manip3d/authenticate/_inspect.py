@@ -607,6 +607,8 @@ def _returns_by_lattice(
         processing += of_turns
         if turns is not None and turns.foreign:
             processing += (Processing("foreign", FOREIGN),)
+        if reflectance is not None and reflectance.rewritten:
+            processing += (Processing("reflectances", reflectance.rewritten),)
     reports = (
         *_not_applicable(sensor, embedding),
         _of_generic(generic, position, sensor, embedding),

@@ -17,7 +17,7 @@ from manip3d._util.options import threads_of
 from manip3d.authenticate._generic import largest_group, tight_box
 from manip3d.authenticate._lattice import SensorLattice
 from manip3d.authenticate._turns import TurnResult, turn_consistency
-from manip3d.authenticate._verdict import BesideTurns, Calibration
+from manip3d.authenticate._verdict import BesideTurns, Calibration, Verdict
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame
 
@@ -60,6 +60,12 @@ SATURATED, FEWEST_CLIPPED, TIMES_BEFORE = 0.985, 20, 2
 """Reflectance, points, a multiple: KITTI's scanner saturates at 0.99, which each of 53 whole frames
 has. So many points have the largest value where others were clipped to it, and more than have the
 hundredth below it: of values that nobody clipped, the larger ones are rarer."""
+
+LEVELS, MOST_SHIFTED = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9), 0.0125
+"""Shares of the points, and by how much the reflectances that so many do not exceed differ from
+those of a turn beside, in the median over the shares. Of 213 clean frames none differs from the
+nearer turn, nor by more than 0.01 from the other; of 375 with one thing edited none by more than
+0.01. What differs by more from both was changed as a whole."""
 
 UNITS: Mapping[str, float] = ReadOnlyMapping({"grid": 3.0, "even": 100.0, "changed": 3800.0})
 """Points (``grid``), log likelihood ratio (``even``) and weighted points (``changed``) of a region
@@ -132,7 +138,8 @@ class ReflectanceResult(BesideTurns):
     Attributes
     ----------
     verdict : 'no_trace', 'tampered' or 'undecidable'
-        ``undecidable``: the frame has no reflectances, or of another unit.
+        ``undecidable``: the frame has no reflectances, or of another unit, or all of them were
+        changed.
     reason : str
         In words.
     p_value : float
@@ -148,11 +155,15 @@ class ReflectanceResult(BesideTurns):
     with_turns : bool
         Whether the turns before and after were compared, too.
     calibration : Calibration
+    rewritten : str
+        How all reflectances differ from those of both turns; empty: they do not, or there are no
+        turns beside the frame.
     """
 
     regions: tuple[ReflectanceRegion, ...]
     with_turns: bool
     calibration: Calibration = field(repr=False)
+    rewritten: str = ""
 
 
 _REASONS = {
@@ -267,6 +278,7 @@ def reflectances_read(
         return ReflectanceResult(
             "undecidable", why, 1.0, 0.0, false_alarm_rate, (), nothing, False, CALIBRATION
         )
+    rewritten = ""
     beside: list[NDArray[np.float32]] = []
     motions: list[NDArray[np.float64]] = []
     if previous is not None and following is not None:
@@ -275,6 +287,10 @@ def reflectances_read(
             turns = turn_consistency(frame, previous, following, lattice=lattice, threads=threads)
         usable = turns.verdict != "undecidable"
         if usable and why_not_judged(previous) is None and why_not_judged(following) is None:
+            rewritten = _shifted_as_a_whole(frame, previous, following)
+        else:
+            usable = False
+        if usable and not rewritten:
             for other, motion in ((previous, turns.previous), (following, turns.following)):
                 beside += [_points_of(other), _reflectance_of(other)]
                 motions.append(np.ascontiguousarray(motion))
@@ -290,9 +306,11 @@ def reflectances_read(
     regions.sort(key=lambda region: -region.strength)
     alarming = tuple(region for region in regions if region.p_value <= false_alarm_rate)
     rows = [region.rows for region in alarming]
+    verdict: Verdict = "tampered" if alarming else "undecidable" if rewritten else "no_trace"
+    reason = rewritten or "reflectances are as noisy as the scanner's"
     return ReflectanceResult(
-        "tampered" if alarming else "no_trace",
-        _REASONS[alarming[0].kind] if alarming else "reflectances are as noisy as the scanner's",
+        verdict,
+        _REASONS[alarming[0].kind] if alarming else reason,
         min((region.p_value for region in regions), default=1.0),
         max((region.strength for region in regions), default=0.0),
         false_alarm_rate,
@@ -300,6 +318,7 @@ def reflectances_read(
         np.unique(np.concatenate(rows)) if rows else nothing,
         bool(motions),
         CALIBRATION,
+        rewritten,
     )
 
 
@@ -307,6 +326,21 @@ def reflectance_p_value(strength: float) -> float:
     """Return the probability, at most, that a clean frame has a region as strong."""
     as_strong = sum(value >= strength for value in TAIL)
     return (1 + as_strong) / (1 + TAIL_FRAMES) if as_strong < len(TAIL) else 1.0
+
+
+def _shifted_as_a_whole(frame: LidarFrame, previous: LidarFrame, following: LidarFrame) -> str:
+    """Say how the reflectances of a frame differ as a whole from those of both turns beside it."""
+    own, before, after = (_levels(each) for each in (frame, previous, following))
+    if min(np.median(np.abs(own - before)), np.median(np.abs(own - after))) <= MOST_SHIFTED:
+        return ""
+    shift = float(np.median(own - (before + after) / 2.0))
+    return f"reflectances differ as a whole from both turns beside the scan, by {shift:+.2f}"
+
+
+def _levels(frame: LidarFrame) -> NDArray[np.float64]:
+    """Reflectances at `LEVELS` of the points that have one."""
+    values = _reflectance_of(frame)
+    return np.asarray(np.quantile(values[values > 0.0], LEVELS), np.float64)
 
 
 def why_rewritten(values: NDArray[np.float32]) -> str | None:

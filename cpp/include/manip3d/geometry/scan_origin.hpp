@@ -30,7 +30,7 @@ struct ScanOrigin {
 };
 
 struct ScanOriginOptions {
-  std::optional<Eigen::Vector3d> known;  ///< Judge this position only.
+  std::optional<Eigen::Vector3d> known = {};  ///< Judge this position only.
   /// Try (0, 0, 0) first, as the place of the scanner in its own coordinates. In those of a map,
   /// moved by a round number, it is no more likely than any other.
   bool tries_zero = true;
