@@ -497,7 +497,8 @@ void DepthSmoother::stay_near_shown() {
       // The mesh shown last is no guide where half of the pixels around move.
       const float from = depth - shown, limit = noise * noise_at(depth);
       const float by_motion = 4.0F * moving[u / kBlock] * moving[u / kBlock];
-      const float least = std::max(by_motion * by_motion, share);
+      const auto count = static_cast<float>(count_[in_image + u]);
+      const float least = std::max({by_motion * by_motion, share, 1.0F / count});
       const float squared = from * from, most = limit * limit;
       const float part = squared >= most ? 1.0F : std::clamp(squared / most, least, 1.0F);
       depth = shown + part * from;

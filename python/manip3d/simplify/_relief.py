@@ -500,11 +500,11 @@ class ReliefStream:
     the noise of such means. The rest of a pixel's changes is averaged over time, and the result
     over those of the 24 pixels around that lie on the same surface. The mesh of the frame before
     goes along with the motion of the larger means. Where it is within three standard deviations of
-    the result, its surface is moved towards that by half of ``newest_share`` at least, and wholly
-    where half of the pixels around move. The noises are measured in the stream itself: factors of
-    that of a Kinect, which grows with the square of the depth. The first frame is simplified as it
-    is, and the stream starts anew with a frame of which less than half of the pixels have the depth
-    they had before.
+    the result, its surface is moved towards that by half of ``newest_share`` at least, by more in
+    a pixel's first frames, and wholly where half of the pixels around move. The noises are measured
+    in the stream itself: factors of that of a Kinect, which grows with the square of the depth. The
+    first frame is simplified as it is, and the stream starts anew with a frame of which less than
+    half of the pixels have the depth they had before.
 
     Motion that changes depths by less than three times the noise of the larger mean lags behind by
     up to twice that.
