@@ -207,8 +207,14 @@ def test_refusals(diary: Diary) -> None:
         (lambda: diary.add_event("P01", "other", "x" * 2001), "text: expected at most 2000"),
         (lambda: diary.add_event("P01", "other", "caf\udce9"), "text: expected a text without con"),
         (lambda: diary.add_event("P01", "other", "\x1b[31mred"), r"without .* got '\\x1b\[31mred'"),
-        (lambda: diary.enrol("P03", limb="left\x07leg"), "limb: expected a text without control"),
+        (lambda: diary.enrol("P03", limb="tail"), r"limb: expected left_arm, .*, got .tail."),
         (lambda: diary.add_game(session, game(name="pi\x00ano")), "game: expected a text without"),
+        (lambda: diary.add_game(session, game(limb="tail")), "limb: expected left_arm"),
+        (lambda: diary.add_game(session, game(ending="bored")), "ending: expected time, misses"),
+        (
+            lambda: diary.add_felt("P01", length=60, telescoping=0, raised=0, bent=0, limb="tail"),
+            "limb: expected left_arm",
+        ),
         (lambda: diary.add_mcgill("P01", [1] * 20, 1, occasion="noon"), "occasion: expected"),
         (lambda: diary.delete("P9"), "'P9' is not enrolled"),
     ):
@@ -220,6 +226,22 @@ def test_refusals(diary: Diary) -> None:
     assert len(diary.mcgill("P01")) == 1
     assert diary.sessions("P01")[0].ratings == ()
     diary.check()
+
+
+def test_a_diary_that_was_closed_refuses(tmp_path: Path) -> None:
+    """It opened the file again, silently."""
+    with Diary(tmp_path / "closed.diary", create=True) as diary:
+        diary.enrol("P01", clips=True)
+    diary.close()
+    for call in (
+        lambda: diary.enrol("P02"),
+        lambda: diary.sessions("P01"),
+        lambda: diary.set_consent("P01", clips=False),
+        lambda: diary.delete("P01"),
+        lambda: diary.check(),
+    ):
+        with pytest.raises(InputError, match=r"diary: .*closed\.diary was closed"):
+            call()
 
 
 def test_a_text_may_have_lines_and_any_script(diary: Diary) -> None:

@@ -242,6 +242,19 @@ def test_a_film_begins_before_there_is_colour(
     assert film.frames_with_skeleton == 1
 
 
+def test_a_tracker_that_was_closed_refuses(monkeypatch: pytest.MonkeyPatch) -> None:
+    nobody = types.SimpleNamespace(pose_landmarks=None)
+    closed = []
+    model = types.SimpleNamespace(process=lambda _: nobody, close=lambda: closed.append(1))
+    monkeypatch.setattr(modify.PoseTracker, "_start", lambda _: model)
+    with modify.PoseTracker() as tracker:
+        pass
+    tracker.close()
+    assert closed == [1]
+    with pytest.raises(manip3d.InputError, match="pose tracker was closed"):
+        tracker.find(picture(wall(2.0)))
+
+
 def test_depth_is_the_median_of_the_person_s_pixels_in_the_window() -> None:
     depth = wall(3.0)
     body = np.full((48, 64), rgbd.NO_BODY, np.uint8)

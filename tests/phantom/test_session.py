@@ -564,3 +564,12 @@ def test_other_commands_are_refused() -> None:
     for name in ("ack", "quit", ""):
         with pytest.raises(InputError, match="name: expected one of choose, ready, stop"):
             LiveSession().command(name)
+
+
+def test_there_is_no_simulated_patient_without_a_tail() -> None:
+    for limb, game, message in (
+        ("tail", None, "limb: expected one of left_arm, .*, got .tail."),
+        ("left_leg", "chess", "game: expected one of .*, got .chess."),
+    ):
+        with pytest.raises(InputError, match=message):
+            simulated_patient(limb, game)

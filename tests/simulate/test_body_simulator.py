@@ -254,6 +254,8 @@ def test_the_chest_turns_against_the_pelvis(twist: float, sitting: bool) -> None
     assert np.rad2deg(angle) == pytest.approx(twist)
     shoulders = turned.joints[4] - turned.joints[8]
     assert shoulders @ after == pytest.approx(np.linalg.norm(shoulders))
+    with pytest.raises(InputError, match=r"limb: expected one of left_arm, .*, got 'tail'"):
+        turned.mirror_plane("tail")  # type: ignore[arg-type]
 
 
 def test_the_legs_of_a_sitting_person_turn_against_the_pelvis() -> None:

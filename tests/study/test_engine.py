@@ -469,6 +469,19 @@ def test_a_damaged_journal_is_told_by_its_line(conductor: Conductor) -> None:
         StudyFolder(folder.path)  # the lock was given back
 
 
+def test_a_folder_that_was_closed_is_not_written_to(definition: Path, tmp_path: Path) -> None:
+    """Another process may hold it by then."""
+    _, content = read_study(definition)
+    with StudyFolder(tmp_path / "a", content) as folder:
+        folder.begin("p1")
+    with StudyFolder(tmp_path / "a") as other:
+        for write in (lambda: folder.begin("p2"), lambda: folder.withdraw("p1")):
+            with pytest.raises(InputError, match="this study was closed"):
+                write()
+        assert list(other.sessions) == ["p1"]
+    assert list(StudyFolder(tmp_path / "a", read_only=True).sessions) == ["p1"]
+
+
 def test_a_damaged_journal_keeps_nobody_else_from_the_results(
     definition: Path, tmp_path: Path
 ) -> None:

@@ -42,6 +42,7 @@ from manip3d.diary._records import (
 from manip3d.diary._sealing import require_key_material
 from manip3d.errors import FormatError, InputError, MissingExtraError
 from manip3d.io._files import sha256_of
+from manip3d.modify import Limb
 
 try:
     import sqlalchemy as sql
@@ -53,6 +54,7 @@ from manip3d.diary._audit import moment_of
 from manip3d.diary._file import DiaryFile
 from manip3d.diary._rows import Enrolled, Rows, check_texts
 
+_ENDINGS = ("time", "misses", "done", "stopped", "interrupted")
 _OWNERSHIP, _FELT, _FORM = "ownership", "felt", "form"  # kinds of questionnaires
 
 
@@ -115,7 +117,10 @@ class Diary:
         self.close()
 
     def close(self) -> None:
-        """Let the file go; nothing is lost without this."""
+        """Let the file go; may be called twice, and nothing is lost without it.
+
+        Other methods raise InputError from then on.
+        """
         self._file.close()
 
     @property
@@ -139,8 +144,8 @@ class Diary:
         ----------
         identifier : str
             A pseudonym: letters, digits, dots, hyphens and underscores.
-        limb : str
-            The affected one.
+        limb : {"left_arm", "right_arm", "left_leg", "right_leg"}, optional
+            The affected one; empty: it is not known.
         clips : bool
             Whether they consented to clips of anomalies; `set_consent` changes it.
         at : datetime, optional
@@ -153,11 +158,11 @@ class Diary:
         Raises
         ------
         InputError
-            The pseudonym is taken, in capital or small letters, or no pseudonym, the limb has
-            control characters, or the time has no offset from UTC.
+            The pseudonym is taken, in capital or small letters, or no pseudonym, there is no such
+            limb, or the time has no offset from UTC.
         """
         name = identifier_of(identifier)
-        check_texts({"limb": limb})
+        _check_limb(limb)
         moment = aware(at, "at")
         fields = {"identifier": name, "limb": limb, "enrolled": moment.isoformat(), "clips": clips}
         with self._file.begin() as rows:
@@ -316,11 +321,14 @@ class Diary:
         Raises
         ------
         InputError
-            No such session or game, clips of somebody who did not consent, or more or fewer than
-            anomalies.
+            No such session, game, limb or ending, clips of somebody who did not consent, or more or
+            fewer than anomalies.
         """
         if clips and len(clips) != len(game.anomalies):
             raise InputError(f"clips: expected {len(game.anomalies)}, got {len(clips)}")
+        _check_limb(game.limb)
+        if game.ending not in _ENDINGS:
+            raise InputError(f"ending: expected {', '.join(_ENDINGS)}, got {game.ending!r}")
         fields: dict[str, Any] = asdict(game) | {"at": aware(game.at, "at").isoformat()}
         del fields["anomalies"], fields["number"]
         with self._file.begin() as rows:
@@ -579,8 +587,8 @@ class Diary:
             20 to 150 of the intact limb's length; 0 to 100, how far the end has moved up.
         raised, bent : int, degrees
             -30 to 180 sideways from hanging down; 0 to 150 at elbow or knee.
-        limb : str
-            Which one, as ``left_arm``; empty: the one of the enrolment.
+        limb : {"left_arm", "right_arm", "left_leg", "right_leg"}, optional
+            Which one; empty: the one of the enrolment.
         session : int, optional
             As `start_session` returned it; by default it belongs to no session.
         at : datetime, optional
@@ -593,8 +601,9 @@ class Diary:
         Raises
         ------
         InputError
-            No such participant or session, or a number out of range.
+            No such participant, session or limb, or a number out of range.
         """
+        _check_limb(limb)
         numbers = {"length": length, "telescoping": telescoping, "raised": raised, "bent": bent}
         for name, low, high in (
             ("length", 20, 150), ("telescoping", 0, 100), ("raised", -30, 180), ("bent", 0, 150)
@@ -1072,6 +1081,11 @@ class Diary:
         """Fields and number of each row."""
         with self._file.begin() as rows:
             return [(f, row["id"]) for row, f in rows.read(table, rows.find(identifier))]
+
+
+def _check_limb(limb: str) -> None:
+    if limb and limb not in get_args(Limb):
+        raise InputError(f"limb: expected {', '.join(get_args(Limb))}, got {limb!r}")
 
 
 def _write_consent(rows: Rows, participant: Enrolled, clips: bool) -> None:

@@ -39,6 +39,7 @@ class DiaryFile:
     ) -> None:
         self.path = path
         self.key = key
+        self._is_closed = False
         self._told_as = path if told_as is None else told_as
         if create and told_as is None and not os.path.lexists(path):
             _make(path, key)
@@ -63,17 +64,24 @@ class DiaryFile:
             self.chain_key = unseal(key, self._meta(connection, "audit key"), _CHAIN)
 
     def close(self) -> None:
+        self._is_closed = True
         self.engine.dispose()
+
+    def _refuse_if_closed(self) -> None:
+        if self._is_closed:
+            raise InputError(f"diary: {self.path} was closed")
 
     @contextlib.contextmanager
     def begin(self) -> Iterator[Rows]:
         """A transaction: what was done in it is written at its end, or nothing if it raises."""
+        self._refuse_if_closed()
         with self.engine.begin() as connection:
             yield self._rows(connection)
 
     @contextlib.contextmanager
     def begin_without_remains(self) -> Iterator[Rows]:
         """A transaction after which what it deleted is neither in the file nor beside it."""
+        self._refuse_if_closed()
         with self.engine.connect() as connection:
             raw = connection.connection.dbapi_connection
             assert isinstance(raw, sqlite3.Connection)

@@ -192,6 +192,7 @@ class PoseTracker:
             "min_detection_confidence": min_confidence,
             "min_tracking_confidence": min_confidence,
         }
+        self._is_closed = False
         self._pose: Any = self._start()
 
     def _start(self) -> Any:
@@ -217,8 +218,10 @@ class PoseTracker:
         Raises
         ------
         InputError
-            The frame has no colour.
+            The frame has no colour, or the tracker was closed.
         """
+        if self._is_closed:
+            raise InputError("the pose tracker was closed")
         if frame.color is None:
             raise InputError("frame.color: expected a colour image, got None")
         landmarks = self._pose.process(frame.color)
@@ -264,8 +267,10 @@ class PoseTracker:
         self._pose.reset()
 
     def close(self) -> None:
-        """Free the model."""
-        self._pose.close()
+        """Free the model; may be called twice."""
+        if not self._is_closed:
+            self._is_closed = True
+            self._pose.close()
 
     def __enter__(self) -> Self:
         return self

@@ -105,6 +105,11 @@ def simulated_patient(limb: str, game: str | None = None) -> str:
     str
         An address for `manip3d.capture.open_rgbd`.
 
+    Raises
+    ------
+    InputError
+        There is no such limb or game.
+
     Examples
     --------
     >>> simulated_patient("left_leg")
@@ -112,6 +117,10 @@ def simulated_patient(limb: str, game: str | None = None) -> str:
     >>> simulated_patient("left_leg", "piano")
     'sim:body?amputated=left-leg&motion=stepping&sitting=yes&tracker=kinect-v2'
     """
+    if limb not in LIMBS:
+        raise InputError(f"limb: expected one of {', '.join(LIMBS)}, got {limb!r}")
+    if game is not None and game not in GAMES:
+        raise InputError(f"game: expected one of {', '.join(GAMES)}, got {game!r}")
     motion = "arm-raise" if limb.endswith("arm") else "knee-extension"
     if not limb.endswith("arm"):
         motion = {"pedal": "dorsiflexion", "piano": "stepping&sitting=yes"}.get(game or "", motion)

@@ -149,7 +149,14 @@ class BodyTruth:
         Returns
         -------
         point, normal : (3,) float64
+
+        Raises
+        ------
+        InputError
+            There is no such limb.
         """
+        if limb not in LIMBS:
+            raise InputError(f"limb: expected one of {', '.join(LIMBS)}, got {limb!r}")
         is_arm = limb.endswith("arm")
         return self.joints[1 if is_arm else 0], self.lateral[1 if is_arm else 0]
 

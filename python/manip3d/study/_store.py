@@ -206,6 +206,8 @@ class StudyFolder:
     def _refuse_if_read_only(self) -> None:
         if self.read_only:
             raise InputError(f"{self.path}: opened for reading only")
+        if self._lock is None:
+            raise InputError(f"{self.path}: this study was closed")
 
     def _agreed(self, definition: Mapping[str, Any] | None) -> dict[str, Any]:
         file = self.path / _DEFINITION
@@ -396,7 +398,10 @@ class StudyFolder:
             del self.sessions[participant]
 
     def close(self) -> None:
-        """Let others use the folder; may be called twice."""
+        """Let others use the folder; may be called twice.
+
+        What was read before can still be read; nothing is written from then on.
+        """
         if self._lock is not None:
             os.close(self._lock)
             self._lock = None
