@@ -45,7 +45,6 @@ WITHOUT_ERRORS = {
     "datasets.data_root",
     "io.guess_depth_unit",
     "io.is_url",
-    "phantom.simulated_patient",
     "simulate.street",
     "study.px_per_degree",
     "study.reversal_mean",
