@@ -1,24 +1,25 @@
-"""A chest that twists takes the plane of a leg along: the gate says so."""
+"""A chest that twists does not take the plane of a leg along."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 import pytest
 
-from manip3d.modify import Limb, PhantomPipeline, PhantomReason
+from manip3d.modify import Limb, PhantomPipeline
 from manip3d.simulate import BodySimulator
 
 pytest.importorskip("open3d", reason="the extra 'simulate' is not installed")
 
 
-def followed(limb: Limb, twist: float) -> tuple[np.ndarray, np.ndarray, set[PhantomReason]]:
-    """Errors of the plane in degrees, whether the state is `tracking`, and the other reasons."""
+def followed(limb: Limb, **body: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Errors of the plane in degrees, and whether the state is `tracking`."""
     pipeline = PhantomPipeline(limb)
     people = BodySimulator(
-        amputated=limb, motion="still", twist=twist, tracker="kinect-v2", color="none", room=False,
-        seed=2,
-    )  # fmt: skip
-    off, tracking, reasons = [], [], set()
+        amputated=limb, motion="still", tracker="kinect-v2", color="none", room=False, **body
+    )
+    off, tracking = [], []
     for number in range(120):
         seen = people.capture(number / 30.0)
         result = pipeline.process(seen.frame)
@@ -28,23 +29,30 @@ def followed(limb: Limb, twist: float) -> tuple[np.ndarray, np.ndarray, set[Phan
         _, normal = seen.truth.mirror_plane(limb)
         off.append(np.degrees(np.arccos(min(1.0, abs(float(result.plane.normal @ normal))))))
         tracking.append(result.state.value == "tracking")
-        if not tracking[-1]:
-            reasons.add(result.reason)
-    return np.array(off), np.array(tracking), reasons
+    return np.array(off), np.array(tracking)
+
+
+@pytest.mark.parametrize("sitting", [False, True])
+@pytest.mark.parametrize("limb", ["left_leg", "right_leg"])
+def test_the_plane_of_a_leg_stays_at_the_pelvis(limb: Limb, sitting: bool) -> None:
+    """It was 15 to 18 degrees off (medians) and half of the frames were not `tracking`.
+
+    Most cases are off by 1 to 4 degrees; the standing right leg by 9, as the turn is sure late.
+    """
+    off, tracking = followed(limb, twist=20.0, sitting=sitting, seed=2)
+    assert np.median(off) < 11.0
+    assert np.percentile(off, 95) < 18.0
+    assert tracking.mean() > 0.75
 
 
 @pytest.mark.parametrize("limb", ["left_leg", "right_leg"])
-def test_a_chest_that_twists_is_said(limb: Limb) -> None:
-    """Nine of ten frames whose plane was far off were `tracking` once."""
-    off, tracking, reasons = followed(limb, 25.0)
-    far = off > 10.0
-    assert far.mean() > 0.5
-    assert tracking[far].mean() < 0.4
-    assert PhantomReason.SHAKY in reasons
-
-
-@pytest.mark.parametrize("limb", ["left_leg", "right_leg"])
-def test_a_chest_at_rest_is_not(limb: Limb) -> None:
-    off, tracking, _ = followed(limb, 0.0)
+def test_a_chest_at_rest_is_not_twisted(limb: Limb) -> None:
+    off, tracking = followed(limb, twist=0.0, seed=2)
     assert off.max() < 3.0
     assert tracking.mean() > 0.95
+
+
+def test_a_body_that_turns_as_a_whole_is_not_followed_later() -> None:
+    """With trunk and pelvis as one estimate the plane lagged by 67 to 400 ms."""
+    off, _ = followed("left_leg", sway=20.0, seed=3)
+    assert np.percentile(off, 95) < 5.0

@@ -40,6 +40,13 @@ constexpr double kFirstCorrelation = 0.8, kMostCorrelation = 0.95;
 constexpr double kJointScale = 0.05;  // metres: of the Cauchy weight
 // What the trunk's motion changes by in a frame: radians and metres of the Cauchy prior.
 constexpr double kTurnNoise = 0.010, kMoveNoise = 0.006;
+// The pelvis against the trunk: radians that it is usually turned by, and that this changes by in a
+// frame; metres that it moves by aside; radians of a turn that is not believed, and deviations.
+// Chosen on seed 5 of `bench_people.py --twist` and on seed 3 of `bench_steadiness.py`.
+constexpr double kUsualTurn = 0.2, kTurnChange = 0.04, kPelvisMove = 0.03;
+constexpr double kLeastTurn = 0.05, kSureTurn = 3.0;
+// The loins, as parts of the way from the hips to the neck, are where the trunk turns in itself.
+constexpr double kLowLoins = 0.2, kHighLoins = 0.7;
 constexpr double kStepMemory = 0.7;         // of the velocity, from frame to frame
 constexpr double kContradiction = 0.15;     // metres: joints off by so much are another trunk's
 constexpr double kContradictionTime = 0.3;  // seconds until joints are believed
@@ -79,6 +86,17 @@ constexpr std::array kMiddle = {kSpineBase, kSpineMid, kSpineShoulder, kNeck};
 /// The rotation by a small vector, without transcendental functions: exact to third order.
 Eigen::Quaterniond small_turn(const Eigen::Vector3d& w) {
   return Eigen::Quaterniond(1.0, 0.5 * w.x(), 0.5 * w.y(), 0.5 * w.z()).normalized();
+}
+
+/// Turns a vector of the trunk about the spine, as small_turn() does.
+Eigen::Vector3d about_spine(const Eigen::Vector3d& p, double angle) {
+  const double half = 0.5 * angle, scale = 1.0 / (1.0 + half * half);
+  const double c = (1.0 - half * half) * scale, s = 2.0 * half * scale;
+  return {c * p.x() + s * p.z(), p.y(), c * p.z() - s * p.x()};
+}
+
+bool is_on_pelvis(Joint joint) {
+  return joint == kSpineBase || joint == kHipLeft || joint == kHipRight;
 }
 
 Eigen::Matrix3d axes_of(const BodyFrame& frame) {
@@ -297,6 +315,8 @@ void TrunkTracker::reset() {
   hips_.setZero();
   usual_angle_ = twist_ = 0.0;
   usual_time_ = kFirstUsual;
+  pelvis_ = {};
+  knee_ = {};
   joints_ = {};
   surface_.clear();
   plane_ = {};
@@ -375,6 +395,7 @@ void TrunkTracker::follow(const Skeleton* joints, const DepthView& depth, const 
   // A body that turned too far for its surface is looked for as if frames had been missed.
   const double unseen = jumps ? std::max(elapsed, kMissed + kFrameTime) : elapsed;
   fit(is_contradicted_ ? nullptr : joints, depth, rays, camera, unseen);
+  follow_pelvis(is_contradicted_ ? nullptr : joints, depth, rays, camera, elapsed);
   if (jumps) {  // trackers jump, and a body that did would not go on so
     velocity_.setZero();
     return;
@@ -388,10 +409,14 @@ void TrunkTracker::follow(const Skeleton* joints, const DepthView& depth, const 
 /// The axes of the joints' means, with the plane that the surface has told.
 std::optional<BodyFrame> TrunkTracker::frame() const {
   if (!pose_) return std::nullopt;
-  auto frame = trusted_frame(mean_skeleton(), affected_, joint_trust(), down_);
+  return frame_at(end_of_limb());
+}
+
+std::optional<BodyFrame> TrunkTracker::frame_at(const Pose& pose) const {
+  auto frame = trusted_frame(mean_skeleton(pose), affected_, joint_trust(), down_);
   if (!frame || plane_.weight == 0.0) return frame;
-  const Eigen::Vector3d n = (pose_->rotation * plane_.normal).normalized();
-  frame->origin += (plane_.offset - n.dot(frame->origin - pose_->translation)) * n;
+  const Eigen::Vector3d n = (pose.rotation * plane_.normal).normalized();
+  frame->origin += (plane_.offset - n.dot(frame->origin - pose.translation)) * n;
   frame->n = frame->x = n;
   frame->y = (frame->y - frame->y.dot(n) * n).normalized();
   frame->z = n.cross(frame->y);
@@ -406,7 +431,7 @@ std::optional<BodyFrame> TrunkTracker::frame() const {
 /// 2 s (a y + b z).
 void TrunkTracker::measure_symmetry(const DepthView& depth, const PixelRays& rays,
                                     const Intrinsics& camera) {
-  const auto axes = trusted_frame(mean_skeleton(), affected_, joint_trust(), down_);
+  const auto axes = trusted_frame(mean_skeleton(*pose_), affected_, joint_trust(), down_);
   if (!axes) return;
   if (surface_.size() < kLeastSurface) {
     covariance_ = Eigen::Matrix3d(joint_plane_variance().cwiseInverse().asDiagonal()).inverse();
@@ -429,9 +454,13 @@ void TrunkTracker::measure_symmetry(const DepthView& depth, const PixelRays& ray
     for (const SurfacePoint& point : surface_) {
       const Eigen::Vector3d from = rotation * point.place + pose_->translation - o;
       const double s = n.dot(from);
-      const Eigen::Vector3d p = from + o - 2.0 * s * n;
       const Eigen::Vector3d turned = rotation * point.normal;
-      const Eigen::Vector3d normal = turned - 2.0 * n.dot(turned) * n;
+      Eigen::Vector3d p = from + o - 2.0 * s * n, normal = turned - 2.0 * n.dot(turned) * n;
+      if (const double turn = point.share * pelvis_.turn; turn != 0.0) {
+        const Eigen::Matrix3d back = rotation.transpose();
+        p = rotation * about_spine(back * (p - pose_->translation), turn) + pose_->translation;
+        normal = rotation * about_spine(back * normal, turn);
+      }
       constexpr double kLeastCosine = 0.3;  // of surfaces that the camera sees
       if (!(-normal.dot(p) > kLeastCosine * p.norm())) continue;
       const auto found = residual_at(p, normal, depth, rays, projector, scale);
@@ -535,7 +564,8 @@ bool TrunkTracker::contradicts(const Skeleton& joints) const {
     const JointMean& mean = joints_[static_cast<std::size_t>(joint)];
     if (mean.weight == 0.0 || !is_usable(joints, joint)) continue;
     ++all;
-    if ((joints[joint].cast<double>() - (*pose_)(mean.place)).norm() > kContradiction) ++off;
+    const Eigen::Vector3d place = (*pose_)(place_of(joint, pelvis_.turn));
+    if ((joints[joint].cast<double>() - place).norm() > kContradiction) ++off;
   }
   return 2 * off > all;
 }
@@ -548,7 +578,12 @@ std::optional<TrunkTracker::Across> TrunkTracker::tracked_across(const Skeleton&
     for (const Joint joint : {left, right}) {
       if (!is_usable(joints, joint) || joints.state(joint) != TrackingState::kTracked) return;
     }
-    across.direction += share * (joints[left] - joints[right]).cast<double>();
+    Eigen::Vector3d direction = (joints[left] - joints[right]).cast<double>();
+    if (is_on_pelvis(left) && pelvis_.turn != 0.0) {
+      direction =
+          pose_->rotation * about_spine(pose_->rotation.conjugate() * direction, -pelvis_.turn);
+    }
+    across.direction += share * direction;
     length += share * width;
     for (const Joint joint : {left, right}) {
       variance += share * share * joints_[static_cast<std::size_t>(joint)].jitter;
@@ -576,7 +611,8 @@ bool TrunkTracker::has_jumped(const Skeleton& joints, double elapsed) const {
 /// lately. They are averaged within the trunk, so that a body that turns is not behind.
 void TrunkTracker::compare_turn(const Skeleton& joints, double elapsed) {
   disagreement_ = 0.0;
-  const auto axes = frame();
+  if (!pose_) return;
+  const auto axes = frame_at(*pose_);
   if (!axes) return;
   const auto across = tracked_across(joints);
   if (!across) {
@@ -597,7 +633,7 @@ void TrunkTracker::compare_turn(const Skeleton& joints, double elapsed) {
 }
 
 /// How far the plane of a leg is turned about the spine against the hips, from what it usually is:
-/// most of the trunk's surface is the chest's, and a chest that twists takes the plane along.
+/// what of a twist the pelvis was not seen to turn by.
 void TrunkTracker::compare_hips(const Skeleton& joints, double elapsed) {
   twist_ = 0.0;
   const auto axes = frame();
@@ -613,8 +649,9 @@ void TrunkTracker::compare_hips(const Skeleton& joints, double elapsed) {
   const Eigen::Vector3d across = (joints[kHipLeft] - joints[kHipRight]).cast<double>();
   const double step = std::clamp(elapsed, 1e-3, kGap);
   const double gain = hips_.isZero(0.0) ? 1.0 : 1.0 - std::exp(-step / kHipsTime);
-  hips_ += gain * (pose_->rotation.conjugate() * across - hips_);
-  const Eigen::Vector3d mean = pose_->rotation * hips_;
+  const Eigen::Quaterniond rotation = end_of_limb().rotation;
+  hips_ += gain * (rotation.conjugate() * across - hips_);
+  const Eigen::Vector3d mean = rotation * hips_;
   const double z = axes->z.dot(mean), n = axes->n.dot(mean), angle = std::atan2(z, n);
   usual_time_ = std::min(usual_time_ + step, kUsualTime);
   const double off = std::remainder(angle - usual_angle_, 2.0 * std::numbers::pi);
@@ -678,8 +715,9 @@ TrunkTracker::Agreement TrunkTracker::add_surface(const DepthView& depth, const 
   const Eigen::Matrix3d rotation = pose_->rotation.toRotationMatrix();
   Agreement agreed;
   for (const SurfacePoint& point : surface_) {
-    const Eigen::Vector3d p = rotation * point.place + centre;
-    const Eigen::Vector3d normal = rotation * point.normal;
+    const double turn = point.share * pelvis_.turn;
+    const Eigen::Vector3d p = rotation * about_spine(point.place, turn) + centre;
+    const Eigen::Vector3d normal = rotation * about_spine(point.normal, turn);
     const auto found = residual_at(p, normal, depth, rays, projector);
     if (!found) continue;
     if (found->agrees()) {
@@ -705,7 +743,7 @@ void TrunkTracker::add_joints(const Skeleton& joints, double scale,
   for (const Joint joint : kTrunkJoints) {
     const JointMean& mean = joints_[static_cast<std::size_t>(joint)];
     if (mean.weight == 0.0 || !is_usable(joints, joint)) continue;
-    const Eigen::Vector3d arm = rotation * mean.place;
+    const Eigen::Vector3d arm = rotation * place_of(joint, pelvis_.turn);
     const Eigen::Vector3d whole = joints[joint].cast<double>() - arm - centre;
     // Errors that drift are known from the last frame but for what is new of them.
     const Eigen::Vector3d off = whole - rho * (rotation * mean.last_error);
@@ -719,6 +757,120 @@ void TrunkTracker::add_joints(const Skeleton& joints, double scale,
     equations.information += weight * rows.transpose() * rows;
     equations.gradient += weight * rows.transpose() * off;
   }
+}
+
+/// Follows the turn of the pelvis against the trunk, by its own surface and joints and by a thigh
+/// on a seat. Only this angle has a memory: what the pelvis has moved by keeps a trunk that turned
+/// with the chest from hiding it, as a front that turns looks much like one that moves aside.
+void TrunkTracker::follow_pelvis(const Skeleton* joints, const DepthView& depth,
+                                 const PixelRays& rays, const Intrinsics& camera, double elapsed) {
+  if (is_arm(affected_)) return;
+  constexpr double kUsual = 1.0 / (kUsualTurn * kUsualTurn),
+                   kMove = 1.0 / (kPelvisMove * kPelvisMove);
+  const PixelProjector projector(camera, rays);
+  const double foreseen = pelvis_.told;
+  const double changed = elapsed / kFrameTime * kTurnChange * kTurnChange;
+  const Eigen::Vector4d prior(1.0 / (pelvis_.variance + changed), kMove, kMove, kMove);
+  Eigen::Vector3d moved = Eigen::Vector3d::Zero();
+  PelvisEquations equations;
+  for (int iteration = 0; iteration < kIterations; ++iteration) {
+    equations.information = prior.asDiagonal();
+    equations.gradient << prior[0] * (foreseen - pelvis_.told), -kMove * moved;
+    equations.information(0, 0) += kUsual;
+    equations.gradient[0] -= kUsual * pelvis_.told;
+    add_pelvis_surface(moved, depth, rays, projector, equations);
+    if (joints != nullptr) add_pelvis_joints(moved, *joints, equations);
+    const Eigen::Vector4d step = equations.information.ldlt().solve(equations.gradient);
+    pelvis_.told += step[0];
+    moved += step.tail<3>();
+  }
+  pelvis_.variance = equations.information.inverse()(0, 0);
+  // Continuous: nothing of the least turn that counts, and all of twice as much.
+  const double least = std::max(kLeastTurn, kSureTurn * std::sqrt(pelvis_.variance));
+  pelvis_.turn = pelvis_.told * std::clamp(std::abs(pelvis_.told) / least - 1.0, 0.0, 1.0);
+}
+
+void TrunkTracker::add_pelvis_surface(const Eigen::Vector3d& moved, const DepthView& depth,
+                                      const PixelRays& rays, const PixelProjector& projector,
+                                      PelvisEquations& equations) const {
+  const double noise = std::max(kSurfaceNoise, kSharedNoise * residual_);
+  const Eigen::Matrix3d rotation = pose_->rotation.toRotationMatrix();
+  const Eigen::Vector3d centre = pose_->translation, spine = rotation.col(1);
+  for (const SurfacePoint& point : surface_) {
+    if (point.share == 0.0) continue;
+    const double turn = point.share * pelvis_.told;
+    const Eigen::Vector3d arm = rotation * about_spine(point.place, turn);
+    const Eigen::Vector3d normal = rotation * about_spine(point.normal, turn);
+    const auto found =
+        residual_at(arm + centre + point.share * moved, normal, depth, rays, projector);
+    if (!found) continue;
+    Eigen::Vector4d row;
+    row << spine.dot(arm.cross(normal)), normal;
+    row *= point.share;
+    equations.add(row, found->off, found->weight(noise));
+  }
+}
+
+void TrunkTracker::add_pelvis_joints(const Eigen::Vector3d& moved, const Skeleton& joints,
+                                     PelvisEquations& equations) const {
+  const double rho = correlation();
+  const Eigen::Matrix3d rotation = pose_->rotation.toRotationMatrix();
+  const Eigen::Vector3d centre = pose_->translation + moved, spine = rotation.col(1);
+  const auto weight_of = [](double variance, double square) {
+    const double noise = std::clamp(std::sqrt(variance), kLeastJointNoise, kMostJointNoise);
+    return 1.0 / (noise * noise * (1.0 + square / (kJointScale * kJointScale)));
+  };
+  for (const Joint joint : {kSpineBase, kHipLeft, kHipRight}) {
+    const JointMean& mean = joints_[static_cast<std::size_t>(joint)];
+    if (mean.weight == 0.0 || !is_usable(joints, joint)) continue;
+    const Eigen::Vector3d arm = rotation * place_of(joint, pelvis_.told);
+    const Eigen::Vector3d off =
+        joints[joint].cast<double>() - arm - centre - rho * (rotation * mean.last_error);
+    const Eigen::Vector3d turn = spine.cross(arm);
+    const double weight = weight_of(innovation(mean), off.squaredNorm());
+    for (int axis = 0; axis < 3; ++axis) {
+      Eigen::Vector4d row;
+      row << turn[axis], Eigen::Vector3d::Unit(axis);
+      equations.add(row, off[axis], weight);
+    }
+  }
+  const auto knee = lap(joints);
+  if (!knee || knee_.weight == 0.0) return;
+  const Eigen::Vector3d arm = rotation * about_spine(knee_.place, pelvis_.told);
+  const Eigen::Vector3d turn = spine.cross(arm), aside = turn.normalized();
+  const double off = aside.dot(*knee - centre - arm);
+  // The knee is told as well as the hip, with errors that last.
+  const JointMean& hip = joints_[static_cast<std::size_t>(limb_root(opposite(affected_)))];
+  Eigen::Vector4d row;
+  row << turn.norm(), aside;
+  equations.add(row, off, weight_of(innovation(hip) / (1.0 - rho * rho), off * off));
+}
+
+/// The intact knee of a person on a seat, whose lap hides the pelvis: a thigh turns with it there.
+std::optional<Eigen::Vector3d> TrunkTracker::lap(const Skeleton& joints) const {
+  constexpr double kLeastAhead = 0.25;  // metres from the spine
+  const Joint joint = limb_chain(opposite(affected_))[1];
+  if (!is_usable(joints, joint) || joints.state(joint) != TrackingState::kTracked) {
+    return std::nullopt;
+  }
+  const Eigen::Vector3d knee = joints[joint].cast<double>();
+  const Eigen::Vector3d arm = knee - pose_->translation,
+                        spine = pose_->rotation * Eigen::Vector3d::UnitY();
+  if (!((arm - spine.dot(arm) * spine).norm() > kLeastAhead)) return std::nullopt;
+  return knee;
+}
+
+/// The end of the trunk that bears the limb.
+TrunkTracker::Pose TrunkTracker::end_of_limb() const {
+  if (pelvis_.turn == 0.0) return *pose_;
+  const Eigen::Quaterniond turn(1.0, 0.0, 0.5 * pelvis_.turn, 0.0);
+  return {(pose_->rotation * turn.normalized()).normalized(), pose_->translation};
+}
+
+/// A joint's mean place in the trunk whose pelvis is turned.
+Eigen::Vector3d TrunkTracker::place_of(Joint joint, double pelvis_turn) const {
+  const Eigen::Vector3d& place = joints_[static_cast<std::size_t>(joint)].place;
+  return is_on_pelvis(joint) ? about_spine(place, pelvis_turn) : place;
 }
 
 /// Correlation of the joints' errors from one frame to the next.
@@ -776,7 +928,8 @@ void TrunkTracker::average_joints(const Skeleton& joints) {
       mean.last_error.setZero();
       continue;
     }
-    const Eigen::Vector3d place = back * (joints[joint].cast<double>() - pose_->translation);
+    Eigen::Vector3d place = back * (joints[joint].cast<double>() - pose_->translation);
+    if (is_on_pelvis(joint)) place = about_spine(place, -pelvis_.turn);
     // A guess counts as a quarter of a measurement.
     const double trust = joints.state(joint) == TrackingState::kTracked ? 1.0 : 0.25;
     mean.weight = std::min(mean.weight + trust, kWindow);
@@ -792,6 +945,16 @@ void TrunkTracker::average_joints(const Skeleton& joints) {
     const double bounded =
         mean.weight > 1.0 && distance > kJointScale ? kJointScale / distance : 1.0;
     mean.place += std::min(1.0, trust / mean.weight) * bounded * off;
+  }
+  if (!is_arm(affected_)) {
+    const auto knee = lap(joints);
+    if (!knee) {
+      knee_ = {};
+    } else {
+      const Eigen::Vector3d place = about_spine(back * (*knee - pose_->translation), -pelvis_.turn);
+      knee_.weight = std::min(knee_.weight + 1.0, kWindow);
+      knee_.place += (place - knee_.place) / knee_.weight;
+    }
   }
   if (count == 0.0) return;
   constexpr double kMemory = 0.98;  // from frame to frame
@@ -810,12 +973,12 @@ TrunkTracker::JointTrust TrunkTracker::joint_trust() const {
 }
 
 /// The means where the trunk is now.
-Skeleton TrunkTracker::mean_skeleton() const {
+Skeleton TrunkTracker::mean_skeleton(const Pose& pose) const {
   Skeleton skeleton;
   for (const Joint joint : kTrunkJoints) {
     const auto i = static_cast<std::size_t>(joint);
     if (joints_[i].weight == 0.0) continue;
-    skeleton.positions[i] = (*pose_)(joints_[i].place).cast<float>();
+    skeleton.positions[i] = pose(joints_[i].place).cast<float>();
     skeleton.states[i] = TrackingState::kTracked;
   }
   return skeleton;
@@ -854,7 +1017,12 @@ void TrunkTracker::learn(const PersonPoints& points, const DepthView& depth, con
     const auto normal = normal_at(depth, rays, points.pixel[i]);
     if (!normal || surface_.size() == kMostSurface) continue;
     const Eigen::Vector3d p(points.x[i], points.y[i], points.z[i]);
-    surface_.push_back({back * (p - pose_->translation), back * *normal});
+    const Eigen::Vector3d place = back * (p - pose_->translation);
+    const double loins = (place.y() - low) / std::max(high - low, 0.1);
+    const double chest = std::clamp((loins - kLowLoins) / (kHighLoins - kLowLoins), 0.0, 1.0);
+    const double share = is_arm(affected_) ? 0.0 : 1.0 - chest;
+    const double turn = share * pelvis_.turn;
+    surface_.push_back({about_spine(place, -turn), about_spine(back * *normal, -turn), share});
   }
   key_rotation_ = pose_->rotation;
   if (plane_.weight == 0.0) measure_symmetry(depth, rays, camera);

@@ -41,6 +41,12 @@ std::optional<BodyFrame> trunk_frame(const Skeleton& skeleton, Limb limb,
 /// those of heavy-tailed distributions (Geman-McClure, Cauchy), so that an arm before the trunk or
 /// a joint that jumps does not count. `update` and `learn` allocate nothing after the first frame.
 ///
+/// A chest turns against the pelvis, which bears the legs. Once the trunk is followed as if it were
+/// rigid, the pelvis is laid onto its own surface and joints: a body that turns as a whole leaves
+/// nothing to tell there, and is not followed later than without. A turn counts beyond three
+/// deviations and 3 degrees, and wholly from twice as much on. The trunk is then turned in itself,
+/// by less the farther up the loins. How far a person was turned at the start is not known.
+///
 /// Joints are off by metres, and so turn the axes of a small body by more than those of an adult:
 /// the angles that they are trusted to are divided by the trunk's size against an adult's.
 ///
@@ -88,7 +94,8 @@ class TrunkTracker {
     }
   };
   struct SurfacePoint {
-    Eigen::Vector3d place, normal;  ///< In the trunk.
+    Eigen::Vector3d place, normal;  ///< In the trunk, not twisted.
+    double share = 0.0;             ///< Part that it has in the pelvis's turn.
   };
   struct JointMean {
     std::array<Eigen::Vector3d, 2> last;  ///< In the camera, the latest one first.
@@ -97,6 +104,10 @@ class TrunkTracker {
     double weight = 0.0;                              ///< Frames, at most those of the window.
     double jitter = 0.0;  ///< Variance of its white noise, square metres; 0: never seen.
     Eigen::Vector3d last_error = Eigen::Vector3d::Zero();  ///< From its mean, in the trunk.
+  };
+  struct Knee {  ///< The intact leg's, while it is on a seat; in the pelvis.
+    Eigen::Vector3d place = Eigen::Vector3d::Zero();
+    double weight = 0.0;  ///< Frames, at most those of the window.
   };
   struct Across {  ///< In the camera.
     Eigen::Vector3d direction = Eigen::Vector3d::Zero();
@@ -113,6 +124,18 @@ class TrunkTracker {
     Matrix6 information = Matrix6::Zero();
     Vector6 gradient = Vector6::Zero();
   };
+  struct PelvisEquations {  ///< For a small turn of the pelvis about the spine, and a move.
+    Eigen::Matrix4d information = Eigen::Matrix4d::Zero();
+    Eigen::Vector4d gradient = Eigen::Vector4d::Zero();
+    void add(const Eigen::Vector4d& row, double off, double weight) {
+      information += weight * row * row.transpose();
+      gradient += weight * off * row;
+    }
+  };
+  struct PelvisTurn {  ///< Against the trunk, about the spine, radians.
+    double told = 0.0, variance = 0.0;
+    double turn = 0.0;  ///< As it is believed: 0 until it is beyond its errors.
+  };
   struct Agreement {  ///< Between the key frame and the surface that is seen.
     std::size_t points = 0;
     double off = 0.0;  ///< Sum of their distances, metres.
@@ -128,6 +151,17 @@ class TrunkTracker {
   Agreement add_surface(const DepthView& depth, const PixelRays& rays,
                         const PixelProjector& projector, NormalEquations& equations) const;
   void add_joints(const Skeleton& joints, double scale, NormalEquations& equations) const;
+  void follow_pelvis(const Skeleton* joints, const DepthView& depth, const PixelRays& rays,
+                     const Intrinsics& camera, double elapsed);
+  void add_pelvis_surface(const Eigen::Vector3d& moved, const DepthView& depth,
+                          const PixelRays& rays, const PixelProjector& projector,
+                          PelvisEquations& equations) const;
+  void add_pelvis_joints(const Eigen::Vector3d& moved, const Skeleton& joints,
+                         PelvisEquations& equations) const;
+  [[nodiscard]] std::optional<Eigen::Vector3d> lap(const Skeleton& joints) const;
+  [[nodiscard]] Pose end_of_limb() const;
+  [[nodiscard]] Eigen::Vector3d place_of(Joint joint, double pelvis_turn) const;
+  [[nodiscard]] std::optional<BodyFrame> frame_at(const Pose& pose) const;
   void measure_jitter(const Skeleton& joints);
   void average_joints(const Skeleton& joints);
   [[nodiscard]] bool contradicts(const Skeleton& joints) const;
@@ -135,7 +169,7 @@ class TrunkTracker {
   void compare_hips(const Skeleton& joints, double elapsed);
   [[nodiscard]] std::optional<Across> tracked_across(const Skeleton& joints) const;
   [[nodiscard]] bool has_jumped(const Skeleton& joints, double elapsed) const;
-  [[nodiscard]] Skeleton mean_skeleton() const;
+  [[nodiscard]] Skeleton mean_skeleton(const Pose& pose) const;
   void measure_symmetry(const DepthView& depth, const PixelRays& rays, const Intrinsics& camera);
   [[nodiscard]] double correlation() const;
   [[nodiscard]] double innovation(const JointMean& mean) const;
@@ -159,6 +193,8 @@ class TrunkTracker {
   Eigen::Vector3d hips_ = Eigen::Vector3d::Zero();
   double usual_angle_ = 0.0, usual_time_ = 0.0;
   double twist_ = 0.0;  ///< Radians that they are turned from that, if beyond their errors.
+  PelvisTurn pelvis_;
+  Knee knee_;
   std::vector<SurfacePoint> surface_;
   Eigen::Quaterniond key_rotation_ = Eigen::Quaterniond::Identity();
   double residual_ = 0.0;  ///< Mean distance of the surface from the key frame, metres.
