@@ -765,19 +765,20 @@ void TrunkTracker::add_joints(const Skeleton& joints, double scale,
 void TrunkTracker::follow_pelvis(const Skeleton* joints, const DepthView& depth,
                                  const PixelRays& rays, const Intrinsics& camera, double elapsed) {
   if (is_arm(affected_)) return;
-  constexpr double kUsual = 1.0 / (kUsualTurn * kUsualTurn),
-                   kMove = 1.0 / (kPelvisMove * kPelvisMove);
+  constexpr double kTurnWeight = 1.0 / (kUsualTurn * kUsualTurn),
+                   kMoveWeight = 1.0 / (kPelvisMove * kPelvisMove);
   const PixelProjector projector(camera, rays);
   const double foreseen = pelvis_.told;
   const double changed = elapsed / kFrameTime * kTurnChange * kTurnChange;
-  const Eigen::Vector4d prior(1.0 / (pelvis_.variance + changed), kMove, kMove, kMove);
+  const Eigen::Vector4d prior(1.0 / (pelvis_.variance + changed), kMoveWeight, kMoveWeight,
+                              kMoveWeight);
   Eigen::Vector3d moved = Eigen::Vector3d::Zero();
   PelvisEquations equations;
   for (int iteration = 0; iteration < kIterations; ++iteration) {
     equations.information = prior.asDiagonal();
-    equations.gradient << prior[0] * (foreseen - pelvis_.told), -kMove * moved;
-    equations.information(0, 0) += kUsual;
-    equations.gradient[0] -= kUsual * pelvis_.told;
+    equations.gradient << prior[0] * (foreseen - pelvis_.told), -kMoveWeight * moved;
+    equations.information(0, 0) += kTurnWeight;
+    equations.gradient[0] -= kTurnWeight * pelvis_.told;
     add_pelvis_surface(moved, depth, rays, projector, equations);
     if (joints != nullptr) add_pelvis_joints(moved, *joints, equations);
     const Eigen::Vector4d step = equations.information.ldlt().solve(equations.gradient);
