@@ -96,6 +96,7 @@ FACADES: dict[str, list[Callable[..., Any]]] = {
     "ReposeOptions": [modify.repose],
     "ResampleOptions": [forge.resample, forge.crtp],
     "RgbdOptions": [capture.open_rgbd],
+    "ScanOriginOptions": [],  # the scan says whether it lies on a map
     "SegmentOptions": [forge.segment],
     "ShoeCoverOptions": [modify.ShoeCoverTracker],
     "SilhouetteOptions": [],  # inspect_stream has its own relief

@@ -471,8 +471,10 @@ def test_one_progress_over_all_runs(
         simplify.lod_chain(balls[0], 4, method=method, progress=tell)
     else:
         simplify.share_budget(balls, 400, method=method, progress=tell)
-    assert len(told) == runs
-    assert runs > 1 or (method, work) == ("qem4vr", "lods")
+    is_one_run = (method, work) == ("qem4vr", "lods")
+    ends_of_meshes = 2 if work == "scene_lods" and method != "qem4vr" else 1
+    assert len(told) == runs + (0 if is_one_run else ends_of_meshes)
+    assert runs > 1 or is_one_run
     assert told == sorted(set(told))
     assert 0.0 < told[0] <= 0.5
-    assert told[-1] < 1.0
+    assert (told[-1] == 1.0) is not is_one_run  # its own end is not in `halfway`
