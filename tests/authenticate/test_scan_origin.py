@@ -284,7 +284,7 @@ def test_a_scan_on_a_map_tells_where_it_was_taken(
 
 
 def test_the_zero_of_a_map_is_not_tried(single: tuple[str, Points]) -> None:
-    """Where it is tried, it is the place exactly; a search ends near it."""
+    """A scan that lies around 0 has its place exactly there; a search on a map ends near it."""
     _, points = single
     assert estimate_origin(points).position == (0.0, 0.0, 0.0)
     found = estimate_origin(on_map(points)).position

@@ -191,7 +191,7 @@ class ReflectanceView {
     }
   }
 
-  // What the points around a place have, the nearer the heavier.
+  // Means of the points around a place, the nearer the heavier.
   [[nodiscard]] Seen beside(const Eigen::RowVector3f& place, int ring, int column,
                             const Reach& reach) const {
     const Nearest around = nearest(all_, place, ring, column, reach);
@@ -465,7 +465,7 @@ class ReflectanceSearch {
       };
       const End end = scale_.end(points_.intensity(i));
       if (end == End::kNone) compare(measured, before.measured, after.measured);
-      // What is clipped in all three turns says nothing of any.
+      // A return that is clipped in all three turns tells nothing.
       if (end != End::kNone && end == before.end && end == after.end) continue;
       compare(all, before.all, after.all);
     }

@@ -1,4 +1,4 @@
-"""What comes of an inspection: the reports of all detectors, and the verdict that follows."""
+"""Results of an inspection: the reports of all detectors, and the verdict that follows."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ TITLES = {
     "reflectance": "V: the reflectances",
     "watermark": "Keyed watermark",
 }
-"""What each detector tests, by its name."""
+"""The property that each detector tests, by its name."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,7 +32,7 @@ _SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
 _STATES = ("cartesianInvalidState", "sphericalInvalidState")
 INTEGERS = {"rowIndex": np.uint16, "columnIndex": np.uint16, "colorRed": np.uint8,
              "colorGreen": np.uint8, "colorBlue": np.uint8}  # fmt: skip
-"""What is written beside coordinates and the intensity, and its types."""
+"""Columns that are written beside coordinates and the intensity, and their types."""
 
 
 def _pye57() -> Any:

@@ -134,7 +134,7 @@ class TrunkTracker {
   };
   struct PelvisTurn {  ///< Against the trunk, about the spine, radians.
     double told = 0.0, variance = 0.0;
-    double turn = 0.0;  ///< As it is believed: 0 until it is beyond its errors.
+    double turn = 0.0;  ///< The part that is believed: 0 until it is beyond its errors.
   };
   struct Agreement {  ///< Between the key frame and the surface that is seen.
     std::size_t points = 0;

@@ -74,7 +74,7 @@ class DepthSmoother {
   [[nodiscard]] BlockSum sum_around(std::int64_t v, std::int64_t u) const;
   /// Mean changes of 25 pixels above this are motion; over the noise of a Kinect.
   [[nodiscard]] float limit_of_motion() const;
-  /// What each block and those around it move by, of the pixels that do not move by themselves.
+  /// The mean motion of each block and those around it, of the pixels without motion of their own.
   void find_block_motion();
   /// Writes a row of the box, linear between the centres of the blocks.
   void interpolate_block_motion(std::int64_t v, float* drift) const;
