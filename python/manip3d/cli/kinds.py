@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import gzip
-import lzma
 from pathlib import Path
 from typing import Any
 
 from manip3d.errors import InputError
 from manip3d.io import DEPTH_SUFFIXES, READABLE, SCAN_SUFFIXES, is_color_png
-from manip3d.io._scan_files import FOLDER_SUFFIXES
+from manip3d.io._scan_files import FOLDER_SUFFIXES, are_points_only, ply_elements
 from manip3d.io._scan_npy import is_npy_scan
 
-_HEADER_BYTES = 1 << 16  # where a PLY file names its elements
 _RECORDINGS = (".pcap", ".pcapng", ".mcap", ".bag", ".mkv")
 _PICTURES = (".jpg", ".jpeg", ".bmp", ".tga", ".gif", ".webp")
 
@@ -151,21 +148,14 @@ def _kind_of_folder(path: Path) -> str:
 
 def _kind_of_ply(path: Path) -> str:
     """A mesh has faces, a range scan has a grid, a scan has points only."""
-    openers: dict[str, Any] = {".gz": gzip.open, ".xz": lzma.open}
-    try:
-        with openers.get(path.suffix.lower(), open)(path, "rb") as stream:
-            header = stream.read(_HEADER_BYTES).partition(b"end_header")[0]
-    except (OSError, EOFError, lzma.LZMAError):
-        return "mesh"  # the reader of meshes says what is wrong
-    words = [line.split() for line in header.splitlines()]
-    elements = {line[1] for line in words if line[:1] == [b"element"] and len(line) > 1}
+    elements = ply_elements(path)
+    if elements is None:
+        return "mesh"
     if b"range_grid" in elements:
         return "range grid"
     if not elements:
         return "unknown"  # damaged
-    # MeshLab writes the scans that it opens with no faces, and says so.
-    empty = {line[1] for line in words if line[:1] == [b"element"] and line[2:] == [b"0"]}
-    return "scan" if elements - empty <= {b"vertex", b"camera"} else "mesh"
+    return "scan" if are_points_only(elements) else "mesh"
 
 
 def shown_suffixes() -> tuple[str, ...]:

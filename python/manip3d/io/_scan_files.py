@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import gzip
+import lzma
 import os
 import re
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import is_hidden, path_of
@@ -30,6 +33,7 @@ a watermarked drive consists of no other files, since what verifies it must find
 EXPORTED_SUFFIXES: tuple[str, ...] = tuple(s for s in SCAN_SUFFIXES if s not in FOLDER_SUFFIXES)
 """Those by which a folder is searched that has no others: clouds that another program wrote."""
 
+_PLY_HEADER_BYTES = 1 << 16
 _HEAD_BYTES, _HEAD_LINES, _MOST_COLUMNS = 4096, 8, 24
 """Bytes and lines that tell a text of points, and the most columns of one: poses of a car and its
 navigation have more, or are named."""
@@ -274,6 +278,28 @@ def write_scans(frames: Sequence[LidarFrame], path: str | os.PathLike[str]) -> N
     if len(frames) != 1:
         raise InputError(f"frames: only E57 holds several scans, got {len(frames)}")
     return write_scan(frames[0], path)
+
+
+def ply_elements(path: Path) -> dict[bytes, bytes] | None:
+    """The elements that the header of a PLY file names, with their numbers as it writes them.
+
+    None: the file cannot be read; the reader of meshes says what is wrong.
+    """
+    openers: dict[str, Any] = {".gz": gzip.open, ".xz": lzma.open}
+    try:
+        with openers.get(path.suffix.lower(), open)(path, "rb") as stream:
+            header = stream.read(_PLY_HEADER_BYTES).partition(b"end_header")[0]
+    except (OSError, EOFError, lzma.LZMAError):
+        return None
+    words = [line.split() for line in header.splitlines()]
+    return {line[1]: b" ".join(line[2:]) for line in words if line[:1] == [b"element"] and line[1:]}
+
+
+def are_points_only(elements: dict[bytes, bytes]) -> bool:
+    """Whether `ply_elements` are those of a scan without a grid."""
+    # MeshLab writes the scans that it opens with no faces, and says so.
+    told = {name for name, number in elements.items() if number != b"0" or name == b"range_grid"}
+    return told <= {b"vertex", b"camera"}
 
 
 def holds_points(path: Path) -> bool:

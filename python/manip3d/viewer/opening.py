@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import gzip
 import itertools
-import lzma
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,7 +14,7 @@ from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import InputError
 from manip3d.io._images import read_color
-from manip3d.io._scan_files import SCAN_SUFFIXES
+from manip3d.io._scan_files import SCAN_SUFFIXES, are_points_only, ply_elements
 from manip3d.io._scan_npy import is_npy_scan
 from manip3d.io._scan_tables import scan_suffix
 from manip3d.lidar import LidarFrame
@@ -30,8 +28,6 @@ if TYPE_CHECKING:
 __all__ = ["Kind", "Opened", "kind_of", "open_thing"]
 
 Kind = Literal["mesh", "scan", "depth", "rgbd"]
-
-_HEADER_BYTES = 1 << 16  # where a PLY file names its elements
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,23 +88,15 @@ def kind_of(source: str | os.PathLike[str]) -> Kind:
     if path.suffix.lower() in io.DEPTH_SUFFIXES:
         return "depth"
     suffix = scan_suffix(name)
-    if suffix in SCAN_SUFFIXES and (suffix != ".ply" or not _has_faces(Path(name))):
+    if suffix in SCAN_SUFFIXES and (suffix != ".ply" or _is_cloud(Path(name))):
         return "scan"
     return "mesh"
 
 
-def _has_faces(path: Path) -> bool:
-    """Whether a PLY file has more than points; True for a file that cannot be read."""
-    openers: dict[str, Any] = {".gz": gzip.open, ".xz": lzma.open}
-    try:
-        with openers.get(path.suffix, open)(path, "rb") as stream:
-            header = stream.read(_HEADER_BYTES).partition(b"end_header")[0]
-    except (OSError, EOFError, lzma.LZMAError):
-        return True  # the reader of meshes says what is wrong
-    elements = [line.split()[1:3] for line in header.splitlines() if line.startswith(b"element ")]
-    # MeshLab writes the scans that it opens with no faces, and says so.
-    told = {name for name, *number in elements if number != [b"0"] or name == b"range_grid"}
-    return not told <= {b"vertex", b"camera"}
+def _is_cloud(path: Path) -> bool:
+    """Whether a PLY file has points only; False for a file that cannot be read."""
+    elements = ply_elements(path)
+    return elements is not None and are_points_only(elements)
 
 
 @checked
