@@ -84,7 +84,10 @@ def test_a_pasted_object_does_not_hide_the_place(single: tuple[str, Points]) -> 
     np.testing.assert_allclose(found.position, offset, atol=0.05)
 
 
-@pytest.mark.parametrize(("share", "shift"), [(1.0, 0.6), (1.0, 2.0), (0.2, 1.0)])
+@pytest.mark.parametrize(
+    ("share", "shift"),
+    [(1.0, 0.6), pytest.param(1.0, 2.0, marks=pytest.mark.slow), (0.2, 1.0)],
+)
 def test_fused_positions_are_no_position(
     single: tuple[str, Points], share: float, shift: float
 ) -> None:

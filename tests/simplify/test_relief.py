@@ -188,7 +188,13 @@ def test_collapses_have_something_to_choose_where_many_points_are_asked_for() ->
     assert live < 1.35 * balanced  # 1.24; 1.54 where the first mesh had hardly more points
 
 
-@pytest.mark.parametrize("effort", EFFORTS)
+@pytest.mark.parametrize(
+    "effort",
+    [
+        effort if effort in ("live", "balanced") else pytest.param(effort, marks=pytest.mark.slow)
+        for effort in EFFORTS
+    ],
+)
 def test_levels_are_prefixes_of_one_buffer(effort: simplify.Effort) -> None:
     points = bumps(90, 120)
     valid = np.ones((90, 120), bool)
