@@ -180,20 +180,15 @@ def test_each_field_is_described(name: str) -> None:
 
 @pytest.mark.parametrize("name", CLASSES)
 def test_each_method_says_what_it_does(name: str) -> None:
-    thing = CLASSES[name]
-    silent = [
-        member
-        for member in vars(thing)
-        if not member.startswith("_")
-        and inspect.isroutine(getattr(thing, member))
-        and not inspect.getdoc(getattr(thing, member))
-    ]
-    assert not silent
+    members = public_members(CLASSES[name])
+    assert not [member for member, value in members if not inspect.getdoc(value)]
 
 
 def public_members(of: type) -> Iterator[tuple[str, Any]]:
-    """Methods and properties that the class itself defines."""
-    for name, member in vars(of).items():
+    """Methods and properties that the class or a base class in this package defines."""
+    bases = [base for base in reversed(of.__mro__) if base.__module__.startswith("manip3d.")]
+    members = {name: member for base in bases for name, member in vars(base).items()}
+    for name, member in members.items():
         if not name.startswith("_") and (
             isinstance(member, property | functools.cached_property)
             or inspect.isroutine(getattr(of, name))

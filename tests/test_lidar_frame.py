@@ -44,6 +44,10 @@ def test_arrays_of_the_right_kind_are_not_copied() -> None:
         ({"ring": np.zeros(4)}, "ring: expected integers, got dtype float64"),
         ({"ring": [1, 2]}, "ring: expected 4 rows"),
         ({"fields": {"a": np.zeros(3)}}, "a: expected 4 rows, as many as points"),
+        (
+            {"ring": np.zeros(3, np.uint8), "fields": {"ring": np.zeros(4)}},
+            "ring: expected 4 rows, as many as points",
+        ),
         ({"exact": np.zeros((3, 3))}, "exact: expected 4 rows"),
         ({"origin": (0.0, 0.0)}, "origin: expected three finite numbers"),
         ({"origin": (0.0, 0.0, np.nan)}, "origin: expected three finite numbers"),

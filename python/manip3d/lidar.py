@@ -181,44 +181,27 @@ class LidarFrame(Showable):
     def __post_init__(self) -> None:
         convert = _near_points if self.exact is None else _points
         points = convert(self.points, "points")
-        intensity = None
-        if self.intensity is not None:
-            intensity = _column(self.intensity, "intensity")
-        time_ns = self.time_ns
-        whole = isinstance(time_ns, int | np.integer) and -(2**63) <= time_ns < 2**63
-        if time_ns is not None and not whole:
-            raise InputError(f"time_ns: expected whole nanoseconds of 64 bits, got {time_ns!r}")
+        intensity = None if self.intensity is None else _column(self.intensity, "intensity")
+        time_ns = _time(self.time_ns)
         _core.check_points(points, np.empty(0, np.float32) if intensity is None else intensity)
         exact = None if self.exact is None else as_rows(self.exact, 3, np.float64, "exact")
-        ring = None if self.ring is None else as_array(self.ring, "ring")
-        if ring is not None and ring.dtype.kind not in "iu":
-            raise InputError(f"ring: expected integers, got dtype {ring.dtype}")
-        if not isinstance(self.fields, Mapping):
-            raise InputError(f"fields: expected a mapping of arrays, got {self.fields!r}")
-        if others := [name for name in self.fields if not isinstance(name, str)]:
-            raise InputError(f"fields: expected texts as names, got {others[0]!r}")
-        fields = {name: as_array(values, name) for name, values in self.fields.items()}
-        rows = None if self.file_rows is None else np.asarray(self.file_rows)
-        if rows is not None and rows.dtype.kind not in "iu":
-            raise InputError(f"file_rows: expected integers, got dtype {rows.dtype}")
-        named = {"intensity": intensity, "exact": exact, "ring": ring, "file_rows": rows, **fields}
-        for name, values in named.items():
-            if values is not None and (values.ndim == 0 or len(values) != len(points)):
-                raise InputError(
-                    f"{name}: expected {len(points)} rows, as many as points, "
-                    f"got shape {values.shape}"
-                )
-        if self.origin is not None:
-            object.__setattr__(self, "origin", _place(self.origin, "origin"))
-        for name, value in (
-            ("points", points),
-            ("intensity", intensity),
-            ("time_ns", None if time_ns is None else int(time_ns)),
-            ("exact", exact),
-            ("ring", ring),
-            ("file_rows", rows),
-            ("fields", ReadOnlyMapping(fields)),
-        ):
+        ring = None if self.ring is None else _integers(as_array(self.ring, "ring"), "ring")
+        fields = _fields(self.fields)
+        rows = (
+            None if self.file_rows is None else _integers(np.asarray(self.file_rows), "file_rows")
+        )
+        columns = {"intensity": intensity, "exact": exact, "ring": ring, "file_rows": rows}
+        for named in (columns, fields):  # a field may have the name of a column
+            _check_lengths(named, len(points))
+        origin = None if self.origin is None else _place(self.origin, "origin")
+        checked: dict[str, Any] = {
+            "points": points,
+            "time_ns": time_ns,
+            "origin": origin,
+            **columns,
+        }
+        checked["fields"] = ReadOnlyMapping(fields)
+        for name, value in checked.items():
             object.__setattr__(self, name, value)
 
     @property
@@ -383,6 +366,36 @@ def _column(values: ArrayLike, name: str) -> NDArray[np.float32]:
     if array.ndim != 1:
         raise InputError(f"{name}: expected shape (N,), got {array.shape}")
     return as_rows(array[:, None], 1, np.float32, name)[:, 0]
+
+
+def _time(time_ns: Any) -> int | None:
+    if time_ns is None:
+        return None
+    if not isinstance(time_ns, int | np.integer) or not -(2**63) <= time_ns < 2**63:
+        raise InputError(f"time_ns: expected whole nanoseconds of 64 bits, got {time_ns!r}")
+    return int(time_ns)
+
+
+def _integers(values: NDArray[Any], name: str) -> NDArray[Any]:
+    if values.dtype.kind not in "iu":
+        raise InputError(f"{name}: expected integers, got dtype {values.dtype}")
+    return values
+
+
+def _fields(fields: Any) -> dict[str, NDArray[Any]]:
+    if not isinstance(fields, Mapping):
+        raise InputError(f"fields: expected a mapping of arrays, got {fields!r}")
+    if others := [name for name in fields if not isinstance(name, str)]:
+        raise InputError(f"fields: expected texts as names, got {others[0]!r}")
+    return {name: as_array(values, name) for name, values in fields.items()}
+
+
+def _check_lengths(columns: Mapping[str, NDArray[Any] | None], num_points: int) -> None:
+    for name, values in columns.items():
+        if values is not None and (values.ndim == 0 or len(values) != num_points):
+            raise InputError(
+                f"{name}: expected {num_points} rows, as many as points, got shape {values.shape}"
+            )
 
 
 def _three(values: Any) -> tuple[float, float, float]:

@@ -350,6 +350,15 @@ struct WatermarkVerifier::State {
   bool find_key(std::span<const std::uint8_t> bytes);
   void find_place(const WatermarkRecord& record, WatermarkFinding& finding) const;
   void go_on(const WatermarkHeader& header, const WatermarkTag& frame_tag);
+  // Sorts the points into the tiles that the header names, as `tiled`.
+  void arrange(const PointsView& points, ExactView exact, const WatermarkHeader& header);
+  // Finds the tiles that hold other points than those that were signed; whether all points lie on
+  // the lattice of the embedding.
+  bool check_tiles(const WatermarkRecord& record, std::span<const WatermarkTag> tags,
+                   WatermarkFinding& finding) const;
+  // Finds the points of unchanged tiles whose embedded bit is wrong; whether there are none.
+  bool check_bits(WatermarkEmbedding embedding, std::span<const WatermarkTag> tags,
+                  WatermarkFinding& finding);
   void check_content(const PointsView& points, ExactView exact, std::span<const std::uint8_t> bytes,
                      const WatermarkRecord& record, std::uint32_t num_dropped,
                      WatermarkFinding& finding);
@@ -583,11 +592,8 @@ WatermarkFinding WatermarkVerifier::verify(const PointsView& points,
   return finding;
 }
 
-void WatermarkVerifier::State::check_content(const PointsView& points, ExactView exact,
-                                             std::span<const std::uint8_t> bytes,
-                                             const WatermarkRecord& record,
-                                             std::uint32_t num_dropped, WatermarkFinding& finding) {
-  const WatermarkHeader& header = record.header;
+void WatermarkVerifier::State::arrange(const PointsView& points, ExactView exact,
+                                       const WatermarkHeader& header) {
   if (static_cast<int>(header.tile_of.size()) != slices.size()) {
     slices = SliceTable(static_cast<int>(header.tile_of.size()));
   }
@@ -599,14 +605,13 @@ void WatermarkVerifier::State::check_content(const PointsView& points, ExactView
   }
   order.sort(found.samples, found.marks, slice_of, header.tile_of, header.num_tiles,
              order_of(header.embedding), tiled);
-  finding.tile_of_row.resize(slice_of.size());
-  for (std::size_t i = 0; i < slice_of.size(); ++i) {
-    finding.tile_of_row[i] = header.tile_of[slice_of[i]];
-  }
-  const std::vector<std::uint8_t> head = header_bytes(header);
-  const std::vector<WatermarkTag> tags = tags_of_tiles(keys, head, tiled);
+}
+
+bool WatermarkVerifier::State::check_tiles(const WatermarkRecord& record,
+                                           std::span<const WatermarkTag> tags,
+                                           WatermarkFinding& finding) const {
   finding.tiles.assign(tags.size(), WatermarkTile::kIntact);
-  bool any_off = false;
+  bool all_on_lattice = true;
   for (std::size_t t = 0; t < tags.size(); ++t) {
     bool off_lattice = false;
     for (std::size_t i = tiled.begins[t]; i < tiled.begins[t + 1]; ++i) {
@@ -615,19 +620,20 @@ void WatermarkVerifier::State::check_content(const PointsView& points, ExactView
     const bool same_count = tiled.begins[t + 1] - tiled.begins[t] == record.counts[t];
     const bool same_tag = equal_in_constant_time(std::span(tags[t]).first(16), record.tags[t]);
     if (!same_count || !same_tag || off_lattice) finding.tiles[t] = WatermarkTile::kChanged;
-    any_off = any_off || off_lattice;
+    all_on_lattice = all_on_lattice && !off_lattice;
   }
-  const auto body = bytes.first(bytes.size() - kRecordEnd);
-  const WatermarkTag whole = tag_of_record(keys, "m3d-frame", body, tags);
-  const bool frame_holds = equal_in_constant_time(whole, bytes.last(32));
-  const bool same_columns = header.has_intensity == points.has_intensity();
-  const bool same_drops = header.num_dropped == num_dropped;
+  return all_on_lattice;
+}
+
+bool WatermarkVerifier::State::check_bits(WatermarkEmbedding embedding,
+                                          std::span<const WatermarkTag> tags,
+                                          WatermarkFinding& finding) {
+  if (embedding == WatermarkEmbedding::kDetached) return true;
   bool bits_hold = true;
   for (std::size_t t = 0; t < tags.size(); ++t) {
-    if (header.embedding == WatermarkEmbedding::kDetached) break;
     if (finding.tiles[t] == WatermarkTile::kChanged) continue;
     const auto compare = [&](std::size_t place, std::uint8_t bit) {
-      if (tiled.marks[place] == mark_of(tiled.samples[place], bit, header.embedding)) return;
+      if (tiled.marks[place] == mark_of(tiled.samples[place], bit, embedding)) return;
       finding.tiles[t] = WatermarkTile::kBits;
       finding.rows.push_back(static_cast<std::int32_t>(tiled.rows[place]));
     };
@@ -636,11 +642,30 @@ void WatermarkVerifier::State::check_content(const PointsView& points, ExactView
     bits_hold = bits_hold && finding.tiles[t] == WatermarkTile::kIntact;
   }
   std::sort(finding.rows.begin(), finding.rows.end());
-  if (frame_holds && bits_hold && !any_off && same_columns && same_drops) {
-    finding.content = WatermarkContent::kIntact;
-  } else {
-    finding.content = WatermarkContent::kTampered;
+  return bits_hold;
+}
+
+void WatermarkVerifier::State::check_content(const PointsView& points, ExactView exact,
+                                             std::span<const std::uint8_t> bytes,
+                                             const WatermarkRecord& record,
+                                             std::uint32_t num_dropped, WatermarkFinding& finding) {
+  const WatermarkHeader& header = record.header;
+  arrange(points, exact, header);
+  finding.tile_of_row.resize(slice_of.size());
+  for (std::size_t i = 0; i < slice_of.size(); ++i) {
+    finding.tile_of_row[i] = header.tile_of[slice_of[i]];
   }
+  const std::vector<std::uint8_t> head = header_bytes(header);
+  const std::vector<WatermarkTag> tags = tags_of_tiles(keys, head, tiled);
+  const bool all_on_lattice = check_tiles(record, tags, finding);
+  const bool bits_hold = check_bits(header.embedding, tags, finding);
+  const auto body = bytes.first(bytes.size() - kRecordEnd);
+  const WatermarkTag whole = tag_of_record(keys, "m3d-frame", body, tags);
+  const bool frame_holds = equal_in_constant_time(whole, bytes.last(32));
+  const bool same_columns = header.has_intensity == points.has_intensity();
+  const bool same_drops = header.num_dropped == num_dropped;
+  const bool is_intact = frame_holds && bits_hold && all_on_lattice && same_columns && same_drops;
+  finding.content = is_intact ? WatermarkContent::kIntact : WatermarkContent::kTampered;
 }
 
 void WatermarkVerifier::State::find_place(const WatermarkRecord& record,

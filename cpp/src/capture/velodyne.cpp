@@ -341,13 +341,7 @@ void VelodyneDecoder::read_returns(Packet& packet, std::span<const std::byte> pa
   auto& blocks = packet.blocks;
   const auto mode = std::to_integer<std::uint8_t>(payload[kVelodynePacketBytes - 2]);
   const bool is_hdl64e = model_ == VelodyneModel::kHdl64e;
-  bool is_dual = mode == kModeDual;
-  if (is_hdl64e) {
-    is_dual = true;
-    for (std::size_t b = 0; b < kBlocks; ++b) {
-      is_dual = is_dual && blocks[b].azimuth == blocks[b - b % 4].azimuth;
-    }
-  }
+  const bool is_dual = is_hdl64e ? has_equal_azimuths(packet) : mode == kModeDual;
   const std::size_t step = is_hdl64e ? 2 : 1;  // from a block to its twin
   for (std::size_t b = 0; b < kBlocks; ++b) {
     Block& block = blocks[b];
@@ -361,8 +355,23 @@ void VelodyneDecoder::read_returns(Packet& packet, std::span<const std::byte> pa
     const std::size_t column = is_dual ? b / 2 : b;
     block.time = column_time_ * static_cast<double>(column);
   }
-  const std::size_t next = is_dual ? 2 : 1;
-  for (std::size_t b = 0; b < kBlocks && column_time_ > 0.0; ++b) {
+  if (column_time_ > 0.0) measure_turns(packet, is_dual ? 2 : 1);
+}
+
+// Whether each four blocks of a packet of an HDL-64E have one azimuth, as with two returns.
+bool VelodyneDecoder::has_equal_azimuths(const Packet& packet) {
+  const auto& blocks = packet.blocks;
+  for (std::size_t b = 0; b < kBlocks; ++b) {
+    if (blocks[b].azimuth != blocks[b - b % 4].azimuth) return false;
+  }
+  return true;
+}
+
+// How far the scanner turns during each block; `next` is the distance to the next column's block.
+// The last sane turn serves where a block is bad or the packet ends.
+void VelodyneDecoder::measure_turns(Packet& packet, std::size_t next) {
+  auto& blocks = packet.blocks;
+  for (std::size_t b = 0; b < kBlocks; ++b) {
     if (b + next < kBlocks && blocks[b].is_good && blocks[b + next].is_good) {
       const double turn = forward(blocks[b].azimuth, blocks[b + next].azimuth);
       if (turn <= kLargestTurn) turn_ = turn;

@@ -436,8 +436,6 @@ class Grid {
   // One step of Gauss and Newton on the differences of phases from their windows' means, in the
   // position (unless it is fixed) and in the logarithms of both steps. Returns metres moved.
   double improve(const Window& window, bool fixed) {
-    using Matrix5 = Eigen::Matrix<double, 5, 5>;
-    using Vector5 = Eigen::Matrix<double, 5, 1>;
     Matrix5 normal = Matrix5::Zero();
     Vector5 gradient = Vector5::Zero();
     for (const Angle angle : kAngles) {
@@ -445,38 +443,7 @@ class Grid {
       if (found.step == 0.0) continue;
       found.coherence = coherence(angle, found.step, window);
       const double weight = std::max(found.coherence, 0.0) * std::max(found.coherence, 0.0);
-      if (weight == 0.0) continue;
-      const double turn = 2.0 * kPi / found.step;
-      slopes_.assign(phases_.size(), Vector5::Zero());
-      const auto slope_of = [&](std::size_t i) {
-        Vector5 slope = Vector5::Zero();
-        const Vector3d& ray = sight_.rays[i];
-        const double rho = sight_.rho[i];
-        const double squared = sight_.range[i] * sight_.range[i];
-        if (angle == Angle::kAzimuth) {
-          slope << ray.y() / (rho * rho), -ray.x() / (rho * rho), 0.0, -sight_.azimuth[i], 0.0;
-        } else {
-          slope << ray.z() * ray.x() / (rho * squared), ray.z() * ray.y() / (rho * squared),
-              -rho / squared, 0.0, -sight_.elevation[i];
-        }
-        return Vector5(turn * slope);
-      };
-      for (std::size_t i = 0; i < points_.size(); ++i) slopes_[ids_[i]] += slope_of(i);
-      for (std::size_t i = 0; i < points_.size(); ++i) {
-        const Phases& phases = phases_[ids_[i]];
-        if (!(phases.count > 1.0)) continue;
-        // Sine and cosine of the difference from the window's mean.
-        const double size =
-            std::sqrt(phases.cosine * phases.cosine + phases.sine * phases.sine) + 1e-12;
-        const SinCos own = waves_[i];
-        const double cosine = (own.cos * phases.cosine + own.sin * phases.sine) / size;
-        const double sine = (own.sin * phases.cosine - own.cos * phases.sine) / size;
-        if (!(cosine > 0.0)) continue;
-        const Vector5 slope = slope_of(i) - slopes_[ids_[i]] / phases.count;
-        if (!(slope.cwiseAbs().maxCoeff() < kSteepest)) continue;
-        normal += (weight * cosine) * slope * slope.transpose();
-        gradient -= (weight * cosine * sine) * slope;
-      }
+      if (weight != 0.0) add_differences(angle, found.step, weight, normal, gradient);
     }
     if (fixed) {
       normal.topRows<3>().setZero();
@@ -522,6 +489,9 @@ class Grid {
   }
 
  private:
+  using Matrix5 = Eigen::Matrix<double, 5, 5>;
+  using Vector5 = Eigen::Matrix<double, 5, 1>;  // x, y, z, and the logarithms of both steps
+
   static constexpr double kLargestChange = 0.02;  // of a step, in one go
   static constexpr double kSteepest = 1e3;        // radians of phase a metre: beside the axis
   static constexpr std::int64_t kTilesAround = 90;
@@ -531,6 +501,44 @@ class Grid {
       return std::min(kTilesAround - 1, static_cast<std::int64_t>((angle + kPi) / kTile));
     };
     return part(sight_.elevation[i]) * kTilesAround + part(sight_.azimuth[i]);
+  }
+
+  // How the phase of a point changes with the five unknowns, radians.
+  [[nodiscard]] Vector5 slope_of(std::size_t i, Angle angle, double step) const {
+    Vector5 slope = Vector5::Zero();
+    const Vector3d& ray = sight_.rays[i];
+    const double rho = sight_.rho[i];
+    const double squared = sight_.range[i] * sight_.range[i];
+    if (angle == Angle::kAzimuth) {
+      slope << ray.y() / (rho * rho), -ray.x() / (rho * rho), 0.0, -sight_.azimuth[i], 0.0;
+    } else {
+      slope << ray.z() * ray.x() / (rho * squared), ray.z() * ray.y() / (rho * squared),
+          -rho / squared, 0.0, -sight_.elevation[i];
+    }
+    return Vector5((2.0 * kPi / step) * slope);
+  }
+
+  // Adds the normal equations of one angle, whose phases were gathered: the differences of phases
+  // from the means of their windows are to vanish.
+  void add_differences(Angle angle, double step, double weight, Matrix5& normal,
+                       Vector5& gradient) {
+    slopes_.assign(phases_.size(), Vector5::Zero());
+    for (std::size_t i = 0; i < points_.size(); ++i) slopes_[ids_[i]] += slope_of(i, angle, step);
+    for (std::size_t i = 0; i < points_.size(); ++i) {
+      const Phases& phases = phases_[ids_[i]];
+      if (!(phases.count > 1.0)) continue;
+      // Sine and cosine of the difference from the window's mean.
+      const double size =
+          std::sqrt(phases.cosine * phases.cosine + phases.sine * phases.sine) + 1e-12;
+      const SinCos own = waves_[i];
+      const double cosine = (own.cos * phases.cosine + own.sin * phases.sine) / size;
+      const double sine = (own.sin * phases.cosine - own.cos * phases.sine) / size;
+      if (!(cosine > 0.0)) continue;
+      const Vector5 slope = slope_of(i, angle, step) - slopes_[ids_[i]] / phases.count;
+      if (!(slope.cwiseAbs().maxCoeff() < kSteepest)) continue;
+      normal += (weight * cosine) * slope * slope.transpose();
+      gradient -= (weight * cosine * sine) * slope;
+    }
   }
 
   // Phases of all points, and their sums by window.
@@ -558,7 +566,7 @@ class Grid {
   std::vector<std::int32_t> ids_;
   std::vector<Phases> phases_;
   std::vector<SinCos> waves_;
-  std::vector<Eigen::Matrix<double, 5, 1>> slopes_;
+  std::vector<Vector5> slopes_;
 };
 
 // --- Putting it together -------------------------------------------------------------------------
@@ -593,15 +601,50 @@ void find_combs(Grid& grid) {
   }
 }
 
+// Improves position and steps within one window until they converge. Returns false where the
+// position goes so far from the first one that the first one is better.
+bool converge(Grid& grid, const Vector3d& first, const Window& window, bool fixed, double range) {
+  constexpr int kRounds = 30;
+  constexpr int kFixedRounds = 3;      // of the steps alone
+  constexpr double kConverged = 1e-5;  // of the median range
+  constexpr double kFarthest = 0.2;    // of the median range
+  for (int round = 0; round < kRounds; ++round) {
+    if (grid.improve(window, fixed) <= kConverged * range && !fixed) break;
+    if (!((grid.position - first).norm() <= kFarthest * range)) return false;
+    if (fixed && round == kFixedRounds) break;
+  }
+  return true;
+}
+
+// Improves the grid in ever larger windows, as long as it stays coherent: encoders are not even
+// over all columns. Returns false where there is no grid around this position.
+bool improve_in_windows(Grid& grid, bool fixed, double cell_area, double range) {
+  constexpr double kKept = 0.8;  // of the coherence, from one window to the next
+  const Vector3d first = grid.position;
+  double before = 0.0;
+  for (const Window& window : kWindows) {
+    const Vector3d position = grid.position;
+    const AngleComb azimuth = grid.azimuth;
+    const AngleComb elevation = grid.elevation;
+    if (!converge(grid, first, window, fixed, range)) return false;
+    const double coherence =
+        std::max(grid.judged(Angle::kAzimuth, window), grid.judged(Angle::kElevation, window));
+    if (!(coherence >= kKept * before)) {
+      grid.position = position, grid.azimuth = azimuth, grid.elevation = elevation;
+      grid.look();
+      break;
+    }
+    if (before == 0.0 && coherence < kPlain) return false;
+    if (before == 0.0 && grid.elevation.step == 0.0) grid.find_rows(cell_area, range);
+    before = coherence;
+  }
+  return true;
+}
+
 // The grid around a first position, and the position that fits it best.
 ScanOrigin fit_grid(const Points& sample, const Vector3d& start, int axis, bool fixed,
                     double thinned, const Progress& progress) {
-  constexpr int kRounds = 30;
-  constexpr double kConverged = 1e-5;  // of the median range
-  constexpr int kFixedRounds = 3;      // of the steps alone
-  constexpr double kFarthest = 0.2;    // of the median range: the first position is better
-  constexpr double kSame = 0.005;      // of the median range: the first position is as good
-  constexpr double kKept = 0.8;        // of the coherence, from one window to the next
+  constexpr double kSame = 0.005;  // of the median range: the first position is as good
   std::vector<Vector3d> points(sample.rows());
   for (Eigen::Index i = 0; i < sample.rows(); ++i) {
     points[i] = turned(sample.row(i).cast<double>().transpose(), axis);
@@ -616,27 +659,7 @@ ScanOrigin fit_grid(const Points& sample, const Vector3d& start, int axis, bool 
   if (grid.num_points() < kFewestPoints / 2) return result;
   const double range = grid.median_range();
   find_combs(grid);
-  double before = 0.0;
-  for (const Window& window : kWindows) {
-    const Vector3d position = grid.position;
-    const AngleComb azimuth = grid.azimuth;
-    const AngleComb elevation = grid.elevation;
-    for (int round = 0; round < kRounds; ++round) {
-      if (grid.improve(window, fixed) <= kConverged * range && !fixed) break;
-      if (!((grid.position - turned(start, axis)).norm() <= kFarthest * range)) return result;
-      if (fixed && round == kFixedRounds) break;
-    }
-    const double coherence =
-        std::max(grid.judged(Angle::kAzimuth, window), grid.judged(Angle::kElevation, window));
-    if (!(coherence >= kKept * before)) {  // encoders are not even over so many columns
-      grid.position = position, grid.azimuth = azimuth, grid.elevation = elevation;
-      grid.look();
-      break;
-    }
-    if (before == 0.0 && coherence < kPlain) return result;
-    if (before == 0.0 && grid.elevation.step == 0.0) grid.find_rows(cell_area, range);
-    before = coherence;
-  }
+  if (!improve_in_windows(grid, fixed, cell_area, range)) return result;
   result.azimuth_coherence = grid.judged(Angle::kAzimuth, kJudged);
   result.elevation_coherence = grid.judged(Angle::kElevation, kJudged);
   result.azimuth_step = grid.azimuth.step;

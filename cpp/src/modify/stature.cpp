@@ -60,11 +60,35 @@ bool shows_sole(const Eigen::Vector3f& knee, const Eigen::Vector3f& ankle) {
   return !(-shin.dot(ankle.normalized()) < kTowards * shin.norm());
 }
 
+struct CrownAndGround {
+  Farthest crown, ground;  // in the image, from the head's joint, along the line to the ankle
+};
+
+/// The pixels of the head that lie highest and those of one foot that lie lowest in the image.
+CrownAndGround find_crown_and_ground(const PersonPoints& points, Joint ankle, Joint foot,
+                                     const Eigen::Vector2f& head, const Eigen::Vector2f& down) {
+  constexpr float kFarthest = 0.3F;  // metres from the skin: a factor of 1.4 moves soles so far
+  CrownAndGround found;
+  for (std::int64_t i = 0; i < points.count; ++i) {
+    const auto label = static_cast<Joint>(points.label[i]);
+    const bool is_head = label == Joint::kHead;
+    if (!(is_head || label == ankle || label == foot)) continue;
+    if (!(points.skin_distance[i] < kFarthest)) continue;
+    const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
+    const float along = down.dot(in_image(p) - head);
+    if (is_head) {
+      found.crown.add(-along, points.pixel[i]);
+    } else {
+      found.ground.add(along, points.pixel[i]);
+    }
+  }
+  return found;
+}
+
 /// Height of the pixels over that of the joints, from the crown to the sole of one leg.
 std::optional<double> height_ratio(const Skeleton& person, Joint knee, Joint ankle, Joint foot,
                                    const BoneSegments& bones, const PersonPoints& points) {
   constexpr float kNearest = 0.3F;   // metres from the camera
-  constexpr float kFarthest = 0.3F;  // metres from the skin: a factor of 1.4 moves soles so far
   constexpr float kShortest = 0.2F;  // of a distance: less tells too little
   const auto is_seen = [&](Joint joint) {
     return person.state(joint) == TrackingState::kTracked && person[joint].z() > kNearest;
@@ -83,20 +107,7 @@ std::optional<double> height_ratio(const Skeleton& person, Joint knee, Joint ank
   };
   const float lowest = std::max(sole(ankle, *ankle_radius), sole(foot, *foot_radius));
   const float highest = *head_radius / person[Joint::kHead].z();
-  Farthest crown, ground;
-  for (std::int64_t i = 0; i < points.count; ++i) {
-    const auto label = static_cast<Joint>(points.label[i]);
-    const bool is_head = label == Joint::kHead;
-    if (!(is_head || label == ankle || label == foot)) continue;
-    if (!(points.skin_distance[i] < kFarthest)) continue;
-    const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
-    const float along = down.dot(in_image(p) - head);
-    if (is_head) {
-      crown.add(-along, points.pixel[i]);
-    } else {
-      ground.add(along, points.pixel[i]);
-    }
-  }
+  const auto [crown, ground] = find_crown_and_ground(points, ankle, foot, head, down);
   if (!crown.is_known() || !ground.is_known()) return std::nullopt;
   if (is_at_border(crown.pixel(), points) || is_at_border(ground.pixel(), points)) {
     return std::nullopt;

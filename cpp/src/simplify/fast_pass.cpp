@@ -279,13 +279,7 @@ void FastPass::collapse_in_order(const Bulk<PricedEdge>& candidates, Worker& wor
     const std::int64_t left =
         may_exceed ? std::numeric_limits<std::int64_t>::max() : quota - worker.task.removed;
     if (const auto reason = collapser_.collapse(v, t, worker.task, left)) {
-      ++worker.rejected[static_cast<std::size_t>(*reason)];
-      if (*reason == Rejection::kLink) {
-        const float price = kFarCheaperSquared * std::bit_cast<float>(key);
-        worker.forbids = std::min(worker.forbids, std::max(visible_, key_of(price)));
-      }
-      if (refusals_[v] < 0xFFFFU) ++refusals_[v];
-      if (refusals_[t] < 0xFFFFU) ++refusals_[t];
+      note_refusal(candidate, *reason, worker);
       if (is_in_order && (is_beside_[v] != 0 || is_beside_[t] != 0)) wait(candidate);
     } else if (is_in_order && mesh_.is_taken[v] != 0) {
       for (const Fan* fan : {&worker.task.first, &worker.task.second}) {
@@ -293,6 +287,19 @@ void FastPass::collapse_in_order(const Bulk<PricedEdge>& candidates, Worker& wor
       }
     }
   }
+}
+
+/// Counts a collapse that breaks a rule. One that breaks the link condition forbids candidates that
+/// are far dearer.
+void FastPass::note_refusal(const EdgeInReach& candidate, Rejection reason, Worker& worker) {
+  const auto [key, v, t] = candidate;
+  ++worker.rejected[static_cast<std::size_t>(reason)];
+  if (reason == Rejection::kLink) {
+    const float price = kFarCheaperSquared * std::bit_cast<float>(key);
+    worker.forbids = std::min(worker.forbids, std::max(visible_, key_of(price)));
+  }
+  if (refusals_[v] < 0xFFFFU) ++refusals_[v];
+  if (refusals_[t] < 0xFFFFU) ++refusals_[t];
 }
 
 /// The next candidates, in order; of a large pass only those whose ends have not collapsed yet,

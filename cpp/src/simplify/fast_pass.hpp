@@ -78,6 +78,7 @@ class FastPass {
   void share_out(std::int64_t needed, int level, bool is_top);
   void collapse_in_order(const Bulk<PricedEdge>& candidates, Worker& worker, std::int64_t quota,
                          bool may_exceed);
+  void note_refusal(const EdgeInReach& candidate, Rejection reason, Worker& worker);
   std::size_t find_in_reach(const Bulk<PricedEdge>& candidates, std::size_t begin,
                             std::vector<EdgeInReach>& near) const;
   void prefetch(const std::vector<EdgeInReach>& candidates, std::size_t i) const;

@@ -3,9 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <functional>
-#include <queue>
-#include <utility>
 #include <vector>
 
 #include "geometry/shared_union_find.hpp"
@@ -99,19 +96,24 @@ double FastPieces::price_of(std::int32_t i) const {
   return price * 2.0 / static_cast<double>(pieces_->num_faces(i));
 }
 
+/// The pieces that may go, the cheapest first.
+FastPieces::Queue FastPieces::price_pieces(double limit, bool is_forced) const {
+  Queue queue;
+  for (std::int32_t i = 0; i < pieces_->size(); ++i) {
+    if (!pieces_->is_there(i) || is_kept_[i] != 0) continue;
+    const double price = price_of(i);
+    if (std::isfinite(price) && (price <= limit || is_forced)) queue.emplace(price, i);
+  }
+  return queue;
+}
+
 std::int64_t FastPieces::remove(double limit, Choice choice, std::int64_t target,
                                 double max_error) {
   if (!pieces_) return 0;
   const bool is_forced = choice != Choice::kCheap;
   count_faces();
   std::vector<std::int64_t>& count = faces_of_piece_;
-  using Priced = std::pair<double, std::int32_t>;
-  std::priority_queue<Priced, std::vector<Priced>, std::greater<>> queue;
-  for (std::int32_t i = 0; i < pieces_->size(); ++i) {
-    if (!pieces_->is_there(i) || is_kept_[i] != 0) continue;
-    const double price = price_of(i);
-    if (std::isfinite(price) && (price <= limit || is_forced)) queue.emplace(price, i);
-  }
+  Queue queue = price_pieces(limit, is_forced);
   std::int64_t gone = 0;
   std::vector<std::uint8_t> is_gone(pieces_->size(), 0);
   while (!queue.empty()) {

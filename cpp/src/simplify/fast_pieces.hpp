@@ -1,7 +1,10 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <optional>
+#include <queue>
+#include <utility>
 #include <vector>
 
 #include "manip3d/geometry/mesh.hpp"
@@ -49,6 +52,10 @@ class FastPieces {
     return pieces_->of_vertex(mesh_.id[face[0]]);
   }
   [[nodiscard]] double price_of(std::int32_t i) const;
+  /// Prices and pieces, the cheapest at the top.
+  using Queue = std::priority_queue<std::pair<double, std::int32_t>,
+                                    std::vector<std::pair<double, std::int32_t>>, std::greater<>>;
+  [[nodiscard]] Queue price_pieces(double limit, bool is_forced) const;
 
   FastMesh& mesh_;
   TriangleMesh welded_;

@@ -198,6 +198,17 @@ class QualitySimplifier {
     return true;
   }
 
+  /// The cheapest of the ends and the middle of an edge whose faces obey the rules, if any does.
+  [[nodiscard]] std::optional<Plan> plan_elsewhere(std::int32_t v, std::int32_t t, int num_faces) {
+    std::optional<Plan> best;
+    for (const Place place : {Place::kFirst, Place::kSecond, Place::kMiddle}) {
+      const Plan other = prices_.plan(v, t, num_faces, place);
+      if (best && !(other.price < best->price)) continue;
+      if (!check_.check_faces(other.position)) best = other;
+    }
+    return best;
+  }
+
   void try_edge(const Entry& entry) {
     const std::int32_t v = entry.a, t = entry.b;
     if (version_[v] + version_[t] != entry.version) return;
@@ -211,17 +222,10 @@ class QualitySimplifier {
     }
     if (check_.takes_last_face_of_locked()) return refuse(v, t, Rejection::kDegenerate);
     Plan best = prices_.plan(v, t, edge->num_faces, Place::kBest);
-    std::optional<Rejection> refusal = check_.check_faces(best.position);
-    if (refusal) {
-      const Rejection reason = *refusal;
-      for (const Place place : {Place::kFirst, Place::kSecond, Place::kMiddle}) {
-        const Plan other = prices_.plan(v, t, edge->num_faces, place);
-        if (!refusal && !(other.price < best.price)) continue;
-        if (check_.check_faces(other.position)) continue;
-        best = other;
-        refusal.reset();
-      }
-      if (refusal) return refuse(v, t, reason);
+    if (const std::optional<Rejection> refusal = check_.check_faces(best.position)) {
+      const std::optional<Plan> other = plan_elsewhere(v, t, edge->num_faces);
+      if (!other) return refuse(v, t, *refusal);
+      best = *other;
     }
     if (pieces_.size() > 0 && faces_left(t) <= kLastFaces) {
       const double weight = std::max(kept_.importance(v), kept_.importance(t)) / edge->num_faces;

@@ -261,9 +261,9 @@ def judge_drive(
     _check_each("times_ns", () if times_ns is None else times_ns, int, np.integer)
     if times_ns is not None and len(times_ns) != len(found):
         raise InputError(f"times_ns: expected {len(found)}, one for each scan, got {len(times_ns)}")
-    remarks = (*_repeated(found), *_of_times(times_ns or ()), *_of_motion(found))
+    remarks = (*_repeated(found), *_remarks_of_times(times_ns or ()), *_remarks_of_motion(found))
     if all(time is None for time in times_ns or ()):
-        remarks += _of_numbers(places or ())
+        remarks += _remarks_of_numbers(places or ())
     return DriveInspection(
         verdict,
         "; ".join([reason, *(f"{remark.kind}: {remark.detail}" for remark in remarks)]),
@@ -286,7 +286,7 @@ def _repeated(found: Sequence[Inspection | None]) -> tuple[Processing, ...]:
     return (Processing("repeated", f"{_listed(copies)} {of}"),)
 
 
-def _of_times(times_ns: Sequence[int | None]) -> tuple[Processing, ...]:
+def _remarks_of_times(times_ns: Sequence[int | None]) -> tuple[Processing, ...]:
     """Remarks from the times of the scans: some are missing, or in another order."""
     timed = [(k, time) for k, time in enumerate(times_ns) if time is not None]
     steps = [(a, b, late - early) for (a, early), (b, late) in itertools.pairwise(timed)]
@@ -306,9 +306,21 @@ def _of_times(times_ns: Sequence[int | None]) -> tuple[Processing, ...]:
     return (*found, *_missing(gaps, f"scans are {period * 1e-9:.2f} s apart"))
 
 
-def _of_motion(found: Sequence[Inspection | None]) -> tuple[Processing, ...]:
+def _remarks_of_motion(found: Sequence[Inspection | None]) -> tuple[Processing, ...]:
     """Remarks from the way of the scanner: it jumps, moves backwards, or cannot be followed."""
     steps = _steps(found)
+    foreign = [k for k, each in enumerate(found) if each and each.turns and each.turns.foreign]
+    remarks = (
+        _jumps(steps),
+        _foreign(foreign),
+        _unaligned(found, foreign),
+        _backwards(np.array([step[0] for step in steps.values()])),
+    )
+    return tuple(remark for remark in remarks if remark is not None)
+
+
+def _jumps(steps: Mapping[int, NDArray[np.float64]]) -> Processing | None:
+    """The steps that are unlike those before and after by more than a car can accelerate."""
     lengths = {k: float(np.linalg.norm(step)) for k, step in steps.items()}
     jumps = []
     for k, step in steps.items():
@@ -316,46 +328,58 @@ def _of_motion(found: Sequence[Inspection | None]) -> tuple[Processing, ...]:
         gained = min((float(np.linalg.norm(step - steps[other])) for other in beside), default=0.0)
         if gained > _MOST_GAINED and lengths[k] >= max(lengths[other] for other in beside):
             jumps.append(k)
-    told = []
-    if jumps:
-        farthest = max(lengths[k] for k in jumps)
-        detail = (
-            f"the scanner moves by up to {farthest:.1f} m in a turn (after {_listed(jumps)}), and "
-            "in the turns beside as no car can: scans are missing there, or in another order"
-        )
-        told.append(Processing("jumps", detail))
-    ahead = np.array([step[0] for step in steps.values()])
-    fast = ahead[np.abs(ahead) > _FASTER_THAN_BACKING]
-    foreign = [k for k, each in enumerate(found) if each and each.turns and each.turns.foreign]
-    if foreign:
-        detail = (
-            f"{_listed(foreign)} {'shows' if len(foreign) == 1 else 'show'} another place than the "
-            "scans before and after, which show the same: put in between, or of another scanner"
-        )
-        told.append(Processing("foreign", detail))
+    if not jumps:
+        return None
+    farthest = max(lengths[k] for k in jumps)
+    detail = (
+        f"the scanner moves by up to {farthest:.1f} m in a turn (after {_listed(jumps)}), and "
+        "in the turns beside as no car can: scans are missing there, or in another order"
+    )
+    return Processing("jumps", detail)
+
+
+def _foreign(foreign: Sequence[int]) -> Processing | None:
+    """The scans that show another place than the scans beside them."""
+    if not foreign:
+        return None
+    detail = (
+        f"{_listed(foreign)} {'shows' if len(foreign) == 1 else 'show'} another place than the "
+        "scans before and after, which show the same: put in between, or of another scanner"
+    )
+    return Processing("foreign", detail)
+
+
+def _unaligned(found: Sequence[Inspection | None], foreign: Sequence[int]) -> Processing | None:
+    """The scans that cannot be aligned with those beside them, unless a foreign one is why."""
     explained = {k + beside for k in foreign for beside in (-1, 0, 1)}
     apart = [
         k
         for k, each in enumerate(found)
         if each and each.turns and not each.turns.aligned and k not in explained
     ]
-    if apart:
-        detail = (
-            f"{_listed(apart)} cannot be aligned with the scans before and after: they are in "
-            "another order there, of another place, or show nothing to align them by"
-        )
-        told.append(Processing("unaligned", detail))
+    if not apart:
+        return None
+    detail = (
+        f"{_listed(apart)} cannot be aligned with the scans before and after: they are in "
+        "another order there, of another place, or show nothing to align them by"
+    )
+    return Processing("unaligned", detail)
+
+
+def _backwards(ahead: NDArray[np.float64]) -> Processing | None:
+    """Whether the scanner moves backwards, by its steps ahead in metres a turn."""
+    fast = ahead[np.abs(ahead) > _FASTER_THAN_BACKING]
     moving = ahead[np.abs(ahead) > _MOVING]
     is_fast = len(fast) >= _FEWEST_MOVING and bool((fast < 0.0).all())
     is_far = bool((moving < 0.0).all()) and float(-moving.sum()) > _FARTHER_THAN_BACKING
-    if is_fast or is_far:
-        of = fast if is_fast else moving
-        detail = (
-            f"the scanner moves backwards by {-np.median(of):.1f} m a turn wherever it moves "
-            f"({len(of)} turns): the scans are in the reverse order, or it looks to the rear"
-        )
-        told.append(Processing("backwards", detail))
-    return tuple(told)
+    if not is_fast and not is_far:
+        return None
+    of = fast if is_fast else moving
+    detail = (
+        f"the scanner moves backwards by {-np.median(of):.1f} m a turn wherever it moves "
+        f"({len(of)} turns): the scans are in the reverse order, or it looks to the rear"
+    )
+    return Processing("backwards", detail)
 
 
 def _steps(found: Sequence[Inspection | None]) -> dict[int, NDArray[np.float64]]:
@@ -370,7 +394,7 @@ def _steps(found: Sequence[Inspection | None]) -> dict[int, NDArray[np.float64]]
     return steps
 
 
-def _of_numbers(numbers: Sequence[int]) -> tuple[Processing, ...]:
+def _remarks_of_numbers(numbers: Sequence[int]) -> tuple[Processing, ...]:
     """Numbers that are left out where others follow each other: scans are missing."""
     steps = [b - a for a, b in itertools.pairwise(numbers)]
     if 1 not in steps:

@@ -385,10 +385,11 @@ def _inspected(
     if found.kind == "lattice" and not asked.printed:
         beside = (asked.previous, asked.following)
         before, after = (_neighbour(other, position, embedding, units) for other in beside)
-        result = _by_lattice(
-            scan, position, source, (found, reading), (before, after), embedding, units,
-            asked.left_out, asked.threads,
+        case = _Case(
+            scan, position, source, (found, reading), embedding, units, asked.left_out,
+            asked.threads,
         )  # fmt: skip
+        result = _by_lattice(case, (before, after))
     elif found.kind == "terrestrial":
         result = _by_angles(scan, position, source, found, asked.printed, asked.threads, told)
     else:
@@ -499,31 +500,38 @@ def _is_part_of_turn(scan: LidarFrame) -> bool:
     return scan.format is not None and scan.format.header.get("is_complete") is False
 
 
-def _by_lattice(
-    scan: LidarFrame,
-    position: Position,
-    source: str,
-    identified: _Identified,
-    beside: _Beside,
-    embedding: str,
-    units_per_m: int,
-    left_out: LeftOut,
-    threads: int,
-) -> Inspection:
+class _Case(NamedTuple):
+    """A scan on the lattice of its scanner, with what each stage of its judging must know of it."""
+
+    scan: LidarFrame
+    position: Position
+    source: str  # who states the position
+    identified: _Identified
+    embedding: str  # of a verified watermark; empty: there is none
+    units_per_m: int
+    left_out: LeftOut
+    threads: int
+
+    @property
+    def sensor(self) -> Sensor:
+        return self.identified[0]
+
+    @property
+    def centred(self) -> LidarFrame:
+        """The scan with the scanner in (0, 0, 0)."""
+        return _at_origin(self.scan, self.position)
+
+
+def _by_lattice(case: _Case, beside: _Beside) -> Inspection:
     """Judge the returns of a scan, and of the turns beside it; name its rows that are none."""
-    sensor, reading = identified
-    rows, padded = _returns_of(_at_origin(scan, position), sensor, reading)
+    sensor, reading = case.identified
+    rows, padded = _returns_of(case.centred, sensor, reading)
     before, after = (_returns(turn, sensor) for turn in beside)
     if rows is None:
-        return _returns_by_lattice(
-            scan, position, source, identified, (before, after), padded, embedding, units_per_m,
-            left_out, threads,
-        )  # fmt: skip
-    judged = _returns_by_lattice(
-        scan.select(rows), position, source, (sensor, None), (before, after), padded, embedding,
-        units_per_m, left_out, threads,
-    )  # fmt: skip
-    return _with_rows(judged, rows, scan.replace(origin=position))
+        return _returns_by_lattice(case, (before, after), padded)
+    returns = case._replace(scan=case.scan.select(rows), identified=(sensor, None))
+    judged = _returns_by_lattice(returns, (before, after), padded)
+    return _with_rows(judged, rows, case.scan.replace(origin=case.position))
 
 
 def _returns_of(
@@ -562,99 +570,126 @@ def _with_rows(found: Inspection, rows: NDArray[np.int64], scan: LidarFrame) -> 
     )
 
 
-def _returns_by_lattice(
-    scan: LidarFrame,
-    position: Position,
-    source: str,
-    identified: _Identified,
-    beside: _Beside,
-    padded: tuple[Processing, ...],
-    embedding: str,
-    units_per_m: int,
-    left_out: LeftOut,
-    threads: int,
-) -> Inspection:
+def _returns_by_lattice(case: _Case, beside: _Beside, padded: tuple[Processing, ...]) -> Inspection:
     """Judge by detectors III, IV and V, allowing for what a verified embedding moved."""
-    sensor, reading = identified
-    centred = _at_origin(scan, position)
-    (before, after), why_not, repeats = _usable(centred, beside)
-    generic, of_rows, once = _judged_by_lattice(
-        centred, identified, (before, after), embedding, units_per_m, threads
-    )
+    sensor, position, embedding = case.sensor, case.position, case.embedding
+    centred = case.centred
+    neighbours, why_not, repeats = _usable(centred, beside)
+    generic, of_rows, once = _judged_by_lattice(case, centred, neighbours)
     repeated_turns = tuple(Processing("repeated", detail) for detail in repeats)
-    coarse = rounding_of(embedding, units_per_m)
-    seen, reading = (centred, reading) if once is None else (centred.select(once), None)
-    found = find_processing(seen.points, sensor, generic, seen.intensity, reading)
-    processing = of_rows + padded + padding(scan, sensor) + repeated_turns + coarse
-    processing += tuple(step for step in found if not (coarse and step.kind == "rounded"))
-    changed = [step for step in processing if step.kind not in COORDINATES_KEPT]
-    if generic is not None and changed:
+    processing = of_rows + padded + padding(case.scan, sensor) + repeated_turns
+    processing += _processing_of_points(case, centred, generic, once)
+    if generic is not None and _changed(processing):
         generic = generic.without(_spoiled(generic, processing))
-    turns, reflectance = None, None
-    lacking: list[str] = []
-    of_turns: tuple[Processing, ...] = ()
-    is_compared = all(step.kind in STILL_COMPARED for step in processing)
+    compared = _Compared(None, None, (), why_not)
     is_repeated = any(step.kind == "repeated" for step in of_rows)
-    if sensor.name == HDL64E and generic is not None and is_compared and not is_repeated:
-        compared = before, after
-        if any(step.kind == "lasers" for step in changed):
-            compared = _in_lasers_of(centred, identified, compared, threads)
-        if before is not None and after is not None and sensor.lattice is not None:
-            lacking, are_in_place, of_turns = _lacking((before, after), sensor.lattice, left_out)
-            if not are_in_place:
-                compared, why_not = (None, None), [*why_not, *lacking]
-        turns, reflectance = _beside_turns(centred, identified, compared, lacking, threads)
-        processing += of_turns
-        if turns is not None and turns.foreign:
-            processing += (Processing("foreign", FOREIGN),)
-        if reflectance is not None and reflectance.rewritten:
-            processing += (Processing("reflectances", reflectance.rewritten),)
+    if generic is not None and not is_repeated and _are_comparable(sensor, processing):
+        compared = _compared(case, centred, neighbours, why_not, processing)
+        processing += compared.processing
     reports = (
         *_not_applicable(sensor, embedding),
-        _of_generic(generic, position, sensor, embedding),
-        *_turns_report(turns, beside, why_not, position, sensor, embedding),
-        *_reflectance_report(reflectance, position, sensor, embedding),
+        _generic_report(generic, position, sensor, embedding),
+        *_turns_report(compared.turns, beside, compared.why_not, position, sensor, embedding),
+        *_reflectance_report(compared.reflectance, position, sensor, embedding),
     )
-    if _is_part_of_turn(scan) and {step.kind for step in processing} == {"cropped"}:
-        processing = ()
-        if all(each.verdict != "tampered" for each in reports):
-            why = "the recording holds a part of this turn only"
-            reports = tuple(DetectorReport(each.name, "undecidable", why) for each in reports)
+    if _is_part_of_turn(case.scan) and {step.kind for step in processing} == {"cropped"}:
+        processing, reports = (), _reports_of_part(reports)
     return _combined(
-        scan, position, source, sensor, reports, processing, generic=generic, turns=turns,
-        reflectance=reflectance,
+        case.scan, position, case.source, sensor, reports, processing, generic=generic,
+        turns=compared.turns, reflectance=compared.reflectance,
         blind=BLIND if reports[-1].name == "reflectance" and reports[-1].power
         else (*BLIND, BLIND_WITHOUT_REFLECTANCES),
     )  # fmt: skip
 
 
-def _judged_by_lattice(
+def _processing_of_points(
+    case: _Case,
     centred: LidarFrame,
-    identified: _Identified,
-    beside: _Beside,
-    embedding: str,
-    units_per_m: int,
-    threads: int,
+    generic: GenericResult | None,
+    once: NDArray[np.int64] | None,
+) -> tuple[Processing, ...]:
+    """What was done to all points; the roundings of an embedding are named as the embedding's."""
+    sensor, reading = case.identified
+    coarse = rounding_of(case.embedding, case.units_per_m)
+    seen, reading = (centred, reading) if once is None else (centred.select(once), None)
+    found = find_processing(seen.points, sensor, generic, seen.intensity, reading)
+    return coarse + tuple(step for step in found if not (coarse and step.kind == "rounded"))
+
+
+def _changed(processing: Sequence[Processing]) -> list[Processing]:
+    """The steps after which points are missing or lie elsewhere."""
+    return [step for step in processing if step.kind not in COORDINATES_KEPT]
+
+
+def _are_comparable(sensor: Sensor, processing: Sequence[Processing]) -> bool:
+    """Whether detectors IV and V know the scanner, and what was done leaves them something."""
+    return sensor.name == HDL64E and all(step.kind in STILL_COMPARED for step in processing)
+
+
+class _Compared(NamedTuple):
+    """Results of the detectors that compare a scan with the turns beside it."""
+
+    turns: TurnResult | None
+    reflectance: ReflectanceResult | None
+    processing: tuple[Processing, ...]
+    why_not: list[str]  # reasons why the turns beside it were not used
+
+
+def _compared(
+    case: _Case,
+    centred: LidarFrame,
+    neighbours: _Beside,
+    why_not: list[str],
+    processing: Sequence[Processing],
+) -> _Compared:
+    """Judge by detectors IV and V, with what the turns beside the scan still have."""
+    before, after = compared = neighbours
+    lacking: list[str] = []
+    of_turns: tuple[Processing, ...] = ()
+    if any(step.kind == "lasers" for step in _changed(processing)):
+        compared = _in_lasers_of(centred, case.identified, compared, case.threads)
+    if before is not None and after is not None and case.sensor.lattice is not None:
+        lacking, are_in_place, of_turns = _lacking(neighbours, case.sensor.lattice, case.left_out)
+        if not are_in_place:
+            compared, why_not = (None, None), [*why_not, *lacking]
+    turns, reflectance = _beside_turns(centred, case.identified, compared, lacking, case.threads)
+    if turns is not None and turns.foreign:
+        of_turns += (Processing("foreign", FOREIGN),)
+    if reflectance is not None and reflectance.rewritten:
+        of_turns += (Processing("reflectances", reflectance.rewritten),)
+    return _Compared(turns, reflectance, of_turns, why_not)
+
+
+def _reports_of_part(reports: tuple[DetectorReport, ...]) -> tuple[DetectorReport, ...]:
+    """The reports on a part of a turn, which only accuse: the rest of it was never recorded."""
+    if any(each.verdict == "tampered" for each in reports):
+        return reports
+    why = "the recording holds a part of this turn only"
+    return tuple(DetectorReport(each.name, "undecidable", why) for each in reports)
+
+
+def _judged_by_lattice(
+    case: _Case, centred: LidarFrame, beside: _Beside
 ) -> tuple[GenericResult | None, tuple[Processing, ...], NDArray[np.int64] | None]:
     """Detector III's result, and what was done to rows: which are repeated, or stand elsewhere.
 
     Then the rows that were judged, each point once; None: all.
     """
-    sensor, reading = identified
+    sensor, reading = case.identified
     if sensor.off_lattice != 0.0 or sensor.lattice is None:
         return None, (), None
     before, after = beside
     both = before is not None and after is not None  # what is missing is detector IV's to find
     judge = functools.partial(
         consistency_allowing,
-        embedding,
+        case.embedding,
         lattice=sensor.lattice,
         previous=None if both else before,
         following=None if both else after,
-        units_per_m=units_per_m,
+        units_per_m=case.units_per_m,
         false_alarm_rate=rate_of("generic"),
         is_stated=not sensor.is_own,
-        threads=threads,
+        threads=case.threads,
     )
     if sensor.is_own and not sensor.lattice.is_exact:
         judge = functools.partial(_where_told, judge, sensor.lattice)
@@ -665,7 +700,7 @@ def _judged_by_lattice(
     if generic.evidence["duplicate"].share > 0.0:
         copies = copies_of_earlier(centred.points)
     if copies.any():
-        reading = reading or sensor.lattice.read(centred.points, threads=threads)
+        reading = reading or sensor.lattice.read(centred.points, threads=case.threads)
         rows = np.flatnonzero(one_of_each(centred.points, copies, reading))
         generic = judge(centred.select(rows)).with_rows(rows, centred)
         if not are_fired_twice(centred.points, copies, sensor.lattice):
@@ -673,7 +708,7 @@ def _judged_by_lattice(
             of_rows = (Processing("repeated", detail),)
     if number := _number_elsewhere(generic):
         scan = centred.select(rows)
-        found = sensor.lattice.read(scan.points, threads=threads)
+        found = sensor.lattice.read(scan.points, threads=case.threads)
         order = np.lexsort((found.azimuth, found.ring))
         judged = judge(scan.select(order)).with_rows(rows[order], centred)
         generic = judged.without(("order",), quiet=judged.verdict)
@@ -882,8 +917,8 @@ def _by_angles(
     )
     told(0.9)
     reports = (
-        _of_angles("density", density, sensor),
-        _of_angles("occlusion", occlusion, sensor),
+        _angles_report("density", density, sensor),
+        _angles_report("occlusion", occlusion, sensor),
         DetectorReport("generic", "undecidable", "no scan of a spinning scanner"),
     )
     processing = find_processing(_at_origin(scan, position).points, sensor, None)
@@ -1013,7 +1048,9 @@ def _at_origin(frame: LidarFrame, position: Position) -> LidarFrame:
     return frame.replace(points=moved, exact=None, format=None, origin=(0.0, 0.0, 0.0))
 
 
-def _of_angles(name: str, found: DensityResult | OcclusionResult, sensor: Sensor) -> DetectorReport:
+def _angles_report(
+    name: str, found: DensityResult | OcclusionResult, sensor: Sensor
+) -> DetectorReport:
     regions = tuple(Region(region.box, region.rows) for region in found.regions)
     return DetectorReport(
         name, found.verdict, found.reason, found.score, None, regions,
@@ -1021,7 +1058,7 @@ def _of_angles(name: str, found: DensityResult | OcclusionResult, sensor: Sensor
     )  # fmt: skip
 
 
-def _of_generic(
+def _generic_report(
     found: GenericResult | None, position: Position, sensor: Sensor, embedding: str
 ) -> DetectorReport:
     if found is None:

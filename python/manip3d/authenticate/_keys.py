@@ -7,16 +7,16 @@ import time
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
-from types import TracebackType
 
 from manip3d import _core
 from manip3d._util.checked import checked
+from manip3d._util.closing import Closing
 from manip3d._util.paths import path_of
 from manip3d.errors import InputError
 
 
 @checked
-class KeyFile:
+class KeyFile(Closing):
     """The key of a sensor, read from its file; Python never holds its bytes.
 
     Parameters
@@ -95,24 +95,13 @@ class KeyFile:
         """Wipe the key; may be called twice."""
         self._key.close()
 
-    def __enter__(self) -> KeyFile:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
-
     def __repr__(self) -> str:
         state = "" if self._key.is_open else ", closed"
         return f"<manip3d.authenticate.KeyFile: {self.key_id[:8]}{state}>"
 
 
 @checked
-class KeyRing:
+class KeyRing(Closing):
     """The keys that a sensor has had, one after the other; a verifier takes all of them.
 
     A record names no key: its own tag tells which key made it. The newest key embeds. Older ones
@@ -204,17 +193,6 @@ class KeyRing:
         """Wipe all keys; may be called twice."""
         for key in self.keys:
             key.close()
-
-    def __enter__(self) -> KeyRing:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def __repr__(self) -> str:
         names = ", ".join(key.key_id[:8] for key in self.keys)

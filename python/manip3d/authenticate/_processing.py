@@ -209,7 +209,7 @@ def find_processing(
     """
     if sensor.unit:  # steps of a rounding are those of metres
         return (Processing("scaled", f"coordinates are in {sensor.unit}"),)
-    found = list(_of_coordinates(points))
+    found = list(_processing_of_coordinates(points))
     if sensor.turned:
         found.append(Processing("turned", sensor.turned))
     if sensor.off_lattice > 0.0:
@@ -221,17 +221,17 @@ def find_processing(
             )
         )
     elif generic is not None and generic.lattice is not None:
-        found += _of_lattice(points, sensor, generic, reading)
+        found += _processing_of_lattice(points, sensor, generic, reading)
         if sensor.name != HDL64E or not generic.evidence["order"].used:
             reflectance = None  # another scanner's unit, or neighbours that were sorted apart
         if reflectance is not None:
-            found += _of_reflectance(reflectance)
+            found += _processing_of_reflectance(reflectance)
         if sensor.name == HDL64E and generic.verdict != "tampered":  # pasted points stand alone too
-            found += _of_outliers(points, found)
+            found += _processing_of_outliers(points, found)
     return tuple(found)
 
 
-def _of_outliers(
+def _processing_of_outliers(
     points: NDArray[np.float32], found: Sequence[Processing]
 ) -> tuple[Processing, ...]:
     """A filter of outliers, where nothing else was done that leaves points alone or takes them."""
@@ -272,7 +272,7 @@ def cut_of_outliers(points: NDArray[np.float32]) -> tuple[float, float]:
     return float(ratio[sharpest]), float(at[sharpest])
 
 
-def _of_reflectance(values: NDArray[np.float32]) -> list[Processing]:
+def _processing_of_reflectance(values: NDArray[np.float32]) -> list[Processing]:
     found = []
     if (why := why_rewritten(values)) is not None:
         found.append(Processing("reflectances", why))
@@ -383,7 +383,7 @@ def padding(scan: LidarFrame, sensor: Sensor) -> tuple[Processing, ...]:
     )
 
 
-def _of_coordinates(points: NDArray[np.float32]) -> list[Processing]:
+def _processing_of_coordinates(points: NDArray[np.float32]) -> list[Processing]:
     if len(points) == 0:
         return []
     some = points[:: max(1, len(points) // SAMPLE)]
@@ -407,7 +407,7 @@ def _share_rounded(points: NDArray[np.float32], step: float) -> float:
     return float(np.mean(off < 1e-5 + 1e-6 * np.abs(wide)))
 
 
-def _of_lattice(
+def _processing_of_lattice(
     points: NDArray[np.float32],
     sensor: Sensor,
     generic: GenericResult,
@@ -445,7 +445,9 @@ def _of_lattice(
         found.append(Processing("fused", f"{twice:.0f} degrees of azimuth were seen twice"))
     if contradicted & {"grid", "step"}:  # no point is on its firing: nothing tells which answered
         return found
-    return found + _of_extent(points, lattice, reading, is_in_order=generic.evidence["order"].used)
+    return found + _processing_of_extent(
+        points, lattice, reading, is_in_order=generic.evidence["order"].used
+    )
 
 
 FAR_ENOUGH, LEAST_ALIKE, LEAST_TURN = 10.0, 0.5, 0.01
@@ -555,10 +557,10 @@ def left_out_of_turn(turn: LidarFrame, lattice: SensorLattice) -> Lacking | None
     some, step_m = turn.points[:: max(1, turn.num_points // SAMPLE)], lattice.coordinate_step
     is_scaled = step_m > 0.0 and _share_rounded(some, step_m) < 1.0 - MOST_OFF_FIRINGS
     if np.mean(is_off) > MOST_OFF_FIRINGS or is_scaled:
-        for step in _of_coordinates(turn.points):
+        for step in _processing_of_coordinates(turn.points):
             return Lacking(f"{step.kind}: {step.detail}", is_in_place=True)
         return Lacking("moved to where the scanner does not measure", is_in_place=False)
-    for step in _of_extent(turn.points, lattice, reading, is_in_order=False):
+    for step in _processing_of_extent(turn.points, lattice, reading, is_in_order=False):
         if step.kind != "lasers":
             return Lacking(f"{step.kind}: {step.detail}", is_in_place=True)
     return None
@@ -575,55 +577,80 @@ def _widest_gap(azimuth: NDArray[np.float32]) -> float:
     return math.degrees(float(gaps.max(initial=0.0)))
 
 
-def _of_extent(
+def _processing_of_extent(
     points: NDArray[np.float32],
     lattice: SensorLattice | None,
     reading: LatticeReading | None,
     *,
     is_in_order: bool,
 ) -> list[Processing]:
+    """What was cut off or thinned out, and whether the rings begin elsewhere than the scanner's.
+
+    Each kind of cut leaves silence: firings that have no return although those beside them do.
+    """
     if lattice is None or len(points) == 0:
         return []
-    found = []
     reading = lattice.read(points) if reading is None else reading
-    gap = _widest_gap(reading.azimuth[reading.ring >= 0])
-    if gap > WIDEST_GAP:
-        found.append(Processing("cropped", f"no points in {gap:.0f} degrees of azimuth"))
     firings = firings_of(reading, len(lattice.slope))
+    gap = _widest_gap(reading.azimuth[reading.ring >= 0])
+    is_whole_turn = gap <= WIDEST_GAP
     wide = points.astype(np.float64)
     x, y, z = wide.T
     distance = np.sqrt(x * x + y * y + z * z)
-    ends = (distance, x, -x, y, -y)
-    is_short = distance.max() < LEAST_RANGE and _cut_off_beyond(distance) >= FEWEST_CUT_OFF
-    if is_short and any(ends_in_silence(end, firings) for end in ends):
-        found.append(Processing("cropped", f"no points beyond {distance.max():.1f} m"))
-    for name, along in zip("xy", (x, y), strict=True):
-        if _is_cut_on_both_sides(along, firings):
-            found.append(Processing("cropped", f"{name} ends at {along.max():.1f} m on both sides"))
+
+    found = []
+    if not is_whole_turn:
+        found.append(Processing("cropped", f"no points in {gap:.0f} degrees of azimuth"))
+    found += _cropped_far(wide, distance, firings)
     if distance.min() > NEAREST_RANGE and _lowest_are_silent(reading, lattice):
         found.append(Processing("cropped", f"no points nearer than {distance.min():.1f} m"))
-    thinned = []
-    if firings is not None:
-        thinned = _of_thinning(firings, distance, whole=gap <= WIDEST_GAP)
+    thinned = [] if firings is None else _thinned(firings, distance, whole=is_whole_turn)
     silent = 0 if firings is None else _silent_at_the_bottom(firings, lattice)
     if silent:
         lasers = "laser has" if silent == 1 else f"{silent} lasers have"
         found.append(Processing("lasers", f"the lowest {lasers} nearly no returns"))
     elif not found and not thinned and _own_car_is_silent(reading, distance, lattice):
         found.append(Processing("cropped", "the scanner's own car does not answer"))
+    found += _cropped_in_height(wide, firings) + thinned
+    if is_whole_turn and is_in_order:
+        found += _turned(reading)
+    return found
+
+
+def _cropped_far(
+    points: NDArray[np.float64], distance: NDArray[np.float64], firings: Firings | None
+) -> list[Processing]:
+    """Cuts at a distance from the scanner, or at the same x or y on both sides of it."""
+    found = []
+    x, y = points[:, 0], points[:, 1]
+    is_short = distance.max() < LEAST_RANGE and _cut_off_beyond(distance) >= FEWEST_CUT_OFF
+    if is_short and any(ends_in_silence(end, firings) for end in (distance, x, -x, y, -y)):
+        found.append(Processing("cropped", f"no points beyond {distance.max():.1f} m"))
+    for name, along in zip("xy", (x, y), strict=True):
+        if _is_cut_on_both_sides(along, firings):
+            found.append(Processing("cropped", f"{name} ends at {along.max():.1f} m on both sides"))
+    return found
+
+
+def _cropped_in_height(points: NDArray[np.float64], firings: Firings | None) -> list[Processing]:
+    """The highest lasers without returns, and cuts at a height."""
+    found = []
+    z = points[:, 2]
     if firings is not None and _highest_are_silent(firings):
         found.append(Processing("cropped", "the highest lasers have no returns"))
     if is_cut_above(z, firings):
         found.append(Processing("cropped", f"no points above a height of {z.max():.2f} m"))
-    if is_cut_below(wide, firings):
+    if is_cut_below(points, firings):
         found.append(Processing("cropped", f"no points below a height of {z.min():.2f} m"))
-    found += thinned
-    if gap > WIDEST_GAP or not is_in_order:
-        return found
-    first = first_azimuth(reading.ring, reading.azimuth)
-    if abs(first) > FIRST_AZIMUTH:
-        found.append(Processing("turned", f"the rings begin at {first:.0f} degrees of azimuth"))
     return found
+
+
+def _turned(reading: LatticeReading) -> list[Processing]:
+    """Whether a whole turn in the scanner's order begins at another azimuth than the scanner."""
+    first = first_azimuth(reading.ring, reading.azimuth)
+    if abs(first) <= FIRST_AZIMUTH:
+        return []
+    return [Processing("turned", f"the rings begin at {first:.0f} degrees of azimuth")]
 
 
 def _is_cut_on_both_sides(along: NDArray[np.float64], firings: Firings | None) -> bool:
@@ -703,9 +730,7 @@ def _least_of_rings(
     return least
 
 
-def _of_thinning(
-    firings: Firings, distance: NDArray[np.float64], *, whole: bool
-) -> list[Processing]:
+def _thinned(firings: Firings, distance: NDArray[np.float64], *, whole: bool) -> list[Processing]:
     """Points that were left out here and there, or laser by laser."""
     found: list[Processing] = []
     rings = len(firings.answered)

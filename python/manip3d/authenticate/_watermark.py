@@ -10,7 +10,6 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
@@ -18,6 +17,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.arrays import vector
 from manip3d._util.checked import checked
+from manip3d._util.closing import Closing
 from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.paths import path_of
 from manip3d._util.showing import Showable
@@ -311,7 +311,7 @@ class WatermarkResult(Showable):
 
 
 @checked
-class Watermarker:
+class Watermarker(Closing):
     """Embeds watermarks into the frames of a stream, and verifies such frames.
 
     Parameters
@@ -647,17 +647,6 @@ class Watermarker:
                 if self._embedder is not None:
                     self._embedder.close()
                 self._verifier.close()
-
-    def __enter__(self) -> Watermarker:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def __repr__(self) -> str:
         session = f", session {self.session[:8]}" if self.session else ""

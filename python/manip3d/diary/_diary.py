@@ -1,65 +1,43 @@
-"""`Diary`: one SQLite file with all sessions of a study's participants."""
+"""`Diary`: one SQLite file with all sessions of a study's participants; what is written to it."""
 
 from __future__ import annotations
 
 import os
-from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from datetime import date, datetime
-from pathlib import Path
-from types import TracebackType
-from typing import Any, Literal, Self, get_args
+from datetime import datetime
+from typing import Any, Literal, get_args
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
-from manip3d.diary._clips import Clip, Pictures
+from manip3d.diary import _schema as schema
+from manip3d.diary._clips import Pictures
 from manip3d.diary._mcgill import score_mcgill
-from manip3d.diary._protocol import PAIN, SICKNESS, judge_rating
-from manip3d.diary._questionnaires import (
-    MCGILL,
-    OWNERSHIP,
-    Questionnaire,
-    definition_of,
-    questionnaire_of,
-)
+from manip3d.diary._protocol import judge_rating
+from manip3d.diary._questionnaires import MCGILL, Questionnaire, definition_of
+from manip3d.diary._reading import DiaryReading, sessions_of
 from manip3d.diary._records import (
-    AdverseEvent,
     Answers,
     DiaryGame,
-    DiarySession,
-    ExportedFile,
     FeltRecord,
     McGill,
     Moment,
     Occasion,
     Ownership,
     Participant,
-    Rating,
     aware,
     identifier_of,
 )
-from manip3d.diary._sealing import require_key_material
-from manip3d.errors import FormatError, InputError, MissingExtraError
+from manip3d.diary._rows import Enrolled, Rows, check_texts
+from manip3d.errors import InputError
 from manip3d.io._files import sha256_of
 from manip3d.modify import Limb
 
-try:
-    import sqlalchemy as sql
-except ModuleNotFoundError as error:
-    raise MissingExtraError("sqlalchemy", "diary") from error
-
-from manip3d.diary import _schema as schema
-from manip3d.diary._audit import moment_of
-from manip3d.diary._file import DiaryFile
-from manip3d.diary._rows import Enrolled, Rows, check_texts
-
 _ENDINGS = ("time", "misses", "done", "stopped", "interrupted")
-_OWNERSHIP, _FELT, _FORM = "ownership", "felt", "form"  # kinds of questionnaires
 
 
 @checked
-class Diary:
+class Diary(DiaryReading):
     """A diary file. What a method has written when it returns survives the end of the program.
 
     One file holds all participants of a study, each under a pseudonym. With a key what they said
@@ -94,46 +72,6 @@ class Diary:
     ''
     [4]
     """
-
-    def __init__(
-        self,
-        path: str | os.PathLike[str],
-        *,
-        key: str | os.PathLike[str] | None = None,
-        create: bool = False,
-    ) -> None:
-        self.path = path_of(path)
-        self._file = DiaryFile(self.path, require_key_material(key), create=create)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Let the file go; may be called twice, and nothing is lost without it.
-
-        Other methods raise InputError from then on.
-        """
-        self._file.close()
-
-    @property
-    def is_encrypted(self) -> bool:
-        """Whether a key is needed to read it."""
-        return self._file.key is not None
-
-    @property
-    def study(self) -> str:
-        """A random UUID, which tells participants of this diary from those of other ones."""
-        return self._file.study
-
-    # --- writing ---------------------------------------------------------------------------------
 
     def enrol(
         self, identifier: str, *, limb: str = "", clips: bool = False, at: datetime | None = None
@@ -404,7 +342,7 @@ class Diary:
             participant = rows.find(identifier)
             if session is not None:
                 rows.check_owner(session, participant)
-                past = next(o for o in _sessions(rows, participant) if o.number == session)
+                past = next(o for o in sessions_of(rows, participant) if o.number == session)
                 if when is None or when == "after":
                     when = when or ("after" if past.begun or past.games else "before")
                     reason = judge_rating(past.ratings, pain, moment, when=when) or reason
@@ -499,7 +437,7 @@ class Diary:
             fields |= {"ranks": given[:-1], "ppi": given[-1]}
         else:
             form = definition_of(questionnaire)
-            fields |= {"kind": _FORM, "form": form, "answers": given}
+            fields |= {"kind": schema.FORM, "form": form, "answers": given}
         self._add_filled(identifier, fields, session)
         return Answers(moment, questionnaire, given, occasion)
 
@@ -561,7 +499,12 @@ class Diary:
         if len(given) != 6 or not all(-3 <= one <= 3 for one in given):
             raise InputError(f"answers: expected 6 from -3 to 3, got {list(answers)}")
         moment = aware(at, "at")
-        fields = {"at": moment.isoformat(), "kind": _OWNERSHIP, "mode": mode, "answers": given}
+        fields = {
+            "at": moment.isoformat(),
+            "kind": schema.OWNERSHIP,
+            "mode": mode,
+            "answers": given,
+        }
         self._add_answers(identifier, fields, session)
         return Ownership(moment, mode, given)
 
@@ -611,7 +554,7 @@ class Diary:
             if not low <= numbers[name] <= high:
                 raise InputError(f"{name}: expected {low} to {high}, got {numbers[name]}")
         moment = aware(at, "at")
-        fields = {"at": moment.isoformat(), "kind": _FELT, "limb": limb, **numbers}
+        fields = {"at": moment.isoformat(), "kind": schema.FELT, "limb": limb, **numbers}
         self._add_answers(identifier, fields, session)
         return FeltRecord(moment, **numbers, limb=limb)
 
@@ -701,28 +644,6 @@ class Diary:
             kept = participant.fields.get("exports", {})
             rows.change(participant, {"exports": {**kept, **found}})
 
-    def exports(self, identifier: str) -> list[ExportedFile]:
-        """List the files with data of a participant that exports wrote.
-
-        Parameters
-        ----------
-        identifier : str
-            Pseudonym of the participant.
-
-        Returns
-        -------
-        list of ExportedFile
-            By path; a table of several participants is among the files of each of them.
-
-        Raises
-        ------
-        InputError
-            No such participant.
-        """
-        with self._file.begin() as rows:
-            kept = rows.find(identifier).fields.get("exports", {})
-        return [ExportedFile(Path(path), kept[path]) for path in sorted(kept)]
-
     def delete(self, identifier: str) -> None:
         """Delete a participant: no byte of what they said and did remains in the file or beside it.
 
@@ -749,339 +670,6 @@ class Diary:
         with self._file.begin_without_remains() as rows:
             rows.delete(participant)
 
-    # --- reading ---------------------------------------------------------------------------------
-
-    def participants(self) -> list[Participant]:
-        """Everybody, by pseudonym."""
-        with self._file.begin() as rows:
-            found = [_participant(one) for one in rows.everybody()]
-        return sorted(found, key=lambda one: one.identifier)
-
-    def participant(self, identifier: str) -> Participant:
-        """Return what is known of one participant.
-
-        Parameters
-        ----------
-        identifier : str
-            Pseudonym of the participant, as enrolled.
-
-        Returns
-        -------
-        Participant
-
-        Raises
-        ------
-        InputError
-            No such participant.
-        """
-        with self._file.begin() as rows:
-            return _participant(rows.find(identifier))
-
-    def sessions(self, identifier: str) -> list[DiarySession]:
-        """Return the sessions of a participant, by time, with games, anomalies and ratings.
-
-        Parameters
-        ----------
-        identifier : str
-            Pseudonym of the participant, as enrolled.
-
-        Returns
-        -------
-        list of DiarySession
-
-        Raises
-        ------
-        InputError
-            No such participant.
-        """
-        with self._file.begin() as rows:
-            found = _sessions(rows, rows.find(identifier))
-        return sorted(found, key=lambda session: session.started)
-
-    def clips(self, identifier: str) -> list[Clip]:
-        """Return the clips of a participant's anomalies, by time.
-
-        Parameters
-        ----------
-        identifier : str
-            Pseudonym of the participant, as enrolled.
-
-        Returns
-        -------
-        list of Clip
-
-        Raises
-        ------
-        InputError
-            No such participant.
-        """
-        found = []
-        with self._file.begin() as rows:
-            participant = rows.find(identifier)
-            games = {row["id"]: fields for row, fields in rows.read(schema.GAMES, participant)}
-            anomalies = {
-                row["id"]: (games[row["game"]], fields)
-                for row, fields in rows.read(schema.ANOMALIES, participant)
-            }
-            for anomaly, pictures in rows.read_clips(participant):
-                game, times = anomalies[anomaly]
-                at = datetime.fromisoformat(game["at"])
-                found.append(Clip(at, game["game"], times["start"], times["end"], pictures))
-        return sorted(found, key=lambda clip: (clip.at, clip.start))
-
-    def ratings(self, identifier: str) -> list[Rating]:
-        """Return all ratings of a participant's pain, by time.
-
-        Parameters
-        ----------
-        identifier : str
-            Pseudonym of the participant, as enrolled.
-
-        Returns
-        -------
-        list of Rating
-
-        Raises
-        ------
-        InputError
-            No such participant.
-        """
-        return sorted(
-            (_rating(*one) for one in self._fields(schema.RATINGS, identifier)),
-            key=lambda rating: rating.at,
-        )
-
-    def mcgill(self, identifier: str) -> list[McGill]:
-        """Return the McGill questionnaires of a participant, by time.
-
-        Parameters
-        ----------
-        identifier : str
-            Pseudonym of the participant, as enrolled.
-
-        Returns
-        -------
-        list of McGill
-
-        Raises
-        ------
-        InputError
-            No such participant.
-        """
-        found = [
-            McGill(
-                datetime.fromisoformat(fields["at"]),
-                fields["occasion"],
-                tuple(fields["ranks"]),
-                score_mcgill(fields["ranks"], fields["ppi"]),
-                row,
-            )
-            for fields, row in self._answers(identifier, "")
-        ]
-        return sorted(found, key=lambda one: one.at)
-
-    def ownership(self, identifier: str) -> list[Ownership]:
-        """Return the answers of a participant after touch cues, by time.
-
-        Parameters
-        ----------
-        identifier : str
-            Pseudonym of the participant, as enrolled.
-
-        Returns
-        -------
-        list of Ownership
-
-        Raises
-        ------
-        InputError
-            No such participant.
-        """
-        found = [
-            Ownership(datetime.fromisoformat(f["at"]), f["mode"], tuple(f["answers"]), row)
-            for f, row in self._answers(identifier, _OWNERSHIP)
-        ]
-        return sorted(found, key=lambda one: one.at)
-
-    def felt(self, identifier: str) -> list[FeltRecord]:
-        """Return how a participant felt the limb that is not there, by time.
-
-        Parameters
-        ----------
-        identifier : str
-            Pseudonym of the participant, as enrolled.
-
-        Returns
-        -------
-        list of FeltRecord
-
-        Raises
-        ------
-        InputError
-            No such participant.
-        """
-        names = ("length", "telescoping", "raised", "bent")
-        found = [
-            FeltRecord(
-                datetime.fromisoformat(f["at"]),
-                **{name: f[name] for name in names},
-                limb=f.get("limb", ""),  # diaries of before did not tell it
-                number=row,
-            )
-            for f, row in self._answers(identifier, _FELT)
-        ]
-        return sorted(found, key=lambda one: one.at)
-
-    def answers(self, identifier: str) -> list[Answers]:
-        """Return all filled-in questionnaires of a participant, by time.
-
-        Parameters
-        ----------
-        identifier : str
-            Pseudonym of the participant, as enrolled.
-
-        Returns
-        -------
-        list of Answers
-            Those of `mcgill` and `ownership` too, as `MCGILL` and `OWNERSHIP`.
-
-        Raises
-        ------
-        InputError
-            No such participant.
-        FormatError
-            A questionnaire cannot be parsed: the diary is damaged.
-        """
-        found = [
-            Answers(one.at, MCGILL, (*one.ranks, one.score.ppi), one.occasion, one.number)
-            for one in self.mcgill(identifier)
-        ]
-        found += [
-            Answers(one.at, OWNERSHIP, one.answers, "other", one.number)
-            for one in self.ownership(identifier)
-        ]
-        found += [self._form(*one) for one in self._answers(identifier, _FORM)]
-        return sorted(found, key=lambda one: one.at)
-
-    def _form(self, fields: Mapping[str, Any], row: int) -> Answers:
-        try:
-            form, given = questionnaire_of(fields["form"]), tuple(fields["answers"])
-            form.check_answers(given)
-        except InputError as error:
-            raise FormatError(f"the diary is damaged: {error}", file=str(self.path)) from None
-        return Answers(datetime.fromisoformat(fields["at"]), form, given, fields["occasion"], row)
-
-    def _answers(self, identifier: str, kind: str) -> list[tuple[dict[str, Any], int]]:
-        """Filled-in questionnaires of a kind; "" is McGill's, whose fields name none."""
-        rows = self._fields(schema.QUESTIONNAIRES, identifier)
-        return [(fields, row) for fields, row in rows if fields.get("kind", "") == kind]
-
-    def events(self, identifier: str) -> list[AdverseEvent]:
-        """Return the adverse events of a participant, by time.
-
-        Parameters
-        ----------
-        identifier : str
-            Pseudonym of the participant, as enrolled.
-
-        Returns
-        -------
-        list of AdverseEvent
-
-        Raises
-        ------
-        InputError
-            No such participant.
-        """
-        found = [
-            AdverseEvent(datetime.fromisoformat(fields["at"]), fields["kind"], fields["text"], row)
-            for fields, row in self._fields(schema.EVENTS, identifier)
-        ]
-        return sorted(found, key=lambda event: event.at)
-
-    def halt_reason(self, identifier: str, *, today: date | None = None) -> str:
-        """Say why a participant must not play any more today, also after a restart.
-
-        Parameters
-        ----------
-        identifier : str
-            Pseudonym of the participant.
-        today : date, optional
-            A day of this machine's time zone, by default the present one. Events of that day count
-            wherever they were written down: a diary may come from another time zone.
-
-        Returns
-        -------
-        str
-            In words for the patient: of the first adverse event of that day for which a session
-            stops (pain or sickness); empty: they may play.
-
-        Raises
-        ------
-        InputError
-            No such participant.
-        """
-        day = today or date.today()
-        for event in self.events(identifier):
-            if event.local_date == day and event.kind != "other":
-                return SICKNESS if event.kind == "sickness" else event.text or PAIN
-        return ""
-
-    def audit(self) -> list[tuple[datetime, str, str]]:
-        """List what was done, by time, without what was done to participants who were deleted.
-
-        Returns
-        -------
-        list of (datetime, str, str)
-            When, what (``enrol``, ``game``, ``delete`` ...), and whose; the last one is empty for a
-            deletion. See `check_audit` for whether it is what was written.
-
-        Raises
-        ------
-        FormatError
-            A time cannot be parsed: the diary is damaged.
-        """
-        with self._file.begin() as rows:
-            names = {one.number: one.fields["identifier"] for one in rows.everybody()}
-            noted = rows.read_audit()
-        found = [
-            (moment_of(row.at, str(self.path)), row.action, names.get(row.participant, ""))
-            for row in noted
-        ]
-        return sorted(found, key=lambda one: one[0])
-
-    def check_audit(self) -> None:
-        """Compare each row of the audit with its hashes, which bind it to all rows before it.
-
-        The hashes need a key, which an encrypted diary keeps encrypted: who has no key file can
-        change no row unnoticed. In a plain diary that key stands in the file, so that damage and
-        changes with other programs are found, but no forgery by who takes this key. A copy of the
-        whole file of an earlier day is valid.
-
-        Raises
-        ------
-        FormatError
-            Names the first row that is not what was written, or is missing.
-        """
-        with self._file.begin() as rows:
-            rows.verify_audit()
-
-    def check(self) -> None:
-        """Read the whole file, open every payload and compare the audit with its hashes.
-
-        Raises
-        ------
-        FormatError
-            The file is damaged, or a payload or a row of the audit was changed.
-        """
-        with self._file.begin() as rows:
-            rows.verify()
-
-    def _fields(self, table: sql.Table, identifier: str) -> list[tuple[dict[str, Any], int]]:
-        """Fields and number of each row."""
-        with self._file.begin() as rows:
-            return [(f, row["id"]) for row, f in rows.read(table, rows.find(identifier))]
-
 
 def _check_limb(limb: str) -> None:
     if limb and limb not in get_args(Limb):
@@ -1101,41 +689,3 @@ def _keep_answers(
         fields = {**fields, "session": session}
     rows.add(schema.QUESTIONNAIRES, participant, fields)
     rows.note("questionnaire", participant.number)
-
-
-def _sessions(rows: Rows, participant: Enrolled) -> list[DiarySession]:
-    """The sessions of a participant, each table read once."""
-    times, games, ratings = defaultdict(list), defaultdict(list), defaultdict(list)
-    for row, fields in rows.read(schema.ANOMALIES, participant):
-        times[row["game"]].append((fields["start"], fields["end"]))
-    for row, fields in rows.read(schema.GAMES, participant):
-        games[row["session"]].append(_game(fields, sorted(times[row["id"]]), row["id"]))
-    for row, fields in rows.read(schema.RATINGS, participant):
-        ratings[row["session"]].append(_rating(fields, row["id"]))
-    return [
-        DiarySession(
-            row["id"],
-            datetime.fromisoformat(about["started"]),
-            datetime.fromisoformat(about["ended"]) if about["ended"] else None,
-            tuple(sorted(games[row["id"]], key=lambda game: game.at)),
-            tuple(sorted(ratings[row["id"]], key=lambda rating: rating.at)),
-            datetime.fromisoformat(about["begun"]) if about.get("begun") else None,
-            bool(about.get("answered", True)),
-        )
-        for row, about in rows.read(schema.SESSIONS, participant)
-    ]
-
-
-def _participant(enrolled: Enrolled) -> Participant:
-    fields = enrolled.fields
-    at, clips = datetime.fromisoformat(fields["enrolled"]), fields.get("clips", False)
-    return Participant(fields["identifier"], fields["limb"], at, clips, enrolled.number)
-
-
-def _rating(fields: Mapping[str, Any], row: int) -> Rating:
-    return Rating(datetime.fromisoformat(fields["at"]), fields["pain"], fields["when"], row)
-
-
-def _game(fields: dict[str, Any], anomalies: Sequence[tuple[float, float]], row: int) -> DiaryGame:
-    at = datetime.fromisoformat(fields.pop("at"))
-    return DiaryGame(at=at, **fields, anomalies=tuple(anomalies), number=row)

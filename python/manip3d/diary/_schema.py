@@ -8,9 +8,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from sqlalchemy import Column, Connection, ForeignKey, Integer, LargeBinary, MetaData, Table, Text
+from manip3d.errors import MissingExtraError
+
+try:
+    from sqlalchemy import (
+        Column,
+        Connection,
+        ForeignKey,
+        Integer,
+        LargeBinary,
+        MetaData,
+        Table,
+        Text,
+    )
+except ModuleNotFoundError as error:
+    raise MissingExtraError("sqlalchemy", "diary") from error
 
 APPLICATION = 0x4D334459  # "M3DY", the mark of a diary among SQLite files
+
+OWNERSHIP, FELT, FORM = "ownership", "felt", "form"
+"""Kinds of questionnaires, as their payloads name them; those of McGill name none."""
 
 _metadata = MetaData()
 

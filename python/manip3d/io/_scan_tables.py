@@ -173,7 +173,7 @@ def frame_of_table(
     FormatError
         x, y or z is absent; a number that no scan has.
     """
-    kind, name, by_name = table.kind, table.source, _by_plain_names(table.columns)
+    name, by_name = table.source, _by_plain_names(table.columns)
     missing = [axis for axis in "xyz" if axis not in by_name or by_name[axis].ndim != 1]
     if missing:
         raise FormatError(f"a scan has x, y and z; {', '.join(missing)} not found", file=name)
@@ -182,28 +182,17 @@ def frame_of_table(
     if num_dropped:
         by_name = {key: values[measured] for key, values in by_name.items()}
     stored = np.column_stack([by_name.pop(axis) for axis in "xyz"])
-    # Coordinates of 32 bits lose nothing where they are.
-    is_wide = kind in _UNSTATED or (kind in _OF_DOUBLES and stored.dtype != np.float32)
-    to_file = near_zero(stored) if is_wide else _to_file(kind)
-    shift = to_file[:3, 3]
-    if origin is not None and shift.any():
-        # A viewpoint of 0 is what a PCD file of a map holds that knows none.
-        origin = tuple((np.array(origin) - shift).tolist()) if any(origin) else None
-    layout = ScanFormat(kind, table.layout, table.header, to_file)
+    to_file = _stored_to_file(table.kind, stored)
+    layout = ScanFormat(table.kind, table.layout, table.header, to_file)
     points = measured_points(stored, layout, name)
+    # Taken in this order: each takes its column out of `by_name`, and the rest are other fields.
     intensity = _intensity(by_name, name)
-    ring = _take(by_name, _RING, "iu")
-    if ring is None and kind == "nuscenes":
-        ring = _whole(by_name, "ring", name)
-    if ring is None and kind in _UNSTATED:
-        ring = next((_whole(by_name, key, name) for key in _RING if key in by_name), None)
-    if ring is None:
-        ring = next((_whole(by_name, k, name) for k in _RING if _is_whole(by_name.get(k))), None)
+    ring = _ring(by_name, table.kind, name)
     return LidarFrame(
         points=points,
         intensity=intensity,
         ring=ring,
-        origin=origin,
+        origin=_shifted_origin(origin, to_file),
         time_ns=time_ns,
         source=name,
         fields={key: np.ascontiguousarray(values) for key, values in by_name.items()},
@@ -212,6 +201,45 @@ def frame_of_table(
         num_dropped=num_dropped,
         file_rows=np.flatnonzero(measured) if num_dropped else None,
     )
+
+
+def _stored_to_file(kind: str, stored: NDArray[Any]) -> NDArray[np.float64]:
+    """The (4, 4) transform from the frame of the points to the file's coordinates.
+
+    Coordinates of 64 bits, such as those of a national grid, are brought near zero, so that float32
+    holds them; those of 32 bits lose nothing where they are.
+    """
+    is_wide = kind in _UNSTATED or (kind in _OF_DOUBLES and stored.dtype != np.float32)
+    return near_zero(stored) if is_wide else _to_file(kind)
+
+
+def _shifted_origin(
+    origin: tuple[float, float, float] | None, to_file: NDArray[np.float64]
+) -> tuple[float, float, float] | None:
+    """The scanner's position in the frame of the points; a shifted (0, 0, 0) means unknown.
+
+    It is what a PCD file of a map has as its viewpoint where the viewpoint is not known.
+    """
+    shift = to_file[:3, 3]
+    if origin is None or not shift.any():
+        return origin
+    return tuple((np.array(origin) - shift).tolist()) if any(origin) else None
+
+
+def _ring(by_name: dict[str, NDArray[Any]], kind: str, name: str) -> NDArray[Any] | None:
+    """Take the column that numbers the lasers, the surest first.
+
+    A column of integers; then one that must hold whole numbers, because the format says so or
+    states no types; then one that happens to.
+    """
+    ring = _take(by_name, _RING, "iu")
+    if ring is None and kind == "nuscenes":
+        ring = _whole(by_name, "ring", name)
+    if ring is None and kind in _UNSTATED:
+        ring = next((_whole(by_name, key, name) for key in _RING if key in by_name), None)
+    if ring is None:
+        ring = next((_whole(by_name, k, name) for k in _RING if _is_whole(by_name.get(k))), None)
+    return ring
 
 
 def _columns(table: NDArray[Any], columns: Sequence[Column]) -> dict[str, NDArray[Any]]:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from manip3d._util.checked import checked
+from manip3d._util.closing import Closing
 from manip3d._util.linear import product
 from manip3d.errors import InputError, MissingExtraError
 from manip3d.modify._joints import joint_layouts, skeleton_from
@@ -151,7 +151,7 @@ def _median_depth(
 
 
 @checked
-class PoseTracker:
+class PoseTracker(Closing):
     """Finds one person's skeleton in frames with colour: MediaPipe's 33 landmarks, lifted to 25.
 
     Colour may have the depth image's pixels or, by ``calibration.registration``, a camera of its
@@ -271,17 +271,6 @@ class PoseTracker:
         if not self._is_closed:
             self._is_closed = True
             self._pose.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 def depth_under_color(frame: RgbdFrame) -> RgbdFrame:

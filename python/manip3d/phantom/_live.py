@@ -220,8 +220,7 @@ def run_live(
     if seconds is not None and not seconds > 0:
         raise InputError(f"seconds: expected > 0, got {seconds}")
     began = time.monotonic()
-    plays_legs = game in GAMES and GAMES[game].limbs == "legs"  # type: ignore[index]
-    limb = affected or (limb_of(source) if source else "right_leg" if plays_legs else "right_arm")
+    limb = affected or _default_limb(source, game)
     if source is None or source.startswith("sim:"):
         require("live")
     unkept: list[str] = []
@@ -262,10 +261,7 @@ def run_live(
             if recorder is not None:
                 session.halt(recorder.start(lambda: _latency(server)))
             try:
-                if on_start is not None:
-                    on_start(server.new_url(), server.certificate)
-                if open_page is not None:
-                    open_page(server.new_url())
+                _announce(server, on_start, open_page)
                 show.run(feed, end, journal)
             except KeyboardInterrupt:  # how a session without a limit ends
                 pass
@@ -274,6 +270,29 @@ def run_live(
                 session.end()
                 opened.close()
     return show.report(limb, unkept, journal)
+
+
+def _default_limb(source: str | None, game: str | None) -> str:
+    """The limb that a simulated person has lost, else the right one of those a game is played with.
+
+    The limb of a participant of the diary takes precedence over both.
+    """
+    if source:
+        return limb_of(source)
+    plays_legs = game is not None and game in GAMES and GAMES[game].limbs == "legs"
+    return "right_leg" if plays_legs else "right_arm"
+
+
+def _announce(
+    server: LocalServer,
+    on_start: Callable[[str, Certificate | None], object] | None,
+    open_page: Callable[[str], object] | None,
+) -> None:
+    """Hand out the page's addresses: each lets one browser in."""
+    if on_start is not None:
+        on_start(server.new_url(), server.certificate)
+    if open_page is not None:
+        open_page(server.new_url())
 
 
 @dataclass

@@ -6,7 +6,7 @@ import errno
 import json
 import os
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,6 +29,7 @@ from manip3d.simulate.people import BodySimulator
 
 if TYPE_CHECKING:
     from manip3d._util.options import Progress
+    from manip3d.batch._stored import Finished
 
 __all__ = ["ACTIONS", "KINDS", "PEOPLE", "SCENES", "ForgedPeople", "write_forged_people"]
 
@@ -157,40 +158,15 @@ def write_forged_people(
     if target.exists() and not stored.is_dir() and any(target.iterdir()):
         raise InputError(f"folder: expected a new one, {target} holds something else")
     options: dict[str, Any] = {"frames": frames, "still": still, "color": color, "seed": seed}
-    wanted = [
-        _Stream(person, action, scene, kind, **options)
-        for person in range(people)
-        for action in range(actions)
-        for scene in range(scenes)
-        for kind in KINDS
-        if kind in kinds
-    ]
-    suffix = ".mkv" if matroska else ""
+    wanted = _planned(people, actions, scenes, kinds, options)
     target.mkdir(parents=True, exist_ok=True)
+    suffix = ".mkv" if matroska else ""
     made_of = {"function": "write_forged_people", "library": code_fingerprint(), **options}
     store = Rows(str(stored), made_of | {"suffix": suffix}, overwrite=overwrite)
-    tasks = {each.name: (_write, (each, str(target), suffix)) for each in wanted}
-    stored_rows = _WholeOnly(store, target)
-    missing = [each for each in wanted if stored_rows.load(each.name) is None]
-    _check_space(target, missing)
-    remaining = RemainingTime(1.0 - len(missing) / len(wanted))
-
-    def failed(name: str, error: str) -> None:
-        on_error(name, error)
-        if os.strerror(errno.ENOSPC) in error:  # so would all that follow
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(target))
-
     try:
-        with reporting(None if callable(progress) else progress, "streams") as told:
-            found = run_stored(
-                tasks,
-                stored_rows,
-                jobs or len(os.sched_getaffinity(0)),
-                progress=_with_remaining(progress, remaining)
-                if callable(progress)
-                else _fraction_only(told),
-                on_error=failed,
-            )
+        found = _write_all(
+            wanted, target, suffix, _WholeOnly(store, target), jobs, progress, on_error
+        )
     finally:
         store.flush()
     rows = [
@@ -204,6 +180,51 @@ def write_forged_people(
     }
     atomic_write(target / "provenance.json", json.dumps(provenance, indent=1) + "\n")
     return ForgedPeople(target, rows, found.resumed, len(found.failed))
+
+
+def _planned(
+    people: int, actions: int, scenes: int, kinds: Sequence[str], options: Mapping[str, Any]
+) -> list[_Stream]:
+    """All streams to be there in the end, in the order of the table."""
+    return [
+        _Stream(person, action, scene, kind, **options)
+        for person in range(people)
+        for action in range(actions)
+        for scene in range(scenes)
+        for kind in KINDS
+        if kind in kinds
+    ]
+
+
+def _write_all(
+    wanted: Sequence[_Stream],
+    target: Path,
+    suffix: str,
+    stored: _WholeOnly,
+    jobs: int,
+    progress: Progress,
+    on_error: Callable[[str, str], object],
+) -> Finished:
+    """Write the streams that are not stored yet; a full disk ends it, other errors do not."""
+    missing = [each for each in wanted if stored.load(each.name) is None]
+    _check_space(target, missing)
+    remaining = RemainingTime(1.0 - len(missing) / len(wanted))
+
+    def failed(name: str, error: str) -> None:
+        on_error(name, error)
+        if os.strerror(errno.ENOSPC) in error:  # so would all that follow
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(target))
+
+    with reporting(None if callable(progress) else progress, "streams") as told:
+        return run_stored(
+            {each.name: (_write, (each, str(target), suffix)) for each in wanted},
+            stored,
+            jobs or len(os.sched_getaffinity(0)),
+            progress=_with_remaining(progress, remaining)
+            if callable(progress)
+            else _fraction_only(told),
+            on_error=failed,
+        )
 
 
 def _check_numbers(**given: int) -> None:

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     Image = NDArray[np.uint8]
 
 _RATE = 10.0  # frames per second of a clip
+_STREAMS = ("real", "type1", "type2")  # what a picture or clip of a person can be
 _LOW_WIDTH, _LOW_QUALITY = 160, 12
 _SURFACE_EDGE = 0.06  # metres: longer edges bridge a step in depth
 _NEAREST, _FARTHEST = 2.1, 2.9  # metres from the camera to a person
@@ -187,33 +188,12 @@ def make_rating_stimuli(
         raise InputError(
             f"frames, surfaces: expected 2 to 1000 and 0 to 1000, got {frames} and {surfaces}"
         )
-    for (form, modality, resolution), counts in wanted.items():
-        good = form in FORMS and modality in _DRAW and resolution in ("full", "low")
-        if not good or not set(counts) <= {"real", "type1", "type2"}:
-            raise InputError(
-                f"composition: {form}, {modality}, {resolution}: expected image or clip; "
-                f"{', '.join(_DRAW)}; full or low; numbers of real, type1 and type2"
-            )
+    _check_composition(wanted)
     target = path_of(output)
     if target.exists() and not overwrite:
         raise InputError(f"output: {target} exists already")
     require("simulate")
-    plan = [
-        (Item("", truth, modality, form, resolution), number)
-        for (form, modality, resolution), counts in wanted.items()
-        for truth, count in counts.items()
-        for number in range(count)
-    ]
-    if examples:
-        plan += [
-            (Item("", truth, "color", "image", "full", "", True), 0)
-            for truth in ("real", "type1", "type2")
-        ]
-    plan += [
-        (Item("", truth, "surface", "image", "full"), number)
-        for number in range(surfaces)
-        for truth in ("real", "added", "deformed")
-    ]
+    plan = _planned(wanted, examples=examples, surfaces=surfaces)
     random = np.random.default_rng(seed)
     names = random.choice(16**6, size=len(plan), replace=False)
     made = []
@@ -225,20 +205,40 @@ def make_rating_stimuli(
             own_seed = int(random.integers(2**31))
             content, background = _content(item, number, own_seed, frames)
             (folder / name).write_bytes(content)
-            made.append(
-                Item(
-                    name,
-                    item.truth,
-                    item.modality,
-                    item.form,
-                    item.resolution,
-                    background,
-                    item.example,
-                )
-            )
+            made.append(replace(item, file=name, background=background))
         made.sort(key=lambda item: item.file)
         _write_manifest(folder, made)
     return tuple(made)
+
+
+def _check_composition(composition: Mapping[tuple[str, str, str], Mapping[str, int]]) -> None:
+    for (form, modality, resolution), counts in composition.items():
+        good = form in FORMS and modality in _DRAW and resolution in ("full", "low")
+        if not good or not set(counts) <= set(_STREAMS):
+            raise InputError(
+                f"composition: {form}, {modality}, {resolution}: expected image or clip; "
+                f"{', '.join(_DRAW)}; full or low; numbers of real, type1 and type2"
+            )
+
+
+def _planned(
+    composition: Mapping[tuple[str, str, str], Mapping[str, int]], *, examples: bool, surfaces: int
+) -> list[tuple[Item, int]]:
+    """The stimuli, not yet named, each with its number among those of its class."""
+    plan = [
+        (Item("", truth, modality, form, resolution), number)
+        for (form, modality, resolution), counts in composition.items()
+        for truth, count in counts.items()
+        for number in range(count)
+    ]
+    if examples:
+        plan += [(Item("", truth, "color", "image", "full", example=True), 0) for truth in _STREAMS]
+    plan += [
+        (Item("", truth, "surface", "image", "full"), number)
+        for number in range(surfaces)
+        for truth in ("real", "added", "deformed")
+    ]
+    return plan
 
 
 def _write_manifest(folder: Path, items: Sequence[Item]) -> None:

@@ -13,10 +13,10 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from manip3d._util.checked import checked
+from manip3d._util.closing import Closing
 from manip3d._util.durable import sync_folder
 from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
@@ -124,7 +124,7 @@ class Session:
 
 
 @checked
-class StudyFolder:
+class StudyFolder(Closing):
     """The answers of a study in a folder, for one process at a time; others may read them.
 
     Parameters
@@ -405,17 +405,6 @@ class StudyFolder:
         if self._lock is not None:
             os.close(self._lock)
             self._lock = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def _file(self, participant: str) -> Path:
         return self.path / _PARTICIPANTS / f"{participant}.jsonl"

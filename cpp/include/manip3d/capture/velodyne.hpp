@@ -149,6 +149,8 @@ class VelodyneDecoder {
   void set_model(VelodyneModel model);
   void read_packet(std::span<const std::byte> payload, Packet& packet);
   void read_returns(Packet& packet, std::span<const std::byte> payload);
+  static bool has_equal_azimuths(const Packet& packet);
+  void measure_turns(Packet& packet, std::size_t next);
   void decode_block(const Packet& packet, std::size_t index, std::span<const std::byte> payload);
   void advance(std::uint32_t azimuth, const Packet& packet, bool is_first);
   void add_point(const Laser& laser, std::uint8_t number, double azimuth, std::uint32_t raw_range,
