@@ -20,7 +20,6 @@ from manip3d.authenticate import (
     Policy,
     Watermarker,
     WatermarkResult,
-    picture_path,
     read_carrier,
     record_of_picture,
     record_path,
@@ -28,6 +27,7 @@ from manip3d.authenticate import (
     write_carrier,
     write_watermarked,
 )
+from manip3d.authenticate._picture_files import picture_path
 from manip3d.cli import app
 from manip3d.errors import FormatError, InputError
 from watermark_scans import ROOT_KEY, grid_scan, key_file, reflectances

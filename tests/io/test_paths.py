@@ -181,10 +181,8 @@ ENTRIES: dict[str, Callable[[str], object]] = {
     "authenticate.as_stored unchanged": lambda p: authenticate.as_stored(
         scan, "a.bin", unchanged=p
     ),
-    "authenticate.check_holds_float32 scan": authenticate.check_holds_float32,
     "authenticate.calibrate_lattice frames": lambda p: authenticate.calibrate_lattice([p] * 4),
     "authenticate.drive_numbers folder": authenticate.drive_numbers,
-    "authenticate.drive_records_alone folder": authenticate.drive_records_alone,
     "authenticate.drive_scans folder": authenticate.drive_scans,
     "authenticate.drive_pictures drive": lambda p: authenticate.drive_pictures(p, "image_02"),
     "authenticate.embed_files source": lambda p: authenticate.embed_files(marker(), p, "b.bin"),
@@ -194,11 +192,6 @@ ENTRIES: dict[str, Callable[[str], object]] = {
         marker(), "a.bin", record=p
     ),
     "authenticate.find_record scan": authenticate.find_record,
-    "authenticate.copy_rest_of_drive drive": lambda p: authenticate.copy_rest_of_drive(p, "b"),
-    "authenticate.copy_rest_of_drive output": lambda p: authenticate.copy_rest_of_drive(".", p),
-    "authenticate.plain_name scan": lambda p: authenticate.plain_name(p, "."),
-    "authenticate.plain_name drive": lambda p: authenticate.plain_name("a.bin", p),
-    "authenticate.picture_path scan": authenticate.picture_path,
     "authenticate.read_carrier path": authenticate.read_carrier,
     "authenticate.write_carrier path": lambda p: authenticate.write_carrier(
         np.zeros((8, 8), np.uint8), p
@@ -206,7 +199,6 @@ ENTRIES: dict[str, Callable[[str], object]] = {
     "authenticate.read_record path": authenticate.read_record,
     "authenticate.record_path scan": authenticate.record_path,
     "authenticate.scan_of_record record": lambda p: authenticate.scan_of_record(p + ".wm"),
-    "authenticate.refuse_existing_record scan": authenticate.refuse_existing_record,
     "authenticate.write_watermarked path": lambda p: authenticate.write_watermarked(
         authenticate.Watermarked(scan, b"", 0, 1), p + ".bin"
     ),

@@ -21,10 +21,9 @@ Keyed watermark
     `KeyFile`, `KeyRing`, `Watermarker`, `Policy`; of files `embed_files`, `verify_files`,
     `verdict_of_stream`.
 Records beside scans, and in pictures
-    `find_record`, `read_record`, `record_path`, `refuse_existing_record`, `scan_of_record`,
-    `write_watermarked`, `as_stored`, `check_holds_float32`, `plain_name`, `drive_scans`,
-    `drive_numbers`, `drive_records_alone`, `copy_rest_of_drive`, `drive_pictures`, `picture_path`,
-    `read_carrier`, `write_carrier`, `record_of_picture`, `without_record`.
+    `find_record`, `read_record`, `record_path`, `scan_of_record`, `write_watermarked`, `as_stored`,
+    `drive_scans`, `drive_numbers`, `drive_pictures`, `read_carrier`, `write_carrier`,
+    `record_of_picture`, `without_record`.
 Printed watermark (dissertation section 7.3.1), to compare with
     `embed_paper`, `compare_paper`, `noise_blocks`.
 Cameras beside the LiDAR
@@ -68,7 +67,7 @@ __getattr__, __dir__, __all__ = lazily(
             "PAPER_EMBEDDINGS PaperComparison PaperMarked PaperMetadata compare_paper "
             "embed_paper noise_blocks"
         ),
-        "_picture_files": "picture_path read_carrier write_carrier",
+        "_picture_files": "read_carrier write_carrier",
         "_picture_records": "record_of_picture without_record",
         "_power": "EDITS calibrate_lattice measure_power",
         "_reflectance": "ReflectanceRegion ReflectanceResult reflectance_consistency",
@@ -95,9 +94,8 @@ __getattr__, __dir__, __all__ = lazily(
         ),
         "_watermark_drives": "EmbeddedScan VerifiedFiles drive_pictures embed_files verify_files",
         "_watermark_files": (
-            "RECORD_SUFFIX as_stored check_holds_float32 copy_rest_of_drive drive_numbers "
-            "drive_records_alone drive_scans find_record plain_name read_record record_path "
-            "refuse_existing_record scan_of_record verdict_of_stream write_watermarked"
+            "RECORD_SUFFIX as_stored drive_numbers drive_scans find_record read_record record_path "
+            "scan_of_record verdict_of_stream write_watermarked"
         ),
     },
 )

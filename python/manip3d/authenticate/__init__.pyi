@@ -61,7 +61,7 @@ from manip3d.authenticate._paper_watermark import (
     embed_paper,
     noise_blocks,
 )
-from manip3d.authenticate._picture_files import picture_path, read_carrier, write_carrier
+from manip3d.authenticate._picture_files import read_carrier, write_carrier
 from manip3d.authenticate._picture_records import record_of_picture, without_record
 from manip3d.authenticate._power import EDITS, calibrate_lattice, measure_power
 from manip3d.authenticate._reflectance import (
@@ -125,16 +125,11 @@ from manip3d.authenticate._watermark_drives import (
 from manip3d.authenticate._watermark_files import (
     RECORD_SUFFIX,
     as_stored,
-    check_holds_float32,
-    copy_rest_of_drive,
     drive_numbers,
-    drive_records_alone,
     drive_scans,
     find_record,
-    plain_name,
     read_record,
     record_path,
-    refuse_existing_record,
     scan_of_record,
     verdict_of_stream,
     write_watermarked,
@@ -224,17 +219,14 @@ __all__ = [
     "as_stored",
     "attack_type",
     "calibrate_lattice",
-    "check_holds_float32",
     "combined_verdict",
     "compare_paper",
-    "copy_rest_of_drive",
     "cross_modal_consistency",
     "density_consistency",
     "depth_noise",
     "drive_evidence",
     "drive_numbers",
     "drive_pictures",
-    "drive_records_alone",
     "drive_scans",
     "embed_files",
     "embed_paper",
@@ -255,8 +247,6 @@ __all__ = [
     "measure_power",
     "noise_blocks",
     "occlusion_consistency",
-    "picture_path",
-    "plain_name",
     "points_id",
     "read_carrier",
     "read_record",
@@ -264,7 +254,6 @@ __all__ = [
     "record_of_picture",
     "record_path",
     "reflectance_consistency",
-    "refuse_existing_record",
     "scan_of_record",
     "stereo_disparity",
     "surround_consistency",

@@ -52,7 +52,7 @@ def picture_path(scan: str | os.PathLike[str]) -> Path:
 
     Examples
     --------
-    >>> from manip3d.authenticate import picture_path
+    >>> from manip3d.authenticate._picture_files import picture_path
     >>> picture_path("drive/scan.bin").as_posix()
     'drive/scan.bin.png'
     """

@@ -196,7 +196,7 @@ def refuse_existing_record(scan: str | os.PathLike[str], *, replace: bool = Fals
     Examples
     --------
     >>> from pathlib import Path
-    >>> from manip3d.authenticate import refuse_existing_record
+    >>> from manip3d.authenticate._watermark_files import refuse_existing_record
     >>> refuse_existing_record("scan.bin")
     >>> Path("scan.bin.wm").touch()
     >>> refuse_existing_record("scan.bin")
@@ -225,7 +225,7 @@ def check_holds_float32(scan: str | os.PathLike[str]) -> None:
 
     Examples
     --------
-    >>> from manip3d.authenticate import check_holds_float32
+    >>> from manip3d.authenticate._watermark_files import check_holds_float32
     >>> from manip3d.errors import InputError
     >>> check_holds_float32("scan.bin")
     >>> try:
@@ -471,7 +471,7 @@ def drive_records_alone(folder: str | os.PathLike[str]) -> list[Path]:
     Examples
     --------
     >>> from pathlib import Path
-    >>> from manip3d.authenticate import drive_records_alone
+    >>> from manip3d.authenticate._watermark_files import drive_records_alone
     >>> folder = Path("drive", "velodyne")
     >>> folder.mkdir(parents=True)
     >>> for name in ("000004.bin", "000005.bin.wm"):
@@ -589,7 +589,7 @@ def plain_name(scan: str | os.PathLike[str], drive: str | os.PathLike[str]) -> P
 
     Examples
     --------
-    >>> from manip3d.authenticate import plain_name
+    >>> from manip3d.authenticate._watermark_files import plain_name
     >>> plain_name("drive/velodyne/000000.bin.xz", "drive").as_posix()
     'velodyne/000000.bin'
     """
@@ -634,7 +634,7 @@ def copy_rest_of_drive(
     Examples
     --------
     >>> from pathlib import Path
-    >>> from manip3d.authenticate import copy_rest_of_drive
+    >>> from manip3d.authenticate._watermark_files import copy_rest_of_drive
     >>> for name in ("velodyne/000000.bin", "calib.txt"):
     ...     Path("drive", name).parent.mkdir(parents=True, exist_ok=True)
     ...     _ = Path("drive", name).write_bytes(bytes(16))
