@@ -46,7 +46,7 @@ def write_rigs(pairs: Mapping[str, CameraPair], path: str | os.PathLike[str]) ->
     ----------
     pairs : mapping of str to CameraPair
     path : path
-        ``rigs.json`` in the drive's folder is found by itself.
+        Commands find ``rigs.json`` in the drive's folder without being told.
 
     Raises
     ------

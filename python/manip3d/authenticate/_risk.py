@@ -393,12 +393,15 @@ def _gravity(factors: Mapping[str, float]) -> tuple[float, float]:
 def temporal_factor(attacked: Sequence[bool], *, frames: int = 0) -> float:
     """Return f_t = (x_n / X_n) (c_n / X_n), how much and how recently a stream was attacked.
 
+    x_n of the last X_n frames were attacked; c_n is X_n where the newest one was, and one less for
+    each clean frame since the last attack.
+
     Parameters
     ----------
     attacked : sequence of bool
-        The oldest frame first; frames before them count as clean.
+        Whether each frame was attacked, the oldest frame first; frames before them count as clean.
     frames : int
-        X_n; 0: as many as given.
+        X_n, the number of frames that count; 0: as many as given.
 
     Returns
     -------
@@ -417,7 +420,8 @@ def temporal_factor(attacked: Sequence[bool], *, frames: int = 0) -> float:
     """
     count = frames or len(attacked)
     if not 1 <= len(attacked) <= count:
-        raise InputError(f"attacked: expected 1 to {frames} frames, got {len(attacked)}")
+        most = f"1 to {frames} frames" if frames else "at least one frame"
+        raise InputError(f"attacked: expected {most}, got {len(attacked)}")
     flags = [bool(each) for each in attacked]
     if True not in flags:
         return 0.0

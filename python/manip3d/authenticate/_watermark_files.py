@@ -704,8 +704,8 @@ def verdict_of_stream(
     -------
     (verdict, reason)
         ``tampered`` if a frame is; else ``undecidable`` if a frame is, if the frames are of several
-        sessions (what was between these nobody knows), or if the beginning or the end is missing;
-        else ``authentic``.
+        sessions (frames between two sessions may be missing), or if the beginning or the end is
+        missing; else ``authentic``.
 
     Raises
     ------

@@ -114,7 +114,8 @@ def run(
     overwrite : bool
         Make rows and outputs again that are there.
     resume : bool
-        False: make all rows again; they are only stored. For answers that must be of this moment.
+        False: make all rows anew; stored ones are replaced, not used. For results that must say
+        what is true now.
     inputs_of : callable(SourceFile) -> sequence of path or URL, optional
         Files and folders that the function reads besides the source: a row is made again when one
         of them has changed. What a mesh or a scan names beside it (material libraries, textures,
@@ -140,10 +141,10 @@ def run(
 
     Notes
     -----
-    A stored row is used again if the function and its options, the library, the size of the output,
-    and of the source, of what it names beside it and of ``inputs_of`` the sizes and times are what
-    they were. Both times of a file count, that of modification and that of change, which no
-    ordinary call sets back.
+    A stored row is used again if nothing has changed that it depends on: the function and its
+    options, the library, the size of the output, and the sizes and times of its inputs (the source,
+    the files that the source names, and those of ``inputs_of``). Both times of a file count, that
+    of modification and that of change, which no ordinary call sets back.
 
     Examples
     --------

@@ -120,9 +120,10 @@ def fit_mixed_model(scores: ArrayLike) -> MixedModel:
 
     Intervals use the t distribution with Satterthwaite's degrees of freedom (Giesbrecht and Burns
     1985): with ten participants the normal distribution's are too short. For complete data they are
-    those of the analysis of variance with repeated measures. Of 2000 simulated studies of ten they
-    hold the truth in 95 %, but where participants respond differently (by 8 points, with a noise
-    of 4) in 89 % at week 4: `DiaryAnalysis.paired` then holds it in 95 %, and is to be believed.
+    those of the analysis of variance with repeated measures. In 2000 simulated studies of ten
+    participants they held the true value in 95 %; where participants respond differently (by 8
+    points, with a noise of 4), in 89 % at week 4. `DiaryAnalysis.paired` held it in 95 % there too:
+    prefer it where participants may respond differently.
 
     Parameters
     ----------

@@ -46,7 +46,7 @@ def additive(
     offset : (3,), metres
         Vector by which they are shifted.
     allow_collision : bool
-        Else scene points within the object's box, 0.3 m above its foot and higher, are an error.
+        False: scene points within the object's box, from 0.3 m above its foot on, are an error.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
@@ -193,8 +193,8 @@ def replacement(
     origin : (3,), optional
         Where the scanner stood; default: the frame's own, else the origin of the coordinates.
     allow_collision : bool
-        Else scene points around the pasted object, 0.3 m above its foot and higher, are an error;
-        those that leave do not count.
+        False: scene points around the pasted object, from 0.3 m above its foot on, are an error;
+        the points that are replaced do not count.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
@@ -256,8 +256,8 @@ def translation(
     origin : (3,), optional
         Where the scanner stood; default: the frame's own, else the origin of the coordinates.
     allow_collision : bool
-        Else scene points around the moved object, 0.3 m above its foot and higher, are an error;
-        those that leave do not count.
+        False: scene points around the moved object, from 0.3 m above its foot on, are an error;
+        the points that are moved do not count.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
@@ -316,8 +316,8 @@ def rotation(
     origin : (3,), optional
         Where the scanner stood; default: the frame's own, else the origin of the coordinates.
     allow_collision : bool
-        Else scene points around the turned object, 0.3 m above its foot and higher, are an error;
-        those that leave do not count.
+        False: scene points around the turned object, from 0.3 m above its foot on, are an error;
+        the points that are turned do not count.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 

@@ -62,23 +62,10 @@ def read_scan(
     Returns
     -------
     LidarFrame
-        KITTI's ``.bin``: metres, x forward, y left, z up, the scanner at the origin; a file whose
-        values say that rows have three, five, six or seven floats instead of x, y, z and intensity
-        has the others in ``fields`` as ``column_5`` and so on. nuScenes' ``.pcd.bin``: coordinates
-        as they are, the scanner at the origin. PCD: the scanner at its viewpoint. PLY: the
-        scanner's place not known. PCD and PLY: coordinates as they are, those of 64 bits as of
-        LAS. 3DTK's ``.3d``: converted to metres and our axes, the scanner at the origin; the pose
-        of the ``.pose`` file beside it is
-        ``format.header["pose"]``. LAS and LAZ: coordinates as they are, moved near 0 where they lie
-        far from it. Text (``.xyz``, ``.asc``, ``.pts``, ``.txt``, ``.csv``): a point a line,
-        columns between commas, semicolons or blanks, named by a line before them, else x, y, z, the
-        intensity where there are four or seven, and ``c3`` and so on; coordinates as of LAS, the
-        scanner's place not known. ``.npy``: rows of x, y, z, the intensity and up to four more
-        numbers, or a structured array that names them; else as text. E57: the scanner's own frame,
-        the scanner at the origin; its pose is ``format.header["pose"]``; coordinates as of LAS
-        where they lie far from 0. Points of all but ``.bin`` without coordinates (NaN, empty,
-        marked invalid) were not measured: they are dropped and counted, and ``file_rows`` has the
-        rows of the others. ``.bin`` has no such points: NaN there is damage.
+        The notes say where its scanner stands and what its coordinates are, format by format.
+        Points without coordinates (NaN, empty, marked invalid) were not measured: they are dropped
+        and counted, and ``file_rows`` has the rows of the others. KITTI's ``.bin`` has no such
+        points: NaN there is damage.
 
     Raises
     ------
@@ -90,6 +77,34 @@ def read_scan(
         LAS, LAZ and E57: the package that reads them is not installed.
     OSError
         `FileNotFoundError` and the like.
+
+    Notes
+    -----
+    Coordinates of 64 bits that lie far from 0, as those of maps do, are moved near it:
+    `ScanFormat.to_file` leads back.
+
+    KITTI ``.bin``
+        Metres, x forward, y left, z up, the scanner at the origin. Where the values say that rows
+        have three, five, six or seven floats instead of x, y, z and intensity, ``fields`` has the
+        others as ``column_5`` and so on.
+    nuScenes ``.pcd.bin``
+        Coordinates as they are, the scanner at the origin.
+    PCD
+        Coordinates as they are, the scanner at the file's viewpoint.
+    PLY, LAS, LAZ
+        Coordinates as they are; the scanner's position is not known.
+    3DTK ``.3d``
+        Converted to metres, x forward, y left, z up, the scanner at the origin.
+        ``format.header["pose"]`` is the pose of the ``.pose`` file beside it.
+    E57
+        The scanner's own frame, the scanner at the origin; ``format.header["pose"]`` is its pose.
+    Text (``.xyz``, ``.asc``, ``.pts``, ``.txt``, ``.csv``)
+        A point a line; commas, semicolons or blanks between columns. A line before the points names
+        the columns; without one they are x, y, z, the intensity where there are four or seven, and
+        ``c3`` and so on. The scanner's position is not known.
+    ``.npy``
+        Rows of x, y, z, the intensity and up to four more numbers, or a structured array with
+        named columns; otherwise as text.
 
     Examples
     --------

@@ -153,10 +153,10 @@ def quality(
         counts beside a shifted surface.
     texture_weight : float
         How much a shifted texture counts beside a shifted surface, each on average over the area
-        that has one; 0: texture coordinates are carried along, for nothing.
+        that has one; 0: texture coordinates are carried along and cost nothing.
     locked : (V,) bool, optional
         Vertices that stay where they are, with their texture coordinates; a piece with one of
-        them does not vanish. At one place, one that is locked locks all.
+        them does not vanish. Where several share a place, one locks all.
     importance : (V,) float > 0, optional
         How many times as much as elsewhere it costs to change the surface at a vertex. At one
         place, and for what becomes one vertex, the largest counts.
@@ -184,7 +184,7 @@ def quality(
     fitted to the original surface and its texture coordinates.
 
     No face turns over, and edges get no third face, unless the input has it or the target is out
-    of reach otherwise. Nothing but `locked` is locked.
+    of reach otherwise. No other vertices than those of ``locked`` are fixed.
 
     References
     ----------

@@ -142,10 +142,10 @@ def estimate_threshold(trials: Sequence[tuple[int, bool]]) -> Estimate:
     Notes
     -----
     A Weibull function with unknown threshold, slope and lapse rate; the posterior on a grid, summed
-    over slope and lapse. The prior is flat in the threshold, from 0 to 100 %: who sees no
-    simplification at all has an interval that ends there. That the levels were chosen by the
-    answers has no effect on a posterior. Experiment ``jnd-simulated`` counts how often the interval
-    holds the truth.
+    over slope and lapse. The prior is flat in the threshold, from 0 to 100 %, so the
+    interval of an observer who never sees the simplification ends at 100 %. The staircase chose the
+    levels by the answers, which has no effect on a posterior. Experiment ``jnd-simulated`` counts
+    how often the interval holds the true threshold.
 
     Examples
     --------

@@ -65,19 +65,19 @@ def frame_times(
     frames: int = 100,
     seconds: float = 5.0,
 ) -> FrameTimes:
-    """Draw a scene again and again, as fast as it goes.
+    """Measure how long a renderer takes for each frame of a scene.
 
     Parameters
     ----------
     meshes : sequence of Mesh
-        Stand side by side, equally large, and are all seen.
+        They are scaled to one size and stand side by side, so that all are seen.
     drawn_by : 'chromium' or 'pyvista'
         The viewer's page (three.js) in a headless browser, or VTK off screen.
     size : (width, height), pixels
     frames : int
-        Most frames; two more are drawn before them.
+        The most frames to time; two are drawn before them and are not timed.
     seconds : float
-        After these no further frame is begun.
+        No frame is begun later than this.
 
     Returns
     -------

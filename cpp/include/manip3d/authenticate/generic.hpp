@@ -30,8 +30,9 @@ enum class Evidence : std::uint8_t {
 inline constexpr int kNumEvidence = 11;
 
 struct GenericOptions {
-  double tolerance = 0.002;    ///< Metres from line and step; rounding to 1 mm leaves 0.0008.
-  double dropped_share = 0.2;  ///< Evidence that more of all points contradict is dropped.
+  double tolerance = 0.002;  ///< Metres from line and step; rounding to 1 mm leaves 0.0008.
+  /// A kind of evidence is dropped where a larger share of all points contradicts the lattice.
+  double dropped_share = 0.2;
   /// Share of clean points more than a quarter of the range step off, at most: KITTI's frames have
   /// 0.06, of points nearer than 5 m 0.09.
   double range_incoherence = 0.12;
@@ -73,13 +74,13 @@ inline constexpr int kCellRings = 2;      ///< Lasers per row of cells.
 
 struct GenericResult {
   std::array<EvidenceReport, kNumEvidence> evidence;
-  std::vector<std::uint16_t> flags;           ///< (N,): bit e is set where Evidence(e) speaks.
-  std::vector<std::uint16_t> cells;           ///< (rows x kCellColumns): items of evidence.
+  std::vector<std::uint16_t> flags;  ///< (N,): bit e is set where Evidence(e) was found.
+  std::vector<std::uint16_t> cells;  ///< (rows x kCellColumns): pieces of evidence in each.
   std::vector<std::int32_t> region_of_point;  ///< (N,): of a point with flags; else -1.
   std::vector<SuspectRegion> regions;         ///< In the order of their first cells.
-  int num_turns = 0;  ///< Before and behind this one, that kTime was judged by.
-  std::int64_t num_directions =
-      0;  ///< Lasers and steps (without an encoder: points) that answered.
+  int num_turns = 0;  ///< Turns before and after this one by which kTime was judged: 0 to 2.
+  /// Pairs of a laser and a step of the encoder that had a return; without an encoder, points.
+  std::int64_t num_directions = 0;
 };
 
 /// Looks for edits in one frame of a scanner whose lattice is known.

@@ -18,13 +18,14 @@ enum class PaperEmbedding : std::uint8_t {
   kQimPrinted,  ///< Equations 7.1 to 7.3; the order leaves z out.
 };
 
+/// Options of the watermark of section 7.3.1.
 struct PaperOptions {
   PaperEmbedding embedding = PaperEmbedding::kLbm;
-  int slices = 36;
+  int slices = 36;        ///< Sectors of equal azimuth around the scanner.
   int block_bits = 1000;  ///< M; slices with fewer points are merged.
   WatermarkMerge merge = WatermarkMerge::kAdjacent;
   std::uint64_t key_2 = 0;  ///< Assigns blocks to slices, and bits of blocks to points.
-  std::uint32_t frame = 0;
+  std::uint32_t frame = 0;  ///< Number of the frame in its stream; assigns with key_2.
 };
 
 /// Metadata that the receiver gets over a secured channel.

@@ -17,8 +17,8 @@ struct PictureView {
   std::uint32_t channels = 1;  ///< 1 or 3.
 };
 
-/// The first samples of a picture, whose lowest bits carry a record, the lowest bit of each byte
-/// first, and zeros behind it.
+/// How many of a picture's first samples carry a record in their lowest bits: the lowest bit of
+/// each byte comes first, and zeros follow the record.
 constexpr std::size_t kCarrierSamples = 16384;
 constexpr std::size_t kMostCarried = kCarrierSamples / 8;  ///< Bytes of a record in a picture.
 
@@ -35,8 +35,8 @@ std::vector<std::uint8_t> without_record(const PictureView& picture);
 std::vector<std::uint8_t> with_record(const PictureView& picture,
                                       std::span<const std::uint8_t> record);
 
-/// The bytes of the record that a picture carries, by the numbers of slices and tiles that they
-/// state: nothing is authentic before a verifier says so.
+/// The bytes of the record that a picture carries. Their number follows from the slices and tiles
+/// that the record itself states; nothing here is authenticated.
 /// @throws InputError  as `check_picture`.
 /// @throws FormatError  there is no record, it would be longer than the carrier, or bits behind it
 ///                      are set.

@@ -14,8 +14,8 @@ enum class ReadStatus : std::uint8_t {
 };
 
 struct SourceCapabilities {
-  bool is_live =
-      false;  ///< Frames come when the sensor has them; what is not read in time is lost.
+  /// Frames come when the sensor has them; what is not read in time is lost.
+  bool is_live = false;
 };
 
 /// Frames one after the other. A live source collects in a thread of its own between `start` and
@@ -29,6 +29,7 @@ class FrameSource {
   virtual ~FrameSource() = default;
 
   [[nodiscard]] virtual SourceCapabilities capabilities() const = 0;
+  /// Begins; a live source collects from now on.
   virtual void start() = 0;
   /// The next frame into `frame`, waiting at most `timeout` for a live source.
   virtual ReadStatus read(Frame& frame, std::chrono::milliseconds timeout) = 0;

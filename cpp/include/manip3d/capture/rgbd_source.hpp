@@ -61,7 +61,7 @@ struct RgbdScheme {
   std::string name;         ///< What stands before the colon of a URI.
   std::string location;     ///< What stands after it, such as `FOLDER`; in brackets if optional.
   std::string description;  ///< One line.
-  /// Empty: it was not built in.
+  /// Opens the source of a location; empty where this kind was not built in.
   std::function<std::unique_ptr<RgbdSource>(const std::string& location, const RgbdOptions&)> open;
   std::string reason;  ///< Why it cannot be opened now (not built, no device); empty: it can.
   std::string cure;    ///< What to do about it.

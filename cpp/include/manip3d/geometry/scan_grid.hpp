@@ -27,8 +27,8 @@ struct ScanGrid {
 
 /// Finds the angular grid of a scan: the period of its azimuths and of its elevations, from the
 /// autocorrelation of their histograms (0.002 degree bins for up to 2 million of the points, 0.01
-/// degree bins below 500 000 points). An angle
-/// without a period gets the step that makes one point a cell.
+/// degree bins below 500 000 points). An angle without a period gets the step at which a cell holds
+/// one point on average.
 /// @throws InputError  what check_points refuses; an origin that is not finite.
 ScanGrid estimate_scan_grid(const PointsView& view, const Eigen::Vector3d& origin,
                             int num_threads = 0, const Progress& progress = {});

@@ -8,11 +8,12 @@
 namespace manip3d {
 
 struct SparseOptions {
-  int neighbours = 4;     ///< Distances are to the neighbour of this number; 1 to 8.
-  double nearest = 0.24;  ///< Metres; points with that neighbour nearer than this are left out.
-  double angle = 0.012;   ///< Radians; the same where it is nearer than so much of the range.
-  double farthest = 2.0;  ///< Metres; a neighbour farther than this counts as so far away.
-  int every = 2;          ///< One point in so many of those without neighbours beside them.
+  int neighbours = 4;     ///< k: distances are to the k-th nearest other point; 1 to 8.
+  double nearest = 0.24;  ///< Metres; points whose k-th neighbour is nearer are left out.
+  double angle = 0.012;   ///< Radians: so are those where it is nearer than this times the range.
+  double farthest = 2.0;  ///< Metres; larger distances are given as this one.
+  int every = 2;          ///< One in so many of the points without neighbours beside them in the
+                          ///< file is searched for.
 };
 
 /// Distances of points of a scan from their k-th nearest other point, where that is no nearer than
