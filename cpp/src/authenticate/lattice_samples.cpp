@@ -335,16 +335,6 @@ std::uint8_t mark_of(const WatermarkSample& sample, std::uint8_t bit,
   return bit != 0 ? 3 : 1;
 }
 
-void write_sample(const WatermarkSample& sample, std::uint8_t bit, WatermarkEmbedding embedding,
-                  float* xyz, double metres) {
-  const bool is_lbm = embedding == WatermarkEmbedding::kLbm;
-  const std::int32_t own = is_lbm ? bit : 0;
-  xyz[0] = on_grid(sample.x | own, metres);
-  xyz[1] = on_grid(sample.y | own, metres);
-  xyz[2] = is_lbm ? on_grid(sample.z | own, metres)
-                  : on_grid(4 * sample.z + mark_of(sample, bit, embedding), kQuarter);
-}
-
 void write_samples(const LatticeSamples& found, WatermarkEmbedding embedding,
                    std::uint32_t units_per_m, float* xyz) {
   const bool is_lbm = embedding == WatermarkEmbedding::kLbm;

@@ -60,10 +60,6 @@ void write_exact(const LatticeSamples& found, const ExactGrid& grid, double* xyz
 /// The mark of a sample that carries `bit`.
 std::uint8_t mark_of(const WatermarkSample& sample, std::uint8_t bit, WatermarkEmbedding embedding);
 
-/// Writes three coordinates; a unit of LBM, and of x and y, is as many metres.
-void write_sample(const WatermarkSample& sample, std::uint8_t bit, WatermarkEmbedding embedding,
-                  float* xyz, double metres = 0.001);
-
 /// Writes the coordinates of all samples, metres; `marks` hold their bits.
 void write_samples(const LatticeSamples& found, WatermarkEmbedding embedding,
                    std::uint32_t units_per_m, float* xyz);

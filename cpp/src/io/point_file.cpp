@@ -119,14 +119,6 @@ void write_points(const fs::path& path, const PointTableView& table, const Progr
   output.commit();
 }
 
-std::optional<PointFormat> point_format_of_suffix(std::string_view suffix) {
-  const std::string lower = lower_case(suffix);
-  for (const PointFileFormat& f : kPointFormats) {
-    if (lower == f.suffix) return f.format;
-  }
-  return std::nullopt;
-}
-
 std::vector<std::string> point_suffixes() {
   std::vector<std::string> suffixes;
   for (const PointFileFormat& f : kPointFormats) suffixes.emplace_back(f.suffix);

@@ -85,9 +85,6 @@ class OcclusionParameters:
             raise InputError(f"fused: expected 0 < share <= 1, got {self.fused}")
 
 
-PAPER_CELL_DEG = 0.06
-"""The Riegl VZ-400's, for both angles."""
-
 PAPER_OCCLUSION = OcclusionParameters(accumulate=True, min_cells=200, min_area=0.0)
 """As the dissertation says; its A_th is "empirical" and not printed."""
 

@@ -458,14 +458,9 @@ class Watermarker(Closing):
         """
         given = to_scan(scan)
         frame = as_frame(scan)
-        carries = frame.exact is not None and self._embedding != EMBEDDINGS.index("detached")
-        if carries and self._embedding != EMBEDDINGS.index("lbm"):
-            raise InputError(
-                "scan: its coordinates need float64, whose z has no cells; expected embedding "
-                "'lbm' or 'detached', or a scan without `exact`"
-            )
-        if carries and not _is_of_one_piece(frame):
-            raise InputError("scan: expected points that are its exact coordinates in float32")
+        carries = frame.exact is not None and self.embedding != "detached"
+        if carries:
+            _check_exact(frame, self.embedding)
         exact_hash = None if carries else _exact_hash(frame)
         carrier = None if picture is None else checked_picture(picture)
         if carrier is not None and exact_hash is not None:
@@ -668,6 +663,17 @@ def _check_units(units_per_m: int) -> None:
 def _in_float32(frame: LidarFrame, exact: NDArray[np.float64]) -> NDArray[np.float32]:
     """The points of coordinates in float64, as the frame's format has them."""
     return measured_points(exact, frame.format or ScanFormat(""), frame.source)
+
+
+def _check_exact(frame: LidarFrame, embedding: str) -> None:
+    """Refuse a scan with float64 coordinates that the embedding would move and cannot."""
+    if embedding != "lbm":
+        raise InputError(
+            "scan: its coordinates need float64, whose z has no cells; expected embedding "
+            "'lbm' or 'detached', or a scan without `exact`"
+        )
+    if not _is_of_one_piece(frame):
+        raise InputError("scan: expected points that are its exact coordinates in float32")
 
 
 def _is_of_one_piece(frame: LidarFrame) -> bool:

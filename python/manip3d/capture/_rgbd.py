@@ -666,26 +666,36 @@ def open_rgbd(
     scheme = uri.partition(":")[0]
     if start < 0:
         raise InputError(f"start: expected >= 0, got {start}")
+    makes_frames = scheme in ("forged", "sim", *_PEOPLE)
+    if makes_frames and (camera is not None or units_per_metre is not None):
+        raise InputError(f"camera, units_per_metre: expected none of them for {scheme}:")
     if scheme == "forged":
-        if camera is not None or units_per_metre is not None:
-            raise InputError("camera, units_per_metre: expected none of them for forged:")
         if start:
             raise InputError("start: expected 0 for forged:, whose frames depend on those before")
         return _open_forged(uri, speed)
-    if scheme == "sim" or scheme in _PEOPLE:
-        if camera is not None or units_per_metre is not None:
-            raise InputError(f"camera, units_per_metre: expected none of them for {scheme}:")
-        if not 0.0 <= speed < math.inf:
-            raise InputError(f"speed: expected a finite number >= 0, got {speed}")
-        return _checked_start(_source_of(_frames_of(uri, scheme), uri, speed, start), start)
     if units_per_metre is not None and not units_per_metre > 0:
         raise InputError(f"units_per_metre: expected > 0, got {units_per_metre}")
-    if scheme == "rgbd-bag":
+    if makes_frames or scheme == "rgbd-bag":
         if not 0.0 <= speed < math.inf:
             raise InputError(f"speed: expected a finite number >= 0, got {speed}")
-        place, topic = place_and_topic(uri)
-        images = BagImages(path_of(place, "uri"), topic, camera, units_per_metre)
-        return _checked_start(_source_of(images, uri, speed, start), start)
+        if makes_frames:
+            frames = _frames_of(uri, scheme)
+        else:
+            place, topic = place_and_topic(uri)
+            frames = BagImages(path_of(place, "uri"), topic, camera, units_per_metre)
+        return _checked_start(_source_of(frames, uri, speed, start), start)
+    return _checked_start(_open_in_core(uri, camera, units_per_metre, speed, start), start)
+
+
+def _open_in_core(
+    uri: str,
+    camera: RgbdCalibration | Intrinsics | None,
+    units_per_metre: float | None,
+    speed: float,
+    start: int,
+) -> RgbdSource:
+    """Open a camera, a folder of images or a Matroska file, which C++ reads."""
+    scheme = uri.partition(":")[0]
     # Not a RgbdCalibration, which takes no mirrored camera: the core turns the images round.
     given: Any = SimpleNamespace(depth=camera, registration=None)
     calibration = given if isinstance(camera, Intrinsics) else camera
@@ -709,7 +719,7 @@ def open_rgbd(
             "cx = 319.5, cy = 239.5) are up to 3 % off",
             stacklevel=caller_level(),
         )
-    return _checked_start(source, start)
+    return source
 
 
 def _checked_start(source: RgbdSource, start: int) -> RgbdSource:

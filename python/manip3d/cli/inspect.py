@@ -288,12 +288,7 @@ def inspect(
                 options={"lattice": known, "sensor": sensor, "origin": origin, "power": power,
                          "printed": printed, "threads": jobs},
             )  # fmt: skip
-        if together.num_missing and not shell.is_collecting:  # of a row the table tells
-            told = f"{count(together.num_missing)} of {counted(together.num_scans, 'scan')}"
-            print(f"manip3d: error: {told} could not be read", file=sys.stderr)
-        code = codes[together.verdict]
-        is_whole = not together.num_missing or (together.verdict == "tampered" and code)
-        raise typer.Exit(code if is_whole else 1)
+        raise typer.Exit(_code_of_drive(together, codes, shell))
     if calibration is not None:
         raise InputError("--calibration: expected with a recording of packets, got a scan")
     check_output(output, report.EVIDENCE_KINDS, force=force)
@@ -318,6 +313,16 @@ def inspect(
         )
     _hand_out(found, source, shell, output=output, rows=rows, log=log)
     raise typer.Exit(codes[found.verdict])
+
+
+def _code_of_drive(together: DriveInspection, codes: Mapping[str, int], shell: Terminal) -> int:
+    """The code of a drive's verdict; 1 if a scan could not be read and it is not tampered."""
+    if together.num_missing and not shell.is_collecting:  # of a row the table tells
+        told = f"{count(together.num_missing)} of {counted(together.num_scans, 'scan')}"
+        print(f"manip3d: error: {told} could not be read", file=sys.stderr)
+    code = codes[together.verdict]
+    is_whole = not together.num_missing or (together.verdict == "tampered" and code)
+    return code if is_whole else 1
 
 
 def _hand_out(

@@ -317,8 +317,10 @@ def _pain_before(sessions: Sequence[DiarySession], person: Participant) -> list[
     ]
 
 
-def _trends(diary: Diary, person: Participant, sessions: Sequence[DiarySession]) -> str:
-    """One chart for each thing of which there is something to see."""
+def _charts(
+    diary: Diary, person: Participant, sessions: Sequence[DiarySession]
+) -> list[tuple[str, list[Point], float | None]]:
+    """Title, points and upper end of the axis of each chart; None: as high as the points."""
     start = person.enrolled
     games = [
         game
@@ -335,25 +337,31 @@ def _trends(diary: Diary, person: Participant, sessions: Sequence[DiarySession])
     shares = [Point.of(g.at, start, 100 * g.by_phantom / g.score) for g in games if g.score > 0]
     tracked = [Point.of(g.at, start, 100 * g.tracked) for g in games if g.tracked is not None]
     filled = [Point.of(one.at, start, one.score.pri) for one in diary.mcgill(person.identifier)]
-    charts = [
+    scores = [
+        (
+            f"Score of {name}, difficulty {difficulty}",
+            [
+                Point.of(game.at, start, game.score)
+                for game in games
+                if (game.game, game.difficulty) == (name, difficulty)
+            ],
+            None,
+        )
+        for name, difficulty in kinds
+    ]
+    return [
         ("Pain before sessions, 0 to 10", _pain_before(sessions, person), 10.0),
         ("Pain after sessions, 0 to 10", after, 10.0),
-        *(
-            (
-                f"Score of {name}, difficulty {difficulty}",
-                [
-                    Point.of(game.at, start, game.score)
-                    for game in games
-                    if (game.game, game.difficulty) == (name, difficulty)
-                ],
-                None,
-            )
-            for name, difficulty in kinds
-        ),
+        *scores,
         ("Share of the points by the phantom limb, %", shares, 100.0),
         ("Frames in which the phantom limb was followed, %", tracked, 100.0),
         ("McGill pain rating index, 0 to 78", filled, 78.0),
     ]
+
+
+def _trends(diary: Diary, person: Participant, sessions: Sequence[DiarySession]) -> str:
+    """The charts that have points, all over the same days."""
+    charts = _charts(diary, person, sessions)
     days = [point.day for _, points, _ in charts for point in points]
     drawn = [
         trend(title, points, first=min([0.0, *days]), last=max([7.0, *days]), top=top)

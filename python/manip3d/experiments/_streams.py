@@ -21,7 +21,7 @@ NOTE = (
     "The published recordings (six people, four actions, three backgrounds, a Kinect V2) are not "
     "public; simulated people before a simulated Kinect V2 and other recordings stand in for them."
 )
-TURNING, KITCHEN, DDRNET = "person_turning", "scene_kitchen", "person_ddrnet"
+TURNING, KITCHEN = "person_turning", "scene_kitchen"
 WALL_MM = 2600
 """Depth of the wall behind the turning person."""
 

@@ -35,8 +35,6 @@ _ATTEMPTS = {"quick": 20, "full": 900}
 class _Paper:
     """The printed watermark: bits that do not depend on the points, metadata by a safe channel."""
 
-    is_keyed = False
-
     def __init__(self, embedding: str) -> None:
         from manip3d.authenticate import noise_blocks
 
@@ -71,8 +69,6 @@ class _Paper:
 class _Keyed:
     """`Watermarker`: bits and tags that depend on the points, frames in a chain."""
 
-    is_keyed = True
-
     def __init__(self, embedding: str, key: KeyFile) -> None:
         self._embedding, self._key = embedding, key
 
@@ -104,8 +100,6 @@ class _Keyed:
 
 class _Hmac:
     """HMAC-SHA256 of the buffer of points and intensities: what a practitioner would write."""
-
-    is_keyed = True
 
     def __init__(self, key: bytes = bytes(range(32))) -> None:
         self._key = key

@@ -16,10 +16,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 
-GROUND = -1
-OTHER = -2
-
-
 @dataclass(frozen=True, eq=False)
 class Segmentation:
     """Objects of a scan; see :func:`segment`.

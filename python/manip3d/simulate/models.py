@@ -748,7 +748,9 @@ def _textured(name: str, image: bytes) -> Material:
     return Material(name, roughness=0.6, textures={"base_color": Texture(data=image)})
 
 
-def _checker(size: int = 64, squares: int = 8) -> bytes:
+def _checker() -> bytes:
+    """A picture of 64 x 64 pixels with eight squares a side."""
+    size, squares = 64, 8
     i, j = np.indices((size, size)) * squares // size
     shade = np.where((i + j) % 2 == 0, 225, 130)
     return png(np.stack([shade, shade, shade + 20], axis=-1).astype(np.uint8))

@@ -2,7 +2,6 @@
 
 #include <cstdint>
 #include <filesystem>
-#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -115,8 +114,6 @@ struct PointTableView {
 void write_points(const std::filesystem::path& path, const PointTableView& table,
                   const Progress& progress = {});
 
-/// Format of a suffix such as ".bin" (any case), if there is one.
-std::optional<PointFormat> point_format_of_suffix(std::string_view suffix);
 /// Suffixes of the formats, with their dots.
 std::vector<std::string> point_suffixes();
 /// "kitti", ...
