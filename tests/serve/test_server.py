@@ -316,6 +316,21 @@ def test_garbage_frames(content: bytes, server: LocalServer, session: Session) -
     refused(server, "bad")
 
 
+@pytest.mark.parametrize(
+    "content", [b"GET ' HTTP/1.1\r\n\r\n", b"G\x00T / HTTP/1.1\r\n\r\n", b"\x16\x03\x01\r\n\r\n"]
+)
+def test_requests_that_are_not_http_are_counted_without_a_traceback(
+    content: bytes, server: LocalServer, session: Session, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Anybody on the network could fill the terminal of who runs the session."""
+    with connect(server) as link:
+        link.sendall(content)
+        assert b" 400 " in read_all(link).partition(b"\r\n")[0]
+    refused(server, "malformed request")
+    session.check()
+    assert [record.exc_info for record in caplog.records if record.exc_info] == []
+
+
 def test_bytes_are_no_message(server: LocalServer, session: Session) -> None:
     with RawStream(server) as stream:
         stream.send(os.urandom(32), opcode=2)

@@ -43,6 +43,30 @@ _CODE_ATTEMPTS = 5  # wrong ones, of all strangers together, after which a code 
 _MOST_CLOCK_SKEW_MS = 60_000.0  # a page whose clock is farther off is on another machine
 
 
+class _RequestLog(logging.Handler):
+    """Counts requests that are not HTTP, and passes on what else aiohttp has to say."""
+
+    def __init__(self, refuse: Callable[[str], None]) -> None:
+        super().__init__()
+        self._refuse = refuse
+
+    def emit(self, record: logging.LogRecord) -> None:
+        from aiohttp.http_exceptions import HttpProcessingError
+
+        error = record.exc_info[1] if record.exc_info else None
+        if isinstance(error, HttpProcessingError):
+            self._refuse("malformed request")
+        elif record.levelno >= logging.WARNING:
+            LOG.handle(record)
+
+
+def _request_log(refuse: Callable[[str], None]) -> logging.Logger:
+    """A logger for aiohttp, which would print a traceback of each request that strangers garble."""
+    log = logging.Logger("manip3d.serve.requests", logging.DEBUG)
+    log.addHandler(_RequestLog(refuse))
+    return log
+
+
 @dataclass(frozen=True)
 class Limits:
     """Limits on the resources of one client.
@@ -494,8 +518,9 @@ class LocalServer:
         app.router.add_get("/stream", self._stream, allow_head=False)
         app.router.add_get("/join", self._join, allow_head=False)
         runner = web.AppRunner(
-            app, access_log=None, handle_signals=False, lingering_time=1.0, shutdown_timeout=1.0
-        )
+            app, access_log=None, logger=_request_log(self._refuse), handle_signals=False,
+            lingering_time=1.0, shutdown_timeout=1.0,
+        )  # fmt: skip
         await runner.setup()
         loop = asyncio.get_running_loop()
         accept = runner.server
