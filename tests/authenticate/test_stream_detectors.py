@@ -28,10 +28,12 @@ def sensed(
     hole: float = 0.002,
     relief: bool = True,
     gaps: bool = True,
+    shadow: bool = True,
 ) -> RgbdFrame:
     """A box before a wall; a camera's silhouettes are mixed pixels, cut-out ones are not.
 
-    A camera sees nothing of a dark place on the wall: there is a wide gap.
+    A camera of structured light sees nothing of the wall beside the box, on one side, and of a dark
+    place on the wall: there are wide gaps.
     """
     rng = np.random.default_rng([7, number])
     depth = np.full((240, 320), 3000.0)
@@ -41,6 +43,8 @@ def sensed(
         depth[60:200, 119] = depth[60:200, 200] = 2200.0
     depth += noise * (depth / 1000.0) ** 2 * rng.standard_normal(depth.shape)
     depth[rng.random(depth.shape) < hole] = 0.0
+    if soft and relief and shadow:
+        depth[60:200, 113:120] = 0.0
     if gaps:
         depth[10:40, 40:60] = 0.0
     return RgbdFrame(np.rint(depth).astype(np.uint16), RgbdCalibration(CAMERA), number=number)
@@ -65,6 +69,50 @@ def test_a_cameras_own_silhouettes_leave_no_trace() -> None:
     assert found.verdict == "no_trace"
     assert found.score == 0.0
     assert found.regions == ()
+
+
+@pytest.mark.parametrize("is_still", [False, True])
+def test_silhouettes_that_are_blended_into_the_background_are_not_a_cameras_own(
+    is_still: bool,
+) -> None:
+    """Structured light measures one surface, or nothing: no detector can say that there is no trace.
+
+    Before a background that repeats it is ``processed``, as without anybody.
+    """
+    frames = stream(shadow=False)
+    if is_still:
+        wall = sensed(0, relief=False).depth
+        kept = np.zeros(wall.shape, np.bool_)
+        kept[60:200, 119:201] = True
+        frames = [replace(f, depth=np.where(kept, f.depth, wall)) for f in frames]
+    found = authenticate.inspect_stream(frames)
+    assert found.verdict == ("processed" if is_still else "undecidable")
+    assert found.regions == ()
+    silhouettes = next(each for each in found.detectors if each.name == "silhouettes")
+    assert silhouettes.verdict == "undecidable"
+    assert "without a gap in 9" in silhouettes.reason or "without a gap in 100%" in silhouettes.reason
+
+
+def test_time_of_flight_mixes_silhouettes_by_nature() -> None:
+    camera = RgbdCalibration(Intrinsics(512, 424, 365.0, 365.0, 256.0, 212.0))
+    frames = []
+    for frame in stream(shadow=False):
+        depth = np.pad(frame.depth, ((92, 92), (96, 96)), mode="wrap")
+        frames.append(RgbdFrame(depth, camera, number=frame.number))
+    assert authenticate.inspect_stream(frames).verdict == "no_trace"
+
+
+@pytest.mark.parametrize(("cy", "verdict"), [(348.8, "no_trace"), (400.0, "processed")])
+def test_the_narrow_view_of_an_azure_kinect_is_a_part_of_its_sensor(
+    cy: float, verdict: str
+) -> None:
+    """The optical axis of the recorded one meets it 11 % of its height below the middle."""
+    camera = RgbdCalibration(Intrinsics(640, 576, 504.6, 504.7, 332.8, cy))
+    frames = []
+    for frame in stream():
+        depth = np.pad(frame.depth, ((168, 168), (160, 160)), mode="wrap")
+        frames.append(RgbdFrame(depth, camera, number=frame.number))
+    assert authenticate.inspect_stream(frames).verdict == verdict
 
 
 def test_cut_out_silhouettes_are_found_and_located() -> None:

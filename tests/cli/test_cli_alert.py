@@ -217,6 +217,8 @@ def test_bad_input_is_named(drive: Path, tmp_path: Path) -> None:
         (("sim:street?frames=1", "--calibration", "x"), "--calibration: expected with a folder"),
         (("sim:indoor-00",), "address: expected sim:street"),
         ((str(drive), "-o", str(tmp_path / "a.pdf")), ".html"),
+        ((str(drive), "--speed", "nan"), "--speed: expected a finite number, got nan"),
+        ((str(drive), "--every", "nan"), "--every: expected a finite number, got nan"),
     ):
         done = run("alert", "run", *arguments)
         assert words in error_line(done)

@@ -288,3 +288,23 @@ def test_inspect_takes_recordings(person: Path, tmp_path: Path) -> None:
     assert text.count("<figure>") == 6
     assert text.count("<polyline") == 2
     assert "http" not in text
+
+
+def test_inspect_says_how_a_folder_of_depth_images_is_to_be_laid_out(
+    person: Path, tmp_path: Path
+) -> None:
+    """Poses beside the images, as 7-Scenes has them, are no scans."""
+    flat = tmp_path / "flat"
+    flat.mkdir()
+    for number, image in enumerate(sorted((person / "depth").iterdir())[:3]):
+        (flat / f"frame-{number}.depth.png").write_bytes(image.read_bytes())
+    for _ in range(2):  # without poses, then with them
+        done = manip3d("inspect", flat)
+        assert done.returncode == 1
+        assert "expected scans or an RGB-D recording, got 3 depth images; a recording has" in done.stderr
+        for number in range(3):
+            np.savetxt(flat / f"frame-{number}.pose.txt", np.eye(4))
+        np.savetxt(flat / "camera.txt", np.eye(3))
+    for number in range(4):  # as many clouds again: they are what is to be judged
+        np.savetxt(flat / f"cloud-{number}.txt", np.eye(3))
+    assert "depth images" not in manip3d("inspect", flat).stderr

@@ -492,6 +492,33 @@ def test_several_drives_are_told_in_a_line_each(key: Path, signed: Path, tmp_pat
     assert len(lines) == 2
 
 
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("embedding", "foo"), ("sensor", "x" * 17), ("session", "zz"), ("max-age", "0"),
+     ("max-age", "nan")],
+)  # fmt: skip
+def test_the_verifier_names_the_option_that_is_wrong(
+    option: str, value: str, key: Path, signed: Path
+) -> None:
+    found = run("verify", signed, "--key", key, f"--{option}", value)
+    assert found.exit_code == 1
+    assert str(found.exception).startswith(f"--{option}: ")
+
+
+@pytest.mark.parametrize(
+    ("option", "value"), [("embedding", "foo"), ("sensor", "x" * 17), ("units-per-m", "0")]
+)
+def test_the_embedder_names_the_option_that_is_wrong(
+    option: str, value: str, key: Path, tmp_path: Path
+) -> None:
+    scan(0).write(tmp_path / "scan.bin")
+    out = tmp_path / "out.bin"
+    found = run("embed", tmp_path / "scan.bin", "--key", key, "-o", out, f"--{option}", value)
+    assert found.exit_code == 1
+    assert str(found.exception).startswith(f"--{option}: ")
+    assert not out.exists()
+
+
 def test_stdin_has_no_record(key: Path) -> None:
     done = run("verify", "-", "--key", key)
     assert done.exit_code == 1

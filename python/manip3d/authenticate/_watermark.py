@@ -111,6 +111,8 @@ class Policy:
             raise InputError(f"max_points: expected 1 to 2147483647, got {self.max_points}")
         for units in self.units_per_m:
             _check_units(units)
+        for each in self.sensors:
+            _sensor_bytes(each)
         for each in self.sessions:
             _session_bytes(each)
 

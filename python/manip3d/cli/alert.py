@@ -183,6 +183,9 @@ def run(
              "max-points": None if max_points == MOST_POINTS else max_points,
              "state": state, "picture": picture}
         )  # fmt: skip
+    for name, value in {"speed": speed, "every": every}.items():
+        if not math.isfinite(value):
+            raise InputError(f"--{name}: expected a finite number, got {value}")
     policy = policy_of(
         embedding=embedding,
         sensor=sensor,

@@ -38,7 +38,7 @@ from manip3d.cli.terminal import (
 )
 from manip3d.cli.watermark import key_of
 from manip3d.errors import InputError
-from manip3d.io import is_url
+from manip3d.io import is_color_png, is_url
 from manip3d.io._scan_files import EXPORTED_SUFFIXES, FOLDER_SUFFIXES, holds_points
 from manip3d.io._scan_tables import scan_suffix
 
@@ -103,11 +103,38 @@ def _find_scans(sources: Sequence[str], *, suffixes: Sequence[str]) -> list[Sour
         except InputError:
             files = _exported(source)
             if not files:
+                _check_no_pictures(source, files)
                 raise
         if not any(scan_suffix(file.name) in FOLDER_SUFFIXES for file in files):
-            files = [*files, *_exported(source)]
+            files = [*files, *(each for each in _exported(source) if each not in files)]
+        if files and not is_url(source) and Path(source).is_dir():
+            _check_no_pictures(source, files)
         found |= {file.name: file for file in files if file.name not in found}
     return [found[name] for name in sorted(found, key=by_number)]
+
+
+def _check_no_pictures(source: str, texts: Sequence[SourceFile]) -> None:
+    """Refuse a folder of depth images that is laid out otherwise than a recording.
+
+    The texts beside the images are poses and cameras then, not scans.
+    """
+    if is_url(source) or not Path(source).is_dir() or not all(map(_is_text, texts)):
+        return
+    images = sum(_is_depth(path) for path in Path(source).rglob("*") if path.is_file())
+    if 2 * images > len(texts):  # each image may have a pose
+        raise InputError(
+            f"{source}: expected scans or an RGB-D recording, got {counted(images, 'depth image')}; "
+            "a recording has them in a folder depth/ of its own, and colour images of the same names "
+            "in color/ beside it (--intrinsics tells the camera)"
+        )
+
+
+def _is_text(file: SourceFile) -> bool:
+    return scan_suffix(file.name) in EXPORTED_SUFFIXES
+
+
+def _is_depth(path: Path) -> bool:
+    return path.suffix.lower() in (".png", ".pgm", ".tif", ".tiff") and not is_color_png(path)
 
 
 def _exported(source: str) -> list[SourceFile]:
@@ -537,7 +564,7 @@ def show_stream(console: Console, found: StreamInspection) -> None:
             (name, f"{power.share:.0%}", f"{power.found} of {power.planted}")
             for name, power in found.power.items()
         ]
-        table(console, cells, ("forged streams", "found", "of which"))
+        table(console, cells, ("cut out, by forge stream", "found", "of which"))
     if found.regions:
         console.print()
         boxes = [(str(r.frame), *(str(side) for side in r.box)) for r in found.regions[:20]]

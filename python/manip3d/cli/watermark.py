@@ -88,15 +88,20 @@ def policy_of(
     """The verifier's policy that the options of a command say."""
     from manip3d import authenticate
 
-    return authenticate.Policy(
-        embeddings=(embedding,) if embedding else authenticate.EMBEDDINGS,
-        order=order,
-        sensors=(sensor,) if sensor else (),
-        sessions=(session,) if session else (),
-        max_age_s=max_age,
-        max_points=max_points,
-        carriers=(carrier,),
-    )
+    if max_age is not None and not 0.0 < max_age < 9e9:
+        raise InputError(f"--max-age: expected more than 0 and below 9e9, got {max_age:g}")
+    try:
+        return authenticate.Policy(
+            embeddings=(embedding,) if embedding else authenticate.EMBEDDINGS,
+            order=order,
+            sensors=(sensor,) if sensor else (),
+            sessions=(session,) if session else (),
+            max_age_s=max_age,
+            max_points=max_points,
+            carriers=(carrier,),
+        )
+    except InputError as error:  # an option gives one of what the policy takes several of
+        raise InputError("--" + str(error).replace("sessions:", "session:", 1)) from error
 
 
 @app.command("keygen")
@@ -232,7 +237,7 @@ def embed(
     if not drive:
         check_output(output, FOLDER_SUFFIXES, force=force)
     with (
-        naming_options("output", "picture"),
+        naming_options("output", "picture", "sensor", "embedding", "units-per-m", "origin"),
         authenticate.KeyFile(key) as secret,
         authenticate.Watermarker(
             secret,

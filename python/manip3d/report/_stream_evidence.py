@@ -112,7 +112,7 @@ def _page(inspection: StreamInspection, frames: Sequence[RgbdFrame], source: str
         + "<h2>Frames; what was inserted is orange</h2>"
         + _frames(inspection, frames)
         + _curves(inspection, frames)
-        + "<h2>How many forged streams are found</h2>"
+        + "<h2>How many streams of manip3d forge stream are found</h2>"
         + _table(
             ("kind of forgery", "found", "of which"),
             [
