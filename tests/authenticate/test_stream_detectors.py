@@ -75,7 +75,7 @@ def test_a_cameras_own_silhouettes_leave_no_trace() -> None:
 def test_silhouettes_that_are_blended_into_the_background_are_not_a_cameras_own(
     is_still: bool,
 ) -> None:
-    """Structured light measures one surface, or nothing: no detector can say that there is no trace.
+    """Structured light measures one surface, or nothing: nobody can say that there is no trace.
 
     Before a background that repeats it is ``processed``, as without anybody.
     """
@@ -90,7 +90,9 @@ def test_silhouettes_that_are_blended_into_the_background_are_not_a_cameras_own(
     assert found.regions == ()
     silhouettes = next(each for each in found.detectors if each.name == "silhouettes")
     assert silhouettes.verdict == "undecidable"
-    assert "without a gap in 9" in silhouettes.reason or "without a gap in 100%" in silhouettes.reason
+    assert (
+        "without a gap in 9" in silhouettes.reason or "without a gap in 100%" in silhouettes.reason
+    )
 
 
 def test_time_of_flight_mixes_silhouettes_by_nature() -> None:

@@ -301,7 +301,10 @@ def test_inspect_says_how_a_folder_of_depth_images_is_to_be_laid_out(
     for _ in range(2):  # without poses, then with them
         done = manip3d("inspect", flat)
         assert done.returncode == 1
-        assert "expected scans or an RGB-D recording, got 3 depth images; a recording has" in done.stderr
+        assert (
+            "expected scans or an RGB-D recording, got 3 depth images; a recording has"
+            in done.stderr
+        )
         for number in range(3):
             np.savetxt(flat / f"frame-{number}.pose.txt", np.eye(4))
         np.savetxt(flat / "camera.txt", np.eye(3))

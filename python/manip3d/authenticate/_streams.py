@@ -51,7 +51,7 @@ _LEAST_SPECKLES = 2e-4  # share of pixels; cameras lose 3e-4 and more, rendering
 _MOST_TINY = 5e-4  # share of pixels nearer than any camera measures
 _MOST_OFF_CENTRE = 0.1  # of the image's side
 _AZURE_NARROW = {(640, 576), (320, 288)}
-"""Images of the Azure Kinect's narrow field of view: a part of the sensor below the optical axis."""
+"""Images of the Azure Kinect's narrow field of view: a part of the sensor, not about its middle."""
 _MOST_OFF_CENTRE_AZURE = 0.15  # that of the recorded device is 0.11 off
 _LEAST_VIEW_DEG = 50.0  # along the longer side; the narrowest camera of the data sees 57
 _RIM = 3  # pixels of one surface on each side of a sharp step
@@ -91,8 +91,8 @@ POWER: Mapping[str, Power] = ReadOnlyMapping(
         "running background, moving camera": Power(10, 16, source=_KITCHEN),
     }
 )
-"""Forged streams of `manip3d.forge.stream`, both types, that are found; from ``figure-5.8``. It cuts
-people out from one pixel to the next; of those whose silhouettes are blended none is found. The
+"""Forged streams of `manip3d.forge.stream`, both types, that are found; from ``figure-5.8``. It
+cuts people out from one pixel to the next; those whose silhouettes are blended are not found. The
 other 10 before a still frame of the kitchen, all of which repeats, are ``processed``."""
 
 
@@ -676,7 +676,9 @@ def _silhouettes(
         return StreamReport("silhouettes", "undecidable", doubt, score), (), nothing
     if score < SHARP:
         if (blended := _blended(frames, found)) >= BLENDED:
-            why = f"silhouettes pass into what is behind them without a gap in {blended:.0%} of their"
+            why = (
+                f"silhouettes pass into what is behind them without a gap in {blended:.0%} of their"
+            )
             why += " rows, as only time of flight measures them, of which no camera of this size is"
             why += " known: whether somebody was cut out and blended in cannot be told"
             return StreamReport("silhouettes", "undecidable", why, score), (), nothing

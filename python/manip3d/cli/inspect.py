@@ -123,9 +123,10 @@ def _check_no_pictures(source: str, texts: Sequence[SourceFile]) -> None:
     images = sum(_is_depth(path) for path in Path(source).rglob("*") if path.is_file())
     if 2 * images > len(texts):  # each image may have a pose
         raise InputError(
-            f"{source}: expected scans or an RGB-D recording, got {counted(images, 'depth image')}; "
-            "a recording has them in a folder depth/ of its own, and colour images of the same names "
-            "in color/ beside it (--intrinsics tells the camera)"
+            f"{source}: expected scans or an RGB-D recording, got "
+            f"{counted(images, 'depth image')}; a recording has them in a folder depth/ of its "
+            "own, and colour images of the same names in color/ beside it (--intrinsics tells the "
+            "camera)"
         )
 
 
