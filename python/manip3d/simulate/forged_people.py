@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import math
 import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -247,8 +248,8 @@ def _check_space(folder: Path, streams: Sequence[_Stream]) -> None:
     if needed > free:
         raise OSError(
             errno.ENOSPC,
-            f"expected {needed / 1e9:.1f} GB free for {len(streams)} recordings, "
-            f"got {free / 1e9:.1f} GB",
+            f"expected {math.ceil(needed / 1e6):,} MB free for {len(streams)} recordings, "
+            f"got {free // 10**6:,} MB",
             str(folder),
         )
 
