@@ -268,6 +268,10 @@ def test_any_speed_has_a_window(speed: float) -> None:
             lambda: RiskTracker().update(None, speed_mps=1.0, motion=(0.0, math.nan, 0.0)),
             "motion: expected finite",
         ),
+        (
+            lambda: RiskTracker().update(None, speed_mps=1.0, motion=(1e200, 0.0, 0.0)),
+            "motion: expected at most",
+        ),
         (lambda: temporal_factor([]), "attacked: expected 1"),
         (lambda: temporal_factor([True] * 6, frames=5), "attacked: expected 1 to 5"),
     ],
@@ -291,3 +295,18 @@ def test_the_oldest_frame_of_the_longest_window_is_compared_with_the_one_before(
         risk = tracker.update(attack(), speed_mps=1.0)
     assert risk.frames == 720
     assert risk.factors["space"] == pytest.approx(1.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(("sigma_m", "space"), [(1e-200, 0.0), (1e200, 2 / 100)])
+def test_places_far_beyond_any_sigma_are_others(sigma_m: float, space: float) -> None:
+    """Squares of such numbers are no floats: each of these was an error of Python's."""
+    tracker = RiskTracker(RiskParameters(sigma_m=sigma_m))
+    for place in (8.0, 9.0, 10.0):
+        risk = tracker.update(attack(x=place), speed_mps=10.0)
+    assert risk.factors["space"] == space
+    for place in (1e200, -1e200):
+        assert RiskTracker().update(attack(x=place), speed_mps=10.0).level == "low"
+    tracker = RiskTracker()
+    for place in (1e200, -1e200):
+        risk = tracker.update(attack(x=place), speed_mps=10.0)
+    assert risk.factors["space"] == 0.0

@@ -33,6 +33,7 @@ ATTACK_TYPES: Mapping[str, float] = ReadOnlyMapping(
 """Types of attack and their factor f_alpha, as in the authors' tool."""
 
 _FEWEST_FRAMES, _MOST_FRAMES = 5, 720
+_FARTHEST_M = 1e6  # metres, and radians, that nothing moves in a frame
 _OBSERVED_M = 100.0  # the way over which the past counts (section 7.3.3)
 
 
@@ -336,7 +337,7 @@ class RiskTracker:
         Raises
         ------
         InputError
-            A negative speed, numbers that are not finite.
+            A negative speed, numbers that are not finite, a motion of more than 1e6 metres.
         """
         check_movement(speed_mps, motion)
         with self._lock:
@@ -441,8 +442,8 @@ def _spatial(past: Sequence[_Past], count: int, p: RiskParameters) -> float:
             total += max((float(s > 0.0) - float(s < 0.0) for s in slopes), default=0.0)
         else:
             places = itertools.product(before.places, after.places)
-            squared = min((math.dist(*pair) ** 2 for pair in places), default=math.inf)
-            total += math.exp(-squared / (2.0 * p.sigma_m * p.sigma_m))
+            apart = min((math.dist(*pair) for pair in places), default=math.inf) / p.sigma_m
+            total += math.exp(-0.5 * apart * apart)
     return total / count
 
 
@@ -475,6 +476,8 @@ def check_movement(speed_mps: float, motion: tuple[float, float, float]) -> None
     _check_speed(speed_mps)
     if not all(math.isfinite(value) for value in motion):
         raise InputError(f"motion: expected finite numbers, got {motion}")
+    if not all(abs(value) <= _FARTHEST_M for value in motion):
+        raise InputError(f"motion: expected at most {_FARTHEST_M:g} in a frame, got {motion}")
 
 
 def _check_speed(speed_mps: float) -> None:
