@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import weakref
 from collections.abc import Iterator
@@ -311,3 +312,18 @@ def test_inspect_says_how_a_folder_of_depth_images_is_to_be_laid_out(
     for number in range(4):  # as many clouds again: they are what is to be judged
         np.savetxt(flat / f"cloud-{number}.txt", np.eye(3))
     assert "depth images" not in manip3d("inspect", flat).stderr
+
+
+def test_forge_takes_the_camera_of_a_background_of_images_alone(
+    person: Path, tmp_path: Path
+) -> None:
+    """The error about its missing calibration names ``--intrinsics``; the source keeps its own."""
+    scene = tmp_path / "scene"
+    shutil.copytree(person / "depth", scene / "depth")
+    command = ("forge", "stream", person, "--type", 1, "--background", scene, "-o", tmp_path / "f")
+    done = manip3d(*command)
+    assert done.returncode == 1
+    assert "--intrinsics" in done.stderr
+    camera = f"{SMALL.fx},{SMALL.fy},{SMALL.cx},{SMALL.cy}"
+    assert manip3d(*command, "--intrinsics", camera).returncode == 0
+    assert capture.open_rgbd(f"folder:{tmp_path / 'f'}").num_frames == 8

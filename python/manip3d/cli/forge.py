@@ -18,11 +18,22 @@ from manip3d.cli import kinds
 from manip3d.cli.convert import Up
 from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
-from manip3d.cli.options import Force, Jobs, Json, MostFrames, Output, Quiet, RgbdPlace, Scan, Seed
+from manip3d.cli.options import (
+    FolderIntrinsics,
+    Force,
+    Jobs,
+    Json,
+    MostFrames,
+    Output,
+    Quiet,
+    RgbdPlace,
+    Scan,
+    Seed,
+)
 from manip3d.cli.signals import ended_like_ctrl_c
 from manip3d.cli.terminal import Terminal, check_output, counted, naming_options
 from manip3d.cli.truth import truth_of
-from manip3d.errors import InputError
+from manip3d.errors import FormatError, InputError
 from manip3d.io import SCAN_SUFFIXES
 from manip3d.io._files import atomic_pair
 from manip3d.io._scan_files import FOLDER_SUFFIXES
@@ -468,6 +479,7 @@ def forge_frames(
     frames: int | None,
     force: bool,
     options: dict[str, Any],
+    intrinsics: str = "",
 ) -> dict[str, Any]:
     """Forge a stream and write it as a recording, with the truth as ``OUT.truth.npz``.
 
@@ -486,14 +498,14 @@ def forge_frames(
         raise InputError(f"{truth}: exists already; --force replaces it")
 
     with ExitStack() as stack:
-        people = stack.enter_context(_open_bounded(source, frames, terminal))
+        people = stack.enter_context(_open_bounded(source, frames, terminal, intrinsics))
         given = forge.recorded_people(people, num_frames=frames, with_plate=not background)
         if given.plate is not None:
             terminal.say("background: the scene behind the person, from the source's own frames")
             behind: RgbdFrame | Sequence[RgbdFrame] = given.plate
         else:
             most = 1 if still else min(frames or forge.MOST_KEPT, forge.MOST_KEPT)
-            with _open_bounded(background, frames, terminal) as opened:
+            with _open_bounded(background, frames, terminal, intrinsics) as opened:
                 scenes = _first(opened, most)
             behind = scenes[0] if still else forge.at_pace(scenes, given.step_ns)
         motion = _motion(pose, given.step_ns, frames, terminal) if pose else None
@@ -548,11 +560,21 @@ def _record(
         )
 
 
-def _open_bounded(place: str, frames: int | None, terminal: Terminal) -> RgbdSource:
-    """A source that ends, or of which a number of frames is wanted."""
+def _open_bounded(
+    place: str, frames: int | None, terminal: Terminal, intrinsics: str = ""
+) -> RgbdSource:
+    """A source that ends, or of which a number of frames is wanted.
+
+    Its own calibration counts; ``intrinsics`` are for those that have none.
+    """
     from manip3d.cli.capture import open_source
 
-    opened = open_source(place, terminal)
+    try:
+        opened = open_source(place, terminal)
+    except (InputError, FormatError) as error:
+        if not intrinsics or "calibration:" not in str(error):
+            raise
+        opened = open_source(place, terminal, intrinsics=intrinsics)
     if opened.is_live and frames is None:
         opened.stop()
         raise InputError(f"--frames: expected with {place}, which is live and has no end; got none")
@@ -622,6 +644,7 @@ def forge_stream(
     blend: Annotated[
         int, typer.Option(min=0, max=64, help="Pixels over which the person's edge fades.")
     ] = 1,
+    intrinsics: FolderIntrinsics = "",
     frames: MostFrames = None,
     force: Force = False,
     as_json: Json = False,
@@ -645,6 +668,7 @@ def forge_stream(
         frames=frames,
         force=force,
         options=options,
+        intrinsics=intrinsics,
     )
     shell.result(record)
 
