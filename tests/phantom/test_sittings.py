@@ -304,6 +304,34 @@ def test_a_restart_compares_with_what_was_not_answered_today_only(sitting: Sitti
     assert sitting.say("pain", value=8)["game"]["halt"] == ""
 
 
+@pytest.mark.parametrize("is_killed", [False, True])
+def test_a_program_that_stops_in_a_game_does_not_switch_the_stop_rule_off(
+    sitting: Sitting, is_killed: bool
+) -> None:
+    """Ctrl-C, a crash, a battery: nobody asked whether the pain rose, and the next start asks."""
+    sitting.say("pain", value=3)
+    assert sitting.say("ready")["game"]["phase"] == "playing"
+    wait_for(lambda: sitting.recorder._diary.sessions("P01")[0].begun is not None)
+    if is_killed:
+        sitting.recorder._is_open = False  # nothing more is written of the sitting
+    sitting.end().close()
+    sitting.now += timedelta(minutes=5)
+    sitting.open()
+    assert sitting.say("pain", value=4)["game"]["halt"] == ""
+    assert "rose from 3 to 6" in sitting.say("pain", value=6)["game"]["halt"]
+    with sitting.end() as diary:
+        assert [event.kind for event in diary.events("P01")] == ["pain"]
+
+
+def test_a_program_that_stops_before_any_game_leaves_nothing_to_compare_with(
+    sitting: Sitting,
+) -> None:
+    sitting.say("pain", value=3)
+    sitting.end().close()
+    sitting.open()
+    assert sitting.say("pain", value=6)["game"]["halt"] == ""
+
+
 def test_a_rating_that_stops_is_kept_once_and_with_its_reason(
     sitting: Sitting, monkeypatch: pytest.MonkeyPatch
 ) -> None:

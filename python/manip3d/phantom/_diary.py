@@ -97,12 +97,15 @@ class DiaryRecorder:
 
     def _unanswered_today(self) -> list[Rating]:
         """Ratings of today's sittings that were closed without a last one; a sitting with ratings
-        that was closed otherwise ends the comparison, as in `close_session`."""
+        that was closed otherwise ends the comparison, as in `close_session`.
+
+        A program that was stopped or killed after a game had begun could not ask for the last one.
+        """
         found: list[Rating] = []
         for sitting in self._diary.sessions(self._participant):
             if sitting.started.astimezone().date() != _now().date():
                 continue
-            if not sitting.answered:
+            if not sitting.answered or (sitting.begun is not None and sitting.pain_after is None):
                 found += sitting.ratings
             elif sitting.ended is not None and sitting.ratings:
                 found = []
