@@ -186,6 +186,40 @@ def test_a_page_that_repeats_an_earlier_one_ends(kept: Path, tmp_path: Path) -> 
     assert len(rescued) > GAMES * (1 - 3.0 / len(leaves))
 
 
+@pytest.mark.parametrize(("share", "least"), [(0.5, 0), (0.8, 50), (0.95, 100)])
+def test_what_a_copy_that_stopped_still_holds_is_read(
+    share: float, least: int, kept: Path, tmp_path: Path
+) -> None:
+    """SQLite itself reads nothing of a file that is shorter than its head says."""
+    size = kept.stat().st_size
+    with kept.open("r+b") as file:
+        file.truncate(int(share * size) + 100)  # within a page
+    before = kept.read_bytes()
+    with pytest.raises(FormatError, match="damaged: .*'manip3d diary rescue' copies what can be"):
+        Diary(kept, key=tmp_path / "a.key")
+    found = rescue_diary(kept, tmp_path / "rescued.diary")
+    assert found.missing
+    assert kept.read_bytes() == before
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
+    with Diary(found.output, key=tmp_path / "a.key") as diary:
+        assert {person.identifier for person in diary.participants()} == {"P01", "P02"}
+        (session,) = diary.sessions("P02")
+        assert len(session.games) >= least
+
+
+def test_a_disk_that_fails_is_no_damage(kept: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A full disk while the diary is opened, where SQLite needs a file beside it."""
+
+    def fails(*_: object, **__: object) -> None:
+        error = sqlite3.OperationalError("disk I/O error")
+        error.sqlite_errorcode = sqlite3.SQLITE_IOERR
+        raise error
+
+    monkeypatch.setattr("manip3d.diary._file.sqlite3.connect", fails)
+    with pytest.raises(OSError, match="disk I/O error"):
+        Diary(kept)
+
+
 def test_a_full_disk_is_no_damage(kept: Path, tmp_path: Path) -> None:
     resource = pytest.importorskip("resource")
     new, limits = tmp_path / "new.diary", resource.getrlimit(resource.RLIMIT_FSIZE)

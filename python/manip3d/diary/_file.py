@@ -129,7 +129,7 @@ class DiaryFile:
                 if mark == schema.APPLICATION:
                     self._check_pages(plain)
         except sqlite3.DatabaseError as error:
-            raise FormatError(f"expected a diary: {error}", file=str(self.path)) from error
+            raise _told(error, self.path) from error
         # A file without tables: new, or its maker was killed before it was a diary.
         if create and holds == 0 and mark == 0:
             return
@@ -258,3 +258,16 @@ def _make(path: Path, key: bytes | None) -> None:
 
 def _on_begin(connection: sql.Connection) -> None:
     connection.exec_driver_sql("BEGIN IMMEDIATE")
+
+
+def _told(error: sqlite3.DatabaseError, path: Path) -> Exception:
+    """What SQLite's error while a file is looked at says of the file, or of the disk."""
+    code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+    if code == sqlite3.SQLITE_NOTADB:
+        return FormatError(f"expected a diary: {error}", file=str(path))
+    if code in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_ERROR):
+        return FormatError(
+            f"the diary is damaged: {error}; 'manip3d diary rescue' copies what can be read",
+            file=str(path),
+        )
+    return OSError(errno.EIO, str(error), str(path))  # a full disk, a lock, a folder to read only

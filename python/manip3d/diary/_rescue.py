@@ -5,7 +5,9 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import shutil
 import sqlite3
+import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +21,8 @@ from manip3d.errors import FormatError, InputError
 from manip3d.io._files import atomic_path
 
 _FIRST, _LAST = -(2**63), 2**63 - 1  # before and behind the numbers of rows in SQLite
+_HEAD_BYTES = 100  # of a file of SQLite
+_MOST_MISSING = 1 << 36  # bytes that are missing at a file's end; a damaged head says anything
 _HALVINGS = 12  # of the numbers between two damaged pages, which are random or consecutive
 
 
@@ -100,7 +104,11 @@ def rescue_diary(
     missing: list[str] = []
     with atomic_path(target) as made:
         made.chmod(0o600)
-        with _connected(source, "ro") as old, _connected(made, "rw") as new:
+        with (
+            _whole(source, made) as whole,
+            _connected(whole, "ro") as old,
+            _connected(made, "rw") as new,
+        ):
             try:
                 old.execute("BEGIN")  # what is written meanwhile is not seen
                 version = _version(old, source)
@@ -122,6 +130,32 @@ def rescue_diary(
             except sqlite3.Error as error:
                 raise OSError(errno.EIO, f"cannot be written: {error}", str(target)) from error
     return DiaryRescue(target, num_rows, tuple(missing))
+
+
+@contextlib.contextmanager
+def _whole(source: Path, made: Path) -> Iterator[Path]:
+    """The file, or where its end is missing, as after a copy that stopped, one with blank pages.
+
+    SQLite reads nothing of a file that has fewer pages than its head says.
+    """
+    with source.open("rb") as file:
+        head = file.read(_HEAD_BYTES)
+    page = int.from_bytes(head[16:18], "big")
+    page = 65536 if page == 1 else page
+    size, there = page * int.from_bytes(head[28:32], "big"), source.stat().st_size
+    if not head.startswith(b"SQLite format 3\0") or not there < size <= there + _MOST_MISSING:
+        yield source
+        return
+    with tempfile.TemporaryDirectory(dir=made.parent, prefix=f".{made.name}.") as folder:
+        copy = Path(folder) / source.name
+        shutil.copyfile(source, copy)
+        copy.chmod(0o600)
+        log = Path(f"{source}-wal")
+        if log.is_file():
+            shutil.copyfile(log, f"{copy}-wal")
+        os.truncate(copy, there // page * page)  # of a part of a page rows would read as zeros
+        os.truncate(copy, size)
+        yield copy
 
 
 def _connected(path: Path, mode: str) -> contextlib.closing[sqlite3.Connection]:
