@@ -195,7 +195,7 @@ def test_what_a_copy_that_stopped_still_holds_is_read(
     with kept.open("r+b") as file:
         file.truncate(int(share * size) + 100)  # within a page
     before = kept.read_bytes()
-    with pytest.raises(FormatError, match="damaged: .*'manip3d diary rescue' copies what can be"):
+    with pytest.raises(FormatError, match=r"damaged: .*'manip3d diary rescue' copies what can be"):
         Diary(kept, key=tmp_path / "a.key")
     found = rescue_diary(kept, tmp_path / "rescued.diary")
     assert found.missing
