@@ -227,8 +227,9 @@ class QualitySimplifier {
       if (!other) return refuse(v, t, *refusal);
       best = *other;
     }
+    const double weight = std::max(kept_.importance(v), kept_.importance(t)) / edge->num_faces;
+    best.price = std::max(best.price, weight * prices_.lost_strip(v, t, best.position));
     if (pieces_.size() > 0 && faces_left(t) <= kLastFaces) {
-      const double weight = std::max(kept_.importance(v), kept_.importance(t)) / edge->num_faces;
       best.price = std::max(best.price, weight * prices_.lost_shape(v, t, best.position));
     }
     if (is_overtaken(best.price, entry.price)) {

@@ -1,6 +1,9 @@
 #include "simplify/quality_price.hpp"
 
+#include <algorithm>
+#include <array>
 #include <limits>
+#include <span>
 
 #include "manip3d/geometry/patch_distance.hpp"
 
@@ -29,6 +32,42 @@ constexpr double kPieceFactor = 2.0;
 /// The sum of the area vectors around an edge is rounding noise below this share of their lengths,
 /// as where front and back of a sheet cancel: no volume tells where the new vertex lies.
 constexpr double kLeastVolume = 1e-6;
+
+/// Weights of the corners, the middles of the edges and the centre of a triangle: exact for cubic
+/// polynomials.
+constexpr double kCornerWeight = 1.0 / 20.0, kMiddleWeight = 2.0 / 15.0, kCentreWeight = 9.0 / 20.0;
+
+/// Mean distance of the points of a triangle from the nearer one of some points.
+double mean_distance(const Triangle3& corners, std::span<const Vector3d> from) {
+  const auto nearest = [&](const Vector3d& point) {
+    double least = std::numeric_limits<double>::infinity();
+    for (const Vector3d& other : from) least = std::min(least, (point - other).norm());
+    return least;
+  };
+  double mean = kCentreWeight * nearest((corners[0] + corners[1] + corners[2]) / 3.0);
+  for (std::size_t c = 0; c < 3; ++c) {
+    mean += kCornerWeight * nearest(corners[c]);
+    mean += kMiddleWeight * nearest(0.5 * (corners[c] + corners[(c + 1) % 3]));
+  }
+  return mean;
+}
+
+/// Whether a face has the edge v a, but not the vertex t.
+bool has_face_without(const CollapseMesh& mesh, std::int32_t v, std::int32_t a, std::int32_t t) {
+  bool has_one = false;
+  mesh.for_each_face_between(
+      v, a, [&](std::int32_t f) { has_one = has_one || !touches(mesh, f, t); });
+  return has_one;
+}
+
+/// Whether a has faces that do not have both v and t.
+bool has_faces_beside(const CollapseMesh& mesh, std::int32_t a, std::int32_t v, std::int32_t t) {
+  bool has_one = false;
+  mesh.for_each_face(a, [&](std::int32_t f, std::int32_t) {
+    has_one = has_one || !touches(mesh, f, v) || !touches(mesh, f, t);
+  });
+  return has_one;
+}
 
 }  // namespace
 
@@ -252,6 +291,27 @@ double Prices::lost_shape(std::int32_t v, std::int32_t t, const Vector3d& p) {
   // a part have no others here that could stand for it.
   if (!std::isfinite(farther)) return 0.0;
   return pieces_.area(piece) * std::max(0.0, farther) / static_cast<double>(samples.size());
+}
+
+double Prices::lost_strip(std::int32_t v, std::int32_t t, const Vector3d& p) const {
+  double lost = 0.0;
+  mesh_.for_each_face_between(v, t, [&](std::int32_t f) {
+    const auto& face = mesh_.face(f);
+    const std::int32_t tip = *std::ranges::find_if(
+        face, [&](std::int32_t corner) { return corner != v && corner != t; });
+    if (has_face_without(mesh_, v, tip, t) || has_face_without(mesh_, t, tip, v)) return;
+    Triangle3 corners;
+    for (std::size_t c = 0; c < 3; ++c) corners[c] = mesh_.position(face[c]);
+    // What is left nearby: faces around the new vertex and around the tip.
+    std::array<Vector3d, 2> left{p, mesh_.position(tip)};
+    const bool has_tip = has_faces_beside(mesh_, tip, v, t);
+    const bool has_new =
+        !has_tip || has_faces_beside(mesh_, v, v, t) || has_faces_beside(mesh_, t, v, t);
+    const std::span<const Vector3d> both(left);
+    lost += 0.5 * area_vector(mesh_, f).norm() *
+            mean_distance(corners, both.subspan(has_new ? 0 : 1, has_new && has_tip ? 2 : 1));
+  });
+  return lost;
 }
 
 /// All faces that are left of the piece of a vertex, into last_faces_.

@@ -66,6 +66,12 @@ class Prices {
   /// around an edge do not tell: front and back of a shell can fold onto each other in all of them.
   [[nodiscard]] double lost_shape(std::int32_t v, std::int32_t t, const Vector3d& p);
 
+  /// The price of faces on an edge that leave nothing behind: where a strip is one face wide, no
+  /// others stand for it, as they do for faces that a collapse folds onto their neighbours. A tube
+  /// that has become a strip of two sides could vanish between two pinches otherwise, since the
+  /// planes around its last edge hold nothing within them.
+  [[nodiscard]] double lost_strip(std::int32_t v, std::int32_t t, const Vector3d& p) const;
+
   /// The price of a whole piece, per face that goes, but for no more than `most_faces`: those
   /// beyond the target gain nothing.
   [[nodiscard]] double piece(std::int32_t piece, std::int64_t most_faces) const;
