@@ -549,6 +549,17 @@ def test_ply_material_index_and_names() -> None:
     assert mesh.face_material.tolist() == [2, -1]
 
 
+def test_ply_material_names_of_older_files_and_escapes_that_are_none() -> None:
+    header = "comment material 0 Stra\u00dfe 50%\ncomment material_utf8 1 50%2 %zz %C3%9F%\n"
+    header += "comment material_utf8 x y\nelement vertex 4\n" + XYZ
+    header += (
+        "element face 2\nproperty list uchar int vertex_indices\nproperty int material_index\n"
+    )
+    data = ply("ascii", header, vertex_elements()) + b"3 0 1 2 0\n3 0 2 3 1\n"
+    mesh = read_mesh_bytes(data, "ply")
+    assert [m.name for m in mesh.materials] == ["Stra\u00dfe 50%", "50%2 %zz \u00df%"]
+
+
 def test_ply_triangle_strips() -> None:
     header = "element vertex 4\n" + XYZ + "element tristrips 1\n"
     header += "property list int int vertex_indices\n"

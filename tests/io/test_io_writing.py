@@ -141,6 +141,23 @@ def textured(folder: Path, content: bytes) -> manip3d.Mesh:
     return manip3d.read_mesh(folder / "m.obj")
 
 
+@pytest.mark.parametrize("name", ["Stra\u00dfe", "\u65e5\u672c 100%", "50%", "a%41", "tab\there"])
+def test_the_header_of_a_ply_is_ascii_whatever_its_materials_are_called(
+    tmp_path: Path, name: str
+) -> None:
+    picture = manip3d.Texture("pictures/Stra\u00dfe.png", b"\x89PNG\r\n\x1a\n")
+    materials = [manip3d.Material(name, textures={"base_color": picture}), manip3d.Material("b")]
+    mesh = grid(2)
+    mesh = mesh.replace(face_material=np.array([0, 1], np.int32), materials=materials)
+    mesh.write(tmp_path / "m.ply")
+    header = (tmp_path / "m.ply").read_bytes().split(b"end_header")[0]
+    assert header.isascii()
+    back = manip3d.read_mesh(tmp_path / "m.ply")
+    assert [m.name for m in back.materials] == [name.replace("\t", "_"), "b"]
+    assert back.materials[0].textures["base_color"].path == "Stra_e.png"
+    assert (tmp_path / "Stra_e.png").read_bytes() == picture.data
+
+
 @pytest.mark.parametrize("suffix", ["obj", "ply"])
 def test_textures_are_copied_and_never_replace_another_file(tmp_path: Path, suffix: str) -> None:
     out = tmp_path / "out"

@@ -509,7 +509,7 @@ class PlyWriter {
  private:
   void find_textures() {
     for (const Material& m : job_.materials) {
-      const std::string name = companions_.texture_name(m, "base_color");
+      const std::string name = companions_.texture_name(m, "base_color", true);
       texture_of_material_.push_back(-1);
       if (name.empty()) continue;
       const auto known = std::find(texture_names_.begin(), texture_names_.end(), name);
@@ -522,8 +522,7 @@ class PlyWriter {
     out_.text("ply\nformat binary_little_endian 1.0\n");
     for (const std::string& name : texture_names_) out_.text("comment TextureFile " + name + "\n");
     for (std::size_t i = 0; i < job_.materials.size(); ++i) {
-      out_.text("comment material " + std::to_string(i) + " " + line_name(job_.materials[i].name) +
-                "\n");
+      out_.text(material_comment(i, line_name(job_.materials[i].name)) + "\n");
     }
     const std::string position = wide_positions_ ? "property double " : "property float ";
     out_.text("element vertex " + std::to_string(mesh_.vertices.rows()) + "\n");

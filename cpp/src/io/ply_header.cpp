@@ -1,7 +1,10 @@
 #include "io/ply_header.hpp"
 
+#include <algorithm>
 #include <charconv>
+#include <string>
 #include <string_view>
+#include <system_error>
 
 #include "parse/line_cursor.hpp"
 
@@ -49,6 +52,43 @@ constexpr RoleName kVertexRoles[] = {{"x", kX},
 constexpr RoleName kFaceRoles[] = {{"vertex_indices", kIndices},  {"vertex_index", kIndices},
                                    {"texcoord", kTexcoord},       {"texnumber", kTexnumber},
                                    {"material_index", kMaterial}, {"has_texcoord", kHasTexcoord}};
+
+constexpr std::string_view kEncodedMaterial = "material_utf8";
+
+bool is_printable_ascii(char c) { return c >= ' ' && c <= '~'; }
+
+std::string encoded(std::string_view text) {
+  constexpr std::string_view kDigits = "0123456789ABCDEF";
+  std::string result;
+  for (const char c : text) {
+    if (is_printable_ascii(c) && c != '%') {
+      result.push_back(c);
+    } else {
+      const auto byte = static_cast<unsigned char>(c);
+      result.append({'%', kDigits[byte / 16], kDigits[byte % 16]});
+    }
+  }
+  return result;
+}
+
+/// What is no % with two hexadecimal digits stays as it is.
+std::string decoded(std::string_view text) {
+  std::string result;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    if (text[i] == '%' && i + 2 < text.size()) {
+      unsigned char byte = 0;
+      const char* const digits = text.data() + i + 1;
+      const auto [stop, error] = std::from_chars(digits, digits + 2, byte, 16);
+      if (error == std::errc() && stop == digits + 2) {
+        result.push_back(static_cast<char>(byte));
+        i += 2;
+        continue;
+      }
+    }
+    result.push_back(text[i]);
+  }
+  return result;
+}
 
 class HeaderReader {
  public:
@@ -104,18 +144,21 @@ class HeaderReader {
     if (cursor.word() != "1.0") input_.fail_at_line("format: expected version 1.0");
   }
 
-  // comment material N NAME (ours), comment TextureFile NAME (MeshLab's)
+  // comment material N NAME, comment material_utf8 N NAME (ours), comment TextureFile NAME
+  // (MeshLab's)
   void comment(LineCursor& cursor) {
     const std::string_view kind = cursor.word();
     if (kind == "TextureFile") {
       header_.texture_files.emplace_back(cursor.rest());
-    } else if (kind == "material") {
+    } else if (kind == "material" || kind == kEncodedMaterial) {
       const std::string_view number = cursor.word();
       std::int64_t index = 0;
       const auto [stop, error] =
           std::from_chars(number.data(), number.data() + number.size(), index);
       const bool whole = error == std::errc() && stop == number.data() + number.size();
-      if (whole && index >= 0) header_.material_names[index] = cursor.rest();
+      if (!whole || index < 0) return;
+      const std::string_view name = cursor.rest();
+      header_.material_names[index] = kind == "material" ? std::string(name) : decoded(name);
     }
   }
 
@@ -179,6 +222,12 @@ class HeaderReader {
 };
 
 }  // namespace
+
+std::string material_comment(std::size_t index, const std::string& name) {
+  const bool is_plain = std::ranges::all_of(name, is_printable_ascii);
+  const std::string kind = is_plain ? "material" : std::string(kEncodedMaterial);
+  return "comment " + kind + " " + std::to_string(index) + " " + (is_plain ? name : encoded(name));
+}
 
 Header read_header(InputBuffer& input) { return HeaderReader(input).read(); }
 

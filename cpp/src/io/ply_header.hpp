@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cstddef>
 #include <cstdint>
 #include <map>
 #include <string>
@@ -81,6 +82,11 @@ struct Header {
   std::int64_t num_skipped = 0;
   std::vector<std::string> remarks;  ///< Lines of comment and obj_info, whole.
 };
+
+/// The comment that names a material: `comment material N NAME`, or, as some readers refuse a header
+/// that is not ASCII, `comment material_utf8 N NAME` with such bytes, and '%', as % and two
+/// hexadecimal digits.
+std::string material_comment(std::size_t index, const std::string& name);
 
 /// @throws FormatError  with the line.
 Header read_header(InputBuffer& input);

@@ -82,15 +82,17 @@ void CompanionFiles::commit(Output& output) {
   staged_.clear();
 }
 
-std::string CompanionFiles::texture_name(const Material& material, const std::string& role) {
+std::string CompanionFiles::texture_name(const Material& material, const std::string& role,
+                                         bool only_ascii) {
+  const auto allowed = [&](std::string name) { return only_ascii ? ascii_name(name) : name; };
   const auto found = material.textures.find(role);
   if (found == material.textures.end() || found->second.empty()) return "";
   const Texture& texture = found->second;
-  const std::string base = line_name(fs::path(texture.path).filename().string());
+  const std::string base = allowed(line_name(fs::path(texture.path).filename().string()));
   if (!texture.data.empty()) {
     const std::string name =
         base.empty() ? line_name(material.name + "_" + role) + image_suffix(texture.data) : base;
-    std::string safe = name;
+    std::string safe = allowed(name);
     std::replace(safe.begin(), safe.end(), '/', '_');
     return place(safe, {reinterpret_cast<const char*>(texture.data.data()), texture.data.size()});
   }
@@ -134,6 +136,19 @@ std::string line_name(const std::string& name) {
   const auto first = result.find_first_not_of(' ');
   if (first == std::string::npos) return "";
   return result.substr(first, result.find_last_not_of(' ') - first + 1);
+}
+
+std::string ascii_name(const std::string& name) {
+  std::string result;
+  for (const char c : name) {
+    const auto byte = static_cast<unsigned char>(c);
+    if (byte < 0x80) {
+      result.push_back(c);
+    } else if (byte >= 0xC0) {  // others continue a character
+      result.push_back('_');
+    }
+  }
+  return result;
 }
 
 std::vector<std::string> unique_names(const std::vector<Material>& materials) {

@@ -21,8 +21,10 @@ class CompanionFiles {
  public:
   explicit CompanionFiles(const WriteJob& job);
 
-  /// Name that the mesh file shall use for the texture of a role; "" where there is none.
-  std::string texture_name(const Material& material, const std::string& role);
+  /// Name that the mesh file shall use for the texture of a role; "" where there is none. With
+  /// `only_ascii`, other characters of it become '_'.
+  std::string texture_name(const Material& material, const std::string& role,
+                           bool only_ascii = false);
 
   /// Bytes of a texture's image file; "" (with a warning) where it is not to be found.
   std::string image(const Texture& texture);
@@ -45,6 +47,9 @@ class CompanionFiles {
 /// A name for a line of text: no control characters, no blanks at the ends, no backslash at the end
 /// (it would continue the line).
 std::string line_name(const std::string& name);
+
+/// A name whose characters outside of ASCII, in UTF-8, are '_'.
+std::string ascii_name(const std::string& name);
 
 /// One name per material, each different.
 std::vector<std::string> unique_names(const std::vector<Material>& materials);
