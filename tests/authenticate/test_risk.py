@@ -34,6 +34,11 @@ def test_f_t_tells_apart_how_attacks_are_spread(pattern: str, expected: float) -
     assert temporal_factor([c == "1" for c in pattern]) == pytest.approx(expected, abs=1e-12)
 
 
+def test_no_frames_are_refused_with_the_least_number_that_is_accepted() -> None:
+    with pytest.raises(InputError, match=r"attacked: expected 1 or more frames, got 0"):
+        temporal_factor([])
+
+
 def test_the_tracker_computes_the_same_f_t_over_its_window() -> None:
     tracker = RiskTracker(RiskParameters(fps=1.0))  # X_n = 5 at 20 m/s
     for seen in "0000011100":

@@ -21,8 +21,6 @@ constexpr double kQuarters = 1600.0;        // quarters of a QIM cell of 2.5 mm 
 // Units or quarters: float32 tells neighbours apart below 2^23.
 constexpr std::int32_t kLimit = 8'000'000;
 
-constexpr double kQuarter = 1.0 / kQuarters;
-
 // 1.5 * 2^52 has the integers in its lowest bits: a sum with it is rounded to the nearest one.
 constexpr double kShift = 6755399441055744.0;
 

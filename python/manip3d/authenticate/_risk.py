@@ -421,7 +421,7 @@ def temporal_factor(attacked: Sequence[bool], *, frames: int = 0) -> float:
     """
     count = frames or len(attacked)
     if not 1 <= len(attacked) <= count:
-        most = f"1 to {frames} frames" if frames else "at least one frame"
+        most = f"1 to {frames} frames" if frames else "1 or more frames"
         raise InputError(f"attacked: expected {most}, got {len(attacked)}")
     flags = [bool(each) for each in attacked]
     if True not in flags:
