@@ -41,6 +41,12 @@ def write_simulated(
         return _scan(name, output, terminal, resolution, threads, seed)
     if name in models.MODELS:
         return _model(name, output, terminal, seed)
+    plain, question, _ = name.partition("?")
+    if question and (plain == "street" or plain in scenes.SCENES or plain in models.MODELS):
+        raise InputError(
+            f"{source}: expected sim:{plain}, with --seed and --frames in the place of what follows "
+            "the question mark, which sources of other commands have"
+        )
     raise InputError(
         f"{source}: expected sim:street or a scene: sim:indoor-00 to -16, sim:outdoor-00 to -26, "
         "sim:calibration-indoor-00 to -11, sim:calibration-outdoor-00 to -11; or a model: "
