@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import lzma
+from dataclasses import replace
 from typing import Any
 
 import lidar_statistics as statistics
@@ -82,6 +83,24 @@ def test_the_rack_of_the_own_car_answers(scans: list[LidarScan]) -> None:
         assert not scan.intensity[near].any()
         fired = scan.firing.astype(int) * 64 + scan.ring
         assert len(np.unique(fired)) == len(fired)  # a laser has one return a firing
+
+
+def test_surfaces_keep_their_pattern(streets: list[Street]) -> None:
+    """Two sweeps of a standing car see the same spots: what they share is no noise."""
+    place = replace(streets[0], speed=0.0, movers=())
+    first, second = (hdl64e(place, 1.0, rng=seed) for seed in (1, 2))
+    ring = 45  # on the ground, some 8 m away
+    shared, a, b = np.intersect1d(
+        *(np.where(s.ring == ring, s.encoder[s.firing] % 4000, -1) for s in (first, second)),
+        return_indices=True,
+    )
+    a, b = a[shared >= 0], b[shared >= 0]
+    ground = (first.label[a] == Label.GROUND) & (second.label[b] == Label.GROUND)
+    values = [s.intensity[rows][ground].astype(float) for s, rows in ((first, a), (second, b))]
+    # The middle of three over the mean of the others: what is smooth is no pattern.
+    fine = [v[1:-1] - (v[:-2] + v[2:]) / 2.0 for v in values]
+    assert len(fine[0]) > 300
+    assert np.corrcoef(fine[0], fine[1])[0, 1] > 0.35  # 0.03 to 0.17 without a pattern
 
 
 def test_firings_follow_the_clock(scans: list[LidarScan]) -> None:

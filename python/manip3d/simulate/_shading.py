@@ -1,4 +1,4 @@
-"""Colours of hits: mip-mapped textures and Lambert's law, without shadows."""
+"""Colours and brightness of hits: mip-mapped textures and Lambert's law, without shadows."""
 
 from __future__ import annotations
 
@@ -72,6 +72,23 @@ class Shader:
         (N, 3) float32, 0 to 255
             Not yet clipped.
         """
+        shade = self.brightness(face, uv, footprint)
+        color = self._color[self._face_surface[face]]
+        return np.asarray(color * (shade * light * np.float32(255))[:, None])
+
+    def brightness(self, face: NDArray[np.int64], uv: Floats, footprint: Floats) -> Floats:
+        """Brightness of N hits over their surfaces' own; ``face``, ``uv``: see `colors`.
+
+        Parameters
+        ----------
+        footprint : (N,) float32, metres
+            What a pixel or a beam covers on the surface.
+
+        Returns
+        -------
+        (N,) float32
+            1 where the surface has no texture.
+        """
         surface = self._face_surface[face]
         plane = self._plane[face]
         s = plane[:, 0] + uv[:, 0] * plane[:, 2] + uv[:, 1] * plane[:, 4]
@@ -79,7 +96,7 @@ class Shader:
         texels = footprint * (SIDE * self._repeats[surface])
         level = np.frexp(texels)[1].clip(0, LEVELS - 1)  # the texel next larger than the pixel
         shade = self._bilinear(self._start[surface] + self._level_start[level], level, s, t)
-        return np.asarray(self._color[surface] * (shade * light * np.float32(255 / 128))[:, None])
+        return np.asarray(shade * np.float32(1 / 128))
 
     def _bilinear(
         self, start: NDArray[np.int32], level: NDArray[np.int32], s: Floats, t: Floats
