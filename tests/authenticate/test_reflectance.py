@@ -18,6 +18,7 @@ from manip3d.authenticate._reflectance import (
     TAIL_FRAMES,
     _between_steps,
     _is_off,
+    _shifted_as_a_whole,
     is_in_hundredths,
     reflectance_p_value,
     why_not_judged,
@@ -157,6 +158,21 @@ def test_a_frame_that_was_brightened_as_a_whole_is_processed(
     for before, after in ((edited, turns[2]), (turns[0], edited)):
         other = reflectance_consistency(turns[1], lattice=LATTICE, previous=before, following=after)
         assert (other.verdict, other.rewritten) == ("no_trace", "")
+
+
+def test_a_shift_that_lifts_dark_returns_is_named(turns: list[LidarFrame]) -> None:
+    """Two fifths of the returns are dark: above 0, they stood among the others' lowest levels."""
+    dark = [np.arange(turn.num_points) % 5 < 2 for turn in turns]
+    dimmed = [
+        turn.replace(intensity=np.where(at, np.float32(0.0), turn.intensity))
+        for turn, at in zip(turns, dark, strict=True)
+    ]
+    assert dimmed[1].intensity is not None
+    lifted = np.clip(np.round(dimmed[1].intensity + 0.02, 2), 0.0, 0.99).astype(np.float32)
+    beside = dimmed[0], dimmed[2]
+    assert _shifted_as_a_whole(dimmed[1], *beside) == ""
+    said = _shifted_as_a_whole(dimmed[1].replace(intensity=lifted), *beside)
+    assert said.startswith("reflectances differ as a whole")
 
 
 def test_rows_of_a_result_can_be_those_of_a_whole_scan(

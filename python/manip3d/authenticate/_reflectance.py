@@ -331,16 +331,26 @@ def reflectance_p_value(strength: float) -> float:
 def _shifted_as_a_whole(frame: LidarFrame, previous: LidarFrame, following: LidarFrame) -> str:
     """Say how the reflectances of a frame differ as a whole from those of both turns beside it."""
     own, before, after = (_levels(each) for each in (frame, previous, following))
-    if min(np.median(np.abs(own - before)), np.median(np.abs(own - after))) <= MOST_SHIFTED:
+    if min(_apart(own, before), _apart(own, after)) <= MOST_SHIFTED:
         return ""
-    shift = float(np.median(own - (before + after) / 2.0))
+    shifts = np.median(own - (before + after) / 2.0, axis=1)
+    shift = float(shifts[np.argmax(np.abs(shifts))])
     return f"reflectances differ as a whole from both turns beside the scan, by {shift:+.2f}"
 
 
 def _levels(frame: LidarFrame) -> NDArray[np.float64]:
-    """Reflectances at `LEVELS` of the points that have one."""
+    """Reflectances at `LEVELS`, of all points and of those that are not dark: (2, levels).
+
+    A shift that lifts dark returns above 0 changes the number of the others, too.
+    """
     values = _reflectance_of(frame)
-    return np.asarray(np.quantile(values[values > 0.0], LEVELS), np.float64)
+    both = (values, values[values > 0.0])
+    return np.stack([np.asarray(np.quantile(each, LEVELS), np.float64) for each in both])
+
+
+def _apart(levels: NDArray[np.float64], others: NDArray[np.float64]) -> float:
+    """The median over the levels by which two frames differ; the larger of both rows."""
+    return float(np.median(np.abs(levels - others), axis=1).max())
 
 
 def why_rewritten(values: NDArray[np.float32]) -> str | None:
