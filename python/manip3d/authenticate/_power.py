@@ -673,7 +673,7 @@ MEASURED: Mapping[str, Mapping[str, Power]] = ReadOnlyMapping(
             reflectance__shifted=(19, 22),
             reflectance__exchanged=(12, 22),
             reflectance__from_elsewhere=(17, 22),
-            white_box_removed=(20, 22),
+            white_box_removed=(21, 22),
             white_box_added=(14, 22),
             spoofed=(1, 22),
         ),
