@@ -1,6 +1,6 @@
 // The relief on any grid of points, frame after frame: an InputError, or meshes of no more than the
-// points asked for, planar, that say whether they bridge pixels without depth; the same for one
-// thread and for two.
+// points asked for, planar, that say whether they bridge pixels without depth and have a face
+// wherever the dense surface has one; the same for one thread and for two.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -128,6 +128,14 @@ MANIP3D_UNCOUNTED void check(const Grid& grid, const ReliefOptions& options,
   }
   const bool bridges = check_surface(grid, mesh.pixels, mesh.faces, mesh.vertices.rows());
   require(!bridges || result.cover.bridges > 0.0 || grid.any_bits);  // areas may overflow
+  const bool has_surface =
+      result.cover.outside < 1.0 &&
+      std::any_of(grid.valid.begin(), grid.valid.end(), [](std::uint8_t is) { return is != 0; });
+  if (has_surface && options.levels.empty()) {
+    require(mesh.faces.rows() > 0);
+    require(result.off.empty() ||
+            std::find(result.off.begin(), result.off.end(), 0) != result.off.end());
+  }
   require(result.levels.size() == options.levels.size());
   for (std::size_t i = 0; i < result.levels.size(); ++i) {
     require(result.levels[i].num_vertices <= options.levels[i]);

@@ -81,6 +81,71 @@ def test_three_points_are_a_face_between_depth_steps(seed: int, tmp_path: Path) 
     assert io.read_mesh(tmp_path / "a.ply").num_faces == 1
 
 
+def disks(seed: int) -> NDArray[np.uint16]:
+    """Disks at any depth before nothing, with up to a third of the pixels missing."""
+    rng = np.random.default_rng(seed + 10**6)
+    height, width = rng.integers(6, 60, 2)
+    depth = np.zeros((height, width))
+    v, u = np.mgrid[0:height, 0:width]
+    for _ in range(rng.integers(1, 9)):
+        row, column, radius = rng.uniform(0, height), rng.uniform(0, width), rng.uniform(1, 12)
+        depth[(v - row) ** 2 + (u - column) ** 2 < radius**2] = rng.uniform(500, 4000)
+    depth += (depth > 0) * rng.normal(size=depth.shape) * rng.uniform(0, 20)
+    depth[rng.random(depth.shape) < rng.uniform(0, 0.3)] = 0
+    return depth.round().clip(0).astype(np.uint16)
+
+
+@pytest.mark.parametrize("effort", ["live", "fast", "balanced"])
+@pytest.mark.parametrize("step", [None, simplify.DEPTH_STEP])
+def test_relief_leaves_a_face_of_any_number_of_points(
+    effort: simplify.Effort, step: float | None
+) -> None:
+    """The last faces were at pixels that are missing, or across steps."""
+    boxes = [boxes_before_a_slope(seed) for seed in (131, 187, 220, 255, 261, 277, 326, 697)]
+    for depth in boxes + [disks(seed) for seed in (257, 330, 579, 606, 625, 633)]:
+        height, width = depth.shape
+        camera = Intrinsics(width, height, 57.0, 57.0, 31.5, 23.5)
+        for points in (3, 4, 5, 6):
+            found = simplify.relief(depth, camera, points, depth_step=step, effort=effort)
+            if step is not None:
+                found = simplify.cut_depth_steps(found, depth)
+            assert found.num_faces > 0
+            assert found.num_vertices <= points
+            assert (depth[found.pixels[:, 1], found.pixels[:, 0]] > 0).all()
+
+
+def test_few_points_cover_the_largest_faces_between_steps() -> None:
+    """A mesh that collapses on among 60 boxes has most of its faces across steps."""
+    rng = np.random.default_rng(3)
+    depth = np.full((120, 160), 4000, np.uint16)
+    for _ in range(60):
+        v, u = rng.integers(0, 110), rng.integers(0, 150)
+        box = np.s_[v : v + rng.integers(5, 30), u : u + rng.integers(5, 30)]
+        depth[box] = rng.integers(1000, 3500)
+    depth[rng.random(depth.shape) < 0.01] = 0
+    found = simplify.relief(depth, CAMERA, 3, depth_step=simplify.DEPTH_STEP)
+    assert simplify.cut_depth_steps(found, depth).coverage > 0.07  # 0.034 of three last points
+
+
+def test_an_error_tells_how_many_points_leave_a_face(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", boxes_before_a_slope(0))
+    asked = {"method": "cs3", "intrinsics": "57,57,31.5,23.5", "unit": "mm"}
+    with pytest.raises(FormatError, match="3 points are too few, ([0-9]+) leave one") as caught:
+        simplify.simplify_depth_file(
+            tmp_path / "a.npy", tmp_path / "a.ply", simplify.DepthOptions(3, **asked)
+        )
+    enough = int(str(caught.value).split("too few, ")[1].split()[0])
+    for points in range(4, enough):
+        with pytest.raises(FormatError, match="too few"):
+            simplify.simplify_depth_file(
+                tmp_path / "a.npy", tmp_path / "a.ply", simplify.DepthOptions(points, **asked)
+            )
+    made = simplify.simplify_depth_file(
+        tmp_path / "a.npy", tmp_path / "a.ply", simplify.DepthOptions(enough, **asked)
+    )
+    assert made.faces > 0
+
+
 def test_edges_that_pass_behind_something_are_no_steps() -> None:
     depth = slope_behind_pole()
     found = simplify.relief(depth, CAMERA, 6, depth_step=0.05)

@@ -23,6 +23,7 @@ using relief_detail::CutCoverage;
 using relief_detail::EdgeMemory;
 using relief_detail::Keep;
 using relief_detail::kMissingFactor;
+using relief_detail::OffFaces;
 using relief_detail::Surface;
 using relief_detail::Triangle;
 using relief_detail::Triangulation;
@@ -47,6 +48,10 @@ constexpr float kChanceFalse = 3.0F;
 
 /// A surface of every second pixel that lacks more of the dense triangles than this is too thin.
 constexpr double kThin = 0.1;
+
+/// How many times as much is covered where triangles of a finer mesh are better than the whole of a
+/// coarse one: what they leave out is left out altogether, and the mean distance counts it most.
+constexpr double kWorthLeaving = 1.1;
 
 /// What an effort spends. Measured on the Stanford scans; each step pays for itself.
 struct Budget {
@@ -197,7 +202,7 @@ struct Relief::Memory {
   relief_detail::BoundaryMover boundary;
   relief_detail::StartMesh start;
   Triangulation mesh;
-  Triangulation careless;  ///< The same where triangles across steps were not refused.
+  Triangulation best;  ///< Of those that were made before.
   relief_detail::Collapser collapser;
   relief_detail::Refiner refiner;
   std::vector<Vec3> sight;            ///< By vertex: where it may slide.
@@ -244,13 +249,19 @@ struct Relief::Memory {
   void choose_surface(ReliefEffort effort, std::int64_t target);
   void move_boundary(int sweeps);
   void recall(const PointGridView& grid, const ReliefOptions& options);
-  void select(const ReliefOptions& options, std::int64_t target, bool refuses_off,
+  void select(const ReliefOptions& options, std::int64_t target, OffFaces off,
               ReliefResult& result);
-  void make_mesh(const ReliefOptions& options, std::int64_t target, bool refuses_off,
+  void make_mesh(const ReliefOptions& options, std::int64_t target, OffFaces off,
                  ReliefResult& result);
-  double coverage_without_off(const Triangulation& of);
+  double written_coverage(const Triangulation& of);
   void make_best_mesh(const ReliefOptions& options, std::int64_t target, ReliefResult& result);
   void refine(const Budget& budget);
+  /// The surface without what lies over pinholes.
+  [[nodiscard]] const Surface& seen() const {
+    return pinholes.num_filled() > 0 ? measured : surface;
+  }
+  [[nodiscard]] bool is_written(const Triangulation& of, std::int32_t t) const;
+  void keep_a_face(ReliefResult& result);
   void build_meshes(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
   void take_all(ReliefResult& result);
   void fix_vertices();
@@ -323,7 +334,7 @@ void Relief::Memory::recall(const PointGridView& grid, const ReliefOptions& opti
   }
 }
 
-void Relief::Memory::select(const ReliefOptions& options, std::int64_t target, bool refuses_off,
+void Relief::Memory::select(const ReliefOptions& options, std::int64_t target, OffFaces off,
                             ReliefResult& result) {
   const Budget budget = budget_of(options.effort);
   const std::int64_t used = worked->num_used();
@@ -362,8 +373,7 @@ void Relief::Memory::select(const ReliefOptions& options, std::int64_t target, b
   collapser.assign(*worked, mesh, keep, static_cast<float>(options.stability),
                    is_sparse ? kMissingFactor : budget.missing, false_factor);
   if (budget.sweep_share > 0.0F) collapser.sweep(*worked, mesh, target, budget.sweep_share);
-  result.dropped_pixels =
-      area * collapser.run(*worked, mesh, target, budget.round_share, refuses_off);
+  result.dropped_pixels = area * collapser.run(*worked, mesh, target, budget.round_share, off);
   if (result.dropped_pixels > 0) result.stop = ReliefStop::kSmallPieces;
   if (has_many_pixels()) collapser = {};
   mesh.compact();  // what follows goes around its vertices several times
@@ -415,25 +425,38 @@ bool Relief::Memory::holds(const Triangulation& smaller) {
   });
 }
 
-void Relief::Memory::make_mesh(const ReliefOptions& options, std::int64_t target, bool refuses_off,
+void Relief::Memory::make_mesh(const ReliefOptions& options, std::int64_t target, OffFaces off,
                                ReliefResult& result) {
   const Budget budget = budget_of(options.effort);
-  select(options, target, refuses_off, result);
+  select(options, target, off, result);
   // Edges are flipped around the boundary's last places; a quarter of the pixels is quicker.
   if (worked == &surface) move_boundary(budget.boundary_sweeps);
   refine(budget);
   if (worked != &surface) move_boundary(budget.boundary_sweeps);
+  leave_pinholes();
 }
 
-/// Coverage of the triangles that are left when those that lie off the surface are cut.
-double Relief::Memory::coverage_without_off(const Triangulation& of) {
+/// Is a triangle neither at a pinhole nor cut in the end, as it lies off what was measured?
+bool Relief::Memory::is_written(const Triangulation& of, std::int32_t t) const {
+  Triangle pixels{};
+  for (int i = 0; i < 3; ++i) {
+    pixels[i] = of.vertex(of.triangle(t)[i]).pixel;
+    if (is_pinhole(pixels[i])) return false;
+    pixels[i] = seen().pixel_at(surface.input_u(pixels[i]), surface.input_v(pixels[i]));
+    if (pixels[i] < 0) return true;  // nothing else was measured there
+  }
+  return !lies_off(seen(), pixels);
+}
+
+/// Coverage of the triangles that are written and not cut.
+double Relief::Memory::written_coverage(const Triangulation& of) {
   Rows<std::int32_t, 2> pixels(of.num_slots(), 2);
   Rows<std::int32_t, 3> faces(of.num_face_slots(), 3);
   Eigen::Index num_faces = 0;
   for (std::int32_t t = 0; t < of.num_face_slots(); ++t) {
     if (!of.is_face(t)) continue;
     const auto& [a, b, c] = of.triangle(t);
-    if (lies_off(surface, {of.vertex(a).pixel, of.vertex(b).pixel, of.vertex(c).pixel})) continue;
+    if (!is_written(of, t)) continue;
     for (const std::int32_t v : {a, b, c}) {
       const std::int32_t pixel = of.vertex(v).pixel;
       pixels.row(v) << static_cast<std::int32_t>(surface.input_u(pixel)),
@@ -448,16 +471,39 @@ double Relief::Memory::coverage_without_off(const Triangulation& of) {
 /// take most; to refuse them costs surface elsewhere, so that it depends which way leaves more.
 void Relief::Memory::make_best_mesh(const ReliefOptions& options, std::int64_t target,
                                     ReliefResult& result) {
-  make_mesh(options, target, false, result);
+  make_mesh(options, target, OffFaces::kTake, result);
   if (!surface.steps().has_steps() || target > relief_detail::kFew) return;
-  careless = mesh;
-  const auto [stop, dropped] = std::pair(result.stop, result.dropped_pixels);
-  const double covered = coverage_without_off(careless);
-  make_mesh(options, target, true, result);
-  if (coverage_without_off(mesh) > covered) return;
-  std::swap(mesh, careless);
-  result.stop = stop;
-  result.dropped_pixels = dropped;
+  double covered = written_coverage(mesh);
+  for (const OffFaces off : {OffFaces::kAvoid, OffFaces::kNever}) {
+    std::swap(mesh, best);
+    const auto [stop, dropped] = std::pair(result.stop, result.dropped_pixels);
+    make_mesh(options, target, off, result);
+    const double now = written_coverage(mesh);
+    if (now > (off == OffFaces::kNever ? kWorthLeaving * covered : covered)) {
+      covered = now;
+      continue;
+    }
+    std::swap(mesh, best);
+    result.stop = stop;
+    result.dropped_pixels = dropped;
+  }
+}
+
+/// The last triangles may all be at pinholes or off the surface; one of the first triangulation of
+/// what was measured never is.
+void Relief::Memory::keep_a_face(ReliefResult& result) {
+  for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
+    if (mesh.is_face(t) && is_written(mesh, t)) return;
+  }
+  mesh.assign(seen(), start.build(seen(), 0, 1, {}, false));
+  std::vector<Triangle> kept = relief_detail::few_faces(seen(), mesh, 3).corners;
+  for (Triangle& corners : kept) {
+    for (std::int32_t& p : corners) p = surface.pixel_at(seen().input_u(p), seen().input_v(p));
+  }
+  mesh.assign(surface, kept);
+  refiner.assign(mesh);
+  result.stop = ReliefStop::kSmallPieces;
+  result.dropped_pixels = surface.num_used() - relief_detail::doubled_pixels(mesh) / 2;
 }
 
 void Relief::Memory::build_meshes(const PointGridView& grid, const ReliefOptions& options,
@@ -469,7 +515,7 @@ void Relief::Memory::build_meshes(const PointGridView& grid, const ReliefOptions
     recall(grid, options);
     if (!levels.empty()) fix_vertices();
     make_best_mesh(options, target, result);
-    leave_pinholes();
+    if (levels.empty()) keep_a_face(result);
     // The vertices of the next smaller level are fixed. Where this size is hardly larger, they can
     // keep every legal collapse from reaching it; then that level is handed out again.
     if (!levels.empty() && (mesh.num_vertices() > target || !holds(levels.back()))) {
@@ -493,7 +539,7 @@ void Relief::Memory::find_sight(const ReliefOptions& options) {
 
 void Relief::Memory::release_meshes() {
   refiner = {};
-  for (Triangulation* triangulation : {&mesh, &careless}) *triangulation = {};
+  for (Triangulation* triangulation : {&mesh, &best}) *triangulation = {};
   for (auto* vertices : {&order, &sorting, &number, &written_pixels})
     relief_detail::release(*vertices);
   relief_detail::release(placed);
@@ -681,7 +727,7 @@ void Relief::run(const PointGridView& grid, const ReliefOptions& options, Relief
   m.write(taken, options, result);
   if (m.has_many_pixels() && !(options.stability > 1.0)) m.release_meshes();
   const DepthMesh& mesh = result.mesh;
-  const Surface& measured = m.pinholes.num_filled() > 0 ? m.measured : m.surface;
+  const Surface& measured = m.seen();
   find_off(measured, mesh.pixels, mesh.faces, result.off);
   CutCoverage found;
   if (options.measure_coverage) {

@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "simplify/relief_coverage.hpp"
+#include "simplify/relief_few.hpp"
 #include "simplify/relief_raster.hpp"
 
 namespace manip3d::relief_detail {
@@ -47,39 +48,12 @@ float confidence_of(const Surface& surface, const Triangulation& mesh, const Tri
                    surface.confidence(c.pixel)});
 }
 
-/// Twice the area in pixels of all triangles but one.
-std::int64_t doubled_pixels_beside(const Triangulation& mesh, std::int32_t kept) {
-  std::int64_t sum = 0;
-  for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
-    if (t == kept || !mesh.is_face(t)) continue;
-    const auto [a, b, c] = mesh.triangle(t);
-    sum += mesh.orient(a, b, c);
-  }
-  return sum;
-}
-
 Triangle pixels_of(const Triangulation& mesh, const Triangle& t) {
   return {mesh.vertex(t[0]).pixel, mesh.vertex(t[1]).pixel, mesh.vertex(t[2]).pixel};
 }
 
 bool face_lies_off(const Surface& surface, const Triangulation& mesh, const Triangle& t) {
   return lies_off(surface, pixels_of(mesh, t));
-}
-
-/// One that lies on the surface, if there is one.
-std::int32_t largest_face(const Surface& surface, const Triangulation& mesh) {
-  std::int32_t largest = kNone, any = kNone;
-  std::int64_t most = 0, most_of_any = 0;
-  for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
-    if (!mesh.is_face(t)) continue;
-    const auto [a, b, c] = mesh.triangle(t);
-    const std::int64_t doubled = mesh.orient(a, b, c);
-    if (doubled > most_of_any) most_of_any = doubled, any = t;
-    if (doubled <= most || face_lies_off(surface, mesh, mesh.triangle(t))) continue;
-    most = doubled;
-    largest = t;
-  }
-  return largest == kNone ? any : largest;
 }
 
 /// The summands of LocalQuadric::add_plane_through_origin(), four numbers at a time.
@@ -520,18 +494,37 @@ bool Collapser::leave_out_least(Triangulation& mesh) {
   return true;
 }
 
+bool Collapser::refuses_now(const Surface& surface, std::int64_t num_vertices, OffFaces off,
+                            bool forced) {
+  if (!surface.steps().has_steps()) return false;
+  if (off == OffFaces::kNever || num_vertices == 4) return true;
+  return off == OffFaces::kAvoid && num_vertices <= kFew && !forced;
+}
+
+void Collapser::remember_few(const Surface& surface, const Triangulation& mesh,
+                             std::int64_t target) {
+  if (mesh.num_vertices() > few_below_) return;
+  few_below_ = mesh.num_vertices() - std::max<std::int64_t>(1, mesh.num_vertices() / 4);
+  FewFaces faces = few_faces(surface, mesh, target);
+  if (!few_.corners.empty() && faces.covered <= few_.covered) return;
+  few_left_out_ = left_out_ + doubled_pixels(mesh);
+  few_ = std::move(faces);
+}
+
 std::int64_t Collapser::run(const Surface& surface, Triangulation& mesh, std::int64_t target,
-                            float round_share, bool refuses_off) {
+                            float round_share, OffFaces off) {
+  few_ = {};
+  few_below_ = off == OffFaces::kNever ? kFewFrom * target : 0;
   bool all = false;     // the last round found none among the cheapest
   bool forced = false;  // nothing is left but triangles off the surface
   for (std::int32_t round = 0; mesh.num_vertices() > target; ++round) {
     const std::int64_t before = mesh.num_vertices();
+    remember_few(surface, mesh, target);
     // Few vertices go one by one: the second best of a round may be far from the next round's best.
     const auto many = static_cast<float>(std::max<std::int64_t>(before - kFew, 0));
     const std::int64_t share = 1 + static_cast<std::int64_t>(round_share * many);
     const std::int64_t least = std::max(target, before - share);
-    refuses_off_ =
-        surface.steps().has_steps() && (before == 4 || (refuses_off && before <= kFew && !forced));
+    refuses_off_ = refuses_now(surface, before, off, forced);
     // After sweep(), vertices that were far from the cheapest when last looked at are not looked
     // at.
     const bool few = all || before < 8 * kFew || known_.empty();
@@ -549,20 +542,21 @@ std::int64_t Collapser::run(const Surface& surface, Triangulation& mesh, std::in
       made = make(surface, mesh, moves_[i], round, target) || made;
     }
     const bool stuck = !made && all;
-    if (stuck && !leave_out_least(mesh)) {      // other pieces may block the way, as in a hole
-      if (!refuses_off_ || target == 3) break;  // one triangle of many is best
+    if (stuck && !leave_out_least(mesh)) {  // other pieces may block the way, as in a hole
+      if (!refuses_off_ || off == OffFaces::kNever || target == 3) break;
       forced = true;
       continue;
     }
     forced = forced && !made;
     all = !made;
   }
-  if (mesh.num_vertices() > target && !has_fixed_) {
-    const std::int32_t kept = largest_face(surface, mesh);
-    left_out_ += doubled_pixels_beside(mesh, kept);
-    mesh.keep_one(kept);
+  if (has_fixed_ || (mesh.num_vertices() <= target && few_.corners.empty())) {
+    return (left_out_ + 1) / 2;
   }
-  return (left_out_ + 1) / 2;
+  few_below_ = mesh.num_vertices();
+  remember_few(surface, mesh, target);
+  mesh.assign(surface, few_.corners);
+  return (few_left_out_ - doubled_pixels(mesh) + 1) / 2;
 }
 
 }  // namespace manip3d::relief_detail

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "geometry/lanes.hpp"
+#include "simplify/relief_few.hpp"
 #include "simplify/relief_triangulation.hpp"
 
 namespace manip3d::relief_detail {
@@ -31,6 +32,14 @@ struct LocalQuadric {
     return x * (xx * x + 2.0F * (xy * y + xz * z + bx)) + y * (yy * y + 2.0F * (yz * z + by)) +
            z * (zz * z + 2.0F * bz) + c;
   }
+};
+
+/// What to do about triangles that lie a step off the surface.
+enum class OffFaces : std::uint8_t {
+  kTake,   ///< They are made like others; but a last triangle never is one, if there is another.
+  kAvoid,  ///< Among few vertices, they are made only where nothing else is left.
+  kNever   ///< They are never made, and if few_faces() of a mesh with more vertices, on the way
+           ///< to the target, have more pixels than the mesh in the end, these are the result.
 };
 
 /// Removes vertices from a triangulation, always what adds least to the sum of distances between
@@ -61,11 +70,10 @@ class Collapser {
   void sweep(const Surface& surface, Triangulation& mesh, std::int64_t target, float sweep_share);
   /// Stops at `target` vertices, or with more where vertices that stay leave no other way. Best
   /// first in rounds, each of which removes at most the share `round_share` of the vertices.
-  /// @param refuses_off  among few vertices, triangles a step off the surface are made only where
-  ///                     nothing else is left. A last triangle never is one, if there is another.
+  /// Where no way is left to so few, few_faces() of what there is are the result.
   /// @return  pixels of the pieces left out.
   std::int64_t run(const Surface& surface, Triangulation& mesh, std::int64_t target,
-                   float round_share, bool refuses_off);
+                   float round_share, OffFaces off);
 
  private:
   static constexpr std::int32_t kCloseHole = -1, kLeaveOut = -2;
@@ -124,6 +132,10 @@ class Collapser {
   [[nodiscard]] float known_price(const Triangulation& mesh, std::int64_t count);
   void compact(Triangulation& mesh);
   bool leave_out_least(Triangulation& mesh);
+  [[nodiscard]] static bool refuses_now(const Surface& surface, std::int64_t num_vertices,
+                                        OffFaces off, bool forced);
+  /// Finds few_faces() if the mesh has few enough vertices, and keeps those of most pixels so far.
+  void remember_few(const Surface& surface, const Triangulation& mesh, std::int64_t target);
   void leave_out(Triangulation& mesh, std::int32_t piece, std::span<const std::int32_t> faces);
 
   std::vector<Node> nodes_;             ///< By vertex.
@@ -134,7 +146,10 @@ class Collapser {
   bool has_fixed_ = false;
   bool refuses_off_ = false;  ///< No move may make a triangle that lies a step off the surface.
   float boundary_weight_ = 0.0F, cover_factor_ = 0.0F;
-  float least_loss_ = 0.0F;  ///< Least confidence that lost surface is priced with.
+  float least_loss_ = 0.0F;        ///< Least confidence that lost surface is priced with.
+  FewFaces few_;                   ///< Those of most pixels so far.
+  std::int64_t few_left_out_ = 0;  ///< Twice the pixels that they leave out.
+  std::int64_t few_below_ = 0;     ///< They are looked for at so many vertices.
   std::vector<Move> moves_;
   std::vector<float> prices_;
   std::vector<std::int32_t> stack_;
@@ -154,5 +169,8 @@ inline constexpr float kFalseFactor = 10.0F;
 
 /// Each of so few vertices counts; triangles across steps are then a large part of a mesh.
 constexpr std::int64_t kFew = 64;
+
+/// Vertices for each vertex of the target from which on few_faces() are looked for.
+constexpr std::int64_t kFewFrom = 8;
 
 }  // namespace manip3d::relief_detail

@@ -339,6 +339,11 @@ bool lies_off(const Surface& surface, const std::array<std::int32_t, 3>& pixels)
   return surface.steps().has_steps() && orient(t[0], t[1], t[2]) > 0 && lies_off(surface, t);
 }
 
+std::int64_t covered_pixels(const Surface& surface, const std::array<std::int32_t, 3>& pixels) {
+  const Over over = pixels_over(surface, corners_at(surface, pixels));
+  return over.seen - (surface.steps().has_steps() ? over.off : 0);
+}
+
 void find_off(const Surface& surface, const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
               const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,
               std::vector<std::uint8_t>& off) {

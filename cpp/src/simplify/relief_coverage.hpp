@@ -40,7 +40,11 @@ std::vector<float> off_surface(const Surface& surface,
 /// which across_steps() in _depth_steps.py leaves faces out.
 bool lies_off(const Surface& surface, const std::array<std::int32_t, 3>& pixels);
 
-/// The same for each face of a mesh, as 0 or 1; empty if there is no limit on steps.
+/// How many pixels a triangle covers, its corners aside: those of the surface that are no step off
+/// it.
+std::int64_t covered_pixels(const Surface& surface, const std::array<std::int32_t, 3>& pixels);
+
+/// lies_off() for each face of a mesh, as 0 or 1; empty if there is no limit on steps.
 void find_off(const Surface& surface, const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
               const Eigen::Ref<const Rows<std::int32_t, 3>>& faces, std::vector<std::uint8_t>& off);
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "geometry/constants.hpp"
 #include "geometry/lanes.hpp"
@@ -322,7 +323,10 @@ void Refiner::leave_pixels(const Surface& surface, Triangulation& mesh, std::spa
       if (best >= 0) {
         mesh.move(v, surface, best);
       } else if (!merge(surface, mesh, v, fan)) {
-        is_done = false;
+        const std::int32_t nearest =
+            vertex.on_boundary ? nearest_in(surface, mesh, fan, vertex.pixel, is_left) : -1;
+        if (nearest >= 0) mesh.move(v, surface, nearest);
+        is_done = is_done && nearest >= 0;
       }
     }
   }
@@ -336,6 +340,38 @@ bool Refiner::merge(const Surface& surface, Triangulation& mesh, std::int32_t v,
     return true;
   }
   return false;
+}
+
+std::int32_t Refiner::nearest_in(const Surface& surface, const Triangulation& mesh,
+                                 const Triangulation::Fan& fan, std::int32_t pixel,
+                                 const std::function<bool(std::int32_t)>& is_left) {
+  using Place = std::array<std::int32_t, 2>;
+  const auto place_of = [&](std::int32_t v) -> Place {
+    return {mesh.vertex(v).u, mesh.vertex(v).v};
+  };
+  const Place center = {surface.u(pixel), surface.v(pixel)};
+  const auto is_legal = [&](std::int64_t u, std::int64_t v) {
+    for (int i = 0; i < fan.size; ++i) {
+      const Place a = place_of(fan.neighbors[i]), b = place_of(fan.next(i));
+      if ((a[0] - u) * (b[1] - v) - (a[1] - v) * (b[0] - u) <= 0) return false;
+    }
+    return true;
+  };
+  std::int64_t least = std::numeric_limits<std::int64_t>::max();
+  std::int32_t best = -1;
+  for (int i = 0; i < fan.size; ++i) {
+    visit_pixels(surface.cols(), center, place_of(fan.neighbors[i]), place_of(fan.next(i)),
+                 SidePixels::kClosed, [&](std::int32_t other) {
+                   const std::int64_t u = surface.u(other), v = surface.v(other);
+                   const std::int64_t distance =
+                       (u - center[0]) * (u - center[0]) + (v - center[1]) * (v - center[1]);
+                   if (distance >= least || !surface.is_used(other) || is_left(other)) return;
+                   if (mesh.num_at(other) > 0 || !is_legal(u, v)) return;
+                   least = distance;
+                   best = other;
+                 });
+  }
+  return best;
 }
 
 std::int32_t Refiner::best_beside(const Surface& surface, const Triangulation& mesh,

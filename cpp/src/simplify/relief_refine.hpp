@@ -42,7 +42,8 @@ class Refiner {
                     std::span<const Keep> keep);
   /// Empties some pixels: an interior vertex there moves to the used pixel among the 24 around it
   /// that leaves the least error; one that has none, or is on the boundary, merges into a neighbour
-  /// where that is legal.
+  /// where that is legal. Else one on the boundary moves to the nearest such pixel that lies in its
+  /// triangles.
   void leave_pixels(const Surface& surface, Triangulation& mesh, std::span<const Keep> keep,
                     const std::function<bool(std::int32_t)>& is_left);
   /// Slides each vertex in its direction: by what gives the least sum of squared distances
@@ -71,6 +72,10 @@ class Refiner {
   static std::int32_t best_beside(const Surface& surface, const Triangulation& mesh,
                                   const Triangulation::Fan& fan, std::int32_t pixel,
                                   const std::function<bool(std::int32_t)>& is_left);
+  /// The nearest used pixel in a fan's triangles that its centre may move to; -1: there is none.
+  static std::int32_t nearest_in(const Surface& surface, const Triangulation& mesh,
+                                 const Triangulation::Fan& fan, std::int32_t pixel,
+                                 const std::function<bool(std::int32_t)>& is_left);
   float mean_error(const Surface& surface, const Triangulation& mesh);
   float error_of(const Surface& surface, const Triangulation& mesh, std::int32_t t);
 

@@ -170,22 +170,6 @@ void Triangulation::remove_vertex(std::int32_t v) {
   --num_at_[vertices_[v].pixel];
 }
 
-void Triangulation::keep_one(std::int32_t t) {
-  for (std::int32_t other = 0; other < num_face_slots(); ++other) {
-    if (other != t) faces_[other].corners = {kNone, kNone, kNone};
-  }
-  for (std::int32_t v = 0; v < num_slots(); ++v) {
-    if (!vertices_[v].alive()) continue;
-    if (corner(faces_[t].corners, v) == 2 && faces_[t].corners[2] != v) {
-      remove_vertex(v);
-    } else {
-      vertices_[v].triangle = t;
-      vertices_[v].on_boundary = true;
-    }
-  }
-  faces_[t].neighbors = {kNone, kNone, kNone};
-}
-
 void Triangulation::remove_piece(std::span<const std::int32_t> faces) {
   for (const std::int32_t t : faces) {
     for (const std::int32_t v : faces_[t].corners) {

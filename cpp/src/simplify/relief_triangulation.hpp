@@ -63,9 +63,6 @@ class Triangulation {
   /// Removes triangles that have no neighbours but each other.
   void remove_piece(std::span<const std::int32_t> faces);
 
-  /// Removes all triangles but one.
-  void keep_one(std::int32_t t);
-
   [[nodiscard]] std::int32_t num_slots() const {
     return static_cast<std::int32_t>(vertices_.size());
   }

@@ -56,6 +56,7 @@ _METHODS = ("relief", "cs3", "uniform", "poisson", "ssa")
 _IMAGE_SUFFIXES = (*DEPTH_SUFFIXES, ".jpg", ".jpeg", ".bmp", ".ppm", ".webp")
 _YUP_SUFFIXES = (".glb", ".gltf")
 _FRAMES_FOR_A_GUESS = 9
+_ONE_BY_ONE = 64  # numbers of points that are tried for a first face
 _BYTES_PER_POINT = 40.0  # of a .glb: a vertex with texture coordinates and two faces
 SPARSE_WORDS = (
     "most measured pixels stand alone, as in an image that a LiDAR was projected into: no method "
@@ -313,16 +314,8 @@ def simplify_depth(
     if options.points is None:
         raise InputError("options.points: expected a number, as nothing is written here, got None")
 
-    def uncut_of(points: int) -> DepthSimplification:
-        return _uncut(image, intrinsics, options, points, color, registration, confidence)
-
-    uncut = uncut_of(options.points)
-    if not options.depth_step:
-        return uncut
-    found = cut_depth_steps(uncut, image, step=options.depth_step)
-    if options.method != "relief":
-        return found
-    return _with_a_face(found, uncut_of, options.depth_step, options.points)
+    uncut = _uncut(image, intrinsics, options, options.points, color, registration, confidence)
+    return cut_depth_steps(uncut, image, step=options.depth_step) if options.depth_step else uncut
 
 
 def _uncut(
@@ -547,8 +540,6 @@ def from_depth(
         seen = uncut.surface.depth  # the image, or its mean over time
         if options.depth_step:
             found = cut_depth_steps(uncut, seen, step=options.depth_step)
-            if options.method == "relief":
-                found = _with_a_face(found, uncut_of, options.depth_step, points)
         left, left_area = 0, 0.0
         if not options.depth_step and options.max_edge is None:
             without = cut_depth_steps(uncut, seen)
@@ -566,30 +557,6 @@ def from_depth(
     made = _write(make, path, output, options, measured, has_steps=options.depth_step > 0)
     made = replace(made, seconds=made.seconds + taking_up)
     return _result(path, output, options, made, measured, depth=words, unit=unit)
-
-
-def _with_a_face(
-    found: DepthSimplification,
-    uncut_of: Callable[[int], DepthSimplification],
-    step: float,
-    points: int,
-) -> DepthSimplification:
-    """Take the largest face that a few more points leave, where no face is left of so few.
-
-    The last faces may all lie across depth steps, or be those of a piece of four points.
-    """
-    for more in (1, 2, 4, 8, 16, 32, 64):
-        if found.num_faces:
-            break
-        uncut = uncut_of(points + more)
-        assert isinstance(uncut.surface, DenseImage)
-        found = cut_depth_steps(uncut, uncut.surface.depth, step=step)
-        if found.num_used > points:
-            first, second, third = (found.pixels[corner].astype(float) for corner in found.faces.T)
-            one, other = second - first, third - first
-            area = np.abs(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0])
-            found = found.with_faces(np.ascontiguousarray(found.faces[[area.argmax()]]))
-    return found
 
 
 @dataclass(frozen=True)
@@ -643,8 +610,7 @@ def _write(
     allowance = options.max_bytes
     if allowance is None:
         assert options.points is not None
-        made = make(options.points)
-        _expect_faces(made, source, options, measured, has_steps=has_steps)
+        made = _with_faces(make, options.points, source, options, measured, has_steps=has_steps)
         write_mesh(made.mesh, output)
         return made
     seconds, least = 0.0, 0
@@ -654,8 +620,7 @@ def _write(
             nonlocal seconds, least
             trial = Path(folder, str(points), output.name)
             trial.parent.mkdir(exist_ok=True)
-            made = make(points)
-            _expect_faces(made, source, options, measured, has_steps=has_steps)
+            made = _with_faces(make, points, source, options, measured, has_steps=has_steps)
             seconds += made.seconds
             write_mesh(made.mesh, trial)
             least = sum(path.stat().st_size for path in trial.parent.iterdir())
@@ -679,12 +644,30 @@ def _write(
     return replace(fitting, seconds=seconds)
 
 
-def _expect_faces(
-    made: _Made, source: Path, options: DepthOptions, measured: Measured, *, has_steps: bool
-) -> None:
+def _enough_points(make: Callable[[int], _Made], points: int, most: int) -> int | None:
+    """The least number above ``points`` that leaves a face; farther up only doubled ones count."""
+    one_by_one = points + _ONE_BY_ONE
+    more = points + 1
+    while more <= most:
+        if make(more).mesh.num_faces > 0:
+            return more
+        more = more + 1 if more < one_by_one else 2 * more
+    return None
+
+
+def _with_faces(
+    make: Callable[[int], _Made],
+    points: int,
+    source: Path,
+    options: DepthOptions,
+    measured: Measured,
+    *,
+    has_steps: bool,
+) -> _Made:
     """An empty mesh is never written: nobody would look for the reason."""
+    made = make(points)
     if made.mesh.num_faces > 0:
-        return
+        return made
     pixels = "1 measured pixel" if measured.pixels == 1 else f"{measured.pixels} measured pixels"
     if measured.pixels == 0:
         found = "found no measured pixel (of those that the mask leaves)"
@@ -699,6 +682,9 @@ def _expect_faces(
         found = f"found {pixels}, but no face between those that were chosen"
     if is_sparse(measured.lone, measured.pixels):
         found += f"; {SPARSE_WORDS}"
+    if measured.pixels > 0 and options.method != "relief":  # that one leaves a face of any number
+        enough = _enough_points(make, points, measured.pixels)
+        found += f"; {points} points are too few, {enough} leave one" if enough else ""
     raise FormatError(f"expected a surface, {found}", file=str(source))
 
 

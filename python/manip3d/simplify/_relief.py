@@ -68,7 +68,7 @@ class Relief(DepthSimplification):
     stop : 'target', 'all_points', 'small_pieces', 'smaller_level' or 'bandwidth'
         Reduced to the target; the surface has no more points than that; pieces were left out:
         small separate ones, whose points serve better elsewhere, triangles at an unmeasured pixel
-        that no collapse could leave, or all but one triangle where no collapse is left; or the
+        that no collapse could leave, or all but few triangles where no collapse is left; or the
         vertices of a smaller level left no way to more, so that its mesh is the result.
         ``bandwidth`` (`ReliefStream`): not even three points fit into the bytes that are left, and
         the mesh is empty.
