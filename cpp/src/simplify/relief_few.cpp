@@ -9,9 +9,7 @@
 namespace manip3d::relief_detail {
 namespace {
 
-constexpr std::int32_t kNone = Triangulation::kNone;
-
-Triangle pixels_of(const Triangulation& mesh, std::int32_t t) {
+Triangle corner_pixels(const Triangulation& mesh, std::int32_t t) {
   const auto [a, b, c] = mesh.triangle(t);
   return {mesh.vertex(a).pixel, mesh.vertex(b).pixel, mesh.vertex(c).pixel};
 }
@@ -59,8 +57,9 @@ class Chooser {
 
   /// How many vertices it adds: a triangle at two taken ones joins their fans.
   [[nodiscard]] int cost_of(std::int32_t t) const {
-    const auto beside = std::ranges::count_if(
-        mesh_.neighbors(t), [this](std::int32_t n) { return n != kNone && states_[n] == kTaken; });
+    const auto beside = std::ranges::count_if(mesh_.neighbors(t), [this](std::int32_t n) {
+      return n != Triangulation::kNone && states_[n] == kTaken;
+    });
     return beside == 0 ? 3 : beside == 1 ? 1 : 0;
   }
   void push(std::int32_t t) {
@@ -71,10 +70,10 @@ class Chooser {
   void take(std::int32_t t) {
     room_ -= cost_of(t);
     states_[t] = kTaken;
-    chosen_.corners.push_back(pixels_of(mesh_, t));
+    chosen_.corners.push_back(corner_pixels(mesh_, t));
     chosen_.covered += covered_[t];
     for (const std::int32_t n : mesh_.neighbors(t)) {
-      if (n != kNone && states_[n] == kOffered) push(n);
+      if (n != Triangulation::kNone && states_[n] == kOffered) push(n);
     }
   }
 
@@ -91,17 +90,19 @@ class Chooser {
 FewFaces few_faces(const Surface& surface, const Triangulation& mesh, std::int64_t most_vertices) {
   FewFaces chosen;
   Chooser chooser(mesh, most_vertices, chosen);
-  std::int32_t largest = kNone;
+  std::int32_t largest = Triangulation::kNone;
   for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
     if (!mesh.is_face(t)) continue;
-    if (largest == kNone || doubled_pixels_of(mesh, t) > doubled_pixels_of(mesh, largest)) {
+    if (largest == Triangulation::kNone ||
+        doubled_pixels_of(mesh, t) > doubled_pixels_of(mesh, largest)) {
       largest = t;
     }
-    const Triangle pixels = pixels_of(mesh, t);
+    const Triangle pixels = corner_pixels(mesh, t);
     if (!lies_off(surface, pixels)) chooser.offer(t, covered_pixels(surface, pixels));
   }
   chooser.choose();
-  if (chosen.corners.empty() && largest != kNone) chosen.corners = {pixels_of(mesh, largest)};
+  if (chosen.corners.empty() && largest != Triangulation::kNone)
+    chosen.corners = {corner_pixels(mesh, largest)};
   return chosen;
 }
 
