@@ -379,7 +379,28 @@ def test_the_coordinates_named_by_a_texture_transform_replace_the_textures_own(
     assert sorted(seen.mesh.materials[0].textures) == ["base_color", "metallic_roughness"]
     assert seen.mesh.texcoords is not None
     assert seen.mesh.texcoords[:, 0].max() == 2.0
-    assert "textures on TEXCOORD_1 and above are left out" in seen.warnings
+    others = "textures on other texture coordinates than the first of their material are left out"
+    assert others in seen.warnings
+
+
+def test_a_material_whose_textures_lie_on_another_set_takes_its_coordinates(tmp_path: Path) -> None:
+    scene = Scene()
+    position, first = scene.accessor(SQUARE), scene.accessor([[0, 0]] * 4)
+    second = scene.accessor([[0, 0], [1, 0], [0, 1], [1, 1]])
+    image = "data:image/png;base64,aGFsbG8="
+    scene.json["images"], scene.json["textures"] = [{"uri": image}], [{"source": 0}]
+    scene.json["materials"] = [
+        {
+            "pbrMetallicRoughness": {"baseColorTexture": {"index": 0, "texCoord": 1}},
+            "normalTexture": {"index": 0},
+        }
+    ]
+    attributes = {"POSITION": position, "TEXCOORD_0": first, "TEXCOORD_1": second}
+    scene.primitive(attributes, mode=5, material=0)
+    seen = report(tmp_path, scene.glb())
+    assert sorted(seen.mesh.materials[0].textures) == ["base_color"]  # the others lie elsewhere
+    assert seen.mesh.texcoords is not None
+    assert np.ptp(seen.mesh.texcoords, axis=0).tolist() == [1.0, 1.0]
 
 
 @pytest.mark.parametrize(
@@ -523,7 +544,11 @@ EMISSIVE_STRENGTH = {"KHR_materials_emissive_strength": {"emissiveStrength": 4}}
         ({"emissiveFactor": [1, 0.5, 1], "emissiveTexture": {"index": 0}}, (1, 0.5, 1), True),
         # a texture that is left out: the factor is not that of the surface
         (
-            {"emissiveFactor": [1, 1, 1], "emissiveTexture": {"index": 0, "texCoord": 1}},
+            {
+                "normalTexture": {"index": 0},
+                "emissiveFactor": [1, 1, 1],
+                "emissiveTexture": {"index": 0, "texCoord": 1},
+            },
             (0, 0, 0),
             False,
         ),

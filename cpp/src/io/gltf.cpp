@@ -46,6 +46,7 @@ constexpr const char* kTextureTransform = "KHR_texture_transform";
 /// offset, rotation (radians) and scale of KHR_texture_transform: glTF's (u, v) becomes
 /// offset + R (scale * (u, v)), R counter-clockwise as seen, where v points down.
 struct TextureTransform {
+  std::int64_t set = 0;  ///< The TEXCOORD that it transforms.
   std::array<double, 2> offset = {0.0, 0.0};
   double rotation = 0.0;
   std::array<double, 2> scale = {1.0, 1.0};
@@ -528,7 +529,13 @@ class Reader {
       return std::nullopt;
     }
     p.normal = attribute(attributes, "NORMAL", 3, 3);
-    p.texcoord = attribute(attributes, "TEXCOORD_0", 2, 2);
+    if (const auto material = place.find("material")) {
+      static_cast<void>(document_.object("materials", *material));  // checks the index
+      p.material = static_cast<std::int32_t>(material->integer(0, (std::int64_t{1} << 31) - 1));
+      if (!is_scene_) p.texture = texture_transform(document_.object("materials", *material));
+    }
+    const std::string set = "TEXCOORD_" + std::to_string(p.texture.set);
+    p.texcoord = attribute(attributes, set.c_str(), 2, 2);
     p.color = attribute(attributes, "COLOR_0", 3, 4);
     for (const GltfAccessor* other : {p.normal, p.texcoord, p.color}) {
       if (other != nullptr && other->count != p.position->count) {
@@ -540,11 +547,6 @@ class Reader {
       p.indices = &document_.accessor(*indices);
       p.indices->check_indices();
     }
-    if (const auto material = place.find("material")) {
-      static_cast<void>(document_.object("materials", *material));  // checks the index
-      p.material = static_cast<std::int32_t>(material->integer(0, (std::int64_t{1} << 31) - 1));
-      if (!is_scene_) p.texture = texture_transform(document_.object("materials", *material));
-    }
     if (p.mode == kTriangles && p.num_corners() % 3 != 0) {
       place.fail(std::to_string(p.num_corners()) + " corners do not make whole triangles");
     }
@@ -552,7 +554,8 @@ class Reader {
   }
 
   /// The transform of a material's first texture, which is applied to the texture coordinates
-  /// because a TriangleMesh has no other place for it. Textures placed otherwise are left out.
+  /// that it names because a TriangleMesh has no other place for it. Textures placed otherwise are
+  /// left out.
   static TextureTransform texture_transform(const JsonPlace& material) {
     if (const auto pbr = material.find("pbrMetallicRoughness")) {
       for (const char* key : {"baseColorTexture", "metallicRoughnessTexture"}) {
@@ -565,7 +568,7 @@ class Reader {
     return {};
   }
 
-  /// How a texture lies on TEXCOORD_0; null where there is none, or it lies on other coordinates.
+  /// How a texture lies on which texture coordinates; null where there is none.
   static std::optional<TextureTransform> placement(const JsonPlace& owner, const char* key) {
     const auto info = owner.find(key);
     if (!info) return std::nullopt;
@@ -573,8 +576,9 @@ class Reader {
     const auto given = extensions ? extensions->find(kTextureTransform) : std::nullopt;
     auto set = given ? given->find("texCoord") : std::nullopt;  // replaces the texture's own
     if (!set) set = info->find("texCoord");
-    if (set && set->integer(0, 255) != 0) return std::nullopt;
-    return given ? read_texture_transform(*given) : TextureTransform();
+    TextureTransform transform = given ? read_texture_transform(*given) : TextureTransform();
+    if (set) transform.set = set->integer(0, 255);
+    return transform;
   }
 
   static TextureTransform read_texture_transform(const JsonPlace& place) {
@@ -908,8 +912,9 @@ class Reader {
     const auto info = owner.find(key);
     if (!info) return;
     const auto placed = placement(owner, key);
-    if (!placed) {
-      warn_once("textures on TEXCOORD_1 and above are left out");
+    if (placed->set != (shared ? shared->set : 0)) {
+      warn_once("textures on other texture coordinates than the first of their material are left "
+                "out");
       return;
     }
     if (shared && *placed != *shared) {
