@@ -1,5 +1,6 @@
-// Headers that most files include. In a unity build CMake compiles them once for each target: for the
-// tests, and with clang for all. Each file still includes what it uses: other builds have no such header.
+// Headers that most files include. In a unity build CMake compiles them once for each target: for
+// the tests, and with clang for all. Each file still includes what it uses: other builds have no
+// such header.
 #pragma once
 
 #include <Eigen/Core>

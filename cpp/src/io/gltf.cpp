@@ -913,8 +913,9 @@ class Reader {
     if (!info) return;
     const auto placed = placement(owner, key);
     if (placed->set != (shared ? shared->set : 0)) {
-      warn_once("textures on other texture coordinates than the first of their material are left "
-                "out");
+      warn_once(
+          "textures on other texture coordinates than the first of their material are left "
+          "out");
       return;
     }
     if (shared && *placed != *shared) {

@@ -83,8 +83,8 @@ struct Header {
   std::vector<std::string> remarks;  ///< Lines of comment and obj_info, whole.
 };
 
-/// The comment that names a material: `comment material N NAME`, or, as some readers refuse a header
-/// that is not ASCII, `comment material_utf8 N NAME` with such bytes, and '%', as % and two
+/// The comment that names a material: `comment material N NAME`, or, as some readers refuse a
+/// header that is not ASCII, `comment material_utf8 N NAME` with such bytes, and '%', as % and two
 /// hexadecimal digits.
 std::string material_comment(std::size_t index, const std::string& name);
 

@@ -55,8 +55,8 @@ double mean_distance(const Triangle3& corners, std::span<const Vector3d> from) {
 /// Whether a face has the edge v a, but not the vertex t.
 bool has_face_without(const CollapseMesh& mesh, std::int32_t v, std::int32_t a, std::int32_t t) {
   bool has_one = false;
-  mesh.for_each_face_between(
-      v, a, [&](std::int32_t f) { has_one = has_one || !touches(mesh, f, t); });
+  mesh.for_each_face_between(v, a,
+                             [&](std::int32_t f) { has_one = has_one || !touches(mesh, f, t); });
   return has_one;
 }
 
