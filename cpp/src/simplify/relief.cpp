@@ -202,7 +202,7 @@ struct Relief::Memory {
   relief_detail::BoundaryMover boundary;
   relief_detail::StartMesh start;
   Triangulation mesh;
-  Triangulation best;  ///< Of those that were made before.
+  Triangulation best;  ///< The best of those that were made before.
   relief_detail::Collapser collapser;
   relief_detail::Refiner refiner;
   std::vector<Vec3> sight;            ///< By vertex: where it may slide.
