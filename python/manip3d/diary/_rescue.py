@@ -18,7 +18,7 @@ from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.diary import _schema as schema
 from manip3d.errors import FormatError, InputError
-from manip3d.io._files import atomic_path
+from manip3d.io._files import atomic_path, open_regular
 
 _FIRST, _LAST = -(2**63), 2**63 - 1  # before and behind the numbers of rows in SQLite
 _HEAD_BYTES = 100  # of a file of SQLite
@@ -138,7 +138,7 @@ def _whole(source: Path, made: Path) -> Iterator[Path]:
 
     SQLite reads nothing of a file that has fewer pages than its head says.
     """
-    with source.open("rb") as file:
+    with open_regular(source) as file:
         head = file.read(_HEAD_BYTES)
     page = int.from_bytes(head[16:18], "big")
     page = 65536 if page == 1 else page
