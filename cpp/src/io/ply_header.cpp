@@ -71,7 +71,7 @@ std::string encoded(std::string_view text) {
   return result;
 }
 
-/// What is no % with two hexadecimal digits stays as it is.
+/// A % that two hexadecimal digits do not follow stays as it is.
 std::string decoded(std::string_view text) {
   std::string result;
   for (std::size_t i = 0; i < text.size(); ++i) {

@@ -302,7 +302,7 @@ double Prices::lost_strip(std::int32_t v, std::int32_t t, const Vector3d& p) con
     if (has_face_without(mesh_, v, tip, t) || has_face_without(mesh_, t, tip, v)) return;
     Triangle3 corners;
     for (std::size_t c = 0; c < 3; ++c) corners[c] = mesh_.position(face[c]);
-    // What is left nearby: faces around the new vertex and around the tip.
+    // Faces around the new vertex and around the tip are left nearby.
     std::array<Vector3d, 2> left{p, mesh_.position(tip)};
     const bool has_tip = has_faces_beside(mesh_, tip, v, t);
     const bool has_new =

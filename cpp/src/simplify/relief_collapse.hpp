@@ -34,7 +34,7 @@ struct LocalQuadric {
   }
 };
 
-/// What to do about triangles that lie a step off the surface.
+/// The treatment of triangles that lie a step off the surface.
 enum class OffFaces : std::uint8_t {
   kTake,   ///< They are made like others; but a last triangle never is one, if there is another.
   kAvoid,  ///< Among few vertices, they are made only where nothing else is left.
@@ -70,7 +70,7 @@ class Collapser {
   void sweep(const Surface& surface, Triangulation& mesh, std::int64_t target, float sweep_share);
   /// Stops at `target` vertices, or with more where vertices that stay leave no other way. Best
   /// first in rounds, each of which removes at most the share `round_share` of the vertices.
-  /// Where no way is left to so few, few_faces() of what there is are the result.
+  /// If no collapse leads down to `target`, few_faces() of the mesh at that point are the result.
   /// @return  pixels of the pieces left out.
   std::int64_t run(const Surface& surface, Triangulation& mesh, std::int64_t target,
                    float round_share, OffFaces off);

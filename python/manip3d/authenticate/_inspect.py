@@ -608,7 +608,7 @@ def _processing_of_points(
     generic: GenericResult | None,
     once: NDArray[np.int64] | None,
 ) -> tuple[Processing, ...]:
-    """What was done to all points; the roundings of an embedding are named as the embedding's."""
+    """Find what was done to all points; roundings of an embedding are named as the embedding's."""
     sensor, reading = case.identified
     coarse = rounding_of(case.embedding, case.units_per_m)
     seen, reading = (centred, reading) if once is None else (centred.select(once), None)

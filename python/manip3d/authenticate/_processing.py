@@ -584,7 +584,7 @@ def _processing_of_extent(
     *,
     is_in_order: bool,
 ) -> list[Processing]:
-    """What was cut off or thinned out, and whether the rings begin elsewhere than the scanner's.
+    """Find what was cut off or thinned out, and whether the rings begin elsewhere than usual.
 
     Each kind of cut leaves silence: firings that have no return although those beside them do.
     """

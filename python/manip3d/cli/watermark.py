@@ -75,6 +75,10 @@ MOST_POINTS = 10_000_000
 """Points of a scan that a verifier looks at, unless it says otherwise."""
 
 
+_OPTION_OF = {"sessions": "session", "max_age_s": "max-age", "max_points": "max-points"}
+"""Options of fields of `Policy` that have another name."""
+
+
 def policy_of(
     *,
     embedding: str,
@@ -88,8 +92,6 @@ def policy_of(
     """The verifier's policy that the options of a command say."""
     from manip3d import authenticate
 
-    if max_age is not None and not 0.0 < max_age < 9e9:
-        raise InputError(f"--max-age: expected more than 0 and below 9e9, got {max_age:g}")
     try:
         return authenticate.Policy(
             embeddings=(embedding,) if embedding else authenticate.EMBEDDINGS,
@@ -100,8 +102,9 @@ def policy_of(
             max_points=max_points,
             carriers=(carrier,),
         )
-    except InputError as error:  # an option gives one of what the policy takes several of
-        raise InputError("--" + str(error).replace("sessions:", "session:", 1)) from error
+    except InputError as error:
+        name, colon, rest = str(error).partition(":")
+        raise InputError(f"--{_OPTION_OF.get(name, name)}{colon}{rest}") from error
 
 
 @app.command("keygen")

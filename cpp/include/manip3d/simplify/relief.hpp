@@ -84,17 +84,16 @@ struct ReliefResult {
 ///    surface ends: there a contour has a vertex at each pixel at which it turns, and what is left
 ///    of the square few others.
 /// 2. Holes down to three vertices are closed, bays of pixels without surface filled and pieces
-/// down
-///    to one triangle left out where that costs less than the next collapse, so that any target is
-///    met. With 64 points or fewer, and steps, two more meshes are made: one without triangles that
-///    a step keeps apart, and some triangles of a finer mesh, those that cover most; the one that
-///    covers most is the result. A surface always keeps a triangle. Edges collapse onto one of
-///    their ends, priced by how much sqrt(area x quadric) grows: an estimate of area times
-///    distance, what the mean measures, where quadrics alone [Garland & Heckbert 1997] measure
-///    squares. Vertices on the boundary then move pixel by pixel to where the surface ends. kLive
-///    does all but that with every second pixel, where there are 64 or more to a vertex, and most
-///    collapses in the order of the vertices, below a limit for the price that rises from pass to
-///    pass.
+///    down to one triangle left out where that costs less than the next collapse, so that any
+///    target is met. With 64 points or fewer, and steps, two more meshes are made: one without
+///    triangles that a step keeps apart, and some triangles of a finer mesh, those that cover most;
+///    the one that covers most is the result. Without `levels` a surface always keeps a triangle.
+///    Edges collapse onto one of their ends, priced by how much sqrt(area x quadric) grows: an
+///    estimate of area times distance, what the mean measures, where quadrics alone [Garland &
+///    Heckbert 1997] measure squares. Vertices on the boundary then move pixel by pixel to where
+///    the surface ends. kLive does all but that with every second pixel, where there are 64 or more
+///    to a vertex, and most collapses in the order of the vertices, below a limit for the price
+///    that rises from pass to pass.
 /// 3. Edges are flipped and vertices moved to other measured points nearby while that lowers the
 ///    sum of distances between the pixels and the planes of their triangles [cf. Dyn, Levin &
 ///    Rippa 1990, data dependent triangulations]. kLive flips by twelve pixels of each pair of
