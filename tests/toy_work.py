@@ -16,17 +16,19 @@ from manip3d.errors import FormatError
 def upper(
     source: Path, output: Path | None, *, log: str = "", seconds: float = 0.0, die: str = ""
 ) -> dict[str, Any]:
-    """Write a text in capitals; leave a line in a log when it begins and when it ends."""
+    """Write a text in capitals; leave a line in a log when it begins and when it ends or fails."""
     _note(log, f"begin {source.name} {os.getpid()}")
     if source.name == die:
         os.kill(os.getpid(), signal.SIGKILL)
-    text = source.read_text()
-    if "bad" in text:
-        raise ValueError(f"{source}: bad text")
-    time.sleep(seconds)
-    if output is not None:
-        output.write_text(text.upper())
-    _note(log, f"end {source.name} {os.getpid()}")
+    try:
+        text = source.read_text()
+        if "bad" in text:
+            raise ValueError(f"{source}: bad text")
+        time.sleep(seconds)
+        if output is not None:
+            output.write_text(text.upper())
+    finally:
+        _note(log, f"end {source.name} {os.getpid()}")
     return {"length": np.int64(len(text)), "nested": {"pair": (1, 2)}, "read": str(source)}
 
 
