@@ -86,7 +86,7 @@ def profile(limb: str, frames: list[RgbdFrame], rounds: int) -> Profile:
                 frame.calibration.registration,
                 frame.color,
                 frame.skeletons,
-                frame.time,
+                frame.time_ns,
                 frame.number,
                 buffers,
             )

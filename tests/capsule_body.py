@@ -178,7 +178,7 @@ def frame(
         RgbdCalibration(camera),
         body_index=index,
         skeletons=(skeleton,) if people is None else people,
-        time=number * 33_333_333,
+        time_ns=number * 33_333_333,
         number=number,
     )
 
@@ -215,6 +215,6 @@ def painted(number: int, *, hidden: bool = False) -> RgbdFrame:
         RgbdCalibration(SMALL),
         body_index=index,
         skeletons=(skeleton,),
-        time=number * 33_333_333,
+        time_ns=number * 33_333_333,
         number=number,
     )

@@ -50,14 +50,14 @@ def frames(
             else None,
             body_index=rng.choice(np.array([0, 2, 255], np.uint8), (camera.height, camera.width)),
             skeletons=(skeleton(rng),),
-            time=10**15 + i * STEP,
+            time_ns=10**15 + i * STEP,
             number=i + i // 2,
         )
 
 
 def assert_same(a: RgbdFrame, b: RgbdFrame, *, color: bool = True) -> None:
     """Bit for bit."""
-    assert (a.time, a.number) == (b.time, b.number)
+    assert (a.time_ns, a.number) == (b.time_ns, b.number)
     images = ["depth", "body_index", *(["color"] if color else [])]
     for name in images:
         first, second = getattr(a, name), getattr(b, name)

@@ -75,7 +75,7 @@ RgbdCalibration to_calibration(const py::handle& calibration) {
 
 void to_frame(const py::handle& from, RgbdFrame& frame) {
   frame.number = from.attr("number").cast<std::int64_t>();
-  frame.time_ns = from.attr("time").cast<std::int64_t>();
+  frame.time_ns = from.attr("time_ns").cast<std::int64_t>();
   const auto depth = from.attr("depth").cast<CArray<std::uint16_t>>();
   frame.rows = depth.shape(0);
   frame.cols = depth.shape(1);

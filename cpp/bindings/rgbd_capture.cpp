@@ -91,7 +91,7 @@ Fields frame_fields(RgbdFrame&& frame) {
   py::list skeletons;
   for (const Skeleton& skeleton : frame.skeletons) skeletons.append(from_skeleton(skeleton));
   fields["skeletons"] = std::move(skeletons);
-  fields["time"] = frame.time_ns;
+  fields["time_ns"] = frame.time_ns;
   fields["number"] = frame.number;
   fields["grabbed_ns"] = frame.grabbed_ns;
   return fields;

@@ -149,7 +149,7 @@ class RgbdFrame(Showable):
         Number of the person that the pixel belongs to, or `NO_BODY`.
     skeletons : tuple of Skeleton
         Skeletons of the people that the sensor keeps track of.
-    time : int
+    time_ns : int
         Time of the depth image, nanoseconds by the sensor's clock.
     number : int
         Counts what the sensor made, so that gaps show frames that were lost.
@@ -169,7 +169,7 @@ class RgbdFrame(Showable):
     color: NDArray[np.uint8] | None = None
     body_index: NDArray[np.uint8] | None = None
     skeletons: tuple[Skeleton, ...] = ()
-    time: int = 0
+    time_ns: int = 0
     number: int = 0
     grabbed_ns: int = 0
 
@@ -193,7 +193,7 @@ class RgbdFrame(Showable):
         ):
             raise InputError(f"frame.skeletons: expected a tuple of them, got {self.skeletons!r}")
         object.__setattr__(self, "skeletons", tuple(self.skeletons))
-        for name in ("time", "number", "grabbed_ns"):
+        for name in ("time_ns", "number", "grabbed_ns"):
             object.__setattr__(self, name, _int64(f"frame.{name}", getattr(self, name)))
 
     def __repr__(self) -> str:
@@ -205,7 +205,7 @@ class RgbdFrame(Showable):
             parts.append("people's pixels")
         if self.skeletons:
             parts.append(f"{len(self.skeletons)} skeleton{'s' if len(self.skeletons) > 1 else ''}")
-        parts.append(f"number {self.number}, t = {self.time / 1e9:.3f} s")
+        parts.append(f"number {self.number}, t = {self.time_ns / 1e9:.3f} s")
         return f"<manip3d.RgbdFrame: {'; '.join(parts)}>"
 
 

@@ -221,7 +221,7 @@ def test_dask_outlives_a_worker_that_is_killed(tmp_path: Path) -> None:
             os.kill(killed[0], signal.SIGKILL)
 
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=None
+        n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0"
     ) as cluster:
         summary = batch.run(
             upper, source, tmp_path / "out", dask=cluster.scheduler_address,
@@ -245,7 +245,9 @@ def test_a_task_that_kills_every_dask_worker_is_given_up(texts: Path, tmp_path: 
     (texts / "b.txt").write_text("two")
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": 1}),
-        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as it,
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0"
+        ) as it,
     ):
         summary = batch.run(upper, texts, tmp_path / "out", suffixes=[".txt"],
                             dask=it.scheduler_address, options={"die": "a.txt"})  # fmt: skip

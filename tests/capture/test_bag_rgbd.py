@@ -94,7 +94,7 @@ def test_depth_and_the_colours_of_the_nearest_time(tmp_path: Path) -> None:
     for _ in range(2):
         frames = list(source)
         assert [f.number for f in frames] == [0, 1, 2, 3, 4]
-        assert [f.time for f in frames] == [round(1e9 + n * 1e8) for n in (0, 1, 2, 3, 5)]
+        assert [f.time_ns for f in frames] == [round(1e9 + n * 1e8) for n in (0, 1, 2, 3, 5)]
         for number, frame in enumerate(frames):
             assert np.array_equal(frame.depth, millimetres(number))
         assert [f.color is not None for f in frames] == [True, True, True, False, False]

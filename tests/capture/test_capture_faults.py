@@ -160,7 +160,7 @@ def test_frames_out_of_order_are_refused(kind: str, tmp_path: Path) -> None:
     first, second = rgbd_frames.frames(2)
     for name, wrong in (
         ("number", replace(second, number=first.number)),
-        ("time", replace(second, time=first.time)),
+        ("time_ns", replace(second, time_ns=first.time_ns)),
     ):
         path = path_of(kind, tmp_path, name)
         with pytest.raises(InputError, match=rf"frame\.{name}: expected more than the frame bef"):
@@ -200,7 +200,7 @@ def test_a_wrong_calibration_is_refused(kind: str, tmp_path: Path) -> None:
     assert str(error.value.file).startswith(str(path))
     other = RgbdCalibration(Intrinsics(COLS + 1, ROWS, 15.0, 15.5, 7.25, 6.5))
     (alien,) = rgbd_frames.frames(1, other)
-    later = replace(alien, time=frames[0].time + 1, number=frames[0].number + 1)
+    later = replace(alien, time_ns=frames[0].time_ns + 1, number=frames[0].number + 1)
     path = path_of(kind, tmp_path, "changed")
     with pytest.raises(InputError, match=r"frame\.depth: expected 16 x 12 pixels, got 17 x 12"):
         capture.record([frames[0], later], path, lossless_color=True)

@@ -46,13 +46,13 @@ def frame_of(number: int) -> manip3d.RgbdFrame:
         color=color,
         body_index=body,
         skeletons=(manip3d.Skeleton(positions=joints, id=7, body=0),),
-        time=1_700_000_000_000_000_001 + number * 33_333_333,
+        time_ns=1_700_000_000_000_000_001 + number * 33_333_333,
         number=number,
     )
 
 
 def assert_same(frame: manip3d.RgbdFrame, expected: manip3d.RgbdFrame) -> None:
-    assert (frame.number, frame.time) == (expected.number, expected.time)
+    assert (frame.number, frame.time_ns) == (expected.number, expected.time_ns)
     np.testing.assert_array_equal(frame.depth, expected.depth)
     np.testing.assert_array_equal(frame.body_index, expected.body_index)
     for skeleton, other in zip(frame.skeletons, expected.skeletons, strict=True):
@@ -120,7 +120,7 @@ def test_other_programs_read_it(tmp_path: Path) -> None:
         sent, text = packets["frames"][number].decode().split("\n")
         assert sent == hashlib.sha256(text.encode()).hexdigest()
         record = json.loads(text)
-        assert record["time"] == frame_of(number).time
+        assert record["time"] == frame_of(number).time_ns
         assert set(record["packets"]) == {"depth", "body index", "colour"}
         for name, digest in record["packets"].items():
             assert digest == hashlib.sha256(packets[name][number]).hexdigest()

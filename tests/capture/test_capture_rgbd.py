@@ -145,9 +145,12 @@ def test_recorders_refuse_what_does_not_fit(tmp_path: Path) -> None:
     bare = RgbdFrame(frames[0].depth, CALIBRATION)
     with pytest.raises(InputError, match=r"body_index: expected none, as in the first frame"):
         capture.record([bare, frames[1]], tmp_path / "more")
-    far = [replace(frames[0], number=-(2**63), time=-(2**63)), replace(frames[1], time=2**63 - 1)]
+    far = [
+        replace(frames[0], number=-(2**63), time_ns=-(2**63)),
+        replace(frames[1], time_ns=2**63 - 1),
+    ]
     capture.record(far, tmp_path / "far")
-    assert [frame.time for frame in opened(tmp_path / "far")] == [-(2**63), 2**63 - 1]
+    assert [frame.time_ns for frame in opened(tmp_path / "far")] == [-(2**63), 2**63 - 1]
     crowd = replace(frames[0], skeletons=frames[0].skeletons * 65)
     with pytest.raises(InputError, match=r"frame\.skeletons: expected at most 64, got 65"):
         capture.record([crowd], tmp_path / "crowd")
@@ -364,7 +367,7 @@ def test_frames_out_of_order_are_passed_over_and_counted(tmp_path: Path) -> None
     lines = path.read_text().splitlines(keepends=True)
     path.write_text("".join(lines[i] for i in (0, 2, 1, 2, 4, 3)))
     source = opened(tmp_path / "a")
-    assert [frame.time for frame in source] == [10**15 + i * STEP for i in (0, 2, 4)]
+    assert [frame.time_ns for frame in source] == [10**15 + i * STEP for i in (0, 2, 4)]
     assert source.counters["out_of_order"] == 3
 
 
@@ -500,7 +503,7 @@ def test_plain_folders_of_images(tmp_path: Path, name: str) -> None:
         opened(tmp_path)
     found = list(opened(tmp_path, camera=CAMERA))
     assert [frame.number for frame in found] == [0, 1, 2, 3]
-    assert found[3].time == 10**8  # 30 a second
+    assert found[3].time_ns == 10**8  # 30 a second
     for i, frame in enumerate(found):
         np.testing.assert_array_equal(frame.depth, DEPTH + i)
         np.testing.assert_array_equal(frame.color, COLOR + np.uint8(i))
@@ -563,7 +566,7 @@ def test_tum_sequences(tmp_path: Path) -> None:
     assert source.num_frames == len(found) == 4
     assert source.counters["without_color"] == 1
     for frame, text in zip(found, depth, strict=True):
-        assert abs(frame.time - int(text.replace(".", "")) * 1000) < 1000
+        assert abs(frame.time_ns - int(text.replace(".", "")) * 1000) < 1000
     for i, frame in enumerate(found):
         np.testing.assert_array_equal(frame.depth, np.floor((DEPTH + i) / 5 + 0.5))
     chosen = [None if f.color is None else int(f.color[0, 0, 0]) for f in found]
@@ -659,9 +662,9 @@ def test_real_time_is_the_frames_times(tmp_path: Path) -> None:
     with opened(tmp_path / "a", speed=1.0) as source:
         assert source.is_live
         for frame in source:
-            assert time.monotonic_ns() - begin >= frame.time - 10**15
+            assert time.monotonic_ns() - begin >= frame.time_ns - 10**15
     last = (10**15 + 7 * STEP, 7 + 3)
-    assert (frame.time, frame.number) == last  # the last one is never lost
+    assert (frame.time_ns, frame.number) == last  # the last one is never lost
     assert source.counters["dropped"] + source.counters["frames"] >= 8
 
 
@@ -673,7 +676,7 @@ def test_a_slow_reader_gets_the_latest(tmp_path: Path) -> None:
             time.sleep(0.01)
         time.sleep(0.2)
         (frame,) = source
-        assert frame.time == 10**15 + 11 * STEP
+        assert frame.time_ns == 10**15 + 11 * STEP
         assert source.counters["dropped"] == 11
         assert 0.2e9 <= time.time_ns() - frame.grabbed_ns < 60e9  # it waited all the time
     with opened(tmp_path / "a") as source:
@@ -682,7 +685,7 @@ def test_a_slow_reader_gets_the_latest(tmp_path: Path) -> None:
 
 def test_stop_wakes_a_reader(tmp_path: Path) -> None:
     frames = recorded(tmp_path / "a", 1)
-    later = RgbdFrame(frames[0].depth, CALIBRATION, number=9, time=frames[0].time + 10**13)
+    later = RgbdFrame(frames[0].depth, CALIBRATION, number=9, time_ns=frames[0].time_ns + 10**13)
     capture.record([frames[0], later], tmp_path / "b")
     source = opened(tmp_path / "b", speed=1.0)
     assert source.read() is not None
@@ -695,7 +698,7 @@ def test_stop_wakes_a_reader(tmp_path: Path) -> None:
 
 def test_ctrl_c_ends_the_wait(tmp_path: Path) -> None:
     frames = recorded(tmp_path / "a", 1)
-    later = RgbdFrame(frames[0].depth, CALIBRATION, number=9, time=frames[0].time + 10**13)
+    later = RgbdFrame(frames[0].depth, CALIBRATION, number=9, time_ns=frames[0].time_ns + 10**13)
     capture.record([frames[0], later], tmp_path / "b")
     code = textwrap.dedent(
         """
@@ -766,7 +769,7 @@ def test_a_trigger_begins_a_recording_with_what_was_before(
 ) -> None:
     """Frames are 1/30 s apart, so that 0.1 s are three of them; the trigger stays on."""
     there = list(rgbd_frames.frames(12))
-    there = [replace(f, number=n, time=n * 100_000_000 // 3) for n, f in enumerate(there)]
+    there = [replace(f, number=n, time_ns=n * 100_000_000 // 3) for n, f in enumerate(there)]
     asked: list[int] = []
 
     def trigger(frame: RgbdFrame) -> bool:
@@ -811,7 +814,7 @@ class Made(Sequence[RgbdFrame]):
         self.clock[0] += self.seconds
         self.made.append(index)
         image = next(iter(rgbd_frames.frames(1)))
-        return replace(image, time=index * 100_000_000, number=index)
+        return replace(image, time_ns=index * 100_000_000, number=index)
 
 
 @pytest.fixture
@@ -902,7 +905,7 @@ def test_how_late_a_frame_may_be_is_told_by_the_readers_clock(
 def test_simulated_people_are_given_at_their_times(wall: list[float]) -> None:
     pytest.importorskip("open3d")
     with capture.open_rgbd("sim:body?frames=4&room=no&rate=2", speed=50.0) as source:
-        given = [(frame.time, wall[0] - 100.0) for frame in source]
+        given = [(frame.time_ns, wall[0] - 100.0) for frame in source]
     times = [0, 500_000_000, 1_000_000_000, 1_500_000_000]
     assert [time for time, _ in given] == times
     assert [after for _, after in given] == pytest.approx([0.0, 0.01, 0.02, 0.03])
@@ -910,7 +913,7 @@ def test_simulated_people_are_given_at_their_times(wall: list[float]) -> None:
     with capture.open_rgbd("sim:body?frames=4&room=no&rate=2", speed=0.5) as source:
         source.read()
         wall[0] += 2.5  # its reader misses the second one
-        assert [frame.time for frame in source] == times[2:]
+        assert [frame.time_ns for frame in source] == times[2:]
         assert source.counters == {"frames": 3, "dropped": 1}
 
 

@@ -20,7 +20,7 @@ PEOPLE = [replace(capsule_body.painted(n), number=n) for n in range(4)]
 
 def endless() -> Iterator[RgbdFrame]:
     """The frames of a camera that somebody drives by themselves."""
-    return (replace(PEOPLE[0], number=n, time=n * 33_000_000) for n in itertools.count())
+    return (replace(PEOPLE[0], number=n, time_ns=n * 33_000_000) for n in itertools.count())
 
 
 class Camera:

@@ -39,7 +39,7 @@ def test_a_table_has_all_that_was_seen(tmp_path: Path) -> None:
     last = rows[-1]
     assert (last["id"], last["name"], last["state"]) == ("7", JOINTS[24], "2")
     np.testing.assert_allclose([float(last[c]) for c in "xyz"], visitor.positions[24], atol=1e-6)
-    assert last["time_ns"] == str(frames[1].time)
+    assert last["time_ns"] == str(frames[1].time_ns)
 
 
 def test_what_cannot_be_exported_is_refused(tmp_path: Path) -> None:
@@ -121,7 +121,7 @@ def test_frames_without_the_person_keep_the_time(tmp_path: Path) -> None:
 def test_dropped_frames_keep_the_time(tmp_path: Path) -> None:
     """Half a second after the fourth frame, and two dropped frames later on."""
     times = np.array([0, 33, 66, 99, 599, 632, 665, 698, 797, 830, 863, 896]) * 1_000_000
-    frames = [replace(f, time=int(t)) for f, t in zip(waving(), times, strict=True)]
+    frames = [replace(f, time_ns=int(t)) for f, t in zip(waving(), times, strict=True)]
     done = capture.export_joints(frames, tmp_path / "wave.bvh")
     _, places, step = read_bvh(done.path)
     assert (done.frames, done.held) == (12, 14 + 2)
@@ -137,7 +137,7 @@ def test_dropped_frames_keep_the_time(tmp_path: Path) -> None:
 
 def test_a_motion_has_no_gap_of_hours(tmp_path: Path) -> None:
     frames = waving()
-    frames[-1] = replace(frames[-1], time=frames[-1].time + 4000 * 10**9)
+    frames[-1] = replace(frames[-1], time_ns=frames[-1].time_ns + 4000 * 10**9)
     with pytest.raises(InputError, match="at most 3600 s between two frames of a motion, got 4000"):
         capture.export_joints(frames, tmp_path / "wave.bvh")
 

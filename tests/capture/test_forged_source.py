@@ -25,7 +25,7 @@ def person(number: int) -> RgbdFrame:
     wall = np.full(seen.depth.shape, 4000, np.uint16) + np.uint16(number % 3)
     color = np.full((*wall.shape, 3), (200, 40, 40), np.uint8)
     depth = np.where(seen.depth > 0, seen.depth, wall)
-    return replace(seen, depth=depth, color=color, time=number * STEP)
+    return replace(seen, depth=depth, color=color, time_ns=number * STEP)
 
 
 def scene(number: int, color: bool = True) -> RgbdFrame:
@@ -36,7 +36,7 @@ def scene(number: int, color: bool = True) -> RgbdFrame:
         np.full((*shape, 3), (30, 160, 60), np.uint8) if color else None,
         np.full(shape, NO_BODY, np.uint8),
         number=number,
-        time=number * STEP,
+        time_ns=number * STEP,
     )
 
 
@@ -65,7 +65,7 @@ def test_frames_are_forged_or_passed_on_as_they_are(places: dict[str, str]) -> N
     for number, given in enumerate(frames):
         original = person(number)
         assert is_forged(given)
-        assert (given.time, given.number) == (original.time, number)
+        assert (given.time_ns, given.number) == (original.time_ns, number)
         own = np.asarray(given.body_index == 0)
         np.testing.assert_array_equal(given.depth[own], original.depth[own])
         assert given.skeletons
@@ -136,7 +136,7 @@ def test_a_forged_recording_begins_anew(places: dict[str, str], options: str) ->
             again = list(source)
             assert source.counters == counters
             for one, other in zip(once, again, strict=True):
-                assert (one.number, one.time) == (other.number, other.time)
+                assert (one.number, one.time_ns) == (other.number, other.time_ns)
                 np.testing.assert_array_equal(one.depth, other.depth)
                 np.testing.assert_array_equal(one.color, other.color)  # type: ignore[arg-type]
     assert list(source) == []

@@ -224,7 +224,7 @@ def test_a_simulated_person_by_index() -> None:
 def test_a_tum_sequence_is_what_was_recorded(tmp_path: Path) -> None:
     limit = 13107
     frames = [
-        replace(f, depth=np.minimum(f.depth, limit), time=1305031102_160407123 + n * STEP)
+        replace(f, depth=np.minimum(f.depth, limit), time_ns=1305031102_160407123 + n * STEP)
         for n, f in enumerate(rgbd_frames.frames(4))
     ]
     done = capture.record(frames, f"tum:{tmp_path / 'walk'}")
@@ -237,7 +237,7 @@ def test_a_tum_sequence_is_what_was_recorded(tmp_path: Path) -> None:
             plain = replace(frame, body_index=None, skeletons=(), number=number)
             assert_same(found, plain)
         assert source.counters["without_color"] == 0
-        assert source[2].time == frames[2].time
+        assert source[2].time_ns == frames[2].time_ns
 
 
 def test_other_programs_read_a_tum_sequence(tmp_path: Path) -> None:
@@ -254,7 +254,9 @@ def test_other_programs_read_a_tum_sequence(tmp_path: Path) -> None:
     assert [pair[2:] for pair in pairs] == depths
     too_far = 0
     for frame, (color_time, color_file, depth_time, depth_file) in zip(frames, pairs, strict=True):
-        assert float(color_time) == float(depth_time) == pytest.approx(frame.time / 1e9, abs=1e-9)
+        assert (
+            float(color_time) == float(depth_time) == pytest.approx(frame.time_ns / 1e9, abs=1e-9)
+        )
         image = cv2.imread(str(root / depth_file), cv2.IMREAD_UNCHANGED)
         assert image is not None
         assert image.dtype == np.uint16
@@ -280,9 +282,9 @@ def test_a_tum_sequence_without_colour_and_a_second_one_in_its_place(tmp_path: P
         capture.record(rgbd_frames.frames(1), place, overwrite=True)
     with pytest.raises(InputError, match="path: expected a place after tum:"):
         capture.record(rgbd_frames.frames(1), "tum:")
-    early = replace(next(rgbd_frames.frames(1)), time=-1_500_000_000)
+    early = replace(next(rgbd_frames.frames(1)), time_ns=-1_500_000_000)
     capture.record([early], f"tum:{tmp_path / 'early'}")
-    assert next(iter(capture.open_rgbd(f"tum:{tmp_path / 'early'}"))).time == -1_500_000_000
+    assert next(iter(capture.open_rgbd(f"tum:{tmp_path / 'early'}"))).time_ns == -1_500_000_000
 
 
 def test_a_tum_sequence_onto_itself_is_refused_before_it_is_touched(tmp_path: Path) -> None:

@@ -149,7 +149,7 @@ def test_a_tum_sequence_of_the_frames_from_one_on(walk: Path, tmp_path: Path) ->
     assert manip3d(*words, "--force", "-q").returncode == 0
     info = json.loads(manip3d("capture", "info", out, "--json").stdout)
     assert (info["source"], info["frames"]) == (f"tum:{out}", 2)
-    expected = [frame.time for frame in islice(rgbd_frames.frames(9), 7, None)]
+    expected = [frame.time_ns for frame in islice(rgbd_frames.frames(9), 7, None)]
     assert [info["first_time_ns"], info["last_time_ns"]] == expected
     played = manip3d("capture", "play", walk, "--speed", "0", "--start", "6", "--json")
     assert json.loads(played.stdout)["frames"] == 3

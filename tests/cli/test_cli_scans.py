@@ -180,7 +180,7 @@ def test_several_recordings_that_are_folders_are_one_source_each(tmp_path: Path)
     camera = RgbdCalibration(Intrinsics(fx=60, fy=60, cx=31.5, cy=23.5, width=64, height=48))
     for name in ("a", "b"):
         depth = np.full((48, 64), 2000, np.uint16)
-        frames = [RgbdFrame(depth, camera, time=n * 33_000_000, number=n) for n in range(3)]
+        frames = [RgbdFrame(depth, camera, time_ns=n * 33_000_000, number=n) for n in range(3)]
         capture.record(frames, tmp_path / name)
     both = (tmp_path / "a", tmp_path / "b")
     rows = json.loads(manip3d("info", *both, "--json").stdout)

@@ -123,7 +123,7 @@ class _Counted:
                 self._seen,
                 depth=depth,
                 number=number,
-                time=round(number * 1e9 / self._rate),
+                time_ns=round(number * 1e9 / self._rate),
                 skeletons=self._seen.skeletons if self._skeletons else (),
             )
             self._alive.add(made)

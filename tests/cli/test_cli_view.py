@@ -38,7 +38,7 @@ def walk(folder: Path) -> Path:
             RgbdCalibration(CAMERA),
             skeletons=(body,) if n else (),
             number=n,
-            time=n * 50_000_000,
+            time_ns=n * 50_000_000,
         )
         for n in range(3)
     ]

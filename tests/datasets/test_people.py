@@ -79,7 +79,7 @@ class TestRealData:
         assert middle.skeletons[0].positions[11, 0] < middle.skeletons[0].positions[7, 0]
         assert (middle.body_index == np.where(middle.depth > 0, 0, 255)).all()
         assert frames[-1].number == 71
-        assert frames[1].time - frames[0].time == 33_333_333
+        assert frames[1].time_ns - frames[0].time_ns == 33_333_333
         with pytest.raises(IndexError):
             frames[72]
 
@@ -87,7 +87,7 @@ class TestRealData:
         frames = datasets.open_people("labanotation:joints_close_range")
         states = np.array([frame.skeletons[0].states for frame in frames])
         assert np.mean(states == rgbd.INFERRED) == pytest.approx(0.32, abs=0.01)
-        times = np.diff([frame.time for frame in frames])
+        times = np.diff([frame.time_ns for frame in frames])
         assert np.median(times) == pytest.approx(33.3e6, rel=0.05)
         assert frames[0].skeletons[0].positions[3, 1] < frames[0].skeletons[0].positions[0, 1]
 

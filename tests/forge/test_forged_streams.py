@@ -28,7 +28,7 @@ HANDS_UP = {
 def person(number: int = 0, moved: Any = None) -> RgbdFrame:
     seen = frame(pose(moved), SMALL)
     color = np.full((*seen.depth.shape, 3), (200, 40, 40), np.uint8)
-    return replace(seen, color=color, number=number, time=number * 33_333_333)
+    return replace(seen, color=color, number=number, time_ns=number * 33_333_333)
 
 
 def wall(depth_mm: int = 4000, number: int = 0) -> RgbdFrame:
@@ -404,7 +404,7 @@ def test_many_small_frames_and_long_recordings_are_read(tmp_path: Path) -> None:
 
 def test_frames_at_a_pace_are_a_sequence() -> None:
     """Its last frame was no frame, and a pace that is none counted as unknown."""
-    slow = [replace(person(n), time=n * 100_000_000) for n in range(3)]
+    slow = [replace(person(n), time_ns=n * 100_000_000) for n in range(3)]
     played = forge.at_pace(slow, 5e7)
     numbers = [frame.number for frame in played]
     assert numbers == [0, 1, 1, 2, 2]

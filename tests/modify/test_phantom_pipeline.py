@@ -554,7 +554,7 @@ def result_depth(seen: RgbdFrame) -> NDArray[np.float32]:
 
 def play(pipeline: PhantomPipeline, frames: list[RgbdFrame]) -> list[PhantomFrame]:
     return [
-        pipeline.process(replace(f, number=k, time=k * 33_333_333)) for k, f in enumerate(frames)
+        pipeline.process(replace(f, number=k, time_ns=k * 33_333_333)) for k, f in enumerate(frames)
     ]
 
 
@@ -703,15 +703,15 @@ def test_the_last_axes_stand_in_for_degenerate_ones() -> None:
 
 def test_late_frames_are_counted_and_passed_over() -> None:
     pipeline = PhantomPipeline("right_arm")
-    first = pipeline.process(replace(frame(pose()), time=2_000_000_000, number=60))
+    first = pipeline.process(replace(frame(pose()), time_ns=2_000_000_000, number=60))
     for time in (2_000_000_000, 1_500_000_000):
-        late = pipeline.process(replace(frame(pose()), time=time))
+        late = pipeline.process(replace(frame(pose()), time_ns=time))
         assert late.state is PhantomState.LATE
         np.testing.assert_array_equal(late.depth, first.depth)
     assert late.late_frames == 2
-    assert pipeline.process(replace(frame(pose()), time=2_000_000_001)).state == "tracking"
+    assert pipeline.process(replace(frame(pose()), time_ns=2_000_000_001)).state == "tracking"
     # A recording that starts over is a new one.
-    again = pipeline.process(replace(frame(pose(at=(0.3, 0, 2.6))), time=0))
+    again = pipeline.process(replace(frame(pose(at=(0.3, 0, 2.6))), time_ns=0))
     assert again.state is PhantomState.TRACKING
     assert again.late_frames == 3
 
@@ -754,12 +754,12 @@ def test_hostile_joints_do_no_harm(bad: float) -> None:
         seen = replace(
             frame(pose()),
             skeletons=(replace(pose(), positions=positions),),
-            time=k * 33_333_333,
+            time_ns=k * 33_333_333,
         )
         result = pipeline.process(seen)
         assert np.isfinite(result.vertices).all()
         assert np.isfinite(result.skeleton.positions).all()
-    result = pipeline.process(replace(frame(pose()), time=10**9))
+    result = pipeline.process(replace(frame(pose()), time_ns=10**9))
     assert result.state is PhantomState.TRACKING
 
 

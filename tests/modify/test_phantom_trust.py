@@ -48,7 +48,7 @@ def crowd(patient: Skeleton, visitor: Skeleton, number: int) -> RgbdFrame:
         depth=np.where(behind, b.depth, a.depth),
         body_index=np.where(behind, b.body_index, a.body_index),
         skeletons=(patient, visitor),
-        time=(number + 1) * 33_333_333,
+        time_ns=(number + 1) * 33_333_333,
         number=number,
     )
 
@@ -128,8 +128,8 @@ def turned_after(gap: float, turn: float, camera: Intrinsics) -> list[tuple[Phan
         is_after = number >= 24
         truth = pose(turn_deg=turn if is_after else 0.0)
         image = seen(truth, number, told=jittered(truth, rng, 0.01), camera=camera)
-        time = image.time + (round(1e9 * gap) if is_after else 0)
-        result = pipeline.process(replace(image, time=time))
+        time = image.time_ns + (round(1e9 * gap) if is_after else 0)
+        result = pipeline.process(replace(image, time_ns=time))
         if is_after:
             rows.append((result.state, degrees_off(result, truth)))
     return rows
@@ -209,7 +209,7 @@ def test_five_frames_a_second_are_enough_for_a_swaying_body() -> None:
     for number in range(20):
         truth = pose(turn_deg=30.0 * np.sin(2.0 * np.pi * 0.8 * 0.2 * number))
         image = seen(truth, number, told=jittered(truth, rng, 0.01))
-        result = pipeline.process(replace(image, time=(number + 1) * 200_000_000))
+        result = pipeline.process(replace(image, time_ns=(number + 1) * 200_000_000))
         off.append(degrees_off(result, truth))
     assert max(off) < 5.0
 
@@ -357,7 +357,7 @@ def test_a_limb_at_a_wrong_place_is_not_held_there() -> None:
     pipeline = PhantomPipeline("right_arm")
     image = hidden_at(pose(), (5,))  # without the intact upper arm
     assert pipeline.process(image).reason is PhantomReason.DETACHED
-    gone = replace(image, skeletons=(), time=image.time + 33_333_333, number=1)
+    gone = replace(image, skeletons=(), time_ns=image.time_ns + 33_333_333, number=1)
     assert pipeline.process(gone).state is PhantomState.LOST
 
 
@@ -416,7 +416,7 @@ def test_a_patient_who_comes_back_aside_is_known_at_once() -> None:
         assert pipeline.process(seen(pose(), number)).state is PhantomState.TRACKING
     gone = replace(frame(pose()), skeletons=(), body_index=np.full((160, 192), 255, np.uint8))
     for number in range(5, 30):
-        pipeline.process(replace(gone, time=number * 33_333_333, number=number))
+        pipeline.process(replace(gone, time_ns=number * 33_333_333, number=number))
     back = pose(at=(-0.5, 0, 2.9), identity=4)
     assert pipeline.process(seen(back, 30)).state is PhantomState.TRACKING
 
@@ -467,16 +467,16 @@ def test_a_clock_that_stands_or_runs_back_does_not_freeze_the_picture(step: int)
     results = []
     for number in range(40):
         at = (0.01 * number, 0, 2.44)
-        image = replace(seen(pose(at=at), number), time=7_000_000_000 + step * number)
+        image = replace(seen(pose(at=at), number), time_ns=7_000_000_000 + step * number)
         results.append(pipeline.process(replace(image, number=7 if step == 0 else number)))
     assert [r.state for r in results[1:11]] == [PhantomState.LATE] * 10
     assert "clock" in results[5].message
     assert {r.state for r in results[11:]} == {PhantomState.TRACKING}
     np.testing.assert_allclose(results[-1].skeleton.positions[0][0], 0.39, atol=0.03)
     # A clock that runs again is believed again.
-    image = replace(seen(pose(at=(0.4, 0, 2.44)), 40), time=7_100_000_000)
+    image = replace(seen(pose(at=(0.4, 0, 2.44)), 40), time_ns=7_100_000_000)
     assert pipeline.process(image).state is PhantomState.TRACKING
-    hidden = replace(image, skeletons=(), time=7_900_000_000)
+    hidden = replace(image, skeletons=(), time_ns=7_900_000_000)
     assert pipeline.process(hidden).state is PhantomState.FADING
 
 
@@ -487,23 +487,23 @@ def test_frames_that_are_stamped_together_are_shown(group: int, rate: float) -> 
     for number in range(45):
         image = seen(pose(at=(0.3 * number / rate, 0, 2.44)), number)
         time = 7_000_000_000 + round(1e9 / rate) * (number // group * group)
-        result = pipeline.process(replace(image, time=time, number=number))
+        result = pipeline.process(replace(image, time_ns=time, number=number))
         assert result.state is PhantomState.TRACKING, number
         np.testing.assert_allclose(result.skeleton.positions[0][0], 0.3 * number / rate, atol=0.03)
     assert result.late_frames == 0
     later = 7_000_000_000 + round(1e9 * (44 / rate + 0.75))
-    hidden = replace(image, skeletons=(), time=later, number=45)
+    hidden = replace(image, skeletons=(), time_ns=later, number=45)
     assert pipeline.process(hidden).state is PhantomState.FADING
 
 
 def test_times_at_both_ends_of_the_range() -> None:
     pipeline = PhantomPipeline("right_arm")
     for time in (2**63 - 1, -(2**63), 2**63 - 1, -1, 0):
-        result = pipeline.process(replace(seen(pose(), 0), time=time))
+        result = pipeline.process(replace(seen(pose(), 0), time_ns=time))
         assert result.state is not PhantomState.LATE, time
 
 
-@pytest.mark.parametrize("name", ["time", "number"])
+@pytest.mark.parametrize("name", ["time_ns", "number"])
 @pytest.mark.parametrize("value", [2**63, -(2**63) - 1, 1.5, None, "now"])
 def test_times_and_numbers_are_whole_and_of_64_bits(name: str, value: object) -> None:
     with pytest.raises(InputError, match=rf"frame\.{name}: expected a whole number"):
@@ -538,7 +538,7 @@ def test_a_source_without_a_clock_runs_at_30_frames_a_second() -> None:
     for number in range(50):
         image = seen(pose(), number)
         hidden = replace(image, skeletons=()) if number >= 10 else image
-        states.append(pipeline.process(replace(hidden, time=0, number=0)).state)
+        states.append(pipeline.process(replace(hidden, time_ns=0, number=0)).state)
     assert states[:10] == [PhantomState.TRACKING] * 10
     assert states[20] is PhantomState.HOLDING
     assert states[30] is PhantomState.FADING
@@ -552,7 +552,8 @@ def test_a_source_without_skeletons_is_named() -> None:
     pipeline = PhantomPipeline("right_arm")
     nobody = replace(frame(pose()), skeletons=())
     reasons = [
-        pipeline.process(replace(nobody, time=k * 100_000_000, number=k)).reason for k in range(12)
+        pipeline.process(replace(nobody, time_ns=k * 100_000_000, number=k)).reason
+        for k in range(12)
     ]
     assert reasons[0] is PhantomReason.NO_PERSON
     assert reasons[-1] is PhantomReason.NO_SKELETON
@@ -569,7 +570,7 @@ def test_a_wrong_focal_length_is_named(factor: float) -> None:
             replace(
                 right,
                 calibration=RgbdCalibration(wrong),
-                time=(number + 1) * 33_333_333,
+                time_ns=(number + 1) * 33_333_333,
                 number=number,
             )
         )

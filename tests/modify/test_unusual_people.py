@@ -77,7 +77,7 @@ class Scene:
         """Results of as many frames of this person, who holds still."""
         pipeline = PhantomPipeline(limb)
         return [
-            pipeline.process(replace(self.frame, time=(n + 1) * 33_333_333, number=n))
+            pipeline.process(replace(self.frame, time_ns=(n + 1) * 33_333_333, number=n))
             for n in range(frames)
         ]
 

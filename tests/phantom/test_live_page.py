@@ -368,7 +368,7 @@ def test_what_the_patient_says_is_said_on_purpose(chromium: None, tmp_path: Path
     recorder = DiaryRecorder(path, "P01", None)
     frames = (capsule_body.painted(number % 40) for number in itertools.count())
     numbered = (
-        replace(frame, time=number * 33_333_333, number=number)
+        replace(frame, time_ns=number * 33_333_333, number=number)
         for number, frame in enumerate(frames)
     )
     stage = Stage(numbered, recorder=recorder)

@@ -71,7 +71,7 @@ class PulledCamera:
             raise DeviceError("transfer failed")
         step = self.number % 80  # to and fro
         frame = capsule_body.painted(step if step < 40 else 80 - step)
-        return replace(frame, time=self.number * 33_333_333, number=self.number)
+        return replace(frame, time_ns=self.number * 33_333_333, number=self.number)
 
 
 def test_a_camera_that_is_pulled_out_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -122,7 +122,9 @@ def test_the_latency_counts_from_the_grab(monkeypatch: pytest.MonkeyPatch) -> No
             self.number += 1
             if self.number > 60:
                 raise KeyboardInterrupt
-            frame = replace(capsule_body.painted(self.number % 40), time=self.number * 33_333_333)
+            frame = replace(
+                capsule_body.painted(self.number % 40), time_ns=self.number * 33_333_333
+            )
             return replace(frame, grabbed_ns=time.time_ns() - 500_000_000)
 
     opened = threading.Event()
@@ -234,7 +236,7 @@ def test_a_camera_without_a_body_tracker_is_shown_with_pose(
             time.sleep(0.01)
             self.number += 1
             frame = capsule_body.painted(self.number % 40)
-            found = replace(frame, time=self.number * 33_333_333, number=self.number)
+            found = replace(frame, time_ns=self.number * 33_333_333, number=self.number)
             color = np.full((*frame.depth.shape, 3), 128, np.uint8)
             return replace(found, skeletons=(), color=None if self.number == 9 else color)
 

@@ -144,7 +144,7 @@ class Camera:
         time.sleep(0.02)
         self.number += 1
         frame = capsule_body.painted(self.number % 40)
-        return replace(frame, time=self.number * 33_333_333, number=self.number)
+        return replace(frame, time_ns=self.number * 33_333_333, number=self.number)
 
 
 @pytest.mark.parametrize(

@@ -81,7 +81,7 @@ def test_sequence_numbers_and_times_are_those_of_the_frames() -> None:
     frames = [capsule_body.painted(number) for number in range(4)]
     shown = play(LiveSession(), frames)
     assert [frame.sequence for frame in shown] == [0, 1, 2, 3]
-    assert [frame.time_ns for frame in shown] == [frame.time for frame in frames]
+    assert [frame.time_ns for frame in shown] == [frame.time_ns for frame in frames]
     assert [frame.captured_ns for frame in shown] == [1] * 4
 
 
@@ -108,7 +108,9 @@ def test_a_lost_limb_pauses_the_game_and_punishes_nobody() -> None:
     before = play(session, frames[:40])[-1].status
     assert before["game"]["phase"] == "playing"
     gone = [
-        replace(frames[40], skeletons=(), time=frames[39].time + number * 33_333_333, number=1000)
+        replace(
+            frames[40], skeletons=(), time_ns=frames[39].time_ns + number * 33_333_333, number=1000
+        )
         for number in range(1, 61)
     ]
     during = [frame.status for frame in play(session, gone)]
@@ -121,7 +123,7 @@ def test_a_lost_limb_pauses_the_game_and_punishes_nobody() -> None:
         told = {event[7] for event in status["game"]["events"]}
         assert told <= {event[7] for event in before["game"]["events"]}  # no new ones
     session.command("stop")
-    play(session, [replace(gone[-1], time=gone[-1].time + 33_333_333)])
+    play(session, [replace(gone[-1], time_ns=gone[-1].time_ns + 33_333_333)])
     summary = session.summaries[-1]
     assert isinstance(summary, GameSummary)
     assert (summary.ending, summary.misses) == ("stopped", 0)
@@ -378,8 +380,8 @@ def test_an_anomaly_is_filmed_from_five_seconds_before_it(consents: bool) -> Non
     there_and_back = [*frames[30:], *frames[-2:30:-1]]  # without a jump
     for number in range(30 * 22):
         frame = there_and_back[number % len(there_and_back)]
-        time = frames[0].time + number * 33_333_333
-        session.process(replace(frame, time=time, number=number), captured_ns=1)
+        time = frames[0].time_ns + number * 33_333_333
+        session.process(replace(frame, time_ns=time, number=number), captured_ns=1)
     session.end()
     (game,) = heard.games
     going = heard.going
@@ -452,8 +454,8 @@ def test_from_the_camera_to_film_diary_and_fhir(tmp_path: Path) -> None:
             session.command("stop")
             session.command("ready")
         frame = there_and_back[number % len(there_and_back)]
-        time = frames[0].time + number * 33_333_333
-        session.process(replace(frame, time=time, number=number), captured_ns=1)
+        time = frames[0].time_ns + number * 33_333_333
+        session.process(replace(frame, time_ns=time, number=number), captured_ns=1)
         if session._play.is_playing:
             seen[len(session.summaries), session.state] += 1
     session.end()

@@ -251,7 +251,9 @@ def test_a_game_is_laid_out_for_the_measured_patient() -> None:
     session = LiveSession("right_arm")
     session.command("calibrate")
     frames = [capsule_body.painted(0)] * 90
-    frames = [replace(f, time=f.time + n * 33_333_333, number=n) for n, f in enumerate(frames)]
+    frames = [
+        replace(f, time_ns=f.time_ns + n * 33_333_333, number=n) for n, f in enumerate(frames)
+    ]
     shown = [read_frame(m).status for m in map(session.process, frames) if m]
     shares = [status["calibrated"] for status in shown]
     assert shares == sorted(shares)

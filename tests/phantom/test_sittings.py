@@ -71,7 +71,7 @@ class Sitting:
         for _ in range(count):
             self.number += 1
             frame = painted(self.number % 40)
-            frame = replace(frame, time=self.number * 33_333_333, number=self.number)
+            frame = replace(frame, time_ns=self.number * 33_333_333, number=self.number)
             message = self.session.process(frame, captured_ns=1)
             assert message is not None
             status = read_frame(message).status
@@ -426,7 +426,7 @@ def test_a_camera_whose_clock_begins_again_makes_nothing_grow() -> None:
     def run(start: int, count: int) -> None:
         for number in range(start, start + count):
             frame = painted(number % 40)
-            session.process(replace(frame, time=number * 33_333_333, number=number))
+            session.process(replace(frame, time_ns=number * 33_333_333, number=number))
 
     run(100_000, 30)
     run(0, 300)  # ten seconds

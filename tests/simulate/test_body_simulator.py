@@ -195,7 +195,7 @@ def test_frames_depend_on_the_seed_and_the_time_only() -> None:
     other = BodySimulator(frames=3, jitter=0.01, seed=1).frame(2 / 30)
     assert (other.depth != again.depth).mean() > 0.3
     assert [frame.number for frame in frames] == [0, 1, 2]
-    assert [frame.time for frame in frames] == [0, 33_333_333, 66_666_667]
+    assert [frame.time_ns for frame in frames] == [0, 33_333_333, 66_666_667]
 
 
 @pytest.mark.parametrize("limb", sorted(LIMBS))

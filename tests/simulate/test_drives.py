@@ -60,7 +60,7 @@ def test_scans_and_truth_come_back(folder: Path, frames: list[DriveFrame]) -> No
         label = scan.fields["label"]
         np.testing.assert_array_equal(label & 0xFFFF, made.scan.label)
         np.testing.assert_array_equal((label >> 16).astype(int) - 1, made.scan.object)
-        assert scan.time_ns == pytest.approx(1e9 * (946_728_000 + made.time), abs=1000)
+        assert scan.time_ns == pytest.approx(1e9 * (946_728_000 + made.time_s), abs=1000)
 
 
 def test_pictures_come_back(folder: Path, frames: list[DriveFrame]) -> None:
@@ -112,7 +112,7 @@ def test_positions_are_the_car_s(folder: Path, place: Street, frames: list[Drive
             scale * 6378137.0 * math.log(math.tan(math.radians(90.0 + lat) / 2.0))
             for lat in (values[0], 49.0)
         ]
-        position, yaw = place.pose([made.time])
+        position, yaw = place.pose([made.time_s])
         np.testing.assert_allclose([x, y[0] - y[1], values[2]], position[0], atol=1e-4)
         assert values[5] == pytest.approx(yaw[0], abs=1e-9)
         assert values[8] == pytest.approx(place.speed, rel=0.01)

@@ -247,7 +247,9 @@ def test_units_of_depth_images_are_respected(tmp_path: Path) -> None:
 def recording(folder: Path) -> Path:
     """Three frames in the layout of ``capture.record``."""
     frames = [
-        RgbdFrame(np.full((24, 32), 1000 + n, np.uint16), RgbdCalibration(CAMERA), number=n, time=n)
+        RgbdFrame(
+            np.full((24, 32), 1000 + n, np.uint16), RgbdCalibration(CAMERA), number=n, time_ns=n
+        )
         for n in range(3)
     ]
     capture.record(frames, folder)

@@ -90,7 +90,7 @@ void RecordingChecks::check(const RgbdFrame& frame) {
   }
   if (!is_first_) {
     check_grows("number", frame.number, number_);
-    check_grows("time", frame.time_ns, time_ns_);
+    check_grows("time_ns", frame.time_ns, time_ns_);
     if (!frame.body_index.empty() && !has_body_index_) {
       throw InputError("frame.body_index: expected none, as in the first frame");
     }

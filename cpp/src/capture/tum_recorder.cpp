@@ -56,7 +56,7 @@ class TumRecorder final : public RgbdRecorder {
     RecordingChecks checks = checks_;
     checks.check(frame);
     if (frame.time_ns < -kLatest || frame.time_ns > kLatest) {
-      throw InputError("frame.time: expected at most 9e9 seconds, got " +
+      throw InputError("frame.time_ns: expected at most 9e9 seconds, got " +
                        std::to_string(frame.time_ns) + " ns");
     }
     const std::string time = seconds_text(frame.time_ns);

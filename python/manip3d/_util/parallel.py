@@ -203,5 +203,6 @@ def _dask_client(workers: int, address: str) -> Any:
     except ImportError:
         raise MissingExtraError("distributed", "dask") from None
     if address == "local":
-        return Client(n_workers=workers, threads_per_worker=1, dashboard_address=None)
+        # A free port for the dashboard: Dask's own may be taken by another cluster.
+        return Client(n_workers=workers, threads_per_worker=1, dashboard_address="127.0.0.1:0")
     return Client(address)

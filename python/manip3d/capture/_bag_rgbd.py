@@ -92,7 +92,7 @@ class BagImages:
                         self._millimetres(depth),
                         self.calibration,
                         color=None if color is None else _three_channels(color),
-                        time=depth.header["stamp_ns"],
+                        time_ns=depth.header["stamp_ns"],
                         number=number,
                     )
                 except (FormatError, InputError) as error:

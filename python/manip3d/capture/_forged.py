@@ -201,7 +201,7 @@ class SwitchedForgery:
 
     def _shown(self, frame: RgbdFrame) -> RgbdFrame | bool:
         frame = self._same_kind(frame)
-        is_forged = self._wanted(frame.time)
+        is_forged = self._wanted(frame.time_ns)
         if self._forger is None:
             self._learn(frame)
             is_forged, self._began = False, None

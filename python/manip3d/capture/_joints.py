@@ -182,7 +182,7 @@ def _followed(
 
 def _at_even_times(found: list[tuple[RgbdFrame, Skeleton]]) -> list[tuple[RgbdFrame, Skeleton]]:
     """Repeat the pose before in the place of each frame that the times say is missing."""
-    steps = np.diff([float(frame.time) for frame, _ in found]) * 1e-9
+    steps = np.diff([float(frame.time_ns) for frame, _ in found]) * 1e-9
     if len(steps) == 0 or not np.median(steps) > 0:
         return found
     longest = float(steps.max())
@@ -203,7 +203,7 @@ def _table(found: Sequence[tuple[RgbdFrame, Skeleton]]) -> str:
             x, y, z = (f"{value:.6f}" for value in place)
             state = skeleton.states[joint]
             lines.append(
-                f"{frame.number},{frame.time},{skeleton.id},{joint},{name},{x},{y},{z},{state}"
+                f"{frame.number},{frame.time_ns},{skeleton.id},{joint},{name},{x},{y},{z},{state}"
             )
     return "\n".join(lines) + "\n"
 
@@ -217,7 +217,7 @@ def _motion(found: Sequence[tuple[RgbdFrame, Skeleton]]) -> str:
     lengths = np.median(np.linalg.norm(bones, axis=2), axis=0)
     first = bones[0] / np.maximum(np.linalg.norm(bones[0], axis=1, keepdims=True), 1e-9)
     offsets = np.concatenate([np.zeros((1, 3)), first * lengths[:, None]])
-    times = np.array([frame.time for frame, _ in found], np.float64) / 1e9
+    times = np.array([frame.time_ns for frame, _ in found], np.float64) / 1e9
     step = float(times[-1] - times[0]) / (len(times) - 1) if len(times) > 1 else 0.0
     lines = ["HIERARCHY", *_hierarchy(0, offsets, "", "ROOT")]
     lines += ["MOTION", f"Frames: {len(found)}", f"Frame Time: {step if step > 0 else 1 / 30:.7f}"]

@@ -437,7 +437,7 @@ class _Iterated:
                 return False
             if not self._rate:
                 frame = self._in_time(frame)
-            if not self._clock.is_due(frame.time, timeout_ms):
+            if not self._clock.is_due(frame.time_ns, timeout_ms):
                 self._first = frame
                 return True
             self._first = None
@@ -462,15 +462,15 @@ class _Iterated:
         where frames are made hardly faster than they are played nothing else would end this soon.
         """
         until = time.monotonic() + _MOST_SEARCH_S
-        late = self._clock.late_s(frame.time)
+        late = self._clock.late_s(frame.time_ns)
         while (
             late > self._late_s and time.monotonic() < until and (after := self._made()) is not None
         ):
             self._dropped += 1
             frame, before = after, late
-            late = self._clock.late_s(frame.time)
+            late = self._clock.late_s(frame.time_ns)
             if late >= before:  # frames are made more slowly than they are played
-                self._clock.restart(frame.time)
+                self._clock.restart(frame.time_ns)
                 break
         return frame
 
@@ -558,7 +558,7 @@ def from_frames(frames: Iterable[RgbdFrame], *, uri: str = "frames") -> RgbdSour
     >>> from manip3d import Intrinsics, RgbdCalibration, RgbdFrame, capture
     >>> camera = RgbdCalibration(Intrinsics(fx=60, fy=60, cx=31.5, cy=23.5, width=64, height=48))
     >>> depth = np.full((48, 64), 2000, np.uint16)
-    >>> frames = [RgbdFrame(depth, camera, time=n * 33_000_000, number=n) for n in range(3)]
+    >>> frames = [RgbdFrame(depth, camera, time_ns=n * 33_000_000, number=n) for n in range(3)]
     >>> source = capture.from_frames(frames)
     >>> source.read().number, [frame.number for frame in source]
     (0, [1, 2])
@@ -657,7 +657,7 @@ def open_rgbd(
     >>> from manip3d import Intrinsics, RgbdCalibration, RgbdFrame, capture
     >>> camera = RgbdCalibration(Intrinsics(fx=60, fy=60, cx=31.5, cy=23.5, width=64, height=48))
     >>> depth = np.full((48, 64), 2000, np.uint16)
-    >>> frames = [RgbdFrame(depth, camera, time=n * 33_000_000, number=n) for n in range(3)]
+    >>> frames = [RgbdFrame(depth, camera, time_ns=n * 33_000_000, number=n) for n in range(3)]
     >>> _ = capture.record(frames, "recording")
     >>> with capture.open_rgbd("folder:recording") as source:
     ...     print([frame.number for frame in source])
@@ -874,7 +874,7 @@ def record(
     >>> from manip3d import Intrinsics, RgbdCalibration, RgbdFrame, Skeleton, capture
     >>> camera = RgbdCalibration(Intrinsics(fx=60, fy=60, cx=31.5, cy=23.5, width=64, height=48))
     >>> depth = np.full((48, 64), 2000, np.uint16)
-    >>> frames = [RgbdFrame(depth, camera, time=n * 33_000_000, number=n) for n in range(3)]
+    >>> frames = [RgbdFrame(depth, camera, time_ns=n * 33_000_000, number=n) for n in range(3)]
     >>> recording = capture.record(frames, "walk.mkv", frames=2)
     >>> recording.path.name, recording.frames
     ('walk.mkv', 2)
@@ -890,7 +890,7 @@ def record(
     >>> capture.record(frames, "tum:sequence").path.name
     'sequence'
     >>> with capture.open("tum:sequence") as source:
-    ...     len(source), source[-1].time
+    ...     len(source), source[-1].time_ns
     (3, 66000000)
     """
     for name, value in (("frames", frames), ("seconds", seconds)):
@@ -956,14 +956,14 @@ def _copy(
     expected = min((n for n in (frames, source.num_frames) if n), default=None)
     for earlier, frame in wanted:
         if count == 0:
-            first, since = (earlier[0] if earlier else frame).time, frame.time
-        if seconds is not None and frame.time - since >= seconds * 1e9:
+            first, since = (earlier[0] if earlier else frame).time_ns, frame.time_ns
+        if seconds is not None and frame.time_ns - since >= seconds * 1e9:
             stop = "seconds"
             break
         for one in (*earlier, frame):
             write(one)
             written, with_skeleton = written + 1, with_skeleton + bool(one.skeletons)
-        count, last = count + 1, frame.time
+        count, last = count + 1, frame.time_ns
         if report is not None:
             done = count / expected if expected else 0.0
             if seconds is not None:
@@ -984,10 +984,10 @@ def _since(
     for frame in source:
         if not is_on and trigger is not None and not trigger(frame):
             earlier.append(frame)
-            while frame.time - earlier[0].time > before * 1e9:
+            while frame.time_ns - earlier[0].time_ns > before * 1e9:
                 earlier.popleft()
             continue
-        while earlier and frame.time - earlier[0].time > before * 1e9:
+        while earlier and frame.time_ns - earlier[0].time_ns > before * 1e9:
             earlier.popleft()
         is_on = True
         yield tuple(earlier), frame

@@ -42,7 +42,7 @@ def open(uri: str, **options: Any) -> LidarSource | RgbdSource:
     --------
     >>> with manip3d.capture.open("folder:walk") as source:  # doctest: +SKIP
     ...     for frame in source:
-    ...         print(frame.time, frame.depth.shape)
+    ...         print(frame.time_ns, frame.depth.shape)
     """
     return open_lidar(uri, **options) if _scheme(uri) in _LIDAR else open_rgbd(uri, **options)
 

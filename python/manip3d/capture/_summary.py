@@ -149,7 +149,7 @@ def summarize(
     begin = time.monotonic()
     with source, reporting(progress, "read") as report:
         for frame in source:
-            times.append(frame.time)
+            times.append(frame.time_ns)
             numbers.append(frame.number)
             num_color += frame.color is not None
             num_body_index += frame.body_index is not None

@@ -225,7 +225,7 @@ def _utd_mhad(uri: str, name: str) -> RgbdSequence:
             calibration=calibration,
             body_index=_body(images[number] > 0),
             skeletons=(skeleton,),
-            time=number * _NOMINAL_PERIOD_NS,
+            time_ns=number * _NOMINAL_PERIOD_NS,
             number=number,
         )
 
@@ -270,7 +270,7 @@ def _labanotation(uri: str, name: str) -> RgbdSequence:
             depth=nothing,
             calibration=calibration,
             skeletons=(skeleton,),
-            time=int(values[number, 0]) * 100,  # counted in 100 ns
+            time_ns=int(values[number, 0]) * 100,  # counted in 100 ns
             number=number,
         )
 
@@ -292,7 +292,7 @@ def _images(uri: str, name: str) -> RgbdSequence:
             calibration=RgbdCalibration(camera),
             color=None if frame.color is None else np.ascontiguousarray(frame.color[:, columns]),
             body_index=np.ascontiguousarray(body[:, columns]),
-            time=number * _NOMINAL_PERIOD_NS,
+            time_ns=number * _NOMINAL_PERIOD_NS,
             number=number,
         )
 

@@ -95,7 +95,7 @@ def _changed(frame: RgbdFrame, depth: Depth, *, is_scaled: bool) -> RgbdFrame:
     camera = frame.calibration.depth
     if (camera.width, camera.height) != (width, height):
         camera = _resized_camera(camera, width, height, is_scaled=is_scaled)
-    return RgbdFrame(depth, RgbdCalibration(camera), time=frame.time, number=frame.number)
+    return RgbdFrame(depth, RgbdCalibration(camera), time_ns=frame.time_ns, number=frame.number)
 
 
 def _resized_camera(camera: Intrinsics, width: int, height: int, *, is_scaled: bool) -> Intrinsics:

@@ -71,7 +71,7 @@ def time_steps(case: Case) -> Row:
     stages: dict[str, list[float]] = {name: [] for name in _STEPS}
     whole, points, faces = [], [], []
     for number in range(len(loop) + options["frames"]):
-        frame = replace(loop[number % len(loop)], number=number, time=number * step)
+        frame = replace(loop[number % len(loop)], number=number, time_ns=number * step)
         begun = time.thread_time_ns()
         phantom = pipeline.process(frame)
         spent = time.thread_time_ns() - begun

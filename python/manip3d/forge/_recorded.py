@@ -89,7 +89,7 @@ def recorded_people(
     for frame in islice(every, most):
         check_frames("source", [frame])
         if len(times) < _TIMED:
-            times.append(frame.time)
+            times.append(frame.time_ns)
         if with_plate:
             is_told = is_told or bool(frame.skeletons) or frame.body_index is not None
             spread.add(frame)
@@ -185,7 +185,7 @@ def at_pace(frames: Sequence[RgbdFrame], step_ns: float) -> Sequence[RgbdFrame]:
         raise InputError("frames: expected one at least, got none")
     if not 0.0 <= step_ns < math.inf:
         raise InputError(f"step_ns: expected a finite number >= 0, got {step_ns}")
-    return _AtStep(frames, _step_of([frame.time for frame in frames[:_TIMED]]), step_ns)
+    return _AtStep(frames, _step_of([frame.time_ns for frame in frames[:_TIMED]]), step_ns)
 
 
 @dataclass(frozen=True)

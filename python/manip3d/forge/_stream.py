@@ -571,7 +571,7 @@ def _forge(
         color=color,
         body_index=index,
         skeletons=skeletons,
-        time=frame.time,
+        time_ns=frame.time_ns,
         number=frame.number,
     )
     watch.done("body index")

@@ -531,7 +531,7 @@ class PhantomPipeline:
                 calibration.registration,
                 color,
                 frame.skeletons,
-                frame.time,
+                frame.time_ns,
                 frame.number,
                 buffers,
             )

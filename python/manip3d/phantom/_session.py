@@ -232,9 +232,9 @@ class LiveSession:
             return None
         self.state = shown.state.value
         self._obey()
-        seconds = self._seconds_since_last(frame.time)
+        seconds = self._seconds_since_last(frame.time_ns)
         self._people = sorted(frame.skeletons, key=lambda one: float(one.positions[0][0]))
-        self._times.append(frame.time)
+        self._times.append(frame.time_ns)
         if self._calibration is not None and shown.state == PhantomState.TRACKING:
             measured = self._calibration.add(shown.skeleton)
             if measured is not None:
@@ -242,7 +242,7 @@ class LiveSession:
         colliders = self._body.update(shown.skeleton)
         if self._play.is_wanted and shown.state == PhantomState.TRACKING:
             self._cue = None
-        playing = self._play.go_on(shown, seconds, frame.time, self._measured)
+        playing = self._play.go_on(shown, seconds, frame.time_ns, self._measured)
         self._play.tell()
         if playing:
             self._play.film(shown, frame.calibration.depth)
@@ -253,7 +253,7 @@ class LiveSession:
             | self._game_status(playing=playing)
         )
         ruled = time.perf_counter()
-        message = self._encoded(shown, status, frame.time, captured)
+        message = self._encoded(shown, status, frame.time_ns, captured)
         done = time.perf_counter()
         spent = (seen - began, ruled - seen, done - ruled)
         for times, value in zip(self._stages.values(), spent, strict=True):

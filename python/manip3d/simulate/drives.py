@@ -67,8 +67,8 @@ class DriveFrame:
 
     Attributes
     ----------
-    time : float, seconds
-        When the LiDAR looks ahead and the cameras expose.
+    time_s : float
+        Seconds; when the LiDAR looks ahead and the cameras expose.
     scan : LidarScan
     pictures : StereoPair or None
         Pictures of the pair that looks ahead.
@@ -82,7 +82,7 @@ class DriveFrame:
         all around. Each pair exposes when the LiDAR looks in its direction.
     """
 
-    time: float
+    time_s: float
     scan: LidarScan
     pictures: StereoPair | None
     boxes: tuple[Box, ...]
@@ -244,7 +244,7 @@ def write_drive(
         with reporting(progress, "frames") as report:
             for index, frame in enumerate(source):
                 _write_frame(day / name, index, frame, street)
-                moments.append(frame.time)
+                moments.append(frame.time_s)
                 if report is not None:
                     report((index + 1) / frames)
         _write_times(day / name, moments, pictures=pictures)
@@ -265,7 +265,7 @@ def _write_frame(folder: Path, index: int, frame: DriveFrame, street: Street) ->
     _write(folder / "velodyne_points" / "labels" / f"{name}.label", label.tobytes())
     lines = [_label_line(box) for box in frame.boxes]
     _write(folder / "label_2" / f"{name}.txt", "".join(lines).encode())
-    _write(folder / "oxts" / "data" / f"{name}.txt", _oxts_line(street, frame.time).encode())
+    _write(folder / "oxts" / "data" / f"{name}.txt", _oxts_line(street, frame.time_s).encode())
     pairs = [] if frame.pictures is None else [frame.pictures]
     pairs += [pair for place, pair in frame.around.items() if place != "front"]
     pictures = [pixels for pair in pairs for pixels in (pair.left, pair.right)]

@@ -461,7 +461,7 @@ class BodySimulator:
             self._color(cast, view),
             index,
             self._skeletons(cast, view, time, random),
-            time=nanoseconds,
+            time_ns=nanoseconds,
             number=round(time * self.rate),
         )
         figure = cast.figures[0]
@@ -510,7 +510,7 @@ class BodySimulator:
             self.calibration,
             color,
             np.full(view.depth.shape, NO_BODY, np.uint8),
-            time=nanoseconds,
+            time_ns=nanoseconds,
             number=round(time * self.rate),
         )
 

@@ -71,7 +71,7 @@ def open_source(address: str, *, threads: int = 0) -> Iterator[LidarFrame] | Bod
         frames, start = _taken(options, "frames", int, 10), _taken(options, "start", float, 0.0)
         _refuse_others(options, address, ("seed", "frames", "start"))
         return (
-            frame.scan.frame.replace(source=address, time_ns=EPOCH_NS + nanoseconds(frame.time))
+            frame.scan.frame.replace(source=address, time_ns=EPOCH_NS + nanoseconds(frame.time_s))
             for frame in drive(
                 street(seed), frames, start=start, pictures=False, rng=seed, threads=threads
             )
@@ -172,7 +172,7 @@ def _moment(frame: DriveFrame) -> DriveMoment:
         frame.scan.frame,
         None if pairs else one,
         velocity=frame.velocity,
-        time_s=frame.time,
+        time_s=frame.time_s,
         pairs=pairs or None,
     )
 
