@@ -227,11 +227,15 @@ void bind_watermark(py::module_& m) {
   py::class_<Embedder>(m, "WatermarkEmbedder")
       .def(py::init([](Key& key, const py::bytes& sensor, const std::optional<py::bytes>& session,
                        int embedding, int slices, int least_points, bool paper_merge, bool round,
-                       std::uint32_t units_per_m) {
+                       std::uint32_t units_per_m, const std::optional<py::bytes>& after) {
              const WatermarkId id = fixed<16>(sensor, "sensor");
              const WatermarkOptions options =
                  to_options(embedding, slices, least_points, paper_merge, round, units_per_m);
              return key.with([&](const WatermarkKey& open) {
+               if (after) {
+                 return std::make_unique<Embedder>(
+                     WatermarkEmbedder::after(from_bytes(*after), open, id, options));
+               }
                return session ? std::make_unique<Embedder>(WatermarkEmbedder(
                                     open, id, fixed<16>(*session, "session"), options))
                               : std::make_unique<Embedder>(WatermarkEmbedder(open, id, options));
@@ -239,7 +243,7 @@ void bind_watermark(py::module_& m) {
            }),
            py::arg("key"), py::arg("sensor"), py::arg("session"), py::arg("embedding"),
            py::arg("slices"), py::arg("least_points"), py::arg("paper_merge"), py::arg("round"),
-           py::arg("units_per_m") = 1000)
+           py::arg("units_per_m") = 1000, py::arg("after") = py::none())
       .def("embed", &embed, py::arg("points").noconvert(), py::arg("intensity").noconvert(),
            py::arg("time_ns"), py::arg("num_dropped"), py::arg("is_end"), py::arg("context"),
            py::arg("exact").noconvert() = py::none(),

@@ -1636,6 +1636,7 @@ class WatermarkEmbedder:
         paper_merge: bool,
         round: bool,
         units_per_m: typing.SupportsInt | typing.SupportsIndex = 1000,
+        after: bytes | None = None,
     ) -> None: ...
     def close(self) -> None: ...
     def embed(

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
+import errno
 import json
 import lzma
+import os
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
 import manip3d
-from manip3d.authenticate import KeyFile, Watermarker, embed_files
-from manip3d.cli import app
+from manip3d.authenticate import KeyFile, Watermarked, Watermarker, _watermark_drives, embed_files
+from manip3d.cli import app, main
+from manip3d.cli.terminal import Terminal
+from manip3d.errors import FormatError, InputError
 
 RANDOM = np.random.default_rng(0)
 
@@ -523,3 +528,135 @@ def test_stdin_has_no_record(key: Path) -> None:
     done = run("verify", "-", "--key", key)
     assert done.exit_code == 1
     assert "stdin has no record" in str(done.exception)
+
+
+@pytest.fixture
+def full_disk(monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
+    """A disk that takes as many scans as ``left`` says, and then no more."""
+    disk = {"left": 2}
+    write = _watermark_drives.write_watermarked
+
+    def writes(sent: Watermarked, path: Path, **options: Any) -> None:
+        if disk["left"] == 0:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+        disk["left"] -= 1
+        write(sent, path, **options)
+
+    monkeypatch.setattr(_watermark_drives, "write_watermarked", writes)
+    return disk
+
+
+@pytest.mark.parametrize("embedding", ["lbm", "qim", "detached"])
+def test_a_drive_goes_on_after_a_full_disk(
+    key: Path, drive: Path, tmp_path: Path, full_disk: dict[str, int], embedding: str
+) -> None:
+    out = tmp_path / "signed"
+    (drive / "calib.txt").write_text("P0: 1\n")
+    command = ("embed", drive, "--key", key, "-o", out, "--embedding", embedding)
+    failed = run(*command)
+    assert isinstance(failed.exception, OSError)
+    (note,) = failed.exception.__notes__
+    assert note == (
+        f"{out} has 2 of 4 scans, each whole; run again without --force (replace), it goes on "
+        "after them"
+    )
+    half = run("verify", out, "--key", key, "--json")
+    assert json.loads(half.stdout)["verdicts"] == {"authentic": 2}
+    assert half.exit_code == 4  # the end of its session is missing
+    full_disk["left"] = 4
+    went_on = run(*command)
+    assert went_on.exit_code == 0
+    assert "went on after 2 scans of an earlier run" in went_on.stderr
+    assert full_disk["left"] == 2  # the first two are not written again
+    whole = run("verify", out, "--key", key, "--json")
+    assert (whole.exit_code, json.loads(whole.stdout)["num_frames"]) == (0, 4)
+    assert (out / "calib.txt").is_file()
+    again = run(*command)  # a session that has ended is no beginning
+    assert isinstance(again.exception, InputError)
+    assert "exists already; --force" in str(again.exception)
+
+
+@pytest.mark.parametrize("other", ["key", "sensor", "embedding", "drive", "times"])
+def test_a_drive_goes_on_with_its_own_session_only(
+    key: Path, drive: Path, tmp_path: Path, full_disk: dict[str, int], other: str
+) -> None:
+    out = tmp_path / "signed"
+    assert run("embed", drive, "--key", key, "-o", out).exit_code == 1
+    full_disk["left"] = 9
+    options: list[object] = []
+    if other == "key":
+        key = tmp_path / "other.key"
+        run("keygen", key)
+    elif other == "sensor":
+        options = ["--sensor", "roof"]
+    elif other == "embedding":
+        options = ["--embedding", "qim"]
+    elif other == "drive":
+        scan(9).write(drive / "velodyne_points" / "data" / "0000000000.bin")
+    else:
+        (drive / "velodyne_points" / "timestamps.txt").unlink()
+        told = (f"2012-09-26 13:02:25.{n}94360375\n" for n in range(4))
+        (drive / "velodyne_points" / "timestamps.txt").write_text("".join(told))
+    refused = run("embed", drive, "--key", key, "-o", out, *options)
+    assert "exists already" in str(refused.exception)
+    assert run("embed", drive, "--key", key, "-o", out, "--force", *options).exit_code == 0
+    assert run("verify", out, "--key", key).exit_code == 0
+
+
+def test_a_drive_in_pictures_goes_on_where_its_last_scan_was_cut_off(
+    key: Path, drive: Path, tmp_path: Path, full_disk: dict[str, int]
+) -> None:
+    Image = pytest.importorskip("PIL.Image")
+    pictures = drive / "image_02" / "data"
+    pictures.mkdir(parents=True)
+    for number in range(4):
+        grey = np.random.default_rng(number).integers(0, 256, (160, 160)).astype(np.uint8)
+        Image.fromarray(grey).save(pictures / f"{number:010d}.png")
+    out = tmp_path / "signed"
+    full_disk["left"] = 3
+    command = ("embed", drive, "--key", key, "-o", out, "--picture", "image_02")
+    assert run(*command).exit_code == 1
+    (out / "image_02" / "data" / "0000000002.png").unlink()  # as a kill between the two leaves it
+    full_disk["left"] = 9
+    went_on = run(*command)
+    assert "went on after 2 scans" in went_on.stderr
+    assert run("verify", out, "--key", key, "--picture", "image_02").exit_code == 0
+
+
+def test_what_was_written_is_told_with_the_error(
+    key: Path, drive: Path, tmp_path: Path, full_disk: dict[str, int],
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.setattr(Terminal, "has_answered", False)  # of other tests' commands
+    out = tmp_path / "signed"
+    with pytest.raises(SystemExit) as ended:
+        main(["watermark", "embed", str(drive), "--key", str(key), "-o", str(out), "--json"])
+    told = capsys.readouterr()
+    assert ended.value.code == 1
+    assert "No space left on device; " in told.err
+    assert "has 2 of 4 scans, each whole" in told.err
+    assert "has 2 of 4 scans" in json.loads(told.out)["error"]["message"]
+
+
+def test_only_a_last_record_of_the_own_key_is_gone_on_after(key: Path, tmp_path: Path) -> None:
+    with KeyFile(key) as secret, KeyFile.create(tmp_path / "other.key") as other:
+        first = Watermarker(secret)
+        sent = first.embed(scan(0))
+        last = first.embed(scan(1), is_end=True)
+        with pytest.raises(InputError, match="before the first frame"):
+            first.resume(sent.record)
+        with pytest.raises(FormatError, match="of another key or sensor"):
+            Watermarker(other).resume(sent.record)
+        with pytest.raises(FormatError, match="of another key or sensor"):
+            Watermarker(secret, sensor="roof").resume(sent.record)
+        with pytest.raises(InputError, match="same embedding and grid"):
+            Watermarker(secret, embedding="qim").resume(sent.record)
+        with pytest.raises(InputError, match="its session has ended"):
+            Watermarker(secret).resume(last.record)
+        for damaged in (b"", sent.record[:-1], bytes(len(sent.record))):
+            with pytest.raises(FormatError):
+                Watermarker(secret).resume(damaged)
+        second = Watermarker(secret)
+        second.resume(sent.record)
+        assert second.session == first.session
+        assert second.embed(scan(1), is_end=True, time_ns=7).number == 1

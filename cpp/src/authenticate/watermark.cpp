@@ -234,6 +234,26 @@ WatermarkEmbedder::WatermarkEmbedder(const WatermarkKey& key, const WatermarkId&
                                      const WatermarkId& session, const WatermarkOptions& options)
     : state_(std::make_unique<State>(key, sensor, session, options)) {}
 
+WatermarkEmbedder WatermarkEmbedder::after(std::span<const std::uint8_t> bytes,
+                                           const WatermarkKey& key, const WatermarkId& sensor,
+                                           const WatermarkOptions& options) {
+  const WatermarkHeader last = WatermarkRecord::parse(bytes).header;
+  WatermarkEmbedder embedder(key, sensor, last.session, options);
+  State& s = *embedder.state_;
+  const auto body = bytes.first(bytes.size() - kRecordEnd);
+  std::copy_n(bytes.end() - 32, 32, s.previous.begin());
+  const WatermarkTag own = tag_of_record(s.keys, "m3d-record", body, {s.previous});
+  if (!equal_in_constant_time(own, bytes.subspan(body.size(), 32))) {
+    throw FormatError("the record is damaged, or of another key or sensor", {});
+  }
+  if (last.embedding != s.header.embedding || last.units_per_m != s.header.units_per_m) {
+    throw InputError("record: expected one of the same embedding and grid");
+  }
+  if (last.is_end) throw InputError("record: its session has ended with this frame");
+  s.header.frame = last.frame + 1;
+  return embedder;
+}
+
 WatermarkEmbedder::WatermarkEmbedder(WatermarkEmbedder&&) noexcept = default;
 WatermarkEmbedder& WatermarkEmbedder::operator=(WatermarkEmbedder&&) noexcept = default;
 WatermarkEmbedder::~WatermarkEmbedder() = default;

@@ -494,25 +494,54 @@ class Watermarker(Closing):
         carried = None if carrier is None else samples.reshape(carrier.shape)
         return Watermarked(marked, record, number, tiles, is_detached, carried)
 
+    def resume(self, record: bytes) -> None:
+        """Go on with a session whose embedding was stopped, after the frame of a record.
+
+        Parameters
+        ----------
+        record : bytes
+            Of the last frame that is kept, as `embed` gave it; the next frame has the next number.
+            What was embedded after it, and is lost, is embedded again.
+
+        Raises
+        ------
+        InputError
+            Embedding has begun already; the record's session has ended, or has another embedding
+            or grid.
+        FormatError
+            The record is damaged, or of another key or sensor.
+        Error
+            The watermarker is closed.
+        """
+        with self._turn:
+            if self._embedder is not None:
+                raise InputError("record: expected before the first frame is embedded")
+            self._embedder = self._new_embedder(record)
+
     def _begun(self) -> _core.WatermarkEmbedder:
         """The embedder, whose making draws the session: one, however many threads ask for it."""
         with self._turn:
-            if self._is_closed:
-                raise Error("the watermarker is closed")
-            if self._embedder is None:
-                slices, least, rounding, units = self._options
-                self._embedder = _core.WatermarkEmbedder(
-                    self._key._key,
-                    self._sensor,
-                    None,
-                    self._embedding,
-                    slices,
-                    least,
-                    False,
-                    rounding,
-                    units,
-                )
+            if self._embedder is None or self._is_closed:
+                self._embedder = self._new_embedder(None)
             return self._embedder
+
+    def _new_embedder(self, last: bytes | None) -> _core.WatermarkEmbedder:
+        """An embedder of a new session, or of that of a last record."""
+        if self._is_closed:
+            raise Error("the watermarker is closed")
+        slices, least, rounding, units = self._options
+        return _core.WatermarkEmbedder(
+            self._key._key,
+            self._sensor,
+            None,
+            self._embedding,
+            slices,
+            least,
+            False,
+            rounding,
+            units,
+            after=last,
+        )
 
     def _offset(self, frame: LidarFrame) -> tuple[int, int, int]:
         """The origin in steps of the grid."""
@@ -527,6 +556,10 @@ class Watermarker(Closing):
             raise InputError(f"origin: expected at most 2^37 steps of the grid, got {place}")
         x, y, z = (round(step) for step in steps.tolist())
         return x, y, z
+
+    def own_verifier(self) -> Watermarker:
+        """Return a watermarker of the embedding key that has verified nothing so far."""
+        return Watermarker(self._key)
 
     def verify(
         self,

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.options import reporting
@@ -39,6 +42,7 @@ from manip3d.io._scan_tables import scan_suffix
 
 if TYPE_CHECKING:
     from manip3d._util.options import Progress
+    from manip3d.lidar import LidarFrame
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +59,8 @@ class EmbeddedScan:
         Points, and tiles that are signed on their own.
     has_time : bool
         The drive says when it was taken; else its record bears the time of the clock.
+    was_there : bool
+        An earlier run, which was stopped, had written it.
     """
 
     path: Path
@@ -62,6 +68,7 @@ class EmbeddedScan:
     num_points: int
     num_tiles: int
     has_time: bool
+    was_there: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +160,10 @@ def embed_files(
     """Embed a watermark into a scan's file, or into all scans of a drive as one chain.
 
     The record of each scan is written beside it (`record_path`), or into a picture. What else a
-    drive has is copied. The session ends with the last scan.
+    drive has is copied. The session ends with the last scan, which is written when all else is
+    there. Where ``output`` has the beginning of a session of this drive and key that did not end,
+    as after a run that was stopped or found the disk full, it goes on after the scans that are
+    there.
 
     Parameters
     ----------
@@ -185,10 +195,10 @@ def embed_files(
     Raises
     ------
     InputError
-        There is something at ``output`` already, the folder has no scans, a scan is signed already,
-        or a format does not keep coordinates (`write_watermarked`).
+        There is something else at ``output`` already, the folder has no scans, a scan is signed
+        already, or a format does not keep coordinates (`write_watermarked`).
     FormatError, OSError
-        A file cannot be read or written.
+        A file cannot be read or written. A note of the error says how many scans were.
 
     Examples
     --------
@@ -213,38 +223,134 @@ def embed_files(
         if not again:
             _refuse_signed({begin: seen})
         return [_embed(marker, begin, target, seen, None, time_ns=None, is_end=True)]
-    _check_folder(begin, target, replace=replace)
+    _check_folder(begin, target)
     folder = drive_pictures(begin, picture) if picture else None
-    scans = drive_scans(begin)
-    seen_at = {scan: None if folder is None else _picture_of(scan, folder) for scan in scans}
+    works = _works_of(begin, target, folder)
     if not again:
-        _refuse_signed(seen_at)
-    times = scan_times(begin, scans)
-    done: list[EmbeddedScan] = []
-    pictures: set[Path] = set()
-    with reporting(progress, "embed") as report:
-        for number, scan in enumerate(scans):
-            seen = seen_at[scan]
-            shown = None if seen is None else target / seen.relative_to(begin)
-            written = _embed(
-                marker,
-                scan,
-                target / plain_name(scan, begin),
-                seen,
-                shown,
-                time_ns=times.get(scan),
-                is_end=number + 1 == len(scans),
+        _refuse_signed({work.scan: work.picture for work in works})
+    done = [] if replace else _go_on(marker, works)
+    if not (replace or done) and any(path.is_file() for path in target.rglob("*")):
+        raise InputError(f"{target}: exists already; --force (replace=True) replaces its scans")
+    pictures = {work.shown for work in works if work.shown is not None}
+    with reporting(progress, "embed") as report, _noting_what_is_done(target, works, done):
+        for number, work in enumerate(works[len(done) :], len(done) + 1):
+            is_end = number == len(works)
+            if is_end and not scans_only:  # a session that has ended is of a whole drive
+                copy_rest_of_drive(begin, target, written=pictures)
+            done.append(
+                _embed(
+                    marker,
+                    work.scan,
+                    work.target,
+                    work.picture,
+                    work.shown,
+                    time_ns=work.time_ns,
+                    is_end=is_end,
+                )
             )
-            done.append(written)
-            if shown is not None:
-                pictures.add(shown)
             if report is not None:
-                report((number + 1) / len(scans))
+                report(number / len(works))
     kept = {scan.path for scan in done}
     _remove_others(kept if pictures else kept | {record_path(path) for path in kept})
-    if not scans_only:
-        copy_rest_of_drive(begin, target, written=pictures)
     return done
+
+
+@dataclass(frozen=True)
+class _Work:
+    """A scan of a drive that is to be signed, its picture, and where both are written."""
+
+    scan: Path
+    target: Path
+    picture: Path | None
+    shown: Path | None
+    time_ns: int | None
+
+
+def _works_of(drive: Path, output: Path, pictures: Path | None) -> list[_Work]:
+    scans = drive_scans(drive)
+    times = scan_times(drive, scans)
+    works = []
+    for scan in scans:
+        picture = None if pictures is None else _picture_of(scan, pictures)
+        shown = None if picture is None else output / picture.relative_to(drive)
+        target = output / plain_name(scan, drive)
+        works.append(_Work(scan, target, picture, shown, times.get(scan)))
+    return works
+
+
+@contextmanager
+def _noting_what_is_done(
+    output: Path, works: Sequence[_Work], done: Sequence[EmbeddedScan]
+) -> Iterator[None]:
+    """Note at an error how far the drive was written."""
+    try:
+        yield
+    except BaseException as error:
+        error.add_note(
+            f"{output} has {len(done)} of {len(works)} scans, each whole"
+            + ("; run again without --force (replace), it goes on after them" if done else "")
+        )
+        raise
+
+
+def _go_on(marker: Watermarker, works: Sequence[_Work]) -> list[EmbeddedScan]:
+    """Go on with a session that an earlier run has not ended; return the scans that are there.
+
+    None where the first scan is not there, was not made of this drive's with this key and
+    embedding, or where the session has ended.
+    """
+    done: list[EmbeddedScan] = []
+    last: WatermarkResult | None = None
+    if marker.session:
+        return done
+    policy = Policy(
+        embeddings=(marker.embedding,),
+        carriers=("sidecar" if works[0].shown is None else "picture",),
+        order="chain",
+    )
+    with marker.own_verifier() as verifier:
+        for work in works:
+            found = _found_at(verifier, work, policy)
+            if found is None or found.number != len(done):
+                break
+            number, tiles, has_time = found.number, len(found.tiles), work.time_ns is not None
+            points = 0 if found.scan is None else found.scan.num_points
+            done.append(EmbeddedScan(work.target, number, points, tiles, has_time, was_there=True))
+            last = found
+    if last is None or last.is_end:
+        return []
+    work = works[len(done) - 1]
+    carrier = None if work.shown is None else read_carrier(work.shown)
+    record = read_record(find_record(work.target)) if carrier is None else None
+    try:
+        marker.resume(record or record_of_picture(carrier))
+    except (FormatError, InputError):  # of another sensor or grid
+        return []
+    return done
+
+
+def _found_at(verifier: Watermarker, work: _Work, policy: Policy) -> WatermarkResult | None:
+    """What was written of a scan, if it is authentic and was made of that scan."""
+    if not work.target.is_file():
+        return None
+    record = find_record(work.target)
+    try:
+        found = _verified(verifier, work.target, record, work.shown, policy, in_drive=True)
+        source = read_scan(work.scan)
+    except (FormatError, InputError, OSError):
+        return None
+    is_timed = work.time_ns is None or work.time_ns == found.time_ns
+    is_same = found.scan is not None and _is_made_of(found.scan, source, found.units_per_m or 1000)
+    return found if found.verdict == "authentic" and is_timed and is_same else None
+
+
+def _is_made_of(marked: LidarFrame, source: LidarFrame, units_per_m: int) -> bool:
+    """Whether no point was moved further than rounding and embedding move it."""
+    if marked.num_points != source.num_points:
+        return False
+    is_exact = marked.exact is not None and source.exact is not None
+    ours, theirs = (marked.exact, source.exact) if is_exact else (marked.points, source.points)
+    return bool(np.allclose(ours, theirs, rtol=1e-6, atol=3.0 / units_per_m))  # two steps, and more
 
 
 def _embed(
@@ -301,15 +407,13 @@ def _check_scan(target: Path, picture: str, *, replace: bool) -> None:
     refuse_existing_record(target, replace=replace)
 
 
-def _check_folder(source: Path, output: Path, *, replace: bool) -> None:
+def _check_folder(source: Path, output: Path) -> None:
     if not output.parent.is_dir():
         raise InputError(f"output: there is no folder {output.parent}")
     if output.exists() and not output.is_dir():
         raise InputError(f"output: expected a folder's name, got a file's: {output}")
     if output.resolve() == source.resolve():
         raise InputError(f"output: expected another folder than the drive's, got {output}")
-    if output.exists() and any(output.iterdir()) and not replace:
-        raise InputError(f"{output}: exists already; --force (replace=True) replaces its scans")
 
 
 def _picture_of(scan: Path, folder: Path) -> Path:

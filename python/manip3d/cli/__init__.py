@@ -153,7 +153,10 @@ def main(arguments: list[str] | None = None) -> NoReturn:
             app(arguments, prog_name="manip3d")
         finally:
             _flush(sys.stdout)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as error:
+        for note in getattr(error, "__notes__", ()):
+            with contextlib.suppress(OSError):
+                print(f"manip3d: interrupted: {note}", file=sys.stderr)
         sys.exit(130)
     except BrokenPipeError:  # who read the output has read enough
         sys.exit(1)
@@ -238,7 +241,7 @@ def _fail(error: BaseException, message: str, as_json: bool) -> NoReturn:
         traceback.print_exception(error)
     from manip3d.errors import Error, error_details
 
-    line = " ".join(message.split())
+    line = " ".join("; ".join([message, *getattr(error, "__notes__", ())]).split())
     with contextlib.suppress(OSError):
         if as_json and not _has_answered():
             own = {} if isinstance(error, Error) else {"message": line}

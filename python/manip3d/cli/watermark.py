@@ -226,9 +226,10 @@ def embed(
     The record of each scan is written beside it, as SCAN.wm, or with --picture in the lowest bits
     of the picture, SCAN.png or that of the drive. Points move by at most 1.8 mm (lbm), 1.9 mm (qim)
     or not at all (detached). What else a drive has (pictures, positions, times, labels,
-    calibration) is copied as it is. With --force, scans and records of an earlier drive go from the
-    output's folder of scans. Of several drives, each is a session of its own and one piece
-    of work: its frames are chained, and only drives are worked on side by side.
+    calibration) is copied as it is. A run over a drive that was stopped, or found the disk full,
+    goes on where it was when the same command is given again. With --force, scans and records of an
+    earlier drive go from the output's folder of scans. Of several drives, each is a session of its
+    own and one piece of work: its frames are chained, and only drives are worked on side by side.
 
     Example: manip3d watermark embed drive --key sensor.key -o signed
     """
@@ -284,6 +285,9 @@ def embed(
         told = counted(without, "scan")
         shell.say(f"{source}: no time of {told}; their records bear the clock's")
     carrier = ("pictures" if drive else "a picture") if picture else ""
+    were_there = sum(scan.was_there for scan in scans)
+    if were_there:
+        shell.say(f"went on after {counted(were_there, 'scan')} of an earlier run")
     shell.say(f"wrote {_with_records(len(scans), carrier)} to {output}")
     shell.result(record, lambda console: console.print(f"session {record['session']}"))
 

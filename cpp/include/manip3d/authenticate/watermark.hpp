@@ -127,6 +127,11 @@ class WatermarkEmbedder {
   /// The same with a given session, for known answers; a session must never be used twice.
   WatermarkEmbedder(const WatermarkKey& key, const WatermarkId& sensor, const WatermarkId& session,
                     const WatermarkOptions& options);
+  /// One that goes on with a session after the frame of this record, as after a run that stopped.
+  /// @throws FormatError  not a record, a damaged one, or one of another key or sensor.
+  /// @throws InputError  its session has ended, or has another embedding or grid than the options.
+  static WatermarkEmbedder after(std::span<const std::uint8_t> record, const WatermarkKey& key,
+                                 const WatermarkId& sensor, const WatermarkOptions& options = {});
   WatermarkEmbedder(WatermarkEmbedder&&) noexcept;
   WatermarkEmbedder& operator=(WatermarkEmbedder&&) noexcept;
   ~WatermarkEmbedder();
