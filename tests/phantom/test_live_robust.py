@@ -165,7 +165,7 @@ def test_only_a_camera_is_said_to_give_no_frames(
             return None
 
     monkeypatch.setattr(_live, "_AGAIN_S", 0.2)
-    found = list(_live._captured("slow", cast(capture.RgbdSource, Slow()), math.inf, once=True))
+    found = list(_live._captured("slow", cast(capture.RgbdSource, Slow()), math.inf, None))
     told = [each for each in found if isinstance(each, str)]
     assert told == ["The camera gives no frames."] * (2 if is_live else 0)
     assert len(found) - len(told) == 2
@@ -186,7 +186,7 @@ def test_a_live_session_goes_on_past_frames_that_cannot_be_read() -> None:
             return capsule_body.painted(self.asked) if self.asked < 5 else None
 
     source = cast(capture.RgbdSource, Torn())
-    found = list(_live._captured("torn", source, math.inf, once=True))
+    found = list(_live._captured("torn", source, math.inf, None))
     assert found[1:3] == ["A frame of the recording cannot be read."] * 2
     assert len(found) == 4
 
@@ -208,9 +208,12 @@ def test_a_recording_whose_next_frame_is_far_away_does_not_outlast_the_session()
             time.sleep(timeout)
             return None
 
+    def again() -> capture.RgbdSource:
+        raise AssertionError("it begins again")
+
     still = Still()
     end = time.monotonic() + 1.5
-    found = list(_live._captured("still", cast(capture.RgbdSource, still), end, once=False))
+    found = list(_live._captured("still", cast(capture.RgbdSource, still), end, again))
     assert len(found) == 1  # and it does not begin again
     assert all(wait <= _live._AGAIN_S for wait in still.waits)
     assert sum(still.waits[1:]) <= 1.5

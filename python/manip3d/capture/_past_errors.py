@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from itertools import count
 from typing import TypeVar
 
 _Item = TypeVar("_Item")
+
+
+def _told(error: Exception) -> str:
+    """An error in words, without the number that an operating system gives it."""
+    if isinstance(error, OSError) and error.filename and error.strerror:
+        return f"{os.fsdecode(error.filename)}: {error.strerror}"
+    return str(error)
 
 
 def past_errors(
@@ -46,7 +54,7 @@ def past_errors(
             return
         except reasons as error:
             first = first or error
-            errors[number] = str(error)
+            errors[number] = _told(error)
             if most is not None and len(errors) > most:
                 raise
             yield None

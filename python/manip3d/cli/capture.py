@@ -26,7 +26,15 @@ from manip3d.cli.options import (
     Quiet,
     RgbdPlace,
 )
-from manip3d.cli.terminal import Terminal, check_output, count, counted, naming_options, table
+from manip3d.cli.terminal import (
+    Terminal,
+    check_output,
+    count,
+    counted,
+    left_out,
+    naming_options,
+    table,
+)
 from manip3d.cli.triggers import trigger_of
 from manip3d.errors import InputError, MissingExtraError
 from manip3d.rgbd import RgbdFrame
@@ -204,6 +212,14 @@ def write_recording(
         raise InputError(f"--trigger {trigger}: it did not come before the source ended; {found}")
     told = "" if done.frames_with_skeleton else "; no frame of the source has a skeleton"
     terminal.say(f"wrote {output}: {counted(done.frames, 'frame')}, {done.seconds:.2f} s{told}")
+    if str(output).startswith("tum:") and done.frames_with_skeleton:
+        number = counted(done.frames_with_skeleton, "frame")
+        terminal.say(f"skeletons of {number} left out: a TUM sequence has no place for them")
+    if done.counters.get("too_far"):
+        number = counted(done.counters["too_far"], "pixel")
+        terminal.say(f"{number} left out: beyond 13.107 m, which a TUM sequence cannot hold")
+    for line in left_out(done.source_counters):
+        terminal.say(line)
     return {**asdict(done), "path": str(done.path), "source": source.uri}
 
 
@@ -534,6 +550,8 @@ def capture_export(
     pose: Annotated[
         bool, typer.Option("--pose", help="Find the joints in the colour image with MediaPipe.")
     ] = False,
+    intrinsics: FolderIntrinsics = "",
+    units_per_metre: FolderUnits = 0.0,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -546,13 +564,16 @@ def capture_export(
 
     check_output(output, (".csv", ".bvh"), force=force)
     shell = Terminal(as_json=as_json, quiet=quiet)
-    with open_source(source, shell) as opened, naming_options("output"):
+    camera = {"intrinsics": intrinsics, "units_per_metre": units_per_metre}
+    with open_source(source, shell, **camera) as opened, naming_options("output", "person"):
         done = capture.export_joints(
             opened, output, person=person, frames=frames, pose=pose, overwrite=force
         )
     shell.say(f"wrote {output}: {counted(done.frames, 'skeleton')}")
     if done.held:
         shell.say(f"the person was not seen in {counted(done.held, 'frame')}, and stays as before")
+    for line in left_out(opened.counters):
+        shell.say(line)
     shell.result({**asdict(done), "path": str(done.path), "source": opened.uri})
 
 

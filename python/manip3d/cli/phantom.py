@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from manip3d.cli import kinds
-from manip3d.cli.capture import open_source
+from manip3d.cli.capture import camera_of_images, open_source
 from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
 from manip3d.cli.options import (
@@ -25,7 +25,8 @@ from manip3d.cli.options import (
     Quiet,
 )
 from manip3d.cli.signals import ended_like_ctrl_c
-from manip3d.cli.terminal import Terminal, check_output, counted, naming_options
+from manip3d.cli.terminal import Terminal, check_output, counted, left_out, naming_options
+from manip3d.errors import InputError
 
 if TYPE_CHECKING:
     from manip3d.capture import RgbdSource
@@ -145,7 +146,8 @@ def phantom_render(
 
     The output is a film (.mp4), a contact sheet of the 40 worst frames by the pipeline's own score
     (.png), or a folder of PNG pictures (a name without a suffix). Frames that cannot be read are
-    told and passed over, and the exit code is then 1.
+    told and passed over, and the exit code is then 1. Frames whose times are no later than those
+    before are left out, which is told too.
 
     Example: manip3d phantom render 'sim:body?amputated=right-arm&frames=30' -o phantom
     """
@@ -190,6 +192,9 @@ def phantom_render(
         shell.say(f"frame {frame}: {reason}")
     if film.errors:
         shell.say(f"{counted(len(film.errors), 'frame')} cannot be read")
+    damaged = film.counters.get("damaged", 0) if not film.errors else 0
+    for line in left_out({**film.counters, "damaged": damaged}):
+        shell.say(line)
     shell.result(
         {
             "source": source,
@@ -201,9 +206,10 @@ def phantom_render(
             "messages": dict(film.messages),
             "stage_ms": dict(film.stage_ms),
             "errors": {str(frame): reason for frame, reason in film.errors.items()},
+            "counters": dict(film.counters),
         }
     )
-    if film.errors:
+    if film.errors or damaged:
         raise typer.Exit(1)
 
 
@@ -257,8 +263,9 @@ def phantom_live(
         str | None,
         typer.Option(
             metavar="SOURCE",
-            help="A camera (openni2:), a recording (mkv:FILE), which is played over and over, or a "
-            "simulated person (sim:body?...); by default a simulated person who has lost the limb.",
+            help="A camera (openni2:), a recording (a file or folder), which is played over and "
+            "over, or a simulated person (sim:body?...); by default a simulated person who has "
+            "lost the limb.",
         ),
     ] = None,
     limb: Annotated[
@@ -290,6 +297,8 @@ def phantom_live(
             help="Find the joints in the colour image with MediaPipe, for sources without any.",
         ),
     ] = False,
+    intrinsics: FolderIntrinsics = "",
+    units_per_metre: FolderUnits = 0.0,
     host: Annotated[
         str,
         typer.Option(
@@ -345,8 +354,13 @@ def phantom_live(
     """
     import webbrowser
 
+    from manip3d.capture import rgbd_address
     from manip3d.phantom import run_live
 
+    if source is not None:
+        source = rgbd_address(source) or source
+    if source is None and (intrinsics or units_per_metre):
+        raise InputError("--intrinsics, --units-per-metre: expected --source with them")
     shell = Terminal(as_json=as_json, quiet=quiet)
 
     def on_start(url: str, made: Certificate | None) -> None:
@@ -355,9 +369,12 @@ def phantom_live(
             shell.say("the browser warns that nobody has signed the certificate; compare SHA-256:")
             shell.say(made.fingerprint)
 
-    with ended_like_ctrl_c():
+    options = ("seconds", "host", "port", "certificate", "diary", "participant", "log", "gain")
+    with ended_like_ctrl_c(), naming_options(*options, uri="source", key="diary-key"):
         report = run_live(
             source,
+            camera=camera_of_images(intrinsics, source) if intrinsics and source else None,
+            units_per_metre=units_per_metre or None,
             affected=limb.value.replace("-", "_") if limb else None,  # type: ignore[arg-type]
             game=game.value if game else None,
             difficulty=difficulty,

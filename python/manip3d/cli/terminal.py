@@ -189,10 +189,11 @@ def named_as_options(text: str, options: Sequence[str]) -> str:
 
 
 @contextmanager
-def naming_options(*options: str) -> Iterator[None]:
+def naming_options(*options: str, **others: str) -> Iterator[None]:
     """Turn an error about an argument into one about the option of that name.
 
-    ``depth_step: expected >= 0`` becomes ``--depth-step: expected >= 0``.
+    ``depth_step: expected >= 0`` becomes ``--depth-step: expected >= 0``. ``others`` are arguments
+    whose options have another name: ``uri="source"``.
     """
     try:
         yield
@@ -205,8 +206,9 @@ def naming_options(*options: str) -> Iterator[None]:
         ) from error
     except InputError as error:
         names, colon, rest = str(error).partition(":")
-        found = [name.strip().replace("_", "-") for name in names.split(",")]
-        if not colon or not set(found) <= set(options):
+        given = [name.strip() for name in names.split(",")]
+        found = [others.get(name, name.replace("_", "-")) for name in given]
+        if not colon or not set(found) <= {*options, *others.values()}:
             raise
         raise InputError(", ".join(f"--{name}" for name in found) + ":" + rest) from error
 
@@ -250,6 +252,27 @@ def check_output(
     if not path.parent.is_dir():
         raise InputError(f"{option} {path}: there is no folder {path.parent}")
     refuse_existing(path, force=force)
+
+
+_LEFT_OUT = {
+    "out_of_order": "no later than the frame before",
+    "damaged": "damaged",
+    "lost": "missing in the file",
+    "lost_by_camera": "lost by the camera",
+}
+"""Counters of a source of RGB-D frames, by what becomes of so many frames."""
+
+
+def left_out(counters: Mapping[str, int]) -> list[str]:
+    """Return what a source has not given of a recording, in words for an operator."""
+    told = [
+        f"{counted(number, 'frame')} left out: {words}"
+        for name, words in _LEFT_OUT.items()
+        if (number := counters.get(name, 0))
+    ]
+    if counters.get("cut_short") or counters.get("incomplete"):
+        told.append("the recording ends in the middle of a frame: its end is missing")
+    return told
 
 
 def configure_logging(*, quiet: bool = False) -> None:

@@ -37,8 +37,9 @@ from manip3d.serve import (
 from manip3d.viewer.phantom import limb_of
 
 if TYPE_CHECKING:
+    from manip3d.camera import Intrinsics
     from manip3d.capture import RgbdSource
-    from manip3d.rgbd import RgbdFrame
+    from manip3d.rgbd import RgbdCalibration, RgbdFrame
 
     _Found = RgbdFrame | str | None
 
@@ -142,6 +143,8 @@ def run_live(
     jpeg_quality: int = 80,
     gain: float = 1.0,
     pose: bool = False,
+    camera: Intrinsics | RgbdCalibration | None = None,
+    units_per_metre: float | None = None,
     diary: str | os.PathLike[str] | None = None,
     participant: str | None = None,
     diary_key: str | os.PathLike[str] | None = None,
@@ -157,7 +160,8 @@ def run_live(
     ----------
     source : str, optional
         An address for `manip3d.capture.open_rgbd`: a camera, a recording, which is played in real
-        time and over again, or a simulated person; by default `simulated_patient`.
+        time and over again, or a simulated person; by default `simulated_patient`. A recording's
+        path will do.
     affected : str, optional
         The limb to replace; by default that of the participant's enrolment, else the one that a
         simulated person has lost, else the right arm, or leg for a game of legs.
@@ -184,6 +188,8 @@ def run_live(
     pose : bool
         Find the person's joints in the colour images with `manip3d.modify.PoseTracker`, for cameras
         and recordings without skeletons.
+    camera, units_per_metre
+        As for `manip3d.capture.open_rgbd`: of a folder of images without a camera of its own.
     diary, participant, diary_key : path, str, path, optional
         A diary file, who of its participants plays, and its key file where it is encrypted. Games
         and ratings of pain are kept as they come, by a thread of their own; what could not be is
@@ -219,7 +225,11 @@ def run_live(
         raise InputError("diary, participant: expected both or none")
     if seconds is not None and not seconds > 0:
         raise InputError(f"seconds: expected > 0, got {seconds}")
+    from manip3d.capture import open_rgbd, rgbd_address
+
     began = time.monotonic()
+    if source is not None:
+        source = rgbd_address(source) or source
     limb = affected or _default_limb(source, game)
     if source is None or source.startswith("sim:"):
         require("live")
@@ -251,7 +261,10 @@ def run_live(
         if tracker is not None:
             opened.callback(tracker.close)
         end = math.inf if seconds is None else began + seconds
-        feed = _frames(address, end)
+        begin = functools.partial(
+            open_rgbd, speed=1.0, camera=camera, units_per_metre=units_per_metre
+        )
+        feed = _frames(address, end, begin)
         opened.callback(feed.close)
         pages = live_pages(limb, address, asks=recorder is not None)
         made = _certificate(host, certificate)
@@ -407,33 +420,32 @@ def hear(
             client.say(json.dumps({"taken": fields["number"]}))
 
 
-def _frames(address: str, end: float) -> Generator[_Found, None, None]:
+def _frames(
+    address: str, end: float, begin: Callable[[str], RgbdSource]
+) -> Generator[_Found, None, None]:
     """Frames in real time; a sentence where there is none for the moment; None before a recording
     begins again. The monotonic time ``end`` stops the waiting for a frame.
 
-    What is wrong with the address is said at once, not with the first frame.
+    ``begin`` opens an address. What is wrong with it is said at once, not with the first frame.
     """
     is_simulated = address.startswith("sim:body")
     has_end = is_simulated and "frames" in parse_qs(urlsplit(address).query)
     if is_simulated and not has_end:
         address += f"{'&' if '?' in address else '?'}frames={_ENDLESS}"
-    from manip3d.capture import open_rgbd
-
-    source = open_rgbd(address, speed=1.0)
+    source = begin(address)
     if source.num_frames == 0:
         raise InputError(f"{address}: expected frames, found none")
-    return _captured(address, source, end, once=has_end)
+    again = None if has_end else functools.partial(begin, address)
+    return _captured(address, source, end, again)
 
 
 def _captured(
-    address: str, source: RgbdSource, end: float, *, once: bool
+    address: str, source: RgbdSource, end: float, again: Callable[[], RgbdSource] | None
 ) -> Generator[_Found, None, None]:
     """A camera, waited for where it is gone; or a recording, over and over again.
 
-    ``once``: the source is not opened again after its end.
+    ``again`` opens the source after its end; None: that is the end.
     """
-    from manip3d.capture import open_rgbd
-
     while True:
         seen = False
         with source:
@@ -444,10 +456,10 @@ def _captured(
             return
         if not seen:
             raise InputError(f"{address}: expected frames, found none")
-        if once:
+        if again is None:
             return
         yield None
-        source = open_rgbd(address, speed=1.0)
+        source = again()
 
 
 def _until_the_end(source: RgbdSource, end: float) -> Iterator[RgbdFrame | str]:

@@ -62,6 +62,8 @@ class PhantomFilm:
     errors : mapping of int to str
         Why frames could not be read, by their places. The picture before such a frame is shown
         again, and it counts as ``holding``; before the first that is read there is none.
+    counters : mapping of str to int
+        What the source counted, frames that it left out among it; empty where it counts nothing.
     """
 
     path: Path
@@ -72,6 +74,7 @@ class PhantomFilm:
     stage_ms: Mapping[str, float]
     messages: Mapping[str, int]
     errors: Mapping[int, str]
+    counters: Mapping[str, int]
 
 
 def render_phantom(
@@ -173,8 +176,9 @@ def render_phantom(
     number = states.total()
     stage_ms = {name: 1e3 * spent / number for name, spent in seconds.items()}
     errors = dict(getattr(stream, "errors", {}))
+    counters = dict(getattr(stream, "counters", {}))
     return PhantomFilm(
-        path, limb, number, with_skeleton, dict(states), stage_ms, dict(messages), errors
+        path, limb, number, with_skeleton, dict(states), stage_ms, dict(messages), errors, counters
     )
 
 
