@@ -561,3 +561,42 @@ def test_bad_frames_are_counted_and_do_no_harm(chromium: None, stage: Stage) -> 
         assert text_of(tab, "#status").startswith("Following")
         report = stage.server.report()[-1]
         assert (report["unreadable"], report["acknowledged"]) == (len(bad), 3)
+
+
+def test_a_browser_without_webgl_says_so_and_all_else_works(chromium: None, stage: Stage) -> None:
+    with _chromium.open_address(stage.server.new_url(), (1000, 700)) as tab:
+        wait_for(lambda: stage.server.num_clients == 1)
+        assert text_of(tab, "#blind") == ""
+        source = "HTMLCanvasElement.prototype.getContext = () => null"
+        tab.send("Page.addScriptToEvaluateOnNewDocument", source=source)
+        tab.send("Page.reload")
+        wait_for(lambda: len(stage.server.report()) == 2 and stage.server.num_clients == 1)
+        stage.show(2)
+        keep_picture(tab, "without-webgl")
+        assert text_of(tab, "#blind").startswith("This browser draws no 3D pictures (WebGL).")
+        assert text_of(tab, "#status").startswith("Following")
+        press(tab, " ")
+        wait_for(lambda: "ready" in stage.heard)
+        stage.show(2)
+        assert tab.evaluate("manip3dLive.status().game.phase") == "playing"
+        press(tab, "d")  # another way to draw
+        stage.show(1)
+
+
+def test_who_types_goes_through_a_list_to_its_end(chromium: None, stage: Stage) -> None:
+    with _chromium.open_address(stage.server.new_url(), (1000, 700)) as tab:
+        wait_for(lambda: stage.server.num_clients == 1)
+        stage.show(1)
+        tab.evaluate("document.getElementById('difficulty').focus()")
+        for value in ("2", "3"):
+            type_key(tab, "ArrowDown", 40)
+            wait_for(lambda: tab.evaluate("document.getElementById('difficulty').value") == value)  # noqa: B023
+        wait_for(lambda: stage.heard.count("choose") == 2)
+        stage.show(1)
+        assert tab.evaluate("manip3dLive.status().game.difficulty") == 3
+        # With a pointer the list is let go of, and the page's keys work at once.
+        tab.evaluate(
+            "document.dispatchEvent(new PointerEvent('pointerdown')), "
+            "document.getElementById('difficulty').dispatchEvent(new Event('change'))"
+        )
+        assert tab.evaluate("document.activeElement === document.body")

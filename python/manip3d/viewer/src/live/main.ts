@@ -33,6 +33,10 @@ const CODE_MS = 120_000; // for so long the program takes a code
 const WORDS_MS = 500; // between two readings of latency, lest the numbers flicker
 
 const HOLD = "To end this session, hold the grip of a controller for a second.";
+const BLIND =
+  "This browser draws no 3D pictures (WebGL). Switch on hardware acceleration in its settings, or " +
+  "open the page in another browser: choose Add a screen below.";
+const LOST = "The graphics card has stopped drawing; the picture comes back by itself.";
 const HATCHED = "What the camera cannot see is hatched.";
 const STATES: Record<string, string> = {
   tracking: "Following",
@@ -45,6 +49,7 @@ const STATES: Record<string, string> = {
 // --- what stands on the page -----------------------------------------------------------------------
 
 const canvas = element("canvas", { "aria-label": `Person with a phantom ${content.limb}` });
+const blind = element("p", { id: "blind", role: "alert" });
 const stateWord = element("strong", { id: "state" }, "Connecting");
 const stateText = element("span", { id: "message" }, "Waiting for the first picture.");
 const numbers = element("dl", { id: "numbers" });
@@ -62,7 +67,7 @@ for (const value of ["1", "1.25", "1.5", "2"]) {
 }
 gain.addEventListener("change", () => {
   link.send({ type: "gain", value: Number(gain.value) });
-  gain.blur();
+  letGo(gain);
 });
 const start = element("button", { id: "start", class: "main" }, "Start when ready");
 const score = element("div", { id: "score", hidden: "" });
@@ -187,7 +192,7 @@ document.body.append(
     title,
     element("p", { id: "status", role: "status" }, stateWord, " ", stateText),
   ),
-  element("main", {}, canvas, score, card, setup.root, touching.root),
+  element("main", {}, canvas, blind, score, card, setup.root, touching.root),
   element(
     "footer",
     {},
@@ -227,8 +232,10 @@ document.body.append(
 // --- the scene -------------------------------------------------------------------------------------
 
 const stillness = matchMedia("(prefers-reduced-motion: reduce)");
-const renderer = new THREE.WebGLRenderer({ canvas, antialias: true });
-renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+const renderer = drawing();
+renderer?.setPixelRatio(Math.min(devicePixelRatio, 2));
+canvas.addEventListener("webglcontextlost", () => write(blind, LOST));
+canvas.addEventListener("webglcontextrestored", () => write(blind, ""));
 const scene = new THREE.Scene();
 scene.background = new THREE.Color("#171b22");
 scene.add(new THREE.HemisphereLight("#ffffff", "#8090a0", 2.5));
@@ -251,9 +258,19 @@ const floor = room();
 const cues = new Cues();
 world.add(person.root, bones.root, colliders.root, bubbles.root, piano.root, pedals.root, floor);
 world.add(cues.root);
-renderer.xr.enabled = true;
+if (renderer) renderer.xr.enabled = true;
 const views = new Views(renderer, camera, world);
 scene.add(world, views.rig, panel.root);
+/** What draws; null where the browser has no WebGL: all else of the page works without it. */
+function drawing(): THREE.WebGLRenderer | null {
+  try {
+    return new THREE.WebGLRenderer({ canvas, antialias: true });
+  } catch {
+    write(blind, BLIND);
+    return null;
+  }
+}
+
 let session: XRSession | null = null;
 const outside = new THREE.Vector3(); // where the camera was before it became one's own eyes
 
@@ -274,7 +291,7 @@ function place(status: Status): void {
 
 function fit(): void {
   const { clientWidth: width, clientHeight: height } = canvas.parentElement as HTMLElement;
-  renderer.setSize(width, height, false);
+  renderer?.setSize(width, height, false);
   camera.aspect = width / Math.max(height, 1);
   camera.fov = views.own ? OWN_ANGLE : VIEW_ANGLE;
   camera.updateProjectionMatrix();
@@ -497,6 +514,13 @@ setInterval(() => {
 
 // --- what people do --------------------------------------------------------------------------------
 
+let isTyped = false; // what was done last
+
+/** Keys are the page's again after a choice with a pointer; who types goes on in the list. */
+function letGo(list: HTMLElement): void {
+  if (!isTyped) list.blur();
+}
+
 function isIdle(): boolean {
   const current = newest?.game.phase;
   return (current === "waiting" || current === "over") && !isTouching(newest);
@@ -579,6 +603,7 @@ note.addEventListener("click", () => {
 });
 for (const kind of ["pointerdown", "keydown"]) {
   document.addEventListener(kind, () => sound.wake());
+  document.addEventListener(kind, () => (isTyped = kind === "keydown"), true);
 }
 start.addEventListener("click", () => {
   if (newest && newest.game.sitting !== "open") link.send({ type: "again" });
@@ -588,7 +613,7 @@ start.addEventListener("click", () => {
 for (const list of [gameChoice, difficulty]) {
   list.addEventListener("change", () => {
     choose();
-    list.blur();
+    letGo(list);
   });
 }
 const keys: Record<string, () => void> = {
@@ -621,14 +646,14 @@ document.addEventListener("keydown", (event) => {
 
 way.addEventListener("change", () => {
   settle();
-  way.blur();
+  letGo(way);
 });
 canvas.addEventListener("pointermove", (event) => {
   if (!views.own || event.buttons !== 1) return;
   views.turn(event.movementX * TURN, event.movementY * TURN);
 });
 void hasHeadset().then((found) => {
-  headset.hidden = !found;
+  headset.hidden = !found || !renderer;
 });
 headset.addEventListener("click", () => {
   headset.blur();
@@ -655,7 +680,7 @@ headset.addEventListener("click", () => {
 new ResizeObserver(fit).observe(canvas.parentElement as HTMLElement);
 settle();
 let drawnAt = performance.now();
-renderer.setAnimationLoop(() => {
+renderer?.setAnimationLoop(() => {
   const now = performance.now();
   bubbles.animate(now);
   if (newest) views.look(newest, now);

@@ -48,7 +48,7 @@ export class Views {
   private last = 0;
 
   constructor(
-    private renderer: THREE.WebGLRenderer,
+    private renderer: THREE.WebGLRenderer | null, // null: nothing is drawn
     private camera: THREE.PerspectiveCamera,
     private world: THREE.Group,
   ) {
@@ -58,7 +58,7 @@ export class Views {
   }
 
   get inHeadset(): boolean {
-    return this.renderer.xr.isPresenting;
+    return this.renderer?.xr.isPresenting ?? false;
   }
 
   /** Whether what stands on the page over the picture would be seen wrongly, or not at all. */
@@ -136,6 +136,7 @@ export class Views {
   /** One picture, or one for each eye. */
   render(scene: THREE.Scene, distance: number): void {
     const { renderer, camera } = this;
+    if (!renderer) return;
     if (this.inHeadset || this.way === "screen") {
       renderer.render(scene, camera);
       return;
@@ -178,7 +179,7 @@ export class Views {
       onEnd();
     });
     this.rig.userData.own = false;
-    await this.renderer.xr.setSession(session);
+    await this.renderer?.xr.setSession(session);
     return session;
   }
 }
