@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import functools
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -14,6 +16,7 @@ import pytest
 
 import capsule_body
 from frame_reader import read_frame
+from manip3d.errors import InputError
 from manip3d.phantom import LiveSession, _sitting
 from manip3d.phantom import _diary as _recorder
 from manip3d.phantom._felt import FeltLimb
@@ -330,6 +333,41 @@ def test_a_program_that_stops_before_any_game_leaves_nothing_to_compare_with(
     sitting.end().close()
     sitting.open()
     assert sitting.say("pain", value=6)["game"]["halt"] == ""
+
+
+def test_a_participant_has_one_live_session_at_a_time(sitting: Sitting) -> None:
+    """A second one would not compare the pain with what was said in the first."""
+    sitting.say("pain", value=3)
+    with Diary(sitting.path) as diary:
+        diary.enrol("P02")
+    link = sitting.path.with_name("link.diary")
+    link.symlink_to(sitting.path)
+    for path in (sitting.path, link):
+        with pytest.raises(InputError, match="participant: P01 has a session open in another"):
+            DiaryRecorder(path, "P01", None)
+    other = DiaryRecorder(sitting.path, "P02", None)  # in the next room
+    other.start()
+    assert other.end() == []
+    sitting.end().close()
+    assert other.end() == []
+    sitting.open()  # the lock is free again
+    assert [path.name for path in sitting.path.parent.iterdir() if "P01" in path.name] == []
+    sitting.end().close()
+    assert list(sitting.path.parent.glob(".*.lock")) == []
+
+
+def test_a_killed_session_lets_the_next_one_begin(tmp_path: Path) -> None:
+    path = tmp_path / "study.diary"
+    with Diary(path, create=True) as diary:
+        diary.enrol("P01")
+    code = (
+        "import os, sys; from manip3d.phantom._diary import DiaryRecorder;"
+        "kept = DiaryRecorder(sys.argv[1], 'P01', None); kept.start(); os.kill(os.getpid(), 9)"
+    )
+    subprocess.run([sys.executable, "-c", code, str(path)], check=False)
+    assert len(list(tmp_path.glob(".*.lock"))) == 1
+    DiaryRecorder(path, "P01", None).end()
+    assert list(tmp_path.glob(".*.lock")) == []
 
 
 def test_a_rating_that_stops_is_kept_once_and_with_its_reason(

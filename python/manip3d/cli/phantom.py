@@ -347,7 +347,8 @@ def phantom_live(
     The page is served to this machine only (see --host), to whoever has the address that is
     printed. Ctrl-C ends the session, and so do SIGTERM and a terminal that is closed. With a diary
     no game starts before the patient has said how strong the pain is; where it rises by 2 or the
-    patient feels sick, no further one starts today. What could not be kept in the diary is printed
+    patient feels sick, no further one starts today. A participant has one session at a time. What
+    could not be kept in the diary is printed
     at the end, and the exit code is 1.
 
     Example: manip3d phantom live --no-open --seconds 2

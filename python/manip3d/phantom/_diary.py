@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 from manip3d.errors import InputError
 from manip3d.phantom._felt import FeltLimb
 from manip3d.phantom._recorder import GameSummary, Pictures
+from manip3d.phantom._session_lock import SessionLock
 from manip3d.phantom._touch import Mode
 from manip3d.phantom._writer import OrderedWriter
 
@@ -37,7 +38,7 @@ class DiaryRecorder:
     Raises
     ------
     InputError
-        No such participant.
+        No such participant, or they have a live session open in another program.
     FormatError, OSError
         No such diary, or one of another key.
     MissingExtraError
@@ -57,6 +58,7 @@ class DiaryRecorder:
         try:
             person = self._diary.participant(participant)
             felt = self._diary.felt(participant)
+            self._lock = SessionLock(self._diary.path, person.identifier, person.number)
         except BaseException:
             self._diary.close()
             raise
@@ -121,6 +123,7 @@ class DiaryRecorder:
             self.close_session()
             unkept = self._writer.close(_END_S, is_hurried)
         self._diary.close()
+        self._lock.release()
         return unkept
 
     def close_session(self, *, answered: bool = True) -> None:

@@ -191,7 +191,8 @@ def run_live(
     camera, units_per_metre
         As for `manip3d.capture.open_rgbd`: of a folder of images without a camera of its own.
     diary, participant, diary_key : path, str, path, optional
-        A diary file, who of its participants plays, and its key file where it is encrypted. Games
+        A diary file, who of its participants plays, and its key file where it is encrypted. A
+        participant has one live session at a time: ratings of two would not be compared. Games
         and ratings of pain are kept as they come, by a thread of their own; what could not be is
         listed in the report. Games of a simulated person are marked, and `manip3d.diary.analyse`
         and `manip3d.diary.adherence` leave them out.
@@ -211,6 +212,7 @@ def run_live(
     ------
     InputError, FormatError, DeviceError, OSError
         The source raised it before anything is shown; a camera that goes away later is waited for.
+        Or the participant has a live session open in another program.
     MissingExtraError
         aiohttp or, for simulated people, Open3D is not installed; SQLAlchemy for a diary,
         MediaPipe for ``pose``.
