@@ -127,6 +127,10 @@ def test_plain_folders_need_intrinsics(walk: Path, tmp_path: Path) -> None:
     assert "has no calibration.json" in done.stderr
     done = manip3d("capture", "info", walk, "--intrinsics", "15,15,7.5,5.5", "--json")
     assert json.loads(done.stdout)["depth"]["cx"] == 7.5
+    exported = manip3d(
+        "capture", "export", walk, "-o", tmp_path / "a.csv", "--intrinsics", "15,15,7.5,5.5"
+    )
+    assert "expected a skeleton in some frame, found none (--pose, or" in exported.stderr
     done = manip3d("capture", "info", "nothing:there")
     assert (done.returncode, done.stdout) == (1, "")
     assert len(done.stderr.splitlines()) == 1

@@ -103,6 +103,8 @@ def test_frames_that_cannot_be_read_are_told_and_passed_over(tmp_path: Path) -> 
     assert list(record["errors"]) == ["0", "2", "3"]
     assert "3 frames cannot be read" in done.stderr
     assert "000003.png: damaged" in done.stderr
+    assert "000002.png: No such file or directory" in done.stderr
+    assert "Errno" not in done.stderr
     pictures = [path.read_bytes() for path in sorted((tmp_path / "out").iterdir())]
     assert len(pictures) == 5
     assert pictures[0] == pictures[1] == pictures[2] != pictures[3]
@@ -111,6 +113,40 @@ def test_frames_that_cannot_be_read_are_told_and_passed_over(tmp_path: Path) -> 
     nothing = run(*words, "--force")
     assert nothing.exit_code == 1
     assert isinstance(nothing.exception, FileNotFoundError)
+
+
+def test_frames_that_a_recording_does_not_give_are_told(tmp_path: Path) -> None:
+    """A camera's clock that began again, a damaged cluster, a copy that was cut short."""
+    with capture.open_rgbd(SOURCE.replace("frames=3", "frames=6")) as simulated:
+        capture.record(simulated, tmp_path / "walk")
+        simulated.seek(0)
+        capture.record(simulated, tmp_path / "walk.mkv")
+    lines = tmp_path / "walk" / "frames.jsonl"
+    rows = [json.loads(line) for line in lines.read_text().splitlines()]
+    for row in rows[-4:]:
+        row["time_ns"] -= 10**9
+    lines.write_text("".join(json.dumps(row) + "\n" for row in rows))
+    words = ("phantom", "render", tmp_path / "walk", "--limb", "left-arm")
+    done = run(*words, "-o", tmp_path / "a.png", "--json")
+    assert done.exit_code == 0, done.output
+    assert json.loads(done.stdout)["frames"] == 2
+    assert json.loads(done.stdout)["counters"]["out_of_order"] == 4
+    assert "4 frames left out: no later than the frame before" in done.stderr
+    for name in ("joints.csv", "again"):
+        verb = "export" if name.endswith("csv") else "record"
+        other = run("capture", verb, tmp_path / "walk", "-o", tmp_path / name)
+        assert "4 frames left out: no later than the frame before" in other.stderr, verb
+    content = (tmp_path / "walk.mkv").read_bytes()
+    (tmp_path / "cut.mkv").write_bytes(content[: len(content) // 2])
+    cut = run("phantom", "render", tmp_path / "cut.mkv", "-o", tmp_path / "cut.png")
+    assert cut.exit_code == 0, cut.output
+    assert "the recording ends in the middle of a frame: its end is missing" in cut.stderr
+    middle = len(content) // 2
+    torn = content[:middle] + bytes(64) + content[middle + 64 :]
+    (tmp_path / "torn.mkv").write_bytes(torn)
+    damaged = run("phantom", "render", tmp_path / "torn.mkv", "-o", tmp_path / "torn.png")
+    assert damaged.exit_code == 1, damaged.output
+    assert "1 frame left out: damaged" in damaged.stderr
 
 
 def test_other_folders_are_not_replaced(tmp_path: Path) -> None:

@@ -70,6 +70,23 @@ def test_ctrl_c_ends_a_session_and_says_what_it_was(recording: str) -> None:
     assert "token" not in err  # but in the line that was read
 
 
+def test_a_folder_of_images_is_played_with_the_camera_that_is_told(
+    recording: str, tmp_path: Path
+) -> None:
+    walk = tmp_path / "walk"
+    (walk / "frames.jsonl").unlink()
+    (walk / "calibration.json").unlink()
+    words = ["--source", str(walk), "--seconds", "1", "--json"]
+    command = [sys.executable, "-m", "manip3d", "phantom", "live", "--no-open", *words]
+    refused = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert "has no calibration.json" in refused.stderr
+    assert "--intrinsics" in refused.stderr
+    program, _ = started(*words, "--intrinsics", "15,15,7.5,5.5", "--units-per-metre", "1000")
+    out, err = program.communicate(timeout=60)
+    assert program.returncode == 0, err
+    assert json.loads(out)["frames"] >= 1
+
+
 def test_the_address_opens_the_page(recording: str) -> None:
     program, url = started("--source", recording, "--seconds", "2")
     opener = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
@@ -116,14 +133,17 @@ def test_another_machine_is_served_encrypted_with_the_kept_certificate(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--host", "0.0.0.0"], "host: expected the address of one network interface"),
-        (["--host", "example.org"], "host: expected an address"),
+        (["--host", "0.0.0.0"], "--host: expected the address of one network interface"),
+        (["--host", "example.org"], "--host: expected an address"),
         (["--gain", "3"], "3"),
         (["--source", "mkv:absent.mkv"], "absent.mkv"),
         (["--source", "sim:body?motion=fly"], "motion: expected one of"),
         (["--source", "sim:street"], "sim:body"),
-        (["--source", "nothing:"], "nothing"),
-        (["--seconds", "0"], "seconds: expected > 0"),
+        (["--source", "nothing:"], "--source: expected one of folder:"),
+        (["--source", "absent.mkv"], "absent.mkv: No such file"),
+        (["--seconds", "0"], "--seconds: expected > 0"),
+        (["--intrinsics", "kinect-v2"], "--intrinsics, --units-per-metre: expected --source with"),
+        (["--source", "mkv:a.mkv", "--intrinsics", "kinect-v2"], "--intrinsics: expected a bag or"),
     ],
 )
 def test_a_bad_source_is_said_before_a_page_is(arguments: list[str], message: str) -> None:
@@ -253,8 +273,8 @@ def test_a_participant_who_is_not_there_is_said_before_a_page_is(tmp_path: Path)
         str(path),
     ]
     for words, message in (
-        (["--participant", "P01"], "participant: 'P01' is not enrolled"),
-        ([], "diary, participant: expected both or none"),
+        (["--participant", "P01"], "--participant: 'P01' is not enrolled"),
+        ([], "--diary, --participant: expected both or none"),
     ):
         done = subprocess.run(
             [*command, *words], capture_output=True, text=True, timeout=60, check=False

@@ -145,7 +145,8 @@ def export_joints(
             held += len(found) - seen
     if not found:
         who = "a skeleton" if person is None else f"a skeleton with id {person}"
-        raise InputError(f"source: expected {who} in some frame, found none")
+        cure = "" if pose else " (--pose, or pose=True in Python, looks for them in colour images)"
+        raise InputError(f"source: expected {who} in some frame, found none{cure}")
     text = _table(found) if target.suffix == ".csv" else _motion(found)
     with atomic_path(target) as temporary:
         temporary.write_text(text, encoding="ascii", newline="\n")
