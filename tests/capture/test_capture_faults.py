@@ -111,11 +111,13 @@ FULL_DISK = textwrap.dedent(
         capture.record(rgbd_frames.frames(10_000), path, lossless_color=True)
     except OSError as error:
         assert error.errno == errno.ENOSPC and error.filename.startswith(path), error
+        (note,) = error.__notes__
     else:
         raise AssertionError("the disk should be full")
     source = capture.open_rgbd(kind + ":" + path)
     frames = list(source)
     assert len(frames) > 3 and source.counters["damaged"] == 0, source.counters
+    assert note == f"{path} has {len(frames)} frames, which are whole", note
     if kind == "folder":
         assert source.counters["incomplete"] == 0
         for name in ("depth", "body_index", "colour"):

@@ -9,6 +9,7 @@ import sqlite3
 import stat
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -216,7 +217,11 @@ def test_a_disk_that_fails_is_no_damage(kept: Path, monkeypatch: pytest.MonkeyPa
         raise error
 
     monkeypatch.setattr("manip3d.diary._file.sqlite3.connect", fails)
-    with pytest.raises(OSError, match="disk I/O error"):
+    with pytest.raises(OSError, match="disk I/O error: '"):
+        Diary(kept)
+    full = SimpleNamespace(f_bavail=3, f_frsize=4096)
+    monkeypatch.setattr("manip3d.diary._file.os.statvfs", lambda _: full)
+    with pytest.raises(OSError, match="the disk is full, and a diary needs some room even to be"):
         Diary(kept)
 
 

@@ -10,6 +10,7 @@ import time
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -854,7 +855,8 @@ def record(
         A path that exists, that is being read or recorded, or with an unknown suffix; frames that
         do not fit the calibration or each other, or whose times and numbers do not grow.
     OSError
-        The disk is full, and the like; the frames before are good.
+        The disk is full, and the like; the frames before are good, and a note of the error says how
+        many they are.
     FormatError, DeviceError
         The source raised it.
 
@@ -920,14 +922,25 @@ def record(
     def write(frame: RgbdFrame) -> None:
         recorder.write(with_one_camera(frame) if is_tum else frame)
 
-    try:
+    with _noting_frames(place, recorder), ExitStack() as ends:
+        if isinstance(source, str):
+            ends.callback(opened.stop)
+        ends.callback(recorder.close)
         with reporting(progress, "record") as report:
             copied = _copy(opened, write, frames, seconds, _since(trigger, before, opened), report)
-    finally:
-        recorder.close()
-        if isinstance(source, str):
-            opened.stop()
     return Recording(place, *copied, recorder.counters(), opened.counters)
+
+
+@contextmanager
+def _noting_frames(place: Path, recorder: Any) -> Iterator[None]:
+    """Note at an error, or Ctrl-C, how many frames a recording has."""
+    try:
+        yield
+    except BaseException as error:
+        if written := recorder.counters()["frames"]:
+            told = "1 frame, which is" if written == 1 else f"{written} frames, which are"
+            error.add_note(f"{place} has {told} whole")
+        raise
 
 
 def _place_of(path: str | os.PathLike[str]) -> tuple[Path, Any]:

@@ -25,6 +25,7 @@ _STUDY = "meta study"  # what the study's identifier is encrypted for
 _CHAIN = "meta audit key"
 _WITHOUT_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS)
 """Errors of a file system without links: there a diary is made in its place."""
+_LEAST_BYTES = 1 << 16  # two pages of the write-ahead log's index
 _BUSY_S = 5.0  # another program that writes is waited for
 
 
@@ -233,7 +234,7 @@ class DiaryFile:
     def _told(self, error: sqlite3.DatabaseError) -> Exception:
         """A full disk, a lock or a file that cannot be written; else the file is damaged."""
         if isinstance(error, sqlite3.OperationalError):
-            return OSError(f"{self._told_as}: {error}")
+            return OSError(f"{self._told_as}: {_words_of(error, self.path)}")
         return FormatError(f"the diary is damaged: {error}", file=str(self.path))
 
 
@@ -260,6 +261,17 @@ def _on_begin(connection: sql.Connection) -> None:
     connection.exec_driver_sql("BEGIN IMMEDIATE")
 
 
+def _words_of(error: sqlite3.DatabaseError, path: Path) -> str:
+    """SQLite's words, and that the disk is full where it is: reading needs some room beside it."""
+    code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+    if code == sqlite3.SQLITE_IOERR:
+        with contextlib.suppress(OSError):
+            disk = os.statvfs(path.parent)
+            if disk.f_bavail * disk.f_frsize < _LEAST_BYTES:
+                return f"{error}: the disk is full, and a diary needs some room even to be read"
+    return str(error)
+
+
 def _told(error: sqlite3.DatabaseError, path: Path) -> Exception:
     """What SQLite's error while a file is looked at says of the file, or of the disk."""
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF
@@ -270,4 +282,6 @@ def _told(error: sqlite3.DatabaseError, path: Path) -> Exception:
             f"the diary is damaged: {error}; 'manip3d diary rescue' copies what can be read",
             file=str(path),
         )
-    return OSError(errno.EIO, str(error), str(path))  # a full disk, a lock, a folder to read only
+    return OSError(
+        errno.EIO, _words_of(error, path), str(path)
+    )  # a full disk, a lock, a folder to read only
