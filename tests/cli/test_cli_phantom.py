@@ -132,9 +132,13 @@ def test_frames_that_a_recording_does_not_give_are_told(tmp_path: Path) -> None:
     assert json.loads(done.stdout)["frames"] == 2
     assert json.loads(done.stdout)["counters"]["out_of_order"] == 4
     assert "4 frames left out: no later than the frame before" in done.stderr
-    for name in ("joints.csv", "again"):
-        verb = "export" if name.endswith("csv") else "record"
-        other = run("capture", verb, tmp_path / "walk", "-o", tmp_path / name)
+    for verb in (
+        ("capture", "export", "-o", tmp_path / "joints.csv"),
+        ("capture", "record", "-o", tmp_path / "again"),
+        ("forge", "stream", "--type", 1, "-o", tmp_path / "forged"),
+        ("inspect",),
+    ):
+        other = run(*verb, tmp_path / "walk")
         assert "4 frames left out: no later than the frame before" in other.stderr, verb
     content = (tmp_path / "walk.mkv").read_bytes()
     (tmp_path / "cut.mkv").write_bytes(content[: len(content) // 2])
@@ -176,6 +180,7 @@ def test_what_is_refused(tmp_path: Path) -> None:
     assert "expected a name that ends in .mp4" in message(SOURCE, "-o", tmp_path / "x.gif")
     empty = message("sim:body?frames=0", "-o", tmp_path / "none")
     assert "expected frames, found none" in empty
+    assert "--azimuth: expected a finite number" in message(SOURCE, "-o", "x", "--azimuth", "nan")
     assert "unknown option" in message("sim:body?speed=3", "-o", tmp_path / "x")
     assert list(tmp_path.iterdir()) == []
 

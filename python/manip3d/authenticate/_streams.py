@@ -682,7 +682,9 @@ def _silhouettes(
             why += " rows, as only time of flight measures them, of which no camera of this size is"
             why += " known: whether somebody was cut out and blended in cannot be told"
             return StreamReport("silhouettes", "undecidable", why, score), (), nothing
-        why = f"silhouettes are as soft as a camera's in {len(frames)} frames that were judged"
+        one = "the one frame that was judged"
+        judged = one if len(frames) == 1 else f"{len(frames)} frames that were judged"
+        why = f"silhouettes are as soft as a camera's in {judged}"
         return StreamReport("silhouettes", "no_trace", why, score), (), nothing
     rim, middle = _repeated_rims(frames, found)
     if rim >= _KEPT:

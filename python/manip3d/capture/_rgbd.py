@@ -676,6 +676,8 @@ def open_rgbd(
         return _open_forged(uri, speed)
     if units_per_metre is not None and not units_per_metre > 0:
         raise InputError(f"units_per_metre: expected > 0, got {units_per_metre}")
+    if units_per_metre is not None and scheme not in ("folder", "tum", "rgbd-bag"):
+        raise InputError(f"units_per_metre: expected with a folder of images or a bag, got {uri}")
     if makes_frames or scheme == "rgbd-bag":
         if not 0.0 <= speed < math.inf:
             raise InputError(f"speed: expected a finite number >= 0, got {speed}")

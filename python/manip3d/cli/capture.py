@@ -106,7 +106,8 @@ def open_source(
         options["camera"] = camera_of_images(intrinsics, uri)
     if units_per_metre:
         options["units_per_metre"] = units_per_metre
-    opened = capture.open_rgbd(uri, **options)
+    with naming_options("units-per-metre", "start", "speed"):
+        opened = capture.open_rgbd(uri, **options)
     camera = opened.calibration.depth
     length = "" if opened.num_frames is None else f", {counted(opened.num_frames, 'frame')}"
     terminal.say(f"opened {uri}: {camera.width} x {camera.height} pixels{length}")

@@ -31,7 +31,7 @@ from manip3d.cli.options import (
     Seed,
 )
 from manip3d.cli.signals import ended_like_ctrl_c
-from manip3d.cli.terminal import Terminal, check_output, counted, naming_options
+from manip3d.cli.terminal import Terminal, check_output, counted, left_out, naming_options
 from manip3d.cli.truth import truth_of
 from manip3d.errors import FormatError, InputError
 from manip3d.io import SCAN_SUFFIXES
@@ -512,6 +512,8 @@ def forge_frames(
         with naming_options("pose", "method", "scope", "move", "blend"):
             forged = forge.stream(given.frames, behind, kind=kind, pose=motion, **options)
         done = _record(forged, output, truth, terminal, force=force)
+        for line in left_out(people.counters):
+            terminal.say(line)
     forged.write_truth(truth)
     terminal.say(f"wrote {output} and {truth.name}")
     if forged.missed:

@@ -32,6 +32,7 @@ from manip3d.cli.terminal import (
     check_output,
     count,
     counted,
+    left_out,
     naming_options,
     shown,
     table,
@@ -539,6 +540,8 @@ def inspect_recording(
 
     with open_source(source, shell, intrinsics=intrinsics) as opened:
         frames = authenticate.judged_frames(opened)
+    for line in left_out(opened.counters):
+        shell.say(line)
     with shell.progress("inspect") as progress:
         found = authenticate.inspect_stream(frames, progress=progress)
     if output is not None:

@@ -156,7 +156,8 @@ def phantom_render(
     expect_kind(source, "recording", verb="phantom render")
     check_output(output, (".mp4", ".png"), force=force, folder=True)
     shell = Terminal(as_json=as_json, quiet=quiet)
-    with ExitStack() as opened, shell.progress("render") as progress, naming_options("output"):
+    with ExitStack() as opened, shell.progress("render") as progress:
+        opened.enter_context(naming_options("output", "azimuth"))
         place: str | RgbdSource = source
         if intrinsics or units_per_metre:
             place = opened.enter_context(
@@ -370,7 +371,8 @@ def phantom_live(
             shell.say("the browser warns that nobody has signed the certificate; compare SHA-256:")
             shell.say(made.fingerprint)
 
-    options = ("seconds", "host", "port", "certificate", "diary", "participant", "log", "gain")
+    options = ("seconds", "host", "port", "certificate", "diary", "participant", "log", "gain",
+               "units-per-metre")  # fmt: skip
     with ended_like_ctrl_c(), naming_options(*options, uri="source", key="diary-key"):
         report = run_live(
             source,

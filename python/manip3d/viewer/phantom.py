@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 import itertools
+import math
 import os
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping
@@ -137,6 +138,8 @@ def render_phantom(
     """
     from manip3d.modify import PhantomPipeline, PoseTracker
 
+    if not math.isfinite(azimuth):
+        raise InputError(f"azimuth: expected a finite number, got {azimuth}")
     limb = affected or (limb_of(source) if isinstance(source, str) else "right_arm")
     options: dict[str, Any] = {"affected": limb, "mode": mode, "segmentation": segmentation}
     pipeline = PhantomPipeline(smoothing=smoothing, plane=plane, **options)
