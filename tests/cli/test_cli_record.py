@@ -87,6 +87,31 @@ def test_a_recording_begins_with_the_seconds_before_a_signal(tmp_path: Path) -> 
     assert (record["frames"], record["stop"]) == (len(numbers), "frames")
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_what_ends_the_program_finishes_the_recording(tmp_path: Path, number: int) -> None:
+    output = tmp_path / "a.mkv"
+    code = (
+        "import os, signal, sys, rgbd_frames; from manip3d import capture, cli\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "def frames():\n"
+        "    yield from rgbd_frames.frames(3)\n"
+        f"    os.kill(os.getpid(), {int(number)})\n"
+        "    signal.pause()\n"
+        "capture.open_rgbd = lambda *_, **__: capture.from_frames(frames())\n"
+        "cli.main(['capture', 'record', 'sim:body', '-o', sys.argv[1]])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(output)],
+        capture_output=True, text=True, timeout=120, check=False,
+        env={**os.environ, "PYTHONPATH": str(Path(rgbd_frames.__file__).parent)},
+    )  # fmt: skip
+    assert done.returncode == 130, done.stderr
+    assert f"interrupted: {output} has 3 frames, which are whole" in done.stderr
+    with capture.open_rgbd(f"mkv:{output}") as source:
+        assert len(list(source)) == 3
+        assert source.counters["unfinished"] == 0
+
+
 def test_a_trigger_that_does_not_come_is_an_error(walk: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     done = manip3d("capture", "record", walk, "-o", out, "--trigger", "SIGUSR1")

@@ -69,6 +69,18 @@ def _telling_of_usage() -> Iterator[None]:
         raise
 
 
+@contextlib.contextmanager
+def _telling_what_is_done() -> Iterator[None]:
+    """Print what an interrupted verb notes of its outputs, which Typer would not."""
+    try:
+        yield
+    except KeyboardInterrupt as error:
+        for note in getattr(error, "__notes__", ()):
+            with contextlib.suppress(OSError):
+                print(f"manip3d: interrupted: {note}", file=sys.stderr)
+        raise
+
+
 class _Verbs(TyperGroup):
     """The verbs by name and one line of help; a verb is loaded when it is resolved."""
 
@@ -82,7 +94,7 @@ class _Verbs(TyperGroup):
             return super().make_context(*arguments, **named)
 
     def invoke(self, ctx: Any) -> Any:
-        with _telling_of_usage():
+        with _telling_of_usage(), _telling_what_is_done():
             return super().invoke(ctx)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
@@ -153,10 +165,7 @@ def main(arguments: list[str] | None = None) -> NoReturn:
             app(arguments, prog_name="manip3d")
         finally:
             _flush(sys.stdout)
-    except KeyboardInterrupt as error:
-        for note in getattr(error, "__notes__", ()):
-            with contextlib.suppress(OSError):
-                print(f"manip3d: interrupted: {note}", file=sys.stderr)
+    except KeyboardInterrupt:
         sys.exit(130)
     except BrokenPipeError:  # who read the output has read enough
         sys.exit(1)

@@ -26,6 +26,7 @@ from manip3d.cli.options import (
     Quiet,
     RgbdPlace,
 )
+from manip3d.cli.signals import ended_like_ctrl_c
 from manip3d.cli.terminal import (
     Terminal,
     check_output,
@@ -469,7 +470,8 @@ def capture_record(
 ) -> None:
     """Write frames of a camera or another source to a recording.
 
-    Ctrl-C ends the recording; what was written is whole. With --trigger it begins at an event, and
+    Ctrl-C, SIGTERM and a terminal that is closed end the recording; what was written is whole, the
+    number of frames is printed, and the exit code is 130. With --trigger it begins at an event, and
     --before adds the seconds before that. 'tum:FOLDER' as output is a sequence for programs that
     read the TUM RGB-D benchmark.
 
@@ -484,18 +486,19 @@ def capture_record(
     opened = open_source(
         source, shell, intrinsics=intrinsics, units_per_metre=units_per_metre, start=start
     )
-    record = write_recording(
-        opened,
-        output,
-        shell,
-        frames=frames,
-        seconds=seconds,
-        lossless_color=lossless_color,
-        jpeg_quality=quality,
-        trigger=trigger,
-        before=before,
-        force=force,
-    )
+    with ended_like_ctrl_c():
+        record = write_recording(
+            opened,
+            output,
+            shell,
+            frames=frames,
+            seconds=seconds,
+            lossless_color=lossless_color,
+            jpeg_quality=quality,
+            trigger=trigger,
+            before=before,
+            force=force,
+        )
     shell.result(record)
 
 
