@@ -512,6 +512,18 @@ class Watermarker(Closing):
             The record is damaged, or of another key or sensor.
         Error
             The watermarker is closed.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from manip3d.authenticate import KeyFile, Watermarker
+        >>> scan = np.arange(9000, dtype=np.float32).reshape(3000, 3) / 8
+        >>> key = KeyFile.create("sensor.key")
+        >>> record = Watermarker(key).embed(scan).record
+        >>> marker = Watermarker(key)
+        >>> marker.resume(record)
+        >>> marker.embed(scan).number
+        1
         """
         with self._turn:
             if self._embedder is not None:
@@ -558,7 +570,13 @@ class Watermarker(Closing):
         return x, y, z
 
     def own_verifier(self) -> Watermarker:
-        """Return a watermarker of the embedding key that has verified nothing so far."""
+        """Return another watermarker of the embedding key, which has verified nothing so far.
+
+        Returns
+        -------
+        Watermarker
+            Verifies what this one embeds, and leaves the frames that this one has verified alone.
+        """
         return Watermarker(self._key)
 
     def verify(
