@@ -26,8 +26,8 @@ using RowMatrix4 = Eigen::Matrix<double, 4, 4, Eigen::RowMajor>;
 
 using Strings = py::typing::List<py::str>;
 using MeshAndNotes = py::typing::Tuple<PyMesh, py::str, std::int64_t, std::int64_t, Strings>;
-using SceneNodes =
-    py::typing::List<py::typing::Tuple<py::str, int, int, py::array_t<double>, bool>>;
+using SceneNodes = py::typing::List<py::typing::Tuple<py::str, int, int, py::array_t<double>, bool,
+                                                      py::typing::Optional<py::array_t<double>>>>;
 using SceneMeshes = py::typing::List<py::typing::Tuple<py::str, PyMesh, py::str>>;
 using SceneTables = py::typing::Tuple<SceneNodes, SceneMeshes, py::bytes, py::bytes, Strings>;
 using PyDraco = Named<
@@ -83,14 +83,26 @@ ReadOptions read_options(bool allow_outside, std::uint64_t max_bytes, const PyDr
   return options;
 }
 
-// (nodes, meshes, document, buffer, warnings); a node is (name, parent, mesh, transform, is drawn),
-// a mesh (name, mesh, why it is fixed).
+/// (I, 4, 4), or None for a node that shows its mesh once.
+py::object instances_of(const SceneNode& node) {
+  if (!node.instances) return py::none();
+  const auto count = static_cast<py::ssize_t>(node.instances->size());
+  py::array_t<double> rows({count, py::ssize_t{4}, py::ssize_t{4}});
+  for (py::ssize_t i = 0; i < count; ++i) {
+    Eigen::Map<RowMatrix4>(rows.mutable_data(i, 0, 0)) = (*node.instances)[i];
+  }
+  return rows;
+}
+
+// (nodes, meshes, document, buffer, warnings); a node is (name, parent, mesh, transform, is drawn,
+// instances), a mesh (name, mesh, why it is fixed).
 SceneTables to_tuple(Scene&& scene) {
   const py::list materials = materials_to_python(scene.materials);
   py::list nodes, meshes;
   for (const SceneNode& node : scene.nodes) {
     nodes.append(py::make_tuple(readable(node.name), node.parent, node.mesh,
-                                to_numpy(RowMatrix4(node.transform)), node.is_drawn));
+                                to_numpy(RowMatrix4(node.transform)), node.is_drawn,
+                                instances_of(node)));
   }
   for (SceneMesh& mesh : scene.meshes) {
     meshes.append(py::make_tuple(readable(mesh.name),

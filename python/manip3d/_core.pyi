@@ -2468,7 +2468,16 @@ def read_scene(
     draco: collections.abc.Callable[[bytes], tuple[numpy.ndarray, dict[int, numpy.ndarray]] | str],
     progress: collections.abc.Callable[[float], object] | None = None,
 ) -> tuple[
-    list[tuple[str, int, int, numpy.typing.NDArray[numpy.float64], bool]],
+    list[
+        tuple[
+            str,
+            int,
+            int,
+            numpy.typing.NDArray[numpy.float64],
+            bool,
+            numpy.typing.NDArray[numpy.float64] | None,
+        ]
+    ],
     list[tuple[str, manip3d.mesh.Mesh, str]],
     bytes,
     bytes,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import struct
 from pathlib import Path
 
@@ -138,3 +139,43 @@ def test_outputs_are_checked_before_the_source_is_read(
     assert "torn.bin" in message("inspect", torn, "-o", tmp_path / "x.html")
     assert ".glb" in message("simplify", files["mesh"], "-o", tmp_path / "x.png", "--faces", 9)
     assert ".mp4" in message("phantom", "render", "sim:body", "-o", tmp_path / "x.gif")
+
+
+def test_what_meshes_of_a_folder_name_is_no_source_of_its_own(tmp_path: Path) -> None:
+    source = tmp_path / "in"
+    source.mkdir()
+    mesh = manip3d.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    mesh.write(source / "a.gltf")
+    assert (source / "a.bin").exists()
+    (source / "b.obj").write_text("mtllib b.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (source / "b.mtl").write_text("newmtl m\nmap_Bump -bm 0.5 maps/height.png\n")
+    (source / "maps").mkdir()
+    Image.fromarray(np.full((4, 5), 1000, np.uint16)).save(source / "maps" / "height.png")
+    manip3d.LidarFrame(np.eye(3, dtype=np.float32)).write(source / "c.bin")
+
+    told = CliRunner().invoke(app, ["info", str(source), "--json", "-q", "--jobs", "1"])
+    assert told.exit_code == 0, told.output
+    names = [Path(row["source"]).name for row in json.loads(told.stdout)]
+    assert names == ["a.gltf", "b.obj", "c.bin"]
+    url = f"file://{source}"
+    told = CliRunner().invoke(app, ["info", url, "--json", "-q", "--jobs", "1"])
+    assert Path(json.loads(told.stdout)[0]["source"]).name == "a.gltf"
+    assert not any(row["source"].endswith("a.bin") for row in json.loads(told.stdout))
+
+    out = tmp_path / "out"
+    order = ["convert", str(source), "-o", str(out), "--to", ".ply", "-q", "--jobs", "1"]
+    assert CliRunner().invoke(app, order).exit_code == 0
+    assert sorted(path.name for path in out.glob("*.ply")) == ["a.ply", "b.ply", "c.ply"]
+
+
+def test_sources_that_differ_in_their_suffix_only_keep_it(tmp_path: Path) -> None:
+    source, out = tmp_path / "in", tmp_path / "out"
+    source.mkdir()
+    mesh = manip3d.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    for name in ("head.ply", "head.obj", "hand.stl"):
+        mesh.write(source / name)
+    order = ["convert", str(source), "-o", str(out), "--to", ".glb", "-q", "--jobs", "1"]
+    told = CliRunner().invoke(app, order)
+    assert told.exit_code == 0, told.output
+    names = sorted(path.name for path in out.glob("*.glb"))
+    assert names == ["hand.glb", "head.obj.glb", "head.ply.glb"]

@@ -334,3 +334,76 @@ def test_other_formats_and_documents_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="levels: expected a sequence"):
         io.write_lods([scene, scene.meshes[0]], tmp_path / "out.glb")  # type: ignore[list-item]
     assert not (tmp_path / "out.glb").exists()
+
+
+def instanced(path: Path, **attributes: np.ndarray) -> Path:
+    """The square, drawn by the node `left` wherever EXT_mesh_gpu_instancing puts it."""
+    base, buffer = scene_document(), SQUARE_BUFFER
+    accessors = {}
+    for name, values in attributes.items():
+        base["bufferViews"].append(
+            {"buffer": 0, "byteOffset": len(buffer), "byteLength": values.nbytes}
+        )
+        base["accessors"].append(
+            {"bufferView": len(base["bufferViews"]) - 1, "count": len(values),
+             "componentType": {"<f4": 5126, "i1": 5120}[values.dtype.str.replace("|", "")],
+             "normalized": values.dtype.kind == "i", "type": f"VEC{values.shape[1]}"}
+        )  # fmt: skip
+        accessors[name] = len(base["accessors"]) - 1
+        buffer += values.tobytes()
+    base["buffers"] = [{"byteLength": len(buffer)}]
+    base["nodes"][1]["extensions"] = {"EXT_mesh_gpu_instancing": {"attributes": accessors}}
+    base["nodes"] = base["nodes"][:2]
+    base["nodes"][0]["children"] = [1]
+    base |= {"extensionsUsed": ["EXT_mesh_gpu_instancing"]}
+    base |= {"extensionsRequired": ["EXT_mesh_gpu_instancing"]}
+    path.write_bytes(glb(base, buffer))
+    return path
+
+
+PLACES = np.array([[0, 0, 0], [10, 0, 0], [0, 10, 0]], "<f4")
+QUARTER_TURN = np.array([[0, 0, 0, 127], [0, 0, 90, 90], [0, 0, 0, 127]], "i1")  # about z
+SIZES = np.array([[1, 1, 1], [2, 2, 2], [1, 1, 3]], "<f4")
+
+
+def test_instances_are_read_at_their_places(tmp_path: Path) -> None:
+    source = instanced(tmp_path / "i.glb", TRANSLATION=PLACES, ROTATION=QUARTER_TURN, SCALE=SIZES)
+    mesh = read_mesh(source)  # the far corner of each square, moved by `left` and `root`
+    np.testing.assert_allclose(mesh.vertices[3::4], [[-1, 1, 5], [6, 2, 5], [-1, 11, 5]])
+    scene = io.read_scene(source)
+    assert (scene.num_instances, scene.num_faces, scene.num_stored_faces) == (3, 6, 2)
+    assert scene.fixed == ("",)
+    placed = scene.world_transforms()[1] @ scene.nodes[1].instances
+    np.testing.assert_allclose((placed @ [1, 1, 0, 1])[:, :3], mesh.vertices[3::4])
+
+
+def test_instances_stay_when_their_mesh_changes(tmp_path: Path) -> None:
+    source = instanced(tmp_path / "i.glb", TRANSLATION=PLACES)
+    scene = io.read_scene(source)
+    one = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    light = scene.with_meshes({0: one})
+    for quantize in (False, True):
+        light.write(tmp_path / "light.glb", quantize=quantize)
+        assert read_mesh(tmp_path / "light.glb").num_faces == 3
+        np.testing.assert_allclose(
+            np.ptp(read_mesh(tmp_path / "light.glb").vertices, axis=0), [11, 11, 0]
+        )
+    io.write_scene(scene, tmp_path / "lods.glb", coarser=[light], coverages=[0.5, 0.1])
+    assert read_mesh(tmp_path / "lods.glb").num_faces == 6
+    nodes = json_of(tmp_path / "lods.glb")["nodes"]
+    shown = [node for node in nodes if "mesh" in node]
+    assert len(shown) == 2
+    assert all("EXT_mesh_gpu_instancing" in node["extensions"] for node in shown)
+    empty = Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32))
+    scene.with_meshes({0: empty}).write(tmp_path / "empty.glb")
+    assert "extensions" not in json_of(tmp_path / "empty.glb")["nodes"][1]
+
+
+def test_instances_of_other_numbers_are_refused(tmp_path: Path) -> None:
+    source = instanced(tmp_path / "i.glb", TRANSLATION=PLACES, SCALE=SIZES[:2])
+    for read in (read_mesh, io.read_scene):
+        with pytest.raises(FormatError, match="has 2 elements, another of"):
+            read(source)
+    source = instanced(tmp_path / "i.glb", ROTATION=np.zeros((2, 4), "<f4"))
+    with pytest.raises(FormatError, match="expected unit quaternions, got zero"):
+        read_mesh(source)

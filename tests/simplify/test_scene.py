@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -63,6 +64,20 @@ def four_balls(path: Path) -> Path:
     nodes += [{"name": f"ball {i}", "mesh": 0, "translation": [4.0 * i, 0, 0]} for i in range(4)]
     nodes[3]["scale"] = [-1.5, 1.5, 1.5]
     return scene_file(path, [sphere(24, 16)], nodes)
+
+
+def test_instances_of_one_node_count_as_they_are_drawn(tmp_path: Path) -> None:
+    """EXT_mesh_gpu_instancing: as many faces as the same balls with a node each."""
+    nodes = [{"mesh": 0, "translation": [4.0 * i, 0, 0]} for i in range(3)]
+    scene = io.read_scene(scene_file(tmp_path / "nodes.glb", [sphere(24, 16)], nodes))
+    places = np.tile(np.eye(4), (3, 1, 1))
+    places[:, 0, 3] = [0, 4, 8]
+    of_one = replace(
+        scene, nodes=(replace(scene.nodes[0], instances=places), *scene.nodes[1:1]), fixed=("",)
+    )
+    apart, together = (simplify.simplify_scene(s, ratio=0.25) for s in (scene, of_one))
+    assert together.scene.num_faces == apart.scene.num_faces == 3 * len(apart.scene.meshes[0].faces)
+    assert together.max_error == pytest.approx(apart.max_error, rel=1e-9)
 
 
 @pytest.mark.parametrize("method", ["quality", "fast", "qem4vr", "qem-orig"])

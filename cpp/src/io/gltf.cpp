@@ -121,6 +121,13 @@ Transform matrix_transform(const JsonPlace& place) {
   return {m.topLeftCorner<3, 3>(), m.topRightCorner<3, 1>()};
 }
 
+Eigen::Matrix4d matrix_of(const Transform& transform) {
+  Eigen::Matrix4d matrix = Eigen::Matrix4d::Identity();
+  matrix.topLeftCorner<3, 3>() = transform.linear;
+  matrix.topRightCorner<3, 1>() = transform.translation;
+  return matrix;
+}
+
 Transform node_transform(const JsonPlace& node) {
   if (const auto matrix = node.find("matrix")) return matrix_transform(*matrix);
   Transform transform;
@@ -137,6 +144,8 @@ Transform node_transform(const JsonPlace& node) {
   }
   return transform;
 }
+
+constexpr const char* kInstancing = "EXT_mesh_gpu_instancing";
 
 class Reader {
  public:
@@ -217,7 +226,7 @@ class Reader {
              std::find(kLooks.begin(), kLooks.end(), name) != kLooks.end();
     };
     const auto is_known = [this](const std::string& name) {
-      return name == "KHR_mesh_quantization" || name == kTextureTransform ||
+      return name == "KHR_mesh_quantization" || name == kTextureTransform || name == kInstancing ||
              name == kEmissiveStrength || name == kDraco || is_meshopt_extension(name) ||
              (is_scene_ && is_kept_extension(name));
     };
@@ -334,11 +343,60 @@ class Reader {
       if (const auto mesh = place.find("mesh")) {
         auto weights = place.find("weights");  // they replace those of the mesh
         if (!weights) weights = document_.object("meshes", *mesh).find("weights");
-        instances_.push_back(
-            {mesh->integer(0, document_.count("meshes") - 1), world, std::move(weights)});
+        const std::int64_t index = mesh->integer(0, document_.count("meshes") - 1);
+        const auto placed = gpu_instances(place);
+        if (!placed) instances_.push_back({index, world, std::move(weights)});
+        for (std::size_t i = 0; placed && i < placed->size(); ++i) {
+          instances_.push_back({index, world * (*placed)[i], weights});
+        }
       }
       push_reversed(children[visit.node], world);
     }
+  }
+
+  /// Where EXT_mesh_gpu_instancing puts the mesh of a node, in the node's coordinates; null: once,
+  /// at the node itself.
+  std::optional<std::vector<Transform>> gpu_instances(const JsonPlace& node) {
+    const auto extensions = node.find("extensions");
+    const auto instancing = extensions ? extensions->find(kInstancing) : std::nullopt;
+    if (!instancing) return std::nullopt;
+    const JsonPlace attributes = instancing->member("attributes");
+    const GltfAccessor* translation = attribute(attributes, "TRANSLATION", 3, 3);
+    const GltfAccessor* rotation = attribute(attributes, "ROTATION", 4, 4);
+    const GltfAccessor* scale = attribute(attributes, "SCALE", 3, 3);
+    const GltfAccessor* first = translation ? translation : rotation ? rotation : scale;
+    if (first == nullptr) return std::nullopt;
+    for (const GltfAccessor* other : {rotation, scale}) {
+      if (other != nullptr && other->count != first->count) {
+        other->place.fail("has " + std::to_string(other->count) + " elements, another of " +
+                          attributes.pointer() + " " + std::to_string(first->count));
+      }
+    }
+    charge(first->count, sizeof(Transform) + sizeof(Instance) + 10 * sizeof(double),
+           attributes.pointer());
+    std::vector<Transform> placed(first->count);
+    const auto rows_of = [](const GltfAccessor* accessor) {
+      std::vector<double> rows(accessor ? accessor->count * accessor->num_components : 0);
+      if (accessor != nullptr) accessor->decode(rows.data());
+      return rows;
+    };
+    const std::vector<double> moves = rows_of(translation), turns = rows_of(rotation),
+                              scales = rows_of(scale);
+    for (std::size_t i = 0; i < placed.size(); ++i) {
+      if (rotation != nullptr) {
+        const Eigen::Map<const Eigen::Vector4d> xyzw(turns.data() + 4 * i);
+        if (!(xyzw.norm() > 0.0)) rotation->place.fail("expected unit quaternions, got zero");
+        placed[i].linear = Eigen::Quaterniond(xyzw.normalized()).toRotationMatrix();
+      }
+      if (scale != nullptr) {
+        const Eigen::Map<const Eigen::Vector3d> factors(scales.data() + 3 * i);
+        placed[i].linear = placed[i].linear * factors.asDiagonal();
+      }
+      if (translation != nullptr) {
+        placed[i].translation = Eigen::Map<const Eigen::Vector3d>(moves.data() + 3 * i);
+      }
+    }
+    return placed;
   }
 
   /// A damaged stream of a mesh that no node shows does no harm.
@@ -375,9 +433,13 @@ class Reader {
         static_cast<void>(document_.object("meshes", *mesh));  // checks the index
         nodes[n].mesh = static_cast<std::int32_t>(mesh->integer(0, document_.count("meshes") - 1));
       }
-      const Transform transform = node_transform(place);
-      nodes[n].transform.topLeftCorner<3, 3>() = transform.linear;
-      nodes[n].transform.topRightCorner<3, 1>() = transform.translation;
+      nodes[n].transform = matrix_of(node_transform(place));
+      if (const auto placed = gpu_instances(place); placed && nodes[n].mesh >= 0) {
+        nodes[n].instances.emplace();
+        for (const Transform& transform : *placed) {
+          nodes[n].instances->push_back(matrix_of(transform));
+        }
+      }
       nodes[n].is_drawn = is_drawn[n];
       for (const std::int64_t child : children[n]) {
         nodes[child].parent = static_cast<std::int32_t>(n);
@@ -432,10 +494,6 @@ class Reader {
       is_drawn = is_drawn || nodes[n].is_drawn;
       const JsonPlace place = node(static_cast<std::int64_t>(n));
       if (place.has("skin")) return "it has a skin";
-      const auto extensions = place.find("extensions");
-      if (extensions && extensions->has("EXT_mesh_gpu_instancing")) {
-        return "EXT_mesh_gpu_instancing places it";
-      }
     }
     if (!is_drawn) return "the default scene does not show it";
     const JsonPlace list = document_.root().member("meshes").item(mesh).member("primitives");

@@ -16,6 +16,19 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
+constexpr const char* kInstancing = "EXT_mesh_gpu_instancing";
+
+bool is_instanced(const Json& node) {
+  return node.contains("extensions") && node["extensions"].contains(kInstancing);
+}
+
+/// Takes an extension away from a node.
+void drop_extension(Json& node, const char* name) {
+  if (!node.contains("extensions")) return;
+  node["extensions"].erase(name);
+  if (node["extensions"].empty()) node.erase("extensions");
+}
+
 std::optional<MeshFormat> gltf_format(const fs::path& path) {
   const auto format = format_of_suffix(without_compression_suffix(path).extension().string());
   const bool is_gltf = format == MeshFormat::kGltf || format == MeshFormat::kGlb;
@@ -80,10 +93,18 @@ class SceneAssembler {
     scene_.json["meshes"] = std::move(after);
   }
 
-  /// One frame for all levels of a mesh: they share a node's place.
+  /// One frame for all levels of a mesh: they share a node's place. Instances of a node move the
+  /// mesh itself, before any node that could undo the quantisation.
   void find_frames() {
     frames_.resize(levels_.front()->size());
+    std::set<std::size_t> instanced;
+    for (const Json& node : scene_.json.value("nodes", Json::array())) {
+      if (is_instanced(node) && node.contains("mesh")) {
+        instanced.insert(node["mesh"].get<std::size_t>());
+      }
+    }
     for (std::size_t m = 0; options_.quantize && m < frames_.size(); ++m) {
+      if (instanced.contains(m)) continue;
       std::vector<const MeshView*> shown;
       for (const SceneLevel* level : levels_) {
         const auto& given = (*level)[m];
@@ -112,6 +133,7 @@ class SceneAssembler {
   void show(std::size_t node, std::int64_t mesh) {
     if (mesh < 0) {
       scene_.json["nodes"][node].erase("mesh");
+      drop_extension(scene_.json["nodes"][node], kInstancing);
     } else {
       scene_.json["nodes"][node]["mesh"] = mesh;
     }
@@ -126,13 +148,17 @@ class SceneAssembler {
     return child;
   }
 
-  /// A child of a node, with its name and its mesh.
+  /// A child of a node, with its name, its mesh and the places of that.
   std::size_t add_child(std::size_t n) {
     Json& nodes = scene_.json["nodes"];
     const std::size_t child = nodes.size();
     nodes.push_back(Json::object());
     for (const char* member : {"name", "mesh"}) {
       if (nodes[n].contains(member)) nodes[child][member] = nodes[n][member];
+    }
+    if (is_instanced(nodes[n])) {
+      nodes[child]["extensions"][kInstancing] = nodes[n]["extensions"][kInstancing];
+      drop_extension(nodes[n], kInstancing);
     }
     nodes[n]["children"].push_back(child);
     nodes[n].erase("mesh");

@@ -287,7 +287,8 @@ def _targets(
         target = output.of(rename(file.relative))
         if target in taken:
             raise InputError(
-                f"{target}: two inputs would be written there: {taken[target]} and {file.name}"
+                f"{target}: two inputs would be written there: {taken[target]} and {file.name}; "
+                "name a folder above both, or give each an output folder of its own"
             )
         taken[target] = file.name
         targets[file.name] = target

@@ -33,7 +33,11 @@ class Up(StrEnum):
     z = "z"
 
 
-@over_files(kinds.converted_suffixes, writable=lambda: (*WRITABLE, *SCAN_SUFFIXES))
+@over_files(
+    kinds.converted_suffixes,
+    writable=lambda: (*WRITABLE, *SCAN_SUFFIXES),
+    choose=kinds.own_sources,
+)
 def convert(
     source: Source,
     output: Output,

@@ -12,6 +12,7 @@ from manip3d.cli.terminal import Terminal
 @over_files(
     kinds.shown_suffixes,
     whole=kinds.WHOLE,
+    choose=kinds.own_sources,
     columns=("source", "faces", "vertices", "materials_used", "points", "frames", "seconds"),
 )
 def info(

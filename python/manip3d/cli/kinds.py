@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
+from collections.abc import Iterator
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Any
 
 from manip3d.errors import InputError
 from manip3d.io import DEPTH_SUFFIXES, READABLE, SCAN_SUFFIXES, is_color_png
+from manip3d.io._remote import named_beside, reads_beside
 from manip3d.io._scan_files import FOLDER_SUFFIXES, are_points_only, ply_elements
 from manip3d.io._scan_npy import is_npy_scan
+
+if TYPE_CHECKING:
+    from manip3d.batch import SourceFile
 
 _RECORDINGS = (".pcap", ".pcapng", ".mcap", ".bag", ".mkv")
 _PICTURES = (".jpg", ".jpeg", ".bmp", ".tga", ".gif", ".webp")
@@ -176,3 +181,39 @@ def recording_suffixes() -> tuple[str, ...]:
 def converted_suffixes() -> tuple[str, ...]:
     """Return the suffixes of meshes and scans."""
     return (*READABLE, *FOLDER_SUFFIXES)
+
+
+def own_sources(files: list[SourceFile]) -> list[SourceFile]:
+    """Leave out what meshes of a folder name beside them: their buffers and textures.
+
+    The ``.bin`` of a glTF file is no scan, and a texture of 16 bits is no depth image. What a user
+    names, or what a pattern matches, stays.
+    """
+    doubtful = [f for f in files if not f.is_named and _suffix_of(f.name) not in READABLE]
+    folders = {folder for file in doubtful for folder in _folders_above(file.name)}
+    meshes = [f.name for f in files if f.name.rpartition("/")[0] in folders]
+    named = set(_all_named(meshes)) if doubtful else set()
+    return [file for file in files if file.is_named or file.name not in named]
+
+
+def _all_named(sources: list[str]) -> Iterator[str]:
+    """All that sources name, and that what they name does: a material library names textures."""
+    waiting = [source for source in sources if reads_beside(PurePosixPath(source))]
+    seen = set(waiting)
+    while waiting:
+        for name in named_beside(waiting.pop()):
+            if name not in seen:
+                seen.add(name)
+                waiting.append(name)
+            yield name
+
+
+def _folders_above(name: str) -> Iterator[str]:
+    while "/" in name:
+        name = name.rpartition("/")[0]
+        yield name
+    yield ""
+
+
+def _suffix_of(name: str) -> str:
+    return _suffix(Path(PurePosixPath(name).name))

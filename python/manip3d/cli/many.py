@@ -12,6 +12,7 @@ import importlib
 import inspect
 import multiprocessing
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
@@ -111,6 +112,19 @@ class Many:
             return
         more = f"several {self.noun}s" if len(sources) > 1 else f"the {self.noun}s of {sources[0]}"
         raise InputError(f"--output: expected a folder for {more}, got the file name {output}")
+
+    def names(self, files: Sequence[SourceFile]) -> dict[str, str]:
+        """The name of each output by that of its source.
+
+        Sources that differ in their suffix only keep it: head.ply and head.obj become head.ply.glb
+        and head.obj.glb.
+        """
+        named = {file.relative: self.rename(file.relative) for file in files}
+        uses = Counter(named.values())
+        return {
+            source: f"{source}{PurePosixPath(target).suffix}" if uses[target] > 1 else target
+            for source, target in named.items()
+        }
 
     def rename(self, relative: str) -> str:
         """The name of an output from that of its source."""
@@ -394,7 +408,7 @@ def _many(
                 "more": each.get(file.name, {}),
                 "shown_as": file.name,
             },
-            rename=many.rename,
+            rename=many.names(files).__getitem__,
             table=table or None,
             jobs=jobs,
             dask=dask,

@@ -72,6 +72,7 @@ def _side_by_side(sources: list[str], given: dict[str, Any]) -> bool:
 @over_files(
     kinds.shown_suffixes,
     whole=kinds.WHOLE,
+    choose=kinds.own_sources,
     writable=lambda: SUFFIXES,
     otherwise=".html",
     together=_side_by_side,

@@ -276,6 +276,29 @@ def reads_beside(path: PurePosixPath) -> bool:
     return _plain_suffix(path) in (*_NAMED, *_OF_ONE_NAME)
 
 
+def named_beside(source: str) -> Iterator[str]:
+    """Yield the files, or the URLs, that a file or a URL names beside it, as far as can be told.
+
+    Behind a URL only glTF files are asked: their JSON is small, and reading them is what it takes.
+    A source that cannot be read names nothing.
+    """
+    if is_url(source) and _plain_suffix(PurePosixPath(source)) != ".gltf":
+        return
+    place = source.rpartition("/")[0]
+    try:
+        with _temporary_folder(source) as folder:
+            path = Path(source)
+            if is_url(source):
+                system, remote = filesystem(source)
+                path = folder / PurePosixPath(remote).name
+                with naming_remote(source):
+                    _fetch(system, remote, path, _MOST_TEXT, source)
+            for name in companions(path):
+                yield f"{place}/{name}" if place else str(name)
+    except (OSError, Error):
+        return
+
+
 def companions(path: Path) -> Iterator[PurePosixPath]:
     """Yield the files that a file names, as far as they lie below its folder."""
     suffix = _plain_suffix(path)

@@ -41,6 +41,9 @@ class SceneNode:
         From the node's coordinates into its parent's.
     drawn : bool
         Whether the file's default scene has the node.
+    instances : (I, 4, 4) float64 or None
+        Where the mesh is shown, into the node's coordinates (``EXT_mesh_gpu_instancing``); None:
+        once, at the node itself.
     """
 
     name: str
@@ -48,6 +51,14 @@ class SceneNode:
     mesh: int | None
     transform: NDArray[np.float64] = field(repr=False)
     drawn: bool
+    instances: NDArray[np.float64] | None = field(default=None, repr=False)
+
+    @property
+    def num_instances(self) -> int:
+        """How often the node shows its mesh."""
+        if self.mesh is None:
+            return 0
+        return 1 if self.instances is None else len(self.instances)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,13 +94,16 @@ class Scene:
 
     @property
     def num_uses(self) -> NDArray[np.int64]:
-        """(M,) how many drawn nodes show each mesh."""
-        shown = [node.mesh for node in self.nodes if node.drawn and node.mesh is not None]
-        return np.bincount(np.array(shown, dtype=np.int64), minlength=len(self.meshes))
+        """(M,) how often each mesh is drawn: once for each drawn node or instance of it."""
+        uses = np.zeros(len(self.meshes), dtype=np.int64)
+        for node in self.nodes:
+            if node.drawn and node.mesh is not None:
+                uses[node.mesh] += node.num_instances
+        return uses
 
     @property
     def num_instances(self) -> int:
-        """Drawn nodes that show a mesh."""
+        """How often meshes are drawn: once for each drawn node or instance of it."""
         return int(self.num_uses.sum())
 
     @property
@@ -228,8 +242,8 @@ def read_scene(
         _logger.warning("%s: %s", os.fspath(path), text)
     return Scene(
         nodes=tuple(
-            SceneNode(name, _index(parent), _index(mesh), transform, drawn)
-            for name, parent, mesh, transform, drawn in nodes
+            SceneNode(name, _index(parent), _index(mesh), transform, drawn, instances)
+            for name, parent, mesh, transform, drawn, instances in nodes
         ),
         meshes=tuple(mesh for _, mesh, _ in meshes),
         names=tuple(name for name, _, _ in meshes),
@@ -272,7 +286,7 @@ def write_scene(
         As for `write_mesh`.
     quantize : bool
         As for `write_mesh`, each mesh that may be simplified in its own box: its nodes get a child
-        that moves and scales it.
+        that moves and scales it. Meshes of instances (``EXT_mesh_gpu_instancing``) are not.
 
     Raises
     ------

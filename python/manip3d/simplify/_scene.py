@@ -195,7 +195,8 @@ def _instances(scene: Scene) -> list[_Instances]:
         raise InputError(f"scene: no mesh can be simplified: {', '.join(reasons) or 'no faces'}")
     for node, place in zip(scene.nodes, scene.world_transforms(), strict=True):
         if node.drawn and node.mesh in transforms:
-            transforms[node.mesh].append(place)
+            every = [place] if node.instances is None else place @ node.instances
+            transforms[node.mesh].extend(every)
     return [_Instances.of(i, np.array(own)) for i, own in transforms.items()]
 
 
