@@ -179,3 +179,7 @@ def test_sources_that_differ_in_their_suffix_only_keep_it(tmp_path: Path) -> Non
     assert told.exit_code == 0, told.output
     names = sorted(path.name for path in out.glob("*.glb"))
     assert names == ["hand.glb", "head.obj.glb", "head.ply.glb"]
+    told = CliRunner().invoke(app, ["compare", str(source), str(out), "--json", "-q", "-j", "1"])
+    assert told.exit_code == 0, told.output
+    originals = [Path(row["original"]).name for row in json.loads(told.stdout)]
+    assert originals == ["hand.stl", "head.obj", "head.ply"]

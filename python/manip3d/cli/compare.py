@@ -24,7 +24,10 @@ if TYPE_CHECKING:
 
 
 def _originals(files: list[SourceFile], options: dict[str, Any]) -> dict[str, dict[str, str]]:
-    """The original of each file: one for all, or that of its name in a folder of originals."""
+    """The original of each file: one for all, or that of its name in a folder of originals.
+
+    The name may have the suffix of the original: head.obj.glb is of head.obj, not of head.ply.
+    """
     from manip3d.batch import find_files, is_folder
 
     original = options.pop("original")
@@ -32,7 +35,8 @@ def _originals(files: list[SourceFile], options: dict[str, Any]) -> dict[str, di
         return {file.name: {"original": original} for file in files}
     known: dict[str, list[str]] = {}
     for file in find_files(original, suffixes=READABLE):
-        known.setdefault(_stem(file.relative), []).append(file.name)
+        for name in (_stem(file.relative), _plain(file.relative)):
+            known.setdefault(name, []).append(file.name)
     wrong = [file.name for file in files if len(known.get(_stem(file.relative), ())) != 1]
     if wrong:
         raise InputError(f"{original}: expected one original of {wrong[0]}, by its name")
@@ -40,8 +44,12 @@ def _originals(files: list[SourceFile], options: dict[str, Any]) -> dict[str, di
 
 
 def _stem(relative: str) -> str:
-    name = relative.lower().removesuffix(".xz").removesuffix(".gz")
+    name = _plain(relative)
     return name.removesuffix(PurePosixPath(name).suffix)
+
+
+def _plain(relative: str) -> str:
+    return relative.lower().removesuffix(".xz").removesuffix(".gz")
 
 
 @over_files(lambda: READABLE, argument="simplified", prepare=_originals)
