@@ -134,6 +134,14 @@ def test_a_target_is_met_where_most_drawn_faces_are_of_one_mesh(
         assert 0.9 * ratio * scene.num_faces <= done.scene.num_faces <= ratio * scene.num_faces
 
 
+@pytest.mark.parametrize("method", ["quality", "fast"])
+def test_fewer_faces_than_instances_leave_one_of_the_mesh(method: str, tmp_path: Path) -> None:
+    scene = io.read_scene(four_balls(tmp_path / "balls.glb"))
+    done = simplify.simplify_scene(scene, method, target_faces=1)
+    assert (done.scene.num_stored_faces, done.scene.num_faces) == (1, 4)
+    assert done.stop == simplify.StopReason.NO_LEGAL_COLLAPSE
+
+
 def test_a_number_of_faces_that_is_undercut_counts_as_met(tmp_path: Path) -> None:
     """A search that asks for fewer stored faces than there can be, where more are enough."""
     tetrahedron = (np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]),

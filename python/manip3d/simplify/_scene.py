@@ -673,7 +673,12 @@ def _search(
         drawn = placed.num_drawn(result.mesh)
         if drawn > wanted:
             if result.stop != StopReason.TARGET_REACHED:
-                return result
+                if stored > 0 or wanted == 0:
+                    return result
+                # One face of a mesh of many instances is more than is wanted, and no face at all is
+                # not to be had: what comes nearest is one.
+                one = at(1, part(1.0, 1.0))
+                return one if placed.num_drawn(one.mesh) < drawn else result
             above = (min(stored, left), drawn)
         else:
             best = result
