@@ -262,3 +262,27 @@ def test_texts_of_a_folder_are_not_taken_for_scans(tmp_path: Path) -> None:
     for name in ("a.xyz", "b.pts", "c.asc", "times.txt", "table.csv"):
         (tmp_path / name).write_text("1 2 3\n")
     assert [path.name for path in scan_paths(tmp_path)] == ["a.xyz"]
+
+
+def test_texts_that_open3d_writes_name_their_columns_by_suffix(tmp_path: Path) -> None:
+    frame = read(tmp_path, "1.5 -2 3.25 0 0 1\n4 5 -6 0 1 0\n", "a.xyzn")
+    assert list(frame.fields) == ["nx", "ny", "nz"]
+    assert frame.intensity is None
+    assert kind_of(str(tmp_path / "a.xyzn")) == "scan"
+    frame.write(tmp_path / "a.ply")
+    assert io.read_scan(tmp_path / "a.ply").fields["nz"].tolist() == [1.0, 0.0]
+    colored = read(tmp_path, "1.5 -2 3.25 0 0.2 1\n4 5 -6 1 1 0.4\n", "a.xyzrgb")
+    assert colored.points.tolist() == EXPECTED
+    colored.write(tmp_path / "b.ply")
+    stored = io.read_scan(tmp_path / "b.ply")
+    assert stored.fields["green"].tolist() == [51, 255]
+    stored.write(tmp_path / "again.xyzrgb")
+    assert (tmp_path / "again.xyzrgb").read_text().splitlines()[0] == "1.5 -2 3.25 0 0.2 1"
+    io.read_scan(tmp_path / "a.ply").write(tmp_path / "again.xyzn")
+    assert (tmp_path / "again.xyzn").read_text().splitlines()[1] == "4 5 -6 0 1 0"
+    shining = read(tmp_path, "1.5 -2 3.25 7\n4 5 -6 8\n", "a.xyzi")
+    assert shining.intensity is not None
+    assert shining.intensity.tolist() == [7.0, 8.0]
+    shining.write(tmp_path / "again.xyzn")
+    assert (tmp_path / "again.xyzn").read_text().splitlines()[0] == "1.5 -2 3.25"
+    assert scan_paths(tmp_path)  # folders are searched by these suffixes, too

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 from manip3d.errors import InputError
 from manip3d.io import DEPTH_SUFFIXES, READABLE, SCAN_SUFFIXES, is_color_png
 from manip3d.io._remote import named_beside, reads_beside
-from manip3d.io._scan_files import FOLDER_SUFFIXES, are_points_only, ply_elements
-from manip3d.io._scan_npy import is_npy_scan
+from manip3d.io._scan_files import FOLDER_SUFFIXES, are_points_only, holds_points, ply_elements
 
 if TYPE_CHECKING:
     from manip3d.batch import SourceFile
@@ -86,7 +85,7 @@ def kind_of(source: str) -> str:
         return _kind_of_ply(path)
     if suffix in READABLE and suffix not in SCAN_SUFFIXES:
         return "mesh"
-    if suffix in SCAN_SUFFIXES and (suffix != ".npy" or is_npy_scan(path)):
+    if suffix in SCAN_SUFFIXES and (suffix not in (".npy", ".npz") or holds_points(path)):
         return "scan"
     if suffix in DEPTH_SUFFIXES:
         return "picture" if is_color_png(path) else "depth"

@@ -23,10 +23,14 @@ _PACKED = ("rgb", "rgba")
 """Red, green and blue in one number of 32 bits, as PCD has them, or in one row."""
 _UNNAMED = (("c4", "c5", "c6"), ("c3", "c4", "c5"))
 """The last columns of a text without names: those of Leica's ``.pts``, and those of Open3D's."""
-_NORMALS = {"ply": ("nx", "ny", "nz"), "pcd": ("normal_x", "normal_y", "normal_z")}
+NORMALS = {
+    "pcd": ("normal_x", "normal_y", "normal_z"),
+    **dict.fromkeys(("ply", "npz", "xyzn"), ("nx", "ny", "nz")),
+}
+"""Names of normals by format."""
 _NAMES = {
     "e57": ("colorRed", "colorGreen", "colorBlue"),
-    **dict.fromkeys(("ply", "las", "csv", "pts"), ("red", "green", "blue")),
+    **dict.fromkeys(("ply", "las", "csv", "pts", "npz", "xyzrgb"), ("red", "green", "blue")),
 }
 _OF_CLOUDCOMPARE = "scalar_"
 """What CloudCompare puts before the names of columns."""
@@ -66,8 +70,8 @@ def color_names(frame: LidarFrame, name: str) -> tuple[str, ...]:
 
 
 def _rename_normals(fields: dict[str, NDArray[Any]], name: str) -> None:
-    wanted = _NORMALS.get(name)
-    for names in _NORMALS.values():
+    wanted = NORMALS.get(name)
+    for names in NORMALS.values():
         if wanted is not None and names != wanted and all(each in fields for each in names):
             # Open3D takes those of 64 bits in PCD for 0.
             taken = [fields.pop(each).astype(np.float32) for each in names]
@@ -104,12 +108,21 @@ def _as_colors(columns: Sequence[NDArray[Any]], most: int) -> NDArray[Any] | Non
     if any(values.ndim != 1 or values.dtype.kind not in "iuf" for values in columns):
         return None
     values = np.column_stack(columns)
+    if most > 255 and _are_shares(values):  # Open3D's, and those of renderers
+        return np.rint(values * 255.0).astype(np.uint8)
     if not bool((np.isfinite(values) & (values == np.rint(values)) & (values >= 0)).all()):
         return None
     largest = values.max(initial=0)
     if largest > most:
         return None
     return values.astype(np.uint8 if largest <= 255 else np.uint16)
+
+
+def _are_shares(values: NDArray[Any]) -> bool:
+    """Whether colours are numbers from 0 to 1, not all of them whole."""
+    if values.dtype.kind != "f" or not bool(((values >= 0.0) & (values <= 1.0)).all()):
+        return False
+    return bool((values != np.rint(values)).any())
 
 
 def _unpacked(values: NDArray[Any]) -> NDArray[np.uint8] | None:
@@ -127,6 +140,9 @@ def _named_colors(colors: NDArray[Any], name: str) -> dict[str, NDArray[Any]]:
         colors = (colors // _LAS_STEP).astype(np.uint8)
     if not is_wide and name == "las":
         colors = colors.astype(np.uint16) * _LAS_STEP
+    if name == "xyzrgb":
+        shares = colors / 255.0
+        return {each: np.ascontiguousarray(shares[:, i]) for i, each in enumerate(_NAMES[name])}
     if name == "pcd":
         red, green, blue = colors.astype(np.uint32).T
         return {"rgb": (red << 16 | green << 8 | blue).view(np.float32)}

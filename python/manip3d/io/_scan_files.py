@@ -21,11 +21,12 @@ from manip3d.io._scan_colors import renamed
 from manip3d.io._scan_tables import scan_suffix
 from manip3d.lidar import LidarFrame
 
-SCAN_SUFFIXES: tuple[str, ...] = (*tables.TABLE_SUFFIXES, ".npy", ".las", ".laz", ".e57")
+SCAN_SUFFIXES: tuple[str, ...] = (*tables.TABLE_SUFFIXES, ".npy", ".npz", ".las", ".laz", ".e57")
 """Suffixes that `read_scan` and `write_scan` know; LAS, LAZ and E57 need an extra."""
 
+_EXPORTED = (".asc", ".pts", ".txt", ".csv", ".npy", ".npz")
 FOLDER_SUFFIXES: tuple[str, ...] = tuple(
-    suffix for suffix in SCAN_SUFFIXES if suffix not in (".asc", ".pts", ".txt", ".csv", ".npy")
+    suffix for suffix in SCAN_SUFFIXES if suffix not in _EXPORTED
 )
 """Those of them by which folders are searched: most texts and arrays in a folder are not scans, and
 a watermarked drive consists of no other files, since what verifies it must find them."""
@@ -48,7 +49,7 @@ def read_scan(
 ) -> LidarFrame:
     """Read a scan: one of `SCAN_SUFFIXES`, which ``.gz`` or ``.xz`` may follow.
 
-    LAS, LAZ, E57 and ``.npy`` are not compressed further.
+    LAS, LAZ, E57, ``.npy`` and ``.npz`` are not compressed further.
 
     Parameters
     ----------
@@ -98,13 +99,17 @@ def read_scan(
         ``format.header["pose"]`` is the pose of the ``.pose`` file beside it.
     E57
         The scanner's own frame, the scanner at the origin; ``format.header["pose"]`` is its pose.
-    Text (``.xyz``, ``.asc``, ``.pts``, ``.txt``, ``.csv``)
+    Text (``.xyz``, ``.xyzi``, ``.xyzn``, ``.xyzrgb``, ``.asc``, ``.pts``, ``.txt``, ``.csv``)
         A point a line; commas, semicolons or blanks between columns. A line before the points names
         the columns; without one they are x, y, z, the intensity where there are four or seven, and
-        ``c3`` and so on. The scanner's position is not known.
+        ``c3`` and so on; normals in ``.xyzn`` and colours in ``.xyzrgb``, as Open3D writes them.
+        The scanner's position is not known.
     ``.npy``
         Rows of x, y, z, the intensity and up to four more numbers, or a structured array with
         named columns; otherwise as text.
+    ``.npz``
+        Open3D's point clouds: arrays ``positions`` or ``points``, ``colors``, ``normals``, and
+        others of as many rows; or one array as in ``.npy``. Otherwise as text.
 
     Examples
     --------
@@ -171,6 +176,10 @@ def _read_local(path: Path, limit: int, look: Callable[[float], None] | None) ->
         from manip3d.io import _scan_npy
 
         return [_scan_npy.read(path, limit)]
+    if suffix == ".npz":
+        from manip3d.io import _scan_npz
+
+        return [_scan_npz.read(path, limit)]
     return [tables.read_table(path, limit, look)]
 
 
@@ -185,13 +194,15 @@ def write_scan(frame: LidarFrame, path: str | os.PathLike[str]) -> None:
     intensity, E57 rows, columns and colours (coordinates as 32-bit floats, those of a map near 0
     with the rest in the pose). Colours get the names that the other format has for them (PCD: one
     number), with 8 bits, in LAS with 16; normals those of PLY and PCD. ``.pts`` has colours
-    as its last columns; ``.xyz``, ``.asc`` and ``.txt`` hold no more than the intensity.
+    as its last columns, ``.xyzrgb`` and ``.xyzn`` colours or normals only; ``.xyz``, ``.xyzi``,
+    ``.asc`` and ``.txt`` hold no more than the intensity. ``.npz`` is as Open3D reads it.
 
     Parameters
     ----------
     frame : LidarFrame
     path : path-like or URL
-        One of `SCAN_SUFFIXES`, which ``.gz`` or ``.xz`` may follow; not LAS, LAZ, E57 and ``.npy``.
+        One of `SCAN_SUFFIXES`, which ``.gz`` or ``.xz`` may follow; not LAS, LAZ, E57,
+        ``.npy`` and ``.npz``.
 
     Raises
     ------
@@ -223,6 +234,10 @@ def write_scan(frame: LidarFrame, path: str | os.PathLike[str]) -> None:
             from manip3d.io import _scan_npy
 
             return _scan_npy.write(frame, local)
+        if scan_suffix(local) == ".npz":
+            from manip3d.io import _scan_npz
+
+            return _scan_npz.write(frame, local)
         return tables.write_table(frame, os.fspath(local))
 
 
@@ -236,7 +251,7 @@ def names_left_out(frame: LidarFrame, suffix: str) -> list[str]:
     frame = renamed(frame, name)
     if suffix in tables.TABLE_SUFFIXES:
         held = tables.column_names(frame, suffix)
-    elif name == "las":
+    elif name in ("las", "npz"):
         held = {"intensity", *tables.general_fields(frame)}
     elif name == "e57":
         from manip3d.io import _scan_e57
@@ -329,6 +344,10 @@ def holds_points(path: Path) -> bool:
         from manip3d.io._scan_npy import is_npy_scan
 
         return is_npy_scan(path)
+    if scan_suffix(path) == ".npz":
+        from manip3d.io._scan_npz import is_npz_scan
+
+        return is_npz_scan(path)
     with open_regular(path) as file:
         head = file.read(_HEAD_BYTES).decode("utf-8", "replace")
     for line in head.splitlines()[:_HEAD_LINES]:

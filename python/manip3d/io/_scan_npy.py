@@ -43,7 +43,11 @@ def is_npy_scan(path: str | os.PathLike[str]) -> bool:
         It cannot be read.
     """
     with open_regular(path) as file:
-        head = file.read(MOST_HEADER)
+        return is_scan(file.read(MOST_HEADER))
+
+
+def is_scan(head: bytes) -> bool:
+    """The same of the first bytes of an array."""
     try:
         shape, _, dtype, _ = read_npy_header(head)
     except FormatError:
@@ -54,12 +58,22 @@ def is_npy_scan(path: str | os.PathLike[str]) -> bool:
 
 def read(path: Path, limit: int) -> LidarFrame:
     """As `manip3d.io.read_scan`."""
-    name = str(path)
+    with open_regular(path) as file:
+        data = file.read(limit + 1) if limit else file.read()
+    if limit and len(data) > limit:
+        raise FormatError(f"more than max_bytes = {limit}", file=str(path))
+    return frame_of(data, str(path))
+
+
+def frame_of(data: bytes, name: str) -> LidarFrame:
+    """The scan that the bytes of an array are, from a file of that name.
+
+    Raises
+    ------
+    FormatError
+        They are no scan.
+    """
     try:
-        with open_regular(path) as file:
-            data = file.read(limit + 1) if limit else file.read()
-        if limit and len(data) > limit:
-            raise FormatError(f"more than max_bytes = {limit}")
         shape, is_fortran, dtype, start = read_npy_header(data)
         if any(side < 0 for side in shape):
             raise FormatError(f"expected a shape, got {shape}", byte_offset=0)

@@ -15,7 +15,7 @@ import numpy as np
 from manip3d import _core
 from manip3d.errors import FormatError
 from manip3d.io._limits import check_points
-from manip3d.io._scan_colors import color_names, plain_name
+from manip3d.io._scan_colors import NORMALS, color_names, plain_name
 from manip3d.io._text_files import text_of
 from manip3d.lidar import LidarFrame, ScanFormat
 
@@ -31,8 +31,10 @@ Column = tuple[str, str, int]
 
 TABLE_SUFFIXES: tuple[str, ...] = tuple(_core.point_suffixes())
 _COMPRESSED = (".gz", ".xz")
-_TEXT = ("xyz", "asc", "pts", "txt", "csv")
-_UNSTATED = (*_TEXT, "npy")
+_TEXT = ("xyz", "xyzi", "xyzn", "xyzrgb", "asc", "pts", "txt", "csv")
+_NAMED_BY_SUFFIX = {"xyzn": ("nx", "ny", "nz"), "xyzrgb": ("red", "green", "blue")}
+"""What stands behind x, y and z in a text without names of columns, by Open3D's custom."""
+_UNSTATED = (*_TEXT, "npy", "npz")
 """Formats that do not say where the scanner is, or which of their numbers are whole."""
 _OF_DOUBLES = (*_UNSTATED, "ply", "pcd", "las")
 """Formats that can hold the coordinates of a map to the millimetre."""
@@ -112,6 +114,8 @@ def read_columns(
     kind, fields, pairs, num_points, raw = _core.read_points(os.fsencode(name), limit, look)
     check_points(num_points, name)
     columns = tuple((str(a), str(b), int(c)) for a, b, c in fields)
+    if (told := _NAMED_BY_SUFFIX.get(kind)) and [c[0] for c in columns[3:]] == ["c3", "c4", "c5"]:
+        columns = (*columns[:3], *((name, "<f8", 1) for name in told))
     dtype = _dtype(columns)
     values = raw.view(dtype) if raw.size else np.empty(num_points, dtype)
     if kind in _BARE:
@@ -360,6 +364,17 @@ def map_coordinates(frame: LidarFrame, name: str) -> NDArray[np.float64] | None:
     return frame.exact if is_far else None
 
 
+def stored_coordinates(frame: LidarFrame, name: str) -> NDArray[Any]:
+    """The coordinates in a file of a format, those of a map where it can hold them."""
+    if frame.format is not None and frame.format.name == name:
+        if frame.exact is None and not frame.format.to_file[:3, 3].any():
+            return frame.points
+        own = frame.format.file_coordinates(frame.points)
+        return own if frame.exact is None else frame.exact
+    of_map = map_coordinates(frame, name)
+    return frame.points if of_map is None else _as_decimals(of_map, frame)
+
+
 def loses_map_coordinates(frame: LidarFrame, suffix: str) -> bool:
     """Whether a file of this suffix gets coordinates near 0 for those of the map."""
     name = suffix.lstrip(".").replace("laz", "las")
@@ -548,9 +563,10 @@ def _text_layout(name: str) -> Callable[[LidarFrame], ScanFormat]:
             names = [re.sub(r"[\s,;\"#]", "_", column[0]) for column in columns]
             pairs = [("names", ",".join(names)), ("separator", ",")]
         else:  # nothing would tell what other columns are
-            last = color_names(frame, name)
-            colors = [column for column in columns if column[0] in last]
-            columns = columns[: 3 + (frame.intensity is not None)] + colors
+            last = color_names(frame, name) or NORMALS.get(name, ())
+            others = [column for column in columns if column[0] in last]
+            has_fourth = frame.intensity is not None and name not in _NAMED_BY_SUFFIX
+            columns = columns[: 3 + has_fourth] + others
             pairs = [("count", "")] if name == "pts" else []
         return ScanFormat(name, tuple(columns), {"pairs": tuple(pairs)})
 

@@ -14,8 +14,7 @@ from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import InputError
 from manip3d.io._images import read_color
-from manip3d.io._scan_files import SCAN_SUFFIXES, are_points_only, ply_elements
-from manip3d.io._scan_npy import is_npy_scan
+from manip3d.io._scan_files import SCAN_SUFFIXES, are_points_only, holds_points, ply_elements
 from manip3d.io._scan_tables import scan_suffix
 from manip3d.lidar import LidarFrame
 from manip3d.viewer.sensor_points import DepthImage
@@ -83,7 +82,7 @@ def kind_of(source: str | os.PathLike[str]) -> Kind:
     if capture.rgbd_address(name) is not None:
         return "rgbd"
     path = Path(name)
-    if path.suffix.lower() == ".npy" and path.is_file() and is_npy_scan(path):
+    if path.suffix.lower() in (".npy", ".npz") and path.is_file() and holds_points(path):
         return "scan"
     if path.suffix.lower() in io.DEPTH_SUFFIXES:
         return "depth"

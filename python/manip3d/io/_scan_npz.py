@@ -1,0 +1,168 @@
+"""Scans as archives of NumPy arrays: Open3D's point clouds, an array a quantity."""
+
+from __future__ import annotations
+
+import io
+import os
+import warnings
+import zipfile
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d._util.callers import caller_level
+from manip3d.errors import Error, FormatError
+from manip3d.io import _scan_npy
+from manip3d.io._files import atomic_path, open_regular
+from manip3d.io._limits import check_points
+from manip3d.io._npy_headers import MOST_HEADER, read_npy_header
+from manip3d.io._scan_tables import (
+    Table,
+    frame_of_table,
+    general_fields,
+    refuse_expansion,
+    stored_coordinates,
+)
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from manip3d.lidar import LidarFrame
+
+_POINTS = ("positions", "points", "xyz")
+"""What Open3D's tensor clouds, its others, and ROS's converters call the coordinates."""
+_TRIPLES = {"colors": ("red", "green", "blue"), "normals": ("nx", "ny", "nz")}
+"""Columns of Open3D's arrays of three numbers a point."""
+
+
+def is_npz_scan(path: str | os.PathLike[str]) -> bool:
+    """Return whether an archive holds a scan, not a depth image: by the names of its arrays.
+
+    One whose only array is a scan by itself counts, too.
+
+    Raises
+    ------
+    OSError
+        It cannot be read.
+    """
+    try:
+        with open_regular(path) as file, zipfile.ZipFile(file) as archive:
+            arrays = _arrays(archive)
+            if any(name in arrays for name in _POINTS):
+                return True
+            if len(arrays) != 1:
+                return False
+            with archive.open(next(iter(arrays.values()))) as member:
+                return _scan_npy.is_scan(member.read(MOST_HEADER))
+    except OSError:
+        raise
+    except Exception:  # zipfile and zlib fail with a dozen types on damaged files
+        return False
+
+
+def read(path: Path, limit: int) -> LidarFrame:
+    """As `manip3d.io.read_scan`."""
+    name = str(path)
+    try:
+        with open_regular(path) as file:
+            data = file.read(limit + 1) if limit else file.read()
+        if limit and len(data) > limit:
+            raise FormatError(f"more than max_bytes = {limit}")
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            arrays = _arrays(archive)
+            claimed = sum(entry.file_size for entry in arrays.values())
+            refuse_expansion(claimed, len(data), limit, "")
+            members = {key: archive.read(entry) for key, entry in arrays.items()}
+        key = next((key for key in _POINTS if key in members), None)
+        if key is None and len(members) == 1:
+            return _scan_npy.frame_of(next(iter(members.values())), name)
+        if key is None:
+            names = ", ".join(sorted(members)[:20]) or "none"
+            raise FormatError(f"expected an array named {' or '.join(_POINTS)}, got {names}")
+        points = _array(members.pop(key))
+        if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "iuf":
+            raise FormatError(f"{key}: expected (N, 3) numbers, got {points.dtype} {points.shape}")
+        check_points(len(points), "")
+    except FormatError as error:
+        raise FormatError(error.reason, file=name, byte_offset=error.byte_offset) from error
+    except (OSError, Error):
+        raise
+    except Exception as error:  # zipfile and zlib fail with a dozen types on damaged files
+        reason = f"damaged .npz: {str(error) or type(error).__name__}"
+        raise FormatError(reason, file=name) from error
+    columns: dict[str, NDArray[Any]] = dict(zip("xyz", points.T, strict=True))
+    gone = []
+    for other, member in members.items():
+        try:
+            found = _columns_of(other, _array(member), len(points))
+        except FormatError:  # arrays of objects, or damaged ones
+            found = {}
+        gone += [] if found else [other]
+        columns |= {each: values for each, values in found.items() if each not in columns}
+    if gone:
+        warnings.warn(
+            f"{name}: arrays without numbers for each of {len(points)} points are left out: "
+            f"{', '.join(sorted(gone))}",
+            stacklevel=caller_level(),
+        )
+    return frame_of_table(Table("npz", columns, name), origin=None)
+
+
+def write(frame: LidarFrame, path: Path) -> None:
+    """As `manip3d.io.write_scan`: Open3D's tensor cloud, (N, k) numbers an array."""
+    arrays: dict[str, NDArray[Any]] = {"positions": stored_coordinates(frame, "npz")}
+    if frame.intensity is not None:
+        arrays["intensity"] = frame.intensity[:, None]
+    columns = general_fields(frame)
+    for name, triple in _TRIPLES.items():
+        if all(each in columns for each in triple):
+            arrays[name] = np.column_stack([columns.pop(each) for each in triple])
+    arrays |= {name: values[:, None] for name, values in columns.items() if name not in arrays}
+    with atomic_path(path) as local, local.open("wb") as file:
+        # On a full disk, the error of an archive that is saved to a file says nothing of the disk.
+        content = io.BytesIO()
+        with zipfile.ZipFile(content, "w") as archive:  # np.savez takes no array named "file"
+            for name, array in arrays.items():
+                with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                    np.lib.format.write_array(member, np.ascontiguousarray(array))
+        file.write(content.getbuffer())
+
+
+def _arrays(archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
+    return {
+        entry.filename.removesuffix(".npy"): entry
+        for entry in archive.infolist()
+        if entry.filename.endswith(".npy")
+    }
+
+
+def _array(data: bytes) -> NDArray[Any]:
+    shape, is_fortran, dtype, start = read_npy_header(data)
+    if any(side < 0 for side in shape):
+        raise FormatError(f"expected a shape, got {shape}")
+    count = 1
+    for side in shape:  # Python's own numbers: NumPy's would overflow
+        count *= side
+    if len(data) - start < count * dtype.itemsize:
+        raise FormatError(
+            f"expected {count * dtype.itemsize} bytes of numbers, got {len(data) - start}"
+        )
+    values = np.frombuffer(data, dtype, count, start)
+    values = values.reshape(shape, order="F" if is_fortran else "C")
+    return values.astype(dtype.newbyteorder("="))
+
+
+def _columns_of(name: str, values: NDArray[Any], num_points: int) -> dict[str, NDArray[Any]]:
+    """The columns that an array of a number, or a few, for each point is; empty: it is none."""
+    if values.dtype.kind not in "iuf" or values.ndim not in (1, 2) or len(values) != num_points:
+        return {}
+    if values.ndim == 2 and values.shape[1] == 1:
+        values = values[:, 0]
+    triple = _TRIPLES.get(name)
+    if triple is None or values.shape != (num_points, 3):
+        return {name: values}
+    if name == "colors" and values.dtype.kind == "f" and values.max(initial=0.0) <= 1.0:
+        values = np.rint(np.clip(values, 0.0, 1.0) * 255.0).astype(np.uint8)
+    return dict(zip(triple, values.T, strict=True))

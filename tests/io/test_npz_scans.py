@@ -1,0 +1,131 @@
+"""Scans as archives of NumPy arrays, as Open3D writes and reads its point clouds."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from manip3d import FormatError, LidarFrame, viewer
+from manip3d.cli.kinds import kind_of
+from manip3d.io import ReadLimits, read_scan
+
+POINTS = np.random.default_rng(4).normal(scale=9.0, size=(30, 3)).astype(np.float32)
+SHARES = np.arange(90).reshape(30, 3) / 89.0
+NORMALS = np.tile(np.float32([0, 0, 1]), (30, 1))
+
+
+def saved(folder: Path, **arrays: NDArray[Any]) -> Path:
+    np.savez(folder / "a.npz", **arrays)
+    return folder / "a.npz"
+
+
+@pytest.mark.parametrize("key", ["positions", "points"])
+@pytest.mark.parametrize("colors", [SHARES, np.rint(SHARES * 255).astype(np.uint8)])
+def test_clouds_of_open3d(key: str, colors: NDArray[Any], tmp_path: Path) -> None:
+    path = saved(
+        tmp_path, **{key: POINTS}, colors=colors, normals=NORMALS,
+        intensity=SHARES[:, :1], label=np.arange(30),
+    )  # fmt: skip
+    assert kind_of(str(path)) == viewer.kind_of(path) == "scan"
+    frame = read_scan(path)
+    np.testing.assert_array_equal(frame.points, POINTS)
+    assert frame.intensity is not None
+    np.testing.assert_array_equal(frame.intensity, SHARES[:, 0].astype(np.float32))
+    assert frame.origin is None
+    assert {"red", "green", "blue", "nx", "ny", "nz", "label"} == set(frame.fields)
+    assert frame.fields["green"].tolist() == np.rint(SHARES[:, 1] * 255).tolist()
+    frame.write(tmp_path / "b.npz")
+    with np.load(tmp_path / "b.npz") as again:
+        assert set(again) == {"positions", "colors", "normals", "intensity", "label"}
+        np.testing.assert_array_equal(again["positions"], POINTS)
+        assert again["colors"].dtype == np.uint8
+        assert again["colors"].shape == again["normals"].shape == (30, 3)
+        assert again["intensity"].shape == again["label"].shape == (30, 1)
+    frame.write(tmp_path / "c.ply")
+    assert read_scan(tmp_path / "c.ply").fields["red"].dtype == np.uint8
+
+
+def test_coordinates_of_64_bits_and_of_maps_are_kept(tmp_path: Path) -> None:
+    for offset in (0.0, 4e6):
+        exact = POINTS.astype(np.float64) + 1e-9 + offset
+        frame = read_scan(saved(tmp_path, positions=exact))
+        frame.write(tmp_path / "b.npz")
+        with np.load(tmp_path / "b.npz") as again:
+            np.testing.assert_array_equal(again["positions"], exact)
+
+
+def test_scans_of_other_formats_and_archives_of_one_array(tmp_path: Path) -> None:
+    fields = {"file": np.arange(30, dtype=np.uint16), "red": np.full(30, 7, np.uint8),
+              "green": np.full(30, 8, np.uint8), "blue": np.full(30, 9, np.uint8)}  # fmt: skip
+    LidarFrame(POINTS, SHARES[:, 0].astype(np.float32), fields=fields).write(tmp_path / "b.npz")
+    frame = read_scan(tmp_path / "b.npz")
+    assert frame.fields["file"].tolist() == list(range(30))
+    assert frame.fields["blue"].tolist() == [9] * 30
+    np.savez(tmp_path / "rows.npz", np.column_stack([POINTS, NORMALS[:, 0]]))
+    assert kind_of(str(tmp_path / "rows.npz")) == "scan"
+    np.testing.assert_array_equal(read_scan(tmp_path / "rows.npz").points, POINTS)
+
+
+def test_depth_images_stay_depth_images(tmp_path: Path) -> None:
+    for arrays in ({"depth": np.zeros((30, 40), np.float32)}, {"a": np.zeros((30, 40), np.uint16)}):
+        path = saved(tmp_path, **arrays)
+        assert kind_of(str(path)) == viewer.kind_of(path) == "depth"
+
+
+def test_arrays_of_other_lengths_are_named(tmp_path: Path) -> None:
+    path = saved(tmp_path, positions=POINTS, colors=SHARES[:9], pose=np.eye(4))
+    with pytest.warns(UserWarning, match="are left out: colors, pose"):
+        assert read_scan(path).num_points == 30
+
+
+@pytest.mark.parametrize(
+    ("arrays", "match"),
+    [
+        ({"a": POINTS, "b": POINTS}, "expected an array named positions or points or xyz, got a, b"),
+        ({"positions": POINTS[:, :2]}, "expected \\(N, 3\\) numbers"),
+        ({"positions": np.array([{}], dtype=object)}, "expected an array of numbers"),
+        ({"positions": np.full((3, 3), np.inf)}, "coordinates that fit a float"),
+    ],
+)
+def test_archives_without_points(arrays: dict[str, Any], match: str, tmp_path: Path) -> None:
+    path = saved(tmp_path, **arrays)
+    with pytest.raises(FormatError, match=match) as caught:
+        read_scan(path)
+    assert caught.value.file == str(path)
+
+
+def test_damaged_archives_are_format_errors(tmp_path: Path) -> None:
+    whole = saved(tmp_path, positions=POINTS, colors=SHARES).read_bytes()
+    path = tmp_path / "bad.npz"
+    random = np.random.default_rng(1)
+    for _ in range(200):
+        data = bytearray(whole[: int(random.integers(1, len(whole) + 1))])
+        for _ in range(int(random.integers(0, 4))):
+            data[int(random.integers(len(data)))] = int(random.integers(256))
+        path.write_bytes(data)
+        assert kind_of(str(path)) in ("scan", "depth")
+        try:
+            read_scan(path)
+        except FormatError as error:
+            assert error.file == str(path)
+        except UserWarning:  # a damaged array of colours
+            pass
+
+
+def test_archives_that_expand_are_refused(tmp_path: Path) -> None:
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(
+        header, {"descr": "<f8", "fortran_order": False, "shape": (8 << 20, 3)}
+    )
+    with zipfile.ZipFile(tmp_path / "bomb.npz", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("positions.npy", header.getvalue() + bytes(192 << 20))
+    with pytest.raises(FormatError, match="set max_bytes"):
+        read_scan(tmp_path / "bomb.npz")
+    with ReadLimits(max_points=5), pytest.raises(FormatError, match="more than max_points"):
+        read_scan(saved(tmp_path, positions=POINTS))
