@@ -25,6 +25,7 @@ from manip3d.authenticate import (
     kitti_lattice,
 )
 from manip3d.authenticate._lattice import COLUMNS
+from manip3d.authenticate._power import MEASURED
 from manip3d.authenticate._processing import (
     FARTHEST_POINTS,
     Firings,
@@ -118,6 +119,26 @@ def test_no_trace_states_the_power_and_what_it_is_blind_to() -> None:
     assert not any("removed" in name for name in found.blind)  # its power is measured
     assert found.p_value == 1.0
     assert "authentic" not in json.dumps(found.record())
+
+
+def test_power_says_what_it_was_measured_of_and_what_the_turns_beside_would_add(
+    tmp_path: Path,
+) -> None:
+    found = street_with()
+    sizes, removed = found.power_notes
+    assert "at least 100 returns, 5 to 25 m" in sizes
+    assert found.power["removed"].share < 0.5
+    share = f"{found.power['removed'].share:.0%} are found in a scan alone"
+    assert share in removed
+    assert "86% (31 of 36) where the scans before and after" in removed
+    assert found.record()["power_notes"] == [sizes, removed]
+    report.write_evidence(found, tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text()
+    assert sizes in page
+    assert removed in page
+    turns = DetectorReport("turns", "no_trace", "seen", power=MEASURED["turns"])
+    assert replace(found, detectors=(*found.detectors, turns)).power_notes == (sizes,)
+    assert replace(found, detectors=()).power_notes == ()
 
 
 def another_turn(width: float) -> np.ndarray:

@@ -55,6 +55,17 @@ def test_ros1_bags(tmp_path: Path) -> None:
     assert frame.time_ns == 7 * 10**9  # the message has none of its own
 
 
+def test_an_empty_ros1_bag_is_not_called_damaged(tmp_path: Path) -> None:
+    path = tmp_path / "a.bag"
+    with rosbag1.Writer(path):
+        pass
+    with pytest.raises(FormatError, match="without a message"):
+        capture.holds_clouds(path)
+    path.write_bytes(path.read_bytes()[:-1])
+    with pytest.raises(FormatError, match="expected the index of a ROS 1 bag"):
+        capture.holds_clouds(path)
+
+
 def test_organised_clouds_with_padded_rows_and_points_without_a_return(tmp_path: Path) -> None:
     table = points_of(2, 60)
     table["x"][[3, 7, 59]] = np.nan

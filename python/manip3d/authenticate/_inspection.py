@@ -14,7 +14,7 @@ from manip3d._util.showing import Showable
 from manip3d.authenticate._density import DensityResult
 from manip3d.authenticate._generic import GenericResult
 from manip3d.authenticate._occlusion import OcclusionResult
-from manip3d.authenticate._power import BLIND
+from manip3d.authenticate._power import BLIND, FARTHEST, FEWEST_POINTS, NEAREST, known_power
 from manip3d.authenticate._reflectance import ReflectanceResult
 from manip3d.authenticate._sensors import Sensor
 from manip3d.authenticate._turns import TurnResult
@@ -209,6 +209,27 @@ class Inspection(Showable):
         return ReadOnlyMapping(best)
 
     @property
+    def power_notes(self) -> tuple[str, ...]:
+        """What ``power`` holds for, and what would raise it, in whole sentences."""
+        power = self.power
+        if self.generic is None or self.sensor is None or not power:
+            return ()
+        notes = [
+            f"Planted edits are of one object of at least {FEWEST_POINTS} returns, {NEAREST:.0f} "
+            f"to {FARTHEST:.0f} m from the scanner; nothing was measured of smaller and farther "
+            "objects."
+        ]
+        alone = power.get("removed")
+        beside = known_power("turns", self.sensor).get("removed")
+        if alone is not None and beside is not None and alone.share < beside.share:
+            notes.append(
+                f"Of objects that were left out, {alone.share:.0%} are found in a scan alone, and "
+                f"{beside.share:.0%} ({beside.found} of {beside.planted}) where the scans before "
+                "and after are given, too."
+            )
+        return tuple(notes)
+
+    @property
     def calibration(self) -> Calibration | None:
         """Calibration of the first detector with the common verdict that has one, else None."""
         return next((r.calibration for r in self._deciding() if r.calibration is not None), None)
@@ -231,6 +252,7 @@ class Inspection(Showable):
             "repeats": self.repeats,
             "regions": [region.record() for region in self.regions],
             "power": {name: power.record() for name, power in self.power.items()},
+            "power_notes": list(self.power_notes),
             "blind": list(self.blind),
             "origin": None if self.origin is None else list(self.origin),
             "origin_from": self.origin_from,

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 BLIND = (
     "reflectance rewritten within the noise, or with that of other firings of the same lasers",
-    "ranges of existing firings rewritten on the lattice (white-box)",
+    "ranges of existing firings rewritten on the lattice, with reflectances that fit (white-box)",
     "points left out one by one: fewer than one of two hundred of the scan, or half of an object's",
     "points left out that stand alone, where they are too few to be told as a filter of outliers",
 )

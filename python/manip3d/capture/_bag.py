@@ -69,8 +69,8 @@ def holds_clouds(path: str | os.PathLike[str]) -> bool:
     Raises
     ------
     FormatError
-        It is a pipe or a device, or a ROS 1 bag without its index: cut off, or never closed by
-        what recorded it.
+        It is a pipe or a device, or a ROS 1 bag without a message, or without its index: cut off,
+        or never closed by what recorded it.
     OSError
         It cannot be read.
 
@@ -99,6 +99,8 @@ def holds_clouds(path: str | os.PathLike[str]) -> bool:
         if 0 < index < 1 << 62:
             file.seek(index)
             connections = file.read(_MOST_INDEX)
+            if not connections and file.seek(0, os.SEEK_END) == index:
+                raise FormatError("a ROS 1 bag without a message", file=str(path))
     if not connections:
         raise FormatError(
             "expected the index of a ROS 1 bag at its end, found none: it is cut off, or its "

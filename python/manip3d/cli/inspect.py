@@ -615,6 +615,8 @@ def show(console: Console, found: Inspection) -> None:
         titles = ("edits of this class", "found", "planted in clean scans", "planted in this scan")
         columns = len(titles) if here else 3
         table(console, [cell[:columns] for cell in cells], titles[:columns])
+        for note in found.power_notes:
+            console.print(note, soft_wrap=True)
     boxes = [(report.name, box) for report in found.detectors for box in report.boxes]
     if boxes:
         console.print()

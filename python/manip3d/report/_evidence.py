@@ -419,9 +419,10 @@ def _power(inspection: Inspection) -> str:
         for name in inspection.blind
     )
     sources = {power.source for power in inspection.power.values() if power.source}
+    notes = "".join(f"<p>{html.escape(note)}</p>" for note in inspection.power_notes)
     return (
         "<h2>What would have been found</h2><div class=wide><table><tr><th>edits of this class"
-        f"<th>found<th>planted in clean scans</tr>{rows}</table></div>"
+        f"<th>found<th>planted in clean scans</tr>{rows}</table></div>{notes}"
         f"<p>{html.escape('; '.join(sorted(sources)))}</p>"
     )
 
