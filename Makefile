@@ -31,12 +31,11 @@ VIEWER_FILES := $(shell find $(VIEWER) -name node_modules -prune -o -name dist -
 # Warnings are errors in CI only: another compiler has others.
 WERROR := $(if $(filter true,$(CI)),ON,OFF)
 
-# Each step prints what it does and how far it is. Python compiles what is imported, pip need not.
-ALOUD := SAY='Downloading.*[0-9][0-9](\.[0-9])? MB|[Ww]arning: .*\[-W' .ci/aloud.sh
-PIP_INSTALL := $(BIN)/pip install --no-compile --progress-bar off
+# Each step prints what it does and how far it is.
+ALOUD := SAY='Downloading.*[0-9][0-9](\.[0-9])? ?Mi?B|[Ww]arning: .*\[-W' .ci/aloud.sh
 # This and scikit-build-core both configure build/dev, so that nothing is compiled twice; -v shows
 # ninja's progress. `make ctest` turns MANIP3D_TESTS on there.
-BUILD := $(PIP_INSTALL) -v --no-build-isolation --no-deps --config-settings=build-dir=build/dev \
+BUILD := $(BIN)/pip install --no-compile -v --no-build-isolation --no-deps --config-settings=build-dir=build/dev \
 	--config-settings=cmake.define.MANIP3D_WERROR=$(WERROR) --editable .
 
 .PHONY: help setup demo test ctest pytest lint tidy stubs bench fuzz asan tsan tsan-capture wheel wheel-test clean
@@ -55,7 +54,7 @@ define install_python
 @[ -x $(BIN)/pip ] || .ci/aloud.sh "making $(VENV)" $(PYTHON) -m venv $(VENV)
 @$(BIN)/python .ci/requirements.py $(2) >$(VENV)/requirements.txt
 @$(if $(3),command -v npm >/dev/null || echo $(3) >>$(VENV)/requirements.txt)
-@$(ALOUD) "installing $(1) into $(VENV)" $(PIP_INSTALL) -r $(VENV)/requirements.txt
+@$(ALOUD) "installing $(1) into $(VENV)" .ci/install_python.sh $(VENV) $(VENV)/requirements.txt
 @echo "$(VENV): $$(du -sh $(VENV) | cut -f 1)"
 @mkdir -p $(STAMPS)
 endef
