@@ -239,6 +239,16 @@ def test_large_tiffs_are_read(dtype: str, tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_pixel_map(tmp_path / "a.tif"), depth)
 
 
+def test_a_tiff_of_several_images_says_that_one_is_read(tmp_path: Path) -> None:
+    first, second = Image.fromarray(DEPTH), Image.fromarray(DEPTH + np.uint16(1))
+    first.save(tmp_path / "frames.tif", save_all=True, append_images=[second])
+    with pytest.warns(UserWarning, match="several images, of which the first is read"):
+        np.testing.assert_array_equal(read_depth(tmp_path / "frames.tif"), DEPTH)
+    overview = second.resize((2, 2))
+    first.save(tmp_path / "pyramid.tif", save_all=True, append_images=[overview])
+    np.testing.assert_array_equal(read_depth(tmp_path / "pyramid.tif"), DEPTH)  # without a warning
+
+
 def test_a_tiff_of_an_unknown_kind_is_told(tmp_path: Path) -> None:
     (tmp_path / "a.tif").write_bytes(big_tiff(DEPTH.astype("<f8")))
     with pytest.raises(FormatError, match="fractions of 32 bits") as caught:

@@ -130,7 +130,9 @@ def test_few_points_cover_the_largest_faces_between_steps() -> None:
 def test_an_error_tells_how_many_points_leave_a_face(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", boxes_before_a_slope(0))
     asked = {"method": "cs3", "intrinsics": "57,57,31.5,23.5", "unit": "mm"}
-    with pytest.raises(FormatError, match=r"3 points are too few, \d+ leave one") as caught:
+    with pytest.raises(
+        FormatError, match=r"the only face: .*3 points are too few, \d+ leave one"
+    ) as caught:
         simplify.simplify_depth_file(
             tmp_path / "a.npy", tmp_path / "a.ply", simplify.DepthOptions(3, **asked)
         )
@@ -373,8 +375,10 @@ def test_coloured_and_paletted_masks_are_read(tmp_path: Path) -> None:
 
 
 def test_fewer_than_three_points_are_refused() -> None:
-    with pytest.raises(InputError, match="points: expected at least 3, got 2"):
+    with pytest.raises(InputError, match=r"points: expected 3 to 2\^63 - 1, got 2"):
         simplify.DepthOptions(2)
+    with pytest.raises(InputError, match=r"points: expected 3 to 2\^63 - 1, got 10000"):
+        simplify.DepthOptions(10**20)
 
 
 def test_cameras_do_not_join_box_and_wall() -> None:

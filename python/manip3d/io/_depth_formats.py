@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from manip3d._util.callers import caller_level
 from manip3d.errors import Error, FormatError, MissingExtraError
 from manip3d.io._limits import byte_limit, check_points
 from manip3d.io._npy_headers import read_npy_header
@@ -283,6 +284,7 @@ def _read_with_pillow(
                     kinds = "8 or 16 bits of grey, or colours" if color_modes else "16 bits of grey"
                     raise FormatError(f"expected {kinds}, got mode {image.mode}")
                 stored = np.array(image)
+                has_more = _has_more(image)
     except Error:
         raise
     except UnidentifiedImageError as error:  # its words name no file and no reason
@@ -291,11 +293,25 @@ def _read_with_pillow(
     except Exception as error:  # Pillow's parsers fail with a dozen types on damaged files
         reason = str(error) or type(error).__name__
         raise FormatError(f"damaged image: {reason}") from error
+    if has_more:
+        warnings.warn(
+            "a file of several images, of which the first is read", stacklevel=caller_level()
+        )
     if stored.dtype.kind == "f":
         return stored
     if stored.min() < 0 or stored.max() > 65535:
         raise FormatError(f"expected 16-bit values, got {stored.min()} to {stored.max()}")
     return stored.astype(np.uint16)
+
+
+def _has_more(image: Image.Image) -> bool:
+    """Whether a second image has the size of the first: a smaller one is an overview of it."""
+    size = image.size
+    try:
+        image.seek(1)
+    except Exception:  # there is none, or it is damaged, which is no fault of the first
+        return False
+    return image.size == size
 
 
 def _bits_of_channel(data: bytes, image: Image.Image) -> int:

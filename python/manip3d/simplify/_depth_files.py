@@ -143,8 +143,8 @@ class DepthOptions:
             )
         if self.method != "relief" and self.move_points:
             raise InputError(f"move_points: expected with method relief only, got {self.method}")
-        if self.points is not None and not self.points >= LEAST_POINTS:
-            raise InputError(f"points: expected at least {LEAST_POINTS}, got {self.points}")
+        if self.points is not None and not LEAST_POINTS <= self.points < 2**63:
+            raise InputError(f"points: expected {LEAST_POINTS} to 2^63 - 1, got {self.points}")
         if not 0 <= self.depth_step <= float(np.finfo(np.float32).max):
             raise InputError(f"depth_step: expected >= 0 and finite, got {self.depth_step}")
         for name in ("min_coverage", "max_bridges"):
@@ -672,7 +672,8 @@ def _with_faces(
     if measured.pixels == 0:
         found = "found no measured pixel (of those that the mask leaves)"
     elif made.faces_cut > 0:
-        found = f"found depth steps across all {made.faces_cut} faces: see depth_step"
+        faces = "the only face" if made.faces_cut == 1 else f"all {made.faces_cut} faces"
+        found = f"found depth steps across {faces}: see depth_step"
     elif options.method == "relief":
         rules = ["a longer edge than max_edge"] if options.max_edge is not None else []
         rules += ["a depth step"] if has_steps else []
