@@ -54,7 +54,7 @@ import numpy as np
 from manip3d import Intrinsics, RgbdCalibration, RgbdFrame, capture
 camera = RgbdCalibration(Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5))
 depth = np.random.default_rng(0).integers(0, 65536, (5, 48, 64), dtype=np.uint16)
-frames = [RgbdFrame(image, camera, time=i, number=i) for i, image in enumerate(depth)]
+frames = [RgbdFrame(image, camera, time_ns=i, number=i) for i, image in enumerate(depth)]
 capture.record(frames, "walk.mkv")
 assert all((a.depth == b).all() for a, b in zip(capture.open("mkv:walk.mkv"), depth, strict=True))
 with open("/proc/self/maps") as maps:
