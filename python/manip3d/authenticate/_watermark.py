@@ -500,8 +500,8 @@ class Watermarker(Closing):
         Parameters
         ----------
         record : bytes
-            Of the last frame that is kept, as `embed` gave it; the next frame has the next number.
-            What was embedded after it, and is lost, is embedded again.
+            Record of the last frame that is kept, as `embed` gave it; the next frame has the next
+            number. Frames after it that were lost are embedded again.
 
         Raises
         ------
