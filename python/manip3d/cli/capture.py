@@ -568,8 +568,8 @@ def capture_export(
 
     check_output(output, (".csv", ".bvh"), force=force)
     shell = Terminal(as_json=as_json, quiet=quiet)
-    camera = {"intrinsics": intrinsics, "units_per_metre": units_per_metre}
-    with open_source(source, shell, **camera) as opened, naming_options("output", "person"):
+    place = open_source(source, shell, intrinsics=intrinsics, units_per_metre=units_per_metre)
+    with place as opened, naming_options("output", "person"):
         done = capture.export_joints(
             opened, output, person=person, frames=frames, pose=pose, overwrite=force
         )
