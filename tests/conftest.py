@@ -33,6 +33,9 @@ MAY_BE_SKIPPED = re.compile(
     r"no mount namespaces here|no FFmpeg .* that stands alone"
 )
 
+NAMES_REAL_DATA = re.compile(r"\breal(data|_mesh)\b")
+"""What ``.ci/run`` looks for, so that it need not load the files without tests of real data."""
+
 GOLDEN = Path(__file__).parent / "golden" / "golden.json"
 
 
@@ -61,6 +64,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker("browser")
         if real_data.ROOT is None and item.get_closest_marker("realdata"):
             item.add_marker(pytest.mark.skip(reason="MANIP3D_DATA is not set"))
+    for path in {item.path for item in items if item.get_closest_marker("realdata")}:
+        if not NAMES_REAL_DATA.search(path.read_text()):
+            raise pytest.UsageError(f"{path}: .ci/run finds tests of real data by {NAMES_REAL_DATA}")
 
 
 def pytest_collection_finish() -> None:
