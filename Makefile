@@ -35,7 +35,8 @@ WERROR := $(if $(filter true,$(CI)),ON,OFF)
 ALOUD := SAY='Downloading.*[0-9][0-9](\.[0-9])? ?Mi?B|[Ww]arning: .*\[-W' .ci/aloud.sh
 # This and scikit-build-core both configure build/dev, so that nothing is compiled twice; -v shows
 # ninja's progress. `make ctest` turns MANIP3D_TESTS on there.
-BUILD := $(BIN)/pip install --no-compile -v --no-build-isolation --no-deps --config-settings=build-dir=build/dev \
+BUILD := $(BIN)/pip install --no-compile -v --no-build-isolation --no-deps \
+	--config-settings=build-dir=build/dev \
 	--config-settings=cmake.define.MANIP3D_WERROR=$(WERROR) --editable .
 
 .PHONY: help setup demo test ctest pytest lint tidy stubs bench fuzz asan tsan tsan-capture wheel wheel-test clean

@@ -75,6 +75,45 @@ def test_a_night_goes_on_after_a_step_that_fails_and_names_it(tmp_path: Path) ->
     assert nightly(tmp_path, "tsan asan").returncode == 0
 
 
+def installed(folder: Path, configuration: str, uv: str) -> subprocess.CompletedProcess[str]:
+    """Run what installs Python packages with a pip and a uv that only tell what they were told."""
+    programs = folder / "bin"
+    programs.mkdir()
+    (programs / "pip").write_text(
+        f'#!/bin/sh\n[ "$1" = config ] && {{ echo "{configuration}"; exit; }}\necho "pip $*"\n'
+    )
+    (programs / "uv").write_text(f"#!/bin/sh\n{uv}\n")
+    for program in programs.iterdir():
+        program.chmod(0o755)
+    told = re.compile("PIP_|UV_|HTTPS_PROXY|SSL_CERT_FILE")
+    return subprocess.run(
+        [ROOT / ".ci" / "install_python.sh", folder, "wanted.txt"],
+        capture_output=True,
+        text=True,
+        env={name: value for name, value in os.environ.items() if not told.match(name)},
+    )
+
+
+def test_uv_reads_what_pip_is_configured_with(tmp_path: Path) -> None:
+    done = installed(
+        tmp_path,
+        ":env:.find-links='/a /b'\nglobal.index-url='https://own/simple'\nglobal.cert='/x.pem'",
+        'echo "uv $UV_DEFAULT_INDEX $UV_FIND_LINKS $SSL_CERT_FILE ${UV_INDEX-unset} $*"',
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    first, second = done.stdout.splitlines()
+    assert first.startswith("pip install ")
+    assert second.startswith("uv https://own/simple /a,/b /x.pem unset pip install ")
+    assert second.endswith(" -r wanted.txt")
+
+
+def test_pip_installs_where_uv_does_not(tmp_path: Path) -> None:
+    done = installed(tmp_path, "", "echo 'no route' >&2; exit 2")
+    assert (done.returncode, done.stderr) == (0, "no route\n")
+    assert done.stdout.splitlines()[-1].startswith("pip install ")
+    assert done.stdout.endswith(" -r wanted.txt\n")
+
+
 def test_a_night_refuses_steps_that_it_does_not_know(tmp_path: Path) -> None:
     done = nightly(tmp_path, "tsan true")
     assert (done.returncode, done.stdout, done.stderr) == (2, "", "no step: true\n")

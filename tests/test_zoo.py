@@ -22,7 +22,7 @@ from manip3d import Mesh, read_mesh
 from manip3d.io import WRITABLE, write_mesh
 from manip3d.metrics import boundary_gap, closest_points, fmpd, metro, texture_error
 from manip3d.simplify import METHODS, clean, fast, quality
-from manip3d.viewer import html, picture
+from manip3d.viewer import html, notebook, picture
 from zoo import MESHES, REFUSED, TRIANGLE
 
 
@@ -123,8 +123,11 @@ def arrays_of(mesh: Mesh) -> dict[str, Any]:
 
 @pytest.mark.parametrize("name", MESHES)
 @pytest.mark.parametrize("function", FUNCTIONS)
-def test_every_function_bears_every_mesh(function: str, name: str) -> None:
+def test_every_function_bears_every_mesh(
+    function: str, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     mesh = MESHES[name]
+    monkeypatch.setattr(notebook, "PICTURE_SIZE", (24, 16))  # pixels take longer than meshes
     before = {key: value.copy() for key, value in arrays_of(mesh).items()}
     if name in REFUSALS.get(function, ()):
         with pytest.raises(manip3d.Error):

@@ -14,6 +14,7 @@ from manip3d.viewer.showing import Shown, shown, text_of
 SHOWN_FACES = 60_000  # 5 MB at most; a notebook holds many views
 MAX_FACES = 300_000  # a second to simplify them; more would hold up the notebook
 SHOWN_POINTS = 150_000  # 2 MB; a whole turn of most LiDARs
+PICTURE_SIZE = (640, 480)
 
 
 def mimebundle(thing: Any) -> dict[str, str | bytes]:
@@ -37,7 +38,7 @@ def mimebundle(thing: Any) -> dict[str, str | bytes]:
     except RenderError as error:  # the viewer is not built
         text += f"\n{error}"
     try:
-        bundle["image/png"] = png_bytes(picture(fewer, size=(640, 480)))
+        bundle["image/png"] = png_bytes(picture(fewer, size=PICTURE_SIZE))
     except (RenderError, MissingExtraError) as error:
         text += "" if bundle else f"\n{error}"
     return {"text/plain": text, **bundle}
