@@ -66,7 +66,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.skip(reason="MANIP3D_DATA is not set"))
     for path in {item.path for item in items if item.get_closest_marker("realdata")}:
         if not NAMES_REAL_DATA.search(path.read_text()):
-            raise pytest.UsageError(f"{path}: .ci/run finds tests of real data by {NAMES_REAL_DATA}")
+            raise pytest.UsageError(f"{path}: .ci/run looks for {NAMES_REAL_DATA.pattern} in it")
 
 
 def pytest_collection_finish() -> None:
