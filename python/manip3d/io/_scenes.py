@@ -55,7 +55,7 @@ class SceneNode:
 
     @property
     def num_instances(self) -> int:
-        """How often the node shows its mesh."""
+        """Number of times that the node shows its mesh."""
         if self.mesh is None:
             return 0
         return 1 if self.instances is None else len(self.instances)
@@ -94,7 +94,7 @@ class Scene:
 
     @property
     def num_uses(self) -> NDArray[np.int64]:
-        """(M,) how often each mesh is drawn: once for each drawn node or instance of it."""
+        """(M,) times that each mesh is drawn: one for each drawn node or instance of it."""
         uses = np.zeros(len(self.meshes), dtype=np.int64)
         for node in self.nodes:
             if node.drawn and node.mesh is not None:
@@ -103,7 +103,7 @@ class Scene:
 
     @property
     def num_instances(self) -> int:
-        """How often meshes are drawn: once for each drawn node or instance of it."""
+        """Number of times that meshes are drawn: one for each drawn node or instance."""
         return int(self.num_uses.sum())
 
     @property
