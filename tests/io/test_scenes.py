@@ -407,3 +407,17 @@ def test_instances_of_other_numbers_are_refused(tmp_path: Path) -> None:
     source = instanced(tmp_path / "i.glb", ROTATION=np.zeros((2, 4), "<f4"))
     with pytest.raises(FormatError, match="expected unit quaternions, got zero"):
         read_mesh(source)
+
+
+def test_more_instances_than_the_file_can_mean_are_refused_before_they_are_made(
+    tmp_path: Path,
+) -> None:
+    """An accessor without a bufferView is zeros: a few bytes may ask for 2^31 instances."""
+    source = instanced(tmp_path / "i.glb", TRANSLATION=PLACES)
+    content = json_of(source)
+    content["accessors"][2]["count"] = 2_000_000_000
+    del content["accessors"][2]["bufferView"]
+    source.write_bytes(glb(content, source.read_bytes()[-content["buffers"][0]["byteLength"] :]))
+    for read in (read_mesh, io.read_scene):
+        with pytest.raises(FormatError, match="max_bytes"):
+            read(source)
