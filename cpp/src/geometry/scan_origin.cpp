@@ -641,10 +641,18 @@ bool improve_in_windows(Grid& grid, bool fixed, double cell_area, double range) 
   return true;
 }
 
+// Where a first position is from.
+enum class Start : std::uint8_t {
+  kKnown,   // it is judged, and stays
+  kStated,  // the zero of the coordinates: one that fits nearly as well as the best is meant
+  kGuessed  // only near
+};
+
 // The grid around a first position, and the position that fits it best.
-ScanOrigin fit_grid(const Points& sample, const Vector3d& start, int axis, bool fixed,
+ScanOrigin fit_grid(const Points& sample, const Vector3d& start, Start kind, int axis,
                     double thinned, const Progress& progress) {
-  constexpr double kSame = 0.005;  // of the median range: the first position is as good
+  constexpr double kSame = 0.005;  // of the median range: a stated position is as good
+  const bool fixed = kind == Start::kKnown;
   std::vector<Vector3d> points(sample.rows());
   for (Eigen::Index i = 0; i < sample.rows(); ++i) {
     points[i] = turned(sample.row(i).cast<double>().transpose(), axis);
@@ -671,7 +679,8 @@ ScanOrigin fit_grid(const Points& sample, const Vector3d& start, int axis, bool 
   if (result.found)
     result.explained = grid.explained(is_azimuth_plainer ? Angle::kAzimuth : Angle::kElevation);
   result.found = result.explained > 0.0;
-  if (result.found && (result.position - start).norm() <= kSame * range) result.position = start;
+  const bool is_near = (result.position - start).norm() <= kSame * range;
+  if (result.found && kind != Start::kGuessed && is_near) result.position = start;
   return result;
 }
 
@@ -695,7 +704,8 @@ ScanOrigin estimate_scan_origin(const PointsView& view, const ScanOriginOptions&
   if (known || options.tries_zero) {
     const Vector3d start = known.value_or(Vector3d::Zero());
     for (const int axis : kAxes) {
-      const ScanOrigin result = fit_grid(sample, start, axis, known.has_value(), thinned, next());
+      const Start kind = known ? Start::kKnown : Start::kStated;
+      const ScanOrigin result = fit_grid(sample, start, kind, axis, thinned, next());
       if (result.found) return result;
     }
   }
@@ -706,7 +716,7 @@ ScanOrigin estimate_scan_origin(const PointsView& view, const ScanOriginOptions&
   for (const int axis : kAxes) {
     const Progress part = next();
     const Vector3d start = even_position(patches, axis, part);
-    const ScanOrigin result = fit_grid(sample, start, axis, false, thinned, part);
+    const ScanOrigin result = fit_grid(sample, start, Start::kGuessed, axis, thinned, part);
     if (result.found) return result;
   }
   return {};
