@@ -35,6 +35,9 @@ float confidence_of(const Surface& surface, const Triangulation& mesh, const Tri
   if (!surface.has_confidence()) return 1.0F;
   const auto &a = mesh.vertex(corners[0]), &b = mesh.vertex(corners[1]),
              &c = mesh.vertex(corners[2]);
+  const auto [first_u, last_u] = std::minmax({a.u, b.u, c.u});
+  const auto [first_v, last_v] = std::minmax({a.v, b.v, c.v});
+  if (surface.is_believed(first_u, first_v, last_u, last_v)) return 1.0F;
   float sum = 0.0F;
   int count = 0;
   visit_pixels(surface.cols(), {a.u, a.v}, {b.u, b.v}, {c.u, c.v}, SidePixels::kClosed,

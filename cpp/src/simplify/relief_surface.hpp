@@ -119,6 +119,16 @@ class Surface {
   [[nodiscard]] float confidence(std::int32_t pixel) const {
     return confidence_.empty() ? 1.0F : confidence_[pixel];
   }
+  /// False if some pixel in a box of pixels may have a confidence below 1.
+  [[nodiscard]] bool is_believed(int first_u, int first_v, int last_u, int last_v) const {
+    const int across = cols_ / kDoubtTile + 1;
+    for (int v = first_v / kDoubtTile; v <= last_v / kDoubtTile; ++v) {
+      for (int u = first_u / kDoubtTile; u <= last_u / kDoubtTile; ++u) {
+        if (doubted_[std::ptrdiff_t{v} * across + u] != 0) return false;
+      }
+    }
+    return true;
+  }
   [[nodiscard]] std::uint8_t cell(std::int32_t pixel) const { return cells_[pixel]; }
   [[nodiscard]] std::int64_t num_faces() const { return num_faces_; }
   /// Pixels that some dense triangle uses.
@@ -181,6 +191,7 @@ class Surface {
   void build(const PointGridView& grid, const DenseRule& rule, int num_threads);
   void add_areas();
   [[nodiscard]] float mean_weight() const;
+  void find_doubted();
   void weigh(const PointGridView& grid, std::span<const float> confidence);
 
   int cols_ = 0, rows_ = 0;            ///< Padded.
@@ -191,7 +202,10 @@ class Surface {
   Eigen::Vector3d center_ = Eigen::Vector3d::Zero();
   std::vector<Sample> samples_;
   std::vector<std::uint8_t> valid_, used_;
-  std::vector<float> confidence_;  ///< By pixel; or empty.
+  std::vector<float> confidence_;       ///< By pixel; or empty.
+  static constexpr int kDoubtTile = 4;  ///< Pixels.
+  /// By square of so many pixels: is one in it not fully believed? For is_believed().
+  std::vector<std::uint8_t> doubted_;
   std::vector<std::uint8_t> cells_;
   std::vector<float> row_floats_;  ///< Scratch of loops over rows, as the next two.
   std::vector<std::uint8_t> row_cells_;

@@ -376,7 +376,8 @@ def depth(
         str,
         typer.Option(
             help="Grey image or .npy of the same size: weight of each pixel's error, as levels "
-            "or 0 to 1; 0 excludes a pixel (--method relief). A file or a folder, as --mask."
+            "or 0 to 1; a pixel of 0 says nothing about the shape, but is covered (--method "
+            "relief). A file or a folder, as --mask."
         ),
     ] = "",
     confidence_max: Annotated[
