@@ -56,9 +56,9 @@ constexpr double kThin = 0.1;
 /// beyond this factor had 0.66 to 1.01 times the error, the others up to 1.65 times.
 constexpr double kWorthLeaving = 1.1;
 
-/// Sizes of which the next smaller kFewTries are tried in place of a few vertices. Of 756 budgets of
-/// scans and frames of the data folder, 49 covered by kWorthLeaving less than a smaller one of these
-/// sizes; with three tries 3 do.
+/// Sizes of which the next smaller kFewTries are tried in place of a few vertices. Of 756 budgets
+/// of scans and frames of the data folder, 49 covered by kWorthLeaving less than a smaller one of
+/// these sizes; with three tries 3 do.
 constexpr int kFewTries = 3;
 constexpr std::array<std::int64_t, 15> kFewSizes = {3,  4,  5,  6,  7,  8,  10, 12,
                                                     14, 16, 20, 25, 30, 40, 50};
