@@ -887,8 +887,12 @@ double TrunkTracker::innovation(const JointMean& mean) const {
 }
 
 /// The variance of a joint's mean: frames that share their errors tell no more than fewer do.
+/// Errors are measured from their own mean, so that their correlation seems smaller than it is by
+/// about (1 + 3 rho) / n [Marriott & Pope, "Bias in the estimation of autocorrelations", 1954].
 double TrunkTracker::mean_variance(const JointMean& mean) const {
-  const double rho = correlation();
+  constexpr double kFewest = 8.0, kMost = 50.0;  // frames: those that the running sums remember
+  const double n = std::clamp(mean.weight, kFewest, kMost);
+  const double rho = std::clamp((correlation() + 1.0 / n) / (1.0 - 3.0 / n), 0.0, kMostCorrelation);
   const double frames = 1.0 + std::max(0.0, mean.weight - 1.0) * (1.0 - rho) / (1.0 + rho);
   return innovation(mean) / ((1.0 - rho * rho) * frames);
 }
