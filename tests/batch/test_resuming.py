@@ -201,8 +201,8 @@ def test_a_folder_that_cannot_be_listed_costs_rows_and_not_the_run(
     monkeypatch.setattr(type(memory), "find", refused)
     first, second = Stamps(), Stamps()
     name = "memory://no-listing/a.obj"
-    assert first.of_companions(name) == first.of_companions("memory://no-listing/b.obj")
-    assert first.of_companions(name) != second.of_companions(name)
+    assert first.stamp_of_companions(name) == first.stamp_of_companions("memory://no-listing/b.obj")
+    assert first.stamp_of_companions(name) != second.stamp_of_companions(name)
 
 
 @pytest.mark.parametrize(

@@ -590,8 +590,8 @@ class AlertMonitor:
         left_out = []
         is_beyond = False
         for name in [each for each in self._turns if each in pairs]:
-            has_time = self._has_time(_of_pair(name), begin)
-            if not has_time and (is_beyond or not self._is_due(_of_pair(name), now)):
+            has_time = self._has_time(_pair_label(name), begin)
+            if not has_time and (is_beyond or not self._is_due(_pair_label(name), now)):
                 left_out.append(name)
                 continue
             asked = self._clock()
@@ -601,15 +601,15 @@ class AlertMonitor:
                     frame, disparity, self._rigs[name], parameters=shared
                 )
             except Exception as error:  # the chain has moved on: the frame cannot be judged again
-                failed[name] = self._silent(_of_pair(name), error, asked, now).reason
+                failed[name] = self._silent(_pair_label(name), error, asked, now).reason
             else:
                 found[name] = told
-                self._heard(_of_pair(name), told.verdict, told.reason, asked, now)
+                self._heard(_pair_label(name), told.verdict, told.reason, asked, now)
             is_beyond = self._clock() - begin > self._budget
         heard = [*found, *failed]
         self._turns = [each for each in self._turns if each not in heard] + heard
         for name in left_out:
-            self._skipped[_of_pair(name)] = self._skipped.get(_of_pair(name), 0) + 1
+            self._skipped[_pair_label(name)] = self._skipped.get(_pair_label(name), 0) + 1
         why = "; ".join(f"{name}: {each}" for name, each in failed.items())
         if not found and failed:
             return None, WitnessReport("undecidable", why, self._clock() - start)
@@ -718,7 +718,7 @@ def _joined(told: Mapping[str, WitnessReport], *, has_key: bool) -> tuple[str, s
     return "undecidable", "no witness has seen this frame"
 
 
-def _of_pair(name: str) -> str:
+def _pair_label(name: str) -> str:
     return f"cross-modal {name}"
 
 

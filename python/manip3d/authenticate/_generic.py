@@ -553,7 +553,7 @@ def _judged(
 ) -> GenericResult:
     points, fewest = scan.num_points, 2
     if lattice.is_exact:
-        found, fewest = _of_exact(found), FEWEST_EXACT
+        found, fewest = _known_exactly(found), FEWEST_EXACT
     rules = {"time": "between"} if found["turns"] > 1 else {}
     used = [
         kind
@@ -603,7 +603,7 @@ def _judged(
     )
 
 
-def _of_exact(found: Mapping[str, Any]) -> Mapping[str, Any]:
+def _known_exactly(found: Mapping[str, Any]) -> Mapping[str, Any]:
     """The kernel's answer, without the kinds of evidence that an exact lattice does not know.
 
     Some scanners state two returns of a firing, and each writes its points in another order. A

@@ -499,7 +499,7 @@ def calibrate_lattice(
             others, lattice, planted=planted, classes=classes, rng=rng, threads=threads,
             progress=part(*forged),
         )  # fmt: skip
-    told = source or f"{len(others)} clean scans{_of_places(given)}"
+    told = source or f"{len(others)} clean scans{_places_in_words(given)}"
     power = {name: replace(each, source=told) for name, each in measured.items()}
     return replace(lattice, power=ReadOnlyMapping(power))
 
@@ -521,7 +521,7 @@ def _spread(scans: Sequence[LidarFrame | Path], most: int | None) -> list[LidarF
     return [scans[k * len(scans) // most] for k in range(most)]
 
 
-def _of_places(given: Sequence[LidarFrame | str | os.PathLike[str]]) -> str:
+def _places_in_words(given: Sequence[LidarFrame | str | os.PathLike[str]]) -> str:
     """Words for the files and folders: the first one's name, and how many more there are."""
     names = [Path(each).name for each in given if not isinstance(each, LidarFrame)]
     if not names:

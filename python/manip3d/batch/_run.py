@@ -312,8 +312,8 @@ def _stamps_of(
 
     def stamps_of(file: SourceFile) -> Any:
         inputs = [os.fspath(name) for name in (inputs_of(file) if inputs_of else ())]
-        named = [[name, stamps.of_input(name)] for name in inputs]
-        return [file.stamp, stamps.of_companions(file.name), named]
+        named = [[name, stamps.stamp_of_input(name)] for name in inputs]
+        return [file.stamp, stamps.stamp_of_companions(file.name), named]
 
     return stamps_of
 

@@ -91,9 +91,9 @@ class Stamps:
             start = len(output)
             self._targets = {f"{self._output}{target[start:]}" for target in targets}
         self._remote_folder = functools.cache(self._stamp_of_remote_folder)
-        self.of_input = functools.cache(self._of_input)
+        self.stamp_of_input = functools.cache(self._stamp_of_input)
 
-    def of_companions(self, name: str) -> str:
+    def stamp_of_companions(self, name: str) -> str:
         """Return a stamp of what a file or URL names beside it; empty where it can name nothing."""
         if not reads_beside(PurePosixPath(name)):
             return ""
@@ -103,14 +103,14 @@ class Stamps:
         files = sorted(set(_named_by(Path(name))))
         return stamp_of_files((str(file), file) for file in files)
 
-    def _of_input(self, name: str) -> str:
+    def _stamp_of_input(self, name: str) -> str:
         """Return a stamp of a file, a folder or a URL with all that it names beside it."""
         if is_url(name):
-            return f"{self._stamp_of_url(name)} {self.of_companions(name)}".rstrip()
+            return f"{self._stamp_of_url(name)} {self.stamp_of_companions(name)}".rstrip()
         path = Path(name)
         if path.is_dir():
             return stamp_of_folder(path)
-        return f"{stamp_of_file(path)} {self.of_companions(name)}".rstrip()
+        return f"{stamp_of_file(path)} {self.stamp_of_companions(name)}".rstrip()
 
     def _stamp_of_remote_folder(self, url: str) -> str:
         """A stamp of all that is below a URL: to know what a file names, it would be fetched.

@@ -74,7 +74,7 @@ _OPTIONS = ("intrinsics", "unit", "variant", "by-distance", "move-points", "max-
             "min-coverage", "max-bridges", "bandwidth", "rate", "stable")  # fmt: skip
 
 
-def _of_frames(files: list[SourceFile], options: dict[str, Any]) -> dict[str, dict[str, str]]:
+def _frame_options(files: list[SourceFile], options: dict[str, Any]) -> dict[str, dict[str, str]]:
     """One unit for all frames, and the colour image, mask and confidence of each."""
     from manip3d import simplify
 
@@ -293,7 +293,7 @@ def _joint_record(result: JointFileResult) -> dict[str, Any]:
 
 @over_files(
     lambda: (*DEPTH_SUFFIXES, ".ply", ".pcd"), writable=lambda: WRITABLE, otherwise=".glb",
-    prepare=_of_frames, check=lambda given: _expect_budget(*(given[name] for name in _BUDGETS)),
+    prepare=_frame_options, check=lambda given: _expect_budget(*(given[name] for name in _BUDGETS)),
     together=lambda sources, given: _join(sources, given) or _recording(sources, given),
     in_order=_in_order,
 )  # fmt: skip

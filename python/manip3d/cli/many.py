@@ -87,7 +87,7 @@ class Many:
         found = (self.find or find_files)(rest, suffixes=self.suffixes) if rest else []
         if not whole:
             return found
-        by_name = {file.name: file for file in [*map(_of_folder, whole), *found]}
+        by_name = {file.name: file for file in [*map(_folder_source, whole), *found]}
         return [by_name[name] for name in sorted(by_name, key=by_number)]
 
     def _is_whole(self, source: str) -> bool:
@@ -137,7 +137,7 @@ class Many:
         return str(path.with_name(stem + new)) if new else relative
 
 
-def _of_folder(source: str) -> SourceFile:
+def _folder_source(source: str) -> SourceFile:
     from manip3d.batch import SourceFile
     from manip3d.batch._stamps import stamp_of_folder
 

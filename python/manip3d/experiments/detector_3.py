@@ -371,7 +371,7 @@ def _scores(rows: Sequence[Row], attack: str, name: str = "scores") -> dict[str,
     return {row["scene"]: row[name] for row in wanted if row.get(name)}
 
 
-def _of_simulated(rows: Sequence[Row]) -> list[float]:
+def _simulated_scores(rows: Sequence[Row]) -> list[float]:
     return [s for row in rows if row["model"] == "clean, simulated" for s in row["scores"]]
 
 
@@ -382,7 +382,7 @@ def _numbers(rows: Sequence[Row], attack: str) -> tuple[float, str]:
     low, high = _roc.auc_interval(clean, forged)
     every = np.concatenate([*forged.values()])
     text = f"AUC {area:.3f} [{low:.3f}, {high:.3f}], {len(forged)} scenes, {len(every)} forgeries"
-    simulated = _of_simulated(rows)
+    simulated = _simulated_scores(rows)
     if simulated:
         threshold = max(float(np.quantile(simulated, 1.0 - ALARM_RATE)), 1e-9)
         text += f"; AUC against simulated clean frames {_roc.auc(simulated, every):.3f}"
@@ -459,7 +459,7 @@ def _rate_kept(rows: Sequence[Row]) -> Iterator[Finding]:
             "simulated streets",
             alarms <= ALARM_RATE * frames,
             f"{alarms} of {frames} frames, at most {_roc.upper_bound(alarms, frames):.2%} (95 %); "
-            f"largest score {max(_of_simulated(rows)):.2f}",
+            f"largest score {max(_simulated_scores(rows)):.2f}",
         )
 
 

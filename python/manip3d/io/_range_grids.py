@@ -79,7 +79,7 @@ def read_range_grid(path: str | os.PathLike[str], *, max_bytes: int | None = Non
     with clock(os.fspath(path)) as look, local_copy(path, max_bytes=limit or None) as local:
         refuse_pointer(local)
         if scan_suffix(path) == ".pcd":
-            return _of_cloud(read_columns(local, limit, look), os.fspath(path))
+            return _grid_of_cloud(read_columns(local, limit, look), os.fspath(path))
         rows, cols, vertex, vertices = _core.read_range_grid(os.fsencode(local), limit, look)
     check_points(len(vertices), os.fspath(path))
     valid = vertex >= 0
@@ -88,7 +88,7 @@ def read_range_grid(path: str | os.PathLike[str], *, max_bytes: int | None = Non
     return RangeGrid(points.reshape(rows, cols, 3), valid.reshape(rows, cols))
 
 
-def _of_cloud(table: Table, file: str) -> RangeGrid:
+def _grid_of_cloud(table: Table, file: str) -> RangeGrid:
     sizes = dict(table.header["pairs"])
     rows, cols = int(sizes.get("height", 1)), int(sizes.get("width", 0))
     columns = table.columns

@@ -530,7 +530,7 @@ def simplify_scene(
 
         return at(None, progress) if drawn is None else _meet(placed, drawn, at, progress)
 
-    return _of_groups(scene, target, simplified, progress, bounded=max_distance is not None)
+    return _simplified_groups(scene, target, simplified, progress, bounded=max_distance is not None)
 
 
 def _importance_of(
@@ -556,7 +556,7 @@ def _scaled(limit: float | None, unit: float) -> float | None:
     return None if limit is None or unit == 0.0 else limit / unit
 
 
-def _of_groups(
+def _simplified_groups(
     scene: Scene,
     target: int | None,
     simplified: Callable[[_Placed, int | None, Progress], _Result],

@@ -298,7 +298,7 @@ def car(faces: int = 268_630) -> Mesh:
                 ]
         return _upright(join([p for panel in panels for p in (panel, panel.reversed())], materials))
 
-    return _of_size(build, faces)
+    return _sized(build, faces)
 
 
 def _car_body(density: float) -> list[Patch]:
@@ -405,7 +405,7 @@ def lifeboat(faces: int = 37_986, *, rng: int | np.random.Generator = 0) -> Mesh
         patches.append(_netting(round(1500 * density**2), np.random.default_rng(random_seed)))
         return _upright(_welded(patches, materials))
 
-    return _of_size(build, faces)
+    return _sized(build, faces)
 
 
 def _hull_points(density: float) -> Array:
@@ -491,7 +491,7 @@ def jet(faces: int = 35_095) -> Mesh:
         patches += [p.moved((4.7, 0.0, 0.55), axes=(0, 2, 1)) for p in fin]
         return _upright(_welded(patches, materials))
 
-    return _of_size(build, faces)
+    return _sized(build, faces)
 
 
 def airplane(faces: int = 66_496) -> Mesh:
@@ -534,7 +534,7 @@ def airplane(faces: int = 66_496) -> Mesh:
         patches += [*_radial_engine(density), _canopy(density), _spine(patches[0])]
         return _upright(_welded(patches, materials))
 
-    return _of_size(build, faces)
+    return _sized(build, faces)
 
 
 def _fuselage(density: float, *, length: float, radius: float, tail_rise: float) -> list[Patch]:
@@ -700,7 +700,7 @@ def _checked(name: str, value: int, lowest: int) -> int:
     return value
 
 
-def _of_size(build: Callable[[float], Mesh], faces: int) -> Mesh:
+def _sized(build: Callable[[float], Mesh], faces: int) -> Mesh:
     """The model with about ``faces`` faces, which grow as the square of the density."""
     _checked("faces", faces, 4_000)
     density, mesh = 1.0, build(1.0)
