@@ -93,6 +93,7 @@ def test_what_ends_the_program_finishes_the_recording(tmp_path: Path, number: in
     code = (
         "import os, signal, sys, rgbd_frames; from manip3d import capture, cli\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "signal.signal(signal.SIGHUP, signal.SIG_DFL)\n"  # nohup ignores it
         "def frames():\n"
         "    yield from rgbd_frames.frames(3)\n"
         f"    os.kill(os.getpid(), {int(number)})\n"

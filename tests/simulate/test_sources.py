@@ -19,7 +19,7 @@ def test_a_street_gives_its_drive(busy_street: Street) -> None:
     for got, made in zip(frames, expected, strict=True):
         np.testing.assert_array_equal(got.points, made.scan.points)
         np.testing.assert_array_equal(got.fields["label"], made.scan.label)
-        assert got.time_ns == 946_728_000 * 10**9 + round(made.time * 1e9)
+        assert got.time_ns == 946_728_000 * 10**9 + round(made.time_s * 1e9)
         assert got.source == address
         assert got.origin == (0.0, 0.0, 0.0)
 

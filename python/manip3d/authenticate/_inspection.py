@@ -210,7 +210,7 @@ class Inspection(Showable):
 
     @property
     def power_notes(self) -> tuple[str, ...]:
-        """What ``power`` holds for, and what would raise it, in whole sentences."""
+        """Sentences: for which edits ``power`` was measured, and what would raise it."""
         power = self.power
         if self.generic is None or self.sensor is None or not power:
             return ()
