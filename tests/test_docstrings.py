@@ -264,7 +264,7 @@ def test_descriptions_name_what_they_describe() -> None:
 FRAGMENT = re.compile(r"(@(param|return)( \w+)?\s+)?(Of|So|That|Else)\b")
 """Openings without a subject, which the reader has to guess: "Of the table; others are counted"."""
 PERHAPS_FRAGMENT = re.compile(rf"[#:rR\"'/*<]\s*{FRAGMENT.pattern}")
-"""What a file holds where a comment begins so: most files need not be taken apart."""
+"""A file without a match has no such opening, and need not be taken apart."""
 
 
 def comments_of_python(text: str) -> Iterator[tuple[int, str]]:

@@ -641,7 +641,7 @@ bool improve_in_windows(Grid& grid, bool fixed, double cell_area, double range) 
   return true;
 }
 
-// Where a first position is from.
+// The source of a first position.
 enum class Start : std::uint8_t {
   kKnown,   // it is judged, and stays
   kStated,  // the zero of the coordinates: one that fits nearly as well as the best is meant

@@ -331,7 +331,7 @@ def _go_on(marker: Watermarker, works: Sequence[_Work]) -> list[EmbeddedScan]:
 
 
 def _found_at(verifier: Watermarker, work: _Work, policy: Policy) -> WatermarkResult | None:
-    """What was written of a scan, if it is authentic and was made of that scan."""
+    """The result for a scan's file that is there, if it is authentic and was made of that scan."""
     if not work.target.is_file():
         return None
     record = find_record(work.target)

@@ -33,7 +33,7 @@ TABLE_SUFFIXES: tuple[str, ...] = tuple(_core.point_suffixes())
 _COMPRESSED = (".gz", ".xz")
 _TEXT = ("xyz", "xyzi", "xyzn", "xyzrgb", "asc", "pts", "txt", "csv")
 _NAMED_BY_SUFFIX = {"xyzn": ("nx", "ny", "nz"), "xyzrgb": ("red", "green", "blue")}
-"""What stands behind x, y and z in a text without names of columns, by Open3D's custom."""
+"""Columns after x, y and z in a text without names of columns, by Open3D's custom."""
 _UNSTATED = (*_TEXT, "npy", "npz")
 """Formats that do not say where the scanner is, or which of their numbers are whole."""
 _OF_DOUBLES = (*_UNSTATED, "ply", "pcd", "las")

@@ -21,8 +21,8 @@ struct SceneNode {
   std::int32_t mesh = -1;                                   ///< Index of a mesh; -1: none.
   Eigen::Matrix4d transform = Eigen::Matrix4d::Identity();  ///< Into the parent's coordinates.
   bool is_drawn = false;                                    ///< Part of the default scene.
-  /// Where the mesh is drawn, in the node's coordinates (EXT_mesh_gpu_instancing); null: once, at
-  /// the node itself.
+  /// Places of the mesh in the node's coordinates (EXT_mesh_gpu_instancing); null: it is drawn
+  /// once, at the node itself.
   std::optional<std::vector<Eigen::Matrix4d>> instances = std::nullopt;
 };
 
