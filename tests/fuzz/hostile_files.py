@@ -187,6 +187,18 @@ def simplify_cloud(folder: Path, name: str) -> object:
     return simplify.simplify_depth_file(folder / name, folder / "out.ply", options)
 
 
+def archives() -> list[Files]:
+    rows = np.random.default_rng(0).random(size=(20, 3))
+    members = {"colors": rows, "normals": rows, "intensity": rows[:, :1].astype(np.float32)}
+    found = []
+    for save in (np.savez, np.savez_compressed):
+        for more in ({}, members):
+            stream = io.BytesIO()
+            save(stream, positions=rows.astype(np.float32), **more)
+            found.append({"a.npz": stream.getvalue()})
+    return found
+
+
 def depth_images() -> list[Files]:
     import OpenEXR
     from PIL import Image
@@ -517,6 +529,7 @@ KINDS = {
         ),
         Kind("scan.pcd.bin", nuscenes, scan),
         Kind("scan.npy", arrays, scan),
+        Kind("scan.npz", archives, scan),
         Kind("scan.las", lambda: las_files(".las"), scan),
         Kind("scan.laz", lambda: las_files(".laz"), scan),
         Kind("scan.e57", e57_files, scan),

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import struct
 import weakref
 from pathlib import Path
 
 from manip3d import _core
+from manip3d._util.locks import locked_file
 from manip3d.errors import Error, FormatError, InputError
 from manip3d.io._files import atomic_write, open_regular
 
@@ -66,14 +66,11 @@ class VerifiedFrames:
 
     def _locked(self, path: Path) -> int:
         name = self._path.with_name(f".{self._path.name}.lock")
-        lock = os.open(name, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NONBLOCK, 0o600)
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            os.close(lock)
+        lock = locked_file(name)
+        if lock is None:
             raise InputError(
                 f"state: expected a file of one verifier at a time, got {path}, which another uses"
-            ) from None
+            )
         return lock
 
     def _restore(self, path: Path) -> None:

@@ -296,7 +296,7 @@ def _noting_what_is_done(
 def _go_on(marker: Watermarker, works: Sequence[_Work]) -> list[EmbeddedScan]:
     """Go on with a session that an earlier run has not ended; return the scans that are there.
 
-    None where the first scan is not there, was not made of this drive's with this key and
+    There are none where the first scan is missing, was not made of this drive's with this key and
     embedding, or where the session has ended.
     """
     done: list[EmbeddedScan] = []

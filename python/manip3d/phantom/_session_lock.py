@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import weakref
 from pathlib import Path
 
+from manip3d._util.locks import locked_file
 from manip3d.errors import InputError
 
 
@@ -30,15 +30,12 @@ class SessionLock:
         # Not the pseudonym: it would remain when the participant is deleted.
         self._path = real.with_name(f".{real.name}.{number}.lock")
         while True:
-            lock = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                os.close(lock)
+            lock = locked_file(self._path)
+            if lock is None:
                 raise InputError(
                     f"participant: {participant} has a session open in another program; end that "
                     "one first"
-                ) from None
+                )
             if self._is_ours(lock):
                 break
             os.close(lock)  # the session that held it has removed the file meanwhile

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import re
@@ -18,6 +17,7 @@ from typing import Any
 from manip3d._util.checked import checked
 from manip3d._util.closing import Closing
 from manip3d._util.durable import sync_folder
+from manip3d._util.locks import locked_file
 from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
 from manip3d.io._files import atomic_write, limited_bytes, regular_bytes
@@ -195,12 +195,9 @@ class StudyFolder(Closing):
         if not self.path.exists():
             self.path.mkdir(mode=0o700, parents=True)  # answers of people are nobody else's
         (self.path / _PARTICIPANTS).mkdir(exist_ok=True)
-        lock = os.open(self.path / ".lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            os.close(lock)
-            raise InputError(f"{self.path}: another process is using this study") from None
+        lock = locked_file(self.path / ".lock")
+        if lock is None:
+            raise InputError(f"{self.path}: another process is using this study")
         return lock
 
     def _refuse_if_read_only(self) -> None:

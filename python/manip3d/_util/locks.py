@@ -1,0 +1,37 @@
+"""Locks of files, which the operating system frees when the program that holds them is killed."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def locked_file(path: Path) -> int | None:
+    """Lock a file, which is made if it is absent and which only its owner may open.
+
+    Returns
+    -------
+    int or None
+        Descriptor of the open file, which is locked until it is closed; None where another program,
+        or another descriptor of this one, has locked it.
+
+    Raises
+    ------
+    OSError
+        It cannot be made or opened, or is a symbolic link.
+    """
+    flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NONBLOCK | os.O_NOFOLLOW
+    lock = os.open(path, flags, 0o600)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(lock)
+        return None
+    except BaseException:
+        os.close(lock)
+        raise
+    return lock
