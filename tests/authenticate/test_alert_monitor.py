@@ -112,6 +112,21 @@ def test_cameras_that_are_too_slow_speak_once_a_second_and_the_rest_is_counted(
     assert asked(never, 41)["forensics"] == []
 
 
+def test_without_a_budget_forensics_judge_each_frame_that_nobody_else_judged(clock: Clock) -> None:
+    monitor = AlertMonitor(rig=RIG, budget_s=math.inf, clock=clock)
+    spoke = []
+    for number in range(12):
+        picture = PICTURE if number < 5 else None
+        alert = monitor.judge(
+            FRAME, left=picture, right=picture, speed_mps=0.0, time_s=100.0 + number / 10
+        )
+        spoke += [number] * (alert.witnesses["forensics"].verdict == "no_trace")
+        assert alert.verdict == "no_trace"
+    assert spoke == [0, 5, 6, 7, 8, 9, 10, 11]  # once a second, and where there is no picture
+    never = AlertMonitor(budget_s=math.inf, every_s=math.inf, clock=clock)
+    assert never.judge(FRAME, speed_mps=0.0).witnesses["forensics"].verdict == "skipped"
+
+
 def test_forensics_in_the_background_speak_of_the_frame_that_they_saw(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

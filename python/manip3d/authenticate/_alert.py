@@ -50,6 +50,7 @@ _FRAME_S = 0.1  # between frames of scanners that turn ten times a second
 
 _STILL = (0.0, 0.0, 0.0)
 _READ = ("watermark", "cross-modal")  # witnesses that need more files than the scan
+_JUDGED = {"authentic", "no_trace", "tampered"}  # verdicts that tell something of the frame
 
 WITNESSES = ("watermark", "cross-modal", "forensics")
 
@@ -205,7 +206,8 @@ class AlertMonitor:
 
     The watermark is verified in every frame. Cameras and LiDAR are compared where the budget
     allows, and at least once every ``every_s`` seconds of the stream; LiDAR forensics once in that
-    time. What is skipped is counted and said.
+    time, and without a budget in every frame that neither of the others could judge. What is
+    skipped is counted and said.
 
     Parameters
     ----------
@@ -219,7 +221,7 @@ class AlertMonitor:
         that each speaks at least once every ``every_s`` and a frame for each of the others.
     budget_s : float, seconds
         For the verdict on a frame: the time between two frames. Infinity: nothing is skipped but
-        forensics, for a drive that is looked at afterwards.
+        forensics of frames that another witness judged, for a drive that is looked at afterwards.
     every_s : float, seconds
         Period, on the stream's clock, in which cameras and forensics judge at least one frame,
         whatever it costs. Infinity: only within the budget, forensics never.
@@ -368,7 +370,8 @@ class AlertMonitor:
                 if self._rigs
                 else self._ask_cameras(frame, left, right, now, begin)
             )
-            forensics, looked = self._ask_forensics(frame, watermark, now)
+            is_alone = not {sworn.verdict, seen.verdict} & _JUDGED
+            forensics, looked = self._ask_forensics(frame, watermark, now, is_alone=is_alone)
             told = {"watermark": sworn, "cross-modal": seen, "forensics": looked}
             for name, why in (unread or {}).items():
                 told[name] = _with_unread(told[name], why)
@@ -623,7 +626,7 @@ class AlertMonitor:
         return joined, WitnessReport(joined.verdict, reason, self._clock() - start)
 
     def _ask_forensics(
-        self, frame: LidarFrame, watermark: WatermarkResult | None, now: float
+        self, frame: LidarFrame, watermark: WatermarkResult | None, now: float, *, is_alone: bool
     ) -> tuple[Inspection | None, WitnessReport]:
         # The displacement of a verified watermark is allowed for; its own report says the rest.
         verified = watermark if watermark is not None and watermark.content == "intact" else None
@@ -634,7 +637,8 @@ class AlertMonitor:
                 self._running = (self._number, self._worker.submit(self._looked, kept, verified))
                 self._last["forensics"] = now
             return heard
-        if not self._is_due("forensics", now):
+        is_wanted = is_alone and self._budget == math.inf and self._every < math.inf
+        if not (is_wanted or self._is_due("forensics", now)):
             return None, WitnessReport("skipped", "not due")
         start = self._clock()
         try:

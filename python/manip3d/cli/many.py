@@ -252,8 +252,9 @@ def over_files(
             many = replace(many, whole=whole)
             if find is not None:
                 many = replace(many, find=find)
+            found = many.files(sources)  # a folder with nothing in it is told before its output
             many.check_folder(sources, given.get("output"))
-            files = choose(many.files(sources))
+            files = choose(found)
             each = {} if prepare is None else prepare(files, given)
             chain = in_order(given | asked)
             also, options = depends(given), dict(given)
