@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -190,3 +191,31 @@ def test_several_recordings_that_are_folders_are_one_source_each(tmp_path: Path)
     done = manip3d("view", *both, "-o", tmp_path / "pages", "--to", ".html")
     assert done.returncode == 0, done.stderr
     assert sorted(path.name for path in (tmp_path / "pages").glob("*.html")) == ["a.html", "b.html"]
+
+
+def test_recordings_in_a_folder_are_one_source_each(tmp_path: Path) -> None:
+    """Their folder was "72 depth images", and the truth beside a forgery a damaged one."""
+    camera = RgbdCalibration(Intrinsics(fx=60, fy=60, cx=31.5, cy=23.5, width=64, height=48))
+    day = tmp_path / "day"
+    for name in ("a", "more/b", ".trash/c"):
+        depth = np.full((48, 64), 2000, np.uint16)
+        frames = [RgbdFrame(depth, camera, time_ns=n * 33_000_000, number=n) for n in range(3)]
+        (day / name).parent.mkdir(parents=True, exist_ok=True)
+        capture.record(frames, day / name)
+    np.savez(day / "a.truth.npz", masks=np.zeros((3, 4)), kind=1)
+    (day / "bag").mkdir()
+    (day / "bag" / "metadata.yaml").write_text("damaged")
+    places = [str(day / name) for name in ("a", "more/b")]
+    rows = json.loads(manip3d("inspect", day, "--json").stdout)
+    assert [row["source"] for row in rows] == [places[0], str(day / "bag"), places[1]]
+    assert "the bag cannot be read" in rows[1]["error"]
+    shutil.rmtree(day / "bag")
+    for verb in (("info",), ("capture", "info")):
+        rows = json.loads(manip3d(*verb, day, "--json").stdout)
+        assert [(row["source"], row["frames"]) for row in rows] == [(place, 3) for place in places]
+    done = manip3d("view", day, "-o", tmp_path / "pages", "--to", ".html")
+    assert done.returncode == 0, done.stderr
+    pages = {str(path.relative_to(tmp_path / "pages")) for path in tmp_path.rglob("*.html")}
+    assert pages == {"a.html", "more/b.html"}
+    done = manip3d("forge", "stream", day, "--type", 1, "-o", tmp_path / "forged", "--json")
+    assert [row["source"] for row in json.loads(done.stdout)] == places

@@ -163,14 +163,14 @@ def run(
     The watermark is verified in every frame if there is a key, LiDAR and cameras are compared in
     every frame (under --live where there is time), and forensics are asked once a second and of
     each frame that neither of these could judge (under --live once a second beside the frames, so
-    that their word comes some frames later). The output is a timeline with maps and boxes (.html) or the numbers (.json). The exit code is 0 when
-    nothing was found, 3 when a frame was tampered with, and 4 when nothing can be said of a frame
-    or when the drive is not one whole session of a watermark (with --frames and --live a part of
-    one will do). A picture, record or speed that cannot be read silences no other witness; a drive
-    that ends in an error is judged by the frames before it. The verdict is said also where the
-    output cannot be written; the exit code is 1 then unless a frame was tampered with.
-    Of several drives, each is watched by itself, and the output is a folder with the page of each
-    and one of all vehicles, overview.html.
+    that their word comes some frames later). The output is a timeline with maps and boxes (.html)
+    or the numbers (.json). The exit code is 0 when nothing was found, 3 when a frame was tampered
+    with, and 4 when nothing can be said of a frame or when the drive is not one whole session of a
+    watermark (with --frames and --live a part of one will do). A picture, record or speed that
+    cannot be read silences no other witness; a drive that ends in an error is judged by the frames
+    before it. The verdict is said also where the output cannot be written; the exit code is 1 then
+    unless a frame was tampered with. Of several drives, each is watched by itself, and the output
+    is a folder with the page of each and one of all vehicles, overview.html.
 
     Example: manip3d alert run signed --key sensor.key -o alert.html
     """

@@ -541,7 +541,12 @@ def capture_play(
 
 
 @app.command("export")
-@over_files(kinds.recording_suffixes, writable=lambda: (".csv", ".bvh"), otherwise=".csv")
+@over_files(
+    kinds.recording_suffixes,
+    whole=kinds.RECORDING,
+    writable=lambda: (".csv", ".bvh"),
+    otherwise=".csv",
+)
 def capture_export(
     source: RgbdPlace,
     output: Annotated[
@@ -582,7 +587,11 @@ def capture_export(
 
 
 @app.command("info")
-@over_files(kinds.recording_suffixes)
+@over_files(
+    kinds.recording_suffixes,
+    whole=kinds.RECORDING,
+    columns=("source", "frames", "seconds", "frames_per_second", "longest_gap"),
+)
 def capture_info(
     source: RgbdPlace,
     intrinsics: FolderIntrinsics = "",

@@ -606,7 +606,7 @@ def _motion(
 
 
 @app.command("stream")
-@over_files(kinds.recording_suffixes, writable=kinds.recording_suffixes)
+@over_files(kinds.recording_suffixes, whole=kinds.RECORDING, writable=kinds.recording_suffixes)
 def forge_stream(
     source: RgbdPlace,
     output: Output,

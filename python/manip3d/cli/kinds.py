@@ -21,7 +21,10 @@ SHOWN = ("mesh", "scan", "range grid", "depth", "packets", "recording", "drive")
 """The kinds that info and view take."""
 
 WHOLE = ("recording", "packets")
-"""The kinds of folders that are one source among several, whatever files they hold."""
+"""The kinds of folders that are one source each, whatever files they hold."""
+
+RECORDING = ("recording",)
+"""The kind of folder that is one source for what takes RGB-D recordings."""
 
 NAMES = {
     "mesh": "a mesh",
@@ -183,11 +186,12 @@ def converted_suffixes() -> tuple[str, ...]:
 
 
 def own_sources(files: list[SourceFile]) -> list[SourceFile]:
-    """Leave out what meshes of a folder name beside them: their buffers and textures.
+    """Leave out what lies in a folder beside sources: buffers and textures of meshes, truths.
 
-    The ``.bin`` of a glTF file is no scan, and a texture of 16 bits is no depth image. What a user
-    names, or what a pattern matches, stays.
+    The ``.bin`` of a glTF file is no scan, a texture of 16 bits is no depth image, and the truth of
+    a forgery (``OUT.truth.npz``) is neither. What a user names, or what a pattern matches, stays.
     """
+    files = [file for file in files if file.is_named or not file.name.endswith(".truth.npz")]
     doubtful = [f for f in files if not f.is_named and _suffix_of(f.name) not in READABLE]
     folders = {folder for file in doubtful for folder in _folders_above(file.name)}
     meshes = [f.name for f in files if f.name.rpartition("/")[0] in folders]

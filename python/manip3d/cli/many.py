@@ -11,6 +11,7 @@ import functools
 import importlib
 import inspect
 import multiprocessing
+import os
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -21,7 +22,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
-from manip3d._util.paths import by_number
+from manip3d._util.paths import by_number, is_hidden
 from manip3d.cli import kinds, show_warnings_in_lines
 from manip3d.cli.options import Dask, FolderJobs, Table, TableOfNow, To
 from manip3d.cli.signals import ended_like_ctrl_c
@@ -57,7 +58,7 @@ class Many:
     find : callable
         Lists the sources, as `manip3d.batch.find_files` does.
     whole : sequence of str
-        Kinds of folders that are one source each (`kinds.kind_of`), where they are named.
+        Kinds of folders that are one source each (`kinds.kind_of`), named or in a folder.
     """
 
     suffixes: Sequence[str]
@@ -82,22 +83,46 @@ class Many:
 
         if self.to and self.to not in self.writable:
             raise InputError(f"--to: expected one of {', '.join(self.writable)}, got {self.to}")
-        whole = [source for source in sources if self._is_whole(source)]
-        rest = [source for source in sources if source not in whole]
-        found = (self.find or find_files)(rest, suffixes=self.suffixes) if rest else []
-        if not whole:
-            return found
-        by_name = {file.name: file for file in [*map(_folder_source, whole), *found]}
-        return [by_name[name] for name in sorted(by_name, key=by_number)]
+        find = functools.partial(self.find or find_files, suffixes=self.suffixes)
+        if not self.whole:
+            return find(sources)
+        found: dict[str, SourceFile] = {}
+        for source in sources:
+            whole = [] if is_url(source) else list(self._whole_folders(Path(source)))
+            found |= {each.name: each for each in whole}
+            if any(each.is_named for each in whole):
+                continue
+            try:
+                files = find([source])
+            except InputError:
+                if not whole:
+                    raise
+                continue
+            inside = tuple(f"{each.name}/" for each in whole)
+            found |= {
+                f.name: f for f in files if f.name not in found and not f.name.startswith(inside)
+            }
+        return [found[name] for name in sorted(found, key=by_number)]
 
-    def _is_whole(self, source: str) -> bool:
-        """Whether a folder is one thing, such as a recording, and no place of files."""
-        return bool(
-            self.whole
-            and not is_url(source)
-            and Path(source).is_dir()
-            and kinds.kind_of(source) in self.whole
-        )
+    def _whole_folders(self, source: Path) -> Iterator[SourceFile]:
+        """The folder if it is one thing, such as a recording; else those in it that are."""
+        from manip3d.batch import SourceFile
+        from manip3d.batch._stamps import stamp_of_folder
+
+        for top, folders, _ in os.walk(source):
+            folders[:] = sorted(name for name in folders if not is_hidden(name))
+            folder = Path(top)
+            if self._is_whole(top):
+                folders.clear()
+                is_named = folder == source
+                name = folder.resolve().name if is_named else os.path.relpath(folder, source)
+                yield SourceFile(top, name, stamp_of_folder(folder), is_named)
+
+    def _is_whole(self, folder: str) -> bool:
+        try:
+            return kinds.kind_of(folder) in self.whole
+        except Error:  # a recording that is damaged: the verb says in what way
+            return True
 
     def check_folder(self, sources: Sequence[str], output: object) -> None:
         """Refuse an output that is named like one file, where each source gets a file of its own.
@@ -135,14 +160,6 @@ class Many:
         stem = path.name[: plain.rindex(suffix)] if suffix else path.name
         new = self.to or (suffix if suffix in self.writable else self.otherwise)
         return str(path.with_name(stem + new)) if new else relative
-
-
-def _folder_source(source: str) -> SourceFile:
-    from manip3d.batch import SourceFile
-    from manip3d.batch._stamps import stamp_of_folder
-
-    folder = Path(source)
-    return SourceFile(source, folder.resolve().name, stamp_of_folder(folder), True)
 
 
 def over_files(

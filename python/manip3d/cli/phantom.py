@@ -88,7 +88,12 @@ _FILTERS: Mapping[Smoothing, Literal["default", "seated"] | None] = {
 
 
 @app.command("render")
-@over_files(kinds.recording_suffixes, writable=lambda: (".mp4", ".png"), otherwise=".mp4")
+@over_files(
+    kinds.recording_suffixes,
+    whole=kinds.RECORDING,
+    writable=lambda: (".mp4", ".png"),
+    otherwise=".mp4",
+)
 def phantom_render(
     source: Annotated[
         str,
