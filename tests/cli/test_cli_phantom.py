@@ -182,6 +182,10 @@ def test_what_is_refused(tmp_path: Path) -> None:
     assert "expected frames, found none" in empty
     assert "--azimuth: expected a finite number" in message(SOURCE, "-o", "x", "--azimuth", "nan")
     assert "unknown option" in message("sim:body?speed=3", "-o", tmp_path / "x")
+    assert message("nothing:", "-o", tmp_path / "x").startswith("SOURCE: expected one of folder:")
+    exported = run("capture", "export", SOURCE, "-o", tmp_path / "x.csv", "--person", 90)
+    assert "--person: expected a skeleton with id 90" in str(exported.exception)
+    assert "found only ids " in str(exported.exception)
     assert list(tmp_path.iterdir()) == []
 
 

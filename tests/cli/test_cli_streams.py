@@ -250,7 +250,7 @@ def test_forge_names_wrong_options(person: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     done = manip3d("forge", "stream", person, "--type", 2, "-o", out)
     assert done.returncode == 1
-    assert "--pose: expected a motion for type 2" in done.stderr
+    assert done.stderr == "manip3d: error: --pose: expected a motion for type 2, got none\n"
     assert manip3d("forge", "stream", person, "--type", 3, "-o", out).returncode == 2
     assert manip3d("forge", "stream", person, "-o", out).returncode == 2
     assert not out.exists()

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 _TO_BVH = np.array([100.0, -100.0, -100.0])  # metres, y down, z ahead -> centimetres, y up
 _SHORTEST_STEP = 1e-3  # seconds between two poses of a motion
+_MOST_IDS = 10  # that a message lists
 _LONGEST_GAP = 3600.0  # seconds that a motion repeats a pose for
 _SPINE = [JOINTS.index(name) for name in ("SpineMid", "SpineShoulder", "Neck", "Head")]
 _CHILDREN = [[j for j in range(1, 25) if PARENTS[j] == parent] for parent in range(25)]
@@ -130,6 +131,8 @@ def export_joints(
         if pose:
             tracker = opened.enter_context(PoseTracker())
             stream = (f if f.color is None else tracker.annotate(f) for f in stream)
+        ids: set[int] = set()
+        stream = _noting_ids(stream, ids)
         if target.suffix == ".csv":
             found = [
                 (frame, skeleton)
@@ -145,6 +148,9 @@ def export_joints(
             held += len(found) - seen
     if not found:
         who = "a skeleton" if person is None else f"a skeleton with id {person}"
+        if ids:
+            others = ", ".join(map(str, sorted(ids)[:_MOST_IDS]))
+            raise InputError(f"person: expected {who} in some frame, found only ids {others}")
         cure = "" if pose else " (--pose, or pose=True in Python, looks for them in colour images)"
         raise InputError(f"source: expected {who} in some frame, found none{cure}")
     text = _table(found) if target.suffix == ".csv" else _motion(found)
@@ -158,6 +164,12 @@ def _read(stream: Iterable[RgbdFrame], frames: int | None) -> Iterator[RgbdFrame
     for frame in islice(stream, frames):
         if not isinstance(frame, RgbdFrame):
             raise InputError(f"source: expected frames of an RGB-D camera, got {frame!r:.80}")
+        yield frame
+
+
+def _noting_ids(stream: Iterable[RgbdFrame], ids: set[int]) -> Iterator[RgbdFrame]:
+    for frame in stream:
+        ids.update(skeleton.id for skeleton in frame.skeletons)
         yield frame
 
 

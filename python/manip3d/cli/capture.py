@@ -107,7 +107,7 @@ def open_source(
         options["camera"] = camera_of_images(intrinsics, uri)
     if units_per_metre:
         options["units_per_metre"] = units_per_metre
-    with naming_options("units-per-metre", "start", "speed"):
+    with naming_options("units-per-metre", "start", "speed", uri="SOURCE"):
         opened = capture.open_rgbd(uri, **options)
     camera = opened.calibration.depth
     length = "" if opened.num_frames is None else f", {counted(opened.num_frames, 'frame')}"

@@ -605,8 +605,19 @@ def _motion(
     return skeletons_from_motion(read_bvh(pose), rate=1e9 / step_ns if step_ns > 0 else 30.0)
 
 
+def _check_pose(kind: int, pose: str) -> None:
+    if (kind == 2) != bool(pose):
+        expected = "a motion for type 2" if kind == 2 else "none for type 1"
+        raise InputError(f"--pose: expected {expected}, got {pose or 'none'}")
+
+
 @app.command("stream")
-@over_files(kinds.recording_suffixes, whole=kinds.RECORDING, writable=kinds.recording_suffixes)
+@over_files(
+    kinds.recording_suffixes,
+    whole=kinds.RECORDING,
+    writable=kinds.recording_suffixes,
+    check=lambda given: _check_pose(given["kind"], given["pose"]),
+)
 def forge_stream(
     source: RgbdPlace,
     output: Output,
@@ -656,6 +667,7 @@ def forge_stream(
 
     Example: manip3d forge stream "sim:body?frames=12" --type 1 --still -o insertion
     """
+    _check_pose(kind, pose)
     check_output(output, (".mkv",), force=force, folder=True)
     shell = Terminal(as_json=as_json, quiet=quiet)
     options = {"method": method.value, "scope": scope.value, "move": move, "blend": blend}

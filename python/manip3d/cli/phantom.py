@@ -162,7 +162,7 @@ def phantom_render(
     check_output(output, (".mp4", ".png"), force=force, folder=True)
     shell = Terminal(as_json=as_json, quiet=quiet)
     with ExitStack() as opened, shell.progress("render") as progress:
-        opened.enter_context(naming_options("output", "azimuth"))
+        opened.enter_context(naming_options("output", "azimuth", uri="SOURCE"))
         place: str | RgbdSource = source
         if intrinsics or units_per_metre:
             place = opened.enter_context(

@@ -193,7 +193,8 @@ def naming_options(*options: str, **others: str) -> Iterator[None]:
     """Turn an error about an argument into one about the option of that name.
 
     ``depth_step: expected >= 0`` becomes ``--depth-step: expected >= 0``. ``others`` are arguments
-    whose options have another name: ``uri="source"``.
+    whose options have another name: ``key="diary-key"``; or that are no options, in capitals as
+    the help has them: ``uri="SOURCE"``.
     """
     try:
         yield
@@ -210,7 +211,8 @@ def naming_options(*options: str, **others: str) -> Iterator[None]:
         found = [others.get(name, name.replace("_", "-")) for name in given]
         if not colon or not set(found) <= {*options, *others.values()}:
             raise
-        raise InputError(", ".join(f"--{name}" for name in found) + ":" + rest) from error
+        shown = (name if name.isupper() else f"--{name}" for name in found)
+        raise InputError(", ".join(shown) + ":" + rest) from error
 
 
 def check_output(
