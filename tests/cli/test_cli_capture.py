@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import subprocess
 from pathlib import Path
@@ -109,6 +110,20 @@ def test_play_removes_no_picture_before_it_has_read_all(
     with pytest.raises(OSError, match="no frame"):
         cli_capture.play(source, folder, Terminal(quiet=True), frames=None, force=True)
     assert (folder / "000007.png").is_file()
+
+
+def test_play_leaves_no_empty_folder_on_a_full_disk(
+    walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    out = tmp_path / "pictures"
+    monkeypatch.setattr(cli_capture, "_write_png", full)
+    source = cli_capture.open_source(str(walk), Terminal(quiet=True))
+    with pytest.raises(OSError, match="No space left"):
+        cli_capture.play(source, out, Terminal(quiet=True), frames=None, force=False)
+    assert not out.exists()
 
 
 @pytest.mark.parametrize("place", [".", "depth"])

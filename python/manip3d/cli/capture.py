@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Iterable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import asdict
 from itertools import islice
 from pathlib import Path
@@ -363,7 +363,12 @@ class _Pictures:
             if in_sheet and len(self._sheet) < _SHEET_FRAMES:
                 self._sheet.append(picture(frame))
             return
-        _write_png(self._output / f"{self._written:06}.png", picture(frame))
+        try:
+            _write_png(self._output / f"{self._written:06}.png", picture(frame))
+        except OSError:
+            with suppress(OSError):
+                self._output.rmdir()  # if it is empty
+            raise
         self._written += 1
 
     def finish(self) -> None:
