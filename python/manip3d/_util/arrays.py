@@ -115,8 +115,8 @@ def checked_grid(
         raise InputError(
             f"points: expected (H, W, 3) floats, got shape {grid.shape}, dtype {grid.dtype}"
         )
-    copy = True if kept else None  # None: where it has to be
-    grid = np.array(grid, np.float32, order="C", copy=copy)
+    taken = np.array if kept else np.asarray  # the second copies where it has to
+    grid = taken(grid, np.float32, order="C")
     if valid is None:
         return grid, np.isfinite(grid).all(axis=2)
     mask = as_array(valid, "valid")
@@ -124,4 +124,4 @@ def checked_grid(
         raise InputError(
             f"valid: expected bool of shape {grid.shape[:2]}, got {mask.dtype} of {mask.shape}"
         )
-    return grid, np.array(mask, order="C", copy=copy)
+    return grid, taken(mask, order="C")
