@@ -740,6 +740,8 @@ OFF_BODY = "0 0 0\n1 0 0\n0 1 0\n"
     [
         ("FOO\n", 1, "expected OFF"),
         ("4OFF\n", 1, "OFF of another dimension"),
+        ("nOFF 4\n", 1, "dimension: expected 3"),
+        ("nOFF\n2\n", 2, "dimension: expected 3"),
         ("OFF BINARY\n", 1, "binary OFF"),
         ("OFF\n", 2, "file ends within the header"),
         ("OFF\n3\n", 2, "number of faces: expected an integer"),

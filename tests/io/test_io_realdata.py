@@ -39,7 +39,8 @@ def test_counts_of_the_manifest(realdata: RealData, row: list[str]) -> None:
     report = io.read_report(realdata(f"meshes/{row[0]}"))
     mesh = report.mesh
     assert [mesh.num_vertices, mesh.num_faces, report.num_polygons] == [int(c) for c in row[1:4]]
-    assert report.warnings == ()
+    measured = "properties of element vertex are left out: "
+    assert [text for text in report.warnings if not text.startswith(measured)] == []
     for material in mesh.materials:
         for texture in material.textures.values():
             found = io.texture_path(mesh, texture)

@@ -12,6 +12,7 @@
 #include <tuple>
 #include <utility>
 
+#include "io/colors.hpp"
 #include "io/formats.hpp"
 #include "io/gltf_document.hpp"
 #include "io/gltf_scene.hpp"
@@ -841,9 +842,11 @@ class Reader {
     for (std::int64_t i = 0; i < accessor.count; ++i) {
       for (int c = 0; c < 3; ++c) {
         const double x = std::clamp(linear[i * accessor.num_components + c], 0.0, 1.0);
-        const double y = x <= 0.0031308 ? 12.92 * x : 1.055 * std::pow(x, 1 / 2.4) - 0.055;
+        const double y = srgb_from_linear(x);
         mesh_.colors(draw.first_vertex + i, c) = static_cast<std::uint8_t>(std::lround(255.0 * y));
       }
+      const bool is_clear = accessor.num_components == 4 && linear[4 * i + 3] < 1.0;
+      if (is_clear && !is_scene_) warn_once("alpha of vertex colors is left out");
     }
   }
 

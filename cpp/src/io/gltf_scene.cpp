@@ -13,6 +13,7 @@
 #include <tuple>
 #include <utility>
 
+#include "io/colors.hpp"
 #include "io/gltf_document.hpp"
 #include "io/warnings.hpp"
 #include "manip3d/error.hpp"
@@ -67,14 +68,10 @@ std::vector<Group> group_faces(const MeshView& mesh, std::size_t num_materials) 
   return groups;
 }
 
-/// sRGB to linear light (IEC 61966-2-1), in steps of 1 / 65535: enough to come back as the same
-/// byte, and coarse enough to be the same number with every libm.
 std::array<float, 256> linear_light() {
   std::array<float, 256> table{};
   for (std::size_t i = 0; i < table.size(); ++i) {
-    const double y = static_cast<double>(i) / 255.0;
-    const double x = y <= 0.04045 ? y / 12.92 : std::pow((y + 0.055) / 1.055, 2.4);
-    table[i] = static_cast<float>(static_cast<double>(std::lround(65535.0 * x)) / 65535.0);
+    table[i] = static_cast<float>(linear_from_srgb(static_cast<std::int32_t>(i)));
   }
   return table;
 }

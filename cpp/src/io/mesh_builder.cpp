@@ -1,7 +1,11 @@
 #include "io/mesh_builder.hpp"
 
+#include <algorithm>
 #include <cmath>
+#include <string>
+#include <unordered_map>
 
+#include "io/colors.hpp"
 #include "io/warnings.hpp"
 
 namespace manip3d {
@@ -14,15 +18,58 @@ std::string place(const FormatError::Position& position) {
                        : "byte " + std::to_string(position.byte_offset.value_or(0));
 }
 
+// More than the colours that a person gives to parts; scans have thousands.
+constexpr std::size_t kMostColorMaterials = 256;
+
+// One material for each colour, in order of appearance; false: there are too many.
+bool materials_of_colors(const Indices& face_colors, TriangleMesh& mesh) {
+  std::unordered_map<std::int32_t, std::int32_t> material_of_color;
+  std::vector<std::int32_t> colors;
+  for (const std::int32_t color : face_colors) {
+    if (color == MeshBuilder::kNone) continue;
+    const auto index = static_cast<std::int32_t>(colors.size());
+    if (material_of_color.try_emplace(color, index).second) colors.push_back(color);
+    if (colors.size() > kMostColorMaterials) return false;
+  }
+  for (const std::int32_t color : colors) mesh.materials.push_back(material_of(color));
+  material_of_color[MeshBuilder::kNone] = MeshBuilder::kNone;
+  mesh.face_material = face_colors.unaryExpr(
+      [&](std::int32_t color) { return material_of_color.find(color)->second; });
+  return true;
+}
+
+void mean_of_colors(const Indices& face_colors, TriangleMesh& mesh) {
+  Rows<float, 3> sums = Rows<float, 3>::Zero(mesh.vertices.rows(), 3);
+  Eigen::VectorXf counts = Eigen::VectorXf::Zero(mesh.vertices.rows());
+  for (Eigen::Index f = 0; f < mesh.faces.rows(); ++f) {
+    if (face_colors[f] == MeshBuilder::kNone) continue;
+    for (const std::int32_t vertex : mesh.faces.row(f)) {
+      for (int k = 0; k < 3; ++k) {
+        sums(vertex, k) += static_cast<float>(channel(face_colors[f], k));
+      }
+      counts[vertex] += 1.0F;
+    }
+  }
+  mesh.colors.setConstant(mesh.vertices.rows(), 3, 255);
+  for (Eigen::Index v = 0; v < mesh.vertices.rows(); ++v) {
+    if (counts[v] == 0.0F) continue;
+    for (int k = 0; k < 3; ++k) {
+      mesh.colors(v, k) = static_cast<std::uint8_t>(std::lround(sums(v, k) / counts[v]));
+    }
+  }
+}
+
 }  // namespace
 
 void MeshBuilder::add_polygon(std::span<const Corner> corners, std::int32_t material,
                               const FormatError::Position& position) {
   if (corners.size() < 3) {
     if (num_short_++ == 0) first_short_ = position;
+    last_face_ = faces_.size();
     return;
   }
   const std::int64_t first = faces_.size();
+  last_face_ = first;
   const auto num_corners = static_cast<std::int64_t>(corners.size());
   if (first + num_corners - 2 > kMostFaces) {
     throw FormatError("more than " + std::to_string(kMostFaces) + " triangles", position);
@@ -51,6 +98,11 @@ void MeshBuilder::add_polygon(std::span<const Corner> corners, std::int32_t mate
     face_material_.fill(faces_.size(), material, input_);
   }
   ++num_polygons_;
+}
+
+void MeshBuilder::color_last_polygon(std::int32_t rgb) {
+  face_colors_.fill(last_face_, kNone, input_);
+  face_colors_.fill(faces_.size(), rgb, input_);
 }
 
 void MeshBuilder::add_triangle(const Corner& a, const Corner& b, const Corner& c) {
@@ -143,6 +195,24 @@ Colors MeshBuilder::take_colors() {
   return bytes;
 }
 
+void MeshBuilder::use_face_colors(ReadResult& result) {
+  if (face_colors_.empty()) return;
+  TriangleMesh& mesh = result.mesh;
+  if (mesh.colors.rows() > 0 || mesh.face_material.rows() > 0) {
+    const char* others = mesh.colors.rows() > 0 ? "vertices" : "materials";
+    warn(result.warnings,
+         std::string("colors of faces are left out: there are those of ") + others);
+    return;
+  }
+  face_colors_.fill(mesh.faces.rows(), kNone, input_);
+  const Indices face_colors = face_colors_.take();
+  if (!materials_of_colors(face_colors, mesh)) {
+    mean_of_colors(face_colors, mesh);
+    warn(result.warnings, "faces have more than " + std::to_string(kMostColorMaterials) +
+                              " colors: each vertex takes the mean of its faces");
+  }
+}
+
 void MeshBuilder::warn_of_losses(ReadResult& result) {
   result.num_skipped += num_short_;
   if (num_short_ > 0) {
@@ -174,6 +244,7 @@ void MeshBuilder::finish(ReadResult& result) {
   mesh.face_texcoords = face_texcoords_.take();
   mesh.face_normals = face_normals_.take();
   mesh.face_material = face_material_.take();
+  use_face_colors(result);
 }
 
 }  // namespace manip3d

@@ -90,6 +90,12 @@ class MeshBuilder {
   void add_polygon(std::span<const Corner> corners, std::int32_t material,
                    const FormatError::Position& position);
 
+  /// Gives the faces of the last polygon a colour, 0xRRGGBB in sRGB.
+  ///
+  /// Few colours become materials, which keep their borders; more than that the mean at each
+  /// vertex. Where the file has colours of vertices or materials, these count instead.
+  void color_last_polygon(std::int32_t rgb);
+
   [[nodiscard]] std::int64_t num_polygons() const { return num_polygons_; }
   [[nodiscard]] std::int64_t num_faces() const { return faces_.size(); }
 
@@ -115,6 +121,7 @@ class MeshBuilder {
   [[nodiscard]] bool check_forward_references() const;
   void cut_polygons();
   [[nodiscard]] Colors take_colors();
+  void use_face_colors(ReadResult& result);
 
   const InputBuffer& input_;
   std::int64_t first_index_;
@@ -122,6 +129,8 @@ class MeshBuilder {
   GrowingTable<Faces> face_texcoords_;
   GrowingTable<Faces> face_normals_;
   GrowingTable<Indices> face_material_;
+  GrowingTable<Indices> face_colors_;  ///< 0xRRGGBB or kNone.
+  std::int64_t last_face_ = 0;         ///< The first face of the last polygon.
   std::vector<Polygon> polygons_;
   GrowingTable<Faces> corners_;  ///< vertex, texcoord, normal of the corners of polygons_.
   std::vector<ForwardReference> forward_;

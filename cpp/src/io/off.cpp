@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <array>
 #include <cctype>
 #include <charconv>
 #include <limits>
@@ -6,6 +7,7 @@
 #include <string_view>
 #include <vector>
 
+#include "io/colors.hpp"
 #include "io/formats.hpp"
 #include "io/mesh_builder.hpp"
 #include "io/warnings.hpp"
@@ -15,7 +17,7 @@
 namespace manip3d {
 namespace {
 
-// Geomview's OFF: [ST][C][N][4][n]OFF [BINARY], counts, vertices, polygons.
+// Geomview's OFF: [ST][C][N][4][n]OFF [BINARY], the dimension after n, counts, vertices, polygons.
 struct OffHeader {
   bool has_texcoords = false, has_colors = false, has_normals = false;
   std::int64_t num_vertices = 0, num_polygons = 0;
@@ -82,6 +84,7 @@ class OffReader {
     header_.has_texcoords = take("ST");
     header_.has_colors = take("C");
     header_.has_normals = take("N");
+    const bool has_dimension = take("n");
     if (!prefix.empty()) {
       throw FormatError::at_line(cursor.line(), "OFF of another dimension is not supported");
     }
@@ -90,6 +93,9 @@ class OffReader {
       throw FormatError::at_line(cursor.line(), "binary OFF is not supported");
     }
     cursor.move_to(start);
+    if (!has_dimension) return;
+    if (cursor.at_end()) cursor = next_line("the header");
+    if (cursor.integer("dimension") != 3) cursor.fail("dimension", "3");
   }
 
   // x y z [nx ny nz] [r g b a] [s t]
@@ -99,14 +105,14 @@ class OffReader {
     if (header_.has_normals) {
       read_numbers(cursor, builder_.normals.append(input_), 3, "normal");
     }
-    if (header_.has_colors) read_color(cursor);
+    if (header_.has_colors) read_vertex_color(cursor);
     if (header_.has_texcoords) {
       read_numbers(cursor, builder_.texcoords.append(input_), 2, "texture coordinate");
     }
     // Plain OFF with colours is common; they are told by their number.
     if (header_.num_vertices > 0 && !header_.has_colors && !header_.has_normals &&
         !header_.has_texcoords && !cursor.at_end()) {
-      read_color(cursor);
+      read_vertex_color(cursor);
     }
     expect_end(cursor);
   }
@@ -115,19 +121,24 @@ class OffReader {
     for (int k = 0; k < count; ++k) row[k] = cursor.number(what);
   }
 
-  // Integers 0 to 255 or numbers 0 to 1, with or without alpha.
-  void read_color(LineCursor& cursor) {
-    const std::int64_t vertex = builder_.vertices.size() - 1;
-    builder_.colors.fill(vertex, std::numeric_limits<float>::quiet_NaN(), input_);
-    float* color = builder_.colors.append(input_);
+  // Integers 0 to 255 or numbers 0 to 1.
+  template <typename Number>
+  static void read_color(LineCursor& cursor, Number* color) {
     bool whole = true;
     for (int k = 0; k < 3; ++k) {
       const char* start = (cursor.at_end(), cursor.position());
-      color[k] = static_cast<float>(cursor.number("color"));
+      color[k] = static_cast<Number>(cursor.number("color"));
       whole = whole && std::all_of(start, cursor.position(),
                                    [](unsigned char c) { return std::isdigit(c) != 0; });
     }
-    for (int k = 0; whole && k < 3; ++k) color[k] /= 255.0F;
+    for (int k = 0; whole && k < 3; ++k) color[k] /= Number{255};
+  }
+
+  // With or without alpha.
+  void read_vertex_color(LineCursor& cursor) {
+    const std::int64_t vertex = builder_.vertices.size() - 1;
+    builder_.colors.fill(vertex, std::numeric_limits<float>::quiet_NaN(), input_);
+    read_color(cursor, builder_.colors.append(input_));
     // The alpha, unless what is left are the two texture coordinates.
     const char* rest = cursor.position();
     int left = 0;
@@ -156,8 +167,25 @@ class OffReader {
       corners_.push_back({index, header_.has_texcoords ? index : MeshBuilder::kNone,
                           header_.has_normals ? index : MeshBuilder::kNone});
     }
-    if (!cursor.at_end()) ++result_.num_skipped;  // a colour of the face
     builder_.add_polygon(corners_, MeshBuilder::kNone, {cursor.line(), std::nullopt});
+    if (!cursor.at_end()) read_face_color(cursor);
+  }
+
+  // Three or four numbers; one number is a place in a table of colours that the file does not hold.
+  void read_face_color(LineCursor& cursor) {
+    const char* start = cursor.position();
+    int count = 0;
+    while (!cursor.at_end() && !cursor.word().empty()) ++count;
+    cursor.move_to(start);
+    if (count != 3 && count != 4) {
+      if (result_.num_skipped++ == 0) {
+        warn(result_.warnings, "colors of faces that are no 3 or 4 numbers are left out");
+      }
+      return;
+    }
+    std::array<double, 3> color;
+    read_color(cursor, color.data());
+    builder_.color_last_polygon(packed_color(color.data()));
   }
 
   static void expect_end(LineCursor& cursor) {
@@ -181,7 +209,11 @@ void write_off(Output& out, const WriteJob& job) {
   const MeshView& mesh = job.mesh;
   const bool has_colors = mesh.colors.rows() > 0;
   if (mesh.has_texcoords()) warn(job.warnings, "OFF: texture coordinates left out");
-  if (mesh.has_materials()) warn(job.warnings, "OFF: materials left out");
+  const std::vector<std::int32_t> face_colors = colors_of(job.materials);
+  if (mesh.has_materials()) {
+    warn(job.warnings, face_colors.empty() ? "OFF: materials left out"
+                                           : "OFF: of materials only colors are kept");
+  }
   if (mesh.face_normals.rows() > 0) warn(job.warnings, "OFF: normals left out");
   out.text(has_colors ? "COFF\n" : "OFF\n");
   out.number(mesh.num_vertices());
@@ -204,6 +236,11 @@ void write_off(Output& out, const WriteJob& job) {
     for (int c = 0; c < 3; ++c) {
       out.text(" ");
       out.number(mesh.faces(f, c));
+    }
+    const std::int32_t rgb = color_of_face(mesh, face_colors, f);
+    for (int k = 0; rgb >= 0 && k < 3; ++k) {
+      out.text(" ");
+      out.number(channel(rgb, k));
     }
     out.text("\n");
   }

@@ -5,11 +5,13 @@
 #include <cstring>
 #include <limits>
 #include <map>
+#include <set>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "geometry/cell_cut.hpp"
+#include "io/colors.hpp"
 #include "io/formats.hpp"
 #include "io/mesh_builder.hpp"
 #include "io/ply_header.hpp"
@@ -188,6 +190,7 @@ class PlyReader {
     result_.num_skipped = header_.num_skipped;
     for (const Element& e : header_.elements) {
       if (e.name == "vertex") note_vertex_attributes(e);
+      if (e.count > 0) warn_of_properties(e);
       has_faces_ = has_faces_ || ((e.name == "face" || e.name == "tristrips") && e.count > 0);
     }
   }
@@ -215,14 +218,39 @@ class PlyReader {
 
   void note_vertex_attributes(const Element& e) {
     has_normals_ = e.has(kNx) && e.has(kNy) && e.has(kNz);
-    has_colors_ = e.has(kRed) && e.has(kGreen) && e.has(kBlue);
+    has_colors_ = has_color(e);
     has_vertex_texcoords_ = e.has(kS) && e.has(kT);
+    color_scale_ = color_scale(e);
+  }
+
+  static bool has_color(const Element& e) { return e.has(kRed) && e.has(kGreen) && e.has(kBlue); }
+
+  // The value of 1 in a property of colours.
+  static float color_scale(const Element& e) {
     for (const Property& p : e.properties) {
       if (p.role != kRed) continue;
-      if (p.type == Type::kUint16) color_scale_ = 1.0F / 65535.0F;
-      if (size_of(p.type) == 1) color_scale_ = 1.0F / 255.0F;
-      if (p.type == Type::kInt32 || p.type == Type::kUint32) color_scale_ = 1.0F / 255.0F;
+      if (p.type == Type::kUint16) return 1.0F / 65535.0F;
+      if (p.type != Type::kFloat && p.type != Type::kDouble) return 1.0F / 255.0F;
     }
+    return 1.0F;
+  }
+
+  // Measurements and labels beside the shape, such as quality and confidence.
+  void warn_of_properties(const Element& e) {
+    std::string names;
+    for (const Property& p : e.properties) {
+      if (p.role == kSkip) names += (names.empty() ? "" : ", ") + p.name;
+    }
+    if (!names.empty()) {
+      warn(result_.warnings, "properties of element " + e.name + " are left out: " + names);
+    }
+  }
+
+  // A mesh has opaque colours.
+  void note_alpha(const Element& e, const RowReader& row, float scale) {
+    if (!e.has(kAlpha) || warned_of_alpha_ || scale * row.scalars[kAlpha] >= 1.0) return;
+    warned_of_alpha_ = true;
+    warn(result_.warnings, "alpha of colors is left out");
   }
 
   void read_elements() {
@@ -278,6 +306,7 @@ class PlyReader {
         color[0] = color_scale_ * static_cast<float>(row.finite(kRed, "red"));
         color[1] = color_scale_ * static_cast<float>(row.finite(kGreen, "green"));
         color[2] = color_scale_ * static_cast<float>(row.finite(kBlue, "blue"));
+        note_alpha(e, row, color_scale_);
       }
     }
   }
@@ -295,6 +324,8 @@ class PlyReader {
     const bool has_texnumber = e.has(kTexnumber);
     const bool has_flag = e.has(kHasTexcoord);
     has_material_index_ = e.has(kMaterial);
+    const bool has_face_colors = has_color(e);
+    const float face_color_scale = color_scale(e);
     for (std::int64_t i = 0; i < e.count; ++i) {
       row.read(e);
       corners_.clear();
@@ -309,7 +340,25 @@ class PlyReader {
         if (texture >= 0) texture_of_material_.try_emplace(material, texture);
       }
       builder_.add_polygon(corners_, material, row.position());
+      if (!has_face_colors) continue;
+      note_alpha(e, row, face_color_scale);
+      const std::int32_t rgb = face_color(row, face_color_scale);
+      if (has_material_index_) {
+        if (material >= 0) color_of_material_.try_emplace(material, rgb);
+      } else if (header_.texture_files.empty()) {
+        builder_.color_last_polygon(rgb);
+      }
     }
+    if (has_face_colors && !has_material_index_ && !header_.texture_files.empty()) {
+      warn(result_.warnings, "colors of faces are left out: there is a texture");
+    }
+  }
+
+  static std::int32_t face_color(const RowReader& row, double scale) {
+    const std::array<double, 3> color{scale * row.finite(kRed, "red"),
+                                      scale * row.finite(kGreen, "green"),
+                                      scale * row.finite(kBlue, "blue")};
+    return packed_color(color.data());
   }
 
   // A number that may be absent: anything below 0 means none.
@@ -433,6 +482,8 @@ class PlyReader {
       const auto number = texture_of_material_.find(static_cast<std::int32_t>(i));
       const std::string file = number != texture_of_material_.end() ? texture(number->second) : "";
       if (!file.empty()) materials.back().textures["base_color"].path = file;
+      const auto color = color_of_material_.find(static_cast<std::int32_t>(i));
+      if (color != color_of_material_.end()) set_color(materials.back(), color->second);
     }
   }
 
@@ -442,10 +493,12 @@ class PlyReader {
   ReadResult result_;
   bool has_normals_ = false, has_colors_ = false, has_vertex_texcoords_ = false;
   bool has_faces_ = false, has_grid_ = false, has_material_index_ = false;
+  bool warned_of_alpha_ = false;
   float color_scale_ = 1.0F;
   std::vector<Corner> corners_;
   UniqueRows<Texcoords> texcoords_{builder_.texcoords};  ///< Those of corners.
   std::map<std::int32_t, std::int32_t> texture_of_material_;
+  std::map<std::int32_t, std::int32_t> color_of_material_;  ///< That of its first face.
   GrowingTable<Indices> grid_;
 };
 
@@ -500,6 +553,7 @@ class PlyWriter {
 
   void write() {
     find_textures();
+    if (mesh_.has_materials()) colors_ = colors_of(job_.materials);
     write_header();
     for (Eigen::Index i = 0; i < mesh_.vertices.rows(); ++i) write_vertex(i);
     for (Eigen::Index f = 0; f < mesh_.faces.rows(); ++f) write_face(f);
@@ -508,7 +562,13 @@ class PlyWriter {
 
  private:
   void find_textures() {
+    std::set<std::string> roles_left_out;
     for (const Material& m : job_.materials) {
+      for (const auto& [role, texture] : m.textures) {
+        if (role != "base_color" && roles_left_out.insert(role).second) {
+          warn(job_.warnings, "PLY: textures of " + role + " left out");
+        }
+      }
       const std::string name = companions_.texture_name(m, "base_color", true);
       texture_of_material_.push_back(-1);
       if (name.empty()) continue;
@@ -543,6 +603,9 @@ class PlyWriter {
     if (some_lack_texcoords_) out_.text("property uchar has_texcoord\n");
     if (!texture_names_.empty()) out_.text("property int texnumber\n");
     if (mesh_.has_materials()) out_.text("property int material_index\n");
+    if (!colors_.empty()) {
+      out_.text("property uchar red\nproperty uchar green\nproperty uchar blue\n");
+    }
     out_.text("end_header\n");
   }
 
@@ -572,6 +635,10 @@ class PlyWriter {
                                                                        : std::int32_t{-1});
     }
     if (mesh_.has_materials()) out_.binary(material);
+    const std::int32_t rgb = color_of_face(mesh_, colors_, f);
+    for (int k = 0; !colors_.empty() && k < 3; ++k) {
+      out_.binary(static_cast<std::uint8_t>(channel(rgb, k)));  // -1: white
+    }
   }
 
   // Lists of one length: readers in use (trimesh, VTK) refuse or garble a face list of several.
@@ -594,6 +661,7 @@ class PlyWriter {
   bool some_lack_texcoords_;
   std::vector<std::string> texture_names_;
   std::vector<std::int32_t> texture_of_material_;
+  std::vector<std::int32_t> colors_;  ///< Of the materials; empty: all are white.
 };
 
 }  // namespace

@@ -35,9 +35,11 @@ constexpr RoleName kVertexRoles[] = {{"x", kX},
                                      {"red", kRed},
                                      {"green", kGreen},
                                      {"blue", kBlue},
+                                     {"alpha", kAlpha},
                                      {"diffuse_red", kRed},
                                      {"diffuse_green", kGreen},
                                      {"diffuse_blue", kBlue},
+                                     {"diffuse_alpha", kAlpha},
                                      {"r", kRed},
                                      {"g", kGreen},
                                      {"b", kBlue},
@@ -49,9 +51,16 @@ constexpr RoleName kVertexRoles[] = {{"x", kX},
                                      {"texture_v", kT},
                                      {"texture_s", kS},
                                      {"texture_t", kT}};
-constexpr RoleName kFaceRoles[] = {{"vertex_indices", kIndices},  {"vertex_index", kIndices},
-                                   {"texcoord", kTexcoord},       {"texnumber", kTexnumber},
-                                   {"material_index", kMaterial}, {"has_texcoord", kHasTexcoord}};
+constexpr RoleName kFaceRoles[] = {{"vertex_indices", kIndices},
+                                   {"vertex_index", kIndices},
+                                   {"texcoord", kTexcoord},
+                                   {"texnumber", kTexnumber},
+                                   {"material_index", kMaterial},
+                                   {"has_texcoord", kHasTexcoord},
+                                   {"red", kRed},
+                                   {"green", kGreen},
+                                   {"blue", kBlue},
+                                   {"alpha", kAlpha}};
 
 constexpr std::string_view kEncodedMaterial = "material_utf8";
 

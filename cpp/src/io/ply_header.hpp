@@ -31,6 +31,7 @@ enum Role : std::uint8_t {
   kRed,
   kGreen,
   kBlue,
+  kAlpha,  // of a vertex or a face
   kS,
   kT,  // of a vertex
   kTexnumber,

@@ -7,6 +7,7 @@
 #include <string>
 #include <string_view>
 
+#include "io/colors.hpp"
 #include "io/formats.hpp"
 #include "io/mesh_builder.hpp"
 #include "io/unique_rows.hpp"
@@ -20,6 +21,7 @@ namespace {
 
 constexpr std::size_t kStlHeaderBytes = 84;  // 80 of comment, then the number of triangles
 constexpr std::size_t kTriangleBytes = 50;
+constexpr std::uint16_t kMarked = 0x8000;
 
 class StlReader {
  public:
@@ -63,8 +65,9 @@ class StlReader {
   }
 
   void read_binary() {
-    const std::string_view head(input_.bytes(kStlHeaderBytes, "the header"), kStlHeaderBytes);
+    const std::string head(input_.bytes(kStlHeaderBytes, "the header"), kStlHeaderBytes);
     const std::uint32_t num_faces = claimed(head);
+    const std::int32_t color_of_all = magics_color(head);
     constexpr std::int64_t kCountOffset = kStlHeaderBytes - 4;
     builder_.reserve_faces(
         input_.checked_claim(num_faces, kTriangleBytes, "triangles", {std::nullopt, kCountOffset}));
@@ -81,9 +84,43 @@ class StlReader {
         corners_[c].vertex = vertices_.index({p[0], p[1], p[2]}, input_);
       }
       builder_.add_polygon(corners_, MeshBuilder::kNone, {std::nullopt, start});
+      std::uint16_t attribute = 0;
+      std::memcpy(&attribute, bytes + sizeof(values), sizeof(attribute));
+      color_face(attribute, color_of_all);
     }
     if (!input_.at_end()) {
       warn(result_.warnings, "bytes after the last triangle left out");
+    }
+  }
+
+  // Materialise Magics writes the colour of the whole part into the header: COLOR= and four bytes.
+  static std::int32_t magics_color(std::string_view head) {
+    constexpr std::string_view kKey = "COLOR=";
+    const std::string_view comment = head.substr(0, kStlHeaderBytes - 4);
+    const std::size_t at = comment.find(kKey);
+    if (at == std::string_view::npos || at + kKey.size() + 4 > comment.size()) {
+      return MeshBuilder::kNone;
+    }
+    std::int32_t rgb = 0;
+    for (std::size_t k = 0; k < 3; ++k) {
+      rgb = rgb << 8 | static_cast<unsigned char>(comment[at + kKey.size() + k]);
+    }
+    return rgb;
+  }
+
+  // Five bits a channel. VisCAM and SolidView: blue is lowest, and bit 15 says that the face has a
+  // colour. Magics: red is lowest, and bit 15 says that the face has that of the part; a face
+  // without attributes has it too, as many programs write no others.
+  void color_face(std::uint16_t attribute, std::int32_t color_of_all) {
+    const bool is_magics = color_of_all != MeshBuilder::kNone;
+    const bool is_marked = (attribute & kMarked) != 0;
+    if (is_magics && (is_marked || attribute == 0)) {
+      builder_.color_last_polygon(color_of_all);
+    } else if (is_magics || is_marked) {
+      const auto five_bits = [&](int shift) { return (attribute >> shift & 0x1F) / 31.0; };
+      std::array<double, 3> values{five_bits(10), five_bits(5), five_bits(0)};
+      if (is_magics) std::swap(values[0], values[2]);
+      builder_.color_last_polygon(packed_color(values.data()));
     }
   }
 
@@ -126,6 +163,17 @@ class StlReader {
   std::array<MeshBuilder::Corner, 3> corners_;
 };
 
+// VisCAM's attribute for a colour; -1: none.
+std::uint16_t attribute_of(std::int32_t rgb) {
+  if (rgb < 0) return 0;
+  std::int32_t attribute = kMarked;
+  for (int k = 0; k < 3; ++k) {
+    attribute |= static_cast<std::int32_t>(std::lround(channel(rgb, k) * 31.0 / 255.0))
+                 << (10 - 5 * k);
+  }
+  return static_cast<std::uint16_t>(attribute);
+}
+
 }  // namespace
 
 ReadResult read_stl(ByteSource& source, const ReadOptions&, const Progress& progress) {
@@ -135,7 +183,11 @@ ReadResult read_stl(ByteSource& source, const ReadOptions&, const Progress& prog
 void write_stl(Output& out, const WriteJob& job) {
   const MeshView& mesh = job.mesh;
   if (mesh.has_texcoords()) warn(job.warnings, "STL: texture coordinates left out");
-  if (mesh.has_materials()) warn(job.warnings, "STL: materials left out");
+  const std::vector<std::int32_t> colors = colors_of(job.materials);
+  if (mesh.has_materials()) {
+    warn(job.warnings, colors.empty() ? "STL: materials left out"
+                                      : "STL: of materials only colors of 15 bits are kept");
+  }
   if (mesh.colors.rows() > 0) warn(job.warnings, "STL: colors left out");
   // Never "solid", which would look like text to others.
   std::string header = "binary STL";
@@ -158,7 +210,7 @@ void write_stl(Output& out, const WriteJob& job) {
         throw InputError("vertices: STL holds 32-bit numbers, a coordinate is too large for them");
       }
     }
-    out.binary(std::uint16_t{0});
+    out.binary(attribute_of(color_of_face(mesh, colors, f)));
   }
   if (!exact) warn(job.warnings, "STL: coordinates rounded to 32 bits");
 }
