@@ -57,8 +57,8 @@ def compare(
     original: Annotated[
         str,
         typer.Argument(
-            help="The original mesh: .obj, .ply, .off, .stl, .gltf or .glb; or a folder of them, "
-            "one for each name."
+            help="The original mesh: .obj, .ply, .off, .stl, .gltf, .glb, .3mf; or a folder, "
+            "with one for each name."
         ),
     ],
     simplified: Annotated[str, typer.Argument(help="The mesh that is compared with it.")],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING
 from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
-from manip3d.errors import InputError
+from manip3d.errors import FormatError, InputError
+from manip3d.io import _three_mf
 from manip3d.io._draco import decode_draco
-from manip3d.io._files import refuse_pointer, regular_bytes
+from manip3d.io._files import open_regular, refuse_pointer, regular_bytes
 from manip3d.io._images import texture_path, with_common_images
 from manip3d.io._limits import byte_limit, check_points, clock
 from manip3d.io._remote import is_url, local_copy, local_output
@@ -23,8 +24,8 @@ from manip3d.mesh import Mesh
 if TYPE_CHECKING:
     pass
 
-READABLE: tuple[str, ...] = tuple(_core.readable_suffixes())
-"""Suffixes that `read_mesh` knows; each may be followed by ``.gz`` or ``.xz``."""
+READABLE: tuple[str, ...] = (*_core.readable_suffixes(), _three_mf.SUFFIX)
+"""Suffixes that `read_mesh` knows; each but ``.3mf`` may be followed by ``.gz`` or ``.xz``."""
 WRITABLE: tuple[str, ...] = tuple(_core.writable_suffixes())
 """Suffixes that `write_mesh` knows; each may be followed by ``.gz`` or ``.xz``."""
 
@@ -97,11 +98,59 @@ def read_report(
     limit = byte_limit(max_bytes)
     with clock(os.fspath(path)) as look, local_copy(path, max_bytes=limit or None) as local:
         refuse_pointer(local)
-        found = _core.read_mesh(os.fsencode(local), bool(allow_outside), limit, decode_draco, look)
+        if local.suffix.lower() == _three_mf.SUFFIX:
+            found = _read_three_mf(_limited(local, limit), os.fspath(path), limit, look)
+        else:
+            found = _read_by_core(local, allow_outside, limit, look)
         report = _report(found, os.fspath(path))
         if is_url(path):
             _take_textures(report.mesh, local)
     return report
+
+
+_Found = tuple[Mesh, str, int, int, list[str]]
+_Look = Callable[[float], None] | None
+
+_ELSEWHERE = {
+    "Blender": ".blend .dae .fbx .usd .usda .usdc .usdz .x3d .wrl .3ds .abc .lwo .x .ac .b3d .md2",
+    "a CAD program": ".step .stp .iges .igs .brep .sat .x_t .sldprt .f3d .ifc .dwg .dxf .3dm .skp",
+    "MeshLab or ParaView": ".vtk .vtp .vtu .msh .amf .ctm .mesh .meshb .wrl.gz .bre .u3d",
+}
+"""Who writes a mesh of files that manip3d does not read."""
+
+
+def _advice(path: Path) -> str:
+    suffix = "".join(path.suffixes[-2:]).lower().removesuffix(".gz").removesuffix(".xz")
+    for program, suffixes in _ELSEWHERE.items():
+        if Path("a" + suffix).suffix in suffixes.split():
+            return f"; open it in {program} and export a mesh, as .glb with textures"
+    return ""
+
+
+def _read_by_core(local: Path, allow_outside: bool, limit: int, look: _Look) -> _Found:
+    try:
+        return _core.read_mesh(os.fsencode(local), bool(allow_outside), limit, decode_draco, look)
+    except FormatError as error:
+        if not error.reason.startswith("unknown mesh format") or error.line is not None:
+            raise
+        reason = f"unknown mesh format; manip3d reads {' '.join(READABLE)}{_advice(local)}"
+        raise FormatError(reason, file=error.file) from None
+
+
+def _limited(path: Path, limit: int) -> bytes:
+    with open_regular(path) as file:
+        data = file.read(limit + 1) if limit else file.read()
+    if limit and len(data) > limit:
+        raise FormatError(f"more than max_bytes = {limit}", file=str(path))
+    return data
+
+
+def _read_three_mf(data: bytes, file: str, limit: int, look: _Look) -> _Found:
+    try:
+        mesh, warnings = _three_mf.read(data, limit, look)
+    except FormatError as error:
+        raise FormatError(error.reason, file=error.file or file, line=error.line) from error
+    return mesh, "3mf", mesh.num_faces, 0, warnings
 
 
 def _take_textures(mesh: Mesh, local: Path) -> None:
@@ -118,7 +167,7 @@ def _take_textures(mesh: Mesh, local: Path) -> None:
 def read_mesh(
     path: str | os.PathLike[str], *, allow_outside: bool = False, max_bytes: int | None = None
 ) -> Mesh:
-    """Read a mesh file: one of `READABLE`, alone or followed by ``.gz`` or ``.xz``.
+    """Read a mesh file: one of `READABLE`; all but 3MF also followed by ``.gz`` or ``.xz``.
 
     Parameters
     ----------
@@ -136,7 +185,8 @@ def read_mesh(
     Mesh
         Triangles; polygons of n corners are cut into n - 2 without new vertices. A range scan
         (PLY ``range_grid``) gives two triangles per full 2x2 cell of pixels, one where three are
-        valid. ``source`` is ``path``: `texture_path` finds relative textures beside it.
+        valid. ``source`` is ``path``: `texture_path` finds relative textures beside it. 3MF
+        gives all items that are to be built, at their places.
 
     Raises
     ------
@@ -199,6 +249,9 @@ def read_mesh_bytes(
     if suffix and suffix not in READABLE:
         raise InputError(f"format: expected one of {', '.join(READABLE)}, got {format!r}")
     with clock("") as look:
+        if suffix == _three_mf.SUFFIX or (not suffix and data.startswith(_three_mf.START)):
+            limit = byte_limit(max_bytes)
+            return _report(_read_three_mf(bytes(data), "", limit, look), None).mesh
         found = _core.read_mesh_bytes(
             bytes(data), suffix, byte_limit(max_bytes), decode_draco, look
         )
