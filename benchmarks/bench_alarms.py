@@ -5,7 +5,9 @@ section `alarms` of RESULTS.md: frames of drives of an HDL-64E, each with the tu
 (detectors III, IV and V) and each alone (III and V), on streets where the car goes nearly straight
 on and (``--turning``) on others where it weaves, terrestrial scans of 0.2 degrees (I and II),
 an HDL-32E, which no detector is calibrated for, and three scanners by Hesai and Ouster, whose
-drivers leave their lattices exact (III, by the lattice of each scan). ``--calibrate`` prints the
+drivers leave their lattices exact (III, by the lattice of each scan). ``--sequence`` judges drives
+of 100 frames as `inspect_drive` does and counts the alarms of `drive_evidence`, for the section
+`sequence`: the car weaves on every second street. ``--calibrate`` prints the
 strongest clean evidence of detectors IV and V instead, on streets that are in no report: their
 thresholds.
 
@@ -43,6 +45,9 @@ Doubles = NDArray[np.float64]
 JUDGED = 10
 """Frames of a drive that have both neighbours."""
 
+LONG = 100
+"""Frames of a drive whose evidence adds up."""
+
 CALIBRATION_STREETS, REPORTED_STREETS = 70_000, 90_000
 """The first of each; drives are on every street from there on."""
 
@@ -65,10 +70,30 @@ def drive_scans(number: int) -> Iterator[Line]:
 
 def turning_scans(number: int) -> Iterator[Line]:
     """The same of a car that weaves."""
+    yield from scans_on(weaving_street(number), number)
+
+
+def weaving_street(number: int) -> Street:
+    """A street on which the car weaves."""
     from manip3d import simulate
 
     sway = float(np.random.default_rng(number + 7).uniform(LEAST_SWAY, MOST_SWAY))
-    yield from scans_on(replace(simulate.street(number), sway=sway), number)
+    return replace(simulate.street(number), sway=sway)
+
+
+def long_scans(number: int) -> Iterator[Line]:
+    """The frames of a long drive of an HDL-64E, each with its neighbours."""
+    from manip3d import simulate
+    from manip3d.authenticate import inspect_drive
+
+    street = weaving_street(number) if number % 2 else simulate.street(number)
+    latest = min(15.0, street.duration - 0.1 * (LONG + 1))
+    start = float(np.random.default_rng(number).uniform(0.5, latest))
+    drive = simulate.drive(street, LONG, start=start, pictures=False, rng=number, threads=1)
+    scans = (frame.scan.frame for frame in drive)
+    for k, found in enumerate(inspect_drive(scans, power=False, threads=1)):
+        assert found is not None  # no frame is missing
+        yield {"frame": k, "beside": line_of(found)}
 
 
 def scans_on(street: Street, number: int) -> Iterator[Line]:
@@ -187,6 +212,7 @@ SCANNERS: dict[str, Callable[[int], Iterator[Line]]] = {
     "terrestrial": terrestrial_scans,
     "HDL-32E": hdl32e_scans,
     "exact": exact_scans,
+    "HDL-64E, sequence": long_scans,
 }
 
 
@@ -196,9 +222,13 @@ def judged(
     """What `inspect` says of a scan, as numbers that another threshold can be tried on."""
     from manip3d.authenticate import inspect
 
-    found: Inspection = inspect(
-        frame, previous=previous, following=following, power=False, threads=1
+    return line_of(
+        inspect(frame, previous=previous, following=following, power=False, threads=1)
     )
+
+
+def line_of(found: Inspection) -> Line:
+    """A scan's result as numbers that another threshold can be tried on."""
     return {
         "verdict": found.verdict,
         "reason": found.reason if found.verdict != "no_trace" else "",
@@ -294,6 +324,21 @@ def drives_alarmed(lines: list[Line]) -> int:
     return alarms
 
 
+def report_sequence(file: Path, streets: range, until: float) -> str:
+    """The table of long drives: accused frames, and alarms of what adds up, with their bound."""
+    import tables
+    from manip3d.authenticate._sequence import FRAMES_PER_SECOND, upper_rate
+
+    lines = run(file, "HDL-64E, sequence", streets, until)
+    drives = len({line["number"] for line in lines})
+    alarms = drives_alarmed(lines)
+    bound = upper_rate(alarms, len(lines)) * 3600.0 * FRAMES_PER_SECOND
+    return tables.table(HEAD, [row("HDL-64E, drives", [line["beside"] for line in lines])]) + (
+        f"\n{alarms} alarms of `drive_evidence` at one an hour, in {len(lines)} frames of {drives} "
+        f"drives: at most {bound:.1f} an hour (95 %).\n"
+    )
+
+
 def row(name: str, lines: list[Line]) -> list[str]:
     """A row of the table, of scans as `inspect` says."""
     accused = [accused_by(line) for line in lines]
@@ -357,6 +402,7 @@ def main() -> None:
     parser.add_argument("--calibrate", action="store_true")
     parser.add_argument("--streets", type=int, default=51)
     parser.add_argument("--turning", type=int, default=0, help="streets on which the car weaves")
+    parser.add_argument("--sequence", type=int, default=0, help="long drives, and nothing else")
     parser.add_argument("--others", type=int, default=40, help="scans of each other scanner")
     parser.add_argument("--first", type=int, help="the first street")
     parser.add_argument("--minutes", type=float, default=math.inf, help="judge no longer than this")
@@ -364,7 +410,7 @@ def main() -> None:
     begin = CALIBRATION_STREETS if options.calibrate else REPORTED_STREETS
     end = REPORTED_STREETS if options.calibrate else 2 * REPORTED_STREETS
     first = begin if options.first is None else options.first
-    if not begin <= first <= end - max(options.streets, options.turning):
+    if not begin <= first <= end - max(options.streets, options.turning, options.sequence):
         parser.error(f"--first: expected {begin} to {end - options.streets}, got {first}")
     until = time.monotonic() + 60.0 * options.minutes
     one_thread()
@@ -377,6 +423,9 @@ def main() -> None:
         for scanner, numbers in (("HDL-64E", streets), ("HDL-64E, turning", turning)):
             print(scanner)
             calibrate(run(options.file, scanner, numbers, until))
+    elif options.sequence:
+        numbers = range(first, first + options.sequence)
+        tables.write_section("sequence", report_sequence(options.file, numbers, until))
     else:
         tables.write_section("alarms", report(options.file, streets, turning, others, until))
 

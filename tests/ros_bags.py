@@ -185,3 +185,61 @@ def realsense(path: Path, unit: float) -> Path:
             kind = "geometry_msgs/msg/Transform"
             write(f"/device_0/{name}/tf/0", kind, of[kind](translation, rotation))
     return path
+
+
+LIVOX = "livox_ros_driver2/msg/CustomMsg"
+_POINT = """uint32 offset_time
+float32 x
+float32 y
+float32 z
+uint8 reflectivity
+uint8 tag
+uint8 line
+"""
+_CUSTOM = """std_msgs/Header header
+uint64 timebase
+uint32 point_num
+uint8 lidar_id
+uint8[3] rsvd
+{}/CustomPoint[] points
+"""
+
+
+def livox_types(store: typesys.Stores, package: str = "livox_ros_driver2") -> Any:
+    """The types of a kind of bags, with those that Livox's driver publishes."""
+    types = typesys.get_typestore(store)
+    for name, text in (("CustomPoint", _POINT), ("CustomMsg", _CUSTOM.format(package))):
+        types.register(typesys.get_types_from_msg(text, f"{package}/msg/{name}"))
+    return types
+
+
+def livox(
+    types: Any,
+    table: np.ndarray[Any, Any],
+    *,
+    stamp: int = 0,
+    timebase: int = 0,
+    frame: str = "livox_frame",
+    package: str = "livox_ros_driver2",
+    ros1: bool = False,
+) -> Any:
+    """The points of a table as Livox's driver publishes them."""
+    of = types.types
+    sequence = (0,) if ros1 else ()
+    time = of["builtin_interfaces/msg/Time"](stamp, 0)
+    head = of["std_msgs/msg/Header"](*sequence, stamp=time, frame_id=frame)
+    make = of[f"{package}/msg/CustomPoint"]
+    points = [make(*(value.item() for value in row)) for row in table]
+    return of[f"{package}/msg/CustomMsg"](
+        head, timebase, len(points), 192, np.zeros(3, np.uint8), points
+    )
+
+
+def livox_points(number: int, count: int = 30) -> np.ndarray[Any, Any]:
+    rng = np.random.default_rng(number)
+    kinds = [("offset_time", "<u4"), *((axis, "<f4") for axis in "xyz"), ("reflectivity", "u1"),
+             ("tag", "u1"), ("line", "u1")]  # fmt: skip
+    table = np.zeros(count, kinds)
+    for name, kind in kinds:
+        table[name] = rng.normal(size=count) if "f" in kind else rng.integers(0, 200, count)
+    return table

@@ -4,17 +4,30 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from manip3d import FormatError, InputError, capture
+from manip3d.capture import _bag_process
 
 rosbag1 = pytest.importorskip("rosbags.rosbag1", reason="the extra 'bags' is not installed")
+rosbag2 = pytest.importorskip("rosbags.rosbag2")
 typesys = pytest.importorskip("rosbags.typesys")
 
-from ros_bags import CLOUD, TYPES, message, points_of, write_bag  # noqa: E402
+from ros_bags import (  # noqa: E402
+    CLOUD,
+    LIVOX,
+    TYPES,
+    livox,
+    livox_points,
+    livox_types,
+    message,
+    points_of,
+    write_bag,
+)
 
 
 @pytest.mark.parametrize(("storage", "mode"), [
@@ -205,3 +218,125 @@ def test_a_recording_of_mcap_without_its_end_is_called_so(tmp_path: Path, kept: 
             FormatError, match=rf"{file.name} has no end: .*'mcap recover {file.name}"
         ):
             list(capture.open(f"bag:{place}"))
+
+
+def _livox_bag(path: Path, messages: list[bytes], kind: str = LIVOX) -> Path:
+    types = livox_types(typesys.Stores.ROS2_HUMBLE)
+    with rosbag2.Writer(path, version=8, storage_plugin=rosbag2.StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection("/livox/lidar", kind, typestore=types)
+        for number, raw in enumerate(messages):
+            writer.write(connection, 10**9 + number * 10**8, raw)
+    return path
+
+
+@pytest.mark.parametrize("frame", ["livox_frame", "l", "map", ""])
+def test_clouds_of_livox_drivers_are_read_to_the_bit(tmp_path: Path, frame: str) -> None:
+    """Names of every length: CDR puts what follows them at multiples of eight."""
+    types, tables = livox_types(typesys.Stores.ROS2_HUMBLE), [livox_points(n) for n in range(2)]
+    raw = [types.serialize_cdr(livox(types, each, stamp=3 + n, frame=frame), LIVOX)
+           for n, each in enumerate(tables)]  # fmt: skip
+    big = types.serialize_cdr(
+        livox(types, tables[0], timebase=77, frame=frame), LIVOX, little_endian=False
+    )
+    bag = _livox_bag(tmp_path / "bag", [*raw, big])
+    assert capture.holds_clouds(bag)
+    assert all(capture.holds_clouds(file) for file in bag.glob("*.mcap"))
+    with capture.open(f"bag:{bag}") as source:
+        frames = list(source)
+    assert source.counters["points"] == 90
+    assert [each.time_ns for each in frames] == [3 * 10**9, 4 * 10**9, 77]
+    for found, table in zip(frames, [*tables, tables[0]], strict=True):
+        assert np.array_equal(found.points, np.column_stack([table[axis] for axis in "xyz"]))
+        assert np.array_equal(found.intensity, table["reflectivity"])
+        for name in ("offset_time", "tag", "line"):
+            assert np.array_equal(found.fields[name], table[name])
+        assert found.origin == (None if frame == "map" else (0.0, 0.0, 0.0))
+        assert found.format is not None
+        assert found.format.header["frame_id"] == frame
+
+
+@pytest.mark.parametrize("package", ["livox_ros_driver", "livox_ros_driver2"])
+def test_ros1_bags_of_livox(tmp_path: Path, package: str) -> None:
+    types = livox_types(typesys.Stores.ROS1_NOETIC, package)
+    path, table, kind = tmp_path / "a.bag", livox_points(1), f"{package}/msg/CustomMsg"
+    made = livox(types, table, stamp=9, package=package, ros1=True)
+    with rosbag1.Writer(path) as writer:
+        camera = writer.add_connection("/camera", "sensor_msgs/msg/Image", typestore=types)
+        assert camera.topic == "/camera"
+        connection = writer.add_connection("/livox/lidar", kind, typestore=types)
+        writer.write(connection, 10**9, types.serialize_ros1(made, kind))
+    assert capture.holds_clouds(path)
+    (frame,) = capture.open(f"bag:{path}")
+    assert np.array_equal(frame.points, np.column_stack([table[axis] for axis in "xyz"]))
+    assert np.array_equal(frame.fields["line"], table["line"])
+    assert frame.time_ns == 9 * 10**9
+
+
+def _livox_message(points: int) -> bytes:
+    types = livox_types(typesys.Stores.ROS2_HUMBLE)
+    return bytes(types.serialize_cdr(livox(types, livox_points(1, points), stamp=1), LIVOX))
+
+
+def _with_count(message: bytes, points: int, count: int) -> bytes:
+    """The message with another count before its points."""
+    at = len(message) + 1 - 20 * points - 4
+    assert message[at : at + 4] == points.to_bytes(4, "little")
+    return message[:at] + count.to_bytes(4, "little") + message[at + 4 :]
+
+
+@pytest.mark.parametrize(("changed", "reason"), [
+    (lambda whole: _with_count(whole, 3, 4), "do not fit"),
+    (lambda whole: _with_count(whole, 3, 2**32 - 1), "at most"),
+    (lambda whole: whole[:12] + b"\xff" * 4 + whole[16:], "ends before its points"),
+    (lambda whole: b"\x00\x07" + whole[2:], "another encoding"),
+    (lambda whole: whole[:-5], "do not fit"),
+])  # fmt: skip
+def test_messages_of_livox_that_claim_what_they_do_not_hold_are_refused(
+    tmp_path: Path, changed: Callable[[bytes], bytes], reason: str
+) -> None:
+    bag = _livox_bag(tmp_path / "bag", [changed(_livox_message(3))])
+    with pytest.raises(FormatError, match=reason):
+        list(capture.open(f"bag:{bag}"))
+
+
+@pytest.mark.parametrize("is_ros1", [False, True])
+def test_damaged_messages_of_livox_are_refused_or_have_bytes_for_what_they_say(
+    is_ros1: bool,
+) -> None:
+    """Every cut, and bytes exchanged by chance, within the process that reads the bag."""
+    whole, rng = _livox_message(3), np.random.default_rng(0)
+    cases = [whole[:kept] for kept in range(len(whole))]
+    for _ in range(2000):
+        data = bytearray(whole)
+        for at in rng.integers(len(data), size=rng.integers(1, 4)):
+            data[at] = rng.integers(256)
+        cases.append(bytes(data))
+    refused = 0
+    for data in cases:
+        try:
+            layout, points = _bag_process._livox(data, is_ros1=is_ros1)
+        except ValueError:
+            refused += 1
+            continue
+        assert len(points) <= len(data)
+        assert 0 <= layout["width"] < 2**32
+        assert layout["row_step"] == layout["width"] * layout["point_step"]
+    assert 0 < refused < len(cases)
+
+
+@pytest.mark.parametrize(("kind", "driver"), [
+    ("velodyne_msgs/msg/VelodyneScan", "velodyne_pointcloud"),
+    ("ouster_sensor_msgs/msg/PacketMsg", "ouster_ros"),
+])  # fmt: skip
+def test_bags_of_packets_say_what_makes_clouds_of_them(
+    tmp_path: Path, kind: str, driver: str
+) -> None:
+    path = tmp_path / "bag"
+    with rosbag2.Writer(path, version=8, storage_plugin=rosbag2.StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection("/packets", kind, msgdef="uint8 x", rihs01="a" * 71)
+        writer.write(connection, 10**9, b"\x00\x01\x00\x00\x00")
+        camera = writer.add_connection("/camera", "sensor_msgs/msg/Image", typestore=TYPES)
+        assert camera.topic == "/camera"
+    assert capture.holds_clouds(path)
+    with pytest.raises(FormatError, match=f"it holds .*{driver} makes clouds of these packets"):
+        list(capture.open(f"bag:{path}"))

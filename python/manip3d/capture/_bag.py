@@ -37,7 +37,24 @@ _FIXED_FRAMES = ("base", "map", "odom", "world", "earth", "utm")
 
 
 _ROS1 = b"#ROSBAG V2.0\n"
-_CLOUD = b"type=sensor_msgs/PointCloud2"
+_LIDARS = (
+    "sensor_msgs/PointCloud2",
+    "livox_ros_driver/CustomMsg",
+    "livox_ros_driver2/CustomMsg",
+    "livox_interfaces/CustomMsg",
+)
+"""Messages with a LiDAR's points."""
+_PACKETS = {
+    "velodyne_msgs/VelodyneScan": "the node velodyne_pointcloud",
+    "ouster_ros/PacketMsg": "the node ouster_ros",
+    "ouster_sensor_msgs/PacketMsg": "the node ouster_ros",
+    "pandar_msgs/PandarScan": "the node hesai_ros_driver",
+    "hesai_ros_driver/UdpFrame": "the node hesai_ros_driver",
+    "rslidar_msg/RslidarPacket": "the node rslidar_sdk",
+    "rslidar_msgs/rslidarScan": "the node rslidar_pointcloud",
+    "nebula_msgs/NebulaPackets": "the node nebula_ros",
+}
+"""Messages with packets that the scanner's driver makes points of."""
 _IMAGE = b"type=sensor_msgs/Image"
 _PACKED = b"type=sensor_msgs/CompressedImage"
 _IMAGES = "sensor_msgs/msg/Image"
@@ -45,7 +62,6 @@ _MOST_INDEX = 1 << 24  # bytes of the connections that are looked at
 _MCAP = b"\x89MCAP0\r\n"
 _MCAP_FOOTER = 9 + 20 + len(_MCAP)  # a record's head, two places and a checksum, the magic again
 _MOST_METADATA = 1 << 22
-_CLOUD_2 = "sensor_msgs/msg/PointCloud2"
 _IMAGES_2 = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 
 
@@ -107,7 +123,7 @@ def holds_clouds(path: str | os.PathLike[str]) -> bool:
             "recorder did not close it ('rosbag reindex' may mend it)",
             file=str(path),
         )
-    if _CLOUD in connections:
+    if any(f"type={kind}".encode() in connections for kind in (*_LIDARS, *_PACKETS)):
         return True
     return b"type=" in connections and not any(kind in connections for kind in (_IMAGE, _PACKED))
 
@@ -115,7 +131,13 @@ def holds_clouds(path: str | os.PathLike[str]) -> bool:
 def _are_clouds(types: bytes) -> bool:
     """Whether a ROS 2 bag with these types of messages is a LiDAR's."""
     has_images = any(re.search(kind.encode() + rb"\b", types) for kind in _IMAGES_2)
-    return _CLOUD_2.encode() in types or not has_images
+    has_lidar = any(_in_ros2(kind).encode() in types for kind in (*_LIDARS, *_PACKETS))
+    return has_lidar or not has_images
+
+
+def _in_ros2(kind: str) -> str:
+    """The name that a kind of messages has in ROS 2."""
+    return kind.replace("/", "/msg/")
 
 
 def _types_of_folder(folder: Path) -> bytes:
@@ -265,8 +287,15 @@ class BagRecording:
         if "kinds" in header:
             found = ", ".join(header["kinds"])[:200] or "no topic"
             hint = f"; rgbd-bag:{self._path} may open it" if _IMAGES in header["kinds"] else ""
+            for kind, driver in _PACKETS.items():
+                if _in_ros2(kind) in header["kinds"]:
+                    hint = (
+                        f"; {driver} makes clouds of these packets: play the bag to it and record "
+                        "its topic of clouds ('rosbag record', 'ros2 bag record')"
+                    )
             raise self._refuse(
-                f"no point clouds (sensor_msgs/msg/PointCloud2); it holds {found}{hint}"
+                "no point clouds (sensor_msgs/msg/PointCloud2, livox_ros_driver2/msg/CustomMsg); "
+                f"it holds {found}{hint}"
             )
         if "topics" in header:
             self._close()

@@ -12,12 +12,28 @@ from __future__ import annotations
 
 import json
 import resource
+import struct
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
+LIVOX = (
+    "livox_ros_driver/msg/CustomMsg",
+    "livox_ros_driver2/msg/CustomMsg",
+    "livox_interfaces/msg/CustomMsg",
+)
+LIVOX_FIELDS = [
+    ["offset_time", 0, 6, 1],
+    ["x", 4, 7, 1],
+    ["y", 8, 7, 1],
+    ["z", 12, 7, 1],
+    ["reflectivity", 16, 2, 1],
+    ["tag", 17, 2, 1],
+    ["line", 18, 2, 1],
+]
+"""Name, place, sensor_msgs/PointField's type and number of values of a CustomPoint's fields."""
 IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
@@ -55,7 +71,7 @@ def _write_messages(path: Path, topic: str, out: BinaryIO, mode: str) -> None:
         if mode == "images":
             _write_images(bag, read, out)
             return
-        clouds = [each for each in bag.connections if each.msgtype == CLOUD]
+        clouds = [each for each in bag.connections if each.msgtype in (CLOUD, *LIVOX)]
         names = sorted({each.topic for each in clouds})
         if (topic and topic not in names) or (not topic and len(names) > 1):
             _line(out, {"topics": names})
@@ -65,17 +81,20 @@ def _write_messages(path: Path, topic: str, out: BinaryIO, mode: str) -> None:
             return
         wanted = [each for each in clouds if each.topic == (topic or names[0])]
         if mode == "pictures":
-            wanted += _chosen(bag, out, _cameras(bag, read, wanted))
-        for connection, received, raw in bag.messages(connections=wanted):
-            write = _cloud if connection.msgtype == CLOUD else _picture
-            write(out, read(raw, connection.msgtype), connection.topic, received)
+            first = next(bag.messages(connections=wanted), None)
+            lidar = "" if first is None else _cloud(first, read, is_ros1=is_ros1)[0]["frame_id"]
+            wanted += _chosen(bag, out, _cameras(bag, read, lidar))
+        for each in bag.messages(connections=wanted):
+            is_picture = each[0].msgtype in (IMAGE, COMPRESSED)
+            made = _picture(each, read) if is_picture else _cloud(each, read, is_ros1=is_ros1)
+            _message(out, *made)
 
 
 def _write_images(bag: Any, read: Any, out: BinaryIO) -> None:
     """Say what cameras there are, and write the pictures of the topics that are asked for."""
-    wanted = _chosen(bag, out, _cameras(bag, read, []) | _rgbd(bag, read))
-    for connection, received, raw in bag.messages(connections=wanted) if wanted else ():
-        _picture(out, read(raw, connection.msgtype), connection.topic, received)
+    wanted = _chosen(bag, out, _cameras(bag, read, "") | _rgbd(bag, read))
+    for each in bag.messages(connections=wanted) if wanted else ():
+        _message(out, *_picture(each, read))
 
 
 def _chosen(bag: Any, out: BinaryIO, cameras: dict[str, Any]) -> list[Any]:
@@ -89,10 +108,11 @@ def _chosen(bag: Any, out: BinaryIO, cameras: dict[str, Any]) -> list[Any]:
     ]
 
 
-def _cameras(bag: Any, read: Any, clouds: list[Any]) -> dict[str, Any]:
-    """The topics of pictures, the first calibration of each camera, and the fixed transforms."""
-    first = next(bag.messages(connections=clouds), None) if clouds else None
-    lidar = "" if first is None else read(first[2], CLOUD).header.frame_id
+def _cameras(bag: Any, read: Any, lidar: str) -> dict[str, Any]:
+    """The topics of pictures, the first calibration of each camera, and the fixed transforms.
+
+    ``lidar`` is the name of the coordinates in which the clouds are.
+    """
     infos = {topic: _camera_info(info) for topic, info in _first_ones(bag, read, CAMERA_INFO)}
     fixed = [
         each
@@ -160,29 +180,34 @@ def _pose(transform: Any) -> dict[str, Any]:
     }
 
 
-def _picture(out: BinaryIO, picture: Any, topic: str, received: int) -> None:
-    data = picture.data.tobytes()
-    header = {"picture": topic, "stamp_ns": _stamp(picture) or int(received), "size": len(data)}
+def _picture(each: tuple[Any, int, bytes], read: Any) -> tuple[dict[str, Any], bytes]:
+    connection, received, raw = each
+    picture = read(raw, connection.msgtype)
+    header = {"picture": connection.topic, "stamp_ns": _stamp(picture) or int(received)}
     if hasattr(picture, "format"):
         header["format"] = picture.format
     else:
         header["encoding"] = picture.encoding
         header["is_bigendian"] = bool(picture.is_bigendian)
         header |= {name: int(getattr(picture, name)) for name in ("height", "width", "step")}
-    _line(out, header)
-    out.write(data)
-    out.flush()
+    return header, picture.data.tobytes()
 
 
 def _stamp(message: Any) -> int:
     return int(message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec)
 
 
-def _cloud(out: BinaryIO, cloud: Any, topic: str, received: int) -> None:
-    data = cloud.data.tobytes()
-    header = {
-        "topic": topic,
-        "received_ns": int(received),
+def _cloud(
+    each: tuple[Any, int, bytes], read: Any, *, is_ros1: bool
+) -> tuple[dict[str, Any], bytes]:
+    """The layout of a message's points, and their bytes."""
+    connection, received, raw = each
+    header = {"topic": connection.topic, "received_ns": int(received)}
+    if connection.msgtype in LIVOX:
+        layout, data = _livox(bytes(raw), is_ros1=is_ros1)
+        return header | layout, data
+    cloud = read(raw, connection.msgtype)
+    layout = {
         "stamp_ns": _stamp(cloud),
         "frame_id": cloud.header.frame_id,
         "height": int(cloud.height),
@@ -194,9 +219,42 @@ def _cloud(out: BinaryIO, cloud: Any, topic: str, received: int) -> None:
             [each.name, int(each.offset), int(each.datatype), int(each.count)]
             for each in cloud.fields
         ],
-        "size": len(data),
     }
-    _line(out, header)
+    return header | layout, cloud.data.tobytes()
+
+
+def _livox(raw: bytes, *, is_ros1: bool) -> tuple[dict[str, Any], bytes]:
+    """The same of a CustomMsg, whose points have 19 bytes each; CDR fills them up to 20.
+
+    Four bytes come before the time: the number of a ROS 1 message, or what tells a CDR's kind. CDR
+    puts numbers of eight bytes at multiples of eight behind them.
+    """
+    if not is_ros1 and raw[:2] not in (b"\0\0", b"\0\1"):
+        raise ValueError(f"a CustomMsg in another encoding than plain CDR ({raw[:2].hex()})")
+    order = "<" if is_ros1 or raw[1] else ">"
+    try:
+        seconds, nanoseconds, length = struct.unpack_from(f"{order}III", raw, 4)
+        at = 16 + length
+        at += 0 if is_ros1 else -(at - 4) % 8
+        timebase_ns, _, _, count = struct.unpack_from(f"{order}QI4sI", raw, at)
+    except struct.error:
+        raise ValueError("a CustomMsg that ends before its points") from None
+    step = 19 if is_ros1 else 20
+    layout = {
+        "stamp_ns": seconds * 1_000_000_000 + nanoseconds or timebase_ns,
+        "frame_id": raw[16 : 16 + length].rstrip(b"\0").decode(errors="replace"),
+        "height": 1,
+        "width": count,
+        "point_step": step,
+        "row_step": count * step,
+        "is_bigendian": order == ">",
+        "fields": LIVOX_FIELDS,
+    }
+    return layout, raw[at + 20 :] + b"\0" * (step - 19)  # CDR does not fill up the last one
+
+
+def _message(out: BinaryIO, header: dict[str, Any], data: bytes) -> None:
+    _line(out, header | {"size": len(data)})
     out.write(data)
     out.flush()
 

@@ -138,9 +138,9 @@ def open_lidar(
         0.0.0.0 for a sensor on the network; port 2368; 0: a free one), or ``ouster:FILE`` (a pcap
         of an Ouster, through ouster-sdk; of the options below only ``metadata`` is for it), or
         ``kitti:FOLDER`` (`manip3d.datasets.open_kitti`; takes none of them), or
-        ``bag:PATH[#TOPIC]``: the PointCloud2 messages of a ROS bag (a ``.mcap`` or ``.db3`` file, a
-        ROS 2 bag's folder, a ROS 1 ``.bag``) through rosbags; it takes ``max_bytes`` only. Without
-        a topic the bag has one of clouds.
+        ``bag:PATH[#TOPIC]``: the PointCloud2 or Livox CustomMsg messages of a ROS bag (a ``.mcap``
+        or ``.db3`` file, a ROS 2 bag's folder, a ROS 1 ``.bag``) through rosbags; it takes
+        ``max_bytes`` only. Without a topic the bag has one of clouds.
     model : str, optional
         ``hdl64e``, ``hdl32e``, ``vlp16`` or ``vlp32c``; without it the first packet says.
     calibration : VelodyneCalibration or path, optional
