@@ -228,6 +228,19 @@ def test_what_was_removed_is_missed_in_the_lasers_that_a_file_has(
     assert np.abs(np.subtract(found.regions[0].box.center[:2], box.center[:2])).max() < 1.5
 
 
+@pytest.mark.parametrize("lacking", [[30, 31], [30, 31, 32]])
+def test_lasers_that_a_frame_lacks_are_no_holes_in_it(
+    turns: list[np.ndarray], lacking: list[int]
+) -> None:
+    """What stood there would be missed by lasers beside each other, from wall to wall."""
+    ring = LATTICE.read(turns[1]).ring
+    found = judged(turns, turns[1][~np.isin(ring, lacking)])
+    assert (found.verdict, found.regions) == ("no_trace", ())
+    assert found.score < 0.5
+    removed = ~np.isin(ring, lacking) & ~turn_scans.box_at(0, 0.0).contains(turns[1])
+    assert judged(turns, turns[1][removed]).verdict == "tampered"
+
+
 def test_inspect_asks_the_turns(turns: list[np.ndarray], tmp_path: Path) -> None:
     frame = with_far_point(turns[1][~turn_scans.box_at(0, 0.0).contains(turns[1])])
     before, now, after = (LidarFrame(p, origin=(0, 0, 0)) for p in (turns[0], frame, turns[2]))

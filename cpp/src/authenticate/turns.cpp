@@ -26,6 +26,9 @@ constexpr double kOffLines = 0.0045;  // of the distance
 
 // A turn saw something solid where at least so many of the nine directions around have points.
 constexpr int kSolidPoints = 4;
+// A laser that answers in fewer directions than this was left out of the frame: silence in it says
+// nothing. The lasers of KITTI's whole frames answer in two fifths of them and more.
+constexpr int kFewestAnswered = kTurnColumns / 50;
 
 // Regions are built of blocks of so many directions: edges of things are one or two wide.
 constexpr int kTurnBlockRings = 2;
@@ -299,6 +302,7 @@ class TurnComparison {
   std::vector<TurnRegion> run() {
     std::array<RingImage<std::uint8_t>, kNumTurnEvidence> images{blank(), blank(), blank()};
     for (int ring = 0; ring < lattice_.num_rings(); ++ring) {
+      if (num_answered(ring) < kFewestAnswered) continue;
       for (int column = 0; column < kTurnColumns; ++column) {
         const Told told = tell(ring, column);
         images[0](ring, column) = told.lost ? 1 : 0;
@@ -328,6 +332,15 @@ class TurnComparison {
 
   [[nodiscard]] RingImage<std::uint8_t> blank() const {
     return {lattice_.num_rings(), kTurnColumns, 0};
+  }
+
+  // Directions in which a laser of the frame has points.
+  [[nodiscard]] int num_answered(int ring) const {
+    int answered = 0;
+    for (int column = 0; column < kTurnColumns; ++column) {
+      answered += now_.points(ring, column) > 0 ? 1 : 0;
+    }
+    return answered;
   }
 
   [[nodiscard]] float nearest_seen(int ring, int column) const {
