@@ -1252,3 +1252,14 @@ def test_a_thinned_scan_says_what_share_is_missing(left_out: str) -> None:
     (step,) = (each for each in steps if each.kind == "thinned")
     share = float(step.detail.partition("%")[0])
     assert share == pytest.approx(100.0 * (1.0 - kept.mean()), abs=1.5), step.detail
+
+
+def test_a_scan_that_lost_far_returns_by_chance_is_thinned() -> None:
+    """As fog is simulated: none up to 20 m, all beyond 100 m."""
+    scan = simulate.hdl64e(simulate.street(rng=0), 1.0, rng=0).frame
+    distance = np.linalg.norm(scan.points, axis=1)
+    kept = np.random.default_rng(7).random(len(distance)) > (distance - 20.0) / 80.0
+    assert "thinned" not in {step.kind for step in authenticate.inspect(scan).processing}
+    found = authenticate.inspect(scan.select(np.flatnonzero(kept)))
+    assert found.verdict == "processed"
+    assert "farther than 25 m are missing one by one" in found.reason

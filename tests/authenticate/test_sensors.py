@@ -38,6 +38,23 @@ def test_lasers_at_a_makers_elevations_name_the_model(model: str) -> None:
     assert found.lattice is None
 
 
+@pytest.mark.parametrize("stray", [0.0, 0.005, 0.03])
+def test_stray_points_make_no_terrestrial_scanner_of_a_spinning_one(stray: float) -> None:
+    """Rain and wrong returns stand in rows in which no laser looks."""
+    random = np.random.default_rng(1)
+    elevation = np.repeat(np.arange(-20, 20), 1800) / 3.0
+    azimuth = np.tile(np.arange(1800), 40) * 0.2
+    level = np.cos(np.radians(elevation))
+    beam = np.column_stack(
+        [level * np.cos(np.radians(azimuth)), level * np.sin(np.radians(azimuth)),
+         np.sin(np.radians(elevation))]
+    )  # fmt: skip
+    points = beam * random.uniform(8.0, 40.0, (len(beam), 1))
+    some = random.choice(len(points), int(stray * len(points)), replace=False)
+    points[some] += random.normal(0.0, 3.0, (len(some), 3))
+    assert identify_sensor(points.astype(np.float32)).kind == "spinning"
+
+
 @pytest.mark.parametrize("model", BEAMS)
 def test_lasers_beside_them_do_not(model: str) -> None:
     """A mount that tilts, or a unit of another maker."""

@@ -126,6 +126,12 @@ HOLE_SECTORS, FEWEST_ON_ROAD = 16, 4000
 """Sectors of the firings: what is missing everywhere is missing in half of them; and firings that
 could be missed there, at least, so that a few lost ones say nothing."""
 
+FAR_HOLES, MOST_FAR_HOLES, FEWEST_FAR = (25.0, 60.0), 0.05, 400
+"""Metres; the same share of all lasers between these ranges; and firings that could be missed. Of
+47 frames of KITTI, all of which were looked at, it is 0.007 at most, of ten simulated streets
+0.019; where the more returns were left out the farther they are, from 20 m to all at 100 m, 0.1 and
+more in the 36 with enough of them. Far roads that are wet lose returns one by one, too."""
+
 WIDEST_HOLE = 8
 """Firings from a return to the next on the same surface: far longer than holes are if every second
 one is missing at random (1 of 256), and shorter than what a dark thing leaves."""
@@ -743,6 +749,9 @@ def _thinned(firings: Firings, distance: NDArray[np.float64], *, whole: bool) ->
         found.append(
             Processing("thinned", f"{lost:.1%} of the returns are missing one by one everywhere")
         )
+    elif _single_holes(firings, distance, slice(None), FAR_HOLES, FEWEST_FAR) > MOST_FAR_HOLES:
+        detail = f"returns farther than {FAR_HOLES[0]:g} m are missing one by one everywhere"
+        found.append(Processing("thinned", detail))
     if silent := len(_silent_between(firings)):
         found.append(Processing("lasers", f"{silent} of the {rings} lasers have no returns"))
     elif not found and (lost := _longest_silence_alone(firings)) > MOST_SILENT_ALONE:
@@ -791,15 +800,21 @@ def silent_lasers(
     return np.union1d(_silent_between(firings), lowest)
 
 
-def _single_holes(firings: Firings, distance: NDArray[np.float64], lasers: slice) -> float:
-    """Share of firings without a return among those between two with one on a smooth near surface.
+def _single_holes(
+    firings: Firings,
+    distance: NDArray[np.float64],
+    lasers: slice,
+    metres: tuple[float, float] = (0.0, NEAR_HOLES),
+    fewest: int = FEWEST_ON_ROAD,
+) -> float:
+    """Share of firings without a return among those between two with one on a smooth surface.
 
     That of the half of the sectors that lacks least. It is high for any loss that leaves a return
     on either side of each hole, as of every third point: `_share_left_out` says how many are lost.
     """
     reach = _reach(firings, distance)
     before, behind = reach[lasers, :-2], reach[lasers, 2:]
-    between = (before > 0.0) & (behind > 0.0) & (before < NEAR_HOLES)
+    between = (before > metres[0]) & (behind > metres[0]) & (before < metres[1])
     between &= np.abs(before - behind) < SAME_RANGE * before
     if between.shape[1] < HOLE_SECTORS:
         return 0.0
@@ -809,7 +824,7 @@ def _single_holes(firings: Firings, distance: NDArray[np.float64], lasers: slice
     missing = np.add.reduceat(holes.sum(axis=0), starts)
     fullest = np.argsort(missing / np.maximum(possible, 1), kind="stable")[: HOLE_SECTORS // 2]
     among = int(possible[fullest].sum())
-    return float(missing[fullest].sum()) / among if among >= FEWEST_ON_ROAD else 0.0
+    return float(missing[fullest].sum()) / among if among >= fewest else 0.0
 
 
 def _reach(firings: Firings, distance: NDArray[np.float64]) -> NDArray[np.float64]:
