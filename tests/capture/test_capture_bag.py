@@ -115,6 +115,10 @@ def test_refusals(tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "bag", {"/points": [message(TYPES, points_of(1))]})
     with pytest.raises(FormatError, match="more than max_bytes"):
         list(capture.open(f"bag:{bag}", max_bytes=10))
+    again = message(TYPES, points_of(1))
+    again.fields[3].name = "x"
+    with pytest.raises(FormatError, match="field x is named twice"):
+        list(capture.open(f"bag:{write_bag(tmp_path / 'again', {'/points': [again]})}"))
     for changed, reason in (
         ({"point_step": 20}, "does not fit a point's bytes"),
         ({"width": 51}, "do not fit"),

@@ -694,3 +694,28 @@ def test_an_intensity_of_several_numbers_is_no_intensity(tmp_path: Path, suffix:
     if suffix.endswith("bin"):
         assert back.intensity is not None
         assert not back.intensity.any()
+
+
+@pytest.mark.parametrize(("fields", "twice"), [
+    ("x y z x", "x"), ("x y z z", "z"), ("x y z intensity intensity", ""), ("x y z _ _", ""),
+])  # fmt: skip
+def test_a_coordinate_that_a_pcd_names_twice_is_refused(
+    tmp_path: Path, fields: str, twice: str
+) -> None:
+    """Of other names the first counts."""
+    count = len(fields.split())
+    rows = "\n".join(" ".join(str(10 * i + k) for k in range(count)) for i in range(3))
+    path = tmp_path / "a.pcd"
+    path.write_text(
+        f"FIELDS {fields}\nSIZE{' 4' * count}\nTYPE{' F' * count}\nCOUNT{' 1' * count}\nWIDTH 3\n"
+        f"HEIGHT 1\nPOINTS 3\nDATA ascii\n{rows}\n"
+    )
+    if twice:
+        with pytest.raises(FormatError, match=f"field {twice} is named twice"):
+            read_scan(path)
+        return
+    frame = read_scan(path)
+    assert frame.points[:, 2].tolist() == [2, 12, 22]
+    if "intensity" in fields:
+        assert frame.intensity is not None
+        assert frame.intensity.tolist() == [3, 13, 23]

@@ -342,7 +342,10 @@ class BagRecording:
         return frame_of_table(table, origin=(0.0, 0.0, 0.0) if at_sensor else None, time_ns=stamp)
 
     def _dtype(self, header: dict[str, Any], where: str) -> tuple[np.dtype[Any], dict[str, str]]:
-        """The layout of a point, and the key of each named field; the first of a name counts."""
+        """The layout of a point, and the key of each named field; the first of a name counts.
+
+        A coordinate that is named twice is refused: nothing tells which is meant.
+        """
         order = ">" if header["is_bigendian"] else "<"
         keys, formats, offsets, names = [], [], [], dict[str, str]()
         for number, (name, offset, kind, count) in enumerate(header["fields"]):
@@ -355,6 +358,8 @@ class BagRecording:
             keys.append(f"{number} {name}")
             formats.append((one, (count,)) if count != 1 else one)
             offsets.append(offset)
+            if name in ("x", "y", "z") and name in names:
+                raise self._refuse(f"{where}: field {name} is named twice")
             names.setdefault(name, keys[-1])
         layout = {"names": keys, "formats": formats, "offsets": offsets,
                   "itemsize": header["point_step"]}  # fmt: skip

@@ -122,7 +122,7 @@ def read_columns(
         _refuse_doubles(raw, name)
     header: dict[str, Any] = {"pairs": tuple((str(a), str(b)) for a, b in pairs)}
     layout = _with_short_intensity(columns) if kind in _TEXT else columns
-    return Table(kind, _columns(values, columns), name, layout, header)
+    return Table(kind, _columns(values, columns, name), name, layout, header)
 
 
 def _refuse_doubles(raw: NDArray[np.uint8], file: str) -> None:
@@ -246,8 +246,19 @@ def _ring(by_name: dict[str, NDArray[Any]], kind: str, name: str) -> NDArray[Any
     return ring
 
 
-def _columns(table: NDArray[Any], columns: Sequence[Column]) -> dict[str, NDArray[Any]]:
-    """By name; the first of a name counts, and padding (PCD's ``_``) does not."""
+def _columns(
+    table: NDArray[Any], columns: Sequence[Column], file: str
+) -> dict[str, NDArray[Any]]:
+    """By name; the first of a name counts, and padding (PCD's ``_``) does not.
+
+    Raises
+    ------
+    FormatError
+        A coordinate is named twice: nothing tells which column is meant.
+    """
+    names = [column for column, _, count in columns if count > 0]
+    if twice := [axis for axis in "xyz" if names.count(axis) > 1]:
+        raise FormatError(f"field {twice[0]} is named twice", file=file)
     found: dict[str, NDArray[Any]] = {}
     for i, (column, _, count) in enumerate(columns):
         if column != "_" and count > 0:
