@@ -222,9 +222,7 @@ def judged(
     """What `inspect` says of a scan, as numbers that another threshold can be tried on."""
     from manip3d.authenticate import inspect
 
-    return line_of(
-        inspect(frame, previous=previous, following=following, power=False, threads=1)
-    )
+    return line_of(inspect(frame, previous=previous, following=following, power=False, threads=1))
 
 
 def line_of(found: Inspection) -> Line:

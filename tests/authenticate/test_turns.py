@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +11,9 @@ import pytest
 
 import lattice_scans as scans
 import turn_scans
-from manip3d import InputError, LidarFrame, _core, authenticate, forge
+from manip3d import InputError, LidarFrame, _core, authenticate, forge, simulate
 from manip3d.authenticate import TurnResult, _drives, turn_consistency
+from manip3d.authenticate._inspect import inspect_beside
 from manip3d.authenticate._movers import passes_by
 from manip3d.authenticate._processing import Lacking, left_out_of_turn
 from manip3d.report import write_evidence
@@ -329,6 +330,35 @@ def test_turns_that_were_cut_do_not_hide_what_was_deleted(
         assert found.accusing is not None
         assert found.accusing.name == "turns"
         assert np.abs(np.subtract(found.regions[0].box.center[:2], box.center[:2])).max() < 1.5
+
+
+@pytest.mark.parametrize(("cut", "whole_up_to_m"), [
+    (lambda points: np.linalg.norm(points, axis=1) < 30.0, 30.0),
+    (lambda points: np.abs(points[:, :2]).max(axis=1) < 35.0, 35.0),
+    (lambda points: points[:, 0] > 0.0, 0.0),
+    (lambda points: (np.linalg.norm(points, axis=1) < 30.0) & (points[:, 0] > 0.0), 0.0),
+])  # fmt: skip
+def test_a_turn_tells_how_far_it_is_whole(
+    cut: Callable[[np.ndarray], np.ndarray], whole_up_to_m: float
+) -> None:
+    turn = simulate.hdl64e(simulate.street(rng=0), 1.0, rng=0).frame
+    rows = np.flatnonzero(cut(turn.points))
+    lacking = left_out_of_turn(turn.select(rows), authenticate.kitti_lattice())
+    assert lacking is not None
+    assert lacking.whole_up_to_m == pytest.approx(whole_up_to_m, abs=1.5)
+
+
+@pytest.mark.parametrize(("whole_up_to_m", "kinds"), [(30.0, []), (20.0, ["neighbours"] * 2)])
+def test_turns_that_were_cut_beyond_what_is_compared_do_not_mark_a_scan(
+    turns: list[np.ndarray], whole_up_to_m: float, kinds: list[str]
+) -> None:
+    before, now, after = map(with_far_point, turns)
+    found = inspect_beside(
+        now, lambda turn, lattice: Lacking("cropped: far away", True, whole_up_to_m),
+        previous=before, following=after, lattice=LATTICE, sensor="auto", origin=None,
+        watermark=None, key=None, power=False, printed=False, threads=1,
+    )  # fmt: skip
+    assert [step.kind for step in found.processing if step.kind == "neighbours"] == kinds
 
 
 @pytest.mark.parametrize("threads", [1, 2])

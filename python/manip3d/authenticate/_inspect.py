@@ -67,7 +67,14 @@ from manip3d.authenticate._processing import (
 from manip3d.authenticate._reflectance import ReflectanceResult, reflectances_read
 from manip3d.authenticate._repeats import in_common, sketch_of
 from manip3d.authenticate._sensors import HDL64E, Sensor, identify_and_read, nothing_to_tell
-from manip3d.authenticate._turns import FOREIGN, MOST_APART_NS, TurnResult, turns_read
+from manip3d.authenticate._turns import (
+    FARTHEST,
+    FARTHEST_MOTION,
+    FOREIGN,
+    MOST_APART_NS,
+    TurnResult,
+    turns_read,
+)
 from manip3d.authenticate._verdict import (
     NO_POWER,
     Calibration,
@@ -869,7 +876,8 @@ def _lacking(
     """Why turns may lack points that they had; whether what is left lies where it was measured.
 
     Then what somebody did to them, which can hide edits of the frame: nobody cropped the parts of
-    turns with which a recording of packets begins and ends.
+    turns with which a recording of packets begins and ends, and what is cut off farther away than
+    detector IV looks hides nothing from it.
     """
     why: list[str] = []
     processing: list[Processing] = []
@@ -879,7 +887,7 @@ def _lacking(
             continue
         why.append(f"the turn {name} was {lacking.reason}")
         are_in_place &= lacking.is_in_place
-        if not _is_part_of_turn(turn):
+        if not _is_part_of_turn(turn) and lacking.whole_up_to_m < FARTHEST + FARTHEST_MOTION:
             processing.append(Processing("neighbours", why[-1]))
     return why, are_in_place, tuple(processing)
 

@@ -536,10 +536,13 @@ class Lacking(NamedTuple):
         What was done to the turn.
     is_in_place : bool
         Whether what is left lies where it was measured, to a few centimetres.
+    whole_up_to_m : float
+        Nothing is missing nearer than this, metres.
     """
 
     reason: str
     is_in_place: bool
+    whole_up_to_m: float = 0.0
 
 
 def left_out_of_turn(turn: LidarFrame, lattice: SensorLattice) -> Lacking | None:
@@ -566,10 +569,16 @@ def left_out_of_turn(turn: LidarFrame, lattice: SensorLattice) -> Lacking | None
         for step in _processing_of_coordinates(turn.points):
             return Lacking(f"{step.kind}: {step.detail}", is_in_place=True)
         return Lacking("moved to where the scanner does not measure", is_in_place=False)
-    for step in _processing_of_extent(turn.points, lattice, reading, is_in_order=False):
-        if step.kind != "lasers":
-            return Lacking(f"{step.kind}: {step.detail}", is_in_place=True)
-    return None
+    steps = _processing_of_extent(turn.points, lattice, reading, is_in_order=False)
+    if not (steps := [step for step in steps if step.kind != "lasers"]):
+        return None
+    wide = turn.points.astype(np.float64)
+    firings = firings_of(reading, len(lattice.slope))
+    cuts = _cuts_far_away(wide, np.linalg.norm(wide, axis=1), firings)
+    are_all = all(step.detail in [detail for _, detail in cuts] for step in steps)
+    nearest = min((metres for metres, _ in cuts), default=0.0) if are_all else 0.0
+    reason = f"{steps[0].kind}: {steps[0].detail}"
+    return Lacking(reason, is_in_place=True, whole_up_to_m=nearest)
 
 
 def _widest_gap(azimuth: NDArray[np.float32]) -> float:
@@ -607,7 +616,7 @@ def _processing_of_extent(
     found = []
     if not is_whole_turn:
         found.append(Processing("cropped", f"no points in {gap:.0f} degrees of azimuth"))
-    found += _cropped_far(wide, distance, firings)
+    found += [Processing("cropped", cut) for _, cut in _cuts_far_away(wide, distance, firings)]
     if distance.min() > NEAREST_RANGE and _lowest_are_silent(reading, lattice):
         found.append(Processing("cropped", f"no points nearer than {distance.min():.1f} m"))
     thinned = [] if firings is None else _thinned(firings, distance, whole=is_whole_turn)
@@ -623,18 +632,24 @@ def _processing_of_extent(
     return found
 
 
-def _cropped_far(
+def _cuts_far_away(
     points: NDArray[np.float64], distance: NDArray[np.float64], firings: Firings | None
-) -> list[Processing]:
-    """Cuts at a distance from the scanner, or at the same x or y on both sides of it."""
+) -> list[tuple[float, str]]:
+    """Cuts at a distance from the scanner, or at the same x or y on both sides of it.
+
+    Metres up to which nothing is missing, and the cut in words.
+    """
     found = []
     x, y = points[:, 0], points[:, 1]
     is_short = distance.max() < LEAST_RANGE and _cut_off_beyond(distance) >= FEWEST_CUT_OFF
     if is_short and any(ends_in_silence(end, firings) for end in (distance, x, -x, y, -y)):
-        found.append(Processing("cropped", f"no points beyond {distance.max():.1f} m"))
+        ends = np.abs(points).max(axis=0)[:2].min()  # of a box or a strip, which ends nearer
+        farthest = float(distance.max())
+        found.append((min(farthest, float(ends)), f"no points beyond {farthest:.1f} m"))
     for name, along in zip("xy", (x, y), strict=True):
         if _is_cut_on_both_sides(along, firings):
-            found.append(Processing("cropped", f"{name} ends at {along.max():.1f} m on both sides"))
+            end = float(along.max())
+            found.append((end, f"{name} ends at {end:.1f} m on both sides"))
     return found
 
 

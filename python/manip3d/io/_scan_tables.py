@@ -246,9 +246,7 @@ def _ring(by_name: dict[str, NDArray[Any]], kind: str, name: str) -> NDArray[Any
     return ring
 
 
-def _columns(
-    table: NDArray[Any], columns: Sequence[Column], file: str
-) -> dict[str, NDArray[Any]]:
+def _columns(table: NDArray[Any], columns: Sequence[Column], file: str) -> dict[str, NDArray[Any]]:
     """By name; the first of a name counts, and padding (PCD's ``_``) does not.
 
     Raises
