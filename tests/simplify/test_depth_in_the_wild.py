@@ -143,6 +143,16 @@ def test_a_few_more_points_cover_hardly_less() -> None:
             best = max(best, found.coverage)
 
 
+@pytest.mark.parametrize("effort", ["live", "balanced", "best"])
+def test_more_points_leave_a_wall_behind_islands_as_it_is(effort: simplify.Effort) -> None:
+    """Vertices over closed holes moved onto islands: 1000 points covered .43, 50 points .73."""
+    v, u = np.mgrid[0:120, 0:160]
+    depth = np.where((u % 6 < 3) & (v % 6 < 3), 1500, 3000).astype(np.uint16)
+    for points in (50, 250, 1000):
+        found = simplify.relief(depth, CAMERA, points, depth_step=simplify.DEPTH_STEP, effort=effort)
+        assert simplify.cut_depth_steps(found, depth).coverage > 0.72
+
+
 def test_an_error_tells_how_many_points_leave_a_face(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", boxes_before_a_slope(0))
     asked = {"method": "cs3", "intrinsics": "57,57,31.5,23.5", "unit": "mm"}

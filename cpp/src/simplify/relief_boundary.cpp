@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstdlib>
 
+#include "simplify/relief_links.hpp"
 #include "simplify/relief_raster.hpp"
 
 namespace manip3d::relief_detail {
@@ -49,38 +50,12 @@ bool meet(const PixelPlace& a, const PixelPlace& b, const PixelPlace& p, const P
          (sa == 0 && is_between(a, p, q)) || (sb == 0 && is_between(b, p, q));
 }
 
-/// Steps from a pixel to one of the eight around it, and what tells whether the two are linked: by
-/// a dense edge, or by a whole cell where they are diagonal.
-struct Step {
-  Step(int across, int up, std::int32_t cols)
-      : du(across), dv(up), cols_(cols), to_cell_(-(across > 0 ? 1 : 0) - (up > 0 ? cols : 0)) {}
-
-  /// Is a pixel linked to the one before it?
-  [[nodiscard]] bool is_linked(const Surface& surface, std::int32_t pixel) const {
-    const std::int32_t low = pixel + to_cell_;  // the cell above and right of the lesser one
-    const auto cell = [&](std::int32_t at) -> unsigned { return at >= 0 ? surface.cell(at) : 0U; };
-    if (dv == 0) return (cell(low) & kFirst) != 0 || (cell(low - cols_) & kSecond) != 0;
-    if (du != 0) return (cell(low) & kFull) == kFull;
-    const auto has_side = [](unsigned one, bool left) {  // ac or bd
-      const bool turned = (one & kCutFromBToC) != 0;
-      return (one & (turned == left ? kFirst : kSecond)) != 0;
-    };
-    // The last column of the row before has no cells.
-    return has_side(cell(low), true) || has_side(cell(low - 1), false);
-  }
-
-  int du, dv;
-
- private:
-  std::int32_t cols_, to_cell_;
-};
-
 /// Change of the covered surface, in pixels, when a boundary vertex moves by a pixel, seen at one
 /// of its two boundary edges: `end` is the edge's other end, and the mesh lies on the left of the
 /// edge, which begins at the vertex where `starts` is true. A covered pixel without surface counts
 /// -kFalseFactor.
-int worth(const Surface& surface, const PixelPlace& from, const Step& step, const PixelPlace& end,
-          bool starts) {
+int worth(const Surface& surface, const PixelPlace& from, const PixelStep& step,
+          const PixelPlace& end, bool starts) {
   const std::int32_t turn = (end[0] - from[0]) * step.dv - (end[1] - from[1]) * step.du;
   if (turn == 0) return 0;
   // Pixels of the old edge are covered already when pixels are won, those of the new edge stay
@@ -208,7 +183,7 @@ bool BoundaryMover::move(const Surface& surface, Triangulation& mesh, std::int32
   const FanSides sides(mesh, fan, from);
   const std::int32_t at_v = mesh.vertex(v).pixel, at_first = mesh.vertex(first).pixel,
                      at_last = mesh.vertex(last).pixel;
-  const auto is_free = [&](const Step& step, const Pixel& end) {
+  const auto is_free = [&](const PixelStep& step, const Pixel& end) {
     if ((end[0] - from[0]) * step.dv == (end[1] - from[1]) * step.du) return true;
     bool free = true;
     visit_sliver(cols, from, {step.du, step.dv}, end, [&](std::int32_t p, bool, bool) {
@@ -219,7 +194,7 @@ bool BoundaryMover::move(const Surface& surface, Triangulation& mesh, std::int32
   // The worth of each step; whether it is possible is asked of the best ones only.
   std::array<int, 9> worths{};
   for (int i = 0; i < 9; ++i) {
-    const Step step(i % 3 - 1, i / 3 - 1, cols);
+    const PixelStep step(i % 3 - 1, i / 3 - 1, cols);
     const Pixel to = {from[0] + step.du, from[1] + step.dv};
     if (to[0] < 0 || to[1] < 0 || to[0] >= cols || to[1] >= surface.rows()) continue;
     const std::int32_t pixel = at_v + step.dv * cols + step.du;
@@ -233,7 +208,7 @@ bool BoundaryMover::move(const Surface& surface, Triangulation& mesh, std::int32
     if (*best <= 0) return false;
     *best = 0;
     const auto i = static_cast<int>(best - worths.begin());
-    const Step step(i % 3 - 1, i / 3 - 1, cols);
+    const PixelStep step(i % 3 - 1, i / 3 - 1, cols);
     const Pixel to = {from[0] + step.du, from[1] + step.dv};
     if (!is_free(step, to_first) || !is_free(step, to_last)) continue;
     if (meets_other(mesh, v, first, last, to)) continue;

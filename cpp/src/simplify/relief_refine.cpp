@@ -7,6 +7,7 @@
 #include "geometry/constants.hpp"
 #include "geometry/lanes.hpp"
 #include "geometry/wide_vectors.hpp"
+#include "simplify/relief_links.hpp"
 #include "simplify/relief_raster.hpp"
 
 namespace manip3d::relief_detail {
@@ -418,7 +419,9 @@ int Refiner::move_vertices(const Surface& surface, Triangulation& mesh, int radi
         const std::int32_t pixel = (v0 + dv) * surface.cols() + u0 + du;
         if (!surface.is_used(pixel)) continue;
         const float sum = error_at(surface, mesh, fan, pixel, now, errors);
-        if (!(sum < 0.999F * now)) continue;
+        // Pixels of an island over a closed hole are a step away: triangles to them would be near
+        // many pixels, as they are steep, but cover none.
+        if (!(sum < 0.999F * now) || !are_linked(surface, vertex.pixel, du, dv)) continue;
         now = sum;
         best = pixel;
         best_errors = errors;

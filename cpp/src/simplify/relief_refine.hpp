@@ -36,7 +36,7 @@ class Refiner {
   ///               many mean volumes.
   void flip_sampled(const Surface& surface, Triangulation& mesh, int sweeps, float floor,
                     const EdgeMemory& before);
-  /// Moves interior vertices to a pixel nearby where that lowers the error.
+  /// Moves interior vertices to a pixel nearby, over linked ones, where that lowers the error.
   /// @param keep  by pixel, may be empty: vertices there stay, or need a far better pixel to move.
   int move_vertices(const Surface& surface, Triangulation& mesh, int radius,
                     std::span<const Keep> keep);
