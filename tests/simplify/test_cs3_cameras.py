@@ -3,12 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from manip3d import InputError, Intrinsics, Mesh, Registration, _core, datasets, metrics, simplify
+from manip3d import (
+    InputError,
+    Intrinsics,
+    Mesh,
+    Registration,
+    _core,
+    datasets,
+    io,
+    metrics,
+    simplify,
+)
 from manip3d.simplify import CameraView, JointSimplification, cs3_cameras, relief_cameras
 from real_data import RealData
 
@@ -178,6 +189,21 @@ def test_textures_stay_with_their_views(join: Join) -> None:
         expected = np.stack([(u + 0.5) / 160, 1 - (v + 0.5) / 120], axis=-1)
         off = np.abs(joint.corner_texcoords[joint.face_view == index] - expected).max()
         assert off <= (1.0 / 120 if index == 0 else 1e-5)
+
+
+@BOTH
+def test_corners_of_a_view_share_their_texture_coordinates(join: Join, tmp_path: Path) -> None:
+    """A file with one place for each corner had 3 vertices for each face."""
+    joint = join(VIEWS[:2], 600)
+    mesh = joint.mesh
+    assert mesh.texcoords is not None
+    assert mesh.face_texcoords is not None
+    assert len(mesh.texcoords) < 1.3 * joint.num_vertices
+    np.testing.assert_array_equal(
+        mesh.texcoords[mesh.face_texcoords], np.nan_to_num(joint.corner_texcoords)
+    )
+    io.write_mesh(mesh, tmp_path / "a.glb")
+    assert io.read_mesh(tmp_path / "a.glb").num_vertices < 1.3 * joint.num_vertices
 
 
 @BOTH

@@ -541,6 +541,23 @@ def share_off(depth: NDArray[np.float32], t: NDArray[np.int64], step: float) -> 
     return float(np.mean(ratio > step + 1e-5)), float(np.mean(ratio > step - 1e-5))
 
 
+def test_triangles_that_are_more_bridge_than_surface_are_left_out() -> None:
+    """Strips at two depths with gaps between them: a fifth of the area was bridges."""
+    v, u = np.mgrid[0:60, 0:80]
+    depth = np.where((u // 8) % 2 == 0, 1.0, 1.3) + 0.02 * np.sin(v / 5)
+    valid = np.ones(depth.shape, bool)
+    for column in range(8, 80, 8):
+        valid[6 : -6 if column % 16 else None, column : column + 2] = False
+    points = np.stack([0.01 * u, 0.01 * v, depth], axis=-1).astype(np.float32)
+    found = simplify.relief_grid(points, valid, 40)
+    assert found.bridges < 0.12
+    assert found.coverage > 0.92
+    for mesh in (found, simplify.relief_grid(points, valid, 40, levels=[20])):
+        assert set(range(mesh.num_vertices)) == set(mesh.faces.ravel().tolist())
+        for count, faces in mesh.levels:
+            assert set(range(count)) == set(faces.ravel().tolist())
+
+
 def test_pixels_off_a_triangle_are_those_off_its_plane() -> None:
     random = np.random.default_rng(6)
     v, u = np.mgrid[:50, :60]

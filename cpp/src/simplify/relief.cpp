@@ -294,6 +294,7 @@ struct Relief::Memory {
   std::int32_t number_vertices(const Triangulation& of, std::span<const Written> how);
   void write(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
   void write_faces(const Triangulation& from, bool rows_up, Rows<std::int32_t, 3>& to);
+  void leave_bridges(ReliefEffort effort, ReliefResult& result);
   void move_points(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
 };
 
@@ -681,8 +682,19 @@ void Relief::Memory::write(const PointGridView& grid, const ReliefOptions& optio
         static_cast<float>(1.0 - (static_cast<double>(v_in) + 0.5) / height);
   }
   write_faces(mesh, grid.rows_up, out.faces);
+  leave_bridges(options.effort, result);
   result.mean_move = result.max_move = 0.0;
   if (options.move_points) move_points(grid, options, result);
+}
+
+/// kLive has no time for it.
+void Relief::Memory::leave_bridges(ReliefEffort effort, ReliefResult& result) {
+  if (effort == ReliefEffort::kLive) return;
+  const Rows<std::int32_t, 2>& pixels = result.mesh.pixels;
+  relief_detail::remove_bridges(surface, pixels, result.mesh.faces, coverage);
+  for (ReliefLevel& level : result.levels) {
+    relief_detail::remove_bridges(surface, pixels, level.faces, coverage);
+  }
 }
 
 void Relief::Memory::write_faces(const Triangulation& from, bool rows_up,

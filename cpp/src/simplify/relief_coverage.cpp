@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <cstdlib>
+#include <functional>
 #include <string>
 #include <tuple>
 #include <utility>
@@ -252,28 +253,73 @@ void count_pixels(const Surface& surface, std::span<const std::uint8_t> covered,
   }
 }
 
+/// The part of a face's area that lies over pixels without surface.
+/// @param visit  is called with the first and the last pixel of each of its rows.
+template <typename Visit>
+double bridge_of(const Surface& surface, const Corners& t, std::span<const std::int32_t> flaws,
+                 Visit&& visit) {
+  std::int64_t inside = 0, without = 0;
+  visit_spans(surface.cols(), t[0], t[1], t[2], SidePixels::kClosed,
+              [&](std::int32_t first, std::int32_t last) {
+                visit(first, last);
+                inside += last - first + 1;
+                if (flaws[first] == flaws[last + 1]) return;
+                for (std::int32_t p = first; p <= last; ++p) {
+                  without += !surface.is_used(p) || holds_cut_cell(surface, t, p) ? 1 : 0;
+                }
+              });
+  return double{area_of(surface, t)} * static_cast<double>(without) / static_cast<double>(inside);
+}
+
 /// Marks the pixels that a face covers.
 /// @return  the part of its area that lies over pixels without surface.
 double cover_face(const Surface& surface, const Corners& t, std::uint8_t mark,
                   CoverageScratch& scratch) {
   const bool has_steps = surface.steps().has_steps();
   const InverseDepth plane = has_steps ? InverseDepth(surface, t) : InverseDepth();
-  std::int64_t inside = 0, without = 0;
-  visit_spans(surface.cols(), t[0], t[1], t[2], SidePixels::kClosed,
-              [&](std::int32_t first, std::int32_t last) {
-                if (has_steps) {
-                  cover_row(surface, plane, first, last, mark, scratch);
-                } else {
-                  const auto begin = scratch.covered.begin();
-                  std::fill(begin + first, begin + last + 1, mark);
-                }
-                inside += last - first + 1;
-                if (scratch.flaws[first] == scratch.flaws[last + 1]) return;
-                for (std::int32_t p = first; p <= last; ++p) {
-                  without += !surface.is_used(p) || holds_cut_cell(surface, t, p) ? 1 : 0;
-                }
-              });
-  return double{area_of(surface, t)} * static_cast<double>(without) / static_cast<double>(inside);
+  return bridge_of(surface, t, scratch.flaws, [&](std::int32_t first, std::int32_t last) {
+    if (has_steps) {
+      cover_row(surface, plane, first, last, mark, scratch);
+    } else {
+      const auto begin = scratch.covered.begin();
+      std::fill(begin + first, begin + last + 1, mark);
+    }
+  });
+}
+
+/// Calls visit(pixel) for the pixels of surface that a face covers.
+template <typename Visit>
+void visit_covered(const Surface& surface, const Corners& t, Visit&& visit) {
+  const bool has_steps = surface.steps().has_steps();
+  const InverseDepth plane = has_steps ? InverseDepth(surface, t) : InverseDepth();
+  visit_pixels(surface.cols(), t[0], t[1], t[2], SidePixels::kClosed, [&](std::int32_t p) {
+    if (!surface.is_used(p)) return;
+    if (has_steps && is_off(surface, p, plane.at(surface.u(p), surface.v(p)))) return;
+    visit(p);
+  });
+}
+
+/// A face over pixels without surface.
+struct Bridge {
+  double area;  ///< Its part over these.
+  Eigen::Index face;
+};
+
+/// The bridges of a mesh, the largest first.
+/// @param whole  gets the area of all faces.
+std::vector<Bridge> bridges_of(const Surface& surface, std::span<const Corners> corners,
+                               CoverageScratch& scratch, double& whole) {
+  std::vector<Bridge> bridges;
+  count_flaws(surface, scratch.flaws);
+  whole = 0.0;
+  for (std::size_t f = 0; f < corners.size(); ++f) {
+    if (orient(corners[f][0], corners[f][1], corners[f][2]) == 0) continue;
+    whole += double{area_of(surface, corners[f])};
+    const double area = bridge_of(surface, corners[f], scratch.flaws, [](auto, auto) {});
+    if (area > 0.0) bridges.push_back({area, static_cast<Eigen::Index>(f)});
+  }
+  std::ranges::stable_sort(bridges, std::greater(), &Bridge::area);
+  return bridges;
 }
 
 bool has_area(const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
@@ -318,6 +364,44 @@ CutCoverage coverage_of(const Surface& surface,
   result.whole = whole.of(surface);
   result.without_off = without_off.of(surface);
   return result;
+}
+
+void remove_bridges(const Surface& surface, const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
+                    Rows<std::int32_t, 3>& faces, CoverageScratch& scratch) {
+  if (surface.num_used() == 0) return;
+  std::vector<Corners> corners;
+  for (Eigen::Index f = 0; f < faces.rows(); ++f) {
+    corners.push_back(corners_of(surface, pixels, faces, f));
+    if (!surface.holds_all(corners.back())) corners.back() = {};
+  }
+  double whole = 0.0;
+  const std::vector<Bridge> bridges = bridges_of(surface, corners, scratch, whole);
+  if (bridges.empty()) return;
+  scratch.times.assign(surface.num_pixels(), 0);
+  std::vector<std::int32_t> faces_at(pixels.rows(), 0);
+  for (Eigen::Index f = 0; f < faces.rows(); ++f) {
+    for (int i = 0; i < 3; ++i) ++faces_at[faces(f, i)];
+    if (orient(corners[f][0], corners[f][1], corners[f][2]) == 0) continue;
+    visit_covered(surface, corners[f], [&](std::int32_t p) { ++scratch.times[p]; });
+  }
+  const double pixel_area = whole / static_cast<double>(surface.num_used());
+  for (const auto& [area, f] : bridges) {
+    std::int64_t alone = 0;
+    visit_covered(surface, corners[f],
+                  [&](std::int32_t p) { alone += scratch.times[p] == 1 ? 1 : 0; });
+    if (area <= pixel_area * static_cast<double>(alone)) continue;
+    std::int32_t fewest = faces_at[faces(f, 0)];
+    for (int i = 1; i < 3; ++i) fewest = std::min(fewest, faces_at[faces(f, i)]);
+    if (fewest == 1) continue;
+    visit_covered(surface, corners[f], [&](std::int32_t p) { --scratch.times[p]; });
+    for (int i = 0; i < 3; ++i) --faces_at[faces(f, i)];
+    faces(f, 0) = -1;
+  }
+  Eigen::Index kept = 0;
+  for (Eigen::Index f = 0; f < faces.rows(); ++f) {
+    if (faces(f, 0) >= 0) faces.row(kept++) = faces.row(f);
+  }
+  faces.conservativeResize(kept, 3);
 }
 
 std::vector<float> off_surface(const Surface& surface,

@@ -14,8 +14,9 @@ namespace manip3d::relief_detail {
 struct CoverageScratch {
   std::vector<std::uint8_t> covered;
   std::vector<std::int32_t> flaws;
-  std::vector<float> depths;  ///< By pixel, where there are steps.
-  std::vector<float> most;    ///< By pixel: the largest depth that is no step behind it.
+  std::vector<float> depths;         ///< By pixel, where there are steps.
+  std::vector<float> most;           ///< By pixel: the largest depth that is no step behind it.
+  std::vector<std::uint16_t> times;  ///< By pixel: how many faces cover it.
 };
 
 /// Coverage of a mesh and of the same mesh without the faces that are off the surface.
@@ -43,6 +44,12 @@ bool lies_off(const Surface& surface, const std::array<std::int32_t, 3>& pixels)
 /// How many pixels a triangle covers, its corners aside: those of the surface that are no step off
 /// it.
 std::int64_t covered_pixels(const Surface& surface, const std::array<std::int32_t, 3>& pixels);
+
+/// Leaves out the faces of a mesh that are bridges rather than surface: more of their area lies
+/// over pixels without surface than they alone cover of the surface, as shares of the whole. Those
+/// with the largest bridges go first, and each vertex keeps a face.
+void remove_bridges(const Surface& surface, const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
+                    Rows<std::int32_t, 3>& faces, CoverageScratch& scratch);
 
 /// lies_off() for each face of a mesh, as 0 or 1; empty if there is no limit on steps.
 void find_off(const Surface& surface, const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,

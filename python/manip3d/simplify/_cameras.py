@@ -172,13 +172,16 @@ class JointSimplification(Showable):
     @cached_property
     def mesh(self) -> Mesh:
         """The same as a `Mesh`; views with colour are materials with textures (PNG)."""
-        texcoords = self.corner_texcoords.reshape(-1, 2)
-        corners = np.arange(len(texcoords), dtype=np.int32)
-        corners[np.isnan(texcoords[:, 0])] = -1
+        corner_texcoords = self.corner_texcoords.reshape(-1, 2)
+        # Corners of a view share them: a format with one place for each is several times as large.
+        wedges = np.column_stack([self.faces.reshape(-1), np.nan_to_num(corner_texcoords)])
+        wedges, corners = np.unique(wedges, axis=0, return_inverse=True)
+        corners = corners.reshape(-1).astype(np.int32)
+        corners[np.isnan(corner_texcoords[:, 0])] = -1
         mesh = Mesh(
             self.vertices,
             self.faces,
-            texcoords=np.nan_to_num(texcoords),
+            texcoords=wedges[:, 1:].astype(np.float32),
             face_texcoords=corners.reshape(-1, 3),
         )
         if all(color is None for color in self.colors):
