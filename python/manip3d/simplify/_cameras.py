@@ -274,6 +274,15 @@ def _normals(points: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[n
     return normals
 
 
+def _num_inside(corners: NDArray[np.int32]) -> NDArray[np.int64]:
+    """How many pixels lie strictly inside triangles, whose corners are (n, 3, 2) pixels [Pick]."""
+    sides = np.roll(corners, -1, axis=1).astype(np.int64) - corners
+    doubled_area = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
+    on_sides = np.gcd(sides[..., 0], sides[..., 1]).sum(axis=1)
+    inside: NDArray[np.int64] = (doubled_area - on_sides + 2) // 2
+    return inside
+
+
 @dataclass(frozen=True)
 class _GapRules:
     """Tell which triangles of a view span a step or a gap."""
@@ -299,6 +308,22 @@ class _GapRules:
         surface = DenseGrid(view.points, view.valid, self.max_edge, self.step, view.focal)
         rule = StepRule.of(self.step, view.focal)
         return across_steps(np.ascontiguousarray(corners), pixels, image, rule, surface)
+
+    def across_between(
+        self, view: _View, pixels: NDArray[np.int32], corners: NDArray[np.int32]
+    ) -> NDArray[np.bool_]:
+        """The same for triangles between chosen pixels, whose boundaries are no steps.
+
+        A triangle with a side across a step and no pixel inside goes as well: all pixels over it
+        may be those of its other sides, which lie on the surface.
+        """
+        found = self.across(view, pixels, corners)
+        if self.step is None or view.focal == 0 or not len(corners):
+            return found
+        image = np.where(view.valid, view.points[..., 2], np.float32(0))
+        rule = StepRule.of(self.step, view.focal)
+        crosses = across_steps(np.ascontiguousarray(corners), pixels, image, rule, None)
+        return np.asarray(found | (crosses & (_num_inside(pixels[corners]) == 0)))
 
     def surface(self, view: _View, faces: NDArray[np.int32]) -> NDArray[np.int32]:
         """The triangles of the dense mesh that do not span a step."""
@@ -485,14 +510,13 @@ class _Joint:
             faces = vertex[corners]
             sides = vertices[faces] - vertices[np.roll(faces, 1, axis=1)]
             keep &= np.linalg.norm(sides, axis=2).max(axis=1) <= steps.max_edge
-        keep &= ~steps.across(view, pixels, corners)
+        across = steps.across_between if isinstance(chosen, Relief) else steps.across
+        keep &= ~across(view, pixels, corners)
         corners = corners[keep]
         if isinstance(chosen, Relief):
             seam = (corners < len(border[0])).any(axis=1)
             corners[~seam] = self._flipped(view, pixels, corners[~seam])
-            corners = corners[
-                ~(steps.across(view, pixels, corners) | steps.apart(view, pixels, corners))
-            ]
+            corners = corners[~(across(view, pixels, corners) | steps.apart(view, pixels, corners))]
         texcoords = _uvs(view, vertices[vertex], pixels)[corners]
         self._extend(index, world, vertex[corners], chosen.pixels[own], texcoords)
 
