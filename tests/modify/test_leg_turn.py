@@ -197,3 +197,31 @@ def test_joints_in_the_other_leg_do_not_cut_the_lap(limb: modify.Limb) -> None:
         thigh = (seen.truth.bones == other[1]) & (seen.frame.depth > 0)
         lost.append(np.mean(result.kinds[thigh] == modify.PixelKind.NONE))
     assert np.mean(lost) < 0.02
+
+
+def test_one_frame_with_wrong_joints_does_not_hide_that_the_leg_is_there() -> None:
+    """The first frame's ankle lies at its knee: both legs tell the plane soon after all the same.
+
+    The leg was taken for missing during half a second, and the plane of the trunk was kept.
+    """
+    pipeline = modify.PhantomPipeline("left_leg")
+    simulator = BodySimulator(
+        motion="still", sitting=True, thigh_turn=15.0, tracker="kinect-v1", color="none",
+        room=False, seed=11,
+    )  # fmt: skip
+    _, knee, ankle, foot = LIMBS["left_leg"][:4]
+    turned = []
+    for number in range(8):
+        seen = simulator.capture(number / 30.0)
+        frame = seen.frame
+        if number == 0:
+            told = frame.skeletons[0]
+            positions = told.positions.copy()
+            positions[[ankle, foot]] = positions[knee] + np.float32(0.02)
+            frame = replace(frame, skeletons=(replace(told, positions=positions),))
+        plane = pipeline.process(frame).plane
+        assert plane is not None
+        left = seen.truth.lateral[0]
+        normal = plane.normal * np.sign(plane.normal @ left)
+        turned.append(np.degrees(np.arctan2(normal[2], normal[0]) - np.arctan2(left[2], left[0])))
+    assert np.median(turned[4:]) > 3.0

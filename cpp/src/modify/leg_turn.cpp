@@ -16,6 +16,8 @@ constexpr double kWindow = 90.0;        // frames of the means
 constexpr double kErrorGain = 0.1;      // of the means' errors: a third of a second
 constexpr double kLeastError = 0.0001;  // squared sine: half a degree
 constexpr std::size_t kNumParts = 2;    // thigh and shin: feet are short and half hidden
+// Of a squared sine, 33 degrees: trackers put the hips of seated people too high.
+constexpr double kLeastSeated = 0.3;
 
 /// The direction made square to the spine.
 Eigen::Vector3d upright(const Eigen::Vector3d& direction, const BodyFrame& trunk) {
@@ -192,7 +194,6 @@ std::optional<LegPlane> plane_between(const SeenLeg& intact, const SeenLeg& affe
 }  // namespace
 
 void LegTurn::learn(const PersonPoints& points, const Skeleton& person, const BodyFrame& trunk) {
-  constexpr double kLeastSeated = 0.5;  // of a squared sine: 45 degrees
   const Limb intact = opposite(affected_);
   trust_ = 1.0;
   seated_ = seated_share(person, intact, trunk);
@@ -234,8 +235,8 @@ BodyFrame LegTurn::of(const BodyFrame& trunk) const {
   const Eigen::Vector3d told = upright(with_trunk * with_trunk * upright(normal_, trunk) +
                                            seat * seat * upright(turned(trunk), trunk),
                                        trunk);
-  // All of the turn from 45 degrees on, none of it below 30.
-  const double seated = trust_ * std::clamp(4.0 * seated_ - 1.0, 0.0, 1.0);
+  // All of the turn from 33 degrees on, none of it below 23.
+  const double seated = trust_ * std::clamp(2.0 * seated_ / kLeastSeated - 1.0, 0.0, 1.0);
   BodyFrame legs = trunk;
   legs.n = legs.x = (trunk.n + seated * (told - trunk.n) + seated * roll_ * trunk.y).normalized();
   legs.y = (trunk.y - trunk.y.dot(legs.n) * legs.n).normalized();

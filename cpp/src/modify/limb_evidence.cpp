@@ -133,8 +133,12 @@ bool has_main_joints(const Skeleton& skeleton, Limb affected) {
 
 void LimbPresence::add(const Skeleton& skeleton, Limb affected, const PixelProjector& projector,
                        const std::uint8_t* label) {
-  constexpr double kLeastVisible = 0.5, kMemory = 0.95;  // of a limb's length; frame to frame
-  constexpr float kOtherLength = 0.3F;  // two arms, or two legs, of a person differ by less
+  constexpr double kLeastVisible = 0.5;  // of a limb's length
+  constexpr double kFrames = 20.0;       // of the mean
+  constexpr float kOtherLength = 0.3F;   // two arms, or two legs, of a person differ by less
+  const auto visible = [&](Limb limb) { return visible_share(skeleton, limb, projector, label); };
+  // Joints of the intact limb beside the person: those of the affected one may lie in its flesh.
+  if (!(visible(opposite(affected)) >= kLeastVisible)) return;
   const float length = limb_length(skeleton, affected);
   const float intact = limb_length(skeleton, opposite(affected));
   // Without the root, which is guessed whenever a seated person's thigh hides it.
@@ -142,9 +146,10 @@ void LimbPresence::add(const Skeleton& skeleton, Limb affected, const PixelProje
   const bool is_tracked = std::ranges::all_of(
       chain, [&](Joint j) { return skeleton.state(j) == TrackingState::kTracked; });
   const bool is_seen = is_tracked && std::abs(length - intact) < kOtherLength * intact &&
-                       visible_share(skeleton, affected, projector, label) >= kLeastVisible;
-  const double now = is_seen ? 1.0 : 0.0;
-  share_ = share_ ? kMemory * *share_ + (1.0 - kMemory) * now : now;
+                       visible(affected) >= kLeastVisible;
+  frames_ = std::min(frames_ + 1.0, kFrames);
+  // At first a frame that shows the limb counts more than one that does not: joints may be off.
+  share_ += is_seen ? (1.0 - share_) / frames_ : -share_ / kFrames;
 }
 
 }  // namespace manip3d

@@ -49,11 +49,12 @@ class LimbPresence {
  public:
   void add(const Skeleton& skeleton, Limb affected, const PixelProjector& projector,
            const std::uint8_t* label);
-  [[nodiscard]] bool is_there() const { return share_ && *share_ >= 0.5; }
-  void reset() { share_.reset(); }
+  [[nodiscard]] bool is_there() const { return share_ >= 0.5; }
+  void reset() { share_ = frames_ = 0.0; }
 
  private:
-  std::optional<double> share_;  ///< Share of the frames in which the limb was seen.
+  double share_ = 0.0;   ///< Share of the last frames in which the limb was seen.
+  double frames_ = 0.0;  ///< How many these are.
 };
 
 /// For how long joints of a limb have been guessed.
