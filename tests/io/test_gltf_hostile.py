@@ -7,6 +7,7 @@ import json
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -197,6 +198,10 @@ ZOO: dict[str, tuple[bytes, str]] = {
         "/nodes/0/matrix: expected 0 0 0 1",
     ),
     "no rotation": (nodes({"mesh": 0, "rotation": [0, 0, 0, 0]}), "/nodes/0/rotation"),
+    "endless rotation": (
+        nodes({"mesh": 0, "rotation": [1e200, 0, 0, 0]}),
+        "/nodes/0/rotation: expected a unit quaternion, got one without a finite length",
+    ),
     "words for numbers": (nodes({"mesh": 0, "scale": ["a", 1, 1]}), "/nodes/0/scale/0"),
     "a buffer for what is compressed": (
         square(
@@ -351,6 +356,32 @@ def test_a_mebibyte_takes_little_memory_and_time(tmp_path: Path, name: str) -> N
     seconds, kibibytes = map(float, output.split())
     assert seconds < MOST_SECONDS
     assert kibibytes < 256 * 1024
+
+
+def one_tree_in_many_scenes(count: int) -> bytes:
+    tree = [{"children": list(range(1, count))}, {"mesh": 0}, *[{}] * (count - 2)]
+    return square(nodes=tree, scenes=[{"nodes": [0]}] * count)
+
+
+def many_meshes(count: int) -> bytes:
+    return square(
+        nodes=[{"mesh": m} for m in range(count)],
+        scenes=[{"nodes": list(range(count))}],
+        meshes=document()["meshes"] * count,
+    )
+
+
+@pytest.mark.parametrize(
+    ("make", "count"), [(one_tree_in_many_scenes, 100_000), (many_meshes, 60_000)]
+)
+def test_scenes_take_no_quadratic_time(
+    tmp_path: Path, make: Callable[[int], bytes], count: int
+) -> None:
+    path = tmp_path / "many.glb"
+    path.write_bytes(make(count))
+    begin = time.process_time()
+    assert len(manip3d.io.read_scene(path).nodes) == count
+    assert time.process_time() - begin < MOST_SECONDS
 
 
 def test_the_file_is_named(tmp_path: Path) -> None:

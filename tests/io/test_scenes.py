@@ -405,7 +405,7 @@ def test_instances_of_other_numbers_are_refused(tmp_path: Path) -> None:
         with pytest.raises(FormatError, match="has 2 elements, another of"):
             read(source)
     source = instanced(tmp_path / "i.glb", ROTATION=np.zeros((2, 4), "<f4"))
-    with pytest.raises(FormatError, match="expected unit quaternions, got zero"):
+    with pytest.raises(FormatError, match="expected a unit quaternion, got zero"):
         read_mesh(source)
 
 

@@ -8,6 +8,7 @@
 #include <map>
 #include <numeric>
 #include <optional>
+#include <set>
 #include <string_view>
 #include <tuple>
 #include <utility>
@@ -23,8 +24,8 @@
 namespace manip3d {
 namespace {
 
-// A mesh may take so much without `max_bytes`: the larger of these bytes and this many times those
-// stored, where compressed ones count five times.
+// Memory that a mesh may take without `max_bytes`: the larger of kFreeBytes and kFreeRatio times
+// the stored bytes of the file, of which compressed ones count five times.
 constexpr std::int64_t kFreeBytes = std::int64_t{64} << 20;
 constexpr std::int64_t kFreeRatio = 100;
 
@@ -38,6 +39,7 @@ struct Transform {
   [[nodiscard]] bool mirrors() const { return linear.determinant() < 0.0; }
 };
 
+// Modes of a primitive, glTF 2.0, section 5.24.4; the smaller ones are points and lines.
 constexpr std::int64_t kTriangles = 4;
 constexpr std::int64_t kTriangleStrip = 5;
 constexpr std::int64_t kTriangleFan = 6;
@@ -61,8 +63,8 @@ struct TextureTransform {
   }
 };
 
-/// Morph targets of an attribute: accessors that are added to its rows, with weights other than
-/// zero.
+/// The morph targets that change an attribute: accessors whose rows are added to those of the
+/// attribute, each times its weight, which is not zero.
 using Morph = std::vector<std::pair<const GltfAccessor*, double>>;
 
 /// The accessors of one primitive; null where it has none.
@@ -89,10 +91,12 @@ struct Primitive {
 struct Instance {
   std::int64_t mesh;
   Transform transform;
-  std::optional<JsonPlace> weights;  ///< Those of its morph targets; null: all are zero.
+  std::optional<JsonPlace> weights;  ///< Weights of the morph targets; null: all are zero.
 };
 
-/// One primitive of one instance, and the rows where its elements start.
+/// One primitive of one instance, and the rows of the mesh's tables where its elements start.
+/// Primitives that share an accessor share its rows: the first of them owns the rows and fills
+/// them.
 struct Draw {
   const Primitive* primitive;
   const Transform* transform;
@@ -100,7 +104,7 @@ struct Draw {
   std::int64_t first_texcoord = 0;
   std::int64_t first_normal = 0;
   std::int64_t first_face = 0;
-  bool owns_vertices = false;  ///< The first of those that share the rows fills them.
+  bool owns_vertices = false;
   bool owns_texcoords = false;
   bool owns_normals = false;
   Morph vertex_morph = {};
@@ -129,13 +133,22 @@ Eigen::Matrix4d matrix_of(const Transform& transform) {
   return matrix;
 }
 
+/// The rotation of a quaternion x, y, z, w. Files are not exact: it is normalised first.
+/// @param place  says where the quaternion is from, in the error for one that has no direction.
+Eigen::Matrix3d rotation_of(const Eigen::Vector4d& xyzw, const JsonPlace& place) {
+  const double length = xyzw.norm();
+  if (!(length > 0.0 && std::isfinite(length))) {
+    place.fail(std::string("expected a unit quaternion, got ") +
+               (length > 0.0 ? "one without a finite length" : "zero"));
+  }
+  return Eigen::Quaterniond(xyzw.normalized()).toRotationMatrix();
+}
+
 Transform node_transform(const JsonPlace& node) {
   if (const auto matrix = node.find("matrix")) return matrix_transform(*matrix);
   Transform transform;
   if (const auto rotation = node.find("rotation")) {
-    const Eigen::Vector4d xyzw = numbers<4>(*rotation);
-    if (!(xyzw.norm() > 0.0)) rotation->fail("expected a unit quaternion, got zero");
-    transform.linear = Eigen::Quaterniond(xyzw.normalized()).toRotationMatrix();
+    transform.linear = rotation_of(numbers<4>(*rotation), *rotation);
   }
   if (const auto scale = node.find("scale")) {
     transform.linear = transform.linear * numbers<3>(*scale).asDiagonal();
@@ -172,14 +185,15 @@ class Reader {
     Scene scene;
     scene.nodes = read_nodes();
     const std::vector<bool> is_shown = shown_nodes();
+    const std::vector<MeshUse> uses = uses_of_meshes(scene.nodes, is_shown);
     const std::int64_t num_meshes = document_.count("meshes");
     GltfKept kept{std::vector<bool>(num_meshes, false), is_shown};
     for (std::int64_t m = 0; m < num_meshes; ++m) {
       scene.meshes.push_back(read_mesh_of_scene(m));
       SceneMesh& mesh = scene.meshes.back();
-      if (mesh.fixed.empty()) mesh.fixed = reason_to_keep(m, scene.nodes);
+      if (mesh.fixed.empty()) mesh.fixed = reason_to_keep(m, uses[m]);
       if (mesh.fixed.empty()) warn_of_losses(m);
-      kept.meshes[m] = !mesh.fixed.empty() && is_used(m, is_shown, scene.nodes);
+      kept.meshes[m] = !mesh.fixed.empty() && uses[m].is_shown;
       if (progress) progress(static_cast<double>(m + 1) / static_cast<double>(num_meshes));
     }
     scene.materials = scene_materials();
@@ -200,7 +214,7 @@ class Reader {
     }
   }
 
-  // --- What the file asks for ------------------------------------------------------------
+  // --- Version and extensions --------------------------------------------------------------
 
   void check_asset() {
     const JsonPlace version = document_.root().member("asset").member("version");
@@ -218,7 +232,7 @@ class Reader {
   }
 
   void check_extensions() {
-    // They change how a mesh looks, not where it is.
+    // These change how a mesh looks, not where it is: it is read without them, even if required.
     constexpr std::array<std::string_view, 5> kLooks = {"EXT_texture_avif", "EXT_texture_webp",
                                                         "KHR_lights_punctual", "KHR_texture_basisu",
                                                         "MSFT_texture_dds"};
@@ -311,15 +325,13 @@ class Reader {
                                             const std::vector<bool>& has_parent) {
     std::vector<std::int64_t> roots;
     const auto list = scene.find("nodes");
-    std::vector<bool> listed(has_parent.size(), false);
+    std::set<std::int64_t> listed;  // as large as the list: there may be as many scenes as nodes
     for (std::int64_t i = 0; list && i < list->size(); ++i) {
       const JsonPlace place = list->item(i);
-      const auto n = static_cast<std::size_t>(
-          place.integer(0, static_cast<std::int64_t>(has_parent.size()) - 1));
+      const std::int64_t n = place.integer(0, std::ssize(has_parent) - 1);
       if (has_parent[n]) place.fail("the root of a scene has a parent");
-      if (listed[n]) place.fail("node " + std::to_string(n) + " is listed twice");
-      listed[n] = true;
-      roots.push_back(static_cast<std::int64_t>(n));
+      if (!listed.insert(n).second) place.fail("node " + std::to_string(n) + " is listed twice");
+      roots.push_back(n);
     }
     return roots;
   }
@@ -373,7 +385,8 @@ class Reader {
                           attributes.pointer() + " " + std::to_string(first->count));
       }
     }
-    charge(first->count, sizeof(Transform) + sizeof(Instance) + 10 * sizeof(double),
+    constexpr std::int64_t kNumbers = 3 + 4 + 3;  // of a translation, a rotation and a scale
+    charge(first->count, sizeof(Transform) + sizeof(Instance) + kNumbers * sizeof(double),
            attributes.pointer());
     std::vector<Transform> placed(first->count);
     const auto rows_of = [](const GltfAccessor* accessor) {
@@ -381,20 +394,19 @@ class Reader {
       if (accessor != nullptr) accessor->decode(rows.data());
       return rows;
     };
-    const std::vector<double> moves = rows_of(translation), turns = rows_of(rotation),
+    const std::vector<double> translations = rows_of(translation), rotations = rows_of(rotation),
                               scales = rows_of(scale);
     for (std::size_t i = 0; i < placed.size(); ++i) {
       if (rotation != nullptr) {
-        const Eigen::Map<const Eigen::Vector4d> xyzw(turns.data() + 4 * i);
-        if (!(xyzw.norm() > 0.0)) rotation->place.fail("expected unit quaternions, got zero");
-        placed[i].linear = Eigen::Quaterniond(xyzw.normalized()).toRotationMatrix();
+        const Eigen::Map<const Eigen::Vector4d> xyzw(rotations.data() + 4 * i);
+        placed[i].linear = rotation_of(xyzw, rotation->place);
       }
       if (scale != nullptr) {
         const Eigen::Map<const Eigen::Vector3d> factors(scales.data() + 3 * i);
         placed[i].linear = placed[i].linear * factors.asDiagonal();
       }
       if (translation != nullptr) {
-        placed[i].translation = Eigen::Map<const Eigen::Vector3d>(moves.data() + 3 * i);
+        placed[i].translation = Eigen::Map<const Eigen::Vector3d>(translations.data() + 3 * i);
       }
     }
     return placed;
@@ -409,13 +421,15 @@ class Reader {
 
   // --- Scenes ----------------------------------------------------------------------------
 
-  /// Marks these nodes and what hangs on them.
+  /// Marks these nodes and all below them. What hangs on a marked node is marked already: however
+  /// many scenes show a node, it is visited once.
   static void mark(std::vector<std::int64_t> stack,
                    const std::vector<std::vector<std::int64_t>>& children,
                    std::vector<bool>& marked) {
     while (!stack.empty()) {
       const std::size_t n = stack.back();
       stack.pop_back();
+      if (marked[n]) continue;
       marked[n] = true;
       stack.insert(stack.end(), children[n].begin(), children[n].end());
     }
@@ -461,12 +475,25 @@ class Reader {
     return is_shown;
   }
 
-  static bool is_used(std::int64_t mesh, const std::vector<bool>& is_shown,
-                      const std::vector<SceneNode>& nodes) {
+  /// The nodes that refer to a mesh, taken together.
+  struct MeshUse {
+    bool is_drawn = false;  ///< The default scene shows one of them.
+    bool is_shown = false;  ///< Some scene does.
+    bool has_skin = false;
+  };
+
+  /// By mesh. One pass over the nodes: there may be as many meshes as nodes.
+  [[nodiscard]] std::vector<MeshUse> uses_of_meshes(const std::vector<SceneNode>& nodes,
+                                                    const std::vector<bool>& is_shown) const {
+    std::vector<MeshUse> uses(document_.count("meshes"));
     for (std::size_t n = 0; n < nodes.size(); ++n) {
-      if (is_shown[n] && nodes[n].mesh == mesh) return true;
+      if (nodes[n].mesh < 0) continue;
+      MeshUse& use = uses[nodes[n].mesh];
+      use.is_drawn = use.is_drawn || nodes[n].is_drawn;
+      use.is_shown = use.is_shown || is_shown[n];
+      use.has_skin = use.has_skin || node(static_cast<std::int64_t>(n)).has("skin");
     }
-    return false;
+    return uses;
   }
 
   SceneMesh read_mesh_of_scene(std::int64_t index) {
@@ -487,16 +514,11 @@ class Reader {
     return mesh;
   }
 
-  /// Why a mesh is not to be replaced by triangles with the attributes of a TriangleMesh, or "".
-  std::string reason_to_keep(std::int64_t mesh, const std::vector<SceneNode>& nodes) {
-    bool is_drawn = false;
-    for (std::size_t n = 0; n < nodes.size(); ++n) {
-      if (nodes[n].mesh != mesh) continue;
-      is_drawn = is_drawn || nodes[n].is_drawn;
-      const JsonPlace place = node(static_cast<std::int64_t>(n));
-      if (place.has("skin")) return "it has a skin";
-    }
-    if (!is_drawn) return "the default scene does not show it";
+  /// Why a mesh must stay as it is in the file: a TriangleMesh in its place would lose something
+  /// that the scene needs. Empty: it can be replaced.
+  [[nodiscard]] std::string reason_to_keep(std::int64_t mesh, const MeshUse& use) const {
+    if (use.has_skin) return "it has a skin";
+    if (!use.is_drawn) return "the default scene does not show it";
     const JsonPlace list = document_.root().member("meshes").item(mesh).member("primitives");
     for (std::int64_t i = 0; i < list.size(); ++i) {
       const JsonPlace place = list.item(i);
@@ -612,9 +634,9 @@ class Reader {
     return p;
   }
 
-  /// The transform of a material's first texture, which is applied to the texture coordinates
-  /// that it names because a TriangleMesh has no other place for it. Textures placed otherwise are
-  /// left out.
+  /// The transform of a material's first texture. A TriangleMesh has no place for it, so it is
+  /// applied to the texture coordinates. Textures of the material with another transform are left
+  /// out.
   static TextureTransform texture_transform(const JsonPlace& material) {
     if (const auto pbr = material.find("pbrMetallicRoughness")) {
       for (const char* key : {"baseColorTexture", "metallicRoughnessTexture"}) {
@@ -627,7 +649,8 @@ class Reader {
     return {};
   }
 
-  /// How a texture lies on which texture coordinates; null where there is none.
+  /// The set of texture coordinates that a texture uses, and how it transforms them; null without
+  /// a texture.
   static std::optional<TextureTransform> placement(const JsonPlace& owner, const char* key) {
     const auto info = owner.find(key);
     if (!info) return std::nullopt;
@@ -742,6 +765,7 @@ class Reader {
       }
     }
     for (const Instance& instance : instances_) plan_instance(instance);
+    // A table of three columns then has no more numbers than an int32 counts.
     constexpr std::int64_t kMaxRows = std::numeric_limits<std::int32_t>::max() / 3;
     if (num_vertices_ > kMaxRows || num_faces_ > kMaxRows || num_normals_ > kMaxRows ||
         num_texcoords_ > kMaxRows) {
@@ -760,9 +784,10 @@ class Reader {
       draw.vertex_morph = morph_of(p, weights, "POSITION", p.position);
       draw.normal_morph = morph_of(p, weights, "NORMAL", p.normal);
       warn_of_targets(p, instance, weights);
-      // The row where `key` starts, and whether it is new.
-      const auto place = [&](auto& rows, const auto& key, std::int64_t& count, std::int64_t size,
-                             std::int64_t bytes) {
+      // Gives `key` rows at the end of a table of `count` rows, unless it has some. Returns the
+      // first of its rows, and whether they are new.
+      const auto claim_rows = [&](auto& rows, const auto& key, std::int64_t& count,
+                                  std::int64_t size, std::int64_t bytes) {
         const auto [row, is_new] = rows.try_emplace(key, count);
         if (is_new) {
           charge(size, bytes, p.pointer);
@@ -771,15 +796,15 @@ class Reader {
         return std::pair(row->second, is_new);
       };
       const std::int64_t size = p.position->count;
-      std::tie(draw.first_vertex, draw.owns_vertices) =
-          place(vertex_rows, Key(p.position, with_colors_ ? p.color : nullptr, draw.vertex_morph),
-                num_vertices_, size, with_colors_ ? kVertexBytes + kColorBytes : kVertexBytes);
+      std::tie(draw.first_vertex, draw.owns_vertices) = claim_rows(
+          vertex_rows, Key(p.position, with_colors_ ? p.color : nullptr, draw.vertex_morph),
+          num_vertices_, size, with_colors_ ? kVertexBytes + kColorBytes : kVertexBytes);
       if (p.texcoord != nullptr) {
-        std::tie(draw.first_texcoord, draw.owns_texcoords) = place(
+        std::tie(draw.first_texcoord, draw.owns_texcoords) = claim_rows(
             texcoord_rows_, std::pair(p.texcoord, p.texture), num_texcoords_, size, kTexcoordBytes);
       }
       if (p.normal != nullptr) {
-        std::tie(draw.first_normal, draw.owns_normals) = place(
+        std::tie(draw.first_normal, draw.owns_normals) = claim_rows(
             normal_rows, std::pair(p.normal, draw.normal_morph), num_normals_, size, kVertexBytes);
       }
       charge(p.num_corners(), sizeof(std::uint32_t), p.pointer);
@@ -865,7 +890,8 @@ class Reader {
     v = (1.0 - v.array()).matrix().eval();
   }
 
-  /// Normals go with the cofactors: the inverse transpose, also where there is no inverse.
+  /// Normals are transformed by the matrix of cofactors: the inverse transpose times the
+  /// determinant, which exists for a singular transform, too.
   void fill_normals(const Draw& draw) {
     const GltfAccessor& accessor = *draw.primitive->normal;
     accessor.decode(mesh_.normals.data() + 3 * draw.first_normal);
@@ -930,7 +956,8 @@ class Reader {
 
   // --- Materials -------------------------------------------------------------------------
 
-  /// The writer's textureless copies become the material that they were made of.
+  /// Our writer adds a copy without textures of each material that a face without texture
+  /// coordinates has. Such a copy (kUntexturedCopyOf) becomes its original again.
   void read_materials() {
     std::vector<std::int32_t> rows;
     for (std::int64_t i = 0; i < document_.count("materials"); ++i) {
@@ -966,8 +993,9 @@ class Reader {
     return texture;
   }
 
-  /// Without `shared`, of scenes, which keep their materials as they are, a texture may lie
-  /// anywhere.
+  /// Reads the texture `key` of a material into the material's textures, as `role`.
+  /// @param shared  the transform that the texture coordinates have got: a texture with another one
+  ///                is left out. Null for scenes, whose texture coordinates are as stored.
   void read_texture(const JsonPlace& owner, const char* key, const char* role,
                     const std::optional<TextureTransform>& shared, Material& material) {
     const auto info = owner.find(key);
@@ -1018,16 +1046,17 @@ class Reader {
     }
     read_texture(place, "normalTexture", "normal", shared, m);
     read_texture(place, "occlusionTexture", "occlusion", shared, m);
-    read_light(place, shared, m);
+    read_emission(place, shared, m);
     if (const auto mode = place.find("alphaMode")) m.alpha_mode = read_alpha_mode(*mode);
     if (const auto cutoff = place.find("alphaCutoff")) m.alpha_cutoff = cutoff->number();
     if (const auto both = place.find("doubleSided")) m.double_sided = both->boolean();
     return m;
   }
 
-  /// A factor whose texture is left out says nothing of the whole surface.
-  void read_light(const JsonPlace& place, const std::optional<TextureTransform>& shared,
-                  Material& m) {
+  /// Reads what the surface emits. Where the emissive texture is left out, its factor is left out,
+  /// too: it would make the whole surface shine.
+  void read_emission(const JsonPlace& place, const std::optional<TextureTransform>& shared,
+                     Material& m) {
     const auto factor = place.find("emissiveFactor");
     if (!factor || numbers<3>(*factor).isZero()) return;
     read_texture(place, "emissiveTexture", "emissive", shared, m);
@@ -1053,8 +1082,8 @@ class Reader {
   // Bytes of one row in the tables of the mesh, temporaries included.
   static constexpr std::int64_t kVertexBytes = 24;
   static constexpr std::int64_t kTexcoordBytes = 16;
-  static constexpr std::int64_t kColorBytes = 3 + 32;
-  static constexpr std::int64_t kFaceBytes = 40;  // vertices, texcoords, normals, material
+  static constexpr std::int64_t kColorBytes = 3 + 32;  // and four doubles while it is decoded
+  static constexpr std::int64_t kFaceBytes = 40;       // vertices, texcoords, normals, material
 
   GltfBudget& budget_;
   GltfDocument document_;
@@ -1073,6 +1102,9 @@ class Reader {
   std::int64_t num_faces_ = 0;
 };
 
+/// The rest of a source, `most` bytes of it at most.
+/// @param budget  is charged block by block, so that a source that is too long is not read to its
+///                end; may be null.
 Bytes read_all(ByteSource& source, std::size_t most, GltfBudget* budget) {
   constexpr std::size_t kBlock = std::size_t{1} << 16;
   Bytes bytes;
@@ -1110,14 +1142,18 @@ GltfResource resource_beside(const ReadOptions& options) {
 }  // namespace
 
 GltfBudget::GltfBudget(std::int64_t stored_bytes, std::uint64_t max_bytes)
-    : stored_bytes_(stored_bytes), max_bytes_(static_cast<std::int64_t>(max_bytes)) {}
+    : stored_bytes_(stored_bytes),
+      max_bytes_(static_cast<std::int64_t>(
+          std::min<std::uint64_t>(max_bytes, std::numeric_limits<std::int64_t>::max()))) {}
 
 void GltfBudget::charge(std::int64_t bytes, const std::string& who) {
-  spent_ += bytes;
   const std::int64_t limit =
       max_bytes_ > 0 ? max_bytes_
                      : std::max(kFreeBytes, kFreeRatio * (stored_bytes_ + 4 * compressed_));
-  if (spent_ <= limit) return;
+  if (bytes <= limit - spent_) {  // the sum may not fit 64 bits
+    spent_ += bytes;
+    return;
+  }
   throw FormatError::at_byte(0, who + ": the mesh takes more than " + std::to_string(limit) +
                                     " bytes, much for a file of " + std::to_string(stored_bytes_) +
                                     "; max_bytes allows it");

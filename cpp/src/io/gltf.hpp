@@ -30,14 +30,14 @@ using GltfResource =
 class GltfBudget {
  public:
   /// @param stored_bytes  of the file, compressed if it is.
-  /// @param max_bytes     0: 64 MiB or 100 times the stored bytes, whichever is more.
+  /// @param max_bytes     0: 64 MiB or 100 times the stored bytes, whichever is more. Beyond
+  ///                      2^63 - 1: as that.
   explicit GltfBudget(std::int64_t stored_bytes, std::uint64_t max_bytes = 0);
 
   /// Another file was read.
   void add_file(std::int64_t stored_bytes) { stored_bytes_ += stored_bytes; }
-  /// Counts the bytes of a compressed stream five times: plain accessors take five to ten times as
-  /// many.
-  /// Streams may overlap, but together they count as no more than the files.
+  /// Counts the bytes of a compressed stream five times, because plain accessors take five to ten
+  /// times as many. Streams may overlap, but together they count as no more than the files.
   void add_compressed(std::int64_t bytes) {
     compressed_ = std::min(compressed_ + bytes, stored_bytes_);
   }
