@@ -901,6 +901,17 @@ def test_what_a_smoother_is_shown_is_checked() -> None:
     assert not smoother.add(np.zeros((10, 10), np.float32)).any()
 
 
+@pytest.mark.parametrize("max_edge", [None, 1.5])
+def test_a_mask_of_0_and_255_is_one_of_0_and_1(max_edge: float | None) -> None:
+    """Images of masks are of 0 and 255; NumPy takes their bytes for bool as they are."""
+    points = bumps(30, 41)
+    valid = np.random.default_rng(2).uniform(size=points.shape[:2]) > 0.1
+    image = np.where(valid, 255, 0).astype(np.uint8).view(bool)
+    made = [simplify.relief_grid(points, v, 90, max_edge=max_edge) for v in (valid, image)]
+    np.testing.assert_array_equal(made[0].mesh.faces, made[1].mesh.faces)
+    np.testing.assert_array_equal(made[0].mesh.vertices, made[1].mesh.vertices)
+
+
 def test_bad_stream_options() -> None:
     for option, value in (("stability", 0.5), ("newest_share", 0.0), ("gate", float("nan"))):
         with pytest.raises(InputError, match=option):

@@ -24,15 +24,16 @@ int padded(int size) {
   return tiles * Surface::kTile + 1;
 }
 
-std::uint8_t cell_of(CellCut cut) {  // corners 0 to 3 are a, b, d, c
+/// The bits of a cell for each way to cut it; corners 0 to 3 of a CellCut are a, b, d, c here.
+std::uint8_t cell_of(CellCut cut) {
   constexpr std::array<std::uint8_t, 7> kCells = {
       0,     kCutFromBToC | kSecond, kSecond, kCutFromBToC | kFirst, kFirst,
       kFull, kCutFromBToC | kFull};
   return kCells[static_cast<std::size_t>(cut)];
 }
 
-/// The triangle of a cell of two by two cells that theirs, at a, b, c and d, cover; of four whole
-/// ones it has two.
+/// Bits of a cell that stands for two by two cells, whose bits are `parts`, at its corners a, b, c
+/// and d: the triangle that the parts cover, if there is one. The caller cuts four whole parts.
 std::uint8_t part_of_four(const std::array<std::uint8_t, 4>& parts) {
   if (((parts[0] | parts[1] | parts[2] | parts[3]) & kFull) == 0) return 0;
   const auto is_whole = [&](int i) { return (parts[i] & kFull) == kFull; };
@@ -46,7 +47,7 @@ std::uint8_t part_of_four(const std::array<std::uint8_t, 4>& parts) {
   return 0;
 }
 
-/// Hands out the rows of a buffer, one after the other.
+/// Hands out the rows of a buffer, one after the other: a row of room for each call of row().
 template <typename Item>
 class Rooms {
  public:
@@ -292,8 +293,9 @@ MANIP3D_INLINE unsigned RowBuilder::stepped(const Point4& a, const Point4& b, co
 MANIP3D_INLINE int RowBuilder::cut(const CoordinateRow& row_above, const std::uint8_t* valid_above,
                                    const CoordinateRow& row_below, const std::uint8_t* valid_below,
                                    std::uint8_t* cells, const AreaRow& area_row) const {
-  const CoordinateRow above = row_above,
-                      below = row_below;  // bytes may alias whatever is in memory
+  // Copies on the stack: bytes that are stored may alias whatever is reached by a reference, which
+  // would be loaded again after each store.
+  const CoordinateRow above = row_above, below = row_below;
   const AreaRow areas = area_row;
   const RowBuilder own = *this;
   const std::array<std::uint8_t, kAllCellBits>& cell_by_bits = cells_by_bits();
@@ -337,8 +339,10 @@ MANIP3D_INLINE int RowBuilder::cut(const CoordinateRow& row_above, const std::ui
       Int4 four{};
       for (std::ptrdiff_t i = 0; i < std::min<std::ptrdiff_t>(4, size - u); ++i) {
         const std::ptrdiff_t k = u + i;
-        const unsigned valid = valid_above[k] | valid_above[k + 1] << 1U |
-                               valid_below[k + 1] << 2U | valid_below[k] << 3U;
+        // Masks of 0 and 255 are common; any byte but 0 marks a measurement.
+        const auto bit = [](std::uint8_t is_valid) { return is_valid != 0 ? 1U : 0U; };
+        const unsigned valid = bit(valid_above[k]) | bit(valid_above[k + 1]) << 1U |
+                               bit(valid_below[k + 1]) << 2U | bit(valid_below[k]) << 3U;
         const unsigned bits = valid | (turns >> i & 1U) * kTurned | static_cast<unsigned>(near[i]);
         std::uint8_t cell = cell_by_bits[bits];
         // Whole cells without a step have none in their halves either.
