@@ -191,6 +191,24 @@ def test_folders_of_keys(keys: list[KeyFile], tmp_path: Path) -> None:
         heard(marker, signed(keys[0])[0])
 
 
+def test_a_key_made_at_time_0_replaces_the_one_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A computer without a clock begins in 1970."""
+    made = []
+    for name, time_ns in (("old", -100 * SECOND), ("new", 0)):
+        with monkeypatch.context() as patch:
+            patch.setattr("time.time_ns", lambda now=time_ns: now)
+            made.append(KeyFile.create(tmp_path / f"{name}.key"))
+    old, new = made
+    with old, new, KeyRing(made) as ring:
+        (sent,) = signed(old, time_s=50.0)
+        found = heard(Watermarker(ring), sent)
+        assert (found.verdict, found.reason) == ("undecidable", REFUSED)
+        (sent,) = signed(old, time_s=-50.0)
+        assert heard(Watermarker(ring), sent).verdict == "authentic"
+
+
 def test_bad_rings_are_named(keys: list[KeyFile], tmp_path: Path) -> None:
     with pytest.raises(InputError, match="keys: expected at least one"):
         KeyRing([])

@@ -98,6 +98,9 @@ def test_the_canonical_order_is_that_of_any_order(embedding: int) -> None:
     assert np.array_equal(mine[:, 2], theirs[:, 2])
     with pytest.raises(InputError, match="at least one"):
         _core.watermark_order(scan.points[:0], scan.intensity[:0], embedding, 36, 150)
+    for least in (0, -1):  # as the embedder
+        with pytest.raises(InputError, match=f"least_points: expected 1 or more, got {least}"):
+            _core.watermark_order(scan.points, scan.intensity, embedding, 36, least)
 
 
 @pytest.mark.parametrize("units", [1000, 1600])

@@ -1,10 +1,10 @@
 #include "manip3d/authenticate/watermark.hpp"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <limits>
-#include <numeric>
+#include <optional>
+#include <tuple>
 #include <utility>
 
 #include "authenticate/canonical_order.hpp"
@@ -17,9 +17,28 @@
 namespace manip3d {
 namespace {
 
-constexpr std::uint32_t kLeastEffective = 128;  // bits of a tile; 80 pass by luck too often
-constexpr std::uint8_t kBeside = 0, kInPicture = 1;
-constexpr std::size_t kMaxSessions = 4096;  // that a verifier remembers
+// Fewest carrier bits of a tile, where identical points, which cannot be told apart, count once.
+// Bits at random fit 80 identical points with a probability of 0.089.
+constexpr std::uint32_t kLeastEffective = 128;
+constexpr std::uint8_t kBeside = 0, kInPicture = 1;  // values of WatermarkHeader::carrier
+constexpr std::size_t kMaxSessions = 4096;           // that a verifier remembers
+constexpr std::size_t kTagSize = std::tuple_size_v<WatermarkTag>;
+
+// What both ends refuse; SliceTable checks the number of slices.
+void check_options(const WatermarkOptions& options) {
+  if (options.least_points < 1) {
+    throw InputError("least_points: expected 1 or more, got " +
+                     std::to_string(options.least_points));
+  }
+  if (options.units_per_m < 1 || options.units_per_m > kMostUnitsPerMetre) {
+    throw InputError("units_per_m: expected 1 to 1000000, got " +
+                     std::to_string(options.units_per_m));
+  }
+  if (options.embedding == WatermarkEmbedding::kQim && options.units_per_m != 1000) {
+    throw InputError("units_per_m: expected 1000 with QIM, whose cells are 2.5 mm, got " +
+                     std::to_string(options.units_per_m));
+  }
+}
 
 WatermarkOrder order_of(WatermarkEmbedding embedding) {
   return embedding == WatermarkEmbedding::kDetached ? WatermarkOrder::kPlain
@@ -77,8 +96,32 @@ WatermarkTag tag_of_record(const SessionKeys& keys, std::string_view domain,
   return hash.finish();
 }
 
-// Calls `use(place, bit)` for the carriers of a tile. Identical points cannot be told apart: their
-// bits come in ascending order. Points at the origin carry nothing.
+// The parts of a record's bytes: what its tags are computed over, then its own tag, then the tag of
+// the frame.
+std::span<const std::uint8_t> body_of(std::span<const std::uint8_t> record) {
+  return record.first(record.size() - kRecordEnd);
+}
+
+std::span<const std::uint8_t> own_tag_of(std::span<const std::uint8_t> record) {
+  return record.last(kRecordEnd).first(kTagSize);
+}
+
+WatermarkTag frame_tag_of(std::span<const std::uint8_t> record) {
+  WatermarkTag tag;
+  std::copy_n(record.last(kTagSize).begin(), kTagSize, tag.begin());
+  return tag;
+}
+
+// Did the keys of this session make the record?
+bool own_tag_holds(const SessionKeys& keys, std::span<const std::uint8_t> record) {
+  const WatermarkTag own =
+      tag_of_record(keys, "m3d-record", body_of(record), {frame_tag_of(record)});
+  return equal_in_constant_time(own, own_tag_of(record));
+}
+
+// Calls `use(place, bit)` for each point of a tile, where `place` counts the points in the order of
+// both ends. Identical points cannot be told apart: their bits come in ascending order. Points at
+// the origin carry nothing: their bit is 0.
 template <typename Use>
 void for_each_bit(const SessionKeys& keys, const WatermarkTag& tag, const TiledSamples& tiled,
                   std::size_t tile, std::vector<std::uint8_t>& stream, const Use& use) {
@@ -119,6 +162,7 @@ std::uint32_t effective_bits(const TiledSamples& tiled, std::size_t tile) {
 std::vector<std::int32_t> watermark_order(const PointsView& points,
                                           const WatermarkOptions& options) {
   check_points(points);
+  check_options(options);
   if (points.num_points() == 0) throw InputError("points: expected at least one, got none");
   const SliceTable slices(options.slices);
   LatticeSamples found;
@@ -152,25 +196,14 @@ struct WatermarkEmbedder::State {
   State(const WatermarkKey& key, const WatermarkId& sensor, const WatermarkId& session,
         const WatermarkOptions& chosen)
       : options(chosen), keys(key.secret(), sensor, session), slices(chosen.slices) {
-    if (chosen.least_points < 1) {
-      throw InputError("least_points: expected 1 or more, got " +
-                       std::to_string(chosen.least_points));
-    }
+    check_options(chosen);
     header.embedding = chosen.embedding;
     header.sensor = sensor;
     header.session = session;
-    if (chosen.units_per_m < 1 || chosen.units_per_m > kMostUnitsPerMetre) {
-      throw InputError("units_per_m: expected 1 to 1000000, got " +
-                       std::to_string(chosen.units_per_m));
-    }
-    if (chosen.embedding == WatermarkEmbedding::kQim && chosen.units_per_m != 1000) {
-      throw InputError("units_per_m: expected 1000 with QIM, whose cells are 2.5 mm, got " +
-                       std::to_string(chosen.units_per_m));
-    }
     header.units_per_m = chosen.embedding == WatermarkEmbedding::kDetached ? 0 : chosen.units_per_m;
   }
 
-  // Samples of the points, or of their coordinates in float64.
+  // Reads the points, or their coordinates in float64, into `found` and `slice_of`.
   void sample(const PointsView& points, const ExactGrid& grid) {
     if (!header.is_exact) {
       sample_for_embedding(points, options, slices, found, slice_of);
@@ -183,10 +216,27 @@ struct WatermarkEmbedder::State {
                  slice_of);
   }
 
-  // Merges slices until each tile has its bits; the tiles are in `tiled` then.
+  // Fills the header's fields of this frame.
+  void describe(const PointsView& points, const WatermarkFrame& frame, bool is_exact) {
+    header.is_exact = is_exact;
+    header.offset = frame.offset;
+    header.is_genesis = header.frame == 0;
+    header.is_end = frame.is_end;
+    header.carrier = frame.picture ? kInPicture : kBeside;
+    header.has_context = frame.context.has_value() || frame.picture.has_value();
+    header.context = frame.picture ? tag_of_picture(keys.image(), *frame.picture)
+                                   : frame.context.value_or(std::array<std::uint8_t, 32>{});
+    header.time_ns = frame.time_ns;
+    header.num_dropped = frame.num_dropped;
+    header.has_intensity = points.has_intensity();
+  }
+
+  // Merges slices until each tile has at least kLeastEffective bits, or there is one tile. Sorts
+  // the points into them, as `tiled`.
   void make_tiles() {
     const std::vector<std::uint32_t> counts = count_slices(slice_of, slices.size());
     const bool carries = header.embedding != WatermarkEmbedding::kDetached;
+    // In steps of four: a few merges are enough, and tiles get little larger than they must.
     for (std::uint64_t least = static_cast<std::uint64_t>(options.least_points);; least *= 4) {
       const auto bounded = static_cast<std::uint32_t>(
           std::min<std::uint64_t>(least, std::numeric_limits<std::uint32_t>::max()));
@@ -203,8 +253,17 @@ struct WatermarkEmbedder::State {
     }
   }
 
-  std::vector<std::uint8_t> make_record(std::span<const std::uint8_t> head,
-                                        const std::vector<WatermarkTag>& tags) {
+  // Marks each point with the bit that it is to carry.
+  void choose_bits(std::span<const WatermarkTag> tags) {
+    for (std::size_t t = 0; t < tags.size(); ++t) {
+      for_each_bit(keys, tags[t], tiled, t, stream, [&](std::size_t place, std::uint8_t bit) {
+        found.marks[tiled.rows[place]] = bit;
+      });
+    }
+  }
+
+  [[nodiscard]] std::vector<std::uint8_t> make_record(std::span<const std::uint8_t> head,
+                                                      const std::vector<WatermarkTag>& tags) const {
     std::vector<std::uint8_t> record(head.begin(), head.end());
     for (std::size_t t = 0; t < tags.size(); ++t) {
       std::array<std::uint8_t, 4> count;
@@ -217,8 +276,15 @@ struct WatermarkEmbedder::State {
     const WatermarkTag own = tag_of_record(keys, "m3d-record", record, {whole});
     record.insert(record.end(), own.begin(), own.end());
     record.insert(record.end(), whole.begin(), whole.end());
-    previous = whole;
     return record;
+  }
+
+  // Goes on to the next frame: the last step of embedding, so that a frame that was refused, or for
+  // which there was no memory, leaves no gap in the chain.
+  void go_on(std::span<const std::uint8_t> record) noexcept {
+    previous = frame_tag_of(record);
+    has_ended = header.is_end;
+    ++header.frame;
   }
 };
 
@@ -240,16 +306,14 @@ WatermarkEmbedder WatermarkEmbedder::after(std::span<const std::uint8_t> bytes,
   const WatermarkHeader last = WatermarkRecord::parse(bytes).header;
   WatermarkEmbedder embedder(key, sensor, last.session, options);
   State& s = *embedder.state_;
-  const auto body = bytes.first(bytes.size() - kRecordEnd);
-  std::copy_n(bytes.end() - 32, 32, s.previous.begin());
-  const WatermarkTag own = tag_of_record(s.keys, "m3d-record", body, {s.previous});
-  if (!equal_in_constant_time(own, bytes.subspan(body.size(), 32))) {
+  if (!own_tag_holds(s.keys, bytes)) {
     throw FormatError("the record is damaged, or of another key or sensor", {});
   }
   if (last.embedding != s.header.embedding || last.units_per_m != s.header.units_per_m) {
     throw InputError("record: expected one of the same embedding and grid");
   }
   if (last.is_end) throw InputError("record: its session has ended with this frame");
+  s.previous = frame_tag_of(bytes);
   s.header.frame = last.frame + 1;
   return embedder;
 }
@@ -291,36 +355,21 @@ WatermarkedScan WatermarkEmbedder::embed(const PointsView& points, const Waterma
   check_points(points);
   check_exact(points, exact);
   check_frame(frame, !exact.empty());
-  WatermarkHeader& header = s.header;
-  header.is_exact = !exact.empty();
-  header.offset = frame.offset;
+  const WatermarkHeader& header = s.header;
+  s.describe(points, frame, !exact.empty());
   const ExactGrid grid{exact, header.units_per_m, frame.offset};
   s.sample(points, grid);
-  header.is_genesis = header.frame == 0;
-  header.is_end = frame.is_end;
-  header.carrier = frame.picture ? kInPicture : kBeside;
-  header.has_context = frame.context.has_value() || frame.picture.has_value();
-  header.context = frame.picture ? tag_of_picture(s.keys.image(), *frame.picture)
-                                 : frame.context.value_or(std::array<std::uint8_t, 32>{});
-  header.time_ns = frame.time_ns;
-  header.num_dropped = frame.num_dropped;
-  header.has_intensity = points.has_intensity();
   s.make_tiles();
   if (frame.picture && record_size(header.tile_of.size(), header.num_tiles) > kMostCarried) {
     throw InputError("picture: expected a record of at most 2048 bytes, got " +
                      std::to_string(header.num_tiles) + " tiles of " +
                      std::to_string(header.tile_of.size()) + " slices");
   }
-
   const std::vector<std::uint8_t> head = header_bytes(header);
   const std::vector<WatermarkTag> tags = tags_of_tiles(s.keys, head, s.tiled);
   WatermarkedScan result;
   if (header.embedding != WatermarkEmbedding::kDetached) {
-    for (std::size_t t = 0; t < tags.size(); ++t) {
-      for_each_bit(s.keys, tags[t], s.tiled, t, s.stream, [&](std::size_t place, std::uint8_t bit) {
-        s.found.marks[s.tiled.rows[place]] = bit;
-      });
-    }
+    s.choose_bits(tags);
     if (header.is_exact) {
       result.exact.resize(points.num_points(), 3);
       write_exact(s.found, grid, result.exact.data());
@@ -333,22 +382,22 @@ WatermarkedScan WatermarkEmbedder::embed(const PointsView& points, const Waterma
   if (frame.picture) result.picture = with_record(*frame.picture, result.record);
   result.frame = header.frame;
   result.num_tiles = header.num_tiles;
-  ++header.frame;
-  s.has_ended = frame.is_end;
+  s.go_on(result.record);
   return result;
 }
 
 // --- Verification --------------------------------------------------------------------------------
 
 struct WatermarkVerifier::State {
+  // A key that the keys of its sessions are derived from.
   struct Root {
     WatermarkId id;
     SecretBytes secret;
-    std::int64_t until_ns;  // from then on it has signed nothing; 0: no such time
+    std::optional<std::int64_t> until_ns;  // from then on it has signed nothing
   };
-  std::vector<Root> roots;  // the newest first; empty: closed
-  SessionKeys keys;
-  std::size_t root_of_keys = 0;  // that the keys of the session were derived from
+  std::vector<Root> roots;       // the newest first; empty: closed
+  SessionKeys keys;              // of the session of the last record
+  std::size_t root_of_keys = 0;  // index of the root that they were derived from
   SliceTable slices{36};
   LatticeSamples found;
   std::vector<std::uint16_t> slice_of;
@@ -359,16 +408,23 @@ struct WatermarkVerifier::State {
   // The chain.
   bool has_frame = false;
   bool had_end = false;
-  std::size_t root = 0;  // of the last frame
+  std::size_t root = 0;  // index of the last frame's key
   WatermarkId session{};
   std::uint64_t frame = 0;
   WatermarkTag tag{};
   std::vector<WatermarkId> past;  // sessions before this one, the oldest first
 
-  void add(const WatermarkKey& key, std::int64_t until_ns);
+  void add(const WatermarkKey& key, std::optional<std::int64_t> until_ns);
   void check_open() const;
+  // Derives the keys of the session whose record these bytes are; false: no key made it.
   bool find_key(std::span<const std::uint8_t> bytes);
+  // Reads a record that a key made and the policy accepts. Returns why there is none; empty: there
+  // is one, and `keys` are those of its session.
+  std::string open_record(std::span<const std::uint8_t> bytes, const WatermarkPolicy& policy,
+                          WatermarkRecord& record);
+  // Says where in the stream the record's frame is.
   void find_place(const WatermarkRecord& record, WatermarkFinding& finding) const;
+  // Takes the record's frame as the last one.
   void go_on(const WatermarkHeader& header, const WatermarkTag& frame_tag);
   // Sorts the points into the tiles that the header names, as `tiled`.
   void arrange(const PointsView& points, ExactView exact, const WatermarkHeader& header);
@@ -389,22 +445,22 @@ struct WatermarkVerifier::State {
 namespace {
 
 template <typename T>
-bool holds(const std::vector<T>& values, const T& value) {
+bool contains(const std::vector<T>& values, const T& value) {
   return std::find(values.begin(), values.end(), value) != values.end();
 }
 
 // Why the policy does not accept the record; empty: it does.
 std::string objection(const WatermarkPolicy& policy, const WatermarkHeader& header) {
-  if (!holds(policy.embeddings, header.embedding)) return "the policy refuses this embedding";
-  if (!holds(policy.carriers, header.carrier)) return "the policy refuses this carrier";
-  if (!policy.sensors.empty() && !holds(policy.sensors, header.sensor)) {
+  if (!contains(policy.embeddings, header.embedding)) return "the policy refuses this embedding";
+  if (!contains(policy.carriers, header.carrier)) return "the policy refuses this carrier";
+  if (!policy.sensors.empty() && !contains(policy.sensors, header.sensor)) {
     return "the record is of another sensor than the policy names";
   }
-  if (!policy.sessions.empty() && !holds(policy.sessions, header.session)) {
+  if (!policy.sessions.empty() && !contains(policy.sessions, header.session)) {
     return "the record is of another session than the policy names";
   }
   const bool carries = header.embedding != WatermarkEmbedding::kDetached;
-  if (carries && !policy.units_per_m.empty() && !holds(policy.units_per_m, header.units_per_m)) {
+  if (carries && !policy.units_per_m.empty() && !contains(policy.units_per_m, header.units_per_m)) {
     return "the policy refuses this lattice";
   }
   if (policy.context && !header.has_context) return "the record binds no context";
@@ -422,56 +478,58 @@ WatermarkFreshness freshness_of(const WatermarkPolicy& policy, const WatermarkHe
   return std::abs(age) <= most ? WatermarkFreshness::kFresh : WatermarkFreshness::kStale;
 }
 
+// What was changed in a frame whose content is tampered with.
+std::string reason_of_tampering(const WatermarkFinding& finding) {
+  const auto count = [&](WatermarkTile tile) {
+    return std::count(finding.tiles.begin(), finding.tiles.end(), tile);
+  };
+  const auto changed = count(WatermarkTile::kChanged), bits = count(WatermarkTile::kBits);
+  const std::string total = " of " + std::to_string(finding.tiles.size()) + " tiles";
+  if (changed > 0) {
+    return "points of " + std::to_string(changed) + total + " are not those that were signed";
+  }
+  if (bits > 0) return "carrier bits of " + std::to_string(bits) + total + " were changed";
+  if (finding.picture_changed) return "the picture is not the one that was signed";
+  return "the scan has other columns or points than were signed";
+}
+
+std::string reason_of_gap(std::int64_t missing) {
+  if (missing <= 0) return "the content holds, but its session began elsewhere";
+  if (missing == 1) return "the content holds, but the frame before it is missing";
+  return "the content holds, but " + std::to_string(missing) + " frames before it are missing";
+}
+
+// Sets verdict and reason; what is found first here explains what comes after it.
 void conclude(const WatermarkPolicy& policy, WatermarkFinding& finding) {
   const auto say = [&](WatermarkVerdict verdict, std::string reason) {
     finding.verdict = verdict;
     finding.reason = std::move(reason);
   };
-  const auto changed =
-      std::count(finding.tiles.begin(), finding.tiles.end(), WatermarkTile::kChanged);
-  const auto bits = std::count(finding.tiles.begin(), finding.tiles.end(), WatermarkTile::kBits);
+  using enum WatermarkVerdict;
   if (finding.content == WatermarkContent::kTampered) {
-    const std::string total = " of " + std::to_string(finding.tiles.size()) + " tiles";
-    if (changed + bits == 0 && finding.picture_changed) {
-      say(WatermarkVerdict::kTampered, "the picture is not the one that was signed");
-    } else if (changed + bits == 0) {
-      say(WatermarkVerdict::kTampered, "the scan has other columns or points than were signed");
-    } else if (changed > 0) {
-      say(WatermarkVerdict::kTampered,
-          "points of " + std::to_string(changed) + total + " are not those that were signed");
-    } else {
-      say(WatermarkVerdict::kTampered,
-          "carrier bits of " + std::to_string(bits) + total + " were changed");
-    }
+    say(kTampered, reason_of_tampering(finding));
   } else if (finding.is_of_older_key) {
-    say(WatermarkVerdict::kTampered,
-        "the frame was signed with a key that the stream had replaced");
+    say(kTampered, "the frame was signed with a key that the stream had replaced");
   } else if (finding.order == WatermarkPlace::kReplay) {
-    say(WatermarkVerdict::kTampered, "the frame was seen before, or comes after a later one");
+    say(kTampered, "the frame was seen before, or comes after a later one");
   } else if (finding.order == WatermarkPlace::kGap) {
-    say(WatermarkVerdict::kUnverifiable,
-        "the content holds, but " +
-            (finding.gap > 0 ? (finding.gap == 1
-                                    ? std::string("the frame before it is missing")
-                                    : std::to_string(finding.gap) + " frames before it are missing")
-                             : std::string("its session began elsewhere")));
+    say(kUnverifiable, reason_of_gap(finding.gap));
   } else if (finding.freshness == WatermarkFreshness::kStale) {
-    say(WatermarkVerdict::kUnverifiable, "the content holds, but the frame is too old");
+    say(kUnverifiable, "the content holds, but the frame is too old");
   } else if (finding.order == WatermarkPlace::kUnknown && !policy.any_order) {
-    say(WatermarkVerdict::kUnverifiable,
-        "the content holds, but the frame's place in the stream is not known");
+    say(kUnverifiable, "the content holds, but the frame's place in the stream is not known");
   } else {
-    say(WatermarkVerdict::kAuthentic, "every point is the one that was signed");
+    say(kAuthentic, "every point is the one that was signed");
   }
 }
 
 }  // namespace
 
-void WatermarkVerifier::State::add(const WatermarkKey& key, std::int64_t until_ns) {
-  const bool expires = key.expires_ns() != 0;
-  const bool expires_first = expires && (until_ns == 0 || key.expires_ns() < until_ns);
-  Root added{key.id(), SecretBytes(key.secret().size()),
-             expires_first ? key.expires_ns() : until_ns};
+void WatermarkVerifier::State::add(const WatermarkKey& key, std::optional<std::int64_t> until_ns) {
+  if (key.expires_ns() != 0) {
+    until_ns = until_ns ? std::min(*until_ns, key.expires_ns()) : key.expires_ns();
+  }
+  Root added{key.id(), SecretBytes(key.secret().size()), until_ns};
   std::copy_n(key.secret().data(), key.secret().size(), added.secret.data());
   roots.push_back(std::move(added));
 }
@@ -480,22 +538,17 @@ void WatermarkVerifier::State::check_open() const {
   if (roots.empty()) throw Error("the verifier is closed");
 }
 
-// Derives the keys of the session whose record these bytes are; false: no key made it.
 bool WatermarkVerifier::State::find_key(std::span<const std::uint8_t> bytes) {
   // Only the two ids that choose the keys are read before the tag over the raw bytes holds.
   WatermarkId of_sensor, of_session;
   std::copy_n(bytes.data() + kSensorOffset, of_sensor.size(), of_sensor.begin());
   std::copy_n(bytes.data() + kSessionOffset, of_session.size(), of_session.begin());
-  const auto body = bytes.first(bytes.size() - kRecordEnd);
-  WatermarkTag frame_tag;
-  std::copy_n(bytes.end() - 32, 32, frame_tag.begin());
   const auto made_it = [&](std::size_t number) {
     if (number != root_of_keys || !keys.is_for(of_sensor, of_session)) {
       keys = SessionKeys(roots[number].secret, of_sensor, of_session);
       root_of_keys = number;
     }
-    const WatermarkTag own = tag_of_record(keys, "m3d-record", body, {frame_tag});
-    return equal_in_constant_time(own, bytes.subspan(body.size(), 32));
+    return own_tag_holds(keys, bytes);
   };
   const std::size_t last = root_of_keys;  // first: its keys are derived already
   if (made_it(last)) return true;
@@ -505,8 +558,30 @@ bool WatermarkVerifier::State::find_key(std::span<const std::uint8_t> bytes) {
   return false;
 }
 
+std::string WatermarkVerifier::State::open_record(std::span<const std::uint8_t> bytes,
+                                                  const WatermarkPolicy& policy,
+                                                  WatermarkRecord& record) {
+  if (bytes.empty()) return "there is no record";
+  if (bytes.size() > WatermarkRecord::kMaxSize ||
+      bytes.size() < WatermarkRecord::kFixedSize + kRecordEnd) {
+    return "the record has no possible length";
+  }
+  if (!find_key(bytes)) return "the record is damaged or was made with another key";
+  try {
+    record = WatermarkRecord::parse(bytes);
+  } catch (const FormatError& error) {
+    return "the record is of another version: " + error.reason();
+  }
+  if (std::string why = objection(policy, record.header); !why.empty()) return why;
+  const std::optional<std::int64_t> until_ns = roots[root_of_keys].until_ns;
+  if (until_ns && record.header.time_ns >= *until_ns) {
+    return "the record states a time after its key had expired or had been replaced";
+  }
+  return {};
+}
+
 WatermarkVerifier::WatermarkVerifier(const WatermarkKey& key) : state_(std::make_unique<State>()) {
-  state_->add(key, 0);
+  state_->add(key, std::nullopt);
 }
 
 void WatermarkVerifier::add_older_key(const WatermarkKey& key, std::int64_t replaced_ns) {
@@ -536,8 +611,8 @@ void WatermarkVerifier::reset() {
 
 namespace {
 
-// Names what the record binds and the scan lacks; empty: nothing.
-std::string what_lacks(const WatermarkHeader& header, bool has_picture, bool is_exact) {
+// Says what the record binds and the scan does not have; empty: it has all.
+std::string missing_part(const WatermarkHeader& header, bool has_picture, bool is_exact) {
   if ((header.carrier == kInPicture) != has_picture) {
     return has_picture ? "the record is not one that a picture carries"
                        : "the record binds the picture that carries it, which is not here";
@@ -569,29 +644,14 @@ WatermarkFinding WatermarkVerifier::verify(const PointsView& points,
     return unverifiable("more points than the policy allows: " +
                         std::to_string(points.num_points()));
   }
-  if (bytes.empty()) return unverifiable("there is no record");
-  if (bytes.size() > WatermarkRecord::kMaxSize ||
-      bytes.size() < WatermarkRecord::kFixedSize + kRecordEnd) {
-    return unverifiable("the record has no possible length");
-  }
-  if (!s.find_key(bytes)) {
-    return unverifiable("the record is damaged or was made with another key");
-  }
   WatermarkRecord record;
-  try {
-    record = WatermarkRecord::parse(bytes);
-  } catch (const FormatError& error) {
-    return unverifiable("the record is of another version: " + error.reason());
-  }
-  if (std::string why = objection(policy, record.header); !why.empty()) return unverifiable(why);
-  const State::Root& root = s.roots[s.root_of_keys];
-  if (root.until_ns != 0 && record.header.time_ns >= root.until_ns) {
-    return unverifiable("the record states a time after its key had expired or had been replaced");
+  if (std::string why = s.open_record(bytes, policy, record); !why.empty()) {
+    return unverifiable(why);
   }
   finding.header = record.header;
-  finding.key = root.id;
+  finding.key = s.roots[s.root_of_keys].id;
   const bool is_exact = !exact.empty() || points.num_points() == 0;
-  if (std::string why = what_lacks(record.header, picture.has_value(), is_exact); !why.empty()) {
+  if (std::string why = missing_part(record.header, picture.has_value(), is_exact); !why.empty()) {
     return unverifiable(why);
   }
   s.check_content(points, exact, bytes, record, num_dropped, finding);
@@ -604,11 +664,7 @@ WatermarkFinding WatermarkVerifier::verify(const PointsView& points,
   finding.freshness = freshness_of(policy, record.header, now_ns);
   conclude(policy, finding);
   // The record is genuine, whatever became of the points: its frame is never new again.
-  if (finding.order != WatermarkPlace::kReplay) {
-    WatermarkTag frame_tag;
-    std::copy_n(bytes.end() - 32, 32, frame_tag.begin());
-    s.go_on(record.header, frame_tag);
-  }
+  if (finding.order != WatermarkPlace::kReplay) s.go_on(record.header, frame_tag_of(bytes));
   return finding;
 }
 
@@ -679,9 +735,8 @@ void WatermarkVerifier::State::check_content(const PointsView& points, ExactView
   const std::vector<WatermarkTag> tags = tags_of_tiles(keys, head, tiled);
   const bool all_on_lattice = check_tiles(record, tags, finding);
   const bool bits_hold = check_bits(header.embedding, tags, finding);
-  const auto body = bytes.first(bytes.size() - kRecordEnd);
-  const WatermarkTag whole = tag_of_record(keys, "m3d-frame", body, tags);
-  const bool frame_holds = equal_in_constant_time(whole, bytes.last(32));
+  const WatermarkTag whole = tag_of_record(keys, "m3d-frame", body_of(bytes), tags);
+  const bool frame_holds = equal_in_constant_time(whole, frame_tag_of(bytes));
   const bool same_columns = header.has_intensity == points.has_intensity();
   const bool same_drops = header.num_dropped == num_dropped;
   const bool is_intact = frame_holds && bits_hold && all_on_lattice && same_columns && same_drops;
@@ -694,7 +749,7 @@ void WatermarkVerifier::State::find_place(const WatermarkRecord& record,
   finding.order = WatermarkPlace::kUnknown;
   // Keys only go forward: whoever holds an old one could begin sessions, and even name this one.
   finding.is_of_older_key = has_frame && root_of_keys > root;
-  if (finding.is_of_older_key || holds(past, header.session)) {
+  if (finding.is_of_older_key || contains(past, header.session)) {
     finding.order = WatermarkPlace::kReplay;
   } else if (!has_frame || header.session != session || root_of_keys != root) {
     // A session may begin where nothing is known before it, or where the last one has ended.
@@ -742,7 +797,7 @@ std::vector<std::uint8_t> WatermarkVerifier::state() const {
   std::vector<std::uint8_t> bytes;
   bytes.reserve(98 + 16 * s.past.size());
   const auto put = [&](std::span<const std::uint8_t> more) {
-    for (const std::uint8_t byte : more) bytes.push_back(byte);
+    for (const std::uint8_t byte : more) bytes.push_back(byte);  // GCC 12 warns of an insert
   };
   std::array<std::uint8_t, 8> number;
   store(s.frame, number.data());
@@ -762,13 +817,13 @@ void WatermarkVerifier::restore(std::span<const std::uint8_t> state) {
   constexpr std::size_t kFixed = 8 + 2 + 16 + 8 + 32, kTag = 32;
   const bool possible = state.size() >= kFixed + kTag && (state.size() - kFixed - kTag) % 16 == 0 &&
                         state.size() <= kFixed + kTag + 16 * kMaxSessions;
-  // The key that authenticates it is that of its last frame.
+  // The key of the last frame has authenticated the state; which one that is, is found by trying.
   std::size_t number = 0;
-  const auto is_of = [&](std::size_t key) {
+  const auto made_it = [&](std::size_t key) {
     return equal_in_constant_time(s.state_tag(key, state.first(state.size() - kTag)),
                                   state.last(kTag));
   };
-  while (possible && number < s.roots.size() && !is_of(number)) ++number;
+  while (possible && number < s.roots.size() && !made_it(number)) ++number;
   if (!possible || number == s.roots.size()) {
     throw FormatError::at_byte(0, "the state of a verifier is damaged or of another key");
   }

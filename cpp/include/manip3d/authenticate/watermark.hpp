@@ -21,9 +21,9 @@ namespace manip3d {
 
 /// How a scan carries its bits.
 enum class WatermarkEmbedding : std::uint8_t {
-  kDetached = 0,  ///< Not at all: the record alone tells; the points stay as they are, to the bit.
-  kLbm = 1,       ///< Lowest bits of x, y and z in units of the stated lattice, of 1 mm if none is.
-  kQim = 2,       ///< z at a quarter or three quarters of a cell of 2.5 mm.
+  kDetached = 0,  ///< Not at all: the points stay as they are, to the bit; only the record binds.
+  kLbm = 1,       ///< Lowest bits of x, y and z as whole numbers of 1 / units_per_m metres.
+  kQim = 2,       ///< z at a quarter (bit 0) or three quarters (bit 1) of a cell of 2.5 mm.
 };
 
 /// Which slice a slice with too few points is merged with.
@@ -92,8 +92,11 @@ struct WatermarkOptions {
 using ExactView = std::span<const double>;
 using ExactPoints = Rows<double, 3>;
 
-/// Rows in the order that both ends derive, tile by tile: the first step of embedding by itself.
-/// @throws InputError  no points, values that are not finite, points off the grid.
+/// Rows in the order that embedder and verifier derive from the points, tile by tile: the first
+/// step of embedding by itself, with the tiles that `least_points` gives. The embedder merges more
+/// slices where a tile would carry too few bits.
+/// @throws InputError  no points, values that are not finite, points off the grid, an option out of
+///                     range.
 std::vector<std::int32_t> watermark_order(const PointsView& points,
                                           const WatermarkOptions& options = {});
 
@@ -211,7 +214,7 @@ class WatermarkVerifier {
   ~WatermarkVerifier();
 
   /// Takes a key that those given so far have replaced.
-  /// @param replaced_ns  From then on it has signed nothing, nanoseconds since 1970.
+  /// @param replaced_ns  From then on it has signed nothing; nanoseconds since 1970, any number.
   /// @throws InputError  the verifier has this key already.
   /// @throws Error  the key or the verifier is closed.
   void add_older_key(const WatermarkKey& key, std::int64_t replaced_ns);
