@@ -3,11 +3,14 @@
 #include <atomic>
 #include <chrono>
 #include <string>
+#include <system_error>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "manip3d/capture/grab_thread.hpp"
 #include "manip3d/error.hpp"
+#include "no_threads.hpp"
 
 // Also run under the thread sanitizer.
 namespace manip3d {
@@ -161,6 +164,29 @@ TEST(GrabThread, UnpluggedIsADeviceErrorAndItCanBeOpenedAgain) {
   EXPECT_EQ(seen.starts, 2);
   EXPECT_EQ(seen.stops, 1);
   EXPECT_EQ(source.read(frame, kLong), ReadStatus::kEnd);
+}
+
+TEST(GrabThread, AStartWithoutAThreadLeavesTheCameraStopped) {
+  auto made = std::make_unique<FakeCamera>(3);
+  const FakeCamera& camera = *made;
+  GrabThread source(std::move(made));
+  {
+    const NoThreads none;
+    EXPECT_THROW(source.start(), std::system_error);
+  }
+  EXPECT_EQ(camera.starts, 1);
+  EXPECT_EQ(camera.stops, 1);
+  source.start();
+  RgbdFrame frame;
+  EXPECT_EQ(source.read(frame, kLong), ReadStatus::kFrame);
+  EXPECT_EQ(camera.starts, 2);
+}
+
+TEST(GrabThread, TheLongestTimeoutIsNoneThatIsOver) {
+  GrabThread source(std::make_unique<FakeCamera>(1));
+  source.start();
+  RgbdFrame frame;
+  EXPECT_EQ(source.read(frame, milliseconds::max()), ReadStatus::kFrame);
 }
 
 TEST(GrabThread, SeekLeavesNoFrameOfBefore) {

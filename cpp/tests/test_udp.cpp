@@ -6,12 +6,14 @@
 
 #include <chrono>
 #include <cstring>
+#include <system_error>
 #include <thread>
 #include <vector>
 
 #include "manip3d/capture/udp.hpp"
 #include "manip3d/capture/velodyne_source.hpp"
 #include "manip3d/error.hpp"
+#include "no_threads.hpp"
 
 // Also run under the thread sanitizer: one thread receives, one sends, one reads.
 namespace manip3d {
@@ -152,6 +154,34 @@ TEST(UdpReceiver, StartsAndStopsFromManyThreadsEndInOneState) {
   std::vector<std::byte> payload;
   std::int64_t time_ns = 0;
   EXPECT_TRUE(receiver.read(payload, time_ns, milliseconds(20'000)));
+}
+
+TEST(UdpReceiver, AStartWithoutAThreadLeavesItStopped) {
+  UdpReceiver receiver(any_port());
+  {
+    const NoThreads none;
+    EXPECT_THROW(receiver.start(), std::system_error);
+  }
+  EXPECT_FALSE(receiver.is_running());
+  receiver.start();
+  send_numbers(receiver.port(), 1, milliseconds(0));
+  std::vector<std::byte> payload;
+  std::int64_t time_ns = 0;
+  EXPECT_TRUE(receiver.read(payload, time_ns, milliseconds(20'000)));
+}
+
+TEST(UdpReceiver, TheLongestTimeoutIsNoneThatIsOver) {
+  UdpReceiver receiver(any_port());
+  receiver.start();
+  std::thread sender([&receiver] {
+    std::this_thread::sleep_for(milliseconds(200));
+    send_numbers(receiver.port(), 1, milliseconds(0));
+  });
+  std::vector<std::byte> payload;
+  std::int64_t time_ns = 0;
+  EXPECT_TRUE(receiver.read(payload, time_ns, milliseconds::max()));
+  EXPECT_GT(time_ns, 0);
+  sender.join();
 }
 
 TEST(UdpReceiver, ABadAddressLeavesNoSocketOpen) {

@@ -5,6 +5,7 @@
 #include <string>
 #include <utility>
 
+#include "capture/longest_wait.hpp"
 #include "manip3d/error.hpp"
 
 namespace manip3d {
@@ -53,8 +54,9 @@ class Paced final : public RgbdSource {
       hold();
     }
     const auto now = Clock::now();
-    if (due_ - now > timeout) {
-      std::this_thread::sleep_for(timeout);
+    const milliseconds wait = std::min(timeout, kLongestWait);
+    if (due_ - now > wait) {
+      std::this_thread::sleep_for(wait);
       return ReadStatus::kTimeout;
     }
     std::this_thread::sleep_until(due_);
@@ -125,8 +127,13 @@ void GrabThread::start() {
   calibration_ = camera_->calibration();
   error_ = nullptr;
   is_stopping_ = false;
+  try {
+    thread_ = std::thread(&GrabThread::grab, this);
+  } catch (...) {  // no thread: the camera is not left open
+    camera_->stop();
+    throw;
+  }
   is_running_ = true;
-  thread_ = std::thread(&GrabThread::grab, this);
 }
 
 void GrabThread::stop() {
@@ -176,7 +183,8 @@ void GrabThread::publish() {
 
 ReadStatus GrabThread::read(RgbdFrame& frame, milliseconds timeout) {
   std::unique_lock lock(mutex_);
-  changed_.wait_for(lock, timeout, [this] { return is_waiting_ || !is_running_; });
+  changed_.wait_for(lock, std::min(timeout, kLongestWait),
+                    [this] { return is_waiting_ || !is_running_; });
   if (is_waiting_) {
     std::swap(frame, waiting_);
     is_waiting_ = false;

@@ -11,6 +11,7 @@
 #include <cerrno>
 #include <cstring>
 
+#include "capture/longest_wait.hpp"
 #include "manip3d/error.hpp"
 
 namespace manip3d {
@@ -95,10 +96,11 @@ void UdpReceiver::start() {
   {
     const std::lock_guard lock(mutex_);
     if (running_) return;
-    running_ = true;
   }
   if (thread_.joinable()) thread_.join();  // it ended by itself
+  const std::lock_guard lock(mutex_);
   thread_ = std::thread(&UdpReceiver::receive, this);
+  running_ = true;  // only now: a receiver without a thread could not be started again
 }
 
 void UdpReceiver::stop() {
@@ -168,7 +170,8 @@ void UdpReceiver::put(const std::byte* data, std::size_t size, std::int64_t time
 bool UdpReceiver::read(std::vector<std::byte>& payload, std::int64_t& time_ns,
                        std::chrono::milliseconds timeout) {
   std::unique_lock lock(mutex_);
-  arrived_.wait_for(lock, timeout, [this] { return count_ > 0 || !running_; });
+  arrived_.wait_for(lock, std::min(timeout, kLongestWait),
+                    [this] { return count_ > 0 || !running_; });
   if (count_ == 0) return false;
   const Slot& slot = slots_[begin_];
   const std::byte* data = bytes_.data() + begin_ * kMaxUdpBytes;

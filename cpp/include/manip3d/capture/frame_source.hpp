@@ -8,9 +8,9 @@
 namespace manip3d {
 
 enum class ReadStatus : std::uint8_t {
-  kFrame,    ///< There is one.
-  kTimeout,  ///< None came in time; try again.
-  kEnd       ///< None will come any more.
+  kFrame,    ///< There is a frame.
+  kTimeout,  ///< No frame came in time; try again.
+  kEnd       ///< No frame will come any more.
 };
 
 struct SourceCapabilities {
@@ -31,7 +31,8 @@ class FrameSource {
   [[nodiscard]] virtual SourceCapabilities capabilities() const = 0;
   /// Begins; a live source collects from now on.
   virtual void start() = 0;
-  /// The next frame into `frame`, waiting at most `timeout` for a live source.
+  /// Moves the next frame into `frame`. Waits at most `timeout`, and at most an hour, for a live
+  /// source.
   virtual ReadStatus read(Frame& frame, std::chrono::milliseconds timeout) = 0;
   /// Ends a live source's thread. What was collected before can still be read.
   virtual void stop() = 0;

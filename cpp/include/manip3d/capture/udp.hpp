@@ -33,8 +33,8 @@ struct UdpCounters {
 
 constexpr std::size_t kMaxUdpBytes = 1536;
 
-/// Receives between `start` and `stop` (or destruction). Any thread may call any of them at any
-/// time; `stop` ends the wait of `read`.
+/// Receives packets between `start` and `stop` (or destruction). Any thread may call any method at
+/// any time; `stop` ends the wait of `read`.
 class UdpReceiver {
  public:
   /// Binds the port.
@@ -45,10 +45,16 @@ class UdpReceiver {
   UdpReceiver& operator=(const UdpReceiver&) = delete;
   ~UdpReceiver();
 
+  /// Starts the thread that receives; nothing happens if it runs already.
+  /// @throws std::system_error  the system gives no thread; the receiver is stopped then.
   void start();
+  /// Ends the thread. Packets that wait can still be read.
   void stop();
-  /// The oldest packet that waits; false when none comes within `timeout`, or none waits after
-  /// `stop`.
+  /// Takes the oldest packet that waits; waits for one while the receiver runs.
+  /// @param payload  the bytes of the packet without its headers; unchanged if there is none.
+  /// @param time_ns  when the kernel received it, nanoseconds since 1970; 0: unknown.
+  /// @param timeout  longer ones than an hour count as an hour.
+  /// @return  false: no packet came within `timeout`, or the receiver is stopped and none waits.
   bool read(std::vector<std::byte>& payload, std::int64_t& time_ns,
             std::chrono::milliseconds timeout);
 
