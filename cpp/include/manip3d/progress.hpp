@@ -16,14 +16,16 @@ inline Progress part_of(const Progress& progress, double from, double to) {
   return [=](double fraction) { progress(from + fraction * (to - from)); };
 }
 
-/// Lets a long loop be cancelled: reports, every so many steps, that the work goes on.
+/// Lets a long loop be cancelled. It does not know how long the loop is: every so many steps it
+/// reports the fraction 0, which part_of() maps to the begin of the loop's part of the work.
 class Ticker {
  public:
-  /// @param every  A power of two; so many steps take a few milliseconds.
+  /// @param every  Steps between two reports, a power of two; they should take a few milliseconds.
   explicit Ticker(const Progress& progress, std::uint32_t every = 1U << 12)
       : progress_(progress), mask_(every - 1) {}
 
-  /// One step of the loop.
+  /// To be called once in each step of the loop.
+  /// @throws  what the progress function throws to cancel the work.
   void tick() {
     if ((++steps_ & mask_) == 0 && progress_) progress_(0.0);
   }

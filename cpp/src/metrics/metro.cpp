@@ -23,7 +23,8 @@ std::vector<std::int32_t> used_vertices(const MeshView& mesh) {
 
 Deviation one_sided(const MeshView& from, const MeshView& to, double unit, std::int64_t samples,
                     const MetroOptions& options, const Progress& progress) {
-  const TriangleBvh bvh(to, part_of(progress, 0.0, 0.3));
+  constexpr double kBuilt = 0.3;  // share of the time until the tree is there
+  const TriangleBvh bvh(to, part_of(progress, 0.0, kBuilt));
   const auto measure_all = [&](std::int64_t count, const auto& point_of) {
     const auto measure = [&](std::int64_t begin, std::int64_t end) {
       Moments distances;
@@ -35,7 +36,7 @@ Deviation one_sided(const MeshView& from, const MeshView& to, double unit, std::
       }
       return distances;
     };
-    return accumulate_in_order<Moments>(count, options.num_threads, part_of(progress, 0.3, 1.0),
+    return accumulate_in_order<Moments>(count, options.num_threads, part_of(progress, kBuilt, 1.0),
                                         measure)
         .deviation(unit);
   };

@@ -48,7 +48,7 @@ void check_all_options(const PhantomOptions& o) {
   check_options(o.mask);
 }
 
-/// Adds the time since it was last asked to one stage after the other.
+/// Measures the stages of a frame: end() adds the time since the last end() to a stage.
 class StageClock {
  public:
   explicit StageClock(std::array<double, kNumPhantomStages>& seconds) : seconds_(seconds) {}
@@ -64,7 +64,7 @@ class StageClock {
   Clock::time_point last_ = Clock::now();
 };
 
-/// Takes the body from where it was to where it is.
+/// The rigid motion that takes the body from the place of one frame to that of another.
 class BodyMotion {
  public:
   BodyMotion(const BodyFrame& from, const BodyFrame& to) {
@@ -104,10 +104,10 @@ struct MirroredLimb {
   }
 };
 
-/// How much farther than the intact limb's the phantom's end moves in a frame.
+/// Measures how much farther the end of the phantom moves in a frame than that of the intact limb.
 class LeapMeter {
  public:
-  /// Metres; 0 where the frame before is not known.
+  /// Takes the ends in a new frame. Returns metres; 0 if there was no frame shortly before.
   double add(const Eigen::Vector3f& phantom, const Eigen::Vector3f& intact, double time_s) {
     constexpr double kUnseen = 0.25;  // seconds in which a limb may be anywhere
     double leap = 0.0;
@@ -294,21 +294,22 @@ class PhantomPipeline::Workspace {
 
   /// By skins, what is nearest to the limb belongs to it even where the joints are off.
   [[nodiscard]] double removal_radius() const {
-    constexpr double kOff = 0.08;  // metres
+    constexpr double kOff = 0.08;  // metres: error of a joint
     return goes_by_skin() ? radius() + kOff : radius();
   }
 
   [[nodiscard]] bool goes_by_skin() const { return options_.segmentation == BoneRule::kSkin; }
 
-  /// Points farther from the skin are no flesh: a seat between two thighs.
+  /// Metres from the skin of a bone: points farther away are not of the body, such as a seat
+  /// between two thighs.
   [[nodiscard]] double flesh() const {
     constexpr double kClothes = 0.06;  // metres, and what girths and joints are off by
     return goes_by_skin() ? kClothes + static_cast<double>(girth_.limb())
                           : std::numeric_limits<double>::infinity();
   }
 
-  /// The person's points, and its joints where the flesh is: for all that follows the points. What
-  /// is reported and asked for its fit are the tracker's.
+  /// Finds the person's points. Returns its joints, with limbs moved to where the points show flesh
+  /// (fit_limbs), for all steps that follow the points; report and fit take the tracker's joints.
   std::optional<Skeleton> find_points(const PatientFrame& now, const PhantomInput& input) {
     points_.count = 0;
     is_beside_all_ = false;
@@ -382,11 +383,11 @@ class PhantomPipeline::Workspace {
     if (follows_trunk()) report.quality.plane_deg = trunk_.deviation_deg();
   }
 
-  /// Gives each point its bone, and learns how stout the trunk is: in the first frame until that is
-  /// known.
+  /// Gives each point its bone, and learns the girth of the trunk. Bones depend on the girth: in
+  /// the first frame both are found in turns until the girth settles.
   void segment_by_bones(const Skeleton& person) {
     constexpr int kRounds = 10;
-    constexpr float kSame = 0.02F;
+    constexpr float kSame = 0.02F;  // metres that the girth changes by
     for (int round = 0; round < kRounds; ++round) {
       bones_ = bones_of(person);
       segment_bones(bones_, points_);
@@ -432,7 +433,7 @@ class PhantomPipeline::Workspace {
     mirror_ = make_mirror(*frame_, options_.mode);
   }
 
-  /// Turns the plane as the two legs of a person who has both tell.
+  /// Turns the plane by what a person's two legs show, if the person has both.
   void follow_legs(const Skeleton& person) {
     if (!follows_trunk() || !goes_by_skin() || is_arm(options_.affected) || !trunk_frame_) return;
     if (presence_.is_there()) {
@@ -561,7 +562,7 @@ class PhantomPipeline::Workspace {
     report.opacity = faded > 0.0 ? 1.0 - faded / options_.fade_seconds : 1.0;
   }
 
-  /// Measures what was drawn; what nobody would believe is not called tracking.
+  /// Measures what was drawn. A phantom beyond a limit of PhantomQuality is kDegraded.
   void judge_picture(const Skeleton& person, const TakenOut& taken, double time_s,
                      const PixelBox& box, const PhantomImage& image, PhantomReport& report) {
     if (report.state != PhantomState::kTracking) {
@@ -586,8 +587,8 @@ class PhantomPipeline::Workspace {
         report.reason == kShaky || report.reason == kLeap || report.reason == kDetached;
   }
 
-  /// The largest standard deviation of a joint's distance from the plane, of those that may be on
-  /// its other side.
+  /// The largest standard deviation of an intact joint's distance from the plane, metres, among the
+  /// joints so near to the plane that they may be on its other side.
   [[nodiscard]] double deviation_across(const Skeleton& person) const {
     constexpr double kSure = 2.0;  // standard deviations
     const Limb intact = opposite(options_.affected);
@@ -642,8 +643,9 @@ class PhantomPipeline::Workspace {
                        behind, image, mirrored_.root);
   }
 
-  /// Bridges and both fillings, and what the second one leaves open between pixels, as mirrored
-  /// points lie farther apart. Returns the box of everything there is.
+  /// Closes the phantom: bridges between mirrored points that were neighbours, the filling of its
+  /// holes, the second filling around its root, and what that leaves open between pixels, since
+  /// mirrored points lie farther apart. Returns the box of person and phantom.
   PixelBox fill(const Shown& shown, double time_s, const PhantomImage& image,
                 PhantomReport& report) {
     const bool is_lost = report.state == PhantomState::kLost;
@@ -667,9 +669,10 @@ class PhantomPipeline::Workspace {
     return all.box();
   }
 
-  /// An arm beside the trunk is no part of it, but a lap has no seam between the thighs.
+  /// Gives pixels of a lap back that went with the affected leg: unlike an arm beside the trunk, a
+  /// thigh has no border to the lap.
   void give_back_lap(const PhantomImage& image) {
-    constexpr double kSeam = 0.05;  // metres
+    constexpr double kSeam = 0.05;  // metres from the skin of a bone that stays
     if (options_.keep_residual || !goes_by_skin() || is_arm(options_.affected)) return;
     give_back(points_, options_.affected, bones_, kSeam, image);
     give_back_holes(points_, options_.affected, bones_, rays_, image, vertex_of_);

@@ -29,12 +29,14 @@ constexpr double kFirstErrors = 5.0;       // frames that the first correlation 
 // as much as some thirty.
 constexpr double kSurfaceNoise = 0.010, kSharedNoise = 4.0;
 constexpr double kSurfaceScale = 0.02;  // metres: of the Geman-McClure weight
-constexpr double kAgreement = 1.7320508075688772 * kSurfaceScale;  // there the weight is 1 / 16
-// Metres: of what a trunk's joint jumps by. Jitter is measured; below 1 cm what joints show is
-// slow, and wrong.
+constexpr double kAgreement =
+    1.7320508075688772 * kSurfaceScale;  // sqrt(3): there the weight is 1 / 16
+// Bounds of the jitter that is measured for a joint of the trunk, metres. Errors below 1 cm change
+// slowly, so that they are not seen as jitter, but they are there.
 constexpr double kLeastJointNoise = 0.01, kMostJointNoise = 0.08;
-constexpr double kFirstJitter = 0.005, kGuessed = 5.0;  // metres; times that of a guess
-constexpr double kJointBias = 0.02;  // metres: what the mean of a joint is off by in any case
+constexpr double kFirstJitter = 0.005,
+                 kGuessed = 5.0;     // metres, before it is measured; a guess: times
+constexpr double kJointBias = 0.02;  // metres: error of a joint's mean that no averaging removes
 // Errors of joints from frame to frame, until they are measured: trackers filter.
 constexpr double kFirstCorrelation = 0.8, kMostCorrelation = 0.95;
 constexpr double kJointScale = 0.05;  // metres: of the Cauchy weight
@@ -47,12 +49,12 @@ constexpr double kUsualTurn = 0.2, kTurnChange = 0.04, kPelvisMove = 0.03;
 constexpr double kLeastTurn = 0.05, kSureTurn = 3.0;
 // The loins, as parts of the way from the hips to the neck, are where the trunk turns in itself.
 constexpr double kLowLoins = 0.2, kHighLoins = 0.7;
-constexpr double kStepMemory = 0.7;         // of the velocity, from frame to frame
-constexpr double kContradiction = 0.15;     // metres: joints off by so much are another trunk's
+constexpr double kStepMemory = 0.7;      // share of the velocity that is kept from frame to frame
+constexpr double kContradiction = 0.15;  // metres: joints off by so much are another trunk's
 constexpr double kContradictionTime = 0.3;  // seconds until joints are believed
 constexpr double kFrameTime = 1.0 / 30.0;   // seconds: of the priors
-constexpr double kGap = 0.25;               // seconds after which nothing is known of the motion
-constexpr double kMissed = 0.1;             // seconds after which a surface may lock in elsewhere
+constexpr double kGap = 0.25;    // seconds without a frame after which the motion is unknown
+constexpr double kMissed = 0.1;  // seconds after which the joints say where the surface is
 // Seconds over which the joints' direction across is averaged, and radians that it may differ from
 // the plane's normal by: a reaching arm takes its shoulder along by up to 10 cm.
 constexpr double kAcrossTime = 0.1, kMostDisagreement = 0.26;
@@ -66,15 +68,16 @@ constexpr double kHipsTime = 0.2, kUsualTime = 10.0, kMostTwist = 0.10, kFirstUs
 // from the last pose.
 constexpr double kMostJump = 0.21, kSureJump = 4.0;
 constexpr double kNewKeyTurn = 0.99;  // cosine of half the turn after which points are renewed
-constexpr double kNewKeyShare = 0.55;
+constexpr double kNewKeyShare =
+    0.55;  // of the points: they are renewed if fewer lie on the surface
 constexpr double kSymmetryWindow = 45.0;  // frames over which the plane of the surface is averaged
 constexpr double kFirstPlanes = 5.0;      // frames
-constexpr double kSymmetryNoise = 0.02;   // metres: what left and right differ by, and its clothes
+constexpr double kSymmetryNoise = 0.02;   // metres: what left and right of a clothed body differ by
 // How far the plane of the joints may be off: roll and yaw in radians, and metres aside.
 const Eigen::Vector3d kPlaneBias(0.03, 0.04, 0.012);
 constexpr double kLegRoll = 0.005;  // a leaning trunk says little about the roll of the pelvis
-constexpr double kLeftTilt = 0.2;   // of the spine's tilt, in a plane for legs
-constexpr double kUnknown = 0.04;   // square metres: of a joint never seen
+constexpr double kLeftTilt = 0.2;  // share of the spine's sideways tilt that a plane for legs keeps
+constexpr double kUnknown = 0.04;  // square metres: variance of a joint never seen
 constexpr double kShoulders = 0.35, kHips = 0.18;  // metres between those of an adult
 // Shoulders are twice as far apart as hips, so halved they count as much: for legs.
 constexpr double kOtherPair = 0.5;
@@ -88,7 +91,8 @@ Eigen::Quaterniond small_turn(const Eigen::Vector3d& w) {
   return Eigen::Quaterniond(1.0, 0.5 * w.x(), 0.5 * w.y(), 0.5 * w.z()).normalized();
 }
 
-/// Turns a vector of the trunk about the spine, as small_turn() does.
+/// Turns a vector of the trunk about the spine, its y axis. As in small_turn(), the tangent of half
+/// the angle is taken as half the angle.
 Eigen::Vector3d about_spine(const Eigen::Vector3d& p, double angle) {
   const double half = 0.5 * angle, scale = 1.0 / (1.0 + half * half);
   const double c = (1.0 - half * half) * scale, s = 2.0 * half * scale;
@@ -130,7 +134,7 @@ std::optional<Line> middle_line(const Skeleton& skeleton, const JointTrust& trus
   Line line;
   line.point = sum / weight;
   // The heights along the spine weigh the joints: those farther from the mean tell more.
-  constexpr std::array kHeights = {0.0, 0.31, 0.535, 0.61};  // of the middle joints, metres
+  constexpr std::array kHeights = {0.0, 0.31, 0.535, 0.61};  // of kMiddle above SpineBase, metres
   double mean = 0.0;
   for (std::size_t i = 0; i < kMiddle.size(); ++i) {
     if (!is_usable(skeleton, kMiddle[i])) continue;
@@ -177,8 +181,8 @@ void level(BodyFrame& frame, const Eigen::Vector3d& down) {
   frame.z = frame.n.cross(frame.y);
 }
 
-/// The normal of the plane through the depths around a pixel, towards the camera; none on edges.
-/// Depth of a plane is linear in the pixel over its depth, and nearly in the pixel itself.
+/// The normal of the least-squares plane z = a x + b y + c through the points around a pixel,
+/// towards the camera; none on edges.
 std::optional<Eigen::Vector3d> normal_at(const DepthView& depth, const PixelRays& rays,
                                          std::int32_t pixel) {
   constexpr double kReach = 0.05;       // metres: wide, as one step of a Kinect V1 is 2 cm
@@ -257,6 +261,7 @@ bool is_on_trunk(std::uint8_t bone) {
 
 namespace {
 
+/// trunk_frame(), where each joint counts by its trust: 1 is that of an exact one.
 std::optional<BodyFrame> trusted_frame(const Skeleton& skeleton, Limb limb, const JointTrust& trust,
                                        const Eigen::Vector3d& down) {
   const auto line = middle_line(skeleton, trust);
@@ -272,6 +277,7 @@ std::optional<BodyFrame> trusted_frame(const Skeleton& skeleton, Limb limb, cons
   add(pair_of(skeleton, trust, kShoulderLeft, kShoulderRight, kSpineShoulder),
       arm ? 1.0 : kOtherPair);
   add(pair_of(skeleton, trust, kHipLeft, kHipRight, kSpineBase), arm ? kOtherPair : 1.0);
+  // Metres from right to left; sine of the angle between x and the spine; metres before the camera.
   constexpr double kShortest = 0.05, kLeastSine = 0.1, kNearest = 0.1;
   if (!(x.norm() > kShortest * std::min(weight, 1.0))) return std::nullopt;
   BodyFrame frame;
@@ -328,7 +334,8 @@ void TrunkTracker::reset() {
   surface_share_ = 0.0;
 }
 
-/// The same person: what its joints jitter by is known, and nothing else.
+/// Begins to follow the trunk at this frame. It is the same person, so the measured jitter of the
+/// joints is kept; all else is forgotten.
 void TrunkTracker::start(const BodyFrame& frame) {
   std::array<double, kNumJoints> jitter{};
   for (std::size_t i = 0; i < kNumJoints; ++i) jitter[i] = joints_[i].jitter;
@@ -443,7 +450,7 @@ void TrunkTracker::measure_symmetry(const DepthView& depth, const PixelRays& ray
   Eigen::Vector3d moved = Eigen::Vector3d::Zero();
   std::size_t agreed = 0;
   Eigen::Vector3d n = axes->n, o = axes->origin;
-  Eigen::Matrix3d told;  // by the surface
+  Eigen::Matrix3d told;  // information of the surface alone
   // Later the last frames' planes are near; at first that of the joints may be far off.
   const int wider = plane_.weight < kFirstPlanes ? 4 : 0;
   for (int iteration = -wider; iteration < 2; ++iteration) {
@@ -456,6 +463,7 @@ void TrunkTracker::measure_symmetry(const DepthView& depth, const PixelRays& ray
       const double s = n.dot(from);
       const Eigen::Vector3d turned = rotation * point.normal;
       Eigen::Vector3d p = from + o - 2.0 * s * n, normal = turned - 2.0 * n.dot(turned) * n;
+      // The key frame is not twisted: the trunk is mirrored first, then twisted as it is now.
       if (const double turn = point.share * pelvis_.turn; turn != 0.0) {
         const Eigen::Matrix3d back = rotation.transpose();
         p = rotation * about_spine(back * (p - pose_->translation), turn) + pose_->translation;
@@ -656,7 +664,9 @@ void TrunkTracker::compare_hips(const Skeleton& joints, double elapsed) {
   usual_time_ = std::min(usual_time_ + step, kUsualTime);
   const double off = std::remainder(angle - usual_angle_, 2.0 * std::numbers::pi);
   usual_angle_ += step / usual_time_ * off;
-  // The variance that an exponential mean leaves of errors with a correlation from frame to frame.
+  // The variance of an exponential mean of first-order autoregressive errors. `variance` is that of
+  // what is new in each frame; over 1 - rho^2 it is that of the errors; a mean that keeps `kept`
+  // from frame to frame leaves (1 - kept) / (1 + kept) (1 + rho kept) / (1 - rho kept) of it.
   const double rho = correlation(), kept = std::exp(-kFrameTime / kHipsTime);
   variance *=
       (1.0 - kept) / (1.0 + kept) * (1.0 + rho * kept) / (1.0 - rho * kept) / (1.0 - rho * rho);
@@ -879,8 +889,9 @@ double TrunkTracker::correlation() const {
   return std::clamp(error_product_ / error_power_, 0.0, kMostCorrelation);
 }
 
-/// The variance of what is new in a joint's error, from that of its second differences: with white
-/// noise six times it, with correlated noise less.
+/// The variance of what is new in a joint's error from frame to frame. Errors of variance s with
+/// correlation rho have second differences of variance 2 s (1 - rho) (3 - rho), which is six times
+/// `jitter`; new is s (1 - rho^2).
 double TrunkTracker::innovation(const JointMean& mean) const {
   const double rho = correlation();
   return mean.jitter * 3.0 * (1.0 + rho) / (3.0 - rho);
@@ -913,6 +924,7 @@ void TrunkTracker::measure_jitter(const Skeleton& joints) {
       constexpr double kMost = 0.1;    // metres: what jumps farther is no jitter
       constexpr double kMemory = 0.9;  // from frame to frame
       const Eigen::Vector3d second = now - 2.0 * mean.last[0] + mean.last[1];
+      // White noise of variance s has second differences of variance 6 s in each coordinate.
       const double seen = std::min(second.squaredNorm(), 18.0 * kMost * kMost) / 18.0;
       mean.jitter = kMemory * mean.jitter + (1.0 - kMemory) * seen;
     }
@@ -924,6 +936,8 @@ void TrunkTracker::measure_jitter(const Skeleton& joints) {
   }
 }
 
+/// Takes the joints of a frame into their means in the trunk, measures the correlation of their
+/// errors from frame to frame, and takes the intact knee of a person on a seat into its mean.
 void TrunkTracker::average_joints(const Skeleton& joints) {
   const Eigen::Quaterniond back = pose_->rotation.conjugate();
   double power = 0.0, product = 0.0, count = 0.0;
@@ -967,6 +981,8 @@ void TrunkTracker::average_joints(const Skeleton& joints) {
   error_product_ = kMemory * error_product_ + product / count;
 }
 
+/// Trust of each joint's mean: the variance that an exact mean has in any case over that of this
+/// one; 0 for a joint never seen.
 TrunkTracker::JointTrust TrunkTracker::joint_trust() const {
   JointTrust trust{};
   for (const Joint joint : kTrunkJoints) {
@@ -996,7 +1012,8 @@ void TrunkTracker::learn(const PersonPoints& points, const DepthView& depth, con
   const bool fits =
       surface_.size() >= kLeastSurface && surface_share_ > kNewKeyShare && half_turn > kNewKeyTurn;
   if (fits) return;
-  // Points of the trunk between the hips and the shoulders, not of what hangs beside it.
+  // Points of the trunk between the hips and the shoulders, not of what hangs beside it: `half` is
+  // half of its width, that of a narrow adult at least. All metres, in the trunk.
   const Eigen::Quaterniond back = pose_->rotation.conjugate();
   double low = 0.0, high = 0.0, half = 0.17;
   for (const Joint joint : kTrunkJoints) {

@@ -256,17 +256,23 @@ struct Relief::Memory {
            pinholes.is_filled(surface.input_v(pixel) * pinholes.grid().cols +
                               surface.input_u(pixel));
   }
+  /// Points `worked` to the surface that is good enough for the target.
   void choose_surface(ReliefEffort effort, std::int64_t target);
+  /// Moves the mesh to the whole surface, and its boundary to where that ends.
   void move_boundary(int sweeps);
+  /// Fills `keep` with the vertices of the frame before.
   void recall(const PointGridView& grid, const ReliefOptions& options);
+  /// Triangulates and collapses edges until the mesh has at most `target` vertices.
   void select(const ReliefOptions& options, std::int64_t target, OffFaces off,
               ReliefResult& result);
+  /// Steps 1 to 3 of the operator for one size.
   void make_mesh(const ReliefOptions& options, std::int64_t target, OffFaces off,
                  ReliefResult& result);
   double written_coverage(const Triangulation& of);
   void try_mesh(const ReliefOptions& options, std::int64_t target, OffFaces off, double factor,
                 double& covered, ReliefResult& result);
   void make_best_mesh(const ReliefOptions& options, std::int64_t target, ReliefResult& result);
+  /// Flips edges and moves vertices.
   void refine(const Budget& budget);
   /// The surface without what lies over pinholes.
   [[nodiscard]] const Surface& seen() const {

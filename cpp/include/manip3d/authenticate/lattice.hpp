@@ -28,8 +28,8 @@ LatticeReading read_lattice(const PointsView& points, const ScanLattice& lattice
                             int num_threads = 0, const Progress& progress = {});
 
 /// @throws InputError  what read_lattice refuses; the reading is of another number of points, or of
-/// another lattice: a ring or
-///                     a count that it does not have, an azimuth beyond one turn.
+///                     another lattice: a ring or a count that it does not have, an azimuth beyond
+///                     one turn.
 void check_reading(const LatticeReading& reading, const PointsView& points,
                    const ScanLattice& lattice);
 

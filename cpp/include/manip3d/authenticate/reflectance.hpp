@@ -7,7 +7,8 @@
 #include "manip3d/geometry/align_scans.hpp"
 
 /// @file
-/// Evidence that the reflectance of a part of a frame was rewritten.
+/// Evidence that the reflectance of a part of a frame was rewritten. A frame is one turn of a
+/// spinning scanner.
 namespace manip3d {
 
 enum class ReflectanceEvidence : std::uint8_t {
@@ -19,25 +20,30 @@ inline constexpr int kNumReflectanceEvidence = 2;
 /// A connected set of directions with one kind of evidence.
 struct ReflectanceRegion {
   ReflectanceEvidence kind = ReflectanceEvidence::kEven;
-  /// kEven: log likelihood ratio of a rewritten surface over a clean one. kChanged: points times
-  /// their metres from the scanner, weighed by how far their windows exceed the threshold.
+  /// kEven: log likelihood ratio of a rewritten surface over a clean one. kChanged: sum of the
+  /// points' distances from the scanner in metres, each weighed by how far its window exceeds the
+  /// threshold. Values of different kinds cannot be compared.
   double strength = 0.0;
   std::vector<std::int32_t> rows;  ///< Points of the frame in those directions, ascending.
 };
 
 struct ReflectanceOptions {
-  double nearest = 4.0;    ///< Metres: nearer is the vehicle.
-  double farthest = 35.0;  ///< Metres: farther, two turns see different spots of a surface.
-  double reach = 0.35;     ///< Metres between a point and one of another turn beside it.
-  int num_threads = 0;
+  /// Metres from the scanner: nearer points are not compared, as they are of the vehicle itself.
+  double nearest = 4.0;
+  /// Metres from the scanner: farther points are not compared, as the spots that two turns see on a
+  /// surface lie too far apart there.
+  double farthest = 35.0;
+  /// Metres: a point is compared with those of another turn that are nearer to it than this.
+  double reach = 0.35;
+  int num_threads = 0;  ///< 0: all cores.
 };
 
 /// A turn beside the frame, and the motion that takes it into the frame's coordinates.
 struct ReflectanceTurn {
   const PointsView& points;
   ScanMotion motion;
-  /// The places of its points, moved into the frame's coordinates, on the lattice, as compare_turns
-  /// says; null: they are read.
+  /// Where its points, moved into the frame's coordinates, lie on the lattice; compare_turns() has
+  /// this reading. Null: it is made.
   const LatticeReading* seen = nullptr;
 };
 

@@ -10,9 +10,10 @@
 /// samples.
 namespace manip3d {
 
-/// A borrowed picture of 8 bits a sample, row by row: grey, or red, green and blue.
+/// A borrowed picture of 8 bits a sample, row by row without gaps: grey, or red, green and blue in
+/// turn.
 struct PictureView {
-  std::span<const std::uint8_t> samples;
+  std::span<const std::uint8_t> samples;  ///< (height, width, channels)
   std::uint32_t height = 0, width = 0;
   std::uint32_t channels = 1;  ///< 1 or 3.
 };
@@ -22,7 +23,8 @@ struct PictureView {
 constexpr std::size_t kCarrierSamples = 16384;
 constexpr std::size_t kMostCarried = kCarrierSamples / 8;  ///< Bytes of a record in a picture.
 
-/// @throws InputError  neither grey nor three channels, another number of samples than its shape
+/// Checks that a picture can carry a record; every function here that takes a picture calls it.
+/// @throws InputError  neither one nor three channels, another number of samples than its shape
 ///                     has, or fewer than `kCarrierSamples`.
 void check_picture(const PictureView& picture);
 

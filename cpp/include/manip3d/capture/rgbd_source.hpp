@@ -34,10 +34,12 @@ class RgbdSource : public FrameSource<RgbdFrame> {
   /// Goes to a frame of a recording, counted from 0: the next `read` gives it, or the next whole
   /// one after it, or kEnd beyond the last. One that plays in real time takes it before `start`
   /// only.
-  /// @throws InputError  no recording, one that plays, or an index below 0.
+  /// @throws InputError  the source is no recording, or plays in real time already; an index below
+  ///                     0.
   virtual void seek(std::int64_t index);
-  /// Reads that frame and no other; `read` goes on behind it.
-  /// @throws InputError  as `seek`, or there are not so many.
+  /// Reads the frame of that index, counted from 0, and no other; the next `read` gives the one
+  /// after it.
+  /// @throws InputError  as `seek`; the recording has no frame of that index.
   /// @throws FormatError  the frame is damaged or lost.
   virtual void read_at(std::int64_t index, RgbdFrame& frame);
 };

@@ -25,16 +25,19 @@ enum class VelodyneModel : std::uint8_t { kHdl64e, kHdl32e, kVlp16, kVlp32c };
 const char* velodyne_model_name(VelodyneModel model);
 std::optional<VelodyneModel> velodyne_model_of_name(const std::string& name);
 
-/// Where one laser looks and what its ranges need, in the terms of the HDL-64E's db.xml.
+/// Direction of one laser and corrections of its ranges, in the terms of the calibration file of
+/// the HDL-64E, db.xml (User's manual HDL-64E S2, appendix on calibration).
 struct LaserCalibration {
-  double elevation_deg = 0.0;
+  double elevation_deg = 0.0;       ///< Above the horizontal plane.
   double azimuth_offset_deg = 0.0;  ///< Added to the rotor's azimuth (clockwise from above).
-  double range_offset_m = 0.0;     ///< Added to every range; at 25.04 m where two points are known.
-  bool has_two_points = false;     ///< The next two hold.
-  double range_offset_x_m = 0.0;   ///< At 2.4 m along x.
-  double range_offset_y_m = 0.0;   ///< At 1.93 m along y.
-  double vertical_offset_m = 0.0;  ///< Offset of the laser, at right angles to its beam.
-  double horizontal_offset_m = 0.0;
+  /// Added to each range. With two points it holds at 25.04 m, and is interpolated linearly between
+  /// there and the two near distances below.
+  double range_offset_m = 0.0;
+  bool has_two_points = false;       ///< range_offset_x_m and range_offset_y_m are known.
+  double range_offset_x_m = 0.0;     ///< At |x| = 2.4 m, where the manual's x is to the right.
+  double range_offset_y_m = 0.0;     ///< At |y| = 1.93 m, where the manual's y is ahead.
+  double vertical_offset_m = 0.0;    ///< Shift of the laser upwards, at right angles to its beam.
+  double horizontal_offset_m = 0.0;  ///< Shift of the laser to the left of its beam.
 };
 
 struct VelodyneCalibration {

@@ -13,12 +13,14 @@ namespace manip3d {
 struct ScanMotion {
   Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();
   Eigen::Vector3d translation = Eigen::Vector3d::Zero();  ///< Metres.
-  double residual = 0.0;   ///< Metres: median distance of the pairs from their planes.
-  std::int64_t pairs = 0;  ///< Points of the source that met a plane of the target.
-  std::int64_t tried = 0;  ///< Points of the source that were looked at.
+  // How well align() made them meet; of no meaning in a motion to start from.
+  double residual = 0.0;   ///< Metres: median distance of the paired points from their planes.
+  std::int64_t pairs = 0;  ///< Points of the source with a plane of the target near them.
+  std::int64_t tried = 0;  ///< Points of the source that were looked at: one a voxel.
 
-  /// Whether two thirds of the points meet a plane of the target, half of them within 8 cm: scans
-  /// that follow each other, of KITTI and of simulated streets, have 75 % and 1 to 3 cm.
+  /// Whether the motion can be believed: two thirds of the points have a plane near them, and half
+  /// of those are within 8 cm of it. Scans that follow each other, of KITTI and of simulated
+  /// streets, have 75 % and 1 to 3 cm.
   [[nodiscard]] bool is_found() const {
     return tried > 0 && 3 * pairs >= 2 * tried && residual < 0.08;
   }

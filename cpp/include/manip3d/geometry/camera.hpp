@@ -47,8 +47,11 @@ class PixelRays {
   /// @throws InputError  as check_intrinsics.
   explicit PixelRays(const Intrinsics& camera);
 
+  /// Pixels in a row; 0 for an object that was made without a camera.
   [[nodiscard]] std::int64_t width() const { return width_; }
+  /// Rows of pixels.
   [[nodiscard]] std::int64_t height() const { return height_; }
+  /// Does x depend on the column alone, and y on the row alone?
   [[nodiscard]] bool is_separable() const { return separable_; }
   /// x of the pixels of row v: `width` values.
   [[nodiscard]] const float* x(std::int64_t v) const {
@@ -58,8 +61,9 @@ class PixelRays {
   [[nodiscard]] const float* y(std::int64_t v) const {
     return y_.data() + (separable_ ? v : v * width_);
   }
-  /// True if, seen from the camera with columns to the right, rows go up or columns run
-  /// backwards: then triangles that face the camera are counter-clockwise in (u, v).
+  /// True if exactly one axis of the image runs against the camera's: rows go up (fy < 0), or
+  /// columns run to the left (`mirrored`). Triangles that face the camera are then
+  /// counter-clockwise in (u, v), else clockwise.
   [[nodiscard]] bool flips() const { return flips_; }
 
  private:

@@ -6,13 +6,15 @@
 
 namespace manip3d {
 
-/// Marked cells side by side in a row of a binary image, as many as there are.
+/// Marked cells side by side in a row of a binary image; the cells before and after are unmarked.
 struct MarkedRun {
-  std::int64_t row, first, last;  ///< Columns, both inside.
-  std::int32_t component = 0;
+  std::int64_t row;
+  std::int64_t first, last;    ///< Columns of the first and the last cell.
+  std::int32_t component = 0;  ///< Number of the connected component, from 0.
 };
 
-/// Finds what is connected in binary images, corners included. Keeps its memory.
+/// Finds the connected components of binary images; cells that touch at a corner are connected (8
+/// neighbours). Keeps its memory from image to image.
 class ConnectedRuns {
  public:
   ConnectedRuns();
@@ -20,13 +22,16 @@ class ConnectedRuns {
   ConnectedRuns& operator=(ConnectedRuns&&) noexcept;
   ~ConnectedRuns();
 
-  /// The runs in the order of rows and columns; components are numbered by their first runs.
-  /// @param cells       (rows, columns), 0 or 1 = marked.
-  /// @param goes_round  Column 0 is the neighbour of the last one.
+  /// The runs of an image in the order of rows, then columns, valid until the next call. Components
+  /// are numbered in the order of their first runs.
+  /// @param cells       (rows, columns), 1 where marked, else 0; other values are not allowed.
+  /// @param goes_round  Whether column 0 is the neighbour of the last one, as in a panorama. A
+  ///                    run still ends at the last column.
   const std::vector<MarkedRun>& find(const std::uint8_t* cells, std::int64_t rows,
                                      std::int64_t columns, bool goes_round);
-  /// Makes room for images of so many cells.
+  /// Makes room for images of this size, so that find() allocates nothing.
   void reserve(std::int64_t rows, std::int64_t columns);
+  /// Of the image of the last find().
   [[nodiscard]] std::int32_t num_components() const { return num_components_; }
 
  private:

@@ -2,19 +2,25 @@
 
 #include <Eigen/Core>
 
-namespace manip3d {
+/// @file
+/// Exact predicates [Shewchuk, Discrete & Computational Geometry 1997] for coordinates that are 0
+/// or have a magnitude between 1e-90 and 1e90: products of three of them neither overflow nor lose
+/// bits below the smallest double. The predicates do not check this: callers refuse points that are
+/// not is_exact(). NaN and infinity are not.
 
-/// Exact predicates for coordinates that are 0 or have a magnitude between 1e-90 and 1e90
-/// [Shewchuk, Discrete & Computational Geometry 1997]; others are refused by their caller.
+namespace manip3d {
 
 /// Whether the coordinates of a point are in the range above.
 bool is_exact(const Eigen::Vector3d& point);
 
-/// Sign of the area of a triangle in the plane: 1 where it is counter-clockwise.
+/// Sign of the area of a triangle in the plane: 1 where a, b, c go round counter-clockwise, 0 where
+/// they lie on one line.
 int orientation(const Eigen::Vector2d& a, const Eigen::Vector2d& b, const Eigen::Vector2d& c);
 
+/// Whether three points lie on one line; true where some of them are equal.
 bool are_collinear(const Eigen::Vector3d& a, const Eigen::Vector3d& b, const Eigen::Vector3d& c);
 
+/// Whether four points lie in one plane; true where three of them lie on one line.
 bool are_coplanar(const Eigen::Vector3d& a, const Eigen::Vector3d& b, const Eigen::Vector3d& c,
                   const Eigen::Vector3d& d);
 

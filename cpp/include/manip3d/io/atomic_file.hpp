@@ -24,16 +24,19 @@ class AtomicFile {
   AtomicFile& operator=(const AtomicFile&) = delete;
   ~AtomicFile();
 
+  /// Appends `size` bytes.
   void write(const char* data, std::size_t size);
   /// Makes sure that what was written is on the disk: a full one is an error before `commit()`.
   void sync();
-  /// @param sync  false: whole for whoever survives this process, but not a power failure.
+  /// Gives the file its name; nothing can be written afterwards.
+  /// @param sync  false: the file is whole after a crash of this process, but perhaps not after a
+  ///              power failure.
   void commit(bool sync = true);
-  /// The path of the content until then; empty: the target is written in place.
+  /// The path of the content until `commit()`; empty: the target is written in place.
   [[nodiscard]] const std::filesystem::path& temporary() const { return temporary_; }
 
  private:
-  void refuse(const char* action) const;
+  [[noreturn]] void refuse(const char* action) const;
 
   std::filesystem::path requested_;  ///< As the caller named it, for messages.
   std::filesystem::path target_;

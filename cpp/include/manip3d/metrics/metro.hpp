@@ -7,12 +7,13 @@
 
 namespace manip3d {
 
-/// Statistics of one-sided distances, in the meshes' units.
+/// Statistics of the distances from one surface's samples to the other surface, in the meshes'
+/// units.
 struct Deviation {
   double mean = 0.0;
-  double rms = 0.0;
+  double rms = 0.0;  ///< Root of the mean of the squared distances.
   double max = 0.0;
-  std::int64_t samples = 0;
+  std::int64_t samples = 0;  ///< How many distances there are.
 };
 
 enum class Sampling {
@@ -30,11 +31,12 @@ struct MetroOptions {
 struct MetroResult {
   Deviation forward;      ///< From the original's samples to the simplified surface.
   Deviation backward;     ///< From the simplified surface's samples to the original.
-  double diagonal = 0.0;  ///< Diagonal of the box of the original's used vertices.
+  double diagonal = 0.0;  ///< Of the bounding box of the original's vertices that a face uses.
 };
 
-/// Distances between two surfaces [Cignoni, Rocchini & Scopigno, Computer Graphics Forum 1998]:
-/// from samples of each to the closest point of the other.
+/// Distances between two surfaces [Cignoni, Rocchini & Scopigno, "Metro: measuring error on
+/// simplified surfaces", Computer Graphics Forum 1998]: from samples of each to the closest point
+/// of the other.
 ///
 /// The same bits for any number of threads. O(N log F) time for N samples, memory linear in F.
 /// @throws InputError  what check_mesh refuses; a mesh without faces; an original whose bounding

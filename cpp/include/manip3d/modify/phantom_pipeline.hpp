@@ -91,21 +91,23 @@ enum class PhantomState : std::uint8_t {
   kLost,      ///< There is no phantom.
   kLate       ///< The frame is not newer than the last one; nothing was done.
 };
+/// Why a state is not kTracking. Where several hold, kCalibration goes first, since joints beside
+/// the person explain all else; of kShaky to kCloth the one that is farthest beyond its limit.
 enum class PhantomReason : std::uint8_t {
-  kNone,
+  kNone,         ///< The state is kTracking.
   kNoPerson,     ///< The key person's skeleton is not there.
   kNoPlane,      ///< The axes of the body never were there.
   kOccluded,     ///< Too little of the intact limb is seen.
   kInferred,     ///< A joint of the intact limb was guessed for too long.
   kNoSkeleton,   ///< No skeleton has been seen at all.
-  kCalibration,  ///< The joints do not lie on the person's pixels, or are not as tall as they.
+  kCalibration,  ///< The joints are beside the person's pixels, or of another height than these.
   kShaky,        ///< The plane of symmetry is not known well enough.
   kLeap,         ///< The phantom moved much farther than the intact limb did.
   kDetached,     ///< The phantom does not hang at the body.
   kShredded,     ///< The phantom is in pieces.
-  kCut,          ///< Too much of the person's silhouette is gone.
-  kDoubled,      ///< Too much of the affected limb is left.
-  kCloth,        ///< Too much may be an empty sleeve or leg of trousers.
+  kCut,          ///< Too much of the person's silhouette was removed.
+  kDoubled,      ///< Too much of the affected limb is still there, beside the phantom.
+  kCloth,        ///< Too many pixels may be an empty sleeve or leg of trousers.
   kLate,         ///< The frame is not newer than the last one.
 };
 
