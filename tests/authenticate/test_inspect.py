@@ -269,7 +269,7 @@ def test_edits_are_planted_in_the_scan_itself() -> None:
     assert all(power.here_planted == 0 for power in accused.power.values())
     with pytest.raises(InputError, match="plant: expected at least 0, got -1"):
         authenticate.inspect(points, plant=-1)
-    with pytest.raises(InputError, match="plant: expected with power"):
+    with pytest.raises(InputError, match="plant: can only be given with power"):
         authenticate.inspect(points, plant=1, power=False)
 
 

@@ -140,7 +140,7 @@ def test_results_of_other_scans_and_keys_without_records_are_refused(key: KeyFil
     found = marker.verify(sent.frame, sent.record)
     with pytest.raises(InputError, match="watermark: expected the result of this scan"):
         inspect(frame, watermark=found)
-    with pytest.raises(InputError, match="key: expected with a watermark's record"):
+    with pytest.raises(InputError, match="key: can only be given with a watermark's record"):
         inspect(frame, key=key)
     with pytest.raises(InputError, match="watermark: expected bytes or WatermarkResult"):
         inspect(frame, watermark=12, key=key)  # type: ignore[arg-type]

@@ -341,7 +341,10 @@ def test_info_and_inspect_take_the_camera_of_a_bag_without_one(tmp_path: Path) -
     np.ones((9, 4), np.float32).tofile(tmp_path / "a.bin")
     done = manip3d("inspect", tmp_path / "a.bin", *camera)
     assert done.returncode == 1
-    assert "--intrinsics: expected with an RGB-D recording, got scans of a LiDAR" in done.stderr
+    assert (
+        "--intrinsics: can only be given with an RGB-D recording, got scans of a LiDAR"
+        in done.stderr
+    )
 
 
 def test_a_folder_of_recordings_is_inspected(tmp_path: Path) -> None:

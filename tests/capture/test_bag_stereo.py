@@ -344,7 +344,9 @@ def test_a_reader_that_ends_before_it_is_asked_is_a_typed_error(tmp_path: Path) 
 
 def test_options_of_bags_are_refused_elsewhere(tmp_path: Path) -> None:
     for options in ({"cameras": "/a,/b"}, {"rigs": tmp_path / "rigs.json"}):
-        with pytest.raises(InputError, match=f"{next(iter(options))}: expected with a ROS bag"):
+        with pytest.raises(
+            InputError, match=f"{next(iter(options))}: can only be given with a ROS bag"
+        ):
             capture.watched_recording("pcap:a.pcap", **options)
     with pytest.raises(InputError, match="calibration: expected none for bag:"):
         capture.watched_recording(f"bag:{tmp_path}", calibration="db.xml")
@@ -463,7 +465,7 @@ def test_a_bag_of_a_drive_gets_the_verdicts_of_its_folder(tmp_path: Path) -> Non
 
 def test_options_that_contradict_are_refused(tmp_path: Path) -> None:
     bag = f"bag:{tmp_path / 'drive.bag'}"
-    with pytest.raises(InputError, match="rigs: expected with cameras"):
+    with pytest.raises(InputError, match="rigs: can only be given with cameras"):
         capture.watched_recording(bag, cameras="none", rigs=tmp_path / "rigs.json")
     for watched in (capture.watched_recording, simulate.watched_street, datasets.watched_kitti):
         with pytest.raises(InputError, match="frames: expected at least 1, got 0"):

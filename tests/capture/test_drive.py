@@ -75,7 +75,9 @@ def test_a_recording_of_packets_is_a_drive_without_numbers(tmp_path: Path) -> No
 def test_what_is_no_drive_is_refused(drive: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="expected a file, a folder or one of pcap:PATH"):
         capture.open_drive(tmp_path / "nothing.obj")
-    with pytest.raises(InputError, match="calibration: expected with a recording of packets"):
+    with pytest.raises(
+        InputError, match="calibration: can only be given with a recording of packets"
+    ):
         capture.open_drive(drive, calibration="db.xml")
 
 

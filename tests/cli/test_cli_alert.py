@@ -204,7 +204,7 @@ def test_the_verifiers_policy_holds_for_a_drive(drive: Path, tmp_path: Path) -> 
         assert code == 4
         assert words in reason
     done = in_process(signed, "--sensor", "roof")
-    assert "--sensor: expected with --key" in str(done.exception)
+    assert "--sensor: can only be given with --key" in str(done.exception)
     verify = ["watermark", "verify", str(signed), "--key", str(key), "--max-points", "2999"]
     assert CliRunner().invoke(app, verify).exit_code == 4
 
@@ -214,7 +214,10 @@ def test_bad_input_is_named(drive: Path, tmp_path: Path) -> None:
     for arguments, words in (
         ((str(tmp_path / "nothing"),), "nothing"),
         ((str(tmp_path / "empty"),), "expected drives in KITTI's layout, found none"),
-        (("sim:street?frames=1", "--calibration", "x"), "--calibration: expected with a folder"),
+        (
+            ("sim:street?frames=1", "--calibration", "x"),
+            "--calibration: can only be given with a folder",
+        ),
         (("sim:indoor-00",), "address: expected sim:street"),
         ((str(drive), "-o", str(tmp_path / "a.pdf")), ".html"),
         ((str(drive), "--speed", "nan"), "--speed: expected a finite number, got nan"),
@@ -224,12 +227,12 @@ def test_bad_input_is_named(drive: Path, tmp_path: Path) -> None:
         assert words in error_line(done)
     for option, value in (("--max-points", "5"), ("--picture", "image_02")):
         done = run("alert", "run", str(drive), option, value)
-        assert f"{option}: expected with --key" in error_line(done)
+        assert f"{option}: can only be given with --key" in error_line(done)
     key = key_file(tmp_path / "sensor.key")
     done = run("alert", "run", str(drive), "--key", str(key), "--picture", "image_07")
     assert "--picture: expected a folder of pictures" in error_line(done)
     done = run("alert", "run", "sim:street?frames=1", "--key", str(key), "--picture", "x")
-    assert "--picture: expected with a folder" in error_line(done)
+    assert "--picture: can only be given with a folder" in error_line(done)
 
 
 def with_cameras(drive: Path) -> Path:

@@ -148,7 +148,7 @@ def test_plain_folders_need_intrinsics(walk: Path, tmp_path: Path) -> None:
     assert "expected a skeleton in some frame, found none (--pose, or" in exported.stderr
     capture.record(rgbd_frames.frames(2), tmp_path / "a.mkv")
     ignored = manip3d("capture", "info", tmp_path / "a.mkv", "--units-per-metre", "5000")
-    assert "--units-per-metre: expected with a folder of images or a bag" in ignored.stderr
+    assert "--units-per-metre: can only be given with a folder of images or a bag" in ignored.stderr
     done = manip3d("capture", "info", "nothing:there")
     assert (done.returncode, done.stdout) == (1, "")
     assert len(done.stderr.splitlines()) == 1

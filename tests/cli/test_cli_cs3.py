@@ -474,8 +474,11 @@ def test_wrong_maps_are_one_line(frame: Path, tmp_path: Path) -> None:
         (("--mask", color), "found no measured pixel (of those that the mask leaves)"),
         (("--mask", frame.with_name("none.png")), "none.png"),
         (("--confidence", levels, "--confidence-max", "2"), "--confidence-max: expected at least"),
-        (("--confidence-max", "2"), "--confidence-max: expected with confidence"),
-        (("--confidence", levels, "--method", "ssa"), "--confidence: expected with method relief"),
+        (("--confidence-max", "2"), "--confidence-max: can only be given with confidence"),
+        (
+            ("--confidence", levels, "--method", "ssa"),
+            "--confidence: can only be given with method relief",
+        ),
     ):
         assert message in error_line(manip3d(*base, *options))
     assert not (tmp_path / "x.ply").exists()
@@ -597,14 +600,14 @@ def test_what_a_stable_folder_cannot_follow_is_refused(frames: Path, tmp_path: P
     folder = ("depth", frames, *base, tmp_path / "out")
     for options, message in (
         (("--method", "cs3"), "--method: expected relief for a sequence, got cs3"),
-        (("--dask", "local"), "--dask: expected without stable"),
-        (("--poses", "poses.txt"), "--stable: expected without poses"),
+        (("--dask", "local"), "--dask: cannot be given with stable"),
+        (("--poses", "poses.txt"), "--stable: cannot be given with poses"),
     ):
         done = manip3d(*folder, *options)
         assert done.returncode == 1
         assert message in done.stderr
     one = manip3d("depth", frames / "000.depth.png", *base, tmp_path / "x.glb")
-    assert "--stable: expected with several depth images, got one" in error_line(one)
+    assert "--stable: can only be given with several depth images, got one" in error_line(one)
     Image.fromarray(np.full((60, 80), 2000, np.uint16)).save(frames / "004.depth.png")
     done = manip3d(*(word for word in folder if word != "-q"))
     assert "expected an image of 160 x 120 pixels as the first of the sequence" in done.stderr

@@ -309,10 +309,10 @@ def test_options_of_single_scans_are_refused(drive: Path, tmp_path: Path) -> Non
     for option in ("--previous", "--following", "--watermark", "--rows"):
         done = run(drive, option, tmp_path / "x.csv")
         assert done.exit_code == 1
-        assert f"{option}: expected with a single scan, got a drive" in str(done.exception)
+        assert f"{option}: can only be given with a single scan, got a drive" in str(done.exception)
     scan = drive / SCANS / "0000000000.bin"
     done = run(scan, "--calibration", tmp_path / "db.xml")
-    assert "--calibration: expected with a recording" in str(done.exception)
+    assert "--calibration: can only be given with a recording" in str(done.exception)
     assert "pcap:PATH" in str(run("nothing:here").exception)
     refused = run(drive, "-o", tmp_path / "page.csv")
     assert ".json" in str(refused.exception)
@@ -327,7 +327,7 @@ def test_verdicts_of_drives(frames: list[manip3d.LidarFrame], tmp_path: Path) ->
     assert authenticate.verdict_of_drive([]) == ("undecidable", "there are no scans")
     with (
         authenticate.KeyFile.create(tmp_path / "key") as key,
-        pytest.raises(manip3d.InputError, match="key: expected with the records"),
+        pytest.raises(manip3d.InputError, match="key: can only be given with the records"),
     ):
         authenticate.inspect_drive([], key=key)
 

@@ -151,7 +151,7 @@ def test_outputs_of_others_and_options_of_one_drive_are_refused(
     assert "exists already" in done.stderr
     for option, value in (("state", "s"), ("report", "r.json"), ("record", "r.wm")):
         done = run("watermark", "verify", str(fleet), "--key", str(key), f"--{option}", value)
-        assert f"--{option}: expected with one scan or drive" in done.stderr
+        assert f"--{option}: can only be given with one scan or drive" in done.stderr
     done = run("watermark", "verify", "s3://bucket/drives", str(fleet), "--key", str(key))
     assert "expected a drive on this machine" in done.stderr
     (tmp_path / "empty").mkdir()

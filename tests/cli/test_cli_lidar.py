@@ -287,7 +287,7 @@ def test_tampering_outranks_a_file_that_fails(scan: Path, hoax: Path, tmp_path: 
 def test_edits_are_planted_with_power_only(scan: Path) -> None:
     for sources in ((scan,), (scan, scan)):
         done = run("inspect", *sources, "--plant", 1, "--no-power")
-        assert "--plant: expected with --power" in str(done.exception)
+        assert "--plant: can only be given with --power" in str(done.exception)
 
 
 def test_unknown_exit_codes_are_no_success() -> None:
@@ -348,7 +348,7 @@ def test_options_of_one_scan_are_refused_for_several(scan: Path, tmp_path: Path)
     for option in ("--previous", "--following", "--watermark", "--rows"):
         done = run("inspect", scan, tmp_path, option, tmp_path / "x.csv")
         assert done.exit_code == 1
-        assert f"{option}: expected with a single scan, got several" in str(done.exception)
+        assert f"{option}: can only be given with a single scan, got several" in str(done.exception)
         done = run("inspect", scan, tmp_path / "missing", option, tmp_path / "x.csv")
         assert "got several" in str(done.exception)  # before any file is looked for
     rows = tmp_path / "rows.csv"

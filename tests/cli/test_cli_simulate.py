@@ -39,7 +39,7 @@ def test_unknown_sources_and_suffixes_are_one_line(tmp_path: Path) -> None:
     line = error_line(manip3d("simulate", "sim:moon", "-o", tmp_path / "moon"))
     assert "sim:moon: expected sim:street or a scene" in line
     line = error_line(manip3d("simulate", "sim:street?seed=1&frames=2", "-o", tmp_path / "s"))
-    assert "expected sim:street, with --seed and --frames in the place of" in line
+    assert "expected sim:street; give --seed and --frames as options" in line
     line = error_line(manip3d("simulate", "indoor-00", "-o", tmp_path / "a.odt"))
     assert "a.odt: expected a name that ends in " in line
     assert " .bin, " in line

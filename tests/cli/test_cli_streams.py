@@ -238,7 +238,7 @@ def test_live_sources_are_forged_for_so_many_frames_only(
     for options in orders:
         first = "live" if not options else "people"
         places = {first: _Counted(5), "live2": _Counted(5), "recorded": _Counted(5)}
-        with pytest.raises(InputError, match=r"--frames: expected with live2?, which is live"):
+        with pytest.raises(InputError, match=r"--frames: needed with live2?, which is live"):
             _forge_of(monkeypatch, tmp_path, places, **options)
         assert not (tmp_path / "out").exists()
     live = _Counted(9)
@@ -280,7 +280,7 @@ def test_inspect_takes_recordings(person: Path, tmp_path: Path) -> None:
     for option in ("rows", "previous", "following", "lattice", "key", "watermark", "calibration"):
         ignored = manip3d("inspect", out, f"--{option}", tmp_path / "x")
         assert ignored.returncode == 1
-        assert f"--{option}: expected with a LiDAR scan or drive" in ignored.stderr
+        assert f"--{option}: can only be given with a LiDAR scan or drive" in ignored.stderr
     refused = manip3d("inspect", out, "-o", tmp_path / "page.pdf")
     assert "expected a name that ends in" in refused.stderr
     page = tmp_path / "page.html"

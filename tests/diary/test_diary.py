@@ -178,7 +178,7 @@ def test_a_game_that_goes_on_is_replaced_by_what_became_of_it(diary: Diary) -> N
     assert kept[session] == (game(), game(9))
     assert len(diary.clips("P01")) == 1
     assert [action for _, action, _ in diary.audit()].count("game") == 2
-    with pytest.raises(InputError, match=r"replaces: session .* has no game of the number"):
+    with pytest.raises(InputError, match=r"replaces: session .* has no game number"):
         diary.add_game(other, game(), replaces=row)
     with pytest.raises(InputError, match="replaces: "):
         diary.add_game(session, game(), replaces=1)

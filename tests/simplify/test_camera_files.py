@@ -210,7 +210,7 @@ def test_what_several_views_cannot_follow_is_refused(walls: Path) -> None:
     base = ("depth", walls / "10.005.npy", "-o", walls / "x.ply", "--intrinsics", CAMERA, "-q",
             "--points", "50", "--poses", walls / "groundtruth.txt")  # fmt: skip
     for option in (("--move-points",), ("--table", "t.csv"), ("--mask", "m.png")):
-        assert f"{option[0]}: expected without" in error_line(manip3d(*base, *option))
+        assert f"{option[0]}: cannot be given with" in error_line(manip3d(*base, *option))
     assert "--method: expected relief or cs3" in error_line(manip3d(*base, "--method", "ssa"))
     assert not (walls / "x.ply").exists()
 

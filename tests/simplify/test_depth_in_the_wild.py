@@ -630,7 +630,9 @@ def test_what_a_scan_cannot_follow_is_refused(
     options = simplify.DepthOptions(4)
     assert simplify.simplify_depth_file(tmp_path / "scan.ply", tmp_path / "a.ply", options).faces
     asked = replace(options, **{option: value})  # type: ignore[arg-type]
-    with pytest.raises(InputError, match=f"{option}: expected with a depth image, got a scan"):
+    with pytest.raises(
+        InputError, match=f"{option}: can only be given with a depth image, got a scan"
+    ):
         simplify.simplify_depth_file(tmp_path / "scan.ply", tmp_path / "b.ply", asked)
 
 

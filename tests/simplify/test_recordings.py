@@ -115,7 +115,7 @@ def test_the_command_takes_recordings(frames: list[RgbdFrame], tmp_path: Path) -
     assert "exists already; --force" in error_line(manip3d(*base, "--points", 300))
     for option, value in (("--unit", "mm"), ("--color", recording), ("--to", ".ply")):
         done = manip3d(*base, "--points", 300, "--force", option, value)
-        assert f"{option}: expected without an RGB-D recording" in error_line(done)
+        assert f"{option}: cannot be given with an RGB-D recording" in error_line(done)
     done = manip3d(*base, "--points", 300, "--force", "--stable", "--method", "cs3")
     assert "--stable: expected method relief, got cs3" in error_line(done)
 
@@ -133,4 +133,4 @@ def test_frames_are_those_of_a_recording(tmp_path: Path) -> None:
     np.save(tmp_path / "wall.npy", np.full((48, 64), 2.0, np.float32))
     base = ("depth", tmp_path / "wall.npy", "-o", tmp_path / "wall.ply", "--points", 100)
     done = manip3d(*base, "--intrinsics", "60,60,31.5,23.5", "--frames", 2)
-    assert "--frames: expected with an RGB-D recording" in error_line(done)
+    assert "--frames: can only be given with an RGB-D recording" in error_line(done)

@@ -126,7 +126,7 @@ def inspect_drive(
     if lattice is not None and not isinstance(lattice, SensorLattice):
         raise InputError(f"lattice: expected a SensorLattice, got {type(lattice).__name__}")
     if key is not None and records is None:
-        raise InputError("key: expected with the records of the frames, got none")
+        raise InputError("key: can only be given with the records of the frames, got none")
     return _each(
         _with_following(_numbered(frames, itertools.count() if numbers is None else numbers)),
         itertools.repeat(None) if records is None or key is None else iter(records),

@@ -97,20 +97,24 @@ IN_WORDS: dict[Verdict, str] = {
 
 @dataclass(frozen=True)
 class EvidenceReport:
-    """Verdict of one kind of evidence on a frame.
+    """Result of detector III for one kind of evidence, such as ``line`` or ``void``, on a frame.
 
     Attributes
     ----------
     used : bool
+        Whether this kind counts for the verdict. A kind that does not apply to the frame, or that
+        the whole frame contradicts, is left out.
     reason : str
-        Why not; empty where it was used.
+        Why it was left out; empty if it was used.
     share : float
-        Share of the frame's points that contradict it, whether it was used or not.
+        Share of the frame's points with this evidence of an edit, whether it was used or not.
     strength : float
-        Strength of the strongest region: a number of points, or of firings (``void``), an exponent
-        (``range``) or standard deviations (``drift``).
+        Strength of the evidence in the strongest region. Its unit depends on the kind: firings
+        without a return (``void``, ``time``), the natural logarithm of the improbability
+        (``range``), standard deviations (``drift``), points (all others).
     p_value : float
-        Probability, at most, that a clean frame shows as much; 1 where it was not used.
+        Upper bound of the probability that a clean frame has evidence as strong; 1 if it was not
+        used.
     """
 
     used: bool

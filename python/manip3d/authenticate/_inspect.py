@@ -264,7 +264,7 @@ def inspect_beside(
     if plant < 0:
         raise InputError(f"plant: expected at least 0, got {plant}")
     if plant and not power:
-        raise InputError(f"plant: expected with power, which it is part of; got {plant} without")
+        raise InputError(f"plant: can only be given with power, got {plant} without it")
     scan = as_frame(frame)
     signed = _verified(scan, watermark, key)
     is_planting = bool(plant) and signed is None
@@ -416,7 +416,7 @@ def _verified(
     if key is None:
         return None
     if watermark is None:
-        raise InputError("key: expected with a watermark's record, got none")
+        raise InputError("key: can only be given with a watermark's record, got none")
     with Watermarker(key) as verifier:
         return verifier.verify(scan, watermark, policy=Policy(order="any"))
 

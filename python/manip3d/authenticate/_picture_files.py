@@ -189,7 +189,7 @@ def _chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
         if end > len(data):
             raise FormatError("the picture ends too early")
         if struct.unpack_from(">I", data, end - 4)[0] != zlib.crc32(data[at + 4 : end - 4]):
-            raise FormatError(f"the checksum of a part {name!r} does not hold")
+            raise FormatError(f"the checksum of a chunk {name!r} is wrong")
         yield name, data[at + 8 : end - 4]
         if name == b"IEND" and end != len(data):
             raise FormatError("bytes behind the end of the picture")

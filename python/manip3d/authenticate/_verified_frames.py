@@ -170,7 +170,7 @@ def _last_state(content: bytes) -> bytes:
     checkpoints of before there was a journal.
     """
     if len(content) > _MOST_BYTES:
-        raise FormatError("the state of a verifier is longer than any")
+        raise FormatError("the file is larger than the state of a verifier can be")
     if not content.startswith(_MAGIC) or len(content) < _HEADER.size:
         return content
     _, length = _HEADER.unpack_from(content)

@@ -22,27 +22,28 @@ _FARTHEST_BEHIND = 1.0  # seconds that a frame may wait for those before it
 
 
 class DriveMoment(NamedTuple):
-    """Scan, pictures and record of one time of a drive.
+    """One frame of a drive for `watch_drive`: the scan and all that was recorded with it.
 
     Attributes
     ----------
     frame : LidarFrame or str
-        The scan, or the reason why it cannot be read.
+        The scan, or, if it cannot be read, the reason.
     pictures : (left, right) or None
-        Pictures of the only stereo pair.
+        Rectified pictures, each (H, W) or (H, W, 3) uint8, of a car with one stereo pair.
     record : bytes or None
-        The watermark's record.
+        Record of the watermark (`read_record`).
     velocity : (float, float, float) or None
-        Velocity of the car: m/s ahead, m/s to the left, rad/s counter-clockwise.
+        Velocity of the car: m/s ahead, m/s to the left, rad/s counter-clockwise. None: unknown.
     time_s : float or None
-        Seconds on the drive's clock.
+        Time of the frame in seconds on the drive's clock; None: unknown, then the frame follows
+        the one before at the interval of `AlertMonitor.judge`.
     pairs : mapping of str to (left, right), or None
-        Pictures of several stereo pairs by their names.
+        Rectified pictures of a car with several stereo pairs, by the name of the pair.
     carrier : (H, W) or (H, W, 3) uint8, or None
-        Picture that carries the record.
+        Picture that carries the record of the watermark in place of ``record``.
     unread : mapping of str to str
-        Why a record or pictures are missing, by the witness that lacks them; as for
-        `AlertMonitor.judge`.
+        Reasons why files of this frame could not be read: of the record (key ``watermark``) or of
+        the pictures (key ``cross-modal``). These checks are then ``undecidable``.
     """
 
     frame: LidarFrame | str
@@ -197,7 +198,7 @@ def _until(stopped: BaseException, count: int, verdict: str, reason: str) -> tup
 def _judged(
     monitor: AlertMonitor, moments: Iterator[DriveMoment], speed: float, *, live: bool
 ) -> Iterator[Alert]:
-    """One alert for each frame; in real time, those that come a second too soon are skipped."""
+    """Yield an alert for each frame; in real time, frames over a second late are skipped."""
     begin, first, last = time.monotonic(), None, None
     for moment in moments:
         if not isinstance(moment, DriveMoment):

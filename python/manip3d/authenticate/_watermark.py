@@ -623,7 +623,7 @@ class Watermarker(Closing):
         carrier = None if picture is None else checked_picture(picture)
         if carrier is not None:
             if record is not None:
-                raise InputError("record: expected none with a picture, which carries its own")
+                raise InputError("record: cannot be given with a picture, which carries its own")
             try:
                 record = _core.watermark_in_picture(carrier)
             except FormatError as error:

@@ -113,17 +113,21 @@ class VerifiedFiles:
 
 @checked
 def drive_pictures(drive: str | os.PathLike[str], name: str) -> Path:
-    """Return the folder of a drive's pictures by its name in the drive.
+    """Return the folder with the pictures of one camera of a drive.
 
     Parameters
     ----------
     drive : path
+        Folder of the drive.
     name : str
-        Such as ``image_02``, whose pictures are in ``image_02/data`` in KITTI's raw drives.
+        Folder of the camera relative to the drive, such as ``image_02``; a path that leaves the
+        drive is refused.
 
     Returns
     -------
     Path
+        ``DRIVE/NAME/data`` if there is such a folder, as in KITTI's raw drives, else
+        ``DRIVE/NAME``.
 
     Raises
     ------
@@ -491,9 +495,9 @@ def verify_files(
     path = path_of(source)
     is_drive = path.is_dir()
     if record is not None and is_drive:
-        raise InputError("record: expected with a single scan, got a drive")
+        raise InputError("record: can only be given with a single scan, got a drive")
     if record is not None and picture:
-        raise InputError("record: expected none with a picture, which carries its own")
+        raise InputError("record: cannot be given with a picture, which carries its own")
     if policy is None:
         policy = Policy(
             order="chain" if is_drive else "any", carriers=("picture" if picture else "sidecar",)

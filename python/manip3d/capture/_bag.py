@@ -58,6 +58,7 @@ _PACKETS = {
 _IMAGE = b"type=sensor_msgs/Image"
 _PACKED = b"type=sensor_msgs/CompressedImage"
 _IMAGES = "sensor_msgs/msg/Image"
+_HEAD = 4096  # bytes; the header record of a ROS 1 bag is padded to this length
 _MOST_INDEX = 1 << 24  # bytes of the connections that are looked at
 _MCAP = b"\x89MCAP0\r\n"
 _MCAP_FOOTER = 9 + 20 + len(_MCAP)  # a record's head, two places and a checksum, the magic again
@@ -67,15 +68,18 @@ _IMAGES_2 = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 
 @checked
 def holds_clouds(path: str | os.PathLike[str]) -> bool:
-    """Return whether a ROS bag is a LiDAR's: a recording of an RGB-D camera has images.
+    """Return whether a ROS bag has point clouds of a LiDAR instead of images of an RGB-D camera.
 
-    The types of its connections say so: in the index at the end of a ROS 1 bag, in the summary at
-    the end of an MCAP file, in the ``metadata.yaml`` of a ROS 2 bag, in the topics of a ``.db3``
-    file. Of a ROS 2 bag that does not tell, it is assumed.
+    Only the list of message types is read: from the index at the end of a ROS 1 bag, the summary
+    at the end of an MCAP file, the ``metadata.yaml`` of a ROS 2 bag, or the topics of a ``.db3``
+    file. The result is True if there are point clouds (``PointCloud2``), with or without images. A
+    bag with neither is taken for a LiDAR's, too: its scans may have a type of their own, or a
+    ROS 2 bag may have no list.
 
     Parameters
     ----------
     path : path
+        A bag of ROS 1 (``.bag``), an MCAP or ``.db3`` file, or the folder of a ROS 2 bag.
 
     Returns
     -------
@@ -85,10 +89,10 @@ def holds_clouds(path: str | os.PathLike[str]) -> bool:
     Raises
     ------
     FormatError
-        It is a pipe or a device, or a ROS 1 bag without a message, or without its index: cut off,
-        or never closed by what recorded it.
+        The file is a pipe or a device, or a ROS 1 bag without messages or without an index,
+        because it was cut off or its recorder did not close it.
     OSError
-        It cannot be read.
+        The file cannot be read.
 
     Examples
     --------
@@ -104,25 +108,35 @@ def holds_clouds(path: str | os.PathLike[str]) -> bool:
     if place.suffix.lower() == ".db3":
         return _are_clouds(_types_of_database(place))
     with open_regular(place) as file:
-        head = file.read(4096)
+        head = file.read(_HEAD)
         if head.startswith(_MCAP):
-            return _are_clouds(_summary(file))
-        if not head.startswith(_ROS1):
-            return False
-        name = head.find(b"index_pos=")
-        index = int.from_bytes(head[name + 10 : name + 18], "little") if name >= 0 else 0
-        connections = b""
-        if 0 < index < 1 << 62:
-            file.seek(index)
-            connections = file.read(_MOST_INDEX)
-            if not connections and file.seek(0, os.SEEK_END) == index:
-                raise FormatError("a ROS 1 bag without a message", file=str(path))
+            return _are_clouds(_types_of_mcap(file))
+        if head.startswith(_ROS1):
+            return _are_ros1_clouds(_connections_of_ros1(file, head, path))
+    return False
+
+
+def _connections_of_ros1(file: BufferedReader, head: bytes, path: str | os.PathLike[str]) -> bytes:
+    """Return the index at the end of a ROS 1 bag, which lists its connections with their types."""
+    name = head.find(b"index_pos=")
+    index = int.from_bytes(head[name + 10 : name + 18], "little") if name >= 0 else 0
+    connections = b""
+    if 0 < index < 1 << 62:
+        file.seek(index)
+        connections = file.read(_MOST_INDEX)
+        if not connections and file.seek(0, os.SEEK_END) == index:
+            raise FormatError("a ROS 1 bag without a message", file=str(path))
     if not connections:
         raise FormatError(
             "expected the index of a ROS 1 bag at its end, found none: it is cut off, or its "
             "recorder did not close it ('rosbag reindex' may mend it)",
             file=str(path),
         )
+    return connections
+
+
+def _are_ros1_clouds(connections: bytes) -> bool:
+    """Whether a ROS 1 bag with these connections is a LiDAR's."""
     if any(f"type={kind}".encode() in connections for kind in (*_LIDARS, *_PACKETS)):
         return True
     return b"type=" in connections and not any(kind in connections for kind in (_IMAGE, _PACKED))
@@ -156,7 +170,7 @@ def _types_of_database(path: Path) -> bytes:
     return " ".join(str(kind) for (kind,) in rows).encode()
 
 
-def _summary(file: BufferedReader) -> bytes:
+def _types_of_mcap(file: BufferedReader) -> bytes:
     """The records at the end of an MCAP file, which repeat its schemas; empty where it has none."""
     end = file.seek(0, os.SEEK_END)
     file.seek(max(0, end - _MCAP_FOOTER))

@@ -92,16 +92,16 @@ def watched_recording(
     >>> capture.watched_recording("pcap:turns.pcap", cameras="/left,/right")
     Traceback (most recent call last):
         ...
-    manip3d.errors.InputError: cameras: expected with a ROS bag, got pcap:turns.pcap
+    manip3d.errors.InputError: cameras: can only be given with a ROS bag, got pcap:turns.pcap
     """
     if frames is not None and frames < 1:
         raise InputError(f"frames: expected at least 1, got {frames}")
     if cameras == "none" and rigs is not None:
-        raise InputError("rigs: expected with cameras, got cameras='none'")
+        raise InputError("rigs: can only be given with cameras, got cameras='none'")
     if not uri.startswith("bag:"):
         for name, value in (("rigs", rigs), ("cameras", cameras)):
             if value is not None:
-                raise InputError(f"{name}: expected with a ROS bag, got {uri}")
+                raise InputError(f"{name}: can only be given with a ROS bag, got {uri}")
     if not uri.startswith("bag:") or cameras == "none":
         scans = _scans(open_lidar(uri, calibration=calibration), uri)
         return WatchedDrive(None, itertools.islice(scans, frames), frames or 0)

@@ -50,7 +50,9 @@ class LidarDrive:
         self._is_folder = Path(source).is_dir() and not address.startswith("bag:")
         self._address = address
         if self._is_folder and calibration is not None:
-            raise InputError("calibration: expected with a recording of packets, got scans")
+            raise InputError(
+                "calibration: can only be given with a recording of packets, got scans"
+            )
         if not self._is_folder and address.partition(":")[0] not in _SCHEMES:
             known = ", ".join(f"{name}:PATH" for name in _SCHEMES)
             raise InputError(f"{source}: expected a file, a folder or one of {known}")

@@ -192,7 +192,9 @@ class RgbdSource(FrameSource[RgbdFrame]):
         """
         length = self.num_frames
         if length is None and index < 0:
-            raise InputError(f"index: expected >= 0, as nobody knows how many there are: {index}")
+            raise InputError(
+                f"index: expected >= 0, because the number of frames is unknown; got {index}"
+            )
         if length is not None and not -length <= index <= length:
             raise InputError(f"index: expected {-length} to {length}, got {index}")
         self._open_again(self._recorded(self._reopen))
@@ -231,7 +233,7 @@ class RgbdSource(FrameSource[RgbdFrame]):
 
     def __len__(self) -> int:
         if (length := self.num_frames) is None:
-            raise TypeError(f"{self.uri}: nobody knows how many frames there are")
+            raise TypeError(f"{self.uri}: the number of frames is unknown")
         return length
 
     def __bool__(self) -> bool:
@@ -672,12 +674,16 @@ def open_rgbd(
         raise InputError(f"camera, units_per_metre: expected none of them for {scheme}:")
     if scheme == "forged":
         if start:
-            raise InputError("start: expected 0 for forged:, whose frames depend on those before")
+            raise InputError(
+                "start: expected 0 for forged:, as its frames depend on earlier frames"
+            )
         return _open_forged(uri, speed)
     if units_per_metre is not None and not units_per_metre > 0:
         raise InputError(f"units_per_metre: expected > 0, got {units_per_metre}")
     if units_per_metre is not None and scheme not in ("folder", "tum", "rgbd-bag"):
-        raise InputError(f"units_per_metre: expected with a folder of images or a bag, got {uri}")
+        raise InputError(
+            f"units_per_metre: can only be given with a folder of images or a bag, got {uri}"
+        )
     if makes_frames or scheme == "rgbd-bag":
         if not 0.0 <= speed < math.inf:
             raise InputError(f"speed: expected a finite number >= 0, got {speed}")

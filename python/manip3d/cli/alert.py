@@ -96,8 +96,8 @@ def run(
         list[Path] | None,
         typer.Option(
             "--key",
-            help="Key file of the watermark, or a folder of .key files; without one it is not "
-            "verified. Give it again for the keys that the sensor had before.",
+            help="Key file of the watermark, or a folder of .key files; without a key the "
+            "watermark is not verified. Repeat the option for earlier keys of the sensor.",
         ),
     ] = None,
     embedding: OnlyEmbedding = "",
@@ -111,8 +111,8 @@ def run(
     calibration: Annotated[
         Path | None,
         typer.Option(
-            help="Calibration of the drive, when not where KITTI has it; of a recording of an "
-            "HDL-64E the file of its lasers (db.xml)."
+            help="Calibration of the drive, if it is not where KITTI has it; for a recording of an "
+            "HDL-64E, the file of its lasers (db.xml)."
         ),
     ] = None,
     rigs: Annotated[
@@ -139,14 +139,14 @@ def run(
         float | None,
         typer.Option(
             min=0.001,
-            help="Seconds that a verdict may take; by default 0.1 under --live, else as many as it "
-            "needs.",
+            help="Seconds that the verdict on a frame may take; by default 0.1 with --live, else "
+            "without a limit.",
         ),
     ] = None,
     every: Annotated[
         float,
         typer.Option(
-            min=0.001, help="Seconds in which cameras and forensics judge at least one frame."
+            min=0.001, help="Cameras and forensics judge at least one frame in this many seconds."
         ),
     ] = 1.0,
     live: Annotated[
@@ -160,17 +160,19 @@ def run(
 ) -> None:
     """Judge every frame of a drive and follow the risk.
 
-    The watermark is verified in every frame if there is a key, LiDAR and cameras are compared in
-    every frame (under --live where there is time), and forensics are asked once a second and of
-    each frame that neither of these could judge (under --live once a second beside the frames, so
-    that their word comes some frames later). The output is a timeline with maps and boxes (.html)
-    or the numbers (.json). The exit code is 0 when nothing was found, 3 when a frame was tampered
-    with, and 4 when nothing can be said of a frame or when the drive is not one whole session of a
-    watermark (with --frames and --live a part of one will do). A picture, record or speed that
-    cannot be read silences no other witness; a drive that ends in an error is judged by the frames
-    before it. The verdict is said also where the output cannot be written; the exit code is 1 then
-    unless a frame was tampered with. Of several drives, each is watched by itself, and the output
-    is a folder with the page of each and one of all vehicles, overview.html.
+    Three witnesses judge the frames. The watermark is verified in every frame if there is a key.
+    LiDAR and cameras are compared in every frame (with --live, if there is time). Forensics judge
+    one frame a second, and each frame that the others cannot judge (with --live, one frame a second
+    in the background, so that their verdict comes some frames later). If a picture, record or speed
+    cannot be read, the other witnesses still judge the frame. A drive that ends in an error is
+    judged by the frames before the error.
+
+    The output is a timeline with maps and boxes (.html) or the numbers (.json). The exit code is 0
+    if nothing was found, 3 if a frame was tampered with, and 4 if a frame cannot be judged or the
+    drive is not one whole session of a watermark (with --frames or --live, a part of a session is
+    enough). If the output cannot be written, the verdict is printed all the same, and the exit code
+    is 1 unless a frame was tampered with. For several drives the output is a folder with a page for
+    each and a page of all vehicles, overview.html.
 
     Example: manip3d alert run signed --key sensor.key -o alert.html
     """
@@ -271,7 +273,9 @@ def _told(
 def _refuse_without_key(options: Mapping[str, object]) -> None:
     for name, value in options.items():
         if value not in ("", None):
-            raise InputError(f"--{name}: expected with --key, without which nothing is verified")
+            raise InputError(
+                f"--{name}: can only be given with --key, because nothing is verified without a key"
+            )
 
 
 class _Files(NamedTuple):
@@ -321,7 +325,7 @@ def _opened(files: _Files) -> WatchedDrive:
 def _refuse_files(got: str, expected: str, files: _Files, *names: str) -> None:
     for name in names:
         if getattr(files, name):
-            raise InputError(f"--{name}: expected with {expected}, got {got}")
+            raise InputError(f"--{name}: can only be given with {expected}, got {got}")
 
 
 class _View:

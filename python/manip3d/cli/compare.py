@@ -58,7 +58,7 @@ def compare(
         str,
         typer.Argument(
             help="The original mesh: .obj, .ply, .off, .stl, .gltf, .glb, .3mf; or a folder, "
-            "with one for each name."
+            "with an original of the same name for each mesh."
         ),
     ],
     simplified: Annotated[str, typer.Argument(help="The mesh that is compared with it.")],

@@ -141,7 +141,7 @@ def _in_order(given: Mapping[str, Any]) -> AbstractContextManager[None] | None:
 
     with naming_options(*_OPTIONS, "dask"):
         if "dask" in given["shared"]:
-            raise InputError("dask: expected without stable, which goes through files in order")
+            raise InputError("dask: cannot be given with stable, which goes through files in order")
         return _through(DepthSequence(_options_of(given)))
 
 
@@ -160,7 +160,7 @@ def _join(sources: list[str], given: dict[str, Any]) -> bool:
     shell = Terminal(as_json=given["as_json"], quiet=given["quiet"])
     with naming_options(*_OPTIONS, "poses", *given["shared"]):
         for name in (*given["shared"], *(n for n in _NOT_JOINED if given[n])):
-            raise InputError(f"{name}: expected without poses")
+            raise InputError(f"{name}: cannot be given with poses")
         check_output(output, WRITABLE, force=given["force"])
         files = [file.name for file in find_files(sources, suffixes=(*DEPTH_SUFFIXES, ".ply"))]
         colors = simplify.colors_of_frames(files, given["color"]) if given["color"] else {}
@@ -184,7 +184,7 @@ def _recording(sources: list[str], given: dict[str, Any]) -> bool:
     """An RGB-D recording, or an address of one: a mesh of each frame, in a folder."""
     if len(sources) != 1 or not _is_recording(sources[0]):
         if given["frames"] is not None:
-            raise InputError("--frames: expected with an RGB-D recording")
+            raise InputError("--frames: can only be given with an RGB-D recording")
         return False
     from manip3d import simplify
     from manip3d.cli.capture import open_source
@@ -195,7 +195,7 @@ def _recording(sources: list[str], given: dict[str, Any]) -> bool:
     with naming_options(*_OPTIONS, "poses", *given["shared"]):
         asked = [name for name in _OF_FRAMES if given[name] not in (None, "", "guess")]
         for name in (*given["shared"], *asked):
-            raise InputError(f"{name}: expected without an RGB-D recording")
+            raise InputError(f"{name}: cannot be given with an RGB-D recording")
         check_output(output, (), force=given["force"], folder=True)
         options = _options_of({**given, "intrinsics": ""})
         if given["stable"] and given["method"] != DepthMethod.relief:
@@ -335,15 +335,16 @@ def depth(
         float,
         typer.Option(
             min=0,
-            help="Leave out faces across a larger step in depth, as a share of the depth, that no "
-            "surface inclined by up to 78 degrees shows; 0: leave out none. For depth images.",
+            help="Leave out faces across depth steps: neighbouring pixels whose depths differ by "
+            "more than this share of the depth, and by more than a surface inclined by 78 degrees "
+            "explains; 0: leave out none. For depth images.",
         ),
     ] = 0.05,
     max_edge: Annotated[
         float | None,
         typer.Option(
-            help="Leave out faces with a longer edge, with --method relief those between "
-            "neighbouring pixels; metres, or the unit of the scan."
+            help="Leave out faces with an edge longer than this (with --method relief, faces "
+            "between neighbouring pixels); in metres, or in the unit of the scan."
         ),
     ] = None,
     by_distance: Annotated[
@@ -362,22 +363,22 @@ def depth(
         str,
         typer.Option(
             help="Colour image of the same size, which becomes the texture; for several depth "
-            "images, a folder of as many, with the same names or in the order of their names."
+            "images, a folder with one for each, of the same name or in the order of their names."
         ),
     ] = "",
     mask: Annotated[
         str,
         typer.Option(
             help="Image or .npy of the same size: black (0) where the depth is not to be used. For "
-            "several depth images, one of all, or a folder of as many."
+            "several depth images, one mask for all or a folder with one for each."
         ),
     ] = "",
     confidence: Annotated[
         str,
         typer.Option(
             help="Grey image or .npy of the same size: weight of each pixel's error, as levels "
-            "or 0 to 1; a pixel of 0 says nothing about the shape, but is covered (--method "
-            "relief). A file or a folder, as --mask."
+            "or 0 to 1; a pixel with weight 0 does not shape the surface but is still covered "
+            "(--method relief). A file or a folder, as --mask."
         ),
     ] = "",
     confidence_max: Annotated[
@@ -390,7 +391,7 @@ def depth(
     poses: Annotated[
         str,
         typer.Option(
-            help="Poses of the camera at several files, which become one mesh: TUM's "
+            help="File with the camera pose of each depth image; they become one mesh: TUM's "
             "groundtruth.txt (time tx ty tz qx qy qz qw), or a Stanford .conf."
         ),
     ] = "",
@@ -412,26 +413,26 @@ def depth(
     bandwidth: Annotated[
         float | None,
         typer.Option(
-            help="Bytes a second of a stream whose frames are the files: each gets as many points "
-            "as fit into its share. Needs --rate."
+            help="Bytes per second of a stream whose frames are the files: each file gets as many "
+            "points as fit into its share. Needs --rate."
         ),
     ] = None,
     rate: Annotated[
-        float | None, typer.Option(help="Frames a second that share --bandwidth.")
+        float | None, typer.Option(help="Frames per second that share --bandwidth.")
     ] = None,
     stable: Annotated[
         bool,
         typer.Option(
             "--stable",
-            help="Files are the frames of one camera, in the order of their names: depths are "
-            "smoothed over time and vertices kept, so that meshes stay still where the picture "
-            "does (--method relief). One process, --jobs are threads; each run makes all files "
-            "anew.",
+            help="Treat the files as frames of one camera, in the order of their names: depths "
+            "are smoothed over time and vertices are kept, so that meshes do not flicker where the "
+            "scene is at rest (--method relief). Runs in one process with --jobs threads; each run "
+            "makes all files again.",
         ),
     ] = False,
     frames: Annotated[
         int | None,
-        typer.Option(min=1, help="Stop after so many frames of an RGB-D recording."),
+        typer.Option(min=1, help="Stop after this many frames of an RGB-D recording."),
     ] = None,
     force: Force = False,
     strict: Strict = False,
@@ -442,11 +443,11 @@ def depth(
 ) -> None:
     """Turn a depth image or a range scan into a sparse textured mesh.
 
-    Several depth images become a folder of .glb files and have one unit; with --poses they become
-    one mesh, and with --stable meshes that stay still. The result is in metres, with +y up in glTF
-    (.glb, .gltf) and in the camera's axes in .ply, .obj, .stl and .off. The depth range and its
-    unit are printed: check them. The frames of an RGB-D recording bring their camera, unit and
-    colours; each becomes a .glb in a folder.
+    Several depth images, all in one unit, become a folder with a .glb file for each; with --poses
+    they become one mesh, with --stable a sequence of meshes that does not flicker. The result is in
+    metres, with +y up in glTF (.glb, .gltf) and in the camera's axes in .ply, .obj, .stl and .off.
+    The depth range and its unit are printed: check them. An RGB-D recording has its own camera,
+    unit and colours; each of its frames becomes a .glb in a folder.
 
     Example: manip3d depth depth.png --intrinsics kinect-v2 --points 5000 -o person.glb
     """
@@ -480,7 +481,7 @@ def depth(
         check_output(output, WRITABLE, force=force)
         sequence = _sequence.get()
         if stable and sequence is None:
-            raise InputError("stable: expected with several depth images, got one")
+            raise InputError("stable: can only be given with several depth images, got one")
         make = functools.partial(simplify.simplify_depth_file, options=options)
         result = (make if sequence is None else sequence.simplify_file)(
             source,

@@ -579,7 +579,7 @@ def _open_bounded(
         opened = open_source(place, terminal, intrinsics=intrinsics)
     if opened.is_live and frames is None:
         opened.stop()
-        raise InputError(f"--frames: expected with {place}, which is live and has no end; got none")
+        raise InputError(f"--frames: needed with {place}, which is live and has no end")
     return opened
 
 

@@ -59,7 +59,7 @@ def _check_for_many(options: Mapping[str, Any]) -> None:
     """Refuse options that belong to one scan, and logs that cannot be written."""
     for name in ("previous", "following", "watermark", "rows"):
         if options[name] is not None:
-            raise InputError(f"--{name}: expected with a single scan, got several")
+            raise InputError(f"--{name}: can only be given with a single scan, got several")
     _check_plant(options["plant"], power=options["power"])
     _exit_codes(options["policy"])
     _check_log(options["log"])
@@ -178,10 +178,10 @@ def inspect(
     ],
     output: OptionalOutput = None,
     previous: Annotated[
-        Path | None, typer.Option(help="Scan of the same scanner one revolution earlier.")
+        Path | None, typer.Option(help="Scan of the same scanner one turn earlier.")
     ] = None,
     following: Annotated[
-        Path | None, typer.Option(help="Scan of the same scanner one revolution later.")
+        Path | None, typer.Option(help="Scan of the same scanner one turn later.")
     ] = None,
     lattice: Annotated[
         Path | None,
@@ -193,16 +193,16 @@ def inspect(
     sensor: Annotated[
         str,
         typer.Option(
-            help="Scanner: auto, lattice (one that spins, on a lattice, as an HDL-64E), "
-            "terrestrial or other."
+            help="Kind of scanner: auto, lattice (spinning, with points on a lattice, such as an "
+            "HDL-64E), terrestrial or other."
         ),
     ] = "auto",
     origin: Annotated[
         tuple[float, float, float] | None,
         typer.Option(
             metavar="X Y Z",
-            help="Position of the scanner, metres; by default as the file states it, else as "
-            "found from the scan.",
+            help="Position of the scanner in the scan's coordinates, metres; by default as the "
+            "file states it, else estimated from the scan.",
         ),
     ] = None,
     watermark: Annotated[
@@ -215,8 +215,9 @@ def inspect(
         list[Path] | None,
         typer.Option(
             "--key",
-            help="Key file that verifies the watermark, or a folder of .key files: what embedding "
-            "moved is allowed for. Give it again for the keys that the sensor had before.",
+            help="Key file that verifies the watermark, or a folder of .key files; points that "
+            "the embedding moved then do not count as edits. Repeat the option for earlier keys of "
+            "the sensor.",
         ),
     ] = None,
     calibration: Calibration = None,
@@ -240,9 +241,10 @@ def inspect(
         int,
         typer.Option(
             min=0,
-            help="Edits of each class to plant in copies of the scan itself, to count those that "
-            "are found; each takes as long as an inspection. Only scans of a spinning scanner that "
-            "are no_trace, or stand on an exact lattice, and have no watermark are planted in.",
+            help="Number of edits of each class to plant in copies of the scan, to count how many "
+            "are found; each takes as long as an inspection. Edits are planted only in scans of a "
+            "spinning scanner without a watermark, whose verdict is no_trace or whose lattice is "
+            "exact.",
         ),
     ] = 0,
     policy: Annotated[
@@ -271,15 +273,15 @@ def inspect(
     could not be read, then processed and undecidable. No verdict says that a scan is authentic:
     only a keyed watermark proves that.
 
-    Each scan of a drive or of packets gets a line. It is judged with the scans before and after it;
-    alone where those are missing, and in folders without times (object and stereo benchmarks). A
-    drive is tampered if more of its scans are accused than false alarms explain: one of 100 clean
-    scans may be accused, and at most 2.1 % of clean drives are called tampered, however long they
-    are.
+    Each scan of a drive or of packets gets a line. It is judged together with the scans before and
+    after it, or alone if these are missing or the folder has no times (object and stereo
+    benchmarks). A drive is tampered if more of its scans are accused than false alarms explain: one
+    of 100 clean scans may be accused, and at most 2.1 % of clean drives are called tampered,
+    however long they are.
 
-    With -o the evidence is written: a page with pictures and boxes (.html; of a drive a timeline
-    and a map, of a recording frames, what was inserted in them and the curves of noise), or the
-    numbers (.json).
+    With -o the evidence is written as a page (.html) or as numbers (.json). The page of a scan has
+    pictures and boxes; that of a drive a timeline and a map; that of an RGB-D recording its frames,
+    the inserted parts and the curves of noise.
 
     Example: manip3d inspect scan.bin -o evidence.html
     """
@@ -319,7 +321,7 @@ def inspect(
             )  # fmt: skip
         raise typer.Exit(_code_of_drive(together, codes, shell))
     if calibration is not None:
-        raise InputError("--calibration: expected with a recording of packets, got a scan")
+        raise InputError("--calibration: can only be given with a recording of packets, got a scan")
     check_output(output, report.EVIDENCE_KINDS, force=force)
     check_output(rows, (".csv",), force=force, option="--rows")
     frame = read_scan(source)
@@ -384,12 +386,12 @@ def _refuse(expected: str, got: str, **options: object) -> None:
     """Refuse options that say nothing of such a source."""
     for name, value in options.items():
         if value is not None:
-            raise InputError(f"--{name}: expected with {expected}, got {got}")
+            raise InputError(f"--{name}: can only be given with {expected}, got {got}")
 
 
 def _check_plant(plant: int, *, power: bool) -> None:
     if plant and not power:
-        raise InputError("--plant: expected with --power, which it is part of; got --no-power")
+        raise InputError("--plant: can only be given with --power, got --no-power")
 
 
 def _check_log(log: Path | None) -> None:

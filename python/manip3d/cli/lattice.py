@@ -37,10 +37,10 @@ def lattice(
 ) -> None:
     """Estimate the lattice of a scanner, and its power of detection.
 
-    Every second scan gives the lattice; the others are judged by it, clean and with edits planted.
-    'inspect --lattice' says no_trace of scans of another scanner than an HDL-64E only with a
-    lattice whose power was measured in this way. Clean scans that detector III accuses are an
-    error: it cannot judge their scanner.
+    The lattice is estimated from every second scan. To measure its power, the other scans are
+    judged by it, as they are and with planted edits. For other scanners than an HDL-64E, 'inspect
+    --lattice' gives the verdict no_trace only with a lattice whose power was measured in this way.
+    If detector III accuses clean scans it cannot judge their scanner, which is an error.
 
     Example: manip3d lattice clean -o lattice.json
     """

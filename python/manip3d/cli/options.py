@@ -98,7 +98,7 @@ Table = Annotated[
     typer.Option(
         metavar="FILE",
         help="Table of the results, .csv or .parquet, one row a file; a stopped run is resumed "
-        "from it. Default where -o is given: results.csv in that folder.",
+        "from it. Default with -o: results.csv in that folder.",
     ),
 ]
 TableOfNow = Annotated[

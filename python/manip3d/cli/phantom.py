@@ -350,12 +350,11 @@ def phantom_live(
 ) -> None:
     """Show a phantom limb live in the browser, with a game. Research software.
 
-    The page is served to this machine only (see --host), to whoever has the address that is
-    printed. Ctrl-C ends the session, and so do SIGTERM and a terminal that is closed. With a diary
-    no game starts before the patient has said how strong the pain is; where it rises by 2 or the
-    patient feels sick, no further one starts today. A participant has one session at a time. What
-    could not be kept in the diary is printed
-    at the end, and the exit code is 1.
+    The page is served to this machine only (see --host), at the address that is printed. Ctrl-C,
+    SIGTERM or closing the terminal ends the session. With a diary, no game starts before the
+    patient has rated the pain; if the pain rises by 2 points or the patient feels sick, no further
+    game starts that day. A participant can have one session at a time. If something could not be
+    kept in the diary, it is printed at the end and the exit code is 1.
 
     Example: manip3d phantom live --no-open --seconds 2
     """

@@ -61,7 +61,7 @@ def _expect_target(*targets: float | None) -> None:
 
 @dataclass(frozen=True)
 class Order:
-    """What one simplification is asked for."""
+    """Options of one simplification: the method, its targets and its limits."""
 
     method: str  # "quality", "fast", or one of chapter 2
     faces: int | None
@@ -93,14 +93,14 @@ class Order:
         return self.method in (Mode.quality, Mode.fast)
 
     def target(self, num_faces: int) -> int | None:
-        """The number of faces to stop at, of so many as were read."""
+        """Return the number of faces to stop at, for a mesh that was read with ``num_faces``."""
         if self.ratio is None:
             return self.faces
         fraction = max(1, int(num_faces * self.ratio))
         return fraction if self.faces is None else max(self.faces, fraction)
 
     def limits(self) -> dict[str, Any]:
-        """What else ends the run."""
+        """Return the other limits that end the run: the largest error and distance."""
         limits: dict[str, Any] = {"max_error": self.max_error}
         if self.method != "fast":
             limits["max_distance"] = self.max_distance
@@ -297,7 +297,7 @@ def _headset_faces(headset: tuple[float, float], faces: int | None) -> int:
     from manip3d.simplify import polygon_budget
 
     if faces is not None:
-        raise InputError("--headset: expected without --faces, got both")
+        raise InputError("--headset: cannot be given with --faces")
     try:
         budget = polygon_budget(*headset)
     except InputError as error:
@@ -339,7 +339,7 @@ class Method(StrEnum):
 
 
 class SeamMode(StrEnum):
-    """What holds texture seams in place."""
+    """Methods that hold texture seams in place."""
 
     planes = "planes"
     paper = "paper"
@@ -400,7 +400,11 @@ def simplify(
     ] = None,
     seam_mode: Annotated[
         SeamMode | None,
-        typer.Option(help="What holds texture seams in place, for --method qem4vr."),
+        typer.Option(
+            help="How texture seams are held in place by --method qem4vr: by planes along each "
+            "seam (the default), by heavier quadrics as printed (paper), or by vertices that "
+            "never move (lock)."
+        ),
     ] = None,
     lock_box: Annotated[
         Box | None,
@@ -413,7 +417,7 @@ def simplify(
         Path | None,
         typer.Option(
             metavar="FILE.npy",
-            help="Factors on the price of changing the surface, for --mode quality: a number above "
+            help="Weights of the surface's error, for --mode quality: a number above "
             "0 for each vertex as read (those of a scene's meshes one after the other).",
         ),
     ] = None,
@@ -439,7 +443,7 @@ def simplify(
     parallel processes.
 
     A glTF file that becomes one keeps its nodes and the looks of its materials: each mesh is
-    simplified once, and faces count as they are drawn, for each node that shows them.
+    simplified once, and its faces count once for each node that draws it.
 
     Example: manip3d simplify head.obj -o light.glb --faces 5000
     """

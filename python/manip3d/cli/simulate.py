@@ -44,8 +44,8 @@ def write_simulated(
     plain, question, _ = name.partition("?")
     if question and (plain == "street" or plain in scenes.SCENES or plain in models.MODELS):
         raise InputError(
-            f"{source}: expected sim:{plain}, with --seed and --frames in the place of what "
-            "follows the question mark, which sources of other commands have"
+            f"{source}: expected sim:{plain}; give --seed and --frames as options, not after a "
+            "question mark"
         )
     raise InputError(
         f"{source}: expected sim:street or a scene: sim:indoor-00 to -16, sim:outdoor-00 to -26, "

@@ -96,7 +96,7 @@ def view(
     intrinsics: Annotated[
         str,
         typer.Option(
-            help="Camera of a depth image, as for 'manip3d depth'; without it one is assumed."
+            help="Camera of a depth image, as for 'manip3d depth'; without it a camera is assumed."
         ),
     ] = "",
     unit: DepthUnit = "guess",

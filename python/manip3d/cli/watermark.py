@@ -42,8 +42,8 @@ Keys = Annotated[
     list[Path],
     typer.Option(
         "--key",
-        help="Key file, as 'watermark keygen' makes it, or a folder of .key files. Give it again "
-        "for the keys that the sensor had before: they verify what they signed until the next one "
+        help="Key file, as 'watermark keygen' makes it, or a folder of .key files. Repeat the "
+        "option for earlier keys of the sensor: each verifies what it signed before the next key "
         "was made.",
     ),
 ]
@@ -51,8 +51,8 @@ Keys = Annotated[
 Picture = Annotated[
     str,
     typer.Option(
-        help="Picture (.png) that carries the record instead of a file beside the scan; of a "
-        "drive the folder of its pictures, such as image_02."
+        help="Picture (.png) that carries the record instead of a file beside the scan; for "
+        "a drive, the folder of its pictures, such as image_02."
     ),
 ]
 
@@ -89,7 +89,7 @@ def policy_of(
     order: str,
     carrier: str = "sidecar",
 ) -> Policy:
-    """The verifier's policy that the options of a command say."""
+    """Return the verifier's policy for the options of a command."""
     from manip3d import authenticate
 
     try:
@@ -111,14 +111,17 @@ def policy_of(
 def keygen(
     path: Annotated[Path, typer.Argument(metavar="KEY", help="File to make.")],
     days: Annotated[
-        int, typer.Option(min=0, max=36500, help="Days until it embeds no more; 0: never.")
+        int,
+        typer.Option(
+            min=0, max=36500, help="Days after which the key cannot embed any more; 0: no limit."
+        ),
     ] = 0,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Make a key file, which only its owner can read.
 
-    An existing file is never replaced. Who can verify with the key could also embed with it.
+    An existing file is never replaced. Whoever can verify with the key can also embed with it.
 
     Example: manip3d watermark keygen sensor.key
     """
@@ -135,7 +138,10 @@ def keygen(
 
 
 def key_of(options: Mapping[str, Any]) -> str:
-    """What the results of many drives depend on besides the drives: the key, and the time."""
+    """Return a text that changes with the keys and, under --max-age, with the time.
+
+    Results of several drives are computed again when it changes.
+    """
     import time
 
     from manip3d import authenticate
@@ -155,10 +161,10 @@ def key_of(options: Mapping[str, Any]) -> str:
 def of_one_only(
     files: Sequence[SourceFile], options: Mapping[str, Any]
 ) -> Mapping[str, Mapping[str, Any]]:
-    """Refuse options that say something of one source."""
+    """Refuse options that apply to a single source only."""
     for name in ("record", "state", "report"):
         if options.get(name) is not None:
-            raise InputError(f"--{name}: expected with one scan or drive, got several")
+            raise InputError(f"--{name}: can only be given with one scan or drive, got several")
     return {}
 
 
@@ -178,8 +184,7 @@ def embed(
         typer.Option(
             "-o",
             "--output",
-            help="Scan to write, or folder of the drive to write; of several, the folder that "
-            "they are written to.",
+            help="Scan or drive (folder) to write; for several sources, a folder for all.",
         ),
     ],
     embedding: Annotated[
@@ -193,12 +198,12 @@ def embed(
         str, typer.Option(help="Name of the sensor that the records are bound to.")
     ] = "",
     round_points: Annotated[
-        bool, typer.Option("--round", help="Move points off the grid onto it.")
+        bool, typer.Option("--round", help="Move points that are off this grid onto it.")
     ] = False,
     units_per_m: Annotated[
         int,
         typer.Option(
-            help="Steps of the coordinates' grid a metre, for lbm; 1000: whole millimetres."
+            help="Steps per metre of the grid of coordinates, for lbm; 1000: whole millimetres."
         ),
     ] = 1000,
     origin: Annotated[
@@ -212,10 +217,10 @@ def embed(
     picture: Picture = "",
     scans_only: Annotated[
         bool,
-        typer.Option("--scans-only", help="Leave out what a drive has beside its scans."),
+        typer.Option("--scans-only", help="Do not copy the other files of a drive."),
     ] = False,
     again: Annotated[
-        bool, typer.Option("--again", help="Sign scans anew that have a record already.")
+        bool, typer.Option("--again", help="Sign scans again that already have a record.")
     ] = False,
     force: Force = False,
     as_json: Json = False,
@@ -225,11 +230,11 @@ def embed(
 
     The record of each scan is written beside it, as SCAN.wm, or with --picture in the lowest bits
     of the picture, SCAN.png or that of the drive. Points move by at most 1.8 mm (lbm), 1.9 mm (qim)
-    or not at all (detached). What else a drive has (pictures, positions, times, labels,
-    calibration) is copied as it is. A run over a drive that was stopped, or found the disk full,
-    goes on where it was when the same command is given again. With --force, scans and records of an
-    earlier drive go from the output's folder of scans. Of several drives, each is a session of its
-    own and one piece of work: its frames are chained, and only drives are worked on side by side.
+    or not at all (detached). The other files of a drive (pictures, positions, times, labels,
+    calibration) are copied unchanged. A run that was stopped, or whose disk was full, continues
+    when the same command is given again. With --force, scans and records of an earlier drive are
+    deleted from the output's folder of scans. Several drives are processed in parallel; each is one
+    session, whose frames are chained.
 
     Example: manip3d watermark embed drive --key sensor.key -o signed
     """
@@ -353,11 +358,11 @@ def verify(
 ) -> None:
     """Verify a scan, or the scans of a drive as one chain.
 
-    The exit code is 0 when everything is authentic, 3 when something was tampered with, and 4 when
-    nothing can be said. Frames that are missing in a drive, also at its end, are noticed; a single
-    scan is judged by its content, wherever its frame was. Of a folder, records whose scans are
-    missing and files that hold no scan are undecidable; what was taken away with its record is
-    noticed in a drive only. Of several keys, the record's own tag tells which made it.
+    The exit code is 0 if everything is authentic, 3 if something was tampered with, and 4 if the
+    verdict is undecidable. In a drive, missing frames are noticed, also at its end. A single scan
+    is judged by its content alone, whatever its place in a drive. In a folder, a record without
+    its scan, or a file that holds no scan, is undecidable; a scan that was removed together with
+    its record is noticed in a drive only. With several keys, the record states which one made it.
 
     Example: manip3d watermark verify signed --key sensor.key
     """

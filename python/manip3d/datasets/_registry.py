@@ -22,11 +22,11 @@ _OWN = ("meshes", "scans", "rgbd", "people")
 
 
 class DataMissingError(Error, FileNotFoundError):
-    """A data set that is not on this machine. The message says how to get it."""
+    """Raised when a file of a data set is not on this machine; the message says how to get it."""
 
 
 class ChecksumError(Error, ValueError):
-    """A data file whose bytes are not the ones that the registry names."""
+    """Raised when a data file has another SHA-256 than the registry of data sets states."""
 
 
 @dataclass(frozen=True)

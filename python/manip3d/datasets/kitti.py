@@ -105,21 +105,29 @@ class KittiCalibration:
 
 @dataclass(frozen=True)
 class KittiFrame:
-    """The files of one moment of a drive.
+    """The files of one frame of a drive: the scan and what was recorded with it.
 
     Attributes
     ----------
     name : str
-        ``0000000005``, ``000005``, ...
+        Name of its files without the suffix: ``0000000005``, ``000005``, ...
     scan_path : Path
+        File with the LiDAR points.
     images : mapping of int to Path
-        By camera, those that are here; from 4 on those of further pairs.
+        Image files by the number of the camera, without cameras whose image is missing. KITTI has
+        cameras 0 to 3; higher numbers are further stereo pairs of simulated cars.
     time_ns : int or None
         Time of the scan, nanoseconds since 1970 (odometry drives: since their first frame).
-    label_path, truth_path, disparity_path, oxts_path : Path or None
-        Objects (``label_2``), labels of points (``labels/NAME.label``, one uint32 per point as in
-        SemanticKITTI), disparity ground truth (``disp_occ_0``), position (``oxts``).
+    label_path : Path or None
+        Labelled objects (``label_2``).
+    truth_path : Path or None
+        Labels of points (``labels/NAME.label``, one uint32 per point as in SemanticKITTI).
+    disparity_path : Path or None
+        Ground truth of the disparity (``disp_occ_0``).
+    oxts_path : Path or None
+        Position and velocity of the car (``oxts``).
     drive : KittiDrive
+        The drive to which the frame belongs.
     """
 
     name: str
@@ -236,19 +244,26 @@ class KittiFrame:
 
 @checked
 class KittiDrive:
-    """A sequence of frames in one of KITTI's layouts; a sequence in the order of names.
+    """A folder of scans in one of KITTI's layouts, as a sequence of `KittiFrame`; see `open_kitti`.
+
+    ``len(drive)``, ``drive[3]``, ``drive[2:5]`` and loops work as for a tuple. Frames are in the
+    order of their file names; their files are read only when a method of the frame asks for them.
 
     Attributes
     ----------
     path : Path
+        The folder of the drive.
     layout : str
-        ``raw`` or ``flat`` (object, odometry, stereo-2015).
+        ``raw``: a raw drive, with ``velodyne_points/data``. ``flat``: the object, odometry or
+        stereo-2015 benchmark, with ``velodyne``.
+    scan_folder : Path
+        The folder with the scans.
     calibration_path : Path or None
-        File or folder for `read_calibration`.
+        File or folder with the calibration; None if there is none.
     per_frame : bool
-        Whether ``calibration_path`` holds a file per frame.
+        Whether ``calibration_path`` is a folder with a file for each frame.
     tracklet_path : Path or None
-        ``tracklet_labels.xml`` of a raw drive.
+        ``tracklet_labels.xml``, the labelled boxes of a raw drive; None if there is none.
     """
 
     def __init__(self, path: Path, *, calibration: Path | None = None) -> None:
@@ -267,12 +282,12 @@ class KittiDrive:
 
     @functools.cached_property
     def tracklets(self) -> Mapping[int, tuple[Box, ...]]:
-        """Boxes by frame number, of ``tracklet_labels.xml``; empty where there is none."""
+        """Boxes of ``tracklet_labels.xml`` by frame number; empty if there is no such file."""
         return {} if self.tracklet_path is None else read_tracklets(self.tracklet_path)
 
     @functools.cached_property
     def _cameras(self) -> tuple[int, ...]:
-        """KITTI's four, and further ones of a car with cameras all around."""
+        """Numbers of the cameras with a folder of images: KITTI's 0 to 3, or more."""
         digits = "[0-9][0-9]" if self.layout == "raw" else "[0-9]*"
         names = (folder.name[6:] for folder in self.path.glob(f"image_{digits}"))
         return tuple(sorted({int(name) for name in names if name.isdecimal() and len(name) <= 2}))

@@ -277,7 +277,7 @@ class Diary(DiaryReading):
             else:
                 row = replaces
                 if not rows.replace(schema.GAMES, row, participant, fields, session=session):
-                    raise InputError(f"replaces: session {session} has no game of the number {row}")
+                    raise InputError(f"replaces: session {session} has no game number {row}")
                 rows.delete_anomalies(row)
             if any(clips) and not participant.fields.get("clips", False):
                 raise InputError("clips: expected none, as the participant did not consent")

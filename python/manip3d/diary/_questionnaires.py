@@ -282,18 +282,21 @@ def load_questionnaire(path: str | os.PathLike[str]) -> Questionnaire:
 
 @checked
 def write_questionnaire(questionnaire: Questionnaire, path: str | os.PathLike[str]) -> None:
-    """Write a questionnaire as a JSON file, for instance `MCGILL` for words that one may use.
+    """Write a questionnaire as a JSON file that people can edit and `load_questionnaire` reads.
+
+    The text of `MCGILL`, for instance, can so be replaced by a licensed wording.
 
     Parameters
     ----------
     questionnaire : Questionnaire
+        Its names, texts and scales are written; values that are the default are left out.
     path : path
-        An existing file is never replaced.
+        An existing file is never replaced, because it may hold edited texts.
 
     Raises
     ------
     OSError
-        The file exists, or cannot be written.
+        The file exists already (`FileExistsError`), or cannot be written.
 
     Examples
     --------
@@ -306,7 +309,7 @@ def write_questionnaire(questionnaire: Questionnaire, path: str | os.PathLike[st
 
 
 def definition_of(questionnaire: Questionnaire) -> dict[str, Any]:
-    """A questionnaire as JSON; what is as by default is left out."""
+    """Return a questionnaire as a JSON object without its default values."""
     items = [
         {"text": item.text, "low": item.low, "high": item.high}
         | ({"choices": list(item.choices)} if item.choices else {})
@@ -354,7 +357,7 @@ def _fields(
         raise InputError(f"{name}: expected {missing[0]}, found none")
     unknown = sorted(set(found) - {*needed, *others})
     if unknown:
-        raise InputError(f"{name}: expected no {_shown(unknown[0])}")
+        raise InputError(f"{name}: expected no key {_shown(unknown[0])}")
     return dict(found)
 
 

@@ -216,7 +216,7 @@ class Rows:
         if told != ["ok"]:
             raise FormatError(f"the diary is damaged: {told[0]}", file=str(self._path))
         if self.connection.exec_driver_sql("PRAGMA foreign_key_check").first() is not None:
-            raise FormatError("the diary has rows of nobody", file=str(self._path))
+            raise FormatError("the diary has rows without a participant", file=str(self._path))
         for participant in self.everybody():
             for table in _OF_PARTICIPANTS:
                 self.read(table, participant)

@@ -1,4 +1,7 @@
-"""The six attacks of ALERT (dissertation section 7.4); boxes come from labels or `segment`."""
+"""The six attacks on LiDAR scans by which ALERT is tested (dissertation section 7.4).
+
+Boxes of objects come from labels or from `segment`.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +27,8 @@ if TYPE_CHECKING:
 
 
 CLEARANCE = 0.3
-"""Metres above an object's lowest point from where on scene points count as a collision."""
+"""Metres: scene points count as a collision only this far above an object's lowest point, so that
+the ground below it does not."""
 
 
 @checked
@@ -36,11 +40,12 @@ def additive(
     allow_collision: bool = False,
     threads: int = 0,
 ) -> Forgery:
-    """Append the points of an object that was cut from another frame: attack 1.
+    """Append the points of an object that was cut from another frame: attack 1 of section 7.4.
 
     Parameters
     ----------
     scan : LidarFrame, (N, 3) or (N, 4) float32
+        Metres, z up.
     object_points : LidarFrame, (K, 3) or (K, 4)
         At the place they had in their own frame.
     offset : (3,), metres
@@ -80,11 +85,12 @@ def additive(
 def subtractive(
     scan: ScanLike, box: Box | None = None, *, origin: ArrayLike | None = None, threads: int = 0
 ) -> Forgery:
-    """Delete the points of an object, the nearest by default: attack 2.
+    """Delete the points of an object, the nearest by default: attack 2 of section 7.4.
 
     Parameters
     ----------
     scan : LidarFrame, (N, 3) or (N, 4) float32
+        Metres, z up.
     box : Box, optional
         Around the object; default: the nearest one, as `nearest_object` finds it.
     origin : (3,), optional
@@ -130,14 +136,21 @@ def additive_subtractive(
     allow_collision: bool = False,
     threads: int = 0,
 ) -> Forgery:
-    """Append an object as `additive` does, delete one as `subtractive` does: attack 3.
+    """Append one object and delete another one: attack 3 of section 7.4.
 
     Parameters
     ----------
-    scan, object_points, offset, allow_collision
-        As for `additive`.
+    scan : LidarFrame, (N, 3) or (N, 4) float32
+        Metres, z up.
+    object_points : LidarFrame, (K, 3) or (K, 4)
+        The object that is appended, at the place that it had in its own frame.
     box : Box, optional
-        Around the object; default: the nearest one, as `nearest_object` finds it.
+        Around the object that is deleted; default: the nearest one, as `nearest_object` finds it.
+    offset : (3,), metres
+        Vector by which the appended object is shifted.
+    allow_collision : bool
+        False: scene points within the appended object's box, from 0.3 m above its foot on, are an
+        error; the points that are deleted do not count.
     origin : (3,), optional
         Where the scanner stood; default: the frame's own, else the origin of the coordinates.
     threads : int
@@ -181,15 +194,18 @@ def replacement(
     allow_collision: bool = False,
     threads: int = 0,
 ) -> Forgery:
-    """Delete an object, and paste another one centred on the removed points: attack 4.
+    """Delete an object and put another one in its place: attack 4 of section 7.4.
+
+    The centroid of the new object's points is moved to the centroid of the deleted points.
 
     Parameters
     ----------
     scan : LidarFrame, (N, 3) or (N, 4) float32
+        Metres, z up.
     object_points : LidarFrame, (K, 3) or (K, 4)
-        The object that takes the place; where it stood in its own frame does not matter.
+        The new object; its place in its own frame does not matter.
     box : Box, optional
-        Around the object; default: the nearest one, as `nearest_object` finds it.
+        Around the object that is deleted; default: the nearest one, as `nearest_object` finds it.
     origin : (3,), optional
         Where the scanner stood; default: the frame's own, else the origin of the coordinates.
     allow_collision : bool
@@ -244,15 +260,17 @@ def translation(
     allow_collision: bool = False,
     threads: int = 0,
 ) -> Forgery:
-    """Move an object, the nearest by default, away from the scanner: attack 5.
+    """Move an object, the nearest by default, away from the scanner: attack 5 of section 7.4.
 
     Parameters
     ----------
     scan : LidarFrame, (N, 3) or (N, 4) float32
+        Metres, z up.
     box : Box, optional
         Around the object; default: the nearest one, as `nearest_object` finds it.
     distance : float, metres
-        Over the ground, along the line from the scanner to the middle of the box.
+        Length of the horizontal motion along the line from the scanner to the centre of the box;
+        negative: towards the scanner.
     origin : (3,), optional
         Where the scanner stood; default: the frame's own, else the origin of the coordinates.
     allow_collision : bool
@@ -268,8 +286,8 @@ def translation(
     Raises
     ------
     InputError
-        No object is found; the box stands around the scanner's axis; the object would stand in
-        something.
+        No object is found; the centre of the box is straight above or below the scanner, so that
+        the direction is undefined; scene points are where the object would stand.
 
     Examples
     --------
@@ -287,7 +305,7 @@ def translation(
     transform = np.eye(4)
     transform[:2, 3] = distance * away
     if not allow_collision:
-        _check_way(scene, target, transform, "distance", threads)
+        _check_destination(scene, target, transform, "distance", threads)
     return _moved("translation", scene, target, transform, threads, {"distance": distance})
 
 
@@ -302,17 +320,21 @@ def rotation(
     allow_collision: bool = False,
     threads: int = 0,
 ) -> Forgery:
-    """Turn an object, by default the nearest, about the vertical through its centroid: attack 6.
+    """Turn an object, the nearest by default, about its own vertical axis: attack 6.
+
+    The axis goes through the centroid of the object's points; section 7.4 of the dissertation.
 
     Parameters
     ----------
     scan : LidarFrame, (N, 3) or (N, 4) float32
+        Metres, z up.
     box : Box, optional
         Around the object; default: the nearest one, as `nearest_object` finds it.
     angle : float, radians
         Counter-clockwise, seen from above.
     sideways : float, metres
-        To the left, seen from the scanner; the authors' own tool has 2 m.
+        Additional shift to the left, seen from the scanner. The tool of the dissertation's authors
+        shifts by 2 m; its text does not mention it.
     origin : (3,), optional
         Where the scanner stood; default: the frame's own, else the origin of the coordinates.
     allow_collision : bool
@@ -353,7 +375,7 @@ def rotation(
     transform[:3, 3] = center - product(transform[:3, :3], center)
     transform[:2, 3] += sideways * np.array([-away[1], away[0]])
     if not allow_collision:
-        _check_way(scene, target, transform, "angle, sideways", threads, yaw=angle)
+        _check_destination(scene, target, transform, "angle, sideways", threads, yaw=angle)
     return _moved(
         "rotation", scene, target, transform, threads, {"angle": angle, "sideways": sideways}
     )
@@ -369,7 +391,7 @@ ALERT_ATTACKS: Mapping[str, Callable[..., Forgery]] = MappingProxyType(
         "rotation": rotation,
     }
 )
-"""The six, in the dissertation's order."""
+"""The six attacks by name, in the dissertation's order."""
 
 
 def _target(scan: ScanLike, box: Box | None, origin: ArrayLike | None) -> tuple[Scan, Box]:
@@ -392,9 +414,10 @@ def _check_free(
     leaving: NDArray[np.int32] | None = None,
     yaw: float = 0.0,
 ) -> None:
-    """Refuse a place of an object where scene points are that do not leave it.
+    """Raise `InputError` if scene points, other than those ``leaving``, are inside an object.
 
-    The place is the box around the object's points, rotated by ``yaw``, above the ground.
+    The inside of the object is the box around its points, rotated by ``yaw``, from `CLEARANCE`
+    above its lowest point on, so that the ground does not count.
     """
     turn = _core.rotation_about_z(yaw)
     upright = product(points.astype(np.float64), turn)  # turned back: rows times the inverse
@@ -411,7 +434,7 @@ def _check_free(
         )
 
 
-def _check_way(
+def _check_destination(
     scene: Scan,
     box: Box,
     transform: NDArray[np.float64],
@@ -420,7 +443,7 @@ def _check_way(
     *,
     yaw: float = 0.0,
 ) -> None:
-    """Refuse a motion of what is in a box to where something else is."""
+    """Raise `InputError` if other scene points are where a motion takes the points of a box."""
     leaving = _core.points_in_box(scene.points, box_arguments(box), threads_of(threads))
     if not len(leaving):
         return
@@ -461,5 +484,5 @@ def _away(box: Box, origin: NDArray[np.float64]) -> NDArray[np.float64]:
     line = np.asarray(box.center, np.float64)[:2] - origin[:2]
     length = float(np.linalg.norm(line, axis=-1))
     if not length > 0.0:
-        raise InputError("box: expected one beside the scanner, got one around its axis")
+        raise InputError("box: expected a centre beside the scanner's vertical axis, got one on it")
     return line / length

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -74,39 +75,45 @@ def lattice_insert(
     rng: Rng = 0,
     threads: int = 0,
 ) -> Forgery:
-    """Let firings see an object that the scanner measured elsewhere: the white-box attack.
+    """Insert an object by rewriting the ranges of existing returns: the white-box attack.
 
-    The object is rotated about the scanner's axis by whole steps of the encoder, so that its rings,
-    ranges, noise and intensities stay what the scanner measured. Firings that saw something behind
-    it see the object; those that saw something nearer, or nothing, stay as they are.
+    The attacker knows the scanner's lattice: the directions in which its lasers fire. The inserted
+    object (the hoax) was measured by the same scanner; it is rotated about the scanner's axis by
+    whole steps of the encoder, so that each of its points keeps its laser, range, noise and
+    intensity. A return of the scan is replaced by the hoax's point in the same direction if that
+    point is nearer to the scanner. Returns in front of the hoax stay, and directions without a
+    return stay without one.
 
     Parameters
     ----------
     scan : LidarFrame, (N, 3) or (N, 4) float32
-        Metres, the scanner at the origin.
+        Metres, z up, the scanner at the origin.
     hoax : LidarFrame, (K, 3) or (K, 4) float32
-        The object as the same scanner saw it: points of this frame (a duplicate) or of another.
+        Points of the inserted object in the frame of the scanner that measured them: from this
+        scan (a duplicate) or from another scan of the same scanner.
     lattice : authenticate.SensorLattice
         Lattice of the scanner, with its encoder.
     turn : float, radians
-        Counter-clockwise; it is rounded to whole steps of the encoder.
+        Angle by which the hoax is rotated, counter-clockwise seen from above, at most one turn
+        either way; it is rounded to whole steps of the encoder.
     most : int, optional
-        Returns that are rewritten at most, chosen by chance: 200 is what spoofing reaches that
-        injects pulses with one laser (`spoof`).
+        Largest number of returns that are rewritten, chosen at random; None: all. A real attacker
+        with one laser reaches 200 (`spoof`).
     rng : int, numpy.random.Generator or None
-        Seed, or generator; None: another result each time.
+        Seed or generator for that choice; None: another result each time.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
     Returns
     -------
     Forgery
-        The rewritten points are ``moved``, at their places in the order of the file.
+        The rewritten points are in ``moved``. They are sorted to where the scanner would have
+        written them in its file.
 
     Raises
     ------
     InputError
-        A shape is wrong, the lattice has no encoder, ``most`` is not positive, ``turn`` is more
+        A shape is wrong, the lattice has no encoder, ``most`` is not positive, or ``turn`` is more
         than one turn.
 
     Examples
@@ -129,32 +136,20 @@ def lattice_insert(
         raise InputError(f"turn: expected at most one turn of 2 pi radians, got {turn}")
     random = generator_of(rng)
     scene, thing = to_scan(scan), to_scan(hoax)
-    here = lattice.read(scene.points, threads=threads)
-    there = lattice.read(thing.points, threads=threads)
-    known = np.flatnonzero(there.count >= 0)
-    ring, range_ = there.ring[known], lattice.distance(thing.points, there.ring)[known]
+    scene_reading = lattice.read(scene.points, threads=threads)
     steps = round(turn * lattice.steps / (2.0 * math.pi))
-    count = _nearest_fired(np.mod(there.count[known] + steps, lattice.steps), here, lattice.steps)
-
-    # The nearest of the object's points that share a firing is seen.
-    key = ring.astype(np.int64) * lattice.steps + count
-    order = np.lexsort((range_, key))
-    order = order[np.r_[True, np.diff(key[order]) > 0]] if len(order) else order
-    rows, found = _rows_of(key[order], here, lattice.steps)
-    order = order[found]
-    behind = range_[order] < lattice.distance(scene.points[rows], here.ring[rows])
-    rows, order = rows[behind], order[behind]
+    hoax_rows, firings = _turned_firings(thing, steps, scene_reading, lattice, threads)
+    rows, seen = _hidden_rows(scene, scene_reading, firings, lattice)
     if most is not None and len(rows) > most:
         chosen = np.sort(random.choice(len(rows), most, replace=False))
-        rows, order = rows[chosen], order[chosen]
-    intensity = thing.intensity[known[order]] if len(thing.intensity) else None
+        rows, seen = rows[chosen], seen[chosen]
     return _rewritten(
         "lattice insert" if most is None else "spoof",
         scene,
         lattice,
         rows,
-        (ring[order], count[order], range_[order]),
-        intensity,
+        firings.select(seen),
+        thing.intensity[hoax_rows[seen]] if len(thing.intensity) else None,
         {"turn": steps * 2.0 * math.pi / lattice.steps, "most": most},
     )
 
@@ -170,12 +165,17 @@ def spoof(
     rng: Rng = 0,
     threads: int = 0,
 ) -> Forgery:
-    """Inject at most 200 returns of an object, as a laser beside the road can.
+    """Insert at most 200 points of an object, as an attacker with one laser at the roadside can.
+
+    The attacker's laser pulses reach the scanner as if they were its own returns, so that the
+    injected points have directions of the scanner.
 
     Parameters
     ----------
-    scan, hoax, lattice, turn, most, rng, threads
-        As in `lattice_insert`; the directions of injected returns are the scanner's own.
+    scan, hoax, lattice, turn, rng, threads
+        As for `lattice_insert`.
+    most : int
+        Largest number of injected points (Sun et al., USENIX Security 2020, reach 200).
 
     Returns
     -------
@@ -213,15 +213,16 @@ def lattice_remove(
     rng: Rng = 0,
     threads: int = 0,
 ) -> Forgery:
-    """Let the firings that saw an object see what stands beside it: the white-box deletion.
+    """Delete an object by rewriting the ranges of its returns: the white-box deletion.
 
-    Each laser's ranges are interpolated between both sides of the object, with the noise that the
-    laser has there, and take the intensity of a neighbour.
+    For each laser, the ranges of the object's returns are interpolated between the returns at both
+    sides of the object, with the noise of the ranges there. The intensity is that of one of the two
+    sides, chosen at random.
 
     Parameters
     ----------
     scan : LidarFrame, (N, 3) or (N, 4) float32
-        Metres, the scanner at the origin.
+        Metres, z up, the scanner at the origin.
     box : Box
         Around the object, without the ground below it.
     lattice : authenticate.SensorLattice
@@ -234,13 +235,13 @@ def lattice_remove(
     Returns
     -------
     Forgery
-        The rewritten points are ``moved``, at their places in the order of the file. Those of
-        lasers that see nothing beside the object stay as they are.
+        The rewritten points are in ``moved``, sorted to where the scanner would have written them.
+        Returns of lasers that see nothing beside the object stay as they are.
 
     Raises
     ------
     InputError
-        A shape is wrong, the lattice has no encoder.
+        A shape is wrong, or the lattice has no encoder.
 
     Examples
     --------
@@ -261,45 +262,62 @@ def lattice_remove(
     scene = to_scan(scan)
     random = generator_of(rng)
     reading = lattice.read(scene.points, threads=threads)
-    on = reading.count >= 0
-    inside = box.contains(scene.points) & on
-    rows = np.flatnonzero(inside)
-    if not len(rows):
-        return _rewritten("lattice remove", scene, lattice, rows, _NOTHING, None, {})
+    is_read = reading.count >= 0
+    inside = box.contains(scene.points) & is_read
+    rows, beside = np.flatnonzero(inside), np.flatnonzero(is_read & ~inside)
+    if not len(rows) or not len(beside):
+        return _rewritten("lattice remove", scene, lattice, rows[:0], _NO_FIRINGS, None, {})
     # Counted from the side opposite to the object, so that its neighbours are next to it.
     start = int(reading.count[rows[len(rows) // 2]]) + lattice.steps // 2
     place = reading.ring.astype(np.int64) * lattice.steps
     place += np.mod(reading.count - start, lattice.steps)
-    beside = np.flatnonzero(on & ~inside)
-    if not len(beside):
-        return _rewritten("lattice remove", scene, lattice, rows[:0], _NOTHING, None, {})
     beside = beside[np.argsort(place[beside], kind="stable")]
-    at = np.searchsorted(place[beside], place[rows])
-    left, right = beside[(at - 1).clip(min=0)], beside[at.clip(max=len(beside) - 1)]
-    ring = reading.ring
-    same = (ring[left] == ring[rows]) & (ring[right] == ring[rows])
-    rows, left, right = rows[same], left[same], right[same]
+    rows, left, right = _neighbours_on_ring(rows, beside, place, reading.ring)
 
-    seen = lattice.distance(scene.points, ring)
-    span = np.maximum(place[right] - place[left], 1)
-    weight = (place[rows] - place[left]) / span
-    noise = _noise_of(seen[beside], place[beside])
-    range_ = seen[left] * (1.0 - weight) + seen[right] * weight
-    range_ += noise * random.standard_normal(len(rows))
-    nearer = np.where(random.random(len(rows)) < weight, right, left)
-    intensity = scene.intensity[nearer] if len(scene.intensity) else None
+    distance = lattice.distance(scene.points, reading.ring)
+    weight = (place[rows] - place[left]) / np.maximum(place[right] - place[left], 1)
+    noise = _noise_of(distance[beside], place[beside])
+    filled = distance[left] * (1.0 - weight) + distance[right] * weight
+    filled += noise * random.standard_normal(len(rows))
+    copied = np.where(random.random(len(rows)) < weight, right, left)
     return _rewritten(
         "lattice remove",
         scene,
         lattice,
         rows,
-        (ring[rows], reading.count[rows], range_),
-        intensity,
+        Firings(reading.ring[rows], reading.count[rows], filled),
+        scene.intensity[copied] if len(scene.intensity) else None,
         {},
     )
 
 
-_NOTHING = (np.empty(0, np.int32), np.empty(0, np.int32), np.empty(0))
+@dataclass(frozen=True, eq=False)
+class Firings:
+    """Firings of lasers, and what each one measures.
+
+    Attributes
+    ----------
+    ring : (N,) integers
+        Laser.
+    count : (N,) integers
+        Count of the encoder.
+    distance : (N,) float, metres
+        Along the beam, as `FiringLattice.points_at` takes it.
+    """
+
+    ring: NDArray[Any]
+    count: NDArray[Any]
+    distance: Floats
+
+    def keys(self, steps: int) -> NDArray[np.int64]:
+        """One number for each pair of laser and count."""
+        return np.asarray(self.ring.astype(np.int64) * steps + self.count, np.int64)
+
+    def select(self, rows: Rows) -> Firings:
+        return Firings(self.ring[rows], self.count[rows], self.distance[rows])
+
+
+_NO_FIRINGS = Firings(np.empty(0, np.int32), np.empty(0, np.int32), np.empty(0))
 
 
 def _check_encoder(lattice: FiringLattice) -> None:
@@ -307,12 +325,56 @@ def _check_encoder(lattice: FiringLattice) -> None:
         raise InputError("lattice: expected one with an encoder, got one without steps")
 
 
-def _nearest_fired(count: NDArray[np.int64], here: Readings, steps: int) -> NDArray[np.int64]:
-    """The nearest counts at which the head fired in a scan."""
+def _turned_firings(
+    hoax: Scan, steps: int, here: Readings, lattice: FiringLattice, threads: int
+) -> tuple[Rows, Firings]:
+    """Rows of a hoax that lie on the lattice, and their firings after a turn by ``steps``.
+
+    Counts at which the head did not fire in the scan (``here``) go to the nearest at which it did.
+    """
+    reading = lattice.read(hoax.points, threads=threads)
+    rows = np.flatnonzero(reading.count >= 0)
+    turned = np.mod(reading.count[rows] + steps, lattice.steps)
+    return rows, Firings(
+        reading.ring[rows],
+        _nearest_fired(turned, here, lattice.steps),
+        lattice.distance(hoax.points, reading.ring)[rows],
+    )
+
+
+def _hidden_rows(
+    scene: Scan, here: Readings, hoax: Firings, lattice: FiringLattice
+) -> tuple[Rows, Rows]:
+    """Rows of a scan that a hoax hides, and the firing of the hoax in front of each."""
+    keys = hoax.keys(lattice.steps)
+    order = np.lexsort((hoax.distance, keys))
+    if len(order):  # the nearest of the hoax's points that share a firing is seen
+        order = order[np.r_[True, np.diff(keys[order]) > 0]]
+    rows, found = _rows_of(keys[order], here, lattice.steps)
+    seen = order[found]
+    is_hidden = hoax.distance[seen] < lattice.distance(scene.points[rows], here.ring[rows])
+    return rows[is_hidden], seen[is_hidden]
+
+
+def _neighbours_on_ring(
+    rows: Rows, beside: Rows, place: NDArray[np.int64], ring: NDArray[np.int32]
+) -> tuple[Rows, Rows, Rows]:
+    """Rows with a neighbour of the same laser at both sides, and these neighbours.
+
+    ``beside`` are the rows that may be neighbours, in the order of ``place``.
+    """
+    at = np.searchsorted(place[beside], place[rows])
+    left, right = beside[(at - 1).clip(min=0)], beside[at.clip(max=len(beside) - 1)]
+    same = (ring[left] == ring[rows]) & (ring[right] == ring[rows])
+    return rows[same], left[same], right[same]
+
+
+def _nearest_fired(count: NDArray[Any], here: Readings, steps: int) -> NDArray[np.int64]:
+    """Return for each count the nearest one at which the head fired in a scan."""
     votes = np.bincount(here.count[here.count >= 0], minlength=steps)
     fired = np.flatnonzero(votes >= FEWEST_LASERS)
     if not len(fired):
-        return count
+        return np.asarray(count, np.int64)
     around = np.concatenate([fired[-1:] - steps, fired, fired[:1] + steps])
     at = np.searchsorted(around, count).clip(1, len(around) - 1)
     nearest = np.where(count - around[at - 1] <= around[at] - count, around[at - 1], around[at])
@@ -320,7 +382,7 @@ def _nearest_fired(count: NDArray[np.int64], here: Readings, steps: int) -> NDAr
 
 
 def _rows_of(keys: NDArray[np.int64], here: Readings, steps: int) -> tuple[Rows, NDArray[np.bool_]]:
-    """Rows of a scan that answered at firings, and which of the firings were answered."""
+    """Rows of the scan's returns at firings, and a mask of the firings that have a return."""
     read = np.flatnonzero(here.count >= 0)
     own = here.ring[read].astype(np.int64) * steps + here.count[read]
     order = np.argsort(own, kind="stable")
@@ -341,16 +403,16 @@ def _rewritten(
     scene: Scan,
     lattice: FiringLattice,
     rows: Rows,
-    firings: tuple[NDArray[Any], NDArray[Any], Floats],
+    firings: Firings,
     intensity: NDArray[np.float32] | None,
     parameters: Mapping[str, Any],
 ) -> Forgery:
-    """The scan whose rows are seen by firings (ring, count, range along the beam)."""
-    ring, count, range_ = firings
+    """Replace rows of a scan by what firings measure, rounded as the scanner rounds."""
+    ring, count, distance = firings.ring, firings.count, firings.distance
     if lattice.range_step:
         phase = lattice.range_phase[ring]
-        range_ = phase + np.round((range_ - phase) / lattice.range_step) * lattice.range_step
-    values = lattice.points_at(ring, count, range_)
+        distance = phase + np.round((distance - phase) / lattice.range_step) * lattice.range_step
+    values = lattice.points_at(ring, count, distance)
     if lattice.coordinate_step:
         # Divided by a whole number, the quotient is the float that the scanner's files have.
         per_metre = round(1.0 / lattice.coordinate_step)
@@ -382,10 +444,10 @@ def _rewritten(
 
 
 def _in_file_order(points: NDArray[np.float32], rows: Rows, lattice: FiringLattice) -> Rows:
-    """Rows in the order in which the scanner's file has them: ring after ring, each by azimuth.
+    """Return all rows in the order of the scanner's file: ring after ring, each by azimuth.
 
-    Another range is another azimuth, because beams pass beside the axis. The other points keep
-    their order; where they are in another one, so do all.
+    A rewritten range changes the azimuth a little, because beams pass beside the axis. Points that
+    were not rewritten keep their order. If these are not in the scanner's order, nothing is sorted.
     """
     reading = lattice.read(points)
     place = reading.ring * 8.0 + reading.azimuth  # azimuths are below 8

@@ -66,7 +66,7 @@ class Motion:
                 f"positions: expected shape (T, {joints}, 3), got {self.positions.shape}"
             )
         if not len(self.positions) or not np.isfinite(self.positions).all():
-            raise InputError("positions: expected finite ones of a frame at least")
+            raise InputError("positions: expected finite numbers of at least one frame")
         if len(self.parents) != joints:
             raise InputError(f"parents: expected {joints}, got {len(self.parents)}")
         if not 0.0 < self.frame_s < math.inf:

@@ -113,27 +113,28 @@ def _read(
 def read_pixel_map(
     path: str | os.PathLike[str], *, max_pixels: int = MOST_PIXELS
 ) -> NDArray[np.bool_ | np.uint8 | np.uint16 | np.float32 | np.float64]:
-    """Read numbers that belong to the pixels of a depth image: a mask, or confidences.
+    """Read one number per pixel of a depth image, such as a mask or confidences.
 
     Parameters
     ----------
     path : path-like or URL
-        PNG or TIFF, or ``.npy`` of bool, uint8, uint16, float32 or float64;
-        the content decides, not the suffix.
+        PNG or TIFF, or ``.npy`` of bool, uint8, uint16, float32 or float64. The format is
+        recognised by the content, not by the suffix.
     max_pixels : int
-        Larger images are refused before anything is allocated for them.
+        Larger images are refused before any memory is allocated for them. The default is 2**25
+        (33.5 million).
 
     Returns
     -------
     (H, W) bool, uint8, uint16, float32 or float64
-        As stored; of coloured and paletted images of 8 bits the brightest channel, so that only
-        black is 0; their alpha is left out.
+        The stored values. Coloured and paletted images of 8 bits give the largest of red, green
+        and blue, so that only black pixels are 0; an alpha channel is ignored.
 
     Raises
     ------
     FormatError
-        The file is damaged, no image, coloured with 16 bits a channel, or larger than
-        ``max_pixels``.
+        The file is damaged or not an image, has colours of 16 bits a channel, or has more than
+        ``max_pixels`` pixels.
     InputError
         ``max_pixels`` is not positive.
     OSError

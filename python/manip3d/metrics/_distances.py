@@ -237,7 +237,7 @@ def metro(
     if sampling not in ("vertex", "area"):
         raise InputError(f"sampling: expected 'vertex' or 'area', got {sampling!r}")
     if samples is not None and sampling == "vertex":
-        raise InputError("samples: expected none with sampling='vertex', which takes each vertex")
+        raise InputError("samples: cannot be given with sampling='vertex', which takes each vertex")
     with reporting(progress, "metro") as report:
         forward, backward, diagonal = _core.metro(
             original,

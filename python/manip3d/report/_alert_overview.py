@@ -1,4 +1,4 @@
-"""Several vehicles on one page: what a monitor said of the drive of each."""
+"""A page with the verdict of `alert run` on the drives of several vehicles."""
 
 from __future__ import annotations
 
@@ -24,22 +24,26 @@ _GRAVEST_FIRST = ("failed", "tampered", "undecidable", "no_trace", "authentic")
 def write_alert_overview(
     drives: Sequence[Mapping[str, Any]], output: str | os.PathLike[str]
 ) -> None:
-    """Write one page that shows what was said of several drives, the gravest first.
+    """Write an HTML page with the verdicts on the drives of several vehicles.
+
+    Drives are ordered by verdict, the gravest first: failed, tampered, undecidable, no trace,
+    authentic. Each has its reason, its verdicts and its risk over time, and its worst frame.
 
     Parameters
     ----------
     drives : sequence of mappings
-        For each vehicle what `AlertTimeline.summary` returns, with ``page``, the place of its own
-        page relative to this one; or ``source`` and ``error`` where nothing could be judged.
+        For each vehicle the result of `AlertTimeline.summary`, optionally with ``page``, the
+        address of the vehicle's own page relative to this one. For a drive that failed, ``source``
+        (its path) and ``error`` (a message).
     output : path
         ``.html``; an existing file is replaced.
 
     Raises
     ------
     InputError
-        No drives, or another suffix.
+        ``drives`` is empty, or ``output`` has another suffix.
     OSError
-        It cannot be written; the old file is whole.
+        The page cannot be written; an existing file then stays as it was.
 
     Examples
     --------

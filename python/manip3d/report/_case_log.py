@@ -315,8 +315,8 @@ def _entries(
             ) from error
         if not linked:
             raise FormatError(
-                f"line {number}: the chain of hashes is broken: it, or the line before it, was "
-                "changed, left out or put in",
+                f"line {number}: the chain of hashes is broken: this line or the one before "
+                "it was changed, removed or inserted",
                 file=os.fspath(path),
             )
         yield entry, line

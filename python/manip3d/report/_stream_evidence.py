@@ -84,7 +84,7 @@ def write_stream_evidence(
         by_number = {frame.number: frame for frame in numbered(some, range(len(some)))}
         judged = [by_number[n] for n in inspection.numbers.tolist() if n in by_number]
         if not judged:
-            raise InputError("frames: expected those that were judged, got none of them")
+            raise InputError("frames: expected the frames that were judged, got none of them")
         text = _page(inspection, judged, source)
     atomic_write(path, text.encode())
 

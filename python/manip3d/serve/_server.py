@@ -440,7 +440,7 @@ class LocalServer:
 
         with self._lock:
             if self._thread is not None:
-                raise InputError("server: expected one that was not started yet")
+                raise InputError("server: expected a server that was not started yet")
             self._thread = threading.Thread(target=run, name="manip3d-serve", daemon=True)
             self._thread.start()
         is_ready = ready.wait(START_SECONDS)

@@ -1,4 +1,4 @@
-"""Several depth images or range scans, and where their cameras stood, to one mesh in a file."""
+"""One mesh file of several depth images or range scans with known camera poses."""
 
 from __future__ import annotations
 
@@ -42,27 +42,30 @@ __all__ = ["JointFileResult", "poses_of_files", "simplify_camera_files"]
 
 _MOST_SECONDS_APART = 0.02  # as TUM's own tool associates depth images and poses
 _MOST_TRIES = 4
-_UNITS = 1e-3  # how far a quaternion's length may be from 1
+_UNIT_TOLERANCE = 1e-3  # how far a quaternion's length may be from 1
 
 
 @dataclass(frozen=True)
 class JointFileResult:
-    """Result for several depth images or scans.
+    """Result of `simplify_camera_files`: one mesh of several depth images or scans.
 
     Attributes
     ----------
     sources : tuple of Path
     output : Path
     options : DepthOptions
-    points_before, points, faces : int
-        Measured points of all views, and vertices and faces of the mesh.
+    points_before : int
+        Number of measured points of all sources together.
+    points, faces : int
+        Number of vertices and faces of the mesh.
     seconds : float
-        Time of the method alone. More than one per cent of the points that fell out where views
-        meet are asked for again, up to three times; of all tries.
+        Time of the simplification without reading and writing. Where joining the views drops more
+        than one per cent of the vertices, it is repeated with more points, up to three times; the
+        time is that of all runs.
     coverage, bridges : float
         As for `JointSimplification`.
     lone_pixels : int
-        As for `DepthFileResult`, of all views.
+        As for `DepthFileResult`, summed over all sources.
     """
 
     sources: tuple[Path, ...]
@@ -78,14 +81,14 @@ class JointFileResult:
 
     @property
     def is_sparse(self) -> bool:
-        """As of `DepthFileResult`."""
+        """Whether the measured pixels are too sparse for a surface; as `DepthFileResult`."""
         return is_sparse(self.lone_pixels, self.points_before)
 
     @property
     def target_missed(self) -> bool:
-        """Fewer than 99 % of the points that were asked for and are there.
+        """Whether the mesh has fewer than 99 % of the wanted points.
 
-        What several views see is there several times.
+        No more are wanted than were measured; a place that several views see counts several times.
         """
         if self.options.points is None:
             return False
@@ -93,12 +96,12 @@ class JointFileResult:
 
     @property
     def coverage_missed(self) -> bool:
-        """Less than ``options.min_coverage`` of the measured pixels are covered."""
+        """Whether less than ``options.min_coverage`` of the measured pixels is covered."""
         return not self.coverage >= self.options.min_coverage
 
     @property
     def bridges_missed(self) -> bool:
-        """More than ``options.max_bridges`` of the area are bridges."""
+        """Whether more than ``options.max_bridges`` of the area is bridges."""
         return not self.bridges <= self.options.max_bridges
 
 
@@ -106,23 +109,22 @@ class JointFileResult:
 def poses_of_files(
     sources: Sequence[str | os.PathLike[str]], poses: str | os.PathLike[str]
 ) -> list[NDArray[np.float64]]:
-    r"""Return where the camera of each file stood.
+    r"""Return the pose of the camera or scanner of each file, from a file of poses.
 
     Parameters
     ----------
     sources : sequence of path-like
+        Depth images or range scans. Only their names are used.
     poses : path-like
-        A Stanford ``.conf`` file, as `manip3d.datasets.read_poses` takes it, with the files' names;
-        or lines ``time tx ty tz qx qy qz qw`` (TUM's ``groundtruth.txt``, camera to world, lines
-        with ``#`` left out). There the files' names are times, and the pose is that of the nearest
-        time, at most 0.02 s away. Files whose names are not times take as many lines in the order
-        given: no name is a number, or numbers and times ascend and most names (``000001.png``)
-        are none of the times.
+        Either a Stanford ``.conf`` file, which names each source (`manip3d.datasets.read_poses`),
+        or a trajectory: lines ``time tx ty tz qx qy qz qw`` (camera to world) as in TUM's
+        ``groundtruth.txt``, where lines that begin with ``#`` are comments.
 
     Returns
     -------
     list of (4, 4) float64
-        Rigid transforms to the frame of all.
+        For each source, in their order, the rigid transform from its camera's frame to the common
+        frame, in the unit of ``poses``.
 
     Raises
     ------
@@ -130,6 +132,14 @@ def poses_of_files(
         A file has no pose.
     FormatError, OSError
         ``poses`` cannot be read.
+
+    Notes
+    -----
+    In a trajectory, a file's name is a time in seconds (``1305031102.160407.png``), and its pose is
+    the one with the nearest time, at most 0.02 s away (the tolerance of TUM's own tool). If the
+    names are not times, the lines are taken in order, one for each file. Names are not times if
+    none is a number, or if names and times ascend and most names, such as ``000001.png``, are not
+    near any time.
 
     Examples
     --------
@@ -163,13 +173,14 @@ def _by_time(
     times: NDArray[np.float64],
     found: list[NDArray[np.float64]],
 ) -> list[NDArray[np.float64]]:
+    """Return the pose nearest in time to each file; in order where the names are only numbers."""
     off = np.nan_to_num(np.abs(asked[:, None] - times), nan=np.inf)
     nearest, apart = off.argmin(axis=1), off.min(axis=1)
     is_near = apart <= _MOST_SECONDS_APART
     if is_near.all():
         return [found[i] for i in nearest]
-    are_counts = 2 * np.count_nonzero(is_near) < len(files)
-    if are_counts and len(found) == len(files) and _ascend(asked) and _ascend(times):
+    are_numbered = 2 * np.count_nonzero(is_near) < len(files)
+    if are_numbered and len(found) == len(files) and _ascend(asked) and _ascend(times):
         return found
     worst = int(apart.argmax())
     asks = f"poses: expected a pose within {_MOST_SECONDS_APART} s of {files[worst]}"
@@ -189,6 +200,7 @@ def _ascend(values: NDArray[np.float64]) -> bool:
 
 
 def _plain(file: Path) -> str:
+    """Return a file's name without the suffix of a compression."""
     return file.name.removesuffix(".xz").removesuffix(".gz")
 
 
@@ -204,6 +216,7 @@ def _in_order(
 
 
 def _trajectory(place: Path) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
+    """Read times and poses (camera to world) from a trajectory as TUM writes it."""
     times, poses = [], []
     for number, line in enumerate(text_of(place).splitlines(), start=1):
         words = line.replace(",", " ").split()
@@ -214,7 +227,7 @@ def _trajectory(place: Path) -> tuple[NDArray[np.float64], list[NDArray[np.float
         except ValueError:
             values = np.empty(0)
         is_pose = values.shape == (8,) and np.isfinite(values).all()
-        if not is_pose or not abs(np.linalg.norm(values[4:]) - 1) <= _UNITS:
+        if not is_pose or not abs(np.linalg.norm(values[4:]) - 1) <= _UNIT_TOLERANCE:
             text = "expected eight numbers: time tx ty tz qx qy qz qw, a quaternion of length 1"
             raise FormatError(text, file=str(place), line=number)
         times.append(values[0])
@@ -233,21 +246,23 @@ def simplify_camera_files(
     *,
     colors: Sequence[str | os.PathLike[str]] = (),
 ) -> JointFileResult:
-    r"""Turn several depth images, or several range scans, into one mesh in a file.
+    r"""Simplify several depth images, or several range scans, to one mesh and write it to a file.
 
     Parameters
     ----------
     sources : sequence of path-like
-        As for `simplify_depth_file`; the earlier ones are preferred where several see the same.
+        Depth images or range scans, as for `simplify_depth_file`, but not both. Where several see
+        the same surface, the earlier ones are preferred.
     poses : path-like
-        As for `poses_of_files`.
+        File with the pose of each source, as for `poses_of_files`.
     output : path-like
-        A mesh file, in the frame of the poses; glTF of depth images rotated by half a turn about x.
+        Mesh file to write. Its vertices are in the coordinate frame of the poses, except that a
+        glTF file of depth images is rotated by half a turn about x, because y points up there.
     options : DepthOptions
-        With ``points``; method ``relief`` or ``cs3``. A ``unit`` to guess is that which
-        `common_depth_unit` finds for all.
+        ``points`` is needed, and the method is ``relief`` or ``cs3``. If the unit is to be
+        guessed, one unit is guessed for all sources (`common_depth_unit`).
     colors : sequence of path-like
-        The colour image of each source, or none.
+        One colour image for each source; empty: no texture.
 
     Returns
     -------
@@ -256,10 +271,10 @@ def simplify_camera_files(
     Raises
     ------
     InputError
-        As `poses_of_files`, `relief_cameras` and `simplify_depth_file`; an option that does not go
-        with several views.
+        As `poses_of_files`, `relief_cameras` and `simplify_depth_file`; or an option cannot be used
+        with several sources.
     FormatError, OSError
-        As `simplify_depth_file`: nothing is written where there is no face.
+        As `simplify_depth_file`. If the mesh has no face, nothing is written.
 
     Examples
     --------
@@ -277,29 +292,23 @@ def simplify_camera_files(
     (True, True, 0.0)
     """
     files = tuple(path_of(source, "sources") for source in sources)
-    target = path_of(output, "output")
-    if options.method not in ("relief", "cs3"):
-        raise InputError(f"method: expected relief or cs3 with poses, got {options.method}")
-    points = options.points
-    if points is None or options.by_distance or options.move_points:
-        raise InputError("points: expected with poses, without bandwidth, by_distance, move_points")
+    target, place = path_of(output, "output"), path_of(poses, "poses")
+    points = _points_asked_for(options)
     if colors and len(colors) != len(files):
         raise InputError(f"colors: expected {len(files)} or none, got {len(colors)}")
-    pictures = [None if not colors else path_of(colors[i], "colors") for i in range(len(files))]
-    placed = poses_of_files(files, place := path_of(poses, "poses"))
-    are_images = [_plain(file).lower().endswith(DEPTH_SUFFIXES) for file in files]
-    if len(set(are_images)) > 1:
-        raise InputError("sources: expected depth images or scans with poses, got both")
-    if all(are_images):  # what each one's numbers look like could differ
+    pictures = [path_of(color, "colors") for color in colors] if colors else [None] * len(files)
+    placed = poses_of_files(files, place)
+    are_images = _are_images(files)
+    if are_images:  # guessed for each alone, units could differ
         options = replace(options, unit=common_depth_unit(files, options.unit, options.intrinsics))
-    view_of = _image_view if all(are_images) else _scan_view
+    view_of = _image_view if are_images else _scan_view
     views = [
         view_of(file, options, pose, picture)
         for file, pose, picture in zip(files, placed, pictures, strict=True)
     ]
-    steps = options.depth_step if options.depth_step and all(are_images) else None
+    depth_step = options.depth_step if options.depth_step and are_images else None
     started = time.perf_counter()
-    joint = _filled(views, options, points, steps)
+    joint = _filled(views, options, points, depth_step)
     seconds = time.perf_counter() - started
     lone = sum(Measured.of(_valid_pixels(view)).lone for view in views)
     if not joint.num_faces:
@@ -307,7 +316,7 @@ def simplify_camera_files(
         raise FormatError(
             f"expected a surface in {len(files)} views, found none{note}", file=str(place)
         )
-    _write(joint, target, turned=all(are_images) and writes_y_up(target))
+    _write(joint, target, turned=are_images and writes_y_up(target))
     return JointFileResult(
         files,
         target,
@@ -322,21 +331,44 @@ def simplify_camera_files(
     )
 
 
+def _points_asked_for(options: DepthOptions) -> int:
+    """Return the number of points, or refuse options that cannot be used with several views."""
+    if options.method not in ("relief", "cs3"):
+        raise InputError(f"method: expected relief or cs3 with poses, got {options.method}")
+    if options.points is None or options.by_distance or options.move_points:
+        raise InputError(
+            "points: needed with poses, without bandwidth, by_distance and move_points"
+        )
+    return options.points
+
+
+def _are_images(files: Sequence[Path]) -> bool:
+    """Whether files are depth images (True) or range scans (False); both together are refused."""
+    are_images = {_plain(file).lower().endswith(DEPTH_SUFFIXES) for file in files}
+    if len(are_images) > 1:
+        raise InputError("sources: expected depth images or scans with poses, got both")
+    return are_images != {False}
+
+
 def _valid_pixels(view: CameraView) -> NDArray[np.bool_]:
     """Measured pixels of a view as `_image_view` and `_scan_view` make it."""
     return np.asarray(view.valid if view.depth is None else np.asarray(view.depth) > 0, bool)
 
 
 def _filled(
-    views: Sequence[CameraView], options: DepthOptions, points: int, steps: float | None
+    views: Sequence[CameraView], options: DepthOptions, points: int, depth_step: float | None
 ) -> JointSimplification:
-    """Ask for as many more points as fell out where views meet."""
-    best = _joined(views, options, points, steps)
+    """Simplify views to at most ``points`` vertices and, if possible, to not many fewer.
+
+    Points that several views have in common are dropped where the views are joined. As many as were
+    dropped are asked for in addition, up to `_MOST_TRIES` times.
+    """
+    best = _joined(views, options, points, depth_step)
     asked = points + (missing := points - _num_used(best))
     for _ in range(_MOST_TRIES - 1):
         if not 0.01 * points < missing or asked > best.num_measured:
             break
-        found = _joined(views, options, asked, steps)
+        found = _joined(views, options, asked, depth_step)
         if _num_used(best) < _num_used(found) <= points:
             best, missing = found, points - _num_used(found)
         asked += points - _num_used(found)
@@ -348,13 +380,18 @@ def _num_used(joint: JointSimplification) -> int:
 
 
 def _joined(
-    views: Sequence[CameraView], options: DepthOptions, points: int, steps: float | None
+    views: Sequence[CameraView], options: DepthOptions, points: int, depth_step: float | None
 ) -> JointSimplification:
     edge, threads = options.max_edge, options.threads
     if options.method == "relief":
-        return relief_cameras(views, points, max_edge=edge, depth_step=steps, threads=threads)
+        return relief_cameras(views, points, max_edge=edge, depth_step=depth_step, threads=threads)
     return cs3_cameras(
-        views, points, variant=options.variant, max_edge=edge, depth_step=steps, threads=threads
+        views,
+        points,
+        variant=options.variant,
+        max_edge=edge,
+        depth_step=depth_step,
+        threads=threads,
     )
 
 

@@ -139,10 +139,12 @@ class DepthOptions:
             raise InputError(f"method: expected one of {', '.join(_METHODS)}, got {self.method!r}")
         if self.method != "cs3" and (self.variant != "cios" or self.by_distance):
             raise InputError(
-                f"variant, by_distance: expected with method cs3 only, got {self.method}"
+                f"variant, by_distance: can only be given with method cs3, got {self.method}"
             )
         if self.method != "relief" and self.move_points:
-            raise InputError(f"move_points: expected with method relief only, got {self.method}")
+            raise InputError(
+                f"move_points: can only be given with method relief, got {self.method}"
+            )
         if self.points is not None and not LEAST_POINTS <= self.points < 2**63:
             raise InputError(f"points: expected {LEAST_POINTS} to 2^63 - 1, got {self.points}")
         if not 0 <= self.depth_step <= float(np.finfo(np.float32).max):
@@ -348,7 +350,7 @@ def _uncut(
 
 def _check_confidence(options: DepthOptions, is_given: bool) -> None:
     if is_given and options.method != "relief":
-        raise InputError(f"confidence: expected with method relief only, got {options.method}")
+        raise InputError(f"confidence: can only be given with method relief, got {options.method}")
 
 
 @checked
@@ -435,7 +437,7 @@ def read_maps(
 ) -> Maps:
     _check_confidence(options, confidence is not None)
     if confidence_max is not None and confidence is None:
-        raise InputError("confidence_max: expected with confidence")
+        raise InputError("confidence_max: can only be given with confidence")
     return Maps(
         None if color is None else read_color(path_of(color, "color")),
         None if mask is None else read_pixel_map(path_of(mask, "mask")) != 0,
@@ -447,7 +449,9 @@ def _read_confidence(path: str | os.PathLike[str], highest: int | None) -> NDArr
     found = read_pixel_map(path_of(path, "confidence"))
     if found.dtype.kind == "f":
         if highest is not None:
-            raise InputError("confidence_max: expected with whole numbers, got floats in the file")
+            raise InputError(
+                "confidence_max: can only be given with whole numbers, got floats in the file"
+            )
         return found
     levels = found.astype(np.uint8) if found.dtype == np.bool_ else found
     if highest is None:
@@ -751,7 +755,7 @@ def from_cloud(
     maps = maps if maps.color is not None else replace(maps, color=grid.color)
     if options.intrinsics:
         raise InputError(
-            "intrinsics: expected with a depth image; a cloud's points tell its camera"
+            "intrinsics: can only be given with a depth image; a cloud's points tell its camera"
         )
     stored = np.where(grid.valid, camera.depth, 0.0).astype(np.float32)
     reading = depth_reading(stored, options.unit, str(path))
@@ -780,7 +784,7 @@ def expect_options_of_scan(options: DepthOptions) -> None:
     }
     for name, is_given in given.items():
         if is_given:
-            raise InputError(f"{name}: expected with a depth image, got a scan")
+            raise InputError(f"{name}: can only be given with a depth image, got a scan")
 
 
 def _result(

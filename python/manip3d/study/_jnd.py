@@ -522,14 +522,14 @@ def paired_power(
     effect : float
         Mean of the participants' differences over their standard deviation (Cohen's d_z).
     alpha : float
-        Error of the first kind, two-sided, of all comparisons together.
+        Probability of an error of the first kind, two-sided, of all comparisons together.
     comparisons : int
-        Among which ``alpha`` is shared evenly (Bonferroni).
+        Number of comparisons among which ``alpha`` is shared evenly (Bonferroni).
 
     Returns
     -------
     float
-        0 to 1.
+        Probability that the test finds the effect, 0 to 1.
 
     Raises
     ------
@@ -563,29 +563,39 @@ def paired_power(
     return float(shifted.sf(critical)) + (0.0 if math.isnan(other_side) else other_side)
 
 
+_MOST_PARTICIPANTS = 1 << 16  # the last power of two that `paired_power` accepts
+
+
 @checked
 def required_participants(
     effect: float, *, power: float = 0.8, alpha: float = 0.05, comparisons: int = 1
 ) -> int:
-    """Return how many participants a paired comparison of two methods' JNDs needs.
+    """Return the smallest number of participants with which a paired t test has a given power.
+
+    The test compares the just noticeable differences (JNDs) of two methods, as in `paired_power`.
 
     Parameters
     ----------
     effect : float
-        As for `paired_power`; not 0.
+        Expected effect: the mean of the participants' differences over their standard deviation
+        (Cohen's d_z); not 0.
     power : float
-        At least that.
-    alpha, comparisons
-        As for `paired_power`.
+        Wanted probability that the test finds the effect, in (0, 1). The default of 0.8 is
+        customary.
+    alpha : float
+        Probability of an error of the first kind, two-sided, of all comparisons together.
+    comparisons : int
+        Number of comparisons among which ``alpha`` is shared evenly (Bonferroni).
 
     Returns
     -------
     int
+        At least 2.
 
     Raises
     ------
     InputError
-        A number is out of range, or 65 536 participants are too few.
+        A number is out of range, or more than 65 536 participants would be needed.
     MissingExtraError
         SciPy is not installed.
 
@@ -596,14 +606,22 @@ def required_participants(
     """
     if not 0.0 < power < 1.0:
         raise InputError(f"power: expected between 0 and 1, got {power}")
+
+    def is_enough(participants: int) -> bool:
+        return paired_power(participants, effect, alpha=alpha, comparisons=comparisons) >= power
+
+    # Power grows with the number of participants: double it until it is enough, then bisect.
     low, high = 2, 4
-    while paired_power(high, effect, alpha=alpha, comparisons=comparisons) < power:
+    while not is_enough(high):
+        if high >= _MOST_PARTICIPANTS:
+            raise InputError(
+                f"effect: expected an effect that {_MOST_PARTICIPANTS} participants can show, "
+                f"got {effect:g}"
+            )
         low, high = high, 2 * high
-        if high > 100_000:
-            raise InputError(f"effect: expected one that 65536 participants show, got {effect:g}")
-    while low < high:  # power grows with the number of participants
+    while low < high:
         middle = (low + high) // 2
-        if paired_power(middle, effect, alpha=alpha, comparisons=comparisons) >= power:
+        if is_enough(middle):
             high = middle
         else:
             low = middle + 1
@@ -667,7 +685,7 @@ def make_jnd_stimuli(
     from manip3d.viewer.page import Placement, placed_glb
 
     if study.stimuli is None or study.base is None:
-        raise InputError("study: expected one that was read from a file")
+        raise InputError("study: expected a study that was read from a file")
     if study.stimuli.exists() and not overwrite:
         raise InputError(f"{study.stimuli}: exists already")
     found: list[JndLevel] = []

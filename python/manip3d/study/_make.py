@@ -110,7 +110,7 @@ def make_stimuli(
         )
         return MadeStimuli(file.parent / name, len(made), ())
     if images is not None:
-        raise InputError("images: expected with a rating, got a jnd")
+        raise InputError("images: can only be given with a rating study, got a jnd study")
     study, _ = read_study(file)
     assert isinstance(study, JndStudy)
     assert study.stimuli is not None

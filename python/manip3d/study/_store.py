@@ -167,7 +167,7 @@ class StudyFolder(Closing):
         self._turn = threading.RLock()  # of the threads of this process
         self._lock: int | None = None
         if read_only and definition is not None:
-            raise InputError("definition: expected none with read_only")
+            raise InputError("definition: cannot be given with read_only")
         if definition is None and not (self.path / _DEFINITION).is_file():
             raise InputError(f"{self.path}: expected a folder of a study, found no {_DEFINITION}")
         if not read_only:
