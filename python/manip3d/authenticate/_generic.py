@@ -75,6 +75,14 @@ have 982, 338 and 109. Of 44 other simulated frames (streets 1000 to 1021 and 20
 chose nothing, none is accused; the largest holes have 561, 297 and 199. Of 33 real frames 32 have
 none and one has 10. It costs power: of 18 objects removed in drive 0005 about 2 are found."""
 
+EXPONENTIAL_TAILS = {
+    "drift": (DRIFT_FEWEST, DRIFT_SCALE),
+    "void": (VOID_FEWEST, VOID_SCALE),
+    "time": (TIME_FEWEST, TIME_SCALE),
+    "between": (BETWEEN_FEWEST, BETWEEN_SCALE),
+}
+"""Kinds whose strength ``s`` clean frames reach with probability exp((fewest - s) / scale)."""
+
 REASONS = {
     "unknown": "the lattice does not know it",
     "contradicted": "the whole frame contradicts it: processed, or another scanner",
@@ -526,22 +534,17 @@ def _points_of(frame: LidarFrame | ArrayLike | None, name: str) -> NDArray[np.fl
 
 
 def _log10_p(kind: str, strength: float, points: int) -> float:
-    """log10 of the probability, at most, that a clean frame has a region of such a strength."""
+    """Return log10 of an upper bound of the probability that a clean frame has such a region."""
     if strength <= 0.0:
         return 0.0
-    if kind == "range":
+    if kind in EXPONENTIAL_TAILS:
+        fewest, scale = EXPONENTIAL_TAILS[kind]
+        log = (fewest - strength) / scale * math.log10(math.e)
+    elif kind == "range":
         log = math.log10(WINDOWS) - strength * math.log10(math.e)
-    elif kind == "drift":
-        log = (DRIFT_FEWEST - strength) / DRIFT_SCALE * math.log10(math.e)
-    elif kind == "void":
-        log = (VOID_FEWEST - strength) / VOID_SCALE * math.log10(math.e)
-    elif kind == "time":
-        log = (TIME_FEWEST - strength) / TIME_SCALE * math.log10(math.e)
     elif kind == "scattered":
         log = -strength
-    elif kind == "between":
-        log = (BETWEEN_FEWEST - strength) / BETWEEN_SCALE * math.log10(math.e)
-    else:
+    else:  # stray points among their neighbours
         stray = max(points, 1) * STRAY_RATE
         log = math.log10(stray) + (strength - 1.0) * math.log10(NEIGHBOURS * STRAY_RATE)
     return min(0.0, log)
@@ -555,23 +558,16 @@ def _judged(
     *,
     is_stated: bool,
 ) -> GenericResult:
+    """Return the verdict on a frame from what the kernel found in it.
+
+    ``best`` are log10 p-values of the regions alone; ``logs`` allow for the number of kinds.
+    """
     points, fewest = scan.num_points, 2
     if lattice.is_exact:
         found, fewest = _known_exactly(found), FEWEST_EXACT
     rules = {"time": "between"} if found["turns"] > 1 else {}
-    used = [
-        kind
-        for kind, (dropped, _, _) in zip(EVIDENCE, found["evidence"], strict=True)
-        if not dropped
-    ]
-    tests = math.log10(1 + len(used))
-    evidence = {}
-    for kind, (dropped, share, strength) in zip(EVIDENCE, found["evidence"], strict=True):
-        rule = rules.get(kind, kind)
-        p_value = 10.0 ** _log10_p(rule, strength, points) if not dropped else 1.0
-        evidence[kind] = EvidenceReport(
-            not dropped, REASONS.get(dropped, ""), share, strength, p_value
-        )
+    evidence = _evidence_reports(found, rules, points)
+    tests = math.log10(1 + sum(report.used for report in evidence.values()))
     best = [
         min(_log10_p(rules.get(k, k), s, points) for k, s in zip(EVIDENCE, strengths, strict=True))
         for strengths, _, _ in found["regions"]
@@ -605,6 +601,19 @@ def _judged(
         scan,
         rules,
     )
+
+
+def _evidence_reports(
+    found: Mapping[str, Any], rules: Mapping[str, str], points: int
+) -> dict[str, EvidenceReport]:
+    """Return the report of each kind of evidence, used or not."""
+    reports = {}
+    for kind, (dropped, share, strength) in zip(EVIDENCE, found["evidence"], strict=True):
+        log = 0.0 if dropped else _log10_p(rules.get(kind, kind), strength, points)
+        reports[kind] = EvidenceReport(
+            not dropped, REASONS.get(dropped, ""), share, strength, 10.0**log
+        )
+    return reports
 
 
 def _known_exactly(found: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -659,13 +659,14 @@ def _unfrozen(frames: Sequence[RgbdFrame]) -> Mask:
 def _silhouettes(
     frames: Sequence[RgbdFrame],
 ) -> tuple[StreamReport, tuple[StreamRegion, ...], Mask]:
-    """Whether what stands before the background was cut out, and where it is."""
-    shape = frames[0].depth.shape
-    masks = np.zeros((len(frames), *shape), np.bool_)
+    """Judge whether foreground objects were cut out of other recordings, and where they are.
+
+    Also returned are the regions and the masks, one for each frame, of what was cut out.
+    """
     found = [_cut_out(frame) for frame in frames]
     best = [max((object_.share for object_ in objects), default=None) for objects in found]
     told = [share for share in best if share is not None]
-    nothing = masks[:0]
+    nothing = np.zeros((0, *frames[0].depth.shape), np.bool_)
     # Few frames show silhouettes where somebody is there for a while only.
     is_seen = 2 * len(told) >= len(frames)
     score, first, last = _sharpest_run(best) if is_seen else _sharpest_whole_run(best)
@@ -678,9 +679,9 @@ def _silhouettes(
         if (blended := _blended(frames, found)) >= BLENDED:
             why = (
                 f"silhouettes pass into what is behind them without a gap in {blended:.0%} of their"
+                " rows. Only time-of-flight cameras measure them so, and none of this image size is"
+                " known: whether somebody was cut out and blended in cannot be told"
             )
-            why += " rows, as only time of flight measures them, of which no camera of this size is"
-            why += " known: whether somebody was cut out and blended in cannot be told"
             return StreamReport("silhouettes", "undecidable", why, score), (), nothing
         one = "the one frame that was judged"
         judged = one if len(frames) == 1 else f"{len(frames)} frames that were judged"
@@ -704,22 +705,31 @@ def _silhouettes(
         why = f"silhouettes are sharp, but {wide:.1%} of the gaps within rows are wide: large ones"
         why += " were filled, and whether somebody was cut out cannot be told"
         return StreamReport("silhouettes", "processed", why, score), (), nothing
+    regions, masks = _cut_regions(frames, found)
+    why = f"silhouettes are sharp on both sides in {score:.0%} of their rows: cut out"
+    if (first, last) != (0, len(frames) - 1):
+        why += f" in frames {frames[first].number} to {frames[last].number} most of all"
+    return StreamReport("silhouettes", "tampered", why, score), regions, masks
+
+
+def _cut_regions(
+    frames: Sequence[RgbdFrame], found: Sequence[Sequence[_Cut]]
+) -> tuple[tuple[StreamRegion, ...], Mask]:
+    """Return the regions of sharp objects, and a mask of their measured pixels for each frame."""
+    height, width = frames[0].depth.shape
+    masks = np.zeros((len(frames), height, width), np.bool_)
     regions = []
     for frame, objects, mask in zip(frames, found, masks, strict=True):
         for cut in objects:
             if cut.share < SHARP:
                 continue
-            spans = cut.spans
-            inside = np.zeros((shape[0], shape[1] + 1), np.int32)
-            np.add.at(inside, (spans[:, 0], spans[:, 1]), 1)
-            np.add.at(inside, (spans[:, 0], spans[:, 2]), -1)
-            own = np.cumsum(inside, axis=1)[:, :-1] > 0
-            mask |= own & (frame.depth > 0)
-            regions.append(StreamRegion(frame.number, _box(own), cut.share))
-    why = f"silhouettes are sharp on both sides in {score:.0%} of their rows: cut out"
-    if (first, last) != (0, len(frames) - 1):
-        why += f" in frames {frames[first].number} to {frames[last].number} most of all"
-    return StreamReport("silhouettes", "tampered", why, score), tuple(regions), masks
+            edges = np.zeros((height, width + 1), np.int32)  # 1 where a span begins, -1 at its end
+            np.add.at(edges, (cut.spans[:, 0], cut.spans[:, 1]), 1)
+            np.add.at(edges, (cut.spans[:, 0], cut.spans[:, 2]), -1)
+            inside = np.cumsum(edges, axis=1)[:, :-1] > 0
+            mask |= inside & (frame.depth > 0)
+            regions.append(StreamRegion(frame.number, _box(inside), cut.share))
+    return tuple(regions), masks
 
 
 def _sharpest_run(best: Sequence[float | None]) -> tuple[float, int, int]:

@@ -263,6 +263,11 @@ def _read_with_pillow(
     narrow_modes: tuple[str, ...] = (),
     color_modes: tuple[str, ...] = (),
 ) -> NDArray[Any]:
+    """Read a PNG or TIFF: 16 bits or floats of one channel, or a mode of 8 bits that is named.
+
+    Images of ``narrow_modes`` come as they are, those of ``color_modes`` as their brightest
+    channel.
+    """
     try:
         from PIL import Image as pillow
         from PIL import UnidentifiedImageError
@@ -276,10 +281,7 @@ def _read_with_pillow(
                 if image.mode in narrow_modes:
                     return np.array(image)
                 if image.mode in color_modes:
-                    if (depth := _bits_of_channel(data, image)) > 8:  # Pillow keeps the upper 8
-                        raise FormatError(f"expected colours of 8 bits, got {depth}")
-                    whole = image.convert("RGBA") if image.mode == "P" else image
-                    return np.asarray(np.array(whole.convert("RGB")).max(axis=2))
+                    return _brightest_channel(data, image)
                 if not image.mode.startswith("I;16") and image.mode not in ("I", "F"):
                     kinds = "8 or 16 bits of grey, or colours" if color_modes else "16 bits of grey"
                     raise FormatError(f"expected {kinds}, got mode {image.mode}")
@@ -302,6 +304,13 @@ def _read_with_pillow(
     if stored.min() < 0 or stored.max() > 65535:
         raise FormatError(f"expected 16-bit values, got {stored.min()} to {stored.max()}")
     return stored.astype(np.uint16)
+
+
+def _brightest_channel(data: bytes, image: Image.Image) -> NDArray[Any]:
+    if (depth := _bits_of_channel(data, image)) > 8:  # Pillow keeps the upper 8
+        raise FormatError(f"expected colours of 8 bits, got {depth}")
+    whole = image.convert("RGBA") if image.mode == "P" else image
+    return np.asarray(np.array(whole.convert("RGB")).max(axis=2))
 
 
 def _has_more(image: Image.Image) -> bool:

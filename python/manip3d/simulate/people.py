@@ -334,6 +334,18 @@ class BodySimulator:
     def __post_init__(self) -> None:
         if self.amputated is not None:  # addresses are spelt with hyphens
             object.__setattr__(self, "amputated", self.amputated.replace("-", "_"))
+        self._check_choices()
+        self._check_ranges()
+        self._check_dressing()
+        if self.chair == "wheelchair" and self.sitting is False:
+            raise InputError("chair: expected chair where sitting is no, got 'wheelchair'")
+        if self.tracker:  # its errors stand in for those that are not given
+            object.__setattr__(self, "flying", True)
+            for name, number in _TRACKERS[self.tracker].items():
+                if not getattr(self, name):
+                    object.__setattr__(self, name, number)
+
+    def _check_choices(self) -> None:
         for name, value, choices in (
             ("tracker", self.tracker, ["", *_TRACKERS]),
             ("motion", self.motion, list(MOTIONS)),
@@ -348,6 +360,8 @@ class BodySimulator:
             if value not in choices:
                 names = ", ".join(str(choice) for choice in choices if choice)
                 raise InputError(f"{name}: expected one of {names}, got {value!r}")
+
+    def _check_ranges(self) -> None:
         for name, low, high in (
             ("stump", 0.02, 0.6),
             ("girth", 0.6, 1.8),
@@ -370,6 +384,8 @@ class BodySimulator:
             number = getattr(self, name)
             if not low <= number <= high:
                 raise InputError(f"{name}: expected {low:g} to {high:g}, got {number!r}")
+
+    def _check_dressing(self) -> None:
         if self.dressing != "bare" and self.amputated is None:
             raise InputError(f"dressing: expected bare without amputated, got {self.dressing!r}")
         if self.dressing == "sleeve" and self.amputated is not None:
@@ -380,13 +396,6 @@ class BodySimulator:
                     "dressing: expected an empty sleeve with a stump that ends above the elbow or "
                     f"knee, at most {longest:.2f} m, got {self.stump:g} m"
                 )
-        if self.chair == "wheelchair" and self.sitting is False:
-            raise InputError("chair: expected chair where sitting is no, got 'wheelchair'")
-        if self.tracker:
-            object.__setattr__(self, "flying", True)
-            for name, number in _TRACKERS[self.tracker].items():
-                if not getattr(self, name):
-                    object.__setattr__(self, name, number)
 
     @functools.cached_property
     def calibration(self) -> RgbdCalibration:

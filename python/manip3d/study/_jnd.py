@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -656,31 +657,30 @@ class JndLevel:
 def make_jnd_stimuli(
     study: JndStudy, *, overwrite: bool = False, progress: Any = None
 ) -> list[JndLevel]:
-    """Simplify the models of a study to all its levels.
+    """Make the stimuli of a JND study: each model, and each model simplified to each level.
 
     Parameters
     ----------
     study : JndStudy
-        Its folder of stimuli is written, with `LEVELS` beside them.
+        A study that was read from a file. Its folder ``stimuli`` is written: one .glb file for each
+        stimulus, and a table of them (`LEVELS`).
     overwrite : bool
-        Replace the folder if it is there.
+        Replace the folder if it exists.
     progress : callable, optional
-        Gets the fraction done and a message.
+        Called with the fraction done and the name of the file.
 
     Returns
     -------
     list of JndLevel
+        One for each model, method and level, in this order.
 
     Raises
     ------
     InputError
-        The folder is there, or a method does not apply to a model.
+        The folder exists already, or a method does not apply to a model.
     FormatError, OSError
-        A mesh cannot be read, or the folder not be written.
+        A mesh cannot be read, or the folder cannot be written.
     """
-    from manip3d import simplify
-    from manip3d.datasets import load_mesh
-    from manip3d.io import read_mesh
     from manip3d.io._files import atomic_folder
     from manip3d.viewer.page import Placement, placed_glb
 
@@ -693,26 +693,15 @@ def make_jnd_stimuli(
     study.stimuli.parent.mkdir(parents=True, exist_ok=True)
     with atomic_folder(study.stimuli) as folder:
         for model in study.models:
-            name = model.file.removeprefix("data:")
-            is_public = name != model.file
-            mesh = load_mesh(name) if is_public else read_mesh(study.base / model.file)
-            if model.up == "z":
-                mesh = _turned_up(mesh)
+            mesh = _mesh_of(model, study.base)
             placement = Placement.of(mesh)
             (folder / file_of(model.name)).write_bytes(placed_glb(mesh, placement))
-            for method in study.methods:
-                for level in study.levels:
-                    target = max(1, round(mesh.num_faces * (100 - level) / 100))
-                    result = getattr(simplify, method)(mesh, target_faces=target)
-                    light = result.mesh
-                    out = file_of(model.name, method, level)
-                    (folder / out).write_bytes(placed_glb(light, placement))
-                    reached = 100.0 * (1.0 - light.num_faces / max(mesh.num_faces, 1))
-                    found.append(
-                        JndLevel(out, model.name, method, level, light.num_faces, round(reached, 3))
-                    )
-                    if progress is not None:
-                        progress(len(found) / total, out)
+            for method, level in itertools.product(study.methods, study.levels):
+                made, light = _simplified(model, mesh, method, level)
+                (folder / made.file).write_bytes(placed_glb(light, placement))
+                found.append(made)
+                if progress is not None:
+                    progress(len(found) / total, made.file)
         with (folder / LEVELS).open("w", newline="", encoding="utf-8") as stream:
             writer = csv.writer(stream, lineterminator="\n")
             writer.writerow(JndLevel.__dataclass_fields__)
@@ -720,8 +709,30 @@ def make_jnd_stimuli(
     return found
 
 
+def _mesh_of(model: JndModel, base: Path) -> Mesh:
+    """Read a model, a file below ``base`` or a public data set, with y up."""
+    from manip3d.datasets import load_mesh
+    from manip3d.io import read_mesh
+
+    name = model.file.removeprefix("data:")
+    is_public = name != model.file
+    mesh = load_mesh(name) if is_public else read_mesh(base / model.file)
+    return _turned_up(mesh) if model.up == "z" else mesh
+
+
+def _simplified(model: JndModel, mesh: Mesh, method: str, level: int) -> tuple[JndLevel, Mesh]:
+    """Simplify a model so that it has ``level`` percent fewer faces."""
+    from manip3d import simplify
+
+    target = max(1, round(mesh.num_faces * (100 - level) / 100))
+    light = getattr(simplify, method)(mesh, target_faces=target).mesh
+    reached = 100.0 * (1.0 - light.num_faces / max(mesh.num_faces, 1))
+    file = file_of(model.name, method, level)
+    return JndLevel(file, model.name, method, level, light.num_faces, round(reached, 3)), light
+
+
 def _turned_up(mesh: Mesh) -> Mesh:
-    """A mesh with z up as one with y up."""
+    """Return a mesh with z up rotated so that y is up."""
 
     def turned(vectors: Floats) -> Floats:
         return np.stack([vectors[:, 0], vectors[:, 2], -vectors[:, 1]], axis=1)
