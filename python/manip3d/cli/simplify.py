@@ -401,7 +401,7 @@ def simplify(
     seam_mode: Annotated[
         SeamMode | None,
         typer.Option(
-            help="How texture seams are held in place by --method qem4vr: by planes along each "
+            help="Protection of texture seams, for --method qem4vr: by planes along each "
             "seam (the default), by heavier quadrics as printed (paper), or by vertices that "
             "never move (lock)."
         ),
