@@ -68,7 +68,7 @@ def test_frames_without_a_surface_are_named(frames: list[RgbdFrame], tmp_path: P
     assert [result.output.name for result in made.frames] == ["000000.glb", "000002.glb"]
     assert list(made.failed) == [1]
     assert "found no measured pixel" in made.failed[1]
-    with pytest.raises(FormatError, match="found none in 1; of frame 1: expected a surface"):
+    with pytest.raises(FormatError, match="found none in 1; frame 1: expected a surface"):
         simplify.simplify_recording([blind], tmp_path, OPTIONS)
 
 

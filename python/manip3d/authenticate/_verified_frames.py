@@ -68,9 +68,7 @@ class VerifiedFrames:
         name = self._path.with_name(f".{self._path.name}.lock")
         lock = locked_file(name)
         if lock is None:
-            raise InputError(
-                f"state: expected a file of one verifier at a time, got {path}, which another uses"
-            )
+            raise InputError(f"state: expected a file of one verifier at a time, {path} is in use")
         return lock
 
     def _restore(self, path: Path) -> None:

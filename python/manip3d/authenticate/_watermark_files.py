@@ -368,9 +368,9 @@ def _check_reads_back(read: LidarFrame, sent: LidarFrame, target: Path) -> None:
     """Refuse a file from which the record could not be verified."""
     if not _are_same(read.exact, sent.exact):
         raise InputError(
-            f"{target}: the file does not keep the coordinates that were signed; expected the "
-            "format that they were read from, with steps as fine as the watermark's (LAS stores "
-            "its own: often 10 mm), or a detached watermark, which moves no point"
+            f"{target}: the file does not keep the coordinates that were signed; write the format "
+            "that they were read from, with steps as fine as the watermark's (those of LAS files "
+            "are often 10 mm), or use a detached watermark, which moves no point"
         )
     is_float32 = sent.exact is None
     pairs = {

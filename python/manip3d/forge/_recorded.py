@@ -97,7 +97,7 @@ def recorded_people(
         raise InputError(f"{name}: expected a frame, found none")
     if with_plate and not is_told:
         raise InputError(
-            f"{name}: expected people's pixels or skeletons, which tell the scene behind them; got "
+            f"{name}: expected pixels or skeletons that separate people from the scene; got "
             "neither, and no background"
         )
     if kept is None and hasattr(source, "start"):

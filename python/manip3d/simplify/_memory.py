@@ -301,9 +301,9 @@ def simplify_within(
     for name in ("max_distance", "importance"):
         if options.get(name) is not None:
             raise InputError(
-                f"{name}: expected no ceiling of memory below what the whole mesh takes in one "
-                f"run, about {written_size(math.ceil(bytes_per_face(mesh, mode) * mesh.num_faces))}"
-                f" beside what the process holds, got memory={memory}"
+                f"{name}: the whole mesh has to be simplified in one run, which takes about "
+                f"{written_size(math.ceil(bytes_per_face(mesh, mode) * mesh.num_faces))} more than "
+                f"the process holds; got memory={memory}"
             )
     locked = locked_of(mesh, options.get("locked"))
     stage = _Stage(mesh)

@@ -133,7 +133,8 @@ def simplify_recording(
     if not done and failed:
         number, reason = next(iter(failed.items()))
         raise FormatError(
-            f"expected a surface in some frame, found none in {len(failed)}; of frame {number}: "
+            f"expected a surface in at least one frame, found none in {len(failed)}; "
+            f"frame {number}: "
             f"{reason}"
         )
     if not done:

@@ -91,7 +91,7 @@ def read_items(folder: Path) -> tuple[Item, ...]:
     path = folder / MANIFEST
     if not path.is_file():
         raise InputError(
-            f"{path}: expected a list of stimuli, found none; 'manip3d study stimuli' makes both"
+            f"{path}: expected a list of stimuli, found none; 'manip3d study stimuli' makes it"
         )
     try:
         rows = list(csv.reader(regular_bytes(path).decode("utf-8-sig").splitlines(), strict=True))
@@ -409,6 +409,6 @@ def _check_composition(items: Sequence[Item], folder: Path) -> None:
         if wanted != got:
             raise FormatError(
                 f"{' '.join(arm)}: expected the published composition {wanted or 'without these'}, "
-                f'got {got or "none"}; composition = "any" takes others',
+                f'got {got or "none"}; composition = "any" accepts others',
                 file=str(folder / MANIFEST),
             )
