@@ -444,7 +444,7 @@ def capture_record(
     frames: MostFrames = None,
     seconds: Annotated[
         float | None,
-        typer.Option(help="Stop this many seconds after the first frame, or the trigger's."),
+        typer.Option(help="Stop this many seconds after the first frame, or after the trigger."),
     ] = None,
     start: FirstFrame = 0,
     trigger: Annotated[
@@ -455,7 +455,7 @@ def capture_record(
     ] = "",
     before: Annotated[
         float,
-        typer.Option(min=0, max=60, help="Seconds before the trigger that are written, too."),
+        typer.Option(min=0, max=60, help="Also write this many seconds before the trigger."),
     ] = 0.0,
     lossless_color: Annotated[
         bool,
@@ -475,10 +475,10 @@ def capture_record(
 ) -> None:
     """Write frames of a camera or another source to a recording.
 
-    Ctrl-C, SIGTERM and a terminal that is closed end the recording; what was written is whole, the
-    number of frames is printed, and the exit code is 130. With --trigger it begins at an event, and
-    --before adds the seconds before that. 'tum:FOLDER' as output is a sequence for programs that
-    read the TUM RGB-D benchmark.
+    Ctrl-C, SIGTERM or closing the terminal ends the recording: the file is then complete, the
+    number of frames is printed, and the exit code is 130. With --trigger the recording begins at an
+    event, and --before adds the seconds before the event. With 'tum:FOLDER' as output, a sequence
+    for programs that read the TUM RGB-D benchmark is written.
 
     Example: manip3d capture record 'sim:body?motion=wave&frames=30' -o patient.mkv
 

@@ -87,7 +87,8 @@ def enrol(
 ) -> None:
     """Add a participant. A diary that does not exist is made, with --key an encrypted one.
 
-    Use a pseudonym, and keep elsewhere who it is. The days of the protocol are counted from today.
+    Use a pseudonym, and keep the person's name elsewhere. The days of the protocol are counted from
+    today.
 
     Example: manip3d diary enrol study.diary P01 --limb left-leg
     """
@@ -116,8 +117,9 @@ def consent(
 ) -> None:
     """Note whether a participant consents to short films. Without consent theirs are deleted.
 
-    A film shows the person before a grey ground, nothing of the room, from 5 s before 10 s without
-    a point. When consent is withdrawn, the films that were exported before are listed: delete them.
+    A film is made when the player scores no point for 10 s, and begins 5 s before. It shows the
+    person before a grey background, without the room. When consent is withdrawn, the films that
+    were exported before are listed: delete them.
 
     Example: manip3d diary consent study.diary P01 --clips
     """
@@ -351,8 +353,8 @@ def form(
 ) -> None:
     """Write a built-in questionnaire as a file. Its words can be changed for 'manip3d diary ask'.
 
-    McGill's groups have no words, which are protected; who has a licence adds them as "choices",
-    beginning with what stands for 0. As long as ranges and scales stay, the answers count as
+    The words of McGill's groups are protected and left out; with a licence, add them as "choices",
+    beginning with the text of answer 0. If ranges and scales are not changed, the answers count as
     McGill's. An existing file is never replaced.
 
     Example: manip3d diary form mcgill -o mcgill.json
@@ -500,11 +502,11 @@ def delete(
     path: File,
     participant: Who,
     is_sure: Annotated[
-        bool, typer.Option("--yes", help="Delete without asking; nothing brings it back.")
+        bool, typer.Option("--yes", help="Delete without asking; this cannot be undone.")
     ] = False,
     with_exports: Annotated[
         bool,
-        typer.Option("--exports", help="Remove the exported files too that are as they were."),
+        typer.Option("--exports", help="Also remove the exported files that were not changed."),
     ] = False,
     key: Key = None,
     as_json: Json = False,
@@ -512,9 +514,9 @@ def delete(
 ) -> None:
     """Delete a participant. No byte of what they said and did remains in the diary.
 
-    Files of exports are listed, tables of several participants too; --exports removes those that
-    nobody has changed. Other copies are not reached, nor what the disk itself keeps of overwritten
-    files.
+    Exported files are listed, also tables of several participants; --exports removes those that
+    were not changed. Other copies are not deleted, nor old data that the disk itself keeps of
+    overwritten files.
 
     Example: manip3d diary delete study.diary P01 --yes
     """
@@ -580,7 +582,7 @@ def audit(path: File, key: Key = None, as_json: Json = False) -> None:
 
     Times are those of the clock where it was done, with its offset from UTC. What was done to
     participants who were deleted is deleted too. Each row is bound to those before it by a keyed
-    hash; where a row was changed or is missing, the first one is named and the exit code is 1.
+    hash; if a row was changed or is missing, the first such row is named and the exit code is 1.
 
     Example: manip3d diary audit study.diary
     """
@@ -613,7 +615,7 @@ def check(path: File, key: Key = None, as_json: Json = False, quiet: Quiet = Fal
 
     It reads the pages of the file, each entry, films, and the chain of the audit.
 
-    The first thing that is not as it was written is named, and the exit code is 1.
+    The first damage is named, and the exit code is 1.
 
     Example: manip3d diary check study.diary
     """

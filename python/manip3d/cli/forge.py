@@ -341,7 +341,7 @@ class LidarAttack(StrEnum):
 @app.command("lidar")
 @over_files(lambda: FOLDER_SUFFIXES, writable=lambda: SCAN_SUFFIXES)
 def forge_lidar(
-    attack: Annotated[LidarAttack, typer.Argument(help="What is done to the scan.")],
+    attack: Annotated[LidarAttack, typer.Argument(help="Attack on the scan.")],
     source: Scan,
     output: Output,
     hoax: Annotated[str | None, typer.Option(help="Mesh or scan to paste into the scan.")] = None,
@@ -429,7 +429,7 @@ def alert_set(
     output: Annotated[Path, typer.Argument(metavar="OUT", help="Folder to write.")],
     frames: Annotated[
         int | None,
-        typer.Option("--frames", min=1, help="At most so many frames of each drive and attack."),
+        typer.Option("--frames", min=1, help="At most this many frames of each drive and attack."),
     ] = None,
     force: Force = False,
     as_json: Json = False,
@@ -439,10 +439,11 @@ def alert_set(
     """Write the frames and attacks of table 7.2 (ALERT) as files. They are of three simulated
     drives.
 
-    There are as many frames as in the dissertation: 1765 clean ones, and 8735 attacked ones less
-    those without an object that can be attacked so. Scans are OUT/drive_1/additive/000000.bin.xz,
-    the truth of an attack is beside each as .truth.json, and OUT/manifest.csv lists all of them. A
-    run that was stopped goes on where it was when the command is given again.
+    The set has as many frames as that of the dissertation: 1765 clean frames, and 8735 attacked
+    frames except those without a suitable object. Scans have names such as
+    OUT/drive_1/additive/000000.bin.xz; the truth of an attack is beside each scan as .truth.json,
+    and OUT/manifest.csv lists all scans. A run that was stopped continues when the command is given
+    again.
 
     Example: manip3d forge alert-set attacks --frames 5
     """
@@ -698,7 +699,10 @@ class PeopleKind(StrEnum):
 @app.command("people")
 def forge_people(
     output: Annotated[
-        Path, typer.Option("-o", "--output", help="Folder to be made; continued if it is there.")
+        Path,
+        typer.Option(
+            "-o", "--output", help="Folder to write; a run that was stopped continues in it."
+        ),
     ],
     people: Annotated[int, typer.Option(min=1, max=6, help="Number of people.")] = 6,
     actions: Annotated[

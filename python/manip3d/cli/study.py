@@ -100,8 +100,8 @@ def study_stimuli(
 ) -> None:
     """Make the stimuli that a definition names. These are forged streams or simplified meshes.
 
-    They are written beside the definition, under the name that it gives. Those of --images get
-    names that tell nothing, and a rating of them needs composition = "any".
+    They are written beside the definition, under the name that it gives. Stimuli of --images get
+    names that do not reveal their kind; a rating of them needs composition = "any".
 
     Example: manip3d study stimuli study.toml
     """
@@ -250,7 +250,7 @@ def study_results(
     """Write answers as CSV with a REDCap data dictionary. A summary stands beside what is
     published.
 
-    Also while the study is run: answers that are stored by then are taken. A damaged journal is
+    This works during the study, too, with the answers that are stored so far. A damaged journal is
     reported, and the others are written.
 
     Example: manip3d study results answers -o tables

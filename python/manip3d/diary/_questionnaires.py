@@ -92,8 +92,8 @@ class Questionnaire:
         _check_text(self.name, "name", _MOST_NAME)
         if not 1 <= len(self.items) <= _MOST_ITEMS or len(self.scales) > _MOST_ITEMS:
             raise InputError(
-                f"items, scales: expected 1 to {_MOST_ITEMS} items and at most {_MOST_ITEMS} scales, "
-                f"got {len(self.items)} and {len(self.scales)}"
+                f"items, scales: expected 1 to {_MOST_ITEMS} items and at most {_MOST_ITEMS} "
+                f"scales, got {len(self.items)} and {len(self.scales)}"
             )
         for number, item in enumerate(self.items, 1):
             _check_item(item, f"items[{number}]")
