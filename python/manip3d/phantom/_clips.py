@@ -1,4 +1,4 @@
-"""Short films of what happened: pictures of the last seconds, kept until something is worth one."""
+"""Short films of difficulties in a game, from pictures of the last seconds that are kept."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from manip3d.phantom._state import GameState
 
 BEFORE_S = 5.0
-"""Seconds of a clip before what it is about."""
+"""Seconds that a film shows before the difficulty begins."""
 LONGEST_S = 30.0
-"""Longest clip, seconds; what comes later is left out."""
+"""Longest film, seconds; later pictures are left out."""
 RATE = 10.0
 """Pictures a second."""
 
@@ -33,9 +33,9 @@ _PHANTOM = 2  # PixelKind.PHANTOM
 
 
 class ClipRing:
-    """Pictures of the last five seconds of play, and of all since something began.
+    """Keep the pictures of the last five seconds of play, or of all play since a difficulty began.
 
-    Only play is kept: while a game stands still nobody is filmed.
+    While a game is paused, no pictures are taken.
     """
 
     def __init__(self) -> None:
