@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import atexit
+import functools
 import json
 import shutil
 import struct
@@ -20,7 +22,7 @@ from manip3d.viewer.page import BUNDLE
 from zoo import grid, sphere
 
 VALIDATOR = BUNDLE.parents[1] / "node_modules" / "gltf-validator" / "index.js"
-# Reads the files that a glTF names, so that buffers and images are looked at too.
+# Each line names files; what they name is read, so that buffers and images are looked at too.
 SCRIPT = """
 const fs = require('fs'), path = require('path'), validator = require(process.argv[1]);
 const check = async file => {
@@ -31,7 +33,8 @@ const check = async file => {
   });
   return report.issues;
 };
-Promise.all(process.argv.slice(2).map(check)).then(all => console.log(JSON.stringify(all)));
+require('readline').createInterface({input: process.stdin}).on('line', line =>
+  Promise.all(JSON.parse(line).map(check)).then(all => console.log(JSON.stringify(all))));
 """
 
 Writer = Callable[[Path], None]
@@ -42,14 +45,29 @@ def node() -> str | None:
     return shutil.which("node") or shutil.which("node", path=str(Path(sys.executable).parent))
 
 
-def issues(*paths: Path) -> list[dict[str, Any]]:
-    """The validator's issues of each file."""
+@functools.cache
+def validator() -> subprocess.Popen[str] | None:
+    """A process that has loaded the validator, which takes longer than most files."""
     program = node()
     if program is None or not VALIDATOR.exists():
+        return None
+    command = [program, "-e", SCRIPT, str(VALIDATOR)]
+    process = subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, process_group=0
+    )
+    atexit.register(process.communicate)
+    return process
+
+
+def issues(*paths: Path) -> list[dict[str, Any]]:
+    """The validator's issues of each file."""
+    process = validator()
+    if process is None:
         pytest.skip("the Khronos validator is not installed: make setup")
-    command = [program, "-e", SCRIPT, str(VALIDATOR), *map(str, paths)]
-    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
-    found: list[dict[str, Any]] = json.loads(done.stdout)
+    assert process.stdin is not None
+    assert process.stdout is not None
+    print(json.dumps(list(map(str, paths))), file=process.stdin, flush=True)
+    found: list[dict[str, Any]] = json.loads(process.stdout.readline())
     return found
 
 

@@ -5,9 +5,6 @@ from __future__ import annotations
 import gzip
 import lzma
 import struct
-import subprocess
-import sys
-import textwrap
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,6 +12,7 @@ import numpy as np
 import pytest
 
 import manip3d
+from cost_of_reading import cost_of_reading
 from manip3d import io
 
 MIB = 1 << 20
@@ -133,31 +131,11 @@ def test_hostile_file_is_a_format_error(tmp_path: Path, name: str) -> None:
     assert caught.value.file == str(path)
 
 
-# Reads a file in a process of its own and prints its peak memory (bytes) and CPU time (s).
-MEASURE = textwrap.dedent(
-    """
-    import resource, sys, time
-    import manip3d
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    start = time.process_time()
-    try:
-        manip3d.read_mesh(sys.argv[1])
-    except manip3d.FormatError:
-        pass
-    seconds = time.process_time() - start
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
-    print(1024 * peak, seconds)
-    """
-)
-
-
 @pytest.mark.parametrize("name", [*HOSTILE, *SURVIVED])
 def test_hostile_mebibyte_stays_small_and_quick(tmp_path: Path, name: str) -> None:
     path = laid_out({**HOSTILE, **SURVIVED}[name], tmp_path)
     assert path.stat().st_size < 1.2 * MIB
-    command = [sys.executable, "-c", MEASURE, str(path)]
-    done = subprocess.run(command, check=True, capture_output=True, text=True)
-    peak, seconds = map(float, done.stdout.split())
+    peak, seconds = cost_of_reading("mesh", path)
     assert peak <= 256 * MIB
     assert seconds <= 5.0  # a second on an idle machine; this one may be busy
 

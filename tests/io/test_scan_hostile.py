@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import lzma
 import struct
-import subprocess
-import sys
-import textwrap
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from cost_of_reading import cost_of_reading
 from velodyne_packets import block, ethernet, packet, pcap, udp_frame
 
 MIB = 1 << 20
@@ -67,29 +65,6 @@ FILES: dict[str, tuple[str, Callable[[], bytes]]] = {
     "pcap in xz": ("pcap.xz", lambda: lzma.compress(pcap([bytes(60000)] * 1000), preset=0)),
 }
 
-# Reads a file in a process of its own and prints its peak memory (bytes) and CPU time (s).
-MEASURE = textwrap.dedent(
-    """
-    import resource, sys, time
-    import manip3d
-    from manip3d import capture
-    import manip3d.lidar
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    start = time.process_time()
-    try:
-        if ".pcap" in sys.argv[1]:
-            for frame in capture.open("pcap:" + sys.argv[1]):
-                pass
-        else:
-            manip3d.io.read_scan(sys.argv[1])
-    except manip3d.FormatError:
-        pass
-    seconds = time.process_time() - start
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
-    print(1024 * peak, seconds)
-    """
-)
-
 
 @pytest.mark.parametrize("name", FILES)
 def test_hostile_mebibyte_stays_small_and_quick(tmp_path: Path, name: str) -> None:
@@ -98,8 +73,6 @@ def test_hostile_mebibyte_stays_small_and_quick(tmp_path: Path, name: str) -> No
     assert len(data) < 1.2 * MIB
     path = tmp_path / f"a.{suffix}"
     path.write_bytes(data)
-    command = [sys.executable, "-c", MEASURE, str(path)]
-    done = subprocess.run(command, check=True, capture_output=True, text=True)
-    peak, seconds = map(float, done.stdout.split())
+    peak, seconds = cost_of_reading("packets" if "pcap" in suffix else "scan", path)
     assert peak <= 256 * MIB
     assert seconds <= 5.0  # a second on an idle machine; this one may be busy
