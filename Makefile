@@ -6,6 +6,7 @@ SHELL := bash
 
 PYTHON ?= python3# makes the environment; at least 3.11
 FUZZ_RUNS ?= 200000# executions of each fuzz target
+MORE_CHECKS ?= OFF# ON: `fuzz` and `asan` look at alignment and overflows of pointers, too
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -144,7 +145,7 @@ bench: setup ## Compare with the peers that are installed (benchmarks/setup.sh)
 # `fuzz` and `asan` share a folder, so that the library is compiled once for both.
 fuzz: ## Run each fuzz target over its corpus, then FUZZ_RUNS times
 	.ci/install_packages.sh $(DEV_PACKAGES) $(SANITIZER_PACKAGES)
-	cmake --preset sanitizers >/dev/null
+	cmake --preset sanitizers -DMANIP3D_MORE_CHECKS=$(MORE_CHECKS) >/dev/null
 	cmake --build --preset sanitizers --target cpp/fuzz/all
 	cpp/fuzz/run.sh $(FUZZ_RUNS)
 
@@ -159,7 +160,7 @@ PYTEST_ASAN ?= -q -m 'not slow and not realdata' -k 'not mebibyte and not key_in
 	$(addprefix --ignore=tests/,capture/test_capture_openni2.py cli/test_cli.py cli/test_cli_cs3.py cli/test_cli_diary.py cli/test_cli_scans.py experiments/test_experiments_chapter3.py experiments/test_experiments_chapter4.py experiments/test_experiments_runner.py io/test_interop.py io/test_special_files.py experiments/test_notebooks.py io/test_scan_extras.py io/test_exr.py)
 asan: setup ## Run both test suites under the address and undefined-behaviour sanitizers
 	.ci/install_packages.sh $(SANITIZER_PACKAGES)
-	cmake --preset sanitizers -DMANIP3D_FUZZ=OFF -DMANIP3D_PYTHON=ON -DPython_EXECUTABLE=$(CURDIR)/$(BIN)/python >/dev/null
+	cmake --preset sanitizers -DMANIP3D_MORE_CHECKS=$(MORE_CHECKS) -DMANIP3D_FUZZ=OFF -DMANIP3D_PYTHON=ON -DPython_EXECUTABLE=$(CURDIR)/$(BIN)/python >/dev/null
 	cmake --build --preset sanitizers
 	ctest --preset sanitizers -j "$$(nproc)"
 	@rm -rf $(ASAN_SITE) && mkdir -p $(ASAN_SITE)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 import manip3d
-from cave_scans import CAVE, ball
+from cave_scans import CAVE, ball, cave
 from manip3d import InputError, LidarFrame, forge
 from manip3d.authenticate import (
     _inspect,
@@ -37,6 +37,11 @@ RESOLUTION = 0.25
 
 def moved(points: Points, offset: object) -> Points:
     return (points.astype(np.float64) + offset).astype(np.float32)
+
+
+SMALL = cave(0.6)
+FUSED = np.concatenate([SMALL, moved(SMALL, (2, 1, 0.3))])
+"""Two positions, which takes the whole search to find out."""
 
 
 def scan(name: str, shift: tuple[float, float, float] = (0.0, 0.0, 0.0), rng: int = 0) -> Points:
@@ -102,8 +107,15 @@ def test_a_pasted_object_does_not_hide_the_place(single: tuple[str, Points]) -> 
 
 
 @pytest.mark.parametrize(
-    ("share", "shift"),
-    [(1.0, 0.6), pytest.param(1.0, 2.0, marks=pytest.mark.slow), (0.2, 1.0)],
+    ("single", "share", "shift"),
+    [
+        ("indoor-03", 1.0, 0.6),
+        ("outdoor-05", 0.2, 1.0),
+        pytest.param("outdoor-05", 1.0, 0.6, marks=pytest.mark.slow),
+        pytest.param("indoor-03", 0.2, 1.0, marks=pytest.mark.slow),
+        *(pytest.param(name, 1.0, 2.0, marks=pytest.mark.slow) for name in SCENES),
+    ],
+    indirect=["single"],
 )
 def test_fused_positions_are_no_position(
     single: tuple[str, Points], share: float, shift: float
@@ -125,7 +137,7 @@ def test_fused_positions_are_no_position(
 
 
 def test_detectors_do_not_judge_fused_positions() -> None:
-    frame = LidarFrame(np.concatenate([CAVE, moved(CAVE, (2, 1, 0.3))]))
+    frame = LidarFrame(FUSED)
     for detect in (density_consistency, occlusion_consistency):
         found = detect(frame)
         assert found.verdict == "undecidable"
@@ -143,12 +155,12 @@ def test_detectors_judge_from_the_place_they_find() -> None:
 
 
 def test_threads_do_not_matter() -> None:
-    cloud = moved(CAVE, (1, 2, 3))
+    cloud = moved(SMALL, (1, 2, 3))
     assert estimate_origin(cloud, threads=1) == estimate_origin(cloud, threads=3)
 
 
 def test_a_known_place_is_judged() -> None:
-    cloud = moved(CAVE, (1.0, 2.0, 3.0))
+    cloud = moved(SMALL, (1.0, 2.0, 3.0))
     assert estimate_origin(cloud, known=(1, 2, 3)).position == (1.0, 2.0, 3.0)
     assert estimate_origin(cloud, known=(0, 0, 0)).position is None
 
@@ -184,7 +196,7 @@ def test_what_is_refused() -> None:
 
 
 def run(*arguments: object) -> tuple[int, dict[str, object]]:
-    result = CliRunner().invoke(app, [str(a) for a in arguments] + ["--json", "-q"])
+    result = CliRunner().invoke(app, [str(a) for a in arguments] + ["--json", "-q", "--no-power"])
     return result.exit_code, json.loads(result.stdout)
 
 
@@ -197,7 +209,7 @@ def test_inspect_says_where_the_scanner_stood(tmp_path: Path) -> None:
     assert record["origin_from"] == "the angular grid"
 
     fused = tmp_path / "fused.ply"
-    LidarFrame(np.concatenate([CAVE, moved(CAVE, (2, 1, 0.3))])).write(fused)
+    LidarFrame(FUSED).write(fused)
     code, record = run("inspect", fused, "-o", tmp_path / "fused.html")
     assert code == 4
     assert record["origin"] is None

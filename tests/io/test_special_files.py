@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import re
@@ -101,15 +102,14 @@ def make_special(path: Path, kind: str) -> None:
         path.symlink_to("/dev/zero")
 
 
-each_kind = pytest.mark.parametrize("kind", ["pipe", "device"])
+KINDS = ("pipe", "device")
 
 
-@each_kind
-def test_readers_refuse_it(kind: str, tmp_path: Path) -> None:
+def test_readers_refuse_it(tmp_path: Path) -> None:
     cases = []
     for code, suffixes in READERS.items():
-        for suffix in suffixes:
-            path = tmp_path / f"{len(cases)}{suffix}"
+        for suffix, kind in itertools.product(suffixes, KINDS):
+            path = tmp_path / f"{len(cases)} {kind}{suffix}"
             make_special(path, kind)
             cases.append((code, str(path)))
     assert not_refused(cases) == ""
@@ -134,14 +134,17 @@ def tum_folder_with(victim: str, kind: str, path: Path) -> Case:
     return "capture.open('tum:' + path)", str(path)
 
 
-@each_kind
-def test_folders_of_frames_refuse_it(kind: str, tmp_path: Path) -> None:
+def test_folders_of_frames_refuse_it(tmp_path: Path) -> None:
     victims = ("calibration.json", "frames.jsonl", "depth", "colour", "body_index")
-    cases = [recording_with(name, kind, tmp_path / f"of {name[:5]}") for name in victims]
-    cases += [
-        tum_folder_with(name, kind, tmp_path / f"tum {name[:3]}")
-        for name in ("depth.txt", "rgb.txt")
-    ]
+    cases = []
+    for kind in KINDS:
+        folder = tmp_path / kind
+        folder.mkdir()
+        cases += [recording_with(name, kind, folder / f"of {name[:5]}") for name in victims]
+        cases += [
+            tum_folder_with(name, kind, folder / f"tum {name[:3]}")
+            for name in ("depth.txt", "rgb.txt")
+        ]
     assert not_refused(cases) == ""
 
 

@@ -25,7 +25,6 @@ CASES: list[tuple[Limb, dict[str, Any]]] = [
     ("left_leg", {"motion": "stepping"}),
     ("right_leg", {"motion": "knee-extension", "sitting": True}),
 ]
-EVERY_CASE = pytest.mark.parametrize(("limb", "body"), CASES)
 
 
 @pytest.fixture(scope="module")
@@ -59,6 +58,12 @@ def whole_person(limb: Limb, body: dict[str, Any]) -> Seen:
     return Seen(capture.frame, result, capture.truth.bones, limb)
 
 
+@pytest.fixture(scope="module", params=CASES, ids=str)
+def seen(request: pytest.FixtureRequest) -> Seen:
+    """Each case once for all tests."""
+    return whole_person(*request.param)
+
+
 def doubled(bench: ModuleType, seen: Seen, shown: NDArray[np.bool_]) -> float:
     """The measure over its limit if the picture shows these pixels of the body."""
     kinds = np.where(shown, PixelKind.BODY, PixelKind.NONE).astype(seen.result.kinds.dtype)
@@ -74,30 +79,18 @@ def end_of(seen: Seen) -> NDArray[np.bool_]:
     return (seen.frame.body_index == 0) & np.isin(seen.bones, LIMBS[seen.limb][2:])
 
 
-@EVERY_CASE
-def test_a_limb_that_is_left_is_doubled(
-    bench: ModuleType, limb: Limb, body: dict[str, Any]
-) -> None:
-    seen = whole_person(limb, body)
+def test_a_limb_that_is_left_is_doubled(bench: ModuleType, seen: Seen) -> None:
     assert end_of(seen).sum() > 100
     assert doubled(bench, seen, end_of(seen)) > 3.0
 
 
-@EVERY_CASE
-def test_other_limbs_and_the_trunk_are_not_doubled(
-    bench: ModuleType, limb: Limb, body: dict[str, Any]
-) -> None:
-    seen = whole_person(limb, body)
-    others = (seen.frame.body_index == 0) & ~np.isin(seen.bones, LIMBS[limb][1:])
+def test_other_limbs_and_the_trunk_are_not_doubled(bench: ModuleType, seen: Seen) -> None:
+    others = (seen.frame.body_index == 0) & ~np.isin(seen.bones, LIMBS[seen.limb][1:])
     assert others.sum() > 1000
     assert doubled(bench, seen, others) < 1.0
 
 
-@EVERY_CASE
-def test_half_of_what_is_left_is_doubled_half_as_much(
-    bench: ModuleType, limb: Limb, body: dict[str, Any]
-) -> None:
-    seen = whole_person(limb, body)
+def test_half_of_what_is_left_is_doubled_half_as_much(bench: ModuleType, seen: Seen) -> None:
     end = end_of(seen)
     every_other = np.indices(end.shape).sum(axis=0) % 2 == 0
     all_of_it, half = (doubled(bench, seen, end & part) for part in (True, every_other))

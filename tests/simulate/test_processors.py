@@ -39,7 +39,7 @@ def available() -> list[str]:
 @pytest.mark.skipif(len(available()) < 2, reason="the processor is not here that could tell")
 def test_models_people_and_streets_are_the_same_with_every_blas() -> None:
     found = {}
-    for kernel in available():
+    for kernel in available()[:: len(available()) - 1]:  # the oldest and the newest
         done = subprocess.run(
             [sys.executable, "-c", DIGESTS],
             capture_output=True,

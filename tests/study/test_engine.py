@@ -563,7 +563,7 @@ def test_whoever_is_killed_has_stored_all_that_was_acknowledged(
     _, content = read_study(definition)
     rng = random.Random(3)
     stored = 0
-    for _ in range(8):
+    for _ in range(4):
         process = subprocess.Popen(
             [sys.executable, "-c", textwrap.dedent(KILLED), str(definition), str(tmp_path / "a")],
             stdout=subprocess.PIPE,
