@@ -50,7 +50,14 @@ def test_no_lap_is_cut_while_the_chest_turns_on_the_seat(
     assert np.percentile(lost, 95) < 0.15
 
 
-@pytest.mark.parametrize("motion", ["still", "knee-extension", "dorsiflexion"])
+@pytest.mark.parametrize(
+    "motion",
+    [
+        "knee-extension",
+        pytest.param("still", marks=pytest.mark.slow),
+        pytest.param("dorsiflexion", marks=pytest.mark.slow),
+    ],
+)
 def test_the_plane_turns_with_a_person_who_moves_the_intact_leg(motion: str) -> None:
     """Neither the exercise of one leg nor a sway of the whole body takes the plane along."""
     pipeline = modify.PhantomPipeline("left_leg")
@@ -78,8 +85,15 @@ def test_the_plane_turns_with_a_person_who_moves_the_intact_leg(motion: str) -> 
     assert np.percentile(off, 95) < 7.0
 
 
-@pytest.mark.parametrize("turn", [-15.0, 15.0])
-@pytest.mark.parametrize("limb", ["left_leg", "right_leg"])
+@pytest.mark.parametrize(
+    ("limb", "turn"),
+    [
+        ("left_leg", -15.0),
+        ("left_leg", 15.0),
+        pytest.param("right_leg", -15.0, marks=pytest.mark.slow),
+        pytest.param("right_leg", 15.0, marks=pytest.mark.slow),
+    ],
+)
 def test_the_legs_of_a_turned_person_stay_whole(limb: modify.Limb, turn: float) -> None:
     """A camera sees the inner side of one leg and the outer side of the other.
 

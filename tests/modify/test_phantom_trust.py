@@ -910,7 +910,12 @@ def test_the_border_of_the_phantom_does_not_flicker() -> None:
 
 
 @pytest.mark.parametrize(
-    ("limb", "motion"), [("right_arm", "arm-raise"), ("left_arm", "wave"), ("left_leg", "stepping")]
+    ("limb", "motion"),
+    [
+        ("right_arm", "arm-raise"),
+        ("left_leg", "stepping"),
+        pytest.param("left_arm", "wave", marks=pytest.mark.slow),
+    ],
 )
 def test_a_stout_person_is_no_person_with_a_limb_too_many(limb: Limb, motion: str) -> None:
     """The flank of a trunk that is half as thick again was called the arm that was taken out."""

@@ -32,8 +32,15 @@ def followed(limb: Limb, **body: Any) -> tuple[np.ndarray, np.ndarray]:
     return np.array(off), np.array(tracking)
 
 
-@pytest.mark.parametrize("sitting", [False, True])
-@pytest.mark.parametrize("limb", ["left_leg", "right_leg"])
+@pytest.mark.parametrize(
+    ("limb", "sitting"),
+    [
+        ("left_leg", True),
+        ("right_leg", False),
+        pytest.param("left_leg", False, marks=pytest.mark.slow),
+        pytest.param("right_leg", True, marks=pytest.mark.slow),
+    ],
+)
 def test_the_plane_of_a_leg_stays_at_the_pelvis(limb: Limb, sitting: bool) -> None:
     """It was 15 to 18 degrees off (medians) and half of the frames were not `tracking`.
 
@@ -45,7 +52,7 @@ def test_the_plane_of_a_leg_stays_at_the_pelvis(limb: Limb, sitting: bool) -> No
     assert tracking.mean() > 0.75
 
 
-@pytest.mark.parametrize("limb", ["left_leg", "right_leg"])
+@pytest.mark.parametrize("limb", ["left_leg", pytest.param("right_leg", marks=pytest.mark.slow)])
 def test_a_chest_at_rest_is_not_twisted(limb: Limb) -> None:
     off, tracking = followed(limb, twist=0.0, seed=2)
     assert off.max() < 3.0

@@ -20,7 +20,7 @@ def show(name, *arrays):
     digest = hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays))
     print(name, digest.hexdigest())
 
-for name, faces in (("rocker", 5000), ("airplane", 4000)):
+for name, faces in (("rocker", 1000), ("airplane", 1000)):
     mesh = getattr(simulate.models, name)(faces)
     show(name, mesh.vertices, mesh.faces)
 body = simulate.BodySimulator(motion="arm-raise", amputated="left_arm", seed=1).capture(0.4)
@@ -39,7 +39,7 @@ def available() -> list[str]:
 @pytest.mark.skipif(len(available()) < 2, reason="the processor is not here that could tell")
 def test_models_people_and_streets_are_the_same_with_every_blas() -> None:
     found = {}
-    for kernel in available()[:: len(available()) - 1]:  # the oldest and the newest
+    for kernel in (available()[0], available()[-1]):  # the oldest and the newest
         done = subprocess.run(
             [sys.executable, "-c", DIGESTS],
             capture_output=True,
