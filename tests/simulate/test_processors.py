@@ -20,7 +20,7 @@ def show(name, *arrays):
     digest = hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays))
     print(name, digest.hexdigest())
 
-for name, faces in (("rocker", 1000), ("airplane", 1000)):
+for name, faces in (("rocker", 5000), ("airplane", 4000)):
     mesh = getattr(simulate.models, name)(faces)
     show(name, mesh.vertices, mesh.faces)
 body = simulate.BodySimulator(motion="arm-raise", amputated="left_arm", seed=1).capture(0.4)
