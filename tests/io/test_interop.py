@@ -219,9 +219,33 @@ class TestWhatAMeshCannotHold:
     def test_colours_of_faces(self) -> None:
         trimesh = pytest.importorskip("trimesh")
         box = trimesh.creation.box()
-        box.visual.face_colors = np.full((12, 4), 90, np.uint8)
+        box.visual.face_colors = np.array([[255, 0, 0, 255], [0, 0, 255, 255]] * 6, np.uint8)
+        mesh = Mesh.from_trimesh(trimesh.Scene([box, trimesh.creation.box()]))
+        assert mesh.colors is None
+        assert [m.name for m in mesh.materials] == ["color_0000FF", "color_FF0000"]
+        assert mesh.materials[1].base_color == (1.0, 0.0, 0.0, 1.0)
+        assert mesh.face_material is not None
+        assert mesh.face_material.tolist() == [1, 0] * 6 + [-1] * 12
+
+    def test_colours_of_faces_beside_those_of_vertices(self) -> None:
+        trimesh = pytest.importorskip("trimesh")
+        box, other = trimesh.creation.box(), trimesh.creation.box()
+        box.visual.face_colors = np.full((12, 4), 255, np.uint8)
+        other.visual.vertex_colors = np.full((8, 4), 255, np.uint8)
         with pytest.warns(UserWarning, match="left out: colours of faces") as warned:
-            assert Mesh.from_trimesh(box).colors is None
+            Mesh.from_trimesh(trimesh.Scene([box, other]))
+        assert warned[0].filename == __file__
+
+    def test_colours_of_very_many_faces(self) -> None:
+        trimesh = pytest.importorskip("trimesh")
+        ball = trimesh.creation.icosphere(3)
+        count = len(ball.faces)
+        colors = [[i % 256, i // 256, 10, 255] for i in range(count)]
+        ball.visual.face_colors = np.array(colors, np.uint8)
+        with pytest.warns(UserWarning, match="more than 256 colors") as warned:
+            mesh = Mesh.from_trimesh(ball)
+        assert mesh.colors is not None
+        assert (mesh.colors[:, 2] == 10).all()
         assert warned[0].filename == __file__
 
     def test_transparency_of_vertices(self) -> None:

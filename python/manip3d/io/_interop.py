@@ -14,6 +14,7 @@ import numpy as np
 
 from manip3d._util.callers import caller_level
 from manip3d.errors import InputError
+from manip3d.io._face_colors import with_corner_colors
 from manip3d.io._images import image_bytes, require, with_common_images
 from manip3d.mesh import AlphaMode, Material, Mesh, Texture
 
@@ -329,7 +330,7 @@ def from_trimesh(source: Any) -> Mesh:
         _outward(corner, transform) for corner, (_, transform) in zip(corners, placed, strict=True)
     ]
     texcoords, face_texcoords = _texture_table(np.concatenate([np.empty((0, 3, 2)), *uvs]))
-    return Mesh(
+    result = Mesh(
         np.concatenate([np.empty((0, 3)), *(_transformed(m.vertices, t) for m, t in placed)]),
         np.concatenate([np.empty((0, 3), dtype=np.int64), *faces]),
         texcoords=texcoords,
@@ -338,6 +339,34 @@ def from_trimesh(source: Any) -> Mesh:
         face_material=face_material if materials else None,
         materials=materials,
     )
+    return _with_face_colors(result, sources)
+
+
+def _with_face_colors(mesh: Mesh, sources: list[Any]) -> Mesh:
+    """Give a mesh the colours of faces: as few materials, or as the mean at each vertex."""
+    colors = [_trimesh_face_colors(each) for each in sources]
+    packed = np.concatenate([np.empty(0, dtype=np.int64), *colors])
+    if (packed < 0).all():
+        return mesh
+    if mesh.colors is not None:
+        _warn_left_out("colours of faces: there are those of vertices")
+        return mesh
+
+    def tell(text: str) -> None:
+        warnings.warn(f"source: {text}", stacklevel=caller_level())
+
+    return with_corner_colors(mesh, np.repeat(packed[:, None], 3, axis=1), tell)
+
+
+def _trimesh_face_colors(mesh: Any) -> NDArray[np.int64]:
+    """(F,) 0xRRGGBB, -1 where faces have no colours of their own."""
+    if mesh.visual.kind != "face":
+        return np.full(len(mesh.faces), -1, dtype=np.int64)
+    colors = np.asarray(mesh.visual.face_colors, dtype=np.int64)
+    if (colors[:, 3] < 255).any():
+        _warn_left_out("transparency of colours of faces")
+    packed: NDArray[np.int64] = colors[:, 0] << 16 | colors[:, 1] << 8 | colors[:, 2]
+    return packed
 
 
 def _transformed(points: Any, transform: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -370,8 +399,6 @@ def _trimesh_colors(meshes: list[Any]) -> NDArray[np.uint8] | None:
         colors = mesh.vertex_attributes.get("color")
         if colors is None and mesh.visual.kind == "vertex":
             colors = mesh.visual.vertex_colors
-        elif mesh.visual.kind == "face":
-            _warn_left_out(_FACE_COLORS)
         if colors is None:
             found.append(np.full((len(mesh.vertices), 3), 255, np.uint8))
             continue
