@@ -150,7 +150,7 @@ def test_power_is_the_share_of_simulated_studies_that_find_the_effect() -> None:
 
 def test_impossible_sample_sizes_are_refused() -> None:
     pytest.importorskip("scipy")
-    with pytest.raises(InputError, match="effect: expected one that"):
+    with pytest.raises(InputError, match="effect: expected an effect that"):
         required_participants(0.0)
     with pytest.raises(InputError, match="power: expected"):
         required_participants(0.5, power=1.0)
