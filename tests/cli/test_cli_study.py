@@ -93,7 +93,7 @@ def test_power_is_a_table(tmp_path: Path) -> None:
     assert found["power"]["34"] >= 0.8
     done = run("study", "power", "0")
     assert done.returncode == 1
-    assert "effect: expected one that" in done.stderr
+    assert "effect: expected an effect that" in done.stderr
 
 
 @pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
