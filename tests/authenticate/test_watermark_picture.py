@@ -173,7 +173,7 @@ def test_bad_input_is_refused(key: KeyFile) -> None:
             marker.embed(frame(), picture=wrong)
         with pytest.raises(InputError, match="picture"):
             marker.verify(frame(), None, picture=wrong)
-    with pytest.raises(InputError, match="record: expected none"):
+    with pytest.raises(InputError, match="record: cannot be given"):
         marker.verify(frame(), b"x", picture=photo())
     with pytest.raises(InputError, match="carriers"):
         Policy(carriers=["radio"])
