@@ -72,9 +72,9 @@ def holds_clouds(path: str | os.PathLike[str]) -> bool:
 
     Only the list of message types is read: from the index at the end of a ROS 1 bag, the summary
     at the end of an MCAP file, the ``metadata.yaml`` of a ROS 2 bag, or the topics of a ``.db3``
-    file. The result is True if there are point clouds (``PointCloud2``), with or without images. A
-    bag with neither is taken for a LiDAR's, too: its scans may have a type of their own, or a
-    ROS 2 bag may have no list.
+    file. The result is True if there are point clouds (``PointCloud2``, or Livox's ``CustomMsg``)
+    or packets of a LiDAR, with or without images. A bag with none of these is taken for a LiDAR's,
+    too: its scans may have a type of their own, or a ROS 2 bag may have no list.
 
     Parameters
     ----------
