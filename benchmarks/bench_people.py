@@ -780,7 +780,7 @@ def disturbed_row(name: str, cases: list[tuple[list[RgbdFrame], list[RgbdFrame]]
     lost: list[float] = []
     tracked: list[bool] = []
     for (frames, told), limb in itertools.product(cases, LIMBS[2:]):
-        pipeline = PhantomPipeline(limb)  # type: ignore[arg-type]
+        pipeline = PhantomPipeline(limb)
         for number, (frame, given) in enumerate(zip(frames, told, strict=True)):
             result = pipeline.process(given)
             if number % 2 or not is_seated(frame):

@@ -149,7 +149,9 @@ def test_more_points_leave_a_wall_behind_islands_as_it_is(effort: simplify.Effor
     v, u = np.mgrid[0:120, 0:160]
     depth = np.where((u % 6 < 3) & (v % 6 < 3), 1500, 3000).astype(np.uint16)
     for points in (50, 250, 1000):
-        found = simplify.relief(depth, CAMERA, points, depth_step=simplify.DEPTH_STEP, effort=effort)
+        found = simplify.relief(
+            depth, CAMERA, points, depth_step=simplify.DEPTH_STEP, effort=effort
+        )
         assert simplify.cut_depth_steps(found, depth).coverage > 0.72
 
 
