@@ -77,23 +77,3 @@ def test_what_is_not_used_is_not_imported(uses: str, spared: tuple[str, ...]) ->
     code = f"import json, sys; {uses}; print(json.dumps(sorted(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert not {f"manip3d.{name}" for name in spared} & set(json.loads(done.stdout))
-
-
-def test_rays_need_no_plotly_and_open3d_draws_with_it_as_ever() -> None:
-    pytest.importorskip("open3d")
-    pytest.importorskip("plotly")
-    code = """
-import json, sys
-from manip3d.simulate._raycast import RayCaster
-RayCaster([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
-print(json.dumps(sorted(sys.modules)))
-from open3d import geometry, visualization
-figure = visualization.get_plotly_fig([geometry.TriangleMesh.create_box()])
-print(json.dumps(type(figure).__module__))
-print(json.dumps([visualization.__name__, visualization.draw_plotly.__module__]))
-"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    modules, drawn, names = map(json.loads, done.stdout.splitlines())
-    assert not {"plotly", "dash"} & set(modules)
-    assert drawn.startswith("plotly")
-    assert names == ["open3d.visualization", "open3d.visualization.draw_plotly"]

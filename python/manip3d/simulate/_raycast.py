@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import functools
-import importlib
 import os
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -104,43 +101,6 @@ def _without_web_visualizer() -> Iterator[None]:
             os.environ[name] = before
 
 
-_PLOTLY = "open3d.visualization.draw_plotly"
-
-
-@contextmanager
-def _plotly_later() -> Iterator[None]:
-    """Plotly and Dash take half of the time of importing Open3D, and only draw on a page.
-
-    The functions that use them are there as ever; the first call loads the packages.
-    """
-    if _PLOTLY in sys.modules:
-        yield
-        return
-    later = ModuleType(_PLOTLY)
-    later.__getattr__ = _drawn_by_plotly  # type: ignore[method-assign]
-    sys.modules[_PLOTLY] = later
-    try:
-        yield
-    finally:
-        del sys.modules[_PLOTLY]
-
-
-def _drawn_by_plotly(name: str) -> Callable[..., Any]:
-    """A function of that module, which is imported when it is called."""
-    if name.startswith("__"):
-        raise AttributeError(name)
-
-    def draw(*arguments: Any, **options: Any) -> Any:
-        package = importlib.import_module("open3d.visualization")
-        module = importlib.import_module(_PLOTLY)
-        for each, value in vars(module).items():
-            if getattr(value, "__module__", None) == _PLOTLY and hasattr(package, each):
-                setattr(package, each, value)
-        return getattr(module, name)(*arguments, **options)
-
-    return draw
-
-
 @functools.cache
 def _open3d() -> Any:
     """Open3D, once it has proved that its rays hit.
@@ -153,7 +113,7 @@ def _open3d() -> Any:
         Rays come back without hits, as from Debian's package.
     """
     try:
-        with _without_web_visualizer(), _plotly_later():
+        with _without_web_visualizer():
             import open3d as o3d
     except ImportError as error:
         raise MissingExtraError("open3d", "simulate") from error
