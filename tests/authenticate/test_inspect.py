@@ -1255,7 +1255,7 @@ def test_a_thinned_scan_says_what_share_is_missing(left_out: str) -> None:
 
 
 def test_a_scan_that_lost_far_returns_by_chance_is_thinned() -> None:
-    """As fog is simulated: none up to 20 m, all beyond 100 m."""
+    """The share that is lost grows from none at 20 m to all at 100 m, as in simulated fog."""
     scan = simulate.hdl64e(simulate.street(rng=0), 1.0, rng=0).frame
     distance = np.linalg.norm(scan.points, axis=1)
     kept = np.random.default_rng(7).random(len(distance)) > (distance - 20.0) / 80.0

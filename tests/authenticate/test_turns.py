@@ -233,7 +233,7 @@ def test_what_was_removed_is_missed_in_the_lasers_that_a_file_has(
 def test_lasers_that_a_frame_lacks_are_no_holes_in_it(
     turns: list[np.ndarray], lacking: list[int]
 ) -> None:
-    """What stood there would be missed by lasers beside each other, from wall to wall."""
+    """Lasers beside each other would miss all that the turns saw, from wall to wall."""
     ring = LATTICE.read(turns[1]).ring
     found = judged(turns, turns[1][~np.isin(ring, lacking)])
     assert (found.verdict, found.regions) == ("no_trace", ())

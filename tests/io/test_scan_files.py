@@ -702,7 +702,7 @@ def test_an_intensity_of_several_numbers_is_no_intensity(tmp_path: Path, suffix:
 def test_a_coordinate_that_a_pcd_names_twice_is_refused(
     tmp_path: Path, fields: str, twice: str
 ) -> None:
-    """Of other names the first counts."""
+    """The first column counts of those with another name."""
     count = len(fields.split())
     rows = "\n".join(" ".join(str(10 * i + k) for k in range(count)) for i in range(3))
     path = tmp_path / "a.pcd"
