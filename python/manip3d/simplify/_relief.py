@@ -303,11 +303,12 @@ def relief(
     which it turns; most of its edges collapse one after the other, below a limit for the price
     that rises from pass to pass, and it flips edges by twelve pixels of each pair of triangles.
     Any target is met: where it costs less than the next collapse, holes are closed, bays of the
-    silhouette filled and small pieces left out; ``coverage`` and ``bridges`` say how much. With up
-    to 64 points several meshes are made, and the result is the one that covers most; except with
-    ``live`` also meshes of fewer points, which must cover a tenth more. ``live`` measures
-    ``coverage`` and ``bridges`` when they are first asked for, which takes up to a third of the
-    time of the mesh.
+    silhouette filled and small pieces left out; ``coverage`` and ``bridges`` say how much. Except
+    with ``live``, triangles go of which more lies over unmeasured pixels than they alone cover of
+    the surface. With up to 64 points several meshes are made, and the result is the one that covers
+    most; except with ``live`` also meshes of fewer points, which must cover a tenth more. ``live``
+    measures ``coverage`` and ``bridges`` when they are first asked for, which takes up to a third
+    of the time of the mesh.
 
     A confidence multiplies the distance that decides whether a bisection is needed at its pixel,
     and the pixel's area in the sum of distances that flips and moves lower. A triangle's quadric,

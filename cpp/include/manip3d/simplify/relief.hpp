@@ -97,7 +97,9 @@ struct ReliefResult {
 /// 3. Edges are flipped and vertices moved to other measured points nearby while that lowers the
 ///    sum of distances between the pixels and the planes of their triangles [cf. Dyn, Levin &
 ///    Rippa 1990, data dependent triangulations]. kLive flips by twelve pixels of each pair of
-///    triangles.
+///    triangles. Vertices stay on their side of the ends and steps of the surface. At last
+///    triangles are left out of which more area lies over pixels without surface than they alone
+///    cover of it, as shares of the whole; kLive has no time for that.
 /// 4. `move_points`: vertices slide along their lines of sight towards the least-squares fit of all
 ///    pixels, all the way, half of it or not at all: what leaves the least error around them.
 /// 5. `levels`: each size is made by steps 1 to 3, the smallest first, and the vertices of the size
