@@ -31,7 +31,7 @@ class ConnectedRuns {
                                      std::int64_t columns, bool goes_round);
   /// Makes room for images of this size, so that find() allocates nothing.
   void reserve(std::int64_t rows, std::int64_t columns);
-  /// Of the image of the last find().
+  /// The number of components in the image of the last find().
   [[nodiscard]] std::int32_t num_components() const { return num_components_; }
 
  private:

@@ -31,7 +31,7 @@ struct MetroOptions {
 struct MetroResult {
   Deviation forward;      ///< From the original's samples to the simplified surface.
   Deviation backward;     ///< From the simplified surface's samples to the original.
-  double diagonal = 0.0;  ///< Of the bounding box of the original's vertices that a face uses.
+  double diagonal = 0.0;  ///< Diagonal of the bounding box of the original's used vertices.
 };
 
 /// Distances between two surfaces [Cignoni, Rocchini & Scopigno, "Metro: measuring error on
