@@ -897,13 +897,13 @@ double TrunkTracker::innovation(const JointMean& mean) const {
   return mean.jitter * 3.0 * (1.0 + rho) / (3.0 - rho);
 }
 
-/// The variance of a joint's mean: frames that share their errors tell no more than fewer do.
-/// Errors are measured from their own mean, so that their correlation seems smaller than it is by
-/// about (1 + 3 rho) / n [Marriott & Pope, "Bias in the estimation of autocorrelations", 1954].
+/// The variance of a joint's mean: frames that share their errors tell no more than fewer do. At
+/// first the correlation of the errors is hardly known. It counts as the highest until then, or
+/// joints whose errors last outweigh the surface.
 double TrunkTracker::mean_variance(const JointMean& mean) const {
-  constexpr double kFewest = 8.0, kMost = 50.0;  // frames: those that the running sums remember
-  const double n = std::clamp(mean.weight, kFewest, kMost);
-  const double rho = std::clamp((correlation() + 1.0 / n) / (1.0 - 3.0 / n), 0.0, kMostCorrelation);
+  constexpr double kUnsure = 8.0, kMost = 50.0;  // frames: those that the running sums remember
+  const double doubt = kUnsure / std::clamp(mean.weight, kUnsure, kMost);
+  const double rho = doubt * kMostCorrelation + (1.0 - doubt) * correlation();
   const double frames = 1.0 + std::max(0.0, mean.weight - 1.0) * (1.0 - rho) / (1.0 + rho);
   return innovation(mean) / ((1.0 - rho * rho) * frames);
 }
