@@ -358,17 +358,18 @@ def many_meshes(count: int) -> bytes:
     )
 
 
-@pytest.mark.parametrize(
-    ("make", "count"), [(one_tree_in_many_scenes, 100_000), (many_meshes, 60_000)]
-)
-def test_scenes_take_no_quadratic_time(
-    tmp_path: Path, make: Callable[[int], bytes], count: int
-) -> None:
-    path = tmp_path / "many.glb"
-    path.write_bytes(make(count))
-    begin = time.process_time()
-    assert len(manip3d.io.read_scene(path).nodes) == count
-    assert time.process_time() - begin < MOST_SECONDS
+@pytest.mark.parametrize("make", [one_tree_in_many_scenes, many_meshes])
+def test_scenes_take_no_quadratic_time(tmp_path: Path, make: Callable[[int], bytes]) -> None:
+    """Four times the scenes, or meshes, take four times as long; it was sixteen times."""
+
+    def seconds(count: int) -> float:
+        path = tmp_path / "many.glb"
+        path.write_bytes(make(count))
+        begin = time.process_time()
+        assert len(manip3d.io.read_scene(path).nodes) == count
+        return time.process_time() - begin
+
+    assert min(seconds(40_000), seconds(40_000)) < 8.0 * seconds(10_000)
 
 
 def test_the_file_is_named(tmp_path: Path) -> None:
