@@ -4,7 +4,6 @@
 #include <array>
 #include <cmath>
 #include <cstdlib>
-#include <functional>
 #include <string>
 #include <tuple>
 #include <utility>
@@ -15,9 +14,6 @@
 namespace manip3d {
 namespace relief_detail {
 namespace {
-
-using Corner = std::array<std::int32_t, 2>;
-using Corners = std::array<Corner, 3>;
 
 /// A triangle spans a step if more than this share of the pixels seen over it lies a step off it;
 /// the same as _MOST_OFF in _depth_steps.py.
@@ -299,27 +295,23 @@ void visit_covered(const Surface& surface, const Corners& t, Visit&& visit) {
   });
 }
 
-/// A face over pixels without surface.
-struct Bridge {
-  double area;  ///< Its part over these.
-  Eigen::Index face;
-};
-
-/// The bridges of a mesh, the largest first.
-/// @param whole  gets the area of all faces.
-std::vector<Bridge> bridges_of(const Surface& surface, std::span<const Corners> corners,
-                               CoverageScratch& scratch, double& whole) {
-  std::vector<Bridge> bridges;
+/// Finds the bridges of the mesh of `scratch.corners`, the largest first.
+/// @return  the area of all faces.
+double find_bridges(const Surface& surface, CoverageScratch& scratch) {
   count_flaws(surface, scratch.flaws);
-  whole = 0.0;
-  for (std::size_t f = 0; f < corners.size(); ++f) {
-    if (orient(corners[f][0], corners[f][1], corners[f][2]) == 0) continue;
-    whole += double{area_of(surface, corners[f])};
-    const double area = bridge_of(surface, corners[f], scratch.flaws, [](auto, auto) {});
-    if (area > 0.0) bridges.push_back({area, static_cast<Eigen::Index>(f)});
+  scratch.bridges.clear();
+  double whole = 0.0;
+  for (std::size_t f = 0; f < scratch.corners.size(); ++f) {
+    const Corners& t = scratch.corners[f];
+    if (orient(t[0], t[1], t[2]) == 0) continue;
+    whole += double{area_of(surface, t)};
+    const double area = bridge_of(surface, t, scratch.flaws, [](auto, auto) {});
+    if (area > 0.0) scratch.bridges.push_back({area, static_cast<Eigen::Index>(f)});
   }
-  std::ranges::stable_sort(bridges, std::greater(), &Bridge::area);
-  return bridges;
+  std::ranges::sort(scratch.bridges, [](const Bridge& a, const Bridge& b) {
+    return std::tie(b.area, a.face) < std::tie(a.area, b.face);
+  });
+  return whole;
 }
 
 bool has_area(const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
@@ -369,23 +361,24 @@ CutCoverage coverage_of(const Surface& surface,
 void remove_bridges(const Surface& surface, const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
                     Rows<std::int32_t, 3>& faces, CoverageScratch& scratch) {
   if (surface.num_used() == 0) return;
-  std::vector<Corners> corners;
+  std::vector<Corners>& corners = scratch.corners;
+  std::vector<std::int32_t>& faces_at = scratch.faces_at;
+  corners.clear();
   for (Eigen::Index f = 0; f < faces.rows(); ++f) {
     corners.push_back(corners_of(surface, pixels, faces, f));
     if (!surface.holds_all(corners.back())) corners.back() = {};
   }
-  double whole = 0.0;
-  const std::vector<Bridge> bridges = bridges_of(surface, corners, scratch, whole);
-  if (bridges.empty()) return;
+  const double whole = find_bridges(surface, scratch);
+  if (scratch.bridges.empty()) return;
   scratch.times.assign(surface.num_pixels(), 0);
-  std::vector<std::int32_t> faces_at(pixels.rows(), 0);
+  faces_at.assign(pixels.rows(), 0);
   for (Eigen::Index f = 0; f < faces.rows(); ++f) {
     for (int i = 0; i < 3; ++i) ++faces_at[faces(f, i)];
     if (orient(corners[f][0], corners[f][1], corners[f][2]) == 0) continue;
     visit_covered(surface, corners[f], [&](std::int32_t p) { ++scratch.times[p]; });
   }
   const double pixel_area = whole / static_cast<double>(surface.num_used());
-  for (const auto& [area, f] : bridges) {
+  for (const auto& [area, f] : scratch.bridges) {
     std::int64_t alone = 0;
     visit_covered(surface, corners[f],
                   [&](std::int32_t p) { alone += scratch.times[p] == 1 ? 1 : 0; });

@@ -11,12 +11,26 @@
 
 namespace manip3d::relief_detail {
 
+/// Pixels (u, v) of a face's corners, counter-clockwise with v up.
+using Corner = std::array<std::int32_t, 2>;
+using Corners = std::array<Corner, 3>;
+
+/// A face over pixels without surface.
+struct Bridge {
+  double area;  ///< Its part over these.
+  Eigen::Index face;
+};
+
+/// Memory that is kept from frame to frame.
 struct CoverageScratch {
   std::vector<std::uint8_t> covered;
   std::vector<std::int32_t> flaws;
   std::vector<float> depths;         ///< By pixel, where there are steps.
   std::vector<float> most;           ///< By pixel: the largest depth that is no step behind it.
   std::vector<std::uint16_t> times;  ///< By pixel: how many faces cover it.
+  std::vector<Corners> corners;      ///< By face; of faces that cover nothing, all are equal.
+  std::vector<Bridge> bridges;
+  std::vector<std::int32_t> faces_at;  ///< By vertex: number of its faces.
 };
 
 /// Coverage of a mesh and of the same mesh without the faces that are off the surface.
