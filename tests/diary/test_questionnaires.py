@@ -123,7 +123,7 @@ def changed(place: str, number: int, **fields: Any) -> dict[str, Any]:
         ({"name": " "}, "name: expected a text of 1 to 200 characters"),
         ({"name": "a\x1b[31m"}, "name: expected a text"),
         ({"version": 1}, "questionnaire: expected no key 'version'"),
-        ({"items": []}, "expected 1 to 500 and at most 500, got 0 and 3"),
+        ({"items": []}, "expected 1 to 500 items and at most 500 scales, got 0 and 3"),
         ({"items": {}}, "items: expected a list"),
         ({"items": [1]}, r"items\[1\]: expected an object, got 1"),
         ({"items": [{"text": "a", "low": 0}]}, r"items\[1\]: expected high, found none"),
