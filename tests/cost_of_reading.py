@@ -1,4 +1,4 @@
-"""What reading a file costs a process that has read nothing before: memory and processor time.
+"""Memory and processor time that reading a file costs a process that has read nothing before.
 
 A process that has imported the package forks one for each file, since starting Python and importing
 takes longer than most of the files.

@@ -1,4 +1,4 @@
-// What a glTF file may take, at the ends of 64 bits.
+// The budget of a glTF file at the ends of 64 bits.
 #include <gtest/gtest.h>
 
 #include <cstdint>

@@ -598,7 +598,7 @@ class Person:
     frames: list[RgbdFrame]
 
     def told_with(self, factor: float) -> list[PhantomFrame]:
-        """What is shown where the focal length is off by a factor."""
+        """The frames that are shown if the focal length is off by a factor."""
         pipeline = PhantomPipeline(self.limb)
         wrong = replace(DEPTH_CAMERA, fx=factor * DEPTH_CAMERA.fx, fy=factor * DEPTH_CAMERA.fy)
         calibration = RgbdCalibration(wrong)

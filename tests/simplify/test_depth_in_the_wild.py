@@ -433,7 +433,7 @@ def test_cameras_do_not_join_box_and_wall() -> None:
 
 
 def stars_before_a_wall(shift: float) -> NDArray[np.uint16]:
-    """What a camera that stands so many metres to the right sees of four stars."""
+    """The view that a camera so many metres to the right has of four stars."""
     v, u = np.mgrid[0:120, 0:160].astype(float)
     depth = 2 + 0.1 * np.sin(v / 9) * np.cos(u / 13)
     for x, y, z, size in ((-0.3, -0.2, 1, 0.12), (0.2, 0.1, 1.2, 0.15), (0.45, -0.3, 0.9, 0.1)):

@@ -24,7 +24,7 @@ constexpr std::uint8_t kBeside = 0, kInPicture = 1;  // values of WatermarkHeade
 constexpr std::size_t kMaxSessions = 4096;           // that a verifier remembers
 constexpr std::size_t kTagSize = std::tuple_size_v<WatermarkTag>;
 
-// What both ends refuse; SliceTable checks the number of slices.
+// Checks what both ends refuse; SliceTable checks the number of slices.
 void check_options(const WatermarkOptions& options) {
   if (options.least_points < 1) {
     throw InputError("least_points: expected 1 or more, got " +
@@ -478,7 +478,7 @@ WatermarkFreshness freshness_of(const WatermarkPolicy& policy, const WatermarkHe
   return std::abs(age) <= most ? WatermarkFreshness::kFresh : WatermarkFreshness::kStale;
 }
 
-// What was changed in a frame whose content is tampered with.
+// The changes in a frame whose content is tampered with.
 std::string reason_of_tampering(const WatermarkFinding& finding) {
   const auto count = [&](WatermarkTile tile) {
     return std::count(finding.tiles.begin(), finding.tiles.end(), tile);

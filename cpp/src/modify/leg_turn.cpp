@@ -16,7 +16,7 @@ constexpr double kWindow = 90.0;        // frames of the means
 constexpr double kErrorGain = 0.1;      // of the means' errors: a third of a second
 constexpr double kLeastError = 0.0001;  // squared sine: half a degree
 constexpr std::size_t kNumParts = 2;    // thigh and shin: feet are short and half hidden
-// Of a squared sine, 33 degrees: trackers put the hips of seated people too high.
+// A squared sine, of 33 degrees: trackers put the hips of seated people too high.
 constexpr double kLeastSeated = 0.3;
 
 /// The direction made square to the spine.

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _MOST_MATERIALS = 256
-"""As for the formats that the core reads."""
+"""The same number as for the formats that the core reads."""
 
 
 def linear_color(rgb: int) -> tuple[float, float, float]:

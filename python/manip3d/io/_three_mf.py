@@ -65,7 +65,7 @@ class _Group:
 
 @dataclass
 class _Model:
-    """What the parts of an archive hold."""
+    """The content of the parts of an archive."""
 
     objects: dict[_Key, _Object] = field(default_factory=dict)
     groups: dict[_Key, _Group] = field(default_factory=dict)
