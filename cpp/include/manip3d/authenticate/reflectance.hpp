@@ -42,7 +42,7 @@ struct ReflectanceOptions {
 struct ReflectanceTurn {
   const PointsView& points;
   ScanMotion motion;
-  /// Where its points, moved into the frame's coordinates, lie on the lattice; compare_turns() has
+  /// The reading of its points in the frame's coordinates on the lattice; compare_turns() has
   /// this reading. Null: it is made.
   const LatticeReading* seen = nullptr;
 };
