@@ -327,6 +327,200 @@ def test_the_camera_of_open3d(size: str, tmp_path: Path) -> None:
             camera.read_intrinsics(path, width=63, height=48)
 
 
+OPENCV_XML = """<?xml version="1.0"?>
+<opencv_storage>
+<calibration_time>"Fri 27 Nov"</calibration_time>
+<image_width>64</image_width>
+<image_height>48</image_height>
+<camera_matrix type_id="opencv-matrix">
+  <rows>3</rows>
+  <cols>3</cols>
+  <dt>d</dt>
+  <data>
+    50. 0. 31.5 0. 51. 23.5 0. 0. 1.</data></camera_matrix>
+<distortion_coefficients type_id="opencv-matrix">
+  <rows>5</rows>
+  <cols>1</cols>
+  <dt>d</dt>
+  <data>
+    0.10000000000000001 -0.20000000000000001 0.001 0.002
+    5.0000000000000003e-02</data></distortion_coefficients>
+</opencv_storage>
+"""
+OPENCV_YAML = """%YAML:1.0
+---
+calibration_time: "Fri 27 Nov"
+image_width: 64
+image_height: 48
+camera_matrix: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 50., 0., 31.5, 0., 51., 23.5, 0., 0., 1. ]
+distortion_coefficients: !!opencv-matrix
+   rows: 5
+   cols: 1
+   dt: d
+   data: [ 0.10000000000000001, -0.20000000000000001, 0.001, 0.002,
+       5.0000000000000003e-02 ]
+"""
+OPENCV_JSON = """{
+    "image_width": 64,
+    "image_height": 48,
+    "camera_matrix": {
+        "type_id": "opencv-matrix", "rows": 3, "cols": 3, "dt": "d",
+        "data": [ 50.0, 0.0, 31.5, 0.0, 51.0, 23.5, 0.0, 0.0, 1.0 ]
+    },
+    "distortion_coefficients": {
+        "type_id": "opencv-matrix", "rows": 1, "cols": 5, "dt": "d",
+        "data": [ 0.1, -0.2, 0.001, 0.002, 0.05 ]
+    }
+}"""
+ROS_TOPIC = """header:
+  frame_id: camera_depth_optical_frame
+height: 48
+width: 64
+distortion_model: plumb_bob
+d:
+- 0.1
+- -0.2
+- 0.001
+- 0.002
+- 0.05
+k: [50.0, 0.0, 31.5, 0.0, 51.0, 23.5, 0.0, 0.0, 1.0]
+p: [50.0, 0.0, 31.5, 0.0, 0.0, 51.0, 23.5, 0.0, 0.0, 0.0, 1.0, 0.0]
+---
+"""
+BROWN = (0.1, -0.2, 0.001, 0.002, 0.05)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("camera.xml", OPENCV_XML),
+        ("camera.yaml", OPENCV_YAML),
+        ("camera.yml", OPENCV_YAML.replace("%YAML:1.0", "%YAML 1.2")),
+        ("camera.json", OPENCV_JSON),
+        ("camera_info.yaml", ROS_TOPIC),
+        ("upper.YAML", OPENCV_YAML.replace("camera_matrix", "cameraMatrix")),
+    ],
+)
+def test_cameras_as_opencv_and_ros_store_them(name: str, content: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_text(content)
+    found = camera.read_intrinsics(path, width=64, height=48)
+    assert camera.same_camera(found, Intrinsics(64, 48, 50.0, 51.0, 31.5, 23.5, BROWN))
+    with pytest.raises(InputError, match="is for 64 x 48 pixels, the image has 32 x 24"):
+        camera.read_intrinsics(path, width=32, height=24)
+    assert camera.camera_depth_unit(path) == "guess"
+
+
+def test_other_names_in_a_calibration(tmp_path: Path) -> None:
+    path = tmp_path / "camera.yaml"
+    path.write_text("cameraMatrix: [[50, 0, 31.5], [0, 51, 23.5], [0, 0, 1]]\nimageSize: [64, 48]")
+    found = camera.read_intrinsics(path, width=64, height=48)
+    assert camera.same_camera(found, Intrinsics(64, 48, 50.0, 51.0, 31.5, 23.5))
+    with pytest.raises(InputError, match="is for 64 x 48 pixels"):
+        camera.read_intrinsics(path, width=64, height=47)
+    path = tmp_path / "view.json"  # Open3D's PinholeCameraParameters
+    matrix = "[50.0, 0.0, 0.0, 0.0, 51.0, 0.0, 31.5, 23.5, 1.0]"
+    size = '"height": 48, "width": 64'
+    path.write_text(
+        f'{{"class_name": "PinholeCameraParameters", "extrinsic": [1.0], "version_major": 1, '
+        f'"intrinsic": {{{size}, "intrinsic_matrix": {matrix}}}}}'
+    )
+    found = camera.read_intrinsics(path, width=64, height=48)
+    assert camera.same_camera(found, Intrinsics(64, 48, 50.0, 51.0, 31.5, 23.5))
+
+
+def test_the_camera_of_rectified_images_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "camera.yaml"
+    path.write_text(ROS_TOPIC.replace("p: [50.0", "p: [48.5"))
+    with pytest.warns(UserWarning, match=r"of a rectified one is 48\.5,51,31\.5,23\.5") as caught:
+        found = camera.read_intrinsics(path, width=64, height=48)
+    assert [Path(warning.filename).name for warning in caught] == [Path(__file__).name]
+    assert (found.fx, found.distortion) == (50.0, BROWN)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.yaml", ROS_TOPIC.replace("plumb_bob", "equidistant"), "a fisheye camera"),
+        ("a.yaml", OPENCV_YAML + "fisheye_model: 1\n", "a fisheye camera"),
+        ("a.yaml", ROS_TOPIC.replace("- 0.05", "- 0.05\n- 0.1"), "a distortion of more than k1"),
+        ("a.xml", OPENCV_XML.replace("e-02", "e-02 0.1"), "a distortion of more than k1"),
+        ("a.yaml", OPENCV_YAML.replace("50., 0.", "50., 9."), "not .fx, 0, cx"),
+        ("a.yaml", OPENCV_YAML.replace("50., ", ""), "a camera_matrix of 8 numbers"),
+        ("a.yaml", OPENCV_YAML.replace("[ 50.", "[ .nan"), "fx"),
+        ("a.yaml", OPENCV_YAML.replace("64", ".inf"), "a size of inf pixels"),
+        ("a.yaml", OPENCV_YAML.replace("64", "64.5"), "a size of 64.5 pixels"),
+        ("a.yaml", OPENCV_YAML.replace("64", "[64]"), "float"),
+        ("a.yaml", "k: {data: {data: 1}}", "camera_matrix of|expected"),
+        ("a.yaml", "camera_matrix: text", "could not convert"),
+        ("a.yaml", "1: 2", "no fx and no fy and no cx and no cy"),
+        ("a.yaml", "", "no object"),
+        ("a.yaml", "a: &a [1]\nb: *a", "aliases are refused"),
+        ("a.yaml", "a: !!python/object/apply:os.getcwd []", "not YAML"),
+        ("a.yaml", "[" * 5000, "not YAML|nested too deep"),
+        ("a.yaml", "a: " + " " * (128 << 10), "expected at most"),
+        ("a.xml", '<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>', "entities are refused"),
+        ("a.xml", "<a>" * 100, "nested deeper"),
+        ("a.xml", "<a/>", "no object"),
+        ("a.json", "{}", "no fx and no fy and no cx and no cy"),
+        ("a.json", '{"k": 1e999}', "camera_matrix of 1 numbers"),
+    ],
+)
+def test_files_that_are_no_calibration(
+    name: str, content: str, message: str, tmp_path: Path
+) -> None:
+    path = tmp_path / name
+    path.write_text(content)
+    with pytest.raises(FormatError, match=message) as caught:
+        camera.read_intrinsics(path, width=64, height=48)
+    assert caught.value.file == str(path)
+
+
+COLMAP = """# Camera list with one line of data per camera:
+#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]
+# Number of cameras: 2
+1 PINHOLE 64 48 50 51 32 24
+2 SIMPLE_RADIAL 128 96 100 64 48 0.01
+"""
+
+
+def test_the_cameras_of_colmap(tmp_path: Path) -> None:
+    """Its pixels have their corners at integers, not their centres."""
+    path = tmp_path / "cameras.txt"
+    path.write_text(COLMAP)
+    found = camera.read_intrinsics(path, width=64, height=48)
+    assert camera.same_camera(found, Intrinsics(64, 48, 50.0, 51.0, 31.5, 23.5))
+    found = camera.read_intrinsics(path, width=128, height=96)
+    bent = (0.01, 0.0, 0.0, 0.0, 0.0)
+    assert camera.same_camera(found, Intrinsics(128, 96, 100.0, 100.0, 63.5, 47.5, bent))
+    with pytest.raises(InputError, match="is for 64 x 48 pixels, the image has 32 x 24"):
+        camera.read_intrinsics(path, width=32, height=24)
+    path.write_text("7 FULL_OPENCV 64 48 50 51 32 24 .1 -.2 .001 .002 .05 0 0 0\r\n")
+    found = camera.read_intrinsics(path, width=64, height=48)
+    assert camera.same_camera(found, Intrinsics(64, 48, 50.0, 51.0, 31.5, 23.5, BROWN))
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("1 OPENCV_FISHEYE 64 48 50 51 32 24 0 0 0 0", "OPENCV_FISHEYE with 8 numbers; known"),
+        ("1 PINHOLE 64 48 50 51 32", "PINHOLE with 3 numbers; known"),
+        ("1 FULL_OPENCV 64 48 50 51 32 24 0 0 0 0 0 .1 0 0", "a distortion of more than k1"),
+        ("1 PINHOLE 64 48 50 51 32 24\n2 PINHOLE 64 48 50 51 32 25", "2 different cameras of 64"),
+        ("1 PINHOLE 64 48 50 51 x 24", "could not convert"),
+    ],
+)
+def test_cameras_of_colmap_that_are_refused(content: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "cameras.txt"
+    path.write_text(content)
+    with pytest.raises(FormatError, match=message):
+        camera.read_intrinsics(path, width=64, height=48)
+
+
 @pytest.mark.parametrize(
     ("fields", "message"),
     [

@@ -22,6 +22,8 @@ from manip3d._util.regular_files import open_regular
 from manip3d.errors import FormatError, InputError
 
 if TYPE_CHECKING:
+    from xml.etree.ElementTree import Element
+
     from numpy.typing import ArrayLike, NDArray
 
 
@@ -396,6 +398,9 @@ CAMERA_PRESETS: Mapping[str, CameraPreset] = {
 """Nominal depth cameras by name; cameras of one kind differ by some pixels."""
 
 _MOST_CAMERA_BYTES = 1 << 20
+CAMERA_SUFFIXES = (".json", ".txt", ".xml", ".yaml", ".yml")
+"""Files that `read_intrinsics` takes."""
+
 
 
 @checked
@@ -405,11 +410,16 @@ def read_intrinsics(camera: str | os.PathLike[str], *, width: int, height: int) 
     Parameters
     ----------
     camera : str or path-like
-        ``fx,fy,cx,cy`` in pixels; a name of `CAMERA_PRESETS`; a ``.json`` file, Open3D's or an
-        object with the fields of `Intrinsics` by our names, nerfstudio's or librealsense's, other
-        fields left out with a warning; or a ``.txt`` file: a matrix of 3 x 3, 3 x 4 or 4 x 4
-        numbers, as 7-Scenes, 3DMatch and ScanNet have it, the four numbers above, or the
-        ``calib.txt`` of a stereo pair of Middlebury or ETH3D, whose left camera it is.
+        One of
+
+        - ``fx,fy,cx,cy`` in pixels, or a name of `CAMERA_PRESETS`;
+        - an ``.xml``, ``.yaml``, ``.yml`` or ``.json`` file: the calibration that OpenCV's
+          FileStorage holds, the CameraInfo of ROS, Open3D's camera (``.json``), or an object with
+          the fields of `Intrinsics` by our names, nerfstudio's or librealsense's, other fields left
+          out with a warning;
+        - a ``.txt`` file: a matrix of 3 x 3, 3 x 4 or 4 x 4 numbers, as 7-Scenes, 3DMatch and
+          ScanNet have it, the four numbers above, the ``calib.txt`` of a stereo pair of Middlebury
+          or ETH3D, whose left camera it is, or COLMAP's ``cameras.txt``.
     width, height : int, pixels
         Size of the image.
 
@@ -422,7 +432,15 @@ def read_intrinsics(camera: str | os.PathLike[str], *, width: int, height: int) 
     InputError
         The text names no camera, or one of another image size.
     FormatError, OSError
-        The file cannot be read.
+        The file cannot be read, or it describes a lens that `Intrinsics` cannot, such as a fisheye.
+    MissingExtraError
+        The file is YAML, and PyYAML is not installed: ``pip install 'manip3d[io]'``.
+
+    Warns
+    -----
+    UserWarning
+        The CameraInfo has a distortion and another camera for rectified images: the image is taken
+        as not rectified.
 
     Examples
     --------
@@ -433,7 +451,7 @@ def read_intrinsics(camera: str | os.PathLike[str], *, width: int, height: int) 
     365.0
     """
     text = os.fspath(camera)
-    if text.lower().endswith((".json", ".txt")):
+    if text.lower().endswith(CAMERA_SUFFIXES):
         return _camera_of_file(Path(text), width, height)
     preset = CAMERA_PRESETS.get(text)
     if preset is not None:
@@ -447,7 +465,7 @@ def read_intrinsics(camera: str | os.PathLike[str], *, width: int, height: int) 
         fx, fy, cx, cy = (float(field) for field in text.split(","))
     except ValueError:
         raise InputError(
-            f"intrinsics: expected fx,fy,cx,cy, a .json or .txt file or one of "
+            f"intrinsics: expected fx,fy,cx,cy, a file ({', '.join(CAMERA_SUFFIXES)}) or one of "
             f"{', '.join(CAMERA_PRESETS)}, got {text!r}"
         ) from None
     return Intrinsics(width, height, fx, fy, cx, cy)
@@ -509,22 +527,19 @@ def _text_of_camera(path: Path) -> str:
 
 
 def _camera_of_file(path: Path, width: int, height: int) -> Intrinsics:
-    text = _text_of_camera(path)
     try:
-        if path.suffix.lower() == ".json":
-            fields = _fields_of_json(text)
-        else:
-            stereo = _stereo_calibration(text, path)
-            fields = _fields_of_matrix(text) if stereo is None else stereo.fields
+        fields = _fields_of_file(path, width, height)
         known = Intrinsics(**({"width": width, "height": height} | fields))
     except (ValueError, TypeError, RecursionError) as error:
         if isinstance(error, FormatError):
             raise
-        expected = {
-            ".json": "an object with fx, fy, cx and cy, or with Open3D's intrinsic_matrix",
-            ".txt": "fx, fy, cx and cy, a matrix of 3 x 3, 3 x 4 or 4 x 4 numbers, or the calib.txt"
-            " of a stereo pair",
-        }[path.suffix.lower()]
+        expected = (
+            "fx, fy, cx and cy, a matrix of 3 x 3, 3 x 4 or 4 x 4 numbers, the calib.txt of a "
+            "stereo pair or COLMAP's cameras.txt"
+            if path.suffix.lower() == ".txt"
+            else "an object with fx, fy, cx and cy, Open3D's intrinsic_matrix, OpenCV's or ROS's "
+            "camera_matrix"
+        )
         raise FormatError(f"expected {expected}: {error}", file=str(path)) from error
     if (known.width, known.height) != (width, height):
         same_view = ""
@@ -539,15 +554,152 @@ def _camera_of_file(path: Path, width: int, height: int) -> Intrinsics:
     return known
 
 
-def _fields_of_json(text: str) -> dict[str, Any]:
-    fields: Any = json.loads(text)
-    if not isinstance(fields, dict):
+def _fields_of_file(path: Path, width: int, height: int) -> dict[str, Any]:
+    """What a file says of `Intrinsics`; of several cameras, that of the image's size."""
+    suffix = path.suffix.lower()
+    if suffix == ".txt":
+        text = _text_of_camera(path)
+        if (cameras := _COLMAP_CAMERA.findall(text)) != []:
+            return _fields_of_colmap(cameras, width, height)
+        stereo = _stereo_calibration(text, path)
+        return _fields_of_matrix(text) if stereo is None else stereo.fields
+    if suffix == ".json":
+        return _fields_of_mapping(json.loads(_text_of_camera(path)), path)
+    from manip3d._util.text_files import parse_xml, parse_yaml
+
+    if suffix == ".xml":
+        return _fields_of_mapping(_values_of(parse_xml(path)), path)
+    return _fields_of_mapping(parse_yaml(path, extra="io"), path)
+
+
+def _values_of(element: Element) -> Any:
+    """The mapping or the text that an element of OpenCV's XML holds."""
+    if len(element) == 0:
+        return (element.text or "").strip().strip('"')
+    return {child.tag: _values_of(child) for child in element}
+
+
+def _fields_of_mapping(fields: Any, path: Path) -> dict[str, Any]:
+    if not isinstance(fields, Mapping):
         raise TypeError("no object")
+    if isinstance(fields.get("intrinsic"), Mapping):  # Open3D's PinholeCameraParameters
+        fields = fields["intrinsic"]
     matrix = fields.get("intrinsic_matrix")
-    if matrix is None:
-        return _renamed(fields)
-    size = {n: fields[n] for n in ("width", "height") if n in fields}
-    return size | dict(zip(("fx", "fy", "cx", "cy"), _pinhole(matrix), strict=True))
+    if matrix is not None:
+        size = {n: fields[n] for n in ("width", "height") if n in fields}
+        return size | dict(zip(("fx", "fy", "cx", "cy"), _pinhole(matrix), strict=True))
+    plain = {str(name).lower().replace("_", ""): value for name, value in fields.items()}
+    if "cameramatrix" in plain or "k" in plain:
+        return _fields_of_calibration(plain, path)
+    return _renamed({str(name): value for name, value in fields.items()})
+
+
+def _fields_of_calibration(fields: Mapping[str, Any], path: Path) -> dict[str, Any]:
+    """A camera by OpenCV's names or ROS's, in lower case without underscores."""
+
+    def first(*names: str) -> Any:
+        return next((fields[name] for name in names if name in fields), None)
+
+    matrix = _numbers_of(first("cameramatrix", "k"))
+    if matrix.size != 9:
+        raise ValueError(f"a camera_matrix of {matrix.size} numbers")
+    camera: dict[str, Any] = _pinhole_of_matrix(matrix.reshape(3, 3))
+    model = str(fields.get("distortionmodel", "")).lower()
+    if model in ("equidistant", "fisheye") or str(fields.get("fisheyemodel", 0)) not in ("0", ""):
+        raise ValueError("a fisheye camera")
+    lens = first("distortioncoefficients", "distcoeffs", "distcoefs", "dist", "d")
+    camera["distortion"] = _brown_of(_numbers_of([] if lens is None else lens))
+    rectified = first("projectionmatrix", "p")
+    if rectified is not None and any(camera["distortion"]):
+        _warn_of_rectified(camera, _numbers_of(rectified), path)
+    size = first("imagesize")
+    if size is not None:
+        width, height = _numbers_of(size)
+        camera |= {"width": _whole(width), "height": _whole(height)}
+    for name in ("width", "height"):
+        if (side := first(f"image{name}", name)) is not None:
+            camera[name] = _whole(side)
+    return camera
+
+
+def _whole(value: Any) -> int:
+    number = float(value)
+    if not number.is_integer():
+        raise ValueError(f"a size of {value} pixels")
+    return int(number)
+
+
+def _numbers_of(value: Any) -> NDArray[np.float64]:
+    """The numbers of a matrix: a list, rows, text, or a mapping that has them as ``data``."""
+    if isinstance(value, Mapping):
+        value = value.get("data", [])
+    if isinstance(value, str):
+        value = value.split()
+    return np.asarray(value, dtype=np.float64).ravel()
+
+
+def _brown_of(coefficients: NDArray[np.float64]) -> tuple[float, ...]:
+    if np.any(coefficients[5:]):
+        raise ValueError("a distortion of more than k1, k2, p1, p2 and k3")
+    return tuple(np.pad(coefficients[:5], (0, max(0, 5 - coefficients.size))).tolist())
+
+
+def _warn_of_rectified(
+    camera: Mapping[str, float], projection: NDArray[np.float64], path: Path
+) -> None:
+    """Tell of the camera that rectified images have, if it is another one."""
+    if projection.size != 12:
+        return
+    other = _pinhole_of_matrix(projection.reshape(3, 4)[:, :3])
+    if other["fx"] > 0 and any(other[name] != camera[name] for name in other):
+        numbers = ",".join(f"{value:g}" for value in other.values())
+        warnings.warn(
+            f"{path}: the image is taken as one with lens distortion; the camera of a rectified "
+            f"one is {numbers}",
+            stacklevel=caller_level(),
+        )
+
+
+_COLMAP_CAMERA = re.compile(
+    r"^[ \t]*\d+[ \t]+([A-Z][A-Z_]+)[ \t]+(\d+)[ \t]+(\d+)((?:[ \t]+[^\s#]+)+)[ \t\r]*$",
+    re.MULTILINE,
+)
+_COLMAP_MODELS = {
+    "SIMPLE_PINHOLE": ("f", "cx", "cy"),
+    "PINHOLE": ("fx", "fy", "cx", "cy"),
+    "SIMPLE_RADIAL": ("f", "cx", "cy", "k1"),
+    "RADIAL": ("f", "cx", "cy", "k1", "k2"),
+    "OPENCV": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"),
+    "FULL_OPENCV": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
+}
+
+
+def _fields_of_colmap(
+    cameras: Sequence[tuple[str, str, str, str]], width: int, height: int
+) -> dict[str, Any]:
+    """The camera of COLMAP's ``cameras.txt`` that has the image's size."""
+    fitting = {camera for camera in cameras if (int(camera[1]), int(camera[2])) == (width, height)}
+    if len(fitting) > 1:
+        raise ValueError(f"{len(fitting)} different cameras of {width} x {height} pixels")
+    model, camera_width, camera_height, parameters = (fitting or set(cameras[:1])).pop()
+    names = _COLMAP_MODELS.get(model)
+    values = [float(word) for word in parameters.split()]
+    if names is None or len(values) != len(names):
+        known = ", ".join(_COLMAP_MODELS)
+        raise ValueError(f"{model} with {len(values)} numbers; known models are {known}")
+    given = dict(zip(names, values, strict=True))
+    focal = given.get("f", 0.0)
+    lens = np.array([given.get(name, 0.0) for name in (*_BROWN_NAMES, "k4", "k5", "k6")])
+    return {
+        "width": int(camera_width),
+        "height": int(camera_height),
+        "fx": given.get("fx", focal),
+        "fy": given.get("fy", focal),
+        # COLMAP's pixels have their corners at integers, ours their centres.
+        "cx": given["cx"] - 0.5,
+        "cy": given["cy"] - 0.5,
+        "distortion": _brown_of(lens),
+    }
 
 
 _OTHER_NAMES = {
@@ -563,6 +715,8 @@ def _renamed(fields: dict[str, Any]) -> dict[str, Any]:
     ours = {_OTHER_NAMES.get(name, name): value for name, value in fields.items()}
     if "distortion" not in ours and any(name in ours for name in _BROWN_NAMES):
         ours["distortion"] = [ours.pop(name, 0.0) for name in _BROWN_NAMES]
+    if absent := [name for name in ("fx", "fy", "cx", "cy") if name not in ours]:
+        raise ValueError(f"no {' and no '.join(absent)}")
     known = {name for name in Intrinsics.__dataclass_fields__ if name != "rays"}
     if others := [name for name in ours if name not in known]:
         if any(np.any(ours[name]) for name in others if name in ("coeffs", "k4", "k5", "k6")):
@@ -588,7 +742,10 @@ def _fields_of_matrix(text: str) -> dict[str, float]:
     if len(numbers) not in (9, 12, 16):
         raise ValueError(f"{'more than 16' if len(numbers) > 16 else len(numbers)} numbers")
     rows = 4 if len(numbers) == 16 else 3
-    matrix = np.array(numbers).reshape(rows, -1)
+    return _pinhole_of_matrix(np.array(numbers).reshape(rows, -1))
+
+
+def _pinhole_of_matrix(matrix: NDArray[np.float64]) -> dict[str, float]:
     _expect_pinhole(matrix)
     return {"fx": matrix[0, 0], "fy": matrix[1, 1], "cx": matrix[0, 2], "cy": matrix[1, 2]}
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -244,6 +245,17 @@ def test_bad_camera_files_are_one_line(
     with pytest.raises(FormatError, match=message) as caught:
         read_intrinsics(path, width=160, height=120)
     assert str(path) in str(caught.value)
+
+
+def test_a_folder_without_a_camera_is_told_once(frame: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "rgbd" / "depth"
+    folder.mkdir(parents=True)
+    for i in range(3):
+        shutil.copy(frame, folder / f"{i}{frame.suffix}")
+    (folder.parent / "camera.yaml").touch()
+    done = manip3d("depth", folder, "-o", tmp_path / "out", "--points", "99")
+    assert f"got none; {folder.parent}/camera.yaml may be it" in error_line(done)
+    assert not (tmp_path / "out").exists()
 
 
 def test_wrong_cameras_are_refused(frame: Path, tmp_path: Path) -> None:

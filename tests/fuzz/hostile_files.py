@@ -384,10 +384,31 @@ def certificates() -> list[Files]:
 
 
 def cameras() -> list[Files]:
+    numbers = b"50., 0., 31., 0., 50., 23., 0., 0., 1."
+    xml = b"""<?xml version="1.0"?><opencv_storage><image_width>64</image_width>
+<image_height>48</image_height><camera_matrix type_id="opencv-matrix"><rows>3</rows><cols>3</cols>
+<dt>d</dt><data>%s</data></camera_matrix></opencv_storage>""" % numbers.replace(b",", b"")
+    yaml = (
+        b"""%%YAML:1.0
+---
+image_width: 64
+image_height: 48
+camera_matrix: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ %s ]
+distortion_coefficients: !!opencv-matrix { rows: 1, cols: 5, dt: d, data: [ .1, 0, 0, 0, 0 ] }
+"""
+        % numbers
+    )
     matrix = b'{"width": 64, "height": 48, "intrinsic_matrix": [50, 0, 0, 0, 50, 0, 31, 23, 1]}'
     return [
         {"a.json": b'{"width": 64, "height": 48, "fx": 50, "fy": 50.5, "cx": 31, "cy": 23}'},
         {"a.json": matrix},
+        {"a.xml": xml},
+        {"a.yaml": yaml},
+        {"a.txt": b"1 PINHOLE 64 48 50 50.5 31 23\n2 RADIAL 64 47 50 31 23 .1 .1\n"},
         {"a.txt": b"50 0 31\n0 50.5 23\n0 0 1\n"},
         {"a.txt": b"cam0=[50 0 31; 0 50 23; 0 0 1]\ndoffs=3.5\nbaseline=190.1\nwidth=64\n"},
     ]
@@ -566,6 +587,7 @@ NEEDS = {
     "scan.laz": ("laspy", "lazrs"),
     "scan.e57": ("pye57",),
     "depth": ("PIL", "OpenEXR"),
+    "camera": ("yaml",),
     "velodyne": ("yaml",),
     "tum": ("PIL",),
     "results": ("jinja2",),

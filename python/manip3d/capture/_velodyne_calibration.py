@@ -14,14 +14,12 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
-from manip3d.errors import FormatError, MissingExtraError
-from manip3d.io._text_files import bounded_bytes, parse_xml
+from manip3d._util.text_files import parse_xml, parse_yaml
+from manip3d.errors import FormatError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-# PyYAML takes about a second for this much; 64 lasers take 30 KiB.
-_MOST_YAML_BYTES = 128 << 10
 _MOST_LASERS = 128
 
 # Our names, db.xml's, YAML's. db.xml has degrees and centimetres, YAML radians and metres; the sign
@@ -172,7 +170,7 @@ def _finite(text: Any, name: str, path: Path) -> float:
 
 
 def _read_yaml(path: Path) -> dict[str, Any]:
-    data = _load_yaml(path)
+    data = parse_yaml(path, extra="velodyne")
     lasers = data.get("lasers") if isinstance(data, Mapping) else None
     if not isinstance(lasers, list) or not all(isinstance(item, Mapping) for item in lasers):
         raise FormatError("expected a list of lasers", file=str(path))
@@ -187,30 +185,6 @@ def _read_yaml(path: Path) -> dict[str, Any]:
     for name in _ANGLES:
         table[name] = np.degrees(table[name])
     return table | {"range_unit": _finite(data.get("distance_resolution", 0.002), "unit", path)}
-
-
-def _load_yaml(path: Path) -> Any:
-    try:
-        import yaml
-    except ImportError:
-        raise MissingExtraError("PyYAML", "velodyne") from None
-
-    class Loader(yaml.SafeLoader):  # type: ignore[misc]
-        """Without aliases: nine of them can stand for a billion words."""
-
-        def compose_node(self, parent: Any, index: Any) -> Any:
-            if self.check_event(yaml.AliasEvent):
-                raise yaml.YAMLError("aliases are refused")
-            return super().compose_node(parent, index)
-
-    try:
-        return yaml.load(bounded_bytes(path, _MOST_YAML_BYTES), Loader)
-    except yaml.MarkedYAMLError as error:
-        line = error.problem_mark.line + 1 if error.problem_mark else None
-        raise FormatError(f"not YAML: {error.problem}", file=str(path), line=line) from None
-    except (yaml.YAMLError, RecursionError, ValueError) as error:
-        reason = "nested too deep" if isinstance(error, RecursionError) else str(error)
-        raise FormatError(f"not YAML: {reason:.200}", file=str(path)) from None
 
 
 def _by_id(items: list[tuple[float, Any]], path: Path) -> dict[int, Any]:

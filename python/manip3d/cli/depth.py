@@ -69,6 +69,7 @@ class Variant(StrEnum):
     lnms = "lnms"
 
 
+_SCANS = (".ply", ".pcd")
 _OPTIONS = ("intrinsics", "unit", "variant", "by-distance", "move-points", "max-edge", "depth-step",
             "color", "mask", "confidence", "confidence-max", "points", "method",
             "min-coverage", "max-bridges", "bandwidth", "rate", "stable")  # fmt: skip
@@ -79,6 +80,7 @@ def _frame_options(files: list[SourceFile], options: dict[str, Any]) -> dict[str
     from manip3d import simplify
 
     names = [file.name for file in files if not _is_picture(file.name)]
+    _expect_camera(names, options["intrinsics"])
     each: dict[str, dict[str, str]] = {file.name: {"color": ""} for file in files}
     with naming_options("color", "mask", "confidence", "unit"):
         options["unit"] = simplify.common_depth_unit(names, options["unit"], options["intrinsics"])
@@ -91,6 +93,15 @@ def _frame_options(files: list[SourceFile], options: dict[str, Any]) -> dict[str
             for frame, image in simplify.colors_of_frames(names, folder, name=name).items():
                 each[frame][name] = image
     return each
+
+
+def _expect_camera(names: list[str], intrinsics: str) -> None:
+    """Tell once that images have no camera, where there are no scans, which need none."""
+    from manip3d.simplify._depth_files import expect_camera
+
+    if names and not any(scan_suffix(name) in _SCANS for name in names):
+        with naming_options("intrinsics"):
+            expect_camera(intrinsics, Path(names[0]))
 
 
 def _is_picture(name: str) -> bool:
@@ -292,7 +303,7 @@ def _joint_record(result: JointFileResult) -> dict[str, Any]:
 
 
 @over_files(
-    lambda: (*DEPTH_SUFFIXES, ".ply", ".pcd"), writable=lambda: WRITABLE, otherwise=".glb",
+    lambda: (*DEPTH_SUFFIXES, *_SCANS), writable=lambda: WRITABLE, otherwise=".glb",
     prepare=_frame_options, check=lambda given: _expect_budget(*(given[name] for name in _BUDGETS)),
     together=lambda sources, given: _join(sources, given) or _recording(sources, given),
     in_order=_in_order,
@@ -314,8 +325,9 @@ def depth(
     intrinsics: Annotated[
         str,
         typer.Option(
-            help="Camera of the depth image: fx,fy,cx,cy in pixels, a .json or .txt file (a "
-            "matrix, or the calib.txt of a stereo pair), or a preset: tum, tum-fr1, tum-fr2, "
+            help="Camera of the depth image: fx,fy,cx,cy in pixels, a file (OpenCV's .xml or "
+            ".yaml, ROS's CameraInfo as .yaml, Open3D's .json, COLMAP's cameras.txt, a matrix or "
+            "the calib.txt of a stereo pair as .txt), or a preset: tum, tum-fr1, tum-fr2, "
             "tum-fr3, kinect-v1, kinect-v2, azure, realsense, primesense. Scans need none."
         ),
     ] = "",

@@ -19,12 +19,12 @@ import numpy as np
 from manip3d._util.checked import checked
 from manip3d._util.linear import product
 from manip3d._util.paths import path_of
+from manip3d._util.text_files import parse_xml, text_of
 from manip3d.errors import FormatError, InputError
 from manip3d.io._files import regular_bytes
 from manip3d.io._frame_times import drive_times
 from manip3d.io._images import decoded_picture
 from manip3d.io._scan_files import read_scan, scan_paths
-from manip3d.io._text_files import parse_xml, text_of
 from manip3d.lidar import Box, LidarFrame
 
 if TYPE_CHECKING:

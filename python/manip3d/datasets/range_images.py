@@ -16,10 +16,10 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
+from manip3d._util.text_files import text_of
 from manip3d._util.times import parse_time
 from manip3d.errors import FormatError
 from manip3d.io import read_depth
-from manip3d.io._text_files import text_of
 from manip3d.lidar import LidarFrame, ScanFormat
 
 if TYPE_CHECKING:

@@ -16,12 +16,12 @@ import numpy as np
 
 from manip3d import Intrinsics
 from manip3d._util.checked import checked
+from manip3d._util.text_files import text_of
 from manip3d.datasets._registry import DataSet, get, require
 from manip3d.datasets._tables import data_file, table
 from manip3d.errors import FormatError, InputError
 from manip3d.io import read_depth
 from manip3d.io._images import read_color
-from manip3d.io._text_files import text_of
 
 if TYPE_CHECKING:
     from pathlib import Path

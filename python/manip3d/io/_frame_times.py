@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
+from manip3d._util.text_files import text_of
 from manip3d._util.times import nanoseconds, parse_time
 from manip3d.errors import FormatError
-from manip3d.io._text_files import text_of
 
 
 def frame_times(file: Path) -> dict[int, int]:

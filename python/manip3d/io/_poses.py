@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from manip3d._util.text_files import text_of
 from manip3d.errors import FormatError
-from manip3d.io._text_files import text_of
 
 if TYPE_CHECKING:
     from pathlib import Path

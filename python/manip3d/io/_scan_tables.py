@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d import _core
+from manip3d._util.text_files import text_of
 from manip3d.errors import FormatError
 from manip3d.io._limits import check_points
 from manip3d.io._scan_colors import NORMALS, color_names, plain_name
-from manip3d.io._text_files import text_of
 from manip3d.lidar import LidarFrame, ScanFormat
 
 if TYPE_CHECKING:

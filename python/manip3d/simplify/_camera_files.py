@@ -15,12 +15,12 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
+from manip3d._util.text_files import text_of
 from manip3d.camera import read_intrinsics
 from manip3d.errors import FormatError, InputError
 from manip3d.io import DEPTH_SUFFIXES, read_range_grid, write_mesh
 from manip3d.io._images import read_color
 from manip3d.io._poses import poses_by_file, rigid
-from manip3d.io._text_files import text_of
 from manip3d.simplify._cameras import CameraView, JointSimplification, cs3_cameras, relief_cameras
 from manip3d.simplify._depth_files import (
     SPARSE_WORDS,
@@ -398,7 +398,7 @@ def _joined(
 def _image_view(
     file: Path, options: DepthOptions, pose: NDArray[np.float64], picture: Path | None
 ) -> CameraView:
-    expect_camera(options, file)
+    expect_camera(options.intrinsics, file)
     reading, _ = read_frame(file, options)
     height, width = reading.depth.shape
     return CameraView(

@@ -19,6 +19,7 @@ from manip3d._util.checked import checked
 from manip3d._util.paths import by_number, path_of
 from manip3d.camera import (
     CAMERA_PRESETS,
+    CAMERA_SUFFIXES,
     Intrinsics,
     camera_depth_unit,
     checked_depth,
@@ -463,17 +464,21 @@ def _read_confidence(path: str | os.PathLike[str], highest: int | None) -> NDArr
     return confidence_of_levels(levels, highest)
 
 
-_CAMERAS_BESIDE = ("calib.txt", "camera-intrinsics.txt", "intrinsic_depth.txt", "intrinsics.txt")
+_CAMERAS_BESIDE = (
+    "calib.txt", "camera-intrinsics.txt", "intrinsic_depth.txt", "intrinsics.txt", "cameras.txt",
+    "camera.xml", "camera.yaml", "camera.yml", "camera_info.yaml", "camera.json", "intrinsics.json",
+)  # fmt: skip
 
 
-def expect_camera(options: DepthOptions, image: Path | None = None) -> None:
-    if options.intrinsics:
+def expect_camera(intrinsics: str, image: Path) -> None:
+    if intrinsics:
         return
-    near = () if image is None else (image.parent / name for name in _CAMERAS_BESIDE)
+    folders = (image.parent, image.absolute().parent.parent)
+    near = (folder / name for folder in folders for name in _CAMERAS_BESIDE)
     beside = [str(path) for path in near if path.is_file()]
     raise InputError(
-        f"intrinsics: expected the camera of the depth image: fx,fy,cx,cy, a .json or .txt file "
-        f"or one of {', '.join(CAMERA_PRESETS)}, got none"
+        f"intrinsics: expected the camera of the depth image: fx,fy,cx,cy, a file "
+        f"({', '.join(CAMERA_SUFFIXES)}) or one of {', '.join(CAMERA_PRESETS)}, got none"
         + (f"; {beside[0]} may be it" if beside else "")
     )
 
@@ -505,7 +510,7 @@ def frame_alone(
 def from_image(
     path: Path, output: Path, options: DepthOptions, maps: Maps, take: _Take = frame_alone
 ) -> DepthFileResult:
-    expect_camera(options, path)
+    expect_camera(options.intrinsics, path)
     reading, words = read_frame(path, options)
     height, width = reading.depth.shape
     camera = read_intrinsics(options.intrinsics, width=width, height=height)

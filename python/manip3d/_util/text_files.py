@@ -1,19 +1,22 @@
-"""Text files of others: regular files of bounded size, any bytes; XML without its traps.
+"""Text files of others: regular files of bounded size, any bytes; XML and YAML without their traps.
 
-XML has no entities and no external files here, and a bounded depth.
+XML has no entities and no external files here, and a bounded depth; YAML has no aliases.
 """
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
-from manip3d.errors import FormatError
-from manip3d.io._files import open_regular
+from manip3d._util.regular_files import open_regular
+from manip3d.errors import FormatError, MissingExtraError
 
 MOST_BYTES = 16 << 20
+# PyYAML takes about a second for this much.
+_MOST_YAML_BYTES = 128 << 10
 _MOST_DEPTH = 64
 
 
@@ -64,6 +67,51 @@ def parse_xml(path: Path) -> Element:
     except (LookupError, ValueError) as error:  # the encoding that the file names
         raise fail(f"expected XML in UTF-8: {error}") from None
     return builder.close()
+
+
+def parse_yaml(path: Path, *, extra: str) -> Any:
+    """The first document of a file, also of one that OpenCV wrote.
+
+    Parameters
+    ----------
+    path : Path
+    extra : str
+        The extra that PyYAML comes with, as `MissingExtraError` names it.
+
+    Raises
+    ------
+    FormatError
+        Not YAML, larger than 128 KiB, nested too deep, or it has aliases.
+    MissingExtraError
+        PyYAML is not installed.
+    """
+    try:
+        import yaml
+    except ImportError:
+        raise MissingExtraError("PyYAML", extra) from None
+
+    class Loader(yaml.SafeLoader):  # type: ignore[misc]
+        """Without aliases: nine of them can stand for a billion words."""
+
+        def compose_node(self, parent: Any, index: Any) -> Any:
+            if self.check_event(yaml.AliasEvent):
+                raise yaml.YAMLError("aliases are refused")
+            return super().compose_node(parent, index)
+
+    for name in ("matrix", "nd-matrix"):
+        Loader.add_constructor(f"tag:yaml.org,2002:opencv-{name}", Loader.construct_yaml_map)
+    data = bounded_bytes(path, _MOST_YAML_BYTES)
+    # "%YAML:1.0", OpenCV's first line for years, is no directive of YAML. The line stays, empty, so
+    # that errors name the right one.
+    data = re.sub(rb"\A(\xef\xbb\xbf)?%YAML[^\r\n]*", b"", data)
+    try:
+        return next(yaml.load_all(data, Loader), None)
+    except yaml.MarkedYAMLError as error:
+        line = error.problem_mark.line + 1 if error.problem_mark else None
+        raise FormatError(f"not YAML: {error.problem}", file=str(path), line=line) from None
+    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        reason = "nested too deep" if isinstance(error, RecursionError) else str(error)
+        raise FormatError(f"not YAML: {reason:.200}", file=str(path)) from None
 
 
 def bounded_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
