@@ -402,7 +402,6 @@ CAMERA_SUFFIXES = (".json", ".txt", ".xml", ".yaml", ".yml")
 """Files that `read_intrinsics` takes."""
 
 
-
 @checked
 def read_intrinsics(camera: str | os.PathLike[str], *, width: int, height: int) -> Intrinsics:
     """Return the depth camera that a text names, for an image of a size.

@@ -258,6 +258,16 @@ def test_a_folder_without_a_camera_is_told_once(frame: Path, tmp_path: Path) -> 
     assert not (tmp_path / "out").exists()
 
 
+def test_disparities_of_8_bits(tmp_path: Path) -> None:
+    path = tmp_path / "disp1.png"
+    Image.fromarray(np.full((48, 64), 40, np.uint8)).save(path)
+    base = ("depth", path, "-o", tmp_path / "x.ply", "--points", "9", "--intrinsics", "50,50,32,24")
+    assert "is a colour picture; depth takes a depth image" in error_line(manip3d(*base))
+    done = manip3d(*base, "--unit", "disparity:80")
+    assert done.returncode == 0, done.stderr
+    assert "depth 2.00 to 2.00 m, unit disparity:80" in done.stderr + done.stdout
+
+
 def test_wrong_cameras_are_refused(frame: Path, tmp_path: Path) -> None:
     from manip3d import InputError
     from manip3d.camera import read_intrinsics

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from manip3d import InputError
+from manip3d import FormatError, InputError
 from manip3d.io import (
     DEPTH_UNITS,
     describe_unit,
@@ -219,3 +219,27 @@ def test_what_renderers_store_for_nothing_is_no_measurement(
     assert reading.unit == "m"
     assert reading.num_measured == round(100 * (1 - share))
     assert reading.range_m == (2.5, 2.5)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif", ".pgm"])
+def test_only_disparities_may_have_8_bits(suffix: str, tmp_path: Path) -> None:
+    Image = pytest.importorskip("PIL.Image")
+    stored = np.array([[40, 0], [10, 255]], np.uint8)
+    path = tmp_path / f"disp1{suffix}"
+    if suffix == ".pgm":
+        path.write_bytes(b"P5 2 2 255\n" + stored.tobytes())
+    else:
+        Image.fromarray(stored).save(path)
+    found = read_depth_guessing(path, unit="disparity:20")
+    np.testing.assert_allclose(found.depth, [[0.5, 0.0], [2.0, 20 / 255]], rtol=1e-6)
+    for unit in ("guess", "mm", 1000):
+        with pytest.raises(FormatError, match="16 bits"):
+            read_depth_guessing(path, unit=unit)
+
+
+def test_colours_are_no_disparities(tmp_path: Path) -> None:
+    Image = pytest.importorskip("PIL.Image")
+    path = tmp_path / "view.png"
+    Image.fromarray(np.zeros((2, 2, 3), np.uint8)).save(path)
+    with pytest.raises(FormatError, match="expected 8 or 16 bits of grey, got mode RGB"):
+        read_depth_guessing(path, unit="disparity:20")

@@ -34,6 +34,7 @@ from manip3d.cli.terminal import (
 )
 from manip3d.errors import FormatError, InputError
 from manip3d.io import DEPTH_SUFFIXES, WRITABLE
+from manip3d.io._depth_units import is_disparity_unit
 from manip3d.io._scan_tables import scan_suffix
 
 if TYPE_CHECKING:
@@ -489,7 +490,8 @@ def depth(
         )
         # Whether a .pcd is an organised cloud is decided by its reader.
         clouds = ("scan",) if scan_suffix(source) == ".pcd" else ()
-        expect_kind(source, "depth", "range grid", *clouds, verb="depth")
+        narrow = ("picture",) if is_disparity_unit(unit) else ()  # they may have 8 bits
+        expect_kind(source, "depth", "range grid", *clouds, *narrow, verb="depth")
         check_output(output, WRITABLE, force=force)
         sequence = _sequence.get()
         if stable and sequence is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -80,10 +81,13 @@ def read_depth(
 
 
 def read_stored_depth(
-    path: str | os.PathLike[str], *, max_pixels: int = MOST_PIXELS
+    path: str | os.PathLike[str], *, max_pixels: int = MOST_PIXELS, may_be_narrow: bool = False
 ) -> NDArray[Any]:
-    """Read a depth image's numbers as they are stored, in whatever unit; as `read_depth`."""
-    return _read(path, max_pixels, decode_depth)
+    """Read a depth image's numbers as they are stored, in whatever unit; as `read_depth`.
+
+    Images of 8 bits are refused unless they ``may_be_narrow``.
+    """
+    return _read(path, max_pixels, partial(decode_depth, may_be_narrow=may_be_narrow))
 
 
 def _read(

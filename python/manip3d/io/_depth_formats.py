@@ -26,8 +26,11 @@ _PNG_OR_TIFF = (b"\x89PNG\r\n\x1a\n", b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 HEADER_BYTES = 1 << 20  # beside the pixels: headers, colour profiles, text
 
 
-def decode_depth(data: bytes, max_pixels: int) -> NDArray[Any]:
+def decode_depth(data: bytes, max_pixels: int, *, may_be_narrow: bool = False) -> NDArray[Any]:
     """Return the numbers of a depth image's file, (H, W), as they are stored.
+
+    Numbers of 8 bits are a picture of depths more often than depths: a PNG, TIFF or PGM of them is
+    read where ``may_be_narrow`` says so.
 
     Raises
     ------
@@ -39,9 +42,10 @@ def decode_depth(data: bytes, max_pixels: int) -> NDArray[Any]:
     if data.startswith(b"\x93NUMPY"):
         return _depth_of_npy(data, max_pixels)
     if re.match(rb"P5[\s#]", data):
-        return _read_pgm(data, max_pixels)
+        return _read_pgm(data, max_pixels, may_be_narrow)
     if data.startswith(_PNG_OR_TIFF):
-        return _read_with_pillow(data, max_pixels)
+        stored = _read_with_pillow(data, max_pixels, ("L",) if may_be_narrow else ())
+        return stored.astype(np.uint16) if stored.dtype == np.uint8 else stored
     if re.match(rb"P[fF]\s", data):
         return _read_pfm(data, max_pixels)
     if data.startswith(b"PK"):
@@ -81,21 +85,22 @@ _PGM_HEADER = re.compile(
 )
 
 
-def _read_pgm(data: bytes, max_pixels: int) -> NDArray[np.uint16]:
+def _read_pgm(data: bytes, max_pixels: int, may_be_narrow: bool) -> NDArray[np.uint16]:
     header = _PGM_HEADER.match(data, 0, 8192)
     if header is None:
         raise FormatError("expected a PGM header 'P5 WIDTH HEIGHT MAXIMUM'", byte_offset=0)
     columns, rows, largest = (int(field) for field in header.groups())
     _checked_size(rows, columns, max_pixels)
-    if not 255 < largest < 65536:
+    if not (0 if may_be_narrow else 255) < largest < 65536:
         raise FormatError(f"expected a PGM of 16 bits (maximum 256 to 65535), got {largest}")
-    size = 2 * rows * columns
+    dtype = np.dtype(">u2" if largest > 255 else np.uint8)
+    size = dtype.itemsize * rows * columns
     if len(data) - header.end() < size:
         raise FormatError(
             f"expected {size} bytes of pixels, got {len(data) - header.end()}",
             byte_offset=header.end(),
         )
-    pixels = np.frombuffer(data, ">u2", rows * columns, header.end()).reshape(rows, columns)
+    pixels = np.frombuffer(data, dtype, rows * columns, header.end()).reshape(rows, columns)
     if pixels.max() > largest:
         raise FormatError(f"expected values up to {largest}, got {pixels.max()}")
     return pixels.astype(np.uint16)
@@ -283,7 +288,8 @@ def _read_with_pillow(
                 if image.mode in color_modes:
                     return _brightest_channel(data, image)
                 if not image.mode.startswith("I;16") and image.mode not in ("I", "F"):
-                    kinds = "8 or 16 bits of grey, or colours" if color_modes else "16 bits of grey"
+                    bits = "8 or 16 bits" if narrow_modes else "16 bits"
+                    kinds = f"{bits} of grey, or colours" if color_modes else f"{bits} of grey"
                     raise FormatError(f"expected {kinds}, got mode {image.mode}")
                 stored = np.array(image)
                 has_more = _has_more(image)

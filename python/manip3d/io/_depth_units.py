@@ -211,7 +211,8 @@ def read_depth_guessing(
         ``guess``, one of `DEPTH_UNITS`, the number of units per metre, or ``disparity:FB`` for the
         disparities d of a stereo pair, whose depth is FB / d: FB is the focal length in the units
         of d, pixels or a part of them, times the baseline in metres. With ``disparity:FB,DOFFS`` it
-        is FB / (d + DOFFS). 0 and less is not a measurement.
+        is FB / (d + DOFFS). 0 and less is not a measurement. Only disparities may have 8 bits, as
+        those of Middlebury's older pairs.
     max_pixels : int
         Larger images are refused before anything is allocated for them.
 
@@ -235,7 +236,13 @@ def read_depth_guessing(
     >>> io.read_depth_guessing("depth.npy").unit
     'mm'
     """
-    return depth_reading(read_stored_depth(path, max_pixels=max_pixels), unit, os.fspath(path))
+    may_be_narrow = is_disparity_unit(unit)
+    stored = read_stored_depth(path, max_pixels=max_pixels, may_be_narrow=may_be_narrow)
+    return depth_reading(stored, unit, os.fspath(path))
+
+
+def is_disparity_unit(unit: str | float) -> bool:
+    return isinstance(unit, str) and unit.startswith(_DISPARITY)
 
 
 def depth_reading(stored: NDArray[Any], unit: str | float, source: str) -> DepthReading:
