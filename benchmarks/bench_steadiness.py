@@ -130,7 +130,8 @@ def print_simulated(frames: int, scenes: Sequence[int]) -> None:
                 plane = quantiles(found["plane"], 1e3, 0.5, 0.95)
                 still.append([name, kind, f"{100 * found['tracking']:.0f}", *plane, *ratios])
                 swayed = run_simulated({**scene, **noise, "sway": 20.0})
-                moving.append([name, kind, f"{1e3 * swayed['lag']:.0f}"])
+                share = f"{100 * swayed['tracking']:.0f}"
+                moving.append([name, kind, share, f"{1e3 * swayed['lag']:.0f}"])
     head = [
         "simulated",
         "jitter",
@@ -143,7 +144,7 @@ def print_simulated(frames: int, scenes: Sequence[int]) -> None:
         "95 %",
     ]
     print(tables.table(head, still))
-    print(tables.table(["simulated, swaying", "jitter", "lag, ms"], moving))
+    print(tables.table(["simulated, swaying", "jitter", "tracking", "lag, ms"], moving))
 
 
 def print_rest(trials: str) -> None:

@@ -212,6 +212,51 @@ def test_a_shoulder_that_is_told_wrong_once_does_not_turn_the_plane() -> None:
         assert degrees_off(pipeline.process(seen(truth, number, told=told)), truth) < 5.0
 
 
+# What a Kinect V1 told of a person who sat down, leaning over the knees: for four frames its
+# skeleton collapsed, and neck and shoulders sank to the hips. Centimetres in the trunk (to the left,
+# up the spine, forward), of these joints.
+COLLAPSING = (
+    "SpineBase", "SpineMid", "SpineShoulder", "Neck", "ShoulderLeft", "ShoulderRight", "HipLeft",
+    "HipRight",
+)  # fmt: skip
+COLLAPSE = (
+    ((-7, -4, -1), (-8, -8, -1), (-13, -33, -2), (-9, -28, -5), (3, -22, -9), (-1, -5, 0),
+     (-2, -5, 4), (-3, 3, 2)),
+    ((-10, -6, -1), (-10, -12, -2), (-10, -39, -4), (-7, -35, -7), (4, -29, -11), (-2, -14, -2),
+     (-4, -6, 4), (-7, 2, 8)),
+    ((0, -10, -3), (-2, -15, -3), (-11, -42, -3), (-8, -37, -7), (-20, -22, 0), (-2, -26, -8),
+     (-2, -5, -4), (9, 1, 3)),
+    ((5, -1, -3), (5, -7, -2), (4, -35, -2), (4, -30, -5), (10, -21, -11), (-3, -31, -11),
+     (4, -3, -6), (6, 1, 5)),
+)  # fmt: skip
+
+
+def collapsed(truth: Skeleton, step: int) -> Skeleton:
+    """The skeleton in a frame of the collapse."""
+    positions = truth.positions.astype(float)
+    up = positions[JOINTS.index("SpineShoulder")] - positions[JOINTS.index("SpineBase")]
+    up /= np.linalg.norm(up)
+    left = positions[JOINTS.index("ShoulderLeft")] - positions[JOINTS.index("ShoulderRight")]
+    left -= (left @ up) * up
+    left /= np.linalg.norm(left)
+    axes = np.stack([left, up, np.cross(left, up)])
+    joints = [JOINTS.index(name) for name in COLLAPSING]
+    positions[joints] += np.array(COLLAPSE[step]) / 100.0 @ axes
+    return replace(truth, positions=positions.astype(np.float32))
+
+
+def test_a_skeleton_that_collapses_for_some_frames_does_not_turn_the_plane() -> None:
+    """No body turns so that its joints lie otherwise to each other than before."""
+    rng = np.random.default_rng(1)
+    pipeline = PhantomPipeline("right_arm")
+    for number in range(36):
+        truth = pose()
+        is_whole = not 24 <= number < 24 + len(COLLAPSE)
+        told = jittered(truth if is_whole else collapsed(truth, number - 24), rng, 0.005)
+        result = pipeline.process(seen(truth, number, told=told, camera=KINECT))
+        assert degrees_off(result, truth) < 3.0, number
+
+
 def test_five_frames_a_second_are_enough_for_a_swaying_body() -> None:
     rng = np.random.default_rng(1)
     pipeline = PhantomPipeline("right_arm")

@@ -2,6 +2,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
+#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 #include <initializer_list>
@@ -612,7 +613,40 @@ bool TrunkTracker::has_jumped(const Skeleton& joints, double elapsed) const {
   const Eigen::Vector3d foreseen = rotation * across_;
   const double cosine = foreseen.dot(across->direction);
   const double turn = std::atan2(foreseen.cross(across->direction).norm(), cosine);
-  return turn > std::max(kMostJump, kSureJump * across->jitter);
+  return turn > std::max(kMostJump, kSureJump * across->jitter) &&
+         off_as_a_whole(joints) < kJointScale;
+}
+
+/// Mean distance of the tracked joints from where they are in the trunk, metres, once the trunk is
+/// laid onto them [Kabsch, "A solution for the best rotation to relate two sets of vectors", 1976].
+double TrunkTracker::off_as_a_whole(const Skeleton& joints) const {
+  std::array<Eigen::Vector3d, kTrunkJoints.size()> places, told;
+  std::size_t count = 0;
+  Eigen::Vector3d place_sum = Eigen::Vector3d::Zero(), told_sum = Eigen::Vector3d::Zero();
+  for (const Joint joint : kTrunkJoints) {
+    const JointMean& mean = joints_[static_cast<std::size_t>(joint)];
+    if (mean.weight == 0.0 || !is_usable(joints, joint)) continue;
+    if (joints.state(joint) != TrackingState::kTracked) continue;
+    place_sum += places[count] = place_of(joint, pelvis_.turn);
+    told_sum += told[count] = joints[joint].cast<double>();
+    ++count;
+  }
+  if (count == 0) return 0.0;
+  const auto n = static_cast<double>(count);
+  const Eigen::Vector3d place_mean = place_sum / n, told_mean = told_sum / n;
+  Eigen::Matrix3d products = Eigen::Matrix3d::Zero();
+  for (std::size_t i = 0; i < count; ++i) {
+    products += (told[i] - told_mean) * (places[i] - place_mean).transpose();
+  }
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(products, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  const Eigen::Matrix3d u = svd.matrixU(), v = svd.matrixV();
+  const Eigen::Vector3d hand(1.0, 1.0, (u * v.transpose()).determinant() < 0.0 ? -1.0 : 1.0);
+  const Eigen::Matrix3d rotation = u * hand.asDiagonal() * v.transpose();
+  double off = 0.0;
+  for (std::size_t i = 0; i < count; ++i) {
+    off += (told[i] - told_mean - rotation * (places[i] - place_mean)).norm();
+  }
+  return off / n;
 }
 
 /// How far the plane is turned about the spine against the shoulders and hips that were tracked

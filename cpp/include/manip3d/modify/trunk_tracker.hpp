@@ -54,7 +54,8 @@ std::optional<BodyFrame> trunk_frame(const Skeleton& skeleton, Limb limb,
 /// of a quarter of a second, in the images or in the joints alone, the joints tell the trunk anew.
 /// If the plane is turned against the shoulders and hips of the last tenth of a second by more than
 /// they err, the turn is part of its deviation, and after 0.3 seconds the joints are believed.
-/// Joints that jump by a turn from one frame to the next say where the surface is looked for.
+/// Joints that jump by a turn from one frame to the next say where the surface is looked for, if
+/// they lie as they lie in the trunk: a skeleton that collapses tells no turn.
 class TrunkTracker {
  public:
   explicit TrunkTracker(Limb affected);
@@ -169,6 +170,7 @@ class TrunkTracker {
   void compare_hips(const Skeleton& joints, double elapsed);
   [[nodiscard]] std::optional<Across> tracked_across(const Skeleton& joints) const;
   [[nodiscard]] bool has_jumped(const Skeleton& joints, double elapsed) const;
+  [[nodiscard]] double off_as_a_whole(const Skeleton& joints) const;
   [[nodiscard]] Skeleton mean_skeleton(const Pose& pose) const;
   void measure_symmetry(const DepthView& depth, const PixelRays& rays, const Intrinsics& camera);
   [[nodiscard]] double correlation() const;
