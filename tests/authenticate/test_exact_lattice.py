@@ -40,6 +40,25 @@ def said(frame: LidarFrame, **more: int) -> Inspection:
     return inspect(frame, power=bool(more), **more)  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("points", [8, 9, 20])
+def test_a_line_that_no_point_is_exactly_on_is_none_of_a_laser(points: int) -> None:
+    scan = exact_scan(ouster(), labelled=True)  # an Ouster whose lowest laser sees its own case
+    assert scan.ring is not None
+    lowest = np.flatnonzero(scan.ring == scan.ring.max())
+    there = np.ones(scan.num_points, bool)
+    there[lowest[points:]] = False
+    moved = scan.points.copy()
+    moved[lowest[:points], 2] += np.resize([-6e-4, 6e-4], points)
+    lattice = estimate_lattice(
+        LidarFrame(moved[there], ring=scan.ring[there], origin=(0.0, 0.0, 0.0))
+    )
+    assert lattice.is_exact
+    assert np.isfinite([lattice.slope_error, lattice.center]).all()
+    slope = np.tan(np.radians(ouster().elevation))
+    np.testing.assert_allclose(lattice.slope[:31], slope[:31], atol=2e-6)
+    assert (lattice.slope_error[31:] > 1e-4).all()  # one point tells no slope
+
+
 @pytest.mark.parametrize("labelled", [False, True])
 def test_the_lattice_of_an_exact_scan(unit: Unit, labelled: bool) -> None:
     scan = exact_scan(unit, labelled=labelled)

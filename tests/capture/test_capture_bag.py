@@ -330,7 +330,11 @@ def test_damaged_messages_of_livox_are_refused_or_have_bytes_for_what_they_say(
 
 @pytest.mark.parametrize(("kind", "driver"), [
     ("velodyne_msgs/msg/VelodyneScan", "velodyne_pointcloud"),
-    ("ouster_sensor_msgs/msg/PacketMsg", "ouster_ros"),
+    ("ouster_sensor_msgs/msg/PacketMsg", r"ouster_ros \(its launch file replay\)"),
+    ("hesai_lidar/msg/PandarScan", "hesai_lidar"),  # General_ROS; Swift_ROS has pandar_msgs
+    ("pandar_msgs/msg/PandarScan", "pandar_pointcloud"),
+    ("rslidar_msg/msg/RslidarScan", r"rslidar_sdk \(msg_source: 2 in its config.yaml\)"),
+    ("robosense_msgs/msg/RobosenseScan", "nebula"),
 ])  # fmt: skip
 def test_bags_of_packets_say_what_makes_clouds_of_them(
     tmp_path: Path, kind: str, driver: str

@@ -771,7 +771,8 @@ def _exact_lattice(
         rows[np.abs(z[rows] - slope[k] * rho[rows] - offset[k]) < EXACT_TOLERANCE]
         for k, rows in enumerate(members)
     ]
-    kept = _one_below_the_other(slope, on)
+    # A line that no point is on to what single precision leaves is none of a laser.
+    kept = [k for k in _one_below_the_other(slope, on) if len(on[k])]
     slope, offset, on = slope[kept], offset[kept], [on[k] for k in kept]
     if sum(map(len, on)) < LEAST_EXACT * len(rho):
         return None
@@ -933,12 +934,19 @@ def _off_the_steps(
 def _trust(
     rho: Floats, z: Floats, members: Sequence[NDArray[np.intp]], slope: Floats, offset: Floats
 ) -> tuple[Floats, Floats]:
-    """Mean distance of each line's points, and the standard error of its slope."""
-    center, error = np.zeros(len(slope)), np.zeros(len(slope))
+    """Mean distance of each line's points, and the standard error of its slope.
+
+    The error is 1 where all points of a line are equally far, which leaves its slope open.
+    """
+    center, error = np.zeros(len(slope)), np.ones(len(slope))
     for k, rows in enumerate(members):
+        if not len(rows):
+            continue
+        center[k] = rho[rows].mean()
+        if np.ptp(rho[rows]) == 0.0:
+            continue
         spread = rho[rows] - rho[rows].mean()
         noise = z[rows] - slope[k] * rho[rows] - offset[k]
-        center[k] = rho[rows].mean()
         error[k] = math.sqrt(noise.var() / (spread * spread).sum())
     return center, error
 

@@ -45,14 +45,18 @@ _LIDARS = (
 )
 """Messages with a LiDAR's points."""
 _PACKETS = {
-    "velodyne_msgs/VelodyneScan": "the node velodyne_pointcloud",
-    "ouster_ros/PacketMsg": "the node ouster_ros",
-    "ouster_sensor_msgs/PacketMsg": "the node ouster_ros",
-    "pandar_msgs/PandarScan": "the node hesai_ros_driver",
-    "hesai_ros_driver/UdpFrame": "the node hesai_ros_driver",
-    "rslidar_msg/RslidarPacket": "the node rslidar_sdk",
-    "rslidar_msgs/rslidarScan": "the node rslidar_pointcloud",
-    "nebula_msgs/NebulaPackets": "the node nebula_ros",
+    "velodyne_msgs/VelodyneScan": "the package velodyne_pointcloud",
+    "ouster_ros/PacketMsg": "the package ouster_ros (its launch file replay)",
+    "ouster_msgs/PacketMsg": "the package ouster_ros (its launch file replay)",
+    "ouster_sensor_msgs/PacketMsg": "the package ouster_ros (its launch file replay)",
+    "pandar_msgs/PandarScan": "the package pandar_pointcloud",
+    "hesai_lidar/PandarScan": "the package hesai_lidar",
+    "hesai_ros_driver/UdpFrame": "the package hesai_ros_driver",
+    "rslidar_msg/RslidarPacket": "the package rslidar_sdk (msg_source: 2 in its config.yaml)",
+    "rslidar_msg/RslidarScan": "the package rslidar_sdk (msg_source: 2 in its config.yaml)",
+    "rslidar_msgs/rslidarScan": "the package rslidar_pointcloud",
+    "robosense_msgs/RobosenseScan": "the driver nebula",
+    "nebula_msgs/NebulaPackets": "the driver nebula",
 }
 """Messages with packets that the scanner's driver makes points of."""
 _IMAGE = b"type=sensor_msgs/Image"
