@@ -20,7 +20,7 @@ from manip3d.authenticate import (
     inspect,
     kitti_lattice,
 )
-from manip3d.authenticate._lattice import _one_below_the_other
+from manip3d.authenticate._lattice import _exact_steps, _one_below_the_other
 from real_data import RealData
 
 UNITS = {"hesai": hesai(), "ouster": ouster()}
@@ -57,6 +57,25 @@ def test_a_line_that_no_point_is_exactly_on_is_none_of_a_laser(points: int) -> N
     slope = np.tan(np.radians(ouster().elevation))
     np.testing.assert_allclose(lattice.slope[:31], slope[:31], atol=2e-6)
     assert (lattice.slope_error[31:] > 1e-4).all()  # one point tells no slope
+
+
+@pytest.mark.parametrize("seed", [1, 2, 4, 6])
+def test_a_laser_that_meets_two_walls_only_has_its_own_lateral_distance(seed: int) -> None:
+    """58 points at 4.4 and 9.1 m, as an OS0-8's highest laser had: two distances explain them."""
+    random = np.random.default_rng(seed)
+    steps = 2048
+    rho = [random.uniform(2.0, 40.0, 400) for _ in range(7)]
+    walls = random.normal(4.42, 0.045, 12), random.normal(9.11, 0.11, 44)
+    rho.append(np.concatenate([[0.75], *walls, [10.73]]))
+    lateral, azimuth = random.uniform(0.004, 0.006, 8), random.uniform(0.0, 2e-3, 8)
+    ring = np.repeat(np.arange(8), [len(each) for each in rho])
+    far = np.concatenate(rho)
+    count = random.integers(0, steps, len(far))
+    angle = azimuth[ring] + 2.0 * np.pi / steps * count + np.arcsin(lateral[ring] / far)
+    angle = np.mod(angle + random.normal(0.0, 2e-7, len(far)), 2.0 * np.pi)
+    found = _exact_steps(far, angle, [np.flatnonzero(ring == k) for k in range(8)])
+    assert found[0] == steps
+    np.testing.assert_allclose(found[1], lateral, atol=1e-5)
 
 
 @pytest.mark.parametrize("labelled", [False, True])

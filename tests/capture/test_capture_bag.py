@@ -348,3 +348,7 @@ def test_bags_of_packets_say_what_makes_clouds_of_them(
     assert capture.holds_clouds(path)
     with pytest.raises(FormatError, match=f"it holds .*{driver} makes clouds of these packets"):
         list(capture.open(f"bag:{path}"))
+    if kind.startswith("ouster"):
+        (file,) = path.glob("*.mcap")
+        with pytest.raises(FormatError, match=f"ouster:{file} reads these packets"):
+            list(capture.open(f"bag:{file}"))

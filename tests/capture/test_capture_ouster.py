@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from manip3d import Error, InputError, capture
+from manip3d import Error, FormatError, InputError, capture
 from real_data import RealData
 
 pytest.importorskip("ouster.sdk", reason="the extra 'ouster' is not installed")
@@ -55,7 +55,10 @@ def test_damaged_recordings(realdata: RealData, tmp_path: Path) -> None:
         capture.open(f"ouster:{path}")
     shutil.copy(folder / metadata, tmp_path / "a.json")
     assert len(list(capture.open(f"ouster:{path}"))) == 1
-    for data in (b"", b"abc", whole[:100], whole[: len(whole) // 2], bytes(5000)):
+    path.write_bytes(b"")
+    with pytest.raises(FormatError, match="the file is empty"):
+        capture.open(f"ouster:{path}")
+    for data in (b"abc", whole[:100], whole[: len(whole) // 2], bytes(5000)):
         path.write_bytes(data)
         try:
             frames = list(capture.open(f"ouster:{path}"))
@@ -66,3 +69,34 @@ def test_damaged_recordings(realdata: RealData, tmp_path: Path) -> None:
     (tmp_path / "a.json").write_text("{}")
     with pytest.raises(Error):
         list(capture.open(f"ouster:{path}"))
+
+
+@pytest.fixture
+def osf(realdata: RealData, tmp_path: Path) -> Path:
+    """An Ouster's own recording, made of packets by its own software."""
+    sdk = pytest.importorskip("ouster.sdk.osf")
+    folder = realdata("lidar/packets/ouster")
+    name, metadata = "OS-0-32-U1_v2.2.0_1024x10.pcap", "OS-0-32-U1_v2.2.0_1024x10.json"
+    from ouster.sdk import open_source
+
+    packets = open_source(str(folder / name), meta=[str(folder / metadata)])
+    path = tmp_path / "one.osf"
+    with sdk.Writer(str(path), packets.sensor_info) as writer:
+        for frames in packets:
+            writer.save(0, frames[0])
+    return path
+
+
+def test_osf_files_are_read_as_their_packets(realdata: RealData, osf: Path) -> None:
+    folder = realdata("lidar/packets/ouster")
+    name, metadata = "OS-0-32-U1_v2.2.0_1024x10.pcap", "OS-0-32-U1_v2.2.0_1024x10.json"
+    (expected,) = capture.open(f"ouster:{folder / name}", metadata=folder / metadata)
+    assert capture.scan_address(str(osf)) == f"ouster:{osf}"
+    (found,) = capture.open(f"ouster:{osf}")
+    np.testing.assert_array_equal(found.points, expected.points)
+    np.testing.assert_array_equal(found.intensity, expected.intensity)
+    (first,) = capture.open(f"ouster:{osf}#0")
+    assert first.num_points == found.num_points
+    for sensor in ("#1", "#-1", "#x"):
+        with pytest.raises(InputError, match="#0, one of the sensors of the recording"):
+            capture.open(f"ouster:{osf}{sensor}")

@@ -207,6 +207,17 @@ def test_packets_of_no_scanner_are_said_to_be_so(tmp_path: Path) -> None:
     assert "an Ouster's recording needs its JSON file" in str(done.exception)
 
 
+@pytest.mark.parametrize("verb", ["info", "convert"])
+def test_packets_without_a_scan_are_told_by_all_commands(tmp_path: Path, verb: str) -> None:
+    recording = tmp_path / "a.pcap"
+    recording.write_bytes(pcap([ethernet(udp_frame(b"noise"))] * 3))
+    output = ("-o", str(tmp_path / "drive")) if verb == "convert" else ()
+    done = CliRunner().invoke(app, [verb, str(recording), *output])
+    assert done.exit_code == 1
+    assert "found none; counted: bad length 3" in str(done.exception)
+    assert not (tmp_path / "drive").exists()
+
+
 def test_a_recording_that_is_cut_off_keeps_its_verdict(
     frames: list[manip3d.LidarFrame], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -433,6 +433,7 @@ def test_missing_packages_of_recordings(tmp_path: Path, monkeypatch: pytest.Monk
     with pytest.raises(MissingExtraError, match=r"manip3d\[velodyne\]"):
         capture.read_velodyne_calibration(tmp_path / "c.yaml")
     monkeypatch.setitem(sys.modules, "ouster", None)
+    monkeypatch.setitem(sys.modules, "ouster.sdk", None)  # which an earlier test may have imported
     with pytest.raises(MissingExtraError, match=r"manip3d\[ouster\]"):
         capture.open(f"ouster:{tmp_path / 'a.pcap'}")
 

@@ -223,6 +223,33 @@ def test_packets_beside_the_metadata_of_an_ouster_are_its(tmp_path: Path) -> Non
     assert capture.scan_address(recording) == f"pcap:{recording}"
 
 
+@pytest.mark.parametrize(
+    ("name", "metadata", "is_found"),
+    [
+        ("a.pcap", "a_0.json", True),  # as Ouster's own programs write it
+        ("os1_v2_1024x10_lb_n3.pcap", "os1_v2_1024x10.json", True),  # a part that was cut out
+        ("a.pcap", "b.json", False),
+        ("ab.pcap", "a.json", False),
+        ("a.pcap", "a_b.json", False),
+    ],
+)
+def test_metadata_of_an_ouster_is_found_by_its_name(
+    tmp_path: Path, name: str, metadata: str, is_found: bool
+) -> None:
+    recording = str(tmp_path / name)
+    (tmp_path / metadata).write_text('{"beam_intrinsics": {"beam_altitude_angles": [1.0]}}')
+    scheme = "ouster" if is_found else "pcap"
+    assert capture.scan_address(recording) == f"{scheme}:{recording}"
+
+
+def test_recordings_of_an_ouster_have_its_address(tmp_path: Path) -> None:
+    recording = tmp_path / "a.osf"
+    assert capture.scan_address(str(recording)) == f"ouster:{recording}"
+    recording.touch()
+    assert capture.scan_address(f"{recording}#1") == f"ouster:{recording}#1"
+    assert kind_of(str(recording)) == "scan"
+
+
 def test_depth_images_open_with_and_without_a_camera(tmp_path: Path) -> None:
     np.save(tmp_path / "d.npy", bumps())
     opened = open_thing(tmp_path / "d.npy")

@@ -125,6 +125,9 @@ MOST_SEARCHED = 300
 LIKELY = 4
 """Places of the grid that are kept of that search."""
 
+TRIED_AGAIN = 16
+"""Places of the grid that a laser's fit begins at where it fails from the likeliest one."""
+
 MOST_POINTS = 1000
 """Points of a ring (twice as many at most) by which the best of these places is chosen. A ring that
 mostly meets the road has all but one distance, and few points tell the places apart."""
@@ -841,8 +844,38 @@ def _exact_steps(
         first = np.array(_first_encoders(rho, angle, members, steps)).reshape(-1, 2)
         lateral, azimuth = _fit_all_beside(rho, angle, members, first[:, 0], first[:, 1], steps)
         if _share_on_steps(rho, angle, members, lateral, azimuth, steps) >= LEAST_EXACT:
+            for k, rows in enumerate(members):
+                start = float(lateral[k]), float(azimuth[k])
+                lateral[k], azimuth[k] = _fit_again(rho[rows], angle[rows], steps, *start)
             return steps, lateral, azimuth
     return 0, zero, zero
+
+
+def _fit_again(
+    rho: Floats, angle: Floats, steps: int, lateral: float, azimuth: float
+) -> tuple[float, float]:
+    """The fit of `_fit_beside` from other places of the grid, if many points are off the given one.
+
+    Points at two distances only, as of a laser that looks over the roofs, leave several lateral
+    distances nearly as likely; the right one has the points on the steps.
+    """
+
+    def share_on_steps(fit: tuple[float, float]) -> float:
+        off = _off_the_steps(rho, angle, *fit, steps)
+        return float(np.mean(np.abs(off) < EXACT_TOLERANCE))
+
+    best = lateral, azimuth
+    if len(rho) < FEWEST_LABELLED or share_on_steps(best) >= LEAST_EXACT:
+        return best
+    some = slice(None, None, max(1, len(rho) // MOST_SEARCHED))
+    waves = np.exp(1j * steps * (angle[some] - LATERALS[:, None] / rho[some])).mean(axis=1)
+    for place in np.argsort(-np.abs(waves), kind="stable")[:TRIED_AGAIN]:
+        start = float(LATERALS[place]), float(np.angle(waves[place])) / steps
+        fit = _fit_beside(rho, angle, steps, *start)
+        best = max(best, fit, key=share_on_steps)
+        if share_on_steps(best) >= LEAST_EXACT:
+            break
+    return best
 
 
 def _fit_all_beside(

@@ -11,8 +11,10 @@ from manip3d.errors import FormatError
 from manip3d.io._files import limited_bytes
 from manip3d.io._scan_tables import scan_suffix
 
-_PACKETS = (".pcap", ".pcapng")
+PACKETS = (".pcap", ".pcapng")
+"""Suffixes of recordings of UDP packets."""
 _BAGS = (".mcap", ".db3")
+_OUSTER = ".osf"
 _LIDAR_SCHEMES = ("pcap:", "ouster:", "kitti:", "velodyne:", "bag:")
 _SCHEME = re.compile(r"[a-z][a-z0-9-]+:")  # of two characters at least: C:\scan.pcd is a file
 _METADATA_BYTES = 1 << 20  # of an Ouster's JSON file, which has about 10 kB
@@ -25,8 +27,10 @@ def scan_address(source: str) -> str | None:
     Parameters
     ----------
     source : str
-        A file, a folder or an address; a bag also with one of its topics, as ``drive.bag#/top``.
-        A ``.pcap`` beside an Ouster's JSON file of the same name is read as an Ouster's.
+        A file, a folder or an address; a bag also with one of its topics, as ``drive.bag#/top``,
+        an Ouster's recording with the number of one of its sensors, as ``drive.osf#1``. A
+        ``.pcap`` beside an Ouster's JSON file is read as an Ouster's: ``drive.json``,
+        ``drive_0.json``, or the longest name that its own begins with, before a ``_``.
 
     Returns
     -------
@@ -51,12 +55,15 @@ def scan_address(source: str) -> str | None:
     """
     if source.startswith(_LIDAR_SCHEMES):
         return source
-    if scan_suffix(source) in _PACKETS:
-        return f"{'ouster' if _has_ouster_metadata(Path(source)) else 'pcap'}:{source}"
+    if scan_suffix(source) == _OUSTER:
+        return f"ouster:{source}"
+    if scan_suffix(source) in PACKETS:
+        return f"{'pcap' if ouster_metadata(Path(source)) is None else 'ouster'}:{source}"
     file, mark, topic = source.rpartition("#")
     if mark and topic and not Path(source).exists() and Path(file).exists():
         address = scan_address(file)
-        return f"{address}#{topic}" if address and address.startswith("bag:") else None
+        takes_part = address and address.startswith(("bag:", "ouster:"))
+        return f"{address}#{topic}" if takes_part else None
     path = Path(source)
     is_bag = scan_suffix(source) in _BAGS or is_ros2(path) or _is_ros1(path)
     if is_bag and (not path.exists() or holds_clouds(path)):
@@ -65,13 +72,27 @@ def scan_address(source: str) -> str | None:
     return f"kitti:{source}" if is_drive else None
 
 
-def _has_ouster_metadata(recording: Path) -> bool:
-    """Whether a sensor's JSON file, which only Ouster's recordings need, lies beside this one."""
+def ouster_metadata(recording: Path) -> Path | None:
+    """Return the JSON file of an Ouster's recording, which only its packets need; None without one.
+
+    Ouster's programs write ``drive.json`` or, by the sensor's number, ``drive_0.json`` beside
+    ``drive.pcap``; a part of it that was cut out is called ``drive_part.pcap``.
+    """
     try:
-        metadata = limited_bytes(recording.with_suffix(".json"), _METADATA_BYTES)
-    except (FormatError, OSError, ValueError):  # ValueError: a name with a zero byte
+        beside = {file.stem: file for file in recording.parent.glob("*.json")}
+    except (OSError, ValueError):  # ValueError: a name with a zero byte
+        return None
+    begins = [name for name in beside if recording.stem.startswith(f"{name}_")]
+    names = [recording.stem, f"{recording.stem}_0", *sorted(begins, key=len, reverse=True)]
+    files = (beside[name] for name in names if name in beside)
+    return next((file for file in files if _is_ouster_metadata(file)), None)
+
+
+def _is_ouster_metadata(file: Path) -> bool:
+    try:
+        return b'"beam_altitude_angles"' in limited_bytes(file, _METADATA_BYTES)
+    except (FormatError, OSError):
         return False
-    return b'"beam_altitude_angles"' in metadata
 
 
 def _is_ros1(path: Path) -> bool:

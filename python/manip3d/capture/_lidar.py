@@ -135,8 +135,10 @@ def open_lidar(
     uri : str
         ``pcap:FILE`` (pcap or pcapng, also ``.gz`` and ``.xz``), or
         ``velodyne:[ADDRESS:]PORT``, which listens on an address of this machine (127.0.0.1;
-        0.0.0.0 for a sensor on the network; port 2368; 0: a free one), or ``ouster:FILE`` (a pcap
-        of an Ouster, through ouster-sdk; of the options below only ``metadata`` is for it), or
+        0.0.0.0 for a sensor on the network; port 2368; 0: a free one), or ``ouster:FILE[#N]``
+        (packets of an Ouster in a pcap or a ROS bag, or an ``.osf``, through ouster-sdk; of the
+        options below only ``metadata`` is for it; N: the sensor, from 0, where there are several),
+        or
         ``kitti:FOLDER`` (`manip3d.datasets.open_kitti`; takes none of them), or
         ``bag:PATH[#TOPIC]``: the PointCloud2 or Livox CustomMsg messages of a ROS bag (a ``.mcap``
         or ``.db3`` file, a ROS 2 bag's folder, a ROS 1 ``.bag``) through rosbags; it takes
@@ -159,7 +161,7 @@ def open_lidar(
     ring_packets : int
         Packets that wait to be read before more are dropped, and counted (live).
     metadata : path, optional
-        The Ouster's JSON file; without it the one beside the recording, of the same name.
+        The Ouster's JSON file; without it the one beside the pcap (see `scan_address`).
     max_bytes : int, optional
         The most uncompressed bytes to read of a recording.
 
@@ -223,7 +225,11 @@ def open_lidar(
     if colon and scheme == "ouster":
         from manip3d.capture._ouster import OusterRecording
 
-        return LidarSource(uri, OusterRecording(path_of(rest, "uri"), metadata), live=False)
+        place, mark, sensor = rest.rpartition("#")
+        if not mark or Path(rest).exists():
+            place, sensor = rest, ""
+        recording = OusterRecording(path_of(place, "uri"), sensor, metadata)
+        return LidarSource(uri, recording, live=False)
     if colon and scheme == "bag":
         from manip3d.capture._bag import BagRecording
         from manip3d.io._limits import byte_limit
@@ -243,7 +249,7 @@ def open_lidar(
         source.start()
         return LidarSource(uri, source, live=True)
     raise InputError(
-        "uri: expected pcap:FILE, ouster:FILE, kitti:FOLDER, bag:PATH[#TOPIC] or "
+        "uri: expected pcap:FILE, ouster:FILE[#N], kitti:FOLDER, bag:PATH[#TOPIC] or "
         f"velodyne:[ADDRESS:]PORT, got {uri!r}"
     )
 
@@ -287,7 +293,7 @@ def expect_scans(
     told = ", ".join(f"{name.replace('_', ' ')} {n}" for name, n in counted.items() if n)
     reason = "expected scans, found none" + (f"; counted: {told}" if told else "")
     scheme, _, place = uri.partition(":")
-    if scheme == "pcap" and counted.get("bad_length"):
+    if scheme == "pcap" and (counted.get("bad_length") or counted.get("file_fragments")):
         reason += "; an Ouster's recording needs its JSON file of the same name beside it"
     raise FormatError(reason, file=place.partition("#")[0] if scheme == "bag" else place)
 

@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d._util.paths import path_of
+from manip3d.capture._addresses import PACKETS, ouster_metadata
 from manip3d.errors import FormatError, InputError, MissingExtraError
 from manip3d.io._files import check_regular
+from manip3d.io._scan_tables import scan_suffix
 from manip3d.lidar import LidarFrame, ScanFormat
 
 if TYPE_CHECKING:
@@ -22,32 +24,39 @@ _NOT_COLUMNS = ("FLAGS", "RANGE")
 
 
 class OusterRecording:
-    """Frames of a pcap file; the same face as the core's sources."""
+    """Frames of one sensor of a recording; the same face as the core's sources."""
 
-    def __init__(self, path: Path, metadata: str | os.PathLike[str] | None) -> None:
-        meta = path.with_suffix(".json") if metadata is None else path_of(metadata, "metadata")
+    def __init__(self, path: Path, sensor: str, metadata: str | os.PathLike[str] | None) -> None:
+        meta = None if metadata is None else path_of(metadata, "metadata")
+        if meta is None and scan_suffix(path.name) in PACKETS:
+            meta = ouster_metadata(path) or path.with_suffix(".json")
         try:
             from ouster.sdk import core, open_source
         except ImportError:
             raise MissingExtraError("ouster-sdk", "ouster") from None
         check_regular(path)  # raises OSError before the parser runs
-        if not meta.is_file():
+        if meta is not None and not meta.is_file():
             raise InputError(f"metadata: expected the sensor's JSON file, {meta} is not there")
+        if path.stat().st_size == 0:
+            raise FormatError("the file is empty", file=str(path))
         self._path, self._core = path, core
         self._uri = f"ouster:{path}"
         self._counters = {"frames": 0, "points": 0, "no_return": 0}
         self._lock = threading.RLock()
-        self._frames = self._guarded(open_source, str(path), meta=[str(meta)])
+        more = {} if meta is None else {"meta": [str(meta)]}
+        self._frames = self._guarded(open_source, str(path), **more)
+        self._sensor = self._number(sensor, len(self._frames.sensor_info))
         self._next = iter(self._frames)
 
     def read(self, timeout_ms: int) -> LidarFrame | bool:
         """The next frame, or False at the end."""
         with self._lock:
-            scans = self._guarded(next, self._next, None)
-            if scans is None:
-                return False
-            # One sensor, one recording: each item is a set of one frame, in older versions a list.
-            scan = scans[0] if hasattr(scans, "__getitem__") else scans
+            scan = None
+            while scan is None:  # sets of frames may lack that of one sensor
+                scans = self._guarded(next, self._next, None)
+                if scans is None:
+                    return False
+                scan = scans[self._sensor] if hasattr(scans, "__getitem__") else scans
             frame: LidarFrame = self._guarded(self._to_frame, scan)
             self._counters["frames"] += 1
             self._counters["points"] += frame.num_points
@@ -57,13 +66,26 @@ class OusterRecording:
         """Frames, points, and firings without a return."""
         return dict(self._counters)
 
+    def _number(self, sensor: str, count: int) -> int:
+        """The place of the sensor that is asked for, in a recording of so many."""
+        if not sensor and count == 1:
+            return 0
+        if sensor.isascii() and sensor.isdecimal() and int(sensor) < count:
+            return int(sensor)
+        last = f" to #{count - 1}" if count > 1 else ""
+        raise InputError(
+            f"uri: expected {self._uri}#0{last}, one of the sensors of the recording; got "
+            + (f"#{sensor}" if sensor else "none")
+        )
+
     def _guarded(self, call: Any, *arguments: Any, **options: Any) -> Any:
         try:
             return call(*arguments, **options)
         except (OSError, MemoryError):
             raise
         except Exception as error:  # whatever the library makes of a damaged file
-            reason = f"damaged Ouster recording: {str(error)[:200]}"
+            said = str(error).rpartition("more details: ")[2].strip()
+            reason = f"damaged Ouster recording: {said[:200]}"
             raise FormatError(reason, file=str(self._path)) from error
 
     def _to_frame(self, scan: Any) -> LidarFrame:
@@ -72,6 +94,7 @@ class OusterRecording:
         returns = list(self._returns(scan, to_xyz))
         names = [name for name in returns[0] if name not in ("points", "REFLECTIVITY", "row")]
         merged = {key: np.concatenate([part[key] for part in returns]) for key in returns[0]}
+        reflectivity = merged.get("REFLECTIVITY")
         received = np.asarray(scan.packet_timestamp)
         received = received[received > 0]
         header = {
@@ -81,7 +104,7 @@ class OusterRecording:
         }
         return LidarFrame(
             points=merged["points"],
-            intensity=merged["REFLECTIVITY"].astype(np.float32),
+            intensity=None if reflectivity is None else reflectivity.astype(np.float32),
             time_ns=int(received.min()) if received.size else None,
             ring=merged["row"],
             origin=(0.0, 0.0, 0.0),

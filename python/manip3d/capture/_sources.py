@@ -100,7 +100,7 @@ def sources() -> tuple[Scheme, ...]:
         Scheme(
             "ouster",
             "FILE",
-            "recorded packets of Ouster LiDARs",
+            "recorded packets of Ouster LiDARs, and .osf",
             "lidar",
             "ouster-sdk is not installed" if ouster else "",
             "pip install 'manip3d[ouster]'" if ouster else "",

@@ -74,7 +74,7 @@ def _overview(summary: Summary, output: str) -> None:
 
 @app.command("run")
 @over_files(
-    lambda: (".pcap", ".pcapng", ".mcap"),
+    lambda: (".pcap", ".pcapng", ".osf", ".mcap"),
     writable=lambda: (".html", ".json"),
     otherwise=".html",
     drives=True,
@@ -88,8 +88,8 @@ def run(
         str,
         typer.Argument(
             metavar="SOURCE",
-            help="A folder of a KITTI drive, a recording of a LiDAR (.pcap, .mcap, a ROS bag), or "
-            "sim:street?seed=0&frames=10 for a simulated drive.",
+            help="A folder of a KITTI drive, a recording of a LiDAR (.pcap, .osf, .mcap, a ROS "
+            "bag), or sim:street?seed=0&frames=10 for a simulated drive.",
         ),
     ],
     key: Annotated[

@@ -172,8 +172,8 @@ def inspect(
             metavar="SOURCE",
             help="A scan: .bin, .pcd, .ply, .3d, .las, .laz, .e57, .npy, .npz or text (.xyz, "
             ".asc, .pts, .txt, .csv); a drive of scans in KITTI's layout, a recording of LiDAR "
-            "packets (.pcap) or of point clouds (.mcap, a ROS bag); or an RGB-D recording: a .mkv "
-            "file, a ROS bag, a recorded folder or an address that 'capture list' shows.",
+            "packets (.pcap, .osf) or of point clouds (.mcap, a ROS bag); or an RGB-D recording: a "
+            ".mkv file, a ROS bag, a recorded folder or an address that 'capture list' shows.",
         ),
     ],
     output: OptionalOutput = None,

@@ -14,7 +14,7 @@ from manip3d.io._scan_files import FOLDER_SUFFIXES, are_points_only, holds_point
 if TYPE_CHECKING:
     from manip3d.batch import SourceFile
 
-_RECORDINGS = (".pcap", ".pcapng", ".mcap", ".bag", ".mkv")
+_RECORDINGS = (".pcap", ".pcapng", ".osf", ".mcap", ".bag", ".mkv")
 _PICTURES = (".jpg", ".jpeg", ".bmp", ".tga", ".gif", ".webp")
 
 SHOWN = ("mesh", "scan", "range grid", "depth", "packets", "recording", "drive")
@@ -76,7 +76,7 @@ def kind_of(source: str) -> str:
         return _kind_of_folder(path)
     path.stat()  # a missing file is an OSError that names it
     suffix = _suffix(path)
-    if suffix in (".pcap", ".pcapng"):
+    if suffix in (".pcap", ".pcapng", ".osf"):
         return "packets"
     if suffix in (".bag", ".mcap", ".db3"):
         from manip3d.capture import holds_clouds

@@ -29,11 +29,12 @@ def frames(
 ) -> Iterator[LidarFrame]:
     """The scans of a file or the frames of a recording, one after the other."""
     from manip3d import capture, io
+    from manip3d.capture._lidar import expect_scans
 
     uri = capture.scan_address(source)
     if uri is not None:
         with capture.open_lidar(uri, calibration=calibration) as recording:
-            yield from recording
+            yield from expect_scans(recording, uri, lambda: recording.counters)
             refused = {k: v for k, v in recording.counters.items() if v and k in _REFUSED}
         terminal.say(f"refused: {refused}" if refused else "nothing was refused")
         return
@@ -50,11 +51,13 @@ _REFUSED = ("bad_length", "unknown_product", "other_product", "unknown_return_mo
 def summary(source: str, terminal: Terminal, calibration: Path | None = None) -> dict[str, Any]:
     """What the scans of a source are made of."""
     from manip3d import capture
+    from manip3d.capture._lidar import expect_scans
 
     uri = capture.scan_address(source)
     if uri is not None:
         recording = capture.open_lidar(uri, calibration=calibration)
-        scans = [_describe(frame) for frame in recording]
+        read = expect_scans(recording, uri, lambda: recording.counters)
+        scans = [_describe(frame) for frame in read]
         return _told(source, scans) | {"counters": recording.counters}
     return _told(source, [_describe(frame) for frame in frames(source, terminal)])
 
@@ -209,10 +212,10 @@ def _write_folder(scans: Iterator[LidarFrame], output: Path, terminal: Terminal)
     from manip3d.io._scan_files import names_left_out
 
     folder = output / "velodyne"
-    folder.mkdir(parents=True, exist_ok=True)
     count_written, times = 0, []
     left_out: dict[str, None] = {}
     for number, scan in enumerate(scans):
+        folder.mkdir(parents=True, exist_ok=True)  # not before there is a scan
         scan.write(folder / f"{number:06d}.bin")
         _tell_of_map(scan, ".bin", terminal)
         left_out |= dict.fromkeys(names_left_out(scan, ".bin"))
