@@ -228,8 +228,8 @@ def open_lidar(
         place, mark, sensor = rest.rpartition("#")
         if not mark or Path(rest).exists():
             place, sensor = rest, ""
-        recording = OusterRecording(path_of(place, "uri"), sensor, metadata)
-        return LidarSource(uri, recording, live=False)
+        ouster = OusterRecording(path_of(place, "uri"), sensor, metadata)
+        return LidarSource(uri, ouster, live=False)
     if colon and scheme == "bag":
         from manip3d.capture._bag import BagRecording
         from manip3d.io._limits import byte_limit

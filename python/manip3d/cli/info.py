@@ -25,9 +25,9 @@ def info(
 ) -> None:
     """Count what a mesh, a scan, a depth image or a recording is made of.
 
-    Recordings are LiDAR packets (.pcap, .osf), ROS bags (.mcap), drives in KITTI's layout, RGB-D frames
-    (.mkv, folders) and what 'capture list' names. Several files make a table: printed, or written
-    with --table.
+    Recordings are LiDAR packets (.pcap, .osf), ROS bags (.mcap), drives in KITTI's layout, RGB-D
+    frames (.mkv, folders) and what 'capture list' names. Several files make a table: printed, or
+    written with --table.
 
     Example: manip3d info scan.bin
     """
