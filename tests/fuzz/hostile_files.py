@@ -162,6 +162,10 @@ def e57_files() -> list[Files]:
     return [written(lambda p: files.write_scans([small_scan(0), small_scan(1)], p), "a.e57")]
 
 
+def ptx_files() -> list[Files]:
+    return [written(lambda p: files.write_scans([small_scan(0), small_scan(1)], p), "a.ptx")]
+
+
 def clouds() -> list[Files]:
     """Organised clouds in a camera's axes and in others, with and without colours."""
     v, u = np.mgrid[:6, :8]
@@ -554,6 +558,7 @@ KINDS = {
         Kind("scan.las", lambda: las_files(".las"), scan),
         Kind("scan.laz", lambda: las_files(".laz"), scan),
         Kind("scan.e57", e57_files, scan),
+        Kind("scan.ptx", ptx_files, scan),
         Kind("cloud", clouds, simplify_cloud),
         Kind("depth", depth_images, lambda d, n: files.read_depth(d / n)),
         Kind("velodyne", calibrations, lambda d, n: capture.read_velodyne_calibration(d / n)),

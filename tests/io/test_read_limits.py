@@ -22,6 +22,7 @@ READERS: dict[str, Any] = {
     "s.las": io.read_scan,
     "s.laz": io.read_scan,
     "s.e57": io.read_scan,
+    "s.ptx": io.read_scan,
     "grid.ply": io.read_range_grid,
     "d.npy": io.read_depth,
     "d.png": io.read_depth_guessing,
@@ -40,7 +41,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rng = np.random.default_rng(0)
     points = rng.uniform(-20, 20, (1500, 3)).astype(np.float32)
     scan = LidarFrame(points=points, intensity=np.ones(1500, np.float32))
-    for name in ("s.bin", "s.pcd", "s.las", "s.laz", "s.e57"):
+    for name in ("s.bin", "s.pcd", "s.las", "s.laz", "s.e57", "s.ptx"):
         try:
             io.write_scan(scan, place / name)
         except ImportError:  # an extra is absent

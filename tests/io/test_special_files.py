@@ -60,6 +60,7 @@ SCANS = (
     ".las",
     ".laz",
     ".e57",
+    ".ptx",
     ".pcd.gz",
     ".ply.xz",
 )
@@ -224,8 +225,8 @@ POINTER = f"version https://git-lfs.github.com/spec/v1\noid sha256:{'4d7a' * 16}
 
 @pytest.mark.parametrize(
     "name",
-    ["a.bin", "a.pcd", "a.ply", "a.csv", "a.las", "a.e57", "a.npy", "a.glb", "a.gltf", "a.obj",
-     "a.stl", "a.png", "a.exr"],
+    ["a.bin", "a.pcd", "a.ply", "a.csv", "a.las", "a.e57", "a.ptx", "a.npy", "a.glb", "a.gltf",
+     "a.obj", "a.stl", "a.png", "a.exr"],
 )  # fmt: skip
 def test_pointers_of_git_lfs_are_named(tmp_path: Path, name: str) -> None:
     file = tmp_path / name

@@ -170,10 +170,11 @@ def inspect(
         str,
         typer.Argument(
             metavar="SOURCE",
-            help="A scan: .bin, .pcd, .ply, .3d, .las, .laz, .e57, .npy, .npz or text (.xyz, "
-            ".asc, .pts, .txt, .csv); a drive of scans in KITTI's layout, a recording of LiDAR "
-            "packets (.pcap, .osf) or of point clouds (.mcap, a ROS bag); or an RGB-D recording: a "
-            ".mkv file, a ROS bag, a recorded folder or an address that 'capture list' shows.",
+            help="A scan: .bin, .pcd, .ply, .3d, .las, .laz, .e57, .ptx, .npy, .npz or text "
+            "(.xyz, .asc, .pts, .txt, .csv); a drive of scans in KITTI's layout, a recording of "
+            "LiDAR packets (.pcap, .osf) or of point clouds (.mcap, a ROS bag); or an RGB-D "
+            "recording: a .mkv file, a ROS bag, a recorded folder or an address that 'capture "
+            "list' shows.",
         ),
     ],
     output: OptionalOutput = None,

@@ -21,7 +21,8 @@ Source = Annotated[
 Scan = Annotated[
     str,
     typer.Argument(
-        metavar="SCAN", help="A scan: .bin, .pcd, .ply, .3d, .las, .laz, .e57 or text (.xyz, ...)."
+        metavar="SCAN",
+        help="A scan: .bin, .pcd, .ply, .3d, .las, .laz, .e57, .ptx or text (.xyz, ...).",
     ),
 ]
 Output = Annotated[

@@ -151,7 +151,7 @@ def show(console: Console, record: dict[str, Any]) -> None:
 
 
 def convert(source: str, output: Path, terminal: Terminal, calibration: Path | None = None) -> None:
-    """A scan to a file; several (recordings, E57) to a folder in KITTI's flat layout, or to E57.
+    """A scan to a file; several (recordings, E57, PTX) to a folder in KITTI's layout, E57 or PTX.
 
     Raises
     ------
@@ -167,9 +167,10 @@ def convert(source: str, output: Path, terminal: Terminal, calibration: Path | N
         _write_folder(scans, output, terminal)
         return
     found = list(scans)
-    if len(found) > 1 and suffix != ".e57":
+    if len(found) > 1 and suffix not in (".e57", ".ptx"):
         raise InputError(
-            f"output: {source} holds {len(found)} scans: name a folder, or a file that ends in .e57"
+            f"output: {source} holds {len(found)} scans: name a folder, or a file that ends in "
+            ".e57 or .ptx"
         )
     io.write_scans(found, output)
     for scan in found:

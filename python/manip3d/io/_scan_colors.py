@@ -30,7 +30,7 @@ NORMALS = {
 """Names of normals by format."""
 _NAMES = {
     "e57": ("colorRed", "colorGreen", "colorBlue"),
-    **dict.fromkeys(("ply", "las", "csv", "pts", "npz", "xyzrgb"), ("red", "green", "blue")),
+    **dict.fromkeys(("ply", "las", "csv", "pts", "ptx", "npz", "xyzrgb"), ("red", "green", "blue")),
 }
 _OF_CLOUDCOMPARE = "scalar_"
 """What CloudCompare puts before the names of columns."""

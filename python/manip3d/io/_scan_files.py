@@ -17,12 +17,18 @@ from manip3d.io import _scan_tables as tables
 from manip3d.io._files import open_regular, refuse_pointer
 from manip3d.io._limits import byte_limit, clock
 from manip3d.io._remote import is_url, local_copy, local_output
-from manip3d.io._scan_colors import renamed
+from manip3d.io._scan_colors import color_names, renamed
 from manip3d.io._scan_tables import scan_suffix
 from manip3d.lidar import LidarFrame
 
-SCAN_SUFFIXES: tuple[str, ...] = (*tables.TABLE_SUFFIXES, ".npy", ".npz", ".las", ".laz", ".e57")
+SCAN_SUFFIXES: tuple[str, ...] = (
+    *tables.TABLE_SUFFIXES,
+    *(".npy", ".npz", ".las", ".laz", ".e57", ".ptx"),
+)
 """Suffixes that `read_scan` and `write_scan` know; LAS, LAZ and E57 need an extra."""
+
+_SEVERAL = (".e57", ".ptx")
+"""Those that hold several scans."""
 
 _EXPORTED = (".asc", ".pts", ".txt", ".csv", ".npy", ".npz")
 FOLDER_SUFFIXES: tuple[str, ...] = tuple(
@@ -49,7 +55,7 @@ def read_scan(
 ) -> LidarFrame:
     """Read a scan: one of `SCAN_SUFFIXES`, which ``.gz`` or ``.xz`` may follow.
 
-    LAS, LAZ, E57, ``.npy`` and ``.npz`` are not compressed further.
+    LAS, LAZ, E57, PTX, ``.npy`` and ``.npz`` are not compressed further.
 
     Parameters
     ----------
@@ -97,8 +103,10 @@ def read_scan(
     3DTK ``.3d``
         Converted to metres, x forward, y left, z up, the scanner at the origin.
         ``format.header["pose"]`` is the pose of the ``.pose`` file beside it.
-    E57
+    E57, PTX
         The scanner's own frame, the scanner at the origin; ``format.header["pose"]`` is its pose.
+        Points of PTX at (0, 0, 0) were not measured; ``format.header["shape"]`` has the columns
+        and rows of its grid. Where it states another position than the pose, that is not known.
     Text (``.xyz``, ``.xyzi``, ``.xyzn``, ``.xyzrgb``, ``.asc``, ``.pts``, ``.txt``, ``.csv``)
         A point a line; commas, semicolons or blanks between columns. A line before the points names
         the columns; without one they are x, y, z, the intensity where there are four or seven, and
@@ -130,7 +138,7 @@ def read_scan(
 
 @checked
 def read_scans(path: str | os.PathLike[str], *, max_bytes: int | None = None) -> list[LidarFrame]:
-    """Read all scans of a file: E57 may hold many positions, other formats hold one.
+    """Read all scans of a file: E57 and PTX may hold many positions, other formats hold one.
 
     Parameters
     ----------
@@ -172,6 +180,10 @@ def _read_local(path: Path, limit: int, look: Callable[[float], None] | None) ->
         from manip3d.io import _scan_e57
 
         return _scan_e57.read_all(path, limit)
+    if suffix == ".ptx":
+        from manip3d.io import _scan_ptx
+
+        return _scan_ptx.read_all(path, limit)
     if suffix == ".npy":
         from manip3d.io import _scan_npy
 
@@ -192,8 +204,9 @@ def write_scan(frame: LidarFrame, path: str | os.PathLike[str]) -> None:
     moved. Another format gets x, y, z, the intensity (`.bin`: 0 where there is none), the ring and
     what of ``fields`` it can hold; KITTI's ``.bin`` holds nothing else, 3DTK's ``.3d`` the
     intensity, E57 rows, columns and colours (coordinates as 32-bit floats, those of a map near 0
-    with the rest in the pose). Colours get the names that the other format has for them (PCD: one
-    number), with 8 bits, in LAS with 16; normals those of PLY and PCD. ``.pts`` has colours
+    with the rest in the pose), PTX colours. Colours get the names that the other format has for
+    them (PCD: one number), with 8 bits, in LAS with 16; normals those of PLY and PCD. ``.pts`` has
+    colours
     as its last columns, ``.xyzrgb`` and ``.xyzn`` colours or normals only; ``.xyz``, ``.xyzi``,
     ``.asc`` and ``.txt`` hold no more than the intensity. ``.npz`` is as Open3D reads it.
 
@@ -201,7 +214,7 @@ def write_scan(frame: LidarFrame, path: str | os.PathLike[str]) -> None:
     ----------
     frame : LidarFrame
     path : path-like or URL
-        One of `SCAN_SUFFIXES`, which ``.gz`` or ``.xz`` may follow; not LAS, LAZ, E57,
+        One of `SCAN_SUFFIXES`, which ``.gz`` or ``.xz`` may follow; not LAS, LAZ, E57, PTX,
         ``.npy`` and ``.npz``.
 
     Raises
@@ -222,7 +235,7 @@ def write_scan(frame: LidarFrame, path: str | os.PathLike[str]) -> None:
     [[1.0, 2.0, 3.0]]
     """
     _refuse_compression(path)
-    if scan_suffix(path_of(path)) == ".e57":
+    if scan_suffix(path_of(path)) in _SEVERAL:
         return write_scans([frame], path)
     frame = renamed(frame, scan_suffix(path_of(path)).lstrip(".").replace("laz", "las"))
     with local_output(path) as local:
@@ -257,6 +270,8 @@ def names_left_out(frame: LidarFrame, suffix: str) -> list[str]:
         from manip3d.io import _scan_e57
 
         held = {"intensity", *_scan_e57.INTEGERS}
+    elif name == "ptx":
+        held = {"intensity", *color_names(frame, name)}
     else:
         held = {"intensity"}
     columns = {"intensity": frame.intensity, "ring": frame.ring, **frame.fields}
@@ -275,13 +290,13 @@ def _refuse_compression(path: str | os.PathLike[str]) -> None:
 
 @checked
 def write_scans(frames: Sequence[LidarFrame], path: str | os.PathLike[str]) -> None:
-    """Write several scan positions to one E57 file, each with the pose it was read with.
+    """Write several scan positions to one E57 or PTX file, each with the pose it was read with.
 
     Parameters
     ----------
     frames : sequence of LidarFrame
     path : path-like or URL
-        ``.e57``; any other suffix takes exactly one scan.
+        ``.e57`` or ``.ptx``; any other suffix takes exactly one scan.
 
     Raises
     ------
@@ -305,8 +320,13 @@ def write_scans(frames: Sequence[LidarFrame], path: str | os.PathLike[str]) -> N
 
         with local_output(path) as local:
             return _scan_e57.write_all([renamed(frame, "e57") for frame in frames], local)
+    if scan_suffix(path_of(path)) == ".ptx":
+        from manip3d.io import _scan_ptx
+
+        with local_output(path) as local:
+            return _scan_ptx.write_all([renamed(frame, "ptx") for frame in frames], local)
     if len(frames) != 1:
-        raise InputError(f"frames: only E57 holds several scans, got {len(frames)}")
+        raise InputError(f"frames: only E57 and PTX hold several scans, got {len(frames)}")
     return write_scan(frames[0], path)
 
 

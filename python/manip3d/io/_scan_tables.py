@@ -36,8 +36,10 @@ _NAMED_BY_SUFFIX = {"xyzn": ("nx", "ny", "nz"), "xyzrgb": ("red", "green", "blue
 """Columns after x, y and z in a text without names of columns, by Open3D's custom."""
 _UNSTATED = (*_TEXT, "npy", "npz")
 """Formats that do not say where the scanner is, or which of their numbers are whole."""
-_OF_DOUBLES = (*_UNSTATED, "ply", "pcd", "las")
+_OF_DOUBLES = (*_UNSTATED, "ply", "pcd", "las", "ptx")
 """Formats that can hold the coordinates of a map to the millimetre."""
+_POSED = ("e57", "ptx")
+"""Formats that hold where the scanner stood."""
 _BARE = ("kitti", "nuscenes")
 _LARGEST = 1e9
 """Metres, and any other number of a scan; halves of 64-bit numbers, read as 32-bit ones, are larger
@@ -394,7 +396,7 @@ def loses_map_coordinates(frame: LidarFrame, suffix: str) -> bool:
 
 def map_place(frame: LidarFrame, suffix: str) -> NDArray[np.float64] | None:
     """(3,): where the scanner stood on the map by a pose that a file of this suffix cannot hold."""
-    if frame.format is None or frame.format.name != "e57" or suffix == ".e57":
+    if frame.format is None or frame.format.name not in _POSED or suffix.lstrip(".") in _POSED:
         return None
     place: NDArray[np.float64] = frame.format.header["pose"][:3, 3]
     return place if np.abs(place).max() > _FAR else None

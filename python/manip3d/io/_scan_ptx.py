@@ -1,0 +1,194 @@
+"""PTX, the text that Leica's Cyclone and others exchange scans of terrestrial scanners in."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from manip3d.errors import FormatError
+from manip3d.io._files import atomic_path, open_regular
+from manip3d.io._limits import check_points
+from manip3d.io._scan_colors import color_names
+from manip3d.io._scan_tables import (
+    exact_coordinates,
+    measured_points,
+    near_zero,
+    stored_coordinates,
+)
+from manip3d.lidar import LidarFrame, ScanFormat
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Doubles = NDArray[np.float64]
+
+_LEAST_ROW = 6
+"""Bytes of the shortest point, ``0 0 0`` and the end of the line."""
+_LONGEST_LINE = 1000
+_MOST_DIGITS = 9
+_COLORS = ("red", "green", "blue")
+_NO_INTENSITY = 0.5
+"""What Leica's programs write where the intensity is not known."""
+_SAME_PLACE = 1e-3
+"""Metres between two statements of one position: they are rounded to micrometres and more."""
+
+
+def read_all(path: Path, limit: int) -> list[LidarFrame]:
+    """Every scan of a file, in its order; see `manip3d.io.read_scans`."""
+    size = path.stat().st_size
+    if limit and size > limit:
+        raise FormatError(f"more than max_bytes = {limit}", file=str(path))
+    frames: list[LidarFrame] = []
+    with open_regular(path) as file:
+        lines = _Lines(file, str(path))
+        while not lines.is_at_end():
+            frames.append(_read_one(lines, size, len(frames)))
+    if not frames:
+        raise FormatError("the file is empty", file=str(path))
+    return frames
+
+
+class _Lines:
+    """The lines of a file, with the number of the last one for errors."""
+
+    def __init__(self, file: Iterator[bytes], name: str) -> None:
+        self._file, self.name, self.number = file, name, 0
+        self._next: bytes | None = None
+
+    def is_at_end(self) -> bool:
+        """Whether only empty lines are left."""
+        for line in self:
+            if line.strip():
+                self._next = line
+                self.number -= 1
+                return False
+        return True
+
+    def __iter__(self) -> Iterator[bytes]:
+        while (line := self._take()) is not None:
+            self.number += 1
+            yield line
+
+    def _take(self) -> bytes | None:
+        line, self._next = self._next, None
+        return next(self._file, None) if line is None else line
+
+    def numbers(self, count: int) -> Doubles:
+        """The numbers of the next line."""
+        line = next(iter(self), b"")
+        try:
+            found = np.array([float(word) for word in line[:_LONGEST_LINE].split()])
+        except ValueError:
+            found = np.empty(0)
+        if len(found) != count or not np.isfinite(found).all():
+            raise self.error(f"expected {count} numbers, got {_shown(line)}")
+        return found
+
+    def whole(self) -> int:
+        """The whole number of the next line."""
+        line = next(iter(self), b"").strip()
+        if not line.isdigit() or len(line) > _MOST_DIGITS:
+            raise self.error(f"expected the number of columns or rows, got {_shown(line)}")
+        return int(line)
+
+    def error(self, reason: str) -> FormatError:
+        return FormatError(reason, file=self.name, line=max(1, self.number))
+
+
+def _shown(line: bytes) -> str:
+    return repr(line[:40].decode("ascii", "replace").strip()) if line else "the end of the file"
+
+
+def _read_one(lines: _Lines, size: int, index: int) -> LidarFrame:
+    """A grid of columns and rows, the scanner's position and axes, a matrix, then its points."""
+    shape = lines.whole(), lines.whole()
+    count = shape[0] * shape[1]
+    if count * _LEAST_ROW > size:
+        raise lines.error(f"{shape[0]} x {shape[1]} points are more than the file holds")
+    check_points(count, lines.name)
+    position = lines.numbers(3)
+    axes = np.array([lines.numbers(3) for _ in range(3)])
+    pose = np.array([lines.numbers(4) for _ in range(4)]).T  # PTX multiplies rows of points
+    if not np.array_equal(pose[3], (0.0, 0.0, 0.0, 1.0)) or not abs(np.linalg.det(pose)) > 0.0:
+        raise lines.error("expected a matrix that moves and turns")
+    table = _read_points(lines, count)
+    stored = np.ascontiguousarray(table[:, :3])
+    # A scanner that stands elsewhere than at the origin wrote the points in another frame.
+    stands = np.linalg.solve(pose, [*position, 1.0])[:3]
+    is_own = not position.any() or bool(np.abs(stands).max() < _SAME_PLACE)
+    about = {"pose": pose, "position": position, "axes": axes, "shape": shape, "index": index}
+    layout = ScanFormat("ptx", header=about, to_file=near_zero(stored))
+    points = measured_points(stored, layout, lines.name)
+    origin = (0.0, 0.0, 0.0) if is_own and not layout.to_file[:3, 3].any() else None
+    colors = dict(zip(_COLORS, table[:, 4:].astype(np.uint8).T, strict=False))
+    return LidarFrame(
+        points=points,
+        intensity=table[:, 3].astype(np.float32) if table.shape[1] > 3 else None,
+        origin=origin,
+        source=lines.name,
+        fields={name: np.ascontiguousarray(values) for name, values in colors.items()},
+        exact=exact_coordinates(stored, points),
+        format=layout,
+    )
+
+
+def _read_points(lines: _Lines, count: int) -> Doubles:
+    """(N, 3), (N, 4) with the intensity or (N, 7) with colours."""
+    begin = lines.number
+    if not count:
+        return np.empty((0, 4))
+    try:
+        text = (line[:_LONGEST_LINE].decode("ascii") for line in itertools.islice(lines, count))
+        table: Doubles = np.loadtxt(text, np.float64, comments=None, ndmin=2)
+    except ValueError as error:
+        reason = str(error).partition(";")[0][:100]
+        raise FormatError(
+            f"damaged point from here on: {reason}", file=lines.name, line=begin + 1
+        ) from None
+    if len(table) != count or table.shape[1] not in (3, 4, 7):
+        raise lines.error(
+            f"expected {count} points of 3, 4 or 7 numbers, got {len(table)} of {table.shape[1]}"
+        )
+    if table.shape[1] == 7 and not bool(((table[:, 4:] >= 0.0) & (table[:, 4:] < 256.0)).all()):
+        raise lines.error("expected colours from 0 to 255")
+    return table
+
+
+def write_all(frames: Sequence[LidarFrame], path: Path) -> None:
+    """Scans one after the other; those that were read from PTX or E57 keep their poses.
+
+    A scan that is no grid any more, because points were added or removed, has one column.
+    """
+    with atomic_path(path) as temporary, temporary.open("w", encoding="ascii", newline="\n") as out:
+        for frame in frames:
+            known = {} if frame.format is None else dict(frame.format.header)
+            is_own = frame.format is not None and frame.format.name == "ptx"
+            shape = known["shape"] if is_own else (1, frame.num_points)
+            if shape[0] * shape[1] != frame.num_points:
+                shape = (1, frame.num_points)
+            pose = np.asarray(known.get("pose", np.eye(4)))
+            position = known["position"] if is_own else pose[:3, 3]
+            axes = known["axes"] if is_own else pose[:3, :3].T
+            out.write(f"{shape[0]}\n{shape[1]}\n")
+            np.savetxt(out, np.vstack([position, axes]), "%.17g")
+            np.savetxt(out, pose.T, "%.17g")
+            np.savetxt(out, _table_of(frame), _row_of(frame))
+
+
+def _table_of(frame: LidarFrame) -> Doubles:
+    if frame.intensity is None:
+        intensity = np.full(frame.num_points, _NO_INTENSITY)
+    else:
+        intensity = frame.intensity.astype(np.float64)
+    colors = [frame.fields[name] for name in color_names(frame, "ptx")]
+    return np.column_stack([stored_coordinates(frame, "ptx"), intensity, *colors])
+
+
+def _row_of(frame: LidarFrame) -> str:
+    """Digits that lead back to the same numbers of 32 bits, of 64 where a map needs them."""
+    digits = "%.9g" if stored_coordinates(frame, "ptx").dtype == np.float32 else "%.17g"
+    return " ".join([digits] * 3 + ["%.9g"] + ["%d"] * len(color_names(frame, "ptx")))
