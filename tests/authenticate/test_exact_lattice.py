@@ -271,6 +271,23 @@ def test_a_laser_that_saw_little_accuses_nobody(unit: Unit) -> None:
             assert said(keep(rows)).verdict == "undecidable", (ring, len(kept))
 
 
+@pytest.mark.parametrize("seen", [5, 300])
+@pytest.mark.parametrize("lifted", [0.0, 1.7])  # metres: the scanner's height on a car
+def test_lasers_that_see_what_is_near_accuse_nobody(unit: Unit, lifted: float, seen: int) -> None:
+    """Three lasers meet a thing 1.6 m away in some firings, and their own case in the others."""
+    scan = exact_scan(unit, labelled=True)
+    points = scan.points.copy()
+    for laser in (3, 4, 5):
+        rows = np.flatnonzero(scan.ring == laser)
+        k = np.arange(len(rows))
+        ranges = np.where(k < seen, 1.6 + 0.1 * np.sin(k / 7.0), 0.3)
+        ranges = np.round(ranges / unit.step) * unit.step
+        points[rows] *= (ranges / np.linalg.norm(points[rows], axis=1))[:, None].astype(np.float32)
+    points[:, 2] += np.float32(lifted)
+    frame = LidarFrame(points, ring=scan.ring, origin=(0.0, 0.0, 0.0))
+    assert said(frame).verdict == "undecidable"
+
+
 def test_few_stray_points_accuse_nobody(unit: Unit) -> None:
     points = exact_scan(unit).points.copy()
     rows = np.flatnonzero(on_post(points))[:4]

@@ -339,7 +339,8 @@ class SensorLattice:
         label = np.unique(cloud.labels[known], return_inverse=True)[1]
         on = np.abs(reading.line_error[cloud.there]) < self.tolerance
         no_line = 2 * np.bincount(label, on[known]) < np.bincount(label)
-        height = cloud.points[:, 2] / cloud.rho
+        # Above the scanner, which stands elsewhere than at the origin in a cloud that was lifted.
+        height = (cloud.points[:, 2] - np.median(self.offset)) / cloud.rho
         apart = float(np.median(np.abs(np.diff(self.slope))))
         rows = np.flatnonzero(cloud.there)
         if cloud.is_by_order:
@@ -668,9 +669,16 @@ def _listed(
 
 def _find_lines(clouds: Sequence[_Cloud]) -> tuple[Floats, Floats]:
     """Lines that the rings of the clouds agree on, from the highest to the lowest."""
-    lines = np.array(
-        [line for cloud in clouds for ring in cloud.rings if (line := _fit_ring(cloud, ring))]
-    ).reshape(-1, 3)
+    rings = [(cloud, ring) for cloud in clouds for ring in cloud.rings]
+    # A ring is wide where it was forged if nowhere else; then what is left of it decides.
+    wide = [_fit_wide_ring(cloud, ring) for cloud, ring in rings]
+    known = [line[1] for line in wide if line is not None]
+    height = float(np.median(known)) if known else 0.0  # of the scanner in a cloud that was lifted
+    found = [
+        line or _fit_narrow_ring(cloud, ring, height)
+        for line, (cloud, ring) in zip(wide, rings, strict=True)
+    ]
+    lines = np.array([line for line in found if line is not None]).reshape(-1, 3)
     lines = lines[np.argsort(-lines[:, 0], kind="stable")]
     # The same laser's slopes differ by 1e-5 between frames, two lasers' by 5e-3.
     groups = np.split(lines, np.flatnonzero(np.diff(-lines[:, 0]) > 1e-3) + 1)
@@ -700,16 +708,8 @@ def _check_lines(found: int) -> None:
         )
 
 
-def _fit_ring(cloud: _Cloud, ring: NDArray[np.intp]) -> tuple[float, float, int] | None:
-    """Slope, offset and support of the line of a ring.
-
-    A ring is wide where it was forged if nowhere else; then what is left of it decides.
-    """
-    return _fit_wide_ring(cloud, ring) or _fit_narrow_ring(cloud, ring)
-
-
 def _fit_wide_ring(cloud: _Cloud, ring: NDArray[np.intp]) -> tuple[float, float, int] | None:
-    """The line through pairs of points that most others lie on."""
+    """Slope, offset and support of the line through pairs of points that most others lie on."""
     some = ring[:: max(1, len(ring) // MOST_PAIRED)]
     rho, z = cloud.rho[some], cloud.points[some, 2]
     order = np.argsort(rho, kind="stable")
@@ -735,12 +735,14 @@ def _fit_wide_ring(cloud: _Cloud, ring: NDArray[np.intp]) -> tuple[float, float,
     return float(slope[best]), float(offset[best]), len(inside)
 
 
-def _fit_narrow_ring(cloud: _Cloud, ring: NDArray[np.intp]) -> tuple[float, float, int] | None:
-    """The line through the origin, where it holds for nearly all points of a ring."""
-    rho, z = cloud.rho[ring], cloud.points[ring, 2]
-    slope = float(np.median(z / rho))
-    inside = int(np.count_nonzero(np.abs(z - slope * rho) < LINE_TOLERANCE))
-    return (slope, 0.0, inside) if inside >= 0.9 * len(ring) else None
+def _fit_narrow_ring(
+    cloud: _Cloud, ring: NDArray[np.intp], height: float
+) -> tuple[float, float, int] | None:
+    """The line through the scanner, where it holds for nearly all points of a ring."""
+    rho, rise = cloud.rho[ring], cloud.points[ring, 2] - height
+    slope = float(np.median(rise / rho))
+    inside = int(np.count_nonzero(np.abs(rise - slope * rho) < LINE_TOLERANCE))
+    return (slope, height, inside) if inside >= 0.9 * len(ring) else None
 
 
 def _on_lines(rho: Floats, z: Floats, slope: Floats, offset: Floats) -> NDArray[np.int32]:
