@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "interruptible.hpp"
+#include "manip3d/io/corner_colors.hpp"
 #include "manip3d/io/mesh_file.hpp"
 #include "manip3d/io/range_grid.hpp"
 #include "manip3d/io/scene_file.hpp"
@@ -30,6 +31,9 @@ using SceneNodes = py::typing::List<py::typing::Tuple<py::str, int, int, py::arr
                                                       py::typing::Optional<py::array_t<double>>>>;
 using SceneMeshes = py::typing::List<py::typing::Tuple<py::str, PyMesh, py::str>>;
 using SceneTables = py::typing::Tuple<SceneNodes, SceneMeshes, py::bytes, py::bytes, Strings>;
+using SurfaceTables =
+    py::typing::Tuple<py::array_t<std::int32_t>, py::typing::List<Named<"manip3d.mesh.Material">>,
+                      py::array_t<std::uint8_t>, py::str>;
 using PyDraco = Named<
     "collections.abc.Callable[[bytes], tuple[numpy.ndarray, dict[int, numpy.ndarray]] | str]">;
 using Level = py::typing::List<OptionalPyMesh>;
@@ -265,6 +269,19 @@ void bind_io(py::module_& m) {
         replace_folder(to_path(made, "made"), to_path(target, "target"));
       },
       py::arg("made"), py::arg("target"));
+  m.def("linear_color", &linear_color, py::arg("rgb"));
+  m.def(
+      "surface_colors",
+      [](const PyMesh& mesh, const CArray<std::int32_t>& corner_colors) -> SurfaceTables {
+        const BorrowedMesh borrowed(mesh);
+        const auto num_materials = static_cast<std::int32_t>(py::len(mesh.attr("materials")));
+        SurfaceColors found = surface_colors(borrowed.view(), num_materials,
+                                             rows<Faces>(corner_colors, "corner_colors"));
+        return py::make_tuple(to_numpy(std::move(found.face_material)),
+                              materials_to_python(found.materials),
+                              to_numpy(std::move(found.colors)), found.warning);
+      },
+      py::arg("mesh"), py::arg("corner_colors").noconvert());
   m.def("readable_suffixes", [] { return to_list(readable_suffixes()); });
   m.def("writable_suffixes", [] { return to_list(writable_suffixes()); });
 }

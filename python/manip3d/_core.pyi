@@ -123,6 +123,7 @@ __all__: list[str] = [
     "is_posable",
     "joint_names",
     "joint_parents",
+    "linear_color",
     "local_spacing",
     "make_temporary_folder",
     "metro",
@@ -170,6 +171,7 @@ __all__: list[str] = [
     "sparse_distances",
     "subtract",
     "summarize",
+    "surface_colors",
     "texture_error",
     "unproject",
     "unproject_pixels",
@@ -2306,6 +2308,9 @@ def insert_occluding(
 def is_posable(joint: typing.SupportsInt | typing.SupportsIndex) -> bool: ...
 def joint_names() -> list[str]: ...
 def joint_parents() -> list[int]: ...
+def linear_color(
+    rgb: typing.SupportsInt | typing.SupportsIndex,
+) -> typing.Annotated[list[float], "FixedSize(3)"]: ...
 def local_spacing(
     points: numpy.typing.NDArray[numpy.float32],
     position: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"],
@@ -2676,6 +2681,14 @@ def subtract(
     numpy.typing.NDArray[numpy.float64],
 ]: ...
 def summarize(mesh: manip3d.mesh.Mesh) -> dict[str, typing.Any]: ...
+def surface_colors(
+    mesh: manip3d.mesh.Mesh, corner_colors: numpy.typing.NDArray[numpy.int32]
+) -> tuple[
+    numpy.typing.NDArray[numpy.int32],
+    list[manip3d.mesh.Material],
+    numpy.typing.NDArray[numpy.uint8],
+    str,
+]: ...
 def texture_error(
     original: manip3d.mesh.Mesh,
     simplified: manip3d.mesh.Mesh,

@@ -192,3 +192,23 @@ def test_ply_warns_of_textures_that_it_has_no_place_for(
     io.write_mesh(mesh, tmp_path / "a.ply")
     assert "PLY: textures of normal left out" in caplog.text
     assert caplog.text.count("textures of normal") == 1
+
+
+@pytest.mark.filterwarnings("ignore:source. faces have more than 256 colors")
+@pytest.mark.parametrize("most", [3, 300])
+def test_a_file_and_trimesh_give_the_same_colors(most: int) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    count = 300
+    vertices = [[i // 2, i % 2, 0] for i in range(count + 2)]
+    faces = np.arange(count)[:, None] + np.arange(3)
+    colors = np.array([[255 - i % most % 256, i % most // 256, 1] for i in range(count)])
+    lines = [f"OFF\n{count + 2} {count} 0", *(f"{x} {y} {z}" for x, y, z in vertices)]
+    for (a, b, c), (red, green, blue) in zip(faces, colors, strict=True):
+        lines.append(f"3 {a} {b} {c} {red} {green} {blue}")
+    read = io.read_mesh_bytes("\n".join(lines).encode(), "off")
+    strip = trimesh.Trimesh(vertices, faces, face_colors=colors.astype(np.uint8), process=False)
+    made = Mesh.from_trimesh(strip)
+    assert [m.name for m in made.materials] == [m.name for m in read.materials]
+    assert (made.colors is None) == (most == 3)
+    for name in ("face_material", "colors"):
+        np.testing.assert_array_equal(getattr(made, name), getattr(read, name))

@@ -404,7 +404,14 @@ def test_a_material_whose_textures_lie_on_another_set_takes_its_coordinates(tmp_
 
 
 @pytest.mark.parametrize(
-    "name", ["KHR_lights_punctual", "KHR_texture_basisu", "EXT_texture_webp", "KHR_materials_ior"]
+    "name",
+    [
+        "KHR_lights_punctual",
+        "KHR_texture_basisu",
+        "KHR_techniques_webgl",
+        "EXT_texture_webp",
+        "KHR_materials_ior",
+    ],
 )
 def test_a_required_extension_of_looks_costs_a_warning(tmp_path: Path, name: str) -> None:
     seen = report(tmp_path, square(extensionsRequired=[name], extensionsUsed=[name]))

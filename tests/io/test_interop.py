@@ -222,10 +222,10 @@ class TestWhatAMeshCannotHold:
         box.visual.face_colors = np.array([[255, 0, 0, 255], [0, 0, 255, 255]] * 6, np.uint8)
         mesh = Mesh.from_trimesh(trimesh.Scene([box, trimesh.creation.box()]))
         assert mesh.colors is None
-        assert [m.name for m in mesh.materials] == ["color_0000FF", "color_FF0000"]
-        assert mesh.materials[1].base_color == (1.0, 0.0, 0.0, 1.0)
+        assert [m.name for m in mesh.materials] == ["color_FF0000", "color_0000FF"]
+        assert mesh.materials[0].base_color == (1.0, 0.0, 0.0, 1.0)
         assert mesh.face_material is not None
-        assert mesh.face_material.tolist() == [1, 0] * 6 + [-1] * 12
+        assert mesh.face_material.tolist() == [0, 1] * 6 + [-1] * 12
 
     def test_colours_of_faces_beside_those_of_vertices(self) -> None:
         trimesh = pytest.importorskip("trimesh")

@@ -142,9 +142,9 @@ COLORS = (
 def test_colors_of_faces_become_materials() -> None:
     faces = ('pid="3" p1="0"', 'pid="3" p1="2"', "", 'pid="3" p1="2"')
     mesh = read(model(COLORS + tetrahedron(1, faces=faces), ITEM))
-    assert [m.name for m in mesh.materials] == ["color_0000FF", "color_FF0000"]
+    assert [m.name for m in mesh.materials] == ["color_FF0000", "color_0000FF"]
     assert mesh.face_material is not None
-    assert mesh.face_material.tolist() == [1, 0, -1, 0]
+    assert mesh.face_material.tolist() == [0, 1, -1, 1]
     assert mesh.colors is None
 
 

@@ -233,9 +233,9 @@ class Reader {
 
   void check_extensions() {
     // These change how a mesh looks, not where it is: it is read without them, even if required.
-    constexpr std::array<std::string_view, 5> kLooks = {"EXT_texture_avif", "EXT_texture_webp",
-                                                        "KHR_lights_punctual", "KHR_texture_basisu",
-                                                        "MSFT_texture_dds"};
+    constexpr std::array<std::string_view, 7> kLooks = {
+        "EXT_texture_avif",     "EXT_texture_webp",   "KHR_lights_punctual", "KHR_technique_webgl",
+        "KHR_techniques_webgl", "KHR_texture_basisu", "MSFT_texture_dds"};
     const auto appearance = [&](const std::string& name) {
       return name.starts_with("KHR_materials_") ||
              std::find(kLooks.begin(), kLooks.end(), name) != kLooks.end();

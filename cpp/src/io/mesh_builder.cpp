@@ -2,11 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <string>
-#include <unordered_map>
+#include <utility>
 
-#include "io/colors.hpp"
 #include "io/warnings.hpp"
+#include "manip3d/io/corner_colors.hpp"
 
 namespace manip3d {
 namespace {
@@ -16,47 +17,6 @@ constexpr std::int64_t kMostFaces = std::numeric_limits<std::int32_t>::max() / 3
 std::string place(const FormatError::Position& position) {
   return position.line ? "line " + std::to_string(*position.line)
                        : "byte " + std::to_string(position.byte_offset.value_or(0));
-}
-
-// More than the colours that a person gives to parts; scans have thousands.
-constexpr std::size_t kMostColorMaterials = 256;
-
-// One material for each colour, in order of appearance; false: there are too many.
-bool materials_of_colors(const Indices& face_colors, TriangleMesh& mesh) {
-  std::unordered_map<std::int32_t, std::int32_t> material_of_color;
-  std::vector<std::int32_t> colors;
-  for (const std::int32_t color : face_colors) {
-    if (color == MeshBuilder::kNone) continue;
-    const auto index = static_cast<std::int32_t>(colors.size());
-    if (material_of_color.try_emplace(color, index).second) colors.push_back(color);
-    if (colors.size() > kMostColorMaterials) return false;
-  }
-  for (const std::int32_t color : colors) mesh.materials.push_back(material_of(color));
-  material_of_color[MeshBuilder::kNone] = MeshBuilder::kNone;
-  mesh.face_material = face_colors.unaryExpr(
-      [&](std::int32_t color) { return material_of_color.find(color)->second; });
-  return true;
-}
-
-void mean_of_colors(const Indices& face_colors, TriangleMesh& mesh) {
-  Rows<float, 3> sums = Rows<float, 3>::Zero(mesh.vertices.rows(), 3);
-  Eigen::VectorXf counts = Eigen::VectorXf::Zero(mesh.vertices.rows());
-  for (Eigen::Index f = 0; f < mesh.faces.rows(); ++f) {
-    if (face_colors[f] == MeshBuilder::kNone) continue;
-    for (const std::int32_t vertex : mesh.faces.row(f)) {
-      for (int k = 0; k < 3; ++k) {
-        sums(vertex, k) += static_cast<float>(channel(face_colors[f], k));
-      }
-      counts[vertex] += 1.0F;
-    }
-  }
-  mesh.colors.setConstant(mesh.vertices.rows(), 3, 255);
-  for (Eigen::Index v = 0; v < mesh.vertices.rows(); ++v) {
-    if (counts[v] == 0.0F) continue;
-    for (int k = 0; k < 3; ++k) {
-      mesh.colors(v, k) = static_cast<std::uint8_t>(std::lround(sums(v, k) / counts[v]));
-    }
-  }
 }
 
 }  // namespace
@@ -205,12 +165,14 @@ void MeshBuilder::use_face_colors(ReadResult& result) {
     return;
   }
   face_colors_.fill(mesh.faces.rows(), kNone, input_);
-  const Indices face_colors = face_colors_.take();
-  if (!materials_of_colors(face_colors, mesh)) {
-    mean_of_colors(face_colors, mesh);
-    warn(result.warnings, "faces have more than " + std::to_string(kMostColorMaterials) +
-                              " colors: each vertex takes the mean of its faces");
-  }
+  const Faces of_corners = face_colors_.take().replicate<1, 3>();
+  const MeshView::Map<Faces> corner_colors(of_corners.data(), of_corners.rows(), 3);
+  SurfaceColors found =
+      surface_colors(mesh, static_cast<std::int32_t>(mesh.materials.size()), corner_colors);
+  mesh.colors = std::move(found.colors);
+  mesh.face_material = std::move(found.face_material);
+  std::ranges::move(found.materials, std::back_inserter(mesh.materials));
+  if (!found.warning.empty()) warn(result.warnings, found.warning);
 }
 
 void MeshBuilder::warn_of_losses(ReadResult& result) {

@@ -17,8 +17,9 @@ from xml.parsers import expat
 
 import numpy as np
 
+from manip3d import _core
 from manip3d.errors import Error, FormatError
-from manip3d.io._face_colors import linear_color, with_corner_colors
+from manip3d.io._face_colors import with_corner_colors
 from manip3d.io._scan_tables import refuse_expansion
 from manip3d.mesh import Material, Mesh, Texture
 
@@ -282,7 +283,7 @@ class _PartReader:
         self.group.materials.append(
             Material(
                 name=self.attributes.get("name", ""),
-                base_color=(*linear_color(rgb), alpha),
+                base_color=(*_core.linear_color(rgb), alpha),
                 alpha_mode="blend" if alpha < 1.0 else "opaque",
             )
         )
