@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 from manip3d import InputError
 from manip3d.rgbd import INFERRED, JOINTS, NO_BODY, PARENTS, TRACKED
-from manip3d.simulate import BodySimulator, open_source
+from manip3d.simulate import BodySimulator, open_source, people
 from manip3d.simulate._figure import (
     LIMBS,
     MIRROR,
@@ -196,6 +197,41 @@ def test_frames_depend_on_the_seed_and_the_time_only() -> None:
     assert (other.depth != again.depth).mean() > 0.3
     assert [frame.number for frame in frames] == [0, 1, 2]
     assert [frame.time_ns for frame in frames] == [0, 33_333_333, 66_666_667]
+
+
+def test_somebody_who_keeps_still_is_cast_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Frames are those of a simulator that saw nothing before, and nobody else's to write to."""
+    made: list[int] = []
+    build = people.RayCaster.__init__
+
+    def counted(self: people.RayCaster, *mesh: Any) -> None:
+        made.append(1)
+        build(self, *mesh)
+
+    simulator = BodySimulator(motion="still", tracker="kinect-v2", occluder=(0.09, 0.11))
+    first = simulator.capture(0.0)
+    monkeypatch.setattr(people.RayCaster, "__init__", counted)
+    assert first.frame.color is not None
+    for image in (first.frame.color, first.truth.people, first.truth.depth, first.truth.bones):
+        image[:] = 7
+    later = simulator.capture(0.05)
+    assert not made
+    hidden = simulator.capture(0.1)
+    assert len(made) == 1  # the board is there
+    again = simulator.capture(0.12)
+    assert len(made) == 2
+    for seen, time in ((later, 0.05), (hidden, 0.1), (again, 0.12)):
+        alone = replace(simulator).capture(time)
+        for one, other in (
+            (seen.frame.depth, alone.frame.depth),
+            (seen.frame.color, alone.frame.color),
+            (seen.frame.body_index, alone.frame.body_index),
+            (seen.frame.skeletons[0].positions, alone.frame.skeletons[0].positions),
+            (seen.truth.depth, alone.truth.depth),
+            (seen.truth.people, alone.truth.people),
+            (seen.truth.bones, alone.truth.bones),
+        ):
+            np.testing.assert_array_equal(one, other)
 
 
 @pytest.mark.parametrize("limb", sorted(LIMBS))

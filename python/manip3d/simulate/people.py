@@ -477,7 +477,7 @@ class BodySimulator:
         truth = BodyTruth(
             np.where(view.depth <= MAX_DEPTH, view.depth, np.float32(0.0)),
             np.where(people == 0, view.bones, np.uint8(NO_BONE)),
-            people,
+            people.copy(),
             measured.flying,
             figure.joints,
             figure.lateral,
@@ -582,7 +582,12 @@ class BodySimulator:
         board = None
         if _within(self.occluder, time):
             board = self._board(figures[0])
-        return _Cast(figures, self._wardrobe, board)
+        return _Cast(figures, self._wardrobe, board, self._last)
+
+    @functools.cached_property
+    def _last(self) -> list[_Seen]:
+        """The views of the frame before, for somebody who keeps still."""
+        return []
 
     def _visiting(self, seconds: float) -> PosedFigure:
         """Somebody who walks in at 1 m/s, then stands half a metre beside and behind."""
@@ -603,9 +608,9 @@ class BodySimulator:
         if self.color == "none":
             return None
         if self.color == "depth":
-            return view.color
+            return view.color.copy()
         color = COLOR_CAMERA.color
-        return cast.see(color, COLOR_CAMERA, self._scenery, self.threads).color
+        return cast.see(color, COLOR_CAMERA, self._scenery, self.threads).color.copy()
 
     # --- The tracker --------------------------------------------------------------------------
 
@@ -813,11 +818,23 @@ class _View:
     color: NDArray[np.uint8]
 
 
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """Views of what moves in the scene, by camera, while its vertices stay where they are."""
+
+    vertices: Floats
+    views: dict[tuple[int, int, bytes], _View] = field(default_factory=dict)
+
+
 class _Cast:
     """What moves in the scene, at one moment."""
 
     def __init__(
-        self, figures: list[PosedFigure], looks: tuple[_Look, ...], board: Box | None
+        self,
+        figures: list[PosedFigure],
+        looks: tuple[_Look, ...],
+        board: Box | None,
+        last: list[_Seen],
     ) -> None:
         self.figures = figures
         self._looks = looks[: len(figures)]
@@ -833,10 +850,16 @@ class _Cast:
         starts = np.cumsum([0] + [len(v) for v in vertices])
         self._first_face = np.cumsum([0] + [len(f) for f in faces])
         self._vertices = np.concatenate(vertices)
-        self._caster = RayCaster(
-            self._vertices,
-            np.concatenate([f + start for f, start in zip(faces, starts, strict=False)]),
-        )
+        self._faces = np.concatenate([f + start for f, start in zip(faces, starts, strict=False)])
+        seen = last[0] if last else None
+        if seen is None or not np.array_equal(seen.vertices, self._vertices):
+            seen = _Seen(self._vertices)
+            last[:] = [seen]
+        self._views = seen.views
+
+    @functools.cached_property
+    def _caster(self) -> RayCaster:
+        return RayCaster(self._vertices, self._faces)
 
     def see(
         self,
@@ -845,8 +868,14 @@ class _Cast:
         scenery: Scenery,
         threads: int,
     ) -> _View:
-        """The scene with what moves, by a camera that looks ahead."""
+        """The scene with what moves, by a camera that looks ahead; nobody may write to it."""
         eye = _EYES if registration is None else -registration.translation.astype(np.float32)
+        key = (camera.width, camera.height, eye.tobytes())
+        if key not in self._views:
+            self._views[key] = self._look(camera, eye, scenery, threads)
+        return self._views[key]
+
+    def _look(self, camera: Intrinsics, eye: Floats, scenery: Scenery, threads: int) -> _View:
         back = scenery.seen_by(camera, eye)
         depth, slant, color = back.depth.copy(), back.slant.copy(), back.color.copy()
         people = np.full(depth.shape, NO_BODY, np.uint8)
