@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from manip3d.authenticate import (
     Power,
     Processing,
     SensorLattice,
+    _inspect,
     combined_verdict,
     kitti_lattice,
 )
@@ -37,7 +39,7 @@ from manip3d.authenticate._processing import (
     is_cut_below,
 )
 from manip3d.authenticate._reflectance import why_rewritten
-from manip3d.authenticate._sensors import is_hdl64e
+from manip3d.authenticate._sensors import identify_and_read, is_hdl64e
 from manip3d.authenticate._verdict import FALSE_ALARM_RATE, RATE_SHARES, rate_of
 from manip3d.lidar import ScanFormat
 from manip3d.report._evidence import _drawn_regions, _how_many
@@ -827,6 +829,28 @@ def test_reflectances_of_the_scanner_are_not_called_rewritten() -> None:
     )
     assert dark.verdict == "processed"
     assert "filtered" in {step.kind for step in dark.processing}
+
+
+@pytest.mark.parametrize(("place", "times"), [((0.0, 0.0, 0.0), 1), ((1.0, 2.0, 3.0), 2)])
+def test_a_scan_around_the_origin_is_identified_once(
+    place: tuple[float, float, float], times: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What was asked about the scan before its scanner was looked for need not be asked again."""
+    asked: list[LidarFrame] = []
+
+    def identify(scan: LidarFrame, **options: Any) -> Any:
+        asked.append(scan)
+        return identify_and_read(scan, **options)
+
+    monkeypatch.setattr(_inspect, "identify_and_read", identify)
+    scan = LidarFrame(CAVE[: len(CAVE) // 6] + np.float32(place))
+    found = authenticate.inspect(scan)
+    assert found.verdict == "no_trace"
+    assert found.origin == pytest.approx(place, abs=0.01)
+    assert len(asked) == times
+    stated = authenticate.inspect(scan, origin=place)
+    assert found.sensor == stated.sensor
+    assert [one.verdict for one in found.detectors] == [one.verdict for one in stated.detectors]
 
 
 def test_a_scan_on_its_side_is_not_taken_for_a_terrestrial_one() -> None:

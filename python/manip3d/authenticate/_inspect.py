@@ -1009,7 +1009,7 @@ def _scanner(
 ) -> tuple[Position | None, str, _Identified | None]:
     """The scanner's position and who states it; or None and why the scan cannot be judged.
 
-    Then the scanner, where its lattice told the position.
+    Then the scanner, where its lattice told the position or it stands at the coordinates' origin.
     """
     stated = origin if origin is not None else frame.origin
     if stated is None:
@@ -1022,7 +1022,8 @@ def _scanner(
         if frame.num_points and _tells_position(identified[0]):
             return (0.0, 0.0, 0.0), "the lattice of a spinning scanner", identified
         found = estimate_origin(frame, threads=threads)
-        return found.position, found.reason, None
+        stands_there = found.position is not None and not any(found.position)
+        return found.position, found.reason, identified if stands_there else None
     x, y, z = (float(value) for value in position_of(stated, "origin"))
     return (x, y, z), "argument" if origin is not None else "file", None
 
