@@ -422,6 +422,12 @@ def test_other_names_in_a_calibration(tmp_path: Path) -> None:
     assert camera.same_camera(found, Intrinsics(64, 48, 50.0, 51.0, 31.5, 23.5))
     with pytest.raises(InputError, match="is for 64 x 48 pixels"):
         camera.read_intrinsics(path, width=64, height=47)
+    path = tmp_path / "metadata.json"  # Record3D's
+    path.write_text('{"K": [50, 0, 0, 0, 51, 0, 31.5, 23.5, 1], "w": 64, "h": 48, "fps": 60}')
+    found = camera.read_intrinsics(path, width=64, height=48)
+    assert camera.same_camera(found, Intrinsics(64, 48, 50.0, 51.0, 31.5, 23.5))
+    with pytest.raises(InputError, match="is for 64 x 48 pixels"):
+        camera.read_intrinsics(path, width=48, height=64)
     path = tmp_path / "view.json"  # Open3D's PinholeCameraParameters
     matrix = "[50.0, 0.0, 0.0, 0.0, 51.0, 0.0, 31.5, 23.5, 1.0]"
     size = '"height": 48, "width": 64'

@@ -413,9 +413,9 @@ def read_intrinsics(camera: str | os.PathLike[str], *, width: int, height: int) 
 
         - ``fx,fy,cx,cy`` in pixels, or a name of `CAMERA_PRESETS`;
         - an ``.xml``, ``.yaml``, ``.yml`` or ``.json`` file: the calibration that OpenCV's
-          FileStorage holds, the CameraInfo of ROS, Open3D's camera (``.json``), or an object with
-          the fields of `Intrinsics` by our names, nerfstudio's or librealsense's, other fields left
-          out with a warning;
+          FileStorage holds, the CameraInfo of ROS, the camera of Open3D or Record3D (``.json``), or
+          an object with the fields of `Intrinsics` by our names, nerfstudio's or librealsense's,
+          other fields left out with a warning;
         - a ``.txt`` file: a matrix of 3 x 3, 3 x 4 or 4 x 4 numbers, as 7-Scenes, 3DMatch and
           ScanNet have it, the four numbers above, the ``calib.txt`` of a stereo pair of Middlebury
           or ETH3D, whose left camera it is, or COLMAP's ``cameras.txt``.
@@ -602,7 +602,9 @@ def _fields_of_calibration(fields: Mapping[str, Any], path: Path) -> dict[str, A
     matrix = _numbers_of(first("cameramatrix", "k"))
     if matrix.size != 9:
         raise ValueError(f"a camera_matrix of {matrix.size} numbers")
-    camera: dict[str, Any] = _pinhole_of_matrix(matrix.reshape(3, 3))
+    square = matrix.reshape(3, 3)
+    by_column = np.any(square[2, :2]) and not np.any(square[:2, 2])  # as Apple's are stored
+    camera: dict[str, Any] = _pinhole_of_matrix(square.T if by_column else square)
     model = str(fields.get("distortionmodel", "")).lower()
     if model in ("equidistant", "fisheye") or str(fields.get("fisheyemodel", 0)) not in ("0", ""):
         raise ValueError("a fisheye camera")
@@ -616,7 +618,7 @@ def _fields_of_calibration(fields: Mapping[str, Any], path: Path) -> dict[str, A
         width, height = _numbers_of(size)
         camera |= {"width": _whole(width), "height": _whole(height)}
     for name in ("width", "height"):
-        if (side := first(f"image{name}", name)) is not None:
+        if (side := first(f"image{name}", name, name[0])) is not None:
             camera[name] = _whole(side)
     return camera
 

@@ -46,7 +46,7 @@ FolderIntrinsics = Annotated[
     str,
     typer.Option(
         "--intrinsics",
-        help="Depth camera of a folder of images or a bag: fx,fy,cx,cy, a .json or .txt file or a "
+        help="Depth camera of a folder of images or a bag: fx,fy,cx,cy, a file or a "
         "preset such as kinect-v2 ('manip3d depth --help' lists them).",
     ),
 ]
