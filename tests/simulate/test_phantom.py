@@ -114,6 +114,21 @@ def test_no_hole_over_two_pixels_up_to_ten_degrees(turn: float) -> None:
         assert sizes.max(initial=0) <= 2
 
 
+@pytest.mark.parametrize("turn", [-25.0, -40.0])
+def test_an_arm_whose_back_alone_is_known_hides_the_chest(turn: float) -> None:
+    """Who turns the missing arm towards the camera shows it the inner side of the other one."""
+    simulator = simulated(motion="reach", amputated="left_arm", turn=turn, noise=0.0)
+    capture = with_true_joints(simulator.capture(1.6))
+    result = PhantomPipeline("left_arm", smoothing=None).process(capture.frame)
+    true = cast_mesh(capture.truth.phantom("left_arm"), DEPTH_CAMERA)
+    body = capture.frame.depth / 1000.0
+    before = (true > 0) & (body > 0) & (true < body)  # pixels of the arm that hide the body
+    assert before.sum() > 100
+    drawn = result.phantom & (result.kinds != PixelKind.ROOT_FILLED)
+    assert (drawn & before).sum() > 0.5 * before.sum()
+    assert np.mean(result.depth[drawn & before] < body[drawn & before]) > 0.95
+
+
 def test_occlusion_is_said_and_bridged() -> None:
     simulator = simulated(motion="arm-raise", amputated="right_arm", occluder=(0.5, 2.0), frames=75)
     pipeline = PhantomPipeline("right_arm")

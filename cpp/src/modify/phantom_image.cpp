@@ -432,16 +432,29 @@ void mirror_around_root(const PersonPoints& points, const Eigen::Vector3f& root,
   }
 }
 
+namespace {
+
+/// May a point of the phantom be drawn at a pixel? The back of a surface does not hide its front,
+/// but a limb whose back alone is known hides the body behind it. It has to be before the body by
+/// more than noise: the back of a limb that lies on the body does.
+bool may_draw(const MirroredPoint& point, PixelKind kind, std::int32_t pixel, Limb affected,
+              const PhantomImage& image) {
+  constexpr float kClear = 0.02F;  // metres: a step of a Kinect V1
+  const PixelKind there = image.kind[pixel];
+  if (there == PixelKind::kNone) return true;
+  const float before = barrier(pixel, affected, image) - point.z;
+  if (kind == PixelKind::kPhantom) return before > 0.0F;
+  return there == PixelKind::kBody ? before > kClear : there == kind && before > 0.0F;
+}
+
+}  // namespace
+
 PixelBox write_phantom(const std::vector<MirroredPoint>& mirrored, Limb affected,
                        const PixelProjector& projector, const PhantomImage& image) {
   PixelBounds bounds;
   const auto write = [&](const MirroredPoint& point, PixelKind kind) {
     const std::int32_t pixel = projector.pixel(point.x, point.y, point.z);
-    if (pixel < 0) return;
-    const PixelKind there = image.kind[pixel];
-    const bool is_free = there == PixelKind::kNone;
-    const bool may_cover = kind == PixelKind::kPhantom || there == PixelKind::kAway;
-    if (!is_free && !(may_cover && point.z < barrier(pixel, affected, image))) return;
+    if (pixel < 0 || !may_draw(point, kind, pixel, affected, image)) return;
     draw(point, pixel, kind, image);
     bounds.add(pixel % image.cols, pixel / image.cols);
   };
@@ -472,9 +485,10 @@ PixelBox write_root(const std::vector<MirroredPoint>& mirrored, const PixelProje
 
 namespace {
 
-/// Draws the line between two mirrored points, ends excluded, where there is nothing.
-void draw_between(const MirroredPoint& a, const MirroredPoint& b, const PixelProjector& projector,
-                  const PhantomImage& image, PixelBounds& bounds) {
+/// Draws the line between two mirrored points, ends excluded, where it hides no point of a limb.
+void draw_between(const MirroredPoint& a, const MirroredPoint& b, Limb affected,
+                  const PixelProjector& projector, const PhantomImage& image,
+                  PixelBounds& bounds) {
   constexpr std::int64_t kReach = 6;  // pixels; wider gaps are left as what was not seen
   const std::int32_t from = projector.pixel(a.x, a.y, a.z), to = projector.pixel(b.x, b.y, b.z);
   if (from < 0 || to < 0) return;
@@ -487,10 +501,7 @@ void draw_between(const MirroredPoint& a, const MirroredPoint& b, const PixelPro
     MirroredPoint point = 2 * k <= steps ? a : b;
     point.x = mix(a.x, b.x), point.y = mix(a.y, b.y), point.z = mix(a.z, b.z);
     const std::int32_t pixel = projector.pixel(point.x, point.y, point.z);
-    if (pixel < 0) continue;
-    const PixelKind there = image.kind[pixel];
-    const bool nearer = there == PixelKind::kBridged && point.z < image.depth[pixel];
-    if (there != PixelKind::kNone && !nearer) continue;
+    if (pixel < 0 || !may_draw(point, PixelKind::kBridged, pixel, affected, image)) continue;
     draw(point, pixel, PixelKind::kBridged, image);
     bounds.add(pixel % image.cols, pixel / image.cols);
   }
@@ -498,8 +509,9 @@ void draw_between(const MirroredPoint& a, const MirroredPoint& b, const PixelPro
 
 }  // namespace
 
-PixelBox bridge_gaps(const std::vector<MirroredPoint>& mirrored, const PixelProjector& projector,
-                     const PhantomImage& image, std::vector<std::int32_t>& scratch) {
+PixelBox bridge_gaps(const std::vector<MirroredPoint>& mirrored, Limb affected,
+                     const PixelProjector& projector, const PhantomImage& image,
+                     std::vector<std::int32_t>& scratch) {
   // Stale entries of the scratch fail `mirrored[i].source == pixel`.
   for (std::size_t i = 0; i < mirrored.size(); ++i) {
     scratch[mirrored[i].source] = static_cast<std::int32_t>(i);
@@ -511,14 +523,13 @@ PixelBox bridge_gaps(const std::vector<MirroredPoint>& mirrored, const PixelProj
   };
   PixelBounds bounds;
   for (const MirroredPoint& point : mirrored) {
-    if (!point.faces_camera) continue;
     const bool last_column = (point.source + 1) % image.cols == 0;
     for (const std::int64_t step : {std::int64_t{1}, image.cols}) {
       const MirroredPoint* next =
           step == 1 && last_column ? nullptr : of_source(point.source + step);
-      if (next == nullptr || !next->faces_camera) continue;
+      if (next == nullptr || next->faces_camera != point.faces_camera) continue;
       if (!(std::abs(next->source_depth - point.source_depth) < kSameSurface)) continue;
-      draw_between(point, *next, projector, image, bounds);
+      draw_between(point, *next, affected, projector, image, bounds);
     }
   }
   return bounds.box();

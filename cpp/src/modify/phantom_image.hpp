@@ -144,8 +144,9 @@ void mirror_around_root(const PersonPoints& points, const Eigen::Vector3f& root,
                         const PhantomImage& image, std::vector<MirroredPoint>& mirrored);
 
 /// Draws mirrored points into the pixels nearest to their projections: those that face the camera
-/// where nothing is nearer, then the others where there is nothing. What is left of the limb itself
-/// (a stump) counts as nearer up to 5 cm behind. Returns the box of what was drawn.
+/// where nothing is nearer, then the others where there is nothing or the body is 2 cm behind. What
+/// is left of the limb itself (a stump) counts as nearer up to 5 cm behind. Returns the box of what
+/// was drawn.
 PixelBox write_phantom(const std::vector<MirroredPoint>& mirrored, Limb affected,
                        const PixelProjector& projector, const PhantomImage& image);
 
@@ -154,12 +155,13 @@ PixelBox write_root(const std::vector<MirroredPoint>& mirrored, const PixelProje
                     const PhantomImage& image);
 
 /// Where mirroring pulls neighbours of one surface apart, by up to 6 pixels, draws the straight
-/// line between them in the pixels that show nothing: their source is the nearer one's. Mirroring a
-/// grazing surface into a frontal one leaves gaps that the filling of holes, which looks one pixel
-/// to either side, cannot close. `mirrored` as written before; `scratch` has rows * cols numbers.
-/// Returns the box of what was drawn.
-PixelBox bridge_gaps(const std::vector<MirroredPoint>& mirrored, const PixelProjector& projector,
-                     const PhantomImage& image, std::vector<std::int32_t>& scratch);
+/// line between them in the pixels that show nothing, or the body 2 cm behind: their source is the
+/// nearer one's. Mirroring a grazing surface into a frontal one leaves gaps that the filling of
+/// holes, which looks one pixel to either side, cannot close. `mirrored` as written before;
+/// `scratch` has rows * cols numbers. Returns the box of what was drawn.
+PixelBox bridge_gaps(const std::vector<MirroredPoint>& mirrored, Limb affected,
+                     const PixelProjector& projector, const PhantomImage& image,
+                     std::vector<std::int32_t>& scratch);
 
 struct HoleFill {
   std::int32_t pixel;

@@ -652,7 +652,10 @@ class PhantomPipeline::Workspace {
     const PixelProjector projector(*camera_, rays_);
     PixelBounds phantom;
     phantom.add(shown.box);
-    if (!is_lost) phantom.add(bridge_gaps(shown.points.limb, projector, image, vertex_of_));
+    if (!is_lost) {
+      phantom.add(
+          bridge_gaps(shown.points.limb, options_.affected, projector, image, vertex_of_));
+    }
     report.num_filled = fill_holes(phantom.box(), rays_, image, fills_);
     PixelBounds all = phantom;
     all.add(points_.box);
