@@ -20,7 +20,13 @@ from manip3d.authenticate import (
     inspect,
     kitti_lattice,
 )
-from manip3d.authenticate._lattice import _exact_steps, _one_below_the_other
+from manip3d.authenticate._lattice import (
+    _exact_steps,
+    _first_encoders,
+    _fit_beside,
+    _off_the_steps,
+    _one_below_the_other,
+)
 from real_data import RealData
 
 UNITS = {"hesai": hesai(), "ouster": ouster()}
@@ -76,6 +82,22 @@ def test_a_laser_that_meets_two_walls_only_has_its_own_lateral_distance(seed: in
     found = _exact_steps(far, angle, [np.flatnonzero(ring == k) for k in range(8)])
     assert found[0] == steps
     np.testing.assert_allclose(found[1], lateral, atol=1e-5)
+
+
+@pytest.mark.parametrize("seed", [317, 323, 330, 334])
+def test_the_fit_of_a_laser_goes_on_until_it_stands(seed: int) -> None:
+    """Points mostly near, as half of those of an OS1-128's laser were."""
+    random = np.random.default_rng(seed)
+    steps = 2048
+    far = random.normal(18.0, 3.0, 120).clip(5.0), random.normal(40.0, 4.0, 130).clip(20.0)
+    rho = np.concatenate([random.uniform(0.55, 0.9, 80), random.normal(10.0, 1.2, 400),
+                          random.normal(12.5, 1.0, 300), *far])  # fmt: skip
+    lateral, azimuth = random.uniform(-0.006, 0.006), random.uniform(0.0, 2.0 * np.pi / steps)
+    angle = azimuth + 2.0 * np.pi / steps * random.integers(0, steps, len(rho))
+    angle = np.mod(angle + np.arcsin(lateral / rho), 2.0 * np.pi)
+    (start,) = _first_encoders(rho, angle, [np.arange(len(rho))], steps)
+    found = _fit_beside(rho, angle, steps, *start)
+    assert np.abs(_off_the_steps(rho, angle, *found, steps)).max() < 1e-5
 
 
 @pytest.mark.parametrize("labelled", [False, True])
@@ -269,6 +291,17 @@ def test_a_laser_that_saw_little_accuses_nobody(unit: Unit) -> None:
         for kept in (of_it[:1], of_it[:2], of_it[5:10], of_it[5:17], of_it[100:160]):
             rows = np.sort(np.r_[np.flatnonzero(scan.ring != ring), kept])
             assert said(keep(rows)).verdict == "undecidable", (ring, len(kept))
+
+
+@pytest.mark.parametrize("is_reversed", [False, True])
+def test_a_laser_beside_all_lines_accuses_nobody(is_reversed: bool) -> None:
+    """Only the order of the file tells lasers, and that of few points is none of its rings."""
+    scan = exact_scan(ouster(), labelled=True)
+    assert scan.ring is not None
+    ring = scan.ring.max() - scan.ring if is_reversed else scan.ring
+    few = np.flatnonzero(ring == 30)[:48]
+    rows = np.sort(np.r_[np.flatnonzero(~np.isin(ring, (27, 28, 30, 31))), few])
+    assert said(without_labels(scan.points[rows])).verdict == "undecidable"
 
 
 @pytest.mark.parametrize("seen", [5, 300])

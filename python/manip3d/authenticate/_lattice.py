@@ -125,6 +125,10 @@ MOST_SEARCHED = 300
 LIKELY = 4
 """Places of the grid that are kept of that search."""
 
+MOST_FITS = 40
+"""Fits of a line to the points near the one before, which mostly end after five. Eight were too few
+for a laser of an OS1-128, whose points were off its steps by 0.1 mm."""
+
 TRIED_AGAIN = 16
 """Places of the grid that a laser's fit begins at where it fails from the likeliest one."""
 
@@ -329,7 +333,7 @@ class SensorLattice:
             or below all lines than half of the distance between the two outermost, and for points
             of lasers that may have no line: fewer than half of those of a ring are on any, and they
             look as high as one laser does; or nothing but the order of the file tells rings, and
-            there is room for a laser.
+            there is room for a laser, as there is beside all lines.
         """
         reading = self.read(frame.points) if reading is None else reading
         told = self._is_between_lines(frame.points) & (reading.ring >= 0)
@@ -354,13 +358,13 @@ class SensorLattice:
     def _is_in_wide_gap(self, height: Floats) -> NDArray[np.bool_]:
         """Whether heights over distances lie where a laser that answered little may look.
 
-        Lines are farther apart there than their neighbours.
+        Lines are farther apart there than their neighbours, or all lie on one side.
         """
         lines = np.sort(self.slope)
         gaps = np.diff(lines)
         beside = np.minimum(np.r_[np.inf, gaps[:-1]], np.r_[gaps[1:], np.inf])
         gap = np.searchsorted(lines, height) - 1
-        wide = np.r_[False, gaps > WIDE_GAP * beside, False]
+        wide = np.r_[True, gaps > WIDE_GAP * beside, True]
         return np.asarray(wide[gap + 1])
 
     def _is_between_lines(self, points: NDArray[np.float32]) -> NDArray[np.bool_]:
@@ -820,12 +824,15 @@ def _fit_exactly(x: Floats, y: Floats, slope: float, offset: float) -> tuple[flo
     Without such points it is the given one.
     """
     found = slope, offset
-    for _ in range(8):
+    before: NDArray[np.bool_] | None = None
+    for _ in range(MOST_FITS):
         error = np.abs(y - found[0] * x - found[1])
         inside = error <= max(3.0 * float(np.median(error)) if len(error) else 0.0, 1e-6)
         if np.count_nonzero(inside) < FEWEST_LABELLED or np.ptp(x[inside]) <= LEAST_SPREAD:
-            return found
-        found = line_fit(x[inside], y[inside])
+            break
+        if before is not None and np.array_equal(inside, before):
+            break
+        found, before = line_fit(x[inside], y[inside]), inside
     return found
 
 
@@ -901,7 +908,7 @@ def _fit_beside(
     rho: Floats, angle: Floats, steps: int, lateral: float, azimuth: float
 ) -> tuple[float, float]:
     """Lateral distance (m) and angle at count 0 (rad) that most points of a laser agree on."""
-    for _ in range(8):
+    for _ in range(MOST_FITS):
         error = _off_the_steps(rho, angle, lateral, azimuth, steps)
         off = np.abs(error)
         inside = off <= max(3.0 * float(np.median(off)) if len(off) else 0.0, 1e-6)
@@ -909,6 +916,8 @@ def _fit_beside(
             break
         turn, shift = line_fit(rho[inside], error[inside])
         lateral, azimuth = lateral + shift, azimuth + turn
+        if abs(turn) < 1e-12 and abs(shift) < 1e-9:
+            break
     return lateral, azimuth
 
 
