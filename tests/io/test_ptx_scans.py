@@ -116,7 +116,10 @@ def test_other_scans_are_written(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.points, scan.points)
     np.testing.assert_array_equal(found.intensity, scan.intensity)
     assert found.fields["red"].tolist() == list(range(50))
-    few = found.select(np.arange(20))
+    scan.replace(origin=(1.0, 2.0, 3.0)).write(path)
+    assert io.read_scan(path).origin is None  # it is not at the origin, which is what PTX promises
+    scan.write(path)
+    few = io.read_scan(path).select(np.arange(20))
     few.write(path)  # no grid any more
     assert io.read_scan(path).num_points == 20
     LidarFrame(scan.points).write(path)
@@ -131,6 +134,10 @@ def test_commands_take_it(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, ["convert", str(path), "-o", str(tmp_path / "drive")])
     assert done.exit_code == 0, done.output
     assert len(list((tmp_path / "drive" / "velodyne").iterdir())) == 2
+    points = tmp_path / "a.ply"
+    io.read_scans(path)[0].write(points)  # PLY does not say where the scanner stood
+    done = CliRunner().invoke(app, ["convert", str(points), "-o", str(tmp_path / "b.ptx")])
+    assert "warning: where the scanner stood is not known" in done.output
     scan = io.read_scans(path)[0]
     assert authenticate.inspect(scan, power=False).verdict == "undecidable"
     assert capture.scan_address(str(path)) is None

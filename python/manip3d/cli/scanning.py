@@ -198,6 +198,10 @@ def _tell_of_map(scan: LidarFrame, suffix: str, terminal: Terminal) -> None:
             "warning: coordinates of 64 bits, which PCL and Open3D do not read in .pcd files: "
             "for these write .ply or .las"
         )
+    if suffix == ".ptx" and scan.origin is None:
+        terminal.say(
+            "warning: where the scanner stood is not known; .ptx files say that it is the origin"
+        )
     if (pose := map_place(scan, suffix)) is not None:
         where = " ".join(f"{value:.3f}" for value in pose)
         terminal.say(f"warning: coordinates are the scanner's own; its place on the map: {where}")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from manip3d._util.linear import product
 from manip3d.errors import FormatError
 from manip3d.io._files import atomic_path, open_regular
 from manip3d.io._limits import check_points
@@ -161,7 +162,8 @@ def _read_points(lines: _Lines, count: int) -> Doubles:
 def write_all(frames: Sequence[LidarFrame], path: Path) -> None:
     """Scans one after the other; those that were read from PTX or E57 keep their poses.
 
-    A scan that is no grid any more, because points were added or removed, has one column.
+    A scan that is no grid any more, because points were added or removed, has one column. A scanner
+    whose place is not known is said to stand at the origin, since PTX has no word for that.
     """
     with atomic_path(path) as temporary, temporary.open("w", encoding="ascii", newline="\n") as out:
         for frame in frames:
@@ -171,7 +173,8 @@ def write_all(frames: Sequence[LidarFrame], path: Path) -> None:
             if shape[0] * shape[1] != frame.num_points:
                 shape = (1, frame.num_points)
             pose = np.asarray(known.get("pose", np.eye(4)))
-            position = known["position"] if is_own else pose[:3, 3]
+            stands = np.append(frame.origin or (0.0, 0.0, 0.0), 1.0)
+            position = known["position"] if is_own else product(pose, stands)[:3]
             axes = known["axes"] if is_own else pose[:3, :3].T
             out.write(f"{shape[0]}\n{shape[1]}\n")
             np.savetxt(out, np.vstack([position, axes]), "%.17g")
