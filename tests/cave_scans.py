@@ -31,3 +31,5 @@ def ball(radius: float, count: int, seed: int = 0) -> Points:
 
 
 CAVE = cave()
+AHEAD = CAVE[len(CAVE) // 3 : 2 * len(CAVE) // 3]
+"""A third of the turn, for tests that need a scan and no whole one."""

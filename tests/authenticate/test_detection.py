@@ -9,7 +9,7 @@ import pytest
 import test_cross_modal as scenes
 
 import lattice_scans as scans
-from cave_scans import CAVE, ball
+from cave_scans import AHEAD, ball
 from manip3d import LidarFrame, authenticate, forge
 from manip3d.authenticate import (
     Calibration,
@@ -22,7 +22,7 @@ from manip3d.authenticate import (
 from manip3d.lidar import Box
 
 LATTICE = scans.lattice()
-FORGED_CAVE = np.concatenate([CAVE, ball(0.6, 20_000) + np.float32([3, 1, 0])])
+FORGED = np.concatenate([AHEAD, ball(0.6, 20_000) + np.float32([3, 1, 0])])
 STREET = scans.scan(np.random.default_rng(5))
 FORGED_STREET = np.concatenate([STREET, ball(0.5, 3_000) + np.float32([6, 2, 0])])
 FRAME = LidarFrame(STREET, np.full(len(STREET), 0.25, np.float32))
@@ -30,11 +30,11 @@ NOTHING = np.empty((0, 3), np.float32)
 
 DETECTIONS: dict[str, Callable[[], Detection]] = {
     "density": lambda: authenticate.density_consistency(
-        forge.ctp(CAVE, ball(0.35, 8000), position=(3.5, 1, 0)).points,
+        forge.ctp(AHEAD, ball(0.35, 8000), position=(3.5, 1, 0)).points,
         parameters=DensityParameters(sector=10, level_width=0.1, fall=0.6),
     ),
     "density of nothing": lambda: authenticate.density_consistency(NOTHING),
-    "occlusion": lambda: authenticate.occlusion_consistency(FORGED_CAVE),
+    "occlusion": lambda: authenticate.occlusion_consistency(FORGED),
     "occlusion of nothing": lambda: authenticate.occlusion_consistency(NOTHING),
     "generic": lambda: authenticate.generic_consistency(FORGED_STREET, lattice=LATTICE),
     "generic of nothing": lambda: authenticate.generic_consistency(NOTHING, lattice=LATTICE),
@@ -49,7 +49,7 @@ DETECTIONS: dict[str, Callable[[], Detection]] = {
     "surround": lambda: authenticate.surround_consistency(
         scenes.lidar(scenes.CAR), {"front": scenes.cameras()}, {"front": scenes.RIG}
     ),
-    "inspect": lambda: authenticate.inspect(FORGED_CAVE, origin=(0, 0, 0)),
+    "inspect": lambda: authenticate.inspect(FORGED, origin=(0, 0, 0)),
 }
 
 
@@ -87,7 +87,7 @@ def test_an_accusation_has_regions_and_their_points(name: str) -> None:
 def test_each_occlusion_region_has_the_points_of_its_own_place() -> None:
     """Two balls in front of the wall, and no point of one in the region of the other."""
     first, second = (ball(0.6, 20_000) + np.float32(at) for at in ([3, 1, 0], [-3, 1, 0]))
-    found = authenticate.occlusion_consistency(np.concatenate([CAVE, first, second]))
+    found = authenticate.occlusion_consistency(np.concatenate([AHEAD, first, second]))
     one, other = sorted(found.regions, key=lambda region: -region.box.center[0])[:2]
-    assert ((one.rows >= len(CAVE)) & (one.rows < len(CAVE) + len(first))).mean() > 0.95
-    assert (other.rows >= len(CAVE) + len(first)).mean() > 0.95
+    assert ((one.rows >= len(AHEAD)) & (one.rows < len(AHEAD) + len(first))).mean() > 0.95
+    assert (other.rows >= len(AHEAD) + len(first)).mean() > 0.95

@@ -849,7 +849,9 @@ def test_a_scan_around_the_origin_is_identified_once(
     assert found.origin == pytest.approx(place, abs=0.01)
     assert len(asked) == times
     stated = authenticate.inspect(scan, origin=place)
-    assert found.sensor == stated.sensor
+    assert found.sensor is not None
+    assert stated.sensor is not None
+    assert found.sensor.name == stated.sensor.name == "terrestrial scanner"
     assert [one.verdict for one in found.detectors] == [one.verdict for one in stated.detectors]
 
 

@@ -407,11 +407,18 @@ def test_a_drive_looks_closer_at_turns_beside_one_that_was_cut(
 
 def test_power_says_what_neighbours_add_for_white_box_edits(turns: list[np.ndarray]) -> None:
     frames = [LidarFrame(points, origin=(0, 0, 0)) for points in turns]
-    alone = authenticate.measure_power(frames[1:2], LATTICE, planted=3, rng=1)
-    assert set(alone) == {name for name in authenticate.EDITS if "reflectance" not in name}
-    for name in ("white-box removed", "white-box added", "spoofed"):
-        assert (alone[name].found, alone[name].planted) == (0, 3)
-    beside = authenticate.measure_power(frames, LATTICE, planted=6, neighbours=True, rng=2)
+    measured = authenticate.measure_power(frames[1:2], LATTICE, planted=1, rng=1)
+    assert set(measured) == {name for name in authenticate.EDITS if "reflectance" not in name}
+    hidden = ("white-box removed", "white-box added", "spoofed")
+    alone = authenticate.measure_power(frames[1:2], LATTICE, planted=3, classes=hidden, rng=1)
+    assert set(alone) == set(hidden)
+    for power in alone.values():
+        assert (power.found, power.planted) == (0, 3)
+    classes = ("removed", "white-box removed", "white-box added")
+    beside = authenticate.measure_power(
+        frames, LATTICE, planted=6, classes=classes, neighbours=True, rng=2
+    )
+    assert set(beside) == set(classes)
     assert {power.planted for power in beside.values()} == {6}
     assert beside["removed"].found == 6
     assert beside["white-box removed"].found > 0

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import lattice_scans as scans
-from cave_scans import CAVE, ball
+from cave_scans import AHEAD, ball
 from manip3d import InputError, LidarFrame, authenticate, report
 from manip3d.authenticate import KeyFile, Watermarker, inspect
 from manip3d.authenticate._carriers import ALLOWED, allowance, find_carrier, without_bits
@@ -152,7 +152,7 @@ def test_a_signed_frame_without_traces_is_judged_as_ever(key: KeyFile) -> None:
     assert inspect(sent.frame, lattice=LATTICE, watermark=sent.record, key=key).verdict == (
         "no_trace"
     )
-    cave = LidarFrame(np.concatenate([CAVE, ball(0.6, 20_000) + np.float32([3, 1, 0])]))
+    cave = LidarFrame(np.concatenate([AHEAD, ball(0.6, 20_000) + np.float32([3, 1, 0])]))
     sent = Watermarker(key, embedding="detached").embed(cave)
     signed = inspect(sent.frame, origin=(0, 0, 0), watermark=sent.record, key=key)
     assert (signed.verdict, signed.accusing and signed.accusing.name) == ("tampered", "occlusion")

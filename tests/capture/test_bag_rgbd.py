@@ -52,6 +52,8 @@ POSE = np.eye(4)  # T_depth_color
 POSE[:3, :3] = [[np.cos(0.1), 0, np.sin(0.1)], [0, 1, 0], [-np.sin(0.1), 0, np.cos(0.1)]]
 POSE[:3, 3] = 0.05, 0.01, 0.002
 
+pytestmark = pytest.mark.usefixtures("forked_readers")
+
 
 def info(matrix: NDArray[np.float64], frame: str, size: tuple[int, int], **changed: Any) -> Any:
     return replace(camera_info(matrix, frame), **{"width": size[0], "height": size[1]} | changed)

@@ -18,7 +18,7 @@ from typer.testing import CliRunner, Result
 
 import manip3d
 import manip3d.report
-from cave_scans import CAVE, ball
+from cave_scans import AHEAD, ball
 from manip3d import authenticate, datasets, report
 from manip3d.cli import app
 from manip3d.cli.forge import ATTACKS
@@ -36,7 +36,7 @@ def run(*arguments: object) -> Result:
 @pytest.fixture
 def scan(tmp_path: Path) -> Path:
     path = tmp_path / "scan.bin"
-    manip3d.LidarFrame(CAVE, np.zeros(len(CAVE), np.float32)).write(path)
+    manip3d.LidarFrame(AHEAD, np.zeros(len(AHEAD), np.float32)).write(path)
     return path
 
 
@@ -72,7 +72,7 @@ def test_clean_forged_and_undecidable(scan: Path, hoax: Path, tmp_path: Path) ->
     assert made.exit_code == 0, made.output
     assert json.loads(made.stdout)["added"] == 20_000
     truth = json.loads((tmp_path / "forged.bin.truth.json").read_text())
-    assert truth["added"] == list(range(len(CAVE), len(CAVE) + 20_000))
+    assert truth["added"] == list(range(len(AHEAD), len(AHEAD) + 20_000))
 
     page = tmp_path / "evidence.html"
     found = run("inspect", forged, "-o", page, "--json", "-q")
@@ -93,7 +93,7 @@ def test_clean_forged_and_undecidable(scan: Path, hoax: Path, tmp_path: Path) ->
     assert "-o" in str(refused.exception)
 
     fused = tmp_path / "fused.bin"
-    manip3d.LidarFrame(np.concatenate([CAVE, CAVE + np.float32([2, 1, 0.3])])).write(fused)
+    manip3d.LidarFrame(np.concatenate([AHEAD, AHEAD + np.float32([2, 1, 0.3])])).write(fused)
     assert run("inspect", fused, "-q").exit_code == 4
 
 
@@ -105,7 +105,7 @@ def test_every_attack_writes_a_scan_and_its_truth(
     attack: str, scan: Path, hoax: Path, tmp_path: Path
 ) -> None:
     output = tmp_path / "forged.bin"
-    place = CAVE[len(CAVE) // 2] if attack == "crtp" else (3, 1, 0)
+    place = AHEAD[len(AHEAD) // 2] if attack == "crtp" else (3, 1, 0)
     box = ("--box", 6, 0, 0, 4, 4, 4, 0.2)
     done = run(
         "forge",
@@ -129,7 +129,7 @@ def test_every_attack_writes_a_scan_and_its_truth(
     forged = manip3d.io.read_scan(output)
     assert forged.num_points == truth["points"]
     assert len(truth["added"]) + len(truth["moved"]) + len(truth["removed"]) > 0
-    check_truth(truth, CAVE, forged.points)
+    check_truth(truth, AHEAD, forged.points)
 
 
 def check_truth(truth: dict[str, Any], before: Points, after: Points) -> None:
@@ -153,7 +153,7 @@ def test_truth_files_tell_what_the_bytes_say(
     source = tmp_path / f"scan{suffix}"
     manip3d.io.read_scan(scan).write(source)
     output = tmp_path / f"forged{suffix}"
-    place = CAVE[len(CAVE) // 2] if attack == "crtp" else (3, 1, 0)
+    place = AHEAD[len(AHEAD) // 2] if attack == "crtp" else (3, 1, 0)
     done = run(
         "forge", "lidar", attack, source, "-o", output, "--hoax", hoax, "--position", *place,
         "--box", 6, 0, 0, 4, 4, 4, 0.2, "-q",
@@ -200,7 +200,7 @@ def test_hoaxes_with_y_up_stand_upright(
         "--position", 3, 1, 0, "-q",
     )  # fmt: skip
     assert done.exit_code == 0, done.output
-    pasted = manip3d.io.read_scan(tmp_path / "forged.bin").points[len(CAVE) :]
+    pasted = manip3d.io.read_scan(tmp_path / "forged.bin").points[len(AHEAD) :]
     np.testing.assert_allclose(np.ptp(pasted, axis=0), size, atol=1e-5)
 
 
@@ -213,7 +213,7 @@ def test_y_up_turns_and_does_not_mirror(scan: Path, tmp_path: Path) -> None:
         "--position", 3, 1, 0, "-q",
     )  # fmt: skip
     assert done.exit_code == 0, done.output
-    x, y, z = manip3d.io.read_scan(output).points[len(CAVE) :].astype(float)
+    x, y, z = manip3d.io.read_scan(output).points[len(AHEAD) :].astype(float)
     np.testing.assert_allclose(y - x, [-1, 0, 2], atol=1e-5)  # the mesh's y became z
     np.testing.assert_allclose(z - x, [-1, -4, 0], atol=1e-5)  # and its z became -y
 

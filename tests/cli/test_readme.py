@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 
 import lattice_scans
 import manip3d
-from cave_scans import CAVE, ball
+from cave_scans import AHEAD, ball
 from manip3d._util.extras import EXTRAS
 from manip3d.cli import _VERBS, app, load
 from manip3d.experiments import _simplification
@@ -34,6 +34,7 @@ SHORTER = (
     (r"(reproduce \S+\b)(?: --scale quick)?", r"\1 --scale quick --data simulated"),
     (r"-o lattice\.json", "-o lattice.json --planted 1"),
     (r"sim:indoor-00", "sim:indoor-00 --resolution 1.5"),
+    (r"(forge people .*)--frames 3", r"\1--frames 1 --scenes 1 --jobs 1"),  # no process of its own
     (r"^MANIP3D_DATA=\S+ ", ""),
 )
 """What is shorter here than in the text."""
@@ -88,7 +89,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "models").mkdir()
     manip3d.Mesh(vertices, faces).write(folder / "models" / "ball.obj")
     manip3d.Mesh(vertices, faces).write(folder / "light.glb")
-    hoax = np.concatenate([CAVE, ball(0.6, 20_000) + np.float32([3, 1, 0])])
+    hoax = np.concatenate([AHEAD, ball(0.6, 20_000) + np.float32([3, 1, 0])])
     for name in ("scan", "a", "b", "c"):
         manip3d.LidarFrame(hoax, np.zeros(len(hoax), np.float32)).write(folder / f"{name}.bin")
     Image.fromarray(depth_image()).save(folder / "depth.png")
@@ -279,7 +280,7 @@ def make_watermark(words: list[str], place: Path) -> None:
     key = manip3d.authenticate.KeyFile.create(place / "sensor.key")
     scans = place / "drive" / "velodyne_points" / "data"
     scans.mkdir(parents=True, exist_ok=True)
-    scan = np.round(CAVE, 3)
+    scan = np.round(AHEAD, 3)
     manip3d.LidarFrame(scan, np.zeros(len(scan), np.float32)).write(scans / "0000000000.bin")
     pictures = place / "drive" / "image_02" / "data"
     pictures.mkdir(parents=True, exist_ok=True)

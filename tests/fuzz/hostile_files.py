@@ -788,11 +788,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("--kind", choices=KINDS, help="Only this kind; default: all.")
+    parser.add_argument(
+        "--kind", choices=KINDS, action="append", help="Only this kind, or these; default: all."
+    )
     parser.add_argument("--cases", type=int, default=10_000, help="Cases in all.")
     parser.add_argument("--first", type=int, default=0, help="First seed of each kind.")
     options = parser.parse_args()
-    kinds = [options.kind] if options.kind else list(KINDS)
+    kinds = options.kind or list(KINDS)
     found = 0
     for kind in kinds:
         share = -(-options.cases // len(kinds))

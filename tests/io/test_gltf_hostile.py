@@ -369,7 +369,8 @@ def test_scenes_take_no_quadratic_time(tmp_path: Path, make: Callable[[int], byt
         assert len(manip3d.io.read_scene(path).nodes) == count
         return time.process_time() - begin
 
-    assert min(seconds(40_000), seconds(40_000)) < 8.0 * seconds(10_000)
+    few = seconds(10_000)
+    assert any(seconds(40_000) < 8.0 * few for _ in range(2))  # other processes may disturb one
 
 
 def test_the_file_is_named(tmp_path: Path) -> None:

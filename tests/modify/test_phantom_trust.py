@@ -709,12 +709,13 @@ def test_a_hat_is_no_wrong_focal_length(person: Person) -> None:
 
 def test_a_rolled_camera_tells_a_wrong_focal_length_too() -> None:
     """By 90 degrees: the person lies in the image, with the head to the left."""
+    people = BodySimulator(
+        motion="reach", amputated="right_arm", color="none", room=False, frames=20, seed=2
+    )
+    images = list(people)
     for factor, reason in ((1.0, PhantomReason.NONE), (1.15, PhantomReason.CALIBRATION)):
         pipeline = PhantomPipeline("right_arm")
-        people = BodySimulator(
-            motion="reach", amputated="right_arm", color="none", room=False, frames=20, seed=2
-        )
-        for image in people:
+        for image in images:
             result = pipeline.process(rolled(image, factor))
         assert result.reason is reason
 

@@ -378,9 +378,9 @@ def test_an_anomaly_is_filmed_from_five_seconds_before_it(consents: bool) -> Non
     session.command("ready")
     frames = patient()
     there_and_back = [*frames[30:], *frames[-2:30:-1]]  # without a jump
-    for number in range(30 * (22 if consents else 14)):
+    for number in range(20 * (22 if consents else 14)):
         frame = there_and_back[number % len(there_and_back)]
-        time = frames[0].time_ns + number * 33_333_333
+        time = frames[0].time_ns + number * 50_000_000
         session.process(replace(frame, time_ns=time, number=number), captured_ns=1)
     session.end()
     (game,) = heard.games

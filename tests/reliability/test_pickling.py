@@ -18,7 +18,7 @@ import pytest
 import kernels
 import manip3d
 import rgbd_frames
-from cave_scans import CAVE, ball
+from cave_scans import AHEAD, ball
 from manip3d import (
     LidarFrame,
     Material,
@@ -132,7 +132,7 @@ def values() -> Iterator[object]:
         simplify.JointFileResult,
     ):  # plain values, whatever they hold
         yield kind(**{field.name: np.arange(3.0) for field in dataclasses.fields(kind)})
-    forged = np.concatenate([CAVE, ball(0.6, 20_000) + np.float32([3, 1, 0])])
+    forged = np.concatenate([AHEAD, ball(0.6, 20_000) + np.float32([3, 1, 0])])
     inspected = authenticate.inspect(np.float16(forged).astype(np.float32), origin=(0, 0, 0))
     assert inspected.processing
     yield from (inspected, inspected.regions[0])

@@ -282,7 +282,7 @@ def simplify_camera_files(
     >>> from pathlib import Path
     >>> from manip3d import simplify
     >>> for name in ("1.00.npy", "1.05.npy"):
-    ...     np.save(name, np.full((480, 640), 2.0, np.float32))
+    ...     np.save(name, np.full((240, 320), 2.0, np.float32))
     >>> _ = Path("truth.txt").write_text("1.00 0 0 0 0 0 0 1\n1.05 0.5 0 0 0 0 0 1")
     >>> options = simplify.DepthOptions(100, intrinsics="tum")
     >>> found = simplify.simplify_camera_files(
