@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import re
 from collections.abc import Callable
@@ -381,8 +382,14 @@ def test_a_lattice_that_one_scan_tells_accuses_no_other_of_its_drive() -> None:
     assert (last.verdict, last.processing) == ("undecidable", ())
 
 
+@functools.cache
+def on_a_street(seed: int) -> LidarFrame:
+    """A simulated turn of an HDL-64E, which takes longer than to judge it."""
+    return simulate.hdl64e(simulate.street(rng=seed), 1.0, rng=0).frame
+
+
 def test_a_thinned_scan_is_not_said_to_lack_the_scanners_own_car() -> None:
-    scan = simulate.hdl64e(simulate.street(rng=3), 1.0, rng=0).frame
+    scan = on_a_street(3)
     some = np.random.default_rng(7).random(scan.num_points) < 0.1
     found = authenticate.inspect(scan.select(np.flatnonzero(some)))
     assert "thinned" in {step.kind for step in found.processing}
@@ -1270,7 +1277,7 @@ def test_printed_thresholds_accuse_terrestrial_scans_only() -> None:
 
 @pytest.mark.parametrize("left_out", ["a third", "at random"])
 def test_a_thinned_scan_says_what_share_is_missing(left_out: str) -> None:
-    scan = simulate.hdl64e(simulate.street(rng=3), 1.0, rng=0).frame
+    scan = on_a_street(3)
     rows = np.arange(scan.num_points)
     at_random = np.random.default_rng(7).random(len(rows)) > 0.1
     kept = rows % 3 != 0 if left_out == "a third" else at_random
@@ -1282,7 +1289,7 @@ def test_a_thinned_scan_says_what_share_is_missing(left_out: str) -> None:
 
 def test_a_scan_that_lost_far_returns_by_chance_is_thinned() -> None:
     """The share that is lost grows from none at 20 m to all at 100 m, as in simulated fog."""
-    scan = simulate.hdl64e(simulate.street(rng=0), 1.0, rng=0).frame
+    scan = on_a_street(0)
     distance = np.linalg.norm(scan.points, axis=1)
     kept = np.random.default_rng(7).random(len(distance)) > (distance - 20.0) / 80.0
     assert "thinned" not in {step.kind for step in authenticate.inspect(scan).processing}
