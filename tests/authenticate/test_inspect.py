@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import lattice_scans as scans
-from cave_scans import CAVE, ball
+from cave_scans import AHEAD, CAVE, ball
 from manip3d import FormatError, InputError, LidarFrame, authenticate, io, report, simulate
 from manip3d.authenticate import (
     DetectorReport,
@@ -24,6 +24,7 @@ from manip3d.authenticate import (
     Processing,
     SensorLattice,
     _inspect,
+    _sensors,
     combined_verdict,
     kitti_lattice,
 )
@@ -860,6 +861,29 @@ def test_a_scan_around_the_origin_is_identified_once(
     assert stated.sensor is not None
     assert found.sensor.name == stated.sensor.name == "terrestrial scanner"
     assert [one.verdict for one in found.detectors] == [one.verdict for one in stated.detectors]
+
+
+def test_a_grid_around_the_origin_is_looked_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A scan that has none there is no terrestrial scanner's; around another place it is looked
+    for again."""
+    asked: list[object] = []
+
+    def ask(scan: LidarFrame, **options: Any) -> Any:
+        asked.append(options["known"])
+        return authenticate.estimate_origin(scan, **options)
+
+    for module in (_inspect, _sensors):
+        monkeypatch.setattr(module, "estimate_origin", ask)
+    place, here = (1.0, 2.0, 3.0), (0.0, 0.0, 0.0)
+    two = np.concatenate([AHEAD, AHEAD + np.float32([2.0, 1.0, 0.3])])
+    for points, stated, verdict, places in (
+        (AHEAD, here, "no_trace", [here]),
+        (AHEAD + np.float32(place), place, "no_trace", [here, place]),
+        (two, here, "undecidable", [here]),
+    ):
+        asked.clear()
+        assert authenticate.inspect(LidarFrame(points), origin=stated).verdict == verdict
+        assert asked == places
 
 
 def test_a_scan_on_its_side_is_not_taken_for_a_terrestrial_one() -> None:

@@ -43,6 +43,15 @@ def box_of(points: np.ndarray, azimuth: float, span: float, top: float) -> np.nd
     return (angle < span) & (points[:, 2] < top)
 
 
+def test_the_median_of_a_ring_is_that_of_numpy() -> None:
+    random = np.random.default_rng(5)
+    for count in (*range(1, 9), 100, 1001):
+        values = random.normal(size=count) ** 9
+        assert _lattice._median(values) == np.median(values)
+    assert _lattice._median(np.empty(0)) == 0.0
+    assert math.isnan(_lattice._median(np.array([1.0, np.nan, 2.0])))
+
+
 def test_a_reading_that_is_handed_on_gives_the_same_bits(clean: np.ndarray) -> None:
     forged = clean.copy()
     forged[5000:5200, 0] += np.float32(0.5)

@@ -914,7 +914,9 @@ def _by_angles(
     told: Callable[[float], object],
 ) -> Inspection:
     """Judge by detectors I and II."""
-    if source in ("argument", "file") and _fused(scan, position, threads):
+    # Around the coordinates' origin it is no terrestrial scanner's scan unless it stands on a grid.
+    is_stated = source in ("argument", "file") and any(position)
+    if is_stated and _fused(scan, position, threads):
         return _without_position(scan, "several positions fused, or the scanner stood elsewhere")
     density = density_consistency(
         scan, parameters=PAPER_DENSITY if printed else None, origin=position, threads=threads

@@ -827,13 +827,24 @@ def _fit_exactly(x: Floats, y: Floats, slope: float, offset: float) -> tuple[flo
     before: NDArray[np.bool_] | None = None
     for _ in range(MOST_FITS):
         error = np.abs(y - found[0] * x - found[1])
-        inside = error <= max(3.0 * float(np.median(error)) if len(error) else 0.0, 1e-6)
+        inside = error <= max(3.0 * _median(error), 1e-6)
         if np.count_nonzero(inside) < FEWEST_LABELLED or np.ptp(x[inside]) <= LEAST_SPREAD:
             break
         if before is not None and np.array_equal(inside, before):
             break
         found, before = line_fit(x[inside], y[inside]), inside
     return found
+
+
+def _median(values: Floats) -> float:
+    """As `numpy.median`, in a quarter of its time for the few points of a ring; 0 of none."""
+    half = len(values) // 2
+    if len(values) == 0 or np.isnan(values.max()):
+        return 0.0 if len(values) == 0 else math.nan
+    if len(values) % 2:
+        return float(np.partition(values, half)[half])
+    below, above = np.partition(values, (half - 1, half))[half - 1 : half + 1].tolist()
+    return float((below + above) / 2.0)
 
 
 def _exact_steps(
@@ -911,7 +922,7 @@ def _fit_beside(
     for _ in range(MOST_FITS):
         error = _off_the_steps(rho, angle, lateral, azimuth, steps)
         off = np.abs(error)
-        inside = off <= max(3.0 * float(np.median(off)) if len(off) else 0.0, 1e-6)
+        inside = off <= max(3.0 * _median(off), 1e-6)
         if np.count_nonzero(inside) < FEWEST_LABELLED or np.ptp(rho[inside]) <= LEAST_SPREAD:
             break
         turn, shift = line_fit(rho[inside], error[inside])
