@@ -1,9 +1,11 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>
+#include <limits>
 #include <map>
 #include <numeric>
 #include <set>
@@ -17,6 +19,7 @@
 #include "simplify/relief_coverage.hpp"
 #include "simplify/relief_raster.hpp"
 #include "simplify/relief_start.hpp"
+#include "simplify/relief_surface.hpp"
 
 namespace manip3d {
 namespace {
@@ -46,6 +49,56 @@ PointGrid sway(int frame) {
     }
   }
   return grid;
+}
+
+// A surface around pixels that are filled in is that of the whole grid, to the bit.
+TEST(ReliefSurface, BuildsOnlyWhatIsAroundFilledPixels) {
+  using relief_detail::Surface;
+  PointGrid grid = sway(3);
+  std::vector<std::int32_t> filled;
+  // One at each border and corner but for what makes the box, pairs, and one beside the large hole.
+  for (const auto& [u, v] : std::vector<std::array<int, 2>>{{0, 40},
+                                                            {1, 0},
+                                                            {kCols - 1, 70},
+                                                            {80, kRows - 1},
+                                                            {90, 90},
+                                                            {91, 90},
+                                                            {92, 91},
+                                                            {63, 64}}) {
+    filled.push_back(static_cast<std::int32_t>(v * kCols + u));
+  }
+  PointGrid with_holes = grid;
+  std::vector<float> confidence(kCols * kRows, 1.0F);
+  for (const std::int32_t p : filled) {
+    with_holes.valid[p] = 0;
+    grid.points(p, 2) = 200.0F;
+    grid.valid[p] = 1;
+    confidence[p] = 0.0F;
+  }
+  for (const double max_step : {0.01, std::numeric_limits<double>::infinity()}) {
+    DenseRule rule;
+    rule.max_step = max_step;
+    Surface before, quick, whole;
+    before.assign(with_holes.view(), rule, {}, 1);
+    ASSERT_TRUE(quick.assign_filled(before, grid.view(), rule, confidence, filled));
+    whole.assign(grid.view(), rule, confidence, 1);
+    EXPECT_EQ(quick.num_faces(), whole.num_faces());
+    EXPECT_EQ(quick.num_used(), whole.num_used());
+    EXPECT_EQ(quick.num_valid(), whole.num_valid());
+    EXPECT_EQ(quick.mean_area(), whole.mean_area());
+    ASSERT_EQ(quick.num_pixels(), whole.num_pixels());
+    EXPECT_TRUE(std::ranges::equal(quick.cells(), whole.cells()));
+    EXPECT_TRUE(std::ranges::equal(quick.used(), whole.used()));
+    for (std::int32_t p = 0; p < static_cast<std::int32_t>(whole.num_pixels()); ++p) {
+      EXPECT_EQ(quick.sample(p).point(), whole.sample(p).point());
+      EXPECT_EQ(quick.sample(p).weight, whole.sample(p).weight);
+      EXPECT_EQ(quick.is_valid(p), whole.is_valid(p));
+    }
+    // A pixel that makes the box changes every sample.
+    grid.points(filled[4], 2) = 300.0F;
+    EXPECT_FALSE(quick.assign_filled(before, grid.view(), rule, confidence, filled));
+    grid.points(filled[4], 2) = 200.0F;
+  }
 }
 
 TEST(Relief, AllocatesNothingButTheResultAfterTheTenthFrame) {

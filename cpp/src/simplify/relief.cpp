@@ -311,8 +311,14 @@ PointGridView Relief::Memory::take_surface(const PointGridView& grid, const Reli
   if (surface.empty() || takes_all(options)) return grid;
   if (!pinholes.fill(grid, options.dense, confidence, surface)) return grid;
   std::swap(surface, measured);
-  surface.assign(pinholes.grid(), options.dense, pinholes.confidence(), options.num_threads);
-  return pinholes.grid();
+  const PointGridView filled = pinholes.grid();
+  // Where many pixels are missing, building everything anew is quicker.
+  if (pinholes.are_by_chance() ||
+      !surface.assign_filled(measured, filled, options.dense, pinholes.confidence(),
+                             pinholes.filled())) {
+    surface.assign(filled, options.dense, pinholes.confidence(), options.num_threads);
+  }
+  return filled;
 }
 
 void Relief::Memory::leave_pinholes() {

@@ -217,7 +217,12 @@ void PinholeFiller::open_beside_open() {
 }
 
 void PinholeFiller::interpolate() {
-  for (const Hole& hole : holes_) interpolate(hole);
+  filled_pixels_.clear();
+  for (const Hole& hole : holes_) {
+    interpolate(hole);
+    filled_pixels_.insert(filled_pixels_.end(), hole.pixels.begin(),
+                          hole.pixels.begin() + hole.size);
+  }
 }
 
 /// Gauss-Seidel from the mean of the measured neighbours, so that a plane stays one.

@@ -30,6 +30,8 @@ class PinholeFiller {
 
   [[nodiscard]] PointGridView grid() const { return filled_; }
   [[nodiscard]] std::span<const float> confidence() const { return confidence_; }
+  /// Its pixels that are filled.
+  [[nodiscard]] std::span<const std::int32_t> filled() const { return filled_pixels_; }
   [[nodiscard]] std::int64_t num_filled() const { return num_filled_; }
   /// Are pixels missing at random: was a fiftieth of them filled?
   [[nodiscard]] bool are_by_chance() const { return by_chance_; }
@@ -69,6 +71,7 @@ class PinholeFiller {
   std::vector<std::int64_t> open_;  ///< Pixels of holes that turned out open, to be looked around.
   std::vector<std::uint8_t> used_;  ///< Whether a pixel of a row is on the surface.
   std::vector<std::int32_t> hole_at_;
+  std::vector<std::int32_t> filled_pixels_;
   std::vector<float> points_;
   std::vector<std::uint8_t> valid_;
   std::vector<float> confidence_;

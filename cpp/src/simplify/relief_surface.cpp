@@ -632,6 +632,51 @@ void Surface::build(const PointGridView& grid, const DenseRule& rule, int num_th
   std::fill(samples_.begin() + std::ptrdiff_t{used_rows_} * cols_, samples_.end(), Sample{});
 }
 
+void Surface::build_around(const PointGridView& grid, const DenseRule& rule, int u, int v) {
+  constexpr int kReach = 2;  // the samples of its cells have cells of their own beyond
+  const int first_u = std::max(u - kReach, 0), last_u = std::min(u + kReach, used_cols_ - 1);
+  const int first_v = std::max(v - kReach, 0), last_v = std::min(v + kReach, used_rows_ - 1);
+  const int across = last_u - first_u + 1;
+  const RowBuilder builder(steps_, rule.max_edge, unit_, center_, across);
+  constexpr std::size_t kWidth = 2 * kReach + 1 + RowBuilder::kPadding;
+  std::array<float, kWidth * RowBuilder::kFloatRows> floats{};
+  Rooms<float> rooms(floats.data(), kWidth);
+  CoordinateRow above(rooms), below(rooms);
+  AreaRow before(rooms), after(rooms);
+  std::array<Sample, kWidth> samples;
+  std::array<std::uint8_t, kWidth> used{}, cells{};
+  const auto first_of = [&](int row) {
+    return std::int64_t{row + v0_} * grid.cols + first_u + u0_;
+  };
+  const auto load = [&](int row, CoordinateRow& to) {
+    builder.load(grid.points + 3 * first_of(row), grid.valid + first_of(row), to);
+  };
+  load(first_v, below);
+  for (int row = first_v; row <= last_v; ++row) {
+    std::swap(above, below);
+    const std::ptrdiff_t to = std::ptrdiff_t{row} * cols_ + first_u;
+    if (row < last_v) {
+      load(row + 1, below);
+      num_faces_ += builder.cut(above, grid.valid + first_of(row), below,
+                                grid.valid + first_of(row + 1), cells.data(), after);
+      for (int i = 0; i + 1 < across; ++i) {
+        num_faces_ -= std::popcount(cells_[to + i] & unsigned{kFull});
+        cells_[to + i] = cells[i];
+      }
+    } else {
+      after.clear();
+    }
+    builder.weigh(above, before, after, samples.data(), used.data());
+    std::swap(before, after);
+    if (std::abs(row - v) > 1) continue;
+    for (int i = std::max(u - 1, 0) - first_u; i <= std::min(u + 1, last_u) - first_u; ++i) {
+      samples_[to + i] = samples[i];
+      num_used_ += used[i] - used_[to + i];
+      used_[to + i] = used[i];
+    }
+  }
+}
+
 /// Weighs the samples by the areas of the cells that are there.
 void Surface::add_areas() {
   const RowBuilder builder(steps_, 1.0, 1.0, center_, used_cols_);
@@ -718,6 +763,24 @@ void Surface::assign(const PointGridView& whole, const DenseRule& rule,
   rows_ = padded(used_rows_);
   build(grid, rule, num_threads);
   weigh(grid, confidence);
+}
+
+bool Surface::assign_filled(const Surface& before, const PointGridView& grid, const DenseRule& rule,
+                            std::span<const float> confidence,
+                            std::span<const std::int32_t> filled) {
+  if (before.has_confidence() || before.is_stretched(rule)) return false;
+  if (!crop(grid) || low_ != before.low_ || high_ != before.high_) return false;
+  *this = before;
+  for (const std::int32_t pixel : filled) {
+    const auto u = static_cast<int>(pixel % grid.cols) - u0_;
+    const auto v = static_cast<int>(pixel / grid.cols) - v0_;
+    std::uint8_t& is_valid = valid_[std::ptrdiff_t{v} * cols_ + u];
+    if (is_valid == 0) ++num_valid_;
+    is_valid = 1;
+    build_around(grid, rule, u, v);
+  }
+  weigh(grid, confidence);
+  return true;
 }
 
 void Surface::assign_half(const Surface& whole) {

@@ -100,6 +100,14 @@ class Surface {
   /// @param confidence  by pixel of the grid, 0 to 1; may be empty: all are 1.
   void assign(const PointGridView& whole, const DenseRule& rule, std::span<const float> confidence,
               int num_threads);
+  /// The same of a grid whose surface is known but for some pixels that are filled in: only what is
+  /// around these is built.
+  /// @param before  the surface without them.
+  /// @param filled  pixels of the grid.
+  /// @return  false where more than that may differ, as where the box does: then it has to be
+  ///          assigned as a whole.
+  bool assign_filled(const Surface& before, const PointGridView& grid, const DenseRule& rule,
+                     std::span<const float> confidence, std::span<const std::int32_t> filled);
   /// Every second pixel in both directions of another surface, those at even columns and rows of
   /// its input, and triangles where all of that surface's below them are there.
   void assign_half(const Surface& whole);
@@ -189,6 +197,8 @@ class Surface {
   void find_joined(const PointGridView& grid, const DenseRule& rule);
   /// Samples, cells and uses of all pixels.
   void build(const PointGridView& grid, const DenseRule& rule, int num_threads);
+  /// The cells at a pixel of the crop, and the samples of these.
+  void build_around(const PointGridView& grid, const DenseRule& rule, int u, int v);
   void add_areas();
   [[nodiscard]] float mean_weight() const;
   void find_doubted();
