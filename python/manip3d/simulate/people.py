@@ -823,7 +823,7 @@ class _Seen:
     """Views of what moves in the scene, by camera, while its vertices stay where they are."""
 
     vertices: Floats
-    views: dict[tuple[int, int, bytes], _View] = field(default_factory=dict)
+    views: dict[tuple[Intrinsics, bytes], _View] = field(default_factory=dict)
 
 
 class _Cast:
@@ -870,7 +870,7 @@ class _Cast:
     ) -> _View:
         """The scene with what moves, by a camera that looks ahead; nobody may write to it."""
         eye = _EYES if registration is None else -registration.translation.astype(np.float32)
-        key = (camera.width, camera.height, eye.tobytes())
+        key = (camera, eye.tobytes())
         if key not in self._views:
             self._views[key] = self._look(camera, eye, scenery, threads)
         return self._views[key]
