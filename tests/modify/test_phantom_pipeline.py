@@ -326,9 +326,7 @@ def test_a_turned_limb_shows_its_back(turn: float) -> None:
     assert 0.2 < drawn / result.num_mirrored < 1
 
 
-@pytest.mark.parametrize(
-    ("limb", "turn"), [("right_arm", 12), ("right_leg", 12), ("right_leg", 45)]
-)
+@pytest.mark.parametrize(("limb", "turn"), [("right_arm", 12), ("right_leg", 12), ("left_arm", 45)])
 def test_hole_filling_reads_a_copy(limb: Limb, turn: float) -> None:
     result = once(frame(pose(turn_deg=turn), KINECT), limb)
     kinds = result.kinds.astype(int)

@@ -212,9 +212,9 @@ def test_a_shoulder_that_is_told_wrong_once_does_not_turn_the_plane() -> None:
         assert degrees_off(pipeline.process(seen(truth, number, told=told)), truth) < 5.0
 
 
-# What a Kinect V1 told of a person who sat down, leaning over the knees: for four frames its
-# skeleton collapsed, and neck and shoulders sank to the hips. Centimetres in the trunk (to the left,
-# up the spine, forward), of these joints.
+# A Kinect V1 told this of a person who sat down, leaning over the knees: for four frames its
+# skeleton collapsed, and neck and shoulders sank to the hips. Centimetres in the trunk (to the
+# left, up the spine, forward), of these joints.
 COLLAPSING = (
     "SpineBase", "SpineMid", "SpineShoulder", "Neck", "ShoulderLeft", "ShoulderRight", "HipLeft",
     "HipRight",

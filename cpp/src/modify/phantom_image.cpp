@@ -487,8 +487,7 @@ namespace {
 
 /// Draws the line between two mirrored points, ends excluded, where it hides no point of a limb.
 void draw_between(const MirroredPoint& a, const MirroredPoint& b, Limb affected,
-                  const PixelProjector& projector, const PhantomImage& image,
-                  PixelBounds& bounds) {
+                  const PixelProjector& projector, const PhantomImage& image, PixelBounds& bounds) {
   constexpr std::int64_t kReach = 6;  // pixels; wider gaps are left as what was not seen
   const std::int32_t from = projector.pixel(a.x, a.y, a.z), to = projector.pixel(b.x, b.y, b.z);
   if (from < 0 || to < 0) return;

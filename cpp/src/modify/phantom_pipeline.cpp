@@ -653,8 +653,7 @@ class PhantomPipeline::Workspace {
     PixelBounds phantom;
     phantom.add(shown.box);
     if (!is_lost) {
-      phantom.add(
-          bridge_gaps(shown.points.limb, options_.affected, projector, image, vertex_of_));
+      phantom.add(bridge_gaps(shown.points.limb, options_.affected, projector, image, vertex_of_));
     }
     report.num_filled = fill_holes(phantom.box(), rays_, image, fills_);
     PixelBounds all = phantom;
