@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <iterator>
 #include <limits>
 #include <optional>
 #include <set>
@@ -32,7 +33,8 @@ using namespace quality_detail;
 /// forbidden one; 3 to 100 do the same on the models that need it.
 constexpr double kFarCheaper = 30.0;
 
-/// It is waived only for an error that can be seen: mean distance over the size of the mesh.
+/// It is waived only for an error that can be seen: mean distance over the size of the mesh. For a
+/// smaller one pieces vanish that could be made smaller against the rules.
 constexpr double kVisible = 1e-3;
 
 /// A vertex whose borders and texture are still exact owes at most this for them, over its area (a
@@ -41,6 +43,9 @@ constexpr double kOwesNothing = 1e-9;
 
 /// Weight of the planes of borders that a vertex shall not leave, against its surface.
 constexpr double kHeldFirmly = 1e6;
+
+/// Faces of the smallest closed piece.
+constexpr std::int64_t kTetrahedron = 4;
 
 /// A piece with so few faces left has each of them far from most of what it stands for.
 constexpr std::int64_t kLastFaces = 12;
@@ -170,13 +175,17 @@ class QualitySimplifier {
     return price > expected && !queue_.empty() && price > queue_.top().price;
   }
 
+  /// Whether faces of this price would make an error that can be seen.
+  [[nodiscard]] bool is_visible(double price) const {
+    return price * static_cast<double>(mesh_.num_faces()) >= kVisible * original_.whole_area;
+  }
+
   /// Whether a collapse that the link condition forbids costs far less than the next legal one,
   /// whose error is large enough to be seen: a part with many holes, or small tubes, keeps them at
   /// the price of its shape otherwise.
   [[nodiscard]] bool is_forbidden_cheaper(double price) {
     if (check_.rules() != Rules::kAll) return false;
-    if (price * static_cast<double>(mesh_.num_faces()) < kVisible * original_.whole_area)
-      return false;
+    if (!is_visible(price)) return false;
     while (!forbidden_.empty()) {
       const Entry& entry = forbidden_.top();
       if (version_[entry.a] + version_[entry.b] == entry.version && !mesh_.is_isolated(entry.a) &&
@@ -295,6 +304,7 @@ class QualitySimplifier {
   void try_piece(const Entry& entry) {
     const std::int32_t i = entry.a;
     if (!pieces_.is_there(i)) return;
+    if (is_visible(entry.price) && shrink_piece(i, entry.price)) return push_piece(i);
     if (pieces_.refresh(i) || is_overtaken(piece_price(i), entry.price)) return push_piece(i);
     const double error = mesh_.scale() * pieces_.mean_distance(i);
     if (error > options_.max_error) {
@@ -307,6 +317,59 @@ class QualitySimplifier {
     }
     pieces_.remove_faces(i, pieces_.num_faces(i));
     ++result_.removed_pieces;
+  }
+
+  /// Makes a piece of four faces or fewer smaller against the rules, if that is cheaper than the
+  /// whole piece: a tetrahedron, which no legal collapse makes smaller, becomes two faces that lie
+  /// back to back, and these one, rather than nothing. Larger pieces would fold across their bends.
+  bool shrink_piece(std::int32_t i, double price) {
+    const std::int64_t num_faces = pieces_.num_faces(i);
+    if (num_faces > kTetrahedron) return false;
+    std::vector<std::int32_t> left;
+    std::ranges::copy_if(pieces_.vertices(i), std::back_inserter(left),
+                         [&](std::int32_t v) { return !mesh_.is_isolated(v); });
+    if (num_faces == 2 && left.size() == 3) {
+      mesh_.remove_face(mesh_.first_face(left[0]));
+      pieces_.remove_faces(i, 1);
+      return true;
+    }
+    std::int32_t v = -1, t = -1;
+    Plan best;
+    best.price = price;
+    for (std::size_t a = 0; a < left.size(); ++a) {
+      for (std::size_t b = 0; b < a; ++b) {
+        const std::optional<Plan> plan = plan_against_rules(left[a], left[b]);
+        if (!plan || !(plan->price < best.price)) continue;
+        best = *plan;
+        v = left[a], t = left[b];
+      }
+    }
+    if (v < 0) return false;
+    const double error = mesh_.scale() * original_.error(v, t, best.position);
+    if (error > options_.max_error) return false;
+    result_.max_error = std::max(result_.max_error, error);
+    check_.look_at(v, t);
+    collapse(v, t, best);
+    ++result_.relaxed_collapses;
+    return true;
+  }
+
+  /// The cheapest collapse of an edge of a small piece onto its ends or its middle, by the shape
+  /// and the texture that are lost. It may turn faces and put them back to back, but make no edge
+  /// of three faces. Nothing holds faces that turn from becoming spikes if they may go elsewhere.
+  [[nodiscard]] std::optional<Plan> plan_against_rules(std::int32_t v, std::int32_t t) {
+    const RingEdge* edge = check_.look_at(v, t);
+    if (edge == nullptr || faces_left(t) <= edge->num_faces || check_.breaks_link()) return {};
+    const double weight = std::max(kept_.importance(v), kept_.importance(t)) / edge->num_faces;
+    std::optional<Plan> best;
+    for (const Place place : {Place::kFirst, Place::kSecond, Place::kMiddle}) {
+      Plan plan = prices_.plan(v, t, edge->num_faces, place);
+      const double owes = std::max(0.0, plan.owed - original_.owed[v] - original_.owed[t]);
+      plan.price = weight * (prices_.lost_shape(v, t, plan.position) + owes);
+      if (best && !(plan.price < best->price)) continue;
+      if (!check_.check_faces(plan.position, Rules::kFlips)) best = plan;
+    }
+    return best;
   }
 
   /// Moves a vertex by a vector that brings an area nearer to the original, if that is legal. One

@@ -56,15 +56,15 @@ std::int32_t CollapseCheck::count_faces(std::int32_t w, std::int32_t a, std::int
   return faces;
 }
 
-std::optional<Rejection> CollapseCheck::check_faces(const Vector3d& p) const {
+std::optional<Rejection> CollapseCheck::check_faces(const Vector3d& p, Rules rules) const {
   std::optional<Rejection> refusal;
   const auto check = [&](std::int32_t from, std::int32_t other) {
     mesh_.for_each_face(from, [&](std::int32_t f, std::int32_t c) {
       const std::int32_t a = mesh_.face(f)[(c + 1) % 3], b = mesh_.face(f)[(c + 2) % 3];
       if (refusal || a == other || b == other) return;  // those on the edge go
-      refusal = check_face(from, a, b, p);
+      refusal = check_face(from, a, b, p, rules);
       const bool meets = from == v_ && ring_t_.find(a) != nullptr && ring_t_.find(b) != nullptr;
-      const bool is_forbidden = meets && !may_double();
+      const bool is_forbidden = meets && !may_double(rules);
       if (!refusal && is_forbidden && count_faces(t_, a, b) > 0) refusal = Rejection::kDuplicate;
     });
   };
@@ -77,7 +77,7 @@ std::optional<Rejection> CollapseCheck::check_move(std::int32_t v, const Vector3
   std::optional<Rejection> refusal;
   mesh_.for_each_face(v, [&](std::int32_t f, std::int32_t c) {
     const auto& face = mesh_.face(f);
-    if (!refusal) refusal = check_face(v, face[(c + 1) % 3], face[(c + 2) % 3], p);
+    if (!refusal) refusal = check_face(v, face[(c + 1) % 3], face[(c + 2) % 3], p, rules_);
   });
   return refusal;
 }
@@ -86,7 +86,8 @@ std::optional<Rejection> CollapseCheck::check_move(std::int32_t v, const Vector3
 /// poles of spheres whose vertices there differ by rounding, has none to lose and no side to keep:
 /// refusing it would hold all that is around it.
 std::optional<Rejection> CollapseCheck::check_face(std::int32_t from, std::int32_t a,
-                                                   std::int32_t b, const Vector3d& p) const {
+                                                   std::int32_t b, const Vector3d& p,
+                                                   Rules rules) const {
   const Vector3d &pa = mesh_.position(a), &pb = mesh_.position(b), &old = mesh_.position(from);
   const Vector3d before = (pa - old).cross(pb - old), after = (pa - p).cross(pb - p);
   const auto has_area = [&](const Vector3d& normal, const Vector3d& first) {
@@ -98,7 +99,7 @@ std::optional<Rejection> CollapseCheck::check_face(std::int32_t from, std::int32
   if (!has_area(after, p)) {
     return had_area ? std::optional(Rejection::kDegenerate) : std::nullopt;
   }
-  if (may_turn_faces(rules_) || !had_area) return std::nullopt;
+  if (may_turn_faces(rules) || !had_area) return std::nullopt;
   if (!(before.dot(after) > kLeastNormalCosine * before.norm() * after.norm())) {
     return Rejection::kFlip;
   }

@@ -36,11 +36,12 @@ class CollapseCheck {
   /// Whether a locked vertex has no faces but those on the edge, which go.
   [[nodiscard]] bool takes_last_face_of_locked() const;
   /// Why no vertex at p may take the place of both.
-  [[nodiscard]] std::optional<Rejection> check_faces(const Vector3d& p) const;
-  /// Whether two faces may come to lie on the same vertices, of which one then goes.
-  [[nodiscard]] bool may_double() const {
-    return may_double_faces(rules_, may_double_ && has_complex_edge());
+  [[nodiscard]] std::optional<Rejection> check_faces(const Vector3d& p) const {
+    return check_faces(p, rules_);
   }
+  [[nodiscard]] std::optional<Rejection> check_faces(const Vector3d& p, Rules rules) const;
+  /// Whether two faces may come to lie on the same vertices, of which one then goes.
+  [[nodiscard]] bool may_double() const { return may_double(rules_); }
   /// The neighbours of both, which may be named twice, and both.
   void neighbours(std::vector<std::int32_t>& out) const;
 
@@ -55,9 +56,13 @@ class CollapseCheck {
 
  private:
   [[nodiscard]] bool has_complex_edge() const;
+  [[nodiscard]] bool may_double(Rules rules) const {
+    return may_double_faces(rules, may_double_ && has_complex_edge());
+  }
   [[nodiscard]] std::int32_t count_faces(std::int32_t w, std::int32_t a, std::int32_t b) const;
   [[nodiscard]] std::optional<Rejection> check_face(std::int32_t from, std::int32_t a,
-                                                    std::int32_t b, const Vector3d& p) const;
+                                                    std::int32_t b, const Vector3d& p,
+                                                    Rules rules) const;
 
   const CollapseMesh& mesh_;
   const Kept& kept_;

@@ -48,9 +48,9 @@ class QualityResult(Showable):
     removed_pieces : int
         Connected pieces that were removed as a whole, because that cost less than collapses.
     relaxed_collapses : int
-        Collapses that made an edge of three faces or turned a face over, because the target was
-        out of reach otherwise, or only at the price of the shape: many holes leave hardly any
-        other collapse.
+        Collapses that made an edge of three faces, turned a face over or put two back to back,
+        because the target was out of reach otherwise, or only at the price of the shape: many
+        holes leave hardly any other collapse, and closed pieces of four faces none.
     dropped_faces : int
         Input faces left out by cleaning: with a repeated vertex, or copies of another.
     message : str

@@ -52,12 +52,13 @@ struct QualityResult {
 /// side of a seam included, and that of another chart where one vanishes. What costs least
 /// per face comes next. A new vertex lies where the squared distances are least, with the volume
 /// kept. A piece (faces joined by vertices) may vanish as a whole, for the distance of its surface
-/// and of its borders to the rest. In the end vertices that stand far out of the original faces
+/// and of its borders to the rest; where that would be seen, its last faces become flat first, if
+/// that costs less. In the end vertices that stand far out of the original faces
 /// they stand for are drawn back, and all are fitted to the original surface, texture coordinates
 /// within their charts.
 ///
-/// No face turns over, none is degenerate or double, and no edge gets a third face, as long as the
-/// target can be reached so. Locked vertices stay in any case, with their texture coordinates and
+/// Otherwise no face turns over, none is degenerate or double, and no edge gets a third face, as
+/// long as the target can be reached so. Locked vertices stay in any case, with their texture coordinates and
 /// the pieces that they are in. Deterministic for any number of threads. O(E log E) time, O(V + F)
 /// memory.
 /// @throws InputError  as check_mesh(); a bounding box without a finite diagonal; an option out of
