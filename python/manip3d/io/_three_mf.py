@@ -280,10 +280,11 @@ class _PartReader:
     def base(self) -> None:
         text = self.attributes.get("displaycolor", "#FFFFFF")
         rgb, alpha = self.packed(text)
+        red, green, blue = _core.linear_color(rgb)
         self.group.materials.append(
             Material(
                 name=self.attributes.get("name", ""),
-                base_color=(*_core.linear_color(rgb), alpha),
+                base_color=(red, green, blue, alpha),
                 alpha_mode="blend" if alpha < 1.0 else "opaque",
             )
         )

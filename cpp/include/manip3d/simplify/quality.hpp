@@ -58,9 +58,9 @@ struct QualityResult {
 /// within their charts.
 ///
 /// Otherwise no face turns over, none is degenerate or double, and no edge gets a third face, as
-/// long as the target can be reached so. Locked vertices stay in any case, with their texture coordinates and
-/// the pieces that they are in. Deterministic for any number of threads. O(E log E) time, O(V + F)
-/// memory.
+/// long as the target can be reached so. Locked vertices stay in any case, with their texture
+/// coordinates and the pieces that they are in. Deterministic for any number of threads. O(E log E)
+/// time, O(V + F) memory.
 /// @throws InputError  as check_mesh(); a bounding box without a finite diagonal; an option out of
 ///                     range.
 QualityResult simplify_quality(const MeshView& mesh, const QualityOptions& options,
