@@ -211,7 +211,7 @@ def test_e57_keeps_positions_poses_rows_and_columns(tmp_path: Path) -> None:
         read_scan(tmp_path / "a.e57")
     io.write_scans([again[1]], tmp_path / "b.e57")
     assert np.array_equal(read_scan(tmp_path / "b.e57").points, written[1].points)
-    with pytest.raises(InputError, match="only E57 holds several scans, got 2"):
+    with pytest.raises(InputError, match="only E57 and PTX hold several scans, got 2"):
         io.write_scans(written[:2], tmp_path / "a.pcd")
     with pytest.raises(InputError, match="E57 needs at least one"):
         io.write_scans([LidarFrame(np.empty((0, 3)))], tmp_path / "c.e57")
