@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d._util.times import SECOND_NS
-from manip3d.cli.terminal import Terminal, count, table
+from manip3d.cli.terminal import Terminal, count, counted, table
 from manip3d.errors import InputError
 from manip3d.io._scan_tables import scan_suffix
 from manip3d.lidar import LidarFrame
@@ -39,7 +39,7 @@ def frames(
         terminal.say(f"refused: {refused}" if refused else "nothing was refused")
         return
     scans = io.read_scans(source)
-    terminal.say(f"read {source}: {count(sum(scan.num_points for scan in scans))} points")
+    terminal.say(f"read {source}: {counted(sum(scan.num_points for scan in scans), 'point')}")
     yield from scans
 
 

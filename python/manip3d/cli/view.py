@@ -13,7 +13,7 @@ from manip3d.cli.kinds import SHOWN, expect_kind
 from manip3d.cli.many import over_files
 from manip3d.cli.options import Calibration, DepthUnit, Force, OptionalOutput, Quiet, Source
 from manip3d.cli.sources import open_mesh
-from manip3d.cli.terminal import Terminal, check_output, count, naming_options
+from manip3d.cli.terminal import Terminal, check_output, counted, naming_options
 from manip3d.errors import InputError
 from manip3d.io import is_url
 from manip3d.lidar import LidarFrame
@@ -177,7 +177,7 @@ def _unit(choice: Choice) -> str:
 
 def _size(thing: Any) -> str:
     if isinstance(thing, LidarFrame):
-        return f"{count(thing.num_points)} points"
+        return counted(thing.num_points, "point")
     height, width = thing.depth.shape
     return f"{width} x {height} pixels"
 
