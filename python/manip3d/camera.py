@@ -554,7 +554,7 @@ def _camera_of_file(path: Path, width: int, height: int) -> Intrinsics:
 
 
 def _fields_of_file(path: Path, width: int, height: int) -> dict[str, Any]:
-    """What a file says of `Intrinsics`; of several cameras, that of the image's size."""
+    """The fields of `Intrinsics` in a file; of several cameras, of the one of the image's size."""
     suffix = path.suffix.lower()
     if suffix == ".txt":
         text = _text_of_camera(path)

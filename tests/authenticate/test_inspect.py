@@ -843,7 +843,7 @@ def test_reflectances_of_the_scanner_are_not_called_rewritten() -> None:
 def test_a_scan_around_the_origin_is_identified_once(
     place: tuple[float, float, float], times: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What was asked about the scan before its scanner was looked for need not be asked again."""
+    """The scanner that was identified to find the position is not identified again."""
     asked: list[LidarFrame] = []
 
     def identify(scan: LidarFrame, **options: Any) -> Any:

@@ -36,7 +36,7 @@ def test_a_scan_with_its_grid_and_its_pose(tmp_path: Path) -> None:
 
 
 def test_points_of_a_map_have_no_known_scanner(tmp_path: Path) -> None:
-    """As some programs write them: moved already, with a matrix that does nothing."""
+    """Some programs write points that are moved already, with a matrix that does nothing."""
     matrix = "0 1 0 0\n-1 0 0 0\n0 0 1 0\n10 20 2 1"
     head = HEAD.replace(matrix, "1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1")
     assert io.read_scan(written(tmp_path, head + POINTS)).origin is None

@@ -312,7 +312,7 @@ PointGridView Relief::Memory::take_surface(const PointGridView& grid, const Reli
   if (!pinholes.fill(grid, options.dense, confidence, surface)) return grid;
   std::swap(surface, measured);
   const PointGridView filled = pinholes.grid();
-  // Where many pixels are missing, building everything anew is quicker.
+  // Building everything anew is quicker where many pixels are missing.
   if (pinholes.are_by_chance() ||
       !surface.assign_filled(measured, filled, options.dense, pinholes.confidence(),
                              pinholes.filled())) {

@@ -17,7 +17,7 @@ struct SurfaceColors {
   Indices face_material;            ///< (F,), with the materials below after those of the mesh.
   std::vector<Material> materials;  ///< To be added to those of the mesh.
   Colors colors;                    ///< (V, 3); white where no face has a colour.
-  std::string warning;              ///< What was lost; empty: nothing.
+  std::string warning;              ///< Losses; empty: none.
 };
 
 /// Finds colours for a mesh of `num_materials` materials from those of its corners.
