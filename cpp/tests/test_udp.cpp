@@ -34,6 +34,15 @@ void send_numbers(std::uint16_t port, int count, milliseconds pause) {
   close(descriptor);
 }
 
+/// A receiver that was stopped starts again.
+void expect_to_receive(UdpReceiver& receiver) {
+  receiver.start();
+  send_numbers(receiver.port(), 1, milliseconds(0));
+  std::vector<std::byte> payload;
+  std::int64_t time_ns = 0;
+  EXPECT_TRUE(receiver.read(payload, time_ns, milliseconds(20'000)));
+}
+
 UdpOptions any_port(std::size_t ring_packets = 16384) {
   UdpOptions options;
   options.port = 0;
@@ -149,11 +158,7 @@ TEST(UdpReceiver, StartsAndStopsFromManyThreadsEndInOneState) {
   for (auto& thread : threads) thread.join();
   receiver.stop();
   EXPECT_FALSE(receiver.is_running());
-  receiver.start();
-  send_numbers(receiver.port(), 1, milliseconds(0));
-  std::vector<std::byte> payload;
-  std::int64_t time_ns = 0;
-  EXPECT_TRUE(receiver.read(payload, time_ns, milliseconds(20'000)));
+  expect_to_receive(receiver);
 }
 
 TEST(UdpReceiver, AStartWithoutAThreadLeavesItStopped) {
@@ -163,11 +168,7 @@ TEST(UdpReceiver, AStartWithoutAThreadLeavesItStopped) {
     EXPECT_THROW(receiver.start(), std::system_error);
   }
   EXPECT_FALSE(receiver.is_running());
-  receiver.start();
-  send_numbers(receiver.port(), 1, milliseconds(0));
-  std::vector<std::byte> payload;
-  std::int64_t time_ns = 0;
-  EXPECT_TRUE(receiver.read(payload, time_ns, milliseconds(20'000)));
+  expect_to_receive(receiver);
 }
 
 TEST(UdpReceiver, TheLongestTimeoutIsNoneThatIsOver) {

@@ -144,6 +144,13 @@ def test_detectors_do_not_judge_fused_positions() -> None:
         assert "no single position" in found.reason
 
 
+@pytest.mark.parametrize("sensor", ["auto", "terrestrial"])
+def test_a_stated_origin_does_not_clear_fused_positions(sensor: str) -> None:
+    """The scanner is identified around the origin: two positions stand on no grid there."""
+    found = inspect(LidarFrame(FUSED), origin=(0, 0, 0), sensor=sensor, power=False)
+    assert found.verdict == "undecidable"
+
+
 def test_detectors_judge_from_the_place_they_find() -> None:
     offset = np.array([40.0, -25.0, 8.0])
     forged = forge.ctp(CAVE, ball(0.6, 20_000), position=(3, 1, 0)).points

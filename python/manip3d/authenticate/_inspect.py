@@ -914,7 +914,7 @@ def _by_angles(
     told: Callable[[float], object],
 ) -> Inspection:
     """Judge by detectors I and II."""
-    # Around the coordinates' origin it is no terrestrial scanner's scan unless it stands on a grid.
+    # At the origin this was looked at: `_by_grid` names a terrestrial scanner where its grid holds.
     is_stated = source in ("argument", "file") and any(position)
     if is_stated and _fused(scan, position, threads):
         return _without_position(scan, "several positions fused, or the scanner stood elsewhere")
