@@ -28,17 +28,19 @@ from manip3d.authenticate import (
     combined_verdict,
     kitti_lattice,
 )
+from manip3d.authenticate._firings import (
+    FARTHEST_POINTS,
+    Firings,
+    ends_in_silence,
+    firings_of,
+    is_cut_below,
+)
 from manip3d.authenticate._lattice import COLUMNS
 from manip3d.authenticate._power import MEASURED
 from manip3d.authenticate._processing import (
-    FARTHEST_POINTS,
-    Firings,
     _is_cut_on_both_sides,
     _least_of_rings,
-    ends_in_silence,
-    firings_of,
     first_azimuth,
-    is_cut_below,
 )
 from manip3d.authenticate._reflectance import why_rewritten
 from manip3d.authenticate._sensors import identify_and_read, is_hdl64e

@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from manip3d import _core
+from manip3d.authenticate._firings import (
+    OFF_LATTICE,
+    SIDES,
+    beside_silence,
+    ends_in_silence,
+    firings_of,
+    is_cut_above,
+    is_cut_below,
+)
 from manip3d.authenticate._generic import generic_consistency
 from manip3d.authenticate._reflectance import is_in_hundredths, why_rewritten
 from manip3d.authenticate._sensors import HDL64E, is_hdl64e, kitti_lattice
@@ -18,6 +27,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from manip3d.authenticate._firings import Firings
     from manip3d.authenticate._generic import GenericResult
     from manip3d.authenticate._lattice import LatticeReading, SensorLattice
     from manip3d.authenticate._sensors import Sensor
@@ -42,12 +52,6 @@ metres, would lie between the farthest point and that range. Where it is fewer, 
 says little: 52 at most in 12 simulated streets that end between 77.4 and 78.5 m. Of frames of
 KITTI cut at 76 m or nearer it is 72 and more, of those cut at 77 m 43 and more (13 frames)."""
 
-FARTHEST_POINTS, LEAST_SILENT_FAR = 500, 0.25
-"""Points; share of them with a neighbour in the lasers or the firings that has no return. Of frames
-of KITTI that were cut at 12 to 78 m 0.43 and more have one, because what they saw was cut off; of
-frames in halls, garages and narrow courts 0.03 at most, and 0.12 in tunnels: walls answer around
-their farthest points."""
-
 SAME_END, WIDEST_STRIP, STRIP_EDGE, POINTS_AT_ENDS, LEAST_SILENT_AT_ENDS = 0.03, 70.0, 0.5, 9, 0.3
 """Metres, metres, metres, points, share: where a strip was cut out, x or y ends at the same
 distance on both sides, nearer than this, in several points, some of which have a neighbour along
@@ -64,42 +68,6 @@ OWN_CAR, OF_OWN_CAR, FEWEST_OF_OWN_CAR = 2.0, (120.0, 140.0), 5
 answers the lowest eighth of the lasers nearer than this, by 28 points and more in each of the whole
 frames. Fewer are left of it where what is near was cut off, in whatever shape. Elsewhere walls and
 other cars answer them, too."""
-
-FACE, MOST_ON_FACE = 0.05, 50
-"""Metres, points: where a frame was cut at a height, many points lie next to the cut; the lowest
-and highest 5 cm of KITTI's whole frames hold 42 at most. A flat street has many, too, and one in 25
-ends at a round height by chance."""
-
-ROUND_HEIGHT, OFF_ROUND = 0.1, 0.002
-"""Metres: heights that people cut at, and how near to the cut the next point lies."""
-
-MOST_ANYWHERE = 200
-"""Points on a face at another height, which only tell of a cut where firings are known."""
-
-CUT_EDGES, FEWEST_AT_EDGE, LEAST_SILENT = (0.005, 0.01, 0.02, FACE), 20, 0.4
-"""Metres, points, share: of the points so near to a cut at the top (in the narrowest of the bands
-with enough of them), many have a neighbour in the lasers or the firings that was cut off."""
-
-STEEP, BEYOND_OWN_CAR, LEAST_SILENT_BESIDE = 5.0, 8.0, 0.12
-"""Degrees below the horizon, metres, share: where lasers meet the ground so steeply, and beyond the
-scanner's own car, a road answers nearly every pulse. Of the lowest points there, at a cut through
-the ground, many have a neighbour to a side that was cut off. Farther away a hollow of the road is
-met too flatly to answer; in the lasers above and below silence is that of a dark car on the road.
-Of 50 frames of five flat simulated streets 0.05 at most have one, of KITTI's frames cut at 1 to
-1.9 m below the scanner 0.21 and more; where a cut takes a few hollows only, it can stay below."""
-
-LEAST_SILENT_LOWER, DEGREES, FEWEST_PLACES = 0.6, 5.0, 4
-"""Share; degrees of azimuth, number: what is cut off above the ground leaves the lasers below the
-lowest points silent, however far these are, in several sectors. It is 0.64 to 1, in at least five
-of them, of KITTI's frames cut 1.3 m below the scanner to 0.3 m above it. In flat simulated streets
-it is 0.43 at most, but for the end of a road 35 m away, in two sectors."""
-
-Neighbours: TypeAlias = tuple[tuple[int, int], ...]
-
-LOWER: Neighbours = ((1, 0),)
-SIDES: Neighbours = ((0, -1), (0, 1))
-ALL_SIDES: Neighbours = (*SIDES, *LOWER, (-1, 0))
-"""Neighbours of a point: lasers downwards, firings onwards."""
 
 FIRST_AZIMUTH = 1.0
 """Degrees from straight ahead at which rings of whole frames begin at most."""
@@ -140,9 +108,6 @@ MOST_SILENT_ALONE = 190
 """Firings in a row in which one laser has no return and both beside it have one. There are 119 at
 most in 47 whole frames of KITTI and 69 in 12 of four simulated streets; a page of a file that was
 lost, or was filled with zeros, leaves 256 rows of a laser out."""
-
-OFF_LATTICE = 0.002
-"""Metres from a line or a step: what lies farther is of no firing."""
 
 MOST_OFF_FIRINGS = 0.1
 """Share of such points in a turn whose extent is reported; KITTI's have none, rounded ones most."""
@@ -686,7 +651,7 @@ def _is_cut_on_both_sides(along: NDArray[np.float64], firings: Firings | None) -
     edges = (order[:POINTS_AT_ENDS], order[-POINTS_AT_ENDS:])
     return all(
         np.ptp(along[edge]) < STRIP_EDGE
-        and np.mean(_beside_silence(edge, firings, SIDES)) >= LEAST_SILENT_AT_ENDS
+        and np.mean(beside_silence(edge, firings, SIDES)) >= LEAST_SILENT_AT_ENDS
         for edge in edges
     )
 
@@ -892,142 +857,3 @@ def _silent_at_the_bottom(firings: Firings, lattice: SensorLattice) -> int:
 
 def _is_unit_of_kitti(lattice: SensorLattice) -> bool:
     return np.array_equal(lattice.slope, kitti_lattice().slope)
-
-
-class Firings(NamedTuple):
-    """Which lasers answered at which firings.
-
-    Attributes
-    ----------
-    answered : (rings, F) bool
-    firing : (N,) int64
-        Firing that each point belongs to; -1: none.
-    ring : (N,) int32
-        Laser of each point.
-    """
-
-    answered: NDArray[np.bool_]
-    firing: NDArray[np.int64]
-    ring: NDArray[np.int32]
-
-
-def firings_of(reading: LatticeReading, rings: int) -> Firings | None:
-    """Return the firings of the head; None: the lattice has no encoder, or no point is on it."""
-    known = (reading.ring >= 0) & (reading.count >= 0)
-    known &= (np.abs(reading.line_error) < OFF_LATTICE) & (np.abs(reading.step_error) < OFF_LATTICE)
-    if not known.any():
-        return None
-    votes = np.bincount(reading.count[known])
-    around = np.max([np.roll(votes, k) for k in range(-2, 3)], axis=0)
-    fired = (votes > 0) & (votes >= 0.6 * around)
-    number = np.where(fired, np.cumsum(fired) - 1, -1)
-    firing = np.where(known, number[np.where(known, reading.count, 0)], -1)
-    answered = np.zeros((rings, int(np.count_nonzero(fired))), np.bool_)
-    on = firing >= 0
-    answered[reading.ring[on], firing[on]] = True
-    return Firings(answered, firing, reading.ring)
-
-
-def is_cut_above(height: NDArray[np.float64], firings: Firings | None) -> bool:
-    """Return whether points end at a height because what lay above it was cut off.
-
-    Parameters
-    ----------
-    height : (N,) float64, metres
-    firings : Firings or None
-        None: firings are not known, and the points at the edge say it alone.
-    """
-    if not _ends_in_a_face(height, firings):
-        return False
-    if firings is None:
-        return True
-    edge = _edge(height, firings.firing >= 0)
-    return len(edge) >= FEWEST_AT_EDGE and _share_beside_silence(edge, firings) >= LEAST_SILENT
-
-
-def is_cut_below(points: NDArray[np.float64], firings: Firings | None) -> bool:
-    """Return whether points end at a height because what lay below it was cut off.
-
-    Parameters
-    ----------
-    points : (N, 3) float64, metres
-        The scanner in (0, 0, 0).
-    firings : Firings or None
-        None: firings are not known, and the points at the edge say it alone.
-    """
-    x, y, z = points.T
-    if not _ends_in_a_face(-z, firings):
-        return False
-    if firings is None:
-        return True
-    away = np.sqrt(x * x + y * y)
-    fired = firings.firing >= 0
-    steep = fired & (-z > math.tan(math.radians(STEEP)) * away) & (away > BEYOND_OWN_CAR)
-    edge = _edge(-z, steep)
-    if len(edge) >= FEWEST_AT_EDGE:
-        share = float(np.mean(_beside_silence(edge, firings, SIDES)))
-        if share >= LEAST_SILENT_BESIDE:
-            return True
-    edge = _edge(-z, fired)
-    silent = edge[_beside_silence(edge, firings, LOWER)]
-    if len(edge) < FEWEST_AT_EDGE or len(silent) < LEAST_SILENT_LOWER * len(edge):
-        return False
-    sectors = np.floor(np.arctan2(y[silent], x[silent]) * (180.0 / (math.pi * DEGREES)))
-    return len(np.unique(sectors)) >= FEWEST_PLACES
-
-
-def _ends_in_a_face(height: NDArray[np.float64], firings: Firings | None) -> bool:
-    """Whether more points lie next to the highest one than a whole frame leaves there."""
-    top = float(height.max())
-    count = int(np.count_nonzero(height > top - FACE))
-    if abs(top - ROUND_HEIGHT * round(top / ROUND_HEIGHT)) < OFF_ROUND:
-        return count > MOST_ON_FACE
-    return firings is not None and count > MOST_ANYWHERE
-
-
-def _edge(height: NDArray[np.float64], among: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Rows of the highest points of some: of the narrowest band with enough, or of the widest."""
-    top = float(height.max())
-    bands = (np.flatnonzero(among & (height > top - band)) for band in CUT_EDGES)
-    rows = np.empty(0, np.intp)
-    for rows in bands:
-        if len(rows) >= FEWEST_AT_EDGE:
-            break
-    return rows
-
-
-def ends_in_silence(distance: NDArray[np.float64], firings: Firings | None) -> bool:
-    """Return whether nothing stands around the farthest points: what lay beyond was cut off.
-
-    Parameters
-    ----------
-    distance : (N,) float64, metres
-        From the scanner, or along an axis.
-    firings : Firings or None
-        None: firings are not known, and a whole frame is taken to have points far away.
-    """
-    if firings is None or len(distance) <= FARTHEST_POINTS:
-        return True
-    farthest = np.argpartition(distance, -FARTHEST_POINTS)[-FARTHEST_POINTS:]
-    farthest = farthest[firings.firing[farthest] >= 0]
-    if len(farthest) < FEWEST_AT_EDGE:
-        return True
-    return _share_beside_silence(farthest, firings) >= LEAST_SILENT_FAR
-
-
-def _share_beside_silence(edge: NDArray[np.intp], firings: Firings) -> float:
-    """Share of points with a neighbour, in lasers or firings, without a return."""
-    return float(np.mean(_beside_silence(edge, firings, ALL_SIDES)))
-
-
-def _beside_silence(
-    edge: NDArray[np.intp], firings: Firings, beside: Neighbours
-) -> NDArray[np.bool_]:
-    """Which points have one of some neighbours, in lasers and firings, without a return."""
-    ring, firing = firings.ring[edge], firings.firing[edge]
-    rings, count = firings.answered.shape
-    surrounded = np.ones(len(edge), np.bool_)
-    for lower, on in beside:
-        laser = np.clip(ring + lower, 0, rings - 1)
-        surrounded &= firings.answered[laser, (firing + on) % count]
-    return ~surrounded
