@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 from manip3d import FormatError, InputError, LidarFrame, MissingExtraError, capture
-from manip3d.io import read_scan, write_scan
+from manip3d.cli.kinds import OtherKindError, expect_kind
+from manip3d.io import read_mesh, read_scan, write_scan
 from manip3d.lidar import ScanFormat
 
 
@@ -86,6 +87,28 @@ def test_damage_is_counted_with_its_first_row(tmp_path: Path, name: str, columns
         read_scan(tmp_path / name)
     assert caught.value.byte_offset == 4 * (30_000 * columns + 2)
     assert "Write the file without them" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "cure"),
+    [
+        ("a.lvx", "lvx_to_rosbag.launch"),
+        ("a.LVX2", "Livox Viewer 2"),
+        ("a.pnts", "the .las, .laz or .e57 file"),
+        ("a.fls", "export it as .e57, .ptx or .las"),
+    ],
+)
+def test_clouds_of_other_programs_are_refused_with_advice(
+    name: str, cure: str, tmp_path: Path
+) -> None:
+    path = tmp_path / name
+    path.write_bytes(b"livox_tech")
+    with pytest.raises(InputError, match=cure):
+        read_scan(path)
+    with pytest.raises(FormatError, match=cure):
+        read_mesh(path)  # the commands look into files of unknown kinds by this
+    with pytest.raises(OtherKindError, match=cure):
+        expect_kind(str(path), "scan", "mesh", verb="view")
 
 
 def test_names_that_are_no_scans(tmp_path: Path) -> None:

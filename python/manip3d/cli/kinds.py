@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from manip3d.errors import InputError
 from manip3d.io import DEPTH_SUFFIXES, READABLE, SCAN_SUFFIXES, is_color_png
+from manip3d.io._elsewhere import scan_advice
 from manip3d.io._remote import named_beside, reads_beside
 from manip3d.io._scan_files import FOLDER_SUFFIXES, are_points_only, holds_points, ply_elements
 
@@ -123,6 +124,8 @@ def expect_kind(source: str, *kinds: str, verb: str) -> str:
         There is no such file or folder.
     """
     kind = kind_of(source)
+    if kind == "unknown" and (advice := scan_advice(Path(source))) is not None:
+        raise OtherKindError(f"{source}: {advice}", NAMES[kind])
     if kind in ("stream", *kinds) or (kind == "unknown" and "mesh" in kinds):
         return kind  # the reader of meshes looks into files of any name
     *others, last = (NAMES[name] for name in kinds)

@@ -15,6 +15,7 @@ from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
 from manip3d.io import _three_mf
 from manip3d.io._draco import decode_draco
+from manip3d.io._elsewhere import mesh_advice, scan_advice
 from manip3d.io._files import open_regular, refuse_pointer, regular_bytes
 from manip3d.io._images import texture_path, with_common_images
 from manip3d.io._limits import byte_limit, check_points, clock
@@ -111,21 +112,6 @@ def read_report(
 _Found = tuple[Mesh, str, int, int, list[str]]
 _Look = Callable[[float], None] | None
 
-_ELSEWHERE = {
-    "Blender": ".blend .dae .fbx .usd .usda .usdc .usdz .x3d .wrl .3ds .abc .lwo .x .ac .b3d .md2",
-    "a CAD program": ".step .stp .iges .igs .brep .sat .x_t .sldprt .f3d .ifc .dwg .dxf .3dm .skp",
-    "MeshLab or ParaView": ".vtk .vtp .vtu .msh .amf .ctm .mesh .meshb .wrl.gz .bre .u3d",
-}
-"""Who writes a mesh of files that manip3d does not read."""
-
-
-def _advice(path: Path) -> str:
-    suffix = "".join(path.suffixes[-2:]).lower().removesuffix(".gz").removesuffix(".xz")
-    for program, suffixes in _ELSEWHERE.items():
-        if Path("a" + suffix).suffix in suffixes.split():
-            return f"; open it in {program} and export a mesh, as .glb with textures"
-    return ""
-
 
 def _read_by_core(local: Path, allow_outside: bool, limit: int, look: _Look) -> _Found:
     try:
@@ -133,7 +119,9 @@ def _read_by_core(local: Path, allow_outside: bool, limit: int, look: _Look) -> 
     except FormatError as error:
         if not error.reason.startswith("unknown mesh format") or error.line is not None:
             raise
-        reason = f"unknown mesh format; manip3d reads {' '.join(READABLE)}{_advice(local)}"
+        if (advice := scan_advice(local)) is not None:
+            raise FormatError(advice, file=error.file) from None
+        reason = f"unknown mesh format; manip3d reads {' '.join(READABLE)}{mesh_advice(local)}"
         raise FormatError(reason, file=error.file) from None
 
 

@@ -14,6 +14,7 @@ from manip3d._util.checked import checked
 from manip3d._util.paths import is_hidden, path_of
 from manip3d.errors import InputError
 from manip3d.io import _scan_tables as tables
+from manip3d.io._elsewhere import scan_advice
 from manip3d.io._files import open_regular, refuse_pointer
 from manip3d.io._limits import byte_limit, clock
 from manip3d.io._remote import is_url, local_copy, local_output
@@ -172,6 +173,8 @@ def read_scans(path: str | os.PathLike[str], *, max_bytes: int | None = None) ->
 
 def _read_local(path: Path, limit: int, look: Callable[[float], None] | None) -> list[LidarFrame]:
     suffix = scan_suffix(path)
+    if (advice := scan_advice(path)) is not None:
+        raise InputError(f"path: {path.name}: {advice}")
     if suffix in (".las", ".laz"):
         from manip3d.io import _scan_las
 

@@ -1,0 +1,41 @@
+"""Files that manip3d does not read, and the programs that make others of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+_MESHES = {
+    "Blender": ".blend .dae .fbx .usd .usda .usdc .usdz .x3d .wrl .3ds .abc .lwo .x .ac .b3d .md2",
+    "a CAD program": ".step .stp .iges .igs .brep .sat .x_t .sldprt .f3d .ifc .dwg .dxf .3dm .skp",
+    "MeshLab or ParaView": ".vtk .vtp .vtu .msh .amf .ctm .mesh .meshb .wrl.gz .bre .u3d",
+}
+"""Who writes a mesh of them."""
+
+_SCANS = {
+    ".lvx": (
+        "save this recording of a Livox scanner as .las or .csv in Livox Viewer, or make a ROS bag "
+        "of it with lvx_to_rosbag.launch of livox_ros_driver"
+    ),
+    ".lvx2": "convert this recording of a Livox scanner to .pcd in Livox Viewer 2",
+    ".pnts": "use the .las, .laz or .e57 file that this tile of 3D Tiles was made of",
+    **dict.fromkeys(
+        (".fls", ".fws", ".zfs", ".zfc", ".rxp", ".rdb", ".rdbx", ".rcs", ".rcp", ".tzf"),
+        "export it as .e57, .ptx or .las in the program of its scanner",
+    ),
+}
+"""What to do with point clouds."""
+
+
+def mesh_advice(path: Path) -> str:
+    """Return how to get a mesh of a file of a foreign format, after a semicolon; else nothing."""
+    suffix = "".join(path.suffixes[-2:]).lower().removesuffix(".gz").removesuffix(".xz")
+    for program, suffixes in _MESHES.items():
+        if Path("a" + suffix).suffix in suffixes.split():
+            return f"; open it in {program} and export a mesh, as .glb with textures"
+    return ""
+
+
+def scan_advice(path: Path) -> str | None:
+    """Return why a point cloud of a foreign format is not read, and the cure; None: it is none."""
+    suffix = Path(path.name.lower().removesuffix(".xz").removesuffix(".gz")).suffix
+    return f"manip3d does not read {suffix}; {_SCANS[suffix]}" if suffix in _SCANS else None
