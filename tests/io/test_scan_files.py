@@ -720,6 +720,25 @@ def test_an_intensity_of_several_numbers_is_no_intensity(tmp_path: Path, suffix:
         assert not back.intensity.any()
 
 
+@pytest.mark.parametrize("off", [0.0, 2e-7, 1e-3])
+def test_the_points_of_veloview_stand_in_its_file_twice(tmp_path: Path, off: float) -> None:
+    """Once with 32 and once with 64 bits; coordinates that differ are refused."""
+    path = tmp_path / "frame.csv"
+    axes = '"Points_m_XYZ:0","Points_m_XYZ:1","Points_m_XYZ:2","X","Y","Z"'
+    rows = (f"{k},2.5,{-k},{k + off:.9f},2.5,{-k},{10 * k},{k}" for k in range(5))
+    path.write_text(f'{axes},"intensity","laser_id"\n' + "\n".join(rows))
+    if off > 1e-6:
+        with pytest.raises(FormatError, match="field x is named twice"):
+            read_scan(path)
+        return
+    frame = read_scan(path)
+    assert frame.points.tolist() == [[k, 2.5, -k] for k in range(5)]
+    assert frame.intensity is not None
+    assert frame.intensity.tolist() == [0, 10, 20, 30, 40]
+    frame.write(tmp_path / "again.csv")
+    assert np.array_equal(read_scan(tmp_path / "again.csv").points, frame.points)
+
+
 @pytest.mark.parametrize(("fields", "twice"), [
     ("x y z x", "x"), ("x y z z", "z"), ("x y z intensity intensity", ""), ("x y z _ _", ""),
 ])  # fmt: skip

@@ -50,6 +50,8 @@ _MOST_OF = (0.1, 0.5, 0.9)
 """Quantiles of coordinates between which most lie, and their middle."""
 _INTENSITY = ("intensity", "reflectance", "reflectivity", "remission", "i")
 _RING = ("ring", "channel", "laser_id")
+_SAME = 1e-6
+"""Metres, and share, by which one coordinate differs in 32 and 64 bits."""
 
 # 3DTK: x to the right, y up, z ahead (left-handed), centimetres.
 _THREE_DTK = 100.0 * np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
@@ -254,16 +256,23 @@ def _columns(table: NDArray[Any], columns: Sequence[Column], file: str) -> dict[
     Raises
     ------
     FormatError
-        A coordinate is named twice: nothing tells which column is meant.
+        A coordinate is named twice, with different values: nothing tells which column is meant.
     """
-    names = [column for column, _, count in columns if count > 0]
-    if twice := [axis for axis in "xyz" if names.count(axis) > 1]:
-        raise FormatError(f"field {twice[0]} is named twice", file=file)
+    for axis in "xyz":
+        named = [i for i, (name, _, count) in enumerate(columns) if name == axis and count > 0]
+        for again in named[1:]:
+            if not _are_same(table[f"{named[0]} {axis}"], table[f"{again} {axis}"]):
+                raise FormatError(f"field {axis} is named twice", file=file)
     found: dict[str, NDArray[Any]] = {}
     for i, (column, _, count) in enumerate(columns):
         if column != "_" and count > 0:
             found.setdefault(column, table[f"{i} {column}"])
     return found
+
+
+def _are_same(first: NDArray[Any], again: NDArray[Any]) -> bool:
+    """Whether columns hold one coordinate in 32 and 64 bits, as VeloView writes it."""
+    return first.shape == again.shape and np.allclose(first, again, _SAME, _SAME, equal_nan=True)
 
 
 def _by_plain_names(columns: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
