@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 import manip3d
 from manip3d.cli import app
-from manip3d.cli.kinds import NAMES, VERBS, expect_kind, kind_of
+from manip3d.cli.kinds import NAMES, VERBS, OtherKindError, expect_kind, kind_of
 
 Image = pytest.importorskip("PIL.Image")
 
@@ -119,6 +119,17 @@ def test_a_file_of_unknown_kind_is_refused_where_no_reader_looks_into_it(
     with pytest.raises(manip3d.InputError, match="a file of unknown kind; inspect takes"):
         expect_kind(str(files["unknown"]), "scan", verb="inspect")
     assert expect_kind(str(files["unknown"]), "mesh", verb="simplify") == "unknown"
+
+
+@pytest.mark.parametrize("suffix", ["npy", "npz"])
+def test_arrays_that_are_no_points_say_what_points_are(suffix: str, tmp_path: Path) -> None:
+    path = str(tmp_path / f"a.{suffix}")
+    (np.save if suffix == "npy" else np.savez)(path, np.ones((4, 500), np.float32))
+    with pytest.raises(OtherKindError, match=r"An ar\w+ of points has"):
+        expect_kind(path, "scan", verb="inspect")
+    with pytest.raises(OtherKindError) as caught:
+        expect_kind(path, "mesh", verb="simplify")
+    assert " of points has " not in str(caught.value)
 
 
 def test_outputs_are_checked_before_the_source_is_read(

@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from manip3d.batch import SourceFile
 
 _RECORDINGS = (".pcap", ".pcapng", ".osf", ".mcap", ".bag", ".mkv")
+_POINTS_IN = {
+    ".npy": "An array of points has at least 9 rows and 3 to 8 columns of floats",
+    ".npz": "An archive of points has an array named points, positions or xyz",
+}
 _PICTURES = (".jpg", ".jpeg", ".bmp", ".tga", ".gif", ".webp")
 
 SHOWN = ("mesh", "scan", "range grid", "depth", "packets", "recording", "drive")
@@ -135,6 +139,8 @@ def expect_kind(source: str, *kinds: str, verb: str) -> str:
     images = Path(source) / "depth"
     if kind == "recording" and "depth" in kinds and images.is_dir():
         message += f". Its depth images: {images}"
+    if kind == "depth" and "scan" in kinds and (cure := _POINTS_IN.get(_suffix(Path(source)))):
+        message += f". {cure}"
     raise OtherKindError(message, NAMES[kind])
 
 
