@@ -6,8 +6,9 @@ import itertools
 import math
 import os
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +25,7 @@ from manip3d.authenticate._processing import STILL_COMPARED, left_out_of_turn
 from manip3d.authenticate._repeats import EarlierScans
 from manip3d.authenticate._sequence import FRAMES_PER_SECOND, DriveEvidence, drive_evidence
 from manip3d.authenticate._verdict import FALSE_ALARM_RATE, Processing, binomial_tail, rate_of
-from manip3d.authenticate._watermark import Policy, Watermarker
+from manip3d.authenticate._watermark import Policy, Watermarker, WatermarkResult
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame
 
@@ -127,10 +128,13 @@ def inspect_drive(
         raise InputError(f"lattice: expected a SensorLattice, got {type(lattice).__name__}")
     if key is not None and records is None:
         raise InputError("key: can only be given with the records of the frames, got none")
-    return _each(
+    scans = _scans(
         _with_following(_numbered(frames, itertools.count() if numbers is None else numbers)),
         itertools.repeat(None) if records is None or key is None else iter(records),
         key,
+    )
+    return _each(
+        scans,
         lambda frame, before, after, known, signed, left_out, cores: inspect_beside(
             frame, left_out, previous=before, following=after, lattice=known, sensor=sensor,
             origin=origin, watermark=signed, key=None, power=power, printed=printed, threads=cores,
@@ -589,10 +593,12 @@ def _with_following(
 
 @dataclass
 class _Scan:
-    """A scan of a drive while it is judged."""
+    """A scan of a drive while it is judged; one without turns could not be read."""
 
-    asked: tuple[Any, ...] = ()  # frame, before, after, lattice, signed
+    turns: tuple[LidarFrame | None, ...] = ()  # the frame, the one before and the one after
+    signed: WatermarkResult | None = None
     repeat: tuple[int, str] | None = None
+    lattice: SensorLattice | None = None
     found: Future[Inspection] | Inspection | None = None
 
     def result(self) -> Inspection | None:
@@ -602,75 +608,104 @@ class _Scan:
         return self.found
 
 
-def _each(
+def _scans(
     pairs: Iterator[tuple[_Numbered, _Numbered | None]],
     records: Iterator[bytes | None],
     key: KeyFile | KeyRing | None,
-    judge: Callable[..., Inspection],
-    lattice: SensorLattice | None,
-    threads: int,
-) -> Iterator[Inspection | None]:
-    """Frame by frame until the lattice is known, then a frame a thread at a time.
+) -> Generator[_Scan, None, None]:
+    """Each scan with the turns beside it, what its watermark says, and which one it repeats.
 
-    Each is yielded once the one after it was judged, which tells whether that one is whole.
     Watermarks are verified in order, one after the other.
     """
 
     def beside(other: _Numbered | None, number: int) -> LidarFrame | None:
         return None if other is None or other[1] != number else other[0]
 
-    def judge_repeated(scan: _Scan, left_out: LeftOut, cores: int) -> Inspection:
-        return repeating(judge(*scan.asked, left_out, cores), scan.repeat)
-
-    def settled(scan: _Scan, *turns: _Scan | None) -> Inspection | None:
-        found = scan.result()
-        results = [None if turn is None else turn.result() for turn in turns]
-        if found is None or found.turns is None or all(map(_is_whole, results)):
-            return found
-        return judge_repeated(scan, left_out_of_turn, threads)
-
-    many = threads or len(os.sched_getaffinity(0))
     earlier = EarlierScans()
-    verifier = None if key is None else Watermarker(key)
     before: _Numbered | None = None
-    last: _Scan | None = None
-    waiting: deque[_Scan] = deque()
-    pool = ThreadPoolExecutor(many)  # its threads are started when they are first needed
-    try:
+    with ExitStack() as stack:
+        verifier = None if key is None else stack.enter_context(closing(Watermarker(key)))
         for place, ((frame, number), after) in enumerate(pairs):
             record = next(records, None)
             scan = _Scan()
             if frame is not None:
-                signed = None
-                if verifier is not None and record is not None:
-                    signed = verifier.verify(frame, record, policy=Policy(order="any"))
-                scans = frame, beside(before, number - 1), beside(after, number + 1)
                 if not isinstance(frame, LidarFrame):
                     raise InputError(f"frames: expected LidarFrames, got {type(frame).__name__}")
-                scan = _Scan((*scans, lattice, signed), earlier.repeated(frame.points, place))
-                if many > 1 and lattice is not None:
-                    scan.found = pool.submit(judge_repeated, scan, _taken_for_whole, 1)
-                else:
-                    found = judge_repeated(scan, _taken_for_whole, threads)
-                    if lattice is None and found.sensor is not None and not found.sensor.is_own:
-                        lattice = found.sensor.lattice
-                    scan.found = found
-            waiting.append(scan)
+                scan.turns = frame, beside(before, number - 1), beside(after, number + 1)
+                if verifier is not None and record is not None:
+                    scan.signed = verifier.verify(frame, record, policy=Policy(order="any"))
+                scan.repeat = earlier.repeated(frame.points, place)
+            yield scan
             before = frame, number
+
+
+class _Judges:
+    """Judges a drive: frame by frame until the lattice is known, then a frame a thread."""
+
+    def __init__(
+        self, judge: Callable[..., Inspection], lattice: SensorLattice | None, threads: int
+    ) -> None:
+        self._judge, self._lattice, self._threads = judge, lattice, threads
+        self.number = threads or len(os.sched_getaffinity(0))
+        self._pool = ThreadPoolExecutor(self.number)  # starts threads when they are first needed
+
+    def begin(self, scan: _Scan) -> None:
+        """Judge a scan between turns that are taken to be whole, here or on a thread."""
+        if not scan.turns:
+            return
+        scan.lattice = self._lattice
+        if self.number > 1 and self._lattice is not None:
+            scan.found = self._pool.submit(self._judged, scan, _taken_for_whole, 1)
+            return
+        found = self._judged(scan, _taken_for_whole, self._threads)
+        if self._lattice is None and found.sensor is not None and not found.sensor.is_own:
+            self._lattice = found.sensor.lattice
+        scan.found = found
+
+    def settled(self, scan: _Scan, *beside: _Scan | None) -> Inspection | None:
+        """The inspection of a scan, made again if one of those beside it is not whole."""
+        found = scan.result()
+        results = [None if other is None else other.result() for other in beside]
+        if found is None or found.turns is None or all(map(_is_whole, results)):
+            return found
+        return self._judged(scan, left_out_of_turn, self._threads)
+
+    def _judged(self, scan: _Scan, left_out: LeftOut, threads: int) -> Inspection:
+        found = self._judge(*scan.turns, scan.lattice, scan.signed, left_out, threads)
+        return repeating(found, scan.repeat)
+
+    def close(self) -> None:
+        """Leave what nobody waits for any more undone."""
+        self._pool.shutdown(cancel_futures=True)
+
+
+def _each(
+    scans: Generator[_Scan, None, None],
+    judge: Callable[..., Inspection],
+    lattice: SensorLattice | None,
+    threads: int,
+) -> Iterator[Inspection | None]:
+    """Yield each inspection once the scan after it was judged, which tells whether it is whole."""
+    last: _Scan | None = None
+    waiting: deque[_Scan] = deque()
+
+    def first_settled() -> Inspection | None:
+        nonlocal last
+        now = waiting.popleft()
+        found = judges.settled(now, last, waiting[0] if waiting else None)
+        now.turns, last = (), now
+        return found
+
+    with closing(scans), closing(_Judges(judge, lattice, threads)) as judges:
+        for scan in scans:
+            judges.begin(scan)
+            waiting.append(scan)
             while len(waiting) > 1 and (
-                len(waiting) > many + 1 or not isinstance(waiting[1].found, Future)
+                len(waiting) > judges.number + 1 or not isinstance(waiting[1].found, Future)
             ):
-                now = waiting.popleft()
-                yield settled(now, last, waiting[0])
-                now.asked, last = (), now
+                yield first_settled()
         while waiting:
-            now = waiting.popleft()
-            yield settled(now, last, waiting[0] if waiting else None)
-            now.asked, last = (), now
-    finally:
-        pool.shutdown(cancel_futures=True)
-        if verifier is not None:
-            verifier.close()
+            yield first_settled()
 
 
 def _taken_for_whole(_turn: LidarFrame, _lattice: SensorLattice) -> None:
