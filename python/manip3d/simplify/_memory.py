@@ -200,6 +200,53 @@ def _reduce_whole(
     stage.mesh = result.mesh
 
 
+class _Reduced:
+    """What became of the parts of a mesh, one after the other."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        self.vertex_map = np.full(mesh.num_vertices, -1, dtype=np.int32)
+        self.face_map = np.full(mesh.num_faces, -1, dtype=np.int32)
+        self.error = 0.0
+        self._parts: list[Mesh] = []
+        self._faces: list[NDArray[np.int32]] = []
+        self._num_vertices = self._num_faces = 0
+
+    def add(
+        self,
+        done: QualityResult,
+        own: NDArray[np.intp],
+        used: NDArray[np.int64],
+        inside: NDArray[np.bool_],
+    ) -> None:
+        """Take in a part whose first faces are its `own`, the others those beside it.
+
+        Of the vertices that were `used` those `inside` are its own, too.
+        """
+        self.error = max(self.error, done.max_error)
+        to = done.vertex_map[inside]
+        self.vertex_map[used[inside]] = np.where(to < 0, to, to + np.int32(self._num_vertices))
+        is_own = np.ones(done.mesh.num_faces + 1, dtype=np.bool_)
+        is_own[done.face_map[len(own) :]] = False
+        is_own[-1] = False  # for faces that are gone
+        row_of = np.where(is_own, np.cumsum(is_own) - 1 + self._num_faces, -1).astype(np.int32)
+        self.face_map[own] = row_of[done.face_map[: len(own)]]
+        part = _with_faces(done.mesh, is_own[:-1])
+        self._parts.append(part)
+        self._faces.append(part.faces + np.int32(self._num_vertices))
+        self._num_vertices += part.num_vertices
+        self._num_faces += part.num_faces
+
+    def joined(self, mesh: Mesh, crossing: NDArray[np.intp]) -> tuple[Mesh, int]:
+        """All parts and the faces between them, and how many of those vanished."""
+        between = self.vertex_map[mesh.faces[crossing]]
+        has_area = (between >= 0).all(axis=1)  # others have no area: two corners at one place
+        kept = crossing[has_area]
+        self.face_map[kept] = self._num_faces + np.arange(len(kept), dtype=np.int32)
+        last = take_faces(mesh, kept)[0] if len(kept) else None
+        faces = np.concatenate([*self._faces, between[has_area]])
+        return join(self._parts, faces, last), len(crossing) - len(kept)
+
+
 def _reduce_in_parts(
     stage: _Stage,
     faces: int,
@@ -216,14 +263,10 @@ def _reduce_in_parts(
     of_face = part_of_faces(mesh, part)
     crossing = np.flatnonzero(of_face == CROSSING)
     corners = mesh.faces[crossing]
-    is_border = np.zeros(mesh.num_vertices, dtype=np.bool_)
-    is_border[corners.reshape(-1)] = True
+    stays = np.zeros(mesh.num_vertices, dtype=np.bool_) if fixed is None else fixed.copy()
+    stays[corners.reshape(-1)] = True
     share_left = max(0.0, (faces - len(crossing)) / max(1, mesh.num_faces - len(crossing)))
-    vertex_map = np.full(mesh.num_vertices, -1, dtype=np.int32)
-    face_map = np.full(mesh.num_faces, -1, dtype=np.int32)
-    parts: list[Mesh] = []
-    all_faces: list[NDArray[np.int32]] = []
-    num_vertices, num_faces, error = 0, 0, 0.0
+    reduced = _Reduced(mesh)
     for number in range(2**depth):
         own = np.flatnonzero(of_face == number)
         beside = crossing[(part[corners] == number).any(axis=1)]
@@ -233,38 +276,21 @@ def _reduce_in_parts(
         if not has_surface(here):
             stage.dropped_faces += len(own)
             continue
-        stays = is_border[used] if fixed is None else is_border[used] | fixed[used]
         done = fast(
             here,
             target_faces=round(share_left * len(own)) + len(beside),
             max_error=max_error,
-            locked=stays,
+            locked=stays[used],
             progress=_from(report, number / 2**depth, (number + 1) / 2**depth),
         )
         del here
         stage.count(done)
-        error = max(error, done.max_error)
-        inside = part[used] == number
-        to = done.vertex_map[inside]
-        vertex_map[used[inside]] = np.where(to < 0, to, to + np.int32(num_vertices))
-        is_own = np.ones(done.mesh.num_faces + 1, dtype=np.bool_)
-        is_own[done.face_map[len(own) :]] = False
-        is_own[-1] = False  # for faces that are gone
-        row_of = np.where(is_own, np.cumsum(is_own) - 1 + num_faces, -1).astype(np.int32)
-        face_map[own] = row_of[done.face_map[: len(own)]]
-        parts.append(_with_faces(done.mesh, is_own[:-1]))
-        all_faces.append(parts[-1].faces + np.int32(num_vertices))
-        num_vertices += parts[-1].num_vertices
-        num_faces += parts[-1].num_faces
+        reduced.add(done, own, used, part[used] == number)
         del done
-    between = vertex_map[corners]
-    has_area = (between >= 0).all(axis=1)  # others have no area: two corners at one place
-    face_map[crossing[has_area]] = num_faces + np.arange(int(has_area.sum()), dtype=np.int32)
-    last = take_faces(mesh, crossing[has_area])[0] if has_area.any() else None
-    stage.mesh = join(parts, np.concatenate([*all_faces, between[has_area]]), last)
-    stage.dropped_faces += int((~has_area).sum())
-    stage.max_error += error
-    stage.follow(vertex_map, face_map)
+    stage.mesh, vanished = reduced.joined(mesh, crossing)
+    stage.dropped_faces += vanished
+    stage.max_error += reduced.error
+    stage.follow(reduced.vertex_map, reduced.face_map)
 
 
 def _with_faces(mesh: Mesh, chosen: NDArray[np.bool_]) -> Mesh:
