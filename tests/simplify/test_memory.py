@@ -165,6 +165,26 @@ def test_maps_of_both_stages_lead_to_the_result(small_process: None) -> None:
     assert ours < 1.2 * theirs
 
 
+def test_a_further_round_of_parts_takes_no_progress_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    reduce = _memory._reduce
+
+    def in_two_rounds(*arguments: Any) -> None:
+        for fraction in (0.9, 0.1):
+            arguments[-1](fraction)
+        reduce(*arguments)
+
+    plan = _memory._Plan(direct=False, faces=600, depth=0)
+    monkeypatch.setattr(_memory, "_plan", lambda *_: plan)
+    monkeypatch.setattr(_memory, "_reduce", in_two_rounds)
+    told: list[float] = []
+    _memory.simplify_within(
+        hills(20), "quality", 1 << 30, target_faces=100, progress=lambda done, _: told.append(done)
+    )
+    assert told[:2] == [0.45, 0.45]
+    assert told == sorted(told)
+    assert told[-1] == 1.0
+
+
 def test_locked_vertices_stay_through_both_stages(small_process: None) -> None:
     mesh = hills(260)
     locked = np.zeros(mesh.num_vertices, dtype=bool)

@@ -12,7 +12,7 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.memory import release_unused, resident_bytes, written_size
-from manip3d._util.options import reporting
+from manip3d._util.options import reporting, sharing
 from manip3d.errors import InputError
 from manip3d.simplify._collapse import expect_surface, has_surface, stopping_rules
 from manip3d.simplify._parts import (
@@ -333,9 +333,9 @@ def simplify_within(
             )
     locked = locked_of(mesh, options.get("locked"))
     stage = _Stage(mesh)
-    with reporting(progress, "simplify") as report:
-        tell = report or (lambda _: None)
-        _reduce(stage, plan, 0.5 * error_limit, locked, lambda done: tell(0.5 * done))
+    with sharing(progress, "simplify") as part:
+        with reporting(part(0.0, 0.5), "simplify") as report:  # each round of parts begins at 0
+            _reduce(stage, plan, 0.5 * error_limit, locked, report or (lambda _: None))
         if stage.mesh.num_faces > plan.faces:
             raise InputError(
                 f"memory: expected more than {written_size(memory)}: {stage.mesh.num_faces} faces "
@@ -347,7 +347,7 @@ def simplify_within(
             target_faces=target,
             max_error=error_limit - stage.max_error,
             locked=_locked_now(stage, locked),
-            progress=_from(tell, 0.5, 1.0),
+            progress=part(0.5, 1.0),
             **{name: value for name, value in options.items() if name not in _OF_ONE_RUN},
         )
     stage.count(done)
