@@ -142,6 +142,44 @@ def test_a_full_disk_leaves_the_frames_before(kind: str, tmp_path: Path, size: s
 
 
 @each_kind
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+def test_a_new_recording_that_gets_no_frame_is_removed(
+    kind: str, tmp_path: Path, error: BaseException
+) -> None:
+    def broken() -> Iterator[Any]:
+        yield from rgbd_frames.frames(1)
+        raise AssertionError("the first frame cannot be written")
+
+    def fail(frame: RgbdFrame) -> bool:
+        raise error
+
+    with pytest.raises(type(error)):
+        capture.record(broken(), path_of(kind, tmp_path), trigger=fail)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_empty_folder_that_was_there_stays(tmp_path: Path) -> None:
+    def fail(frame: RgbdFrame) -> bool:
+        raise OSError(28, "No space left on device")
+
+    (tmp_path / "walk").mkdir()
+    with pytest.raises(OSError, match="No space"):
+        capture.record(rgbd_frames.frames(1), tmp_path / "walk", trigger=fail)
+    assert (tmp_path / "walk").is_dir()
+
+
+def test_a_disk_too_small_for_the_calibration_leaves_no_folder(tmp_path: Path) -> None:
+    def refuse(*_: Any) -> None:
+        (tmp_path / "walk").mkdir()  # as the recorder, which then cannot write into it
+        raise OSError(28, "No space left on device")
+
+    with pytest.MonkeyPatch.context() as patch, pytest.raises(OSError, match="No space"):
+        patch.setattr("manip3d._core.open_recorder", refuse)
+        capture.record(rgbd_frames.frames(1), tmp_path / "walk")
+    assert list(tmp_path.iterdir()) == []
+
+
+@each_kind
 def test_an_unplugged_source_leaves_the_frames_before(kind: str, tmp_path: Path) -> None:
     frames = list(rgbd_frames.frames(5))
 

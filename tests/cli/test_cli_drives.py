@@ -93,6 +93,13 @@ def test_each_drive_is_a_session_of_its_own(signed: Path, key: Path) -> None:
     assert verified(signed / "monday" / "car_b", "--key", key)[0] == 0
 
 
+def test_the_table_of_drives_has_no_columns_for_frames(signed: Path) -> None:
+    with (signed / "results.csv").open() as stream:
+        columns = next(csv.reader(stream))
+    assert "num_frames" in columns
+    assert not [name for name in columns if name.startswith("frames")]
+
+
 def test_the_gravest_drive_gives_the_exit_code(signed: Path, key: Path, tmp_path: Path) -> None:
     shutil.copytree(signed / "monday", tmp_path / "copies" / "monday")
     copies = tmp_path / "copies"

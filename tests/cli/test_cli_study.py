@@ -7,11 +7,14 @@ import re
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from command_line import manip3d as run
+from manip3d.cli.study import study_stimuli
 
 
 @pytest.fixture
@@ -83,6 +86,20 @@ def test_a_code_that_nobody_can_have_is_refused(definition: Path, tmp_path: Path
     done = run(*words, "--participant", "a b")
     assert done.returncode == 1
     assert "--participant: expected letters, digits, - and _" in done.stderr
+
+
+def test_stimuli_are_told_one_by_one_where_stderr_is_no_terminal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def make(definition: Path, *, progress: Callable[[float, str], object], **_: object) -> object:
+        progress(0.5, "color clip")
+        return SimpleNamespace(count=1, folder=tmp_path, problems=())
+
+    monkeypatch.setattr("manip3d.study.make_stimuli", make)
+    study_stimuli(tmp_path / "study.toml")
+    assert "50%  color clip" in capsys.readouterr().err
+    study_stimuli(tmp_path / "study.toml", quiet=True)
+    assert capsys.readouterr().err == ""
 
 
 def test_power_is_a_table(tmp_path: Path) -> None:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 import operator
 import os
+import shutil
 import threading
 import time
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -864,7 +865,7 @@ def record(
         do not fit the calibration or each other, or whose times and numbers do not grow.
     OSError
         The disk is full, and the like; the frames before are good, and a note of the error says how
-        many they are.
+        many they are. If there are none, nothing is left of a new recording.
     FormatError, DeviceError
         The source raised it.
 
@@ -918,19 +919,26 @@ def record(
     else:
         opened = from_frames(source)
     is_tum = kind == _core.RecordingKind.tum
-    recorder = _core.open_recorder(
-        os.fsencode(place),
-        RgbdCalibration(opened.calibration.depth) if is_tum else opened.calibration,
-        lossless_color,
-        jpeg_quality,
-        overwrite,
-        kind,
-    )
+    was_there = place.exists()
+    try:
+        recorder = _core.open_recorder(
+            os.fsencode(place),
+            RgbdCalibration(opened.calibration.depth) if is_tum else opened.calibration,
+            lossless_color,
+            jpeg_quality,
+            overwrite,
+            kind,
+        )
+    except OSError:
+        if not was_there:
+            with suppress(OSError):
+                place.rmdir()  # if it is empty
+        raise
 
     def write(frame: RgbdFrame) -> None:
         recorder.write(with_one_camera(frame) if is_tum else frame)
 
-    with _noting_frames(place, recorder), ExitStack() as ends:
+    with _noting_frames(place, recorder, is_new=not was_there), ExitStack() as ends:
         if isinstance(source, str):
             ends.callback(opened.stop)
         ends.callback(recorder.close)
@@ -940,15 +948,25 @@ def record(
 
 
 @contextmanager
-def _noting_frames(place: Path, recorder: Any) -> Iterator[None]:
-    """Note at an error, or Ctrl-C, how many frames a recording has."""
+def _noting_frames(place: Path, recorder: Any, *, is_new: bool) -> Iterator[None]:
+    """Note at an error, or Ctrl-C, how many frames a recording has; a new one without is removed."""
     try:
         yield
     except BaseException as error:
         if written := recorder.counters()["frames"]:
             told = "1 frame, which is" if written == 1 else f"{written} frames, which are"
             error.add_note(f"{place} has {told} whole")
+        elif is_new:
+            remove_recording(place)
         raise
+
+
+def remove_recording(place: Path) -> None:
+    """Remove a recording that is a folder or a file."""
+    if place.is_dir():
+        shutil.rmtree(place, ignore_errors=True)
+    else:
+        place.unlink(missing_ok=True)
 
 
 def _place_of(path: str | os.PathLike[str]) -> tuple[Path, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import time
 from collections.abc import Iterable
 from contextlib import ExitStack, suppress
@@ -154,13 +153,6 @@ def place_of_recording(output: Path) -> Path:
     return Path(place) if scheme in ("folder", "mkv", "tum") and place else output
 
 
-def _remove_recording(place: Path) -> None:
-    if place.is_dir():
-        shutil.rmtree(place)
-    else:
-        place.unlink(missing_ok=True)
-
-
 def write_recording(
     source: RgbdSource,
     output: Path,
@@ -182,6 +174,7 @@ def write_recording(
         The trigger did not come; a recording that was made for it is removed.
     """
     from manip3d import capture
+    from manip3d.capture._rgbd import remove_recording
 
     place = place_of_recording(output)
     was_there = place.exists()
@@ -209,7 +202,7 @@ def write_recording(
         if was_there:
             found = f"{output} has no frame"
         else:
-            _remove_recording(place)
+            remove_recording(place)
             found = f"{output} was not written"
         raise InputError(f"--trigger {trigger}: it did not come before the source ended; {found}")
     told = "" if done.frames_with_skeleton else "; no frame of the source has a skeleton"

@@ -116,7 +116,7 @@ def study_stimuli(
             images=images,
             seed=seed,
             overwrite=force,
-            progress=progress,
+            progress=progress or shell.line,  # a log gets a line for each
         )
     shell.say(f"wrote {counted(made.count, 'stimulus', 'stimuli')} to {made.folder}")
     for problem in made.problems:

@@ -7,8 +7,8 @@ import io
 import json
 import os
 import uuid
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from datetime import datetime
 from typing import Any
 
@@ -25,6 +25,8 @@ from manip3d.diary._records import (
     FeltRecord,
     McGill,
     Ownership,
+    Participant,
+    Rating,
 )
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_folder, atomic_write
@@ -52,12 +54,6 @@ _PAIN = {
 _GAME_COLUMNS = (
     "game", "difficulty", "seed", "ending", "seconds", "paused_s", "score", "misses", "by_phantom",
     "gain", "limb", "source", "version", "latency_ms", "tracked",
-)  # fmt: skip
-
-
-_TABLES = (
-    "participants", "sessions", "games", "anomalies", "ratings", "questionnaires", "events",
-    "ownership", "felt", "answers",
 )  # fmt: skip
 
 
@@ -143,69 +139,132 @@ def _cell(value: Any) -> Any:
     return "" if value is None else value
 
 
+@dataclass(frozen=True)
+class _Entries:
+    """All entries of a participant, each kind read once."""
+
+    person: Participant
+    sessions: Sequence[DiarySession]
+    ratings: Sequence[Rating]
+    mcgill: Sequence[McGill]
+    events: Sequence[AdverseEvent]
+    ownership: Sequence[Ownership]
+    felt: Sequence[FeltRecord]
+    answers: Sequence[Answers]
+
+    @classmethod
+    def of(cls, diary: Diary, name: str) -> _Entries:
+        return cls(
+            diary.participant(name),
+            diary.sessions(name),
+            diary.ratings(name),
+            diary.mcgill(name),
+            diary.events(name),
+            diary.ownership(name),
+            diary.felt(name),
+            diary.answers(name),
+        )
+
+
+_Rows = Iterator[Sequence[Any]]
+"""Rows of a table, which the participant's name precedes."""
+
+
+def _participant_rows(entries: _Entries) -> _Rows:
+    person = entries.person
+    yield person.limb, person.enrolled, person.clips
+
+
+def _session_rows(entries: _Entries) -> _Rows:
+    for count, session in enumerate(entries.sessions, 1):
+        pain = session.pain_before, session.pain_after
+        yield count, session.started, session.ended, len(session.games), *pain, session.answered
+
+
+def _games(entries: _Entries) -> Iterator[tuple[int, int, DiaryGame]]:
+    """Number of the session, number in it, and game."""
+    for count, session in enumerate(entries.sessions, 1):
+        for number, game in enumerate(session.games, 1):
+            yield count, number, game
+
+
+def _game_rows(entries: _Entries) -> _Rows:
+    for count, number, game in _games(entries):
+        yield count, number, game.at, *(getattr(game, column) for column in _GAME_COLUMNS)
+
+
+def _anomaly_rows(entries: _Entries) -> _Rows:
+    for count, number, game in _games(entries):
+        for start, end in game.anomalies:
+            yield count, number, start, end
+
+
+def _rating_rows(entries: _Entries) -> _Rows:
+    for rating in entries.ratings:
+        yield rating.at, rating.when, rating.pain
+
+
+def _mcgill_rows(entries: _Entries) -> _Rows:
+    for filled in entries.mcgill:
+        yield filled.at, filled.occasion, *asdict(filled.score).values(), *filled.ranks
+
+
+def _event_rows(entries: _Entries) -> _Rows:
+    for event in entries.events:
+        yield event.at, event.kind, event.text
+
+
+def _ownership_rows(entries: _Entries) -> _Rows:
+    for one in entries.ownership:
+        yield one.at, one.mode, round(one.ownership, 3), round(one.control, 3), *one.answers
+
+
+def _felt_rows(entries: _Entries) -> _Rows:
+    for felt in entries.felt:
+        yield felt.at, felt.limb, felt.length, felt.telescoping, felt.raised, felt.bent
+
+
+def _answer_rows(entries: _Entries) -> _Rows:
+    for filled in entries.answers:
+        asked = filled.questionnaire
+        about = filled.at, asked.name, asked.sha256, filled.occasion
+        given = zip(asked.items, filled.answers, strict=True)
+        for number, (item, answer) in enumerate(given, 1):
+            yield *about, "item", number, item.text, answer
+        for name, value in filled.scores.items():
+            yield *about, "scale", name, "", value
+
+
+_TABLES: Mapping[str, tuple[Sequence[str], Callable[[_Entries], _Rows]]] = {
+    "participants": (("limb", "enrolled", "clips"), _participant_rows),
+    "sessions": (("session", "started", "ended", "games", "pain_before", "pain_after", "answered"),
+                 _session_rows),
+    "games": (("session", "number", "at", *_GAME_COLUMNS), _game_rows),
+    "anomalies": (("session", "game", "start_s", "end_s"), _anomaly_rows),
+    "ratings": (("at", "when", "pain"), _rating_rows),
+    "questionnaires": (("at", "occasion", "sensory", "affective", "evaluative", "miscellaneous",
+                        "pri", "nwc", "ppi", *(f"rank_{n}" for n in range(1, 21))), _mcgill_rows),
+    "events": (("at", "kind", "text"), _event_rows),
+    "ownership": (("at", "mode", "ownership", "control", *(f"q{n}" for n in range(1, 7))),
+                  _ownership_rows),
+    "felt": (("at", "limb", "length", "telescoping", "raised", "bent"), _felt_rows),
+    "answers": (("at", "questionnaire", "sha256", "occasion", "kind", "name", "text", "value"),
+                _answer_rows),
+}  # fmt: skip
+"""Columns of each table after the participant's, and what gives its rows."""
+
 _Tables = Mapping[str, tuple[Sequence[str], list[list[Any]]]]
 
 
 def _tables(diary: Diary, identifiers: Iterable[str]) -> _Tables:
-    found: dict[str, tuple[Sequence[str], list[list[Any]]]] = {
-        "participants": (("participant", "limb", "enrolled", "clips"), []),
-        "sessions": (("participant", "session", "started", "ended", "games", "pain_before",
-                      "pain_after", "answered"), []),
-        "games": (("participant", "session", "number", "at", *_GAME_COLUMNS), []),
-        "anomalies": (("participant", "session", "game", "start_s", "end_s"), []),
-        "ratings": (("participant", "at", "when", "pain"), []),
-        "questionnaires": (("participant", "at", "occasion", "sensory", "affective", "evaluative",
-                            "miscellaneous", "pri", "nwc", "ppi",
-                            *(f"rank_{n}" for n in range(1, 21))), []),
-        "events": (("participant", "at", "kind", "text"), []),
-        "ownership": (("participant", "at", "mode", "ownership", "control",
-                       *(f"q{n}" for n in range(1, 7))), []),
-        "felt": (("participant", "at", "limb", "length", "telescoping", "raised", "bent"), []),
-        "answers": (("participant", "at", "questionnaire", "sha256", "occasion", "kind", "name",
-                     "text", "value"), []),
-    }  # fmt: skip
-    rows = {name: table[1] for name, table in found.items()}
-    for name in identifiers:
-        person = diary.participant(name)
-        rows["participants"].append([name, person.limb, person.enrolled, person.clips])
-        for count, session in enumerate(diary.sessions(name), 1):
-            rows["sessions"].append(
-                [name, count, session.started, session.ended, len(session.games),
-                 session.pain_before, session.pain_after, session.answered]
-            )  # fmt: skip
-            for number, game in enumerate(session.games, 1):
-                values = [getattr(game, column) for column in _GAME_COLUMNS]
-                rows["games"].append([name, count, number, game.at, *values])
-                for start, end in game.anomalies:
-                    rows["anomalies"].append([name, count, number, start, end])
-        for rating in diary.ratings(name):
-            rows["ratings"].append([name, rating.at, rating.when, rating.pain])
-        for filled in diary.mcgill(name):
-            score = asdict(filled.score)
-            rows["questionnaires"].append(
-                [name, filled.at, filled.occasion, *score.values(), *filled.ranks]
-            )
-        for event in diary.events(name):
-            rows["events"].append([name, event.at, event.kind, event.text])
-        for one in diary.ownership(name):
-            means = (round(one.ownership, 3), round(one.control, 3))
-            rows["ownership"].append([name, one.at, one.mode, *means, *one.answers])
-        for felt in diary.felt(name):
-            numbers = (felt.length, felt.telescoping, felt.raised, felt.bent)
-            rows["felt"].append([name, felt.at, felt.limb, *numbers])
-        for answers in diary.answers(name):
-            rows["answers"] += [[name, *row] for row in _answer_rows(answers)]
-    return found
-
-
-def _answer_rows(filled: Answers) -> list[list[Any]]:
-    asked = filled.questionnaire
-    about = [filled.at, asked.name, asked.sha256, filled.occasion]
-    given = enumerate(zip(asked.items, filled.answers, strict=True), 1)
-    return [
-        *([*about, "item", number, item.text, answer] for number, (item, answer) in given),
-        *([*about, "scale", name, "", value] for name, value in filled.scores.items()),
-    ]
+    people = {name: _Entries.of(diary, name) for name in identifiers}
+    return {
+        table: (
+            ("participant", *columns),
+            [[name, *row] for name, entries in people.items() for row in rows_of(entries)],
+        )
+        for table, (columns, rows_of) in _TABLES.items()
+    }
 
 
 # --- FHIR -----------------------------------------------------------------------------------------
