@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from manip3d import LidarFrame, _core
+from manip3d import LidarFrame, _core, io
 from manip3d.authenticate import (
     MAX_MOVE_M,
     KeyFile,
@@ -735,6 +735,33 @@ def test_coordinates_in_float64_are_bound_by_a_detached_record(key: KeyFile, shi
     assert verify(key, scan, bare.record).verdict == "undecidable"
     with pytest.raises(InputError, match="'lbm' or 'detached'"):
         marker_of(key, "qim").embed(scan)
+
+
+@pytest.mark.parametrize("embedding", ALL)
+@pytest.mark.parametrize("suffix", [".csv", ".xyz", ".pts", ".ptx", ".las"])
+def test_float32_points_that_became_decimals_are_authentic(
+    key: KeyFile, tmp_path: Path, embedding: str, suffix: str
+) -> None:
+    """The float32 nearest to 12.345 is 12.34500026, and files say 12.345 or 12.3450003."""
+    if suffix == ".las":
+        pytest.importorskip("laspy")
+    sent = marker_of(key, embedding).embed(LidarFrame(grid_scan(3000), reflectances(3000)))
+    io.write_scan(sent.frame, tmp_path / f"a{suffix}")
+    read = io.read_scan(tmp_path / f"a{suffix}")
+    assert read.exact is not None
+    is_moved = (suffix, embedding) == (".las", "qim")  # its cells are no whole steps of 0.1 mm
+    assert verify(key, read, sent.record).verdict == ("tampered" if is_moved else "authentic")
+
+
+def test_digits_beyond_the_float32_that_was_signed_are_undecidable(key: KeyFile) -> None:
+    sent = marker_of(key, "lbm").embed(grid_scan(3000))
+    exact = np.round(sent.points.astype(np.float64), 3)
+    scan = sent.frame.replace(exact=exact)
+    assert verify(key, scan, sent.record).verdict == "authentic"
+    longer = exact.copy()
+    longer[7, 0] += 1e-8
+    assert np.array_equal(longer.astype(np.float32), sent.points)
+    assert verify(key, scan.replace(exact=longer), sent.record).verdict == "undecidable"
 
 
 def test_five_million_points(key: KeyFile) -> None:

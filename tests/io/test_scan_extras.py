@@ -460,3 +460,30 @@ def test_the_viewpoint_of_a_map_moves_with_its_points(tmp_path: Path) -> None:
             np.testing.assert_array_equal(frame.origin + shift - place, expected)
         frame.write(tmp_path / "b.pcd")
         assert (tmp_path / "b.pcd").read_bytes() == (tmp_path / "a.pcd").read_bytes()
+
+
+@pytest.mark.parametrize("suffix", [".bin", ".pcd", ".ply", ".csv", ".npy", ".npz", ".xyz"])
+def test_intensities_between_0_and_1_come_back_from_las(tmp_path: Path, suffix: str) -> None:
+    """LAS has whole intensities only: others stand beside them as the reflectance."""
+    rng = np.random.default_rng(2)
+    intensity = (rng.integers(0, 100, 40) / 100).astype(np.float32)
+    points = np.float32(rng.integers(-999, 999, (40, 3)) / 10)
+    LidarFrame(points, intensity).write(tmp_path / "a.las")
+    read_scan(tmp_path / "a.las").write(tmp_path / f"b{suffix}")
+    back = read_scan(tmp_path / f"b{suffix}")
+    np.testing.assert_allclose(back.intensity, intensity, atol=1e-6)
+    assert "las_intensity" not in back.fields  # they were all 0
+
+
+def test_both_intensities_of_las_are_kept(tmp_path: Path) -> None:
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.add_extra_dim(laspy.ExtraBytesParams("reflectance", np.float32))
+    las = laspy.LasData(header)
+    las.points = laspy.ScaleAwarePointRecord.zeros(3, header=header)
+    las.intensity, las.reflectance = [7, 8, 9], [-1.5, -2.5, -3.5]
+    las.write(str(tmp_path / "a.las"))
+    read_scan(tmp_path / "a.las").write(tmp_path / "b.csv")
+    back = read_scan(tmp_path / "b.csv")
+    assert back.intensity is not None
+    assert back.intensity.tolist() == [-1.5, -2.5, -3.5]
+    assert back.fields["las_intensity"].tolist() == [7, 8, 9]

@@ -363,7 +363,8 @@ class Watermarker(Closing):
     repeated and reordered ones are noticed. `embed` and `verify` have separate states. Other
     columns than coordinates and intensity are not bound.
 
-    Points whose order was changed, or which were written as float32 and read again, verify.
+    Points whose order was changed, or which were written as float32 and read again, verify, and so
+    do decimals that say no more than the float32 does, as in text.
     Coordinates in float64 are bound as points of the grid: one within 2^-13 steps of such a point
     stands for it, since formats with a scale and an offset, such as LAS, do not give the nearest
     float64 back.
@@ -705,6 +706,7 @@ class Watermarker(Closing):
 
 
 _MOST_UNITS = 1_000_000  # a metre
+_SAME_M = 1e-10  # metres: rounding where a decimal is made of a number of steps and an offset
 _FARTHEST_STEP = 2.0**37
 
 
@@ -850,6 +852,21 @@ def _exact_hash(frame: LidarFrame) -> bytes | None:
     return digest.digest()
 
 
+def _are_decimals_of_float32(frame: LidarFrame) -> bool:
+    """Whether coordinates in float64 only write those in float32 in decimals, as text and LAS do.
+
+    The float32 that is nearest to 12.345 is 12.34500026...; the file says 12.345, or 12.3450003.
+    Digits that say more than the float32 does were never signed.
+    """
+    if frame.exact is None or not _is_of_one_piece(frame):
+        return False
+    points = frame.points.astype(np.float64)
+    is_open = np.ones(points.shape, bool)  # the coordinates that no number of digits gave so far
+    for digits in range(13):  # 9 that count, of coordinates from tenths of a millimetre on
+        is_open &= np.abs(np.round(points, digits) - frame.exact) > _SAME_M
+    return not is_open.any()
+
+
 def _with_exact(
     result: WatermarkResult, header: Mapping[str, Any] | None, frame: LidarFrame
 ) -> WatermarkResult:
@@ -867,6 +884,8 @@ def _with_exact(
         return result
     if exact is None:
         reason = "coordinates were signed in float64, of which the scan has the float32 part only"
+    elif not has_exact and _are_decimals_of_float32(frame):
+        return result
     elif not has_exact:
         reason = "the scan's coordinates need float64, of which the float32 part only was signed"
     elif hmac.compare_digest(header["context"], exact):

@@ -49,11 +49,16 @@ def renamed(frame: LidarFrame, name: str) -> LidarFrame:
     """The frame with colours and normals as another format than its own names them.
 
     Colours have 8 bits in all formats but LAS and CSV. The fields stay as they are where there are
-    none, or where the format has no names for them.
+    none, or where the format has no names for them. LAS has whole intensities beside a reflectance,
+    which is the frame's intensity: they get a name of their own, or go if they say nothing.
     """
     if frame.format is not None and frame.format.name == name:
         return frame
     fields = dict(frame.fields)
+    if frame.intensity is not None and "intensity" in fields:
+        second = fields.pop("intensity")
+        if second.any():
+            fields["las_intensity"] = second
     _rename_normals(fields, name)
     found = _find_colors(fields)
     if found is not None and (name == "pcd" or name in _NAMES):
