@@ -753,6 +753,19 @@ def test_float32_points_that_became_decimals_are_authentic(
     assert verify(key, read, sent.record).verdict == ("tampered" if is_moved else "authentic")
 
 
+@pytest.mark.parametrize("embedding", ALL)
+def test_intensities_of_0_where_none_were_signed_are_no_edit(key: KeyFile, embedding: str) -> None:
+    """KITTI's files and LAS have a column of intensities, whatever was measured."""
+    sent = marker_of(key, embedding).embed(grid_scan(3000))
+    shine = np.zeros(3000, np.float32)
+    assert verify(key, sent.frame.replace(intensity=shine), sent.record).verdict == "authentic"
+    shine[7] = 0.01
+    found = verify(key, sent.frame.replace(intensity=shine), sent.record)
+    assert (found.verdict, len(found.changed_tiles)) == ("tampered", 1)
+    sent = marker_of(key, embedding).embed(LidarFrame(grid_scan(3000), np.zeros(3000, np.float32)))
+    assert verify(key, sent.frame.replace(intensity=None), sent.record).verdict == "tampered"
+
+
 def test_digits_beyond_the_float32_that_was_signed_are_undecidable(key: KeyFile) -> None:
     sent = marker_of(key, "lbm").embed(grid_scan(3000))
     exact = np.round(sent.points.astype(np.float64), 3)

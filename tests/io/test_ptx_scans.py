@@ -141,3 +141,12 @@ def test_commands_take_it(tmp_path: Path) -> None:
     scan = io.read_scans(path)[0]
     assert authenticate.inspect(scan, power=False).verdict == "undecidable"
     assert capture.scan_address(str(path)) is None
+
+
+@pytest.mark.parametrize("name", ["b.ptx", "b.e57"])
+def test_a_scan_of_3dtk_without_a_pose_is_written(tmp_path: Path, name: str) -> None:
+    if name == "b.e57":
+        pytest.importorskip("pye57")
+    (tmp_path / "a.3d").write_text("-200 300 100\n-500 600 400\n")
+    io.read_scan(tmp_path / "a.3d").write(tmp_path / name)
+    assert io.read_scan(tmp_path / name).points.tolist() == [[1, 2, 3], [4, 5, 6]]

@@ -737,7 +737,8 @@ void WatermarkVerifier::State::check_content(const PointsView& points, ExactView
   const bool bits_hold = check_bits(header.embedding, tags, finding);
   const WatermarkTag whole = tag_of_record(keys, "m3d-frame", body_of(bytes), tags);
   const bool frame_holds = equal_in_constant_time(whole, frame_tag_of(bytes));
-  const bool same_columns = header.has_intensity == points.has_intensity();
+  // Formats such as KITTI's write intensities of 0 where there are none. Others change the tags.
+  const bool same_columns = points.has_intensity() || !header.has_intensity;
   const bool same_drops = header.num_dropped == num_dropped;
   const bool is_intact = frame_holds && bits_hold && all_on_lattice && same_columns && same_drops;
   finding.content = is_intact ? WatermarkContent::kIntact : WatermarkContent::kTampered;

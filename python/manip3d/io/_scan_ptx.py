@@ -172,7 +172,8 @@ def write_all(frames: Sequence[LidarFrame], path: Path) -> None:
             shape = known["shape"] if is_own else (1, frame.num_points)
             if shape[0] * shape[1] != frame.num_points:
                 shape = (1, frame.num_points)
-            pose = np.asarray(known.get("pose", np.eye(4)))
+            given = known.get("pose")  # a .3d file without its .pose has None
+            pose = np.eye(4) if given is None else np.asarray(given)
             stands = np.append(frame.origin or (0.0, 0.0, 0.0), 1.0)
             position = known["position"] if is_own else product(pose, stands)[:3]
             axes = known["axes"] if is_own else pose[:3, :3].T
