@@ -753,6 +753,27 @@ def test_float32_points_that_became_decimals_are_authentic(
     assert verify(key, read, sent.record).verdict == ("tampered" if is_moved else "authentic")
 
 
+def test_a_chain_takes_one_version_of_a_frame_that_was_signed_twice(key: KeyFile) -> None:
+    first, lost = Watermarker(key), Watermarker(key)
+    kept = first.embed(grid_scan(3000, seed=1))
+    twice = first.embed(grid_scan(3000, seed=2), time_ns=1)
+    lost.resume(kept.record)
+    again = lost.embed(grid_scan(3000, seed=2), time_ns=2)
+    last = lost.embed(grid_scan(3000, seed=3))
+    assert (twice.number, again.number) == (1, 1)
+
+    def verdicts(*frames: Watermarked, order: str = "chain") -> list[str]:
+        with Watermarker(key) as verifier:
+            policy = Policy(order=order)
+            return [verifier.verify(f.frame, f.record, policy=policy).verdict for f in frames]
+
+    assert verdicts(twice, order="any") == verdicts(again, order="any") == ["authentic"]
+    assert verdicts(kept, again, last) == 3 * ["authentic"]
+    assert verdicts(kept, twice, last) == ["authentic", "authentic", "undecidable"]
+    assert verdicts(kept, twice, again) == ["authentic", "authentic", "tampered"]
+    assert verdicts(kept, again, twice, last) == [*2 * ["authentic"], "tampered", "authentic"]
+
+
 @pytest.mark.parametrize("embedding", ALL)
 def test_intensities_of_0_where_none_were_signed_are_no_edit(key: KeyFile, embedding: str) -> None:
     """KITTI's files and LAS have a column of intensities, whatever was measured."""

@@ -168,13 +168,15 @@ def test_an_empty_folder_that_was_there_stays(tmp_path: Path) -> None:
     assert (tmp_path / "walk").is_dir()
 
 
-def test_a_disk_too_small_for_the_calibration_leaves_no_folder(tmp_path: Path) -> None:
+def test_a_disk_too_small_for_the_calibration_leaves_no_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def refuse(*_: Any) -> None:
         (tmp_path / "walk").mkdir()  # as the recorder, which then cannot write into it
         raise OSError(28, "No space left on device")
 
-    with pytest.MonkeyPatch.context() as patch, pytest.raises(OSError, match="No space"):
-        patch.setattr("manip3d._core.open_recorder", refuse)
+    monkeypatch.setattr("manip3d._core.open_recorder", refuse)
+    with pytest.raises(OSError, match="No space"):
         capture.record(rgbd_frames.frames(1), tmp_path / "walk")
     assert list(tmp_path.iterdir()) == []
 

@@ -514,6 +514,13 @@ class Watermarker(Closing):
         Error
             The watermarker is closed.
 
+        Notes
+        -----
+        A lost frame that was signed anew exists twice with one number if the first version turns up
+        after all. Both are genuine, and each verifies alone. In a chain the first one is followed
+        by a frame whose place is not known, so that the chain is undecidable. Where others may have
+        received frames after the last one that is kept, begin a new session instead.
+
         Examples
         --------
         >>> import numpy as np

@@ -125,10 +125,11 @@ def _read_one(lines: _Lines, size: int, index: int) -> LidarFrame:
     layout = ScanFormat("ptx", header=about, to_file=near_zero(stored))
     points = measured_points(stored, layout, lines.name)
     origin = (0.0, 0.0, 0.0) if is_own and not layout.to_file[:3, 3].any() else None
+    is_known = table.shape[1] > 3 and not (table[:, 3] == _NO_INTENSITY).all()
     colors = dict(zip(_COLORS, table[:, 4:].astype(np.uint8).T, strict=False))
     return LidarFrame(
         points=points,
-        intensity=table[:, 3].astype(np.float32) if table.shape[1] > 3 else None,
+        intensity=table[:, 3].astype(np.float32) if is_known else None,
         origin=origin,
         source=lines.name,
         fields={name: np.ascontiguousarray(values) for name, values in colors.items()},

@@ -776,21 +776,44 @@ def _relief_of_view(
     )
 
 
-def _owned(
-    views: Sequence[_View],
-    surfaces: Sequence[_Surface],
-    facing: Sequence[NDArray[np.float64]],
-    near: Sequence[float],
-    threads: int,
-) -> list[int]:
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What a view shows: its pixels' dense mesh, and how its surface faces."""
+
+    view: _View
+    dense_pixels: NDArray[np.int32]
+    surface: _Surface
+    normals: NDArray[np.float64]  # (H, W, 3)
+    tolerance: float
+
+    @classmethod
+    def of(cls, view: _View, tolerance: float | None, steps: _GapRules, threads: int) -> _Seen:
+        dense = _core.grid_mesh(view.points, view.valid, view.rows_up, math.inf, None, threads)
+        surface = _Surface(view.world, steps.surface(view, dense["faces"]))
+        near = tolerance or 5.0 * _spacing(view)
+        return cls(view, dense["pixels"], surface, _pixel_normals(view), near)
+
+    def covered_by(self, surface: _Surface, threads: int) -> NDArray[np.bool_]:
+        """Which valid pixels lie on another surface that faces as this one does."""
+        facing = self.normals[self.view.valid]
+        return surface.covers(self.view.world, facing, self.tolerance, threads)
+
+
+def _num_owned(seen: Sequence[_Seen], threads: int) -> list[int]:
     """How many pixels of each view no earlier view shows, as far as the full meshes tell."""
     found = []
-    for i, view in enumerate(views):
-        is_shown = np.zeros(int(view.valid.sum()), bool)
-        for surface in surfaces[:i]:
-            is_shown |= surface.covers(view.world, facing[i], near[i], threads)
+    for i, each in enumerate(seen):
+        is_shown = np.zeros(int(each.view.valid.sum()), bool)
+        for earlier in seen[:i]:
+            is_shown |= each.covered_by(earlier.surface, threads)
         found.append(int((~is_shown).sum()))
     return found
+
+
+def _check_lengths(**lengths: float | None) -> None:
+    for name, value in lengths.items():
+        if value is not None and not value > 0:
+            raise InputError(f"{name}: expected > 0, got {value}")
 
 
 def _join(
@@ -806,40 +829,30 @@ def _join(
     if not len(views):
         raise InputError("views: expected at least one")
     remaining = count_of(target_points, "target_points")
-    lengths = {"max_edge": max_edge, "depth_step": depth_step, "tolerance": tolerance}
-    for name, value in lengths.items():
-        if value is not None and not value > 0:
-            raise InputError(f"{name}: expected > 0, got {value}")
+    _check_lengths(max_edge=max_edge, depth_step=depth_step, tolerance=tolerance)
     threads = threads_of(threads)
-    taken = [_take(view, index, threads) for index, view in enumerate(views)]
-    near = [tolerance or 5.0 * _spacing(view) for view in taken]
     steps = _GapRules(depth_step, limit_of(max_edge))
-    dense = [_core.grid_mesh(v.points, v.valid, v.rows_up, math.inf, None, threads) for v in taken]
-    surfaces = [
-        _Surface(view.world, steps.surface(view, fields["faces"]))
-        for view, fields in zip(taken, dense, strict=True)
-    ]
-    normals = [_pixel_normals(view) for view in taken]
-    facing = [n[view.valid] for n, view in zip(normals, taken, strict=True)]
-    owned = _owned(taken, surfaces, facing, near, threads)
+    taken = [_take(view, index, threads) for index, view in enumerate(views)]
+    seen = [_Seen.of(view, tolerance, steps, threads) for view in taken]
+    owned = _num_owned(seen, threads)
     rate = target_points / max(1, sum(owned))
     largest = int(np.argmax(owned))
     joint = _Joint()
     all_covered, chosen_views = [], []
-    for i, view in enumerate(taken):
+    for i, (view, each) in enumerate(zip(taken, seen, strict=True)):
         covered = np.zeros(view.valid.shape, bool)
         if i > 0:
             so_far = _Surface(joint.vertices, joint.faces)
-            covered[view.valid] = so_far.covers(view.world, facing[i], near[i], threads)
+            covered[view.valid] = each.covered_by(so_far, threads)
         open_pixels = view.valid & ~covered
         share = math.floor(rate * int(open_pixels.sum()))
         if i == largest:  # the smallest mesh is a triangle of the view that shows most
             share = max(share, LEAST_POINTS)
         share = max(0, min(share, remaining - (LEAST_POINTS if i < largest else 0)))
         chosen = choose(view, open_pixels, share)
-        border = joint.border_in(surfaces[i].mesh, dense[i]["pixels"], near[i], threads)
+        border = joint.border_in(each.surface.mesh, each.dense_pixels, each.tolerance, threads)
         before = len(joint.vertices)
-        joint.add(i, view, chosen, open_pixels, border, normals[i], steps)
+        joint.add(i, view, chosen, open_pixels, border, each.normals, steps)
         remaining -= len(joint.vertices) - before
         all_covered.append(covered)
         chosen_views.append(chosen)
@@ -853,7 +866,7 @@ def _join(
         tuple(all_covered),
         tuple(chosen_views),
         tuple(view.color for view in taken),
-        tuple(zip(taken, near, strict=True)),
+        tuple((each.view, each.tolerance) for each in seen),
         threads,
         steps,
     )
