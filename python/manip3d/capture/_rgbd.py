@@ -949,7 +949,7 @@ def record(
 
 @contextmanager
 def _noting_frames(place: Path, recorder: Any, *, is_new: bool) -> Iterator[None]:
-    """Note at an error, or Ctrl-C, how many frames there are; a new recording without is removed."""
+    """Note at an error how many frames there are; a new recording without any is removed."""
     try:
         yield
     except BaseException as error:
