@@ -55,6 +55,33 @@ def test_an_empty_message_does_not_indent_what_follows(chromium: None, stage: St
         assert left == below
 
 
+@pytest.mark.parametrize("limb", ["right_arm", "right_leg"])
+def test_the_card_leaves_the_limb_in_view_on_a_phone(chromium: None, limb: str) -> None:
+    """The card about a game that waits or is paused: below the arms, above the legs."""
+    pytest.importorskip("open3d", reason="the extra 'simulate' is not installed")
+    from manip3d.simulate.sources import open_source
+
+    address = simulated_patient(limb) + "&frames=20"
+    stage = Stage(iter(open_source(address, threads=1)), limb)  # type: ignore[arg-type]
+    try:
+        with _chromium.open_address(stage.server.new_url(), (500, 900)) as tab:
+            phone_or_desktop(tab, 390)
+            wait_for(lambda: stage.server.num_clients == 1)
+            stage.show(3)
+            box = "document.querySelector('{}').getBoundingClientRect()"
+            card, main = (
+                json.loads(tab.evaluate(f"JSON.stringify({box.format(name)})"))
+                for name in ("#card", "main")
+            )
+            middle = (main["top"] + main["bottom"]) / 2
+        if limb == "right_leg":
+            assert card["bottom"] < middle
+        else:
+            assert card["top"] > middle
+    finally:
+        stage.server.stop()
+
+
 def test_the_phantom_hand_bursts_a_bubble_on_the_page(chromium: None, stage: Stage) -> None:
     with _chromium.open_address(stage.server.new_url(), (1280, 800)) as tab:
         wait_for(lambda: stage.server.num_clients == 1)

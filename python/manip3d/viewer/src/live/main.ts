@@ -362,7 +362,10 @@ async function decode(frame: Frame): Promise<void> {
 
 function tell(status: Status): void {
   const { state, message, game } = status;
-  if (status.affected) write(title, `Phantom ${status.affected.replace("_", " ")}`);
+  if (status.affected) {
+    write(title, `Phantom ${status.affected.replace("_", " ")}`);
+    document.body.dataset.leg = String(status.affected.endsWith("leg"));
+  }
   if (document.activeElement !== gain) gain.value = String(status.gain ?? 1);
   setup.tell(status);
   touching.tell(status);
