@@ -270,6 +270,28 @@ def embedded(drive: Path, key: Path, signed: Path, *options: str) -> None:
     assert done.exit_code == 0, done.output
 
 
+def test_pictures_of_another_size_than_the_calibration_are_told(drive: Path) -> None:
+    """Half as large, they were compared under the wrong focal length, without a word."""
+    cv2 = pytest.importorskip("cv2", reason="the extra 'alert' is not installed")
+    with_cameras(drive)
+    for picture in drive.glob("image_0*/data/*.png"):
+        assert cv2.imwrite(str(picture), np.full((80, 320), 77, np.uint8))
+    done = CliRunner().invoke(app, ["alert", "run", str(drive), "--json"])
+    told = [frame["witnesses"]["cross-modal"] for frame in json.loads(done.stdout)["frames"]]
+    assert {each["verdict"] for each in told} == {"undecidable"}
+    assert "expected 640 x 160 pixels, as the calibration says, got 320 x 80" in told[0]["reason"]
+    assert "the cameras could not judge 3 of 3 frames: unreadable: " in done.stderr
+
+
+def test_cameras_without_a_calibration_silence_no_other_witness(drive: Path) -> None:
+    with_cameras(drive)
+    for name in ("calib_cam_to_cam.txt", "calib_velo_to_cam.txt"):
+        (drive / name).unlink()
+    done = CliRunner().invoke(app, ["alert", "run", str(drive), "--json"])
+    assert len(json.loads(done.stdout)["frames"]) == 3, done.output
+    assert "the cameras have no calibration, which KITTI keeps beside" in done.stderr
+
+
 def test_a_damaged_picture_speed_or_record_silences_no_alarm(drive: Path, tmp_path: Path) -> None:
     key, signed = key_file(tmp_path / "sensor.key"), tmp_path / "signed"
     embedded(with_cameras(drive), key, signed)
@@ -302,7 +324,7 @@ def test_a_damaged_picture_speed_or_record_silences_no_alarm(drive: Path, tmp_pa
     assert [frame["verdict"] for frame in told["frames"]] == ["tampered", "authentic",
                                                               "undecidable"]  # fmt: skip
     cameras = [frame["witnesses"]["cross-modal"] for frame in told["frames"]]
-    assert "expected at least 192 x 20 pixels, got 10 x 10" in cameras[1]["reason"]
+    assert "expected 640 x 160 pixels, as the calibration says, got 10 x 10" in cameras[1]["reason"]
 
 
 def test_a_drive_that_ends_in_an_error_is_judged_by_its_frames_before(

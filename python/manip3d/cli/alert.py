@@ -14,7 +14,7 @@ import typer
 from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
 from manip3d.cli.options import MISSED, Force, Json, MostFrames, OptionalOutput, Quiet
-from manip3d.cli.terminal import Terminal, check_output, counted, naming_options, table
+from manip3d.cli.terminal import Terminal, check_output, count, counted, naming_options, table
 from manip3d.cli.watermark import (
     MOST_POINTS,
     MaxAge,
@@ -164,8 +164,9 @@ def run(
     LiDAR and cameras are compared in every frame (with --live, if there is time). Forensics judge
     one frame a second, and each frame that the others cannot judge (with --live, one frame a second
     in the background, so that their verdict comes some frames later). If a picture, record or speed
-    cannot be read, the other witnesses still judge the frame. A drive that ends in an error is
-    judged by the frames before the error.
+    cannot be read, or the calibration is missing or of pictures of another size, the other
+    witnesses still judge the frame. A drive that ends in an error is judged by the frames before
+    the error.
 
     The output is a timeline with maps and boxes (.html) or the numbers (.json). The exit code is 0
     if nothing was found, 3 if a frame was tampered with, and 4 if a frame cannot be judged or the
@@ -215,9 +216,13 @@ def run(
         view = stack.enter_context(_View(shell, source, drive.num_frames))
 
         unwritten: list[OSError] = []
+        blind: list[str] = []  # why the cameras could not judge a frame, for each such frame
 
         def show(alert: Alert) -> None:
             view.show(alert)
+            cameras = alert.witnesses["cross-modal"]
+            if cameras.verdict == "undecidable":
+                blind.append(cameras.reason)
             try:
                 if not unwritten:
                     timeline.add(alert)
@@ -231,6 +236,9 @@ def run(
     unkept = unwritten[0] if unwritten else None
     if unkept is not None:
         watched = replace(watched, reason=f"{watched.reason}; not kept: {unkept}")
+    if blind:
+        told = f"{count(len(blind))} of {counted(watched.num_frames, 'frame')}"
+        shell.say(f"{source}: the cameras could not judge {told}: {blind[0]}")
     _told(shell, timeline, watched, monitor.counts, output, unkept, as_json=as_json)
 
 

@@ -35,6 +35,9 @@ class _Wanted(NamedTuple):
     records: bool
     carriers: Path | None
     front: tuple[int, int] | None
+    has_rig: bool
+    size: tuple[int, int] | None
+    """Width and height of pictures that the calibration is of; None: it does not say."""
     around: Mapping[str, tuple[int, int]]
     note: Callable[[str], object] | None
 
@@ -109,12 +112,17 @@ def watched_kitti(
     front = None if around else _front_pair(chosen)
     cameras: StereoRig | Mapping[str, StereoRig] | None
     cameras = {name: each.rig for name, each in around.items()} or None
-    if front is not None:
-        cameras = StereoRig.from_calibration(chosen[0].calibration(), left=front[0], right=front[1])
+    size = None
+    if front is not None and drive.calibration_path is not None:
+        known = chosen[0].calibration()
+        cameras = StereoRig.from_calibration(known, left=front[0], right=front[1])
+        size = known.sizes.get(front[0])
     wanted = _Wanted(
         records or pictures is not None,
         pictures,
         front,
+        cameras is not None,
+        size,
         {name: (left, right) for name, (_, left, right) in around.items()},
         note,
     )
@@ -136,7 +144,7 @@ def _moment(frame: KittiFrame, wanted: _Wanted) -> DriveMoment:
         unread["watermark"] = why
     pictures, why = None, ""
     if wanted.front is not None:
-        pictures, why = _or_why(None, partial(frame.pictures, *wanted.front))
+        pictures, why = _or_why(None, partial(_front_pictures, frame, wanted))
     seen = {
         name: _or_why(None, partial(_pair_of, frame, each)) for name, each in wanted.around.items()
     }
@@ -159,6 +167,24 @@ def _moment(frame: KittiFrame, wanted: _Wanted) -> DriveMoment:
         carrier,
         unread,
     )
+
+
+def _front_pictures(frame: KittiFrame, wanted: _Wanted) -> tuple[Any, Any] | None:
+    """The pictures of the front pair, which are to have the size that the calibration is of."""
+    if wanted.front is None:
+        return None
+    if not wanted.has_rig:
+        raise FormatError("the cameras have no calibration, which KITTI keeps beside its drives")
+    pictures = frame.pictures(*wanted.front)
+    if pictures is not None and wanted.size is not None:
+        height, width = pictures[0].shape[:2]
+        if (width, height) != wanted.size:
+            raise FormatError(
+                f"expected {wanted.size[0]} x {wanted.size[1]} pixels, as the calibration says, "
+                f"got {width} x {height}",
+                file=str(frame.images[wanted.front[0]]),
+            )
+    return pictures
 
 
 def _pair_of(frame: KittiFrame, cameras: tuple[int, int]) -> tuple[Any, Any] | None:

@@ -48,10 +48,13 @@ class KittiCalibration:
         Rectified camera 0 frame to pixels of camera 0, 1 (grey), 2, 3 (colour).
     T_rect_velo : (4, 4) float64
         LiDAR frame to rectified camera 0 frame (x right, y down, z forward), metres.
+    sizes : mapping of int to (int, int)
+        Width and height of each camera's rectified pictures; raw drives only.
     """
 
     projections: Mapping[int, NDArray[np.float64]]
     T_rect_velo: NDArray[np.float64]
+    sizes: Mapping[int, tuple[int, int]] = field(default_factory=dict)
 
     def project(
         self, points: ArrayLike, camera: int = 2
@@ -411,7 +414,13 @@ def read_calibration(path: Path) -> KittiCalibration:
             if key in cameras
         },
         product(rectify, rigid_velo),
+        {c: _size(cameras, f"S_rect_0{c}", file) for c in range(4) if f"S_rect_0{c}" in cameras},
     )
+
+
+def _size(matrices: Mapping[str, NDArray[np.float64]], name: str, file: Path) -> tuple[int, int]:
+    width, height = _shaped(matrices, name, (2,), file).tolist()
+    return round(width), round(height)
 
 
 def read_labels(path: Path, calibration: KittiCalibration) -> tuple[Box, ...]:
