@@ -545,6 +545,8 @@ def inspect_recording(
         frames = authenticate.judged_frames(opened)
     for line in left_out(opened.counters):
         shell.say(line)
+    if not frames:
+        raise InputError(f"{source}: expected a frame, found none")
     with shell.progress("inspect") as progress:
         found = authenticate.inspect_stream(frames, progress=progress)
     if output is not None:
