@@ -546,6 +546,22 @@ def full_disk(monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
     return disk
 
 
+def test_a_drive_is_written_by_one_program_at_a_time(
+    key: Path, drive: Path, tmp_path: Path
+) -> None:
+    """Two sessions in one folder would be a drive that nobody can verify."""
+    from manip3d._util.locks import new_folder_locked
+
+    signed = tmp_path / "signed"
+    with new_folder_locked(signed) as is_ours:
+        assert is_ours
+        done = run("embed", drive, "--key", key, "-o", signed)
+        assert (done.exit_code, list(signed.iterdir())) == (1, [])
+        assert str(done.exception) == f"--output: another program is writing to {signed}"
+    assert not signed.exists()
+    assert run("embed", drive, "--key", key, "-o", signed).exit_code == 0
+
+
 @pytest.mark.parametrize("embedding", ["lbm", "qim", "detached"])
 def test_a_drive_goes_on_after_a_full_disk(
     key: Path, drive: Path, tmp_path: Path, full_disk: dict[str, int], embedding: str

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import fcntl
 import os
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
 
@@ -35,3 +37,36 @@ def locked_file(path: Path) -> int | None:
         os.close(lock)
         raise
     return lock
+
+
+@contextmanager
+def new_folder_locked(path: Path) -> Iterator[bool]:
+    """Make a folder if it is absent, and lock it; it is removed again if nothing was put into it.
+
+    Yields
+    ------
+    bool
+        False: another program, or another thread of this one, has locked it. True also on file
+        systems without locks, such as those of networks.
+
+    Raises
+    ------
+    OSError
+        It cannot be made or opened.
+    """
+    path.mkdir(exist_ok=True)
+    lock = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    is_ours = True
+    try:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            is_ours = False
+        except OSError:  # this file system has no locks
+            pass
+        yield is_ours
+    finally:
+        if is_ours:
+            with suppress(OSError):
+                path.rmdir()  # if it is empty
+        os.close(lock)

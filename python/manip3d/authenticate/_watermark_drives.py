@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d._util.checked import checked
+from manip3d._util.locks import new_folder_locked
 from manip3d._util.options import reporting
 from manip3d._util.paths import path_of
 from manip3d.authenticate._picture_files import picture_path, read_carrier
@@ -199,8 +200,9 @@ def embed_files(
     Raises
     ------
     InputError
-        There is something else at ``output`` already, the folder has no scans, a scan is signed
-        already, or a format does not keep coordinates (`write_watermarked`).
+        There is something else at ``output`` already, another program is writing there, the folder
+        has no scans, a scan is signed already, or a format does not keep coordinates
+        (`write_watermarked`).
     FormatError, OSError
         A file cannot be read or written. A note of the error says how many scans were.
 
@@ -232,6 +234,31 @@ def embed_files(
     works = _works_of(begin, target, folder)
     if not again:
         _refuse_signed({work.scan: work.picture for work in works})
+    with new_folder_locked(target) as is_ours:
+        if not is_ours:
+            raise InputError(f"output: another program is writing to {target}")
+        return _embed_drive(
+            marker,
+            begin,
+            target,
+            works,
+            scans_only=scans_only,
+            replace=replace,
+            progress=progress,
+        )
+
+
+def _embed_drive(
+    marker: Watermarker,
+    begin: Path,
+    target: Path,
+    works: Sequence[_Work],
+    *,
+    scans_only: bool,
+    replace: bool,
+    progress: Progress,
+) -> list[EmbeddedScan]:
+    """Write all scans of a drive, or those that an earlier run has not written."""
     done = [] if replace else _go_on(marker, works)
     if not (replace or done) and any(path.is_file() for path in target.rglob("*")):
         raise InputError(f"{target}: exists already; --force (replace=True) replaces its scans")
