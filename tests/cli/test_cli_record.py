@@ -163,6 +163,12 @@ def test_an_output_with_its_kind_is_checked_like_one_without(
     assert str(told.value) == str(plain.value)
 
 
+def test_a_recording_cannot_go_to_stdout() -> None:
+    """It became a folder of the name "-"."""
+    with pytest.raises(InputError, match="-o -: expected a folder or a file"):
+        check_recording_output(Path("-"), force=False)
+
+
 def test_a_tum_sequence_of_the_frames_from_one_on(walk: Path, tmp_path: Path) -> None:
     out = tmp_path / "sequence"
     words = ("capture", "record", walk, "-o", f"tum:{out}", "--start", "7")

@@ -247,6 +247,8 @@ def check_output(
         return
     name = path.name.lower().removesuffix(".xz").removesuffix(".gz")
     is_folder = folder and not path.suffix
+    if is_folder and str(path) == "-":
+        raise InputError(f"{option} -: expected a folder or a file, since stdout holds no folder")
     if not is_folder and not path.is_char_device() and not name.endswith(tuple(suffixes)):
         names = [f"a name that ends in {', '.join(suffixes)}"] if suffixes else []
         names += ["a folder's name without a suffix"] if folder else []
