@@ -165,10 +165,10 @@ def test_a_table_in_parquet_keeps_types(texts: Path, tmp_path: Path) -> None:
     assert parquet.read_table(tmp_path / "mixed.parquet").to_pydict() == {"a": ["1", "word"]}
 
 
-def test_a_table_leaves_out_lists_of_mappings_however_short(tmp_path: Path) -> None:
+def test_a_table_has_the_number_of_a_list_of_mappings_however_short(tmp_path: Path) -> None:
     row = {"drive": "a", "frames": [{"scan": "0.bin", "tiles": 36}], "bounds": [0.5, 1.5]}
     batch.write_table([row], tmp_path / "t.csv")
-    assert (tmp_path / "t.csv").read_text() == "drive,bounds.0,bounds.1\na,0.5,1.5\n"
+    assert (tmp_path / "t.csv").read_text() == "drive,frames,bounds.0,bounds.1\na,1,0.5,1.5\n"
 
 
 def test_a_worker_that_dies_takes_only_its_file_along(texts: Path, tmp_path: Path) -> None:

@@ -22,8 +22,8 @@ def write_table(rows: Sequence[Mapping[str, Any]], path: str | os.PathLike[str])
     r"""Write rows as one table, whole or not at all.
 
     Nested values become columns of their own, such as ``metro.vertex.mean`` and ``bounds.0``;
-    lists of more than 16 items are left out, and so are lists of mappings, such as the frames of a
-    drive. Bytes in names of files that are not UTF-8 are escaped: ``a\udcff.bin``.
+    lists of more than 16 items are left out. Lists of mappings, such as the frames of a drive, give
+    their number. Bytes in names of files that are not UTF-8 are escaped: ``a\udcff.bin``.
 
     Parameters
     ----------
@@ -82,8 +82,9 @@ def _flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
         for key, item in value.items():
             yield from _flat(item, f"{name}.{key}" if name else str(key))
     elif isinstance(value, list | tuple):
-        is_short = len(value) <= _MOST_ITEMS
-        if is_short and not any(isinstance(item, Mapping) for item in value):
+        if any(isinstance(item, Mapping) for item in value):
+            yield printable(name), len(value)
+        elif len(value) <= _MOST_ITEMS:
             for number, item in enumerate(value):
                 yield from _flat(item, f"{name}.{number}")
     else:
