@@ -439,6 +439,47 @@ def test_other_names_in_a_calibration(tmp_path: Path) -> None:
     assert camera.same_camera(found, Intrinsics(64, 48, 50.0, 51.0, 31.5, 23.5))
 
 
+def _matrix(name: str, rows: int, cols: int, numbers: str) -> str:
+    shape = f"   rows: {rows}\n   cols: {cols}\n   dt: d\n"
+    return f"{name}: !!opencv-matrix\n{shape}   data: [{numbers}]\n"
+
+
+LEFT = "50., 0., 31.5, 0., 51., 23.5, 0., 0., 1."
+LENS = "0.1, -0.2, 0.001, 0.002, 0.05"
+
+
+@pytest.mark.parametrize(
+    "names", ["M D", "K D", "cameraMatrix distCoeffs", "camera_matrix_ dist_coeffs_"]
+)
+def test_the_left_camera_of_a_stereo_pair_is_taken(names: str, tmp_path: Path) -> None:
+    matrix, lens = names.split()
+    sides = ("left", "right") if matrix.endswith("_") else ("1", "2")
+    text = "%YAML:1.0\n---\n"
+    for side, numbers in zip(sides, (LEFT, LEFT.replace("50.", "52.")), strict=True):
+        text += _matrix(matrix + side, 3, 3, numbers) + _matrix(lens + side, 1, 5, LENS)
+    path = tmp_path / "stereo.yml"
+    path.write_text(text + "R: [1, 0, 0]\n")
+    with pytest.warns(UserWarning, match="stereo pair; the camera is that of its left") as caught:
+        found = camera.read_intrinsics(path, width=64, height=48)
+    assert [Path(warning.filename).name for warning in caught] == [Path(__file__).name]
+    assert camera.same_camera(found, Intrinsics(64, 48, 50.0, 51.0, 31.5, 23.5, BROWN))
+    path.write_text(text + "image_width: 32\nimage_height: 24\n")
+    with pytest.warns(match="stereo"), pytest.raises(InputError, match="is for 32 x 24 pixels"):
+        camera.read_intrinsics(path, width=64, height=48)
+
+
+@pytest.mark.parametrize("whole", [False, True])
+def test_depth_of_a_stereo_pair_is_that_of_rectified_images(whole: bool, tmp_path: Path) -> None:
+    path = tmp_path / "extrinsics.yml"
+    planar = "48., 0., 30.5, 0., 0., 48., 22.5, 0., 0., 0., 1., 0."
+    text = "%YAML:1.0\n---\n" + _matrix("P1", 3, 4, planar)
+    text += _matrix("P2", 3, 4, planar.replace("30.5, 0.", "30.5, -90."))
+    path.write_text(text + whole * (_matrix("M1", 3, 3, LEFT) + _matrix("D1", 1, 5, LENS)))
+    with pytest.warns(UserWarning, match="that of its rectified left image, P1"):
+        found = camera.read_intrinsics(path, width=64, height=48)
+    assert camera.same_camera(found, Intrinsics(64, 48, 48.0, 48.0, 30.5, 22.5))
+
+
 def test_the_camera_of_rectified_images_is_told(tmp_path: Path) -> None:
     path = tmp_path / "camera.yaml"
     path.write_text(ROS_TOPIC.replace("p: [50.0", "p: [48.5"))

@@ -413,7 +413,8 @@ def read_intrinsics(camera: str | os.PathLike[str], *, width: int, height: int) 
 
         - ``fx,fy,cx,cy`` in pixels, or a name of `CAMERA_PRESETS`;
         - an ``.xml``, ``.yaml``, ``.yml`` or ``.json`` file: the calibration that OpenCV's
-          FileStorage holds, the CameraInfo of ROS, the camera of Open3D or Record3D (``.json``), or
+          FileStorage holds, also of a stereo pair (M1 and D1, or P1 of the rectified images), whose
+          left camera it is, the CameraInfo of ROS, the camera of Open3D or Record3D (``.json``), or
           an object with the fields of `Intrinsics` by our names, nerfstudio's or librealsense's,
           other fields left out with a warning;
         - a ``.txt`` file: a matrix of 3 x 3, 3 x 4 or 4 x 4 numbers, as 7-Scenes, 3DMatch and
@@ -439,7 +440,7 @@ def read_intrinsics(camera: str | os.PathLike[str], *, width: int, height: int) 
     -----
     UserWarning
         The CameraInfo has a distortion and another camera for rectified images: the image is taken
-        as not rectified.
+        as not rectified. A calibration is that of a stereo pair: which camera it is taken for.
 
     Examples
     --------
@@ -590,6 +591,8 @@ def _fields_of_mapping(fields: Any, path: Path) -> dict[str, Any]:
     plain = {str(name).lower().replace("_", ""): value for name, value in fields.items()}
     if "cameramatrix" in plain or "k" in plain:
         return _fields_of_calibration(plain, path)
+    if (left := _left_of_pair(plain, path)) is not None:
+        return _fields_of_calibration(left, path)
     return _renamed({str(name): value for name, value in fields.items()})
 
 
@@ -621,6 +624,39 @@ def _fields_of_calibration(fields: Mapping[str, Any], path: Path) -> dict[str, A
         if (side := first(f"image{name}", name, name[0])) is not None:
             camera[name] = _whole(side)
     return camera
+
+
+_SIZES = ("imagesize", "imagewidth", "imageheight", "width", "height", "w", "h")
+_LEFT = ("1", "l", "left")
+"""How names of the left camera's numbers end: M1, cameraMatrixL, camera_matrix_left."""
+
+
+def _left_of_pair(fields: Mapping[str, Any], path: Path) -> Mapping[str, Any] | None:
+    """The left camera of a stereo pair, by the names of a single camera; None: it is no pair.
+
+    OpenCV's sample writes M1 and D1 as intrinsics, P1 as extrinsics; others write all to one file.
+    Depth of a pair is that of its rectified left image, whose camera is P1.
+    """
+
+    def left(size: int, *names: str) -> Any:
+        """The numbers of that name; the k1 and p1 of a lens are single numbers."""
+        sided = (name + side for name in names for side in _LEFT)
+        found = (fields[name] for name in sided if name in fields)
+        return next((value for value in found if size in (0, _numbers_of(value).size)), None)
+
+    matrix, projection = left(9, "m", "k", "cameramatrix"), left(12, "p", "projectionmatrix")
+    if matrix is None and projection is None:
+        return None
+    size = {name: value for name, value in fields.items() if name in _SIZES}
+    if projection is not None:
+        pinhole = _numbers_of(projection).reshape(3, 4)[:, :3]
+        words, camera = "of its rectified left image, P1", {"cameramatrix": pinhole}
+    else:
+        words = "of its left image with lens distortion, M1 and D1; that of rectified images is P1"
+        lens = left(0, "d", "distcoeffs", "distortioncoefficients")
+        camera = {"cameramatrix": matrix} | ({} if lens is None else {"d": lens})
+    warnings.warn(f"{path}: a stereo pair; the camera is that {words}", stacklevel=caller_level())
+    return size | camera
 
 
 def _whole(value: Any) -> int:

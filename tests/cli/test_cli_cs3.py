@@ -680,3 +680,27 @@ def test_a_missing_image_of_a_folder_fails_alone(tmp_path: Path) -> None:
     assert [Path(row["source"]).name for row in rows] == ["a.npy", "b.png"]
     assert [bool(row["error"]) for row in rows] == [False, True]
     assert (tmp_path / "out" / "a.glb").is_file()
+
+
+def test_a_camera_of_another_size_is_told_once(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    for name in ("a", "b", "c"):
+        np.save(tmp_path / "in" / f"{name}.npy", np.full((24, 32), 2000, np.uint16))
+    np.save(tmp_path / "in" / "d.npy", np.zeros(7, np.float64))
+    arguments = ("-o", tmp_path / "out", "--points", "20", "--jobs", "1")
+    done = manip3d("depth", tmp_path / "in", *arguments, "--intrinsics", "kinect-v2")
+    assert done.returncode == 1
+    assert done.stderr.count("the image has 32 x 24") == 1
+    assert f"{tmp_path / 'in' / 'a.npy'}: InputError: --intrinsics: kinect-v2 is" in done.stderr
+    assert f"2 more files failed for the same reason as {tmp_path / 'in' / 'a.npy'}" in done.stderr
+    assert f"{tmp_path / 'in' / 'd.npy'}: " in done.stderr
+    assert "error: 4 of 4 files failed" in done.stderr
+
+
+def test_depths_of_8_bits_need_their_unit(tmp_path: Path) -> None:
+    path, target = tmp_path / "a.png", tmp_path / "a.ply"
+    Image.fromarray(np.full((24, 32), 170, np.uint8)).save(path)
+    arguments = ("depth", path, "-o", target, "--points", "8", "--intrinsics", "30,30,15.5,11.5")
+    assert "give their number in a metre as --unit" in error_line(manip3d(*arguments))
+    assert manip3d(*arguments, "--unit", "85").returncode == 0
+    np.testing.assert_allclose(read_mesh(target).vertices[:, 2], 2.0)

@@ -117,15 +117,13 @@ def test_the_largest_number_of_16_bits_is_no_measurement(tmp_path: Path) -> None
     stored = np.full((48, 64), 2000, np.uint16)
     stored[:5] = 65_535
     np.save(tmp_path / "image.npy", stored)
-    for unit in ("guess", "mm"):
+    for unit, metres in {"guess": 2.0, "mm": 2.0, "tum": 0.4, "100": 20.0}.items():
         found = read_depth_guessing(tmp_path / "image.npy", unit=unit)
-        assert found.range_m == (2.0, 2.0)
+        assert found.range_m == pytest.approx((metres, metres))  # 65535 / 5000 is no wall at 13 m
         assert found.num_marked == 5 * 64 == stored.size - found.num_measured
         assert found.sentence.endswith("; 320 pixels of 65535 taken as not measured")
-    # In other units the number is a depth.
-    tum = read_depth_guessing(tmp_path / "image.npy", unit="tum")
-    assert tum.range_m == pytest.approx((0.4, 13.107))
-    assert tum.num_marked == 0
+    disparities = read_depth_guessing(tmp_path / "image.npy", unit="disparity:2000")
+    assert disparities.num_marked == 0
 
 
 def truth(path: Path) -> str:
@@ -243,3 +241,19 @@ def test_colours_are_no_disparities(tmp_path: Path) -> None:
     Image.fromarray(np.zeros((2, 2, 3), np.uint8)).save(path)
     with pytest.raises(FormatError, match="expected 8 or 16 bits of grey, got mode RGB"):
         read_depth_guessing(path, unit="disparity:20")
+
+
+@pytest.mark.parametrize(("unit", "metres"), [("85", 3.0), (100, 2.55), ("5000", 0.0), ("mm", 0.0)])
+def test_depths_of_8_bits_are_read_in_coarse_units(
+    unit: str | float, metres: float, tmp_path: Path
+) -> None:
+    Image = pytest.importorskip("PIL.Image")
+    path = tmp_path / "a.png"
+    Image.fromarray(np.array([[0, 255]], np.uint8)).save(path)
+    if not metres:  # in fine units they would be nearer than a camera sees
+        with pytest.raises(FormatError, match="expected 16 bits"):
+            read_depth_guessing(path, unit=unit)
+        return
+    reading = read_depth_guessing(path, unit=unit)
+    np.testing.assert_allclose(reading.depth, [[0.0, metres]])
+    assert reading.num_marked == 0

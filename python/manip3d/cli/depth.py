@@ -34,7 +34,7 @@ from manip3d.cli.terminal import (
 )
 from manip3d.errors import FormatError, InputError
 from manip3d.io import DEPTH_SUFFIXES, WRITABLE
-from manip3d.io._depth_units import is_disparity_unit
+from manip3d.io._depth_units import fits_8_bits
 from manip3d.io._scan_tables import scan_suffix
 
 if TYPE_CHECKING:
@@ -327,9 +327,10 @@ def depth(
         str,
         typer.Option(
             help="Camera of the depth image: fx,fy,cx,cy in pixels, a file (OpenCV's .xml or "
-            ".yaml, ROS's CameraInfo as .yaml, Open3D's .json, COLMAP's cameras.txt, a matrix or "
-            "the calib.txt of a stereo pair as .txt), or a preset: tum, tum-fr1, tum-fr2, "
-            "tum-fr3, kinect-v1, kinect-v2, azure, realsense, primesense. Scans need none."
+            ".yaml, also of a stereo pair, ROS's CameraInfo as .yaml, Open3D's .json, COLMAP's "
+            "cameras.txt, a matrix or the calib.txt of a stereo pair as .txt), or a preset: tum, "
+            "tum-fr1, tum-fr2, tum-fr3, kinect-v1, kinect-v2, azure, realsense, primesense. Scans "
+            "need none."
         ),
     ] = "",
     unit: Annotated[
@@ -490,7 +491,7 @@ def depth(
         )
         # Whether a .pcd is an organised cloud is decided by its reader.
         clouds = ("scan",) if scan_suffix(source) == ".pcd" else ()
-        narrow = ("picture",) if is_disparity_unit(unit) else ()  # they may have 8 bits
+        narrow = ("picture",) if fits_8_bits(unit) else ()
         expect_kind(source, "depth", "range grid", *clouds, *narrow, verb="depth")
         check_output(output, WRITABLE, force=force)
         sequence = _sequence.get()

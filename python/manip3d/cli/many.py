@@ -415,6 +415,7 @@ def _many(
     shell = Terminal(as_json=given.get("as_json", False), quiet=given.get("quiet", False))
     output = given.pop("output", None)
     options = {name: value for name, value in given.items() if name not in _SHARED}
+    failures = _Failures(shell, many.noun)
     with shell.progress(work["verb"]) as progress:
         summary = batch.run(
             on_file,
@@ -434,11 +435,38 @@ def _many(
             resume=resume,
             inputs_of=inputs_of,
             progress=progress,
-            on_error=lambda source, error: shell.say(f"{source}: {error}"),
+            on_error=failures.tell,
         )
+    failures.tell_rest()
     across(summary.rows)
     _tell(shell, summary, many.noun, columns)
     return summary
+
+
+class _Failures:
+    """Tells why files failed; files that failed for the same reason are counted.
+
+    An option that is wrong is wrong for every file of a folder.
+    """
+
+    def __init__(self, shell: Terminal, noun: str) -> None:
+        self._shell, self._noun = shell, noun
+        self._first: dict[str, str] = {}  # source of each reason
+        self._more: Counter[str] = Counter()
+
+    def tell(self, source: str, error: str) -> None:
+        """Tell a reason when it is first met."""
+        if error in self._first:
+            self._more[error] += 1
+            return
+        self._first[error] = source
+        self._shell.say(f"{source}: {error}")
+
+    def tell_rest(self) -> None:
+        """Tell how many more files failed for each reason."""
+        for error, number in self._more.items():
+            more = counted(number, f"more {self._noun}")
+            self._shell.say(f"{more} failed for the same reason as {self._first[error]}")
 
 
 _SHARED = ("as_json", "quiet", "force", "jobs")

@@ -61,8 +61,8 @@ class DepthReading:
     doubt : str
         What speaks against a unit that was given; mostly empty.
     num_marked : int
-        Pixels of 65535 millimetres, the largest number of 16 bits, which many cameras store for "no
-        measurement": 0 in ``depth``.
+        Pixels of 65535, the largest number of 16 bits, which many cameras store for "no
+        measurement" and which a farther one is cut to: 0 in ``depth``.
     """
 
     depth: NDArray[np.uint16] | NDArray[np.float32] = field(repr=False)
@@ -211,8 +211,8 @@ def read_depth_guessing(
         ``guess``, one of `DEPTH_UNITS`, the number of units per metre, or ``disparity:FB`` for the
         disparities d of a stereo pair, whose depth is FB / d: FB is the focal length in the units
         of d, pixels or a part of them, times the baseline in metres. With ``disparity:FB,DOFFS`` it
-        is FB / (d + DOFFS). 0 and less is not a measurement. Only disparities may have 8 bits, as
-        those of Middlebury's older pairs.
+        is FB / (d + DOFFS). 0 and less is not a measurement. Images of 8 bits are read as
+        disparities, as of Middlebury's older pairs, or in fewer than 1000 units per metre.
     max_pixels : int
         Larger images are refused before anything is allocated for them.
 
@@ -236,13 +236,16 @@ def read_depth_guessing(
     >>> io.read_depth_guessing("depth.npy").unit
     'mm'
     """
-    may_be_narrow = is_disparity_unit(unit)
-    stored = read_stored_depth(path, max_pixels=max_pixels, may_be_narrow=may_be_narrow)
+    stored = read_stored_depth(path, max_pixels=max_pixels, may_be_narrow=fits_8_bits(unit))
     return depth_reading(stored, unit, os.fspath(path))
 
 
-def is_disparity_unit(unit: str | float) -> bool:
-    return isinstance(unit, str) and unit.startswith(_DISPARITY)
+def fits_8_bits(unit: str | float) -> bool:
+    """Whether an image of 8 bits may hold numbers of a unit: in millimetres it would be a mask."""
+    name = _checked_unit(unit)
+    if name == "guess" or name in _UNITS:
+        return False
+    return name.startswith(_DISPARITY) or float(name) < MILLIMETRES
 
 
 def depth_reading(stored: NDArray[Any], unit: str | float, source: str) -> DepthReading:
@@ -261,9 +264,11 @@ def depth_reading(stored: NDArray[Any], unit: str | float, source: str) -> Depth
 def _converted(stored: NDArray[Any], unit: str) -> tuple[Depth, int]:
     """The depth, and the number of pixels that held the mark of no measurement, now 0."""
     depth = _conversion(unit)(stored)
-    if depth.dtype != np.uint16:
+    is_code = unit in _WHOLE_ONLY or unit.startswith(_DISPARITY)  # not a multiple of the depth
+    numbers = depth if is_code else stored
+    if numbers.dtype != np.uint16:
         return depth, 0
-    marked = depth == _NO_MEASUREMENT
+    marked = numbers == _NO_MEASUREMENT
     depth[marked] = 0  # a conversion returns an array of its own
     return depth, int(np.count_nonzero(marked))
 
