@@ -524,6 +524,23 @@ def test_bridges_are_the_area_over_missing_pixels() -> None:
     assert simplify.relief_grid(points, np.ones_like(valid), 4).bridges == 0
 
 
+@pytest.mark.parametrize("holes", ["pixels", "pairs", "squares"])
+def test_bridges_are_the_area_of_the_missing_dense_triangles(holes: str) -> None:
+    """A cell with one of its two triangles counted as all of it: twice the area at lone pixels."""
+    v, u = np.mgrid[0:101, 0:101]
+    points = np.stack([u, v, np.zeros_like(u)], axis=-1).astype(np.float32)
+    valid = np.ones(u.shape, bool)
+    size = {"pixels": (1, 1), "pairs": (1, 2), "squares": (3, 3)}[holes]
+    for row, column in ((30, 60), (40, 85), (20, 50), (70, 20), (85, 40), (60, 10)):
+        valid[row : row + size[0], column : column + size[1]] = False
+    whole = simplify.relief_grid(points, valid, 4, effort="best")
+    assert (whole.num_faces, whole.coverage) == (2, 1.0)
+    cells = valid.astype(int)
+    corners = cells[:-1, :-1] + cells[:-1, 1:] + cells[1:, :-1] + cells[1:, 1:]
+    missing = np.sum(np.where(corners == 4, 0.0, np.where(corners == 3, 0.5, 1.0)))
+    assert whole.bridges == pytest.approx(missing / 100**2, rel=0.05)
+
+
 def share_off(depth: NDArray[np.float32], t: NDArray[np.int64], step: float) -> tuple[float, float]:
     """Bounds of the share of the pixels over a triangle that lie a step off it, by its plane.
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstdlib>
 #include <string>
@@ -30,12 +31,17 @@ bool holds(const Corners& t, const Corner& p) {
   return orient(t[0], t[1], p) >= 0 && orient(t[1], t[2], p) >= 0 && orient(t[2], t[0], p) >= 0;
 }
 
-/// Whether the cell above and right of a pixel lies in the triangle and lacks a dense triangle.
-bool holds_cut_cell(const Surface& surface, const Corners& t, std::int32_t pixel) {
+/// How many of two dense triangles are missing where a triangle lies over a pixel: of the cell above
+/// and right of it, which it stands for. A cell that lies in the triangle in part counts by its
+/// pixel alone.
+int missing_halves(const Surface& surface, const Corners& t, std::int32_t pixel) {
+  const int halves = std::popcount(surface.cell(pixel) & unsigned{kFull});
+  if (halves == 2) return 0;
   const int u = surface.u(pixel), v = surface.v(pixel);
-  if (u + 1 >= surface.cols() || v + 1 >= surface.rows()) return false;
-  return (surface.cell(pixel) & kFull) != kFull && holds(t, {u + 1, v}) && holds(t, {u, v + 1}) &&
-         holds(t, {u + 1, v + 1});
+  const bool holds_cell = u + 1 < surface.cols() && v + 1 < surface.rows() &&
+                          holds(t, {u + 1, v}) && holds(t, {u, v + 1}) && holds(t, {u + 1, v + 1});
+  if (holds_cell) return 2 - halves;
+  return surface.is_used(pixel) ? 0 : 2;
 }
 
 /// How many of the pixels before each one do not stand for a whole cell of surface.
@@ -254,17 +260,18 @@ void count_pixels(const Surface& surface, std::span<const std::uint8_t> covered,
 template <typename Visit>
 double bridge_of(const Surface& surface, const Corners& t, std::span<const std::int32_t> flaws,
                  Visit&& visit) {
-  std::int64_t inside = 0, without = 0;
+  std::int64_t inside = 0, halves_without = 0;
   visit_spans(surface.cols(), t[0], t[1], t[2], SidePixels::kClosed,
               [&](std::int32_t first, std::int32_t last) {
                 visit(first, last);
                 inside += last - first + 1;
                 if (flaws[first] == flaws[last + 1]) return;
                 for (std::int32_t p = first; p <= last; ++p) {
-                  without += !surface.is_used(p) || holds_cut_cell(surface, t, p) ? 1 : 0;
+                  halves_without += missing_halves(surface, t, p);
                 }
               });
-  return double{area_of(surface, t)} * static_cast<double>(without) / static_cast<double>(inside);
+  return double{area_of(surface, t)} * static_cast<double>(halves_without) /
+         static_cast<double>(2 * inside);
 }
 
 /// Marks the pixels that a face covers.

@@ -526,23 +526,41 @@ def _tell(shell: Terminal, result: DepthFileResult) -> None:
 
 
 def _sentence(result: DepthFileResult) -> str:
+    return f"{_made(result)}; {_covered(result)}{_missed(result)}; wrote {result.output}"
+
+
+def _made(result: DepthFileResult) -> str:
+    """Return words on how the mesh came about."""
     options = result.options
     variant = f" ({options.variant})" if options.method == "cs3" else ""
-    cut = f", {counted(result.faces_cut, 'face')} across depth steps left out"
-    missed = f"; target of {counted(options.points or 0, 'point')} missed"
-    share = f"; {count(result.num_bytes or 0)} of {counted(options.max_bytes or 0, 'byte')}"
-    many = f", more than {100 * options.max_bridges:.2g} %" if result.bridges_missed else ""
-    low = f", less than {100 * options.min_coverage:.0f} %"
-    return (
+    words = (
         f"{options.method}{variant}: {counted(result.points_before, 'point')} -> "
-        f"{count(result.points)}, {counted(result.faces, 'face')}{cut if result.faces_cut else ''} "
-        f"in {result.seconds * 1000:.1f} ms; covers {100 * result.coverage:.1f} % of the surface's "
-        f"pixels{low if result.coverage_missed else ''}{_not_covered(result)}, "
-        f"{100 * result.bridges:.2f} % of its area bridges gaps{many}"
-        f"{missed if result.target_missed else ''}"
-        f"{share if result.num_bytes is not None else ''}{_left_across_steps(result)}"
-        f"{_sparse(result)}; wrote {result.output}"
+        f"{count(result.points)}, {counted(result.faces, 'face')}"
     )
+    if result.faces_cut:
+        words += f", {counted(result.faces_cut, 'face')} across depth steps left out"
+    return f"{words} in {result.seconds * 1000:.1f} ms"
+
+
+def _covered(result: DepthFileResult) -> str:
+    """Return words on what the mesh covers and bridges, beside what was asked for."""
+    options = result.options
+    low = f", less than {100 * options.min_coverage:.0f} %" if result.coverage_missed else ""
+    many = f", more than {100 * options.max_bridges:.2g} %" if result.bridges_missed else ""
+    return (
+        f"covers {100 * result.coverage:.1f} % of the surface's pixels{low}{_not_covered(result)}, "
+        f"{100 * result.bridges:.2f} % of its area bridges gaps{many}"
+    )
+
+
+def _missed(result: DepthFileResult) -> str:
+    """Return words on the numbers of points and bytes, and on what speaks against the mesh."""
+    options, words = result.options, ""
+    if result.target_missed:
+        words += f"; target of {counted(options.points or 0, 'point')} missed"
+    if result.num_bytes is not None:
+        words += f"; {count(result.num_bytes)} of {counted(options.max_bytes or 0, 'byte')}"
+    return words + _left_across_steps(result) + _sparse(result)
 
 
 def _not_covered(result: DepthFileResult) -> str:

@@ -27,7 +27,8 @@ struct DepthCoverage {
   /// the triangle is no farther away than that from the pixel, in depth.
   double coverage = 0.0;
   /// Share of the mesh's area in space that lies over no dense triangle: of each triangle as much
-  /// as of its pixels have no surface, or 2x2 cells that are cut.
+  /// as of its pixels have no surface. A pixel stands for the 2x2 cell above and right of it where
+  /// that lies in the triangle, and for half a cell where one of its two dense triangles is there.
   double bridges = 0.0;
   double outside = 0.0;  ///< Share of the valid pixels that no triangle of the dense surface uses.
 };
