@@ -31,9 +31,9 @@ bool holds(const Corners& t, const Corner& p) {
   return orient(t[0], t[1], p) >= 0 && orient(t[1], t[2], p) >= 0 && orient(t[2], t[0], p) >= 0;
 }
 
-/// How many of two dense triangles are missing where a triangle lies over a pixel: of the cell above
-/// and right of it, which it stands for. A cell that lies in the triangle in part counts by its
-/// pixel alone.
+/// How many of two dense triangles are missing where a triangle lies over a pixel: of the cell
+/// above and right of it, which it stands for. A cell that lies in the triangle in part counts by
+/// its pixel alone.
 int missing_halves(const Surface& surface, const Corners& t, std::int32_t pixel) {
   const int halves = std::popcount(surface.cell(pixel) & unsigned{kFull});
   if (halves == 2) return 0;
