@@ -125,6 +125,7 @@ Fields quality_fields(const PhantomQuality& quality) {
   Fields fields;
   fields["fit"] = py::float_(quality.fit);
   fields["stature"] = py::float_(quality.stature);
+  fields["offset"] = py::float_(quality.offset);
   fields["plane_deg"] = py::float_(quality.plane_deg);
   fields["across"] = py::float_(quality.across);
   fields["leap"] = py::float_(quality.leap);
@@ -246,6 +247,7 @@ void bind_enums(py::module_& m) {
       .value("INFERRED", PhantomReason::kInferred)
       .value("NO_SKELETON", PhantomReason::kNoSkeleton)
       .value("CALIBRATION", PhantomReason::kCalibration)
+      .value("SIDES", PhantomReason::kSides)
       .value("SHAKY", PhantomReason::kShaky)
       .value("LEAP", PhantomReason::kLeap)
       .value("DETACHED", PhantomReason::kDetached)

@@ -1408,6 +1408,8 @@ class PhantomReason:
 
       CALIBRATION
 
+      SIDES
+
       SHAKY
 
       LEAP
@@ -1440,6 +1442,7 @@ class PhantomReason:
     OCCLUDED: typing.ClassVar[PhantomReason]
     SHAKY: typing.ClassVar[PhantomReason]
     SHREDDED: typing.ClassVar[PhantomReason]
+    SIDES: typing.ClassVar[PhantomReason]
     __members__: typing.ClassVar[dict[str, PhantomReason]]
     @typing.overload
     def __eq__(self, other: PhantomReason) -> bool: ...

@@ -284,7 +284,8 @@ def test_sides_that_a_tracker_swaps_do_not_move_the_phantom() -> None:
 
 def test_sides_that_a_tracker_swaps_do_not_move_the_limb() -> None:
     """The joints of the intact arm are the stump's for a moment; the hand stays where it is."""
-    truth = pose({"HandLeft": (0.3, 0.2, -0.1)})
+    # Without feet nothing but the tracker says which side is left.
+    truth = pose({"HandLeft": (0.3, 0.2, -0.1)}, missing=("FootLeft", "FootRight"))
     swapped = replace(truth, positions=truth.positions[list(MIRRORED_JOINTS)])
     pipeline = PhantomPipeline("right_arm")
     hands = []
@@ -346,9 +347,55 @@ def test_an_arm_is_taken_out_though_its_joints_fly_for_a_moment() -> None:
             assert (result.kinds[arm] == PixelKind.BODY).mean() < 0.02
 
 
+def test_feet_tell_that_a_tracker_keeps_to_the_wrong_sides() -> None:
+    truth = pose()
+    swapped = replace(truth, positions=truth.positions[list(MIRRORED_JOINTS)])
+    pipeline = PhantomPipeline("right_arm")
+    for number in range(120):
+        result = pipeline.process(seen(truth, number, told=swapped if number >= 15 else truth))
+        assert result.plane is not None
+        assert result.plane.normal[0] > 0.95, number
+        assert result.state is PhantomState.TRACKING, number
+
+
+def test_a_recording_whose_sides_are_exchanged_is_named() -> None:
+    truth = pose()
+    swapped = replace(truth, positions=truth.positions[list(MIRRORED_JOINTS)])
+    pipeline = PhantomPipeline("right_arm")
+    results = [pipeline.process(frame(truth, SMALL, number=n)) for n in range(12)]
+    assert all(result.state is PhantomState.TRACKING for result in results)
+    pipeline = PhantomPipeline("right_arm")
+    for number in range(60):
+        told = swapped if number < 40 else truth
+        result = pipeline.process(seen(truth, number, told=told))
+        if 8 <= number < 40:
+            assert result.state is PhantomState.DEGRADED, number
+            assert result.reason is PhantomReason.SIDES, number
+    assert "exchanged" in PhantomReason.SIDES.message
+    assert result.state is PhantomState.TRACKING  # believed as soon as the feet agree
+    assert result.plane is not None
+    assert result.plane.normal[0] > 0.95
+
+
+def test_feet_of_one_who_kneels_say_nothing_of_sides() -> None:
+    kneeling = {
+        "KneeLeft": (0.13, -0.48, -0.01),
+        "AnkleLeft": (0.14, -0.46, 0.38),
+        "FootLeft": (0.14, -0.50, 0.50),
+    }
+    kneeling |= {
+        name.replace("Left", "Right"): (-x, y, z) for name, (x, y, z) in kneeling.items()
+    }
+    truth = pose(kneeling)
+    pipeline = PhantomPipeline("right_arm")
+    for number in range(20):
+        result = pipeline.process(seen(truth, number))
+        assert result.reason is not PhantomReason.SIDES
+
+
 def test_sides_told_for_long_are_kept_for_longer() -> None:
     """A tracker that was right for two seconds is not believed when it is wrong for 0.7."""
-    truth = pose()
+    truth = pose(missing=("FootLeft", "FootRight"))
     swapped = replace(truth, positions=truth.positions[list(MIRRORED_JOINTS)])
     pipeline = PhantomPipeline("right_arm")
     for number in range(90):
@@ -766,6 +813,35 @@ def test_joints_in_millimetres_are_named() -> None:
         assert result.state is PhantomState.LOST
         assert result.reason is PhantomReason.CALIBRATION
     assert "metres" in result.message
+
+
+def beside(skeleton: Skeleton, by: tuple[float, float, float]) -> Skeleton:
+    """All joints moved, in metres."""
+    return replace(skeleton, positions=skeleton.positions + np.array(by, np.float32))
+
+
+@pytest.mark.parametrize("by", [(0.08, 0.0, 0.0), (-0.08, 0.0, 0.0), (0.0, 0.0, -0.25)])
+@pytest.mark.parametrize("limb", ["left_arm", "right_leg"])
+def test_joints_beside_the_flesh_are_named(limb: Limb, by: tuple[float, float, float]) -> None:
+    """A principal point that is off by 12 pixels; depth in units that are a tenth too large."""
+    pipeline = PhantomPipeline(limb)
+    for number in range(20):
+        image = frame(pose(), KINECT, number=number)
+        result = pipeline.process(replace(image, skeletons=(beside(pose(), by),)))
+    assert result.state is not PhantomState.TRACKING
+    assert result.reason is PhantomReason.CALIBRATION
+    assert result.quality.offset > 0.03
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 30.0, 60.0])
+@pytest.mark.parametrize("at", [(0.0, 0.0, 2.44), (1.0, 0.1, 2.44)])
+def test_flesh_lies_around_its_bones(at: tuple[float, float, float], turn_deg: float) -> None:
+    pipeline = PhantomPipeline("left_arm")
+    truth = pose(turn_deg=turn_deg, at=at)
+    for number in range(20):
+        result = pipeline.process(frame(truth, KINECT, number=number))
+        assert result.quality.offset < 0.02
+    assert result.reason is not PhantomReason.CALIBRATION
 
 
 def test_joints_that_are_not_told_are_no_wrong_calibration() -> None:

@@ -40,7 +40,8 @@ Skeleton with_sides_swapped(const Skeleton& told) {
 }  // namespace
 
 Patient::Patient(const PhantomOptions& options)
-    : smooths_(options.smooths),
+    : affected_(options.affected),
+      smooths_(options.smooths),
       most_lost_(options.hold_seconds + options.fade_seconds),
       key_person_(options.key_person),
       smoother_(options.smoothing),
@@ -81,6 +82,7 @@ void Patient::start(std::optional<std::int64_t> id) {
   id_ = id;
   person_.reset();
   smoother_.reset();
+  feet_.reset();
 }
 
 void Patient::look_at_clothes(const PhantomInput& input, const PixelRays& rays) {
@@ -95,20 +97,30 @@ void Patient::look_at_clothes(const PhantomInput& input, const PixelRays& rays) 
 /// then they are exchanged in `told`. One that keeps to it is believed, the later the longer it has
 /// told otherwise, and the person is begun anew: returns whether that was done.
 bool Patient::keep_sides(Skeleton& told, const BodyFrame* frame, double time_s) {
-  constexpr double kLeast = 0.5, kMost = 2.0;  // seconds
   if (frame == nullptr) sides_known_since_ = time_s;
   if (frame == nullptr || !has_sides_swapped(told, *frame)) {
     sides_kept_since_ = time_s;
+    feet_.learn(told, affected_);
     return false;
   }
-  const double patience = std::clamp(0.5 * (sides_kept_since_ - sides_known_since_), kLeast, kMost);
-  if (time_s - sides_kept_since_ <= patience) {
+  if (time_s - sides_kept_since_ <= patience_for_sides()) {
     told = with_sides_swapped(told);
+    feet_.learn(told, affected_);
     return false;
   }
   start(told.id);
   sides_kept_since_ = sides_known_since_ = time_s;
+  feet_.learn(told, affected_);
   return true;
+}
+
+/// For how long a tracker that tells other sides than before is not believed, seconds: forever if
+/// the feet say that those before are right, not at all if they say that those are wrong.
+double Patient::patience_for_sides() const {
+  constexpr double kLeast = 0.5, kMost = 2.0;
+  if (feet_.point_ahead()) return std::numeric_limits<double>::infinity();
+  if (feet_.point_backwards()) return 0.0;
+  return std::clamp(0.5 * (sides_kept_since_ - sides_known_since_), kLeast, kMost);
 }
 
 /// A tracker may give the same person another id.

@@ -11,6 +11,7 @@
 #include "manip3d/modify/key_person.hpp"
 #include "manip3d/modify/mirror.hpp"
 #include "manip3d/modify/phantom_pipeline.hpp"
+#include "modify/feet_ahead.hpp"
 
 namespace manip3d {
 
@@ -36,15 +37,19 @@ class Patient {
   void select(std::int64_t id) { key_person_.select(id); }
   /// Has any person ever been seen since the last reset?
   [[nodiscard]] bool has_been_seen() const { return has_been_seen_; }
+  /// Do the feet point backwards if the left is where it is told, as in a mirrored image?
+  [[nodiscard]] bool has_feet_backwards() const { return feet_.point_backwards(); }
   void reset();
 
  private:
   void look_at_clothes(const PhantomInput& input, const PixelRays& rays);
   void start(std::optional<std::int64_t> id);
   bool keep_sides(Skeleton& told, const BodyFrame* frame, double time_s);
+  [[nodiscard]] double patience_for_sides() const;
   [[nodiscard]] bool is_at_same_place(const Skeleton& told) const;
   [[nodiscard]] Skeleton smoothed(const Skeleton& told);
 
+  Limb affected_;
   bool smooths_;
   double most_lost_;  ///< Seconds after which a patient who is not seen is forgotten.
   KeyPerson key_person_;
@@ -56,6 +61,7 @@ class Patient {
   std::optional<Skeleton> person_;
   double sides_kept_since_;   ///< Since when the tracker takes left for right.
   double sides_known_since_;  ///< Since when the body's left is known.
+  FeetAhead feet_;            ///< By the sides that are kept.
 };
 
 /// Are all tracked joints farther away than any camera sees, as millimetres are that were taken for

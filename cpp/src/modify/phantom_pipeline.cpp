@@ -15,6 +15,7 @@
 #include "modify/border_memory.hpp"
 #include "modify/frame_clock.hpp"
 #include "modify/girth.hpp"
+#include "modify/joint_offset.hpp"
 #include "modify/leg_turn.hpp"
 #include "modify/limb_evidence.hpp"
 #include "modify/loose_cloth.hpp"
@@ -161,7 +162,7 @@ class PhantomPipeline::Workspace {
       report.reason = reason_for_nobody(now, input);
       return report;
     }
-    if (now.is_here) measure_fit(*now.person, input, image, report.quality);
+    if (now.is_here) measure_fit(now, input, image, report.quality);
     stages.end(PhantomStage::kSegmentation);
     TakenOut taken;
     if (!options_.keep_residual) {
@@ -227,6 +228,7 @@ class PhantomPipeline::Workspace {
     trunk_.reset();
     girth_.reset();
     stature_.reset();
+    offset_.reset();
     legs_.reset();
     trunk_frame_.reset();
     frame_.reset();
@@ -256,6 +258,7 @@ class PhantomPipeline::Workspace {
     picture_.reserve(camera.height, camera.width);
     camera_ = camera;
     stature_.reset();
+    offset_.reset();
     vertical_.reset();
     leap_.reset();
     forget_phantom();
@@ -472,13 +475,23 @@ class PhantomPipeline::Workspace {
                : fit;
   }
 
-  /// Do the joints lie where the depth image shows the person, and are they as tall?
-  void measure_fit(const Skeleton& person, const PhantomInput& input, const PhantomImage& image,
+  /// Do the joints lie where the depth image shows the person, are they as tall, and in its flesh?
+  void measure_fit(const PatientFrame& now, const PhantomInput& input, const PhantomImage& image,
                    PhantomQuality& quality) {
-    quality.fit = fit_of(person, input, image);
+    quality.fit = fit_of(*now.person, input, image);
     // Without a body index a floor would be the person's, and without skins there are no soles.
-    if (input.body_index != nullptr && goes_by_skin()) stature_.learn(person, bones_, points_);
+    if (input.body_index != nullptr && goes_by_skin()) {
+      stature_.learn(*now.person, bones_, points_);
+      learn_offset(now.raw);
+    }
     quality.stature = stature_.ratio();
+    quality.offset = offset_.metres();
+  }
+
+  /// Learns from the joints before they are smoothed, since these lag. Where half of the bones are
+  /// not told, their flesh is given to the others.
+  void learn_offset(const Skeleton& raw) {
+    if (has_main_joints(raw, options_.affected)) offset_.learn(raw, options_.affected, points_);
   }
 
   /// Has the person the affected limb, and what does it tell of the plane?
@@ -542,7 +555,8 @@ class PhantomPipeline::Workspace {
     }
     // Joints beside the person explain all else.
     const bool misses = report.reason != PhantomReason::kNone && now.is_here;
-    if (misses && !fits(report.quality, stature_)) report.reason = PhantomReason::kCalibration;
+    if (misses && !fits(report.quality, stature_, offset_))
+      report.reason = PhantomReason::kCalibration;
     if (report.reason == PhantomReason::kNone) {
       report.state = PhantomState::kTracking;
       report.opacity = 1.0;
@@ -580,7 +594,10 @@ class PhantomPipeline::Workspace {
     const Joint intact_end = limb_chain(opposite(affected))[kNumMainJoints - 1];
     report.quality.leap = leap_.add(report.skeleton[end], person[intact_end], time_s);
     if (follows_trunk() && !is_arm(affected)) report.quality.across = deviation_across(person);
-    report.reason = worst_of(affected, girth_, stature_, report.quality);
+    report.reason = worst_of(affected, girth_, stature_, offset_, report.quality);
+    if (report.reason != PhantomReason::kCalibration && patient_.has_feet_backwards()) {
+      report.reason = PhantomReason::kSides;
+    }
     if (report.reason != PhantomReason::kNone) report.state = PhantomState::kDegraded;
     using enum PhantomReason;
     held_->is_misplaced =
@@ -743,6 +760,7 @@ class PhantomPipeline::Workspace {
   TrunkTracker trunk_;
   Girth girth_;
   Stature stature_;
+  JointOffset offset_;
   Vertical vertical_;
   LegTurn legs_;
   std::optional<BodyFrame> trunk_frame_;

@@ -215,19 +215,21 @@ void PictureJudge::measure_pieces(const Eigen::Vector3f& root, const PixelBox& b
   quality.largest = static_cast<double>(largest->pixels) / static_cast<double>(all);
 }
 
-bool fits(const PhantomQuality& quality, const Stature& stature) {
-  return quality.fit >= kLeastFit && stature.misfit() <= stature.limit();
+bool fits(const PhantomQuality& quality, const Stature& stature, const JointOffset& offset) {
+  return quality.fit >= kLeastFit && stature.misfit() <= stature.limit() &&
+         offset.metres() <= offset.limit();
 }
 
 PhantomReason worst_of(Limb affected, const Girth& girth, const Stature& stature,
-                       PhantomQuality& quality) {
+                       const JointOffset& offset, PhantomQuality& quality) {
   constexpr double kOfTrunk = 0.5;  // roots lie at its border
   const double most_gap = (is_arm(affected) ? kMostGapArm : kMostGapLeg) +
                           kOfTrunk * static_cast<double>(girth.around_trunk());
   const double most_lost = is_arm(affected) ? kMostLostTrunk : kMostLostLegs;
-  const std::array<std::pair<PhantomReason, double>, 10> measures = {{
+  const std::array<std::pair<PhantomReason, double>, 11> measures = {{
       {PhantomReason::kCalibration, (1.0 - quality.fit) / (1.0 - kLeastFit)},
       {PhantomReason::kCalibration, (stature.misfit() - 1.0) / (stature.limit() - 1.0)},
+      {PhantomReason::kCalibration, offset.metres() / offset.limit()},
       {PhantomReason::kShaky, quality.plane_deg / kMostPlane},
       {PhantomReason::kShaky, quality.across / kMostAcross},
       {PhantomReason::kLeap, quality.leap / kMostLeap},
@@ -240,7 +242,7 @@ PhantomReason worst_of(Limb affected, const Girth& girth, const Stature& stature
   const auto worst =
       std::ranges::max_element(measures, {}, &decltype(measures)::value_type::second);
   quality.score = worst->second;
-  if (!fits(quality, stature)) return PhantomReason::kCalibration;  // it explains all else
+  if (!fits(quality, stature, offset)) return PhantomReason::kCalibration;  // it explains all else
   return worst->second > 1.0 ? worst->first : PhantomReason::kNone;
 }
 

@@ -7,6 +7,7 @@
 #include "manip3d/geometry/connected_runs.hpp"
 #include "manip3d/modify/phantom_pipeline.hpp"
 #include "modify/girth.hpp"
+#include "modify/joint_offset.hpp"
 #include "modify/phantom_image.hpp"
 #include "modify/stature.hpp"
 
@@ -26,8 +27,9 @@ double bone_fit(const PersonPoints& points, const Girth& girth);
 /// Below it, joints and depth do not belong together.
 inline constexpr double kLeastFit = 0.7;
 
-/// Do joints and depth belong together, and is the person as tall in both?
-bool fits(const PhantomQuality& quality, const Stature& stature);
+/// Do joints and depth belong together, is the person as tall in both, and its flesh around its
+/// bones?
+bool fits(const PhantomQuality& quality, const Stature& stature, const JointOffset& offset);
 
 /// Measures what was drawn. Keeps its memory.
 class PictureJudge {
@@ -63,6 +65,6 @@ class PictureJudge {
 /// The measure that is worst against its limit, if it is beyond; sets the score. Roots lie deeper
 /// in a stout person.
 PhantomReason worst_of(Limb affected, const Girth& girth, const Stature& stature,
-                       PhantomQuality& quality);
+                       const JointOffset& offset, PhantomQuality& quality);
 
 }  // namespace manip3d

@@ -66,7 +66,8 @@ class PhantomReason(enum.StrEnum):
     OCCLUDED = "occluded"  #: too little of the intact limb is seen
     INFERRED = "inferred"  #: one of its joints was guessed for too long, and is not seen
     NO_SKELETON = "no_skeleton"  #: no skeleton has been seen at all
-    CALIBRATION = "calibration"  #: the joints miss the person's pixels, or differ in height
+    CALIBRATION = "calibration"  #: the joints lie beside the person's pixels, or differ in height
+    SIDES = "sides"  #: left and right are exchanged: by the joints, the feet point backwards
     SHAKY = "shaky"  #: the plane of symmetry is not known well enough
     LEAP = "leap"  #: the phantom moved much farther than the intact limb did
     DETACHED = "detached"  #: the phantom does not hang at the body
@@ -93,6 +94,8 @@ _MESSAGES = {
     PhantomReason.NO_SKELETON: "There is no skeleton in this source: use --pose.",
     PhantomReason.CALIBRATION: "The joints do not fit the depth image: check the calibration, and "
     "that both are in metres.",
+    PhantomReason.SIDES: "Left and right seem to be exchanged, as the patient's feet point "
+    "backwards: check whether the joints or the pictures are mirrored.",
     PhantomReason.SHAKY: "The middle of the body is not known well: let the patient face the "
     "camera.",
     PhantomReason.LEAP: "The phantom limb jumped.",
@@ -119,6 +122,10 @@ class PhantomQuality:
         Height of the person's pixels, from crown to sole, over that of its joints; a mean over
         about three seconds, which tells a wrong focal length. 1 while head and a foot are not
         tracked within the image, without a body index, and with ``segmentation="paper"``.
+    offset : float, metres
+        How far the pixels of the limbs lie beside their bones, or behind them; a mean over
+        about two seconds, which tells joints beside the person, as by a wrong principal point or
+        unit of depth. 0 where ``stature`` is 1 for want of a body index.
     plane_deg : float, degrees
         Standard deviation of the plane of symmetry's normal, with what it is turned by against the
         shoulders and hips beyond their errors, as where the chest twists above a missing leg; 0
@@ -151,6 +158,7 @@ class PhantomQuality:
 
     fit: float
     stature: float
+    offset: float
     plane_deg: float
     across: float
     leap: float

@@ -92,7 +92,8 @@ enum class PhantomState : std::uint8_t {
   kLate       ///< The frame is not newer than the last one; nothing was done.
 };
 /// Why a state is not kTracking. Where several hold, kCalibration goes first, since joints beside
-/// the person explain all else; of kShaky to kCloth the one that is farthest beyond its limit.
+/// the person explain all else, then kSides; of kShaky to kCloth the one that is farthest beyond
+/// its limit.
 enum class PhantomReason : std::uint8_t {
   kNone,         ///< The state is kTracking.
   kNoPerson,     ///< The key person's skeleton is not there.
@@ -101,6 +102,7 @@ enum class PhantomReason : std::uint8_t {
   kInferred,     ///< A joint of the intact limb was guessed for too long.
   kNoSkeleton,   ///< No skeleton has been seen at all.
   kCalibration,  ///< The joints are beside the person's pixels, or of another height than these.
+  kSides,        ///< The feet point backwards if left is left: joints or images are mirrored.
   kShaky,        ///< The plane of symmetry is not known well enough.
   kLeap,         ///< The phantom moved much farther than the intact limb did.
   kDetached,     ///< The phantom does not hang at the body.
@@ -116,6 +118,8 @@ struct PhantomQuality {
   double fit = 1.0;  ///< Share of the tracked joints that lie on the person's pixels.
   /// Height of the person's pixels over that of its joints, a mean over frames; 1: not known.
   double stature = 1.0;
+  /// Metres that the limbs' points lie beside their bones, a mean over frames; 0: not known.
+  double offset = 0.0;
   double plane_deg = 0.0;  ///< Standard deviation of the plane's normal.
   /// Standard deviation of a leg's distance from the plane, metres, where it may be on either side.
   double across = 0.0;
