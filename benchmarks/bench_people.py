@@ -79,6 +79,11 @@ the recorded ones: shoulders and hips turned about the spine by an angle, or AR(
 joints. Percent of the seated frames of both legs (every second one) under `tracking` and `cut`, of
 those under `tracking` that are cut, and the 95 % of what is lost below the hips.
 
+``--mistaken`` prints a table of the trials of one half that are given with the mistakes of a
+source: joints whose left and right are exchanged, in all frames or in 20 of them; a principal point
+that is off by 8 or 20 pixels; depth in a unit that is a tenth too small. Percent of the frames
+under `tracking`, and that name the calibration or the sides.
+
 ``tests/modify/test_doubled_limbs.py`` holds `doubled` to simulated people, whose limbs are known.
 It says too much of stout people (a girth of 1.5) who reach out.
 """
@@ -95,6 +100,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from manip3d.modify import BodySegmentation, Limb, PhantomFrame
@@ -817,6 +824,80 @@ def print_disturbed() -> None:
     print(tables.table([*head, "lost, 95 %"], rows))
 
 
+def with_sides_exchanged(frames: list[RgbdFrame], first: int, count: int) -> list[RgbdFrame]:
+    """Frames of which some tell the left side's joints as the right side's."""
+    from manip3d.rgbd import MIRRORED_JOINTS
+
+    told = list(frames)
+    for number in range(first, min(first + count, len(frames))):
+        person = frames[number].skeletons[0]
+        exchanged = replace(
+            person,
+            positions=person.positions[list(MIRRORED_JOINTS)],
+            states=person.states[list(MIRRORED_JOINTS)],
+        )
+        told[number] = replace(frames[number], skeletons=(exchanged,))
+    return told
+
+
+def with_principal_point_off(frames: list[RgbdFrame], pixels: float) -> list[RgbdFrame]:
+    """Frames of a camera whose principal point is told to be farther to the right."""
+    told = []
+    for frame in frames:
+        camera = frame.calibration.depth
+        wrong = replace(frame.calibration, depth=replace(camera, cx=camera.cx + pixels))
+        told.append(replace(frame, calibration=wrong))
+    return told
+
+
+def with_depth_times(frames: list[RgbdFrame], factor: float) -> list[RgbdFrame]:
+    """Frames whose depth is in another unit than their joints."""
+    return [replace(f, depth=np.rint(factor * f.depth).astype(np.uint16)) for f in frames]
+
+
+def mistaken_row(name: str, trials: list[list[RgbdFrame]], every: int) -> list[str]:
+    """Percent of the frames of all limbs under tracking, and that name a mistake."""
+    from manip3d.modify import PhantomPipeline
+
+    counted: Counter[str] = Counter()
+    frames = 0
+    for told, limb in itertools.product(trials, LIMBS):
+        pipeline = PhantomPipeline(limb)  # type: ignore[arg-type]
+        for number, frame in enumerate(told):
+            result = pipeline.process(frame)
+            if number % every:
+                continue
+            frames += 1
+            counted.update((result.state.value, result.reason.value))
+    shares = (100 * counted[key] / frames for key in ("tracking", "calibration", "sides"))
+    return [name, str(frames), *(f"{share:.1f}" for share in shares)]
+
+
+def print_mistaken(half: str, every: int) -> None:
+    """Print the table of recorded people given with the mistakes of a source."""
+    import tables
+    from manip3d import datasets
+
+    trials = [
+        list(datasets.open_people(uri))
+        for uri in datasets.people_uris()
+        if uri.startswith("utd") and is_tuning(uri) == (half == "tuning")
+    ]
+    told: dict[str, Callable[[list[RgbdFrame]], list[RgbdFrame]]] = {
+        "as recorded": lambda fs: fs,
+        "sides exchanged": lambda fs: with_sides_exchanged(fs, 0, len(fs)),
+        "sides exchanged in 20 frames": lambda fs: with_sides_exchanged(fs, len(fs) // 3, 20),
+        "principal point off by 8 pixels": lambda fs: with_principal_point_off(fs, 8.0),
+        "principal point off by 20 pixels": lambda fs: with_principal_point_off(fs, 20.0),
+        "depth times 1.1": lambda fs: with_depth_times(fs, 1.1),
+    }
+    rows = [
+        mistaken_row(name, [mistake(frames) for frames in trials], every)
+        for name, mistake in told.items()
+    ]
+    print(tables.table(["% of the frames", "frames", "tracking", "calibration", "sides"], rows))
+
+
 @dataclass(frozen=True, eq=False)
 class Shown:
     """A picture of the sheet."""
@@ -854,7 +935,11 @@ def main() -> None:
     parser.add_argument("--unindexed", action="store_true", help="no body index")
     parser.add_argument("--guessed", action="store_true", help="joints of the limb are guessed")
     parser.add_argument("--disturbed", action="store_true", help="recorded, with worse joints")
+    parser.add_argument("--mistaken", action="store_true", help="recorded, from a wrong source")
     options = parser.parse_args()
+    if options.mistaken:
+        print_mistaken(options.half, options.every)
+        return
     if options.disturbed:
         print_disturbed()
         return

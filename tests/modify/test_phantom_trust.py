@@ -367,7 +367,8 @@ def test_a_recording_whose_sides_are_exchanged_is_named() -> None:
     pipeline = PhantomPipeline("right_arm")
     for number in range(60):
         told = swapped if number < 40 else truth
-        result = pipeline.process(seen(truth, number, told=told))
+        image = replace(frame(truth, SMALL, number=number), skeletons=(told,))
+        result = pipeline.process(image)
         if 8 <= number < 40:
             assert result.state is PhantomState.DEGRADED, number
             assert result.reason is PhantomReason.SIDES, number
@@ -383,9 +384,7 @@ def test_feet_of_one_who_kneels_say_nothing_of_sides() -> None:
         "AnkleLeft": (0.14, -0.46, 0.38),
         "FootLeft": (0.14, -0.50, 0.50),
     }
-    kneeling |= {
-        name.replace("Left", "Right"): (-x, y, z) for name, (x, y, z) in kneeling.items()
-    }
+    kneeling |= {name.replace("Left", "Right"): (-x, y, z) for name, (x, y, z) in kneeling.items()}
     truth = pose(kneeling)
     pipeline = PhantomPipeline("right_arm")
     for number in range(20):

@@ -34,7 +34,7 @@ void FeetAhead::learn(const Skeleton& person, Limb affected) {
   constexpr float kStands = 0.7F;   // cosine of 45 degrees: one who kneels has the feet behind
   constexpr double kMemory = 20.0;  // frames
   const auto body = directions(person);
-  if (!body) return;
+  if (!body || !is_usable(person, Joint::kHead)) return;
   float sum = 0.0F;
   int feet = 0;
   for (const Limb leg : {Limb::kLeftLeg, Limb::kRightLeg}) {
@@ -51,7 +51,9 @@ void FeetAhead::learn(const Skeleton& person, Limb affected) {
   }
   if (feet == 0) return;
   frames_ = std::min(frames_ + 1.0, kMemory);
-  ahead_m_ += (static_cast<double>(sum) / feet - ahead_m_) / frames_;
+  feet_m_ += (static_cast<double>(sum) / feet - feet_m_) / frames_;
+  const float head = body->ahead.dot(person[Joint::kHead] - person[Joint::kSpineShoulder]);
+  head_m_ += (static_cast<double>(head) - head_m_) / frames_;
 }
 
 }  // namespace manip3d
