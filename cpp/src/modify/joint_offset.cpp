@@ -78,7 +78,7 @@ void JointOffset::learn(const Skeleton& person, Limb affected, const PersonPoint
 double JointOffset::metres() const {
   if (!(frames_ > 0.0)) return 0.0;
   const double along = std::max({0.0, behind_ - kMostBehind, kMostBefore - behind_});
-  return std::hypot(across_.norm(), along);
+  return std::sqrt(across_.squaredNorm() + along * along);
 }
 
 double JointOffset::limit() const {
