@@ -359,12 +359,11 @@ def test_edges_of_many_faces_do_not_stand_in_the_way_of_speed(
 ) -> None:
     """Forbidden as on clean meshes, such edges cost 74, 8 and 3 times the error here.
 
-    At 2 % new ones may be made, for what they save: 1.47e-3 if only those that are there count.
+    New ones may be made, for what they save: 1.47e-3 at 2 % if only those that are there count.
     """
     mesh = simplify.clean(real_mesh(name)).mesh
     result = simplify.fast(mesh, ratio=ratio, threads=1)
     assert result.stop == StopReason.TARGET_REACHED
-    assert ratio < 0.1 or result.relaxed_collapses == 0
     assert metrics.metro(mesh, result.mesh, sampling="area", samples=100_000).mean <= limit
     assert_same(result, simplify.fast(mesh, ratio=ratio, threads=2))
 
@@ -375,6 +374,42 @@ def test_rocker_arm_is_below_meshoptimizer(real_mesh: Callable[[str], Mesh]) -> 
     mesh = real_mesh("rockerArm")
     result = simplify.fast(mesh, target_faces=8174)
     assert metrics.metro(mesh, result.mesh, sampling="area").mean <= 0.9 * 0.118e-3
+
+
+def perforated_plate(size: int, period: int) -> Mesh:
+    """A bent plate of two sides with square holes through it, one in each ``period`` squares."""
+    i = np.arange(size)
+    is_hole = ((i % period) // 2 == 1)[:, None] & ((i % period) // 2 == 1)[None, :]
+    vertex = np.arange(2 * (size + 1) ** 2).reshape(size + 1, size + 1, 2)
+    r, c = np.nonzero(~is_hole)
+    corners = [(r, c), (r + 1, c), (r + 1, c + 1), (r, c + 1)]
+    quads = [
+        np.stack([vertex[a, b, 1] for a, b in corners], axis=1),
+        np.stack([vertex[a, b, 0] for a, b in corners[::-1]], axis=1),
+    ]
+    around = np.pad(is_hole, 1, constant_values=True)
+    for k, (down, right) in enumerate([(0, -1), (1, 0), (0, 1), (-1, 0)]):
+        wall = around[r + 1 + down, c + 1 + right]
+        (a, b), (d, e) = corners[k], corners[(k + 1) % 4]
+        side = [vertex[d, e, 1], vertex[a, b, 1], vertex[a, b, 0], vertex[d, e, 0]]
+        quads.append(np.stack(side, axis=1)[wall])
+    rows = np.concatenate(quads)
+    steps = np.linspace(0.0, 1.0, size + 1)
+    y, x, z = np.meshgrid(steps, steps, [0.0, 0.02], indexing="ij")
+    height = z + 0.1 * np.sin(3.0 * x) * np.cos(2.0 * y)
+    vertices = np.stack([x, y, height], axis=-1).reshape(-1, 3)
+    mesh = Mesh(vertices, np.concatenate([rows[:, [0, 1, 2]], rows[:, [0, 2, 3]]]))
+    return simplify.clean(mesh).mesh
+
+
+def test_holes_close_before_the_shape_around_them_pays() -> None:
+    """0.0036 with holes that stay while nothing else would cost 30 times as much."""
+    plate = perforated_plate(60, 20)
+    assert closed(plate)
+    result = simplify.fast(plate, ratio=0.005)
+    assert result.stop == StopReason.TARGET_REACHED
+    error = metrics.metro(plate, result.mesh, sampling="area", samples=20_000)
+    assert (error.forward.mean + error.backward.mean) / (2.0 * error.diagonal) <= 0.0028
 
 
 def test_many_pieces_do_not_take_a_pass_each() -> None:

@@ -31,9 +31,9 @@ constexpr float kLeap = 100.0F;
 /// Candidates for each collapse that a pass wants: neighbours exclude each other.
 constexpr double kCandidates = 3.0;
 
-/// The link rule is waived, as in the mode `quality`, if a legal collapse costs this many times
-/// more than one that it refused (squared, like all prices).
-constexpr float kFarCheaperSquared = 900.0F;
+/// The link rule is waived if a legal collapse moves the surface three times as far as one that it
+/// refused (squared, like all prices): where holes and handles stay, the shape around them pays.
+constexpr float kFarCheaperSquared = 9.0F;
 
 /// Hubs: so many corners times so many refusals in one pass, then a vertex is left alone.
 constexpr std::int64_t kHubPatience = 1 << 14;
