@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "interruptible.hpp"
+#include "manip3d/geometry/triangulate_polygon.hpp"
 #include "manip3d/io/corner_colors.hpp"
 #include "manip3d/io/mesh_file.hpp"
 #include "manip3d/io/range_grid.hpp"
@@ -282,6 +283,20 @@ void bind_io(py::module_& m) {
                               to_numpy(std::move(found.colors)), found.warning);
       },
       py::arg("mesh"), py::arg("corner_colors").noconvert());
+  m.def(
+      "triangulate_polygons",
+      [](const CArray<double>& vertices, const CArray<std::int32_t>& corners,
+         const CArray<std::int32_t>& counts) {
+        const auto numbers = [](const CArray<std::int32_t>& array, const char* name) {
+          const auto map = rows<Eigen::VectorX<std::int32_t>>(array, name);
+          return std::span<const std::int32_t>(map.data(), static_cast<std::size_t>(map.size()));
+        };
+        return to_numpy(triangulate_polygons(rows<Vertices>(vertices, "vertices"),
+                                             numbers(corners, "corners"),
+                                             numbers(counts, "counts")));
+      },
+      py::arg("vertices").noconvert(), py::arg("corners").noconvert(),
+      py::arg("counts").noconvert());
   m.def("readable_suffixes", [] { return to_list(readable_suffixes()); });
   m.def("writable_suffixes", [] { return to_list(writable_suffixes()); });
 }

@@ -173,6 +173,7 @@ __all__: list[str] = [
     "summarize",
     "surface_colors",
     "texture_error",
+    "triangulate_polygons",
     "unproject",
     "unproject_pixels",
     "watermark_in_picture",
@@ -2701,6 +2702,11 @@ def texture_error(
     threads: typing.SupportsInt | typing.SupportsIndex,
     progress: collections.abc.Callable[[float], object] | None,
 ) -> tuple[float | None, float | None, float | None, float | None, int, int, float]: ...
+def triangulate_polygons(
+    vertices: numpy.typing.NDArray[numpy.float64],
+    corners: numpy.typing.NDArray[numpy.int32],
+    counts: numpy.typing.NDArray[numpy.int32],
+) -> numpy.ndarray: ...
 def unproject(
     depth: numpy.ndarray,
     camera: manip3d.camera.Intrinsics,

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from manip3d import InputError, _core
 from manip3d.io import read_mesh_bytes
 
 
@@ -102,3 +103,36 @@ def test_any_polygon_gives_n_minus_2_triangles_of_its_corners(
     # Each edge of the polygon is an edge of one triangle, each cut of two: a disc.
     edges = {tuple(sorted(e)) for t in result.tolist() for e in zip(t, t[1:] + t[:1], strict=True)}
     assert len(edges) == 2 * len(points) - 3
+
+
+def test_polygons_of_a_table_are_cut_alike() -> None:
+    """Corner numbers count on from polygon to polygon; two corners make no face.
+
+    3---2
+    |   |
+    0---1
+    """
+    square = flat([(0, 0), (1, 0), (1, 1), (0, 1)])
+    corners = np.array([3, 0, 1, 0, 1, 0, 1, 2, 3], dtype=np.int32)
+    counts = np.array([3, 2, 4], dtype=np.int32)
+    cut = _core.triangulate_polygons(square, corners, counts)
+    assert cut[0].tolist() == [0, 1, 2]
+    assert (cut[1:] - 5).tolist() == triangles(square).tolist()
+
+
+@pytest.mark.parametrize(
+    ("corners", "counts", "text"),
+    [
+        ([0, 1, 4], [3], "corners: expected 0 to 3, got 4"),
+        ([0, 1, -1], [3], "corners: expected 0 to 3, got -1"),
+        ([0, 1, 2], [4], "counts: expected 3 corners, got 4"),
+        ([0, 1, 2], [4, -1], "counts: expected numbers >= 0, got -1"),
+    ],
+)
+def test_tables_that_do_not_fit_are_refused(
+    corners: list[int], counts: list[int], text: str
+) -> None:
+    square = flat([(0, 0), (1, 0), (1, 1), (0, 1)])
+    tables = (np.array(rows, dtype=np.int32) for rows in (corners, counts))
+    with pytest.raises(InputError, match=text):
+        _core.triangulate_polygons(square, *tables)

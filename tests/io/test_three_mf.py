@@ -281,7 +281,7 @@ def test_a_3mf_is_simplified(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "advice"),
-    [("a.dae", "Blender"), ("a.fbx", "Blender"), ("a.STEP", "a CAD program"), ("a.bin", "")],
+    [("a.fbx", "Blender"), ("a.X3D", "Blender"), ("a.STEP", "a CAD program"), ("a.bin", "")],
 )
 def test_other_formats_are_refused_with_advice(name: str, advice: str, tmp_path: Path) -> None:
     (tmp_path / name).write_bytes(b"\x00something else")

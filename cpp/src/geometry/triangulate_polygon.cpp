@@ -3,6 +3,9 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <string>
+
+#include "manip3d/error.hpp"
 
 namespace manip3d {
 namespace {
@@ -168,6 +171,54 @@ void PolygonTriangulator::cut(std::int32_t corner) {
   for (const std::int32_t neighbour : {a, c}) {
     if (is_convex(neighbour)) blocks_[neighbour] = false;
   }
+}
+
+namespace {
+
+/// How many triangles polygons give, once it is sure that each corner is one of theirs.
+std::int64_t count_triangles(std::int64_t num_vertices, std::span<const std::int32_t> corners,
+                             std::span<const std::int32_t> counts) {
+  std::int64_t num_corners = 0, num_triangles = 0;
+  for (const std::int32_t count : counts) {
+    if (count < 0) throw InputError("counts: expected numbers >= 0, got " + std::to_string(count));
+    num_corners += count;
+    num_triangles += std::max(0, count - 2);
+  }
+  if (num_corners != static_cast<std::int64_t>(corners.size())) {
+    throw InputError("counts: expected " + std::to_string(corners.size()) + " corners, got " +
+                     std::to_string(num_corners));
+  }
+  for (const std::int32_t v : corners) {
+    if (v >= 0 && v < num_vertices) continue;
+    throw InputError("corners: expected 0 to " + std::to_string(num_vertices - 1) + ", got " +
+                     std::to_string(v));
+  }
+  return num_triangles;
+}
+
+}  // namespace
+
+Faces triangulate_polygons(const Eigen::Ref<const Vertices>& vertices,
+                           std::span<const std::int32_t> corners,
+                           std::span<const std::int32_t> counts) {
+  Faces triangles(count_triangles(vertices.rows(), corners, counts), 3);
+  PolygonTriangulator triangulator;
+  std::vector<Vector3d> places;
+  Eigen::Index row = 0;
+  std::int32_t first = 0;
+  for (const std::int32_t count : counts) {
+    places.clear();
+    for (const std::int32_t v : corners.subspan(first, count)) {
+      places.emplace_back(vertices.row(v).transpose());
+    }
+    if (count >= 3) {
+      for (const auto& [a, b, c] : triangulator.triangulate(places)) {
+        triangles.row(row++) << first + a, first + b, first + c;
+      }
+    }
+    first += count;
+  }
+  return triangles;
 }
 
 }  // namespace manip3d

@@ -6,6 +6,7 @@ XML has no entities and no external files here, and a bounded depth; YAML has no
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element, TreeBuilder
@@ -28,18 +29,27 @@ def parse_xml(path: Path) -> Element:
     FormatError
         Not well-formed, larger than 16 MiB, nested deeper than 64, or it declares entities.
     """
-    file = str(path)
-    data = bounded_bytes(path, MOST_BYTES)
+    return parse_xml_bytes(bounded_bytes(path, MOST_BYTES), str(path))
+
+
+def parse_xml_bytes(data: bytes, file: str, look: Callable[[float], None] | None = None) -> Element:
+    """The root element of the bytes of a file, which errors name; see `parse_xml`.
+
+    Every 65,536 elements ``look`` is called, which may end the reading.
+    """
     builder = TreeBuilder()
     parser = expat.ParserCreate()
-    depth = 0
+    depth = num_elements = 0
 
     def fail(reason: str) -> FormatError:
         return FormatError(reason, file=file, line=parser.CurrentLineNumber)
 
     def start(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal depth
+        nonlocal depth, num_elements
         depth += 1
+        num_elements += 1
+        if look is not None and num_elements % 65536 == 0:
+            look(0.0)
         if depth > _MOST_DEPTH:
             raise fail(f"elements nested deeper than {_MOST_DEPTH}")
         builder.start(tag, attributes)
@@ -64,6 +74,8 @@ def parse_xml(path: Path) -> Element:
         raise FormatError(
             f"not well-formed XML: {expat.ErrorString(error.code)}", file=file, line=error.lineno
         ) from None
+    except FormatError:
+        raise
     except (LookupError, ValueError) as error:  # the encoding that the file names
         raise fail(f"expected XML in UTF-8: {error}") from None
     return builder.close()

@@ -57,7 +57,7 @@ def compare(
     original: Annotated[
         str,
         typer.Argument(
-            help="The original mesh: .obj, .ply, .off, .stl, .gltf, .glb, .3mf; or a folder, "
+            help="The original mesh: .obj .ply .off .stl .gltf .glb .3mf .dae; or a folder, "
             "with an original of the same name for each mesh."
         ),
     ],

@@ -53,7 +53,7 @@ def convert(
 ) -> None:
     """Write a mesh or a scan in another format.
 
-    Meshes: .obj, .ply, .off, .stl, .gltf, .glb, and .3mf to read. Scans: .bin, .pcd, .ply, .3d,
+    Meshes: .obj, .ply, .off, .stl, .gltf, .glb; .3mf, .dae to read. Scans: .bin, .pcd, .ply, .3d,
     .las, .laz, .e57, .ptx, .xyz (.xyzi, .xyzn, .xyzrgb), .asc, .pts, .txt, .csv, .npy, .npz. A
     recording of a LiDAR (.pcap, .osf, .mcap) becomes a folder of scans in KITTI's layout.
     Coordinates change only with --unit or --up. Several files go to a folder, in the format of

@@ -22,7 +22,7 @@ SUFFIXES = (".glb", ".gltf")
 @over_files(lambda: READABLE, writable=lambda: SUFFIXES, otherwise=".glb")
 def lod(
     source: Annotated[
-        str, typer.Argument(help="A mesh (.obj, .ply, .off, .stl, .gltf, .glb, .3mf), or -: stdin.")
+        str, typer.Argument(help="A mesh (.obj .ply .off .stl .gltf .glb .3mf .dae), or -: stdin.")
     ],
     output: Output,
     levels: Annotated[int, typer.Option(min=2, help="Levels in all, the mesh included.")] = 4,

@@ -354,7 +354,7 @@ def simplify(
     source: Annotated[
         str,
         typer.Argument(
-            help="A mesh (.obj, .ply, .off, .stl, .gltf, .glb, .3mf; .gz, .xz), or - for stdin."
+            help="A mesh (.obj, .ply, .off, .stl, .gltf, .glb, .3mf, .dae; .gz), or - for stdin."
         ),
     ],
     output: Output,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 _MESHES = {
-    "Blender": ".blend .dae .fbx .usd .usda .usdc .usdz .x3d .wrl .3ds .abc .lwo .x .ac .b3d .md2",
+    "Blender": ".blend .fbx .usd .usda .usdc .usdz .x3d .wrl .3ds .abc .lwo .x .ac .b3d .md2",
     "a CAD program": ".step .stp .iges .igs .brep .sat .x_t .sldprt .f3d .ifc .dwg .dxf .3dm .skp",
     "MeshLab or ParaView": ".vtk .vtp .vtu .msh .amf .ctm .mesh .meshb .wrl.gz .bre .u3d",
 }

@@ -13,7 +13,7 @@ from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
-from manip3d.io import _three_mf
+from manip3d.io import _collada, _three_mf
 from manip3d.io._draco import decode_draco
 from manip3d.io._elsewhere import mesh_advice, scan_advice
 from manip3d.io._files import open_regular, refuse_pointer, regular_bytes
@@ -25,8 +25,9 @@ from manip3d.mesh import Mesh
 if TYPE_CHECKING:
     pass
 
-READABLE: tuple[str, ...] = (*_core.readable_suffixes(), _three_mf.SUFFIX)
-"""Suffixes that `read_mesh` knows; each but ``.3mf`` may be followed by ``.gz`` or ``.xz``."""
+READABLE: tuple[str, ...] = (*_core.readable_suffixes(), _three_mf.SUFFIX, _collada.SUFFIX)
+"""Suffixes that `read_mesh` knows; each but ``.3mf`` and ``.dae`` may be followed by ``.gz`` or
+``.xz``."""
 WRITABLE: tuple[str, ...] = tuple(_core.writable_suffixes())
 """Suffixes that `write_mesh` knows; each may be followed by ``.gz`` or ``.xz``."""
 
@@ -101,6 +102,9 @@ def read_report(
         refuse_pointer(local)
         if local.suffix.lower() == _three_mf.SUFFIX:
             found = _read_three_mf(_limited(local, limit), os.fspath(path), limit, look)
+        elif local.suffix.lower() == _collada.SUFFIX:
+            data, place = _limited(local, limit), (os.fspath(path), local.parent, allow_outside)
+            found = _read_collada(data, *place, limit, look)
         else:
             found = _read_by_core(local, allow_outside, limit, look)
         report = _report(found, os.fspath(path))
@@ -141,6 +145,18 @@ def _read_three_mf(data: bytes, file: str, limit: int, look: _Look) -> _Found:
     return mesh, "3mf", mesh.num_faces, 0, warnings
 
 
+def _read_collada(
+    data: bytes, file: str, folder: Path | None, allow_outside: bool, limit: int, look: _Look
+) -> _Found:
+    try:
+        mesh, num_polygons, warnings = _collada.read(
+            data, folder, limit, look, allow_outside=allow_outside
+        )
+    except FormatError as error:
+        raise FormatError(error.reason, file=error.file or file, line=error.line) from error
+    return mesh, "dae", num_polygons, 0, warnings
+
+
 def _take_textures(mesh: Mesh, local: Path) -> None:
     """Put the textures beside the copy of a remote file into the mesh, before the copy goes."""
     beside = mesh.replace(source=os.fspath(local))
@@ -155,7 +171,7 @@ def _take_textures(mesh: Mesh, local: Path) -> None:
 def read_mesh(
     path: str | os.PathLike[str], *, allow_outside: bool = False, max_bytes: int | None = None
 ) -> Mesh:
-    """Read a mesh file: one of `READABLE`; all but 3MF also followed by ``.gz`` or ``.xz``.
+    """Read a mesh file: one of `READABLE`, most of them also followed by ``.gz`` or ``.xz``.
 
     Parameters
     ----------
@@ -174,7 +190,8 @@ def read_mesh(
         Triangles; polygons of n corners are cut into n - 2 without new vertices. A range scan
         (PLY ``range_grid``) gives two triangles per full 2x2 cell of pixels, one where three are
         valid. ``source`` is ``path``: `texture_path` finds relative textures beside it. 3MF
-        gives all items that are to be built, at their places.
+        gives all items that are to be built and COLLADA all geometries of its scene, at their
+        places; units and axes stay those of the file.
 
     Raises
     ------
@@ -240,6 +257,9 @@ def read_mesh_bytes(
         if suffix == _three_mf.SUFFIX or (not suffix and data.startswith(_three_mf.START)):
             limit = byte_limit(max_bytes)
             return _report(_read_three_mf(bytes(data), "", limit, look), None).mesh
+        if suffix == _collada.SUFFIX or (not suffix and b"<COLLADA" in data[:4096]):
+            limit = byte_limit(max_bytes)
+            return _report(_read_collada(bytes(data), "", None, False, limit, look), None).mesh
         found = _core.read_mesh_bytes(
             bytes(data), suffix, byte_limit(max_bytes), decode_draco, look
         )

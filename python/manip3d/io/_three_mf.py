@@ -19,7 +19,7 @@ import numpy as np
 
 from manip3d import _core
 from manip3d.errors import Error, FormatError
-from manip3d.io._face_colors import with_corner_colors
+from manip3d.io._pieces import NONE, Piece, join
 from manip3d.io._scan_tables import refuse_expansion
 from manip3d.mesh import Material, Mesh, Texture
 
@@ -37,7 +37,6 @@ _MOST_BYTES, _MOST_RATIO = 64 << 20, 100
 _BYTES_A_FACE, _BYTES_A_VERTEX = 50, 24
 _DEEPEST = 64
 """Objects within objects."""
-_NONE = -1
 
 _Look = Callable[[float], None] | None
 _Key = tuple[str, int]
@@ -49,7 +48,7 @@ class _Object:
     vertices: array[float] = field(default_factory=lambda: array("d"))
     faces: array[int] = field(default_factory=lambda: array("q"))
     """v1 v2 v3, the group of properties, and the places of the corners in it."""
-    group: int = _NONE
+    group: int = NONE
     place: int = 0
     components: list[tuple[_Key, NDArray[np.float64]]] = field(default_factory=list)
 
@@ -61,7 +60,7 @@ class _Group:
     materials: list[Material] = field(default_factory=list)
     colors: list[int] = field(default_factory=list)
     texcoords: list[float] = field(default_factory=list)
-    texture: int = _NONE
+    texture: int = NONE
 
 
 @dataclass
@@ -243,7 +242,7 @@ class _PartReader:
     def start_object(self) -> None:
         has_group = "pid" in self.attributes
         self.object = _Object(
-            group=self.whole("pid") if has_group else _NONE, place=self.whole("pindex", 0)
+            group=self.whole("pid") if has_group else NONE, place=self.whole("pindex", 0)
         )
         self.model.objects[self.part, self.whole("id")] = self.object
 
@@ -300,7 +299,7 @@ class _PartReader:
         try:
             value = int(text[1:], 16)
         except ValueError:
-            value = _NONE
+            value = NONE
         if value < 0 or text[0] != "#" or len(text) not in (7, 9):
             raise self.fail(f"color: expected #RRGGBB or #RRGGBBAA, got {text[:40]!r}")
         return (value, 1.0) if len(text) == 7 else (value >> 8, (value & 0xFF) / 255.0)
@@ -344,34 +343,8 @@ class _Assembly:
 
     def join(self, placed: list[tuple[_Key, NDArray[np.float64]]]) -> Mesh:
         pieces = {key: self.piece(key) for key in dict.fromkeys(key for key, _ in placed)}
-        vertices, faces, materials, texcoords, face_texcoords, colors = [], [], [], [], [], []
-        num_vertices = num_texcoords = 0
-        for key, matrix in placed:
-            piece = pieces[key]
-            points = piece.vertices @ matrix[:3, :3] + matrix[3, :3]
-            mirrors = np.linalg.det(matrix[:3, :3]) < 0.0
-            order = [0, 2, 1] if mirrors else [0, 1, 2]
-            vertices.append(points)
-            faces.append(piece.faces[:, order] + num_vertices)
-            materials.append(piece.material)
-            texcoords.append(piece.texcoords)
-            shifted = np.where(piece.corners < 0, _NONE, piece.corners + num_texcoords)
-            face_texcoords.append(shifted[:, order])
-            colors.append(piece.colors[:, order])
-            num_vertices += len(points)
-            num_texcoords += len(piece.texcoords)
-        if not np.isfinite(np.concatenate(vertices)).all():
-            raise FormatError("vertices: expected finite numbers after the transforms of items")
-        has_texcoords, has_materials = num_texcoords > 0, bool(self.materials)
-        mesh = Mesh(
-            np.concatenate(vertices),
-            np.concatenate(faces),
-            texcoords=np.concatenate(texcoords) if has_texcoords else None,
-            face_texcoords=np.concatenate(face_texcoords) if has_texcoords else None,
-            face_material=np.concatenate(materials) if has_materials else None,
-            materials=self.materials,
-        )
-        return with_corner_colors(mesh, np.concatenate(colors), self.model.warn)
+        there = [pieces[key].placed(matrix) for key, matrix in placed]
+        return join(there, self.materials, self.model.warn)
 
     def object(self, key: _Key) -> _Object:
         found = self.model.objects.get(key)
@@ -400,7 +373,7 @@ class _Assembly:
             if self.sizes[child] > 0:
                 yield from self.placed(child, _square(transform) @ matrix)
 
-    def piece(self, key: _Key) -> _Piece:
+    def piece(self, key: _Key) -> Piece:
         each = self.object(key)
         vertices = np.array(each.vertices, dtype=np.float64).reshape(-1, 3)
         rows = np.array(each.faces, dtype=np.int64).reshape(-1, 7)
@@ -410,13 +383,13 @@ class _Assembly:
                 f"{key[0]}: object {key[1]}: vertex index: expected 0 to {len(vertices) - 1}, "
                 f"got {faces.max()}"
             )
-        piece = _Piece.plain(vertices, faces)
+        piece = Piece.plain(vertices, faces)
         for number in np.unique(rows[:, 3]):
-            if number != _NONE:
+            if number != NONE:
                 self.give_properties(piece, (key[0], int(number)), rows)
         return piece
 
-    def give_properties(self, piece: _Piece, key: _Key, rows: NDArray[np.int64]) -> None:
+    def give_properties(self, piece: Piece, key: _Key, rows: NDArray[np.int64]) -> None:
         group = self.model.groups.get(key)
         if group is None:  # of a kind that was warned of
             return
@@ -435,7 +408,7 @@ class _Assembly:
         else:
             texture = self.model.textures.get((key[0], group.texture), "")
             material = self.textured(texture)
-            piece.material[chosen] = self.first_of((texture, _NONE), [material])
+            piece.material[chosen] = self.first_of((texture, NONE), [material])
             used, corners = np.unique(places, return_inverse=True)
             piece.corners[chosen] = corners.reshape(places.shape) + len(piece.texcoords)
             coords = np.array(group.texcoords, dtype=np.float64).reshape(-1, 2)[used]
@@ -455,25 +428,6 @@ class _Assembly:
             return Material(name=name)
         texture = Texture(path=name, data=self.archive.read(stored))
         return Material(name=name, textures={"base_color": texture})
-
-
-@dataclass
-class _Piece:
-    """The mesh of an object."""
-
-    vertices: NDArray[np.float64]
-    faces: NDArray[np.int64]
-    material: NDArray[np.int64]
-    texcoords: NDArray[np.float64]
-    corners: NDArray[np.int64]
-    """Rows of ``texcoords``."""
-    colors: NDArray[np.int64]
-    """The colours of the corners, 0xRRGGBB."""
-
-    @classmethod
-    def plain(cls, vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> _Piece:
-        none = np.full(faces.shape, _NONE, dtype=np.int64)
-        return cls(vertices, faces, none[:, 0].copy(), np.empty((0, 2)), none, none.copy())
 
 
 def _square(matrix: NDArray[np.float64]) -> NDArray[np.float64]:

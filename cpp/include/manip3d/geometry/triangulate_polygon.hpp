@@ -6,6 +6,8 @@
 #include <span>
 #include <vector>
 
+#include "manip3d/geometry/mesh.hpp"
+
 namespace manip3d {
 
 /// Makes triangles of polygons, for all readers alike: deterministic, never a new vertex.
@@ -48,5 +50,17 @@ class PolygonTriangulator {
   std::int64_t shared_tests_ = std::int64_t{1} << 26;
   std::int64_t tests_left_ = 0;
 };
+
+/// Makes triangles of many polygons: the first `counts[0]` corners are those of the first polygon.
+///
+/// @param vertices  positions.
+/// @param corners   the vertex of each corner.
+/// @return triangles of corner numbers, polygon by polygon; polygons of fewer than three corners
+///         have none.
+/// @throws InputError  a vertex out of range, a negative count, or counts that are not as many
+///                     corners as there are.
+Faces triangulate_polygons(const Eigen::Ref<const Vertices>& vertices,
+                           std::span<const std::int32_t> corners,
+                           std::span<const std::int32_t> counts);
 
 }  // namespace manip3d

@@ -1,0 +1,114 @@
+"""Meshes that a file puts together: pieces, each of which may be named at several places."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from manip3d.errors import FormatError
+from manip3d.io._face_colors import with_corner_colors
+from manip3d.mesh import Material, Mesh
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+NONE = -1
+
+
+def _no_rows(width: int) -> Callable[[], NDArray[np.float64]]:
+    return lambda: np.empty((0, width))
+
+
+@dataclass
+class Piece:
+    """A mesh with the properties of its faces and their corners."""
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    material: NDArray[np.int64]
+    corners: NDArray[np.int64]
+    """Rows of ``texcoords``."""
+    normal_corners: NDArray[np.int64]
+    """Rows of ``normals``."""
+    colors: NDArray[np.int64]
+    """The colours of the corners, 0xRRGGBB."""
+    texcoords: NDArray[np.float64] = field(default_factory=_no_rows(2))
+    normals: NDArray[np.float64] = field(default_factory=_no_rows(3))
+
+    @classmethod
+    def plain(cls, vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Piece:
+        """A piece without properties."""
+        none = np.full(faces.shape, NONE, dtype=np.int64)
+        return cls(vertices, faces, none[:, 0].copy(), none.copy(), none.copy(), none.copy())
+
+    def placed(self, matrix: NDArray[np.float64]) -> Piece:
+        """The piece at a place: a row (x, y, z, 1) times the (4, 4) matrix is where a point lies.
+
+        A mirror image has its faces turned over, so that they still look outwards.
+        """
+        turn = matrix[:3, :3]
+        mirrors = np.linalg.det(turn) < 0.0
+        order = [0, 2, 1] if mirrors else [0, 1, 2]
+        return Piece(
+            self.vertices @ turn + matrix[3, :3],
+            self.faces[:, order],
+            self.material,
+            self.corners[:, order],
+            self.normal_corners[:, order],
+            self.colors[:, order],
+            self.texcoords,
+            _turned_normals(self.normals, -turn if mirrors else turn),
+        )
+
+
+def _turned_normals(normals: NDArray[np.float64], turn: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Normals of unit length by the cofactors, which a matrix has that has no inverse."""
+    cofactors = np.cross(turn[[1, 2, 0]], turn[[2, 0, 1]])
+    turned = normals @ cofactors
+    length = np.linalg.norm(turned, axis=1, keepdims=True)
+    unit: NDArray[np.float64] = np.zeros_like(turned)
+    np.divide(turned, length, out=unit, where=length > 0.0)
+    return unit
+
+
+def join(
+    pieces: Sequence[Piece], materials: Sequence[Material], warn: Callable[[str], None]
+) -> Mesh:
+    """Return the mesh of one piece or more.
+
+    Raises
+    ------
+    FormatError
+        A vertex lies at no finite place.
+    """
+    vertices = np.concatenate([piece.vertices for piece in pieces])
+    if not np.isfinite(vertices).all():
+        raise FormatError("vertices: expected finite numbers after the transforms")
+    faces = _shifted([(piece.faces, len(piece.vertices)) for piece in pieces])
+    face_texcoords = _shifted([(piece.corners, len(piece.texcoords)) for piece in pieces])
+    face_normals = _shifted([(piece.normal_corners, len(piece.normals)) for piece in pieces])
+    texcoords = np.concatenate([piece.texcoords for piece in pieces])
+    normals = np.concatenate([piece.normals for piece in pieces])
+    mesh = Mesh(
+        vertices,
+        faces,
+        texcoords=texcoords if len(texcoords) else None,
+        face_texcoords=face_texcoords if len(texcoords) else None,
+        normals=normals if len(normals) else None,
+        face_normals=face_normals if len(normals) else None,
+        face_material=np.concatenate([piece.material for piece in pieces]) if materials else None,
+        materials=materials,
+    )
+    return with_corner_colors(mesh, np.concatenate([piece.colors for piece in pieces]), warn)
+
+
+def _shifted(tables: Sequence[tuple[NDArray[np.int64], int]]) -> NDArray[np.int64]:
+    """Indices of tables that follow each other; each comes with the rows that it points into."""
+    shifted, first = [], 0
+    for indices, num_rows in tables:
+        shifted.append(np.where(indices < 0, NONE, indices + first))
+        first += num_rows
+    return np.concatenate(shifted)
