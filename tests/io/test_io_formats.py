@@ -209,6 +209,16 @@ def test_mtl_line_with_a_fault_costs_what_it_says(
     assert seen.warnings == (f"m.mtl: line 2: {complaint}; the line is left out",)
 
 
+@pytest.mark.parametrize(
+    "path", ["C:\\Users\\Jo Doe\\maps\\a.png", "/home/jo/maps/a.png", "\\\\server\\maps\\a.png"]
+)
+def test_mtl_textures_of_another_machine_are_found_beside(tmp_path: Path, path: str) -> None:
+    (tmp_path / "a.png").touch()
+    seen = with_mtl(tmp_path, f"newmtl a\nmap_Kd {path}\n")
+    assert seen.mesh.materials[0].textures["base_color"].path == "a.png"
+    assert seen.warnings == ()
+
+
 def test_mtl_faults_of_one_keyword_are_counted(tmp_path: Path) -> None:
     seen = with_mtl(tmp_path, "newmtl b\nmap_Kd\nnewmtl a\nKd 0.5\nmap_Kd\nmap_Kd\nKd\n")
     assert seen.mesh.materials[0].base_color == (0.5, 0.5, 0.5, 1)
@@ -787,6 +797,17 @@ def test_ascii_stl(newline: str) -> None:
     mesh = read_mesh_bytes(text.replace("\n", newline).encode(), "stl")
     assert mesh.vertices.tolist() == [list(map(float, p)) for p in POINTS]
     assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3]]
+
+
+def test_binary_stl_without_a_count_is_read_by_its_size(tmp_path: Path) -> None:
+    data = binary_stl([list(map(float, t)) for t in TRIANGLES])
+    open_ended = data[:80] + bytes(4) + data[84:]
+    (tmp_path / "a.stl").write_bytes(open_ended)
+    report = io.read_report(tmp_path / "a.stl")
+    assert report.mesh.faces.tolist() == read_mesh_bytes(data, "stl").faces.tolist()
+    assert report.warnings == ("0 triangles claimed, all that follow are read",)
+    assert read_mesh_bytes(open_ended[:84], "stl").num_faces == 0
+    assert read_mesh_bytes(open_ended + b"x", "stl").num_faces == 0
 
 
 def test_stl_errors() -> None:

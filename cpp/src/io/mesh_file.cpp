@@ -90,10 +90,29 @@ std::optional<std::string> why_outside(const fs::path& folder, const std::string
   }
 }
 
+// Exporters name textures by where they lay on the machine of the author; a file of that name is
+// then often beside the mesh.
+void find_textures_beside(const fs::path& folder, std::vector<Material>& materials) {
+  for (Material& m : materials) {
+    for (auto& [role, texture] : m.textures) {
+      const std::string& path = texture.path;
+      const bool has_drive = path.size() > 2 && path[1] == ':';
+      if (!has_drive && !path.starts_with('/') && !path.starts_with('\\')) continue;
+      const std::string name = path.substr(path.find_last_of("/\\") + 1);
+      std::error_code ignored;
+      if (!name.empty() && !why_outside(folder, name) &&
+          fs::is_regular_file(folder / name, ignored)) {
+        texture.path = name;
+      }
+    }
+  }
+}
+
 // Relative textures outside of the mesh file's folder are dropped, or made absolute where the
 // caller allows them: whoever opens a texture later need not know where the mesh came from.
 void confine_textures(ReadResult& result, const ReadOptions& options) {
   if (options.folder.empty()) return;
+  if (!options.allow_outside) find_textures_beside(options.folder, result.mesh.materials);
   for (Material& m : result.mesh.materials) {
     for (auto item = m.textures.begin(); item != m.textures.end();) {
       Texture& texture = item->second;

@@ -4,6 +4,7 @@
 #include <cctype>
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <string>
 #include <string_view>
 
@@ -64,9 +65,19 @@ class StlReader {
     return byte(0) | byte(1) << 8U | byte(2) << 16U | byte(3) << 24U;
   }
 
+  // Programs that write as they go leave a count of 0: what follows is whole triangles then.
+  std::uint32_t num_triangles(std::string_view head) {
+    const std::uint32_t count = claimed(head);
+    const std::uint64_t rest = input_.remaining().value_or(0);
+    if (count != 0 || rest == 0 || rest % kTriangleBytes != 0) return count;
+    warn(result_.warnings, "0 triangles claimed, all that follow are read");
+    return static_cast<std::uint32_t>(
+        std::min<std::uint64_t>(rest / kTriangleBytes, std::numeric_limits<std::int32_t>::max()));
+  }
+
   void read_binary() {
     const std::string head(input_.bytes(kStlHeaderBytes, "the header"), kStlHeaderBytes);
-    const std::uint32_t num_faces = claimed(head);
+    const std::uint32_t num_faces = num_triangles(head);
     const std::int32_t color_of_all = magics_color(head);
     constexpr std::int64_t kCountOffset = kStlHeaderBytes - 4;
     builder_.reserve_faces(
