@@ -23,7 +23,7 @@ using namespace fast_detail;
 
 /// An error that can be seen, as a mean distance over the size of the mesh: below it the link rule
 /// is not waived.
-constexpr double kVisibleDistance = 1e-4;
+constexpr double kVisibleDistance = 1e-3;
 
 /// Pass after pass, until the target is reached or nothing is left that may be done; the rules
 /// fall, one after the other, where they keep the target out of reach.
