@@ -17,7 +17,7 @@ constexpr double kMostAcross = 0.03;
 constexpr double kMostBehind = 0.03;   // trackers that lift joints from the skin tell 0
 constexpr double kMostBefore = -0.16;  // of stout people in thick clothes
 constexpr double kFewFrames = 1.0;
-constexpr float kFarthest = 0.35F;  // points farther from a bone are not its flesh
+constexpr float kFarthestFlesh = 0.35F;  // points farther from a bone are not its flesh
 
 /// The bones of a person's limbs, but for the affected one.
 struct LimbBones {
@@ -62,7 +62,7 @@ void JointOffset::learn(const Skeleton& person, Limb affected, const PersonPoint
     if (!bones.tells[bone]) continue;
     const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
     const Eigen::Vector3f off = bones.off(bone, p);
-    if (!(off.squaredNorm() < kFarthest * kFarthest)) continue;
+    if (!(off.squaredNorm() < kFarthestFlesh * kFarthestFlesh)) continue;
     const Eigen::Vector3f ray = p.normalized();
     const float along_ray = off.dot(ray);
     across += (off - along_ray * ray).cast<double>();
