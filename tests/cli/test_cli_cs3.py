@@ -566,7 +566,7 @@ def test_a_stable_folder_is_what_a_stream_makes_of_it(frames: Path, tmp_path: Pa
     assert kept > 0.45 > 0.2 > kept_alone
 
     sources = sorted(frames.iterdir())
-    depths = [np.array(Image.open(path)) for path in sources]
+    depths = [np.array(Image.open(path), np.uint16) for path in sources]
     camera = read_intrinsics(FOCAL, width=depths[0].shape[1], height=depths[0].shape[0])
     stream = simplify.ReliefStream(camera, 150, depth_step=simplify.DEPTH_STEP)
     for source, depth in zip(sources, depths, strict=True):
@@ -611,7 +611,7 @@ def test_a_stable_folder_with_colors_masks_and_bandwidth(frames: Path, tmp_path:
     sizes = [path.stat().st_size for path in sorted((tmp_path / "out").glob("*.glb"))]
     assert [row["bytes"] for row in rows] == sizes
     assert all(7000 < size <= 8000 for size in sizes)
-    depths = [np.array(Image.open(path)) for path in sorted(frames.iterdir())]
+    depths = [np.array(Image.open(path), np.uint16) for path in sorted(frames.iterdir())]
     assert [row["points_before"] for row in rows] == [np.count_nonzero(d[:, :90]) for d in depths]
     last = read_mesh(tmp_path / "out" / "003.depth.glb")
     assert "base_color" in last.materials[0].textures
