@@ -22,6 +22,7 @@ import sys
 import tempfile
 import time
 import warnings
+import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -164,6 +165,57 @@ def e57_files() -> list[Files]:
 
 def ptx_files() -> list[Files]:
     return [written(lambda p: files.write_scans([small_scan(0), small_scan(1)], p), "a.ptx")]
+
+
+COLLADA = """<?xml version="1.0" encoding="utf-8"?>
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<library_images><image id="i"><init_from>a.png</init_from></image></library_images>
+<library_effects><effect id="e"><profile_COMMON><newparam sid="f"><surface type="2D">
+<init_from>i</init_from></surface></newparam><newparam sid="t"><sampler2D><source>f</source>
+</sampler2D></newparam><technique sid="c"><lambert><diffuse><texture texture="t" texcoord="u"/>
+</diffuse></lambert></technique></profile_COMMON></effect></library_effects>
+<library_materials><material id="m"><instance_effect url="#e"/></material></library_materials>
+<library_geometries><geometry id="g"><mesh>
+<source id="p"><float_array id="pa" count="12">0 0 0 1 0 0 1 1 0 0 1 0.5</float_array>
+<technique_common><accessor source="#pa" count="4" stride="3"><param name="X" type="float"/>
+<param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common></source>
+<source id="t"><float_array id="ta" count="8">0 0 1 0 1 1 0 1</float_array><technique_common>
+<accessor source="#ta" count="4" stride="2"><param name="S" type="float"/>
+<param name="T" type="float"/></accessor></technique_common></source>
+<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+<polylist material="s" count="1"><input semantic="VERTEX" source="#v" offset="0"/>
+<input semantic="TEXCOORD" source="#t" offset="1" set="0"/><vcount>4</vcount>
+<p>0 0 1 1 2 2 3 3</p></polylist>
+<tristrips count="1"><input semantic="VERTEX" source="#v" offset="0"/><p>0 1 2 3</p></tristrips>
+</mesh></geometry></library_geometries>
+<library_visual_scenes><visual_scene id="w"><node id="n"><translate>1 2 3</translate>
+<rotate>0 0 1 90</rotate><scale>1 2 1</scale><instance_geometry url="#g"><bind_material>
+<technique_common><instance_material symbol="s" target="#m"/></technique_common></bind_material>
+</instance_geometry></node><node><matrix>1 0 0 0 0 1 0 0 0 0 1 5 0 0 0 1</matrix>
+<instance_node url="#n"/></node></visual_scene></library_visual_scenes>
+<scene><instance_visual_scene url="#w"/></scene></COLLADA>
+"""
+THREE_MF = """<?xml version="1.0" encoding="UTF-8"?>
+<model unit="millimeter" xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
+ xmlns:m="http://schemas.microsoft.com/3dmanufacturing/material/2015/02"><resources>
+<basematerials id="7"><base name="a" displaycolor="#FF0000"/></basematerials>
+<m:colorgroup id="8"><m:color color="#00FF00FF"/></m:colorgroup>
+<object id="1" pid="7" pindex="0"><mesh><vertices><vertex x="0" y="0" z="0"/>
+<vertex x="1" y="0" z="0"/><vertex x="0" y="1" z="0"/><vertex x="0" y="0" z="1"/></vertices>
+<triangles><triangle v1="0" v2="2" v3="1"/><triangle v1="0" v2="1" v3="3" pid="8" p1="0"/>
+<triangle v1="1" v2="2" v3="3"/></triangles></mesh></object>
+<object id="2"><components><component objectid="1" transform="1 0 0 0 1 0 0 0 1 5 0 0"/>
+<component objectid="1"/></components></object></resources>
+<build><item objectid="2" transform="0 1 0 -1 0 0 0 0 2 0 0 1"/></build></model>
+"""
+
+
+def read_three_mf(folder: Path, name: str) -> None:
+    """Damage to the model of an archive: of damage to the archive its checksums tell."""
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w") as archive:
+        archive.writestr("3D/3dmodel.model", (folder / name).read_bytes())
+    files.read_mesh_bytes(content.getvalue(), "3mf")
 
 
 def clouds() -> list[Files]:
@@ -541,6 +593,8 @@ KINDS = {
             )
             if suffix != ".mtl"
         ),
+        Kind("mesh.dae", lambda: [{"a.dae": COLLADA.encode()}], mesh),
+        Kind("mesh.3mf", lambda: [{"a.model": THREE_MF.encode()}], read_three_mf),
         *(
             Kind(f"scan{suffix}", lambda s=suffix, f=folder: scans(s, f), scan)
             for suffix, folder in (

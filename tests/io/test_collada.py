@@ -328,3 +328,18 @@ def test_a_file_is_simplified_and_written(tmp_path: Path) -> None:
     result = manip3d.simplify.simplify(io.read_mesh(path), target_faces=2)
     result.mesh.write(tmp_path / "grid.glb")
     assert io.read_mesh(tmp_path / "grid.glb").num_faces == 2
+
+
+def test_a_column_without_a_name_is_skipped() -> None:
+    content = document(geometry(polylist(QUADS)))
+    flat = content.replace(b'<param name="Z" type="float"/>', b'<param type="float"/>')
+    assert flat != content
+    mesh = io.read_mesh_bytes(flat, "dae")
+    assert mesh.vertices[:, 2].tolist() == [0.0] * mesh.num_vertices
+    assert len(np.unique(mesh.vertices[:, :2], axis=0)) == 4
+
+
+def test_counts_that_overflow_their_sum_are_refused() -> None:
+    huge = document(geometry(polylist(QUADS).replace("<vcount>4 4 ", f"<vcount>{2**62} {2**62} ")))
+    with pytest.raises(FormatError, match="got 24 corners"):
+        io.read_mesh_bytes(huge, "dae")

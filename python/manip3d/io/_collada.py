@@ -370,12 +370,13 @@ class _Geometry:
         table = np.concatenate(tables) if tables else np.empty((0, stride), dtype=np.int64)
         if element.tag == "polylist":
             vcount = element.find("vcount")
-            counts = np.empty(0) if vcount is None else _whole_numbers(vcount)
+            counts = np.empty(0, np.int64) if vcount is None else _whole_numbers(vcount)
         elif element.tag == "polygons":
             counts = np.array([len(each) for each in tables], dtype=np.int64)
         else:
             counts = np.full(len(table) // 3, 3)
-        if counts.sum() != len(table) or (counts < 0).any():
+        is_possible = (counts >= 0) & (counts <= len(table))  # sums of others may overflow
+        if not is_possible.all() or counts.sum() != len(table):
             raise self.fail(f"{element.tag}: got {len(table)} corners for {counts.sum()}")
         self.num_polygons += len(counts)
         return _Shape(element.get("material", ""), inputs, table, counts.astype(np.int32))
@@ -405,7 +406,7 @@ class _Geometry:
             self.sources[reference] = self.rows(self.named(reference, "source"))
         rows = self.sources[reference]
         missing = np.zeros((len(rows), max(0, width - rows.shape[1])))
-        return np.concatenate([rows[:, :width], missing], axis=1)
+        return np.ascontiguousarray(np.concatenate([rows[:, :width], missing], axis=1))
 
     def rows(self, source: Element) -> NDArray[np.float64]:
         accessor = source.find("technique_common/accessor")
