@@ -218,7 +218,7 @@ def test_a_material_that_nobody_would_see_is_opaque() -> None:
     [
         ("wood.png", "wood.png"),
         ("my%20maps/wood.png", "my maps/wood.png"),
-        ("file:///C:/Users/me/wood.png", "wood.png"),
+        ("file:///C:/pictures/wood.png", "wood.png"),
         ("C:\\textures\\wood.png", "wood.png"),
         ("./wood.png", "./wood.png"),
     ],

@@ -210,7 +210,7 @@ def test_mtl_line_with_a_fault_costs_what_it_says(
 
 
 @pytest.mark.parametrize(
-    "path", ["C:\\Users\\Jo Doe\\maps\\a.png", "/home/jo/maps/a.png", "\\\\server\\maps\\a.png"]
+    "path", ["C:\\Users\\Jo Doe\\maps\\a.png", "/elsewhere/maps/a.png", "\\\\server\\maps\\a.png"]
 )
 def test_mtl_textures_of_another_machine_are_found_beside(tmp_path: Path, path: str) -> None:
     (tmp_path / "a.png").touch()
