@@ -238,7 +238,7 @@ class _Scene:
         raise FormatError(f"controllers of controllers, more than {_DEEPEST} deep")
 
     def below(self, node: Element, above: NDArray[np.float64]) -> Iterator[_Placed]:
-        """What a node shows; a row (x, y, z, 1) times the matrix is where a point lies."""
+        """The geometries below a node; a point is a row (x, y, z, 1) times the matrix."""
         if self.sizes[id(node)] == 0:
             return
         matrix = _transform(node) @ above
@@ -250,7 +250,7 @@ class _Scene:
             yield from self.below(child, matrix)
 
     def bind_shape(self, instance: Element) -> NDArray[np.float64] | None:
-        """Where a skin stood when it was bound to its bones, which place it and no node does."""
+        """The place of a skin when it was bound to its bones, which place it and no node does."""
         if instance.tag != "instance_controller":
             return None
         skin = self.document.named(instance.get("url"), "controller").find("skin")

@@ -23,7 +23,7 @@ _SCANS = {
         "export it as .e57, .ptx or .las in the program of its scanner",
     ),
 }
-"""What to do with point clouds."""
+"""The way from a point cloud of each format to one that is read."""
 
 
 def mesh_advice(path: Path) -> str:

@@ -778,7 +778,7 @@ def _relief_of_view(
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """What a view shows: its pixels' dense mesh, and how its surface faces."""
+    """The surface that a view shows: its pixels' dense mesh with normals."""
 
     view: _View
     dense_pixels: NDArray[np.int32]

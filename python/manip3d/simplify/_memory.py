@@ -201,7 +201,7 @@ def _reduce_whole(
 
 
 class _Reduced:
-    """What became of the parts of a mesh, one after the other."""
+    """The parts of a mesh after simplification, one after the other."""
 
     def __init__(self, mesh: Mesh) -> None:
         self.vertex_map = np.full(mesh.num_vertices, -1, dtype=np.int32)
