@@ -359,11 +359,12 @@ def test_edges_of_many_faces_do_not_stand_in_the_way_of_speed(
 ) -> None:
     """Forbidden as on clean meshes, such edges cost 74, 8 and 3 times the error here.
 
-    New ones may be made, for what they save: 1.47e-3 at 2 % if only those that are there count.
+    At 2 % new ones may be made, for what they save: 1.47e-3 if only those that are there count.
     """
     mesh = simplify.clean(real_mesh(name)).mesh
     result = simplify.fast(mesh, ratio=ratio, threads=1)
     assert result.stop == StopReason.TARGET_REACHED
+    assert ratio < 0.1 or result.relaxed_collapses == 0
     assert metrics.metro(mesh, result.mesh, sampling="area", samples=100_000).mean <= limit
     assert_same(result, simplify.fast(mesh, ratio=ratio, threads=2))
 

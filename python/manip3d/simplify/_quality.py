@@ -183,8 +183,9 @@ def quality(
     times its mean distance to the rest, and its borders times the same. At the end the vertices are
     fitted to the original surface and its texture coordinates.
 
-    No face turns over, and edges get no third face, unless the input has it or the target is out
-    of reach otherwise. No other vertices than those of ``locked`` are fixed.
+    No face turns over, and edges get no third face, unless the input has it, the target is out of
+    reach otherwise, or, for edges, all else costs 30 times as much and can be seen
+    (``relaxed_collapses``). No other vertices than those of ``locked`` are fixed.
 
     References
     ----------
@@ -288,7 +289,8 @@ def fast(
     ones collapse, each vertex at most once. Blocks of faces work at the same time; edges between
     blocks follow. A quadric is kept about its own vertex, so that single precision is enough. The
     rules are those of :func:`quality`: nothing but `locked` is locked, no face turns over, and
-    pieces vanish where that costs least.
+    pieces vanish where that costs least. Holes and handles close, with edges of three faces, where
+    all else would move the surface three times as far and can be seen (``relaxed_collapses``).
 
     References
     ----------

@@ -22,7 +22,7 @@ struct FastOptions {
 /// Edge collapse in batches, for speed: on any triangle soup, like simplify_quality(), whose rules
 /// hold here too (nothing is locked, no face turns over, as long as the target can be reached so;
 /// no edge gets a third face, as long as that costs less than three times the distance of what it
-/// forbids), with vertices where the quadric error is least.
+/// forbids, or cannot be seen), with vertices where the quadric error is least.
 ///
 /// Vertices at the same place are welded, equal faces are taken once, and everything is sorted in
 /// space first. Then passes: all edges are priced by the sum of their ends' quadrics [Garland &
