@@ -69,7 +69,7 @@ def drive_scans(number: int) -> Iterator[Line]:
 
 
 def turning_scans(number: int) -> Iterator[Line]:
-    """The same of a car that weaves."""
+    """Yield a line for each frame of a street on which the car weaves."""
     yield from scans_on(weaving_street(number), number)
 
 

@@ -32,7 +32,7 @@ def _pymeshlab(path: Path) -> Any:
 
 
 def readers() -> dict[str, Reader]:
-    """Those that are installed, imported."""
+    """Return the readers of the libraries that are installed."""
     import manip3d
 
     found: dict[str, Reader] = {"manip3d": manip3d.read_mesh}

@@ -32,7 +32,7 @@ def by_manip3d(mesh: Mesh, points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def by_open3d() -> Distances | None:
-    """The same by Open3D, if it is installed."""
+    """Return Open3D's distances; None if it is not installed."""
     import numpy as np
 
     try:

@@ -442,7 +442,7 @@ def run(file: Path, pairs: int, until: float = math.inf) -> list[Line]:
 
 
 def run_beside(file: Path, frames: int, until: float) -> list[Line]:
-    """The same of frames of a drive between turns that were treated, which are not."""
+    """Judge untreated frames of a drive between neighbours that were treated."""
     from bench_removed import recorded
     from manip3d.authenticate import inspect
     from manip3d.authenticate._power import _some_object

@@ -44,7 +44,7 @@ Skeleton standing() {
   return skeleton;
 }
 
-/// The same with the left forearm and hand bent forwards (towards the camera).
+/// The standing skeleton with the left forearm and hand bent forwards (towards the camera).
 Skeleton with_elbow_at(double degrees) {
   Skeleton skeleton = standing();
   const Eigen::Vector3f elbow = skeleton.positions[kElbow];

@@ -32,7 +32,7 @@ class FormatError : public Error {
   FormatError(std::string reason, Position position)
       : Error(describe("", reason, position)), reason_(std::move(reason)), position_(position) {}
 
-  /// The same error with the name of the file in front.
+  /// A copy of this error with the name of the file in front.
   [[nodiscard]] FormatError in_file(const std::string& file) const {
     FormatError named(*this);
     static_cast<Error&>(named) = Error(describe(file, reason_, position_));

@@ -104,7 +104,8 @@ Chain longest_in_order(const LatticeReading& reading, float first) {
   return chain;
 }
 
-// The same where rings may begin elsewhere: what explains more of the file holds.
+// The longest chain if rings may begin at another azimuth: the start that explains more of the
+// file is taken.
 Chain longest_in_order(const LatticeReading& reading) {
   Chain chain = longest_in_order(reading, 0.0F);
   const float first = first_azimuth(reading);

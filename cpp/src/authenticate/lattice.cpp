@@ -48,7 +48,7 @@ int nearest_beam(const std::vector<Beam>& beams, double rho, double z, int guess
 // Distance to the nearest whole number, in (-0.5, 0.5].
 double off_whole(double value) { return value - std::floor(value + 0.5); }
 
-// The same to 1e-12 where beams pass the axis closely, as they do.
+// The arc tangent without libm, to 1e-12 for beams that pass close to the axis, as all do.
 double small_arc_tangent(double t) {
   const double s = t * t;
   if (s < 1e-3) return t * (1.0 - s * (1.0 / 3.0 - s * (0.2 - s / 7.0)));

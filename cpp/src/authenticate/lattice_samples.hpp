@@ -32,7 +32,7 @@ void sample_for_embedding(const PointsView& points, const WatermarkOptions& opti
                           const SliceTable& slices, LatticeSamples& found,
                           std::vector<std::uint16_t>& slice_of);
 
-/// The same at the receiver, with marks.
+/// Samples a scan at the receiver, whose points carry marks.
 void sample_for_verification(const PointsView& points, WatermarkEmbedding embedding,
                              std::uint32_t units_per_m, const SliceTable& slices,
                              LatticeSamples& found, std::vector<std::uint16_t>& slice_of);

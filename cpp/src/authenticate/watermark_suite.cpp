@@ -87,7 +87,7 @@ std::vector<std::uint32_t> keyed_permutation(std::span<const std::uint8_t> key,
   };
   for (std::uint32_t left = size; left > 1; --left) {
     std::uint32_t drawn = next();
-    // Those below 2^32 mod left would be biased; that is less than `left`, and seldom asked for.
+    // Draws below 2^32 mod left would be biased. That is less than `left`: the division is rare.
     while (drawn < left && drawn < (0U - left) % left) drawn = next();
     std::swap(order[left - 1], order[drawn % left]);
   }

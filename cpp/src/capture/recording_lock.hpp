@@ -7,7 +7,7 @@
 namespace manip3d {
 
 /// A lock (`flock`) on the file or folder of a recording, which says who reads and who writes it.
-/// It ends with its process; on file systems without locks it has no effect.
+/// The lock ends with its process; on file systems without locks it has no effect.
 class RecordingLock {
  public:
   enum class For { kReading, kWriting };

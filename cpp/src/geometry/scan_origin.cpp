@@ -425,7 +425,7 @@ class Grid {
     return pairs > 0.0 ? agreement / pairs : 0.0;
   }
 
-  // The same for the comb that was found; 0 where none was.
+  // Coherence with the comb that was found; 0 if none was found.
   double judged(Angle angle, const Window& window) {
     const double step = comb(angle).step;
     return step > 0.0 ? coherence(angle, step, window) : 0.0;

@@ -232,7 +232,8 @@ class Reader {
   }
 
   void check_extensions() {
-    // These change how a mesh looks, not where it is: it is read without them, even if required.
+    // These extensions change how a mesh looks, not where it is: it is read without them, even if
+    // the file requires them.
     constexpr std::array<std::string_view, 7> kLooks = {
         "EXT_texture_avif",     "EXT_texture_webp",   "KHR_lights_punctual", "KHR_technique_webgl",
         "KHR_techniques_webgl", "KHR_texture_basisu", "MSFT_texture_dds"};

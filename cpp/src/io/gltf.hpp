@@ -76,7 +76,7 @@ ReadResult parse_gltf(std::span<const std::byte> data, const GltfResource& resou
                       GltfBudget budget, const Progress& progress = {},
                       const DracoDecoder& draco = {});
 
-/// The same file as a scene: see read_scene(). Its images are read by `resource`, too.
+/// Reads the file as a scene: see read_scene(). Images are read by `resource`, too.
 Scene parse_gltf_scene(std::span<const std::byte> data, const GltfResource& resource,
                        GltfBudget budget, const Progress& progress = {},
                        const DracoDecoder& draco = {});

@@ -17,7 +17,7 @@ constexpr std::int64_t kLzfMostExpansion = 88;
 std::vector<char> lzf_decompress(std::span<const char> packed, std::size_t size,
                                  std::int64_t offset);
 
-/// The same bytes for the same input, always; at most 1/32 longer than it, and a byte.
+/// Deterministic; the result is at most 1/32 and one byte longer than the input.
 std::vector<char> lzf_compress(std::span<const char> data);
 
 }  // namespace manip3d

@@ -106,8 +106,8 @@ class MeshBuilder {
 
  private:
   struct Polygon {
-    std::int64_t first_face;    ///< Its n - 2 rows start here.
-    std::int64_t first_corner;  ///< In corners_.
+    std::int64_t first_face;    ///< First of the n - 2 rows of the polygon.
+    std::int64_t first_corner;  ///< Index into corners_.
     std::int64_t num_corners;
   };
   struct ForwardReference {

@@ -496,7 +496,7 @@ class PlyReader {
   bool warned_of_alpha_ = false;
   float color_scale_ = 1.0F;
   std::vector<Corner> corners_;
-  UniqueRows<Texcoords> texcoords_{builder_.texcoords};  ///< Those of corners.
+  UniqueRows<Texcoords> texcoords_{builder_.texcoords};  ///< Texture coordinates of corners.
   std::map<std::int32_t, std::int32_t> texture_of_material_;
   std::map<std::int32_t, std::int32_t> color_of_material_;  ///< The color of its first face.
   GrowingTable<Indices> grid_;
@@ -661,7 +661,7 @@ class PlyWriter {
   bool some_lack_texcoords_;
   std::vector<std::string> texture_names_;
   std::vector<std::int32_t> texture_of_material_;
-  std::vector<std::int32_t> colors_;  ///< Those of the materials; empty: all are white.
+  std::vector<std::int32_t> colors_;  ///< Colours of the materials; empty: all are white.
 };
 
 }  // namespace

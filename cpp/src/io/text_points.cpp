@@ -86,7 +86,7 @@ bool to_number(std::string_view text, double& value) {
   return error == std::errc() && stop == end;
 }
 
-/// The same between semicolons or blanks, where a comma can only be a decimal one.
+/// Reads a number between semicolons or blanks, where a comma can only be a decimal comma.
 bool to_number(std::string_view text, char separator, double& value) {
   if (to_number(text, value)) return true;
   constexpr std::size_t kMostDigits = 64;

@@ -133,7 +133,7 @@ Roughness measure_roughness(const MeshView& mesh, const char* name, int num_thre
     throw InputError(std::string(name) + ": expected a surface with an area");
   }
 
-  // Its Laplacian with cotangent weights.
+  // Laplacian of the curvature with cotangent weights.
   std::vector<double> weighted(kinds.size(), 0.0);
   std::vector<double> weights(kinds.size(), 0.0);
   for (std::size_t f = 0; f < terms.size(); ++f) {

@@ -20,7 +20,7 @@ struct PatientFrame {
   std::optional<Skeleton> person;  ///< Smoothed; as last seen where it is not here; none: nobody.
   Skeleton raw;                    ///< The tracker's, before smoothing; only if it is here.
   bool is_here = false;            ///< Has the tracker told it in this frame?
-  bool is_new = false;  ///< It may be somebody else than before: nothing that was learnt holds.
+  bool is_new = false;  ///< May be somebody else than before: nothing that was learnt holds.
 };
 
 /// Follows the patient's skeleton from frame to frame: who of the people it is (KeyPerson), its

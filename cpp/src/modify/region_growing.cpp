@@ -97,7 +97,7 @@ class LeastFirst {
   static constexpr std::uint64_t kNone = ~std::uint64_t{0};
   static std::size_t parent(std::size_t at) { return (at - 1) / kChildren; }
 
-  std::vector<std::uint64_t> keys_;  ///< Then four times kNone.
+  std::vector<std::uint64_t> keys_;  ///< Followed by four times kNone.
   std::size_t size_ = 0;
 };
 
@@ -208,7 +208,7 @@ class Flood {
   std::vector<std::int32_t> point_at_;  ///< In the box of all, with a frame of none around it.
   std::vector<std::int32_t> place_;     ///< By point: where it stands there.
   std::vector<std::uint32_t> offered_;  ///< By point: rank of the best offer so far.
-  std::vector<std::uint8_t> offer_;     ///< Its bone.
+  std::vector<std::uint8_t> offer_;     ///< By point: bone of the best offer so far.
   LeastFirst queue_;                    ///< Ranks and points.
   std::vector<Blocked> blocked_;        ///< Offers that met a contour.
   float reach_ = kUnreached;

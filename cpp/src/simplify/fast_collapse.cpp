@@ -72,7 +72,7 @@ bool makes_complex_edge_at(std::int32_t w, const Fan& first, const Fan& second) 
   return makes_complex_edge(one + across, two + across, across);
 }
 
-/// The same for vertices with very many faces, by sorting.
+/// check_links() for vertices with very many faces, by sorting.
 std::optional<Rejection> check_long_links(const Fan& first, const Fan& second, Rules rules) {
   std::vector<Side> s1, s2;
   first.append_sides(s1);
@@ -266,7 +266,7 @@ std::optional<Rejection> EdgeCollapser::check_place(std::int32_t v, std::int32_t
   return check_faces(second, four_of(position_of(mesh_.vertices[t])), p);
 }
 
-/// The same of the faces of a fan whose vertex goes from `old` to `p`, four at a time.
+/// Checks the faces of a fan whose vertex goes from `old` to `p`, four at a time.
 std::optional<Rejection> EdgeCollapser::check_faces(const Fan& fan, const Vectors4& old,
                                                     const Vectors4& p) const {
   const bool may_turn = may_turn_faces(rules);

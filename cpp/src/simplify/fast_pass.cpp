@@ -172,7 +172,7 @@ void FastPass::gather_candidates() {
   });
 }
 
-/// The same of a block of a higher level, from what waits in its blocks of the level below.
+/// Gathers for a block of a higher level, from what waits in its blocks of the level below.
 void FastPass::gather_waiting(int level) {
   const auto below = static_cast<std::int64_t>(workers_[level - 1].size());
   mesh_.tasks.over(mesh_.num_blocks(level), 1, [&](std::int64_t block, std::int64_t) {

@@ -92,7 +92,7 @@ void transpose8(const FastMesh& mesh, const EdgeWithEnds* edges, std::int32_t Ed
 
 Int8 bits8(std::uint32_t bits) { return Int8{} + static_cast<std::int32_t>(bits); }
 
-/// The same as price_four() of eight edges: the same operations, so the same bits.
+/// price_four() of eight edges at a time: the operations, and so the bits, are the same.
 void price_eight(const FastMesh& mesh, float squared_limit, const EdgeWithEnds* from,
                  PricedEdge* to) {
   QuadricVertexOf<Float8> v, t;  // NOLINT: filled below

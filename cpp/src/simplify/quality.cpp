@@ -33,8 +33,8 @@ using namespace quality_detail;
 /// forbidden one; 3 to 100 do the same on the models that need it.
 constexpr double kFarCheaper = 30.0;
 
-/// It is waived only for an error that can be seen: mean distance over the size of the mesh. For a
-/// smaller one pieces vanish that could be made smaller against the rules.
+/// The rule is waived only for an error that can be seen: mean distance over the size of the mesh.
+/// For a smaller one pieces vanish that could be made smaller against the rules.
 constexpr double kVisible = 1e-3;
 
 /// A vertex whose borders and texture are still exact owes at most this for them, over its area (a

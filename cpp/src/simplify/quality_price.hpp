@@ -33,7 +33,7 @@ class JoinedWedges {
   void gather(std::int32_t v, std::int32_t t);
   /// Which wedge each one of v becomes: that of t across a face on the edge; others stay.
   [[nodiscard]] const WedgeMap& map() const { return map_; }
-  /// Those with a texture, with their quadrics; none where the texture does not count.
+  /// The wedges with a texture, with their quadrics; none where the texture does not count.
   [[nodiscard]] const std::vector<Textured>& textured() const { return textured_; }
   /// The price of the texture if the vertex lies at p. Where a wedge loses its last face, what is
   /// left of its surface shows the one that is most like it.

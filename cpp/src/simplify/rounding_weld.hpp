@@ -19,7 +19,7 @@ class RoundingWeld {
   RoundingWeld& operator=(const RoundingWeld&) = delete;
   ~RoundingWeld() = default;
 
-  /// The same tables, with faces of vertices that are left; some have a repeated vertex.
+  /// The mesh with faces of the vertices that are left; some have a repeated vertex.
   [[nodiscard]] const MeshView& mesh() const { return mesh_; }
   /// Gives vertices that went into others the entries of those.
   void complete(std::vector<std::int32_t>& vertex_map) const;

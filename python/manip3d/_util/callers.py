@@ -1,4 +1,4 @@
-"""Whose line a warning names."""
+"""Which caller's line a warning names."""
 
 from __future__ import annotations
 

@@ -731,7 +731,7 @@ def _boxes(
     cross: CrossModalResult | SurroundResult | None,
     forensics: Inspection | None,
 ) -> tuple[Box, ...]:
-    """Those of all witnesses that accuse, the narrowest first: the watermark knows sectors only."""
+    """Boxes of all witnesses that accuse, narrowest first: the watermark knows sectors only."""
     boxes: tuple[Box, ...] = ()
     if cross is not None and cross.verdict == "tampered":
         boxes += cross.boxes

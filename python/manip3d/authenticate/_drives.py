@@ -602,7 +602,7 @@ class _Scan:
     found: Future[Inspection] | Inspection | None = None
 
     def result(self) -> Inspection | None:
-        """Its inspection, between turns that were taken to be whole."""
+        """The frame's inspection, between turns that were taken to be whole."""
         if isinstance(self.found, Future):
             self.found = self.found.result()
         return self.found

@@ -65,11 +65,11 @@ median is 40, a tenth is above 140, the largest has 245. Of 21 real frames of th
 none and one has 12; cars that swallow all light are rare there, but they are not forgeries."""
 
 TIME_FEWEST, TIME_SCALE = 8.0, 25.0
-"""The same where a previous frame was answered: of 36 simulated pairs the median is 12, the largest
+"""Limits where a previous frame was answered: of 36 simulated pairs the median is 12, the largest
 has 80; of 21 real pairs 20 have none and one has 13."""
 
 BETWEEN_FEWEST, BETWEEN_SCALE = 10.0, 150.0
-"""The same between two frames that were both answered, after holes that moved are taken off. The
+"""Limits between two frames that were both answered, after holes that moved are taken off. The
 scale was chosen on 17 simulated frames, whose dark cars return nothing at all: the largest holes
 have 982, 338 and 109. Of 44 other simulated frames (streets 1000 to 1021 and 2000 to 2021), which
 chose nothing, none is accused; the largest holes have 561, 297 and 199. Of 33 real frames 32 have

@@ -119,7 +119,7 @@ EXACT_CALIBRATION = Calibration(
     0,
     "Of five real clouds of five such scanners no point is off its own lattice.",
 )
-"""The same of lattices that are exact."""
+"""The clean frames that detector III was asked about whose lattices are exact."""
 
 SENSORS = ("auto", "lattice", "terrestrial", "other")
 """What a caller can say of the scanner; ``auto``: `identify_sensor` tells."""

@@ -65,7 +65,7 @@ MOST_STEPS_BESIDE = 4096
 far apart for finer ones, whose scanners have their beams pass through it."""
 
 EXACT_RANGE_STEPS = (*RANGE_STEPS, 1e-3)
-"""The same of exact clouds; Ouster measures whole millimetres."""
+"""Range steps that are tried for exact clouds; Ouster measures whole millimetres."""
 
 LEAST_EXACT = 0.8
 """Share of the points of an exact cloud that are on lines, steps and ranges: edits spoil a few."""
@@ -684,7 +684,7 @@ def _find_lines(clouds: Sequence[_Cloud]) -> tuple[Floats, Floats]:
     ]
     lines = np.array([line for line in found if line is not None]).reshape(-1, 3)
     lines = lines[np.argsort(-lines[:, 0], kind="stable")]
-    # The same laser's slopes differ by 1e-5 between frames, two lasers' by 5e-3.
+    # Slopes of one laser differ by 1e-5 between frames, of two lasers by 5e-3.
     groups = np.split(lines, np.flatnonzero(np.diff(-lines[:, 0]) > 1e-3) + 1)
     agreed = [group[group[:, 2].argmax()] for group in groups if 2 * len(group) >= len(clouds)]
     _check_lines(len(agreed))
@@ -1015,7 +1015,7 @@ def _find_steps(rho: Floats, angle: Floats, members: Sequence[NDArray[np.intp]])
     for lag in (1, 7, 49, 343):
         first, second = rows[:-lag], rows[lag:]
         alike = (same_ring[:-lag] == same_ring[lag:]) & (rho[first] > 10.0)
-        # The same parallax: a beam 0.1 m beside the axis turns by less than 2e-5 more.
+        # Equal parallax: a beam 0.1 m beside the axis turns by less than 2e-5 more.
         alike &= np.abs(1.0 / rho[first] - 1.0 / rho[second]) < 2e-4
         pairs = np.flatnonzero(alike)
         pairs = pairs[:: max(1, len(pairs) // MOST_COMBED)]

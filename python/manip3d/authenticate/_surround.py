@@ -66,7 +66,7 @@ class SurroundResult(WithoutRate):
 
     @property
     def regions(self) -> tuple[CrossModalRegion, ...]:
-        """Those of all pairs that accuse, the largest area first.
+        """Regions of all pairs that accuse, the largest area first.
 
         What two pairs see is reported by both.
         """

@@ -224,7 +224,7 @@ def _cloud(
 
 
 def _livox(raw: bytes, *, is_ros1: bool) -> tuple[dict[str, Any], bytes]:
-    """The same of a CustomMsg, whose points have 19 bytes each; CDR fills them up to 20.
+    """Read a Livox CustomMsg, whose points have 19 bytes each; CDR fills them up to 20.
 
     Four bytes come before the time: the number of a ROS 1 message, or what tells a CDR's kind. CDR
     puts numbers of eight bytes at multiples of eight behind them.

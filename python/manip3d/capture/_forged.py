@@ -246,7 +246,7 @@ class SwitchedForgery:
         return self._calibration
 
     def counters(self) -> dict[str, int]:
-        """Those of the source it reads from, and how many frames were real and forged."""
+        """Counters of the source it reads from, and how many frames were real and forged."""
         return {**self._inner.counters, **self._counts}
 
     def num_frames(self) -> int | None:

@@ -513,7 +513,7 @@ def depth(
 
 
 cs3 = with_defaults(depth, method=DepthMethod.cs3)
-"""The same verb with the method of chapter 3."""
+"""The verb `depth` with the method of chapter 3 as its default."""
 
 
 def _tell(shell: Terminal, result: DepthFileResult) -> None:

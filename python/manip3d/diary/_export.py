@@ -379,7 +379,7 @@ def fhir_bundle(diary: Diary, identifier: str) -> dict[str, Any]:
 
 
 def _legible(value: Any) -> Any:
-    """The same resource; older diaries may hold texts that FHIR and UTF-8 do not."""
+    """The resource with legible texts; older diaries may hold some that FHIR and UTF-8 refuse."""
     if isinstance(value, dict):
         return {name: _legible(part) for name, part in value.items()}
     if isinstance(value, list):

@@ -263,5 +263,5 @@ def _about(number: int, table: sql.Table | None = None, row: int = 0) -> str:
 
 
 def _key_of(number: int) -> str:
-    """The same for the key of a participant."""
+    """The place that the key of a participant belongs to."""
     return f"participants {number} key"

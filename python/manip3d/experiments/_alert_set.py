@@ -118,7 +118,7 @@ def _forged(frame: LidarFrame, target: Box, attack: str, turn: float) -> Forgery
         return forge.additive(frame, inside, offset=elsewhere, threads=1)
     if attack == "additive_subtractive":
         return forge.additive_subtractive(frame, inside, target, offset=elsewhere, threads=1)
-    # The same object, seen from behind.
+    # Replace the object by itself, seen from behind.
     turned = inside.points * np.array([-1, -1, 1], np.float32)
     return forge.replacement(frame, inside.replace(points=turned), target, threads=1)
 

@@ -501,7 +501,7 @@ QUALITY_COLUMNS = (
     Column("fmpd", "FMPD", 1.0, 3, "published_fmpd", ratio=False, lower_is_better=True),
 )
 ERROR_COLUMNS = tuple(replace(column, published="") for column in QUALITY_COLUMNS)
-"""The same beside nothing: what a figure shows is not printed as numbers."""
+"""Columns without published numbers: what a figure shows is not printed as numbers."""
 DATA_NOTE = data_note("range image")
 NOTE = (
     "Every method "

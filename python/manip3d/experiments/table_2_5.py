@@ -82,7 +82,7 @@ def _case(number: int, method: str, renderer: str, plan: Plan) -> Case:
 
 
 def _mesh_of(published: str, plan: Plan) -> tuple[str, int]:
-    """Its name, and the faces to simulate it with; 0: it is real."""
+    """Name of the mesh, and the number of faces to simulate; 0: the mesh is real."""
     name = _MODELS[published]
     if plan.data == "real" or (plan.data == "auto" and datasets.is_here(datasets.get(name))):
         return name, 0

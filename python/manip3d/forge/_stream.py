@@ -475,7 +475,7 @@ class _Followed:
         self._absent = 0
 
     def of(self, frame: RgbdFrame) -> Skeleton | None:
-        """Their skeleton in the next frame; None: they are not there."""
+        """The person's skeleton in the next frame; None if the person is not there."""
         last = self._last
         if last is None or self._absent > self._PATIENCE:
             found = frame.skeletons[0] if frame.skeletons else None

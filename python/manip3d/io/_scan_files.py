@@ -29,17 +29,17 @@ SCAN_SUFFIXES: tuple[str, ...] = (
 """Suffixes that `read_scan` and `write_scan` know; LAS, LAZ and E57 need an extra."""
 
 _SEVERAL = (".e57", ".ptx")
-"""Those that hold several scans."""
+"""Suffixes of files that hold several scans."""
 
 _EXPORTED = (".asc", ".pts", ".txt", ".csv", ".npy", ".npz")
 FOLDER_SUFFIXES: tuple[str, ...] = tuple(
     suffix for suffix in SCAN_SUFFIXES if suffix not in _EXPORTED
 )
-"""Those of them by which folders are searched: most texts and arrays in a folder are not scans, and
-a watermarked drive consists of no other files, since what verifies it must find them."""
+"""Suffixes by which folders are searched: most texts and arrays in a folder are not scans, and a
+watermarked drive consists of no other files, since what verifies it must find them."""
 
 EXPORTED_SUFFIXES: tuple[str, ...] = tuple(s for s in SCAN_SUFFIXES if s not in FOLDER_SUFFIXES)
-"""Those by which a folder is searched that has no others: clouds that another program wrote."""
+"""Suffixes by which a folder without other scans is searched: exports of other programs."""
 
 _PLY_HEADER_BYTES = 1 << 16
 _HEAD_BYTES, _HEAD_LINES, _MOST_COLUMNS = 4096, 8, 24

@@ -47,7 +47,7 @@ def is_npy_scan(path: str | os.PathLike[str]) -> bool:
 
 
 def is_scan(head: bytes) -> bool:
-    """The same of the first bytes of an array."""
+    """Whether an array with these first bytes is a scan."""
     try:
         shape, _, dtype, _ = read_npy_header(head)
     except FormatError:

@@ -158,7 +158,7 @@ class ColliderTracker:
 
     @property
     def colliders(self) -> BodyColliders:
-        """Those of the last frame."""
+        """The solids of the last frame."""
         return _colliders(*self._core.now())
 
     def hits(self, start: ArrayLike, end: ArrayLike, *, radius: ArrayLike = 0.0) -> Hits:

@@ -1,4 +1,4 @@
-"""Whose skeleton it is, and joints without their jitter."""
+"""Choose the patient's skeleton and remove the jitter of its joints."""
 
 from __future__ import annotations
 

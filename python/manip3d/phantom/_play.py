@@ -107,7 +107,7 @@ class Play:
         self._events.clear()
 
     def drop_films(self) -> None:
-        """Neither what comes nor what was filmed before is kept."""
+        """Drop what was filmed, and film no more."""
         self._ring, self._clips = None, [() for _ in self._clips]
 
     def go_on(
@@ -279,7 +279,7 @@ def _field_status(game: GameState) -> dict[str, Any]:
 
 
 def _ends_of(skeleton: Skeleton, game: GameState) -> Skeleton:
-    """The same person with hands or feet alone."""
+    """The skeleton with hands or feet alone."""
     kept = [*bones_of(game.game.limbs, "left"), *bones_of(game.game.limbs, "right")]
     states = np.full(25, NOT_TRACKED, np.uint8)
     states[kept] = skeleton.states[kept]

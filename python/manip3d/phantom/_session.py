@@ -261,7 +261,7 @@ class LiveSession:
         return message
 
     def _enhanced(self, shown: PhantomFrame) -> PhantomFrame:
-        """The same person with further turned joints; the measured body is what is at rest."""
+        """The person with joints turned further; the measured body is at rest."""
         gain = self._play.gain
         if gain == 1.0 or len(shown.vertices) == 0:
             return shown

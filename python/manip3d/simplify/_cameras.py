@@ -171,7 +171,7 @@ class JointSimplification(Showable):
 
     @cached_property
     def mesh(self) -> Mesh:
-        """The same as a `Mesh`; views with colour are materials with textures (PNG)."""
+        """The result as a `Mesh`; views with colour are materials with textures (PNG)."""
         corner_texcoords = self.corner_texcoords.reshape(-1, 2)
         # Corners of a view share them: a format with one place for each is several times as large.
         wedges = np.column_stack([self.faces.reshape(-1), np.nan_to_num(corner_texcoords)])
@@ -312,7 +312,7 @@ class _GapRules:
     def across_between(
         self, view: _View, pixels: NDArray[np.int32], corners: NDArray[np.int32]
     ) -> NDArray[np.bool_]:
-        """The same for triangles between chosen pixels, whose boundaries are no steps.
+        """Whether triangles between chosen pixels, whose boundaries are no steps, cross a step.
 
         A triangle with a side across a step and no pixel inside goes as well: all pixels over it
         may be those of its other sides, which lie on the surface.

@@ -90,7 +90,7 @@ class DepthMesh(Showable):
         return len(self.faces)
 
     def with_faces(self, faces: NDArray[np.int32]) -> Self:
-        """The same points with other triangles.
+        """Return the same points with other triangles.
 
         Parameters
         ----------
@@ -159,7 +159,7 @@ class DepthMesh(Showable):
 
     @cached_property
     def mesh(self) -> Mesh:
-        """The same as a `Mesh` with UVs; with colour, also with a texture (PNG).
+        """The result as a `Mesh` with UVs; with colour, also with a texture (PNG).
 
         Raises
         ------

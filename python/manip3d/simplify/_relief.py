@@ -97,7 +97,7 @@ class Relief(DepthSimplification):
     _off: OffSurface | None = field(default=None, repr=False)
 
     def with_faces(self, faces: NDArray[np.int32]) -> Self:
-        """The same points with other triangles, yet to be measured and encoded.
+        """Return the same points with other triangles, yet to be measured and encoded.
 
         Parameters
         ----------

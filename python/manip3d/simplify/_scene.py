@@ -183,7 +183,7 @@ class _Instances:
 
 
 def _instances(scene: Scene) -> list[_Instances]:
-    """Those of each mesh that may be simplified."""
+    """The instances of each mesh that may be simplified."""
     uses = scene.num_uses
     transforms: dict[int, list[NDArray[np.float64]]] = {
         i: []
@@ -757,7 +757,7 @@ def scene_lods(
         errors = [level.max_error * free[0].unit for level in chain.levels[1:]]
         others = list(zip(free, meshes, parts, strict=True))[1:] if found else []
         for placed, mesh, own_part in others:
-            # The same share of its faces as the first group keeps.
+            # Each mesh keeps the share of its faces that the first group keeps.
             own = [max(1, lv.num_faces * mesh.num_faces // first) for lv in chain.levels[1:]]
             coarser = lod_chain(
                 mesh, list(dict.fromkeys(own)), method=method, options=options, progress=own_part

@@ -46,7 +46,7 @@ class Mover:
         return self.speed * np.array([np.cos(self.yaw), np.sin(self.yaw), 0.0])
 
     def box(self, number: int, time: float) -> Box:
-        """Its box at a time, as object ``number``."""
+        """The box of the thing at a time, as object ``number``."""
         at = np.asarray(self.start) + self.velocity * time
         return box_of(self.model.vertices.astype(float), self.label, number, at=at, yaw=self.yaw)
 

@@ -309,7 +309,7 @@ def _car_panels() -> tuple[Patch, ...]:
     _, first = np.unique(np.round(half, 9), axis=0, return_index=True)  # stored front and back
     faces, material = mesh.faces[np.sort(first)], mesh.face_material
     assert material is not None
-    # Its front looks to -x, y is up.
+    # The front of the model looks to -x, y is up.
     vertices = mesh.vertices[:, [0, 2, 1]] * (-1.0, 1.0, 1.0)
     texcoords = vertices[:, [0, 2]] + 0.7 * vertices[:, 1:2]  # along no face of a car
     whole = Patch(vertices, faces.astype(np.int64), texcoords)

@@ -191,7 +191,7 @@ class DepthImage(Showable):
         return f"camera assumed: focal length {self.camera.fx:.0f} pixels"
 
     def drawn(self) -> DrawnPoints:
-        """Its points, first seen as its camera saw them."""
+        """The points of the image, first seen as its camera saw them."""
         cloud = depth_points(self.depth, self.camera, color=self.color)
         return replace(cloud, detail=", ".join(filter(None, (cloud.detail, self.note))))
 

@@ -56,12 +56,12 @@ struct CrossModalComponent {
   std::int64_t behind = 0;
   double solid_angle = 0.0;  ///< Steradians.
   double area = 0.0;         ///< Square metres, each cell at its own range.
-  double evidence = 0.0;     ///< The same with dark empty cells at their weight.
+  double evidence = 0.0;     ///< `area` with dark empty cells at their weight.
   double difference = 0.0;   ///< Pixels of disparity, mean of the cells.
   /// Box around what was added or is missing, in axes turned by the heading.
   Eigen::Vector3d lower = Eigen::Vector3d::Zero();
   Eigen::Vector3d upper = Eigen::Vector3d::Zero();
-  Eigen::Vector3d center = Eigen::Vector3d::Zero();  ///< Its middle, in the LiDAR's own axes.
+  Eigen::Vector3d center = Eigen::Vector3d::Zero();  ///< Middle of the box, in the LiDAR's axes.
 };
 
 struct CrossModalResult {

@@ -50,7 +50,7 @@ enum class Dropped : std::uint8_t {
   kNo,
   kUnknown,       ///< The lattice says nothing about it.
   kContradicted,  ///< Too large a share of the whole frame contradicts it: it was processed.
-  kDepends,       ///< It stands on evidence that was dropped.
+  kDepends,       ///< It depends on evidence that was dropped.
   kNoGround,      ///< No ground plane was found.
   kNoPrevious,    ///< No earlier or later frame on the same lattice was given.
 };
@@ -95,7 +95,7 @@ GenericResult generic_consistency(const PointsView& points, const ScanLattice& l
                                   const PointsView& previous = {}, const PointsView& following = {},
                                   const Progress& progress = {});
 
-/// The same where read_lattice has said already where the points lie on this lattice.
+/// As above, with the places of the points on this lattice, which read_lattice has found.
 /// @throws InputError  what check_reading refuses, too.
 GenericResult generic_consistency(const PointsView& points, const ScanLattice& lattice,
                                   LatticeReading reading, const GenericOptions& options,

@@ -23,8 +23,8 @@ inline constexpr int kNumTurnEvidence = 3;
 struct TurnRegion {
   TurnEvidence kind = TurnEvidence::kLost;
   std::int64_t cells = 0;   ///< Directions.
-  std::int64_t agreed = 0;  ///< Those above the ground at which both turns saw the same place.
-  std::int64_t ground = 0;  ///< Those at which both turns saw the ground.
+  std::int64_t agreed = 0;  ///< Directions above the ground in which both turns saw one place.
+  std::int64_t ground = 0;  ///< Directions in which both turns saw the ground.
   std::int64_t moved = 0;   ///< Directions nearby with the opposite: something moved away.
   double distance = 0.0;    ///< Metres: median distance of what the turns saw there.
   Points stood;             ///< The points that they saw there, in the frame's coordinates.
@@ -45,7 +45,7 @@ struct TurnOptions {
 };
 
 struct TurnResult {
-  ScanMotion previous, following;  ///< They take the turns into the frame's coordinates.
+  ScanMotion previous, following;  ///< Motions from the turns' coordinates to the frame's.
   bool has_ground = false;
   bool is_steady = false;           ///< The scanner went on after the frame as it did before.
   std::vector<TurnRegion> regions;  ///< By kind, then in the order of their first directions.
@@ -69,8 +69,8 @@ TurnResult compare_turns(const PointsView& points, const PointsView& previous,
                          const PointsView& following, const ScanLattice& lattice,
                          const TurnOptions& options = {}, const Progress& progress = {});
 
-/// The same where read_lattice has said already where the points lie on this lattice; only rings,
-/// azimuths and line errors are looked at.
+/// As above, with the places of the points on this lattice, which read_lattice has found; only
+/// rings, azimuths and line errors are used.
 /// @throws InputError  what check_reading refuses, too.
 TurnResult compare_turns(const PointsView& points, const PointsView& previous,
                          const PointsView& following, const ScanLattice& lattice,

@@ -15,8 +15,8 @@
 /// @file
 /// A keyed watermark for LiDAR scans (dissertation section 7.3, bound to the content by a key).
 ///
-/// It protects from the embedder to the verifier, not the laser before it: what was injected in
-/// front of the sensor is signed as genuine. The key is symmetric: whoever verifies could forge.
+/// The watermark protects a scan from the embedder to the verifier. What was injected in front of
+/// the sensor is signed as genuine. The key is symmetric: whoever verifies could forge.
 namespace manip3d {
 
 /// How a scan carries its bits.
@@ -28,8 +28,8 @@ enum class WatermarkEmbedding : std::uint8_t {
 
 /// Which slice a slice with too few points is merged with.
 enum class WatermarkMerge : std::uint8_t {
-  kAdjacent,  ///< Its smaller neighbour in azimuth.
-  kPaper,     ///< The two smallest, wherever they are.
+  kAdjacent,  ///< Merge a slice with its smaller neighbour in azimuth.
+  kPaper,     ///< Merge the two smallest slices, wherever they are.
 };
 
 /// Fields of a record besides the tags; see `WatermarkRecord` for its bytes.
@@ -113,7 +113,7 @@ struct WatermarkFrame {
 
 struct WatermarkedScan {
   Points points;      ///< The rows that came, in their order; empty where nothing was to change.
-  ExactPoints exact;  ///< The same where coordinates in float64 came; `points` is empty then.
+  ExactPoints exact;  ///< The rows if coordinates in float64 came; `points` is empty then.
   std::vector<std::uint8_t> record;
   std::vector<std::uint8_t> picture;  ///< Samples of the picture with the record, if one came.
   std::uint64_t frame = 0;
@@ -127,7 +127,7 @@ class WatermarkEmbedder {
   /// @throws InputError  an option out of range.
   WatermarkEmbedder(const WatermarkKey& key, const WatermarkId& sensor,
                     const WatermarkOptions& options = {});
-  /// The same with a given session, for known answers; a session must never be used twice.
+  /// As above with a given session, for known answers; a session must never be used twice.
   WatermarkEmbedder(const WatermarkKey& key, const WatermarkId& sensor, const WatermarkId& session,
                     const WatermarkOptions& options);
   /// One that goes on with a session after the frame of this record, as after a run that stopped.

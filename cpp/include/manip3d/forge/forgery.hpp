@@ -29,7 +29,7 @@ struct Forgery {
   LargeArray<float> intensity;           ///< (M,), or (0,) where the scan has none.
   std::vector<std::int32_t> added;       ///< Rows of the forged scan, ascending.
   std::vector<std::int32_t> moved;       ///< Rows of the forged scan, ascending.
-  std::vector<std::int32_t> moved_from;  ///< The same points' rows in the original scan.
+  std::vector<std::int32_t> moved_from;  ///< Rows of the moved points in the original scan.
   std::vector<std::int32_t> removed;     ///< Rows of the original scan, ascending.
   OrientedBox box;  ///< Around what was added and moved; else around what was removed.
   Eigen::Matrix4d transform =

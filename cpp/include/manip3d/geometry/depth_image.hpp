@@ -32,7 +32,7 @@ struct PointGridView {
   bool rows_up = false;
 };
 
-/// The same with its memory.
+/// A grid that owns its memory.
 struct PointGrid {
   std::int64_t rows = 0, cols = 0;
   Rows<float, 3> points;            ///< NaN where there is no measurement.

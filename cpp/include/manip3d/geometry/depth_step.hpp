@@ -29,7 +29,7 @@ class DepthStep {
   /// The largest change of depth, metres, from a pixel of this depth to the next on one surface.
   [[nodiscard]] float limit(float nearest) const { return limits(nearest); }
 
-  /// The same for a number or for several at a time (geometry/lanes.hpp).
+  /// limit() of one number, or of several at a time (geometry/lanes.hpp).
   template <typename Lanes>
   [[nodiscard]] Lanes limits(Lanes nearest) const {
     return fixed_ + nearest * (slope_ + noise_ * nearest);

@@ -42,7 +42,7 @@ struct ScanOriginOptions {
 /// (0, 0, 0) is tried first, unless the options say otherwise. Then the first guess is the position
 /// from which every patch of surface has the number of points that its solid angle calls for; it is
 /// right to some per cent of the range. Gauss-Newton steps then make the phases of the grid agree.
-/// They are compared within windows of 8 columns at first, over which a wrong position hardly
+/// Phases are compared within windows of 8 columns at first, over which a wrong position hardly
 /// shifts them, and the window is doubled as long as they agree, to 256 columns at most. The polar
 /// axis may be x, y or z.
 ///

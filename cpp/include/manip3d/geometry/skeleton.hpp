@@ -67,7 +67,7 @@ struct Skeleton {
   /// there is none.
   std::array<std::array<float, 4>, kNumJoints> orientations{};
   std::array<TrackingState, kNumJoints> states{};
-  std::int64_t id = 0;       ///< The same as long as the sensor keeps track of the person.
+  std::int64_t id = 0;       ///< Constant as long as the sensor keeps track of the person.
   std::uint8_t body = 0xff;  ///< Value of the person's pixels in the body index image.
 
   [[nodiscard]] const Eigen::Vector3f& operator[](Joint joint) const {

@@ -43,7 +43,7 @@ class AtomicFile {
   std::filesystem::path temporary_;  ///< Empty when written in place.
   bool is_synced_ = false;           ///< Nothing was written since `sync()`.
   Descriptor file_;                  ///< Locked: see Temporary.
-  Descriptor lock_;                  ///< The same, while `file_` is closed.
+  Descriptor lock_;                  ///< Holds the lock while `file_` is closed.
 };
 
 }  // namespace manip3d

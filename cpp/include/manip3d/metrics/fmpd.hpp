@@ -23,7 +23,8 @@ struct FmpdResult {
 /// Fast mesh perceptual distance [Wang, Torkhani & Montanvert, Computers & Graphics 2012]: the
 /// difference of two global roughnesses, which derive from the Laplacian of Gaussian curvature.
 ///
-/// The same bits for any number of threads; 1e-12 relative across processors (libm).
+/// The result has the same bits for any number of threads; across processors it differs by at most
+/// 1e-12 relative (libm).
 /// @throws InputError  what check_mesh refuses; a mesh without faces or without area.
 FmpdResult fmpd(const MeshView& original, const MeshView& simplified,
                 const FmpdOptions& options = {}, const Progress& progress = {});

@@ -38,7 +38,8 @@ struct MetroResult {
 /// simplified surfaces", Computer Graphics Forum 1998]: from samples of each to the closest point
 /// of the other.
 ///
-/// The same bits for any number of threads. O(N log F) time for N samples, memory linear in F.
+/// The result has the same bits for any number of threads. O(N log F) time for N samples, memory
+/// linear in F.
 /// @throws InputError  what check_mesh refuses; a mesh without faces; an original whose bounding
 ///                     box is a point; `kArea`: a surface without area, samples < 0.
 MetroResult metro(const MeshView& original, const MeshView& simplified,

@@ -36,7 +36,7 @@ struct TextureError {
 /// Where several faces are met, within epsilon of the closest distance, the one of the sample's
 /// material counts whose texture coordinates are nearest: at a seam both sides are at hand.
 /// Materials are the same when their indices are; -1 and a missing table both mean none.
-/// The same bits for any number of threads.
+/// The result has the same bits for any number of threads.
 /// @throws InputError  what metro refuses with `kArea`; epsilon not finite or < 0.
 TextureError texture_error(const MeshView& original, const MeshView& simplified,
                            const TextureErrorOptions& options = {}, const Progress& progress = {});

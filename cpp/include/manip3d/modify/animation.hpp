@@ -63,7 +63,7 @@ enum class Skinning : std::uint8_t {
   /// joint change as those of the bone. Rigid within the image plane, not towards the camera.
   kSpherical,
   kRigid,  ///< Each vertex turns with its bone.
-  /// The same, blended linearly with the next bone over the last fifth of a bone; half and half at
+  /// kRigid, blended linearly with the next bone over the last fifth of a bone; half and half at
   /// the joint.
   kLbs
 };

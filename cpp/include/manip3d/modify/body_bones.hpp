@@ -48,8 +48,8 @@ struct BoneSegments {
 /// `trunk` scales breadth and depth of the trunk; it is above 1 for a stout person.
 BoneSegments body_bones(const Skeleton& skeleton, BoneRule rule, float trunk = 1.0F);
 
-/// The same with all of a limb as one bone of number limb_label(): the line through those of its
-/// joints that are tracked, straight where inner ones are not. With kSkin it grows, from its root
+/// body_bones() with all of a limb as one bone of number limb_label(): the line through its
+/// tracked joints, straight where inner ones are not tracked. With kSkin it grows, from its root
 /// to the next of these joints, by a standard deviation of a thigh's girth: rather is a sliver of
 /// the trunk taken for the limb than one of the limb for the trunk.
 ///

@@ -32,7 +32,7 @@ struct ColliderBox {
 struct BodyColliders {
   /// By bone; those inside the torso have none. Bone 3's is a sphere around the head.
   std::array<Capsule, kNumJoints> capsules{};
-  /// Its axes: to the person's left, up, and ahead.
+  /// The axes of the box: to the person's left, up, and ahead.
   ColliderBox torso;
 };
 

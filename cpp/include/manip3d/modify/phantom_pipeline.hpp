@@ -85,9 +85,9 @@ struct PhantomBuffers {
 
 enum class PhantomState : std::uint8_t {
   kTracking,  ///< The intact limb is seen, and mirrored.
-  kDegraded,  ///< The same, but what came out is not whole: `reason` says what is wrong.
-  kHolding,   ///< It is not; the last phantom moves with the body.
-  kFading,    ///< The same, with less and less opacity.
+  kDegraded,  ///< It is mirrored, but the phantom is not whole: `reason` says what is wrong.
+  kHolding,   ///< It cannot be mirrored; the last phantom moves with the body.
+  kFading,    ///< As kHolding, with less and less opacity.
   kLost,      ///< There is no phantom.
   kLate       ///< The frame is not newer than the last one; nothing was done.
 };

@@ -41,7 +41,7 @@ class PlacementEstimator {
 
  private:
   PlacementOptions options_;
-  double knee_height_ = 0.0;  ///< These are sums over the stable frames.
+  double knee_height_ = 0.0;  ///< A sum over the stable frames, as are the next three members.
   Eigen::Vector3d hip_centre_ = Eigen::Vector3d::Zero();
   Eigen::Vector3d to_left_ = Eigen::Vector3d::Zero(), ahead_ = Eigen::Vector3d::Zero();
   std::optional<Placement> placement_;

@@ -11,7 +11,8 @@ struct RegionOptions {
   DepthStepOptions step;
   /// Metres from a bone's skin at which a pixel beyond a contour may still be of that bone.
   double reach = 0.1;
-  /// The same for pixels on the same surface; only without a body index, which says it better.
+  /// `reach` for pixels on the bone's own surface; used only without a body index, which tells
+  /// people apart better.
   double surface_reach = 0.1;
   bool line_seeds = true;  ///< Seeds along each bone; else at its middle alone (figure 5.4).
 };

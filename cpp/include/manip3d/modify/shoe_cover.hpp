@@ -18,7 +18,7 @@ struct Hsv {
   int hue = 0, saturation = 0, value = 0;
 };
 
-/// The same numbers as OpenCV's, for all 2^24 colours.
+/// Equals OpenCV's conversion for all 2^24 colours.
 Hsv to_hsv(std::uint8_t red, std::uint8_t green, std::uint8_t blue);
 
 struct ShoeCoverOptions {
@@ -59,7 +59,7 @@ class ShoeCoverTracker {
   std::int64_t first_blue_ = 0, last_blue_ = -1;  ///< Pixels.
   ConnectedRuns patches_;
   std::vector<std::int64_t> sizes_;    ///< Points of each patch.
-  std::vector<std::int64_t> largest_;  ///< Its pixels.
+  std::vector<std::int64_t> largest_;  ///< Pixels of the largest patch.
   std::array<std::vector<float>, 3> coordinates_;
 };
 

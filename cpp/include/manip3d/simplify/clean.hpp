@@ -25,7 +25,7 @@ struct CleanResult {
   std::int64_t unreferenced_vertices = 0;  ///< Gone because no remaining face uses them.
   std::int64_t degenerate_faces = 0;       ///< Gone because of a repeated index (after welding).
   std::int64_t duplicate_faces = 0;        ///< Gone because an earlier face is their duplicate.
-  std::int64_t changed_faces = 0;          ///< Those with another material, UV or colour (kAny).
+  std::int64_t changed_faces = 0;          ///< Faces with another material, UV or colour (kAny).
   std::int64_t changed_vertices = 0;       ///< Merged ones of another colour than the kept one.
 };
 

@@ -106,7 +106,7 @@ class Cs3 {
   std::unique_ptr<Workspace> workspace_;
 };
 
-/// The same for a single image.
+/// CS3 of a single image.
 Cs3Result simplify_cs3(const RangeImage& image, const Cs3Options& options,
                        const Registration* registration = nullptr);
 

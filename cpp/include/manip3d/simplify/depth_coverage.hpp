@@ -10,9 +10,9 @@ namespace manip3d {
 
 /// Which triangles of three neighbouring pixels are a surface, of those that grid_mesh() makes.
 struct DenseRule {
-  /// Those without a longer edge; units of the points.
+  /// The longest edge of a surface triangle; units of the points.
   double max_edge = std::numeric_limits<double>::infinity();
-  /// Those whose z, positive in images, grows by no larger share of its least value.
+  /// The largest growth of z, positive in images, over such a triangle, as a share of its least z.
   double max_step = std::numeric_limits<double>::infinity();
   /// Pixels. If positive, z is a depth in metres, and what DepthStep connects at this focal length
   /// is no step either: where pixels are coarse, a floor grows by more than `max_step` from one to

@@ -14,7 +14,7 @@ struct FastOptions {
   std::int64_t target_faces = 0;  ///< Stop at this many faces or fewer; 0: as few as possible.
   double max_error = std::numeric_limits<double>::infinity();  ///< Limit of a step, input units.
   double boundary_weight = 1.0;  ///< Weight of the planes along boundaries; a surface has 1.
-  double seam_weight = 1.0;      ///< The same along borders of materials and texture charts.
+  double seam_weight = 1.0;      ///< Weight along borders of materials and texture charts.
   std::vector<bool> locked;      ///< Vertices that stay where they are; empty: none.
   int num_threads = 0;           ///< 0: as many as this process may use.
 };

@@ -19,7 +19,7 @@ struct QualityOptions {
   /// by construction. No piece vanishes then, and the rules hold even if the target is missed.
   double max_distance = std::numeric_limits<double>::infinity();
   double boundary_weight = 1.0;  ///< Price of a strip along a boundary; a shifted surface has 1.
-  double seam_weight = 3.0;      ///< The same along borders of materials and texture charts.
+  double seam_weight = 3.0;      ///< Price along borders of materials and texture charts.
   /// Price of a shifted texture, on average over the surface that shows one; a shifted surface
   /// has 1.
   double texture_weight = 0.2;

@@ -65,7 +65,7 @@ struct ReliefResult {
   /// steps make most of the difference in depth, and faces_off_surface() gives more than a quarter
   /// or nothing. Empty without a limit.
   std::vector<std::uint8_t> off;
-  DepthCoverage cover_without_off;  ///< The same as `cover` without these faces.
+  DepthCoverage cover_without_off;  ///< `cover` without these faces.
   double mean_move = 0.0;           ///< move_points: of the vertices, in units of the points.
   double max_move = 0.0;
 };
@@ -139,7 +139,7 @@ class Relief {
   std::unique_ptr<Memory> memory_;
 };
 
-/// The same for a single frame.
+/// The relief of a single frame.
 ReliefResult relief(const PointGridView& grid, const ReliefOptions& options,
                     std::span<const float> confidence = {});
 
