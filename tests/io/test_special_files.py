@@ -30,6 +30,7 @@ PROGRAM = textwrap.dedent(
     from manip3d import viewer
     from manip3d.diary._sealing import read_key
     from manip3d.io._images import read_color
+    from manip3d.io._utd_mhad import read_trial
     from manip3d.study import StudyFolder
     from manip3d.study._definition import read_table
 
@@ -80,6 +81,7 @@ READERS = {
     "np.save(path + '.npy', np.ones((4, 4), np.uint16));"
     "viewer.open_thing(path + '.npy', color=path)": (".png",),
     "read_table(path)": (".toml", ".json"),
+    "read_trial(Path(path))": ("_depth.mat",),
 }
 Case = tuple[str, str]
 

@@ -10,6 +10,7 @@ from manip3d.capture._bag import holds_clouds
 from manip3d.errors import FormatError
 from manip3d.io._files import limited_bytes
 from manip3d.io._scan_tables import scan_suffix
+from manip3d.io._utd_mhad import trial_at
 
 PACKETS = (".pcap", ".pcapng")
 """Suffixes of recordings of UDP packets."""
@@ -113,7 +114,8 @@ def rgbd_address(source: str) -> str | None:
     Parameters
     ----------
     source : str
-        A file, a folder or an address; a ROS bag also with one of its topics of depth images.
+        A file, a folder or an address; a ROS bag also with one of its topics of depth images. A
+        depth file of UTD-MHAD (``a3_s1_t1_depth.mat``) is a recording, as its joints are beside it.
 
     Returns
     -------
@@ -147,8 +149,9 @@ def rgbd_address(source: str) -> str | None:
     if path.is_dir():
         if (path / "depth.txt").is_file():
             return f"tum:{source}"
-        is_recording = (path / "frames.jsonl").is_file() or (path / "depth").is_dir()
-        return f"folder:{source}" if is_recording else None
-    if _SCHEME.match(source) and not source.startswith(_LIDAR_SCHEMES) and not path.exists():
+        if (path / "frames.jsonl").is_file() or (path / "depth").is_dir():
+            return f"folder:{source}"
+    elif _SCHEME.match(source) and not source.startswith(_LIDAR_SCHEMES) and not path.exists():
         return source
-    return None
+    trial = trial_at(source)
+    return None if trial is None else f"utd-mhad:{trial}"

@@ -84,8 +84,12 @@ def sources() -> tuple[Scheme, ...]:
             "pip install 'manip3d[simulate]'" if open3d else "",
         ),
         *(
-            Scheme(name, "NAME", "people of the data sets (manip3d data list)", "rgbd")
-            for name in ("utd-mhad", "labanotation", "people")
+            Scheme(name, place, "people of the data sets (manip3d data list)", "rgbd")
+            for name, place in (
+                ("utd-mhad", "NAME or PATH"),
+                ("labanotation", "NAME"),
+                ("people", "NAME"),
+            )
         ),
         Scheme(
             "rgbd-bag",

@@ -614,9 +614,9 @@ def _check_pose(kind: int, pose: str) -> None:
 
 @app.command("stream")
 @over_files(
-    kinds.recording_suffixes,
+    kinds.written_recordings,
     whole=kinds.RECORDING,
-    writable=kinds.recording_suffixes,
+    writable=kinds.written_recordings,
     check=lambda given: _check_pose(given["kind"], given["pose"]),
 )
 def forge_stream(

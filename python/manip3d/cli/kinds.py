@@ -11,11 +11,13 @@ from manip3d.io import DEPTH_SUFFIXES, READABLE, SCAN_SUFFIXES, is_color_png
 from manip3d.io._elsewhere import scan_advice
 from manip3d.io._remote import named_beside, reads_beside
 from manip3d.io._scan_files import FOLDER_SUFFIXES, are_points_only, holds_points, ply_elements
+from manip3d.io._utd_mhad import DEPTH_ENDING as TRIAL
+from manip3d.io._utd_mhad import trial_at
 
 if TYPE_CHECKING:
     from manip3d.batch import SourceFile
 
-_RECORDINGS = (".pcap", ".pcapng", ".osf", ".mcap", ".bag", ".mkv")
+_RECORDINGS = (".pcap", ".pcapng", ".osf", ".mcap", ".bag", ".mkv", TRIAL)
 _POINTS_IN = {
     ".npy": "An array of points has at least 9 rows and 3 to 8 columns of floats",
     ".npz": "An archive of points has an array named points, positions or xyz",
@@ -30,6 +32,12 @@ WHOLE = ("recording", "packets")
 
 RECORDING = ("recording",)
 """The kind of folder that is one source for what takes RGB-D recordings."""
+
+NO_RECORDING = (
+    ". A folder is an RGB-D recording if it holds frames.jsonl, depth images in depth/ (colour "
+    "images in color/), the lists depth.txt and rgb.txt of a TUM sequence, or a trial of UTD-MHAD"
+)
+"""What is said of a folder in which nothing is a recording."""
 
 NAMES = {
     "mesh": "a mesh",
@@ -87,7 +95,7 @@ def kind_of(source: str) -> str:
         from manip3d.capture import holds_clouds
 
         return "packets" if holds_clouds(path) else "recording"
-    if suffix == ".mkv":
+    if suffix == ".mkv" or path.name.endswith(TRIAL):
         return "recording"
     if suffix == ".ply":
         return _kind_of_ply(path)
@@ -160,8 +168,9 @@ def _kind_of_folder(path: Path) -> str:
         from manip3d.capture import holds_clouds
 
         return "packets" if holds_clouds(path) else "recording"
-    is_drive = (path / "velodyne").is_dir() or (path / "velodyne_points").is_dir()
-    return "drive" if is_drive else "folder"
+    if (path / "velodyne").is_dir() or (path / "velodyne_points").is_dir():
+        return "drive"
+    return "folder" if trial_at(path) is None else "recording"
 
 
 def _kind_of_ply(path: Path) -> str:
@@ -187,7 +196,12 @@ def inspected_suffixes() -> tuple[str, ...]:
 
 
 def recording_suffixes() -> tuple[str, ...]:
-    """Return the suffixes of RGB-D recordings."""
+    """Return the endings of files that are RGB-D recordings."""
+    return (".mkv", TRIAL)
+
+
+def written_recordings() -> tuple[str, ...]:
+    """Return the suffixes of RGB-D recordings that are written to files."""
     return (".mkv",)
 
 

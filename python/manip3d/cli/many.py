@@ -94,10 +94,11 @@ class Many:
                 continue
             try:
                 files = find([source])
-            except InputError:
-                if not whole:
-                    raise
-                continue
+            except InputError as error:
+                if whole:
+                    continue
+                advice = kinds.NO_RECORDING if self.whole == kinds.RECORDING else ""
+                raise InputError(f"{error}{advice}") from None
             inside = tuple(f"{each.name}/" for each in whole)
             found |= {
                 f.name: f for f in files if f.name not in found and not f.name.startswith(inside)

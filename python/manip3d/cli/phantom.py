@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import ExitStack
 from enum import StrEnum
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from manip3d.capture import RgbdSource
     from manip3d.phantom import LiveReport
     from manip3d.serve import Certificate
+    from manip3d.viewer.phantom import PhantomFilm
 
 app = typer.Typer(
     name="phantom",
@@ -87,6 +89,20 @@ _FILTERS: Mapping[Smoothing, Literal["default", "seated"] | None] = {
 }
 
 
+def _why_no_skeleton(film: PhantomFilm, *, pose: bool) -> str:
+    """Say why there is no phantom limb in any frame, and what would give one."""
+    if pose and film.frames_with_color:
+        return "nobody was found in the colour images, so there is no phantom limb"
+    told = "no frame of the source has a skeleton, so there is no phantom limb "
+    if not film.frames_with_color:
+        return told + (
+            "(nor a colour image, in which --pose would find the joints: add those of each depth "
+            "image, in color/ of a folder or in rgb.txt of a TUM sequence)"
+        )
+    extra = "" if find_spec("mediapipe") else ", with pip install 'manip3d[pose]'"
+    return told + f"(--pose finds the joints in colour images{extra})"
+
+
 @app.command("render")
 @over_files(
     kinds.recording_suffixes,
@@ -99,7 +115,8 @@ def phantom_render(
         str,
         typer.Argument(
             metavar="SOURCE",
-            help="An RGB-D recording (mkv:FILE, folder:FOLDER) or a simulated person "
+            help="An RGB-D recording (a file or folder, such as walk.mkv, a TUM sequence, or a "
+            "depth file of UTD-MHAD with its joints beside it) or a simulated person "
             "(sim:body?...).",
         ),
     ],
@@ -185,12 +202,7 @@ def phantom_render(
         )
     told = film.affected.replace("_", " ")
     if not film.frames_with_skeleton:
-        told += (
-            "; nobody was found in the colour images, so there is no phantom limb"
-            if pose
-            else "; no frame of the source has a skeleton, so there is no phantom limb "
-            "(--pose finds the joints in colour images)"
-        )
+        told += f"; {_why_no_skeleton(film, pose=pose)}"
     shell.say(f"wrote {output}: {counted(film.frames, 'frame')}, {told}")
     for message, number in film.messages.items() if film.frames_with_skeleton else ():
         shell.say(f"{counted(number, 'frame')}: {message}")

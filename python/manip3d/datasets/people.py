@@ -2,6 +2,7 @@
 
 ======================  ===========================================================================
 ``utd-mhad:a3_s1``      UTD-MHAD: one person by a Kinect V1, background removed, 20 joints
+``utd-mhad:PATH``       the same of files of one's own: ``..._depth.mat`` with its joints
 ``labanotation:NAME``   Labanotation Suite: joints of a Kinect V2 with their states, no images
 ``people:DATA_SET``     images of people with a mask: `frame_names` of ``person_turning``,
                         ``person_ddrnet``, ``person_ddrnet_arms_up``, ``person_normalgan``,
@@ -15,16 +16,18 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cache
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, overload
 
 import numpy as np
 
 from manip3d._util.checked import checked
+from manip3d._util.paths import path_of
 from manip3d.camera import Intrinsics
 from manip3d.datasets._registry import DataFile, DataSet, get, require
 from manip3d.datasets._tables import data_file, table
 from manip3d.datasets.rgbd import frame_names, load_frame
-from manip3d.errors import FormatError, InputError, MissingExtraError
+from manip3d.errors import FormatError, InputError
+from manip3d.io._utd_mhad import read_trial, trial_at
 from manip3d.rgbd import NO_BODY, RgbdCalibration, RgbdFrame, Skeleton
 
 if TYPE_CHECKING:
@@ -161,7 +164,10 @@ def open_people(uri: str) -> RgbdSequence:
     ----------
     uri : str
         One of `people_uris`: ``utd-mhad:a3_s1`` (action 3, subject 1), ``labanotation:NAME`` or
-        ``people:DATA_SET``.
+        ``people:DATA_SET``; or a trial of UTD-MHAD that is not verified: ``utd-mhad:PATH`` of its
+        depth file (``a3_s1_t1_depth.mat``), or of a folder that holds one trial. The joints are
+        beside it, in ``a3_s1_t1_skeleton.mat``, or in ``../Skeleton``. The data set's films of
+        another camera (``a3_s1_t1_color.avi``) are not read, as nobody knows where that was.
 
     Returns
     -------
@@ -177,7 +183,9 @@ def open_people(uri: str) -> RgbdSequence:
     DataMissingError, ChecksumError
         A file is not on this machine, or not the registered one.
     FormatError
-        A file is damaged.
+        A file is damaged, or the joints of a trial are not there.
+    OSError
+        `FileNotFoundError` and the like.
     MissingExtraError
         scipy (UTD-MHAD) or Pillow (images) is not installed.
 
@@ -189,6 +197,9 @@ def open_people(uri: str) -> RgbdSequence:
     """
     scheme, _, name = uri.partition(":")
     if uri not in people_uris():
+        trial = trial_at(path_of(name, "uri")) if scheme == "utd-mhad" and name else None
+        if trial is not None:
+            return _utd_mhad(uri, trial)
         import difflib
 
         similar = difflib.get_close_matches(uri, people_uris(), cutoff=0.4)
@@ -196,9 +207,10 @@ def open_people(uri: str) -> RgbdSequence:
             f"uri: expected a recording such as {', '.join(similar or people_uris()[:1])}, "
             f"got {uri!r}"
         )
-    return {"utd-mhad": _utd_mhad, "labanotation": _labanotation, "people": _images}[scheme](
-        uri, name
-    )
+    if scheme == "utd-mhad":
+        files = (_file(_UTD_MHAD, f"{name}_t1_{kind}.mat") for kind in ("depth", "skeleton"))
+        return _utd_mhad(uri, *files)
+    return {"labanotation": _labanotation, "people": _images}[scheme](uri, name)
 
 
 def _file(data_set: str, ending: str) -> Path:
@@ -206,14 +218,11 @@ def _file(data_set: str, ending: str) -> Path:
     return require(found, data_set)
 
 
-def _utd_mhad(uri: str, name: str) -> RgbdSequence:
+def _utd_mhad(uri: str, trial: Path, skeleton: Path | None = None) -> RgbdSequence:
     from manip3d.modify import skeleton_from
 
-    depth = _matlab(_file(_UTD_MHAD, f"{name}_t1_depth.mat"), "d_depth", (240, 320))
-    joints = _matlab(_file(_UTD_MHAD, f"{name}_t1_skeleton.mat"), "d_skel", (20, 3))
-    if len(depth) != len(joints):
-        raise FormatError(f"expected {len(depth)} skeletons, got {len(joints)}", file=uri)
-    images = np.ascontiguousarray(depth[:, :, ::-1], np.uint16)
+    depth, joints = read_trial(trial, skeleton)
+    images = np.ascontiguousarray(depth[:, :, ::-1])
     calibration = RgbdCalibration(unmirrored(_UTD_CAMERA))
 
     def load(number: int) -> RgbdFrame:
@@ -230,18 +239,6 @@ def _utd_mhad(uri: str, name: str) -> RgbdSequence:
         )
 
     return RgbdSequence(uri, get(_UTD_MHAD).title, len(images), load)
-
-
-def _matlab(path: Path, name: str, shape: tuple[int, int]) -> NDArray[Any]:
-    """A variable of a MATLAB 5 file whose last axis is time, with time first."""
-    try:
-        from scipy.io import loadmat
-    except ImportError:
-        raise MissingExtraError("scipy", "experiments") from None
-    values = loadmat(path, variable_names=[name]).get(name)
-    if values is None or values.ndim != 3 or values.shape[:2] != shape:
-        raise FormatError(f"expected {name} of shape {(*shape, 'frames')}", file=str(path))
-    return np.moveaxis(values, 2, 0)
 
 
 def _body(mask: NDArray[np.bool_]) -> NDArray[np.uint8]:

@@ -54,6 +54,8 @@ class PhantomFilm:
     frames : int
     frames_with_skeleton : int
         Frames in which the source has a person's skeleton; without any there is no phantom.
+    frames_with_color : int
+        Frames that have a colour image, in which ``pose`` finds joints.
     states : mapping of str to int
         Number of frames in each state of the pipeline.
     stage_ms : mapping of str to float
@@ -71,6 +73,7 @@ class PhantomFilm:
     affected: str
     frames: int
     frames_with_skeleton: int
+    frames_with_color: int
     states: Mapping[str, int]
     stage_ms: Mapping[str, float]
     messages: Mapping[str, int]
@@ -146,7 +149,7 @@ def render_phantom(
     states: Counter[str] = Counter()
     messages: Counter[str] = Counter()
     seconds: Counter[str] = Counter()
-    with_skeleton = 0
+    with_skeleton = with_color = 0
     path = Path(output)
     with (
         _opened(source) as stream,
@@ -167,6 +170,7 @@ def render_phantom(
                 messages[_UNREAD] += 1
                 continue
             with_skeleton += bool(frame.skeletons)
+            with_color += frame.color is not None
             states[phantom.state.value] += 1
             if phantom.state != "tracking":
                 messages[phantom.message] += 1
@@ -181,7 +185,16 @@ def render_phantom(
     errors = dict(getattr(stream, "errors", {}))
     counters = dict(getattr(stream, "counters", {}))
     return PhantomFilm(
-        path, limb, number, with_skeleton, dict(states), stage_ms, dict(messages), errors, counters
+        path=path,
+        affected=limb,
+        frames=number,
+        frames_with_skeleton=with_skeleton,
+        frames_with_color=with_color,
+        states=dict(states),
+        stage_ms=stage_ms,
+        messages=dict(messages),
+        errors=errors,
+        counters=counters,
     )
 
 

@@ -1,0 +1,169 @@
+"""Trials of UTD-MHAD that a user has: found by their files, and read with their joints."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner, Result
+
+import manip3d
+from manip3d import capture
+from manip3d.cli import app
+from manip3d.datasets import open_people
+from real_data import RealData
+
+FRAMES = 3
+TABLE = "frame,joint,name,x_m,y_m,z_m"
+
+
+def write_trial(folder: Path, name: str = "a3_s1_t1", joints: Path | None = None) -> Path:
+    """Made-up files of the data set: a wall that comes nearer, and joints 2 m before it."""
+    savemat = pytest.importorskip("scipy.io").savemat
+    for place in (folder, joints or folder):
+        place.mkdir(parents=True, exist_ok=True)
+    depth = np.full((240, 320, FRAMES), 2000, np.uint16) - np.arange(FRAMES, dtype=np.uint16)
+    depth[:, 0] = 0
+    skeletons = np.zeros((20, 3, FRAMES))
+    skeletons[:, 0] = np.arange(20)[:, None] / 100.0
+    skeletons[:, 2] = 2.0
+    path = folder / f"{name}_depth.mat"
+    savemat(path, {"d_depth": depth})
+    savemat((joints or folder) / f"{name}_skeleton.mat", {"d_skel": skeletons})
+    return path
+
+
+def write_pictures(folder: Path) -> Path:
+    """The same trial as pictures and a table."""
+    folder.mkdir()
+    lines = [TABLE]
+    for frame in range(FRAMES):
+        depth = np.full((240, 320), 2000 - frame, np.uint16)
+        depth[:, 0] = 0
+        Image.fromarray(depth).save(folder / f"depth_{frame:04d}.png")
+        lines += [f"{frame},{joint},joint,{joint / 100},0,2" for joint in range(20)]
+    (folder / "joints.csv").write_text("\n".join(lines))
+    return folder
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def test_files_and_folders_of_one_trial_are_recordings(tmp_path: Path) -> None:
+    path = write_trial(tmp_path / "one")
+    address = f"utd-mhad:{path}"
+    assert capture.rgbd_address(str(path)) == address
+    assert capture.rgbd_address(str(path.parent)) == address
+    assert capture.rgbd_address(address) == address
+    pictures = write_pictures(tmp_path / "pictures")
+    assert capture.rgbd_address(str(pictures)) == f"utd-mhad:{pictures}"
+    write_trial(tmp_path / "one", "a3_s2_t1")
+    assert capture.rgbd_address(str(path.parent)) is None  # which of both?
+    assert capture.rgbd_address(str(tmp_path)) is None
+
+
+@pytest.mark.parametrize("kind", ["mat", "apart", "pictures"])
+def test_a_trial_has_depth_and_joints(kind: str, tmp_path: Path) -> None:
+    """The images are turned round; 20 joints become 25; of all three layouts alike."""
+    if kind == "pictures":
+        place = write_pictures(tmp_path / "pictures")
+    else:  # as distributed, joints lie in a folder of their own
+        joints = tmp_path / "Skeleton" if kind == "apart" else None
+        place = write_trial(tmp_path / "Depth", joints=joints)
+    with capture.open(f"utd-mhad:{place}") as source:
+        frames = list(source)
+        assert source.num_frames == len(frames) == FRAMES
+    for number, frame in enumerate(frames):
+        assert (frame.depth[:, :-1] == 2000 - number).all()
+        assert not frame.depth[:, -1].any()
+        np.testing.assert_array_equal(frame.body_index == 0, frame.depth > 0)
+        (person,) = frame.skeletons
+        # The data set's hand, 7, is the Kinect V2's; x of its axes points to the left.
+        np.testing.assert_allclose(person.positions[7], [-0.07, 0.0, 2.0], atol=1e-6)
+
+
+def test_what_is_wrong_with_a_trial_is_told(tmp_path: Path) -> None:
+    savemat = pytest.importorskip("scipy.io").savemat
+    path = write_trial(tmp_path / "one")
+    skeleton = path.with_name("a3_s1_t1_skeleton.mat")
+    whole = skeleton.read_bytes()
+
+    def refused(words: str) -> None:
+        with pytest.raises(manip3d.FormatError, match=words):
+            open_people(f"utd-mhad:{path}")
+
+    skeleton.unlink()
+    refused(r"a3_s1_t1_depth.mat: expected the joints of this trial in .*_skeleton\.mat")
+    skeleton.write_bytes(b"no file of MATLAB, but long enough for its header" * 9)
+    refused("a3_s1_t1_skeleton.mat: damaged, or no MATLAB 5 file")
+    for joints in (np.zeros((20, 3)), np.zeros((25, 3, FRAMES)), {"x": 1.0}):
+        savemat(skeleton, {"d_skel": joints})
+        refused(r"expected d_skel of shape \(20, 3, 'frames'\)")
+    savemat(skeleton, {"d_skel": np.zeros((20, 3, FRAMES), complex)})
+    refused("expected joints that are real numbers")
+    savemat(skeleton, {"d_skel": np.zeros((20, 3, FRAMES + 1))})
+    refused(f"expected {FRAMES} skeletons, got {FRAMES + 1}")
+    skeleton.write_bytes(whole)
+    savemat(path, {"d_depth": np.full((240, 320, FRAMES), -1.0)})
+    refused("expected depths of 0 to 65535 mm")
+    path.unlink()
+    with pytest.raises(FileNotFoundError, match=r"a3_s1_t1_depth\.mat"):
+        open_people(f"utd-mhad:{path}")
+
+
+def test_what_is_wrong_with_a_table_is_told(tmp_path: Path) -> None:
+    folder = write_pictures(tmp_path / "pictures")
+    table = folder / "joints.csv"
+    lines = table.read_text().splitlines()
+    swapped = [*lines[:3], lines[4], lines[3], *lines[5:]]
+    cut = lines[:-1]
+    for text, words in (
+        ("\n".join(swapped), "expected the 20 joints of 3 frames, frame by frame"),
+        ("\n".join(cut), "expected the 20 joints of 3 frames, frame by frame"),
+        ("\n".join([*cut, "2,19,joint,here,0,2"]), r"joints\.csv: could not convert"),
+        (f"{TABLE}\n0,0,joint,0,0,2", "expected the 20 joints of 3 frames"),
+    ):
+        table.write_text(text)
+        with pytest.raises(manip3d.FormatError, match=words):
+            open_people(f"utd-mhad:{folder}")
+    table.write_text("\n".join(lines))
+    Image.fromarray(np.ones((24, 32), np.uint16)).save(folder / "depth_0001.png")
+    with pytest.raises(manip3d.FormatError, match="expected depth images of 320 x 240"):
+        open_people(f"utd-mhad:{folder}")
+
+
+def test_commands_take_trials_and_folders_of_them(tmp_path: Path) -> None:
+    path = write_trial(tmp_path / "some" / "Depth", joints=tmp_path / "some" / "Skeleton")
+    told = run("capture", "info", path)
+    assert told.exit_code == 0, told.output
+    assert "3 with skeletons" in told.output
+    write_trial(path.parent, "a3_s2_t1", tmp_path / "some" / "Skeleton")
+    several = run("capture", "export", tmp_path / "some", "-o", tmp_path / "joints")
+    assert several.exit_code == 0, several.output
+    tables = sorted(str(p.relative_to(tmp_path)) for p in tmp_path.glob("joints/**/a3*"))
+    assert tables == ["joints/Depth/a3_s1_t1.csv", "joints/Depth/a3_s2_t1.csv"]
+
+
+def test_a_folder_without_a_recording_is_told_what_one_is(tmp_path: Path) -> None:
+    (tmp_path / "frame1_depth.png").write_bytes(b"")
+    refused = str(run("phantom", "render", tmp_path, "-o", tmp_path / "a.mp4").exception)
+    for word in ("frames.jsonl", "depth/", "color/", "depth.txt", "UTD-MHAD"):
+        assert word in refused
+
+
+def test_the_data_set_s_own_files_show_a_phantom(realdata: RealData, tmp_path: Path) -> None:
+    pytest.importorskip("scipy")
+    realdata.needs("people_utd_mhad")
+    for kind in ("depth", "skeleton"):
+        shutil.copy(realdata(f"rgbd/person_utd_mhad/mat/a3_s1_t1_{kind}.mat"), tmp_path)
+    done = run("phantom", "render", tmp_path, "-o", tmp_path / "out", "--frames", 5)
+    assert done.exit_code == 0, done.output
+    assert "5 frames, right arm" in done.output
+    assert "skeleton" not in done.output
+    named, mine = (open_people(f"utd-mhad:{place}")[9] for place in ("a3_s1", tmp_path))
+    np.testing.assert_array_equal(named.depth, mine.depth)
+    np.testing.assert_array_equal(named.skeletons[0].positions, mine.skeletons[0].positions)
