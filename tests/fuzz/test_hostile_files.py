@@ -13,7 +13,7 @@ import pytest
 
 from manip3d import FormatError
 
-CASES = 300
+CASES = 250
 """For each kind, more than 10 000 in all; a million are for the night."""
 GROUPS = 4
 
