@@ -272,6 +272,47 @@ def test_a_skin_stands_as_it_was_bound() -> None:
     assert mesh.vertices.min(axis=0).tolist() == [7, 0, 0]
 
 
+def test_long_chains_of_bones_are_read() -> None:
+    """A file of 3ds Max has 66 bones, each a node within the one before it."""
+    bones = "<node><translate>1 0 0</translate>" * 150 + SHOWN + "</node>" * 150
+    mesh = read(document(geometry(polylist(QUADS)), bones))
+    assert mesh.vertices.min(axis=0).tolist() == [150, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("transparent", "alpha_mode", "warnings"),
+    [
+        ("<transparent opaque='A_ONE'><texture texture='i'/></transparent>", "blend", ()),
+        ("<transparent><texture texture='i'/></transparent>", "blend", ()),
+        ("<transparent><texture texture='none'/></transparent>", "opaque", ()),
+        (
+            "<transparent><texture texture='j'/></transparent>",
+            "opaque",
+            ("the texture of the transparency of material 'wood' is left out",),
+        ),
+        (
+            "<transparent opaque='RGB_ZERO'><texture texture='i'/></transparent>",
+            "opaque",
+            ("the texture of the transparency of material 'wood' is left out",),
+        ),
+    ],
+)
+def test_leaves_cut_out_by_the_alpha_of_their_texture(
+    tmp_path: Path, transparent: str, alpha_mode: str, warnings: tuple[str, ...]
+) -> None:
+    look = f"<diffuse><texture texture='i' texcoord='UV'/></diffuse>{transparent}"
+    images = "".join(
+        f"<image id='{name}'><init_from>{name}.png</init_from></image>" for name in "ij"
+    )
+    library = f"<library_images>{images}</library_images>{effect(look)}"
+    path = tmp_path / "leaf.dae"
+    path.write_bytes(document(geometry(polylist(QUADS, symbol="sym")), BOUND, library))
+    report = io.read_report(path)
+    assert report.mesh.materials[0].alpha_mode == alpha_mode
+    assert report.mesh.materials[0].base_color == (1.0, 1.0, 1.0, 1.0)
+    assert report.warnings == warnings
+
+
 def test_a_file_without_a_scene_gives_its_geometries() -> None:
     data = document(geometry(polylist(QUADS))).decode()
     start, end = data.index("<library_visual_scenes>"), data.index("</COLLADA>")
@@ -308,9 +349,9 @@ def test_bombs_are_refused() -> None:
     nodes = '<node><instance_node url="#n0"/></node>'
     assert "set max_bytes" in error(document(geometry(polylist(QUADS)), nodes, library))
     ring = "<library_nodes><node id='n0'><instance_node url='#n0'/></node></library_nodes>"
-    assert "more than 64 deep" in error(document(geometry(polylist(QUADS)), nodes, ring))
-    deep = error(document("<a>" * 70 + "</a>" * 70))
-    assert deep == "line 1: elements nested deeper than 64"
+    assert "more than 192 deep" in error(document(geometry(polylist(QUADS)), nodes, ring))
+    deep = error(document("<a>" * 300 + "</a>" * 300))
+    assert deep == "line 1: elements nested deeper than 256"
     nothing = levels.replace("<node id='n12'>" + SHOWN + "</node>", "")
     library = f"<library_nodes>{nothing}<node id='n12'/></library_nodes>"
     assert "got none" in error(document(geometry(polylist(QUADS)), nodes, library))

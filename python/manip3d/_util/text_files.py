@@ -32,7 +32,13 @@ def parse_xml(path: Path) -> Element:
     return parse_xml_bytes(bounded_bytes(path, MOST_BYTES), str(path))
 
 
-def parse_xml_bytes(data: bytes, file: str, look: Callable[[float], None] | None = None) -> Element:
+def parse_xml_bytes(
+    data: bytes,
+    file: str,
+    look: Callable[[float], None] | None = None,
+    *,
+    most_depth: int = _MOST_DEPTH,
+) -> Element:
     """The root element of the bytes of a file, which errors name; see `parse_xml`.
 
     Every 65,536 elements ``look`` is called, which may end the reading.
@@ -50,8 +56,8 @@ def parse_xml_bytes(data: bytes, file: str, look: Callable[[float], None] | None
         num_elements += 1
         if look is not None and num_elements % 65536 == 0:
             look(0.0)
-        if depth > _MOST_DEPTH:
-            raise fail(f"elements nested deeper than {_MOST_DEPTH}")
+        if depth > most_depth:
+            raise fail(f"elements nested deeper than {most_depth}")
         builder.start(tag, attributes)
 
     def end(tag: str) -> None:

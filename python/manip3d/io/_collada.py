@@ -33,8 +33,9 @@ SUFFIX = ".dae"
 _MOST_BYTES, _MOST_RATIO = 64 << 20, 100
 """A geometry may be named many times: what it may take, as for glTF."""
 _BYTES_A_CORNER, _BYTES_A_VERTEX, _BYTES_A_PLACE = 25, 24, 2048
-_DEEPEST = 64
-"""Nodes within nodes."""
+_DEEPEST = 192
+"""Nodes within nodes: each bone is one within that before it, and tails and ropes have many."""
+_DEEPEST_ELEMENT = _DEEPEST + 64
 _POLYGONS = ("triangles", "polylist", "polygons", "tristrips", "trifans")
 _LINES = ("lines", "linestrips")
 
@@ -79,7 +80,7 @@ def read(
     FormatError
         It is damaged, or shows far more than it holds. Without the file's name.
     """
-    document = _Document(parse_xml_bytes(data, "", look))
+    document = _Document(parse_xml_bytes(data, "", look, most_depth=_DEEPEST_ELEMENT))
     looks = _Looks(document, folder, allow_outside=allow_outside)
     geometries: dict[int, _Geometry] = {}
     pieces, num_polygons = [], 0
@@ -537,18 +538,26 @@ class _Looks:
         red, green, blue, _ = _color(shader.find("diffuse/color")) or (1.0, 1.0, 1.0, 1.0)
         textures = {}
         for role, place in (("base_color", "diffuse"), ("emissive", "emission")):
-            named = shader.find(f"{place}/texture")
-            image = None if named is None else self.image(profile, named.get("texture", ""))
+            image = self.image_of(profile, shader, place)
             if image is not None:
                 textures[role] = image
+        holes = self.image_of(profile, shader, "transparent")
+        shares_image = holes is not None and holes == textures.get("base_color")
+        has_holes = shares_image and _opaque_mode(shader) == "A_ONE"
+        if holes is not None and not has_holes:
+            self.document.warn(f"the texture of the transparency of material '{name}' is left out")
         emission = _color(shader.find("emission/color")) or (0.0, 0.0, 0.0, 1.0)
         return Material(
             name=name,
             base_color=(red, green, blue, alpha),
-            alpha_mode="blend" if alpha < 1.0 else "opaque",
+            alpha_mode="blend" if alpha < 1.0 or has_holes else "opaque",
             textures=textures,
             emissive=emission[:3],
         )
+
+    def image_of(self, profile: Element, shader: Element, place: str) -> Texture | None:
+        named = shader.find(f"{place}/texture")
+        return None if named is None else self.image(profile, named.get("texture", ""))
 
     def image(self, profile: Element, reference: str) -> Texture | None:
         """The image that the sampler of an effect leads to, or that is named without one."""
@@ -607,6 +616,12 @@ def _color(element: Element | None) -> tuple[float, float, float, float] | None:
     return red, green, blue, alpha
 
 
+def _opaque_mode(shader: Element) -> str:
+    """Which channel of the transparency is how opaque a shader is, and which of its ends is."""
+    transparent = shader.find("transparent")
+    return "A_ONE" if transparent is None else transparent.get("opaque", "A_ONE")
+
+
 def _alpha(shader: Element) -> float:
     """How opaque a shader is. Nobody means that nothing is seen at all: 0 is 1."""
     transparent = shader.find("transparent")
@@ -622,5 +637,5 @@ def _alpha(shader: Element) -> float:
         "RGB_ZERO": 1.0 - luminance * share,
         "A_ZERO": 1.0 - alpha * share,
         "RGB_ONE": luminance * share,
-    }.get(transparent.get("opaque", "A_ONE"), 1.0)
+    }.get(_opaque_mode(shader), 1.0)
     return opaque if opaque > 0.0 else 1.0
