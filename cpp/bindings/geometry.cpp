@@ -144,13 +144,15 @@ void bind_geometry(py::module_& m) {
       [](const CArray<float>& points, int neighbours, double nearest, double angle, double farthest,
          int every) {
         const PointsView view = points_view(points, {});
-        std::vector<float> distances;
+        std::vector<std::vector<float>> distances;
         {
           const py::gil_scoped_release nogil;
           distances = sparse_distances(view, {neighbours, nearest, angle, farthest, every},
                                        interruptible());
         }
-        return to_numpy(std::move(distances));
+        py::list of_neighbours;
+        for (std::vector<float>& each : distances) of_neighbours.append(to_numpy(std::move(each)));
+        return of_neighbours;
       },
       py::arg("points").noconvert(), py::arg("neighbours"), py::arg("nearest"), py::arg("angle"),
       py::arg("farthest"), py::arg("every"));

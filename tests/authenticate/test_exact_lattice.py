@@ -168,6 +168,37 @@ def test_rounded_scans_are_not_exact(unit: Unit) -> None:
     assert not kitti_lattice().is_exact
 
 
+def with_digits(scan: LidarFrame, digits: int) -> LidarFrame:
+    """The scan as a text with so many significant digits holds it."""
+    texts = np.char.mod(f"%.{digits}g", scan.points.astype(np.float64))
+    return scan.replace(points=texts.astype(np.float64).astype(np.float32))
+
+
+@pytest.mark.parametrize("digits", [4, 5, 6, 8])
+def test_texts_of_few_digits_accuse_nobody(unit: Unit, digits: int) -> None:
+    """Of five digits (MATLAB's default), coordinates of 10 m and more are whole millimetres."""
+    for labelled in (False, True):
+        scan = exact_scan(unit, labelled=labelled)
+        assert np.abs(scan.points).max() > 10.0
+        found = said(with_digits(scan, digits))
+        assert found.verdict != "tampered"
+        five = "coordinates have five significant digits"
+        assert [step.detail for step in found.processing] == ([five] if digits == 5 else [])
+
+
+def test_five_digits_are_exact_within_ten_metres() -> None:
+    whole = exact_scan(UNITS["ouster"], labelled=True)
+    within = np.abs(whole.points).max(axis=1)
+    scan = with_digits(whole.select(np.flatnonzero(within < 10.3)), 5)
+    lattice = estimate_lattice(scan)
+    assert lattice.is_exact
+    near = np.abs(scan.points).max(axis=1) < 10.0
+    assert 0 < np.count_nonzero(~near) < 0.1 * scan.num_points
+    assert lattice.is_told_exactly(scan).tolist() == near.tolist()
+    found = said(scan)  # as long as all of them were judged, the few farther ones accused it
+    assert (found.verdict, len(found.suspected)) == ("processed", 0)
+
+
 def test_azimuths_between_packets_have_no_steps() -> None:
     """Lines and ranges tell edits alone; what names no rings is not judged."""
     scan = exact_scan(velodyne(), labelled=True)

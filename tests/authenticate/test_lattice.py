@@ -500,10 +500,14 @@ def test_five_points_apart_are_found_where_they_are_near_to_each_other(clean: np
                 chosen.append(int(row))
         return np.array(chosen[:5])
 
-    for reach, least, verdict in ((1.2, 0.7, "tampered"), (6.0, 1.6, "no_trace")):
+    for reach, least, lift, verdict in (
+        (1.2, 0.7, 0.004, "tampered"),
+        (6.0, 1.6, 0.004, "no_trace"),
+        (6.0, 1.6, 0.01, "tampered"),  # far off: by their number
+    ):
         chosen = apart(reach, least)
         forged = clean.copy()
-        forged[chosen, 2] = scans.rounded(forged[chosen, 2] + 0.01)
+        forged[chosen, 2] = scans.rounded(forged[chosen, 2] + lift)
         result = judged(forged)
         assert result.evidence["line"].strength == 1.0
         assert result.evidence["line"].share * len(clean) == pytest.approx(5.0)
@@ -513,6 +517,24 @@ def test_five_points_apart_are_found_where_they_are_near_to_each_other(clean: np
             assert list(result.regions[0].strength) == ["scattered"]
             assert result.without(["void"]).verdict == "tampered"
             assert result.without(["line"]).verdict == "processed"
+
+
+@pytest.mark.parametrize(("number", "verdict"), [(3, "no_trace"), (4, "tampered"), (900, "tampered")])
+def test_points_strewn_over_the_scan_are_found_by_their_number(
+    clean: np.ndarray, number: int, verdict: str
+) -> None:
+    """None is near another one, as what was added at random, or left by noise in the air."""
+    random = np.random.default_rng(number)
+    rows = np.sort(random.choice(np.flatnonzero(np.hypot(*clean.T[:2]) > 5.0), number, False))
+    forged = clean.copy()
+    forged[rows, 2] = scans.rounded(forged[rows, 2] + 0.02)
+    result = generic_consistency(forged, lattice=LATTICE, false_alarm_rate=0.001)
+    assert result.verdict == verdict
+    assert set(result.suspected) <= set(rows)
+    if verdict == "tampered":
+        assert len(result.suspected) > 0.9 * number
+        assert result.without(["void"]).verdict == "tampered"
+        assert result.without(["line"]).verdict == "processed"
 
 
 def test_drift_is_not_looked_for_where_points_were_moved(clean: np.ndarray) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from manip3d import InputError, _core, authenticate, simulate
-from manip3d.authenticate._processing import MOST_CUT, cut_of_outliers
+from manip3d.authenticate._processing import MOST_CUT, cuts_of_outliers
 from manip3d.lidar import LidarFrame
 
 scipy_spatial = pytest.importorskip("scipy.spatial")
@@ -29,29 +29,32 @@ def test_distances_are_those_of_all_pairs(neighbours: int) -> None:
     points = np.concatenate([near, rng.uniform(-9, 9, (400, 3)), near[:50]]).astype(np.float32)
     for order in (np.arange(len(points)), rng.permutation(len(points))):
         cloud = np.ascontiguousarray(points[order])
-        expected = neighbour_distances(cloud, neighbours)[:, -1]
-        expected = np.minimum(expected[expected >= 0.24], 2.0)
+        expected = neighbour_distances(cloud, neighbours).T
         found = _core.sparse_distances(cloud, neighbours, 0.24, 0.0, 2.0, 1)
-        np.testing.assert_allclose(found, expected, rtol=1e-6)
-        assert len(_core.sparse_distances(cloud, neighbours, 0.24, 0.0, 2.0, 4)) < len(found) / 3
+        assert len(found) == neighbours
+        for distances, each in zip(found, expected, strict=True):
+            np.testing.assert_allclose(distances, np.minimum(each[each >= 0.24], 2.0), rtol=1e-6)
+        some = _core.sparse_distances(cloud, neighbours, 0.24, 0.0, 2.0, 4)
+        assert len(some[-1]) < len(found[-1]) / 3
 
 
 def test_near_points_count_from_a_share_of_the_range() -> None:
     line = np.arange(10.0)[:, None] * np.array([0.0, 0.5, 0.0])
     cloud = np.add(line, [10.0, 0.0, 0.0]).astype(np.float32)
-    assert len(_core.sparse_distances(cloud, 1, 0.24, 0.04, 2.0, 1)) == 10
-    assert len(_core.sparse_distances(cloud, 1, 0.24, 0.06, 2.0, 1)) == 0
-    assert len(_core.sparse_distances(cloud, 2, 0.24, 0.06, 2.0, 1)) == 2  # the ends
+    assert len(_core.sparse_distances(cloud, 1, 0.24, 0.04, 2.0, 1)[0]) == 10
+    assert len(_core.sparse_distances(cloud, 1, 0.24, 0.06, 2.0, 1)[0]) == 0
+    first, second = _core.sparse_distances(cloud, 2, 0.24, 0.06, 2.0, 1)
+    assert (len(first), len(second)) == (0, 2)  # the ends
 
 
 def test_few_points_have_no_neighbours() -> None:
-    assert _core.sparse_distances(np.zeros((0, 3), np.float32), 4, 0.24, 0.0, 2.0, 1).tolist() == []
-    assert _core.sparse_distances(np.ones((3, 3), np.float32), 4, 0.24, 0.0, 2.0, 1).tolist() == [
-        2,
-        2,
-        2,
-    ]
-    assert _core.sparse_distances(np.ones((9, 3), np.float32), 4, 0.24, 0.0, 2.0, 1).tolist() == []
+    def distances(*shape: int) -> list[list[float]]:
+        cloud = np.ones(shape, np.float32)
+        return [each.tolist() for each in _core.sparse_distances(cloud, 4, 0.24, 0.0, 2.0, 1)]
+
+    assert distances(0, 3) == [[], [], [], []]
+    assert distances(3, 3) == [[], [], [2, 2, 2], [2, 2, 2]]
+    assert distances(9, 3) == [[], [], [], []]
 
 
 def test_bad_options_are_named() -> None:
@@ -83,13 +86,25 @@ def by_radius(points: np.ndarray) -> np.ndarray:
     return neighbour_distances(points, 5)[:, -1] < 1.0
 
 
+def with_two_near(points: np.ndarray) -> np.ndarray:
+    return neighbour_distances(points, 2)[:, -1] < 1.0
+
+
 # Far points stand alone: a statistical filter takes all of them from a simulated street, a crop.
-@pytest.mark.parametrize(("keeps", "kind"), [(statistical, "cropped"), (by_radius, "outliers")])
+@pytest.mark.parametrize(
+    ("keeps", "kind"),
+    [
+        (statistical, "cropped"),
+        (by_radius, "outliers"),
+        (with_two_near, "outliers"),
+    ],
+)
 def test_filters_of_outliers_are_named(
     keeps: Callable[[np.ndarray], np.ndarray], kind: str
 ) -> None:
     pytest.importorskip("open3d")
-    assert cut_of_outliers(street().points)[0] < MOST_CUT
+    for (ratio, _), most in zip(cuts_of_outliers(street().points), MOST_CUT, strict=True):
+        assert ratio < most
     assert authenticate.inspect(street(), power=False).verdict != "processed"
     kept = street().select(np.flatnonzero(keeps(street().points)))
     found = authenticate.inspect(kept)

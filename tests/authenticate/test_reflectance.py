@@ -489,6 +489,22 @@ def test_other_scanners_steps_are_no_rewriting() -> None:
     assert not is_in_hundredths(np.empty(0, np.float32))
 
 
+@pytest.mark.parametrize("levels", [16, 52, 64])
+@pytest.mark.parametrize("largest", [1.0, 255.0])
+def test_few_levels_in_a_scanners_steps_are_named(levels: int, largest: float) -> None:
+    """A quantiser's levels may be whole bytes: their evenness accused clean frames."""
+    bits = np.round(255.0 * written_reflectances())
+    values = np.floor(bits * levels / 256.0) * (255 // (levels - 1)) / 255.0 * largest
+    assert not is_in_hundredths(values.astype(np.float32))
+    named = str(why_rewritten(values.astype(np.float32)))
+    assert named.endswith("% of the hundredths of reflectance do not occur")
+
+
+def test_bytes_that_are_too_even_are_named() -> None:
+    held = np.round(255.0 * np.repeat(written_reflectances()[::8], 8)).astype(np.float32)
+    assert str(why_rewritten(held)).endswith("% of the points have the reflectance of the next one")
+
+
 def test_reflectances_that_say_nothing_are_not_judged() -> None:
     for values in (np.zeros(5000), np.full(5000, 0.5), np.r_[np.zeros(4000), np.ones(1000)]):
         assert why_rewritten(values.astype(np.float32)) is None

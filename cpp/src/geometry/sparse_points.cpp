@@ -43,6 +43,7 @@ class Smallest {
     items_[k] = item;
   }
 
+  [[nodiscard]] double operator[](int k) const { return squared_[k]; }
   [[nodiscard]] double last() const { return squared_[count_ - 1]; }
 
  private:
@@ -58,18 +59,20 @@ class SparseSearch {
   SparseSearch(const PointsView& view, const SparseOptions& options, const Progress& progress)
       : view_(view), options_(options), ticker_(progress) {}
 
-  [[nodiscard]] std::vector<float> run() {
+  [[nodiscard]] std::vector<std::vector<float>> run() {
+    std::vector<std::vector<float>> distances(options_.neighbours);
     const std::vector<std::int32_t> rows = not_beside_in_file();
-    if (rows.empty()) return {};
+    if (rows.empty()) return distances;
     const CellList cells(view_, options_.farthest / (kReach - kRound), Eigen::Vector3d::Zero(),
                          ticker_);
-    std::vector<float> distances;
     for (std::size_t k = 0; k < rows.size(); k += options_.every) {
       ticker_.tick();
       const double least = nearest_of(rows[k]);
-      const double distance =
-          std::min(std::sqrt(within_cells(cells, rows[k], least)), options_.farthest);
-      if (distance >= least) distances.push_back(static_cast<float>(distance));
+      const Smallest near = within_cells(cells, rows[k], least);
+      for (int n = 0; n < options_.neighbours; ++n) {
+        const double distance = std::min(std::sqrt(near[n]), options_.farthest);
+        if (distance >= least) distances[n].push_back(static_cast<float>(distance));
+      }
     }
     return distances;
   }
@@ -121,27 +124,27 @@ class SparseSearch {
     return rows;
   }
 
-  // The squared distance: exact from `least` up to `farthest`, else below or beyond it. Nearly all
+  // The squared distances: exact from `least` up to `farthest`, else below or beyond it. Nearly all
   // points have their neighbours within a cell or two.
-  [[nodiscard]] double within_cells(const CellList& cells, std::int32_t row, double least) const {
+  [[nodiscard]] Smallest within_cells(const CellList& cells, std::int32_t row, double least) const {
     const double sure = 1.0 - kRound;
     const double cell = cells.cell_size();
-    const double near = search<1>(cells, row);
-    if (near <= sure * sure * cell * cell || near < least * least) return near;
-    const double beyond = search<2>(cells, row);
+    const Smallest near = search<1>(cells, row);
+    if (near.last() <= sure * sure * cell * cell || near.last() < least * least) return near;
+    const Smallest beyond = search<2>(cells, row);
     const double surely = (1.0 + sure) * cell;
-    if (beyond <= surely * surely || beyond < least * least) return beyond;
+    if (beyond.last() <= surely * surely || beyond.last() < least * least) return beyond;
     return search<kReach>(cells, row);
   }
 
   template <int reach>
-  [[nodiscard]] double search(const CellList& cells, std::int32_t row) const {
+  [[nodiscard]] Smallest search(const CellList& cells, std::int32_t row) const {
     const std::int32_t place = cells.place_of(row);
     Smallest smallest(options_.neighbours);
     cells.visit<reach>(place, [&](std::int32_t other) {
       if (other != place) smallest.add(cells.squared_distance(place, other), other);
     });
-    return smallest.last();
+    return smallest;
   }
 
   const PointsView& view_;
@@ -167,8 +170,9 @@ void check_sparse(const SparseOptions& options) {
 
 }  // namespace
 
-std::vector<float> sparse_distances(const PointsView& view, const SparseOptions& options,
-                                    const Progress& progress) {
+std::vector<std::vector<float>> sparse_distances(const PointsView& view,
+                                                 const SparseOptions& options,
+                                                 const Progress& progress) {
   check_points(view);
   check_sparse(options);
   if (view.num_points() > 0 && !(view.points.cwiseAbs().maxCoeff() < kFarthest)) {

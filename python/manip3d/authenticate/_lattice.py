@@ -56,6 +56,13 @@ EXACT_REACH = 100.0
 to 6e-7 radians, so that returns from 160 m on, and most of a clean cloud in centimetres, are off
 their own lattice."""
 
+FIVE_DIGITS_TO = 10.0
+"""Metres within which texts of five significant digits (MATLAB's ``dlmwrite``) leave that tolerance
+too; farther coordinates are whole millimetres there, which no driver computes."""
+
+FEWEST_WHOLE = 5
+"""Coordinates, at least, that tell this: one of 50 is a whole millimetre by chance."""
+
 EXACT_STEPS = (512, 1024, 1800, 2048, 3600, 4096, 9000, 18_000, 36_000)
 """Counts of encoders that are looked for in exact clouds, the coarsest first: Ouster's columns of a
 turn, and whole numbers of 0.01 degrees, in which Hesai's packets state azimuths."""
@@ -329,15 +336,18 @@ class SensorLattice:
         Returns
         -------
         (N,) bool
-            False nearer to the axis than `LINES_APART`, farther than `EXACT_REACH`, farther above
-            or below all lines than half of the distance between the two outermost, and for points
-            of lasers that may have no line: fewer than half of those of a ring are on any, and they
-            look as high as one laser does; or nothing but the order of the file tells rings, and
-            there is room for a laser, as there is beside all lines.
+            False nearer to the axis than `LINES_APART`, farther than coordinates are exact
+            (`EXACT_REACH`, or `FIVE_DIGITS_TO`), farther above or below all lines than half of the
+            distance between the two outermost, and for points of lasers that may have no line:
+            fewer than half of those of a ring are on any, and they look as high as one laser does;
+            or nothing but the order of the file tells rings, and there is room for a laser, as
+            there is beside all lines.
         """
         reading = self.read(frame.points) if reading is None else reading
         told = self._is_between_lines(frame.points) & (reading.ring >= 0)
-        told &= np.abs(frame.points).max(axis=1, initial=0.0) < EXACT_REACH
+        has_five_digits = has_whole_millimetres(frame.points, FIVE_DIGITS_TO)
+        reach = FIVE_DIGITS_TO if has_five_digits else EXACT_REACH
+        told &= np.abs(frame.points).max(axis=1, initial=0.0) < reach
         cloud = _Cloud.of(frame)
         known = cloud.labels >= 0
         label = np.unique(cloud.labels[known], return_inverse=True)[1]
@@ -593,6 +603,21 @@ def estimate_lattice(
         _find_coordinate_step(xyz),
         incoherence,
     )
+
+
+def has_whole_millimetres(points: NDArray[np.float32], beyond: float) -> bool:
+    """Return whether nearly all coordinates from a distance on are whole millimetres.
+
+    Parameters
+    ----------
+    points : (N, 3) float32
+    beyond : float
+        Metres: shorter coordinates, and those of `EXACT_REACH` and more, are not looked at.
+    """
+    lengths = np.abs(points)
+    some = points[(lengths >= beyond) & (lengths < EXACT_REACH)].astype(np.float64)
+    off = np.abs(1000.0 * some - np.round(1000.0 * some))
+    return len(some) >= FEWEST_WHOLE and float(np.mean(off < 0.01)) > 0.9
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,6 +18,7 @@ from manip3d.authenticate._firings import (
     is_cut_below,
 )
 from manip3d.authenticate._generic import generic_consistency
+from manip3d.authenticate._lattice import FIVE_DIGITS_TO, has_whole_millimetres
 from manip3d.authenticate._reflectance import is_in_hundredths, why_rewritten
 from manip3d.authenticate._sensors import HDL64E, is_hdl64e, kitti_lattice
 from manip3d.authenticate._verdict import Processing
@@ -39,9 +40,9 @@ ROUNDINGS = (0.1, 0.05, 0.02, 0.01, 0.005)
 SAMPLE = 5000
 """Points that are looked at before all are."""
 
-WIDEST_GAP = 1.0
+WIDEST_GAP = 0.5
 """Degrees of azimuth without any point. Whole frames of an HDL-64E have 0.15 at most (47 of nine
-drives): its lower lasers always meet the road, or its own car."""
+drives), all but one 0.07: its lower lasers always meet the road, or its own car."""
 
 LEAST_RANGE = 78.5
 """Metres: whole frames of KITTI (47 of nine drives were looked at) reach to 79.8 m and farther."""
@@ -129,19 +130,20 @@ where all that stands was taken away nothing answers them. KITTI's whole frames 
 
 
 SPARSE = (4, 0.24, 0.012, 2.0, 2)
-"""Number of the neighbour; metres, and the share of the range, from which its distance counts: it
+"""Number of the last neighbour; metres, and the share of the range, from which distances count: it
 is twice as far as the firings of one laser lead, so that only points that stand alone count, not
 the far end of a wall; metres up to which it is looked for; one point in so many is."""
 
 _FAR = 1000.0
 """Metres: stray coordinates farther away are not returns."""
 
-CUT_BELOW, CUT_ABOVE, LEAST_ABOVE, MOST_CUT = 0.8, 1.25, 40, 5.5
-"""Shares of a distance, points, ratio. Filters of outliers leave out points whose neighbours are
-farther than some distance, so that hardly any is left beyond it. Points that stand alone with the
-fourth neighbour farther than 0.8 of a distance are at most 3.7 times as many as those with it
-farther than 1.25 of it in 53 clean frames of KITTI, whatever the distance is, and 6 times and more
-after most filters. It holds for whole frames of an HDL-64E only: it is 10 in the clean court of a
+CUT_BELOW, CUT_ABOVE, LEAST_ABOVE, MOST_CUT = 0.8, 1.25, 40, (8.0, 7.0, 7.0, 5.5)
+"""Shares of a distance, points, ratios of the first to the fourth neighbour. Filters of outliers
+leave out points whose neighbours are farther than some distance, so that hardly any is left beyond
+it. Points that stand alone with the fourth neighbour farther than 0.8 of a distance are at most 3.7
+times as many as those with it farther than 1.25 of it in 53 clean frames of KITTI, whatever the
+distance is, and 6 times and more after most filters. With the first to the third neighbour they are
+at most 4.6, 3.6 and 3.9 times as many; filters that ask for one or two neighbours show there. It holds for whole frames of an HDL-64E only: it is 10 in the clean court of a
 Hesai QT64, up to 7.8 in frames that were cropped at 40 m and 6.2 in three quarters of a turn."""
 
 MOST_FIRED_TWICE = 0.02
@@ -208,8 +210,9 @@ def _processing_of_outliers(
     """A filter of outliers, where nothing else was done that leaves points alone or takes them."""
     if not all(step.kind in COORDINATES_KEPT for step in found):
         return ()
-    ratio, beyond = cut_of_outliers(points)
-    if ratio <= MOST_CUT:
+    cuts = zip(cuts_of_outliers(points), MOST_CUT, strict=True)
+    excess, beyond = max((ratio / most, beyond) for (ratio, beyond), most in cuts)
+    if excess <= 1.0:
         return ()
     detail = (
         f"hardly any point is farther than {beyond:.1f} m from its neighbours, as a filter of "
@@ -218,7 +221,7 @@ def _processing_of_outliers(
     return (Processing("outliers", detail),)
 
 
-def cut_of_outliers(points: NDArray[np.float32]) -> tuple[float, float]:
+def cuts_of_outliers(points: NDArray[np.float32]) -> list[tuple[float, float]]:
     """Return how sharply the distances of lone points from their neighbours end, and where.
 
     Parameters
@@ -228,13 +231,19 @@ def cut_of_outliers(points: NDArray[np.float32]) -> tuple[float, float]:
 
     Returns
     -------
-    (ratio, distance)
-        Points farther from others than 0.8 of the distance (metres), to those farther than 1.25 of
-        it: where this is largest. 0 where there are too few of them.
+    list of (ratio, distance)
+        For the first to the last neighbour of `SPARSE`: points farther from it than 0.8 of the
+        distance (metres), to those farther than 1.25 of it, where this is largest. 0 where there
+        are too few of them.
     """
     is_near = np.abs(points).max(axis=1, initial=0.0) < _FAR
     some = points if is_near.all() else points[is_near]
-    distances = np.sort(_core.sparse_distances(np.ascontiguousarray(some), *SPARSE))
+    return [_cut(each) for each in _core.sparse_distances(np.ascontiguousarray(some), *SPARSE)]
+
+
+def _cut(distances: NDArray[np.float32]) -> tuple[float, float]:
+    """The sharpest end of distances, and where it is."""
+    distances = np.sort(distances)
     at = np.geomspace(SPARSE[1] / CUT_BELOW, SPARSE[3] / CUT_ABOVE, 60)
     above = len(distances) - np.searchsorted(distances, CUT_BELOW * at)
     beyond = len(distances) - np.searchsorted(distances, CUT_ABOVE * at)
@@ -363,6 +372,10 @@ def _processing_of_coordinates(points: NDArray[np.float32]) -> list[Processing]:
     for step in ROUNDINGS:
         if _share_rounded(some, step) > 0.99 and _share_rounded(points, step) > 0.999:
             return [Processing("rounded", f"coordinates are whole numbers of {1000 * step:g} mm")]
+    near = some[np.abs(some) < FIVE_DIGITS_TO]
+    has_finer = len(near) > 0 and _share_rounded(near, 1e-3) < 0.5
+    if has_finer and has_whole_millimetres(points, FIVE_DIGITS_TO):
+        return [Processing("rounded", "coordinates have five significant digits")]
     return []
 
 

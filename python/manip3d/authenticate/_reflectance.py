@@ -371,24 +371,42 @@ def why_rewritten(values: NDArray[np.float32]) -> str | None:
     noisy = (first > first.min()) & (first < first.max())
     if not noisy.any():
         return None  # none were measured, or none were kept
+    unit = 1.0
     if not in_hundredths:
-        if any(_share_off(some, step, most=255) < MOST_OFF_STEP for step in OTHER_STEPS):
-            return None
-        return "reflectances are no whole hundredths"
-    largest = float(values.max())
-    at_end = int(np.count_nonzero(values == largest))
-    before = int(np.count_nonzero(values > largest - 1.005 * STEP)) - at_end
-    if largest < SATURATED and at_end >= FEWEST_CLIPPED and at_end > TIMES_BEFORE * before:
-        return f"reflectances end at {largest:.3g}, which {at_end} points have: they were clipped"
-    hundredths = np.round(some / STEP).astype(np.int64)
-    low, high = np.quantile(hundredths, (0.05, 0.95)).astype(np.int64)
-    unused = float(np.mean(np.bincount(hundredths)[low : high + 1] == 0))
+        steps = [step for step in OTHER_STEPS if _share_off(some, step, most=255) < MOST_OFF_STEP]
+        if not steps:
+            return "reflectances are no whole hundredths"
+        unit = 255.0 * steps[0]
+    elif (why := _why_clipped(values)) is not None:
+        return why
+    unused = _share_unused(some / unit)
     if unused > MOST_UNUSED:
         return f"{unused:.0%} of the hundredths of reflectance do not occur"
     alike = float(np.mean(first[noisy] == second[noisy]))
     if alike > MOST_ALIKE:
         return f"{alike:.0%} of the points have the reflectance of the next one"
     return None
+
+
+def _why_clipped(values: NDArray[np.float32]) -> str | None:
+    """Say where hundredths end, if many points have the largest of them."""
+    largest = float(values.max())
+    at_end = int(np.count_nonzero(values == largest))
+    before = int(np.count_nonzero(values > largest - 1.005 * STEP)) - at_end
+    if largest < SATURATED and at_end >= FEWEST_CLIPPED and at_end > TIMES_BEFORE * before:
+        return f"reflectances end at {largest:.3g}, which {at_end} points have: they were clipped"
+    return None
+
+
+def _share_unused(values: NDArray[np.float64]) -> float:
+    """Share of the hundredths between the 5th and the 95th percentile that no value stands for.
+
+    Values in finer steps than hundredths stand for all of them.
+    """
+    low, high = np.quantile(values, (0.05, 0.95))
+    hundredths = round(float(high - low) / STEP) + 1
+    different = len(np.unique(values[(values >= low) & (values <= high)]))
+    return max(0.0, 1.0 - different / hundredths)
 
 
 def is_in_hundredths(values: NDArray[np.float32]) -> bool:
