@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import replace
 
 import numpy as np
@@ -112,11 +113,14 @@ def hit_depth(
     return depth
 
 
+@functools.lru_cache(maxsize=4)
 def pixel_rays(camera: Intrinsics) -> NDArray[np.float64]:
     v, u = np.mgrid[0 : camera.height, 0 : camera.width].astype(float)
-    return np.stack(
+    rays = np.stack(
         [(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones_like(u)], axis=-1
     )
+    rays.flags.writeable = False
+    return rays
 
 
 def _box(camera: Intrinsics, ends: NDArray[np.float64], radius: float) -> tuple[slice, slice]:
@@ -134,6 +138,20 @@ def render(
     skeleton: Skeleton, camera: Intrinsics, *, without: tuple[int, ...] = ()
 ) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     """Depth in metres (0: nothing) and the true bone of each pixel (0: none)."""
+    joints = skeleton.positions.tobytes(), skeleton.states.tobytes()
+    depth, label = _rendered(*joints, camera, without)
+    return depth.copy(), label.copy()
+
+
+# In many tests people keep still, and to render them takes most of the time.
+@functools.lru_cache(maxsize=16)
+def _rendered(
+    positions: bytes, states: bytes, camera: Intrinsics, without: tuple[int, ...]
+) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+    skeleton = Skeleton(
+        np.frombuffer(positions, np.float32).reshape(25, 3),
+        states=np.frombuffer(states, np.uint8),
+    )
     rays = pixel_rays(camera)
     depth = np.full(rays.shape[:2], np.inf)
     label = np.zeros(rays.shape[:2], np.uint8)

@@ -40,12 +40,13 @@ def scene(number: int, color: bool = True) -> RgbdFrame:
     )
 
 
-@pytest.fixture
-def places(tmp_path: Path) -> dict[str, str]:
-    capture.record([person(n) for n in range(12)], tmp_path / "person", lossless_color=True)
-    capture.record([scene(n) for n in range(4)], tmp_path / "scene", lossless_color=True)
-    capture.record([scene(n, color=False) for n in range(4)], tmp_path / "grey")
-    return {name: f"folder:{tmp_path / name}" for name in ("person", "scene", "grey")}
+@pytest.fixture(scope="module")
+def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    folder = tmp_path_factory.mktemp("places")
+    capture.record([person(n) for n in range(12)], folder / "person", lossless_color=True)
+    capture.record([scene(n) for n in range(4)], folder / "scene", lossless_color=True)
+    capture.record([scene(n, color=False) for n in range(4)], folder / "grey")
+    return {name: f"folder:{folder / name}" for name in ("person", "scene", "grey")}
 
 
 def seen(uri: str) -> tuple[list[RgbdFrame], dict[str, int]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import functools
 import json
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ import manip3d
 from manip3d.cli import app
 from manip3d.cli.alert_set import _begin
 from manip3d.experiments import _alert_set
+from manip3d.simulate import streets
 
 pytest.importorskip("open3d", reason="the extra 'open3d' is not installed")
 
@@ -42,6 +44,7 @@ def test_a_frame_of_two_drives_with_its_attacks(
 ) -> None:
     monkeypatch.setattr(_alert_set, "DRIVES", (1, 3))
     monkeypatch.setattr(_alert_set, "_as_frame", _thinned)
+    monkeypatch.setattr(streets, "street", functools.cache(streets.street))  # a second for each
     out = tmp_path / "set"
     done = run(out, "--frames", 1, "--json", "-q")
     assert done.exit_code == 0, done.output

@@ -5,14 +5,15 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from manip3d import capture
+from manip3d import RgbdFrame, capture
 from manip3d.cli import app
-from manip3d.modify import PhantomPipeline
+from manip3d.modify import PhantomFrame, PhantomPipeline
 from manip3d.viewer import people
 
 pytest.importorskip("open3d")
@@ -46,17 +47,23 @@ def test_a_folder_of_pictures(tmp_path: Path) -> None:
     assert len(list(output.iterdir())) == 1
 
 
-def test_a_sheet_of_the_worst_frames(tmp_path: Path) -> None:
+def test_a_sheet_of_the_worst_frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The worst by the score of the pipeline's gate comes first; three of 43 are left out."""
     output = tmp_path / "worst.png"
     source = "sim:body?amputated=left-arm&motion=wave&frames=43&turn=40"
+    shown: list[tuple[PhantomFrame, RgbdFrame]] = []
+    process = PhantomPipeline.process
+
+    def noting(pipeline: PhantomPipeline, frame: RgbdFrame, **options: Any) -> PhantomFrame:
+        shown.append((process(pipeline, frame, **options), frame))
+        return shown[-1][0]
+
+    monkeypatch.setattr(PhantomPipeline, "process", noting)
     done = run("phantom", "render", source, "-o", output, "--quiet")
     assert done.exit_code == 0, done.output
+    assert len(shown) == 43
     sheet = np.asarray(Image.open(output))
     assert sheet.shape == (5 * 400, 8 * 200, 3)
-    pipeline = PhantomPipeline("left_arm")
-    with capture.open_rgbd(source) as frames:
-        shown = [(pipeline.process(frame), frame) for frame in frames]
     phantom, worst = max(shown, key=lambda one: one[0].quality.score)
     seen = people.phantom_sheet(worst, phantom)[:, :512]
     rows, columns = np.nonzero(phantom.depth > 0)
