@@ -236,9 +236,9 @@ def cuts_of_outliers(points: NDArray[np.float32]) -> list[tuple[float, float]]:
         distance (metres), to those farther than 1.25 of it, where this is largest. 0 where there
         are too few of them.
     """
-    is_near = np.abs(points).max(axis=1, initial=0.0) < _FAR
-    some = points if is_near.all() else points[is_near]
-    return [_cut(each) for each in _core.sparse_distances(np.ascontiguousarray(some), *SPARSE)]
+    if len(points) and max(points.max(), -points.min()) >= _FAR:
+        points = points[np.abs(points).max(axis=1) < _FAR]
+    return [_cut(each) for each in _core.sparse_distances(np.ascontiguousarray(points), *SPARSE)]
 
 
 def _cut(distances: NDArray[np.float32]) -> tuple[float, float]:
@@ -732,17 +732,17 @@ def _least_of_rings(
 def _thinned(firings: Firings, distance: NDArray[np.float64], *, whole: bool) -> list[Processing]:
     """Points that were left out here and there, or laser by laser."""
     found: list[Processing] = []
-    rings = len(firings.answered)
+    rings, reach = len(firings.answered), _reach(firings, distance)
     lower, lowest = (slice(first, (7 * rings) // 8) for first in ((3 * rings) // 8, rings // 2))
     below = firings.answered[lower]
     if whole and np.count_nonzero(below) < LEAST_FILL * below.size:
         found.append(Processing("thinned", "fewer returns from the ground than a whole frame has"))
-    elif _single_holes(firings, distance, lowest) > MOST_SINGLE_HOLES:
-        lost = _share_left_out(firings, distance, lowest)
+    elif _single_holes(firings, reach, lowest) > MOST_SINGLE_HOLES:
+        lost = _share_left_out(reach[lowest])
         found.append(
             Processing("thinned", f"{lost:.1%} of the returns are missing one by one everywhere")
         )
-    elif _single_holes(firings, distance, slice(None), FAR_HOLES, FEWEST_FAR) > MOST_FAR_HOLES:
+    elif _single_holes(firings, reach, slice(None), FAR_HOLES, FEWEST_FAR) > MOST_FAR_HOLES:
         detail = f"returns farther than {FAR_HOLES[0]:g} m are missing one by one everywhere"
         found.append(Processing("thinned", detail))
     if silent := len(_silent_between(firings)):
@@ -795,7 +795,7 @@ def silent_lasers(
 
 def _single_holes(
     firings: Firings,
-    distance: NDArray[np.float64],
+    reach: NDArray[np.float64],
     lasers: slice,
     metres: tuple[float, float] = (0.0, NEAR_HOLES),
     fewest: int = FEWEST_ON_ROAD,
@@ -805,7 +805,6 @@ def _single_holes(
     That of the half of the sectors that lacks least. It is high for any loss that leaves a return
     on either side of each hole, as of every third point: `_share_left_out` says how many are lost.
     """
-    reach = _reach(firings, distance)
     before, behind = reach[lasers, :-2], reach[lasers, 2:]
     between = (before > metres[0]) & (behind > metres[0]) & (before < metres[1])
     between &= np.abs(before - behind) < SAME_RANGE * before
@@ -828,13 +827,12 @@ def _reach(firings: Firings, distance: NDArray[np.float64]) -> NDArray[np.float6
     return reach
 
 
-def _share_left_out(firings: Firings, distance: NDArray[np.float64], lasers: slice) -> float:
+def _share_left_out(reach: NDArray[np.float64]) -> float:
     """Share of the returns of a smooth near surface that are missing, in the median sector.
 
     A firing without a return counts if it lies between two of its laser, at most `WIDEST_HOLE`
     firings apart, that have one on the same surface.
     """
-    reach = _reach(firings, distance)[lasers]
     laser, firing = np.nonzero((reach > 0.0) & (reach < NEAR_HOLES))
     here = reach[laser, firing]
     apart = np.diff(firing)
