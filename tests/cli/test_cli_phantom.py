@@ -202,7 +202,7 @@ def test_verbs_of_one_recording_take_several(tmp_path: Path) -> None:
     rec.mkdir()
     for name in "ab":
         run("capture", "record", "sim:body?frames=3&amputated=right-arm", "-o", rec / f"{name}.mkv")
-    told = json.loads(run("capture", "info", rec, "--json").stdout)
+    told = json.loads(run("capture", "info", rec, "--json", "--jobs", 1).stdout)
     assert [row["frames"] for row in told] == [3, 3]
     for verb, suffix in {
         ("capture", "export"): ".csv",
@@ -210,5 +210,6 @@ def test_verbs_of_one_recording_take_several(tmp_path: Path) -> None:
         ("phantom", "render", "--frames", "2"): ".mp4",
     }.items():
         output = tmp_path / verb[1]
-        run(*verb, rec, "-o", output)
+        # Here: a process for each takes longer to start than all that they do.
+        run(*verb, rec, "-o", output, "--jobs", 1)
         assert {f"a{suffix}", f"b{suffix}"} <= {file.name for file in output.iterdir()}

@@ -151,7 +151,10 @@ def test_each_effort_is_nearer_than_the_one_before(target: int) -> None:
     dense = simplify.dense_mesh_grid(points).mesh
     live, *slower = [
         manip3d.metrics.metro(
-            dense, simplify.relief_grid(points, None, target, effort=effort).mesh, sampling="area"
+            dense,
+            simplify.relief_grid(points, None, target, effort=effort).mesh,
+            sampling="area",
+            samples=100_000,
         ).mean
         for effort in EFFORTS
     ]
@@ -181,7 +184,10 @@ def test_collapses_have_something_to_choose_where_many_points_are_asked_for() ->
     dense = simplify.dense_mesh_grid(points).mesh
     live, balanced = (
         manip3d.metrics.metro(
-            dense, simplify.relief_grid(points, None, 1920, effort=effort).mesh, sampling="area"
+            dense,
+            simplify.relief_grid(points, None, 1920, effort=effort).mesh,
+            sampling="area",
+            samples=100_000,
         ).mean
         for effort in ("live", "balanced")
     )
@@ -209,7 +215,9 @@ def test_levels_are_prefixes_of_one_buffer(effort: simplify.Effort) -> None:
         assert level.num_vertices == size
         assert np.array_equal(level.pixels, result.pixels[:size])
         check_surface(level, valid)
-        errors.append(manip3d.metrics.metro(dense, level.mesh, sampling="area").mean)
+        errors.append(
+            manip3d.metrics.metro(dense, level.mesh, sampling="area", samples=100_000).mean
+        )
     assert errors == sorted(errors)
     assert result.prefix(10**6).num_faces == result.num_faces
     assert result.prefix(399).num_vertices == 200
@@ -346,7 +354,8 @@ def test_moved_points_stay_on_their_line_of_sight_and_lower_the_error() -> None:
     assert np.abs(directions).max() < 1e-5
     dense = simplify.dense_mesh(depth, camera).mesh
     before, after = (
-        manip3d.metrics.metro(dense, r.mesh, sampling="area").mean for r in (still, moved)
+        manip3d.metrics.metro(dense, r.mesh, sampling="area", samples=100_000).mean
+        for r in (still, moved)
     )
     assert after < 0.9 * before
 
@@ -365,6 +374,7 @@ def test_moves_beside_depth_steps_do_not_raise_the_error() -> None:
                 dense,
                 simplify.relief(image, camera, 700, effort=effort, move_points=move).mesh,
                 sampling="area",
+                samples=100_000,
             ).mean
             for move in (False, True)
         )
