@@ -20,7 +20,7 @@ from manip3d.modify import (
     PhantomState,
     PixelKind,
 )
-from manip3d.rgbd import JOINTS, MIRRORED_JOINTS
+from manip3d.rgbd import INFERRED, JOINTS, MIRRORED_JOINTS
 from manip3d.simulate import BodySimulator
 from manip3d.simulate.people import DEPTH_CAMERA
 
@@ -305,6 +305,25 @@ def test_sides_that_a_tracker_swaps_do_not_move_the_limb() -> None:
     # A tracker that keeps to it is believed after half a second.
     assert result.plane is not None
     assert result.plane.normal[0] < -0.9
+
+
+def test_a_guessed_hip_does_not_hide_that_sides_are_swapped() -> None:
+    """As one hip of a seated person often is guessed, at its place by chance alone."""
+    truth = pose({"HandLeft": (0.3, 0.2, -0.1)})
+    left, right = JOINTS.index("HipLeft"), JOINTS.index("HipRight")
+    told = replace(truth, positions=truth.positions.copy(), states=truth.states.copy())
+    told.positions[left] = told.positions[right] + np.float32([0.0, 0.0, 0.05])
+    told.states[left] = INFERRED
+    other = list(MIRRORED_JOINTS)
+    swapped = replace(told, positions=told.positions[other], states=told.states[other])
+    pipeline = PhantomPipeline("right_arm")
+    hands = []
+    for number in range(20):
+        joints = swapped if 10 <= number < 13 else told
+        result = pipeline.process(seen(truth, number, told=joints))
+        hands.append(result.skeleton.positions[11])
+    wanted = truth.positions[7] * (-1, 1, 1)
+    np.testing.assert_allclose(hands[5:], np.tile(wanted, (15, 1)), atol=0.04)
 
 
 FLIGHTS = {

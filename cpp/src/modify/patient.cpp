@@ -10,15 +10,23 @@ namespace {
 
 constexpr double kNever = -std::numeric_limits<double>::infinity();
 
-/// Do shoulders and hips, as far as they are there, point against the body's left?
+/// Do shoulders and hips, as far as they are there, point against the body's left? A pair of which
+/// a joint is guessed, as a seated hip often is, tells nothing beside one that is tracked.
 bool has_sides_swapped(const Skeleton& told, const BodyFrame& frame) {
   using enum Joint;
   constexpr std::array kPairs = {std::pair{kShoulderLeft, kShoulderRight},
                                  std::pair{kHipLeft, kHipRight}};
   constexpr double kAgainst = -0.5;  // cosine: a body that turns passes 90 degrees slowly
+  const auto is_tracked = [&](const auto& pair) {
+    return told.state(pair.first) == TrackingState::kTracked &&
+           told.state(pair.second) == TrackingState::kTracked;
+  };
+  const bool any_tracked = std::ranges::any_of(kPairs, is_tracked);
   bool is_told = false;
-  for (const auto& [left, right] : kPairs) {
+  for (const auto& pair : kPairs) {
+    const auto& [left, right] = pair;
     if (!is_usable(told, left) || !is_usable(told, right)) continue;
+    if (any_tracked && !is_tracked(pair)) continue;
     const Eigen::Vector3d across = (told[left] - told[right]).cast<double>();
     if (!(frame.n.dot(across) < kAgainst * across.norm())) return false;
     is_told = true;
