@@ -110,9 +110,32 @@ def test_what_is_wrong_with_a_trial_is_told(tmp_path: Path) -> None:
     skeleton.write_bytes(whole)
     savemat(path, {"d_depth": np.full((240, 320, FRAMES), -1.0)})
     refused("expected depths of 0 to 65535 mm")
+    savemat(path, {"d_depth": np.zeros((240, 320, 500), np.uint16)}, do_compression=True)
+    refused("expected a compression by at most 200, got more")
     path.unlink()
     with pytest.raises(FileNotFoundError, match=r"a3_s1_t1_depth\.mat"):
         open_people(f"utd-mhad:{path}")
+
+
+def test_damaged_files_are_refused_or_read(tmp_path: Path) -> None:
+    """Bytes of either file are changed or cut off; there is no other error."""
+    path = write_trial(tmp_path / "one")
+    rng = np.random.default_rng(0)
+    read = 0
+    for victim in (path, path.with_name("a3_s1_t1_skeleton.mat")):
+        whole = victim.read_bytes()
+        for _ in range(60):
+            content = bytearray(whole[: rng.integers(1, 2 * len(whole))])
+            for at in rng.integers(0, min(300, len(content)), 3):
+                content[at] = rng.integers(256)
+            victim.write_bytes(content)
+            try:
+                open_people(f"utd-mhad:{path}")
+                read += 1
+            except manip3d.FormatError:
+                pass
+        victim.write_bytes(whole)
+    assert read < 100
 
 
 def test_what_is_wrong_with_a_table_is_told(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import os
 from itertools import islice
 from pathlib import Path
@@ -23,6 +24,8 @@ DEPTH_ENDING = "_depth.mat"
 _SIZE = (240, 320)
 _JOINTS = 20
 _MOST_BYTES = 1 << 28  # a trial of 4 s has 0.2 MB, one of an hour would have 200
+_UNCOMPRESSED = 1 << 26  # bytes of a variable that may be compressed by any factor
+_MOST_RATIO = 200  # of compression, beyond that: trials have 60
 _TABLE = "joints.csv"
 
 
@@ -90,17 +93,28 @@ def _skeleton_beside(trial: Path) -> Path:
 def _variable(path: Path, name: str, shape: tuple[int, int]) -> NDArray[Any]:
     """A variable of a MATLAB 5 file whose last axis is time, with time first."""
     try:
-        from scipy.io import loadmat
+        from scipy.io import loadmat, whosmat
     except ImportError:
         raise MissingExtraError("scipy", "experiments") from None
     content = limited_bytes(path, _MOST_BYTES)
     try:
-        values = loadmat(io.BytesIO(content), variable_names=[name]).get(name)
+        listed = {found: (size, kind) for found, size, kind in whosmat(io.BytesIO(content))}
+        size, kind = listed.get(name, ((), "double"))
+        if len(size) != 3 or size[:2] != shape:
+            told = f"expected {name} of shape {(*shape, 'frames')}, got {size or 'none'}"
+            raise FormatError(told, file=str(path))
+        num_bytes = math.prod(size) * np.dtype(kind).itemsize
+        if num_bytes > max(_UNCOMPRESSED, _MOST_RATIO * len(content)):
+            told = f"expected a compression by at most {_MOST_RATIO}, got more"
+            raise FormatError(told, file=str(path))
+        values = loadmat(io.BytesIO(content), variable_names=[name])[name]
+    except FormatError:
+        raise
     except Exception as error:  # scipy raises whatever its parser runs into
         told = f"damaged, or no MATLAB 5 file: {error or type(error).__name__}"
         raise FormatError(told, file=str(path)) from None
-    if getattr(values, "shape", ())[:2] != shape or values.ndim != 3:
-        raise FormatError(f"expected {name} of shape {(*shape, 'frames')}", file=str(path))
+    if values.shape != size:
+        raise FormatError(f"expected {name} of shape {size}, got {values.shape}", file=str(path))
     return np.moveaxis(values, 2, 0)
 
 
