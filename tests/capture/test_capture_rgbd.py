@@ -947,7 +947,6 @@ def test_the_clock_of_frames_waits_for_their_times(wall: list[float]) -> None:
 
 
 def test_people_of_the_data_sets_are_sources(realdata: RealData, tmp_path: Path) -> None:
-    pytest.importorskip("scipy")
     realdata.needs("people_utd_mhad")
     with capture.open("utd-mhad:a3_s1") as source:
         done = capture.record(source, tmp_path / "a", frames=5)

@@ -187,7 +187,7 @@ def open_people(uri: str) -> RgbdSequence:
     OSError
         `FileNotFoundError` and the like.
     MissingExtraError
-        scipy (UTD-MHAD) or Pillow (images) is not installed.
+        Pillow (images) is not installed.
 
     Examples
     --------

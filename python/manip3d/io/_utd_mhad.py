@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import io
-import math
 import os
+import struct
+import zlib
+from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from manip3d.errors import FormatError, MissingExtraError
+from manip3d.errors import FormatError
 from manip3d.io._depth_files import read_depth
 from manip3d.io._files import limited_bytes
 
@@ -27,6 +28,21 @@ _MOST_BYTES = 1 << 28  # a trial of 4 s has 0.2 MB, one of an hour would have 20
 _UNCOMPRESSED = 1 << 26  # bytes of a variable that may be compressed by any factor
 _MOST_RATIO = 200  # of compression, beyond that: trials have 60
 _TABLE = "joints.csv"
+# Numbers of the MATLAB 5 format: data elements, types of numbers, and classes of numeric arrays.
+_MATRIX, _COMPRESSED = 14, 15
+_TYPES = {
+    1: "i1",
+    2: "u1",
+    3: "i2",
+    4: "u2",
+    5: "i4",
+    6: "u4",
+    7: "f4",
+    9: "f8",
+    12: "i8",
+    13: "u8",
+}
+_NUMERIC = range(6, 16)
 
 
 def trial_at(place: str | os.PathLike[str]) -> Path | None:
@@ -60,7 +76,7 @@ def read_trial(
     OSError
         `FileNotFoundError` and the like.
     MissingExtraError
-        scipy or Pillow is not installed.
+        Pillow is not installed (pictures).
     """
     images, joints = _png_trial(trial) if trial.is_dir() else _mat_trial(trial, skeleton)
     if len(images) != len(joints):
@@ -72,11 +88,9 @@ def _mat_trial(
     trial: Path, skeleton: Path | None
 ) -> tuple[NDArray[np.uint16], NDArray[np.float64]]:
     depth = _variable(trial, "d_depth", _SIZE)
-    if not (depth.dtype.kind in "iuf" and ((depth >= 0) & (depth <= 65535)).all()):
+    if not ((depth >= 0) & (depth <= 65535)).all():
         raise FormatError("expected depths of 0 to 65535 mm", file=str(trial))
     joints = _variable(skeleton or _skeleton_beside(trial), "d_skel", (_JOINTS, 3))
-    if joints.dtype.kind not in "iuf":
-        raise FormatError("expected joints that are real numbers", file=str(trial))
     return depth.astype(np.uint16), joints.astype(np.float64)
 
 
@@ -92,30 +106,55 @@ def _skeleton_beside(trial: Path) -> Path:
 
 def _variable(path: Path, name: str, shape: tuple[int, int]) -> NDArray[Any]:
     """A variable of a MATLAB 5 file whose last axis is time, with time first."""
-    try:
-        from scipy.io import loadmat, whosmat
-    except ImportError:
-        raise MissingExtraError("scipy", "experiments") from None
     content = limited_bytes(path, _MOST_BYTES)
     try:
-        listed = {found: (size, kind) for found, size, kind in whosmat(io.BytesIO(content))}
-        size, kind = listed.get(name, ((), "double"))
-        if len(size) != 3 or size[:2] != shape:
-            told = f"expected {name} of shape {(*shape, 'frames')}, got {size or 'none'}"
-            raise FormatError(told, file=str(path))
-        num_bytes = math.prod(size) * np.dtype(kind).itemsize
-        if num_bytes > max(_UNCOMPRESSED, _MOST_RATIO * len(content)):
-            told = f"expected a compression by at most {_MOST_RATIO}, got more"
-            raise FormatError(told, file=str(path))
-        values = loadmat(io.BytesIO(content), variable_names=[name])[name]
-    except FormatError:
-        raise
-    except Exception as error:  # scipy raises whatever its parser runs into
-        told = f"damaged, or no MATLAB 5 file: {error or type(error).__name__}"
-        raise FormatError(told, file=str(path)) from None
-    if values.shape != size:
-        raise FormatError(f"expected {name} of shape {size}, got {values.shape}", file=str(path))
+        found = _matlab_arrays(content)
+    except (ValueError, struct.error, zlib.error, LookupError) as error:
+        raise FormatError(f"damaged, or no MATLAB 5 file: {error}", file=str(path)) from None
+    values = found.get(name)
+    if values is None or values.ndim != 3 or values.shape[:2] != shape:
+        raise FormatError(f"expected {name} of shape {(*shape, 'frames')}", file=str(path))
     return np.moveaxis(values, 2, 0)
+
+
+# scipy.io.loadmat ends the process at some damaged files.
+def _matlab_arrays(content: bytes) -> dict[str, NDArray[Any]]:
+    """The arrays of real numbers of a MATLAB 5 file, by the format that MathWorks publishes."""
+    order = {b"IM": "<", b"MI": ">"}[content[126:128]]
+    most = max(_UNCOMPRESSED, _MOST_RATIO * len(content))
+    arrays = {}
+    for kind, data in _elements(content[128:], order):
+        if kind == _COMPRESSED:
+            unpacking = zlib.decompressobj()
+            unpacked = unpacking.decompress(data, most)
+            if unpacking.unconsumed_tail:
+                raise ValueError(f"expected a compression by at most {_MOST_RATIO}, got more")
+            kind, data = next(_elements(unpacked, order), (0, b""))
+        if kind != _MATRIX:
+            continue
+        flags, dimensions, name, *numbers = islice(_elements(data, order), 5)
+        array_class, is_complex = flags[1][0 if order == "<" else 3], len(numbers) > 1
+        if array_class not in _NUMERIC or is_complex:
+            continue  # a text, a structure and the like
+        sizes = np.frombuffer(dimensions[1], f"{order}i4")
+        values = np.frombuffer(numbers[0][1], f"{order}{_TYPES[numbers[0][0]]}")
+        arrays[name[1].decode("latin-1")] = values.reshape(sizes, order="F")
+    return arrays
+
+
+def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
+    """The data elements that follow each other: type and content."""
+    at = 0
+    while at + 8 <= len(data):
+        kind, size = struct.unpack_from(f"{order}II", data, at)
+        begin = at + 8
+        if kind >> 16:  # at most four bytes lie within the tag
+            kind, size, begin = kind & 0xFFFF, kind >> 16, at + 4
+        if begin + size > len(data) or (begin == at + 4 and size > 4):
+            raise ValueError("a data element is cut off")
+        yield kind, data[begin : begin + size]
+        at = max(at + 8, begin + size)
+        at += 0 if kind == _COMPRESSED else -at % 8
 
 
 def _png_trial(folder: Path) -> tuple[NDArray[np.uint16], NDArray[np.float64]]:
