@@ -107,6 +107,15 @@ def street() -> np.ndarray:
     return points
 
 
+@functools.cache
+def simulated_street() -> np.ndarray:
+    """A street as KITTI's scanner sees it, with the scanner's own car."""
+    pytest.importorskip("open3d")
+    made = simulate.hdl64e(simulate.street(rng=88_500), 3.0, rng=88_500)
+    points: np.ndarray = made.frame.points
+    return points
+
+
 def street_with(edit: Callable[[np.ndarray], np.ndarray] | None = None) -> Inspection:
     """What is said of a street of a scanner on a lattice, and of what an attacker made of it."""
     points = street()
@@ -646,6 +655,32 @@ def lifted(points: np.ndarray) -> np.ndarray:
     points = points.copy()
     points[20_000:20_300] += np.float32([0.3, 0.2, 0.0])
     return points
+
+
+@pytest.mark.parametrize("height", [1.73, -0.5, 1.7327])
+def test_a_cloud_above_the_ground_is_judged_from_where_the_scanner_stands(height: float) -> None:
+    """Its own lattice tells neither what is missing nor the order: a thinned one was `no_trace`."""
+
+    def said(points: np.ndarray) -> Inspection:
+        raised = (points + np.array([0.0, 0.0, height])).astype(np.float32)
+        return authenticate.inspect(LidarFrame(raised, origin=(0.0, 0.0, 0.0)), power=False)
+
+    points = simulated_street()
+    clean = said(points)
+    assert (clean.verdict, clean.processing) == ("no_trace", ())
+    assert clean.origin == pytest.approx((0.0, 0.0, height), abs=2e-6)
+    assert clean.origin_from == "the lattice of a spinning scanner"
+    thinned = said(points[np.random.default_rng(0).random(len(points)) < 0.9])
+    assert "thinned" in {step.kind for step in thinned.processing}
+    near = said(points[np.linalg.norm(points, axis=1) < 40.0])
+    assert (near.verdict, near.processing[0].kind) == ("processed", "cropped")
+    forged = said(lifted(points))
+    assert forged.verdict == "tampered"
+    assert set(forged.suspected.tolist()) <= set(range(20_000, 20_300))
+    stated = authenticate.inspect(
+        LidarFrame((points + [0.0, 0.0, height]).astype(np.float32)), origin=(0.0, 0.0, 0.0)
+    )
+    assert stated.origin == (0.0, 0.0, 0.0)  # the caller's word counts
 
 
 NO_RETURNS: dict[str, Callable[[np.ndarray], np.ndarray]] = {

@@ -66,7 +66,13 @@ from manip3d.authenticate._processing import (
 )
 from manip3d.authenticate._reflectance import ReflectanceResult, reflectances_read
 from manip3d.authenticate._repeats import in_common, sketch_of
-from manip3d.authenticate._sensors import HDL64E, Sensor, identify_and_read, nothing_to_tell
+from manip3d.authenticate._sensors import (
+    HDL64E,
+    Sensor,
+    height_above_origin,
+    identify_and_read,
+    nothing_to_tell,
+)
 from manip3d.authenticate._turns import (
     FARTHEST,
     FARTHEST_MOTION,
@@ -388,6 +394,12 @@ def _inspected(
     found, reading = _identified(
         _at_origin(scan, position), asked.sensor, asked.lattice, asked.threads, known
     )
+    if source != "argument" and (height := height_above_origin(found, scan.points)):
+        raised = (position[0], position[1], position[2] + height)
+        other = identify_and_read(_at_origin(scan, raised), threads=asked.threads)
+        if other[0].kind == "lattice" and not other[0].is_own and other[0].off_lattice == 0.0:
+            position, source = raised, "the lattice of a spinning scanner"
+            found, reading = other
     told(0.3)
     if found.kind == "lattice" and not asked.printed:
         beside = (asked.previous, asked.following)

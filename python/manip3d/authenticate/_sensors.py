@@ -148,6 +148,10 @@ class Sensor:
     is_own: bool = False
 
 
+SAME_HEIGHT, LEAST_LIFTED, LEAST_IN_STEP = 0.01, 0.8, 0.9
+"""Metres; share of the lasers: so many of a scanner that was lifted are lifted alike; length of the
+mean direction: the heights of its files are whole millimetres, lifted by the same part of one."""
+
 UNKNOWN = Sensor("unknown", "unknown", "the angles are those of no scanner that is known here")
 
 
@@ -413,6 +417,35 @@ def _by_own_lattice(frame: LidarFrame) -> Sensor | None:
     return Sensor(
         _name_of(lattice), "lattice", "its points tell the lattice themselves", lattice, is_own=True
     )
+
+
+def height_above_origin(sensor: Sensor, points: NDArray[np.float32]) -> float:
+    """Return how far above the origin of a cloud KITTI's scanner stands, metres.
+
+    Clouds with the ground at a height of 0 are lifted by that. Their own lattice is that of the
+    scanner but for its offsets, and tells neither what is missing nor the order of the points. 0:
+    nothing tells the height, or heights are not those that the scanner's files have, all lifted
+    alike.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        As the cloud tells it.
+    points : (N, 3) float32
+    """
+    own, known = sensor.lattice, kitti_lattice()
+    if not sensor.is_own or own is None or own.is_exact or sensor.name != HDL64E:
+        return 0.0
+    laser = np.abs(own.slope[:, None] - known.slope).argmin(axis=1)
+    lifted = own.offset - known.offset[laser]
+    height = float(np.median(lifted))
+    alike = float(np.mean(np.abs(lifted - height) < SAME_HEIGHT))
+    step = known.coordinate_step
+    phase = complex(np.mean(np.exp(2j * math.pi / step * points[:, 2].astype(np.float64))))
+    if alike < LEAST_LIFTED or abs(phase) < LEAST_IN_STEP:
+        return 0.0
+    beside = step * math.atan2(phase.imag, phase.real) / (2.0 * math.pi)
+    return round(beside + step * round((height - beside) / step), 6)
 
 
 def _by_grid(frame: LidarFrame, threads: int) -> Sensor | None:
