@@ -23,8 +23,7 @@ PACKAGES := g++ cmake ninja-build libeigen3-dev libnanoflann-dev libtbb-dev libl
 PACKAGES += $(if $(filter /usr/bin/python3,$(or $(shell command -v $(PYTHON)),/usr/bin/python3)),python3-dev python3-venv)
 # What `make demo` does without: C++ tests, recordings, cameras.
 DEV_PACKAGES := $(PACKAGES) libgtest-dev libavcodec-dev libavformat-dev libavutil-dev libopenni2-dev
-# lld links some thirty programs in a fraction of the time of ld.
-SANITIZER_PACKAGES := clang-19 libclang-rt-19-dev lld-19
+SANITIZER_PACKAGES := clang-19 libclang-rt-19-dev
 
 CPP_FILES := $(shell find cpp -name '*.?pp' -o -name CMakeLists.txt)
 CPP_FORMATTED := $(shell find cpp benchmarks -name '*.?pp' 2>/dev/null)
