@@ -15,6 +15,9 @@ namespace {
 /// Points per piece: enough for a mean distance, few enough for thousands of pieces.
 constexpr std::int64_t kLeastSamples = 6, kMostSamples = 24;
 
+/// Points of a mesh of one piece: they are all that its last faces are chosen by.
+constexpr std::int64_t kSamplesOfOne = 96;
+
 /// The place of a sample on its face: the R2 sequence (Roberts 2018), folded into the triangle.
 Eigen::Vector3d barycentric_of(std::int64_t sample) {
   constexpr double kStep1 = 0.7548776662466927, kStep2 = 0.5698402909980532;
@@ -27,11 +30,12 @@ Eigen::Vector3d barycentric_of(std::int64_t sample) {
 
 }  // namespace
 
-Pieces::Pieces(const MeshView& mesh, double scale, const Progress& progress)
+Pieces::Pieces(const MeshView& mesh, double scale, const Progress& progress, bool samples_one)
     : mesh_(mesh), scale_(scale) {
   Components components = find_components(mesh.faces, mesh.num_vertices());
   of_vertex_ = std::move(components.of_vertex);
-  if (components.count < 2) return;
+  const bool is_one = components.count < 2;
+  if (is_one && (!samples_one || components.count == 0)) return;
   pieces_.resize(components.count);
   for (std::int32_t v = 0; v < mesh.num_vertices(); ++v) {
     if (of_vertex_(v) >= 0) pieces_[of_vertex_(v)].vertices.push_back(v);
@@ -49,7 +53,8 @@ Pieces::Pieces(const MeshView& mesh, double scale, const Progress& progress)
     if (is_degenerate(mesh.faces, f)) continue;
     const std::int32_t i = of_vertex_(mesh.faces(f, 0));
     Piece& piece = pieces_[i];
-    const std::int64_t count = std::clamp(piece.faces, kLeastSamples, kMostSamples);
+    const std::int64_t count =
+        is_one ? kSamplesOfOne : std::clamp(piece.faces, kLeastSamples, kMostSamples);
     const double step = piece.area / static_cast<double>(count);
     passed[i] += area_of_face(f);
     for (auto k = static_cast<std::int64_t>(piece.samples.size());
@@ -57,6 +62,7 @@ Pieces::Pieces(const MeshView& mesh, double scale, const Progress& progress)
       piece.samples.push_back(f);
     }
   }
+  if (is_one) return;
   bvh_ = std::make_unique<TriangleBvh>(mesh, part_of(progress, 0.0, 0.5));
   parallel_chunks(
       size(), 16, 0,

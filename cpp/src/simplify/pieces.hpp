@@ -14,9 +14,13 @@ namespace manip3d {
 /// shape. Lengths are input units over `scale`. None when the mesh is one piece.
 class Pieces {
  public:
-  Pieces(const MeshView& mesh, double scale, const Progress& progress);
+  /// @param samples_one  a mesh of one piece, which cannot be removed, has samples, too.
+  Pieces(const MeshView& mesh, double scale, const Progress& progress, bool samples_one = false);
 
-  [[nodiscard]] std::int32_t size() const { return static_cast<std::int32_t>(pieces_.size()); }
+  [[nodiscard]] std::int32_t size() const {
+    return pieces_.size() > 1 ? static_cast<std::int32_t>(pieces_.size()) : 0;
+  }
+  [[nodiscard]] bool has_samples() const { return !pieces_.empty(); }
   /// Piece of a vertex; -1: it is in no face.
   [[nodiscard]] std::int32_t of_vertex(std::int32_t v) const { return of_vertex_[v]; }
   [[nodiscard]] const std::vector<std::int32_t>& vertices(std::int32_t piece) const {

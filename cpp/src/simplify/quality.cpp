@@ -47,7 +47,8 @@ constexpr double kHeldFirmly = 1e6;
 /// Faces of the smallest closed piece.
 constexpr std::int64_t kTetrahedron = 4;
 
-/// A piece with so few faces left has each of them far from most of what it stands for.
+/// A piece with so few faces left has each of them far from most of what it stands for: what a
+/// collapse loses is measured at points of the original surface, as planes do not tell it.
 constexpr std::int64_t kLastFaces = 12;
 
 /// How far outside of the box of its original faces a vertex may end up, over the diagonal of the
@@ -72,7 +73,8 @@ class QualitySimplifier {
         options_(options),
         progress_(progress),
         mesh_(input),
-        pieces_(input, mesh_.scale(), part_of(progress, 0.0, 0.1)),
+        pieces_(input, mesh_.scale(), part_of(progress, 0.0, 0.1),
+                options.target_faces < kLastFaces),
         kept_(options),
         distance_(input, mesh_, options.max_distance,
                   [this] {
@@ -238,7 +240,7 @@ class QualitySimplifier {
     }
     const double weight = std::max(kept_.importance(v), kept_.importance(t)) / edge->num_faces;
     best.price = std::max(best.price, weight * prices_.lost_strip(v, t, best.position));
-    if (pieces_.size() > 0 && faces_left(t) <= kLastFaces) {
+    if (pieces_.has_samples() && faces_left(t) <= kLastFaces) {
       best.price = std::max(best.price, weight * prices_.lost_shape(v, t, best.position));
     }
     if (is_overtaken(best.price, entry.price)) {
