@@ -2664,7 +2664,7 @@ def sparse_distances(
     angle: typing.SupportsFloat | typing.SupportsIndex,
     farthest: typing.SupportsFloat | typing.SupportsIndex,
     every: typing.SupportsInt | typing.SupportsIndex,
-) -> numpy.ndarray: ...
+) -> list: ...
 def subtract(
     points: numpy.typing.NDArray[numpy.float32],
     intensity: numpy.typing.NDArray[numpy.float32],
