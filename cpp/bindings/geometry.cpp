@@ -150,8 +150,11 @@ void bind_geometry(py::module_& m) {
           distances = sparse_distances(view, {neighbours, nearest, angle, farthest, every},
                                        interruptible());
         }
-        py::list of_neighbours;
-        for (std::vector<float>& each : distances) of_neighbours.append(to_numpy(std::move(each)));
+        std::vector<py::array_t<float>> of_neighbours;
+        of_neighbours.reserve(distances.size());
+        for (std::vector<float>& each : distances) {
+          of_neighbours.emplace_back(to_numpy(std::move(each)));
+        }
         return of_neighbours;
       },
       py::arg("points").noconvert(), py::arg("neighbours"), py::arg("nearest"), py::arg("angle"),

@@ -2664,7 +2664,7 @@ def sparse_distances(
     angle: typing.SupportsFloat | typing.SupportsIndex,
     farthest: typing.SupportsFloat | typing.SupportsIndex,
     every: typing.SupportsInt | typing.SupportsIndex,
-) -> list: ...
+) -> list[numpy.typing.NDArray[numpy.float32]]: ...
 def subtract(
     points: numpy.typing.NDArray[numpy.float32],
     intensity: numpy.typing.NDArray[numpy.float32],

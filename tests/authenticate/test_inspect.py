@@ -677,9 +677,8 @@ def test_a_cloud_above_the_ground_is_judged_from_where_the_scanner_stands(height
     forged = said(lifted(points))
     assert forged.verdict == "tampered"
     assert np.isin(forged.suspected, np.arange(20_000, 20_300)).mean() > 0.9
-    stated = authenticate.inspect(
-        LidarFrame((points + [0.0, 0.0, height]).astype(np.float32)), origin=(0.0, 0.0, 0.0)
-    )
+    raised = (points + np.array([0.0, 0.0, height])).astype(np.float32)
+    stated = authenticate.inspect(LidarFrame(raised), origin=(0.0, 0.0, 0.0))
     assert stated.origin == (0.0, 0.0, 0.0)  # the caller's word counts
 
 

@@ -519,7 +519,9 @@ def test_five_points_apart_are_found_where_they_are_near_to_each_other(clean: np
             assert result.without(["line"]).verdict == "processed"
 
 
-@pytest.mark.parametrize(("number", "verdict"), [(3, "no_trace"), (4, "tampered"), (900, "tampered")])
+@pytest.mark.parametrize(
+    ("number", "verdict"), [(3, "no_trace"), (4, "tampered"), (900, "tampered")]
+)
 def test_points_strewn_over_the_scan_are_found_by_their_number(
     clean: np.ndarray, number: int, verdict: str
 ) -> None:

@@ -372,8 +372,9 @@ def generic_consistency(
 
     Single points that stray by chance are allowed for: of ``m`` neighbouring ones,
     ``N * STRAY_RATE * (NEIGHBOURS * STRAY_RATE)**(m - 1)`` are expected. Of points off their lines
-    or steps that do not touch, the same is asked of those within 1.5 m (``scattered``), and how many
-    there are in all that are farther off than 2.5 times the tolerance. Kinds of evidence are combined by their smallest p-value times their number (Bonferroni).
+    or steps that do not touch, the same is asked of those within 1.5 m (``scattered``), and how
+    many there are in all that are farther off than 2.5 times the tolerance. Kinds of evidence are
+    combined by their smallest p-value times their number (Bonferroni).
 
     Examples
     --------
@@ -439,9 +440,7 @@ def _consistency(
     told = scan.select(kept)
     reading = _ranges_as_lines(lattice.read(told.points, threads=threads), limits.tolerance)
     found = _examined(told.points, lattice, None, None, limits, reading, threads)
-    judged = _judged(
-        found, told, lattice, limits.tolerance, false_alarm_rate, is_stated=is_stated
-    )
+    judged = _judged(found, told, lattice, limits.tolerance, false_alarm_rate, is_stated=is_stated)
     return judged.with_rows(kept, scan)
 
 

@@ -143,8 +143,9 @@ leave out points whose neighbours are farther than some distance, so that hardly
 it. Points that stand alone with the fourth neighbour farther than 0.8 of a distance are at most 3.7
 times as many as those with it farther than 1.25 of it in 53 clean frames of KITTI, whatever the
 distance is, and 6 times and more after most filters. With the first to the third neighbour they are
-at most 4.6, 3.6 and 3.9 times as many; filters that ask for one or two neighbours show there. It holds for whole frames of an HDL-64E only: it is 10 in the clean court of a
-Hesai QT64, up to 7.8 in frames that were cropped at 40 m and 6.2 in three quarters of a turn."""
+at most 4.6, 3.6 and 3.9 times as many; filters that ask for one or two neighbours show there. It
+holds for whole frames of an HDL-64E only: it is 10 in the clean court of a Hesai QT64, up to 7.8 in
+frames that were cropped at 40 m and 6.2 in three quarters of a turn."""
 
 MOST_FIRED_TWICE = 0.02
 """Share of points that repeat the one of the firing before. A VLP-16 close to its surroundings has
