@@ -171,7 +171,8 @@ def inspect(
         on a grid of azimuth and elevation, is undecidable whatever is stated.
     origin : (3,), optional
         Position of the scanner, metres; by default that of the frame, else what
-        `estimate_origin` finds.
+        `estimate_origin` finds. Where none is given and KITTI's scanner stands above or
+        below that, as in clouds with the ground at a height of 0, it is judged from there.
     watermark : bytes or WatermarkResult, optional
         The scan's record, which ``key`` verifies, or what `Watermarker.verify` said of this scan.
         What the embedding moved is allowed for then, and nothing more. Without it a scan whose
