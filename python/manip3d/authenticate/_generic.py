@@ -49,10 +49,10 @@ SCATTER, MOST_SCATTERED = 1.5, 1000
 touch; points that are compared with each other at most, a fiftieth of what makes a regular
 region."""
 
-FAR_OFF, FAR_STRAY_RATE = 2.5, 1e-6
-"""Times the tolerance; points of a clean frame, at most, that are farther than this from their line
-or step: none of the 5.3 million of 43 frames of nine drives of KITTI, so it is below 5.7e-7 (95 %).
-Four points of one of them are off by 2.0 to 2.2 mm."""
+FAR_OFF = 2.5
+"""Times the tolerance. None of the 5.3 million points of 43 frames of nine drives of KITTI is farther
+than this from its line or step. Strays of one frame may have one cause, which 43 frames cannot rule
+out: `STRAY_RATE`, 17 times what so many points allow (95 %), leaves a frame several of them."""
 
 WINDOWS = 1_000_000
 """Windows of ranges that might be tested in a frame of 64 lasers: three around each voxel."""
@@ -729,7 +729,7 @@ def _strewn(
     reading = lattice.read(np.ascontiguousarray(points[rows]))
     off = np.maximum(np.abs(reading.line_error), np.abs(reading.step_error))
     rows = rows[(off > far_off) | (reading.ring < 0)]
-    mean = len(points) * FAR_STRAY_RATE
+    mean = len(points) * STRAY_RATE
     log = len(rows) * math.log10(mean) - math.lgamma(len(rows) + 1.0) / math.log(10.0)
     return min(0.0, log), rows
 
