@@ -103,7 +103,24 @@ void bind_relief(py::module_& m) {
             return to_fields(std::move(result));
           },
           py::arg("points").noconvert(), py::arg("valid").noconvert(), py::arg("rows_up"),
-          py::arg("options"), py::arg("confidence").noconvert() = py::none());
+          py::arg("options"), py::arg("confidence").noconvert() = py::none())
+      .def(
+          "run_depth",
+          [](Exclusive<Relief>& self, const py::array& depth, const PyIntrinsics& camera,
+             const ReliefOptions& options, const std::optional<CArray<float>>& confidence) {
+            const DepthView view = depth_view(depth);
+            py::object rays;
+            const Intrinsics intrinsics = to_intrinsics(camera, rays);
+            const std::span<const float> shares = shares_of(confidence);
+            ReliefResult result;
+            self.with([&](Relief& relief) {
+              const py::gil_scoped_release nogil;
+              relief.run(view, PixelRays(intrinsics), options, result, shares);
+            });
+            return to_fields(std::move(result));
+          },
+          py::arg("depth"), py::arg("camera"), py::arg("options"),
+          py::arg("confidence").noconvert() = py::none());
   m.def(
       "relief_flip_edges",
       [](const CArray<float>& points, const CArray<bool>& valid, bool rows_up,

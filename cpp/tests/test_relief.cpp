@@ -344,6 +344,68 @@ TEST(Relief, ForgetsTheFrameBeforeAndReusesItsResult) {
   EXPECT_EQ(result.mesh.faces, alone.mesh.faces);
 }
 
+/// A ridge in whole millimetres, with pixels that were not measured.
+std::vector<std::uint16_t> ridge(std::int64_t cols, std::int64_t rows) {
+  std::vector<std::uint16_t> depth;
+  for (std::int64_t v = 0; v < rows; ++v) {
+    for (std::int64_t u = 0; u < cols; ++u) {
+      const bool is_measured = (5 * u + 3 * v) % 41 != 0;
+      depth.push_back(static_cast<std::uint16_t>(is_measured ? 1500 + 7 * std::abs(u - v) : 0));
+    }
+  }
+  return depth;
+}
+
+Intrinsics camera_of(std::int64_t cols, std::int64_t rows) {
+  Intrinsics camera;
+  camera.width = cols;
+  camera.height = rows;
+  camera.fx = camera.fy = 60.0;
+  camera.cx = 20.0;
+  camera.cy = 15.0;
+  return camera;
+}
+
+TEST(Unproject, LeavesPixelsWithoutADepthWithoutAPointWhateverTheWidth) {
+  PointGrid grid;  // one memory for all sizes
+  for (std::int64_t cols = 9; cols > 0; --cols) {
+    const std::vector<std::uint16_t> depth = ridge(cols, 7);
+    DepthView view{7, cols};
+    view.millimetres = depth.data();
+    unproject(view, PixelRays(camera_of(cols, 7)), 1, grid);
+    ASSERT_EQ(grid.points.rows(), 7 * cols);
+    for (std::int64_t p = 0; p < 7 * cols; ++p) {
+      EXPECT_EQ(grid.valid[p], depth[p] != 0 ? 1 : 0);
+      if (depth[p] == 0) {
+        EXPECT_TRUE(grid.points.row(p).array().isNaN().all()) << cols;
+        continue;
+      }
+      const float z = static_cast<float>(depth[p]) / 1000.0F;
+      EXPECT_FLOAT_EQ(grid.points(p, 0), (static_cast<float>(p % cols) - 20.0F) / 60.0F * z);
+      EXPECT_FLOAT_EQ(grid.points(p, 1), (static_cast<float>(p / cols) - 15.0F) / 60.0F * z);
+      EXPECT_EQ(grid.points(p, 2), z);
+    }
+  }
+}
+
+TEST(Relief, ADepthImageIsTakenAsItsPoints) {
+  ReliefOptions options;
+  options.target_points = 60;
+  options.effort = ReliefEffort::kLive;
+  Relief solver;
+  ReliefResult result;
+  for (const auto& [cols, rows] : {std::pair(50, 40), std::pair(30, 60), std::pair(50, 40)}) {
+    const std::vector<std::uint16_t> depth = ridge(cols, rows);
+    DepthView view{rows, cols};
+    view.millimetres = depth.data();
+    const PixelRays rays(camera_of(cols, rows));
+    const ReliefResult alone = relief(unproject(view, rays).view(), options);
+    solver.run(view, rays, options, result);
+    EXPECT_EQ(result.mesh.vertices, alone.mesh.vertices);
+    EXPECT_EQ(result.mesh.faces, alone.mesh.faces);
+  }
+}
+
 TEST(Relief, LevelsAreNestedInOneVertexBuffer) {
   const PointGrid grid = sway(0);
   ReliefOptions options;

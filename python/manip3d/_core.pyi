@@ -580,6 +580,13 @@ class ReliefSolver:
         options: ReliefOptions,
         confidence: numpy.typing.NDArray[numpy.float32] | None = None,
     ) -> dict[str, typing.Any]: ...
+    def run_depth(
+        self,
+        depth: numpy.ndarray,
+        camera: manip3d.camera.Intrinsics,
+        options: ReliefOptions,
+        confidence: numpy.typing.NDArray[numpy.float32] | None = None,
+    ) -> dict[str, typing.Any]: ...
 
 class DepthSmoother:
     def __init__(

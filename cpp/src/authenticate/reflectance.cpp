@@ -504,7 +504,7 @@ class ReflectanceSearch {
     return std::max(energies, (edit * edit / 1.5 + kLeastMean) / noise);
   }
 
-  // The same of a window. The least counts of those with all lasers and without one row of them: a
+  // The ratio of a window. The least counts of those with all lasers and without one row of them: a
   // laser along a kerb lies on one side of it in this turn, and on the other in the turns before
   // and after.
   static double changed_ratio(const ReflectanceWindow& window) {

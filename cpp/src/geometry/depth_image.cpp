@@ -1,10 +1,12 @@
 #include "manip3d/geometry/depth_image.hpp"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
-#include <limits>
 #include <string>
 
+#include "geometry/constants.hpp"
 #include "geometry/lanes.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/parallel.hpp"
@@ -42,11 +44,40 @@ bool all_finite(const PointGridView& grid, std::int64_t num_pixels) {
   return true;
 }
 
+/// Writes points that are given coordinate by coordinate; those without a z are NaN.
+void write_row(const std::array<const float*, 3>& xyz, std::int64_t size, float* points,
+               std::uint8_t* valid) {
+  const auto [x, y, z] = xyz;
+  const Float4 none = all_of(kNanF);
+  std::int64_t u = 0;
+  for (; u + 4 <= size; u += 4) {
+    const Float4 depth = load4(z + u);
+    const Int4 is_valid = depth == depth;
+    const auto four =
+        transpose({is_valid ? load4(x + u) : none, is_valid ? load4(y + u) : none, depth, none});
+    float* const to = points + 3 * u;
+    for (std::size_t i = 0; i < 3; ++i)
+      store4(to + 3 * i, four[i]);  // the next writes over the 4th
+    std::memcpy(to + 9, &four[3], 3 * sizeof(float));
+  }
+  for (; u < size; ++u) {
+    const bool is_valid = z[u] == z[u];
+    const std::array<float, 3> point = {is_valid ? x[u] : kNanF, is_valid ? y[u] : kNanF, z[u]};
+    std::copy(point.begin(), point.end(), points + 3 * u);
+  }
+  for (u = 0; u < size; ++u) valid[u] = z[u] == z[u] ? 1 : 0;
+}
+
 }  // namespace
 
 PointGrid unproject(const DepthView& depth, const PixelRays& rays, int num_threads) {
-  const RangeImage image(depth, rays);
   PointGrid grid;
+  unproject(depth, rays, num_threads, grid);
+  return grid;
+}
+
+void unproject(const DepthView& depth, const PixelRays& rays, int num_threads, PointGrid& grid) {
+  const RangeImage image(depth, rays);
   grid.rows = depth.rows;
   grid.cols = depth.cols;
   grid.rows_up = image.rows_up();
@@ -57,16 +88,10 @@ PointGrid unproject(const DepthView& depth, const PixelRays& rays, int num_threa
     Rows<float, Eigen::Dynamic> xyz(3, depth.cols);
     for (std::int64_t v = v0; v < v1; ++v) {
       image.load_row(v, 0, depth.cols, &xyz(0, 0), &xyz(1, 0), &xyz(2, 0));
-      for (std::int64_t u = 0; u < depth.cols; ++u) {
-        const std::int64_t pixel = v * depth.cols + u;
-        const bool valid = !std::isnan(xyz(2, u));
-        grid.valid[pixel] = valid ? 1 : 0;
-        grid.points.row(pixel).setConstant(std::numeric_limits<float>::quiet_NaN());
-        if (valid) grid.points.row(pixel) = xyz.col(u).transpose();
-      }
+      write_row({&xyz(0, 0), &xyz(1, 0), &xyz(2, 0)}, depth.cols,
+                grid.points.data() + 3 * v * depth.cols, grid.valid.data() + v * depth.cols);
     }
   });
-  return grid;
 }
 
 void check_point_grid(const PointGridView& grid) {

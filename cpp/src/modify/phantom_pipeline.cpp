@@ -764,12 +764,12 @@ class PhantomPipeline::Workspace {
   Vertical vertical_;
   LegTurn legs_;
   std::optional<BodyFrame> trunk_frame_;
-  std::optional<BodyFrame> frame_;  ///< The same, with the turn of the legs.
+  std::optional<BodyFrame> frame_;  ///< `trunk_frame_` with the turn of the legs.
   Mirror mirror_;                   ///< At `frame_`.
 
   // The phantom that is held while the intact limb cannot be mirrored.
   std::optional<Held> held_;
-  MirroredLimb mirrored_;  ///< Its points when the limb was last mirrored.
+  MirroredLimb mirrored_;  ///< The phantom's points when the limb was last mirrored.
   double last_mirrored_s_ = kNever;
   BorderMemory border_;
   LeapMeter leap_;

@@ -52,7 +52,7 @@ constexpr double kThin = 0.1;
 
 /// How many times as much is covered where triangles of a finer mesh are better than the whole of a
 /// coarse one: what they leave out is left out altogether, and the mean distance counts it most.
-/// The same holds for a mesh of fewer vertices than allowed: of ten that covered more, the three
+/// It also holds for a mesh of fewer vertices than allowed: of ten that covered more, the three
 /// beyond this factor had 0.66 to 1.01 times the error, the others up to 1.65 times.
 constexpr double kWorthLeaving = 1.1;
 
@@ -77,7 +77,7 @@ struct Budget {
   /// If positive: from kHalf on every second pixel is triangulated, with so many bisections.
   double half_start;
   bool by_tile;    ///< The first triangulation is ordered tile by tile.
-  bool by_blocks;  ///< Its ends are triangulated by ContourBlocks.
+  bool by_blocks;  ///< Ends of the surface are triangulated by ContourBlocks.
   /// If positive: Collapser::sweep() first. Of 0.4, 0.6 and 0.9, tried on two scenes and a scan,
   /// 0.9 takes 0.4 to 0.7 of the time of collapses in order of price, at no more error.
   float sweep_share;
@@ -204,10 +204,11 @@ std::vector<Triangle> triangles_of(const Surface& surface, const PointGridView& 
 }  // namespace
 
 struct Relief::Memory {
+  PointGrid points;  ///< Of a depth image.
   relief_detail::PinholeFiller pinholes;
   Surface surface;
-  Surface measured;  ///< The same without what lies over pinholes, if there are any.
-  Surface half;      ///< Every second pixel of it.
+  Surface measured;  ///< `surface` without what lies over pinholes, if there are any.
+  Surface half;      ///< Every second pixel of `surface`.
   const Surface* worked = &surface;  ///< The surface that is triangulated: `surface` or `half`.
   relief_detail::BoundaryMover boundary;
   relief_detail::StartMesh start;
@@ -221,8 +222,8 @@ struct Relief::Memory {
   std::vector<std::int32_t> number;   ///< Vertex -> output vertex; kNone: left out.
   enum class Written : std::uint8_t {
     kNot,
-    kAsOwn,     ///< It is a vertex of its own.
-    kWithLast,  ///< It is the vertex of the fan before it at its pixel.
+    kAsOwn,     ///< As a vertex of its own.
+    kWithLast,  ///< As the vertex of the fan before it at its pixel.
   };
   /// By level, last the mesh, and vertex; empty: all as their own.
   std::vector<std::vector<Written>> written;
@@ -789,6 +790,13 @@ void Relief::run(const PointGridView& grid, const ReliefOptions& options, Relief
   result.cover = found.whole;
   result.cover_without_off = found.without_off;
   if (options.stability > 1.0) m.before.assign(m.surface, m.mesh);
+}
+
+void Relief::run(const DepthView& depth, const PixelRays& rays, const ReliefOptions& options,
+                 ReliefResult& result, std::span<const float> confidence) {
+  PointGrid& points = memory_->points;
+  unproject(depth, rays, options.num_threads, points);
+  run(points.view(), options, result, confidence);
 }
 
 void Relief::reset() {

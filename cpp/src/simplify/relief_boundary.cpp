@@ -203,6 +203,7 @@ bool BoundaryMover::move(const Surface& surface, Triangulation& mesh, std::int32
     worths[i] =
         worth(surface, from, step, to_first, true) + worth(surface, from, step, to_last, false);
   }
+  is_settled_[v] = *std::max_element(worths.begin(), worths.end()) <= 0 ? 1 : 0;
   for (;;) {
     const auto best = std::max_element(worths.begin(), worths.end());  // the first of equal ones
     if (*best <= 0) return false;
@@ -213,16 +214,21 @@ bool BoundaryMover::move(const Surface& surface, Triangulation& mesh, std::int32
     if (!is_free(step, to_first) || !is_free(step, to_last)) continue;
     if (meets_other(mesh, v, first, last, to)) continue;
     mesh.move(v, surface, at_v + step.dv * cols + step.du);
+    is_settled_[v] = 0;
+    for (int k = 0; k < fan.num_neighbors; ++k) is_settled_[fan.neighbors[k]] = 0;
     return true;
   }
 }
 
 void BoundaryMover::run(const Surface& surface, Triangulation& mesh, std::span<const Keep> keep,
                         int sweeps) {
+  make_room(is_settled_, mesh.num_slots());
+  is_settled_.assign(mesh.num_slots(), 0);
   for (int sweep = 0; sweep < sweeps; ++sweep) {
     collect_edges(surface, mesh);
     bool moved = false;
     for (const Edge& edge : edges_) {
+      if (is_settled_[edge.from] != 0) continue;
       if (!keep.empty() && keep[mesh.vertex(edge.from).pixel] != Keep::kFree) continue;
       moved = move(surface, mesh, edge.from) || moved;
     }

@@ -31,6 +31,8 @@ class BoundaryMover {
   [[nodiscard]] bool meets_other(const Triangulation& mesh, std::int32_t v, std::int32_t first,
                                  std::int32_t last, const Pixel& to) const;
 
+  /// By vertex: it gains nothing by a move, nor does it before it or a neighbour of it has moved.
+  std::vector<std::uint8_t> is_settled_;
   int tiles_across_ = 0, tiles_down_ = 0;
   std::vector<Edge> edges_;             ///< On the boundary.
   std::vector<std::int32_t> first_in_;  ///< By tile and one more: where in `in_tile_` it starts.

@@ -229,18 +229,25 @@ Float4 Collapser::four_prices(const Triangulation& mesh, std::int32_t v,
 
 int Collapser::cheapest_inside(const Triangulation& mesh, std::int32_t v, const Fan& fan,
                                float& lowest) const {
-  int best = -1;
-  for (int i = 0; i < fan.num_neighbors; i += 4) {
+  // The least of each lane first: which of two prices is lower is as good as random.
+  Float4 least = all_of(kStays);
+  Int4 least_at = {0, 1, 2, 3}, at = least_at;
+  for (int i = 0; i < fan.num_neighbors; i += 4, at += 4) {
     std::array<std::int32_t, 4> to{};
     for (int k = 0; k < 4; ++k) to[k] = fan.neighbors[std::min(i + k, fan.num_neighbors - 1)];
     const Float4 prices = four_prices(mesh, v, to);
-    for (int k = 0; k < 4; ++k) {
-      if (best >= 0 && !(prices[k] < lowest)) continue;
-      lowest = prices[k];
-      best = i + k;
-    }
+    const Int4 is_lower = prices < least;
+    least = is_lower ? prices : least;
+    least_at = is_lower ? at : least_at;
   }
-  return best;
+  int best = 0;
+  for (int k = 1; k < 4; ++k) {
+    const bool is_better =
+        least[k] < least[best] || (least[k] == least[best] && least_at[k] < least_at[best]);
+    best = is_better ? k : best;
+  }
+  lowest = least[best];
+  return least_at[best];
 }
 
 int Collapser::cheapest(const Surface& surface, const Triangulation& mesh, std::int32_t v,

@@ -36,7 +36,7 @@ struct LocalQuadric {
 
 /// The treatment of triangles that lie a step off the surface.
 enum class OffFaces : std::uint8_t {
-  kTake,   ///< They are made like others; but a last triangle never is one, if there is another.
+  kTake,   ///< They are made like others, except as the last triangle if there is another.
   kAvoid,  ///< Among few vertices, they are made only where nothing else is left.
   kNever   ///< They are never made, and if few_faces() of a mesh with more vertices, on the way
            ///< to the target, have more pixels than the mesh in the end, these are the result.
@@ -107,7 +107,7 @@ class Collapser {
   /// touched in this round; -1 if there is none. `legal`: only where that is legal.
   int cheapest(const Surface& surface, const Triangulation& mesh, std::int32_t v,
                const Triangulation::Fan& fan, bool legal, std::int32_t round, float& lowest) const;
-  /// The same for a vertex off the boundary, whatever is legal and was touched.
+  /// cheapest() for a vertex off the boundary, whatever is legal and was touched.
   int cheapest_inside(const Triangulation& mesh, std::int32_t v, const Triangulation::Fan& fan,
                       float& lowest) const;
   /// price() of four neighbours of a vertex off the boundary.
@@ -147,9 +147,9 @@ class Collapser {
   bool refuses_off_ = false;  ///< No move may make a triangle that lies a step off the surface.
   float boundary_weight_ = 0.0F, cover_factor_ = 0.0F;
   float least_loss_ = 0.0F;        ///< Least confidence that lost surface is priced with.
-  FewFaces few_;                   ///< Those of most pixels so far.
+  FewFaces few_;                   ///< The few faces that cover most pixels so far.
   std::int64_t few_left_out_ = 0;  ///< Twice the pixels that they leave out.
-  std::int64_t few_below_ = 0;     ///< They are looked for at so many vertices.
+  std::int64_t few_below_ = 0;     ///< Few faces are looked for at so many vertices.
   std::vector<Move> moves_;
   std::vector<float> prices_;
   std::vector<std::int32_t> stack_;

@@ -17,7 +17,7 @@ using Corners = std::array<Corner, 3>;
 
 /// A face over pixels without surface.
 struct Bridge {
-  double area;  ///< Its part over these.
+  double area;  ///< The area of the face over these.
   Eigen::Index face;
 };
 

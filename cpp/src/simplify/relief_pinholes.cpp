@@ -97,8 +97,10 @@ void PinholeFiller::find(const StepRule& steps, const DenseRule& rule, const Sur
 void PinholeFiller::find_holes(const StepRule& steps, const Surface& surface, int most) {
   const std::int64_t num_pixels = grid_.rows * grid_.cols;
   state_.resize(num_pixels);
+  std::uint8_t* const state = state_.data();  // bytes may alias whatever is in memory
+  const std::uint8_t* const valid = grid_.valid;
   for (std::int64_t p = 0; p < num_pixels; ++p) {
-    state_[p] = grid_.valid[p] != 0 ? kMeasured : kUnseen;
+    state[p] = static_cast<std::uint8_t>(valid[p] != 0 ? kMeasured : kUnseen);
   }
   if (steps.has_steps()) find_strays(steps, surface);
   for (std::int64_t u = 0; u < grid_.cols; ++u) {

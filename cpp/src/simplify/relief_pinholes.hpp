@@ -11,7 +11,8 @@ namespace manip3d::relief_detail {
 
 /// Largest hole, in pixels that share sides, that the surface is continued over.
 inline constexpr int kPinhole = 4;
-/// The same where so many pixels are in pinholes that larger holes are what chance makes of them.
+/// Largest hole where so many pixels are in pinholes that larger holes are what chance makes of
+/// them.
 inline constexpr int kChanceHole = 32;
 
 /// A grid without its pinholes: cameras lose single pixels everywhere on a surface, which is not an
@@ -30,7 +31,7 @@ class PinholeFiller {
 
   [[nodiscard]] PointGridView grid() const { return filled_; }
   [[nodiscard]] std::span<const float> confidence() const { return confidence_; }
-  /// Its pixels that are filled.
+  /// Pixels of the grid that are filled.
   [[nodiscard]] std::span<const std::int32_t> filled() const { return filled_pixels_; }
   [[nodiscard]] std::int64_t num_filled() const { return num_filled_; }
   /// Are pixels missing at random: was a fiftieth of them filled?

@@ -10,9 +10,9 @@ namespace manip3d::relief_detail {
 
 /// Which pixels on a triangle's sides count as inside.
 enum class SidePixels : std::uint8_t {
-  kShared,  ///< Those of each side for one of the two triangles that meet there.
-  kOpen,    ///< None.
-  kClosed,  ///< All.
+  kShared,  ///< Pixels on a side count for one of the two triangles that meet there.
+  kOpen,    ///< Pixels on sides do not count.
+  kClosed,  ///< All pixels on sides count.
 };
 
 /// Calls visit(first, last) for the pixels of each row in a triangle (counter-clockwise with v up).

@@ -55,7 +55,7 @@ float volume_between(const Triangulation& mesh, const std::array<std::int32_t, 4
   return std::abs(ab.cross(ac).dot(mesh.vertex(abcd[3]).point - a));
 }
 
-/// Its mean over every eighth triangle's sides.
+/// Mean volume over every eighth triangle's sides.
 float mean_volume(const Triangulation& mesh) {
   constexpr std::int32_t kStride = 8;
   double sum = 0.0;

@@ -31,7 +31,7 @@ class Refiner {
   /// @param before  edges that stay, or come back, unless another one is far better.
   int flip_edges(const Surface& surface, Triangulation& mesh, int sweeps, float floor,
                  const EdgeMemory& before);
-  /// The same in a fifth of the time, from twelve pixels of each pair instead of all.
+  /// flip_edges() in a fifth of the time, from twelve pixels of each pair instead of all.
   /// @param floor  pairs are not looked at where the two ways to cut them differ by less than so
   ///               many mean volumes.
   void flip_sampled(const Surface& surface, Triangulation& mesh, int sweeps, float floor,

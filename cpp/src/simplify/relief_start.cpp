@@ -11,7 +11,13 @@ namespace {
 
 constexpr float kMustSplit = std::numeric_limits<float>::infinity();
 constexpr float kNoTriangle = -1.0F;  // no dense triangle around
+constexpr float kAllNotFlat = std::numeric_limits<float>::denorm_min();
 constexpr int kTile = Surface::kTile;
+
+/// Errors are counted by their upper bits, which order as they do.
+constexpr int kErrorShift = 19;
+
+std::size_t bucket_of(float error) { return std::bit_cast<std::uint32_t>(error) >> kErrorShift; }
 
 /// Distance of a point from a line. Zero on a plane for every camera: straight lines of pixels are
 /// straight lines in space there.
@@ -77,7 +83,7 @@ Float4 StartMesh::raised(const Surface& surface, Float4 errors, std::int32_t fir
   const auto [px, py, pz, area] = lanes([&](int i) { return first + i * stride; });
   const auto [ax, ay, az, area_a] = lanes([&](int i) { return first + i * stride - away[i]; });
   const auto [bx, by, bz, area_b] = lanes([&](int i) { return first + i * stride + away[i]; });
-  // The same operations as in distance_from_line().
+  // Equal operations to those of distance_from_line(), so that the bits are equal.
   const Float4 x1 = px - ax, y1 = py - ay, z1 = pz - az, x2 = bx - ax, y2 = by - ay, z2 = bz - az;
   const Float4 x = y1 * z2 - z1 * y2, y = z1 * x2 - x1 * z2, z = x1 * y2 - y1 * x2;
   const Float4 squared = x * x + (y * y + z * z), length = x2 * x2 + (y2 * y2 + z2 * z2);
@@ -191,24 +197,48 @@ void StartMesh::measure(const Surface& surface, int finest, std::span<const Keep
   }
 }
 
-float StartMesh::threshold_for(const Surface& surface, std::int64_t num_vertices, int finest) {
-  // Counts by the upper bits of the error, which order as the errors do.
-  constexpr int kShift = 19;
-  histogram_.assign(std::size_t{1} << (31 - kShift), 0);
-  for (int v = 0; v < surface.rows(); v += finest) {
-    for (int u = 0; u < surface.cols(); u += finest) {
-      const float error = errors_[v * surface.cols() + u];
-      if (error > 0.0F && error < kMustSplit) {
-        ++histogram_[std::bit_cast<std::uint32_t>(error) >> kShift];
+/// Counts the errors of every step-th pixel and row that are no less than `least`.
+void StartMesh::count_errors(const Surface& surface, int step, float least) {
+  const int cols = surface.cols();
+  histogram_.assign(std::size_t{1} << (31 - kErrorShift), 0);
+  const auto count = [&](float error) {
+    if (error >= least && error < kMustSplit) ++histogram_[bucket_of(error)];
+  };
+  // Few of four neighbours count: most are below the least.
+  const unsigned in_step = step == 1 ? 15U : step == 2 ? 5U : 1U;
+  const int stride = std::max(step, 4);
+  for (int v = 0; v < surface.rows(); v += step) {
+    const float* const row = errors_.data() + std::ptrdiff_t{v} * cols;
+    int u = 0;
+    for (; u + 4 <= cols; u += stride) {
+      const Float4 errors = load4(row + u);
+      const Int4 counted = (errors >= least) & (errors < kMustSplit);
+      for (unsigned lanes = true_lanes(counted) & in_step; lanes != 0; lanes &= lanes - 1) {
+        ++histogram_[bucket_of(row[u + std::countr_zero(lanes)])];
       }
     }
+    for (; u < cols; u += step) count(row[u]);
   }
+}
+
+/// The least error of the so many largest ones that were counted, in steps of the histogram.
+float StartMesh::counted_threshold(std::int64_t num_vertices) const {
   std::int64_t left = num_vertices;
   std::size_t bucket = histogram_.size();
   while (bucket > 0 && left >= histogram_[bucket - 1]) left -= histogram_[--bucket];
   if (bucket == histogram_.size()) return kMustSplit;
-  if (bucket == 0) return std::numeric_limits<float>::denorm_min();  // all that is not flat
-  return std::bit_cast<float>(static_cast<std::uint32_t>(bucket << kShift));
+  if (bucket == 0) return kAllNotFlat;
+  return std::bit_cast<float>(static_cast<std::uint32_t>(bucket << kErrorShift));
+}
+
+float StartMesh::threshold_for(const Surface& surface, std::int64_t num_vertices, int finest) {
+  // All pixels have a threshold no lower than one of sixteen, which is quick to find: what lies
+  // below it needs no counting.
+  count_errors(surface, 4 * finest, kAllNotFlat);
+  const float least = counted_threshold(num_vertices);
+  if (least == kMustSplit) return least;
+  count_errors(surface, finest, least);
+  return std::max(least, counted_threshold(num_vertices));
 }
 
 void StartMesh::find_busy_tiles(const Surface& surface, float threshold) {

@@ -26,8 +26,8 @@ class StartMesh {
   ///                   weighed by the area around them instead of their pixels.
   std::span<const Triangle> build(const Surface& surface, std::int64_t num_vertices, int finest,
                                   std::span<const Keep> keep, bool by_blocks);
-  /// The same triangles tile by tile: neighbours are then near each other in memory, which what
-  /// goes around vertices waits for.
+  /// Orders the triangles tile by tile: neighbours are then near each other in memory, which is
+  /// what loops around vertices wait for.
   std::span<const Triangle> order_by_tile(const Surface& surface);
 
  private:
@@ -40,6 +40,8 @@ class StartMesh {
                    bool is_measured, Part&& part, Away&& away);
   void measure_sides(const Surface& surface, int finest, std::span<const Keep> keep, int step);
   void measure_diagonals(const Surface& surface, int finest, std::span<const Keep> keep, int step);
+  void count_errors(const Surface& surface, int step, float least);
+  [[nodiscard]] float counted_threshold(std::int64_t num_vertices) const;
   [[nodiscard]] float threshold_for(const Surface& surface, std::int64_t num_vertices, int finest);
   void find_busy_tiles(const Surface& surface, float threshold);
   template <typename Visit>

@@ -48,8 +48,8 @@ struct Sample {
 /// What a pixel is to a mesh that follows another one.
 enum class Keep : std::uint8_t {
   kFree,
-  kPrefer,  ///< It was a vertex of the frame before.
-  kFixed,   ///< It is a vertex of a smaller mesh that shares vertices with this one.
+  kPrefer,  ///< A vertex of the frame before.
+  kFixed,   ///< A vertex of a smaller mesh that shares vertices with this one.
 };
 
 /// Which change of depth is a step: see DenseRule.
@@ -65,7 +65,7 @@ class StepRule {
     const float share = share_ * depth;
     return slope_ ? std::max(share, slope_->limit(depth)) : share;
   }
-  /// The same for four depths.
+  /// limit() of four depths.
   [[nodiscard]] Float4 limit(Float4 depth) const {
     const Float4 share = share_ * depth;
     if (!slope_) return share;
@@ -100,7 +100,7 @@ class Surface {
   /// @param confidence  by pixel of the grid, 0 to 1; may be empty: all are 1.
   void assign(const PointGridView& whole, const DenseRule& rule, std::span<const float> confidence,
               int num_threads);
-  /// The same of a grid whose surface is known but for some pixels that are filled in: only what is
+  /// Assigns a grid whose surface is known but for some pixels that are filled in: only what is
   /// around these is built.
   /// @param before  the surface without them.
   /// @param filled  pixels of the grid.
@@ -148,7 +148,7 @@ class Surface {
   [[nodiscard]] float depth(std::int32_t pixel) const {
     return static_cast<float>(unit_ * double{samples_[pixel].z} + center_.z());
   }
-  /// The same for all pixels.
+  /// depth() of all pixels.
   void depths(std::span<float> out) const;
   /// All of cell(), and whether a pixel is used.
   [[nodiscard]] std::span<const std::uint8_t> cells() const { return cells_; }

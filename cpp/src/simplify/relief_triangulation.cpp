@@ -329,7 +329,7 @@ void Triangulation::collapse(std::int32_t v, const Fan& fan, int i) {
       stays = t;
       continue;
     }
-    // Its two neighbours that remain become neighbours of each other.
+    // The two neighbours of t that remain become neighbours of each other.
     const std::int32_t beyond = faces_[t].neighbors[corner(faces_[t].corners, v)];
     const std::int32_t within = faces_[t].neighbors[corner(faces_[t].corners, target)];
     relink(beyond, t, within);

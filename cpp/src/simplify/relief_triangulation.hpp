@@ -58,7 +58,7 @@ class Triangulation {
   }
   /// Leaves no slots of removed vertices and triangles; the others keep their order.
   void compact();
-  /// The same mesh over the pixels of another surface of the same input, which has all of them.
+  /// Moves the mesh to the pixels of another surface of the same input, which has all of them.
   void change_surface(const Surface& from, const Surface& to);
   /// Removes triangles that have no neighbours but each other.
   void remove_piece(std::span<const std::int32_t> faces);
