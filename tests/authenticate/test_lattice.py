@@ -500,14 +500,10 @@ def test_five_points_apart_are_found_where_they_are_near_to_each_other(clean: np
                 chosen.append(int(row))
         return np.array(chosen[:5])
 
-    for reach, least, lift, verdict in (
-        (1.2, 0.7, 0.004, "tampered"),
-        (6.0, 1.6, 0.004, "no_trace"),
-        (6.0, 1.6, 0.01, "tampered"),  # far off: by their number
-    ):
+    for reach, least, verdict in ((1.2, 0.7, "tampered"), (6.0, 1.6, "no_trace")):
         chosen = apart(reach, least)
         forged = clean.copy()
-        forged[chosen, 2] = scans.rounded(forged[chosen, 2] + lift)
+        forged[chosen, 2] = scans.rounded(forged[chosen, 2] + 0.01)
         result = judged(forged)
         assert result.evidence["line"].strength == 1.0
         assert result.evidence["line"].share * len(clean) == pytest.approx(5.0)
@@ -520,7 +516,7 @@ def test_five_points_apart_are_found_where_they_are_near_to_each_other(clean: np
 
 
 @pytest.mark.parametrize(
-    ("number", "verdict"), [(3, "no_trace"), (4, "tampered"), (900, "tampered")]
+    ("number", "verdict"), [(8, "no_trace"), (9, "tampered"), (900, "tampered")]
 )
 def test_points_strewn_over_the_scan_are_found_by_their_number(
     clean: np.ndarray, number: int, verdict: str

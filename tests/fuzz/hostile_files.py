@@ -339,6 +339,24 @@ def recordings(suffix: str) -> list[Files]:
     return [folder_of(lambda p, c=c: write(p.with_name(name), c)) for c in makers]
 
 
+def trials() -> list[Files]:
+    from scipy.io import savemat
+
+    shapes = {"depth": (240, 320, 2), "skeleton": (20, 3, 2)}
+    names = {"depth": "d_depth", "skeleton": "d_skel"}
+
+    def write(path: Path, kind: str) -> None:
+        # Images are packed, so that damage meets more than pixels; of joints each byte is open.
+        dtype = np.uint16 if kind == "depth" else np.float64
+        values = {names[kind]: np.full(shapes[kind], 2, dtype)}
+        savemat(path, values, do_compression=kind == "depth")
+
+    files: dict[str, bytes] = {}
+    for kind in names:
+        files |= written(lambda path, kind=kind: write(path, kind), f"a1_{kind}.mat")
+    return [files]
+
+
 def results() -> list[Files]:
     sys.path.insert(0, str(TESTS))
     from manip3d.experiments import run as run_experiments
@@ -621,6 +639,7 @@ KINDS = {
         Kind("tum", tum_folder, lambda d, _: read_frames(f"tum:{d / 'freiburg1'}")),
         Kind("folder", lambda: recordings(""), lambda d, _: read_frames(f"folder:{d / 'x'}")),
         Kind("mkv", lambda: recordings(".mkv"), lambda d, _: read_frames(f"mkv:{d / 'x.mkv'}")),
+        Kind("trial", trials, lambda d, _: read_frames(f"utd-mhad:{d / 'a1_depth.mat'}")),
         Kind("results", results, report),
         Kind("bvh", lambda: [{"a.bvh": BVH.encode()}], lambda d, n: files.read_bvh(d / n)),
         Kind("lattice", lattices, lambda d, n: authenticate.SensorLattice.load(d / n)),
@@ -649,6 +668,7 @@ NEEDS = {
     "camera": ("yaml",),
     "velodyne": ("yaml",),
     "tum": ("PIL",),
+    "trial": ("scipy",),
     "results": ("jinja2",),
     "picture": ("PIL",),
     "certificate": ("cryptography",),
