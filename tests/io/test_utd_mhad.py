@@ -107,6 +107,9 @@ def test_what_is_wrong_with_a_trial_is_told(tmp_path: Path) -> None:
     refused("expected d_skel of shape")  # complex numbers are no joints
     savemat(skeleton, {"d_skel": np.zeros((20, 3, FRAMES + 1))})
     refused(f"expected {FRAMES} skeletons, got {FRAMES + 1}")
+    for far in (np.nan, 1e300):
+        savemat(skeleton, {"d_skel": np.full((20, 3, FRAMES), far)})
+        refused("expected joints within 1000 m of the camera")
     skeleton.write_bytes(whole)
     savemat(path, {"d_depth": np.full((240, 320, FRAMES), -1.0)})
     refused("expected depths of 0 to 65535 mm")

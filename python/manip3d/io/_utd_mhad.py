@@ -24,6 +24,7 @@ DEPTH_ENDING = "_depth.mat"
 
 _SIZE = (240, 320)
 _JOINTS = 20
+_FARTHEST_M = 1000.0
 _MOST_BYTES = 1 << 28  # a trial of 4 s has 0.2 MB, one of an hour would have 200
 _UNCOMPRESSED = 1 << 26  # bytes of a variable that may be compressed by any factor
 _MOST_RATIO = 200  # of compression, beyond that: trials have 60
@@ -72,7 +73,7 @@ def read_trial(
     Raises
     ------
     FormatError
-        A file is damaged, or there are no joints.
+        A file is damaged, there are no joints, or one is not a finite number of metres.
     OSError
         `FileNotFoundError` and the like.
     MissingExtraError
@@ -81,6 +82,10 @@ def read_trial(
     images, joints = _png_trial(trial) if trial.is_dir() else _mat_trial(trial, skeleton)
     if len(images) != len(joints):
         raise FormatError(f"expected {len(images)} skeletons, got {len(joints)}", file=str(trial))
+    farthest = np.abs(joints).max(initial=0.0)
+    if not farthest <= _FARTHEST_M:
+        told = f"expected joints within {_FARTHEST_M:g} m of the camera, got {farthest:g} m"
+        raise FormatError(told, file=str(trial))
     return images, joints
 
 
