@@ -50,9 +50,9 @@ touch; points that are compared with each other at most, a fiftieth of what make
 region."""
 
 FAR_OFF = 2.5
-"""Times the tolerance. None of the 5.3 million points of 43 frames of nine drives of KITTI is farther
-than this from its line or step. Strays of one frame may have one cause, which 43 frames cannot rule
-out: `STRAY_RATE`, 17 times what so many points allow (95 %), leaves a frame several of them."""
+"""Times the tolerance. No point of 43 frames of nine drives of KITTI, 5.3 million, is so far
+from its line or step. Strays of one frame may have one cause, which 43 frames cannot rule out: with
+`STRAY_RATE`, 17 times what so many points allow (95 %), a frame may have several of them."""
 
 WINDOWS = 1_000_000
 """Windows of ranges that might be tested in a frame of 64 lasers: three around each voxel."""
