@@ -158,6 +158,22 @@ def test_firings_that_a_scanner_tells_twice_are_no_repetition(rows_later: int | 
     assert [step.kind for step in many.processing] == ["repeated"]
 
 
+def test_no_scanner_has_hundreds_of_lasers() -> None:
+    """Elevations that were rounded to a step; a few points between two of them are no edit."""
+    random = np.random.default_rng(0)
+    number, turn = 140, 360
+    slope = np.repeat(np.tan(1e-3 * np.arange(70, 70 - number, -1)), turn)
+    azimuth = np.tile(np.radians(np.arange(turn)), number)
+    rho = random.uniform(3.0, 60.0, number * turn)
+    points = np.stack([rho * np.cos(azimuth), rho * np.sin(azimuth), rho * slope], axis=1)
+    ring = np.repeat(np.arange(number), turn)
+    scan = LidarFrame(points.astype(np.float32), ring=ring, origin=(0.0, 0.0, 0.0))
+    with pytest.raises(InputError, match=r"spinning scanner \(4 to 128\).*found 140 lines"):
+        estimate_lattice(scan)
+    whole = scan.select(np.flatnonzero(ring < 128))
+    assert len(estimate_lattice(whole).slope) == 128
+
+
 def test_rounded_scans_are_not_exact(unit: Unit) -> None:
     scan = exact_scan(unit, labelled=True)
     for decimals in (3, 4):

@@ -104,8 +104,9 @@ FEWEST_POINTS = 100
 FEWEST_LABELLED = 8
 """Fewest points of a ring that the frame names: enough to tell a line from an object."""
 
-LEAST_LINES = 4
-"""Fewest lines that are the lasers of a scanner."""
+LEAST_LINES, MOST_LINES = 4, 128
+"""Fewest and most lines that are the lasers of a scanner: none has more lasers. Clouds whose
+elevations were rounded are on hundreds of lines, and few points between them are no edit."""
 
 NARROW = 0.05
 """Metres: a ring of less extent from the axis (the scanner's own car, a wall around it) says where
@@ -730,10 +731,10 @@ def _find_lines(clouds: Sequence[_Cloud]) -> tuple[Floats, Floats]:
 
 
 def _check_lines(found: int) -> None:
-    if found < LEAST_LINES:
+    if not LEAST_LINES <= found <= MOST_LINES:
         raise InputError(
-            f"frames: expected the rings of a spinning scanner, ring after ring and each by "
-            f"azimuth, or `ring`; found {found} lines"
+            f"frames: expected the rings of a spinning scanner ({LEAST_LINES} to {MOST_LINES}), "
+            f"ring after ring and each by azimuth, or `ring`; found {found} lines"
         )
 
 
