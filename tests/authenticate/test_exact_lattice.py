@@ -192,7 +192,7 @@ def with_digits(scan: LidarFrame, digits: int) -> LidarFrame:
 
 @pytest.mark.parametrize("digits", [4, 5, 6, 8])
 def test_texts_of_few_digits_accuse_nobody(unit: Unit, digits: int) -> None:
-    """Of five digits (MATLAB's default), coordinates of 10 m and more are whole millimetres."""
+    """In five digits (MATLAB's default), coordinates of 10 m and more are whole millimetres."""
     for labelled in (False, True):
         scan = exact_scan(unit, labelled=labelled)
         assert np.abs(scan.points).max() > 10.0

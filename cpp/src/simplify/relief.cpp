@@ -204,7 +204,7 @@ std::vector<Triangle> triangles_of(const Surface& surface, const PointGridView& 
 }  // namespace
 
 struct Relief::Memory {
-  PointGrid points;  ///< Of a depth image.
+  PointGrid points;  ///< Points of the depth image, if one was given.
   relief_detail::PinholeFiller pinholes;
   Surface surface;
   Surface measured;  ///< `surface` without what lies over pinholes, if there are any.
