@@ -24,6 +24,7 @@ from cave_scans import AHEAD, ball
 from manip3d._util.extras import EXTRAS
 from manip3d.cli import _VERBS, app, load
 from manip3d.experiments import _simplification
+from trial_files import write_trial
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text()
@@ -186,6 +187,8 @@ def make_sources(words: list[str], place: Path) -> None:
     sources = " ".join(words).partition(" -o ")[0]
     if "patient.mkv" in sources and not (place / "patient.mkv").exists():
         manip3d.capture.record("sim:body?amputated=right-arm&frames=3", place / "patient.mkv")
+    if "a3_s1_t1_depth.mat" in words:
+        write_trial(place)
     if "study.diary" in words or words[:2] in (["diary", "keygen"], ["diary", "form"]):
         make_diary(words, place)
     if words[:2] == ["diary", "ask"]:
