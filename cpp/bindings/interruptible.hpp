@@ -25,7 +25,7 @@ inline Progress interruptible(std::shared_ptr<const pybind11::object> callback =
   };
 }
 
-/// As above; `callback` is a Python callable or None.
+/// Overload for a Python callable or None.
 inline Progress interruptible(const pybind11::object& callback) {
   if (callback.is_none()) return interruptible();
   const pybind11::gil_scoped_acquire gil;  // its reference count changes; copies share one owner

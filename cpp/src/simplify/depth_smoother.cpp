@@ -484,7 +484,7 @@ void DepthSmoother::find_moving_blocks() {
 }
 
 void DepthSmoother::stay_near_shown() {
-  // What was shown follows the blocks' motion, so it need not be drawn to what is new as fast.
+  // Shown depths follow the blocks' motion, so they need not be drawn to new ones as fast.
   const auto share = 0.5F * static_cast<float>(options_.newest_share);
   const auto noise = kNearShown * static_cast<float>(std::max(noise_, 0.0));
   const std::int64_t width = box_.end_u - box_.u;

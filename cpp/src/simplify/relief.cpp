@@ -222,8 +222,8 @@ struct Relief::Memory {
   std::vector<std::int32_t> number;   ///< Vertex -> output vertex; kNone: left out.
   enum class Written : std::uint8_t {
     kNot,
-    kAsOwn,     ///< As a vertex of its own.
-    kWithLast,  ///< As the vertex of the fan before it at its pixel.
+    kAsOwn,     ///< A vertex of its own.
+    kWithLast,  ///< The vertex of the fan before it at its pixel.
   };
   /// By level, last the mesh, and vertex; empty: all as their own.
   std::vector<std::vector<Written>> written;

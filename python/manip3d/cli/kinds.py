@@ -37,7 +37,7 @@ NO_RECORDING = (
     ". A folder is an RGB-D recording if it holds frames.jsonl, depth images in depth/ (colour "
     "images in color/), the lists depth.txt and rgb.txt of a TUM sequence, or a trial of UTD-MHAD"
 )
-"""What is said of a folder in which nothing is a recording."""
+"""Advice about a folder in which nothing is a recording."""
 
 NAMES = {
     "mesh": "a mesh",

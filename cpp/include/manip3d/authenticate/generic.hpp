@@ -95,7 +95,7 @@ GenericResult generic_consistency(const PointsView& points, const ScanLattice& l
                                   const PointsView& previous = {}, const PointsView& following = {},
                                   const Progress& progress = {});
 
-/// As above, with the places of the points on this lattice, which read_lattice has found.
+/// Overload for points whose places on this lattice are known from read_lattice.
 /// @throws InputError  what check_reading refuses, too.
 GenericResult generic_consistency(const PointsView& points, const ScanLattice& lattice,
                                   LatticeReading reading, const GenericOptions& options,

@@ -72,8 +72,8 @@ std::vector<ReflectanceRegion> compare_reflectance(const PointsView& points,
                                                    const ReflectanceOptions& options = {},
                                                    const Progress& progress = {});
 
-/// As above, with the places of the points on this lattice, which read_lattice has found; only
-/// rings and azimuths are used.
+/// Overload for points whose places on this lattice are known from read_lattice; only rings and
+/// azimuths are used.
 /// @throws InputError  what check_reading refuses, too.
 std::vector<ReflectanceRegion> compare_reflectance(
     const PointsView& points, const ScanLattice& lattice, LatticeReading reading,

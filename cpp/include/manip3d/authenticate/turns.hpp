@@ -69,8 +69,8 @@ TurnResult compare_turns(const PointsView& points, const PointsView& previous,
                          const PointsView& following, const ScanLattice& lattice,
                          const TurnOptions& options = {}, const Progress& progress = {});
 
-/// As above, with the places of the points on this lattice, which read_lattice has found; only
-/// rings, azimuths and line errors are used.
+/// Overload for points whose places on this lattice are known from read_lattice; only rings,
+/// azimuths and line errors are used.
 /// @throws InputError  what check_reading refuses, too.
 TurnResult compare_turns(const PointsView& points, const PointsView& previous,
                          const PointsView& following, const ScanLattice& lattice,

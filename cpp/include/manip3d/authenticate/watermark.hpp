@@ -127,7 +127,7 @@ class WatermarkEmbedder {
   /// @throws InputError  an option out of range.
   WatermarkEmbedder(const WatermarkKey& key, const WatermarkId& sensor,
                     const WatermarkOptions& options = {});
-  /// As above with a given session, for known answers; a session must never be used twice.
+  /// Overload with a given session, for known answers; a session must never be used twice.
   WatermarkEmbedder(const WatermarkKey& key, const WatermarkId& sensor, const WatermarkId& session,
                     const WatermarkOptions& options);
   /// One that goes on with a session after the frame of this record, as after a run that stopped.

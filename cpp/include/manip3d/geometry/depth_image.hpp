@@ -48,7 +48,7 @@ struct PointGrid {
 /// @throws InputError  other sizes; a depth that is negative or infinite.
 PointGrid unproject(const DepthView& depth, const PixelRays& rays, int num_threads = 0);
 
-/// As above; overwrites `grid` and reuses its memory.
+/// Overload that overwrites `grid` and reuses its memory.
 void unproject(const DepthView& depth, const PixelRays& rays, int num_threads, PointGrid& grid);
 
 /// @throws InputError  side above kMaxImageSide; a valid point that is not finite.

@@ -87,7 +87,7 @@ enum class PhantomState : std::uint8_t {
   kTracking,  ///< The intact limb is seen, and mirrored.
   kDegraded,  ///< It is mirrored, but the phantom is not whole: `reason` says what is wrong.
   kHolding,   ///< It cannot be mirrored; the last phantom moves with the body.
-  kFading,    ///< As kHolding, with less and less opacity.
+  kFading,    ///< The held phantom loses opacity.
   kLost,      ///< There is no phantom.
   kLate       ///< The frame is not newer than the last one; nothing was done.
 };

@@ -131,7 +131,7 @@ class Relief {
   void run(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result,
            std::span<const float> confidence = {});
 
-  /// As above for a depth image, whose points are kept in memory that is reused, too.
+  /// Overload for a depth image, whose points are kept in memory that is reused, too.
   /// @throws InputError  also as unproject().
   void run(const DepthView& depth, const PixelRays& rays, const ReliefOptions& options,
            ReliefResult& result, std::span<const float> confidence = {});
