@@ -308,7 +308,7 @@ def test_sides_that_a_tracker_swaps_do_not_move_the_limb() -> None:
 
 
 def test_a_guessed_hip_does_not_hide_that_sides_are_swapped() -> None:
-    """As one hip of a seated person often is guessed, at its place by chance alone."""
+    """Trackers often guess one hip of a seated person, at its place by chance alone."""
     truth = pose({"HandLeft": (0.3, 0.2, -0.1)})
     left, right = JOINTS.index("HipLeft"), JOINTS.index("HipRight")
     told = replace(truth, positions=truth.positions.copy(), states=truth.states.copy())

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 DEPTH_ENDING = "_depth.mat"
-"""What the names of the data set's depth files end with."""
+"""Ending of the names of the data set's depth files."""
 
 _SIZE = (240, 320)
 _JOINTS = 20

@@ -214,7 +214,7 @@ def _relief_of(
     registration: Registration | None,
     surface: DenseImage | DenseGrid,
 ) -> Relief:
-    """What a solver found, as a `Relief`."""
+    """Return the fields that a solver found as a `Relief`."""
     fields["stop"] = fields["stop"].name
     cover = fields.pop("coverage"), fields.pop("bridges"), fields.pop("outside")
     off, left = fields.pop("off"), fields.pop("without_off")
