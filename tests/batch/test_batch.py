@@ -156,6 +156,16 @@ def test_outputs_below_the_sources_are_no_sources(texts: Path) -> None:
         assert len(summary.rows) == 4
 
 
+def test_outputs_are_no_sources_however_their_folder_is_written(
+    texts: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(texts)
+    places = [(".", "out"), (texts, "out"), (".", texts / "out"), ("../texts", "./out")]
+    for sources, output in places:
+        summary = batch.run(upper, sources, output, suffixes=[".txt"], jobs=1, overwrite=True)
+        assert len(summary.rows) == 4
+
+
 def test_a_table_in_parquet_keeps_types(texts: Path, tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet", reason="the extra 'parquet' is not installed")
     batch.run(upper, texts, table=tmp_path / "t.parquet", suffixes=[".txt"], jobs=1)
@@ -163,6 +173,8 @@ def test_a_table_in_parquet_keeps_types(texts: Path, tmp_path: Path) -> None:
     assert columns["length"] == [3, None, 5, 4]
     batch.write_table([{"a": 1}, {"a": "word"}], tmp_path / "mixed.parquet")
     assert parquet.read_table(tmp_path / "mixed.parquet").to_pydict() == {"a": ["1", "word"]}
+    batch.write_table([{"a": 1}, {"a": 2**64}], tmp_path / "large.parquet")
+    assert parquet.read_table(tmp_path / "large.parquet").to_pydict() == {"a": ["1", str(2**64)]}
 
 
 def test_a_table_has_the_number_of_a_list_of_mappings_however_short(tmp_path: Path) -> None:

@@ -56,6 +56,20 @@ def test_clouds_of_a_bag_are_those_that_were_written(
         assert len(list(capture.open(f"bag:{files[0]}"))) == 3
 
 
+def test_names_of_bags_may_hold_the_mark_of_a_topic(tmp_path: Path) -> None:
+    folder = tmp_path / "drive #1"
+    folder.mkdir()
+    clouds = [message(TYPES, points_of(0), stamp=5.25)]
+    bag = write_bag(folder / "bag", {"/points": clouds, "/others": clouds}, "mcap", "NONE")
+    with pytest.raises(InputError, match="#TOPIC with one of the topics"):
+        capture.open(f"bag:{bag}").read()
+    for source in (f"{bag}#/points", f"{next(bag.glob('*.mcap'))}#/points"):
+        address = capture.scan_address(source)
+        assert address == f"bag:{source}"
+        with capture.open(address) as frames:
+            assert len(list(frames)) == 1
+
+
 def test_ros1_bags(tmp_path: Path) -> None:
     types = typesys.get_typestore(typesys.Stores.ROS1_NOETIC)
     path, table = tmp_path / "a.bag", points_of(1)

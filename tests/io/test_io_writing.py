@@ -439,6 +439,28 @@ def test_atomic_pair_takes_the_first_back_when_the_second_cannot_be_renamed(
     assert here == ({name: "first", "a.bin.wm": "first"} if is_there else {})
 
 
+@pytest.mark.parametrize("failing_call", [1, 2])
+def test_atomic_pair_keeps_the_companion_when_a_folder_cannot_be_synced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failing_call: int
+) -> None:
+    scan, record = tmp_path / "a.bin", tmp_path / "a.bin.wm"
+    scan.write_text("first")
+    record.write_text("first")
+    num_calls = 0
+
+    def failing(folder: Path) -> None:
+        nonlocal num_calls
+        num_calls += 1
+        if num_calls == failing_call:
+            raise OSError(errno.EIO, "Input/output error", str(folder))
+
+    monkeypatch.setattr("manip3d.io._files.sync_folder", failing)
+    with pytest.raises(OSError, match="Input/output"), atomic_pair(scan, record) as new:
+        new[0].write_text("second")
+    here = {each.name: each.read_text() for each in tmp_path.iterdir()}
+    assert here == {"a.bin": "first", "a.bin.wm": "first"}
+
+
 @pytest.mark.parametrize("suffix", ["obj", "ply"])
 def test_a_mesh_that_cannot_be_renamed_leaves_no_texture(tmp_path: Path, suffix: str) -> None:
     if shutil.which("strace") is None:

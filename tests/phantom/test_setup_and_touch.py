@@ -259,3 +259,33 @@ def test_a_game_is_laid_out_for_the_measured_patient() -> None:
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
     assert session._measured is not None
+
+
+def test_measures_of_one_patient_are_not_those_of_another() -> None:
+    from frame_reader import read_frame
+
+    session = LiveSession("right_arm")
+    frame = capsule_body.painted(0)
+    (first,) = frame.skeletons
+    other = replace(moved(first, (1.2, 0, 0)), id=first.id + 1)
+    number = 0
+
+    def next_status() -> dict[str, Any]:
+        nonlocal number
+        number += 1
+        both = replace(
+            frame, time_ns=number * 33_333_333, number=number, skeletons=(first, other)
+        )
+        message = session.process(both)
+        assert message is not None
+        return read_frame(message).status
+
+    session.command("calibrate")
+    while (status := next_status())["calibrated"] != 1.0:
+        assert number < 90
+    (own, is_patient), (others, _) = status["people"]
+    assert is_patient
+    session.command("patient", {"which": own})
+    assert next_status()["calibrated"] == 1.0
+    session.command("patient", {"which": others})
+    assert next_status()["calibrated"] is None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import gc
+import gzip
 import json
 import logging
 import os
@@ -595,6 +596,19 @@ def test_a_page_may_be_a_file_that_is_written_later(tmp_path: Path) -> None:
         file.unlink()
         file.mkdir()
         assert get(server, "/clip", visitor)[0] == 404
+
+
+def test_a_compressed_file_of_the_same_name_is_not_sent_in_place_of_a_page(tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_bytes(b"0123456789")
+    (tmp_path / "a.png.gz").write_bytes(gzip.compress(b"something else"))
+    pages = PAGES | {"/a.png": Page("image/png", tmp_path / "a.png")}
+    with LocalServer(pages, acknowledge) as server:
+        visitor = {"Cookie": cookie(server), "Accept-Encoding": "gzip, br"}
+        status, head, body = get(server, "/a.png", visitor)
+        assert (status, body) == (200, b"0123456789")
+        assert "Content-Encoding" not in head
+        status, _, body = get(server, "/a.png", visitor | {"Range": "bytes=2-4"})
+        assert (status, body) == (206, b"234")
 
 
 def test_free_texts_are_bounded_and_plain() -> None:

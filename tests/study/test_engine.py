@@ -592,6 +592,8 @@ def test_who_withdraws_leaves_nothing(definition: Path, tmp_path: Path) -> None:
         folder.withdraw("sim-001")
         with pytest.raises(InputError, match="participant: expected one of this study"):
             folder.withdraw("sim-001")
+        with pytest.raises(InputError, match="participant: expected one of this study"):
+            folder.store("sim-001", Answer("late", {}, {}))
         assert folder.begin("new").number == 3  # no number twice
     names = [path.name for path in (tmp_path / "a").rglob("*.jsonl")]
     assert sorted(names) == ["new.jsonl", "sim-000.jsonl", "sim-002.jsonl"]

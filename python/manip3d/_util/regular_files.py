@@ -25,3 +25,22 @@ def open_regular(path: str | os.PathLike[str]) -> BufferedReader:
         return file
     file.close()
     raise FormatError("expected a regular file, got a pipe, socket or device", file=str(path))
+
+
+def limited_bytes(path: str | os.PathLike[str], most: int) -> bytes:
+    """Return the content of what `open_regular` opens, of at most so many bytes.
+
+    Raises
+    ------
+    FormatError
+        It is longer, or no regular file.
+    OSError
+        As `open_regular`.
+    """
+    with open_regular(path) as file:
+        content = file.read(most + 1)
+    if len(content) > most:
+        raise FormatError(
+            f"expected at most {most} bytes, got more", file=str(path), byte_offset=most
+        )
+    return content

@@ -12,7 +12,7 @@ from typing import Any
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
-from manip3d._util.regular_files import open_regular
+from manip3d._util.regular_files import limited_bytes
 from manip3d.errors import FormatError, MissingExtraError
 
 MOST_BYTES = 16 << 20
@@ -29,7 +29,7 @@ def parse_xml(path: Path) -> Element:
     FormatError
         Not well-formed, larger than 16 MiB, nested deeper than 64, or it declares entities.
     """
-    return parse_xml_bytes(bounded_bytes(path, MOST_BYTES), str(path))
+    return parse_xml_bytes(limited_bytes(path, MOST_BYTES), str(path))
 
 
 def parse_xml_bytes(
@@ -118,7 +118,7 @@ def parse_yaml(path: Path, *, extra: str) -> Any:
 
     for name in ("matrix", "nd-matrix"):
         Loader.add_constructor(f"tag:yaml.org,2002:opencv-{name}", Loader.construct_yaml_map)
-    data = bounded_bytes(path, _MOST_YAML_BYTES)
+    data = limited_bytes(path, _MOST_YAML_BYTES)
     # "%YAML:1.0", OpenCV's first line for years, is no directive of YAML. The line stays, empty, so
     # that errors name the right one.
     data = re.sub(rb"\A(\xef\xbb\xbf)?%YAML[^\r\n]*", b"", data)
@@ -127,26 +127,10 @@ def parse_yaml(path: Path, *, extra: str) -> Any:
     except yaml.MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else None
         raise FormatError(f"not YAML: {error.problem}", file=str(path), line=line) from None
-    except (yaml.YAMLError, RecursionError, ValueError) as error:
-        reason = "nested too deep" if isinstance(error, RecursionError) else str(error)
-        raise FormatError(f"not YAML: {reason:.200}", file=str(path)) from None
-
-
-def bounded_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
-    """Return the bytes of a regular file of at most so many.
-
-    Raises
-    ------
-    FormatError
-        There are more, or it is not a regular file (`open_regular`).
-    """
-    with open_regular(path) as stream:
-        data = stream.read(most + 1)
-    if len(data) > most:
-        raise FormatError(
-            f"expected at most {most} bytes, got more", file=str(path), byte_offset=most
-        )
-    return data
+    except RecursionError:
+        raise FormatError("not YAML: nested too deep", file=str(path)) from None
+    except Exception as error:  # values that are not of their tag's type fail in many ways
+        raise FormatError(f"not YAML: {error!s:.200}", file=str(path)) from None
 
 
 def text_of(path: Path) -> str:
@@ -155,6 +139,6 @@ def text_of(path: Path) -> str:
     Raises
     ------
     FormatError
-        As `bounded_bytes`.
+        As `limited_bytes`.
     """
-    return bounded_bytes(path).decode("utf-8", "surrogateescape")
+    return limited_bytes(path, MOST_BYTES).decode("utf-8", "surrogateescape")

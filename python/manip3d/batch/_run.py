@@ -267,11 +267,25 @@ def _listed(sources: Any, suffixes: Sequence[str] | None, output: Place | None) 
     found = listed + (find_files(rest, suffixes=suffixes) if rest else [])
     if output is None:
         return found
-    within = output.of("")
-    kept = [file for file in found if file.is_named or not file.name.startswith(within)]
+    lies_in_output = _lies_in(output)
+    kept = [file for file in found if file.is_named or not lies_in_output(file.name)]
     if not kept:
         raise InputError("sources: expected files, found those of the output only")
     return kept
+
+
+def _lies_in(output: Place) -> Callable[[str], bool]:
+    """Return whether a file lies in a folder, however the paths of both are written."""
+    if is_url(output.folder):
+        within = output.of("")
+        return lambda name: name.startswith(within)
+    folder = Path(output.folder).resolve()
+
+    @functools.cache
+    def is_within(parent: Path) -> bool:
+        return parent.resolve().is_relative_to(folder)
+
+    return lambda name: not is_url(name) and is_within(Path(name).parent)
 
 
 def _targets(

@@ -107,7 +107,8 @@ def _parquet(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> bytes
         values = [row.get(column) for row in rows]
         try:
             arrays[column] = arrow.array(values)
-        except (arrow.ArrowInvalid, arrow.ArrowTypeError):  # numbers in one row, words in another
+        # Numbers in one row and words in another, or numbers that do not fit 64 bits.
+        except (arrow.ArrowInvalid, arrow.ArrowTypeError, OverflowError):
             arrays[column] = arrow.array([None if v is None else str(v) for v in values])
     stream = io.BytesIO()
     parquet.write_table(arrow.table(arrays), stream)

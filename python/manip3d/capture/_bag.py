@@ -199,6 +199,16 @@ def _without_end(path: Path) -> Path | None:
     return None
 
 
+def place_and_topic(uri: str) -> tuple[str, str]:
+    """Return path and topic of ``bag:PATH#TOPIC``; the topic is empty where none is given.
+
+    Names of files may hold ``#``, names of topics may not.
+    """
+    place = uri.partition(":")[2]
+    path, mark, topic = place.rpartition("#")
+    return (path, topic) if mark and not Path(place).exists() else (place, "")
+
+
 class BagPicture(NamedTuple):
     """A picture of a bag, undecoded: what its message says, and its bytes."""
 

@@ -147,14 +147,6 @@ class BagImages:
         return np.where(is_depth, depth, 0.0).astype(np.uint16)
 
 
-def place_and_topic(uri: str) -> tuple[str, str]:
-    """The two of ``rgbd-bag:PATH#TOPIC``; a file of such a name is a path."""
-    place, topic = uri.partition(":")[2], ""
-    if "#" in place and not Path(place).exists():
-        place, _, topic = place.partition("#")
-    return place, topic
-
-
 def depth_size(path: Path, topic: str) -> tuple[int, int]:
     """Width and height of the first depth image in a bag, whose camera it need not state.
 

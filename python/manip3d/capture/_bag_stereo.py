@@ -15,7 +15,7 @@ from manip3d._util.linear import product
 from manip3d._util.paths import path_of
 from manip3d._util.times import SECOND_NS
 from manip3d.authenticate import TURN_S, DriveMoment, StereoRig, WatchedDrive, read_rigs
-from manip3d.capture._bag import BagPicture, BagRecording
+from manip3d.capture._bag import BagPicture, BagRecording, place_and_topic
 from manip3d.capture._bag_pictures import decoded, pose_of
 from manip3d.capture._lidar import LidarSource, expect_scans, open_lidar
 from manip3d.errors import Error, FormatError, InputError
@@ -107,7 +107,7 @@ def watched_recording(
         return WatchedDrive(None, itertools.islice(scans, frames), frames or 0)
     if calibration is not None:
         raise InputError("calibration: expected none for bag:")
-    place, _, topic = uri.removeprefix("bag:").partition("#")
+    place, topic = place_and_topic(uri)
     bag = BagRecording(path_of(place, "uri"), topic, mode="pictures")
     try:
         known = None if rigs is None else _only_rig(rigs)

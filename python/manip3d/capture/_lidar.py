@@ -15,6 +15,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
+from manip3d.capture._bag import place_and_topic
 from manip3d.capture._frame_source import FrameSource
 from manip3d.capture._velodyne_calibration import VelodyneCalibration, read_velodyne_calibration
 from manip3d.errors import FormatError, InputError
@@ -234,7 +235,7 @@ def open_lidar(
         from manip3d.capture._bag import BagRecording
         from manip3d.io._limits import byte_limit
 
-        place, _, topic = rest.partition("#")
+        place, topic = place_and_topic(uri)
         bag = BagRecording(path_of(place, "uri"), topic, byte_limit(max_bytes) or None)
         return LidarSource(uri, bag, live=False)
     if colon and scheme == "kitti":
@@ -293,9 +294,10 @@ def expect_scans(
     told = ", ".join(f"{name.replace('_', ' ')} {n}" for name, n in counted.items() if n)
     reason = "expected scans, found none" + (f"; counted: {told}" if told else "")
     scheme, _, place = uri.partition(":")
+    file = place_and_topic(uri)[0] if scheme == "bag" else place
     if scheme == "pcap" and (counted.get("bad_length") or counted.get("file_fragments")):
         reason += "; an Ouster's recording needs its JSON file of the same name beside it"
-    raise FormatError(reason, file=place.partition("#")[0] if scheme == "bag" else place)
+    raise FormatError(reason, file=file)
 
 
 class _Drive:

@@ -24,7 +24,8 @@ from manip3d._util.checked import checked
 from manip3d._util.options import reporting
 from manip3d._util.paths import path_of
 from manip3d.camera import Intrinsics, Registration
-from manip3d.capture._bag_rgbd import BagImages, place_and_topic
+from manip3d.capture._bag import place_and_topic
+from manip3d.capture._bag_rgbd import BagImages
 from manip3d.capture._forged import MOST_KEPT, SwitchedForgery, motion_of, read_plan
 from manip3d.capture._frame_source import FrameSource
 from manip3d.capture._one_camera import with_one_camera

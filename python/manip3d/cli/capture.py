@@ -121,7 +121,8 @@ def camera_of_images(text: str, uri: str) -> Intrinsics:
 
     scheme, _, folder = uri.partition(":")
     if scheme == "rgbd-bag":
-        from manip3d.capture._bag_rgbd import depth_size, place_and_topic
+        from manip3d.capture._bag import place_and_topic
+        from manip3d.capture._bag_rgbd import depth_size
 
         place, topic = place_and_topic(uri)
         width, height = depth_size(Path(place), topic)

@@ -82,8 +82,8 @@ def kind_of(source: str) -> str:
     if source == "-" or (":" in source and not Path(source).exists()):
         return "stream"
     path = Path(source)
-    file, topic, _ = source.rpartition("#")
-    if topic and not path.exists() and Path(file).exists():
+    file, mark, _ = source.rpartition("#")
+    if mark and not path.exists() and Path(file).exists():
         path = Path(file)  # a bag, of which a topic is asked for
     if path.is_dir():
         return _kind_of_folder(path)

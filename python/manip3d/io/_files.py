@@ -13,6 +13,7 @@ from pathlib import Path
 from manip3d import _core
 from manip3d._util.durable import folder_beside, sync_file, sync_folder
 from manip3d._util.paths import path_of
+from manip3d._util.regular_files import limited_bytes as limited_bytes
 from manip3d._util.regular_files import open_regular as open_regular
 from manip3d.errors import FormatError
 
@@ -63,21 +64,6 @@ def sha256_of(path: str | os.PathLike[str]) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def limited_bytes(path: str | os.PathLike[str], most: int) -> bytes:
-    """Return the content of what `open_regular` opens, of at most so many bytes.
-
-    Raises
-    ------
-    FormatError
-        It is longer, or no regular file.
-    """
-    with open_regular(path) as file:
-        content = file.read(most + 1)
-    if len(content) > most:
-        raise FormatError(f"expected at most {most} bytes, got more", file=str(path))
-    return content
-
-
 @contextlib.contextmanager
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield an empty temporary file that becomes ``path`` when the block ends.
@@ -111,9 +97,9 @@ def atomic_pair(
 ) -> Iterator[tuple[Path, Path]]:
     """Yield empty temporary files that become a file and what tells about it, such as its record.
 
-    When the block raises, or a rename fails, both stay as they were. A process that is killed
-    between the renames leaves the old or the new file without a companion, never the one beside
-    that of the other.
+    When the block raises, or a rename or a sync before the last rename fails, both stay as they
+    were. A process that is killed between the renames leaves the old or the new file without a
+    companion, never the one beside that of the other.
 
     Raises
     ------
@@ -136,14 +122,14 @@ def atomic_pair(
         old_target, old_beside = (
             file.with_name("old" if file.name != "old" else "older") for file in new
         )
-        with contextlib.suppress(FileNotFoundError):
-            beside.rename(old_beside)
-            sync_folder(beside.parent)
         is_replaced = target.exists()
-        if is_replaced:
-            with contextlib.suppress(OSError):  # a folder, or a file system without links
-                os.link(target, old_target)
         try:
+            with contextlib.suppress(FileNotFoundError):
+                beside.rename(old_beside)
+                sync_folder(beside.parent)
+            if is_replaced:
+                with contextlib.suppress(OSError):  # a folder, or a file system without links
+                    os.link(target, old_target)
             new[0].replace(target)
             sync_folder(target.parent)
             new[1].replace(beside)

@@ -382,9 +382,7 @@ class LiveSession:
             # By number, not by place: people cross while the therapist points at one.
             known = {number: person for person, number in self._numbers.items()}
             if fields["which"] in known:
-                self._stop()
-                self._chosen = known[fields["which"]]
-                self._pipeline.select(self._chosen)
+                self._choose_patient(known[fields["which"]])
         elif name == "calibrate":
             self._calibration, self._measured = PlacementCalibration(), None
         elif name == "touch":
@@ -393,6 +391,13 @@ class LiveSession:
             self._felt = FeltLimb(**{key: int(fields[key]) for key in LIMITS})
             if self._recorder is not None:
                 self._recorder.felt(self._felt, self.affected)
+
+    def _choose_patient(self, person: int) -> None:
+        self._stop()
+        if self._measured is not None and self._measured.id != person:
+            self._measured = None  # games would be laid out for somebody else's body
+        self._chosen = person
+        self._pipeline.select(person)
 
     def _begin_cue(self, mode: str) -> None:
         """Begin a minute of touches in place of what goes on, or none (``off``)."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import base64
 import contextlib
+import functools
 import hashlib
 import hmac
 import logging
@@ -714,7 +715,7 @@ class LocalServer:
             return web.Response(body=page.content, headers=headers)
         if not page.content.is_file():
             raise web.HTTPNotFound
-        return web.FileResponse(page.content, headers=headers)
+        return _whole_file()(page.content, headers=headers)
 
     async def _stream(self, request: web.Request) -> web.StreamResponse:
         from aiohttp import web
@@ -795,6 +796,23 @@ class LocalServer:
         failure = stream.exception()
         if isinstance(failure, WebSocketError):  # others: the client has left
             self._refuse(f"bad frame: {failure}")
+
+
+@functools.cache
+def _whole_file() -> type[web.FileResponse]:
+    """A class of responses that send a file itself, never a compressed one of the same name.
+
+    aiohttp sends ``a.png.gz`` in place of ``a.png`` where it is there, whatever it holds.
+    """
+    from aiohttp import hdrs, web
+
+    class WholeFile(web.FileResponse):
+        async def prepare(self, request: web.BaseRequest) -> Any:
+            headers = request.headers.copy()
+            headers.popall(hdrs.ACCEPT_ENCODING, None)
+            return await super().prepare(request.clone(headers=headers))
+
+    return WholeFile
 
 
 def _cut(text: str, most: int) -> bytes:

@@ -348,12 +348,13 @@ class StudyFolder(Closing):
         Raises
         ------
         InputError
-            The folder was opened for reading only.
+            There is no such participant, or the folder was opened for reading only.
         OSError
             It could not be written; nothing of it is left in the file.
         """
         self._refuse_if_read_only()
         with self._turn:
+            self._refuse_unknown(participant)
             session = self.sessions[participant]
             stamped = Answer(**{**vars(answer), "time_ns": time.time_ns()})
             content = _line({key: value for key, value in vars(stamped).items()}).encode()
@@ -388,11 +389,14 @@ class StudyFolder(Closing):
         """
         self._refuse_if_read_only()
         with self._turn:
-            if participant not in self.sessions:
-                raise InputError(f"participant: expected one of this study, got {participant!r}")
+            self._refuse_unknown(participant)
             self._file(participant).unlink()
             sync_folder(self.path / _PARTICIPANTS)
             del self.sessions[participant]
+
+    def _refuse_unknown(self, participant: str) -> None:
+        if participant not in self.sessions:
+            raise InputError(f"participant: expected one of this study, got {participant!r}")
 
     def close(self) -> None:
         """Let others use the folder; may be called twice.
