@@ -152,6 +152,37 @@ def test_an_answer_waits_for_the_server_to_come_back(
             assert [a.step for a in folder.sessions["P1"].answers] == ["consent"]
 
 
+def test_a_lost_connection_does_not_shorten_the_time_of_a_step(
+    chromium: None, definition: Path, tmp_path: Path
+) -> None:
+    text = definition.read_text().replace("familiarisation_s = 0.3\n", "familiarisation_s = 4\n")
+    definition.write_text(text)
+    study, content = read_study(definition)
+    with StudyFolder(tmp_path / "answers", content) as folder, served(study, folder) as server:
+        with _chromium.open_address(server.new_url(), (800, 900)) as tab:
+            person = Participant(tab)
+            person.begin("P1")
+            last = ""
+            for _ in range(3):  # consent, the person, the introduction
+                found = person.next_step(last)
+                assert found is not None
+                last = found["id"]
+                person.answer(plain_answer(found))
+            shown = "manip3dStudy.step()?.id === 'd1_familiarisation'"
+            wait_for(lambda: tab.evaluate(shown))
+            loop = server._loop
+            assert loop is not None
+            for _, stream in tuple(server._clients.values()):
+                asyncio.run_coroutine_threadsafe(stream.close(), loop)
+            found = person.next_step(last)
+            assert found is not None
+            assert found["id"] == "d1_familiarisation"
+            person.answer(plain_answer(found))
+            answered = wait_for(lambda: folder.sessions["P1"].answer("d1_familiarisation"))
+        assert answered.elapsed_ms >= 4000
+        assert set(server.refused) <= {"not found"}  # a picture for the tab
+
+
 def test_who_could_not_be_stored_goes_on_when_the_disk_has_room(
     chromium: None, definition: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -92,8 +92,8 @@ function connect() {
     isHeard = true;
     take(JSON.parse(data));
   });
-  socket.addEventListener("close", ({ code, reason }) => {
-    if (REFUSED.includes(code)) refuse(reason);
+  socket.addEventListener("close", ({ code: status, reason }) => {
+    if (REFUSED.includes(status)) refuse(reason);
     else tell("No connection. Your answers are kept; the study goes on when it is back.");
     setTimeout(connect, AGAIN_MS);
   });
@@ -222,7 +222,7 @@ function bar(share) {
 function begin(step, form) {
   form.dataset.began = String(performance.now());
   if (!(step.minimum_s > 0)) {
-    lock(form, false);
+    openStep(form);
     return;
   }
   const wait = /** @type {HTMLElement} */ (form.querySelector("#wait"));
@@ -237,10 +237,16 @@ function begin(step, form) {
     if (performance.now() < end) setTimeout(tick, Math.min(250, end - performance.now()));
     else {
       wait.hidden = true;
-      lock(form, false);
+      openStep(form);
     }
   };
   tick();
+}
+
+/** The step can be answered from now on. @param {HTMLElement} form */
+function openStep(form) {
+  form.dataset.open = "true";
+  lock(form, false);
 }
 
 /** @param {HTMLElement} form @param {boolean} locked */
@@ -248,9 +254,10 @@ function lock(form, locked) {
   for (const button of form.querySelectorAll("button")) button.disabled = locked;
 }
 
+/** The step that is shown can be answered again, unless its time has not come yet. */
 function unlock() {
   const form = document.getElementById("form");
-  if (form?.dataset.began) lock(form, false);
+  if (form?.dataset.open) lock(form, false);
   tell(refusal);
 }
 
@@ -387,7 +394,7 @@ function clean(step, form) {
 
 /** @param {Step} step @param {HTMLFormElement} form @param {Record<string, string>} chosen */
 function answer(step, form, chosen = {}) {
-  if (pending || !form.dataset.began) return;
+  if (pending || !form.dataset.open) return;
   clean(step, form);
   if (!form.reportValidity()) return;
   refusal = "";
