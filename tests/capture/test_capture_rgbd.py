@@ -495,9 +495,11 @@ def test_colours_of_another_size_without_a_registration_are_left_out(tmp_path: P
         assert source.counters["unregistered_color"] == 3
 
 
-@pytest.mark.parametrize("name", ["color", "colour", "rgb"])
-def test_plain_folders_of_images(tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize(("name", "suffix"), [("color", "PNG"), ("colour", "png"), ("rgb", "png")])
+def test_plain_folders_of_images(tmp_path: Path, name: str, suffix: str) -> None:
     images(tmp_path, "depth", 4, DEPTH)
+    for file in (tmp_path / "depth").iterdir():
+        file.rename(file.with_suffix(f".{suffix}"))
     images(tmp_path, name, 4, COLOR)
     with pytest.raises(InputError, match=r"has no calibration\.json"):
         opened(tmp_path)

@@ -234,7 +234,7 @@ def test_refusals(path: str, words: list[str], message: str) -> None:
 
 def test_fhir_is_of_one_participant(path: str, tmp_path: Path) -> None:
     done = run("export", path, "-o", str(tmp_path / "a.json"))
-    assert "expected one with --participant" in str(done.exception)
+    assert "--participant: expected one, for .json and .html" in str(done.exception)
     assert not (tmp_path / "a.json").exists()
 
 

@@ -273,9 +273,7 @@ def test_measures_of_one_patient_are_not_those_of_another() -> None:
     def next_status() -> dict[str, Any]:
         nonlocal number
         number += 1
-        both = replace(
-            frame, time_ns=number * 33_333_333, number=number, skeletons=(first, other)
-        )
+        both = replace(frame, time_ns=number * 33_333_333, number=number, skeletons=(first, other))
         message = session.process(both)
         assert message is not None
         return read_frame(message).status

@@ -14,6 +14,7 @@
 #include "manip3d/error.hpp"
 #include "manip3d/io/byte_source.hpp"
 #include "parse/input_buffer.hpp"
+#include "parse/letters.hpp"
 
 namespace manip3d {
 namespace {
@@ -141,7 +142,7 @@ std::vector<fs::path> images_in(const fs::path& folder) {
   std::vector<fs::path> images;
   if (!fs::is_directory(folder)) return images;
   for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
-    const fs::path suffix = entry.path().extension();
+    const std::string suffix = lower_case(entry.path().extension().string());
     const bool is_hidden = entry.path().filename().string().starts_with('.');
     if (!is_hidden && (suffix == ".png" || suffix == ".jpg" || suffix == ".jpeg")) {
       images.push_back(entry.path());

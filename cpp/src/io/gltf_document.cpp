@@ -11,6 +11,7 @@
 
 #include "parse/base64.hpp"
 #include "parse/json_text.hpp"
+#include "parse/letters.hpp"
 
 namespace manip3d {
 namespace {
@@ -142,9 +143,7 @@ std::string decode_percent(const JsonPlace& place, std::string_view text) {
 std::string uri_scheme(const std::string& uri) {
   const std::size_t colon = uri.find(':');
   if (colon == std::string::npos || uri.find('/') < colon) return "";
-  std::string scheme = uri.substr(0, colon);
-  for (char& c : scheme) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  return scheme;
+  return lower_case(std::string_view(uri).substr(0, colon));
 }
 
 Bytes decode_data_uri(const JsonPlace& uri) {

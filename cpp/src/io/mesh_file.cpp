@@ -1,7 +1,6 @@
 #include "manip3d/io/mesh_file.hpp"
 
 #include <algorithm>
-#include <cctype>
 #include <cstring>
 #include <memory>
 #include <system_error>
@@ -193,9 +192,7 @@ std::vector<std::string> write_mesh(const fs::path& path, const MeshView& mesh,
 }
 
 std::optional<MeshFormat> format_of_suffix(std::string_view suffix) {
-  std::string lower(suffix);
-  std::transform(lower.begin(), lower.end(), lower.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  const std::string lower = lower_case(suffix);
   for (const Format& f : kFormats) {
     if (lower == f.suffix) return f.format;
   }

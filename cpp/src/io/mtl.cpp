@@ -14,6 +14,7 @@
 
 #include "io/warnings.hpp"
 #include "parse/input_buffer.hpp"
+#include "parse/letters.hpp"
 #include "parse/line_cursor.hpp"
 
 namespace manip3d {
@@ -88,14 +89,6 @@ void read_color(LineCursor& cursor, const char* what, double most, double* color
   std::copy(std::begin(rgb), std::end(rgb), color);
 }
 
-// Keywords are written in many ways: map_Kd, map_kd, map_KD.
-std::string keyword_of(std::string_view word) {
-  std::string lower(word);
-  std::transform(lower.begin(), lower.end(), lower.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return lower;
-}
-
 // Statements that name an image; a Material has a place for some of them.
 bool names_texture(std::string_view keyword) {
   constexpr std::string_view kOthers[] = {"bump", "decal", "disp", "norm", "refl"};
@@ -116,7 +109,7 @@ class MtlReader {
   // A line with a fault costs what it says, not the mesh.
   void line(LineCursor& cursor) {
     const std::string_view written = cursor.word();
-    const std::string keyword = keyword_of(written);
+    const std::string keyword = lower_case(written);  // map_Kd, map_kd, map_KD
     try {
       statement(keyword, written, cursor);
     } catch (const FormatError& error) {

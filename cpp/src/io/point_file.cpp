@@ -1,11 +1,11 @@
 #include "manip3d/io/point_file.hpp"
 
 #include <algorithm>
-#include <cctype>
 #include <memory>
 
 #include "io/point_formats.hpp"
 #include "manip3d/error.hpp"
+#include "parse/letters.hpp"
 
 namespace manip3d {
 namespace fs = std::filesystem;
@@ -35,13 +35,6 @@ constexpr PointFileFormat kPointFormats[] = {
     {PointFormat::kTxt, "txt", ".txt", read_text_points, write_text_points},
     {PointFormat::kCsv, "csv", ".csv", read_text_points, write_text_points},
 };
-
-std::string lower_case(std::string_view text) {
-  std::string lower(text);
-  std::transform(lower.begin(), lower.end(), lower.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return lower;
-}
 
 const PointFileFormat& format_of(const fs::path& path) {
   const std::string name = lower_case(without_compression_suffix(path).filename().string());

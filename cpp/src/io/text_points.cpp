@@ -1,6 +1,5 @@
 #include <algorithm>
 #include <array>
-#include <cctype>
 #include <charconv>
 #include <cmath>
 #include <limits>
@@ -12,6 +11,7 @@
 #include "io/point_formats.hpp"
 #include "io/point_values.hpp"
 #include "parse/input_buffer.hpp"
+#include "parse/letters.hpp"
 #include "parse/line_cursor.hpp"
 
 namespace manip3d {
@@ -123,9 +123,7 @@ bool has_zero_in_front(const std::vector<std::string_view>& cells) {
 
 /// The name of a column in lower case; x, y and z in the words of other writers, too.
 std::string column_name(std::string_view text) {
-  std::string name(text);
-  std::transform(name.begin(), name.end(), name.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  std::string name = lower_case(text);
   const std::string_view unit = trimmed(std::string_view(name).substr(name.empty() ? 0 : 1));
   const bool has_unit = unit.starts_with("(") || unit.starts_with("[") || unit == "_m";
   for (int axis = 0; axis < 3; ++axis) {

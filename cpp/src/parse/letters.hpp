@@ -1,15 +1,28 @@
 #pragma once
 
 #include <algorithm>
+#include <iterator>
+#include <string>
 #include <string_view>
 
 namespace manip3d {
 
+/// Whatever the locale, only ASCII letters are changed.
+inline char lower_case(char c) {
+  return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
+}
+
+inline std::string lower_case(std::string_view text) {
+  std::string lower;
+  lower.reserve(text.size());
+  std::transform(text.begin(), text.end(), std::back_inserter(lower),
+                 [](char c) { return lower_case(c); });
+  return lower;
+}
+
 /// ASCII letters are compared in lower case; `lower` has no capitals.
 inline bool is_same_in_any_case(std::string_view text, std::string_view lower) {
-  const auto same = [](char a, char b) {
-    return (a >= 'A' && a <= 'Z' ? static_cast<char>(a - 'A' + 'a') : a) == b;
-  };
+  const auto same = [](char a, char b) { return lower_case(a) == b; };
   return std::equal(text.begin(), text.end(), lower.begin(), lower.end(), same);
 }
 

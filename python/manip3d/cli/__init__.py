@@ -34,19 +34,19 @@ _VERBS = {
     "simulate": "Make drives, scans and meshes with known truth.",
     "inspect": "Look for edits of a LiDAR scan, a drive or an RGB-D recording.",
     "lattice": "Estimate the lattice of a scanner, and its power of detection.",
-    "demo": "Show on one page what this is for, with pictures.",
-    "doctor": "Print what is installed, what is missing, why, and the cure.",
+    "demo": "Show what manip3d does, on one page with pictures.",
+    "doctor": "Print what is installed and what is missing, why, and the cure.",
     "reproduce": "Run the experiments behind published tables and figures.",
     "report": "Turn a results folder into one page: .html, .md or .csv.",
     "cs3": "Same as 'depth' with --method cs3.",
-    "data": "Public data sets: what is here, and fetching more.",
+    "data": "List and fetch public data sets.",
     "forge": "Forge LiDAR scans and RGB-D streams, with their truth.",
     "watermark": "Embed keyed watermarks into LiDAR scans and verify them.",
     "alert": "Watch the LiDAR of a drive by watermark, cameras and forensics.",
     "phantom": "Render a missing limb by mirroring the intact one.",
-    "diary": "Digital diaries of studies: sessions, pain, analysis.",
-    "study": "Studies with people: rating of forgeries, JND, displays.",
-    "capture": "RGB-D cameras and recordings: list, record, play, export, info.",
+    "diary": "Keep digital diaries of studies: sessions, pain, analysis.",
+    "study": "Run studies with people: rating of forgeries, JND, displays.",
+    "capture": "List, record, play and export RGB-D cameras and recordings.",
 }
 """Each verb, in the order of the help text, and what that says about it."""
 
@@ -145,9 +145,11 @@ def _root(
         raise typer.Exit
     limits = {"max_bytes": max_bytes, "max_points": max_points, "max_seconds": max_seconds}
     if any(limit is not None for limit in limits.values()):
+        from manip3d.cli.terminal import naming_options
         from manip3d.io import ReadLimits
 
-        context.with_resource(ReadLimits(**limits))  # type: ignore[arg-type]
+        with naming_options("max-seconds"):
+            context.with_resource(ReadLimits(**limits))  # type: ignore[arg-type]
 
 
 def main(arguments: list[str] | None = None) -> NoReturn:

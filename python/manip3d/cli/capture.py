@@ -48,13 +48,13 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="capture",
-    help="RGB-D cameras and recordings: list, record, play, export, info.",
+    help="List, record, play and export RGB-D cameras and recordings.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
 
 FirstFrame = Annotated[
-    int, typer.Option("--start", min=0, help="Index of the first frame; 0 is the first of all.")
+    int, typer.Option("--start", min=0, help="Index of the first frame to read, from 0 on.")
 ]
 _SHEET_FRAMES = 24
 
@@ -417,7 +417,7 @@ def _write_png(path: Path, image: NDArray[np.uint8]) -> None:
 
 @app.command("list")
 def capture_list(as_json: Json = False) -> None:
-    """List the cameras and recordings that can be opened here. For others it prints why.
+    """List the cameras and recordings that can be opened here, and why others cannot.
 
     Example: manip3d capture list
     """
@@ -521,7 +521,7 @@ def capture_play(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Read frame after frame and print how fast they come. With -o, pictures are written.
+    """Read frame after frame and print how fast they come; with -o, write pictures.
 
     Example: manip3d capture play patient.mkv -o frames.png
     """
@@ -552,7 +552,8 @@ def capture_export(
         Path, typer.Option("-o", "--output", help="A table (.csv) or a motion (.bvh) of joints.")
     ],
     person: Annotated[
-        int | None, typer.Option(help="Id of the person; a motion has the first one by default.")
+        int | None,
+        typer.Option(help="Id of the person; by default all in a table, the first in a motion."),
     ] = None,
     frames: MostFrames = None,
     pose: Annotated[
@@ -598,7 +599,7 @@ def capture_info(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Print what a recording holds: cameras, frames, times, gaps. Reads it to the end.
+    """Print what a recording holds: cameras, frames, times, gaps. The recording is read to its end.
 
     Example: manip3d capture info patient.mkv
     """

@@ -57,8 +57,9 @@ def compare(
     original: Annotated[
         str,
         typer.Argument(
-            help="The original mesh: .obj .ply .off .stl .gltf .glb .3mf .dae; or a folder, "
-            "with an original of the same name for each mesh."
+            metavar="ORIGINAL",
+            help="The original mesh (.obj, .ply, .off, .stl, .gltf, .glb, .3mf, .dae), or a folder "
+            "with an original of the same name for each mesh.",
         ),
     ],
     simplified: Annotated[str, typer.Argument(help="The mesh that is compared with it.")],

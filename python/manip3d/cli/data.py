@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="data",
-    help="Public data sets: what is here, and fetching more.",
+    help="List and fetch public data sets.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -102,7 +102,7 @@ def _fetch(data_set: DataSet, terminal: Terminal) -> str:
 
 @app.command("list")
 def data_list(as_json: Json = False) -> None:
-    """List the data sets: which are here, which are missing.
+    """List the data sets, present and missing.
 
     Example: manip3d data list
     """
@@ -113,12 +113,14 @@ def data_list(as_json: Json = False) -> None:
 
 @app.command("get")
 def data_get(
-    names: Annotated[list[str], typer.Argument(help="Names of data sets, from 'data list'.")],
+    names: Annotated[
+        list[str], typer.Argument(metavar="NAME...", help="Names of data sets, from 'data list'.")
+    ],
     quiet: Quiet = False,
 ) -> None:
     """Fetch data sets from their official homes. Each licence is shown first.
 
-    A data set that may not be fetched by a program ends with the steps to get it by hand.
+    For a data set that no program may fetch, the steps to get it by hand are printed.
 
     Example: manip3d data get spot
     """

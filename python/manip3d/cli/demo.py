@@ -28,10 +28,11 @@ def demo(
     jobs: Processes = 0,
     seed: Seed = 0,
 ) -> None:
-    """Show on one page what this is for, with pictures.
+    """Show what manip3d does, on one page with pictures.
 
-    Tells stories with pictures and the commands that made them, then the numbers; opens the page.
-    Needs no data and no network. Run again, it goes on where it stopped.
+    The page tells stories with pictures and the commands that made them, then the numbers, and is
+    opened in the browser. No data and no network are needed. A demo that was stopped goes on when
+    the same command is given again.
 
     Example: manip3d demo -o demo
     """

@@ -338,7 +338,8 @@ def depth(
         typer.Option(
             help="Unit of the depth image: mm, tum (1/5000 m), m, kinect-raw (11-bit disparity), "
             "nyu, sun, a number of units per metre, or disparity:FB of a stereo pair, whose depth "
-            "is FB / d. guess: as the camera has it, else from the numbers; the unit is printed."
+            "is FB / d. guess: the unit that the camera states, else estimated from the numbers, "
+            "and printed."
         ),
     ] = "guess",
     method: Annotated[
@@ -412,7 +413,10 @@ def depth(
     min_coverage: Annotated[
         float,
         typer.Option(
-            min=0, max=1, help="Under --strict: exit 4 if less of the measured pixels is covered."
+            min=0,
+            max=1,
+            help="With --strict, exit with code 4 if a smaller share of the measured pixels is "
+            "covered.",
         ),
     ] = 0.9,
     max_bridges: Annotated[
@@ -420,8 +424,8 @@ def depth(
         typer.Option(
             min=0,
             max=1,
-            help="Under --strict: exit 4 if more of the mesh's area bridges gaps or, with "
-            "--depth-step 0, depth steps.",
+            help="With --strict, exit with code 4 if a larger share of the mesh's area bridges "
+            "gaps or, with --depth-step 0, depth steps.",
         ),
     ] = 0.1,
     bandwidth: Annotated[

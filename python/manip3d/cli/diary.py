@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="diary",
-    help="Digital diaries of studies: sessions, pain, analysis.",
+    help="Keep digital diaries of studies: sessions, pain, analysis.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -32,7 +32,7 @@ File = Annotated[Path, typer.Argument(metavar="DIARY", help="The diary file.")]
 Who = Annotated[str, typer.Argument(metavar="PARTICIPANT", help="The participant's pseudonym.")]
 Key = Annotated[
     Path | None,
-    typer.Option("--key", help="Key file of an encrypted diary, of 'manip3d diary keygen'."),
+    typer.Option("--key", help="Key file of an encrypted diary, made by 'manip3d diary keygen'."),
 ]
 
 
@@ -59,8 +59,8 @@ def keygen(
 ) -> None:
     """Make a key file for an encrypted diary. Only its owner can read it.
 
-    Keep it apart from the diary, and a copy of it: without its key a diary is lost. An existing
-    file is never replaced.
+    Keep the key apart from the diary, and keep a copy of it: without its key a diary is lost. An
+    existing file is never replaced.
 
     Example: manip3d diary keygen study.key
     """
@@ -115,7 +115,7 @@ def consent(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Note whether a participant consents to short films. Without consent theirs are deleted.
+    """Note whether a participant consents to short films. Without consent, films are deleted.
 
     A film is made when the player scores no point for 10 s, and begins 5 s before. It shows the
     person before a grey background, without the room. When consent is withdrawn, the films that
@@ -169,7 +169,8 @@ def write_clips(
 def list_participants(path: File, key: Key = None, as_json: Json = False) -> None:
     """List the participants.
 
-    Each has its sessions, the last one, and the share of the protocol that was done.
+    For each of them it prints the number of sessions, the last one, and the share of the protocol
+    that was done.
 
     Example: manip3d diary list study.diary
     """
@@ -294,7 +295,7 @@ def rate(
         typer.Option(
             metavar="RANKS",
             help="McGill questionnaire: for each of the 20 groups the rank of the chosen word, 0 "
-            "for none, with commas between.",
+            "for none, separated by commas.",
         ),
     ] = None,
     ppi: Annotated[
@@ -378,7 +379,7 @@ def ask(
         str | None,
         typer.Option(
             metavar="NUMBERS",
-            help="The answers, with commas between; without this they are asked for.",
+            help="The answers, separated by commas; by default they are asked for one by one.",
         ),
     ] = None,
     occasion: Annotated[
@@ -388,10 +389,10 @@ def ask(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Ask a questionnaire. The answers and their scores are written down.
+    """Ask a questionnaire, and keep the answers and their scores.
 
     The file has a name, items (text, low, high, choices) and scales (name, items, reverse, method);
-    'manip3d diary form' writes examples. Nothing is written before the last answer.
+    'manip3d diary form' writes examples. Nothing is kept before the last answer.
 
     Example: manip3d diary ask study.diary P01 --form form.json --answers=3,2,2,-1,0,0
     """
@@ -447,30 +448,30 @@ def export(
         typer.Option(
             "-o",
             "--output",
-            help="A folder of tables (CSV), or with --pages of pages; of one participant also "
-            "NAME.json (FHIR R4) and NAME.html (a page for the clinician).",
+            help="Folder to write: tables (CSV), or pages with --pages. With --participant it can "
+            "be a file: NAME.json (FHIR R4) or NAME.html (a page for the clinician).",
         ),
     ],
     participant: Annotated[
-        str | None, typer.Option(help="This participant only; needed for FHIR and the page.")
+        str | None, typer.Option(help="Export this participant only; needed for .json and .html.")
     ] = None,
     pages: Annotated[
         bool,
         typer.Option(
             "--pages",
-            help="The folder holds pages for the clinician: an overview (index.html) and one of "
-            "each participant.",
+            help="Write pages for the clinician into the folder: an overview (index.html) and a "
+            "page for each participant.",
         ),
     ] = False,
     clips: Annotated[
-        bool, typer.Option("--clips", help="The pages show the films of difficulties too.")
+        bool, typer.Option("--clips", help="Show the films of difficulties on the pages, too.")
     ] = False,
     key: Key = None,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Write a copy of a diary for other programs. What it holds is not encrypted any more.
+    """Write a copy of a diary for other programs. The copy is not encrypted.
 
     Example: manip3d diary export study.diary -o export
     """
@@ -484,7 +485,7 @@ def export(
             write_overview(diary, output, clips=clips, overwrite=force)
         elif output.suffix in (".json", ".html"):
             if participant is None:
-                raise InputError("participant: expected one with --participant, for this format")
+                raise InputError("--participant: expected one, for .json and .html")
             if output.suffix == ".json":
                 export_fhir(diary, output, participant, overwrite=force)
             else:
@@ -577,12 +578,11 @@ def _remove(shell: Terminal, files: Sequence[Path]) -> list[Path]:
 
 @app.command("audit")
 def audit(path: File, key: Key = None, as_json: Json = False) -> None:
-    """List what was done to a diary, by time. Enrolments, sessions, exports and deletions are among
-    it.
+    """List what was done to a diary, by time: enrolments, sessions, exports, deletions.
 
-    Times are those of the clock where it was done, with its offset from UTC. What was done to
-    participants who were deleted is deleted too. Each row is bound to those before it by a keyed
-    hash; if a row was changed or is missing, the first such row is named and the exit code is 1.
+    Times are those of the computer on which it was done, with their offset from UTC. Entries about
+    deleted participants are deleted, too. Each row is bound to those before it by a keyed hash; if
+    a row was changed or is missing, the first such row is named and the exit code is 1.
 
     Example: manip3d diary audit study.diary
     """
@@ -613,9 +613,8 @@ def audit(path: File, key: Key = None, as_json: Json = False) -> None:
 def check(path: File, key: Key = None, as_json: Json = False, quiet: Quiet = False) -> None:
     """Read the whole diary and report damage.
 
-    It reads the pages of the file, each entry, films, and the chain of the audit.
-
-    The first damage is named, and the exit code is 1.
+    The pages of the file, each entry, the films and the chain of the audit are read. The first
+    damage is named, and the exit code is then 1.
 
     Example: manip3d diary check study.diary
     """

@@ -127,7 +127,7 @@ def show(console: Console, checks: list[dict[str, Any]]) -> None:
 
 
 def doctor(as_json: Json = False) -> None:
-    """Print what is installed, what is missing, why, and the cure.
+    """Print what is installed and what is missing, why, and the cure.
 
     The exit code is 1 if something is broken.
 

@@ -341,7 +341,7 @@ class LidarAttack(StrEnum):
 @app.command("lidar")
 @over_files(lambda: FOLDER_SUFFIXES, writable=lambda: SCAN_SUFFIXES)
 def forge_lidar(
-    attack: Annotated[LidarAttack, typer.Argument(help="Attack on the scan.")],
+    attack: Annotated[LidarAttack, typer.Argument(metavar="ATTACK", help="Attack on the scan.")],
     source: Scan,
     output: Output,
     hoax: Annotated[str | None, typer.Option(help="Mesh or scan to paste into the scan.")] = None,
@@ -361,9 +361,9 @@ def forge_lidar(
     yaw: Annotated[
         float | None,
         typer.Option(
-            help="Rotation about the vertical, radians: of a hoax (default: 0), of the object that "
-            "'rotation' turns (default: -10 degrees), or about the scanner of what "
-            "'lattice-insert' and 'spoof' copy (default: 90 degrees)."
+            help="Rotation about the vertical, radians: of the hoax (default: 0), of the object "
+            "that 'rotation' turns (default: -10 degrees), or, about the scanner, of the object "
+            "that 'lattice-insert' and 'spoof' copy (default: 90 degrees)."
         ),
     ] = None,
     amplitude: Annotated[float, typer.Option(help="Amplitude of a deformation, metres.")] = 0.1,
@@ -374,7 +374,10 @@ def forge_lidar(
         typer.Option(help="Standard deviation of the range of inserted points, metres."),
     ] = 0.0,
     printed: Annotated[
-        bool, typer.Option("--printed", help="Translate as the dissertation prints it for CTP.")
+        bool,
+        typer.Option(
+            "--printed", help="Translate by the formula that the dissertation prints for CTP."
+        ),
     ] = False,
     lattice: Annotated[
         Path | None,
@@ -387,8 +390,8 @@ def forge_lidar(
         bool,
         typer.Option(
             "--allow-collision",
-            help="Put what 'translation', 'rotation' and 'replacement' move also where something "
-            "else is.",
+            help="Let 'translation', 'rotation' and 'replacement' put an object where another one "
+            "stands.",
         ),
     ] = False,
     force: Force = False,
@@ -436,8 +439,8 @@ def alert_set(
     quiet: Quiet = False,
     seed: Seed = 0,
 ) -> None:
-    """Write the frames and attacks of table 7.2 (ALERT) as files. They are of three simulated
-    drives.
+    """Write the frames and attacks of table 7.2 (ALERT) as files. The frames come from three
+    simulated drives.
 
     The set has as many frames as that of the dissertation: 1765 clean frames, and 8735 attacked
     frames except those without a suitable object. Scans have names such as
@@ -632,16 +635,16 @@ def forge_stream(
         str,
         typer.Option(
             metavar="MOTION",
-            help="Poses for type 2: a .bvh file or any source with skeletons, at the pace at "
-            "which they were recorded; those of the first 9000 frames, played to and fro.",
+            help="Poses for type 2: a .bvh file or any source with skeletons. Its first 9000 "
+            "frames are played forwards and backwards at the recorded pace.",
         ),
     ] = "",
     background: Annotated[
         str,
         typer.Option(
             metavar="SOURCE",
-            help="Scene to put the person into, at the pace at which it was recorded: its first "
-            "300 frames, played to and fro; by default the one behind the person in SOURCE.",
+            help="Scene to put the person into; by default the one behind the person in SOURCE. "
+            "Its first 300 frames are played forwards and backwards at the recorded pace.",
         ),
     ] = "",
     still: Annotated[
@@ -708,21 +711,29 @@ def forge_people(
     actions: Annotated[
         int,
         typer.Option(
-            min=1, max=4, help="Waving, raising the left arm, the right arm, both: the first ones."
+            min=1,
+            max=4,
+            help="Number of actions, the first ones of: waving, raising the left arm, the right "
+            "arm, both arms.",
         ),
     ] = 4,
     scenes: Annotated[
-        int, typer.Option(min=1, max=3, help="Room, office, hall: the first ones.")
+        int,
+        typer.Option(
+            min=1, max=3, help="Number of backgrounds, the first ones of: room, office, hall."
+        ),
     ] = 3,
     kinds: Annotated[
         list[PeopleKind] | None,
-        typer.Option("--kind", help="Kind: real, type1 or type2, repeated; by default all three."),
+        typer.Option(
+            "--kind", help="Kind of recording; repeat the option for several. Default: all three."
+        ),
     ] = None,
-    frames: Annotated[int, typer.Option(min=1, help="Frames of a recording, 30 a second.")] = 60,
+    frames: Annotated[int, typer.Option(min=1, help="Frames of each recording, 30 a second.")] = 60,
     still: Annotated[
-        bool, typer.Option("--still", help="One still background frame for each forgery.")
+        bool, typer.Option("--still", help="Use one still frame as the background of each forgery.")
     ] = False,
-    no_color: Annotated[bool, typer.Option("--no-color", help="Depth only.")] = False,
+    no_color: Annotated[bool, typer.Option("--no-color", help="Write depth images only.")] = False,
     mkv: Annotated[
         bool, typer.Option("--mkv", help="Write .mkv files instead of folders.")
     ] = False,

@@ -314,7 +314,7 @@ def inspect(
             "a single scan", "a drive", previous=previous, following=following,
             watermark=watermark, rows=rows, plant=plant or None,
         )  # fmt: skip
-        with _keys_of(key) as secret:
+        with _keys_of(key) as secret, naming_options("sensor", "origin"):
             together = inspect_drive(
                 source, output, log, shell, calibration=calibration, key=secret,
                 options={"lattice": known, "sensor": sensor, "origin": origin, "power": power,
@@ -327,7 +327,8 @@ def inspect(
     check_output(rows, (".csv",), force=force, option="--rows")
     frame = read_scan(source)
     shell.say(f"read {source}: {counted(frame.num_points, 'point')}")
-    with shell.progress("inspect") as progress, _keys_of(key) as secret:
+    named = naming_options("sensor", "origin")
+    with shell.progress("inspect") as progress, _keys_of(key) as secret, named:
         found = authenticate.inspect(
             frame,
             watermark=_record_of(source, watermark, key),

@@ -12,7 +12,7 @@ from manip3d.cli.many import over_files
 from manip3d.cli.options import MISSED, Force, Json, Output, Quiet, Strict
 from manip3d.cli.simplify import Method, Mode, NoClean, expect_cleaning, expect_surface
 from manip3d.cli.sources import open_mesh, open_scene
-from manip3d.cli.terminal import Terminal, check_output, counted, table
+from manip3d.cli.terminal import Terminal, check_output, counted, naming_options, table
 from manip3d.errors import InputError
 from manip3d.io import READABLE
 
@@ -22,32 +22,39 @@ SUFFIXES = (".glb", ".gltf")
 @over_files(lambda: READABLE, writable=lambda: SUFFIXES, otherwise=".glb")
 def lod(
     source: Annotated[
-        str, typer.Argument(help="A mesh (.obj .ply .off .stl .gltf .glb .3mf .dae), or -: stdin.")
+        str,
+        typer.Argument(
+            help="A mesh (.obj, .ply, .off, .stl, .gltf, .glb, .3mf, .dae), or - for stdin."
+        ),
     ],
     output: Output,
-    levels: Annotated[int, typer.Option(min=2, help="Levels in all, the mesh included.")] = 4,
+    levels: Annotated[
+        int, typer.Option(min=2, help="Number of levels, the mesh itself included.")
+    ] = 4,
     ratio: Annotated[
-        float, typer.Option(help="Faces of a level over those of the one before, 0 to 1.")
+        float,
+        typer.Option(help="Faces of a level divided by those of the level before, 0 to 1."),
     ] = 0.5,
     max_vertices: Annotated[
         int | None,
         typer.Option(
-            min=3, help="Most vertices of a primitive; 65535 lets every index fit in 16 bits."
+            min=3,
+            help="Largest number of vertices of a primitive; with 65535, indices fit in 16 bits.",
         ),
     ] = None,
     quantize: Annotated[
         bool,
         typer.Option(
             "--quantize",
-            help="Positions and texture coordinates in 16 bits, normals in 8, for readers that "
-            "know KHR_mesh_quantization.",
+            help="Store positions and texture coordinates in 16 bits and normals in 8, for readers "
+            "that know KHR_mesh_quantization.",
         ),
     ] = False,
     mode: Annotated[
         Mode | None,
         typer.Option(
-            help="Quality: a run for each level, least error; fast: the same at speed; published: "
-            "all levels from one run, whose vertices are vertices of the mesh.",
+            help="Method: quality (a run for each level, with the least error), fast (a quick run "
+            "for each level) or published (all levels from one run, with vertices of the input).",
             show_default="quality",
         ),
     ] = None,
@@ -84,7 +91,7 @@ def lod(
     scene = open_scene(source, output, shell)
     chain: simplify.SceneLods | simplify.LodChain
     if scene is not None:
-        with shell.progress("lod") as progress:
+        with shell.progress("lod") as progress, naming_options("ratio"):
             chain = simplify.scene_lods(
                 scene, levels, ratio=ratio, method=chosen, cleaned=not no_clean, progress=progress
             )
@@ -92,7 +99,7 @@ def lod(
         mesh = open_mesh(source, shell)
         cleaned = mesh if no_clean else simplify.clean(mesh).mesh
         expect_surface(source, mesh, cleaned)
-        with shell.progress("lod") as progress:
+        with shell.progress("lod") as progress, naming_options("ratio"):
             chain = simplify.lod_chain(
                 cleaned, levels, ratio=ratio, method=chosen, progress=progress
             )

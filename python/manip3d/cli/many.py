@@ -310,8 +310,8 @@ def _kind_of_many(drives: bool) -> Callable[..., Many]:
     return functools.partial(Many, noun="source", find=find_drives)
 
 
-_SEVERAL_FILES = "several of them, folders, patterns or URLs"
-_SEVERAL_DRIVES = "several of them, folders of drives, or patterns"
+_SEVERAL_FILES = "Several of them, folders, patterns and URLs are accepted, too."
+_SEVERAL_DRIVES = "Several of them, folders of drives, and patterns are accepted, too."
 
 
 def with_defaults(verb: Verb, **defaults: Any) -> Verb:
@@ -338,16 +338,16 @@ def _signature(
         n: parameter.replace(annotation=hints[n])
         for n, parameter in inspect.signature(verb).parameters.items()
     }
-    one_file = parameters[name].annotation.__metadata__[0].help.rstrip(".")
-    several = typer.Argument(metavar=name.upper(), help=f"{one_file}; {more_of_them}.")
+    one_file = parameters[name].annotation.__metadata__[0].help
+    several = typer.Argument(metavar=name.upper(), help=f"{one_file} {more_of_them}")
     parameters[name] = parameters[name].replace(annotation=Annotated[list[str], several])
     more: dict[str, tuple[Any, Any]] = {"jobs": (FolderJobs, 0)}
     if "output" in parameters:
         more |= {"to": (To, "")} if has_to else {}
-        option = copy.copy(parameters["output"].annotation.__metadata__[0])
-        option.parser, option.metavar = _path_or_url, option.metavar or "PATH"
+        output = copy.copy(parameters["output"].annotation.__metadata__[0])
+        output.parser, output.metavar = _path_or_url, output.metavar or "PATH"
         # Any: typer makes a Path of what the parser of a Path gives.
-        parameters["output"] = parameters["output"].replace(annotation=Annotated[Any, option])
+        parameters["output"] = parameters["output"].replace(annotation=Annotated[Any, output])
     more |= {"table": (table_option, ""), "dask": (Dask, "")}
     for option, (annotation, default) in more.items():
         if option in parameters:

@@ -15,7 +15,7 @@ Source = Annotated[
     str,
     typer.Argument(
         metavar="SOURCE",
-        help="A mesh, a scan, a depth image or a recording; - reads a mesh from stdin.",
+        help="A mesh, a scan, a depth image or a recording, or - for a mesh from stdin.",
     ),
 ]
 Scan = Annotated[
@@ -55,7 +55,7 @@ FolderUnits = Annotated[
     typer.Option(
         "--units-per-metre",
         min=0,
-        help="Depth units per metre of a folder of images; 0: the usual ones of its kind.",
+        help="Depth units per metre of a folder of images; 0: the usual number for its kind.",
     ),
 ]
 DepthUnit = Annotated[
@@ -91,7 +91,8 @@ Dask = Annotated[
     str,
     typer.Option(
         metavar="ADDRESS",
-        help="Dask scheduler that distributes the files; local: start one (extra dask).",
+        help="Address of the Dask scheduler that distributes the files; local starts one (extra "
+        "dask).",
     ),
 ]
 Table = Annotated[
@@ -106,7 +107,8 @@ TableOfNow = Annotated[
     str,
     typer.Option(
         metavar="FILE",
-        help="Table of the results, .csv or .parquet, one row a file. All are made anew each time.",
+        help="Table of the results, .csv or .parquet, one row a file. All rows are made anew each "
+        "time.",
     ),
 ]
 To = Annotated[

@@ -145,8 +145,8 @@ def phantom_render(
     plane: Annotated[
         Plane | None,
         typer.Option(
-            help="Plane of symmetry: the trunk's, which holds still while joints shake, or that of "
-            "four joints of each frame; by default the trunk's, without smoothing the joints'."
+            help="Plane of symmetry: fitted to the trunk, which does not shake with the joints, or "
+            "to four joints of each frame. Default: trunk; with --smoothing none, joints."
         ),
     ] = None,
     pose: Annotated[
@@ -163,13 +163,13 @@ def phantom_render(
     quiet: Quiet = False,
     jobs: Jobs = 0,
 ) -> None:
-    """Draw people with a phantom limb. A picture shows what was seen, the phantom, and the mesh
-    from the side.
+    """Draw people with a phantom limb. Each picture shows the camera's image, the phantom limb in
+    it, and the mesh from the side.
 
     The output is a film (.mp4), a contact sheet of the 40 worst frames by the pipeline's own score
     (.png), or a folder of PNG pictures (a name without a suffix). Frames that cannot be read are
-    told and passed over, and the exit code is then 1. Frames whose times are no later than those
-    before are left out, which is told too.
+    reported and passed over; the exit code is then 1. Frames whose times are no later than those
+    before are left out, which is reported, too.
 
     Example: manip3d phantom render 'sim:body?amputated=right-arm&frames=30' -o phantom
     """
@@ -321,33 +321,33 @@ def phantom_live(
         str,
         typer.Option(
             metavar="ADDRESS",
-            help="Address of this machine to serve at. Other than 127.0.0.1, other machines on its "
-            "network reach it, such as a headset, by an encrypted connection (HTTPS).",
+            help="Address of this machine to serve at. At another address than 127.0.0.1, other "
+            "machines on its network, such as a headset, can open the page (encrypted, HTTPS).",
         ),
     ] = "127.0.0.1",
     port: Annotated[
-        int, typer.Option(min=0, max=65535, help="Port on this machine; 0: one that is free.")
+        int, typer.Option(min=0, max=65535, help="Port on this machine; 0: a free one.")
     ] = 0,
     certificate: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
             help="Keep the certificate of the encrypted connection in this file, so that a headset "
-            "asks about it only once; made where there is none.",
+            "asks about it only once. A file that does not exist is made.",
         ),
     ] = None,
     is_opened: Annotated[
         bool, typer.Option("--open/--no-open", help="Open the page in the browser.")
     ] = True,
     seconds: Annotated[
-        float | None, typer.Option(help="Stop after this time; without it at Ctrl-C.")
+        float | None, typer.Option(help="Stop after this many seconds; by default at Ctrl-C.")
     ] = None,
     diary: Annotated[
         Path | None, typer.Option(help="Keep games and ratings of pain in this diary.")
     ] = None,
     participant: Annotated[
         str | None,
-        typer.Option(help="Whose diary it is; 'manip3d diary enrol' adds a participant."),
+        typer.Option(help="Participant who plays; 'manip3d diary enrol' adds one."),
     ] = None,
     diary_key: Annotated[Path | None, typer.Option(help="Key file of an encrypted diary.")] = None,
     log: Annotated[
@@ -365,8 +365,8 @@ def phantom_live(
     The page is served to this machine only (see --host), at the address that is printed. Ctrl-C,
     SIGTERM or closing the terminal ends the session. With a diary, no game starts before the
     patient has rated the pain; if the pain rises by 2 points or the patient feels sick, no further
-    game starts that day. A participant can have one session at a time. If something could not be
-    kept in the diary, it is printed at the end and the exit code is 1.
+    game starts that day. A participant can have one session at a time. What could not be kept in
+    the diary is printed at the end, and the exit code is then 1.
 
     Example: manip3d phantom live --no-open --seconds 2
     """

@@ -17,7 +17,9 @@ from manip3d.io import READABLE
 def play(
     source: Annotated[
         list[str],
-        typer.Argument(help="Meshes, folders of them, or patterns: the frames, by their names."),
+        typer.Argument(
+            metavar="SOURCE...", help="The frames: meshes, folders of meshes, or patterns."
+        ),
     ],
     output: OptionalOutput = None,
     rate: Annotated[float, typer.Option(min=0.01, max=1000.0, help="Frames per second.")] = 10.0,

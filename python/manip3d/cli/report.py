@@ -12,7 +12,9 @@ from manip3d.cli.terminal import Terminal, check_output
 
 
 def report(
-    folder: Annotated[Path, typer.Argument(help="A results folder that 'reproduce' has written.")],
+    folder: Annotated[
+        Path, typer.Argument(metavar="FOLDER", help="Results folder that 'reproduce' wrote.")
+    ],
     output: OptionalOutput = None,
     force: Force = False,
     quiet: Quiet = False,

@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 def reproduce(
     ids: Annotated[
         list[str] | None,
-        typer.Argument(help="Experiments, such as table-2.2; by default all."),
+        typer.Argument(metavar="IDS...", help="Experiments, such as table-2.2; by default all."),
     ] = None,
     list_only: Annotated[
         bool,
-        typer.Option("--list", help="List the experiments and the data they want."),
+        typer.Option("--list", help="List the experiments and the data that they need."),
     ] = False,
     output: Annotated[
         Path,
@@ -34,7 +34,7 @@ def reproduce(
     ] = Path("results"),
     data: Annotated[
         Tier,
-        typer.Option(help="Data to use; auto: real data where it is here."),
+        typer.Option(help="Data to use; auto: real data where they are present."),
     ] = Tier.auto,
     scale: Annotated[
         Scale,
@@ -43,7 +43,8 @@ def reproduce(
     dask: Annotated[
         str,
         typer.Option(
-            metavar="ADDRESS", help="Dask scheduler that distributes the work; local: start one."
+            metavar="ADDRESS",
+            help="Address of the Dask scheduler that distributes the work; local starts one.",
         ),
     ] = "",
     force: Force = False,

@@ -26,7 +26,14 @@ from manip3d.cli.options import (
     Strict,
 )
 from manip3d.cli.sources import open_mesh, open_scene, tell_scene
-from manip3d.cli.terminal import Progress, Terminal, check_output, count, counted
+from manip3d.cli.terminal import (
+    Progress,
+    Terminal,
+    check_output,
+    count,
+    counted,
+    naming_options,
+)
 from manip3d.errors import FormatError, InputError
 from manip3d.io import READABLE, WRITABLE
 from manip3d.io._files import check_regular
@@ -299,7 +306,8 @@ def _headset_faces(headset: tuple[float, float], faces: int | None) -> int:
     if faces is not None:
         raise InputError("--headset: cannot be given with --faces")
     try:
-        budget = polygon_budget(*headset)
+        with naming_options(ms_per_million="MS", refresh_hz="HZ"):
+            budget = polygon_budget(*headset)
     except InputError as error:
         raise InputError(f"--headset: {error}") from None
     if budget < 1:
@@ -381,7 +389,7 @@ def simplify(
         typer.Option(
             min=0.0,
             help="Largest distance between the surfaces, boundaries included, in the file's units; "
-            "0: only collapses that leave the surface exactly as it is, by --mode published.",
+            "0 allows only collapses that leave the surface exactly as it is (--mode published).",
         ),
     ] = None,
     mode: Annotated[

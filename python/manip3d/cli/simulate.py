@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from manip3d.cli.options import Force, Jobs, Json, Output, Quiet, Seed
-from manip3d.cli.terminal import Terminal, counted, refuse_existing
+from manip3d.cli.terminal import Terminal, counted, naming_options, refuse_existing
 from manip3d.errors import InputError
 
 
@@ -107,7 +107,8 @@ def _scan(
 
     if scan_suffix(output) not in SCAN_SUFFIXES:  # before the work, not after it
         raise InputError(f"-o {output}: expected a name that ends in {', '.join(SCAN_SUFFIXES)}")
-    with terminal.progress("simulate") as progress:
+    named = naming_options("resolution", resolution_deg="resolution")
+    with terminal.progress("simulate") as progress, named:
         scan = terrestrial_scan(
             scenes.make(name),
             resolution_deg=resolution,
@@ -156,9 +157,8 @@ def simulate(
 ) -> None:
     """Make drives, scans and meshes with known truth.
 
-    A drive is in KITTI's layout, a scene gives a terrestrial scan, a model gives a mesh.
-
-    Another seed makes another street; in scenes and meshes it makes other noise.
+    A drive is written in KITTI's layout; a scene gives a terrestrial scan, a model a mesh. The seed
+    decides the street of a drive, and the noise of scenes and meshes.
 
     Example: manip3d simulate sim:indoor-00 -o scan.pcd
     """

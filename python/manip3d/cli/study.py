@@ -15,28 +15,34 @@ from manip3d.errors import InputError
 
 app = typer.Typer(
     name="study",
-    help="Studies with people: rating of forgeries, JND, displays.",
+    help="Run studies with people: rating of forgeries, JND, displays.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
 
 Definition = Annotated[
-    Path, typer.Argument(metavar="STUDY", help="A definition: 'manip3d study define' writes one.")
+    Path,
+    typer.Argument(
+        metavar="STUDY", help="Definition of the study, as 'manip3d study define' writes it."
+    ),
 ]
 Answers = Annotated[
     Path, typer.Argument(metavar="ANSWERS", help="Folder of answers of a study that was run.")
 ]
 AnswersOut = Annotated[
-    Path, typer.Option("-o", "--output", help="Folder of answers; continued if it is there.")
+    Path,
+    typer.Option("-o", "--output", help="Folder of the answers; an existing one is continued."),
 ]
-Folder = Annotated[Path, typer.Option("-o", "--output", help="Folder to be made.")]
+Folder = Annotated[Path, typer.Option("-o", "--output", help="Folder to make.")]
 Participant = Annotated[
     str | None,
     typer.Option(help="Code of the only participant; by default the page asks for a code."),
 ]
 Port = Annotated[int, typer.Option(min=0, max=65535, help="Port on this machine; 0: a free one.")]
 Opened = Annotated[bool, typer.Option("--open/--no-open", help="Open the page in the browser.")]
-Seconds = Annotated[float | None, typer.Option(help="Stop after this time; without it at Ctrl-C.")]
+Seconds = Annotated[
+    float | None, typer.Option(help="Stop after this many seconds; by default at Ctrl-C.")
+]
 
 
 class Template(StrEnum):
@@ -61,8 +67,8 @@ def study_define(
 ) -> None:
     """Write a definition to fill in.
 
-    Question wording that the dissertation does not give, and the consent, are empty: a study with
-    an empty text does not start.
+    The consent, and questions whose wording the dissertation does not give, are left empty. A study
+    with an empty text does not start.
 
     Example: manip3d study define display -o study.toml
     """
@@ -77,19 +83,19 @@ def study_define(
 @app.command("stimuli")
 def study_stimuli(
     definition: Definition,
-    frames: Annotated[int, typer.Option(min=2, help="Frames of a clip of a rating.")] = 24,
+    frames: Annotated[int, typer.Option(min=2, help="Frames of each clip of a rating.")] = 24,
     surfaces: Annotated[
         int,
         typer.Option(
             min=0,
-            help="Number of surfaces from LiDAR scans for a rating: of real ones, of ones with "
-            "an object added, and of deformed ones.",
+            help="Number of surfaces from LiDAR scans for a rating, for each of three kinds: real, "
+            "with an added object, and deformed.",
         ),
     ] = 0,
     images: Annotated[
         Path | None,
         typer.Option(
-            help="Folder of one's own pictures and clips for a rating, in sub-folders real, type1, "
+            help="Folder of your own pictures and clips for a rating, in subfolders real, type1, "
             "type2, added or deformed; below these depth, color (the default), rendered or surface."
         ),
     ] = None,
@@ -98,7 +104,7 @@ def study_stimuli(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Make the stimuli that a definition names. These are forged streams or simplified meshes.
+    """Make the stimuli that a definition names: forged streams or simplified meshes.
 
     They are written beside the definition, under the name that it gives. Stimuli of --images get
     names that do not reveal their kind; a rating of them needs composition = "any".
@@ -247,8 +253,8 @@ def study_results(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Write answers as CSV with a REDCap data dictionary. A summary stands beside what is
-    published.
+    """Write answers as CSV with a REDCap data dictionary. A summary compares them with the
+    published numbers.
 
     This works during the study, too, with the answers that are stored so far. A damaged journal is
     reported, and the others are written.
@@ -278,7 +284,7 @@ def study_withdraw(
 ) -> None:
     """Delete all answers of a participant who has withdrawn consent.
 
-    Results that were written before still hold them: write these again.
+    Results that were written earlier still hold them: write those again.
 
     Example: manip3d study withdraw answers P07
     """
@@ -293,7 +299,10 @@ def study_withdraw(
 def study_power(
     effect: Annotated[
         float,
-        typer.Argument(help="Mean difference of two methods' JNDs over its standard deviation."),
+        typer.Argument(
+            metavar="EFFECT",
+            help="Mean difference of two methods' JNDs, divided by its standard deviation.",
+        ),
     ],
     power: Annotated[float, typer.Option(help="Power to reach.")] = 0.8,
     alpha: Annotated[
@@ -302,7 +311,8 @@ def study_power(
     comparisons: Annotated[
         int,
         typer.Option(
-            min=1, help="Comparisons that share the level: 2 where QEM4VR meets two others."
+            min=1,
+            help="Number of comparisons that share the level, such as QEM4VR with two others.",
         ),
     ] = 2,
     as_json: Json = False,

@@ -36,6 +36,7 @@ class Choice:
     calibration: Path | None
 
 
+_OPTIONS = ("frame", "unit", "color", "color-by")
 MOST_BESIDE = 9  # things on one page; more are a folder's, a page each
 
 
@@ -59,13 +60,15 @@ def _side_by_side(sources: list[str], given: dict[str, Any]) -> bool:
     choice = Choice(given["frame"], given["intrinsics"], given["unit"], given["color"], calibration)
     for source in sources:
         expect_kind(source, *SHOWN, verb="view")
-    things = [_open(source, choice, terminal) for source in sources]
+    with naming_options(*_OPTIONS):
+        things = [_open(source, choice, terminal) for source in sources]
     names = [Path(source).name for source in sources]
     labels = names if len(set(names)) == len(names) else list(sources)
     options: dict[str, Any] = {"color_by": given["color_by"], "labels": labels}
     if output is None or Path(output).suffix.lower() == ".html":
         options["title"] = ", ".join(labels)
-    _tell(viewer.view(things, output, **options), output, terminal)
+    with naming_options(*_OPTIONS):
+        _tell(viewer.view(things, output, **options), output, terminal)
     return True
 
 
@@ -119,7 +122,8 @@ def view(
     expect_kind(source, *SHOWN, verb="view")
     terminal = Terminal(quiet=quiet)
     choice = Choice(frame, intrinsics, unit, color, calibration)
-    write(_open(source, choice, terminal), source, output, color_by, terminal)
+    with naming_options(*_OPTIONS):
+        write(_open(source, choice, terminal), source, output, color_by, terminal)
 
 
 def write(

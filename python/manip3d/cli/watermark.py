@@ -198,12 +198,15 @@ def embed(
         str, typer.Option(help="Name of the sensor that the records are bound to.")
     ] = "",
     round_points: Annotated[
-        bool, typer.Option("--round", help="Move points that are off this grid onto it.")
+        bool,
+        typer.Option(
+            "--round", help="Move points onto the grid of --units-per-m where they are off it."
+        ),
     ] = False,
     units_per_m: Annotated[
         int,
         typer.Option(
-            help="Steps per metre of the grid of coordinates, for lbm; 1000: whole millimetres."
+            help="Steps per metre of the grid of coordinates, for lbm; 1000 means millimetres."
         ),
     ] = 1000,
     origin: Annotated[
