@@ -13,13 +13,38 @@ import numpy as np
 import pytest
 
 from command_line import error_line, manip3d
-from manip3d import Mesh, read_mesh
+from manip3d import LidarFrame, Mesh, io, read_mesh
 
 
 def test_version() -> None:
     done = manip3d("--version")
     assert done.returncode == 0
     assert done.stdout.startswith("manip3d 0.")
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("lod", "a.ply", "-o", "b.glb", "--ratio", "2"), "--ratio: expected"),
+        (("inspect", "a.bin", "--sensor", "lidar"), "--sensor: expected"),
+        (("inspect", "a.bin", "--origin", "nan", "0", "0"), "--origin: expected"),
+        (("view", "a.bin", "-o", "b.html", "--frame", "9"), "--frame: expected"),
+        (("view", "a.bin", "-o", "b.html", "--color-by", "smell"), "--color-by: expected"),
+        (("simulate", "sim:indoor-00", "-o", "b.pcd", "--resolution", "0"), "--resolution: exp"),
+        (("--max-seconds", "nan", "info", "a.ply"), "--max-seconds: expected"),
+    ],
+)
+def test_errors_name_the_option(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], expected: str
+) -> None:
+    if words[0] == "simulate":
+        pytest.importorskip("open3d", reason="the extra 'simulate' is not installed")
+    monkeypatch.chdir(tmp_path)
+    Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]).write("a.ply")
+    io.write_scan(LidarFrame(np.ones((9, 3), np.float32)), "a.bin")
+    done = manip3d(*words)
+    line = [line for line in done.stderr.splitlines() if "error" in line][-1]
+    assert line.startswith(f"manip3d: error: {expected}"), done.stderr
 
 
 def test_help_loads_nothing_heavy() -> None:
@@ -224,7 +249,7 @@ def test_a_limit_without_a_target_misses_none(torus: Path, tmp_path: Path) -> No
     output.unlink()
     assert manip3d(*order, "--max-distance", "1e9", "--faces", "1").returncode in (0, 4)
     done = manip3d(*order, "--headset", "0", "90")
-    assert error_line(done).endswith("--headset: ms_per_million: expected a number > 0, got 0.0")
+    assert error_line(done).endswith("--headset: MS: expected a number > 0, got 0.0")
 
 
 def test_quality_is_the_mode_of_users(torus: Path, tmp_path: Path) -> None:
