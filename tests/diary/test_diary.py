@@ -825,6 +825,13 @@ def sitting(day: int, hour: int = 9, games: int = 3, **changes: Any) -> DiarySes
     return DiarySession(1, start, None, (game(**changes),) * games, ())
 
 
+@pytest.mark.parametrize("name", ["weeks", "sessions_a_day", "games_a_session"])
+def test_a_protocol_asks_for_something(name: str) -> None:
+    for value in (0, -1):
+        with pytest.raises(InputError, match=f"{name}: expected >= 1, got {value}"):
+            Protocol(**{name: value})
+
+
 def test_adherence_counts_whole_sessions_up_to_two_a_day() -> None:
     sessions = [sitting(0), sitting(0, 17), sitting(0, 20), sitting(1), sitting(1, 17, games=2),
                 sitting(2, games=0), sitting(3, ending="stopped"), sitting(30),

@@ -15,6 +15,7 @@ STOP_RISE = 2
 """A session stops when the pain is so much above its first rating."""
 
 
+@checked
 @dataclass(frozen=True)
 class Protocol:
     """Protocol of section 4.8.3: 4 weeks, two sessions every day, three games in each.
@@ -22,11 +23,22 @@ class Protocol:
     Attributes
     ----------
     weeks, sessions_a_day, games_a_session : int
+        At least 1.
+
+    Raises
+    ------
+    InputError
+        A number is less than 1.
     """
 
     weeks: int = 4
     sessions_a_day: int = 2
     games_a_session: int = 3
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not value >= 1:
+                raise InputError(f"{name}: expected >= 1, got {value}")
 
 
 @dataclass(frozen=True)

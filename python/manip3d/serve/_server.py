@@ -9,6 +9,7 @@ import functools
 import hashlib
 import hmac
 import logging
+import math
 import secrets
 import threading
 import time
@@ -68,9 +69,10 @@ def _request_log(refuse: Callable[[str], None]) -> logging.Logger:
     return log
 
 
+@checked
 @dataclass(frozen=True)
 class Limits:
-    """Limits on the resources of one client.
+    """Limits on the resources of one client: rates and times above 0, all others at least 1.
 
     Attributes
     ----------
@@ -89,6 +91,11 @@ class Limits:
     frames_in_flight : int
         Frames that a client has not acknowledged; while it has so many, newer frames replace the
         one that waits for it.
+
+    Raises
+    ------
+    InputError
+        A number is out of range.
     """
 
     message_bytes: int = 4096
@@ -101,6 +108,13 @@ class Limits:
     request_seconds: float = 5.0
     send_seconds: float = 10.0
     frames_in_flight: int = 2
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            is_of_time = name.endswith(("_second", "_seconds"))
+            if not (math.isfinite(value) and (value > 0 if is_of_time else value >= 1)):
+                expected = "> 0" if is_of_time else ">= 1"
+                raise InputError(f"{name}: expected a finite number {expected}, got {value}")
 
 
 @dataclass(frozen=True)
@@ -329,7 +343,7 @@ class LocalServer:
     ------
     InputError
         ``host`` is not a loopback address and there is no certificate; the certificate is for
-        another host; a number is out of range.
+        another host; ``port`` is out of range.
     MissingExtraError
         aiohttp is not installed.
 
