@@ -570,6 +570,21 @@ def test_a_reload_rejoins_and_the_gate_speaks(chromium: None, stage: Stage) -> N
         assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
 
 
+def test_a_limb_that_nobody_has_described_has_sliders_of_its_own(
+    chromium: None, stage: Stage
+) -> None:
+    length = "document.querySelector('#felt [name=length]').value"
+    with _chromium.open_address(stage.server.new_url(), (640, 480)) as tab:
+        wait_for(lambda: stage.server.num_clients == 1)
+        told = {"length": 60, "telescoping": 0, "raised": 0, "bent": 0}
+        stage.session.command("felt", told)
+        stage.show(1)
+        assert tab.evaluate(length) == "60"
+        stage.session.command("limb", {"limb": "left_arm"})
+        stage.show(2)
+        assert tab.evaluate(length) == "100"
+
+
 def test_bad_frames_are_counted_and_do_no_harm(chromium: None, stage: Stage) -> None:
     with _chromium.open_address(stage.server.new_url(), (640, 480)) as tab:
         wait_for(lambda: stage.server.num_clients == 1)

@@ -586,6 +586,11 @@ def test_texts_for_one_client_come_in_order_and_before_frames() -> None:
         assert other.receive() == (2, b"frame")  # and no text before it
 
 
+def test_the_address_is_written_as_browsers_do() -> None:
+    server = LocalServer(PAGES, acknowledge, host="0:0:0:0:0:0:0:1", port=8000)
+    assert (server.host, server.origin) == ("::1", "http://[::1]:8000")
+
+
 def test_a_page_may_be_a_file_that_is_written_later(tmp_path: Path) -> None:
     file = tmp_path / "clip.webm"
     pages = PAGES | {"/clip": Page("video/webm", file)}

@@ -379,7 +379,7 @@ class LocalServer:
         if not 0 <= port <= 65535:
             raise InputError(f"port: expected 0 to 65535, got {port}")
         self.limits = limits or Limits()
-        self.host, self.port = host, port
+        self.host, self.port = str(address), port  # as browsers write it in the Host header
         self.certificate = certificate
         self.refused: Counter[str] = Counter()
         self._pages = dict(pages)

@@ -100,7 +100,7 @@ export class TouchPanel {
     });
   }
 
-  /** Sets the sliders to what was kept; not while somebody moves them. */
+  /** Sets the sliders when what was kept is another: of another limb, or from another page. */
   private fillFelt(felt: Record<string, number>): void {
     const key = JSON.stringify(felt);
     if (key === this.filled) return;
@@ -137,7 +137,8 @@ export class TouchPanel {
   }
 
   tell({ touch, felt_as: felt }: Status): void {
-    if (felt) this.fillFelt(felt);
+    // Undefined: a message without a frame tells nothing of it.
+    if (felt !== undefined) this.fillFelt(felt ?? START);
     if (this.root.hidden) return;
     if (touch) this.mode = touch.mode;
     const over = Boolean(touch && touch.left_s <= 0);
