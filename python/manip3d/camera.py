@@ -239,7 +239,7 @@ def same_camera(one: Intrinsics, other: Intrinsics) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """Where the pixels of a depth camera lie in a colour image.
+    """Transform from the pixels of a depth camera to those of a colour image.
 
     Attributes
     ----------
@@ -801,7 +801,7 @@ _STEREO_KEYS = ("cam0", "doffs", "baseline")
 
 
 def _stereo_calibration(text: str, path: Path) -> _StereoCalibration | None:
-    """What a ``calib.txt`` says; None: it is not of a stereo pair.
+    """Return the entries of a ``calib.txt``; None: it is not of a stereo pair.
 
     The baseline is in millimetres; depth is baseline x focal length / (disparity + doffs).
     """

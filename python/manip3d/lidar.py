@@ -451,7 +451,7 @@ def place(values: ArrayLike, name: str) -> NDArray[np.float64]:
 
 
 def origin_of(origin: ArrayLike | None, scan: Scan) -> NDArray[np.float64]:
-    """Where the scanner stood: as given, else as the frame says, else (0, 0, 0)."""
+    """Return the position of the scanner: as given, else as the frame says, else (0, 0, 0)."""
     if origin is None and scan.frame is not None and scan.frame.origin is not None:
         return place(scan.frame.origin, "origin")
     return np.zeros(3) if origin is None else place(origin, "origin")

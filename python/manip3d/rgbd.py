@@ -105,7 +105,7 @@ class Skeleton:
 
 @dataclass(frozen=True)
 class RgbdCalibration:
-    """What does not change from frame to frame; cameras are not mirrored.
+    """Calibration that does not change from frame to frame; cameras are not mirrored.
 
     Attributes
     ----------
@@ -136,7 +136,7 @@ class RgbdCalibration:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RgbdFrame(Showable):
-    """What an RGB-D camera sees at one moment.
+    """Images and skeletons of an RGB-D camera at one moment.
 
     Attributes
     ----------

@@ -597,7 +597,7 @@ def test_bad_frames_are_counted_and_do_no_harm(chromium: None, stage: Stage) -> 
             stage.server.publish(content, sequence=10_000 + number, captured_ns=0)
             wait_for(lambda: tab.evaluate("manip3dLive.stats().bad") == number)  # noqa: B023
         assert tab.evaluate("manip3dLive.stats().frames") == 1
-        wait_for(lambda: text_of(tab, "#status").startswith("No picture None has come"))
+        wait_for(lambda: text_of(tab, "#status").startswith("No picture For"))
         stage.show(2)
         assert tab.evaluate("manip3dLive.stats().frames") == 3
         assert text_of(tab, "#status").startswith("Following")

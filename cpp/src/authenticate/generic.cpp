@@ -606,7 +606,7 @@ class Examination {
     }
   }
 
-  // What was removed stood on the ground, no nearer than the last returns below and not far behind.
+  // A removed object stood on the ground, no nearer than the last returns below and not far behind.
   [[nodiscard]] Eigen::Vector3d stood_at(const Void::Cell& cell, double distance) const {
     const SinCos azimuth = sin_cos(cell.azimuth);
     return {distance * azimuth.cos, distance * azimuth.sin,

@@ -15,7 +15,7 @@ constexpr std::uint8_t kOffLattice = 0x80;  ///< Mark of a point that no embedde
 
 struct LatticeSamples {
   std::vector<WatermarkSample> samples;
-  /// What embedding may change of each point: LBM, the lowest bits of x, y and z; QIM, the quarter
+  /// Changes of each point by embedding: LBM, the lowest bits of x, y and z; QIM, the quarter
   /// of its cell that z lies at.
   std::vector<std::uint8_t> marks;
 };

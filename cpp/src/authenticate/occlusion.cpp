@@ -48,7 +48,7 @@ void check_options(const OcclusionOptions& options) {
   }
 }
 
-// Where the points fall in the image.
+// Pixels of the points in the image.
 class CellFinder {
  public:
   explicit CellFinder(const OcclusionOptions& options)
@@ -193,7 +193,7 @@ CellRanges cell_ranges(const PointsView& view, const CellFinder& finder, int num
   return image;
 }
 
-// As printed: |r_p - r_q| of each point and the one before it in the same cell, summed.
+// Printed formula: |r_p - r_q| of each point and the one before it in the same cell, summed.
 std::vector<float> accumulated_gaps(const PointsView& view, const CellFinder& finder,
                                     const Progress& progress) {
   const std::size_t size = finder.rows() * finder.columns();

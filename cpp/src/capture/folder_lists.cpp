@@ -10,7 +10,7 @@
 #include "parse/json_text.hpp"
 #include "parse/line_cursor.hpp"
 
-// What folders say about their frames in words.
+// Parsers of the texts in which folders describe their frames.
 namespace manip3d {
 namespace {
 

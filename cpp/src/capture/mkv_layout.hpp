@@ -22,7 +22,7 @@ inline constexpr std::size_t kHashDigits = 64;
 /// length says nothing about the memory they need.
 inline constexpr std::int64_t kMaxPixels = std::int64_t{1} << 24;
 
-/// What is wrong with an image of this size; empty: nothing.
+/// Complaint about an image of this size; empty: nothing is wrong.
 inline std::string complaint(ImageSize size) {
   // Sides have 32 bits in files and at most kMaxImageSide in calibrations: the product fits.
   if (size.rows > 0 && size.cols > 0 && size.rows * size.cols <= kMaxPixels) return "";

@@ -11,7 +11,7 @@ namespace manip3d {
 /// The codec library. @throws DeviceError  find_mkv_codec() has none.
 const MkvCodec& mkv_codec();
 
-/// What the codec library calls an error code.
+/// Text of the codec library for an error code.
 std::string mkv_error(int code);
 
 inline MkvBytes to_mkv(std::span<const std::byte> bytes) {

@@ -58,7 +58,7 @@ struct Arrival {
   std::int64_t dropped = 0;  // by the kernel since the socket was opened; 0: it does not say
 };
 
-// What the kernel notes beside a packet.
+// Notes of the kernel beside a packet.
 Arrival arrival_of(msghdr& message) {
   Arrival arrival;
   for (cmsghdr* c = CMSG_FIRSTHDR(&message); c != nullptr; c = CMSG_NXTHDR(&message, c)) {

@@ -357,7 +357,7 @@ PixelBox box_around(const std::vector<Drawn>& at, std::int64_t cols, std::int64_
   return {left, top, pixel(u1 + 2.0F, cols) - left, pixel(v1 + 2.0F, rows) - top};
 }
 
-/// Where each vertex's colour is in the image of the person's frame.
+/// Place of each vertex's colour in the image of the person's frame.
 std::vector<Drawn> texels_of(const PersonSurface& person) {
   if (person.registration) {
     return Projector(*person.registration)(person.seen, person.num_vertices);

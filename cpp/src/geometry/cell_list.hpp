@@ -44,7 +44,7 @@ class CellList {
 
   [[nodiscard]] double cell_size() const { return cell_size_; }
 
-  /// Where the list has a row of the view.
+  /// Place of a row of the view in the list.
   [[nodiscard]] std::int32_t place_of(std::int32_t row) const { return place_[row]; }
 
   [[nodiscard]] double squared_distance(std::int32_t a, std::int32_t b) const {

@@ -108,7 +108,7 @@ Vector2d RayTable::newton(const Vector2d& ray, Vector2d pixel) const {
     if (!step.allFinite()) break;
     const Vector2d next = pixel - step;
     if (step.squaredNorm() < kSettled * kSettled) {
-      // What lies on the table's outer edge may settle beside it by less than that.
+      // A pixel on the table's outer edge may settle beside it by less than that.
       return (clamped(next) - next).squaredNorm() < kSettled * kSettled ? next
                                                                         : Vector2d(kNan, kNan);
     }

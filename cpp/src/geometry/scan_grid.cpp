@@ -171,7 +171,7 @@ Comb find_comb(const std::vector<std::int64_t>& histogram, double bin, int num_t
   return {period * bin, heights[lag] / energy};
 }
 
-// Where in the period most points lie.
+// Place in the period at which most points lie.
 double phase_of(const std::vector<std::int64_t>& histogram, double bin, double step, double start) {
   constexpr std::int64_t kParts = 32;
   std::vector<std::int64_t> folded(kParts);

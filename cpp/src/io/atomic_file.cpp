@@ -44,7 +44,7 @@ AtomicFile::AtomicFile(const fs::path& target) : requested_(target), target_(fol
     return;
   }
   try {
-    // What replaces a private file is private from the beginning.
+    // A file that replaces a private one is private from the beginning.
     Temporary made =
         make_temporary(folder_of(target_), TemporaryKind::kFile, exists ? 0600U : 0666U);
     temporary_ = std::move(made.path);

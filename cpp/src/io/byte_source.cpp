@@ -132,7 +132,7 @@ class PeekedSource final : public ByteSource {
   std::uint64_t total_ = 0;
 };
 
-// What gzip and xz share: blocks of stored bytes in, the limit on what comes out.
+// Common part of gzip and xz: blocks of stored bytes in, the limit on the bytes that come out.
 class DecompressedSource : public ByteSource {
  public:
   DecompressedSource(std::unique_ptr<ByteSource> stored, std::uint64_t max_bytes)

@@ -22,7 +22,7 @@ ReadResult read_gltf(ByteSource& source, const ReadOptions& options, const Progr
 
 Scene read_gltf_scene(ByteSource& source, const ReadOptions& options, const Progress& progress);
 
-/// What a writer gets beside the mesh.
+/// Arguments of a writer beside the mesh.
 struct WriteJob {
   const MeshView& mesh;
   const std::vector<Material>& materials;

@@ -368,8 +368,8 @@ class Reader {
     }
   }
 
-  /// Where EXT_mesh_gpu_instancing puts the mesh of a node, in the node's coordinates; null: once,
-  /// at the node itself.
+  /// Places of a node's mesh by EXT_mesh_gpu_instancing, in the node's coordinates; null: once, at
+  /// the node itself.
   std::optional<std::vector<Transform>> gpu_instances(const JsonPlace& node) {
     const auto extensions = node.find("extensions");
     const auto instancing = extensions ? extensions->find(kInstancing) : std::nullopt;

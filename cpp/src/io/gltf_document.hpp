@@ -110,7 +110,7 @@ class GltfDocument {
 /// Whether it is EXT_meshopt_compression or KHR_meshopt_compression, of which version 0 is the
 /// same.
 bool is_meshopt_extension(std::string_view name);
-/// What such an extension of a bufferView says of its compressed bytes.
+/// Description of the compressed bytes in such an extension of a bufferView.
 std::optional<JsonPlace> meshopt_extension(const JsonPlace& view);
 
 /// The part of a URI before ":" in lower case, or "" for a relative reference.

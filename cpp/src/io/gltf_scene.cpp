@@ -86,7 +86,7 @@ void check_float32(const std::vector<float>& values, const char* name) {
   throw InputError(std::string(name) + ": glTF holds float32, whose range a value exceeds");
 }
 
-/// Where to put the origin so that float32 holds the mesh: 0 if that will do.
+/// Origin for which float32 holds the mesh: 0 if that will do.
 Eigen::Vector3d origin_for_float32(const MeshView& mesh) {
   constexpr double kRelativeLoss = 1e-6;
   constexpr double kHalfUlp = 1.0 / (1 << 24);  // relative rounding error of float32

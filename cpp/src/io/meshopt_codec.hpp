@@ -13,7 +13,7 @@ namespace manip3d {
 enum class MeshoptMode { kAttributes, kTriangles, kIndices };
 enum class MeshoptFilter { kNone, kOctahedral, kQuaternion, kExponential, kColor };
 
-/// What a stream holds; it does not say so itself.
+/// Content of a stream, which the stream itself does not name.
 struct MeshoptLayout {
   std::int64_t count = 0;   ///< Elements, >= 1; of triangles a multiple of three.
   std::int64_t stride = 0;  ///< Bytes of an element; 2 or 4 for indices.

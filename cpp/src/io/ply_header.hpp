@@ -20,7 +20,7 @@ constexpr std::int64_t kTypeSizes[] = {1, 1, 2, 2, 4, 4, 4, 8};
 
 constexpr std::int64_t size_of(Type type) { return kTypeSizes[static_cast<int>(type)]; }
 
-// What manip3d makes of a property; everything else is skipped.
+// Use of a property by manip3d; all other properties are skipped.
 enum Role : std::uint8_t {
   kX,
   kY,

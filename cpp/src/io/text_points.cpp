@@ -229,7 +229,7 @@ class TextReader {
     return true;
   }
 
-  /// What looked like names was prose: "# x, y and z in metres".
+  /// Whether what looked like names was prose: "# x, y and z in metres".
   void forget_names() {
     names_.clear();
     are_from_comment_ = false;

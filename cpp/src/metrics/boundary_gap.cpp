@@ -15,8 +15,8 @@ namespace {
 using Eigen::Vector3d;
 
 constexpr double kStep = 1e-3;  // longest piece of an edge, in diagonals
-constexpr double kSmallestTolerance =
-    1e-6;  // the search for cracks visits length / tolerance points
+// The search for cracks visits length / tolerance points.
+constexpr double kSmallestTolerance = 1e-6;
 
 struct Segment {
   Vector3d start, end;

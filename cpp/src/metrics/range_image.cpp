@@ -175,7 +175,7 @@ double hit(const SeenTriangle& seen, const Eigen::Vector2d& pixel) {
   return in_front ? weights.dot(seen.depth) : kNoHit;
 }
 
-/// Where the points of the grid are seen, which need not be the middles of their pixels.
+/// Pixels at which the points of the grid are seen, which need not be the middles of theirs.
 struct Places {
   std::vector<Eigen::Vector2d> pixel;
   double farthest = 0.0;  ///< From its column or row, over the grid.

@@ -543,7 +543,7 @@ struct Pair {
 };
 
 HoleFill filled_from(const Pair& pair, const PhantomImage& image) {
-  // Where only one of the two is of the phantom, the other's source says nothing about it.
+  // If only one of the two is of the phantom, the other's source says nothing about it.
   const bool a_is = is_phantom(image.kind[pair.a]), b_is = is_phantom(image.kind[pair.b]);
   const std::int64_t a = a_is ? pair.a : pair.b, b = b_is ? pair.b : pair.a;
   const auto middle = [](std::int32_t x, std::int32_t y) { return (x + y + 1) / 2; };

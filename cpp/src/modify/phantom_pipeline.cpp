@@ -447,7 +447,7 @@ class PhantomPipeline::Workspace {
     set_frame(*trunk_frame_);
   }
 
-  /// Where to look for an empty sleeve or leg of trousers; none for a person who has the limb.
+  /// Region to search for an empty sleeve or leg of trousers; none for a person who has the limb.
   [[nodiscard]] std::optional<ClothSearch> cloth_search(const Skeleton& person) const {
     const Limb affected = options_.affected, intact = opposite(affected);
     if (presence_.is_there() || !frame_ || !is_usable(person, limb_root(intact))) {

@@ -24,7 +24,7 @@ bool has(const Skeleton& skeleton, std::size_t joint) {
   return is_usable(skeleton, static_cast<Joint>(joint));
 }
 
-/// Where bones point at rest, and the frame of the torso there.
+/// Directions of the bones at rest, and the frame of the torso there.
 struct Rest {
   Eigen::Matrix3d torso = Eigen::Matrix3d::Identity();
   std::array<std::optional<Eigen::Vector3d>, kNumJoints> direction;
@@ -169,7 +169,7 @@ class Skin {
   Skin(const Skeleton& skeleton, const BoneMotions& motions, const ReposeOptions& options)
       : map_(skeleton), motions_(motions), options_(options) {}
 
-  /// Where x goes; none: it stays.
+  /// New place of x; none: it stays.
   [[nodiscard]] std::optional<Eigen::Vector3d> move(const Eigen::Vector3d& x) const {
     std::array<BoneMap::Foot, kNumJoints> feet;
     std::size_t nearest = 0;

@@ -41,7 +41,7 @@ constexpr double kJointBias = 0.02;  // metres: error of a joint's mean that no 
 // Errors of joints from frame to frame, until they are measured: trackers filter.
 constexpr double kFirstCorrelation = 0.8, kMostCorrelation = 0.95;
 constexpr double kJointScale = 0.05;  // metres: of the Cauchy weight
-// What the trunk's motion changes by in a frame: radians and metres of the Cauchy prior.
+// Change of the trunk's motion in a frame: radians and metres of the Cauchy prior.
 constexpr double kTurnNoise = 0.010, kMoveNoise = 0.006;
 // The pelvis against the trunk: radians that it is usually turned by, and that this changes by in a
 // frame; metres that it moves by aside; radians of a turn that is not believed, and deviations.

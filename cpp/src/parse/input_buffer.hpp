@@ -31,7 +31,7 @@ class InputBuffer {
   /// Exactly `size` bytes, valid until the next call.
   /// @throws FormatError  the stream ends before.
   const char* bytes(std::size_t size, const char* what);
-  /// What comes next, at most `size` bytes; does not move on.
+  /// The next bytes, at most `size`; does not move on.
   std::string_view peek(std::size_t size);
   bool at_end() { return peek(1).empty(); }
 

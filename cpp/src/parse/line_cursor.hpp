@@ -29,7 +29,7 @@ class LineCursor {
     return {start, static_cast<std::size_t>(at_ - start)};
   }
 
-  /// What is left, without blanks around it.
+  /// The rest of the line, without blanks around it.
   std::string_view rest() {
     skip_blanks();
     const char* last = end_;

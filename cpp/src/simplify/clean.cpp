@@ -14,7 +14,7 @@
 namespace manip3d {
 namespace {
 
-/// What a corner of a face is, as numbers that are equal where values are equal.
+/// Values of a corner of a face, as numbers that are equal where values are equal.
 struct Corner {
   std::int32_t position = -1;
   std::int32_t texcoord = -1;

@@ -9,7 +9,7 @@
 
 namespace manip3d {
 
-/// What a vertex is in the mesh as it stands (step 3 of section 2.4.5). Collapses around a vertex
+/// Kind of a vertex in the mesh as it stands (step 3 of section 2.4.5). Collapses around a vertex
 /// can change it: a complex vertex whose extra sheet has gone is complex no more.
 struct VertexClass {
   bool is_boundary = false;     ///< On an edge with exactly one face.

@@ -65,7 +65,7 @@ void ImportanceOrder::sort(const ImportanceMap& map) {
   }
 }
 
-/// What stays the same while the factor is searched for.
+/// Data that stay the same while the factor is searched for.
 struct Cs3Sampler::Frame {
   const RangeImage& image;
   const ImportanceMap& map;

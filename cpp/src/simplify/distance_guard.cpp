@@ -66,7 +66,7 @@ DistanceGuard::DistanceGuard(const MeshView& original, double limit, std::functi
   if (!is_exact_ && box.diagonal() > 0.0) {
     center_ = box.center();
     unit_ = box.diagonal();
-    // What coordinates far from the origin lose is part of the mesh; results round once more.
+    // The rounding of coordinates far from the origin is part of the mesh; results round once more.
     const double farthest = std::max(box.min.cwiseAbs().maxCoeff(), box.max.cwiseAbs().maxCoeff());
     margin_ = kRounding + 4.0 * std::numeric_limits<double>::epsilon() * farthest / unit_;
   }

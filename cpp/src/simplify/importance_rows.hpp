@@ -55,7 +55,7 @@ MANIP3D_INLINE ImportanceKey key_of(const Hessian& m, float z) {
   return to_key(importance_of<importance>(m)) | (0U - static_cast<std::uint32_t>(z != z));
 }
 
-// What the readings of Cs3Reading that are not kept make of the same rows, slowly.
+// Results of the readings of Cs3Reading that are not kept, for the same rows, slowly.
 void area_row_by(const Cs3Reading& reading, const PointRow& above, const PointRow& row,
                  const PointRow& below, std::int64_t width, float* area);
 Hessian hessian_by(const Cs3Reading& reading, const AreaRows& a, std::int64_t u);

@@ -63,7 +63,7 @@ constexpr int kFewTries = 3;
 constexpr std::array<std::int64_t, 15> kFewSizes = {3,  4,  5,  6,  7,  8,  10, 12,
                                                     14, 16, 20, 25, 30, 40, 50};
 
-/// What an effort spends. Measured on the Stanford scans; each step pays for itself.
+/// Work of an effort. Measured on the Stanford scans; each step pays for itself.
 struct Budget {
   double start;       ///< Bisections of the first triangulation per target point.
   int finest;         ///< Pixels between its inner vertices, from kSparse on.

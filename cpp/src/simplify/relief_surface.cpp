@@ -63,7 +63,7 @@ class Rooms {
   std::size_t size_;
 };
 
-// What decides on a cell, as bits; bits 0 to 3: are a, b, d, c valid?
+// Bits that decide on a cell; bits 0 to 3: are a, b, d, c valid?
 constexpr std::uint16_t kTurned = 16;  // the diagonal from b to c is the shorter one
 // The ends of the side are near enough.
 constexpr std::uint16_t kNearAB = 32, kNearDC = 64, kNearAC = 128, kNearBD = 256, kNearAD = 512,

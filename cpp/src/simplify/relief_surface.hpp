@@ -45,7 +45,7 @@ struct Sample {
   [[nodiscard]] Vec3 point() const { return {x, y, z}; }
 };
 
-/// What a pixel is to a mesh that follows another one.
+/// Role of a pixel in a mesh that follows another one.
 enum class Keep : std::uint8_t {
   kFree,
   kPrefer,  ///< A vertex of the frame before.

@@ -9,7 +9,7 @@
 
 namespace manip3d {
 
-/// What vertices look like from their surfaces: the faces around a vertex that share a material,
+/// Vertices as their surfaces see them: the faces around a vertex that share a material,
 /// the presence of texture coordinates and their value share a wedge [Hoppe 1998].
 struct WedgeTable {
   std::vector<std::int64_t> surface;  // of a wedge: 2 material + (has texture coordinates)

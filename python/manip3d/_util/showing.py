@@ -36,7 +36,7 @@ class Showable:
     def _repr_mimebundle_(
         self, include: Collection[str] | None = None, exclude: Collection[str] | None = None
     ) -> dict[str, str | bytes]:
-        """What a notebook shows: the viewer, a picture, and text."""
+        """Return what a notebook shows: the viewer, a picture, and text."""
         from manip3d.viewer.notebook import mimebundle
 
         return mimebundle(self)

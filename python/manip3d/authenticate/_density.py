@@ -79,7 +79,7 @@ class DensityParameters:
 PAPER_DENSITY = DensityParameters(
     sector=0, level_width=0.2, level_growth=0.0, window=7, deviation=3.5, fewest=10
 )
-"""As the dissertation says: one signal over range, its moving average, sudden and persistent."""
+"""Parameters of the dissertation: one signal over range, its moving average, sudden, persistent."""
 
 CALIBRATED_DENSITY = DensityParameters()
 """For terrestrial scans of millions of points."""

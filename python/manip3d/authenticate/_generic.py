@@ -467,7 +467,7 @@ def _examined(
     reading: LatticeReading | None,
     threads: int,
 ) -> Mapping[str, Any]:
-    """What the kernel finds; it reads the lattice where that was not done."""
+    """Run the kernel, which also reads the lattice where that was not done."""
     found: Mapping[str, Any] = _core.generic_consistency(
         cloud,
         lattice.table,

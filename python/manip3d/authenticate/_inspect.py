@@ -128,7 +128,7 @@ EXACT_CALIBRATION = Calibration(
 """The clean frames that detector III was asked about whose lattices are exact."""
 
 SENSORS = ("auto", "lattice", "terrestrial", "other")
-"""What a caller can say of the scanner; ``auto``: `identify_sensor` tells."""
+"""Kinds of scanner that a caller can name; ``auto``: `identify_sensor` finds out."""
 
 
 @checked
@@ -347,7 +347,7 @@ def _measured_here(result: Inspection, here: Mapping[str, Power]) -> Inspection:
 
 
 class _Asked(NamedTuple):
-    """What a caller of `inspect` says beside the scan."""
+    """Arguments of `inspect` beside the scan."""
 
     previous: ScanLike | None
     following: ScanLike | None
@@ -421,7 +421,7 @@ def _inspected(
 def _verified(
     scan: LidarFrame, watermark: bytes | WatermarkResult | None, key: KeyFile | KeyRing | None
 ) -> WatermarkResult | None:
-    """What the verifier says of the record; None where there is none, or no key."""
+    """Result of the verifier for the record; None where there is no record or no key."""
     if isinstance(watermark, WatermarkResult):
         if watermark.scan is None or not np.array_equal(watermark.scan.points, scan.points):
             raise InputError("watermark: expected the result of this scan, got another scan's")

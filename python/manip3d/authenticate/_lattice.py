@@ -863,7 +863,7 @@ def _fit_exactly(x: Floats, y: Floats, slope: float, offset: float) -> tuple[flo
 
 
 def _median(values: Floats) -> float:
-    """As `numpy.median`, in a quarter of its time for the few points of a ring; 0 of none."""
+    """Return `numpy.median`, in a quarter of its time for the few points of a ring; 0 of none."""
     half = len(values) // 2
     if len(values) == 0 or np.isnan(values.max()):
         return 0.0 if len(values) == 0 else math.nan

@@ -86,7 +86,7 @@ class OcclusionParameters:
 
 
 PAPER_OCCLUSION = OcclusionParameters(accumulate=True, min_cells=200, min_area=0.0)
-"""As the dissertation says; its A_th is "empirical" and not printed."""
+"""Parameters of the dissertation, whose A_th is "empirical" and not printed."""
 
 CALIBRATED_OCCLUSION = OcclusionParameters()
 """For scanners whose points stand on a grid of azimuth and elevation."""

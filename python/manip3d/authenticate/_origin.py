@@ -1,4 +1,4 @@
-"""Where did the scanner stand? Its angular grid tells."""
+"""The position of the scanner, estimated from its angular grid."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was done to a scan as a whole: shuffled, rounded, cropped, turned, deskewed?"""
+"""Changes of a scan as a whole: shuffled, rounded, cropped, turned, deskewed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the stereo pairs of a drive look, as a file beside it."""
+"""Files beside a drive that describe its stereo pairs."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ MAX_DISPARITY = 96
 
 
 class Calibration(Protocol):
-    """What a calibration tells, as `manip3d.datasets.KittiCalibration` does."""
+    """Calibration of stereo cameras, such as `manip3d.datasets.KittiCalibration`."""
 
     @property
     def projections(self) -> Mapping[int, NDArray[np.float64]]: ...

@@ -79,7 +79,7 @@ CALIBRATION = Calibration(
     "structured light and time of flight; a few cameras of each; other people's compositors may "
     "draw softer silhouettes",
 )
-"""Where `SHARP` comes from: clean frames, not those of `POWER`."""
+"""Origin of `SHARP`: clean frames, not those of `POWER`."""
 
 _STREAMS = "8 simulated people of other seeds, 8 of UTD-MHAD before the turning person's wall"
 _KITCHEN = "8 people of UTD-MHAD in the red kitchen of 7-Scenes"
@@ -749,7 +749,7 @@ def _sharpest_run(best: Sequence[float | None]) -> tuple[float, int, int]:
 
 
 def _sharpest_whole_run(best: Sequence[float | None]) -> tuple[float, int, int]:
-    """As `_sharpest_run`, of runs that show a silhouette in each frame."""
+    """Return what `_sharpest_run` does, of runs that show a silhouette in each frame."""
     starts = range(len(best) - _RUN + 1)
     runs = [(start, [s for s in best[start : start + _RUN] if s is not None]) for start in starts]
     whole = [(float(np.median(run)), start) for start, run in runs if len(run) == _RUN]

@@ -1,4 +1,4 @@
-"""What all detectors say in the same words."""
+"""Verdicts, regions and power, which all detectors state in the same words."""
 
 from __future__ import annotations
 

@@ -775,7 +775,7 @@ def _unverifiable(reason: str, frame: LidarFrame) -> WatermarkResult:
 
 
 def _azimuths(slices: Iterable[int], num_slices: int) -> tuple[tuple[float, float], ...]:
-    """Where runs of slices begin and end, degrees."""
+    """Beginnings and ends of runs of slices, degrees."""
     width = 360.0 / num_slices
     runs: list[list[int]] = []
     for each in slices:

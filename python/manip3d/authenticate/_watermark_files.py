@@ -734,7 +734,7 @@ def verdict_of_stream(
 
 
 class StreamTally:
-    """What `verdict_of_stream` needs of the frames so far, however many they are."""
+    """Tally of the frames so far, however many, from which `verdict_of_stream` judges."""
 
     def __init__(self) -> None:
         self._count = 0
@@ -756,7 +756,7 @@ class StreamTally:
             self._loud[result.verdict] = first, frames + 1
 
     def verdict(self, *, whole: bool = True) -> tuple[WatermarkVerdict, str]:
-        """As `verdict_of_stream`."""
+        """Return the verdict and its reason, as `verdict_of_stream` does."""
         verdicts: tuple[WatermarkVerdict, ...] = ("tampered", "undecidable")
         for verdict in verdicts:
             if verdict in self._loud:

@@ -263,7 +263,7 @@ def _below(folder: Path, suffixes: Sequence[str] | None) -> Iterator[Path]:
 
 
 def _walk(folder: Path) -> Iterator[tuple[str, list[str], list[str]]]:
-    """As `os.walk`, in the order of names and without what is hidden."""
+    """Walk a folder as `os.walk` does, in the order of names and without hidden ones."""
     for top, folders, names in os.walk(folder):
         folders[:] = sorted(name for name in folders if not is_hidden(name))
         yield top, folders, [name for name in names if not is_hidden(name)]

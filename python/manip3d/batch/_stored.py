@@ -15,7 +15,7 @@ Row = dict[str, Any]
 
 @runtime_checkable
 class Store(Protocol):
-    """Where rows are kept under keys."""
+    """A place in which rows are kept under keys."""
 
     def load(self, key: str) -> Row | None:
         """Return the row of a key, or None where there is none that can be trusted."""

@@ -33,7 +33,7 @@ _RATE = 30.0
 
 @dataclass(frozen=True)
 class ForgedPlan:
-    """What follows the # of an address ``forged:SOURCE#OPTIONS``.
+    """Source and options of an address ``forged:SOURCE#OPTIONS``.
 
     Attributes
     ----------

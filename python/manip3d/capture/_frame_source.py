@@ -1,4 +1,4 @@
-"""What all sources of frames have in common: waiting, iterating, ending."""
+"""Common base of all sources of frames: waiting, iterating, ending."""
 
 from __future__ import annotations
 

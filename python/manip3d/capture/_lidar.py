@@ -22,7 +22,7 @@ from manip3d.errors import FormatError, InputError
 from manip3d.lidar import LidarFrame, ScanFormat
 
 RETURN_TYPES: tuple[str, ...] = ("unknown", "strongest", "last", "both")
-"""What the values of ``fields["return_type"]`` mean; both: the last return is the strongest."""
+"""Meanings of ``fields["return_type"]``, by value; both: the last return is the strongest."""
 
 DEFAULT_PORT = 2368
 

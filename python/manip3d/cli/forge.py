@@ -55,7 +55,7 @@ app = typer.Typer(
 
 @dataclass(frozen=True)
 class Order:
-    """What the command line asks for; what an attack does not use stays None."""
+    """Options of the command line; those that an attack does not use stay None."""
 
     hoax: str | None
     position: Sequence[float] | None
@@ -322,7 +322,7 @@ def _box(order: Order) -> Box | None:
 
 
 class LidarAttack(StrEnum):
-    """What ``forge lidar`` does to a scan."""
+    """Attacks of ``forge lidar`` on a scan."""
 
     ctp = "ctp"
     crtp = "crtp"
@@ -692,7 +692,7 @@ def forge_stream(
 
 
 class PeopleKind(StrEnum):
-    """What ``forge people`` makes of a person."""
+    """Kinds of recordings that ``forge people`` makes of a person."""
 
     real = "real"
     type1 = "type1"

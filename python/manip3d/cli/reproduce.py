@@ -153,7 +153,7 @@ def refuse_foreign_folder(folder: Path, *, force: bool) -> None:
 
 
 def digest(summary: RunSummary) -> dict[str, Any]:
-    """What ``--json`` prints: counts and verdicts; the rows are in the folder."""
+    """Return what ``--json`` prints: counts and verdicts; the rows are in the folder."""
     return {
         "folder": str(summary.folder),
         "cases": summary.cases,

@@ -49,7 +49,7 @@ _REFUSED = ("bad_length", "unknown_product", "other_product", "unknown_return_mo
 
 
 def summary(source: str, terminal: Terminal, calibration: Path | None = None) -> dict[str, Any]:
-    """What the scans of a source are made of."""
+    """Counts and extents of the scans of a source."""
     from manip3d import capture
     from manip3d.capture._lidar import expect_scans
 

@@ -329,7 +329,7 @@ def expect_cleaning(method: str, no_clean: bool) -> None:
 
 
 class Mode(StrEnum):
-    """What a simplification is for."""
+    """Modes of simplification, by what matters most."""
 
     quality = "quality"
     published = "published"

@@ -1,4 +1,4 @@
-"""What the terminal sees: results on stdout, messages and progress on stderr."""
+"""Output to the terminal: results on stdout, messages and progress on stderr."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class Terminal:
 
     @property
     def out(self) -> Console:
-        """Where results for people go."""
+        """Console for results that people read."""
         from rich.console import Console
 
         return Console(highlight=False, width=None if sys.stdout.isatty() else 1000)

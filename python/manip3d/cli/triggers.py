@@ -20,7 +20,7 @@ _SIGNALS = ("SIGUSR1", "SIGUSR2")
 
 @contextlib.contextmanager
 def trigger_of(word: str) -> Iterator[tuple[Callable[[RgbdFrame], bool], str]]:
-    """What ``--trigger`` names, as `manip3d.capture.record` takes it, and what the user has to do.
+    """Yield the trigger that ``--trigger`` names, for `capture.record`, and how to set it off.
 
     Raises
     ------

@@ -27,7 +27,7 @@ SUFFIXES = (".html", ".png")
 
 @dataclass(frozen=True)
 class Choice:
-    """What the options say about the source."""
+    """Options about the source."""
 
     frame: int | None
     intrinsics: str

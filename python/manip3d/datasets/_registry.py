@@ -1,4 +1,4 @@
-"""What a data set is, which ones there are, and where their files lie."""
+"""The registry of data sets, and the places of their files on this machine."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ __all__ = ["RangeImageFolder", "RangeImageLayout", "open_range_images"]
 
 @dataclass(frozen=True, eq=False)
 class RangeImageLayout:
-    """What the pixels of a range image mean.
+    """Meaning of the pixels of a range image.
 
     Attributes
     ----------

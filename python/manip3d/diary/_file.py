@@ -273,7 +273,7 @@ def _words_of(error: sqlite3.DatabaseError, path: Path) -> str:
 
 
 def _told(error: sqlite3.DatabaseError, path: Path) -> Exception:
-    """What SQLite's error while a file is looked at says of the file, or of the disk."""
+    """Turn an error of SQLite while a file is looked at into one about the file or the disk."""
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF
     if code == sqlite3.SQLITE_NOTADB:
         return FormatError(f"expected a diary: {error}", file=str(path))

@@ -176,4 +176,4 @@ PAIN = "The pain rose. Please stop for today and tell your therapist."
 """Reason that is shown for an adverse event of pain without its two ratings."""
 
 SICKNESS = "You feel sick. Please stop for today and tell your therapist."
-"""What the page says after the patient said so."""
+"""Words of the page after the patient said that they feel sick."""

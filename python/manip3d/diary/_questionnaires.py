@@ -325,7 +325,7 @@ def definition_of(questionnaire: Questionnaire) -> dict[str, Any]:
 
 
 def questionnaire_of(found: object) -> Questionnaire:
-    """What `definition_of` made, or somebody wrote. Raises InputError."""
+    """Read a definition that `definition_of` made, or somebody wrote. Raises InputError."""
     fields = _fields(found, "questionnaire", ("name", "items"), ("scales",))
     items = [
         _fields(one, f"items[{number}]", ("text", "low", "high"), ("choices",))

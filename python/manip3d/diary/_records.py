@@ -1,4 +1,4 @@
-"""What stands in a diary."""
+"""Records of a diary."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ class ExportedFile:
 
 
 NOT_ANSWERED = "The rating of the pain at the end was not answered."
-"""What copies say of a session that was closed without it."""
+"""Words of copies for a session that was closed without a last rating."""
 
 FILM_IN_PAGE = b"data:image/webp;base64,"
 """The bytes with which a film on a page begins."""

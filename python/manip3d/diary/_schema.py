@@ -96,7 +96,7 @@ _OF_PARTICIPANT = (
     "sessions", "games", "anomalies", "ratings", "questionnaires", "events", "audit",
 )  # fmt: skip
 
-# What turns each version into the next one; entries are never changed, only added.
+# Statements that turn each version into the next one; entries are never changed, only added.
 MIGRATIONS: Sequence[Sequence[str]] = (
     (  # 0, an empty file, to 1: who played what
         "CREATE TABLE meta (name TEXT PRIMARY KEY, value BLOB NOT NULL)",

@@ -1,4 +1,4 @@
-"""What experiments share that vary one option of QEM4VR: cases, columns and the claim."""
+"""Common parts of experiments that vary one option of QEM4VR: cases, columns, the claim."""
 
 from __future__ import annotations
 

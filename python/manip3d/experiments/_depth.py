@@ -1,4 +1,4 @@
-"""What the experiments of chapter 3 share: range images, methods, the measured case.
+"""Common parts of the experiments of chapter 3: range images, methods, the measured case.
 
 Tables 3.3 and 3.4 and most figures look at the same reduced meshes, so a case does not belong to
 one of them: it reduces one range image by one method to one number of points and takes every
@@ -96,7 +96,7 @@ class DepthModel:
 
     @property
     def role(self) -> str:
-        """What its numbers are: the published model's, or a stand-in's."""
+        """Origin of its numbers: the published model, or a stand-in."""
         if self.same_file:
             return f"the published {self.published}"
         simulated = "" if self.data else "simulated "
@@ -328,7 +328,7 @@ _LONG = 2.0  # seconds, of all runs together
 
 def time_ms(image: RangeInput, method: str, points: int, reduced: Mesh | DepthMesh,
             repeats: int, **options: Any) -> float:  # fmt: skip
-    """What a method costs from range image to mesh; the search for its level of detail apart."""
+    """Cost of a method from range image to mesh, without the search for its level of detail."""
     if method not in COLLAPSES:
         return processor_time_ms(lambda: reduce(image, method, points, **options), repeats)
     from manip3d import simplify

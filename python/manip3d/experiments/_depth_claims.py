@@ -1,4 +1,4 @@
-"""What figures of chapter 3 share: claims on one error."""
+"""Common parts of figures of chapter 3: claims on one error."""
 
 from __future__ import annotations
 

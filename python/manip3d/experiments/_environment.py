@@ -1,4 +1,4 @@
-"""Where and with what a run was made, and a fingerprint of the code that made it."""
+"""The machine and the packages of a run, and a fingerprint of the code that made it."""
 
 from __future__ import annotations
 

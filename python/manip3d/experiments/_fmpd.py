@@ -1,4 +1,4 @@
-"""What tables 2.6 and 2.7 share: FMPD, compared by ranks and never by values."""
+"""Common parts of tables 2.6 and 2.7: FMPD, compared by ranks and never by values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What figures 6.3 to 6.7 share: one scan, its forgeries, and views of them."""
+"""Common parts of figures 6.3 to 6.7: one scan, its forgeries, and views of them."""
 
 from __future__ import annotations
 

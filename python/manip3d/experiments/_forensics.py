@@ -1,4 +1,4 @@
-"""What tables 6.1 and 6.2 share: simulated terrestrial scans, their forgeries, two detectors."""
+"""Common parts of tables 6.1 and 6.2: simulated scans, their forgeries, two detectors."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ TOO_FEW = "a quick run has too few scans to judge this"
 
 
 def role(real: bool) -> str:
-    """What the scans and the hoaxes are."""
+    """Description of the scans and the hoaxes."""
     hoaxes = " and ".join(HOAXES) if real else "a ball and a knot in the place of Stanford models"
     return f"simulated scan in the place of the published one; hoaxes: {hoaxes}"
 
@@ -194,7 +194,7 @@ def open_hoax(name: str) -> tuple[Points, Points]:
 
 
 def _facing(vertices: Points, normals: Points, scale: float, place: NDArray[np.float64]) -> Points:
-    """What of a hoax faces the scanner in the origin."""
+    """The part of a hoax that faces the scanner in the origin."""
     to_scanner = -(place + scale * (vertices - vertices.mean(axis=0)))
     facing: Points = vertices[np.einsum("ij,ij->i", normals, to_scanner) > 0.0]
     return facing
@@ -267,7 +267,7 @@ def _fraction(row: Row, detector: str, attack: str) -> str | None:
 def entries(
     rows: Sequence[Row], attack: str, *, front: bool = False, kind: str = ""
 ) -> list[dict[str, Any]]:
-    """What was judged of a class; whole hoaxes, or only their fronts."""
+    """The part of a class that was judged: whole hoaxes, or only their fronts."""
     return [
         entry
         for row in rows

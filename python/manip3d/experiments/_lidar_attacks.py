@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """What an attacker works with in one frame.
+    """Material of an attacker in one frame.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Target:
 
     @property
     def position(self) -> NDArray[np.float64]:
-        """Where the centroid of the hoax is to land."""
+        """Wanted place of the hoax's centroid."""
         return np.asarray(self.at_distance.mean(axis=0, dtype=np.float64))
 
 
@@ -177,7 +177,7 @@ def _snapped(attack: Callable[[Target], forge.Forgery], along: str) -> Callable[
 def _on_firings(
     attack: Callable[[Target], forge.Forgery], *, whole_ranges: bool
 ) -> Callable[[Target], Points]:
-    """What a scanner of this lattice would have returned, the touched points being its surfaces."""
+    """Return what a scanner of this lattice would have measured of the touched points."""
 
     def run(target: Target) -> Points:
         forgery, lattice = attack(target), target.lattice

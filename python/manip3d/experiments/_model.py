@@ -1,4 +1,4 @@
-"""What an experiment is: cases, a function that runs one, and claims about the rows."""
+"""Experiments: cases, a function that runs one, and claims about the rows."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ DATA_KINDS: dict[str, str] = {
     "recorded": "recorded data that stand for nothing published",
     "simulated": "simulated",
 }
-"""What a row was measured on: the values of ``data``, in words."""
+"""Data on which a row was measured: the values of ``data``, in words."""
 
 
 @dataclass(frozen=True)

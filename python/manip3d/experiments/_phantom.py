@@ -1,4 +1,4 @@
-"""What the experiments of chapter 4 share: simulated patients, the pipeline, truth, pictures."""
+"""Common parts of the experiments of chapter 4: patients, pipeline, truth, pictures."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ class Outcome:
 
     @property
     def frame(self) -> RgbdFrame:
-        """What the sensor delivered."""
+        """The frame that the sensor delivered."""
         return self.capture.frame
 
     @property
     def truth(self) -> BodyTruth:
-        """What is there."""
+        """The truth of the frame."""
         return self.capture.truth
 
 

@@ -1,4 +1,4 @@
-"""What figures 2.11 and 2.17 share: Dragon and Jet, simplified further and further."""
+"""Common parts of figures 2.11 and 2.17: Dragon and Jet, simplified further and further."""
 
 from __future__ import annotations
 

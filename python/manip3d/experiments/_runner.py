@@ -224,7 +224,7 @@ def _rows(
 
 
 def _data_of(case: Case) -> str:
-    """What a case was measured on, where its options do not say it."""
+    """Data on which a case was measured, where its options do not name them."""
     return "recorded" if case.inputs else "simulated"
 
 
@@ -272,7 +272,7 @@ def _notes(experiment: Experiment, rows: list[Row], problems: list[str]) -> Iter
 def _attempted(
     what: str, make: Callable[[Sequence[Row]], T], rows: list[Row], problems: list[str]
 ) -> T | None:
-    """What ``make`` makes of the rows that did not fail; None, and a problem, if it fails."""
+    """Call ``make`` with the rows that did not fail; None, and a problem, if it fails."""
     try:
         return make(_sound(rows))
     except Exception as error:  # the report is written all the same, and says so

@@ -1,4 +1,4 @@
-"""What the experiments of chapter 2 share: models, the measured case, and claims over rows.
+"""Common parts of the experiments of chapter 2: models, the measured case, and claims over rows.
 
 Tables 2.2 to 2.7 look at the same simplified meshes, so a case does not belong to one table: it
 simplifies one model by one method to one target and takes every measure of the result.

@@ -196,7 +196,7 @@ def surface_error(case: Case) -> Row:
 
 
 def _ends(outcome: _phantom.Outcome, limb: Any) -> tuple[Any, Any]:
-    """Where the phantom's hand or foot is, and where it ought to be."""
+    """Measured and true place of the phantom's hand or foot."""
     from manip3d.simulate import LIMBS, opposite
 
     origin, normal = outcome.truth.mirror_plane(limb)
@@ -256,7 +256,7 @@ def _source_misses(outcome: _phantom.Outcome) -> Any:
 
 
 def cover_when_turned(case: Case) -> Row:
-    """What is covered of the limb that ought to be seen, and the largest hole."""
+    """Covered share of the limb that ought to be seen, and the largest hole."""
     turn = float(case.options["angle"])
     scene = _scene(case, motion="arm-raise", amputated="right_arm", turn=turn, **_EXACT)
     cover, holes, away, error = [], [0], [], []

@@ -95,7 +95,7 @@ def _load(file: str) -> Points:
 
 
 def _sums(files: Sequence[str]) -> dict[str, str]:
-    """What the row depends on: the bytes of its files."""
+    """Return what the row depends on: the bytes of its files."""
     root = datasets.data_root()
     assert root is not None
     return {file: datasets.file_sha256(root / file) for file in files}
@@ -267,7 +267,7 @@ def run_attack(case: Case) -> Row:
 
 
 def run_timed(case: Case) -> Row:
-    """What the clean frame before adds, where something was removed: the evidence ``time``."""
+    """Gain by the clean frame before, where something was removed: the evidence ``time``."""
     lattice = _real_lattice()
     attack = {**ADDING, **OTHERS}[_REMOVING]
     files = sorted(case.options["files"])
@@ -300,7 +300,7 @@ def _share(flags: Sequence[bool]) -> float:
 
 
 def _published_detectors(frames: Sequence[Points]) -> Row:
-    """What detectors I and II say of the same frames."""
+    """Verdicts of detectors I and II on the same frames."""
     density = [authenticate.density_consistency(frame) for frame in frames]
     occlusion = [authenticate.occlusion_consistency(frame) for frame in frames]
     return {
@@ -323,7 +323,7 @@ def _hoaxes() -> tuple[Points, ...]:
 
 
 def _objects(scan: Points) -> list[tuple[Box, Points]]:
-    """What stands free on the ground, of the size of people and cars."""
+    """Objects that stand free on the ground, of the size of people and cars."""
     found = forge.segment(scan, tolerance=0.2, ground_height=0.2)
     kept = []
     for index, box in enumerate(found.boxes):

@@ -71,7 +71,7 @@ def _skeleton_error(outcome: _phantom.Outcome) -> float:
 
 
 def view_wrong_joint(case: Case) -> Row:
-    """What a wrong shoulder does to the plane, and so to the phantom."""
+    """Effect of a wrong shoulder on the plane, and by it on the phantom."""
     from dataclasses import replace
 
     from manip3d.modify import PhantomPipeline

@@ -26,7 +26,7 @@ _MOST = {
     "lbm": 3.0**0.5 / 1000.0, "qim-printed": 0.00125,
     "keyed lbm": 3.0**0.5 / 1000.0, "keyed qim": 0.001875, "keyed detached": 0.0,
 }  # fmt: skip
-"""What an embedding may move a point by, metres."""
+"""Largest displacement of a point by an embedding, metres."""
 _DRAWN = {"lbm": "LBM", "qim-printed": "QIM"}
 """Embeddings whose scans figures 7.9 and 7.10 show."""
 _FLOAT = 4e-6  # metres: coordinates of up to 128 m as float32, rounded twice

@@ -77,7 +77,7 @@ def judge_scan(case: Case) -> Row:
 
 
 def _spacing(position: Any, grid: authenticate.AngularGrid) -> float:
-    """What the scanner's grid makes of the hoax's distance."""
+    """Distance of the hoax as the scanner's grid has it."""
     step = np.radians(min(grid.azimuth_deg, grid.elevation_deg))
     return float(np.linalg.norm(position) * step)
 

@@ -44,7 +44,7 @@ _VERDICTS = (0, 3, 4)
 
 @dataclass(frozen=True)
 class Shown:
-    """What a story shows.
+    """Content of a story.
 
     Attributes
     ----------
@@ -122,7 +122,7 @@ def _run(command: str, folder: Path) -> Any:
 
 @dataclass(frozen=True)
 class _Recorded:
-    """What takes the place of a story's simulated input, below the folder of ``MANIP3D_DATA``.
+    """Recorded data in place of a story's simulated input, below the folder of ``MANIP3D_DATA``.
 
     Attributes
     ----------

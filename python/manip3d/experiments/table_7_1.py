@@ -86,7 +86,7 @@ def time_frame(frame: LidarFrame, step: str, rounds: int) -> Row:
 def _tasks(
     frame: LidarFrame, kind: str, folder: Path
 ) -> dict[str, dict[str, Callable[[], object]]]:
-    """What is timed, by mode and name."""
+    """Calls that are timed, by mode and name."""
     from manip3d import _core, authenticate
 
     number = authenticate.EMBEDDINGS.index(kind)

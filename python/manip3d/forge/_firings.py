@@ -49,7 +49,7 @@ class Readings(Protocol):
 
 @runtime_checkable
 class FiringLattice(Protocol):
-    """What an attacker knows of the scanner: `manip3d.authenticate.SensorLattice` is one."""
+    """Knowledge of the scanner that an attacker has, such as a `SensorLattice`."""
 
     @property
     def steps(self) -> int: ...

@@ -165,7 +165,7 @@ class Lattice:
         return cls(np.column_stack([slopes, np.zeros_like(slopes)]), azimuth_step, azimuth_phase)
 
     def arguments(self) -> tuple[list[tuple[float, float]], float, float]:
-        """As the core takes it."""
+        """Return the lattice as the core takes it."""
         rings = [(float(slope), float(offset)) for slope, offset in self.rings]
         return rings, self.azimuth_step, self.azimuth_phase
 

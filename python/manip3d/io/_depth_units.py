@@ -23,7 +23,7 @@ _NO_MEASUREMENT = 65_535
 """Many cameras store this number where they measured nothing; as 1/1000 m it would be 65.5 m."""
 
 _NO_DISPARITY = 2047
-"""What the Kinect V1 stores where it measured nothing."""
+"""Value that the Kinect V1 stores where it measured nothing."""
 
 _NEAREST_DISPARITY, _FARTHEST_DISPARITY = 300.0, 1091.0
 """Disparities of 0.44 m and of 234 m: outside, a raw image of the Kinect V1 holds nothing."""
@@ -149,7 +149,7 @@ DEPTH_UNITS = tuple(_UNITS)
 _WHOLE_ONLY = ("kinect-raw", "nyu", "sun")
 
 _DISPARITY = "disparity:"
-"""What a unit of disparities begins with; behind it are the two numbers of `_disparity_metres`."""
+"""Beginning of a unit of disparities; behind it are the two numbers of `_disparity_metres`."""
 
 
 def _disparity_metres(focal_baseline: float, offset: float) -> Callable[[NDArray[Any]], Depth]:

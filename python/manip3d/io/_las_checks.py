@@ -28,7 +28,7 @@ _EXTRA_BYTES = 14
 
 @dataclass(frozen=True)
 class _Header:
-    """What the checks need of the public header block."""
+    """Fields of the public header block that the checks need."""
 
     size: int
     start: int

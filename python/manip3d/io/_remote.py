@@ -29,7 +29,7 @@ from manip3d.errors import Error, FormatError, InputError, MissingExtraError
 
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*(://|::)")
 _CODES = {FileNotFoundError: errno.ENOENT, PermissionError: errno.EACCES}
-# Where a folder is nothing but a part of a name, and making one could make a bucket.
+# Stores in which a folder is only a part of a name, and making one could make a bucket.
 _OBJECT_STORES = frozenset(
     {"abfs", "abfss", "adl", "az", "gcs", "gs", "memory", "oss", "r2", "s3", "s3a"}
 )
@@ -41,7 +41,7 @@ _MOST_WORDS = 32
 _CONTINUED = re.compile(rb"\\\r?\n")
 _TAILS = re.compile(r"(?=\s(\S.*))")
 _END_OF_HEADER = re.compile(rb"^end_header", re.MULTILINE)
-# What a file names beside it: material libraries and textures, buffers and images.
+# Statements by which a file names others: material libraries and textures, buffers and images.
 _NAMED: dict[str, re.Pattern[bytes]] = {
     ".obj": re.compile(rb"^[ \t]*mtllib[ \t]+((?:\\\r?\n|[^\r\n])+)", re.MULTILINE),
     ".mtl": re.compile(
@@ -51,7 +51,7 @@ _NAMED: dict[str, re.Pattern[bytes]] = {
     ".gltf": re.compile(rb'"uri"\s*:\s*"([^"]+)"'),
     ".ply": re.compile(rb"^comment[ \t]+TextureFile[ \t]+([^\r\n]+)", re.MULTILINE),
 }
-# What lies beside a file under its own name: the pose of a scan, the description of a sensor.
+# Files that lie beside one under its own name: the pose of a scan, the description of a sensor.
 _OF_ONE_NAME = {".3d": ".pose", ".pcap": ".json"}
 
 

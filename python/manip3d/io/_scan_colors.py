@@ -33,7 +33,7 @@ _NAMES = {
     **dict.fromkeys(("ply", "las", "csv", "pts", "ptx", "npz", "xyzrgb"), ("red", "green", "blue")),
 }
 _OF_CLOUDCOMPARE = "scalar_"
-"""What CloudCompare puts before the names of columns."""
+"""Prefix that CloudCompare puts before the names of columns."""
 _WIDE = ("las", "csv")
 """Formats that hold colours of 16 bits."""
 _LAS_STEP = 256

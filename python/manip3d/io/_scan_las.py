@@ -34,7 +34,7 @@ def _laspy() -> Any:
 
 
 def read(path: Path, limit: int) -> LidarFrame:
-    """As `manip3d.io.read_scan`; points are moved near 0 where they lie far from it."""
+    """Read a scan, as `io.read_scan` does; points are moved near 0 where they lie far from it."""
     laspy = _laspy()
     num_chunks = check_las(path, limit)
     # The parallel decoder reserves a whole chunk of the size that the file claims; a single chunk
@@ -68,7 +68,7 @@ def read(path: Path, limit: int) -> LidarFrame:
 
 
 def write(frame: LidarFrame, path: Path) -> None:
-    """As `manip3d.io.write_scan`."""
+    """Write a scan, as `manip3d.io.write_scan` does."""
     laspy = _laspy()
     own = frame.format is not None and frame.format.name == "las"
     if own and frame.format is not None:
@@ -95,7 +95,7 @@ def write(frame: LidarFrame, path: Path) -> None:
         raise InputError(f"points: LAS cannot hold them: {error}") from error
     compressed = path.suffix.lower() == ".laz"
     with atomic_path(path) as temporary, temporary.open("wb") as disk:
-        # What lazrs says of a full disk does not tell what happened.
+        # The message of lazrs about a full disk does not name the cause.
         memory = io.BytesIO()
         las.write(memory if compressed else disk, do_compress=compressed)
         disk.write(memory.getbuffer())

@@ -57,7 +57,7 @@ def is_scan(head: bytes) -> bool:
 
 
 def read(path: Path, limit: int) -> LidarFrame:
-    """As `manip3d.io.read_scan`."""
+    """Read a scan, as `manip3d.io.read_scan` does."""
     with open_regular(path) as file:
         data = file.read(limit + 1) if limit else file.read()
     if limit and len(data) > limit:
@@ -106,7 +106,7 @@ def frame_of(data: bytes, name: str) -> LidarFrame:
 
 
 def write(frame: LidarFrame, path: Path) -> None:
-    """As `manip3d.io.write_scan`: as it was read, or rows of x, y, z and the intensity."""
+    """Write a scan, as `io.write_scan` does: as it was read, or rows of x, y, z and intensity."""
     layout = frame.format
     if layout is None or layout.name != "npy":
         names = _NAMES if frame.intensity is not None else _NAMES[:3]

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from manip3d.lidar import LidarFrame
 
 _POINTS = ("positions", "points", "xyz")
-"""What Open3D's tensor clouds, its others, and ROS's converters call the coordinates."""
+"""Names of the coordinates in Open3D's tensor clouds, in its others and by ROS's converters."""
 _TRIPLES = {"colors": ("red", "green", "blue"), "normals": ("nx", "ny", "nz")}
 """Columns of Open3D's arrays of three numbers a point."""
 
@@ -63,7 +63,7 @@ def is_npz_scan(path: str | os.PathLike[str]) -> bool:
 
 
 def read(path: Path, limit: int) -> LidarFrame:
-    """As `manip3d.io.read_scan`."""
+    """Read a scan, as `manip3d.io.read_scan` does."""
     name = str(path)
     try:
         with open_regular(path) as file:
@@ -111,7 +111,7 @@ def read(path: Path, limit: int) -> LidarFrame:
 
 
 def write(frame: LidarFrame, path: Path) -> None:
-    """As `manip3d.io.write_scan`: Open3D's tensor cloud, (N, k) numbers an array."""
+    """Write a scan, as `io.write_scan` does: Open3D's tensor cloud, (N, k) numbers an array."""
     arrays: dict[str, NDArray[Any]] = {"positions": stored_coordinates(frame, "npz")}
     if frame.intensity is not None:
         arrays["intensity"] = frame.intensity[:, None]

@@ -33,7 +33,7 @@ _LONGEST_LINE = 1000
 _MOST_DIGITS = 9
 _COLORS = ("red", "green", "blue")
 _NO_INTENSITY = 0.5
-"""What Leica's programs write where the intensity is not known."""
+"""Value that Leica's programs write where the intensity is not known."""
 _SAME_PLACE = 1e-3
 """Metres between two statements of one position: they are rounded to micrometres and more."""
 

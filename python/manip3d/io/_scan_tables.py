@@ -83,7 +83,7 @@ def refuse_expansion(claimed: int, stored: int, limit: int, file: str) -> None:
 
 @dataclass(frozen=True)
 class _Table:
-    """What is special about one of the formats that are tables."""
+    """Properties of one of the formats that are tables."""
 
     name: str
     layout: Callable[[LidarFrame], ScanFormat]
@@ -539,7 +539,7 @@ def _general_columns(frame: LidarFrame, name: str) -> tuple[Column, ...]:
 
 
 def general_fields(frame: LidarFrame) -> dict[str, NDArray[Any]]:
-    """What another format may hold of a frame: numbers, one per point."""
+    """Columns of a frame that another format may hold: numbers, one per point."""
     columns = {} if frame.ring is None else {"ring": frame.ring}
     columns |= {
         name: v for name, v in frame.fields.items() if v.ndim == 1 and v.dtype.kind in "iuf"

@@ -1,4 +1,4 @@
-"""What games for legs need: the foot by its blue shoe cover, and where to put the targets."""
+"""Measurements for games of the legs: the foot by its shoe cover, and places for targets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a live session writes into a diary."""
+"""The part of a live session that writes into a diary."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ _ARM, _LEG = ("Shoulder", "Elbow", "Wrist"), ("Hip", "Knee", "Ankle")
 
 @dataclass(frozen=True)
 class FeltLimb:
-    """What the patient says of the limb that they feel.
+    """Description of the limb that the patient feels.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class FeltLimb:
 
 
 def felt_places(felt: FeltLimb, skeleton: Skeleton, affected: str) -> NDArray[np.float64] | None:
-    """Where it is: shoulder, elbow and hand, or hip, knee and foot; (3, 3), metres.
+    """Return the felt limb's shoulder, elbow and hand, or hip, knee and foot; (3, 3), metres.
 
     Arms bend forwards, legs backwards. None where the trunk or the intact limb is not tracked.
     """

@@ -1,4 +1,4 @@
-"""What a session says about itself while it runs: a line of JSON every ten seconds."""
+"""The log of a running session: a line of JSON every ten seconds."""
 
 from __future__ import annotations
 

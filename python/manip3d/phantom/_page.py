@@ -61,7 +61,7 @@ HAZARDS: Sequence[tuple[str, str, str]] = (
         "copies of the diary, and of its key",
     ),
 )
-"""What may go wrong, what the software does about it, and what people must do."""
+"""Hazards, what the software does about them, and what people must do."""
 
 _HAZARD_PAGE = """\
 <!DOCTYPE html>

@@ -345,7 +345,7 @@ class LiveSession:
         self._play.stop()
 
     def _heed(self, name: str, fields: Mapping[str, Any]) -> None:
-        """What the patient says of themselves; may end the play for today."""
+        """Take a message about the patient; it may end the play for today."""
         assert self._recorder is not None
         if name == "pain":
             halt = self._sitting.rate(int(fields["value"]))

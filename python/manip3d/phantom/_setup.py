@@ -59,7 +59,7 @@ class Check:
 def placement_checks(
     shown: PhantomFrame, camera: Intrinsics, *, people: int, is_chosen: bool, rate: float
 ) -> list[Check]:
-    """What the camera sees of the patient, point by point.
+    """Check what the camera sees of the patient, point by point.
 
     ``people``: skeletons in view; ``is_chosen``: somebody said who of them the patient is;
     ``rate``: frames a second.

@@ -1,4 +1,4 @@
-"""What the games are made of: their state, targets and fields, and where joints are."""
+"""Data of the games: state, targets and fields, and the places of joints."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ class Target:
 
 @dataclass(frozen=True)
 class Event:
-    """What happened to a target in this step.
+    """Event of a target in this step.
 
     Attributes
     ----------
@@ -122,7 +122,7 @@ class Event:
 
 @dataclass(frozen=True)
 class ArmField:
-    """Where bubbles rise for arms: lines to both sides of the shoulders.
+    """Field in which bubbles rise for arms: lines to both sides of the shoulders.
 
     Attributes
     ----------
@@ -145,7 +145,7 @@ class ArmField:
 
 @dataclass(frozen=True)
 class LegField(ArmField):
-    """Where bubbles rise for legs: two channels before the knees, from the floor to knee height."""
+    """Field for legs: two channels before the knees, from the floor to knee height."""
 
 
 @dataclass(frozen=True)
@@ -184,7 +184,7 @@ class PianoField:
 
 @dataclass(frozen=True)
 class Foot:
-    """What a foot has done so far.
+    """Moves of a foot so far.
 
     Attributes
     ----------

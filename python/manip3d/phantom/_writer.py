@@ -82,7 +82,7 @@ class OrderedWriter:
 
     @property
     def trouble(self) -> str:
-        """What is not written and why, in words; empty while all goes well."""
+        """Return what is not written and why, in words; empty while all goes well."""
         with self._changed:
             parts = []
             if self._trouble and self._tasks:

@@ -48,7 +48,7 @@ _HOMES = {
     "write_stream_evidence": "_stream_evidence",
     "write_suspected_rows": "_suspected",
 }
-"""Where each name is defined: a verdict on the terminal loads no viewer and no simulator."""
+"""Module of each name: a verdict on the terminal loads no viewer and no simulator."""
 
 
 def __getattr__(name: str) -> Any:

@@ -288,7 +288,7 @@ _OF_SECTORS = "<li><b style='background:#f0b8b8'></b>sectors that the watermark 
 
 
 def _legend(scenes: Sequence[_Scene]) -> str:
-    """What the colours of the pictures mean that are shown."""
+    """Meaning of the colours of the pictures that are shown."""
     items = _OF_MAPS if any(scene.maps for scene in scenes) else ""
     items += _OF_SECTORS if any(_SECTOR in scene.above for scene in scenes) else ""
     return f"<ul class=legend>{items}</ul>" if items else ""
@@ -308,7 +308,7 @@ def _facts(source: str, counts: AlertCounts) -> str:
 
 @dataclass(frozen=True)
 class Strip:
-    """What the timeline shows of each frame, in a few bytes."""
+    """Verdicts and scores of all frames for the timeline, a few bytes for each."""
 
     verdicts: Mapping[str, Sequence[str]]
     scores: Sequence[float]

@@ -324,7 +324,7 @@ def _entries(
 
 
 def _torn(number: int, length: int) -> str:
-    """What a line that ends early means, and how to go on."""
+    """Return what a line that ends early means, and how to go on."""
     return (
         f"line {number}: the last line is not whole: its writer was interrupted after {length} "
         "bytes. The entries before it hold; the next inspection that is appended keeps these bytes "

@@ -237,7 +237,7 @@ def _timeline(found: Sequence[Inspection | None], names: Sequence[str]) -> str:
 
 
 def _added_up(together: DriveEvidence) -> str:
-    """What the frames say together: a curve, and the line that it must not reach."""
+    """Evidence of all frames together: a curve, and the line that it must not reach."""
     if len(together.evidence) < 2:
         return ""
     lowest = min(0.0, float(together.evidence.min()))

@@ -335,7 +335,7 @@ def _ratio(inspection: Inspection) -> str:
 
 
 def _facts(inspection: Inspection, source: str) -> str:
-    """What was judged, by what, and by which limits."""
+    """Return what was judged, by which detectors and limits."""
     facts = [f"manip3d {__version__}"]
     if Path(source).is_file():
         facts.append(f"SHA-256 of the file: {file_sha256(Path(source))}")

@@ -59,7 +59,7 @@ def environment() -> jinja2.Environment:
 
 
 def numbers(results: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """What the templates show of a results folder."""
+    """Content of a results folder for the templates."""
     return {
         "results": results,
         "environment": results["environment"],
@@ -146,7 +146,7 @@ _TONES = {"holds": "yes", "does not hold": "no", "undecided": "soft"}
 
 
 def _headlines(results: Mapping[str, Any]) -> Iterator[dict[str, str]]:
-    """What QEM4VR reaches on the published files, beside what is printed."""
+    """Results of QEM4VR on the published files, beside the printed ones."""
     seen = set()
     for name, record in results["experiments"].items():
         for column in (column for column in record["columns"] if column["ratio"]):

@@ -1,4 +1,4 @@
-"""What of an inspection needs no page: where the scanner stood, and rows of suspected points."""
+"""Parts of an inspection without a page: the scanner's place, rows of suspected points."""
 
 from __future__ import annotations
 

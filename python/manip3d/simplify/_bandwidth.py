@@ -51,7 +51,7 @@ class Bandwidth:
 
 
 class SlidingSecond:
-    """What was sent in the second before a frame; frames may come late, or too many of them."""
+    """Bytes sent in the second before a frame; frames may come late, or too many of them."""
 
     def __init__(self, bandwidth: Bandwidth) -> None:
         self._bandwidth = bandwidth

@@ -63,7 +63,7 @@ SPARSE_WORDS = (
     "most measured pixels stand alone, as in an image that a LiDAR was projected into: no method "
     "here makes a surface of them; in Python, simplify.grid_delaunay joins pixels at any distance"
 )
-"""What to tell of an image whose result `is_sparse`."""
+"""Advice about an image whose result `is_sparse`."""
 _FEWEST_PROJECTED = 50
 _NO_CAMERA = (
     "an organised cloud whose points are not those of a camera's pixels: faces across depth steps "
@@ -330,7 +330,7 @@ def _uncut(
     registration: Registration | None = None,
     confidence: ArrayLike | None = None,
 ) -> DepthSimplification:
-    """What a method makes of an image; faces across depth steps are still there, if it has some."""
+    """Apply a method to an image; faces across depth steps are still there, if it has some."""
     asked: dict[str, Any] = {
         "max_edge": options.max_edge,
         "color": color,
@@ -421,7 +421,7 @@ def simplify_depth_file(
 
 @dataclass(frozen=True, eq=False)
 class Maps:
-    """What is known of the pixels beside their depth."""
+    """Masks, weights and colours of the pixels, beside their depth."""
 
     color: NDArray[np.uint8] | None
     mask: NDArray[np.bool_] | None = None
@@ -587,7 +587,7 @@ class Measured:
 
 @dataclass(frozen=True, eq=False)
 class _Made:
-    """What a method made, and the mesh to write."""
+    """Result of a method, and the mesh to write."""
 
     found: DepthSimplification
     mesh: Mesh

@@ -185,7 +185,7 @@ _OF_SURFACES = (
 
 
 def measure_of(method: str) -> str:
-    """What the errors of a method measure."""
+    """Name of the measure of a method's errors."""
     return _MEASURES.get(method, _OF_SURFACES)
 
 

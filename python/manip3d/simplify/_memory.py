@@ -77,7 +77,7 @@ def _num_places(mesh: Mesh) -> float:
 
 
 def bytes_per_face(mesh: Mesh, mode: str) -> float:
-    """What a mode takes at most for each face of a mesh, beside the mesh."""
+    """Most memory that a mode takes for each face of a mesh, beside the mesh."""
     faces = mesh.num_faces
     in_pieces = faces if _core.count_components(mesh) > 1 else 0
     excess = max(0.0, _num_places(mesh) - faces / 2)
@@ -138,7 +138,7 @@ def _plan(mesh: Mesh, mode: str, memory: int, target: int) -> _Plan:
 
 @dataclass
 class _Stage:
-    """What became of the mesh so far."""
+    """State of the mesh so far."""
 
     mesh: Mesh
     vertex_map: NDArray[np.int32] | None = None  # None: all is where it was
@@ -179,7 +179,7 @@ def _locked_now(stage: _Stage, locked: NDArray[np.bool_] | None) -> NDArray[np.b
 def _from(
     report: Callable[[float], object], low: float, high: float
 ) -> Callable[[float, str], object]:
-    """What tells `report` of a part of the work."""
+    """Return the callback that reports a part of the work to `report`."""
     return lambda fraction, _: report(low + (high - low) * fraction)
 
 

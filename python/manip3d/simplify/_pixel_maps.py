@@ -1,4 +1,4 @@
-"""What is known of each pixel beside its depth: whether it counts, and how far it is believed."""
+"""Maps of the pixels beside their depth: which count, and how far each is believed."""
 
 from __future__ import annotations
 

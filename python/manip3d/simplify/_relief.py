@@ -45,7 +45,7 @@ Effort = Literal["live", "fast", "balanced", "fine", "best"]
 
 @dataclass(frozen=True, eq=False)
 class OffSurface:
-    """What `cut_depth_steps` leaves out of a relief with ``depth_step``, found on its own surface.
+    """Faces that `cut_depth_steps` leaves out of a relief, found on its own surface.
 
     Attributes
     ----------

@@ -268,7 +268,7 @@ class _Placed:
         self._uses = scene.num_uses
         self._instances = {own.index: own for own in every}
         self.indices = list(self._instances)
-        # What is flattened or has no size is simplified in its own coordinates.
+        # A mesh that is flattened or has no size is simplified in its own coordinates.
         self._places = {
             i: np.eye(4) if is_aside else own.place.copy() for i, own in self._instances.items()
         }
@@ -650,7 +650,7 @@ def _search(
     at: Callable[[int | None, Progress], _Result],
     part: Callable[[float, float], Progress],
 ) -> _Result:
-    """As `_meet`: six runs at most, and more only until the target is met or cannot be."""
+    """Meet a target as `_meet` does: six runs, and more only until it is met or cannot be."""
     met: tuple[int, int] = (-1, 0)  # stored and drawn faces that are within the target
     above = (placed.mesh.num_faces, placed.num_drawn(placed.mesh))
     if wanted >= above[1]:

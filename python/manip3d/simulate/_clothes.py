@@ -1,4 +1,4 @@
-"""What a person wears: one small picture per kind of part, and the look of a face."""
+"""Clothes of a person: one small picture per kind of part, and the look of a face."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ _SEATED_ARM = Arm(flexion=12.0, abduction=10.0, elbow=50.0, twist=20.0)
 
 @dataclass(frozen=True)
 class Exercise:
-    """What an arm and a leg do; without one, the limb rests.
+    """Motions of an arm and a leg; without one, the limb rests.
 
     Attributes
     ----------

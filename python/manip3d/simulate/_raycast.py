@@ -26,7 +26,7 @@ NO_FACE = np.uint32(0xFFFFFFFF)
 
 @dataclass(frozen=True)
 class Hits:
-    """Where rays first meet a surface.
+    """First points at which rays meet a surface.
 
     Attributes
     ----------

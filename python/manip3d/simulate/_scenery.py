@@ -1,4 +1,4 @@
-"""What stands still around a person: floor, walls, a chair; each camera's view is kept."""
+"""Things that stand still around a person: floor, walls, a chair; each camera's view is kept."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def wheel_mesh(wheel: Wheel) -> tuple[Floats, NDArray[np.int32]]:
 
 @dataclass(frozen=True, eq=False)
 class Background:
-    """What a camera sees of the scenery: exact images of (H, W) pixels.
+    """Images of the scenery by a camera: exact images of (H, W) pixels.
 
     Attributes
     ----------
@@ -149,7 +149,7 @@ class Scenery:
 
 
 SCENES = ("room", "office", "hall")
-"""What can be around a person."""
+"""Kinds of scenery around a person."""
 
 _BEHIND = {"room": 1.4, "office": 1.4, "hall": 2.6}  # metres from a person to the wall
 _WALLS = {"room": _WALL, "office": (176, 190, 196), "hall": (214, 198, 168)}

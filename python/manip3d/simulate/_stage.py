@@ -53,7 +53,7 @@ class Mover:
 
 @dataclass
 class StageHits:
-    """Where rays meet the stage.
+    """Points at which rays meet the stage.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a time-of-flight camera makes of a scene: noise, flying pixels, pixels without an answer."""
+"""Faults of a time-of-flight camera: noise, flying pixels, pixels without an answer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the simulated sensors look at: triangles with a truth label, an object and a surface."""
+"""World of the simulated sensors: triangles with a truth label, an object and a surface."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from manip3d.simulate._surfaces import Patch, Points
 
 
 class Label(IntEnum):
-    """What a point lies on."""
+    """Kinds of things that a point lies on."""
 
     GROUND = 0
     BUILDING = 1
@@ -31,7 +31,7 @@ class Label(IntEnum):
 
     @property
     def title(self) -> str:
-        """As boxes say it: KITTI's word where KITTI has one."""
+        """Name of the class in boxes: KITTI's word where it has one."""
         return "Pedestrian" if self is Label.PERSON else self.name.capitalize()
 
 

@@ -34,7 +34,7 @@ NOISE_AT_ONE_METRE = 1.425e-3
 
 @dataclass(frozen=True)
 class DepthCapture:
-    """What the simulated sensor delivers, and what is wrong with it.
+    """Output of the simulated sensor, and its faults.
 
     Attributes
     ----------

@@ -151,7 +151,7 @@ def drive(
 def _around(
     street: Street, time: float, random: np.random.Generator, threads: int
 ) -> dict[str, StereoPair]:
-    """What the pairs that do not look ahead see; the LiDAR turns clockwise."""
+    """Pictures of the pairs that do not look ahead; the LiDAR turns clockwise."""
     return {
         name: stereo_pair(
             street,

@@ -313,7 +313,7 @@ class _Stream:
         return float(np.linspace(_NEAREST, _FARTHEST, len(PEOPLE))[self.person])
 
     def provenance(self) -> dict[str, Any]:
-        """What the stream was made of, as JSON values."""
+        """Ingredients of the stream, as JSON values."""
         found: dict[str, Any] = {"stream": self.name, "seed": self._own_seed, "kind": self.kind}
         if self.kind != "real":
             found["recorded in"] = SCENES[self._studio]

@@ -286,7 +286,7 @@ def _firings(time: float, random: np.random.Generator) -> tuple[NDArray[np.int16
 
 
 def _beams(encoder: NDArray[np.int16], ring: NDArray[np.int64]) -> tuple[Doubles, Doubles]:
-    """Where beams start and their unit directions, in the sensor's frame, at given encoders."""
+    """Origins of the beams and their unit directions, in the sensor's frame, at given encoders."""
     table = lasers()
     azimuth = np.radians(0.09 * encoder + table.azimuth_deg[ring])
     ahead = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
@@ -420,7 +420,7 @@ def _intensity(
     speckle: Floats,
     random: np.random.Generator,
 ) -> Floats:
-    """What the sensor makes of echoes: a hundredth at a time, nothing of weak ones."""
+    """Reflectances of echoes by the sensor: a hundredth at a time, nothing of weak ones."""
     glow = reflectance * np.sqrt(np.sqrt(cosine)) + _LASER_GAIN[ring]
     shot = random.standard_normal(len(glow), np.float32)
     shot *= 1.0 + _HEAVY_TAIL * shot**2

@@ -194,7 +194,7 @@ def _head_distance(p: Array) -> Array:
 
 
 def _head_points(polar: Array, azimuth: Array) -> Array:
-    """Where the rays from the middle of the head leave it, in metres."""
+    """Points at which rays from the middle of the head leave it, in metres."""
     direction = np.stack(
         [
             np.sin(polar) * np.cos(azimuth),

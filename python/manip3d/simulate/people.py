@@ -666,7 +666,7 @@ class BodySimulator:
         return list(LIMBS[self.amputated][1:]) if self.amputated else []
 
     def _guess(self, figure: PosedFigure, random: np.random.Generator) -> NDArray[np.float64]:
-        """Where a tracker puts the joints of a limb that is not there: about the stump's end."""
+        """Places of invented joints of a limb that is not there: about the stump's end."""
         assert self.amputated is not None
         root, first = LIMBS[self.amputated][:2]
         way = figure.joints[first] - figure.joints[root]
@@ -809,7 +809,7 @@ class _Look:
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """What an ideal camera sees: exact images of (H, W) pixels."""
+    """Exact images of (H, W) pixels, as of an ideal camera."""
 
     depth: Floats
     slant: Floats
@@ -827,7 +827,7 @@ class _Seen:
 
 
 class _Cast:
-    """What moves in the scene, at one moment."""
+    """Moving things in the scene, at one moment."""
 
     def __init__(
         self,

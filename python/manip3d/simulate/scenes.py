@@ -151,7 +151,7 @@ def _known(kind: str, table: dict[str, Callable[..., None]]) -> Callable[..., No
 
 
 class _Plan:
-    """Where things stand already, as circles: nothing is put into another thing."""
+    """Occupied places, as circles: nothing is put into another thing."""
 
     def __init__(
         self, random: Random, x_range: tuple[float, float], y_range: tuple[float, float]
@@ -220,7 +220,7 @@ def _shell(
 def _corridor(
     builder: WorldBuilder, length: float, height: float, wall: Surface, floor: Surface
 ) -> None:
-    """What is seen through the door, which is in the wall y = 0."""
+    """Things that are seen through the door, which is in the wall y = 0."""
     x0, x1, y0, y1 = -3.0, length + 3.0, -2.15, -0.15
     far = things.quad([(x0, y0, 0), (x0, y0, height), (x1, y0, height), (x1, y0, 0)])
     ground = things.quad([(x0, y0, 0), (x1, y0, 0), (x1, 0, 0), (x0, 0, 0)])

@@ -153,7 +153,7 @@ def _shown(value: Any) -> str:
 
 @dataclass(frozen=True)
 class Common:
-    """What all studies have.
+    """Part of a definition that all studies have.
 
     Attributes
     ----------

@@ -48,7 +48,7 @@ FILES = (
     "summary.csv",
     "summary.html",
 )
-"""What `write_results` writes."""
+"""Files that `write_results` writes."""
 
 _FOR_SPREADSHEETS = ("answers.csv", "summary.csv")  # which tell UTF-8 by a byte order mark
 

@@ -1,4 +1,4 @@
-"""What a participant is shown and asked: one step at a time, each with its fields."""
+"""Steps of a study: what a participant is shown and asked, each with its fields."""
 
 from __future__ import annotations
 

@@ -337,7 +337,7 @@ def copy_rating_stimuli(
 
 
 def _own_item(place: Path, name: str) -> Item:
-    """What the folders of a file say about it."""
+    """Return what the folders of a file say about it."""
     truth, *others = place.parts[:-1] or ("",)
     suffix = place.suffix.lower()
     if truth not in TRUTHS:

@@ -118,7 +118,7 @@ def open_page(page: str, size: tuple[int, int]) -> Iterator[Tab]:
 
 @contextlib.contextmanager
 def open_address(url: str, size: tuple[int, int]) -> Iterator[Tab]:
-    """What is at an address in a browser window of ``size`` pixels, shown completely."""
+    """Open an address in a browser window of ``size`` pixels, shown completely."""
     with contextlib.ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True)))
         tab = stack.enter_context(_browser(folder, size))

@@ -1,4 +1,4 @@
-"""What the colours of a picture of points mean, written into its corner."""
+"""The legend of a picture of points, written into its corner."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def end_texts(scale: Scale) -> list[str]:
 
 
 def _rows(points: DrawnPoints) -> list[tuple[str, Any]]:
-    """What stands in each line: its kind, and its content."""
+    """Content of each line, with its kind."""
     rows: list[tuple[str, Any]] = []
     first = points.columns[0] if points.columns else None
     if isinstance(first, Scale):

@@ -18,7 +18,7 @@ PICTURE_SIZE = (640, 480)
 
 
 def mimebundle(thing: Any) -> dict[str, str | bytes]:
-    """What there is of text/plain, text/html and image/png; text always."""
+    """Return what there is of text/plain, text/html and image/png; text always."""
     text = text_of(thing)
     try:
         one = shown(thing)

@@ -264,7 +264,7 @@ def _place_entry(pose: Pose, placement: Placement) -> dict[str, Any]:
 
 
 def _looks(style: Style, *, axes: bool = True) -> dict[str, Any]:
-    """What the toolbar switches, as the page's script reads it."""
+    """Switches of the toolbar, as the page's script reads them."""
     return {
         "axes": axes,
         "lines": True,
@@ -278,7 +278,7 @@ def _looks(style: Style, *, axes: bool = True) -> dict[str, Any]:
 
 
 def displayed(thing: Shown, max_faces: int, max_points: int = MAX_POINTS) -> tuple[Shown, str]:
-    """What is shown of a mesh or of points where they are too many, and what to say about it."""
+    """Return the part that is shown of too large a mesh or cloud, and what to say about it."""
     if isinstance(thing, DrawnPoints):
         fewer = thing.thinned(max_points)
         return fewer, fewer.detail or f"{fewer.num_points:,} points"
@@ -540,7 +540,7 @@ def timing_page(
 
 
 def _steered(style: Style, models: list[dict[str, Any]]) -> dict[str, Any]:
-    """What pages hold that nobody looks at."""
+    """Return the content of a page that a program steers, without what people need."""
     return {
         "title": "",
         "view": VIEW,  # of no effect: the pose says where the camera stands

@@ -208,7 +208,7 @@ def phantom_sheet(
     azimuth: float = 35.0,
     threads: int = 0,
 ) -> Image:
-    """What the camera saw, the person with the phantom, and the mesh from the side.
+    """Draw what the camera saw, the person with the phantom, and the mesh from the side.
 
     Parameters
     ----------

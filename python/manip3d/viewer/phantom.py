@@ -272,7 +272,7 @@ def _holds_pictures_only(folder: Path) -> bool:
 
 
 def _around(picture: Image, phantom: PhantomFrame) -> Image:
-    """What was seen, and below it the phantom: a square around the person, or around all."""
+    """Draw what was seen, and below it the phantom: a square around the person, or around all."""
     rows, columns = np.nonzero(phantom.depth > 0)
     height, width = phantom.depth.shape
     if not len(rows):

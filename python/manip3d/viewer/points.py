@@ -650,7 +650,7 @@ def _corners(box: Box) -> Points:
 def overviews(
     points: NDArray[Any], origin: tuple[float, float, float] | None, up: Up
 ) -> tuple[Pose, ...]:
-    """Where the camera may stand: behind and above the sensor, above it, in its place.
+    """Places of the camera: behind and above the sensor, above it, in its place.
 
     Without a place of the sensor, and for points whose z is not up, there is none.
     """

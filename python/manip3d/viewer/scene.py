@@ -1,4 +1,4 @@
-"""What every renderer shares: options, camera, edges, materials and textures."""
+"""Common parts of all renderers: options, camera, edges, materials and textures."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def rgb(color: str | Rgb) -> Rgb:
 
 @dataclass(frozen=True)
 class Style:
-    """What to draw, and how large; see `manip3d.viewer.picture` for the meaning."""
+    """Options of a picture; see `manip3d.viewer.picture` for the meaning."""
 
     size: tuple[int, int] = (800, 600)
     shading: Shading = "smooth"
@@ -258,7 +258,7 @@ def first_view(mesh: Mesh) -> Direction:
 
 
 def camera_place(mesh: Mesh) -> Pose | None:
-    """Where the camera of the depth image stood that a mesh was made of; None for other meshes."""
+    """Place of the camera of the depth image that a mesh was made of; None for other meshes."""
     seen = first_view(mesh)
     if seen == OBLIQUE:
         return None

@@ -1,4 +1,4 @@
-"""What is shown of each kind of thing: a mesh, or points."""
+"""Views of each kind of thing, as a mesh or as points."""
 
 from __future__ import annotations
 

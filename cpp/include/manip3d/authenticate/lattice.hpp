@@ -9,7 +9,7 @@
 
 namespace manip3d {
 
-/// Where points lie on a lattice. One row per point.
+/// Places of points on a lattice. One row per point.
 struct LatticeReading {
   Indices ring;                 ///< The nearest line; -1: on the scanner's axis or at its centre.
   Indices count;                ///< The encoder's, in [0, steps); -1: no ring or no steps.

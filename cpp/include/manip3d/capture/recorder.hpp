@@ -52,7 +52,7 @@ std::unique_ptr<RgbdRecorder> open_recorder(const std::filesystem::path& path,
 
 inline constexpr std::size_t kMaxSkeletons = 64;  ///< Most of a recorded frame; sensors track six.
 
-/// What every recorder asks of its frames before it writes them.
+/// Checks that every recorder makes of its frames before it writes them.
 class RecordingChecks {
  public:
   /// @throws InputError  a calibration out of range.

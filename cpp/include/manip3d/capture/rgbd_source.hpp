@@ -15,7 +15,7 @@
 /// RGB-D cameras and recordings, opened by a URI such as `folder:walk` or `openni2:`.
 namespace manip3d {
 
-/// What a source or recorder has counted, by name, in the order to be shown: `frames` (given), and
+/// Counts of a source or recorder, by name, in the order to be shown: `frames` (given), and
 /// what was lost or refused and why.
 using Counters = std::vector<std::pair<std::string, std::int64_t>>;
 

@@ -74,7 +74,7 @@ struct VelodyneOptions {
   std::int64_t max_points_per_frame = std::int64_t{1} << 22;
 };
 
-/// What was seen and what was refused; every firing of a good block is exactly one of points,
+/// Counts of packets and firings; every firing of a good block is exactly one of points,
 /// no_return, duplicates and out_of_range.
 struct VelodyneCounters {
   std::int64_t packets = 0;              ///< Data packets decoded, some of their blocks at least.

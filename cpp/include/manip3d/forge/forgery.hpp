@@ -13,7 +13,7 @@
 /// A forged scan with its ground truth, and the one edit that every attack comes down to.
 namespace manip3d {
 
-/// What an attack does to a scan. Rows are ascending and without repetition; none is both removed
+/// Changes of a scan by an attack. Rows are ascending and without repetition; none is both removed
 /// and moved.
 struct Edit {
   std::vector<std::int32_t> removed;  ///< Rows of the scan.

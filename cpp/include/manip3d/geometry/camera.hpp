@@ -28,7 +28,7 @@ void check_intrinsics(const Intrinsics& camera, const char* name = "intrinsics")
 /// The lens model is used, never the ray table.
 Eigen::Vector2d project(const Intrinsics& camera, const Eigen::Vector3d& point);
 
-/// Where the pixels of a depth image lie in a colour image.
+/// Transform from the pixels of a depth image to those of a colour image.
 struct Registration {
   Intrinsics color;                                        ///< Without a ray table.
   Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();  ///< Depth camera to colour camera.

@@ -11,7 +11,7 @@
 namespace manip3d {
 
 struct NearestOptions {
-  /// Where the scanner stood. Without it, or where the directions from it are too crowded to help,
+  /// Position of the scanner. Without it, or where the directions from it are too crowded to help,
   /// a k-d tree answers.
   std::optional<Eigen::Vector3d> origin = Eigen::Vector3d::Zero();
   double resolution = 0.0;  ///< Radians, of the search cells; 0: one point a cell on average.

@@ -14,7 +14,7 @@ struct PixelBox {
   [[nodiscard]] bool empty() const { return width == 0 || height == 0; }
 };
 
-/// What depth images and range scans have in common: a point per pixel or none, borrowed.
+/// Common view of depth images and range scans: a point per pixel or none, borrowed.
 ///
 /// Points of a depth image are made where they are asked for, with the same bits as unproject().
 class RangeImage {

@@ -10,7 +10,7 @@
 
 namespace manip3d {
 
-/// What does not change from frame to frame. Cameras are not mirrored: a source whose sensor
+/// Data that do not change from frame to frame. Cameras are not mirrored: a source whose sensor
 /// delivers mirrored images or y-up skeletons turns them round before anybody sees them.
 struct RgbdCalibration {
   Intrinsics depth;
@@ -21,7 +21,7 @@ struct RgbdCalibration {
 
 inline constexpr std::uint8_t kNoBody = 0xff;  ///< Body index of pixels of nobody.
 
-/// What an RGB-D camera sees at one moment. Images are stored row by row.
+/// Data of an RGB-D camera at one moment. Images are stored row by row.
 struct RgbdFrame {
   std::int64_t number = 0;   ///< Counts what the sensor made, so gaps show frames that were lost.
   std::int64_t time_ns = 0;  ///< Time of the depth image, by the sensor's clock.

@@ -17,7 +17,7 @@ struct TopologyCounts {
   std::int64_t components = 0;          ///< Groups of faces joined by shared vertices.
 };
 
-/// What a mesh consists of, counted as stored and welded.
+/// Parts of a mesh, counted as stored and welded.
 ///
 /// Welded: vertices at bit-identical positions are one, and vertices in no face are none.
 struct MeshSummary {

@@ -60,7 +60,7 @@ std::unique_ptr<ByteSource> decompressed(std::unique_ptr<ByteSource> stored,
                                          Compression expected = Compression::kNone,
                                          std::uint64_t max_bytes = 0);
 
-/// What the last suffix says: `.gz`, `.xz` or neither.
+/// Compression by the last suffix: `.gz`, `.xz` or neither.
 Compression compression_of(const std::filesystem::path& path);
 /// The path without a `.gz` or `.xz` suffix.
 std::filesystem::path without_compression_suffix(const std::filesystem::path& path);

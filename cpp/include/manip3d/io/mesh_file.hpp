@@ -41,7 +41,7 @@ struct ReadOptions {
   /// 0: compressed input is limited by its ratio (byte_source.hpp); else the most uncompressed
   /// bytes to read.
   std::uint64_t max_bytes = 0;
-  /// Where files named by the mesh file lie; empty: nowhere, they are left out with a warning.
+  /// Folder of the files that the mesh file names; empty: they are left out with a warning.
   /// Set by read_mesh(path).
   std::filesystem::path folder;
   /// Called for glTF compressed with Draco; empty: it is refused.

@@ -52,7 +52,7 @@ struct PointField {
   [[nodiscard]] std::int64_t num_bytes() const;
 };
 
-/// What a file says beside its points: key, value; in the file's order, keys may repeat.
+/// Header of a file beside its points: key, value; in the file's order, keys may repeat.
 ///
 /// PCD: `version`, `width`, `height`, `viewpoint`, `data` (ascii, binary, binary_compressed).
 /// PLY: `format` (ascii, binary_little_endian, binary_big_endian), `remark` (a whole line of
@@ -103,7 +103,7 @@ PointTable read_points(const std::filesystem::path& path, const ReadPointsOption
 PointTable read_points(std::span<const std::byte> data, PointFormat format,
                        const ReadPointsOptions& options = {}, const Progress& progress = {});
 
-/// What write_points borrows.
+/// Arrays that write_points borrows.
 struct PointTableView {
   std::vector<PointField> fields;
   PointHeader header;

@@ -53,7 +53,7 @@ struct PhantomOptions {
   PhantomMeshOptions mesh;
 };
 
-/// What is known about one frame. Images are borrowed for the length of a call.
+/// Input data of one frame. Images are borrowed for the length of a call.
 struct PhantomInput {
   DepthView depth;
   const std::uint8_t* body_index = nullptr;  ///< (rows, cols) or null.

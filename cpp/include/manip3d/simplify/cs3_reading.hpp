@@ -4,7 +4,7 @@
 
 namespace manip3d {
 
-/// What the text leaves open. The defaults are the reading that manip3d keeps; the others are here
+/// Choices open in the text. The defaults are the reading that manip3d keeps; the others are here
 /// to show how much depends on it.
 struct Cs3Reading {
   /// Second differences of A.

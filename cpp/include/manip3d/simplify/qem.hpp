@@ -12,7 +12,7 @@
 
 namespace manip3d {
 
-/// What is added for mesh boundaries (edges with exactly one face).
+/// Terms that are added for mesh boundaries (edges with exactly one face).
 enum class BoundaryTerm : std::uint8_t {
   kNone,       ///< Boundaries count for nothing (QEM_ORIG, QEM_TP).
   kFreeze,     ///< Boundary vertices never move; planes of constant weight (QEM_BP, QEM_BTP).
@@ -26,7 +26,7 @@ enum class BoundaryCurvature : std::uint8_t {
   kPaper,    ///< |r' x r''| / |r'|^3 of the mesh scaled to a unit diagonal.
 };
 
-/// What is added for texture coordinates and materials.
+/// Terms that are added for texture coordinates and materials.
 enum class TextureTerm : std::uint8_t {
   kNone,        ///< Attributes are carried along, for nothing (QEM_ORIG, QEM_BP).
   kQuadric5,    ///< Quadrics over (x, y, z, u, v) per distinct UV (QEM_TP, QEM_BTP; eq. 2.7).
@@ -36,7 +36,7 @@ enum class TextureTerm : std::uint8_t {
   kSeamLock,    ///< Seam vertices never move.
 };
 
-/// Where the link condition [Dey et al. 1999] is enforced.
+/// Places at which the link condition [Dey et al. 1999] is enforced.
 enum class LinkCondition : std::uint8_t {
   kManifold,  ///< Where both ends of the edge have a manifold neighbourhood.
   kAlways,

@@ -7,7 +7,7 @@ import { Stage } from "./stage.js";
 import css from "./viewer.css";
 
 /**
- * What Python writes into the page as JSON.
+ * Content of the page, which Python writes into it as JSON.
  * @typedef {object} Page
  * @property {string} title
  * @property {import("./stage.js").View} view
@@ -259,7 +259,7 @@ function addToolbar(bar, stage, looks, help, switches, actions) {
   update();
 }
 
-/** What points are coloured by, and from where they are seen. @param {HTMLElement} bar @param {Stage} stage @param {() => void} update */
+/** Lists of columns that colour points and of places to look from. @param {HTMLElement} bar @param {Stage} stage @param {() => void} update */
 function addChoices(bar, stage, update) {
   const clouds = stage.models.flatMap((model) => (model instanceof Cloud ? model : []));
   const names = new Set(clouds.flatMap(({ columns }) => columns.map(({ name }) => name)));

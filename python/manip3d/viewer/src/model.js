@@ -11,7 +11,7 @@ const EDGE_COLOR = "#101722";
 const BOUNDARY_COLOR = "#e6193c";
 
 /**
- * What the toolbar switches.
+ * Switches of the toolbar.
  * @typedef {object} Looks
  * @property {boolean} texture  materials, textures and vertex colours; otherwise grey
  * @property {boolean} flat  one shade for each triangle

@@ -13,7 +13,7 @@ const AXES = ["#d62828", "#22a050", "#2a6fdb"]; // x y z
 const LINE_WIDTH = 2.5; // pixels
 
 /**
- * What the points can be coloured by: numbers as levels of 0 to 255 between two ends, one of a few
+ * Column that can colour the points: numbers as levels of 0 to 255 between two ends, one of a few
  * labels, or a colour for each point.
  * @typedef {object} Column
  * @property {string} name
@@ -27,7 +27,7 @@ const LINE_WIDTH = 2.5; // pixels
  */
 
 /**
- * What Python writes of points; lengths are those of the page, where the first model has size 1.
+ * Points as Python writes them; lengths are those of the page, where the first model has size 1.
  * @typedef {object} Entry
  * @property {string} positions  base64, x y z of each point
  * @property {boolean} exact  float32; else 16 bits between `low` and `low + extent`
@@ -236,7 +236,7 @@ function axes({ place, length }) {
 }
 
 /**
- * What the colours mean.
+ * The legend of the colours.
  * @param {Cloud} cloud @param {boolean} withAxes @param {boolean} withLines
  * @param {(tag: string, attributes?: Record<string, string>, ...children: (Node | string)[]) => HTMLElement} element
  */

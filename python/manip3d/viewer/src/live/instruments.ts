@@ -1,4 +1,4 @@
-// What stands still in the games for feet: the keys of the piano; the pedals' columns and disks.
+// Still things of the games for feet: the keys of the piano; the pedals' columns and disks.
 
 import * as THREE from "three";
 import type { GameStatus } from "./frame";

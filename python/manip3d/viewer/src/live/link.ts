@@ -8,7 +8,7 @@ const HISTORY = 300; // frames that latency is told of: ten seconds
 const CLOCK_EXCHANGES = 10;
 const MOST_ATTEMPTS = 3; // to say something that the program never takes
 
-/** What became of the frames so far. */
+/** Counts of the frames so far. */
 export interface Stats {
   frames: number;
   lost: number; // never sent to this page, as it was still busy with older ones
@@ -42,7 +42,7 @@ class Clock {
   }
 }
 
-/** What the program answers in words. */
+/** Answers of the program in words. */
 interface Said {
   clock?: [number, number];
   taken?: number; // a number of what the page said

@@ -261,7 +261,7 @@ world.add(cues.root);
 if (renderer) renderer.xr.enabled = true;
 const views = new Views(renderer, camera, world);
 scene.add(world, views.rig, panel.root);
-/** What draws; null where the browser has no WebGL: all else of the page works without it. */
+/** The renderer; null where the browser has no WebGL: all else of the page works without it. */
 function drawing(): THREE.WebGLRenderer | null {
   try {
     return new THREE.WebGLRenderer({ canvas, antialias: true });
@@ -303,7 +303,7 @@ function fit(): void {
   controls.update();
 }
 
-/** What the buttons say. */
+/** Apply the state of the buttons. */
 function settle(): void {
   if (isOn(toggles.own) && !views.own) outside.copy(camera.position);
   if (!isOn(toggles.own) && views.own) camera.position.copy(outside);
@@ -476,7 +476,7 @@ function isHere(): boolean {
 
 let codeGone = 0; // a timer
 
-/** What is to be typed on another screen, in two groups that people can remember. */
+/** Show what is to be typed on another screen, in two groups that people can remember. */
 function tellCode(code: string): void {
   const digits = `${code.slice(0, 4)} ${code.slice(4)}`;
   const where = isHere()
@@ -506,7 +506,7 @@ setInterval(() => {
   if (document.body.dataset.connected === "true" && link.silentS > SILENT_S) {
     document.body.dataset.state = "lost";
     write(stateWord, "No picture");
-    write(stateText, `None has come that can be shown for ${Math.floor(link.silentS)} s.`);
+    write(stateText, `For ${Math.floor(link.silentS)} s no picture could be shown.`);
   }
   numbers.replaceChildren(
     ...told.map(([name, value]) =>

@@ -112,7 +112,7 @@ interface Burst {
   began: number;
 }
 
-/** What is played with. */
+/** The bubbles of a game. */
 export class Bubbles {
   readonly root = new THREE.Group();
   private bubbles = new Map<number, THREE.Mesh>();

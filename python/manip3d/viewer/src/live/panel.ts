@@ -1,4 +1,4 @@
-// What stands on the page, as a board in the scene: for headsets and for two pictures side by side.
+// The texts of the page, as a board in the scene: for headsets and for two pictures side by side.
 
 import * as THREE from "three";
 

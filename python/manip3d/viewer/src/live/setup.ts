@@ -42,7 +42,7 @@ export class Setup {
     });
     this.still.addEventListener("click", () => send({ type: "calibrate" }));
     this.clips.addEventListener("change", () => {
-      // What became of it, the box says: it shows what the program holds.
+      // The box shows what the program holds, and thereby what became of this.
       keep({ type: "consent", clips: Number(this.clips.checked) }).catch(console.error);
     });
     this.read.addEventListener("change", () => this.show());

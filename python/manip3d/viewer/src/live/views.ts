@@ -17,7 +17,7 @@ const HOLD_MS = 1000; // nobody holds a grip for so long by mistake
 const STAND_OFF_M = 2.2; // from the mirror image to who looks at it in a headset
 const [SPINE, HEAD, LEFT, RIGHT] = [1, 3, 4, 8]; // joints
 
-/** Where the eyes are and where they look, in the camera's frame (x right, y down, z ahead). */
+/** Place and direction of the eyes, in the camera's frame (x right, y down, z ahead). */
 export interface Eyes {
   place: THREE.Vector3;
   ahead: THREE.Vector3; // level, of length 1
@@ -85,7 +85,7 @@ export class Views {
     this.eyes.ahead.lerp(found.ahead, share).normalize();
   }
 
-  /** Where the head is that would be in one's own way; null: it is seen from outside. */
+  /** Place of the head that would be in one's own way; null: it is seen from outside. */
   get hidden(): THREE.Vector3 | null {
     return this.own && this.eyes ? this.eyes.place : null;
   }

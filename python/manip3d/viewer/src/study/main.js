@@ -99,7 +99,7 @@ function connect() {
   });
 }
 
-/** What was refused once is refused again: it is not sent again. @param {string} reason */
+/** Drop an answer that was refused: it would be refused again. @param {string} reason */
 function refuse(reason) {
   if (pending) {
     refusal = `Your answer was not taken. Please change it, then go on. (${reason || "too long"})`;
