@@ -99,7 +99,7 @@ $(STAMPS)/demo: Makefile pyproject.toml CMakeLists.txt $(CPP_FILES)
 	@$(ALOUD) "building the package" $(BUILD)
 	@touch $@
 
-demo: $(STAMPS)/$(if $(wildcard $(STAMPS)/venv),built,demo) ## Show on one page what this is for; needs no data
+demo: $(STAMPS)/$(if $(wildcard $(STAMPS)/venv),built,demo) ## Show what manip3d does, on one page with pictures; needs no data
 	$(BIN)/manip3d demo
 
 test: setup ctest pytest ## Run the C++ tests and the Python tests
@@ -173,7 +173,7 @@ asan: setup ## Run both test suites under the address and undefined-behaviour sa
 		$$python -m pytest --tx "$$(nproc)*popen//python=$$python" --dist worksteal $(PYTEST_ASAN)
 
 tsan: ## Run the C++ tests under the thread sanitizer
-tsan-capture: ## Run those of what reads and records sensors under it
+tsan-capture: ## Run the C++ tests of capture under the thread sanitizer
 tsan tsan-capture:
 	.ci/install_packages.sh $(DEV_PACKAGES) $(SANITIZER_PACKAGES)
 	cmake --preset $@ >/dev/null

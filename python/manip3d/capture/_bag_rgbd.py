@@ -186,7 +186,7 @@ def _depth_topic(found: Mapping[str, Any], topic: str, path: Path) -> str:
 
 
 def _is_depth(topic: str, image: Mapping[str, Any]) -> bool:
-    """Whether it says so: images of 16 bits may also be infrared ones."""
+    """Whether a topic is one of depth images; those of 16 bits may also be infrared ones."""
     kind = image["encoding"] or image["format"].partition(";")[0].strip()
     if "compressedDepth" in image["format"]:
         return True

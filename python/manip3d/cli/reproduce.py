@@ -129,7 +129,7 @@ def run_experiments(
                 experiments, folder, plan=Plan(**plan), jobs=jobs, dask=dask, progress=progress
             )
     except KeyboardInterrupt:
-        terminal.say(f"interrupted; what had finished is in {folder}, the same command goes on")
+        terminal.say(f"interrupted; finished parts are in {folder}, and the same command continues")
         raise
     say_what_was_done(summary, terminal)
     return summary
