@@ -380,6 +380,19 @@ def test_a_column_without_a_name_is_skipped() -> None:
     assert len(np.unique(mesh.vertices[:, :2], axis=0)) == 4
 
 
+def test_decimal_commas_are_read() -> None:
+    """Autodesk's exporter of 2008 wrote them on machines whose language has them."""
+    nodes = '<node><translate>0.5 0 -1e-3</translate><instance_geometry url="#cube"/></node>'
+    polygons = polylist(QUADS)
+    text = document(geometry(polygons, vertices=np.array(CUBE) * 1.25), nodes).decode()
+    commas = text.replace("1.25", "1,25").replace("0.5", "0,5")
+    assert commas.count(",") == 13
+    expected, mesh = (io.read_mesh_bytes(each.encode()) for each in (text, commas))
+    assert np.array_equal(mesh.vertices, expected.vertices)
+    with pytest.raises(FormatError, match=r"translate: .*1\.2\.3"):
+        io.read_mesh_bytes(text.replace("0.5 0", "1,2,3 0").encode())
+
+
 def test_counts_that_overflow_their_sum_are_refused() -> None:
     huge = document(geometry(polylist(QUADS).replace("<vcount>4 4 ", f"<vcount>{2**62} {2**62} ")))
     with pytest.raises(FormatError, match="got 24 corners"):

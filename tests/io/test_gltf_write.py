@@ -286,6 +286,23 @@ def test_what_is_left_out_is_told(
     assert "images" not in json_of(tmp_path / "m.glb")
 
 
+def test_a_missing_texture_of_many_materials_is_told_once(
+    mesh: Mesh, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "bad.png").write_bytes(b"no picture")
+    missing, bad = Texture("missing.png"), Texture("bad.png")
+    materials = [Material(name, textures={"base_color": missing, "normal": bad}) for name in "abc"]
+    mesh = mesh.replace(materials=materials, source=str(tmp_path / "mesh.obj"))
+    for name in ("m.glb", "m.gltf", "m.obj"):
+        caplog.clear()
+        with caplog.at_level(logging.WARNING, "manip3d"):
+            mesh.write(tmp_path / name)
+        told = [record.getMessage() for record in caplog.records]
+        assert sum("missing.png" in text for text in told) == 1
+        assert len(told) == len(set(told))
+        assert not any("object at" in text for text in told)
+
+
 def test_gltf_puts_its_files_beside_it_and_keeps_older_ones(mesh: Mesh, tmp_path: Path) -> None:
     path = tmp_path / "ä b.gltf"
     mesh.write(path)

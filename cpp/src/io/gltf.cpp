@@ -207,13 +207,6 @@ class Reader {
 
  private:
   /// Each warning once, however often there is cause for it.
-  void warn_once(const std::string& warning) {
-    if (std::find(result_.warnings.begin(), result_.warnings.end(), warning) ==
-        result_.warnings.end()) {
-      warn(result_.warnings, warning);
-    }
-  }
-
   // --- Version and extensions --------------------------------------------------------------
 
   void check_asset() {
@@ -223,12 +216,13 @@ class Reader {
     }
     check_extensions();
     if (document_.place_meshes_without_nodes()) {
-      warn_once("the file has no nodes: all its meshes are read, where their vertices are");
+      warn(result_.warnings,
+           "the file has no nodes: all its meshes are read, where their vertices are");
     }
     if (is_scene_) return;
-    if (document_.count("animations") > 0) warn_once("animations are left out");
+    if (document_.count("animations") > 0) warn(result_.warnings, "animations are left out");
     if (document_.count("skins") > 0)
-      warn_once("skins are left out: meshes stay in their bind pose");
+      warn(result_.warnings, "skins are left out: meshes stay in their bind pose");
   }
 
   void check_extensions() {
@@ -257,7 +251,7 @@ class Reader {
     if (const auto used = document_.root().find("extensionsUsed")) {
       for (std::int64_t i = 0; i < used->size(); ++i) {
         const std::string& name = used->item(i).text();
-        if (!is_known(name)) warn_once("extension " + name + " is left out");
+        if (!is_known(name)) warn(result_.warnings, "extension " + name + " is left out");
       }
     }
   }
@@ -557,16 +551,17 @@ class Reader {
       const JsonPlace attributes = place.member("attributes");
       for (const auto& [name, accessor] : attributes.value().items()) {
         if (std::find(kHeld.begin(), kHeld.end(), name) == kHeld.end()) {
-          warn_once(name + " of meshes that are simplified is left out");
+          warn(result_.warnings, name + " of meshes that are simplified is left out");
         }
       }
       const auto color = attributes.find("COLOR_0");
       if (color && document_.accessor(*color).num_components == 4) {
-        warn_once("alpha of vertex colours of meshes that are simplified is left out");
+        warn(result_.warnings, "alpha of vertex colours of meshes that are simplified is left out");
       }
       for (const char* member : {"extras", "extensions"}) {
         if (!place.has(member)) continue;
-        warn_once(std::string(member) + " of primitives that are simplified are left out");
+        warn(result_.warnings,
+             std::string(member) + " of primitives that are simplified are left out");
       }
     }
   }
@@ -599,15 +594,15 @@ class Reader {
     Primitive p{.pointer = place.pointer()};
     if (const auto mode = place.find("mode")) p.mode = mode->integer(0, kTriangleFan);
     if (p.mode < kTriangles) {
-      if (!is_scene_) warn_once("points and lines are left out");
+      if (!is_scene_) warn(result_.warnings, "points and lines are left out");
       return std::nullopt;
     }
     p.targets = place.find("targets");
     const JsonPlace attributes = place.member("attributes");
-    if (!is_scene_ && attributes.has("TANGENT")) warn_once("tangents are left out");
+    if (!is_scene_ && attributes.has("TANGENT")) warn(result_.warnings, "tangents are left out");
     p.position = attribute(attributes, "POSITION", 3, 3);
     if (p.position == nullptr) {
-      if (!is_scene_) warn_once("primitives without POSITION are left out");
+      if (!is_scene_) warn(result_.warnings, "primitives without POSITION are left out");
       return std::nullopt;
     }
     p.normal = attribute(attributes, "NORMAL", 3, 3);
@@ -726,18 +721,20 @@ class Reader {
   void warn_of_targets(const Primitive& p, const Instance& instance,
                        const std::vector<double>& weights) {
     if (is_scene_ || !p.targets) return;
-    if (weights.empty()) return warn_once("morph targets are left out");
-    warn_once("morph targets are left out; meshes have the shape of their default weights");
+    if (weights.empty()) return warn(result_.warnings, "morph targets are left out");
+    warn(result_.warnings,
+         "morph targets are left out; meshes have the shape of their default weights");
     if (p.targets->size() != std::ssize(weights)) {
-      warn_once(instance.weights->pointer() + ": expected " + std::to_string(p.targets->size()) +
-                " weights (the morph targets), got " + std::to_string(weights.size()) +
-                "; those without a partner are left out");
+      warn(result_.warnings,
+           instance.weights->pointer() + ": expected " + std::to_string(p.targets->size()) +
+               " weights (the morph targets), got " + std::to_string(weights.size()) +
+               "; those without a partner are left out");
     }
     const std::int64_t size = std::min<std::int64_t>(p.targets->size(), std::ssize(weights));
     for (std::int64_t t = 0; t < size; ++t) {
       for (const char* name : {"TEXCOORD_0", "COLOR_0"}) {
         if (weights[t] != 0.0 && p.targets->item(t).has(name)) {
-          warn_once(std::string(name) + " of morph targets is left out");
+          warn(result_.warnings, std::string(name) + " of morph targets is left out");
         }
       }
     }
@@ -872,7 +869,7 @@ class Reader {
         mesh_.colors(draw.first_vertex + i, c) = static_cast<std::uint8_t>(std::lround(255.0 * y));
       }
       const bool is_clear = accessor.num_components == 4 && linear[4 * i + 3] < 1.0;
-      if (is_clear && !is_scene_) warn_once("alpha of vertex colors is left out");
+      if (is_clear && !is_scene_) warn(result_.warnings, "alpha of vertex colors is left out");
     }
   }
 
@@ -1003,25 +1000,26 @@ class Reader {
     if (!info) return;
     const auto placed = placement(owner, key);
     if (placed->set != (shared ? shared->set : 0)) {
-      warn_once(
-          "textures on other texture coordinates than the first of their material are left "
-          "out");
+      warn(result_.warnings,
+           "textures on other texture coordinates than the first of their material are left "
+           "out");
       return;
     }
     if (shared && *placed != *shared) {
-      warn_once(std::string(kTextureTransform) +
-                ": textures placed otherwise than the first of their material are left out");
+      warn(result_.warnings,
+           std::string(kTextureTransform) +
+               ": textures placed otherwise than the first of their material are left out");
       return;
     }
     const auto source = document_.object("textures", info->member("index")).find("source");
     if (!source) {
-      warn_once("textures that are not PNG or JPEG images are left out");
+      warn(result_.warnings, "textures that are not PNG or JPEG images are left out");
       return;
     }
     const JsonPlace image = document_.object("images", *source);
     if (const auto uri = image.find("uri")) {
       if (const std::string scheme = uri_scheme(uri->text()); !scheme.empty() && scheme != "data") {
-        warn_once("remote images are left out");
+        warn(result_.warnings, "remote images are left out");
         return;
       }
       charge(static_cast<std::int64_t>(uri->text().size()), 1, image.pointer());

@@ -449,8 +449,15 @@ class SceneBuilder {
     return static_cast<std::int64_t>(copy->second);
   }
 
-  /// Textures that show the same image are one; -1: there is no image.
+  /// Textures that show the same image are one; -1: there is no image. A file is read once.
   std::int64_t texture_index(const Texture& texture) {
+    if (!texture.data.empty()) return index_of_image(texture);
+    const auto [known, is_new] = index_of_path_.try_emplace(texture.path, -1);
+    if (is_new) known->second = index_of_image(texture);
+    return known->second;
+  }
+
+  std::int64_t index_of_image(const Texture& texture) {
     std::string data = read_texture_(texture);
     const char* mime_type = mime_type_of(data);
     if (mime_type == nullptr) {
@@ -484,6 +491,7 @@ class SceneBuilder {
   PositionFrame frame_;
   GltfScene scene_;
   std::map<std::int32_t, std::size_t> untextured_;
+  std::map<std::string, std::int64_t> index_of_path_;
 };
 
 }  // namespace

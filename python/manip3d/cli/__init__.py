@@ -10,6 +10,7 @@ import contextlib
 import importlib
 import io
 import json
+import logging
 import os
 import sys
 import warnings
@@ -162,8 +163,9 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     _prepare_streams()
     try:
         try:
-            _start_logging(words)
-            show_warnings_in_lines()
+            if {"--quiet", "-q"} & set(words) and not os.environ.get("MANIP3D_LOG"):
+                os.environ["MANIP3D_LOG"] = "error"  # for the processes of other files, too
+            start_messages()
             app(arguments, prog_name="manip3d")
         finally:
             _flush(sys.stdout)
@@ -181,8 +183,17 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     sys.exit(0)
 
 
-def show_warnings_in_lines() -> None:
-    """Have warnings told as messages, without the place in the code that Python puts before."""
+def start_messages() -> None:
+    """Have the log and warnings told as messages, from the level that ``MANIP3D_LOG`` names."""
+    if os.environ.get("MANIP3D_LOG"):
+        from manip3d.cli.terminal import configure_logging
+
+        configure_logging()
+    _show_warnings_in_lines()
+
+
+def _show_warnings_in_lines() -> None:
+    """Have warnings told without the place in the code that Python puts before."""
 
     def show(
         message: Warning | str,
@@ -192,6 +203,8 @@ def show_warnings_in_lines() -> None:
         file: TextIO | None = None,
         line: str | None = None,
     ) -> None:
+        if not logging.getLogger("manip3d").isEnabledFor(logging.WARNING):
+            return
         with contextlib.suppress(OSError):
             print(f"warning: {' '.join(str(message).split())}", file=file or sys.stderr)
 
@@ -226,13 +239,6 @@ def _flush(stream: TextIO) -> None:
         os.dup2(devnull, stream.fileno())
         os.close(devnull)
         raise
-
-
-def _start_logging(arguments: list[str]) -> None:
-    if os.environ.get("MANIP3D_LOG"):
-        from manip3d.cli.terminal import configure_logging
-
-        configure_logging(quiet="--quiet" in arguments or "-q" in arguments)
 
 
 def _one_line(error: Exception) -> str:

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 import typer
 
 from manip3d._util.paths import by_number, is_hidden
-from manip3d.cli import kinds, show_warnings_in_lines
+from manip3d.cli import kinds, start_messages
 from manip3d.cli.options import Dask, FolderJobs, Table, TableOfNow, To
 from manip3d.cli.signals import ended_like_ctrl_c
 from manip3d.cli.terminal import Terminal, collecting, count, counted, showing_as
@@ -524,7 +524,7 @@ def on_file(
     A file of a folder that is of a kind the verb does not take is not an error: its row says so.
     """
     if multiprocessing.parent_process() is not None:  # a worker's
-        show_warnings_in_lines()
+        start_messages()
     function = inspect.unwrap(getattr(importlib.import_module(module), verb))
     parameters = inspect.signature(function).parameters
     fixed = {"as_json": True, "quiet": True, "force": True, "jobs": 0}

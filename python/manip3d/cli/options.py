@@ -70,7 +70,9 @@ MostFrames = Annotated[
     int | None, typer.Option("--frames", min=1, help="Stop after this many frames.")
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print no messages and no progress.")]
+Quiet = Annotated[
+    bool, typer.Option("--quiet", "-q", help="Print no messages, warnings or progress.")
+]
 Jobs = Annotated[
     int,
     typer.Option("--jobs", "-j", min=0, help="Number of threads; 0: all cores."),

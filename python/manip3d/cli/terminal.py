@@ -279,9 +279,9 @@ def left_out(counters: Mapping[str, int]) -> list[str]:
     return told
 
 
-def configure_logging(*, quiet: bool = False) -> None:
+def configure_logging() -> None:
     """Send the package's log to stderr, from the level that ``MANIP3D_LOG`` names."""
-    level = os.environ.get("MANIP3D_LOG", "error" if quiet else "warning").upper()
+    level = os.environ.get("MANIP3D_LOG", "warning").upper()
     names = logging.getLevelNamesMapping()
     if level not in names:
         known = ", ".join(name.lower() for name in names)

@@ -142,7 +142,9 @@ def _ids_in(root: Element) -> dict[str, Element]:
 
 
 def _numbers(element: Element | None) -> NDArray[np.float64]:
-    words = (element.text or "").split() if element is not None else []
+    text = (element.text or "") if element is not None else ""
+    # Old exporters write 1,5 for 1.5 on machines whose language does.
+    words = text.replace(",", ".").split()
     try:
         return np.fromiter(map(float, words), np.float64, len(words))
     except ValueError as error:

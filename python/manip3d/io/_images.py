@@ -150,7 +150,9 @@ def _as_png(mesh: Mesh, texture: Texture) -> Texture:
             image = image.convert(_WITH_ALPHA.get(image.mode, "RGB"))
         image.save(stream, format="PNG")
     except (OSError, ValueError, SyntaxError, image_module.DecompressionBombError) as error:
-        _logger.warning("texture %r cannot be converted to PNG: %s", texture.path, error)
+        is_unknown = isinstance(error, image_module.UnidentifiedImageError)
+        reason = "no image that Pillow knows" if is_unknown else error  # else names an object
+        _logger.warning("texture %r cannot be converted to PNG: %s", texture.path, reason)
         return texture
     path = None if texture.path is None else str(Path(texture.path).with_suffix(".png"))
     return Texture(path=path, data=stream.getvalue())
