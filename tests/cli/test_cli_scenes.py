@@ -98,3 +98,15 @@ def test_a_file_of_one_node_whose_mesh_is_fixed_becomes_one_mesh(
     run = manip3d("simplify", chair, "-o", tmp_path / "out.glb", "--faces", "100")
     assert "nodes are not kept, all becomes one mesh: a texture needs TEXCOORD_1" in run.stderr
     assert read_mesh(tmp_path / "out.glb").num_faces == 100
+
+
+@pytest.mark.parametrize("verb", [("simplify", "--faces", "100"), ("lod",)])
+def test_what_is_wrong_with_a_file_is_told_once(
+    chair: Path, tmp_path: Path, verb: tuple[str, ...]
+) -> None:
+    document = json.loads(chair.read_text())
+    document["asset"]["version"] = "1.0"
+    chair.write_text(json.dumps(document))
+    run = manip3d(*verb, chair, "-o", tmp_path / "out.glb")
+    assert run.returncode == 1
+    assert run.stderr.count("got version 1.0") == 1

@@ -66,7 +66,8 @@ def open_scene(source: str, output: Path, terminal: Terminal) -> Scene | None:
         return None
     try:
         scene = read_scene(source)
-    except FormatError as error:  # what is wrong with the triangles, read_mesh says
+    except FormatError as error:
+        read_mesh(source)  # raises what is wrong with the triangles, which then is told once
         terminal.say(f"warning: nodes are not kept: {error}")
         return None
     if scene.num_instances == 0:
