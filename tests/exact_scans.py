@@ -99,3 +99,20 @@ def exact_scan(
     single += beam[rows].astype(np.float32) * (whole * unit.step).astype(np.float32)[:, None]
     labels = ring[rows].astype(np.uint16) if labelled else None
     return LidarFrame(single, ring=labels, origin=(0.0, 0.0, 0.0))
+
+
+def in_polar_steps(
+    points: NDArray[np.float32], metres: float, azimuth_deg: float, elevation_deg: float
+) -> NDArray[np.float32]:
+    """The points with rounded polar coordinates; a step of 0 rounds nothing."""
+
+    def rounded(values: Doubles, step: float) -> Doubles:
+        return np.round(values / step) * step if step else values
+
+    x, y, z = points.astype(np.float64).T
+    distance = rounded(np.linalg.norm(points.astype(np.float64), axis=1), metres)
+    azimuth = np.radians(rounded(np.degrees(np.arctan2(y, x)), azimuth_deg))
+    rise = np.radians(rounded(np.degrees(np.arctan2(z, np.hypot(x, y))), elevation_deg))
+    level = distance * np.cos(rise)
+    places = [level * np.cos(azimuth), level * np.sin(azimuth), distance * np.sin(rise)]
+    return np.column_stack(places).astype(np.float32)

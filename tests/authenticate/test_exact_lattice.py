@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from exact_scans import Unit, exact_scan, hesai, ouster, velodyne
+from exact_scans import Unit, exact_scan, hesai, in_polar_steps, ouster, velodyne
 from manip3d import FormatError, InputError, LidarFrame, capture, io
 from manip3d.authenticate import (
     Inspection,
@@ -213,6 +215,39 @@ def test_five_digits_are_exact_within_ten_metres() -> None:
     assert lattice.is_told_exactly(scan).tolist() == near.tolist()
     found = said(scan)  # as long as all of them were judged, the few farther ones accused it
     assert (found.verdict, len(found.suspected)) == ("processed", 0)
+
+
+def test_a_laser_half_way_between_rounded_azimuths_accuses_nobody() -> None:
+    """Rounding takes its points to either side, as single precision has it."""
+    beside = hesai().beside + np.where(np.arange(32) == 15, 0.005, 0.0)
+    scan = exact_scan(replace(hesai(), beside=beside), labelled=True)
+    x, y, _ = scan.points.T
+    assert scan.ring is not None
+    sees = (scan.ring != 15) | ((x > 0.0) & (np.abs(y - 2.0) < 0.5))  # little, as over a roof
+    rounded = without_labels(in_polar_steps(scan.points[sees], 0.002, 0.01, 0.0))
+    found = said(rounded)
+    assert found.verdict == "undecidable"
+    assert found.generic is not None  # it stands on a lattice, by which edits are still found
+    moved = rounded.points.copy()
+    moved[on_post(moved)] += np.float32([0.4, 0.3, 0.0])
+    assert said(without_labels(moved)).verdict == "tampered"
+
+
+@pytest.mark.parametrize(
+    ("name", "steps"),
+    [
+        ("hesai_qt64", (0.002, 0.01, math.degrees(1e-4))),
+        ("hesai_xt32", (0.001, 0.005, 0.001)),
+        ("ouster_os1_32", (0.005, 0.02, 0.0)),
+    ],
+)
+@pytest.mark.realdata
+def test_real_scans_in_polar_steps(
+    name: str, steps: tuple[float, float, float], realdata: RealData
+) -> None:
+    """Lasers half-way between two elevations, too, and ranges seen from beside the beams' foot."""
+    scan = io.read_scan(realdata("lidar/other_sensors") / f"{name}.pcd.xz")
+    assert said(without_labels(in_polar_steps(scan.points, *steps))).verdict != "tampered"
 
 
 def test_azimuths_between_packets_have_no_steps() -> None:

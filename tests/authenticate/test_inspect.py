@@ -915,7 +915,7 @@ def test_a_grid_around_the_origin_is_looked_for_once(monkeypatch: pytest.MonkeyP
     for points, stated, verdict, places in (
         (AHEAD, here, "no_trace", [here]),
         (AHEAD + np.float32(place), place, "no_trace", [here, place]),
-        (two, here, "undecidable", [here]),
+        (two, here, "undecidable", []),  # they fill cells of the grid by chance
     ):
         asked.clear()
         assert authenticate.inspect(LidarFrame(points), origin=stated).verdict == verdict

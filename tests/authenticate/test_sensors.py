@@ -9,11 +9,11 @@ import pytest
 from numpy.typing import NDArray
 
 import lattice_scans as scans
-from exact_scans import exact_scan, hesai
+from exact_scans import exact_scan, hesai, in_polar_steps, ouster
 from manip3d import LidarFrame
 from manip3d.authenticate import SensorLattice, identify_sensor, kitti_lattice
 from manip3d.authenticate._lattice import COLUMNS
-from manip3d.authenticate._sensors import BEAM_WIDTH, BEAMS
+from manip3d.authenticate._sensors import BEAM_WIDTH, BEAMS, _common_part
 
 COUNT = 8000
 
@@ -188,6 +188,32 @@ def test_eight_lasers_are_the_fewest_of_an_exact_lattice(lasers: int, is_exact: 
     found = identify_sensor(exact_scan(hesai(lasers), labelled=True))
     assert (found.kind == "lattice") is is_exact
     assert found.is_own is is_exact
+
+
+@pytest.mark.parametrize("lift", [0.0, 0.0003, -0.0002, 1.7304])
+def test_the_common_part_of_heights_is_a_sum_of_whole_nanometres(lift: float) -> None:
+    whole = np.random.default_rng(0).integers(-2000, 1000, 5000) / 1000.0
+    heights = (whole + lift).astype(np.float32)
+    heights[:400] += np.float32(0.0004)  # 8 % of them lie elsewhere
+    heights[-1] = np.float32(3e38)
+    beside, share = _common_part(heights, 0.001)
+    off = (beside - lift) % 0.001
+    assert min(off, 0.001 - off) < 1e-8
+    assert 0.9195 < share < 0.9205
+    assert _common_part(heights[::-1].copy(), 0.001) == (beside, share)
+
+
+@pytest.mark.parametrize("points", [6000, 60_000])
+@pytest.mark.parametrize("step", [0.05, 0.1, 0.2])
+def test_directions_rounded_to_a_grid_are_no_terrestrial_scanners(step: float, points: int) -> None:
+    """Detectors I and II would find no trace, and nobody has measured what they find there."""
+    random = np.random.default_rng(0)
+    x, y = random.uniform(-0.6, 0.6, (2, points))  # a part of the turn without rows, as of a Livox
+    wall = np.column_stack([np.ones(points), x, y]) * random.uniform(9.0, 11.0, (points, 1))
+    rosette = in_polar_steps(wall.astype(np.float32), 0.005, step, step)
+    assert identify_sensor(rosette).kind != "terrestrial"
+    turn = in_polar_steps(exact_scan(ouster(64)).points, 0.005, step, step)
+    assert identify_sensor(turn).kind != "terrestrial"
 
 
 @pytest.mark.parametrize(("step", "is_terrestrial"), [(0.3, True), (0.45, False)])

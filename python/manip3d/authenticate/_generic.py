@@ -15,7 +15,12 @@ from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
 from manip3d._util.showing import Showable
 from manip3d.authenticate._carriers import ALLOWED, MILLIMETRES, allowance, allowing
-from manip3d.authenticate._lattice import LINE_TOLERANCE, SensorLattice, estimate_lattice
+from manip3d.authenticate._lattice import (
+    LINE_TOLERANCE,
+    SensorLattice,
+    estimate_lattice,
+    without_roundings,
+)
 from manip3d.authenticate._verdict import NO_POWER, Calibration, Power, Verdict
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame
@@ -438,7 +443,9 @@ def _consistency(
         )
     kept = np.flatnonzero(lattice.is_told_exactly(scan, reading))
     told = scan.select(kept)
-    reading = _ranges_as_lines(lattice.read(told.points, threads=threads), limits.tolerance)
+    reading = lattice.read(told.points, threads=threads)
+    reading = without_roundings(reading, told.points, limits.tolerance)
+    reading = _ranges_as_lines(reading, limits.tolerance)
     found = _examined(told.points, lattice, None, None, limits, reading, threads)
     judged = _judged(found, told, lattice, limits.tolerance, false_alarm_rate, is_stated=is_stated)
     return judged.with_rows(kept, scan)

@@ -6,7 +6,7 @@ import json
 import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -76,6 +76,18 @@ EXACT_RANGE_STEPS = (*RANGE_STEPS, 1e-3)
 
 LEAST_EXACT = 0.8
 """Share of the points of an exact cloud that are on lines, steps and ranges: edits spoil a few."""
+
+ANGLE_STEPS = (
+    *(math.radians(degrees) for degrees in (0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)),
+    *(1e-3, 1e-4),
+)
+"""Radians to which angles are rounded where a cloud was written in polar coordinates, the coarsest
+of each unit first."""
+
+ON_ROUNDED, ROUNDED_APART = 0.05, 1.5
+"""Share of a step of rounded coordinates that single precision leaves at most; and steps by which a
+point may lie beside its line or count: where a laser looks half-way between two, rounding takes it
+to either."""
 
 WIDE_GAP = 1.4
 """Times the narrower of the gaps beside it: a wider one between lines may hold a laser that
@@ -604,6 +616,60 @@ def estimate_lattice(
         _find_coordinate_step(xyz),
         incoherence,
     )
+
+
+def without_roundings(
+    reading: LatticeReading, points: NDArray[np.float32], tolerance: float
+) -> LatticeReading:
+    """Return a reading without the errors that rounding of polar coordinates explains.
+
+    Parameters
+    ----------
+    reading : LatticeReading
+    points : (N, 3) float32, metres
+        Seen from the scanner.
+    tolerance : float
+        Metres up to which errors are none in any case.
+
+    Returns
+    -------
+    LatticeReading
+        Where nearly all azimuths, elevations or distances from the origin are whole numbers of one
+        step, points that are so too have no error that is hardly larger than that step.
+    """
+    errors = reading.line_error, reading.step_error, reading.range_error
+    if not any((np.abs(error) > tolerance).any() for error in errors):
+        return reading
+    x, y, z = points.astype(np.float64).T
+    rho = np.sqrt(x * x + y * y)
+    distance = np.sqrt(rho * rho + z * z)
+    line = _unless_rounded(reading.line_error, np.arctan2(z, rho), ANGLE_STEPS, distance, tolerance)
+    step = _unless_rounded(reading.step_error, np.arctan2(y, x), ANGLE_STEPS, rho, tolerance)
+    along = _unless_rounded(
+        reading.range_error, distance, EXACT_RANGE_STEPS, np.ones_like(rho), tolerance
+    )
+    return replace(reading, line_error=line, step_error=step, range_error=along)
+
+
+def _unless_rounded(
+    error: NDArray[np.float32],
+    value: Floats,
+    steps: Sequence[float],
+    arm: Floats,
+    tolerance: float,
+) -> NDArray[np.float32]:
+    """Errors (m), 0 where a rounding of the coordinate to one of the steps explains them.
+
+    A step of the coordinate is ``arm`` times as many metres.
+    """
+    off = np.abs(error) > tolerance
+    for step in steps if off.any() else ():
+        turns = value / step
+        is_whole = np.abs(turns - np.round(turns)) < ON_ROUNDED
+        if np.mean(is_whole) >= LEAST_EXACT:  # finer steps would only excuse more by chance
+            explained = off & is_whole & (np.abs(error) <= ROUNDED_APART * step * arm)
+            return np.where(explained, np.float32(0.0), error)
+    return error
 
 
 def has_whole_millimetres(points: NDArray[np.float32], beyond: float) -> bool:
