@@ -842,6 +842,40 @@ def test_rewritten_values_are_told_where_every_eighth_row_has_none() -> None:
     assert why_rewritten(np.sqrt(values)) == "reflectances are no whole hundredths"
 
 
+@functools.cache
+def bright_street() -> LidarFrame:
+    """A street in which many points are nearly as bright as KITTI's scanner tells."""
+    pytest.importorskip("open3d")
+    frame = simulate.hdl64e(simulate.street(rng=3), 4.0, rng=3).frame
+    assert frame.intensity is not None
+    values = frame.intensity.copy()
+    values[np.linspace(0, len(values) - 1, 400).astype(int)] = np.repeat(
+        np.arange(0.6, 1.0, 0.01).round(2), 10
+    )
+    return frame.replace(intensity=values.astype(np.float32))
+
+
+@pytest.mark.parametrize(("most", "is_named"), [(1.0, False), (0.9, True), (0.7, True)])
+def test_a_scan_without_its_bright_points_is_filtered(most: float, is_named: bool) -> None:
+    frame = bright_street()
+    assert frame.intensity is not None
+    found = authenticate.inspect(frame.select(np.flatnonzero(frame.intensity < most)))
+    assert found.verdict == ("processed" if is_named else "no_trace")
+    details = [step.detail for step in found.processing]
+    assert any("which" in each and "points come near" in each for each in details) is is_named
+
+
+@pytest.mark.parametrize(("sectors", "is_named"), [(0, False), (2, False), (3, True), (12, True)])
+def test_narrow_sectors_without_points_are_named(sectors: int, is_named: bool) -> None:
+    frame = bright_street()
+    azimuth = np.degrees(np.arctan2(*frame.points[:, 1::-1].T))
+    away = np.abs(azimuth[:, None] - np.linspace(-150.0, 150.0, sectors)).min(axis=1, initial=9.0)
+    found = authenticate.inspect(frame.select(np.flatnonzero(away > 0.2)))
+    assert [step.detail for step in found.processing] == (
+        [f"no points in {sectors} sectors of 0.2 degrees of azimuth and more"] if is_named else []
+    )
+
+
 NAMES: dict[str, tuple[Callable[[np.ndarray], np.ndarray], str]] = {
     "turned": (lambda p: np.float32(p @ FLAT_TURN), "turned"),
     "turned by a part of a step": (
