@@ -93,7 +93,7 @@ def test_what_is_wrong_with_a_trial_is_told(tmp_path: Path) -> None:
     refused(f"expected {FRAMES} skeletons, got {FRAMES + 1}")
     for far in (np.nan, 1e300):
         savemat(skeleton, {"d_skel": np.full((20, 3, FRAMES), far)})
-        refused("expected joints within 1000 m of the camera")
+        refused("joint 0 of frame 0: expected metres within 1000 of the camera")
     skeleton.write_bytes(whole)
     savemat(path, {"d_depth": np.full((240, 320, FRAMES), -1.0)})
     refused("expected depths of 0 to 65535 mm")
@@ -131,18 +131,27 @@ def test_what_is_wrong_with_a_table_is_told(tmp_path: Path) -> None:
     lines = table.read_text().splitlines()
     swapped = [*lines[:3], lines[4], lines[3], *lines[5:]]
     cut = lines[:-1]
+    every = "expected the 20 joints of 3 frames, frame by frame; "
     for text, words in (
-        ("\n".join(swapped), "expected the 20 joints of 3 frames, frame by frame"),
-        ("\n".join(cut), "expected the 20 joints of 3 frames, frame by frame"),
-        ("\n".join([*cut, "2,19,joint,here,0,2"]), r"joints\.csv: could not convert"),
-        (f"{TABLE}\n0,0,joint,0,0,2", "expected the 20 joints of 3 frames"),
+        ("\n".join(swapped), every + "row 4: expected joint 2 of frame 0, got joint 3 of frame 0"),
+        ("\n".join(cut), every + "row 61: expected joint 19 of frame 2, got none"),
+        ("\n".join([*lines, lines[-1]]), every + "got 1 more"),
+        ("\n".join([*cut, "2,19,joint,here,0,2"]), r"joints\.csv: .*commas.*: could not convert"),
+        ("\n".join([*cut, "2,19,joint,nan,0,2"]), r"joints\.csv: joint 19 of frame 2: .* got nan"),
+        (f"{TABLE}\n0,0,joint,0,0,2", every + "row 3: expected joint 1 of frame 0, got none"),
+        (TABLE, every + "row 2: expected joint 0 of frame 0, got none"),
+        ("", every + "row 2: expected joint 0 of frame 0, got none"),
     ):
         table.write_text(text)
         with pytest.raises(manip3d.FormatError, match=words):
             open_people(f"utd-mhad:{folder}")
     table.write_text("\n".join(lines))
     Image.fromarray(np.ones((24, 32), np.uint16)).save(folder / "depth_0001.png")
-    with pytest.raises(manip3d.FormatError, match="expected depth images of 320 x 240"):
+    size = r"depth_0001\.png: expected 320 x 240 pixels, as UTD-MHAD has, got 32 x 24"
+    with pytest.raises(manip3d.FormatError, match=size):
+        open_people(f"utd-mhad:{folder}")
+    (folder / "depth_0001.png").unlink()
+    with pytest.raises(manip3d.FormatError, match=r"0002\.png: expected depth_0001\.png before"):
         open_people(f"utd-mhad:{folder}")
 
 
@@ -160,9 +169,14 @@ def test_commands_take_trials_and_folders_of_them(tmp_path: Path) -> None:
 
 def test_a_folder_without_a_recording_is_told_what_one_is(tmp_path: Path) -> None:
     (tmp_path / "frame1_depth.png").write_bytes(b"")
-    refused = str(run("phantom", "render", tmp_path, "-o", tmp_path / "a.mp4").exception)
-    for word in ("frames.jsonl", "depth/", "color/", "depth.txt", "UTD-MHAD"):
-        assert word in refused
+    render = "phantom", "render", tmp_path, "-o", tmp_path / "a.mp4"
+    live = "phantom", "live", "--no-open", "--seconds", "1", "--source", tmp_path
+    for command in (render, live):
+        refused = str(run(*command).exception)
+        for word in ("frames.jsonl", "depth/", "color/", "depth.txt", "UTD-MHAD"):
+            assert word in refused
+    missing = run(*live[:-1], tmp_path / "none").exception
+    assert isinstance(missing, FileNotFoundError)
 
 
 def test_the_data_set_s_own_files_show_a_phantom(realdata: RealData, tmp_path: Path) -> None:

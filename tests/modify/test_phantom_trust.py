@@ -252,6 +252,28 @@ def collapsed(truth: Skeleton, step: int) -> Skeleton:
     return replace(truth, positions=positions.astype(np.float32))
 
 
+def test_frames_without_depth_do_not_turn_the_plane() -> None:
+    """Every seventh depth image is black, as a full bus leaves it, and each joint is 3 cm off."""
+    rng = np.random.default_rng(3)
+    whole, dropping = PhantomPipeline("left_leg"), PhantomPipeline("left_leg")
+    angles = []
+    for number in range(90):
+        truth = pose(turn_deg=15.0 * np.sin(0.2 * number))
+        image = seen(truth, number, told=jittered(truth, rng, 0.03), camera=KINECT)
+        expected = whole.process(image)
+        is_black = number % 7 == 3
+        result = dropping.process(
+            replace(image, depth=0 * image.depth if is_black else image.depth)
+        )
+        if is_black:
+            assert result.reason is PhantomReason.NO_PERSON
+            continue
+        assert expected.plane is not None
+        assert result.plane is not None
+        angles.append(np.degrees(np.arccos(min(1.0, expected.plane.normal @ result.plane.normal))))
+    assert max(angles[20:]) < 0.5
+
+
 def test_a_skeleton_that_collapses_for_some_frames_does_not_turn_the_plane() -> None:
     """No body turns so that its joints lie otherwise to each other than before."""
     rng = np.random.default_rng(1)
@@ -535,6 +557,27 @@ def test_the_phantom_stays_with_the_patients_shirt() -> None:
             result = pipeline.process(image)
         followed.append(result.skeleton.id)
     assert followed == [2, 1]  # the patient's, and the visitor's who took over the id
+
+
+def test_an_id_that_somebody_else_has_got_is_not_followed() -> None:
+    """The tracker loses the patient and gives the id to a visitor far away in another shirt."""
+    pipeline = PhantomPipeline("right_arm")
+    found = []
+    for number in range(70):
+        is_lost = 20 <= number < 50
+        patient = pose(identity=1)
+        visitor = pose(at=(1.2, 0, 3.2), identity=1 if is_lost else 2, body=1)
+        image = crowd(patient, visitor, number)
+        assert image.body_index is not None
+        color = np.zeros((*image.depth.shape, 3), np.uint8)
+        color[image.body_index == 0] = (190, 40, 30)
+        color[image.body_index == 1] = (30, 60, 190)
+        told = (visitor,) if is_lost else (patient, visitor)
+        result = pipeline.process(replace(image, color=color, skeletons=told))
+        found.append((result.state, result.reason))
+        assert result.skeleton.positions[0][0] < 0.5, number
+    assert {reason for _, reason in found[20:50]} == {PhantomReason.NO_PERSON}
+    assert {state for state, _ in found[51:]} == {PhantomState.TRACKING}
 
 
 def test_a_patient_who_comes_back_aside_is_known_at_once() -> None:
@@ -838,6 +881,18 @@ def test_joints_in_millimetres_are_named() -> None:
         assert result.state is PhantomState.LOST
         assert result.reason is PhantomReason.CALIBRATION
     assert "metres" in result.message
+
+
+def test_pixels_at_another_depth_than_their_joints_are_named() -> None:
+    """Depth in fifths of a millimetre: the tracker's pixels are there, and none is near a joint."""
+    pipeline = PhantomPipeline("right_arm")
+    for number in range(5):
+        image = seen(pose(), number)
+        result = pipeline.process(replace(image, depth=(5 * image.depth).astype(np.uint16)))
+        assert result.state is PhantomState.LOST
+        assert result.reason is PhantomReason.CALIBRATION
+        result = PhantomPipeline("right_arm").process(replace(image, depth=0 * image.depth))
+        assert result.reason is PhantomReason.NO_PERSON
 
 
 def beside(skeleton: Skeleton, by: tuple[float, float, float]) -> Skeleton:

@@ -113,7 +113,8 @@ bool KeyPerson::is_other(std::int64_t id, double time_s) const {
   });
 }
 
-/// Notes the people beside the key person, and while it is lost, those known that are still there.
+/// Notes the people beside the key person, and while it is lost, those known that are still there
+/// and who has got its id.
 void KeyPerson::see_others(std::span<const Skeleton> people, double time_s) {
   const bool is_here = seen_ && last_seen_ == time_s;
   for (const Skeleton& person : people) {
@@ -121,7 +122,9 @@ void KeyPerson::see_others(std::span<const Skeleton> people, double time_s) {
     const auto known =
         std::find_if(others_.begin(), end, [&](const Other& o) { return o.id == person.id; });
     const bool is_known = known != end && time_s - known->last_seen < options_.forget;
-    if (is_here ? person.id == id_ : !is_known) continue;
+    const bool has_its_id = seen_ && person.id == id_;
+    const bool is_refused = !is_here && has_its_id && spine_base(person);
+    if (is_here ? has_its_id : !(is_known || is_refused)) continue;
     if (known != end) {
       known->last_seen = time_s;
     } else if (num_others_ < others_.size()) {
@@ -175,15 +178,20 @@ std::optional<std::size_t> KeyPerson::in_its_clothes(std::span<const Skeleton> p
 }
 
 /// By id, by clothes where who has the id wears others, or by place where ids were swapped or
-/// renewed from one frame to the next.
+/// renewed from one frame to the next. Nobody, if who has the id is far away and wears others.
 std::optional<std::size_t> KeyPerson::followed(std::span<const Skeleton> people,
                                                double time_s) const {
-  constexpr double kNear = 0.15, kFar = 0.30;  // metres
-  constexpr double kWalk = 1.5, kRun = 3.0;    // metres a second
-  const auto mine = with_id(people, id_);
-  const double lost = lost_for(time_s);
-  if (mine && wears_other_clothes(*mine)) {
-    if (const auto same = in_its_clothes(people, kFar + kRun * lost)) return same;
+  constexpr double kNear = 0.15, kFar = 0.30;      // metres
+  constexpr double kWalk = 1.5, kRun = 3.0;        // metres a second
+  const bool is_anothers = is_other(id_, time_s);  // its id
+  const auto mine = is_anothers ? std::nullopt : with_id(people, id_);
+  const double lost = lost_for(time_s), far = kFar + kRun * lost;
+  const auto jump = [&](std::size_t person) {
+    return (*spine_base(people[person]) - position_).cast<double>().norm();
+  };
+  if (is_anothers || (mine && wears_other_clothes(*mine))) {
+    if (const auto same = in_its_clothes(people, far)) return same;
+    if (mine && lost <= kMoment && jump(*mine) > far) return std::nullopt;
   }
   if (lost > kMoment) return mine;
   const double within = kNear + kWalk * lost;
@@ -192,8 +200,7 @@ std::optional<std::size_t> KeyPerson::followed(std::span<const Skeleton> people,
   });
   if (!there || wears_other_clothes(*there)) return mine;
   if (!mine) return is_other(people[*there].id, time_s) ? std::nullopt : there;
-  const double jump = (*spine_base(people[*mine]) - position_).cast<double>().norm();
-  return jump > kFar + kRun * lost ? there : mine;
+  return jump(*mine) > far ? there : mine;
 }
 
 bool KeyPerson::has_same_size(const Skeleton& person) const {

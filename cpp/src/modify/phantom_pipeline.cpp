@@ -10,6 +10,7 @@
 
 #include "geometry/same_camera.hpp"
 #include "manip3d/error.hpp"
+#include "manip3d/geometry/rgbd_frame.hpp"
 #include "manip3d/modify/limb_fit.hpp"
 #include "manip3d/modify/trunk_tracker.hpp"
 #include "modify/border_memory.hpp"
@@ -281,8 +282,20 @@ class PhantomPipeline::Workspace {
   [[nodiscard]] PhantomReason reason_for_nobody(const PatientFrame& now,
                                                 const PhantomInput& input) const {
     if (std::ranges::any_of(input.people, is_in_another_unit)) return PhantomReason::kCalibration;
-    if (now.is_here && is_beside_all_) return PhantomReason::kCalibration;
+    if (now.is_here && (is_beside_all_ || shows_elsewhere(*now.person, input))) {
+      return PhantomReason::kCalibration;
+    }
     return lacks_skeletons() ? PhantomReason::kNoSkeleton : PhantomReason::kNoPerson;
+  }
+
+  /// Does the body index show the person, whose joints are at another depth than these pixels?
+  static bool shows_elsewhere(const Skeleton& person, const PhantomInput& input) {
+    if (input.body_index == nullptr || person.body == kNoBody) return false;
+    const std::int64_t num_pixels = input.depth.rows * input.depth.cols;
+    for (std::int64_t pixel = 0; pixel < num_pixels; ++pixel) {
+      if (input.body_index[pixel] == person.body && input.depth.at(pixel) > 0.0F) return true;
+    }
+    return false;
   }
 
   /// Has the source had time to show a skeleton, and has not?

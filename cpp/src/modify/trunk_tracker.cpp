@@ -1065,6 +1065,7 @@ void TrunkTracker::learn(const PersonPoints& points, const DepthView& depth, con
   };
   std::size_t count = 0;
   for (std::int64_t i = 0; i < points.count; ++i) count += is_candidate(i);
+  if (count < kLeastSurface) return;  // a frame without depth does not end what is known
   const std::size_t stride = std::max<std::size_t>(1, (count + kMostSurface - 1) / kMostSurface);
   surface_.clear();
   std::size_t seen = 0;

@@ -144,6 +144,8 @@ def expect_kind(source: str, *kinds: str, verb: str) -> str:
     wanted = f"{', '.join(others)} or {last}" if others else last
     takers = f". Commands that take {NAMES[kind]}: {VERBS[kind]}" if kind in VERBS else ""
     message = f"{source} is {NAMES[kind]}; {verb} takes {wanted}{takers}"
+    if kind == "folder" and kinds == RECORDING:
+        message += NO_RECORDING
     images = Path(source) / "depth"
     if kind == "recording" and "depth" in kinds and images.is_dir():
         message += f". Its depth images: {images}"

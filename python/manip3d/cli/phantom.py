@@ -376,6 +376,7 @@ def phantom_live(
     from manip3d.phantom import run_live
 
     if source is not None:
+        expect_kind(source, "recording", verb="phantom live")
         source = rgbd_address(source) or source
     if source is None and (intrinsics or units_per_metre):
         raise InputError("--intrinsics, --units-per-metre: expected --source with them")

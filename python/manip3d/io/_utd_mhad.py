@@ -82,10 +82,14 @@ def read_trial(
     images, joints = _png_trial(trial) if trial.is_dir() else _mat_trial(trial, skeleton)
     if len(images) != len(joints):
         raise FormatError(f"expected {len(images)} skeletons, got {len(joints)}", file=str(trial))
-    farthest = np.abs(joints).max(initial=0.0)
-    if not farthest <= _FARTHEST_M:
-        told = f"expected joints within {_FARTHEST_M:g} m of the camera, got {farthest:g} m"
-        raise FormatError(told, file=str(trial))
+    is_told = np.abs(joints) <= _FARTHEST_M
+    if not is_told.all():
+        frame, joint, axis = np.argwhere(~is_told)[0]
+        told = (
+            f"joint {joint} of frame {frame}: expected metres within {_FARTHEST_M:g} of the "
+            f"camera, got {joints[frame, joint, axis]:g}"
+        )
+        raise FormatError(told, file=str(trial / _TABLE if trial.is_dir() else trial))
     return images, joints
 
 
@@ -164,18 +168,39 @@ def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
 
 def _png_trial(folder: Path) -> tuple[NDArray[np.uint16], NDArray[np.float64]]:
     """Images of a folder, and its table with a row for each joint: frame, joint, name, x, y, z."""
-    images = [read_depth(path) for path in sorted(folder.glob("depth_*.png"))]
-    if any(image.shape != _SIZE for image in images):
-        raise FormatError(f"expected depth images of {_SIZE[1]} x {_SIZE[0]}", file=str(folder))
+    paths = sorted(folder.glob("depth_*.png"))
+    for number, path in enumerate(paths):
+        if path.name != f"depth_{number:04d}.png":
+            raise FormatError(f"expected depth_{number:04d}.png before it", file=str(path))
+    images = [read_depth(path) for path in paths]
+    for path, image in zip(paths, images, strict=True):
+        if image.shape != _SIZE:
+            told = f"expected {_SIZE[1]} x {_SIZE[0]} pixels, as UTD-MHAD has, got "
+            raise FormatError(told + f"{image.shape[1]} x {image.shape[0]}", file=str(path))
     table = folder / _TABLE
-    text = limited_bytes(table, _MOST_BYTES).decode("utf-8", "replace").splitlines()
+    text = limited_bytes(table, _MOST_BYTES).decode("utf-8", "replace").splitlines()[1:]
+    columns = (0, 1, 3, 4, 5)
     try:
-        rows = np.loadtxt(text, np.float64, delimiter=",", skiprows=1, usecols=(0, 1, 3, 4, 5))
+        rows = np.loadtxt(text or ["0," * 6], np.float64, delimiter=",", usecols=columns, ndmin=2)
     except ValueError as error:
-        raise FormatError(str(error), file=str(table)) from None
+        told = "expected frame, joint, name, x, y, z after a heading, with commas between them"
+        raise FormatError(f"{told}: {error}", file=str(table)) from None
+    rows = rows[: len(text)]
     number = np.arange(len(images) * _JOINTS)
     order = np.stack([number // _JOINTS, number % _JOINTS], axis=1)
-    if not np.array_equal(rows[..., :2], order):
+    if not np.array_equal(rows[:, :2], order):
         told = f"expected the {_JOINTS} joints of {len(images)} frames, frame by frame"
-        raise FormatError(told, file=str(table))
+        raise FormatError(f"{told}; {_first_wrong(rows[:, :2], order)}", file=str(table))
     return np.stack(images).astype(np.uint16), rows[:, 2:].reshape(-1, _JOINTS, 3)
+
+
+def _first_wrong(told: NDArray[np.float64], expected: NDArray[np.intp]) -> str:
+    """Say which frame and joint a table does not tell where it should, or tells too many of."""
+    common = min(len(told), len(expected))
+    wrong = np.flatnonzero((told[:common] != expected[:common]).any(axis=1))
+    at = int(wrong[0]) if len(wrong) else common
+    if at == len(expected):
+        return f"got {len(told) - at} more"
+    frame, joint = expected[at]
+    found = "none" if at == len(told) else "joint {1:g} of frame {0:g}".format(*told[at])
+    return f"row {at + 2}: expected joint {joint} of frame {frame}, got {found}"

@@ -34,8 +34,8 @@ std::optional<Eigen::Vector3f> spine_base(const Skeleton& person);
 /// them for `forget`: who of them is the key person after all has to be selected.
 ///
 /// Clothes, where they are seen, speak for place and id: who has the id and wears other colours
-/// than the key person did is passed over for the only one nearby who wears its colours, and a
-/// newcomer in other colours is not taken.
+/// than the key person did is passed over for the only one nearby who wears its colours, or for
+/// nobody if that person stands far from where it was; a newcomer in other colours is not taken.
 class KeyPerson {
  public:
   /// @throws InputError  an option that is not >= 0.
