@@ -74,22 +74,31 @@ class Firings(NamedTuple):
     firing: NDArray[np.int64]
     ring: NDArray[np.int32]
 
+    @property
+    def cells(self) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
+        """Where points on a firing are in `answered`, counted row after row, and which they are."""
+        rows = np.flatnonzero(self.firing >= 0)
+        return self.ring[rows] * np.int64(self.answered.shape[1]) + self.firing[rows], rows
+
 
 def firings_of(reading: LatticeReading, rings: int) -> Firings | None:
     """Return the firings of the head; None: the lattice has no encoder, or no point is on it."""
-    known = (reading.ring >= 0) & (reading.count >= 0)
-    known &= (np.abs(reading.line_error) < OFF_LATTICE) & (np.abs(reading.step_error) < OFF_LATTICE)
-    if not known.any():
+    on = (reading.ring >= 0) & (reading.count >= 0)
+    on &= (np.abs(reading.line_error) < OFF_LATTICE) & (np.abs(reading.step_error) < OFF_LATTICE)
+    rows = np.flatnonzero(on)
+    if not len(rows):
         return None
-    votes = np.bincount(reading.count[known])
+    count = reading.count[rows]
+    votes = np.bincount(count)
     around = np.max([np.roll(votes, k) for k in range(-2, 3)], axis=0)
     fired = (votes > 0) & (votes >= 0.6 * around)
-    number = np.where(fired, np.cumsum(fired) - 1, -1)
-    firing = np.where(known, number[np.where(known, reading.count, 0)], -1)
-    answered = np.zeros((rings, int(np.count_nonzero(fired))), np.bool_)
-    on = firing >= 0
-    answered[reading.ring[on], firing[on]] = True
-    return Firings(answered, firing, reading.ring)
+    firing = np.full(len(reading.ring), -1)
+    firing[rows] = np.where(fired, np.cumsum(fired) - 1, -1)[count]
+    shape = rings, int(np.count_nonzero(fired))
+    found = Firings(np.zeros(shape, np.bool_), firing, reading.ring)
+    cells, _ = found.cells
+    found.answered.reshape(-1)[cells] = True
+    return found
 
 
 def is_cut_above(height: NDArray[np.float64], firings: Firings | None) -> bool:

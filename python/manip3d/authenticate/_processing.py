@@ -856,10 +856,10 @@ def _single_holes(
 
 def _reach(firings: Firings, distance: NDArray[np.float64]) -> NDArray[np.float64]:
     """Metres that each laser measured at each firing; 0: no return."""
-    reach = np.zeros(firings.answered.shape)
-    on = firings.firing >= 0
-    reach[firings.ring[on], firings.firing[on]] = distance[on]
-    return reach
+    cells, rows = firings.cells
+    reach = np.zeros(firings.answered.size)
+    reach[cells] = distance[rows]
+    return reach.reshape(firings.answered.shape)
 
 
 def _share_left_out(reach: NDArray[np.float64]) -> float:
