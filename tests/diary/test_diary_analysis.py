@@ -80,6 +80,26 @@ def test_scores_that_say_nothing(scores: Any, message: str) -> None:
         fit_mixed_model(scores)
 
 
+@pytest.mark.parametrize(
+    "scores",
+    [
+        [[1, 2, np.nan, np.nan], [np.nan, np.nan, 3, 4]],
+        [[1, 2, np.nan, np.nan], [np.nan, np.nan, 3, 4], [5, np.nan, np.nan, np.nan]],
+    ],
+)
+def test_scores_that_leave_nothing_to_noise_have_no_model(scores: list[list[float]]) -> None:
+    with pytest.raises(InputError, match="scores: expected more of them to tell the noise"):
+        fit_mixed_model(scores)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("sd_between", np.nan), ("baseline", np.inf), ("effects", [np.nan])]
+)
+def test_cohorts_are_drawn_from_finite_numbers(name: str, value: object) -> None:
+    with pytest.raises(InputError, match=f"{name}.*: expected"):
+        simulate_cohort(**{name: value})  # type: ignore[arg-type]
+
+
 def coverage(cohorts: int, **options: float) -> list[float]:
     """Shares of studies whose intervals hold the true changes."""
     hits = np.zeros(len(EFFECTS))

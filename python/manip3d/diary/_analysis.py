@@ -138,7 +138,8 @@ def fit_mixed_model(scores: ArrayLike) -> MixedModel:
     ------
     InputError
         Not such an array, an infinite score, an occasion without a score, fewer than two
-        participants with two scores each, or scores without any noise.
+        participants with two scores each, no more scores than differences between participants
+        and between occasions explain, or scores without any noise.
     MissingExtraError
         scipy is not installed.
 
@@ -161,6 +162,9 @@ def fit_mixed_model(scores: ArrayLike) -> MixedModel:
     who, when = np.nonzero(seen)
     y = table[seen]
     design = (when[:, None] == np.arange(table.shape[1])).astype(np.float64)
+    people = (who[:, None] == np.arange(len(table))).astype(np.float64)
+    if np.linalg.matrix_rank(np.hstack([design, people])) == len(y):
+        raise InputError(f"scores: expected more of them to tell the noise, got {len(y)}")
     together = (who[:, None] == who).astype(np.float64)  # J: pairs of one participant
     ratio = _best_ratio(y, design, together)
     beta, squares, inverse, _ = _generalised(y, design, together, ratio)
@@ -396,7 +400,8 @@ def simulate_cohort(
     Raises
     ------
     InputError
-        No participants or effects, a negative spread or seed, or no such probability.
+        No participants or effects, a number that is not finite, a negative spread or seed, or no
+        such probability.
 
     Examples
     --------
@@ -405,8 +410,16 @@ def simulate_cohort(
     """
     if participants < 1 or len(effects) < 1:
         raise InputError("participants, effects: expected at least one of each")
-    if min(sd_between, sd_within, sd_response, seed) < 0 or not 0 <= missing < 1:
-        raise InputError("expected spreads and a seed >= 0, and missing from 0 to 1")
+    if not all(map(math.isfinite, (baseline, *effects))):
+        raise InputError("baseline, effects: expected finite numbers")
+    for name, value in (
+        ("sd_between", sd_between), ("sd_within", sd_within), ("sd_response", sd_response),
+        ("seed", seed),
+    ):  # fmt: skip
+        if not 0 <= value < math.inf:
+            raise InputError(f"{name}: expected a finite number >= 0, got {value}")
+    if not 0 <= missing < 1:
+        raise InputError(f"missing: expected 0 to 1, got {missing}")
     random = np.random.default_rng(seed)
     mean = baseline + np.array([0.0, *effects])
     grows = np.arange(len(mean)) / (len(mean) - 1)
