@@ -152,3 +152,14 @@ def test_plain_folders_need_intrinsics(walk: Path, tmp_path: Path) -> None:
     done = manip3d("capture", "info", "nothing:there")
     assert (done.returncode, done.stdout) == (1, "")
     assert len(done.stderr.splitlines()) == 1
+
+
+def test_the_camera_of_a_folder_is_that_of_the_images_it_shows(walk: Path) -> None:
+    (walk / "frames.jsonl").unlink()
+    (walk / "calibration.json").unlink()
+    for image in sorted((walk / "depth").iterdir()):
+        image.rename(image.with_suffix(".PNG"))
+    (walk / "depth" / "._hidden.png").write_bytes(b"what macOS leaves beside each file")
+    done = manip3d("capture", "info", walk, "--intrinsics", "15,15,7.5,5.5", "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["depth"]["width"] == 16

@@ -127,7 +127,11 @@ def camera_of_images(text: str, uri: str) -> Intrinsics:
         place, topic = place_and_topic(uri)
         width, height = depth_size(Path(place), topic)
     else:
-        images = sorted((Path(folder) / "depth").glob("*.png"))
+        images = sorted(
+            place
+            for place in (Path(folder) / "depth").glob("*")
+            if place.suffix.lower() == ".png" and not place.name.startswith(".")
+        )
         if scheme not in ("folder", "tum") or not images:
             raise InputError(
                 f"--intrinsics: expected a bag or a folder with images in depth/, got {uri}"
