@@ -232,3 +232,40 @@ def test_a_headset_that_does_not_start_says_why(stage: Stage) -> None:
         stage.show(3)
         assert text_of(tab, "#headset-told") == "The headset did not start: it is in use"
         assert text_of(tab, "#headset") == "Enter headset"
+
+
+def test_a_headset_that_shows_no_picture_is_let_go(stage: Stage) -> None:
+    """The session of the headset stayed open: it was dark, and could not be entered again."""
+    useless = """
+        class Session extends EventTarget {
+          async end() {
+            window.numEnded = (window.numEnded ?? 0) + 1;
+            this.dispatchEvent(new Event('end'));
+          }
+          updateRenderState() { throw new Error('it has no screen'); }
+        }
+        window.XRWebGLLayer = class {};
+        delete window.XRWebGLBinding;
+        WebGL2RenderingContext.prototype.makeXRCompatible = async () => {
+          if (!window.numEnded) throw new Error('it is on another graphics card');
+        };
+        Object.defineProperty(navigator, 'xr', {value: {isSessionSupported: async () => true,
+          requestSession: async () => new Session()}});
+    """
+    with _chromium.open_address("about:blank", (640, 450)) as tab:
+        tab.send("Page.addScriptToEvaluateOnNewDocument", source=useless)
+        tab.send("Page.navigate", url=stage.server.new_url())
+        wait_for(lambda: stage.server.num_clients == 1)
+        stage.show(2)
+        wait_for(lambda: tab.evaluate("document.querySelector('#headset')?.hidden === false"))
+        size = "JSON.stringify([document.querySelector('canvas').width, devicePixelRatio])"
+        before = tab.evaluate(size)
+        for num_ended, reason in enumerate(
+            ("it is on another graphics card", "it has no screen"), 1
+        ):
+            tab.evaluate("document.querySelector('#headset').click()")
+            why = f"The headset did not start: {reason}"
+            wait_for(lambda why=why: text_of(tab, "#headset-told") == why)
+            assert text_of(tab, "#headset") == "Enter headset"
+            assert tab.evaluate("window.numEnded") == num_ended
+            assert tab.evaluate(size) == before

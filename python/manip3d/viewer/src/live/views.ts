@@ -179,7 +179,14 @@ export class Views {
       onEnd();
     });
     this.rig.userData.own = false;
-    await this.renderer?.xr.setSession(session);
+    try {
+      // Where this fails within setSession, three.js leaves a canvas without pixels.
+      await this.renderer?.getContext().makeXRCompatible();
+      await this.renderer?.xr.setSession(session);
+    } catch (error) {
+      await session.end().catch(() => undefined); // it may have ended by itself
+      throw error;
+    }
     return session;
   }
 }
