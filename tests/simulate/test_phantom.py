@@ -273,3 +273,16 @@ def test_joints_that_fly_take_nothing_of_chest_and_neck(limb: Any, motion: str) 
         rest = (capture.frame.body_index == 0) & (capture.truth.people == 0) & ~mine & (off > 0.12)
         assert result.state is PhantomState.TRACKING
         assert (rest & (result.kinds == PixelKind.NONE)).sum() < 0.015 * rest.sum()
+
+
+def test_an_arm_that_the_camera_looks_through_is_not_mirrored() -> None:
+    """A mirrored image: the joints of the arm that reaches out lie before the stump's pixels."""
+    body = simulated(motion="reach", amputated="right_arm", tracker="kinect-v2", seed=1)
+    pipeline = PhantomPipeline("right_arm")
+    for number in range(20):
+        frame = body.capture(1.3 + number / body.rate).frame
+        assert frame.body_index is not None
+        depth, index = (np.ascontiguousarray(a[:, ::-1]) for a in (frame.depth, frame.body_index))
+        result = pipeline.process(replace(frame, depth=depth, body_index=index))
+        assert result.state is PhantomState.LOST, number
+        assert result.reason is PhantomReason.OCCLUDED

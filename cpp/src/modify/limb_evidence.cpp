@@ -12,7 +12,7 @@ namespace {
 
 // Lengths in metres.
 constexpr float kBeside = 0.08F;   // flesh may be so far beside a joint: trackers err and lag
-constexpr float kWithin = 0.12F;   // and so far before or behind it
+constexpr float kWithin = 0.12F;   // and so far before or behind it; farther is another part
 constexpr float kLonger = 1.5F;    // times as long as the other limb's bone,
 constexpr float kAllowed = 0.05F;  // and the errors of two joints
 
@@ -72,7 +72,7 @@ float limb_length(const Skeleton& skeleton, Limb limb) {
 }
 
 double visible_share(const Skeleton& skeleton, Limb limb, const PixelProjector& projector,
-                     const std::uint8_t* label) {
+                     const PhantomImage& image) {
   constexpr int kSamples = 16;  // per bone: every two centimetres
   double seen = 0.0, all = 0.0;
   for (std::size_t i = 1; i < kNumMainJoints; ++i) {
@@ -84,7 +84,8 @@ double visible_share(const Skeleton& skeleton, Limb limb, const PixelProjector& 
       const Eigen::Vector3f p = skeleton[from] + (static_cast<float>(k) + 0.5F) * step;
       const std::int32_t pixel = projector.pixel(p.x(), p.y(), p.z());
       all += length;
-      if (pixel >= 0 && is_limb_bone(limb, label[pixel])) seen += length;
+      if (pixel < 0 || !is_limb_bone(limb, image.label[pixel])) continue;
+      if (image.depth[pixel] < p.z() + kWithin) seen += length;
     }
   }
   return all > 0.0 ? seen / all : 0.0;
@@ -132,11 +133,11 @@ bool has_main_joints(const Skeleton& skeleton, Limb affected) {
 }
 
 void LimbPresence::add(const Skeleton& skeleton, Limb affected, const PixelProjector& projector,
-                       const std::uint8_t* label) {
+                       const PhantomImage& image) {
   constexpr double kLeastVisible = 0.5;  // of a limb's length
   constexpr double kFrames = 20.0;       // of the mean
   constexpr float kOtherLength = 0.3F;   // two arms, or two legs, of a person differ by less
-  const auto visible = [&](Limb limb) { return visible_share(skeleton, limb, projector, label); };
+  const auto visible = [&](Limb limb) { return visible_share(skeleton, limb, projector, image); };
   // Joints of the intact limb beside the person: those of the affected one may lie in its flesh.
   if (!(visible(opposite(affected)) >= kLeastVisible)) return;
   const float length = limb_length(skeleton, affected);

@@ -27,9 +27,10 @@ bool may_have_limb(const Skeleton& person, Limb limb, const DepthView& depth,
 /// Length of a limb along its usable joints, metres.
 float limb_length(const Skeleton& skeleton, Limb limb);
 
-/// Share of the limb, by length, in front of which the camera sees the limb.
+/// Share of the limb, by length, in front of which the camera sees the limb. A part that it sees
+/// through, onto what of the limb lies far behind, is not there.
 double visible_share(const Skeleton& skeleton, Limb limb, const PixelProjector& projector,
-                     const std::uint8_t* label);
+                     const PhantomImage& image);
 
 /// Does the camera see the limb where a joint is, tracked or guessed?
 bool shows_limb_at(const Skeleton& skeleton, Limb limb, Joint joint,
@@ -48,7 +49,7 @@ bool has_main_joints(const Skeleton& skeleton, Limb affected);
 class LimbPresence {
  public:
   void add(const Skeleton& skeleton, Limb affected, const PixelProjector& projector,
-           const std::uint8_t* label);
+           const PhantomImage& image);
   [[nodiscard]] bool is_there() const { return share_ >= 0.5; }
   void reset() { share_ = frames_ = 0.0; }
 

@@ -509,7 +509,7 @@ class PhantomPipeline::Workspace {
 
   /// Has the person the affected limb, and what does it tell of the plane?
   void look_for_limb(const Skeleton& person, const Skeleton& fitted, const PhantomImage& image) {
-    presence_.add(person, options_.affected, PixelProjector(*camera_, rays_), image.label);
+    presence_.add(person, options_.affected, PixelProjector(*camera_, rays_), image);
     follow_legs(fitted);
   }
 
@@ -552,7 +552,7 @@ class PhantomPipeline::Workspace {
                     const PhantomImage& image, PhantomReport& report) {
     const Limb intact = opposite(options_.affected);
     const PixelProjector projector(*camera_, rays_);
-    report.visible = visible_share(person, intact, projector, image.label);
+    report.visible = visible_share(person, intact, projector, image);
     const bool is_stump = now.is_here && is_guessed_at_stump(now.raw, intact);
     const double guessed = inferred_.add(person, intact, time_s, [&](Joint joint) {
       return !is_stump && shows_limb_at(person, intact, joint, projector, image);
