@@ -140,6 +140,7 @@ def test_what_is_wrong_with_a_table_is_told(tmp_path: Path) -> None:
         ("\n".join([*cut, "2,19,joint,nan,0,2"]), r"joints\.csv: joint 19 of frame 2: .* got nan"),
         (f"{TABLE}\n0,0,joint,0,0,2", every + "row 3: expected joint 1 of frame 0, got none"),
         (TABLE, every + "row 2: expected joint 0 of frame 0, got none"),
+        (f"{TABLE}\n\n \n", every + "row 2: expected joint 0 of frame 0, got none"),
         ("", every + "row 2: expected joint 0 of frame 0, got none"),
     ):
         table.write_text(text)

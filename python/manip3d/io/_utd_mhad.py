@@ -169,19 +169,20 @@ def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
 def _png_trial(folder: Path) -> tuple[NDArray[np.uint16], NDArray[np.float64]]:
     """Images of a folder, and its table with a row for each joint: frame, joint, name, x, y, z."""
     paths = sorted(folder.glob("depth_*.png"))
-    for number, path in enumerate(paths):
-        if path.name != f"depth_{number:04d}.png":
-            raise FormatError(f"expected depth_{number:04d}.png before it", file=str(path))
+    for index, path in enumerate(paths):
+        if path.name != f"depth_{index:04d}.png":
+            raise FormatError(f"expected depth_{index:04d}.png before it", file=str(path))
     images = [read_depth(path) for path in paths]
     for path, image in zip(paths, images, strict=True):
         if image.shape != _SIZE:
             told = f"expected {_SIZE[1]} x {_SIZE[0]} pixels, as UTD-MHAD has, got "
             raise FormatError(told + f"{image.shape[1]} x {image.shape[0]}", file=str(path))
     table = folder / _TABLE
-    text = limited_bytes(table, _MOST_BYTES).decode("utf-8", "replace").splitlines()[1:]
-    columns = (0, 1, 3, 4, 5)
+    lines = limited_bytes(table, _MOST_BYTES).decode("utf-8", "replace").splitlines()
+    text = [line for line in lines[1:] if line.strip()]
+    options: dict[str, Any] = {"delimiter": ",", "usecols": (0, 1, 3, 4, 5), "ndmin": 2}
     try:
-        rows = np.loadtxt(text or ["0," * 6], np.float64, delimiter=",", usecols=columns, ndmin=2)
+        rows = np.loadtxt(text or ["0," * 6], np.float64, comments=None, **options)
     except ValueError as error:
         told = "expected frame, joint, name, x, y, z after a heading, with commas between them"
         raise FormatError(f"{told}: {error}", file=str(table)) from None
