@@ -231,6 +231,26 @@ def test_holes_close_before_a_piece_is_lost(target: int) -> None:
     assert metrics.metro(mesh, result.mesh, sampling="area").max < 0.08  # 0.1
 
 
+@pytest.mark.parametrize("target", [20, 16, 12, 8, 4])
+def test_things_on_a_floor_go_before_the_floor(target: int) -> None:
+    """A floor of two faces lost one, half of all that is there, before small things went."""
+    ball = exact_models.ball(6)
+    places = [[0.1 + 0.2 * (i % 4), 0.1 + 0.2 * (i // 4), 0.01] for i in range(12)]
+    number = ball.num_vertices
+    things = [ball.faces + 4 + i * number for i in range(len(places))]
+    mesh = Mesh(
+        np.concatenate(
+            [[[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]]
+            + [0.01 * (1 + 0.01 * i) * ball.vertices + place for i, place in enumerate(places)]
+        ),
+        np.concatenate([[[0, 1, 2], [0, 2, 3]], *things]).astype(np.int32),
+    )
+    result = simplify.fast(mesh, target_faces=target)
+    assert result.stop == StopReason.TARGET_REACHED
+    assert result.mesh.num_faces > 0
+    assert metrics.metro(mesh, result.mesh, sampling="area").forward.mean < 0.01
+
+
 @pytest.mark.parametrize("corners", [3, 4])
 @pytest.mark.parametrize("target", [400, 100, 30])
 def test_specks_go_before_the_surface_that_they_hang_around(corners: int, target: int) -> None:

@@ -71,8 +71,15 @@ class FastSimplifier {
   /// Makes the cheapest collapses; false when nothing is left that may be done.
   bool pass() {
     const std::int64_t needed = mesh_.num_faces() - options_.target_faces;
-    const PassReport report = passes_.run(needed, patience_, visible_price());
+    const bool may_take_pieces = options_.target_faces > 0 && passes_.is_small();
+    const double piece = may_take_pieces ? pieces_.cheapest_price(needed, options_.max_error)
+                                         : std::numeric_limits<double>::infinity();
+    const PassReport report = passes_.run(needed, patience_, visible_price(), piece);
     if (collapser_.rules != Rules::kAll) result_.relaxed_collapses += report.collapses;
+    if (report.meets_piece) {
+      remove_pieces(report.piece_limit, FastPieces::Choice::kInstead);
+      return true;  // a piece that stays has a new price
+    }
     const std::int64_t vanished =
         remove_pieces(report.is_everything ? 0.0 : report.price_limit, FastPieces::Choice::kCheap);
     if (report.meets_forbidden) {

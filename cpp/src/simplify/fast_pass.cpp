@@ -33,6 +33,7 @@ constexpr double kCandidates = 3.0;
 
 /// The link rule is waived if a legal collapse moves the surface three times as far as one that it
 /// refused (squared, like all prices): where holes and handles stay, the shape around them pays.
+/// In a small pass a whole piece goes before a collapse that moves the surface so much farther.
 constexpr float kFarCheaperSquared = 9.0F;
 
 /// Hubs: so many corners times so many refusals in one pass, then a vertex is left alone.
@@ -62,9 +63,11 @@ bool FastPass::is_small() const {
   return mesh_.num_faces() < kBlock && mesh_.num_faces() - pieces_.num_spent() < kSmall;
 }
 
-PassReport FastPass::run(std::int64_t needed, double patience, std::uint32_t visible) {
+PassReport FastPass::run(std::int64_t needed, double patience, std::uint32_t visible,
+                         double piece) {
   PassReport report;
   visible_ = visible;
+  piece_ = key_of(kFarCheaperSquared * static_cast<float>(piece));
   prepare_workers();
   mesh_.over_blocks([&](std::int64_t block, std::int64_t begin, std::int64_t end) {
     price_edges(mesh_, pieces_, collapser_.squared_limit(), begin, end,
@@ -80,7 +83,13 @@ PassReport FastPass::run(std::int64_t needed, double patience, std::uint32_t vis
       collapser_.rules == Rules::kFlips ? (needed + 1) / 2 : std::min(needed, 2 * report.wanted);
   report.collapses = collapse_candidates(quota);
   report.leaves_dear = workers_.front().front().leaves_dear;  // a small pass has one block
-  for_each_worker([&](const Worker& worker) { report.meets_forbidden |= worker.meets_forbidden; });
+  for_each_worker([&](const Worker& worker) {
+    report.meets_forbidden |= worker.meets_forbidden;
+    if (worker.beyond_piece == 0) return;
+    report.meets_piece = true;
+    const float far_cheaper = std::bit_cast<float>(worker.beyond_piece) / kFarCheaperSquared;
+    report.piece_limit = std::max(piece, static_cast<double>(far_cheaper));
+  });
   if (report.collapses > 0) end();
   return report;
 }
@@ -101,6 +110,7 @@ void FastPass::prepare_workers() {
       worker.leaves_dear = false;
       worker.forbids = kNoPrice;
       worker.meets_forbidden = false;
+      worker.beyond_piece = 0;
     }
   }
 }
@@ -270,6 +280,10 @@ void FastPass::collapse_in_order(const Bulk<PricedEdge>& candidates, Worker& wor
     if (is_hub(v) || is_hub(t)) continue;
     if (is_in_order && key > worker.task.most && worker.task.collapses > 0) {
       worker.leaves_dear = true;
+      break;
+    }
+    if (is_in_order && key > piece_) {
+      worker.beyond_piece = key;
       break;
     }
     if (key > worker.forbids) {

@@ -21,6 +21,8 @@ struct PassReport {
   bool is_everything = false;     // all edges were candidates
   bool leaves_dear = false;       // left the rest of its candidates to the next pass
   bool meets_forbidden = false;   // left what costs far more than what the link rule refused
+  bool meets_piece = false;       // left what costs far more than a whole piece:
+  double piece_limit = 0.0;       // pieces up to this price go instead
 };
 
 /// Prices all edges and collapses the cheapest, from the cheapest one on, each vertex at most once.
@@ -32,7 +34,11 @@ class FastPass {
   /// @param needed    faces to remove.
   /// @param patience  candidates for each collapse that is wanted, over the usual number.
   /// @param visible   price of an error that can be seen: below it the link rule is not waived.
-  PassReport run(std::int64_t needed, double patience, std::uint32_t visible);
+  /// @param piece     price of the cheapest piece: a small pass does nothing that is far dearer.
+  PassReport run(std::int64_t needed, double patience, std::uint32_t visible, double piece);
+
+  /// Whether so few faces are left that a pass keeps the order of the prices.
+  [[nodiscard]] bool is_small() const;
 
   /// How often collapses were refused, by reason, in all passes.
   [[nodiscard]] std::array<std::int64_t, kNumRejections> rejected() const;
@@ -58,10 +64,10 @@ class FastPass {
     std::int64_t quota = 0;
     bool leaves_dear = false;
     bool meets_forbidden = false;
+    std::uint32_t beyond_piece = 0;    // price of a collapse that a whole piece goes instead of
     std::uint32_t forbids = kNoPrice;  // from here on, what the link rule refused is far cheaper
   };
 
-  [[nodiscard]] bool is_small() const;
   template <typename Body>
   void for_each_worker(const Body& body) {
     for (std::vector<Worker>& level : workers_) {
@@ -94,6 +100,7 @@ class FastPass {
   std::vector<std::uint8_t> is_beside_;  // in a small pass, of a vertex: lost or got a face
   std::uint32_t limit_ = kDearest;       // price of the candidates
   std::uint32_t visible_ = kNoPrice;
+  std::uint32_t piece_ = kDearest;  // from here on, a whole piece is far cheaper
 };
 
 }  // namespace manip3d::fast_detail

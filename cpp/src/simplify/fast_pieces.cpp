@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 #include <vector>
 
 #include "geometry/shared_union_find.hpp"
@@ -88,20 +89,32 @@ bool FastPieces::is_spent(const Triple& face) const {
 }
 
 /// In the unit of the collapses' prices: squared distance times the weight of planes (area, and
-/// that of boundaries and seams), per two faces.
-double FastPieces::price_of(std::int32_t i) const {
+/// that of boundaries and seams), per two faces, of which no more than `most_faces` count: what
+/// goes beyond the target gains nothing.
+double FastPieces::price_of(std::int32_t i, std::int64_t most_faces) const {
   const double distance = pieces_->mean_distance(i);
   const double price = (kFastPieceFactor - 1.0) * pieces_->cost(i) * distance +
                        piece_weight_[i] * distance * distance;
-  return price * 2.0 / static_cast<double>(pieces_->num_faces(i));
+  return price * 2.0 / static_cast<double>(std::min(most_faces, pieces_->num_faces(i)));
+}
+
+double FastPieces::cheapest_price(std::int64_t needed, double max_error) const {
+  double least = std::numeric_limits<double>::infinity();
+  for (std::int32_t i = 0; pieces_ && i < pieces_->size(); ++i) {
+    if (!pieces_->is_there(i) || is_kept_[i] != 0) continue;
+    if (mesh_.scale * pieces_->mean_distance(i) > max_error) continue;
+    least = std::min(least, price_of(i, needed));
+  }
+  return least;
 }
 
 /// The pieces that may go, the cheapest first.
-FastPieces::Queue FastPieces::price_pieces(double limit, bool is_forced) const {
+FastPieces::Queue FastPieces::price_pieces(double limit, bool is_forced,
+                                           std::int64_t most_faces) const {
   Queue queue;
   for (std::int32_t i = 0; i < pieces_->size(); ++i) {
     if (!pieces_->is_there(i) || is_kept_[i] != 0) continue;
-    const double price = price_of(i);
+    const double price = price_of(i, most_faces);
     if (std::isfinite(price) && (price <= limit || is_forced)) queue.emplace(price, i);
   }
   return queue;
@@ -110,20 +123,25 @@ FastPieces::Queue FastPieces::price_pieces(double limit, bool is_forced) const {
 std::int64_t FastPieces::remove(double limit, Choice choice, std::int64_t target,
                                 double max_error) {
   if (!pieces_) return 0;
-  const bool is_forced = choice != Choice::kCheap;
+  const bool is_instead = choice == Choice::kInstead;
+  const bool is_forced = choice != Choice::kCheap && !is_instead;
   count_faces();
   std::vector<std::int64_t>& count = faces_of_piece_;
-  Queue queue = price_pieces(limit, is_forced);
   std::int64_t gone = 0;
+  const auto most_faces = [&] {
+    return is_instead ? mesh_.num_faces() - gone - target : mesh_.num_faces();
+  };
+  if (most_faces() <= 0) return 0;
+  Queue queue = price_pieces(limit, is_forced, most_faces());
   std::vector<std::uint8_t> is_gone(pieces_->size(), 0);
   while (!queue.empty()) {
     const std::int32_t i = queue.top().second;
     queue.pop();
     const std::int64_t needed = mesh_.num_faces() - gone - target;
     if (needed <= 0) break;
-    if (count[i] > needed && choice != Choice::kAny) continue;
+    if (count[i] > needed && choice != Choice::kAny && !is_instead) continue;
     pieces_->refresh(i);
-    const double now = price_of(i);
+    const double now = price_of(i, most_faces());
     if (!std::isfinite(now)) continue;
     if (now > limit) {
       if (!is_forced || (choice == Choice::kAny && gone > 0)) continue;

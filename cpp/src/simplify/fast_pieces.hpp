@@ -24,6 +24,7 @@ class FastPieces {
   /// Which pieces remove() takes.
   enum class Choice : std::uint8_t {
     kCheap,     // those below the limit that do not go beyond the target
+    kInstead,   // those below the limit, which stand in for so many faces as the target asks for
     kNear,      // the cheapest that are not missed at once and do not go beyond the target
     kCheapest,  // the cheapest, whatever they cost, that do not go beyond the target
     kAny,       // one, even if less is left than the target asks for
@@ -32,6 +33,9 @@ class FastPieces {
   /// Takes away the pieces that cost least; how many faces that were.
   /// @param limit  price up to which pieces are cheap, in the unit of the collapses' prices.
   std::int64_t remove(double limit, Choice choice, std::int64_t target, double max_error);
+
+  /// What the cheapest piece costs that may go instead of so many faces; infinity: there is none.
+  [[nodiscard]] double cheapest_price(std::int64_t needed, double max_error) const;
 
   /// Whether no edge of the piece of a face can collapse: it is a triangle or a tetrahedron. Their
   /// edges are as cheap as they are short, and thousands of them would be all candidates of a pass.
@@ -51,11 +55,11 @@ class FastPieces {
   [[nodiscard]] std::int32_t piece_of(const Triple& face) const {
     return pieces_->of_vertex(mesh_.id[face[0]]);
   }
-  [[nodiscard]] double price_of(std::int32_t i) const;
+  [[nodiscard]] double price_of(std::int32_t i, std::int64_t most_faces) const;
   /// Prices and pieces, the cheapest at the top.
   using Queue = std::priority_queue<std::pair<double, std::int32_t>,
                                     std::vector<std::pair<double, std::int32_t>>, std::greater<>>;
-  [[nodiscard]] Queue price_pieces(double limit, bool is_forced) const;
+  [[nodiscard]] Queue price_pieces(double limit, bool is_forced, std::int64_t most_faces) const;
 
   FastMesh& mesh_;
   TriangleMesh welded_;
