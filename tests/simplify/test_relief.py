@@ -179,6 +179,35 @@ def test_live_spends_its_points_by_area_and_not_by_pixels() -> None:
     assert error("live") < 1.45 * error("balanced")  # 1.30; by pixels 1.63
 
 
+def test_live_follows_a_contour_that_is_straight_in_the_image_alone() -> None:
+    """Hills at the horizon: along the last row the depth changes from pixel to pixel."""
+    v, u = np.mgrid[0:137, 0:200].astype(float)
+    depth = np.zeros((150, 200), np.float32)
+    depth[13:] = 60 / (v + 1 + 0.8 * np.sin(u / 2))
+    camera = Intrinsics(200, 150, fx=180, fy=180, cx=99.5, cy=74.5)
+    dense = simplify.dense_mesh(depth, camera).mesh
+    mesh = simplify.relief(depth, camera, 1400, effort="live").mesh
+    error = manip3d.metrics.metro(dense, mesh, sampling="area", samples=20_000).mean
+    assert error < 1e-6  # 3.5e-8; 4.8e-4 with vertices only where the contour turns in the image
+
+
+@pytest.mark.parametrize("first_row", [5, 6])
+def test_live_keeps_a_far_strip_of_two_rows(first_row: int) -> None:
+    """Most of the area lies in a strip that a surface of every second pixel does not have."""
+    v, u = np.mgrid[0:120, 0:160].astype(float)
+    depth = (3 + 0.3 * np.sin(u / 9) * np.cos(v / 7)).astype(np.float32)
+    depth[:first_row] = 0
+    depth[first_row : first_row + 2] = 300
+    camera = Intrinsics(160, 120, fx=150, fy=150, cx=79.5, cy=59.5)
+    step = simplify.DEPTH_STEP
+    dense = simplify.dense_mesh(depth, camera)
+    whole = simplify.cut_depth_steps(dense, depth, intrinsics=camera).mesh
+    found = simplify.relief(depth, camera, 180, effort="live", depth_step=step)
+    mesh = simplify.cut_depth_steps(found, depth).mesh
+    error = manip3d.metrics.metro(whole, mesh, sampling="area", samples=20_000).mean
+    assert error < 1e-5  # 8e-7; 0.7 without the strip
+
+
 def test_collapses_have_something_to_choose_where_many_points_are_asked_for() -> None:
     points = bumps(120, 160)
     dense = simplify.dense_mesh_grid(points).mesh

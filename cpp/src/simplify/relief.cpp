@@ -47,7 +47,8 @@ constexpr std::int64_t kDense = 6;
 /// Tried on four draws of 30 % of a made-up surface: of 0.3, 1, 2, 3 and 10, 2 and 3 cover most.
 constexpr float kChanceFalse = 3.0F;
 
-/// A surface of every second pixel that lacks more of the dense triangles than this is too thin.
+/// A surface of every second pixel that lacks more of the dense triangles than this, or of their
+/// area, is too thin. A strip far away may be a row of pixels and most of the area.
 constexpr double kThin = 0.1;
 
 /// How many times as much is covered where triangles of a finer mesh are better than the whole of a
@@ -62,6 +63,9 @@ constexpr double kWorthLeaving = 1.1;
 constexpr int kFewTries = 3;
 constexpr std::array<std::int64_t, 15> kFewSizes = {3,  4,  5,  6,  7,  8,  10, 12,
                                                     14, 16, 20, 25, 30, 40, 50};
+
+/// A piece of fewer than one pixel of so many is a speck.
+constexpr std::int64_t kSpeck = 1000;
 
 /// Work of an effort. Measured on the Stanford scans; each step pays for itself.
 struct Budget {
@@ -239,6 +243,8 @@ struct Relief::Memory {
   relief_detail::CoverageScratch coverage;
   std::vector<Keep> keep;             ///< By pixel of the surface; or empty.
   std::vector<Triangulation> levels;  ///< The smaller meshes, smallest first.
+  bool has_specks = false;            ///< select() found small pieces, with few vertices.
+  bool leaves_specks = false;         ///< It leaves them out first.
   std::vector<Triangle> dense;        ///< All of them, where the target leaves room for all pixels.
 
   [[nodiscard]] bool takes_all(const ReliefOptions& options) const {
@@ -338,7 +344,10 @@ void Relief::Memory::choose_surface(ReliefEffort effort, std::int64_t target) {
   if (!levels.empty()) return;  // theirs may be between
   half.assign_half(surface);
   const auto below = 4.0 * static_cast<double>(half.num_faces());
-  if (below >= (1.0 - kThin) * static_cast<double>(surface.num_faces())) worked = &half;
+  if (below < (1.0 - kThin) * static_cast<double>(surface.num_faces())) return;
+  const double here = double{half.mean_area()} * static_cast<double>(half.num_used());
+  const double not_here = half.area_not_here(surface);
+  if (not_here <= kThin * (here + not_here)) worked = &half;
 }
 
 void Relief::Memory::move_boundary(int sweeps) {
@@ -398,6 +407,8 @@ void Relief::Memory::select(const ReliefOptions& options, std::int64_t target, O
       budget.by_blocks && pinholes.are_by_chance() ? kChanceFalse : relief_detail::kFalseFactor;
   collapser.assign(*worked, mesh, keep, static_cast<float>(options.stability),
                    is_sparse ? kMissingFactor : budget.missing, false_factor);
+  has_specks = target <= relief_detail::kFew && collapser.has_specks(used / kSpeck);
+  if (leaves_specks) collapser.leave_out_specks(mesh, used / kSpeck);
   if (budget.sweep_share > 0.0F) collapser.sweep(*worked, mesh, target, budget.sweep_share);
   result.dropped_pixels = area * collapser.run(*worked, mesh, target, budget.round_share, off);
   if (result.dropped_pixels > 0) result.stop = ReliefStop::kSmallPieces;
@@ -512,6 +523,9 @@ void Relief::Memory::try_mesh(const ReliefOptions& options, std::int64_t target,
 /// Triangles that join what steps keep apart are cut from the mesh in the end. Of few vertices they
 /// take most; to refuse them costs surface elsewhere, so that it depends which way leaves more.
 ///
+/// A few depths that are far off are small pieces of a large area, whose loss counts like that of
+/// the rest of the surface: without them more of that may be covered.
+///
 /// Each collapse of few vertices can win surface as well as lose it, as where a bay is filled: with
 /// fewer vertices more may be covered.
 void Relief::Memory::make_best_mesh(const ReliefOptions& options, std::int64_t target,
@@ -525,6 +539,11 @@ void Relief::Memory::make_best_mesh(const ReliefOptions& options, std::int64_t t
   if (has_steps) {
     try_mesh(options, target, OffFaces::kAvoid, 1.0, covered, result);
     try_mesh(options, target, OffFaces::kNever, kWorthLeaving, covered, result);
+  }
+  if (has_specks && tries > 0) {
+    leaves_specks = true;
+    try_mesh(options, target, OffFaces::kTake, kWorthLeaving, covered, result);
+    leaves_specks = false;
   }
   const auto end = std::ranges::lower_bound(kFewSizes, target);
   for (auto size = end; size != kFewSizes.begin() && end - size < tries;) {

@@ -102,6 +102,22 @@ bool turns_at_line(const CellsAround& cells, bool upright) {
            (other.is_complete && !one.touches));
 }
 
+/// How many times the threshold a pixel is off where a contour goes straight on in the image but
+/// not in space. Of 1, 4 and 16, tried on scans and frames of the data folder, 1 lowers the error
+/// at 5 % of the points by a hundredth and raises it at 0.5 % by four, as noise makes vertices,
+/// too. 16 changes neither, and far ends of a surface stay as near.
+constexpr float kFarOff = 16.0F;
+
+/// The distance of a pixel from the line between the two beside it, times its area.
+float off_line(const Surface& surface, std::int32_t pixel, std::int32_t step) {
+  const Vec3 from = surface.sample(pixel - step).point();
+  const Vec3 along = surface.sample(pixel + step).point() - from;
+  const float length = along.squaredNorm();
+  if (!(length > 0.0F)) return 0.0F;
+  const Sample& sample = surface.sample(pixel);
+  return sample.weight * std::sqrt((sample.point() - from).cross(along).squaredNorm() / length);
+}
+
 }  // namespace
 
 void ContourBlocks::assign(const Surface& surface) {
@@ -240,12 +256,18 @@ void ContourBlocks::find_edges(const Surface& surface) {
   }
 }
 
-bool ContourBlocks::is_vertex(const Surface& surface, const Marks& marks, const Place& p) const {
+bool ContourBlocks::is_vertex(const Surface& surface, const Marks& marks, const Place& p,
+                              int direction) const {
   const std::int32_t pixel = pixel_of(surface, p);
   if (!marks.keep.empty() && marks.keep[pixel] != Keep::kFree) return true;
-  if (!p.is_on_side()) return false;
-  if (p.is_corner() || marks.errors[pixel] >= marks.threshold) return true;
-  return turns_at_line(CellsAround(surface, u0_ + p.u, v0_ + p.v), p.u == 0 || p.u == kSize);
+  if (p.is_on_side()) {
+    if (p.is_corner() || marks.errors[pixel] >= marks.threshold) return true;
+    const bool upright = p.u == 0 || p.u == kSize;
+    if (turns_at_line(CellsAround(surface, u0_ + p.u, v0_ + p.v), upright)) return true;
+    direction = upright ? kTop : kRight;
+  }
+  const std::int32_t step = kUp[direction] * surface.cols() + kAcross[direction];
+  return off_line(surface, pixel, step) >= kFarOff * marks.threshold;
 }
 
 /// Takes a loop of edges, which has the surface on its left, and appends where it turns or has a
@@ -263,7 +285,7 @@ void ContourBlocks::trace(const Surface& surface, const Marks& marks, int start)
     while ((mask >> (next & 7) & 1U) == 0) --next;
     next &= 7;
     const Place place{p % kStride, p / kStride};
-    if (next != direction || is_vertex(surface, marks, place)) places_.push_back(place);
+    if (next != direction || is_vertex(surface, marks, place, direction)) places_.push_back(place);
     direction = next;
   } while (p != start || direction != first_direction);
   loops_.push_back({first, static_cast<std::int32_t>(places_.size())});

@@ -10,8 +10,9 @@
 namespace manip3d::relief_detail {
 
 /// Squares of pixels in which a surface ends or is cut, each triangulated on its own: the contour
-/// within a square keeps every pixel at which it turns, and the rest of the square needs no vertex.
-/// A bisection would have to grade from single pixels at the contour to large triangles.
+/// within a square keeps every pixel at which it turns, in the image or by far in space, and the
+/// rest of the square needs no vertex. A bisection would have to grade from single pixels at the
+/// contour to large triangles.
 ///
 /// Neighbouring squares agree on the vertices of the side between them by a rule that is the same
 /// from either of them, so that together they are one mesh without gaps. It covers exactly what the
@@ -76,7 +77,9 @@ class ContourBlocks {
     std::span<const Keep> keep;
   };
   void trace(const Surface& surface, const Marks& marks, int start);
-  [[nodiscard]] bool is_vertex(const Surface& surface, const Marks& marks, const Place& p) const;
+  /// @param direction  in which the contour goes on there.
+  [[nodiscard]] bool is_vertex(const Surface& surface, const Marks& marks, const Place& p,
+                               int direction) const;
   void join_holes();
   void join(const Loop& hole);
   [[nodiscard]] bool is_seen(const Place& from, const Place& to) const;

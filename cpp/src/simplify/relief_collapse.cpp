@@ -504,6 +504,30 @@ bool Collapser::leave_out_least(Triangulation& mesh) {
   return true;
 }
 
+bool Collapser::is_speck(std::int32_t piece, std::int64_t least_pixels) const {
+  return piece != largest_ && !pieces_[piece].fixed &&
+         pieces_[piece].doubled_pixels < 2 * least_pixels;
+}
+
+bool Collapser::has_specks(std::int64_t least_pixels) const {
+  for (std::int32_t i = 0; i < static_cast<std::int32_t>(pieces_.size()); ++i) {
+    if (is_speck(i, least_pixels)) return true;
+  }
+  return false;
+}
+
+void Collapser::leave_out_specks(Triangulation& mesh, std::int64_t least_pixels) {
+  std::vector<std::vector<std::int32_t>> faces(pieces_.size());
+  for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
+    if (!mesh.is_face(t)) continue;
+    const std::int32_t piece = nodes_[mesh.triangle(t)[0]].piece;
+    if (is_speck(piece, least_pixels)) faces[piece].push_back(t);
+  }
+  for (std::int32_t i = 0; i < static_cast<std::int32_t>(pieces_.size()); ++i) {
+    if (!faces[i].empty()) leave_out(mesh, i, faces[i]);
+  }
+}
+
 bool Collapser::refuses_now(const Surface& surface, std::int64_t num_vertices, OffFaces off,
                             bool forced) {
   if (!surface.steps().has_steps()) return false;

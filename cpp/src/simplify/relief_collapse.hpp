@@ -74,6 +74,10 @@ class Collapser {
   /// @return  pixels of the pieces left out.
   std::int64_t run(const Surface& surface, Triangulation& mesh, std::int64_t target,
                    float round_share, OffFaces off);
+  /// Are there pieces of fewer pixels than this that may be left out? Never the largest.
+  [[nodiscard]] bool has_specks(std::int64_t least_pixels) const;
+  /// Leaves these out, before run().
+  void leave_out_specks(Triangulation& mesh, std::int64_t least_pixels);
 
  private:
   static constexpr std::int32_t kCloseHole = -1, kLeaveOut = -2;
@@ -131,6 +135,7 @@ class Collapser {
   void sweep_below(const Surface& surface, Triangulation& mesh, std::int64_t target, float limit);
   [[nodiscard]] float known_price(const Triangulation& mesh, std::int64_t count);
   void compact(Triangulation& mesh);
+  [[nodiscard]] bool is_speck(std::int32_t piece, std::int64_t least_pixels) const;
   bool leave_out_least(Triangulation& mesh);
   [[nodiscard]] static bool refuses_now(const Surface& surface, std::int64_t num_vertices,
                                         OffFaces off, bool forced);

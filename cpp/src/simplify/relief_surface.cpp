@@ -783,6 +783,40 @@ bool Surface::assign_filled(const Surface& before, const PointGridView& grid, co
   return true;
 }
 
+float Surface::cell_area(std::int32_t a) const {
+  float area = 0.0F;
+  for (const bool second : {false, true}) {
+    if ((cells_[a] & (second ? kSecond : kFirst)) == 0) continue;
+    const auto [p, q, r] = cell_triangle(cells_[a], second, a, cols_);
+    const Vec3 from = samples_[p].point();
+    area += 0.5F * (samples_[q].point() - from).cross(samples_[r].point() - from).norm();
+  }
+  return area;
+}
+
+float Surface::area_not_here(const Surface& whole) const {
+  const int du = u0_ - whole.u0_, dv = v0_ - whole.v0_;
+  float area = 0.0F;
+  for (int v = 0; v + 1 < used_rows_; ++v) {
+    for (int u = 0; u + 1 < used_cols_; ++u) {
+      if ((cells_[v * cols_ + u] & kFull) != 0) continue;
+      const std::int32_t a = (2 * v + dv) * whole.cols_ + 2 * u + du;
+      area += whole.cell_area(a) + whole.cell_area(a + 1) + whole.cell_area(a + whole.cols_) +
+              whole.cell_area(a + whole.cols_ + 1);
+    }
+  }
+  // The cells around all of these.
+  const int end_u = du + 2 * (used_cols_ - 1), end_v = dv + 2 * (used_rows_ - 1);
+  for (int v = 0; v + 1 < whole.used_rows_; ++v) {
+    const bool is_beside = v < dv || v >= end_v;
+    for (int u = 0; u + 1 < whole.used_cols_; ++u) {
+      if (!is_beside && u == du) u = end_u;
+      if (u + 1 < whole.used_cols_) area += whole.cell_area(v * whole.cols_ + u);
+    }
+  }
+  return area;
+}
+
 void Surface::assign_half(const Surface& whole) {
   step_ = 2;
   u0_ = whole.u0_ + (whole.u0_ & 1);

@@ -186,11 +186,14 @@ class Surface {
   [[nodiscard]] Eigen::Vector2f pixels_along(std::int32_t pixel, const Vec3& move) const;
   /// The mean over the used pixels.
   [[nodiscard]] float mean_area() const;
+  /// After assign_half(): the area of the other surface's triangles where there is none here.
+  [[nodiscard]] float area_not_here(const Surface& whole) const;
   [[nodiscard]] double unit() const { return unit_; }
   [[nodiscard]] const Eigen::Vector3d& center() const { return center_; }
 
  private:
   bool crop(const PointGridView& grid);
+  [[nodiscard]] float cell_area(std::int32_t a) const;
   /// Whether lone pixels far from all others could leave the rest too little precision.
   [[nodiscard]] bool is_stretched(const DenseRule& rule) const;
   /// Keeps the valid pixels that some triangle can use, by the rule.
