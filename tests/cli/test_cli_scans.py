@@ -80,7 +80,7 @@ def test_limits_of_readers_hold_for_every_verb(
 
 
 def test_a_limit_is_more_than_nothing(tmp_path: Path) -> None:
-    assert "max_seconds: expected > 0" in run("--max-seconds", 0, "info", tmp_path, code=1)
+    assert "--max-seconds: expected > 0" in run("--max-seconds", 0, "info", tmp_path, code=1)
     assert manip3d("--max-points", "0", "info", tmp_path).returncode == 2
 
 
