@@ -67,7 +67,7 @@ constexpr std::array<std::int64_t, 15> kFewSizes = {3,  4,  5,  6,  7,  8,  10, 
 /// A piece of fewer than one pixel of so many is a speck.
 constexpr std::int64_t kSpeck = 1000;
 
-/// Work of an effort. Measured on the Stanford scans; each step pays for itself.
+/// The work that an effort does. Measured on the Stanford scans; each step pays for itself.
 struct Budget {
   double start;       ///< Bisections of the first triangulation per target point.
   int finest;         ///< Pixels between its inner vertices, from kSparse on.
