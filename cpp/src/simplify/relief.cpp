@@ -540,14 +540,14 @@ void Relief::Memory::make_best_mesh(const ReliefOptions& options, std::int64_t t
     try_mesh(options, target, OffFaces::kAvoid, 1.0, covered, result);
     try_mesh(options, target, OffFaces::kNever, kWorthLeaving, covered, result);
   }
+  const auto end = std::ranges::lower_bound(kFewSizes, target);
+  for (auto size = end; size != kFewSizes.begin() && end - size < tries;) {
+    try_mesh(options, *--size, OffFaces::kTake, kWorthLeaving, covered, result);
+  }
   if (has_specks && tries > 0) {
     leaves_specks = true;
     try_mesh(options, target, OffFaces::kTake, kWorthLeaving, covered, result);
     leaves_specks = false;
-  }
-  const auto end = std::ranges::lower_bound(kFewSizes, target);
-  for (auto size = end; size != kFewSizes.begin() && end - size < tries;) {
-    try_mesh(options, *--size, OffFaces::kTake, kWorthLeaving, covered, result);
   }
 }
 
