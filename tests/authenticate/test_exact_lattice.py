@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -528,3 +529,40 @@ def test_a_folder_of_scans_calibrates_a_lattice(tmp_path: Path) -> None:
     assert lattice.power["moved"].source == f"2 clean scans of {tmp_path.name}"
     with pytest.raises(InputError, match="expected a folder with velodyne_points/data"):
         calibrate_lattice([tmp_path.parent])
+
+
+def _turned(points: Points, angle: float) -> Points:
+    """As with a calibration of few digits: about an axis that lies."""
+    x, y, z = points.astype(float).T
+    return np.column_stack([x + angle * z, y, z - angle * x]).astype(np.float32)
+
+
+def _deskewed(points: Points, metres: float) -> Points:
+    share = np.arctan2(points[:, 1], points[:, 0]) / (2.0 * np.pi)
+    return (points + np.outer(share, [0.8 * metres, 0.6 * metres, 0.1 * metres])).astype(np.float32)
+
+
+def _from_map(points: Points, away: float) -> Points:
+    """To coordinates of a map and back, both in single precision."""
+    place = np.array([away, -0.7 * away, 0.02 * away])
+    there = (points.astype(float) + place).astype(np.float32)
+    return (there - place).astype(np.float32)
+
+
+TINY: dict[str, Callable[[Points, float], Points]] = {
+    "turned": lambda p, step: _turned(p, 1e-6 * step),
+    "deskewed": lambda p, step: _deskewed(p, 3e-5 * step),
+    "in a map": lambda p, step: _from_map(p, 400.0 * step),
+    "scaled": lambda p, step: (p.astype(float) * (1.0 + 1e-6 * step)).astype(np.float32),
+}
+
+
+@pytest.mark.parametrize("change", TINY)
+def test_what_moves_points_by_a_tenth_of_a_millimetre_accuses_nobody(
+    unit: Unit, change: str
+) -> None:
+    """The errors of all points reach as far as those of the few beyond the tolerance."""
+    for step in (1.0, 2.0, 3.0, 5.0, 10.0):
+        for seed in range(2):
+            scan = without_labels(TINY[change](exact_scan(unit, seed).points, step))
+            assert said(scan).verdict in ("undecidable", "processed"), (step, seed)

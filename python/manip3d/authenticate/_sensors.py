@@ -104,6 +104,13 @@ FEWEST_EXACT_RINGS, MOST_OFF_EXACT = 8, 0.001
 lattice, in the median of directions. Of five clouds of five scanners by Hesai and Ouster none is,
 nor is any of Velodyne's packets of three scanners, whose azimuths have no steps."""
 
+SURELY_EXACT, MOST_BETWEEN = 40.0, 0.5
+"""Metres within which single precision leaves less than a quarter of the tolerance of an exact
+lattice; and points whose errors lie between that and the tolerance, at most, as a part of those
+that are farther off. What was moved by whole centimetres leaves 0.05, and up to 0.25 where steps
+are short. A cloud that was turned, deskewed or rounded by a little has more of them than points
+that are off."""
+
 MOST_EDITED = 0.1
 """Share of the points of a scan that may be off an exact lattice: more are another scanner's. A car
 5 m from the scanners that were looked at is 0.07."""
@@ -334,7 +341,7 @@ def _on_exact_lattice(
     some = there >= FEWEST_OF_SECTOR
     if np.count_nonzero(some) < FEWEST_SECTORS or np.median(share[some]) > MOST_OFF_EXACT:
         return None
-    if np.mean(off[told]) > MOST_EDITED:
+    if np.mean(off[told]) > MOST_EDITED or _errors_go_on(points, lattice, reading, told):
         return None
     steps = f", {lattice.steps} steps of azimuth" if lattice.steps else ""
     ranges = f"{1000.0 * lattice.range_step:g} mm"
@@ -342,6 +349,24 @@ def _on_exact_lattice(
     model = _by_beams(points).name
     name = model if model in BEAMS else _name_of(lattice)
     return Sensor(name, "lattice", reason, lattice, is_own=True)
+
+
+def _errors_go_on(
+    points: NDArray[np.float32],
+    lattice: SensorLattice,
+    reading: LatticeReading,
+    told: NDArray[np.bool_],
+) -> bool:
+    """Whether points off an exact lattice are the far end of errors that many others have, too.
+
+    Of an exact cloud what was not edited is on the lattice to a tenth of the tolerance.
+    """
+    errors = (reading.line_error, reading.step_error, reading.range_error)
+    error = np.max(np.abs(errors), axis=0)[told]
+    off = np.count_nonzero(error > lattice.tolerance)
+    near = np.abs(points[told]).max(axis=1) < SURELY_EXACT
+    between = (error > lattice.tolerance / 4.0) & (error <= lattice.tolerance) & near
+    return bool(np.count_nonzero(between) > MOST_BETWEEN * off)
 
 
 TURNED_AXES: Mapping[str, tuple[tuple[int, int], ...]] = MappingProxyType(
