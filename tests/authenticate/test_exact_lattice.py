@@ -532,7 +532,7 @@ def test_a_folder_of_scans_calibrates_a_lattice(tmp_path: Path) -> None:
 
 
 def _turned(points: Points, angle: float) -> Points:
-    """As with a calibration of few digits: about an axis that lies."""
+    """Turn about an axis that lies, as a calibration of few digits does."""
     x, y, z = points.astype(float).T
     return np.column_stack([x + angle * z, y, z - angle * x]).astype(np.float32)
 

@@ -359,7 +359,7 @@ def _errors_go_on(
 ) -> bool:
     """Whether points off an exact lattice are the far end of errors that many others have, too.
 
-    Of an exact cloud what was not edited is on the lattice to a tenth of the tolerance.
+    Points of an exact cloud that nobody edited are on the lattice to a tenth of the tolerance.
     """
     errors = (reading.line_error, reading.step_error, reading.range_error)
     error = np.max(np.abs(errors), axis=0)[told]
@@ -526,7 +526,7 @@ def _by_grid(frame: LidarFrame, threads: int) -> Sensor | None:
 def _is_scanned(row: Floats, column: Floats) -> bool:
     """Whether directions were measured one beside the other, and not rounded to a grid.
 
-    What a scanner sees fills its grid cell by cell, and each cell once or twice. Rounded directions
+    Returns of a scanner fill its grid cell by cell, and each cell once or twice. Rounded directions
     of another scanner leave most cells empty, or hit many of them again.
     """
     up, along = (each - each.min() for each in (row, column))
