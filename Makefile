@@ -13,6 +13,8 @@ BIN := $(VENV)/bin
 STAMPS := $(VENV)/stamps
 VIEWER := python/manip3d/viewer
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
+# A compiler cache, where there is one, else keeps nothing that was compiled with precompiled headers.
+export CCACHE_SLOPPINESS ?= pch_defines,time_macros
 # Images of containers set it: each command would compile all that it imports, in twice the time.
 unexport PYTHONDONTWRITEBYTECODE
 
