@@ -1,10 +1,12 @@
 #include "authenticate/ground_plane.hpp"
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <vector>
+
+#include "geometry/small_solvers.hpp"
 
 namespace manip3d {
 namespace {
@@ -54,7 +56,7 @@ std::optional<GroundPlane> find_ground_plane(const PointsView& points) {
       ++agreeing;
     }
     if (agreeing < kFewest) return std::nullopt;
-    const Eigen::Vector3d solution = gram.ldlt().solve(right);
+    const Eigen::Vector3d solution = solve_symmetric(gram, right);
     if (!solution.allFinite()) return std::nullopt;
     plane = {solution.x(), solution.y(), solution.z()};
   }

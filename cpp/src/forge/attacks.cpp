@@ -1,6 +1,5 @@
 #include "manip3d/forge/attacks.hpp"
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
@@ -9,6 +8,7 @@
 
 #include "geometry/kd_tree.hpp"
 #include "geometry/select_rows.hpp"
+#include "geometry/small_solvers.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/angles.hpp"
 #include "manip3d/geometry/random.hpp"
@@ -79,8 +79,7 @@ Vector3d surface_normal(const Points& points, const KdTree& tree, Eigen::Index r
     const Vector3d d = points.row(r).transpose().cast<double>() - mean;
     covariance += d * d.transpose();
   }
-  const Eigen::SelfAdjointEigenSolver<Matrix3d> solver(covariance);
-  const Vector3d normal = solver.eigenvectors().col(0);
+  const Vector3d normal = principal_axes(covariance).directions.col(0);
   const Vector3d to_scanner = origin - points.row(row).transpose().cast<double>();
   return normal.dot(to_scanner) < 0.0 ? Vector3d(-normal) : normal;
 }

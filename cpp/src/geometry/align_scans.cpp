@@ -1,6 +1,6 @@
 #include "manip3d/geometry/align_scans.hpp"
 
-#include <Eigen/Dense>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <bit>
 #include <cmath>
@@ -9,6 +9,7 @@
 
 #include "geometry/kd_tree.hpp"
 #include "geometry/median.hpp"
+#include "geometry/small_solvers.hpp"
 #include "manip3d/error.hpp"
 
 namespace manip3d {
@@ -124,10 +125,9 @@ class LocalPlanes {
       const Eigen::Vector3d off = point(k) - mean;
       spread += off * off.transpose();
     }
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(spread);
-    const auto& values = solver.eigenvalues();
-    const bool flat = values[0] < kFlatness * values[1];
-    return {flat ? Plane::State::kFlat : Plane::State::kNone, solver.eigenvectors().col(0)};
+    const PrincipalAxes axes = principal_axes(spread);
+    const bool flat = axes.spreads[0] < kFlatness * axes.spreads[1];
+    return {flat ? Plane::State::kFlat : Plane::State::kNone, axes.directions.col(0)};
   }
 
   const Points& points_;
@@ -202,7 +202,7 @@ ScanMotion ScanAligner::align(const PointsView& source, const ScanMotion& start,
     motion.pairs = static_cast<std::int64_t>(distances.size());
     if (distances.size() < kFewestMatches) return motion;
     motion.residual = median(std::span(distances));
-    const Eigen::Matrix<double, 6, 1> step = normal.ldlt().solve(right);
+    const Eigen::Matrix<double, 6, 1> step = solve_symmetric(normal, right);
     if (!step.allFinite()) return ScanMotion{};
     const Eigen::Matrix3d turn = turned_by(step.head<3>());
     motion.rotation = turn * motion.rotation;

@@ -1,6 +1,7 @@
 #include "manip3d/geometry/scan_origin.hpp"
 
-#include <Eigen/Dense>
+#include <Eigen/Cholesky>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -15,6 +16,7 @@
 #include "geometry/kd_tree.hpp"
 #include "geometry/median.hpp"
 #include "geometry/select_rows.hpp"
+#include "geometry/small_solvers.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/angles.hpp"
 #include "manip3d/geometry/random.hpp"
@@ -90,11 +92,11 @@ std::vector<Patch> sample_patches(const Points& points, const Progress& progress
     }
     around.rowwise() -= around.colwise().mean().eval();
     const Eigen::Matrix3d spread = around.transpose() * around;
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(spread);
-    const Vector3d extent = solver.eigenvalues();
+    const PrincipalAxes axes = principal_axes(spread);
+    const Vector3d& extent = axes.spreads;
     const double area = kPi * near.squared_distances.back();
     if (!(area > 0.0 && extent[1] > kFlat * extent[2])) continue;
-    patches.push_back({points.row(row).cast<double>().transpose(), solver.eigenvectors().col(0),
+    patches.push_back({points.row(row).cast<double>().transpose(), axes.directions.col(0),
                        static_cast<double>(near.rows.size()) / area});
   }
   return patches;

@@ -1,12 +1,12 @@
 #include "modify/leg_turn.hpp"
 
-#include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
 
+#include "geometry/small_solvers.hpp"
 #include "manip3d/modify/joint_smoother.hpp"
 
 namespace manip3d {
@@ -183,7 +183,7 @@ std::optional<LegPlane> plane_between(const SeenLeg& intact, const SeenLeg& affe
       lay(affected, intact, k, -1.0);
       lay(intact, affected, k, 1.0);
     }
-    plane += information.ldlt().solve(gradient);
+    plane += solve_symmetric(information, gradient);
   }
   const bool is_likely = std::abs(plane[0]) < kMostTurn && std::abs(plane[2]) < kMostShift;
   const bool fits = std::ranges::all_of(off, [](double o) { return o < kMostOff; });

@@ -11,6 +11,7 @@
 #include <tuple>
 
 #include "geometry/constants.hpp"
+#include "geometry/small_solvers.hpp"
 #include "manip3d/modify/joint_smoother.hpp"
 #include "modify/phantom_image.hpp"
 #include "modify/ray_at.hpp"
@@ -215,7 +216,7 @@ std::optional<Eigen::Vector3d> normal_at(const DepthView& depth, const PixelRays
     }
   }
   if (4 * used < 3 * asked) return std::nullopt;
-  const Eigen::Vector3d slope = moments.ldlt().solve(sums);
+  const Eigen::Vector3d slope = solve_symmetric(moments, sums);
   const Eigen::Vector3d normal = Eigen::Vector3d(slope.x(), slope.y(), -1.0).normalized();
   if (!(-normal.dot(p) > kLeastCosine * p.norm())) return std::nullopt;
   return normal;
@@ -484,7 +485,7 @@ void TrunkTracker::measure_symmetry(const DepthView& depth, const PixelRays& ray
       gradient += weight * found->off * row;
     }
     const Eigen::Matrix3d information = told + Eigen::Matrix3d(prior.asDiagonal());
-    moved += information.ldlt().solve(gradient);
+    moved += solve_symmetric(information, gradient);
     n = (axes->n + moved[0] * axes->y + moved[1] * axes->z).normalized();
     o = axes->origin + moved[2] * axes->n;
   }
@@ -731,7 +732,7 @@ void TrunkTracker::fit(const Skeleton* joints, const DepthView& depth, const Pix
                                       : static_cast<double>(agreed.points) /
                                             static_cast<double>(surface_.size());
     if (joints != nullptr) add_joints(*joints, frames * kJointScale, equations);
-    const Vector6 step = equations.information.ldlt().solve(equations.gradient);
+    const Vector6 step = solve_symmetric(equations.information, equations.gradient);
     moved += step;
     pose_->rotation = (small_turn(step.head<3>()) * pose_->rotation).normalized();
     pose_->translation += step.tail<3>();
@@ -825,7 +826,7 @@ void TrunkTracker::follow_pelvis(const Skeleton* joints, const DepthView& depth,
     equations.gradient[0] -= kTurnWeight * pelvis_.told;
     add_pelvis_surface(moved, depth, rays, projector, equations);
     if (joints != nullptr) add_pelvis_joints(moved, *joints, equations);
-    const Eigen::Vector4d step = equations.information.ldlt().solve(equations.gradient);
+    const Eigen::Vector4d step = solve_symmetric(equations.information, equations.gradient);
     pelvis_.told += step[0];
     moved += step.tail<3>();
   }

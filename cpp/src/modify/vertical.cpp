@@ -1,6 +1,5 @@
 #include "modify/vertical.hpp"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <functional>
@@ -8,6 +7,7 @@
 #include <span>
 #include <utility>
 
+#include "geometry/small_solvers.hpp"
 #include "modify/ray_at.hpp"
 
 namespace manip3d {
@@ -107,10 +107,9 @@ std::optional<FloorPlane> fitted_plane(std::span<const Eigen::Vector3f> points, 
     }
     if (!(sum > static_cast<double>(kLeastNormals) / 2.0)) return std::nullopt;
     mean /= sum;
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(moments / sum -
-                                                              mean * mean.transpose());
-    if (!(axes.eigenvalues()[1] > kLeastAcross)) return std::nullopt;
-    Eigen::Vector3d normal = axes.eigenvectors().col(0);
+    const PrincipalAxes axes = principal_axes(moments / sum - mean * mean.transpose());
+    if (!(axes.spreads[1] > kLeastAcross)) return std::nullopt;
+    Eigen::Vector3d normal = axes.directions.col(0);
     if (normal.dot(plane.normal.cast<double>()) < 0.0) normal = -normal;
     plane.normal = normal.cast<float>();
     plane.height = static_cast<float>(normal.dot(mean));
