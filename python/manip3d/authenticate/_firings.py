@@ -76,7 +76,7 @@ class Firings(NamedTuple):
 
     @property
     def cells(self) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
-        """Places in `answered`, counted row after row, of the points on a firing, and their rows."""
+        """Places in `answered`, row after row, of the points on a firing, and their rows."""
         rows = np.flatnonzero(self.firing >= 0)
         return self.ring[rows] * np.int64(self.answered.shape[1]) + self.firing[rows], rows
 
