@@ -421,7 +421,7 @@ def _write_png(path: Path, image: NDArray[np.uint8]) -> None:
 
 @app.command("list")
 def capture_list(as_json: Json = False) -> None:
-    """List the cameras and recordings that can be opened here, and why others cannot.
+    """List which sources can be opened here, and why others cannot.
 
     Example: manip3d capture list
     """
@@ -525,7 +525,7 @@ def capture_play(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Read frame after frame and print how fast they come; with -o, write pictures.
+    """Read all frames, print how fast they come; with -o, draw them.
 
     Example: manip3d capture play patient.mkv -o frames.png
     """

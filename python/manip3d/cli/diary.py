@@ -578,7 +578,7 @@ def _remove(shell: Terminal, files: Sequence[Path]) -> list[Path]:
 
 @app.command("audit")
 def audit(path: File, key: Key = None, as_json: Json = False) -> None:
-    """List what was done to a diary, by time: enrolments, sessions, exports, deletions.
+    """List what was done to a diary, by time: who, what and when.
 
     Times are those of the computer on which it was done, with their offset from UTC. Entries about
     deleted participants are deleted, too. Each row is bound to those before it by a keyed hash; if

@@ -104,7 +104,7 @@ def study_stimuli(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Make the stimuli that a definition names: forged streams or simplified meshes.
+    """Make the stimuli that a definition names: streams or meshes.
 
     They are written beside the definition, under the name that it gives. Stimuli of --images get
     names that do not reveal their kind; a rating of them needs composition = "any".
