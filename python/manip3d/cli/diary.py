@@ -578,10 +578,11 @@ def _remove(shell: Terminal, files: Sequence[Path]) -> list[Path]:
 
 @app.command("audit")
 def audit(path: File, key: Key = None, as_json: Json = False) -> None:
-    """List what was done to a diary, by time: who, what and when.
+    """List what was done to a diary, and when.
 
-    Times are those of the computer on which it was done, with their offset from UTC. Entries about
-    deleted participants are deleted, too. Each row is bound to those before it by a keyed hash; if
+    The list has enrolments, sessions, exports and deletions. Times are those of the computer on
+    which it was done, with their offset from UTC. Entries about deleted participants are deleted,
+    too. Each row is bound to those before it by a keyed hash; if
     a row was changed or is missing, the first such row is named and the exit code is 1.
 
     Example: manip3d diary audit study.diary
