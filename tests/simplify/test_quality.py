@@ -166,6 +166,57 @@ def test_thin_pieces_become_flat_rather_than_vanish(faces_each: int) -> None:
     assert error.max < 0.01  # of the diagonal; 0.14 to 0.2 before
 
 
+def perforated_plate(cells: tuple[int, int], radius: float) -> Mesh:
+    """A closed plate of squares of size 1, each with a round hole of 16 sides; 0.1 thick."""
+    sides, thickness = 16, 0.1
+    turn = 2 * np.pi * (np.arange(sides) + 0.5) / sides
+    circle = np.column_stack([np.cos(turn), np.sin(turn)])
+    square = 0.5 * circle / np.abs(circle).max(axis=1, keepdims=True)
+    rims = np.vstack([square, radius * circle])
+    centers = np.stack(np.meshgrid(*map(np.arange, cells)), axis=-1).reshape(-1, 1, 2)
+    plane = (centers + rims).reshape(-1, 2)
+    here, after = np.arange(sides), np.roll(np.arange(sides), -1)
+    flat_faces = np.vstack(
+        [
+            np.column_stack([here, after, after + sides]),
+            np.column_stack([here, after + sides, here + sides]),
+        ]
+    )
+    hole = np.column_stack([here + sides, after + sides])
+    outer = np.column_stack([after, here])
+    tops, walls = [], []
+    for center, start in zip(centers[:, 0], range(0, len(plane), 2 * sides), strict=True):
+        tops.append(flat_faces + start)
+        middle = center + square[outer].mean(axis=1)
+        is_outside = ((middle < -0.49) | (middle > np.array(cells) - 0.51)).any(axis=1)
+        walls.append(np.vstack([hole, outer[is_outside]]) + start)
+    top, (a, b) = np.vstack(tops), np.vstack(walls).T
+    above = len(plane)
+    faces = [
+        top + above,
+        top[:, ::-1],
+        np.column_stack([a, b, b + above]),
+        np.column_stack([a, b + above, a + above]),
+    ]
+    height = [np.column_stack([plane, np.full(above, z)]) for z in (0.0, thickness)]
+    return simplify.clean(Mesh(np.vstack(height), np.vstack(faces).astype(np.int32))).mesh
+
+
+@pytest.mark.parametrize(
+    ("cells", "radius", "faces", "limit"),
+    [((1, 1), 0.1, 20, 0.008), ((3, 2), 0.1, 80, 0.003), ((3, 2), 0.2, 40, 0.012)],
+)
+def test_holes_close_before_a_plate_loses_its_outline(
+    cells: tuple[int, int], radius: float, faces: int, limit: float
+) -> None:
+    """Holes stayed until all else cost 30 times as much: errors of 0.019, 0.0058 and 0.0144."""
+    plate = perforated_plate(cells, radius)
+    result = simplify.quality(plate, target_faces=faces)
+    assert result.stop == StopReason.TARGET_REACHED
+    error = metrics.metro(plate, result.mesh, sampling="area", samples=10_000)
+    assert error.mean < limit
+
+
 def bent_plate() -> Mesh:
     """A closed plate, bent by a radian: 1 long, 0.6 wide, 0.02 thick."""
     e = np.arange(10) / 10

@@ -22,7 +22,7 @@ namespace manip3d {
 // collapse, two do so after it: such a sheet is meant to be seen from both sides.
 
 /// Rules on what is forbidden. Later ones hold only when the target was out of reach before, or, in
-/// the mode `quality`, when the first rule costs far more than it is worth.
+/// the mode `quality`, for a collapse that the first rule forbids while all others cost more.
 enum class Rules : std::uint8_t {
   kAll,       // no new edge with more than two faces, no flip, no degenerate or duplicate face
   kAnyEdges,  // edges may get more faces

@@ -23,6 +23,7 @@ class CollapseCheck {
         ring_t_(mesh.num_vertices()) {}
 
   [[nodiscard]] Rules rules() const { return rules_; }
+  void set_rules(Rules rules) { rules_ = rules; }
   void relax() { rules_ = rules_ == Rules::kAll ? Rules::kAnyEdges : Rules::kFlips; }
 
   /// Looks at two vertices, which the functions below speak of; their edge, if they have one.

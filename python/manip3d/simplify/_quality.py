@@ -184,7 +184,7 @@ def quality(
     fitted to the original surface and its texture coordinates.
 
     No face turns over, and edges get no third face, unless the input has it, the target is out of
-    reach otherwise, or, for edges, all else costs 30 times as much and can be seen
+    reach otherwise, or, for edges, all else costs 1.5 times as much and can be seen
     (``relaxed_collapses``). No other vertices than those of ``locked`` are fixed.
 
     References
