@@ -34,7 +34,7 @@ class FastPieces {
   /// @param limit  price up to which pieces are cheap, in the unit of the collapses' prices.
   std::int64_t remove(double limit, Choice choice, std::int64_t target, double max_error);
 
-  /// What the cheapest piece costs that may go instead of so many faces; infinity: there is none.
+  /// The price of the cheapest piece that may go instead of so many faces; infinity: there is none.
   [[nodiscard]] double cheapest_price(std::int64_t needed, double max_error) const;
 
   /// Whether no edge of the piece of a face can collapse: it is a triangle or a tetrahedron. Their

@@ -261,7 +261,7 @@ class QualitySimplifier {
       queue_.push({best.price, v, t, entry.version});
       return;
     }
-    // What vanishes is missed more than a hole or a handle that closes.
+    // A part that vanishes is missed more than a hole or a handle that closes.
     if (leaves_nothing && is_forbidden_cheaper(best.price, 1.0) && may_relax_rules()) {
       queue_.push({best.price, v, t, entry.version});
       return try_forbidden();
