@@ -27,7 +27,7 @@ TOPICS = (
     "phantom",
 )
 
-parser = argparse.ArgumentParser(description="Write the tables of RESULTS.md anew; takes hours.")
+parser = argparse.ArgumentParser(description="Write the tables of the results anew; takes hours.")
 parser.add_argument(
     "topics", nargs="*", metavar="TOPIC", help=f"default: all of {', '.join(TOPICS)}"
 )

@@ -1,7 +1,7 @@
 """How many clean simulated scans `inspect` accuses, each judged by all its detectors together.
 
 ``python benchmarks/bench_alarms.py scans.jsonl`` judges clean scans of three scanners, for the
-section `alarms` of RESULTS.md: frames of drives of an HDL-64E, each with the turns before and after
+section `alarms` of the results: frames of drives of an HDL-64E, each with the turns before and after
 (detectors III, IV and V) and each alone (III and V), on streets where the car goes nearly straight
 on and (``--turning``) on others where it weaves, terrestrial scans of 0.2 degrees (I and II),
 an HDL-32E, which no detector is calibrated for, and three scanners by Hesai and Ouster, whose

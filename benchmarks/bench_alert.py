@@ -1,6 +1,6 @@
 """An AlertMonitor in real time: an HDL-64E with a stereo pair, ten frames a second, with a key.
 
-``python benchmarks/bench_alert.py [--seconds N]`` writes the section `alert` of RESULTS.md. The
+``python benchmarks/bench_alert.py [--seconds N]`` writes the section `alert` of the results. The
 frames are KITTI's drive 2011_09_26_0002 under ``MANIP3D_DATA``, over and over, each embedded anew,
 so that the chain of records goes on. What there is no time for is skipped, as by
 ``manip3d alert run --live``.

@@ -1,4 +1,4 @@
-"""How well the boxes of `inspect` fit cars that were moved: the section `boxes` of RESULTS.md.
+"""How well the boxes of `inspect` fit cars that were moved: the section `boxes` of the results.
 
 ``python benchmarks/bench_boxes.py`` moves each car of clean frames by 0.5 to 3 m over the ground,
 in a direction drawn by chance, writes the frame as the scanner does, and compares the box of the

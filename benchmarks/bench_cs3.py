@@ -1,6 +1,6 @@
 """CS3, stage by stage, on published scans and on full frames, one core and two.
 
-``python benchmarks/bench_cs3.py [--rounds N]`` writes the section `cs3` of RESULTS.md. Other work
+``python benchmarks/bench_cs3.py [--rounds N]`` writes the section `cs3` of the results. Other work
 on the machine only ever adds time, so of many rounds the least counts, each stage by itself.
 """
 

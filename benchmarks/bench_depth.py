@@ -1,7 +1,7 @@
 """Range images to sparse meshes beside the peers: tables 3.3 and 3.4 with what one would use today.
 
 ``python benchmarks/bench_depth.py [--models ...] [--methods ...] [--rounds N]`` writes the section
-`depth` of RESULTS.md. Peers simplify the dense mesh; their time includes making it. Every method
+`depth` of the results. Peers simplify the dense mesh; their time includes making it. Every method
 keeps as many vertices, runs in a process of its own pinned to one core, and a round runs each
 once.
 """

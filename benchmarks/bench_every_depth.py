@@ -153,7 +153,7 @@ def _key(row: Row) -> tuple[str, float, str]:
 
 
 def main() -> None:
-    """Run, store, and write the section `every_depth` of RESULTS.md."""
+    """Run, store, and write the section `every_depth` of the results."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     known = inputs()
     parser.add_argument("--inputs", nargs="*", default=known, choices=known, metavar="INPUT")

@@ -76,7 +76,7 @@ def compare(name: str, peers: list[str], timeout_s: float) -> list[Row]:
 
 
 def main() -> None:
-    """Run, store, and write the section `every_mesh` of RESULTS.md."""
+    """Run, store, and write the section `every_mesh` of the results."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument(
         "--meshes",

@@ -1,6 +1,6 @@
 """Time of the detectors, and of `inspect` with all of them, on one frame of an HDL-64E, one thread.
 
-``python benchmarks/bench_forensics.py [--rounds N]`` writes the section `forensics` of RESULTS.md.
+``python benchmarks/bench_forensics.py [--rounds N]`` writes the section `forensics` of the results.
 """
 
 from __future__ import annotations

@@ -115,7 +115,7 @@ def figure(rows: list[Row], path: Path) -> None:
 
 
 def main() -> None:
-    """Run, store, and write the section `growth` of RESULTS.md."""
+    """Run, store, and write the section `growth` of the results."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--faces", nargs="*", type=int, default=list(SIZES), metavar="N")
     parser.add_argument("--modes", nargs="+", default=list(MODES), choices=MODES)

@@ -1,6 +1,6 @@
 """Reading speed of OBJ and PLY beside trimesh, Open3D and PyMeshLab, one thread.
 
-``python benchmarks/bench_io.py [--rounds N]`` writes the section `reading` of RESULTS.md.
+``python benchmarks/bench_io.py [--rounds N]`` writes the section `reading` of the results.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Closest points on a surface beside Open3D's ray casting scene (Embree), one thread.
 
-``python benchmarks/bench_metrics.py [--rounds N]`` writes the section `closest` of RESULTS.md.
+``python benchmarks/bench_metrics.py [--rounds N]`` writes the section `closest` of the results.
 """
 
 from __future__ import annotations

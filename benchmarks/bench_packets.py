@@ -1,6 +1,6 @@
 """Decoding of Velodyne packets against the sensor's own rate, and beside velodyne-decoder.
 
-``python benchmarks/bench_packets.py [--rounds N]`` writes the section `packets` of RESULTS.md.
+``python benchmarks/bench_packets.py [--rounds N]`` writes the section `packets` of the results.
 One thread; from a recording in memory-backed files to frames with every column.
 """
 

@@ -1,7 +1,7 @@
 """How many edits `inspect` finds on real frames, by class: the numbers of its power.
 
 ``python benchmarks/bench_power.py`` plants edits in clean frames of KITTI's HDL-64E that chose no
-threshold and writes the section `power` of RESULTS.md. The frames before and after are clean. A
+threshold and writes the section `power` of the results. The frames before and after are clean. A
 scan may be called tampered at 1 % for all its detectors together.
 """
 

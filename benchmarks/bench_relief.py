@@ -16,7 +16,7 @@ each frame alone and by `ReliefStream`, as `manip3d reproduce sequences-3` measu
 
 Missing pixels: a share of the scenes' pixels, drawn at random, has no measurement; meshes have 5 %
 of the points that are left, and are cut at steps in depth. Coverage and error are those against the
-surface of the whole image. This part writes its section of RESULTS.md.
+surface of the whole image. This part writes its section of the results.
 """
 
 from __future__ import annotations

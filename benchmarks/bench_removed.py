@@ -2,7 +2,7 @@
 
 ``python benchmarks/bench_removed.py edits.jsonl`` deletes one thing of at least 100 returns at a
 time, 5 to 25 m away, from frames of simulated streets and of KITTI's drive 0005, none of which
-chose a threshold, and writes the section `removed` of RESULTS.md. The frame may be called tampered
+chose a threshold, and writes the section `removed` of the results. The frame may be called tampered
 at 1 % for all its detectors together; how often clean frames are is the section `alarms`.
 
 Every edit is a line of the file that is named; frames that it has are not judged again, so that a

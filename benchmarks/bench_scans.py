@@ -1,7 +1,7 @@
 """What kernels of forge and authenticate cost on scans of millions of points, one thread.
 
 ``python benchmarks/bench_scans.py [--rounds N] [--millions N]`` writes the section `scans` of
-RESULTS.md. Ratios are to a copy of the same scan, points and intensity, in the same run.
+the results. Ratios are to a copy of the same scan, points and intensity, in the same run.
 """
 
 from __future__ import annotations

@@ -99,7 +99,7 @@ def compare(model: models.Model, peers: list[str], rounds: int, folder: Path) ->
 
 
 def main() -> None:
-    """Run, store, and write the tables of RESULTS.md."""
+    """Run, store, and write the tables of the results."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument(
         "--models",

@@ -1,6 +1,6 @@
 """What it takes to import manip3d and to print its help, beside what the peers take.
 
-``python benchmarks/bench_startup.py [--rounds N]`` writes the section `startup` of RESULTS.md.
+``python benchmarks/bench_startup.py [--rounds N]`` writes the section `startup` of the results.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Time of embedding and verifying a watermark, beside a keyed hash of the same buffer.
 
-``python benchmarks/bench_watermark.py [--rounds N]`` writes the section `watermark` of RESULTS.md.
+``python benchmarks/bench_watermark.py [--rounds N]`` writes the section `watermark` of the results.
 One thread, processor time, the best of the rounds; all rows of one round are measured one after the
 other. The frame is one of KITTI's, under ``MANIP3D_DATA``.
 """

@@ -1,4 +1,4 @@
-"""Results as Markdown tables, each in its own section of RESULTS.md.
+"""Results as Markdown tables, each in its own section of RESULTS.md or of a page of ``results/``.
 
 A section lies between ``<!-- NAME -->`` and ``<!-- /NAME -->``; what stands around them is written
 by hand and stays.
@@ -14,21 +14,24 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-RESULTS = Path(__file__).with_name("RESULTS.md")
+SUMMARY = Path(__file__).with_name("RESULTS.md")
+PAGES = (SUMMARY, *sorted(SUMMARY.with_name("results").glob("*.md")))
 REFERENCE = "manip3d QEM4VR"
 MIB = 2**20
 Row = dict[str, Any]
 
 
-def write_section(name: str, markdown: str, path: Path = RESULTS) -> None:
-    """Replace a section; the file must have it."""
+def write_section(name: str, markdown: str) -> None:
+    """Replace a section of the page that has it."""
     pattern = re.compile(f"(<!-- {name} -->\n).*?(<!-- /{name} -->)", re.DOTALL)
-    text, found = pattern.subn(
-        lambda match: f"{match[1]}\n{markdown}\n{match[2]}", path.read_text(encoding="utf-8")
-    )
-    if not found:
-        raise ValueError(f"{path}: no section {name}")
-    path.write_text(text, encoding="utf-8")
+    for page in PAGES:
+        text, found = pattern.subn(
+            lambda match: f"{match[1]}\n{markdown}\n{match[2]}", page.read_text(encoding="utf-8")
+        )
+        if found:
+            page.write_text(text, encoding="utf-8")
+            return
+    raise ValueError(f"{SUMMARY} and its pages: no section {name}")
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -256,9 +259,9 @@ FEW_FACES = 50  # targets below are reported, not judged
 ROUNDING = 1e-9  # of the diagonal: smaller errors are equal
 
 
-def write_every_mesh(results: Row, path: Path = RESULTS) -> None:
+def write_every_mesh(results: Row) -> None:
     """The section `every_mesh`."""
-    write_section("every_mesh", every_mesh(results), path)
+    write_section("every_mesh", every_mesh(results))
 
 
 def every_mesh(results: Row) -> str:
@@ -389,9 +392,9 @@ def _every_mesh_worse(cases: list[Row]) -> str:
     return table(["worse than a peer", "error", "best peer", "ours", "its", "times"], body)
 
 
-def write_every_depth(results: Row, path: Path = RESULTS) -> None:
+def write_every_depth(results: Row) -> None:
     """The section `every_depth`."""
-    write_section("every_depth", every_depth(results), path)
+    write_section("every_depth", every_depth(results))
 
 
 def every_depth(results: Row) -> str:
@@ -414,9 +417,9 @@ def every_depth(results: Row) -> str:
     return "\n".join(parts)
 
 
-def write_every_coverage(rows: Sequence[Row], path: Path = RESULTS) -> None:
+def write_every_coverage(rows: Sequence[Row]) -> None:
     """The section `every_coverage`."""
-    write_section("every_coverage", every_coverage(rows), path)
+    write_section("every_coverage", every_coverage(rows))
 
 
 def every_coverage(rows: Sequence[Row]) -> str:
@@ -445,9 +448,9 @@ def every_coverage(rows: Sequence[Row]) -> str:
     return table(head, (line(*key, of) for key, of in groups.items()))
 
 
-def write_missing_pixels(results: Row, path: Path = RESULTS) -> None:
+def write_missing_pixels(results: Row) -> None:
     """The section `missing_pixels`."""
-    write_section("missing_pixels", missing_pixels(results), path)
+    write_section("missing_pixels", missing_pixels(results))
 
 
 def missing_pixels(results: Row) -> str:
