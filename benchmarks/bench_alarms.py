@@ -1,15 +1,14 @@
 """How many clean simulated scans `inspect` accuses, each judged by all its detectors together.
 
 ``python benchmarks/bench_alarms.py scans.jsonl`` judges clean scans of three scanners, for the
-section `alarms` of the results: frames of drives of an HDL-64E, each with the turns before and after
-(detectors III, IV and V) and each alone (III and V), on streets where the car goes nearly straight
-on and (``--turning``) on others where it weaves, terrestrial scans of 0.2 degrees (I and II),
-an HDL-32E, which no detector is calibrated for, and three scanners by Hesai and Ouster, whose
+section `alarms` of the results: frames of drives of an HDL-64E, each with the turns before and
+after (detectors III, IV and V) and each alone (III and V), on streets where the car goes nearly
+straight on and (``--turning``) on others where it weaves, terrestrial scans of 0.2 degrees (I and
+II), an HDL-32E, which no detector is calibrated for, and three scanners by Hesai and Ouster, whose
 drivers leave their lattices exact (III, by the lattice of each scan). ``--sequence`` judges drives
 of 100 frames as `inspect_drive` does and counts the alarms of `drive_evidence`, for the section
-`sequence`: the car weaves on every second street. ``--calibrate`` prints the
-strongest clean evidence of detectors IV and V instead, on streets that are in no report: their
-thresholds.
+`sequence`: the car weaves on every second street. ``--calibrate`` prints the strongest clean
+evidence of detectors IV and V instead, on streets that are in no report: their thresholds.
 
 Every scan is a line of the file that is named; scans that it has are not judged again, so that a
 run that was stopped goes on; ``--minutes`` stops it, and the table is of what was judged until

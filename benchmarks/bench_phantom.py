@@ -1,7 +1,7 @@
 """The phantom limb, stage by stage, beside table 4.1: simulated people at 8, 10 and 12 feet.
 
-``python benchmarks/bench_phantom.py [--rounds N] [--frames N]`` writes the section `phantom` of
-the results. One thread pinned to one core. Stages: of many rounds the least wall time of each frame,
+``python benchmarks/bench_phantom.py [--rounds N] [--frames N]`` writes the section `phantom` of the
+results. One thread pinned to one core. Stages: of many rounds the least wall time of each frame,
 averaged over the frames, as other work on the machine only ever adds time. Whole call: processor
 time of `PhantomPipeline.process` from Python, into arrays that are there, mean and 99th percentile
 over all calls.

@@ -1,11 +1,13 @@
 #include <pybind11/stl.h>
 
+#include <algorithm>
 #include <cstddef>
 #include <filesystem>
 #include <memory>
 #include <optional>
 #include <span>
 #include <string>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -28,16 +30,23 @@ using RowMatrix4 = Eigen::Matrix<double, 4, 4, Eigen::RowMajor>;
 
 using Strings = py::typing::List<py::str>;
 using MeshAndNotes = py::typing::Tuple<PyMesh, py::str, std::int64_t, std::int64_t, Strings>;
-using SceneNodes = py::typing::List<py::typing::Tuple<py::str, int, int, py::array_t<double>, bool,
-                                                      py::typing::Optional<py::array_t<double>>>>;
-using SceneMeshes = py::typing::List<py::typing::Tuple<py::str, PyMesh, py::str>>;
+using SceneNodes = py::typing::List<
+    py::typing::Tuple<py::str, int, int, py::array_t<double>, bool,
+                      py::typing::Optional<py::array_t<double>>, int, py::array_t<double>>>;
+using Joints = py::array_t<std::uint16_t, py::array::c_style | py::array::forcecast>;
+using Floats = py::array_t<float, py::array::c_style | py::array::forcecast>;
+/// Joints and weights (V, J), targets and what they add to normals (T, V, 3).
+using DeformationTables = py::typing::Tuple<Joints, Floats, Floats, Floats>;
+using SceneMeshes = py::typing::List<
+    py::typing::Tuple<py::str, PyMesh, py::str, py::typing::Optional<DeformationTables>>>;
 using SceneTables = py::typing::Tuple<SceneNodes, SceneMeshes, py::bytes, py::bytes, Strings>;
 using SurfaceTables =
     py::typing::Tuple<py::array_t<std::int32_t>, py::typing::List<Named<"manip3d.mesh.Material">>,
                       py::array_t<std::uint8_t>, py::str>;
 using PyDraco = Named<
     "collections.abc.Callable[[bytes], tuple[numpy.ndarray, dict[int, numpy.ndarray]] | str]">;
-using Level = py::typing::List<OptionalPyMesh>;
+using Level = py::typing::List<
+    py::typing::Optional<py::typing::Tuple<PyMesh, py::typing::Optional<DeformationTables>>>>;
 
 Strings to_list(const std::vector<std::string>& strings) {
   Strings list;
@@ -99,34 +108,80 @@ py::object instances_of(const SceneNode& node) {
   return rows;
 }
 
+/// (T, V, 3) of its values, or without any row.
+Floats target_rows(std::vector<float>&& values, const Deformation& deformation,
+                   py::ssize_t num_vertices) {
+  Floats rows({values.empty() ? py::ssize_t{0} : py::ssize_t{deformation.num_targets}, num_vertices,
+               py::ssize_t{3}});
+  std::copy(values.begin(), values.end(), rows.mutable_data());
+  return rows;
+}
+
+py::object deformation_of(SceneMesh& mesh) {
+  Deformation& given = mesh.deformation;
+  if (given.empty()) return py::none();
+  const py::ssize_t rows = mesh.mesh.vertices.rows();
+  Joints joints({rows, py::ssize_t{given.num_influences}});
+  Floats weights({rows, py::ssize_t{given.num_influences}});
+  std::copy(given.joints.begin(), given.joints.end(), joints.mutable_data());
+  std::copy(given.weights.begin(), given.weights.end(), weights.mutable_data());
+  Floats targets = target_rows(std::move(given.targets), given, rows);
+  Floats normals = target_rows(std::move(given.target_normals), given, rows);
+  return py::make_tuple(joints, weights, targets, normals);
+}
+
+template <typename T>
+std::span<const T> span_of(const py::array_t<T, py::array::c_style | py::array::forcecast>& array) {
+  return {array.data(), static_cast<std::size_t>(array.size())};
+}
+
+/// What a level of detail borrows for the length of a call.
+struct Borrowed {
+  std::vector<std::unique_ptr<BorrowedMesh>> meshes;
+  std::vector<py::object> arrays;
+};
+
+DeformationView borrow_deformation(const py::object& given, Borrowed& keep) {
+  if (given.is_none()) return {};
+  const auto [joints, weights, targets, normals] =
+      py::cast<std::tuple<Joints, Floats, Floats, Floats>>(given);
+  keep.arrays.insert(keep.arrays.end(), {joints, weights, targets, normals});
+  return {joints.shape(1),  targets.shape(0), span_of(joints),
+          span_of(weights), span_of(targets), span_of(normals)};
+}
+
 // (nodes, meshes, document, buffer, warnings); a node is (name, parent, mesh, transform, is drawn,
-// instances), a mesh (name, mesh, why it is fixed).
+// instances, joint, inverse bind matrix), a mesh (name, mesh, why it is fixed, deformation).
 SceneTables to_tuple(Scene&& scene) {
   const py::list materials = materials_to_python(scene.materials);
   py::list nodes, meshes;
   for (const SceneNode& node : scene.nodes) {
-    nodes.append(py::make_tuple(readable(node.name), node.parent, node.mesh,
-                                to_numpy(RowMatrix4(node.transform)), node.is_drawn,
-                                instances_of(node)));
+    nodes.append(py::make_tuple(
+        readable(node.name), node.parent, node.mesh, to_numpy(RowMatrix4(node.transform)),
+        node.is_drawn, instances_of(node), node.joint, to_numpy(RowMatrix4(node.inverse_bind))));
   }
   for (SceneMesh& mesh : scene.meshes) {
+    const py::object deformation = deformation_of(mesh);
     meshes.append(py::make_tuple(readable(mesh.name),
-                                 mesh_to_python(std::move(mesh.mesh), materials), mesh.fixed));
+                                 mesh_to_python(std::move(mesh.mesh), materials), mesh.fixed,
+                                 deformation));
   }
   return py::make_tuple(nodes, meshes, py::bytes(scene.document), py::bytes(scene.buffer),
                         to_list(scene.warnings));
 }
 
 /// The meshes of a level of detail, borrowed for the length of a call; None: as it was read.
-SceneLevel borrow_level(const Level& meshes, std::vector<std::unique_ptr<BorrowedMesh>>& keep) {
+SceneLevel borrow_level(const Level& meshes, Borrowed& keep) {
   SceneLevel level;
   for (const py::handle mesh : meshes) {
     if (mesh.is_none()) {
       level.emplace_back(std::nullopt);
       continue;
     }
-    keep.push_back(std::make_unique<BorrowedMesh>(py::reinterpret_borrow<py::object>(mesh)));
-    level.emplace_back(keep.back()->view());
+    const auto [triangles, deformation] = py::cast<std::pair<py::object, py::object>>(mesh);
+    keep.meshes.push_back(std::make_unique<BorrowedMesh>(triangles));
+    level.emplace_back(
+        SceneTriangles{keep.meshes.back()->view(), borrow_deformation(deformation, keep)});
   }
   return level;
 }
@@ -155,7 +210,7 @@ void bind_io(py::module_& m) {
          const std::vector<Level>& levels, std::int64_t max_vertices,
          const std::vector<double>& coverages, bool quantize) {
         const auto file = to_path(path, "path");
-        std::vector<std::unique_ptr<BorrowedMesh>> keep;
+        Borrowed keep;
         const SceneLevel finest = borrow_level(levels.at(0), keep);
         SceneWriteOptions options{max_vertices, {}, coverages, quantize};
         for (std::size_t i = 1; i < levels.size(); ++i) {

@@ -2492,9 +2492,24 @@ def read_scene(
             numpy.typing.NDArray[numpy.float64],
             bool,
             numpy.typing.NDArray[numpy.float64] | None,
+            int,
+            numpy.typing.NDArray[numpy.float64],
         ]
     ],
-    list[tuple[str, manip3d.mesh.Mesh, str]],
+    list[
+        tuple[
+            str,
+            manip3d.mesh.Mesh,
+            str,
+            tuple[
+                numpy.typing.NDArray[numpy.uint16],
+                numpy.typing.NDArray[numpy.float32],
+                numpy.typing.NDArray[numpy.float32],
+                numpy.typing.NDArray[numpy.float32],
+            ]
+            | None,
+        ]
+    ],
     bytes,
     bytes,
     list[str],
@@ -2758,7 +2773,21 @@ def write_scene(
     path: bytes,
     document: str,
     buffer: str,
-    levels: collections.abc.Sequence[list[manip3d.mesh.Mesh | None]],
+    levels: collections.abc.Sequence[
+        list[
+            tuple[
+                manip3d.mesh.Mesh,
+                tuple[
+                    typing.Annotated[numpy.typing.ArrayLike, numpy.uint16],
+                    typing.Annotated[numpy.typing.ArrayLike, numpy.float32],
+                    typing.Annotated[numpy.typing.ArrayLike, numpy.float32],
+                    typing.Annotated[numpy.typing.ArrayLike, numpy.float32],
+                ]
+                | None,
+            ]
+            | None
+        ]
+    ],
     max_vertices: typing.SupportsInt | typing.SupportsIndex,
     coverages: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
     quantize: bool,

@@ -180,84 +180,10 @@ def test_a_folder_of_levels_counts_drawn_and_stored_faces(tmp_path: Path) -> Non
     assert len(json_of(tmp_path / "lods" / "level_0.glb")["nodes"]) == 5
 
 
-def test_a_skinned_mesh_stays_with_its_skin_and_animation(tmp_path: Path) -> None:
-    """Four vertices with joints; a second mesh without shares the accessors of its positions."""
-    joints = np.zeros((4, 4), np.uint8).tobytes()
-    weights = np.tile(np.float32([1, 0, 0, 0]), (4, 1)).tobytes()
-    inverse = np.eye(4, dtype="<f4").tobytes()
-    times = np.float32([0, 1]).tobytes()
-    moves = np.float32([[0, 0, 0], [1, 0, 0]]).tobytes()
-    parts = [SQUARE_BUFFER, joints, weights, inverse, times, moves]
-    changes = scene_document()
-    starts = np.cumsum([0, *map(len, parts)])
-    views = [
-        {"buffer": 0, "byteOffset": int(a), "byteLength": len(p)}
-        for a, p in zip(starts[1:], parts[1:], strict=False)
-    ]
-    changes["bufferViews"] += views
-    changes["buffers"] = [{"byteLength": int(starts[-1])}]
-    changes["accessors"] += [
-        {"bufferView": 2, "componentType": 5121, "count": 4, "type": "VEC4"},
-        {"bufferView": 3, "componentType": 5126, "count": 4, "type": "VEC4"},
-        {"bufferView": 4, "componentType": 5126, "count": 1, "type": "MAT4"},
-        {
-            "bufferView": 5,
-            "componentType": 5126,
-            "count": 2,
-            "type": "SCALAR",
-            "min": [0],
-            "max": [1],
-        },
-        {"bufferView": 6, "componentType": 5126, "count": 2, "type": "VEC3"},
-    ]
-    skinned = {
-        "name": "skinned",
-        "primitives": [
-            {"attributes": {"POSITION": 0, "JOINTS_0": 2, "WEIGHTS_0": 3}, "indices": 1}
-        ],
-    }
-    changes["meshes"].append(skinned)
-    changes["nodes"] += [{"name": "body", "mesh": 1, "skin": 0}, {"name": "joint"}]
-    changes["scenes"] = [{"nodes": [0, 5, 6]}]
-    changes["skins"] = [{"joints": [6], "inverseBindMatrices": 4}]
-    changes["animations"] = [
-        {
-            "samplers": [{"input": 5, "output": 6}],
-            "channels": [{"sampler": 0, "target": {"node": 6, "path": "translation"}}],
-        }
-    ]
-    source = tmp_path / "skinned.glb"
-    source.write_bytes(glb(changes, b"".join(parts)))
-    scene = io.read_scene(source)
-    assert scene.fixed == ("", "it has a skin")
-    assert scene.num_faces == 8
-    with pytest.raises(InputError, match="mesh 1 is fixed: it has a skin"):
-        scene.with_meshes({1: scene.meshes[0]})
-    scene.write(tmp_path / "out.glb")
-    found = json_of(tmp_path / "out.glb")
-    (primitive,) = found["meshes"][1]["primitives"]
-
-    def values(index: int, dtype: str) -> np.ndarray:
-        accessor = found["accessors"][index]
-        view = found["bufferViews"][accessor["bufferView"]]
-        content = (tmp_path / "out.glb").read_bytes()
-        size = struct.unpack_from("<I", content, 12)[0]
-        start = 20 + size + 8 + view["byteOffset"]
-        return np.frombuffer(content[start : start + view["byteLength"]], dtype)
-
-    assert values(primitive["attributes"]["JOINTS_0"], "u1").tobytes() == joints
-    assert values(primitive["attributes"]["WEIGHTS_0"], "<f4").tobytes() == weights
-    assert values(found["skins"][0]["inverseBindMatrices"], "<f4").tobytes() == inverse
-    (sampler,) = found["animations"][0]["samplers"]
-    assert values(sampler["input"], "<f4").tobytes() == times
-    assert values(sampler["output"], "<f4").tobytes() == moves
-    assert found["animations"][0]["channels"] == changes["animations"][0]["channels"]
-
-
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        ({"targets": [{"POSITION": 0}]}, "it has morph targets"),
+        ({"targets": [{"POSITION": 0, "COLOR_0": 0}]}, "its morph targets change COLOR_0"),
         ({"mode": 1}, "it has no triangles"),
         ({"material": 1}, "a texture needs TEXCOORD_1"),
     ],

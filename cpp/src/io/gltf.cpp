@@ -15,6 +15,7 @@
 
 #include "io/colors.hpp"
 #include "io/formats.hpp"
+#include "io/gltf_deformation.hpp"
 #include "io/gltf_document.hpp"
 #include "io/gltf_scene.hpp"
 #include "io/gltf_shell.hpp"
@@ -69,6 +70,7 @@ using Morph = std::vector<std::pair<const GltfAccessor*, double>>;
 
 /// The accessors of one primitive; null where it has none.
 struct Primitive {
+  JsonPlace place;
   const GltfAccessor* position = nullptr;
   const GltfAccessor* normal = nullptr;
   const GltfAccessor* texcoord = nullptr;
@@ -78,7 +80,6 @@ struct Primitive {
   TextureTransform texture = {};
   std::int32_t material = -1;
   std::int64_t mode = kTriangles;
-  std::string pointer;
 
   [[nodiscard]] std::int64_t num_corners() const {
     return indices != nullptr ? indices->count : position->count;
@@ -189,9 +190,8 @@ class Reader {
     const std::int64_t num_meshes = document_.count("meshes");
     GltfKept kept{std::vector<bool>(num_meshes, false), is_shown};
     for (std::int64_t m = 0; m < num_meshes; ++m) {
-      scene.meshes.push_back(read_mesh_of_scene(m));
+      scene.meshes.push_back(read_mesh_of_scene(m, reason_to_keep(m, uses[m])));
       SceneMesh& mesh = scene.meshes.back();
-      if (mesh.fixed.empty()) mesh.fixed = reason_to_keep(m, uses[m]);
       if (mesh.fixed.empty()) warn_of_losses(m);
       kept.meshes[m] = !mesh.fixed.empty() && uses[m].is_shown;
       if (progress) progress(static_cast<double>(m + 1) / static_cast<double>(num_meshes));
@@ -443,6 +443,10 @@ class Reader {
         static_cast<void>(document_.object("meshes", *mesh));  // checks the index
         nodes[n].mesh = static_cast<std::int32_t>(mesh->integer(0, document_.count("meshes") - 1));
       }
+      const auto skin = place.find("skin");
+      if (skin && nodes[n].mesh >= 0) {
+        std::tie(nodes[n].joint, nodes[n].inverse_bind) = first_joint(*skin);
+      }
       nodes[n].transform = matrix_of(node_transform(place));
       if (const auto placed = gpu_instances(place); placed && nodes[n].mesh >= 0) {
         nodes[n].instances.emplace();
@@ -456,6 +460,27 @@ class Reader {
       }
     }
     return nodes;
+  }
+
+  /// The node of a skin's first joint, and the matrix that takes the coordinates of a mesh to its
+  /// own. In the pose in which a skin was bound all of its joints place the mesh alike.
+  std::pair<std::int32_t, Eigen::Matrix4d> first_joint(const JsonPlace& user) {
+    const JsonPlace skin = document_.object("skins", user);
+    const auto [known, is_new] =
+        first_joints_.try_emplace(skin.pointer(), -1, Eigen::Matrix4d::Identity());
+    if (!is_new) return known->second;
+    auto& [joint, inverse_bind] = known->second;
+    const JsonPlace joints = skin.member("joints");
+    if (joints.size() == 0) joints.fail("expected at least one joint");
+    joint = static_cast<std::int32_t>(joints.item(0).integer(0, document_.count("nodes") - 1));
+    if (const GltfAccessor* given = attribute(skin, "inverseBindMatrices", 16, 16)) {
+      if (given->count == 0) given->place.fail("expected a matrix for each joint, got none");
+      charge(given->count, 16 * sizeof(double), given->place.pointer());
+      std::vector<double> matrices(16 * given->count);
+      given->decode(matrices.data());
+      inverse_bind = Eigen::Map<const Eigen::Matrix4d>(matrices.data());
+    }
+    return known->second;
   }
 
   /// Nodes that are part of any scene.
@@ -491,8 +516,9 @@ class Reader {
     return uses;
   }
 
-  SceneMesh read_mesh_of_scene(std::int64_t index) {
+  SceneMesh read_mesh_of_scene(std::int64_t index, std::string fixed) {
     SceneMesh mesh;
+    mesh.fixed = std::move(fixed);
     const JsonPlace place = document_.root().member("meshes").item(index);
     if (const auto name = place.find("name")) mesh.name = name->text();
     mesh_ = TriangleMesh();
@@ -500,26 +526,34 @@ class Reader {
     texcoord_rows_.clear();
     num_vertices_ = num_texcoords_ = num_normals_ = num_faces_ = 0;
     with_colors_ = false;
-    instances_ = {{index, Transform(), place.find("weights")}};
+    // The morph targets of a mesh that may be replaced are added to it again when it is shown.
+    instances_ = {{index, Transform(), mesh.fixed.empty() ? std::nullopt : place.find("weights")}};
     plan_draws();
     allocate();
     fill({});
     if (num_faces_ == 0) mesh.fixed = "it has no triangles";
+    if (mesh.fixed.empty()) mesh.deformation = deformation_of_draws();
     mesh.mesh = std::move(mesh_);
     return mesh;
+  }
+
+  Deformation deformation_of_draws() {
+    std::vector<PlacedPrimitive> placed;
+    for (const Draw& draw : draws_) {
+      if (!draw.owns_vertices) continue;
+      placed.push_back({draw.primitive->place, draw.first_vertex, draw.primitive->position->count});
+    }
+    return read_deformation(document_, placed, num_vertices_, budget_);
   }
 
   /// Why a mesh must stay as it is in the file: a TriangleMesh in its place would lose something
   /// that the scene needs. Empty: it can be replaced.
   [[nodiscard]] std::string reason_to_keep(std::int64_t mesh, const MeshUse& use) const {
-    if (use.has_skin) return "it has a skin";
     if (!use.is_drawn) return "the default scene does not show it";
     const JsonPlace list = document_.root().member("meshes").item(mesh).member("primitives");
     for (std::int64_t i = 0; i < list.size(); ++i) {
       const JsonPlace place = list.item(i);
       const JsonPlace attributes = place.member("attributes");
-      if (place.has("targets")) return "it has morph targets";
-      if (attributes.has("JOINTS_0")) return "it has joints";
       if (!attributes.has("POSITION")) return "it has primitives without POSITION";
       const auto mode = place.find("mode");
       if (mode && mode->integer(0, kTriangleFan) < kTriangles) return "it has points or lines";
@@ -528,7 +562,7 @@ class Reader {
         return "a texture needs TEXCOORD_1";
       }
     }
-    return "";
+    return reason_not_to_deform(list, use.has_skin);
   }
 
   /// Whether some texture is placed by another set of texture coordinates than the first.
@@ -550,7 +584,9 @@ class Reader {
       const JsonPlace place = list.item(i);
       const JsonPlace attributes = place.member("attributes");
       for (const auto& [name, accessor] : attributes.value().items()) {
-        if (std::find(kHeld.begin(), kHeld.end(), name) == kHeld.end()) {
+        const bool is_held = name.starts_with("JOINTS_") || name.starts_with("WEIGHTS_") ||
+                             std::find(kHeld.begin(), kHeld.end(), name) != kHeld.end();
+        if (!is_held) {
           warn(result_.warnings, name + " of meshes that are simplified is left out");
         }
       }
@@ -591,7 +627,7 @@ class Reader {
   }
 
   std::optional<Primitive> read_primitive(const JsonPlace& place) {
-    Primitive p{.pointer = place.pointer()};
+    Primitive p{.place = place};
     if (const auto mode = place.find("mode")) p.mode = mode->integer(0, kTriangleFan);
     if (p.mode < kTriangles) {
       if (!is_scene_) warn(result_.warnings, "points and lines are left out");
@@ -617,7 +653,7 @@ class Reader {
     for (const GltfAccessor* other : {p.normal, p.texcoord, p.color}) {
       if (other != nullptr && other->count != p.position->count) {
         other->place.fail("has " + std::to_string(other->count) + " elements, POSITION of " +
-                          p.pointer + " " + std::to_string(p.position->count));
+                          p.place.pointer() + " " + std::to_string(p.position->count));
       }
     }
     if (const auto indices = place.find("indices")) {
@@ -710,9 +746,9 @@ class Reader {
       if (added == nullptr) continue;
       if (added->count != base->count) {
         added->place.fail("has " + std::to_string(added->count) + " elements, " + name + " of " +
-                          p.pointer + " " + std::to_string(base->count));
+                          p.place.pointer() + " " + std::to_string(base->count));
       }
-      charge(base->count + 1, kVertexBytes, p.pointer);
+      charge(base->count + 1, kVertexBytes, p.place.pointer());
       morph.emplace_back(added, weights[t]);
     }
     return morph;
@@ -758,7 +794,7 @@ class Reader {
   void plan_draws() {
     for (const Instance& instance : instances_) {
       for (const Primitive& p : primitives_of(instance.mesh)) {
-        charge(1, sizeof(Draw), p.pointer);
+        charge(1, sizeof(Draw), p.place.pointer());
         with_colors_ = with_colors_ || p.color != nullptr;
       }
     }
@@ -788,7 +824,7 @@ class Reader {
                                   std::int64_t size, std::int64_t bytes) {
         const auto [row, is_new] = rows.try_emplace(key, count);
         if (is_new) {
-          charge(size, bytes, p.pointer);
+          charge(size, bytes, p.place.pointer());
           count += size;
         }
         return std::pair(row->second, is_new);
@@ -805,8 +841,8 @@ class Reader {
         std::tie(draw.first_normal, draw.owns_normals) = claim_rows(
             normal_rows, std::pair(p.normal, draw.normal_morph), num_normals_, size, kVertexBytes);
       }
-      charge(p.num_corners(), sizeof(std::uint32_t), p.pointer);
-      charge(p.num_faces(), kFaceBytes, p.pointer);
+      charge(p.num_corners(), sizeof(std::uint32_t), p.place.pointer());
+      charge(p.num_faces(), kFaceBytes, p.place.pointer());
       num_faces_ += p.num_faces();
       draws_.push_back(std::move(draw));
     }
@@ -918,7 +954,7 @@ class Reader {
     for (std::size_t i = 0; i < corners.size(); ++i) {
       if (corners[i] < static_cast<std::uint64_t>(p.position->count)) continue;
       p.indices->place.fail("element " + std::to_string(i) + " is " + std::to_string(corners[i]) +
-                            ", " + p.pointer + " has " + std::to_string(p.position->count) +
+                            ", " + p.place.pointer() + " has " + std::to_string(p.position->count) +
                             " vertices");
     }
     return corners;
@@ -1092,6 +1128,7 @@ class Reader {
   TriangleMesh& mesh_ = result_.mesh;
   std::vector<Instance> instances_;
   std::map<std::int64_t, std::vector<Primitive>> meshes_;
+  std::map<std::string, std::pair<std::int32_t, Eigen::Matrix4d>> first_joints_;  ///< By skin.
   std::map<std::pair<const GltfAccessor*, TextureTransform>, std::int64_t> texcoord_rows_;
   std::vector<Draw> draws_;
   bool with_colors_ = false;

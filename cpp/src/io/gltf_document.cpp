@@ -58,8 +58,9 @@ GltfType component_type(const JsonPlace& place) {
 
 int components_of(const JsonPlace& place) {
   constexpr std::array<const char*, 4> kTypes = {"SCALAR", "VEC2", "VEC3", "VEC4"};
+  if (place.text() == "MAT4") return 16;  // its columns need no padding
   const auto found = std::find(kTypes.begin(), kTypes.end(), place.text());
-  if (found == kTypes.end()) place.fail("expected SCALAR, VEC2, VEC3 or VEC4 here");
+  if (found == kTypes.end()) place.fail("expected SCALAR, VEC2, VEC3, VEC4 or MAT4 here");
   return static_cast<int>(found - kTypes.begin()) + 1;
 }
 

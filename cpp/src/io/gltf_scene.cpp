@@ -121,10 +121,12 @@ class PrimitiveWriter {
     }
   }
 
-  Json primitives(const MeshView& mesh) {
+  Json primitives(const MeshView& mesh, const DeformationView& deformation = {}) {
     check_mesh(mesh);
+    deformation.check(mesh.num_vertices());
     if (mesh.num_faces() == 0) throw InputError("mesh: glTF cannot hold a mesh without faces");
     mesh_ = &mesh;
+    deformation_ = deformation;
     chains_.assign(mesh.num_vertices(), -1);
     Json primitives = Json::array();
     for (const Group& group : group_faces(mesh, num_materials_)) {
@@ -144,7 +146,15 @@ class PrimitiveWriter {
     if (group.has_normals) attributes["NORMAL"] = write_normals();
     if (group.has_texcoords) attributes["TEXCOORD_0"] = write_texcoords();
     if (mesh_->colors.rows() > 0) attributes["COLOR_0"] = write_colors();
+    write_joints(attributes);
     Json primitive = {{"attributes", std::move(attributes)}, {"indices", write_indices(indices)}};
+    for (std::int64_t t = 0; t < deformation_.num_targets; ++t) {
+      Json target = {{"POSITION", write_moves(deformation_.targets, t, "targets")}};
+      if (group.has_normals && !deformation_.target_normals.empty()) {
+        target["NORMAL"] = write_moves(deformation_.target_normals, t, "target_normals");
+      }
+      primitive["targets"].push_back(std::move(target));
+    }
     if (group.material >= 0) {
       primitive["material"] = material_of_(group.material, group.has_texcoords);
     }
@@ -317,6 +327,71 @@ class PrimitiveWriter {
     return write_accessor(bytes_of(values), GltfType::kFloat, splits_.size(), "VEC3");
   }
 
+  /// JOINTS_n and WEIGHTS_n, four joints in each.
+  void write_joints(Json& attributes) {
+    for (std::int64_t first = 0; first < deformation_.num_influences; first += 4) {
+      std::vector<std::uint16_t> joints;
+      std::vector<float> weights;
+      joints.reserve(4 * splits_.size());
+      weights.reserve(4 * splits_.size());
+      for (const Split& split : splits_) {
+        const std::int64_t row = split.vertex * deformation_.num_influences + first;
+        for (std::int64_t i = row; i < row + 4; ++i) {
+          joints.push_back(deformation_.joints[i]);
+          weights.push_back(deformation_.weights[i]);
+        }
+      }
+      check_float32(weights, "weights");
+      const std::string set = std::to_string(first / 4);
+      attributes["JOINTS_" + set] =
+          write_accessor(bytes_of(joints), GltfType::kUnsignedShort, splits_.size(), "VEC4");
+      attributes["WEIGHTS_" + set] =
+          write_accessor(bytes_of(weights), GltfType::kFloat, splits_.size(), "VEC4");
+    }
+  }
+
+  /// What a morph target adds to the vertices. Most targets move a small part of a face: the rows
+  /// that are zero are left out where that is shorter (a sparse accessor).
+  std::size_t write_moves(std::span<const float> table, std::int64_t target, const char* name) {
+    const float* rows = table.data() + 3 * target * mesh_->num_vertices();
+    std::vector<float> values, moved_values;
+    std::vector<std::uint32_t> moved;
+    Eigen::Vector3f low = Eigen::Vector3f::Zero(), high = Eigen::Vector3f::Zero();
+    for (std::size_t i = 0; i < splits_.size(); ++i) {
+      const Eigen::Map<const Eigen::Vector3f> row(rows + 3 * std::int64_t{splits_[i].vertex});
+      low = i == 0 ? Eigen::Vector3f(row) : low.cwiseMin(row);
+      high = i == 0 ? Eigen::Vector3f(row) : high.cwiseMax(row);
+      values.insert(values.end(), row.data(), row.data() + 3);
+      if (row.isZero(0.0F)) continue;
+      moved.push_back(static_cast<std::uint32_t>(i));
+      moved_values.insert(moved_values.end(), row.data(), row.data() + 3);
+    }
+    check_float32(values, name);
+    const bool is_sparse = 4 * moved.size() < 3 * splits_.size();  // 16 bytes a row for 12
+    const std::size_t index =
+        is_sparse ? write_sparse(moved, moved_values)
+                  : write_accessor(bytes_of(values), GltfType::kFloat, splits_.size(), "VEC3");
+    scene_.json["accessors"][index]["min"] = {low.x(), low.y(), low.z()};
+    scene_.json["accessors"][index]["max"] = {high.x(), high.y(), high.z()};
+    return index;
+  }
+
+  std::size_t write_sparse(const std::vector<std::uint32_t>& rows,
+                           const std::vector<float>& values) {
+    Json accessor = {{"componentType", static_cast<int>(GltfType::kFloat)},
+                     {"count", splits_.size()},
+                     {"type", "VEC3"}};
+    if (!rows.empty()) {
+      accessor["sparse"] = {{"count", rows.size()},
+                            {"indices",
+                             {{"bufferView", scene_.add_buffer_view(bytes_of(rows))},
+                              {"componentType", static_cast<int>(GltfType::kUnsignedInt)}}},
+                            {"values", {{"bufferView", scene_.add_buffer_view(bytes_of(values))}}}};
+    }
+    scene_.json["accessors"].push_back(std::move(accessor));
+    return scene_.json["accessors"].size() - 1;
+  }
+
   std::size_t write_indices(const std::vector<std::uint32_t>& indices) {
     // 65535 would be the primitive restart value of 16-bit indices.
     if (splits_.size() <= std::numeric_limits<std::uint16_t>::max()) {
@@ -332,6 +407,7 @@ class PrimitiveWriter {
   std::size_t num_materials_;
   GltfMaterialOf material_of_;
   const MeshView* mesh_ = nullptr;  ///< The one that is being written.
+  DeformationView deformation_;     ///< Its.
   std::vector<Split> splits_;
   std::vector<std::int32_t> chains_;  ///< Per vertex of the mesh: its latest split, or -1.
 };
@@ -529,11 +605,11 @@ void require_quantization(Json& document) {
   }
 }
 
-Json write_primitives(GltfScene& scene, const MeshView& mesh, std::size_t num_materials,
+Json write_primitives(GltfScene& scene, const SceneTriangles& triangles, std::size_t num_materials,
                       std::int64_t max_vertices, const PositionFrame& frame) {
   return PrimitiveWriter(scene, frame, max_vertices, num_materials,
                          [](std::int32_t material, bool) { return std::int64_t{material}; })
-      .primitives(mesh);
+      .primitives(triangles.mesh, triangles.deformation);
 }
 
 GltfScene build_gltf(const MeshView& mesh, const std::vector<Material>& materials,

@@ -12,6 +12,7 @@
 #include "io/texture_files.hpp"
 #include "manip3d/geometry/mesh.hpp"
 #include "manip3d/io/mesh_file.hpp"
+#include "manip3d/io/scene_file.hpp"
 
 namespace manip3d {
 
@@ -67,9 +68,10 @@ PositionFrame quantized_frame(const std::vector<const MeshView*>& levels);
 void require_quantization(nlohmann::ordered_json& document);
 
 /// The primitives of a mesh, with their accessors in `scene`: positions in `frame`, materials by
-/// their index. In a quantised frame normals and texture coordinates are integers, too.
-/// @throws InputError  as build_gltf.
-nlohmann::ordered_json write_primitives(GltfScene& scene, const MeshView& mesh,
+/// their index. In a quantised frame normals and texture coordinates are integers, too. Joints and
+/// morph targets need a frame that is not.
+/// @throws InputError  as build_gltf, and a deformation that does not fit the mesh.
+nlohmann::ordered_json write_primitives(GltfScene& scene, const SceneTriangles& triangles,
                                         std::size_t num_materials, std::int64_t max_vertices,
                                         const PositionFrame& frame);
 

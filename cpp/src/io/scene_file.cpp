@@ -59,6 +59,7 @@ class SceneAssembler {
     scene_.json["asset"]["generator"] = "manip3d " MANIP3D_VERSION;
     write_meshes();
     if (scene_.json.contains("nodes")) write_nodes();
+    drop_empty_animations();
     for (const char* array : {"accessors", "bufferViews", "meshes"}) {
       if (scene_.json.contains(array) && scene_.json[array].empty()) scene_.json.erase(array);
     }
@@ -76,7 +77,7 @@ class SceneAssembler {
       for (std::size_t m = 0; m < before.size(); ++m) {
         Json mesh = before[m];
         if (const auto& given = (*level)[m]) {
-          mesh["primitives"] = given->num_faces() > 0
+          mesh["primitives"] = given->mesh.num_faces() > 0
                                    ? write_primitives(scene_, *given, num_materials_,
                                                       options_.max_vertices, frames_[m])
                                    : Json::array();
@@ -106,11 +107,14 @@ class SceneAssembler {
     for (std::size_t m = 0; options_.quantize && m < frames_.size(); ++m) {
       if (instanced.contains(m)) continue;
       std::vector<const MeshView*> shown;
+      bool is_deformed = false;
       for (const SceneLevel* level : levels_) {
         const auto& given = (*level)[m];
-        if (given && given->num_faces() > 0) shown.push_back(&*given);
+        if (!given || given->mesh.num_faces() == 0) continue;
+        shown.push_back(&given->mesh);
+        is_deformed = is_deformed || !given->deformation.empty();
       }
-      if (!shown.empty()) frames_[m] = quantized_frame(shown);
+      if (!shown.empty() && !is_deformed) frames_[m] = quantized_frame(shown);
     }
     const auto is_quantized = [](const PositionFrame& frame) { return frame.is_quantized(); };
     if (std::ranges::any_of(frames_, is_quantized)) require_quantization(scene_.json);
@@ -123,6 +127,7 @@ class SceneAssembler {
       const Json& node = scene_.json["nodes"][n];
       if (!node.contains("mesh")) continue;
       const auto mesh = node["mesh"].get<std::size_t>();
+      if (placed_.front().at(mesh) < 0) retarget_weights(n, {});
       const bool has_levels = levels_.size() > 1 && (*levels_.front())[mesh].has_value();
       show(n, placed_.front().at(mesh));
       const std::size_t shown = frames_.at(mesh).is_quantized() ? place(n, frames_[mesh]) : n;
@@ -132,7 +137,9 @@ class SceneAssembler {
 
   void show(std::size_t node, std::int64_t mesh) {
     if (mesh < 0) {
-      scene_.json["nodes"][node].erase("mesh");
+      for (const char* member : {"mesh", "skin", "weights"}) {
+        scene_.json["nodes"][node].erase(member);
+      }
       drop_extension(scene_.json["nodes"][node], kInstancing);
     } else {
       scene_.json["nodes"][node]["mesh"] = mesh;
@@ -148,12 +155,12 @@ class SceneAssembler {
     return child;
   }
 
-  /// A child of a node, with its name, its mesh and the places of that.
+  /// A child of a node, with its name, its mesh, and what places and moves that.
   std::size_t add_child(std::size_t n) {
     Json& nodes = scene_.json["nodes"];
     const std::size_t child = nodes.size();
     nodes.push_back(Json::object());
-    for (const char* member : {"name", "mesh"}) {
+    for (const char* member : {"name", "mesh", "skin", "weights"}) {
       if (nodes[n].contains(member)) nodes[child][member] = nodes[n][member];
     }
     if (is_instanced(nodes[n])) {
@@ -161,8 +168,29 @@ class SceneAssembler {
       drop_extension(nodes[n], kInstancing);
     }
     nodes[n]["children"].push_back(child);
-    nodes[n].erase("mesh");
+    for (const char* member : {"mesh", "skin", "weights"}) nodes[n].erase(member);
     return child;
+  }
+
+  /// Gives animations of a node's morph targets to other nodes that show its mesh in its stead.
+  void retarget_weights(std::size_t from, const std::vector<std::size_t>& to) {
+    if (!scene_.json.contains("animations")) return;
+    for (Json& animation : scene_.json["animations"]) {
+      Json channels = Json::array();
+      for (const Json& channel : animation["channels"]) {
+        const Json& target = channel["target"];
+        if (target.value("path", "") != "weights" || !target.contains("node") ||
+            target["node"] != from) {
+          channels.push_back(channel);
+          continue;
+        }
+        for (const std::size_t node : to) {
+          channels.push_back(channel);
+          channels.back()["target"]["node"] = node;
+        }
+      }
+      animation["channels"] = std::move(channels);
+    }
   }
 
   void find_animated() {
@@ -173,6 +201,16 @@ class SceneAssembler {
         if (target.contains("node")) animated_.insert(target["node"].get<std::size_t>());
       }
     }
+  }
+
+  void drop_empty_animations() {
+    if (!scene_.json.contains("animations")) return;
+    Json kept = Json::array();
+    for (Json& animation : scene_.json["animations"]) {
+      if (!animation["channels"].empty()) kept.push_back(std::move(animation));
+    }
+    scene_.json["animations"] = std::move(kept);
+    if (scene_.json["animations"].empty()) scene_.json.erase("animations");
   }
 
   // A level of detail takes the place of its node, with all that hangs on it and moves with it. A
@@ -188,11 +226,14 @@ class SceneAssembler {
     Json base = nodes[finest];
     base.erase("extras");
     Json ids = Json::array();
+    std::vector<std::size_t> shown{finest};
     for (std::size_t level = 1; level < levels_.size(); ++level) {
       ids.push_back(nodes.size());
+      shown.push_back(nodes.size());
       nodes.push_back(base);
       show(nodes.size() - 1, placed_[level][mesh]);
     }
+    retarget_weights(n, shown);
     nodes[finest]["extensions"]["MSFT_lod"] = {{"ids", ids}};
     nodes[finest]["extras"]["MSFT_screencoverage"] = options_.coverages;
     Json& used = scene_.json["extensionsUsed"];
@@ -218,6 +259,24 @@ GltfScene assemble(const std::string& document, const std::string& buffer, const
 }
 
 }  // namespace
+
+void DeformationView::check(std::int64_t num_vertices) const {
+  const auto expect = [](const char* name, std::size_t got, std::int64_t rows, std::int64_t width) {
+    if (got == static_cast<std::size_t>(rows * width)) return;
+    throw InputError(std::string(name) + ": expected " + std::to_string(rows) + " x " +
+                     std::to_string(width) + " values, got " + std::to_string(got));
+  };
+  if (num_influences % 4 != 0) {
+    throw InputError("joints: expected a multiple of 4 for each vertex, got " +
+                     std::to_string(num_influences));
+  }
+  expect("joints", joints.size(), num_vertices, num_influences);
+  expect("weights", weights.size(), num_vertices, num_influences);
+  expect("targets", targets.size(), num_targets * num_vertices, 3);
+  if (!target_normals.empty()) {
+    expect("target_normals", target_normals.size(), num_targets * num_vertices, 3);
+  }
+}
 
 Scene read_scene(const fs::path& path, const ReadOptions& options, const Progress& progress) {
   ReadOptions here = options;

@@ -25,6 +25,6 @@ __getattr__, __dir__, __all__ = lazily(
         "_range_grids": "RangeGrid read_range_grid",
         "_remote": "is_url local_copy local_output",
         "_scan_files": "SCAN_SUFFIXES read_scan read_scans write_scan write_scans",
-        "_scenes": "Scene SceneNode read_scene write_scene",
+        "_scenes": "Deformation Scene SceneNode read_scene write_scene",
     },
 )

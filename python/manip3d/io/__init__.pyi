@@ -24,7 +24,7 @@ from manip3d.io._mesh_files import (
 from manip3d.io._range_grids import RangeGrid, read_range_grid
 from manip3d.io._remote import is_url, local_copy, local_output
 from manip3d.io._scan_files import SCAN_SUFFIXES, read_scan, read_scans, write_scan, write_scans
-from manip3d.io._scenes import Scene, SceneNode, read_scene, write_scene
+from manip3d.io._scenes import Deformation, Scene, SceneNode, read_scene, write_scene
 
 __all__ = [
     "DEPTH_SUFFIXES",
@@ -32,6 +32,7 @@ __all__ = [
     "READABLE",
     "SCAN_SUFFIXES",
     "WRITABLE",
+    "Deformation",
     "DepthReading",
     "Motion",
     "RangeGrid",

@@ -20,7 +20,7 @@ from manip3d.io._remote import local_copy, local_output
 from manip3d.mesh import Mesh
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
 _logger = logging.getLogger("manip3d")
 
@@ -44,6 +44,10 @@ class SceneNode:
     instances : (I, 4, 4) float64 or None
         Where the mesh is shown, into the node's coordinates (``EXT_mesh_gpu_instancing``); None:
         once, at the node itself.
+    joint : int or None
+        The node of the first joint of a skin, which places the mesh in this node's stead.
+    inverse_bind : (4, 4) float64
+        From the coordinates of a mesh with a skin into those of ``joint``.
     """
 
     name: str
@@ -52,6 +56,8 @@ class SceneNode:
     transform: NDArray[np.float64] = field(repr=False)
     drawn: bool
     instances: NDArray[np.float64] | None = field(default=None, repr=False)
+    joint: int | None = None
+    inverse_bind: NDArray[np.float64] = field(default_factory=lambda: np.eye(4), repr=False)
 
     @property
     def num_instances(self) -> int:
@@ -59,6 +65,29 @@ class SceneNode:
         if self.mesh is None:
             return 0
         return 1 if self.instances is None else len(self.instances)
+
+
+@dataclass(frozen=True, eq=False)
+class Deformation:
+    """Joints of a skin and morph targets, which move the vertices of a mesh of a `Scene`.
+
+    Attributes
+    ----------
+    joints : (V, J) uint16
+        Indices into the joints of the skin; J is 4 for each of ``JOINTS_0``, ``JOINTS_1``, ..., and
+        0 without a skin.
+    weights : (V, J) float32
+        Share of each joint in the movement of a vertex.
+    targets : (T, V, 3) float32
+        What each morph target adds to the vertices.
+    target_normals : (T, V, 3) float32
+        What each morph target adds to the normals; (0, V, 3) if none adds anything.
+    """
+
+    joints: NDArray[np.uint16] = field(repr=False)
+    weights: NDArray[np.float32] = field(repr=False)
+    targets: NDArray[np.float32] = field(repr=False)
+    target_normals: NDArray[np.float32] = field(repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,13 +99,15 @@ class Scene:
     nodes : tuple of SceneNode
         All nodes of the file.
     meshes : tuple of Mesh
-        Each mesh once, in its own coordinates, however many nodes show it; one with morph targets
-        in the shape of its own default weights.
+        Each mesh once, in its own coordinates, however many nodes show it, without its skin and
+        morph targets; one that is fixed in the shape of the default weights of its morph targets.
     names : tuple of str
         Names of the meshes.
     fixed : tuple of str
-        For each mesh, why it is always written as it was read, such as ``"it has a skin"``; empty
-        for a mesh that :meth:`with_meshes` may replace.
+        For each mesh, why it is always written as it was read, such as ``"it has points or
+        lines"``; empty for a mesh that :meth:`with_meshes` may replace.
+    deformations : tuple of Deformation or None
+        For each mesh that may be replaced, what moves its vertices; None: nothing does.
     warnings : tuple of str
         What reading left out.
     source : str or None
@@ -87,6 +118,7 @@ class Scene:
     meshes: tuple[Mesh, ...]
     names: tuple[str, ...]
     fixed: tuple[str, ...]
+    deformations: tuple[Deformation | None, ...]
     warnings: tuple[str, ...]
     source: str | None
     _document: bytes = field(repr=False)
@@ -141,7 +173,9 @@ class Scene:
                 known.add(i)
         return world
 
-    def with_meshes(self, meshes: Mapping[int, Mesh]) -> Scene:
+    def with_meshes(
+        self, meshes: Mapping[int, Mesh], deformations: Mapping[int, Deformation] | None = None
+    ) -> Scene:
         """Return the scene with other triangles for some of its meshes.
 
         Parameters
@@ -150,6 +184,9 @@ class Scene:
             By index; in the coordinates of the mesh that it replaces, with materials by their
             index in that mesh's ``materials``. A mesh without faces is left out when the scene is
             written; its nodes stay.
+        deformations : mapping of int to Deformation, optional
+            What moves the vertices of the new meshes; needed for each that replaces one with a
+            skin or morph targets (``Scene.deformations``).
 
         Returns
         -------
@@ -158,9 +195,11 @@ class Scene:
         Raises
         ------
         InputError
-            There is no such mesh, or it is fixed.
+            There is no such mesh, or it is fixed; a deformation is missing or has not one row for
+            each vertex.
         """
         changed = list(self.meshes)
+        moved = list(self.deformations)
         for index, mesh in meshes.items():
             if not 0 <= index < len(changed):
                 raise InputError(
@@ -170,7 +209,9 @@ class Scene:
             if self.fixed[index]:
                 raise InputError(f"meshes: mesh {index} is fixed: {self.fixed[index]}")
             changed[index] = mesh
-        return replace(self, meshes=tuple(changed))
+            if moved[index] is not None and mesh.num_faces > 0:
+                moved[index] = _fitting((deformations or {}).get(index), mesh, index)
+        return replace(self, meshes=tuple(changed), deformations=tuple(moved))
 
     def write(
         self,
@@ -220,8 +261,8 @@ def read_scene(
     -----
     Nodes with their names, parents and transforms, materials, textures, cameras, lights,
     animations, skins and ``extras`` are written as they were read. So are meshes that are not plain
-    triangles (``Scene.fixed`` says why). Other meshes keep positions, normals, ``TEXCOORD_0`` and
-    ``COLOR_0``; what else they have is named in ``warnings``.
+    triangles (``Scene.fixed`` says why). Other meshes keep positions, normals, ``TEXCOORD_0``,
+    ``COLOR_0``, joints, weights and morph targets; what else they have is named in ``warnings``.
 
     Examples
     --------
@@ -237,17 +278,22 @@ def read_scene(
         nodes, meshes, document, buffer, warnings = _core.read_scene(
             os.fsencode(local), bool(allow_outside), limit, decode_draco, look
         )
-    check_points(sum(mesh.num_vertices for _, mesh, _ in meshes), os.fspath(path))
+    check_points(sum(mesh.num_vertices for _, mesh, _, _ in meshes), os.fspath(path))
     for text in warnings:
         _logger.warning("%s: %s", os.fspath(path), text)
     return Scene(
         nodes=tuple(
-            SceneNode(name, _index(parent), _index(mesh), transform, drawn, instances)
-            for name, parent, mesh, transform, drawn, instances in nodes
+            SceneNode(
+                name, _index(parent), _index(mesh), transform, drawn, instances, _index(joint), bind
+            )
+            for name, parent, mesh, transform, drawn, instances, joint, bind in nodes
         ),
-        meshes=tuple(mesh for _, mesh, _ in meshes),
-        names=tuple(name for name, _, _ in meshes),
-        fixed=tuple(reason for _, _, reason in meshes),
+        meshes=tuple(mesh for _, mesh, _, _ in meshes),
+        names=tuple(name for name, _, _, _ in meshes),
+        fixed=tuple(reason for _, _, reason, _ in meshes),
+        deformations=tuple(
+            None if tables is None else Deformation(*tables) for _, _, _, tables in meshes
+        ),
         warnings=tuple(warnings),
         source=os.fspath(path),
         _document=document,
@@ -257,6 +303,19 @@ def read_scene(
 
 def _index(value: int) -> int | None:
     return None if value < 0 else value
+
+
+def _fitting(deformation: Deformation | None, mesh: Mesh, index: int) -> Deformation:
+    """The deformation of a new mesh, if it has one row for each vertex."""
+    if deformation is None:
+        raise InputError(f"deformations: expected one for mesh {index}, which is moved, got none")
+    rows = {len(deformation.joints), len(deformation.weights), deformation.targets.shape[1]}
+    if rows != {mesh.num_vertices}:
+        raise InputError(
+            f"deformations: expected {mesh.num_vertices} rows (the vertices of mesh {index}), got "
+            f"{sorted(rows)}"
+        )
+    return deformation
 
 
 @checked
@@ -286,7 +345,8 @@ def write_scene(
         As for `write_mesh`.
     quantize : bool
         As for `write_mesh`, each mesh that may be simplified in its own box: its nodes get a child
-        that moves and scales it. Meshes of instances (``EXT_mesh_gpu_instancing``) are not.
+        that moves and scales it. Meshes of instances (``EXT_mesh_gpu_instancing``) and those with
+        a skin or morph targets are not.
 
     Raises
     ------
@@ -320,7 +380,16 @@ def write_scene(
             _logger.warning("%s: %s", os.fspath(path), text)
 
 
-def _replaced(scene: Scene) -> list[Mesh | None]:
+_Tables = tuple["ArrayLike", "ArrayLike", "ArrayLike", "ArrayLike"]
+
+
+def _replaced(scene: Scene) -> list[tuple[Mesh, _Tables | None] | None]:
+    """The meshes that may have changed, with the tables of what moves them."""
     return [
-        None if reason else mesh for mesh, reason in zip(scene.meshes, scene.fixed, strict=True)
+        None if reason else (mesh, None if moves is None else _tables(moves))
+        for mesh, reason, moves in zip(scene.meshes, scene.fixed, scene.deformations, strict=True)
     ]
+
+
+def _tables(moves: Deformation) -> _Tables:
+    return moves.joints, moves.weights, moves.targets, moves.target_normals

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -24,14 +25,45 @@ struct SceneNode {
   /// Places of the mesh in the node's coordinates (EXT_mesh_gpu_instancing); null: it is drawn
   /// once, at the node itself.
   std::optional<std::vector<Eigen::Matrix4d>> instances = std::nullopt;
+  /// The first joint of the node's skin, which places the mesh in the node's stead, and what takes
+  /// the mesh's coordinates to the joint's; -1: no skin.
+  std::int32_t joint = -1;
+  Eigen::Matrix4d inverse_bind = Eigen::Matrix4d::Identity();
+};
+
+/// What moves the vertices of a mesh: the joints of a skin and morph targets. Borrowed.
+struct DeformationView {
+  std::int64_t num_influences = 0;        ///< Joints of a vertex: 4 for each of JOINTS_0, ...
+  std::int64_t num_targets = 0;           ///< Morph targets.
+  std::span<const std::uint16_t> joints;  ///< (V, num_influences) indices into the skin's joints.
+  std::span<const float> weights;         ///< (V, num_influences)
+  std::span<const float> targets;         ///< (num_targets, V, 3), added to the vertices.
+  std::span<const float> target_normals;  ///< As targets, added to the normals; empty: none are.
+
+  [[nodiscard]] bool empty() const { return num_influences == 0 && num_targets == 0; }
+  /// @throws InputError  an array does not fit the number of vertices.
+  void check(std::int64_t num_vertices) const;
+};
+
+/// As DeformationView, with arrays of its own.
+struct Deformation {
+  std::int64_t num_influences = 0;
+  std::int64_t num_targets = 0;
+  std::vector<std::uint16_t> joints;
+  std::vector<float> weights;
+  std::vector<float> targets;
+  std::vector<float> target_normals;
+
+  [[nodiscard]] bool empty() const { return num_influences == 0 && num_targets == 0; }
 };
 
 struct SceneMesh {
   std::string name;
-  /// In its own coordinates, in the shape of its default morph weights; its materials are those of
-  /// the scene.
+  /// In its own coordinates, without its morph targets (one that is fixed: in the shape of their
+  /// default weights); its materials are those of the scene.
   TriangleMesh mesh;
   std::string fixed;  ///< Why it can only be written as it was read; empty: it may be replaced.
+  Deformation deformation = {};  ///< Moves its vertices; empty where it is fixed.
 };
 
 struct Scene {
@@ -47,16 +79,23 @@ struct Scene {
 
 /// Reads a .gltf or .glb file, compressed or not, as a scene.
 ///
-/// Nodes, cameras, lights, materials, textures, animations and `extras` are kept as they are; so
-/// are meshes that are not plain triangles: skinned ones, ones with morph targets, points or lines,
-/// and ones whose textures need a second set of texture coordinates.
+/// Nodes, cameras, lights, materials, textures, skins, animations and `extras` are kept as they
+/// are; so are meshes that are not plain triangles: ones with points or lines, ones whose textures
+/// need a second set of texture coordinates or whose morph targets change more than positions and
+/// normals.
 /// @throws FormatError  as read_mesh(); a file of another format.
 Scene read_scene(const std::filesystem::path& path, const ReadOptions& options = {},
                  const Progress& progress = {});
 
+/// The triangles of a mesh and what moves their vertices.
+struct SceneTriangles {
+  MeshView mesh;
+  DeformationView deformation = {};
+};
+
 /// The meshes of one level of detail, one for each of Scene::meshes; none: as it was read. One
 /// without faces is left out, and the nodes that show it stay.
-using SceneLevel = std::vector<std::optional<MeshView>>;
+using SceneLevel = std::vector<std::optional<SceneTriangles>>;
 
 struct SceneWriteOptions {
   std::int64_t max_vertices = 0;  ///< As WriteOptions::max_vertices.
@@ -64,6 +103,7 @@ struct SceneWriteOptions {
   std::vector<SceneLevel> coarser;
   std::vector<double> coverages;
   /// As WriteOptions::quantize, each mesh in its own box: a child of its node moves and scales it.
+  /// Meshes with joints or morph targets are not.
   bool quantize = false;
 };
 

@@ -1,0 +1,30 @@
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "io/gltf.hpp"
+#include "io/gltf_document.hpp"
+#include "manip3d/io/scene_file.hpp"
+
+namespace manip3d {
+
+/// A primitive of triangles, and the rows that its vertices have in the table of their mesh.
+struct PlacedPrimitive {
+  JsonPlace place;
+  std::int64_t first_vertex = 0;
+  std::int64_t num_vertices = 0;
+};
+
+/// Why what moves the vertices of a mesh (skin, morph targets) cannot be given to other triangles;
+/// empty: it can.
+std::string reason_not_to_deform(const JsonPlace& primitives, bool has_skin);
+
+/// Reads JOINTS_n, WEIGHTS_n and the morph targets of a mesh that reason_not_to_deform() allows.
+/// @throws FormatError  an accessor that does not suit its attribute or primitive, joints that are
+///                      no integers, and what is beyond the budget.
+Deformation read_deformation(GltfDocument& document, const std::vector<PlacedPrimitive>& primitives,
+                             std::int64_t num_vertices, GltfBudget& budget);
+
+}  // namespace manip3d

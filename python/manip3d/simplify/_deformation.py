@@ -1,0 +1,201 @@
+"""Skins and morph targets of simplified meshes, taken from the surface of the original."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d import _core
+from manip3d.io import Deformation
+from manip3d.mesh import Mesh
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_OF_TARGETS = 0.1  # share of a morph target that the swaying of a surface has
+
+
+def deformation_of(deformation: Deformation, original: Mesh, simplified: Mesh) -> Deformation:
+    """Return what moves the vertices of a simplified mesh.
+
+    Parameters
+    ----------
+    deformation : Deformation
+        Moves the original's vertices.
+    original, simplified : Mesh
+        In the same coordinates, with the same materials.
+
+    Returns
+    -------
+    Deformation
+        At each vertex the original's at the foot of the vertex on the original's surface, weighted
+        by the foot's barycentric coordinates. Of all joints of the foot's three corners the
+        heaviest stay, as many as a vertex of the original has.
+    """
+    corners, shares = _feet(original, simplified)
+    joints, weights = _heaviest(
+        deformation.joints[corners].reshape(len(corners), -1),
+        (deformation.weights[corners] * shares[:, :, None]).reshape(len(corners), -1),
+        deformation.joints.shape[1],
+    )
+    return Deformation(
+        joints,
+        weights,
+        _blended(deformation.targets, corners, shares),
+        _blended(deformation.target_normals, corners, shares),
+    )
+
+
+def sway(deformation: Deformation, size: float) -> NDArray[np.float64]:
+    """Return (V, 3) a small movement of the vertices that shows where a surface bends.
+
+    A straight limb has no shape at its elbow, and a calm mouth none of its smile: simplified as it
+    lies, it loses the vertices that a pose needs. A pose in which each joint is moved by `size` in
+    a direction of its own, and each morph target acts by a tenth, has that shape. It is linear in
+    weights and targets, so that it can be taken back exactly from other vertices.
+    """
+    count, influences = deformation.joints.shape
+    moved = np.zeros((count, 3))
+    directions = _directions(int(deformation.joints.max(initial=0)) + 1)
+    for influence in range(influences):
+        weight = size * deformation.weights[:, influence, None].astype(np.float64)
+        moved += weight * directions[deformation.joints[:, influence]]
+    for number, target in enumerate(deformation.targets):
+        moved += (_OF_TARGETS if number % 2 == 0 else -_OF_TARGETS) * target.astype(np.float64)
+    return moved
+
+
+def _directions(count: int) -> NDArray[np.float64]:
+    """(N, 3) unit vectors, each far from those before it; the same bits on every machine."""
+    steps = np.array([0.8191725134, 0.6710436067, 0.5497004779])  # a low-discrepancy sequence
+    offsets = (np.arange(1, count + 1)[:, None] * steps) % 1.0 - 0.5
+    directions: NDArray[np.float64] = offsets / np.sqrt(_dot(offsets, offsets))[:, None]
+    return directions
+
+
+def _blended(
+    table: NDArray[np.float32], corners: NDArray[np.int32], shares: NDArray[np.float64]
+) -> NDArray[np.float32]:
+    """(T, N, 3) the rows of each target at the feet."""
+    blended = np.zeros((len(table), len(corners), 3))
+    for corner in range(3):
+        blended += table[:, corners[:, corner]] * shares[:, corner, None]
+    return blended.astype(np.float32)
+
+
+def _heaviest(
+    joints: NDArray[np.uint16], weights: NDArray[np.float64], most: int
+) -> tuple[NDArray[np.uint16], NDArray[np.float32]]:
+    """The `most` joints of each row with the largest weights, which then add up to 1."""
+    count = len(joints)
+    kept_joints = np.zeros((count, most), dtype=np.uint16)
+    kept_weights = np.zeros((count, most), dtype=np.float32)
+    if most == 0 or count == 0:
+        return kept_joints, kept_weights
+    keys = np.arange(count)[:, None] * 2**16 + joints  # one for each joint of each row
+    pairs, which = np.unique(keys, return_inverse=True)
+    sums = np.bincount(which.reshape(-1), weights.reshape(-1))
+    rows = pairs >> 16
+    order = np.lexsort((pairs, -sums, rows))
+    rows, sums, pairs = rows[order], sums[order], pairs[order]
+    place = np.arange(len(rows)) - np.searchsorted(rows, rows)
+    is_kept = (place < most) & (sums > 0.0)
+    kept_joints[rows[is_kept], place[is_kept]] = pairs[is_kept] & 0xFFFF
+    kept_weights[rows[is_kept], place[is_kept]] = sums[is_kept]
+    total = kept_weights.sum(axis=1, keepdims=True)
+    np.divide(kept_weights, total, out=kept_weights, where=total > 0.0)
+    return kept_joints, kept_weights
+
+
+def _feet(original: Mesh, simplified: Mesh) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+    """Return (N, 3) corners of the original's faces, and the share of each in a vertex's foot.
+
+    A foot lies on a face of the vertex's own material that looks the same way, where there is one:
+    lips that touch belong to different jaws.
+    """
+    faces, looks = _faces_of_vertices(simplified)
+    materials = _materials(simplified)[faces]
+    of_original = _materials(original)
+    own_looks = _looks(original)
+    found = np.zeros(simplified.num_vertices, dtype=np.int64)
+    points = simplified.vertices.copy()
+    for material in np.unique(materials):
+        asked = np.flatnonzero(materials == material)
+        chosen = np.flatnonzero(of_original == material)
+        if len(chosen) == 0:
+            chosen = np.arange(original.num_faces)
+        found[asked], points[asked] = _nearest(original, chosen, simplified.vertices[asked])
+        facing = _dot(own_looks[found[asked]], looks[asked])
+        behind = asked[facing < 0.0]
+        axes = np.abs(looks[behind]).argmax(axis=1)
+        signs = np.sign(looks[behind, axes])
+        for axis in range(3):
+            for sign in (-1.0, 1.0):
+                turned = behind[(axes == axis) & (signs == sign)]
+                alike = chosen[sign * own_looks[chosen, axis] > 0.0]
+                if len(turned) > 0 and len(alike) > 0:
+                    nearest = _nearest(original, alike, simplified.vertices[turned])
+                    found[turned], points[turned] = nearest
+    corners = original.faces[found]
+    return corners, _barycentric(original.vertices[corners], points)
+
+
+def _nearest(
+    mesh: Mesh, chosen: NDArray[np.int64], points: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """The nearest of some faces, and the nearest point on it."""
+    some = Mesh(mesh.vertices, mesh.faces[chosen])
+    _, face, foot = _core.closest_points(some, np.ascontiguousarray(points), 0, None)
+    return chosen[face], foot
+
+
+def _materials(mesh: Mesh) -> NDArray[Any]:
+    if mesh.face_material is None:
+        return np.full(mesh.num_faces, -1)
+    return mesh.face_material
+
+
+def _looks(mesh: Mesh) -> NDArray[np.float64]:
+    """(F, 3) normals as long as twice the area."""
+    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
+    looks: NDArray[np.float64] = np.cross(b - a, c - a)
+    return looks
+
+
+def _faces_of_vertices(mesh: Mesh) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """A face of each vertex, and (N, 3) the sum of the normals of all its faces."""
+    face = np.zeros(mesh.num_vertices, dtype=np.int64)
+    looks = np.zeros((mesh.num_vertices, 3))
+    of_faces = _looks(mesh)
+    for corner in range(3):
+        face[mesh.faces[:, corner]] = np.arange(mesh.num_faces)
+        np.add.at(looks, mesh.faces[:, corner], of_faces)
+    return face, looks
+
+
+def _barycentric(
+    triangles: NDArray[np.float64], points: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(N, 3) shares of the corners of (N, 3, 3) triangles in points on them."""
+    first, second = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    offset = points - triangles[:, 0]
+    aa, ab, bb = _dot(first, first), _dot(first, second), _dot(second, second)
+    ap, bp = _dot(first, offset), _dot(second, offset)
+    area = aa * bb - ab * ab
+    # A triangle without area is the longer of its two edges.
+    is_flat = ~(area > 1e-12 * aa * bb)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        u = np.where(is_flat, np.where(aa >= bb, ap / aa, 0.0), (bb * ap - ab * bp) / area)
+        v = np.where(is_flat, np.where(aa < bb, bp / bb, 0.0), (aa * bp - ab * ap) / area)
+    u, v = (np.where(np.isfinite(share), share, 0.0) for share in (u, v))
+    shares = np.stack([1.0 - u - v, u, v], axis=1)
+    shares = np.clip(shares, 0.0, 1.0)
+    normalised: NDArray[np.float64] = shares / shares.sum(axis=1, keepdims=True)
+    return normalised
+
+
+def _dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N,) dot products of rows."""
+    products = a * b
+    return np.asarray(products[:, 0] + products[:, 1] + products[:, 2])
