@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gltf_files import SQUARE, Scene
-from manip3d import FormatError, InputError, Mesh, io
+from manip3d import FormatError, InputError, Mesh, io, read_mesh
 from posed_gltf import RINGS, SCALE, SIDES, PosedGltf, arm, elbow, swelling, tube
 
 
@@ -41,6 +41,15 @@ def test_a_skin_places_its_mesh_in_the_stead_of_its_node(tmp_path: Path) -> None
     assert scene.nodes[1].joint is None
     place = scene.world_transforms()[node.joint] @ node.inverse_bind
     np.testing.assert_allclose(place, np.eye(4), atol=1e-6)
+
+
+def test_a_mesh_with_a_skin_is_read_where_its_joints_place_it(tmp_path: Path) -> None:
+    """The node that shows it says another place and size, which the standard leaves out."""
+    made = arm()
+    made.json["nodes"][0] |= {"translation": [7, 0, 0], "scale": [SCALE] * 3}
+    made.json["nodes"][1]["translation"] = [0, 5, 0]
+    mesh = read_mesh(written(tmp_path / "arm.glb", made))
+    np.testing.assert_allclose(mesh.vertices, tube()[0] + [0, 5, 0], atol=1e-5)
 
 
 def test_what_is_written_moves_as_what_was_read(tmp_path: Path) -> None:

@@ -349,17 +349,48 @@ class Reader {
       const JsonPlace place = node(visit.node);
       const Transform world = visit.parent * node_transform(place);
       if (const auto mesh = place.find("mesh")) {
+        const auto skin = place.find("skin");
+        const Transform shown = skin ? placed_by_skin(*skin, children) : world;
         auto weights = place.find("weights");  // they replace those of the mesh
         if (!weights) weights = document_.object("meshes", *mesh).find("weights");
         const std::int64_t index = mesh->integer(0, document_.count("meshes") - 1);
         const auto placed = gpu_instances(place);
-        if (!placed) instances_.push_back({index, world, std::move(weights)});
+        if (!placed) instances_.push_back({index, shown, std::move(weights)});
         for (std::size_t i = 0; placed && i < placed->size(); ++i) {
-          instances_.push_back({index, world * (*placed)[i], weights});
+          instances_.push_back({index, shown * (*placed)[i], weights});
         }
       }
       push_reversed(children[visit.node], world);
     }
+  }
+
+  /// The place of a mesh by the first joint of its skin. glTF places it by its joints alone, in
+  /// the pose in which it was bound by all of them alike, and not by the node that shows it.
+  Transform placed_by_skin(const JsonPlace& skin,
+                           const std::vector<std::vector<std::int64_t>>& children) {
+    const auto [joint, inverse_bind] = first_joint(skin);
+    return world_of(joint, children) *
+           Transform{inverse_bind.topLeftCorner<3, 3>(), inverse_bind.topRightCorner<3, 1>()};
+  }
+
+  /// From the coordinates of a node into those of the scene; each node is looked at once.
+  Transform world_of(std::int64_t node_index,
+                     const std::vector<std::vector<std::int64_t>>& children) {
+    if (parents_.empty()) {
+      parents_.assign(children.size(), -1);
+      for (std::size_t n = 0; n < children.size(); ++n) {
+        for (const std::int64_t child : children[n]) parents_[child] = static_cast<std::int64_t>(n);
+      }
+    }
+    std::vector<std::int64_t> path;
+    for (std::int64_t n = node_index; n >= 0 && !worlds_.contains(n); n = parents_[n]) {
+      path.push_back(n);
+    }
+    for (auto n = path.rbegin(); n != path.rend(); ++n) {
+      const Transform own = node_transform(node(*n));
+      worlds_[*n] = parents_[*n] < 0 ? own : worlds_.at(parents_[*n]) * own;
+    }
+    return worlds_.at(node_index);
   }
 
   /// Places of a node's mesh by EXT_mesh_gpu_instancing, in the node's coordinates; null: once, at
@@ -1129,6 +1160,8 @@ class Reader {
   std::vector<Instance> instances_;
   std::map<std::int64_t, std::vector<Primitive>> meshes_;
   std::map<std::string, std::pair<std::int32_t, Eigen::Matrix4d>> first_joints_;  ///< By skin.
+  std::vector<std::int64_t> parents_;         ///< Of the nodes, -1: none; empty: not asked for yet.
+  std::map<std::int64_t, Transform> worlds_;  ///< Of the nodes that world_of() has looked at.
   std::map<std::pair<const GltfAccessor*, TextureTransform>, std::int64_t> texcoord_rows_;
   std::vector<Draw> draws_;
   bool with_colors_ = false;
