@@ -7,8 +7,8 @@ rendering them costs nothing here. Chromium draws without a graphics card, most 
 
 from __future__ import annotations
 
+import argparse
 import json
-import sys
 import tempfile
 import threading
 import time
@@ -61,4 +61,6 @@ def _watch(url: str, seconds: float, told: dict[str, Any]) -> None:
 
 
 if __name__ == "__main__":
-    main(float(sys.argv[1]) if sys.argv[1:] else 30.0)
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("seconds", type=float, nargs="?", default=30.0, help="default: 30")
+    main(parser.parse_args().seconds)

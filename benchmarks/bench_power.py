@@ -7,6 +7,7 @@ scan may be called tampered at 1 % for all its detectors together.
 
 from __future__ import annotations
 
+import argparse
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -61,6 +62,7 @@ def measured(folder: Path) -> dict[str, dict[str, Power]]:
 
 def main() -> None:
     """Plant, count, and write the table."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     one_thread()
     import tables
     from manip3d import datasets

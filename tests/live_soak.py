@@ -8,6 +8,7 @@ from the simulator as fast as it draws; a recording (``mkv:FILE``) is played ove
 
 from __future__ import annotations
 
+import argparse
 import json
 import re
 import signal
@@ -30,11 +31,11 @@ GAME_S = 20.0
 AGAIN_S = 30.0  # after which a client leaves and comes back
 
 
-def main(seconds: float, *source: str) -> int:
+def main(seconds: float, source: str | None = None) -> int:
     # In the background of a shell it is ignored, and the session that it ends would inherit that.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     with tempfile.TemporaryDirectory() as name:
-        return soak(Path(name), seconds, [f"--source={address}" for address in source])
+        return soak(Path(name), seconds, [] if source is None else [f"--source={source}"])
 
 
 def soak(folder: Path, seconds: float, source: list[str]) -> int:
@@ -125,4 +126,8 @@ def judge(report: dict, log: Path, path: Path, games: int) -> int:  # type: igno
 
 
 if __name__ == "__main__":
-    sys.exit(main(float(sys.argv[1]) if sys.argv[1:] else HOUR, *sys.argv[2:3]))
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("seconds", type=float, nargs="?", default=HOUR, help="default: an hour")
+    parser.add_argument("source", nargs="?", help="an address; default: the simulated amputee")
+    options = parser.parse_args()
+    sys.exit(main(options.seconds, options.source))
