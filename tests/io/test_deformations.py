@@ -43,13 +43,55 @@ def test_a_skin_places_its_mesh_in_the_stead_of_its_node(tmp_path: Path) -> None
     np.testing.assert_allclose(place, np.eye(4), atol=1e-6)
 
 
-def test_a_mesh_with_a_skin_is_read_where_its_joints_place_it(tmp_path: Path) -> None:
+def test_a_mesh_with_a_skin_is_read_in_the_pose_of_its_joints(tmp_path: Path) -> None:
     """The node that shows it says another place and size, which the standard leaves out."""
     made = arm()
     made.json["nodes"][0] |= {"translation": [7, 0, 0], "scale": [SCALE] * 3}
-    made.json["nodes"][1]["translation"] = [0, 5, 0]
-    mesh = read_mesh(written(tmp_path / "arm.glb", made))
-    np.testing.assert_allclose(mesh.vertices, tube()[0] + [0, 5, 0], atol=1e-5)
+    bend = 0.8
+    made.json["nodes"][3]["rotation"] = [np.sin(bend / 2), 0, 0, np.cos(bend / 2)]
+    source = written(tmp_path / "arm.glb", made)
+    expected, _ = PosedGltf(source).posed(bend)
+    np.testing.assert_allclose(read_mesh(source).vertices, expected, atol=1e-5)
+
+
+def test_normals_follow_the_joints(tmp_path: Path) -> None:
+    """A quarter turn about x of the second joint, which alone moves the square."""
+    made = Scene()
+    joints = made.accessor(np.tile([1, 0, 0, 0], (4, 1)), "u1")
+    weights = made.accessor(np.tile([0.5, 0, 0, 0], (4, 1)))  # as good as one
+    up = made.accessor(np.tile(np.float32([0, 0, 1]), (4, 1)))
+    attributes = {"POSITION": made.accessor(SQUARE), "NORMAL": up}
+    made.primitive({**attributes, "JOINTS_0": joints, "WEIGHTS_0": weights}, mode=5)
+    turn = [np.sin(np.pi / 4), 0, 0, np.cos(np.pi / 4)]
+    made.json["nodes"] = [{"mesh": 0, "skin": 0}, {}, {"rotation": turn, "scale": [1, 1, 2]}]
+    made.json["skins"] = [{"joints": [1, 2]}]
+    mesh = read_mesh(written(tmp_path / "a.glb", made))
+    np.testing.assert_allclose(mesh.vertices, SQUARE[:, [0, 2, 1]], atol=1e-6)
+    assert mesh.normals is not None
+    np.testing.assert_allclose(mesh.normals, np.tile([0, -1, 0], (4, 1)), atol=1e-6)
+
+
+def test_primitives_that_share_positions_may_have_other_joints(tmp_path: Path) -> None:
+    made = Scene()
+    position = made.accessor(SQUARE)
+    for joint in (0, 1):
+        joints = made.accessor(np.tile([joint, 0, 0, 0], (4, 1)), "u1")
+        weights = made.accessor(np.tile([1, 0, 0, 0], (4, 1)))
+        attributes = {"POSITION": position, "JOINTS_0": joints, "WEIGHTS_0": weights}
+        made.primitive(attributes, mode=5)
+    made.json["nodes"] = [{"mesh": 0, "skin": 0}, {}, {"translation": [0, 0, 9]}]
+    made.json["skins"] = [{"joints": [1, 2]}]
+    mesh = read_mesh(written(tmp_path / "a.glb", made))
+    np.testing.assert_array_equal(mesh.vertices[:, 2], [0] * 4 + [9] * 4)
+
+
+def test_a_joint_that_a_skin_does_not_have_is_named(tmp_path: Path) -> None:
+    made = arm()
+    made.json["skins"][0]["joints"] = [2]
+    with pytest.raises(
+        FormatError, match=r"/primitives/0: vertex 600 has joint 1 of a skin with 1"
+    ):
+        read_mesh(written(tmp_path / "arm.glb", made))
 
 
 def test_what_is_written_moves_as_what_was_read(tmp_path: Path) -> None:
@@ -181,7 +223,7 @@ def _three_numbers(made: Scene) -> None:
         (_short, "has 5 elements, POSITION of /meshes/0/primitives/0 1464"),
         (_no_integers, "expected joints as integers from 0 to 65535, got 0.5"),
         (_no_joint, "/skins/0/joints: expected at least one joint"),
-        (_no_matrix, "expected a matrix for each joint, got none"),
+        (_no_matrix, "expected a matrix for each of 2 joints, got 0"),
         (_no_node, "/skins/0/joints/0: expected a whole number"),
         (_three_numbers, "the type does not suit POSITION"),
     ],

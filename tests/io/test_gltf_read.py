@@ -597,7 +597,7 @@ def test_light_that_a_surface_sends_out(
     ("changes", "warning"),
     [
         ({"animations": [{}]}, "animations are left out"),
-        ({"skins": [{}]}, "skins are left out: meshes stay in their bind pose"),
+        ({"skins": [{}]}, "skins are left out: meshes have the pose of their joints"),
         ({"extensionsUsed": ["KHR_lights_punctual"]}, "extension KHR_lights_punctual is left out"),
         (
             {

@@ -89,10 +89,18 @@ struct Primitive {
   }
 };
 
+/// The joints of a skin, and what takes the coordinates of a mesh to those of each.
+struct Skin {
+  std::vector<std::int64_t> joints;
+  std::vector<Transform> inverse_binds;
+};
+
 struct Instance {
   std::int64_t mesh;
   Transform transform;
   std::optional<JsonPlace> weights;  ///< Weights of the morph targets; null: all are zero.
+  /// Places of the mesh by each joint of a skin; null: no skin.
+  const std::vector<Transform>* joints = nullptr;
 };
 
 /// One primitive of one instance, and the rows of the mesh's tables where its elements start.
@@ -108,6 +116,7 @@ struct Draw {
   bool owns_vertices = false;
   bool owns_texcoords = false;
   bool owns_normals = false;
+  const std::vector<Transform>* joints = nullptr;
   Morph vertex_morph = {};
   Morph normal_morph = {};
 };
@@ -222,7 +231,7 @@ class Reader {
     if (is_scene_) return;
     if (document_.count("animations") > 0) warn(result_.warnings, "animations are left out");
     if (document_.count("skins") > 0)
-      warn(result_.warnings, "skins are left out: meshes stay in their bind pose");
+      warn(result_.warnings, "skins are left out: meshes have the pose of their joints");
   }
 
   void check_extensions() {
@@ -350,27 +359,31 @@ class Reader {
       const Transform world = visit.parent * node_transform(place);
       if (const auto mesh = place.find("mesh")) {
         const auto skin = place.find("skin");
-        const Transform shown = skin ? placed_by_skin(*skin, children) : world;
+        const auto* joints = skin ? &places_of_joints(*skin, children) : nullptr;
+        const Transform& shown = joints != nullptr ? joints->front() : world;
         auto weights = place.find("weights");  // they replace those of the mesh
         if (!weights) weights = document_.object("meshes", *mesh).find("weights");
         const std::int64_t index = mesh->integer(0, document_.count("meshes") - 1);
         const auto placed = gpu_instances(place);
-        if (!placed) instances_.push_back({index, shown, std::move(weights)});
+        if (!placed) instances_.push_back({index, shown, std::move(weights), joints});
         for (std::size_t i = 0; placed && i < placed->size(); ++i) {
-          instances_.push_back({index, shown * (*placed)[i], weights});
+          instances_.push_back({index, world * (*placed)[i], weights});
         }
       }
       push_reversed(children[visit.node], world);
     }
   }
 
-  /// The place of a mesh by the first joint of its skin. glTF places it by its joints alone, in
-  /// the pose in which it was bound by all of them alike, and not by the node that shows it.
-  Transform placed_by_skin(const JsonPlace& skin,
-                           const std::vector<std::vector<std::int64_t>>& children) {
-    const auto [joint, inverse_bind] = first_joint(skin);
-    return world_of(joint, children) *
-           Transform{inverse_bind.topLeftCorner<3, 3>(), inverse_bind.topRightCorner<3, 1>()};
+  /// Places of a mesh by each joint of a skin. glTF places it by them, and not by the node that
+  /// shows it.
+  const std::vector<Transform>& places_of_joints(
+      const JsonPlace& user, const std::vector<std::vector<std::int64_t>>& children) {
+    const Skin& skin = read_skin(user);
+    std::vector<Transform>& places = places_of_joints_[&skin];
+    for (std::size_t i = places.size(); i < skin.joints.size(); ++i) {
+      places.push_back(world_of(skin.joints[i], children) * skin.inverse_binds[i]);
+    }
+    return places;
   }
 
   /// From the coordinates of a node into those of the scene; each node is looked at once.
@@ -476,7 +489,9 @@ class Reader {
       }
       const auto skin = place.find("skin");
       if (skin && nodes[n].mesh >= 0) {
-        std::tie(nodes[n].joint, nodes[n].inverse_bind) = first_joint(*skin);
+        const Skin& read = read_skin(*skin);
+        nodes[n].joint = static_cast<std::int32_t>(read.joints.front());
+        nodes[n].inverse_bind = matrix_of(read.inverse_binds.front());
       }
       nodes[n].transform = matrix_of(node_transform(place));
       if (const auto placed = gpu_instances(place); placed && nodes[n].mesh >= 0) {
@@ -493,25 +508,32 @@ class Reader {
     return nodes;
   }
 
-  /// The node of a skin's first joint, and the matrix that takes the coordinates of a mesh to its
-  /// own. In the pose in which a skin was bound all of its joints place the mesh alike.
-  std::pair<std::int32_t, Eigen::Matrix4d> first_joint(const JsonPlace& user) {
-    const JsonPlace skin = document_.object("skins", user);
-    const auto [known, is_new] =
-        first_joints_.try_emplace(skin.pointer(), -1, Eigen::Matrix4d::Identity());
-    if (!is_new) return known->second;
-    auto& [joint, inverse_bind] = known->second;
-    const JsonPlace joints = skin.member("joints");
+  const Skin& read_skin(const JsonPlace& user) {
+    const JsonPlace place = document_.object("skins", user);
+    const auto [known, is_new] = skins_.try_emplace(place.pointer());
+    Skin& skin = known->second;
+    if (!is_new) return skin;
+    const JsonPlace joints = place.member("joints");
     if (joints.size() == 0) joints.fail("expected at least one joint");
-    joint = static_cast<std::int32_t>(joints.item(0).integer(0, document_.count("nodes") - 1));
-    if (const GltfAccessor* given = attribute(skin, "inverseBindMatrices", 16, 16)) {
-      if (given->count == 0) given->place.fail("expected a matrix for each joint, got none");
+    charge(joints.size(), 2 * sizeof(Transform) + sizeof(std::int64_t), joints.pointer());
+    for (std::int64_t i = 0; i < joints.size(); ++i) {
+      skin.joints.push_back(joints.item(i).integer(0, document_.count("nodes") - 1));
+    }
+    skin.inverse_binds.resize(skin.joints.size());
+    if (const GltfAccessor* given = attribute(place, "inverseBindMatrices", 16, 16)) {
+      if (given->count < joints.size()) {
+        given->place.fail("expected a matrix for each of " + std::to_string(joints.size()) +
+                          " joints, got " + std::to_string(given->count));
+      }
       charge(given->count, 16 * sizeof(double), given->place.pointer());
       std::vector<double> matrices(16 * given->count);
       given->decode(matrices.data());
-      inverse_bind = Eigen::Map<const Eigen::Matrix4d>(matrices.data());
+      for (std::size_t i = 0; i < skin.joints.size(); ++i) {
+        const Eigen::Map<const Eigen::Matrix4d> matrix(matrices.data() + 16 * i);
+        skin.inverse_binds[i] = {matrix.topLeftCorner<3, 3>(), matrix.topRightCorner<3, 1>()};
+      }
     }
-    return known->second;
+    return skin;
   }
 
   /// Nodes that are part of any scene.
@@ -840,15 +862,20 @@ class Reader {
   }
 
   void plan_instance(const Instance& instance) {
-    using Key = std::tuple<const GltfAccessor*, const GltfAccessor*, Morph>;
+    using Key = std::tuple<const GltfAccessor*, const GltfAccessor*, Morph, const GltfAccessor*>;
     std::map<Key, std::int64_t> vertex_rows;
-    std::map<std::pair<const GltfAccessor*, Morph>, std::int64_t> normal_rows;
+    std::map<std::tuple<const GltfAccessor*, Morph, const GltfAccessor*>, std::int64_t> normal_rows;
     const std::vector<double> weights = default_weights(instance);
     for (const Primitive& p : primitives_of(instance.mesh)) {
       Draw draw{.primitive = &p, .transform = &instance.transform, .first_face = num_faces_};
       draw.vertex_morph = morph_of(p, weights, "POSITION", p.position);
       draw.normal_morph = morph_of(p, weights, "NORMAL", p.normal);
       warn_of_targets(p, instance, weights);
+      const GltfAccessor* moved_by = nullptr;
+      if (instance.joints != nullptr) {
+        moved_by = attribute(p.place.member("attributes"), "JOINTS_0", 4, 4);
+        if (moved_by != nullptr) draw.joints = instance.joints;
+      }
       // Gives `key` rows at the end of a table of `count` rows, unless it has some. Returns the
       // first of its rows, and whether they are new.
       const auto claim_rows = [&](auto& rows, const auto& key, std::int64_t& count,
@@ -861,16 +888,18 @@ class Reader {
         return std::pair(row->second, is_new);
       };
       const std::int64_t size = p.position->count;
-      std::tie(draw.first_vertex, draw.owns_vertices) = claim_rows(
-          vertex_rows, Key(p.position, with_colors_ ? p.color : nullptr, draw.vertex_morph),
-          num_vertices_, size, with_colors_ ? kVertexBytes + kColorBytes : kVertexBytes);
+      std::tie(draw.first_vertex, draw.owns_vertices) =
+          claim_rows(vertex_rows,
+                     Key(p.position, with_colors_ ? p.color : nullptr, draw.vertex_morph, moved_by),
+                     num_vertices_, size, with_colors_ ? kVertexBytes + kColorBytes : kVertexBytes);
       if (p.texcoord != nullptr) {
         std::tie(draw.first_texcoord, draw.owns_texcoords) = claim_rows(
             texcoord_rows_, std::pair(p.texcoord, p.texture), num_texcoords_, size, kTexcoordBytes);
       }
       if (p.normal != nullptr) {
-        std::tie(draw.first_normal, draw.owns_normals) = claim_rows(
-            normal_rows, std::pair(p.normal, draw.normal_morph), num_normals_, size, kVertexBytes);
+        std::tie(draw.first_normal, draw.owns_normals) =
+            claim_rows(normal_rows, std::tuple(p.normal, draw.normal_morph, moved_by), num_normals_,
+                       size, kVertexBytes);
       }
       charge(p.num_corners(), sizeof(std::uint32_t), p.place.pointer());
       charge(p.num_faces(), kFaceBytes, p.place.pointer());
@@ -908,16 +937,49 @@ class Reader {
     const GltfAccessor& accessor = *draw.primitive->position;
     accessor.decode(mesh_.vertices.data() + 3 * draw.first_vertex);
     apply(draw.vertex_morph, mesh_.vertices.data() + 3 * draw.first_vertex);
+    const std::vector<Transform> places = places_of_vertices(draw);
     for (std::int64_t i = draw.first_vertex; i < draw.first_vertex + accessor.count; ++i) {
       auto row = mesh_.vertices.row(i);
-      row = (draw.transform->linear * row.transpose() + draw.transform->translation)
-                .transpose()
-                .eval();
+      const Transform& place = places.empty()
+                                   ? *draw.transform
+                                   : places[static_cast<std::size_t>(i - draw.first_vertex)];
+      row = (place.linear * row.transpose() + place.translation).transpose().eval();
       if (!row.allFinite()) {
         accessor.place.fail("element " + std::to_string(i - draw.first_vertex) +
                             " is not finite after the transform of its node");
       }
     }
+  }
+
+  /// Places of each vertex of a draw by the joints of a skin; empty: its node places it.
+  std::vector<Transform> places_of_vertices(const Draw& draw) {
+    std::vector<Transform> places;
+    if (draw.joints == nullptr) return places;
+    const JsonPlace& primitive = draw.primitive->place;
+    const std::int64_t count = draw.primitive->position->count;
+    const Deformation moves = read_influences(document_, primitive, count, budget_);
+    charge(count, sizeof(Transform), primitive.pointer());
+    places.reserve(count);
+    for (std::int64_t i = 0; i < count; ++i) {
+      Transform place{Eigen::Matrix3d::Zero(), Eigen::Vector3d::Zero()};
+      double total = 0.0;
+      for (std::int64_t k = i * moves.num_influences; k < (i + 1) * moves.num_influences; ++k) {
+        const double weight = moves.weights[k];
+        if (!(weight > 0.0)) continue;
+        if (moves.joints[k] >= draw.joints->size()) {
+          primitive.fail("vertex " + std::to_string(i) + " has joint " +
+                         std::to_string(moves.joints[k]) + " of a skin with " +
+                         std::to_string(draw.joints->size()));
+        }
+        const Transform& joint = (*draw.joints)[moves.joints[k]];
+        place.linear += weight * joint.linear;
+        place.translation += weight * joint.translation;
+        total += weight;
+      }
+      places.push_back(total > 0.0 ? Transform{place.linear / total, place.translation / total}
+                                   : *draw.transform);
+    }
+    return places;
   }
 
   /// Linear light to sRGB bytes, IEC 61966-2-1; a primitive without colours is white.
@@ -961,17 +1023,24 @@ class Reader {
     const GltfAccessor& accessor = *draw.primitive->normal;
     accessor.decode(mesh_.normals.data() + 3 * draw.first_normal);
     apply(draw.normal_morph, mesh_.normals.data() + 3 * draw.first_normal);
+    const std::vector<Transform> places = places_of_vertices(draw);
     const Eigen::Matrix3d& m = draw.transform->linear;
-    if (m.isIdentity(0.0) && draw.normal_morph.empty()) return;
-    Eigen::Matrix3d cofactors;
-    cofactors << m.col(1).cross(m.col(2)), m.col(2).cross(m.col(0)), m.col(0).cross(m.col(1));
-    if (draw.transform->mirrors()) cofactors = -cofactors;
+    if (m.isIdentity(0.0) && draw.normal_morph.empty() && places.empty()) return;
+    Eigen::Matrix3d turned = cofactors_of(m);
     for (std::int64_t i = draw.first_normal; i < draw.first_normal + accessor.count; ++i) {
-      const Eigen::Vector3d normal = cofactors * mesh_.normals.row(i).transpose();
+      if (!places.empty()) turned = cofactors_of(places[i - draw.first_normal].linear);
+      const Eigen::Vector3d normal = turned * mesh_.normals.row(i).transpose();
       if (!normal.allFinite())
         accessor.place.fail("a normal overflows in the transform of its node");
       mesh_.normals.row(i) = normal.stableNormalized().transpose();
     }
+  }
+
+  /// The matrix of cofactors of a linear map, without the sign of one that mirrors.
+  static Eigen::Matrix3d cofactors_of(const Eigen::Matrix3d& m) {
+    Eigen::Matrix3d cofactors;
+    cofactors << m.col(1).cross(m.col(2)), m.col(2).cross(m.col(0)), m.col(0).cross(m.col(1));
+    return m.determinant() < 0.0 ? Eigen::Matrix3d(-cofactors) : cofactors;
   }
 
   [[nodiscard]] static std::vector<std::uint32_t> corners_of(const Primitive& p) {
@@ -1159,9 +1228,10 @@ class Reader {
   TriangleMesh& mesh_ = result_.mesh;
   std::vector<Instance> instances_;
   std::map<std::int64_t, std::vector<Primitive>> meshes_;
-  std::map<std::string, std::pair<std::int32_t, Eigen::Matrix4d>> first_joints_;  ///< By skin.
-  std::vector<std::int64_t> parents_;         ///< Of the nodes, -1: none; empty: not asked for yet.
-  std::map<std::int64_t, Transform> worlds_;  ///< Of the nodes that world_of() has looked at.
+  std::map<std::string, Skin> skins_;  ///< By pointer.
+  std::map<const Skin*, std::vector<Transform>> places_of_joints_;
+  std::vector<std::int64_t> parents_;         ///< By node, -1: none; empty: not asked for yet.
+  std::map<std::int64_t, Transform> worlds_;  ///< By node, those that world_of() has looked at.
   std::map<std::pair<const GltfAccessor*, TextureTransform>, std::int64_t> texcoord_rows_;
   std::vector<Draw> draws_;
   bool with_colors_ = false;

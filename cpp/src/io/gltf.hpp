@@ -60,10 +60,10 @@ class GltfBudget {
 /// KHR_texture_transform (of the first texture of a material, in the texture coordinates; textures
 /// placed otherwise are left out with a warning).
 /// A file without nodes has all its meshes read as they are, with a warning. Meshes have the shape
-/// of the default weights of their morph targets. Points, lines, skins, the morph targets
-/// themselves, animations, extensions of lights, materials and image formats, and others that are
-/// not required are left out with a warning. Where only some primitives have vertex colours, the
-/// others are white.
+/// of the default weights of their morph targets, in the pose of the joints of their skins. Points,
+/// lines, the skins and morph targets themselves, animations, extensions of lights, materials and
+/// image formats, and others that are not required are left out with a warning. Where only some
+/// primitives have vertex colours, the others are white.
 /// @param data       a .gltf or .glb, told apart by the first four bytes.
 /// @param resource   called for external buffers; external images stay paths.
 /// @param budget     what reading it may cost.

@@ -10,6 +10,7 @@
 namespace manip3d {
 namespace {
 
+constexpr std::int64_t kInfluenceBytes = sizeof(std::uint16_t) + sizeof(float);
 constexpr std::int64_t kInSet = 4;  // joints of a vertex in each of JOINTS_0, JOINTS_1, ...
 
 std::string in_set(const char* name, std::int64_t set) {
@@ -142,6 +143,17 @@ std::string reason_not_to_deform(const JsonPlace& primitives, bool has_skin) {
   return "";
 }
 
+Deformation read_influences(GltfDocument& document, const JsonPlace& primitive,
+                            std::int64_t num_vertices, GltfBudget& budget) {
+  Deformation deformation;
+  deformation.num_influences = kInSet * num_sets(primitive.member("attributes"));
+  budget.charge(num_vertices * deformation.num_influences * kInfluenceBytes, primitive.pointer());
+  deformation.joints.resize(num_vertices * deformation.num_influences);
+  deformation.weights.resize(deformation.joints.size());
+  read_joints(document, {primitive, 0, num_vertices}, deformation);
+  return deformation;
+}
+
 Deformation read_deformation(GltfDocument& document, const std::vector<PlacedPrimitive>& primitives,
                              std::int64_t num_vertices, GltfBudget& budget) {
   Deformation deformation;
@@ -150,7 +162,7 @@ Deformation read_deformation(GltfDocument& document, const std::vector<PlacedPri
     deformation.num_influences = std::max(deformation.num_influences, influences);
     deformation.num_targets = num_targets(primitive.place);
     const std::int64_t per_vertex =
-        influences * static_cast<std::int64_t>(sizeof(std::uint16_t) + sizeof(float)) +
+        influences * kInfluenceBytes +
         deformation.num_targets * 6 * static_cast<std::int64_t>(sizeof(float));
     budget.charge(primitive.num_vertices * per_vertex, primitive.place.pointer());
   }

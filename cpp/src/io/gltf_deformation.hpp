@@ -21,6 +21,11 @@ struct PlacedPrimitive {
 /// empty: it can.
 std::string reason_not_to_deform(const JsonPlace& primitives, bool has_skin);
 
+/// Reads JOINTS_n and WEIGHTS_n of one primitive, whose vertices are all that there are.
+/// @throws FormatError  as read_deformation().
+Deformation read_influences(GltfDocument& document, const JsonPlace& primitive,
+                            std::int64_t num_vertices, GltfBudget& budget);
+
 /// Reads JOINTS_n, WEIGHTS_n and the morph targets of a mesh that reason_not_to_deform() allows.
 /// @throws FormatError  an accessor that does not suit its attribute or primitive, joints that are
 ///                      no integers, and what is beyond the budget.
