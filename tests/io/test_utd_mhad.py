@@ -131,17 +131,21 @@ def test_what_is_wrong_with_a_table_is_told(tmp_path: Path) -> None:
     lines = table.read_text().splitlines()
     swapped = [*lines[:3], lines[4], lines[3], *lines[5:]]
     cut = lines[:-1]
-    every = "expected the 20 joints of 3 frames, frame by frame; "
+    places = "expected joints 0 to 19 of frames 0 to 2, frame by frame, got joint "
+    none = r"joints\.csv: expected the 20 joints of 3 frames, got those of none"
     for text, words in (
-        ("\n".join(swapped), every + "row 4: expected joint 2 of frame 0, got joint 3 of frame 0"),
-        ("\n".join(cut), every + "row 61: expected joint 19 of frame 2, got none"),
-        ("\n".join([*lines, lines[-1]]), every + "got 1 more"),
+        ("\n".join(swapped), r"joints\.csv: line 5: " + places + "2 of frame 0 in its place"),
+        ("\n".join([*lines, "", lines[-1]]), "line 63: " + places + "19 of frame 2 in its place"),
+        ("\n".join([*cut, "3,0,joint,0,0,2"]), "line 61: " + places + "0 of frame 3 in its place"),
+        ("\n".join([*cut, "2,20,joint,0,0,2"]), "line 61: " + places + "20 of frame 2 in its"),
+        ("\n".join([*cut, "2,1e300,joint,0,0,2"]), "line 61: " + places + "1e.300 of frame 2"),
+        ("\n".join([*cut, "2,nan,joint,0,0,2"]), "line 61: " + places + "nan of frame 2"),
         ("\n".join([*cut, "2,19,joint,here,0,2"]), r"joints\.csv: .*commas.*: could not convert"),
         ("\n".join([*cut, "2,19,joint,nan,0,2"]), r"joints\.csv: joint 19 of frame 2: .* got nan"),
-        (f"{TABLE}\n0,0,joint,0,0,2", every + "row 3: expected joint 1 of frame 0, got none"),
-        (TABLE, every + "row 2: expected joint 0 of frame 0, got none"),
-        (f"{TABLE}\n\n \n", every + "row 2: expected joint 0 of frame 0, got none"),
-        ("", every + "row 2: expected joint 0 of frame 0, got none"),
+        (f"{TABLE}\n0,0,joint,0,0,2", none),
+        (TABLE, none),
+        (f"{TABLE}\n\n \n", none),
+        ("", none),
     ):
         table.write_text(text)
         with pytest.raises(manip3d.FormatError, match=words):
@@ -154,6 +158,24 @@ def test_what_is_wrong_with_a_table_is_told(tmp_path: Path) -> None:
     (folder / "depth_0001.png").unlink()
     with pytest.raises(manip3d.FormatError, match=r"0002\.png: expected depth_0001\.png before"):
         open_people(f"utd-mhad:{folder}")
+
+
+@pytest.mark.parametrize(
+    ("missing", "frames"), [([25], [1]), ([60], [2]), ([*range(1, 21), 41], [0, 2])]
+)
+def test_a_frame_without_all_of_its_rows_has_no_skeleton(
+    missing: list[int], frames: list[int], tmp_path: Path
+) -> None:
+    """Rows that a tracker did not write, or that were cut off, do not refuse a whole trial."""
+    folder = write_pictures(tmp_path / "pictures")
+    table = folder / "joints.csv"
+    lines = table.read_text().splitlines()
+    table.write_text("\n".join(line for at, line in enumerate(lines) if at not in missing))
+    recording = open_people(f"utd-mhad:{folder}")
+    assert [image.number for image in recording if not image.skeletons] == frames
+    assert len(recording) == FRAMES
+    done = run("phantom", "render", folder, "-o", tmp_path / "out")
+    assert done.exit_code == 0, done.output
 
 
 def test_commands_take_trials_and_folders_of_them(tmp_path: Path) -> None:

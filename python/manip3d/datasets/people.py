@@ -172,7 +172,8 @@ def open_people(uri: str) -> RgbdSequence:
     Returns
     -------
     RgbdSequence
-        Its frames have ``body_index`` 0 where the person is. Times are the recording's own
+        Its frames have ``body_index`` 0 where the person is. A frame of which a table of joints
+        lacks a row has no skeleton. Times are the recording's own
         (Labanotation) or nominal, 30 frames a second. UTD-MHAD has no colour and says of no joint
         whether it was inferred; Labanotation has no images: their depth is 0 everywhere.
 
@@ -226,14 +227,15 @@ def _utd_mhad(uri: str, trial: Path, skeleton: Path | None = None) -> RgbdSequen
     calibration = RgbdCalibration(unmirrored(_UTD_CAMERA))
 
     def load(number: int) -> RgbdFrame:
-        skeleton = skeleton_from(
-            joints[number][list(_UTD_JOINTS)], layout="kinect-v1", axes="kinect", body=0
-        )
+        told = joints[number][list(_UTD_JOINTS)]
+        is_told = bool(np.isfinite(told).all())
         return RgbdFrame(
             depth=images[number],
             calibration=calibration,
             body_index=_body(images[number] > 0),
-            skeletons=(skeleton,),
+            skeletons=(
+                (skeleton_from(told, layout="kinect-v1", axes="kinect", body=0),) if is_told else ()
+            ),
             time_ns=number * _NOMINAL_PERIOD_NS,
             number=number,
         )

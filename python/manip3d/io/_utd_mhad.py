@@ -67,8 +67,9 @@ def read_trial(
     """Return depth images (N, 240, 320) in millimetres and joints (N, 20, 3) in metres.
 
     Images are mirrored, as the Kinect delivers them, and joints are in its axes and in the data
-    set's own order. Without ``skeleton`` they are in ``..._skeleton.mat`` beside the depth file, or
-    in the folder ``Skeleton`` beside the folder of depth files, as the data set is distributed.
+    set's own order; they are all NaN in frames for which a table lacks a row. Without ``skeleton``
+    they are in ``..._skeleton.mat`` beside the depth file, or in the folder ``Skeleton`` beside
+    the folder of depth files, as the data set is distributed.
 
     Raises
     ------
@@ -79,10 +80,14 @@ def read_trial(
     MissingExtraError
         Pillow is not installed (pictures).
     """
-    images, joints = _png_trial(trial) if trial.is_dir() else _mat_trial(trial, skeleton)
+    if trial.is_dir():
+        images, joints, is_whole = _png_trial(trial)
+    else:
+        images, joints = _mat_trial(trial, skeleton)
+        is_whole = np.ones(len(joints), np.bool_)
     if len(images) != len(joints):
         raise FormatError(f"expected {len(images)} skeletons, got {len(joints)}", file=str(trial))
-    is_told = np.abs(joints) <= _FARTHEST_M
+    is_told = (np.abs(joints) <= _FARTHEST_M) | ~is_whole[:, None, None]
     if not is_told.all():
         frame, joint, axis = np.argwhere(~is_told)[0]
         told = (
@@ -166,8 +171,13 @@ def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
         at += 0 if kind == _COMPRESSED else -at % 8
 
 
-def _png_trial(folder: Path) -> tuple[NDArray[np.uint16], NDArray[np.float64]]:
-    """Images of a folder, and its table with a row for each joint: frame, joint, name, x, y, z."""
+def _png_trial(
+    folder: Path,
+) -> tuple[NDArray[np.uint16], NDArray[np.float64], NDArray[np.bool_]]:
+    """Images of a folder, joints, and whether all joints of a frame are in the table.
+
+    The table has a row for each joint: frame, joint, name, x, y, z.
+    """
     paths = sorted(folder.glob("depth_*.png"))
     for index, path in enumerate(paths):
         if path.name != f"depth_{index:04d}.png":
@@ -179,7 +189,8 @@ def _png_trial(folder: Path) -> tuple[NDArray[np.uint16], NDArray[np.float64]]:
             raise FormatError(told + f"{image.shape[1]} x {image.shape[0]}", file=str(path))
     table = folder / _TABLE
     lines = limited_bytes(table, _MOST_BYTES).decode("utf-8", "replace").splitlines()
-    text = [line for line in lines[1:] if line.strip()]
+    numbers = [number for number, line in enumerate(lines, 1) if number > 1 and line.strip()]
+    text = [lines[number - 1] for number in numbers]
     options: dict[str, Any] = {"delimiter": ",", "usecols": (0, 1, 3, 4, 5), "ndmin": 2}
     try:
         rows = np.loadtxt(text or ["0," * 6], np.float64, comments=None, **options)
@@ -187,21 +198,32 @@ def _png_trial(folder: Path) -> tuple[NDArray[np.uint16], NDArray[np.float64]]:
         told = "expected frame, joint, name, x, y, z after a heading, with commas between them"
         raise FormatError(f"{told}: {error}", file=str(table)) from None
     rows = rows[: len(text)]
-    number = np.arange(len(images) * _JOINTS)
-    order = np.stack([number // _JOINTS, number % _JOINTS], axis=1)
-    if not np.array_equal(rows[:, :2], order):
-        told = f"expected the {_JOINTS} joints of {len(images)} frames, frame by frame"
-        raise FormatError(f"{told}; {_first_wrong(rows[:, :2], order)}", file=str(table))
-    return np.stack(images).astype(np.uint16), rows[:, 2:].reshape(-1, _JOINTS, 3)
+    joints = np.full((len(images), _JOINTS, 3), np.nan)
+    at = _places_of(rows[:, :2], numbers, len(images), table)
+    joints.reshape(-1, 3)[at] = rows[:, 2:]
+    is_whole = np.bincount(at // _JOINTS, minlength=len(images)) == _JOINTS
+    if not is_whole.any():
+        told = f"expected the {_JOINTS} joints of {len(images)} frames, got those of none"
+        raise FormatError(told, file=str(table))
+    joints[~is_whole] = np.nan
+    return np.stack(images).astype(np.uint16), joints, is_whole
 
 
-def _first_wrong(told: NDArray[np.float64], expected: NDArray[np.intp]) -> str:
-    """Say which frame and joint a table does not tell where it should, or tells too many of."""
-    common = min(len(told), len(expected))
-    wrong = np.flatnonzero((told[:common] != expected[:common]).any(axis=1))
-    at = int(wrong[0]) if len(wrong) else common
-    if at == len(expected):
-        return f"got {len(told) - at} more"
-    frame, joint = expected[at]
-    found = "none" if at == len(told) else "joint {1:g} of frame {0:g}".format(*told[at])
-    return f"row {at + 2}: expected joint {joint} of frame {frame}, got {found}"
+def _places_of(
+    told: NDArray[np.float64], lines: list[int], num_frames: int, table: Path
+) -> NDArray[np.intp]:
+    """Places of the rows among all joints of all frames. Rows may be missing, but not exchanged."""
+    frame, joint = told[:, 0], told[:, 1]
+    place: NDArray[np.float64] = frame * _JOINTS + joint
+    is_right = (frame == np.floor(frame)) & (joint == np.floor(joint)) & (frame >= 0) & (joint >= 0)
+    is_right &= (frame < num_frames) & (joint < _JOINTS)
+    is_right[1:] &= place[1:] > place[:-1]
+    if not is_right.all():
+        at = int(np.flatnonzero(~is_right)[0])
+        raise FormatError(
+            f"expected joints 0 to {_JOINTS - 1} of frames 0 to {num_frames - 1}, frame by frame, "
+            f"got joint {joint[at]:g} of frame {frame[at]:g} in its place",
+            file=str(table),
+            line=lines[at],
+        )
+    return place.astype(np.intp)
