@@ -47,6 +47,13 @@ def test_a_folder_of_pictures(tmp_path: Path) -> None:
     assert len(list(output.iterdir())) == 1
 
 
+def test_a_limb_that_nobody_has_lost_is_refused_by_the_option_s_name(tmp_path: Path) -> None:
+    render = "phantom", "render", "sim:body?amputated=tail", "-o", tmp_path / "out"
+    refused = str(run(*render).exception)
+    assert refused.startswith("amputated: expected one of left_arm")
+    assert "got 'tail'" in refused
+
+
 def test_a_sheet_of_the_worst_frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The worst by the score of the pipeline's gate comes first; three of 43 are left out."""
     output = tmp_path / "worst.png"

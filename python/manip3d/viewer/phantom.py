@@ -12,7 +12,7 @@ from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
 from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
@@ -214,9 +214,15 @@ class Sink(Protocol):
 
 
 def limb_of(source: str) -> str:
-    """Return the limb that a simulated person has lost; else the right arm."""
+    """Return the limb that a simulated person has lost; else the right arm.
+
+    The simulator refuses any other name when the source is opened, and names its option.
+    """
+    from manip3d.modify import Limb
+
     named = parse_qs(urlsplit(source).query).get("amputated", [])
-    return named[0].replace("-", "_") if named else "right_arm"
+    limb = named[0].replace("-", "_") if named else "right_arm"
+    return limb if limb in get_args(Limb) else "right_arm"
 
 
 def _pictures(
