@@ -247,6 +247,7 @@ void bind_enums(py::module_& m) {
       .value("INFERRED", PhantomReason::kInferred)
       .value("NO_SKELETON", PhantomReason::kNoSkeleton)
       .value("CALIBRATION", PhantomReason::kCalibration)
+      .value("STOPPED", PhantomReason::kStopped)
       .value("SIDES", PhantomReason::kSides)
       .value("SHAKY", PhantomReason::kShaky)
       .value("LEAP", PhantomReason::kLeap)

@@ -1416,6 +1416,8 @@ class PhantomReason:
 
       CALIBRATION
 
+      STOPPED
+
       SIDES
 
       SHAKY
@@ -1451,6 +1453,7 @@ class PhantomReason:
     SHAKY: typing.ClassVar[PhantomReason]
     SHREDDED: typing.ClassVar[PhantomReason]
     SIDES: typing.ClassVar[PhantomReason]
+    STOPPED: typing.ClassVar[PhantomReason]
     __members__: typing.ClassVar[dict[str, PhantomReason]]
     @typing.overload
     def __eq__(self, other: PhantomReason) -> bool: ...

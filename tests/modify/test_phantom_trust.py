@@ -929,6 +929,48 @@ def test_a_depth_image_beside_its_joints_does_not_turn_the_plane(
             assert np.degrees(np.arccos(min(1.0, cosine))) < 4.0, number
 
 
+@pytest.mark.parametrize(
+    ("limb", "body"),
+    [
+        ("left_leg", {"motion": "stepping"}),
+        ("left_arm", {"motion": "wave"}),
+        ("right_leg", {"motion": "knee-extension", "sitting": True}),
+    ],
+)
+def test_joints_that_stop_are_named(limb: Limb, body: dict[str, Any]) -> None:
+    """The tracker hangs while the person goes on, and is started again."""
+    simulator = BodySimulator(
+        amputated=limb, tracker="kinect-v2", color="none", room=False, seed=3, **body
+    )
+    images = [simulator.capture(1.0 + number / 30.0).frame for number in range(55)]
+    pipeline = PhantomPipeline(limb)
+    results = []
+    for number, image in enumerate(images):
+        told = images[10] if 10 <= number < 45 else image
+        results.append(pipeline.process(replace(image, skeletons=told.skeletons)))
+    assert {r.reason for r in results[:10]} == {PhantomReason.NONE}
+    assert {r.reason for r in results[30:45]} == {PhantomReason.STOPPED}
+    assert PhantomState.TRACKING not in {r.state for r in results[30:45]}
+    assert "stand still" in results[40].message
+    assert PhantomReason.STOPPED not in {r.reason for r in results[45:]}
+    assert results[-1].state is PhantomState.TRACKING
+
+
+@pytest.mark.parametrize("period", [1, 2, 3, 40])
+def test_joints_that_come_rarely_or_of_a_person_at_rest_have_not_stopped(period: int) -> None:
+    """All of 40 frames have the same joints if the person stands still, to the last bit."""
+    motion = "still" if period == 40 else "stepping"
+    simulator = BodySimulator(
+        amputated="left_leg", motion=motion, tracker="kinect-v2", color="none", room=False, seed=3
+    )
+    images = [simulator.capture(1.0 + number / 30.0).frame for number in range(40)]
+    pipeline = PhantomPipeline("left_leg")
+    for number, image in enumerate(images):
+        told = images[number // period * period]
+        result = pipeline.process(replace(image, skeletons=told.skeletons))
+        assert result.state is PhantomState.TRACKING, number
+
+
 def beside(skeleton: Skeleton, by: tuple[float, float, float]) -> Skeleton:
     """All joints moved, in metres."""
     return replace(skeleton, positions=skeleton.positions + np.array(by, np.float32))

@@ -25,6 +25,7 @@
 #include "modify/phantom_quality.hpp"
 #include "modify/pixel_bounds.hpp"
 #include "modify/stature.hpp"
+#include "modify/stopped_joints.hpp"
 #include "modify/surroundings.hpp"
 #include "modify/vertical.hpp"
 
@@ -163,7 +164,10 @@ class PhantomPipeline::Workspace {
       report.reason = reason_for_nobody(now, input);
       return report;
     }
-    if (now.is_here) measure_fit(now, input, image, report.quality);
+    if (now.is_here) {
+      measure_fit(now, input, image, report.quality);
+      stopped_.learn(now.raw, points_, time_s);
+    }
     stages.end(PhantomStage::kSegmentation);
     TakenOut taken;
     if (!options_.keep_residual) {
@@ -230,6 +234,7 @@ class PhantomPipeline::Workspace {
     girth_.reset();
     stature_.reset();
     offset_.reset();
+    stopped_.reset();
     legs_.reset();
     trunk_frame_.reset();
     frame_.reset();
@@ -258,6 +263,8 @@ class PhantomPipeline::Workspace {
     border_.reserve(size);
     picture_.reserve(camera.height, camera.width);
     camera_ = camera;
+    stopped_.reserve(size);
+    stopped_.reset();
     stature_.reset();
     offset_.reset();
     vertical_.reset();
@@ -421,7 +428,7 @@ class PhantomPipeline::Workspace {
 
   /// The axes of the body; those of the last frame where they cannot be told.
   void update_frame(const PatientFrame& now, const Skeleton& person, const PhantomInput& input) {
-    const Skeleton* raw = now.is_here ? &now.raw : nullptr;
+    const Skeleton* raw = now.is_here && !stopped_.are_stopped() ? &now.raw : nullptr;
     trunk_.set_offset(offset_.across());
     const auto frame = follows_trunk()
                            ? trunk_.update(raw, input.depth, rays_, input.camera, clock_.seconds())
@@ -560,6 +567,8 @@ class PhantomPipeline::Workspace {
     });
     if (!now.is_here) {
       report.reason = PhantomReason::kNoPerson;
+    } else if (stopped_.are_stopped()) {
+      report.reason = PhantomReason::kStopped;
     } else if (!frame_) {
       report.reason = PhantomReason::kNoPlane;
     } else if (guessed > options_.inferred_seconds) {
@@ -568,7 +577,8 @@ class PhantomPipeline::Workspace {
       report.reason = PhantomReason::kOccluded;
     }
     // Joints beside the person explain all else.
-    const bool misses = report.reason != PhantomReason::kNone && now.is_here;
+    const bool misses = report.reason != PhantomReason::kNone &&
+                        report.reason != PhantomReason::kStopped && now.is_here;
     if (misses && !fits(report.quality, stature_, offset_))
       report.reason = PhantomReason::kCalibration;
     if (report.reason == PhantomReason::kNone) {
@@ -775,6 +785,7 @@ class PhantomPipeline::Workspace {
   Girth girth_;
   Stature stature_;
   JointOffset offset_;
+  StoppedJoints stopped_;
   Vertical vertical_;
   LegTurn legs_;
   std::optional<BodyFrame> trunk_frame_;

@@ -67,6 +67,7 @@ class PhantomReason(enum.StrEnum):
     INFERRED = "inferred"  #: one of its joints was guessed for too long, and is not seen
     NO_SKELETON = "no_skeleton"  #: no skeleton has been seen at all
     CALIBRATION = "calibration"  #: the joints lie beside the person's pixels, or differ in height
+    STOPPED = "stopped"  #: the joints stand still while the person moves
     SIDES = "sides"  #: left and right are exchanged: by the joints, the feet point backwards
     SHAKY = "shaky"  #: the plane of symmetry is not known well enough
     LEAP = "leap"  #: the phantom moved much farther than the intact limb did
@@ -94,6 +95,8 @@ _MESSAGES = {
     PhantomReason.NO_SKELETON: "There is no skeleton in this source: use --pose.",
     PhantomReason.CALIBRATION: "The joints do not fit the depth image: check the calibration, and "
     "that both are in metres.",
+    PhantomReason.STOPPED: "The joints stand still while the patient moves: start the tracker "
+    "again.",
     PhantomReason.SIDES: "Left and right seem to be exchanged, as the patient's feet point "
     "backwards: check whether the joints or the pictures are mirrored.",
     PhantomReason.SHAKY: "The middle of the body is not known well: let the patient face the "

@@ -102,6 +102,7 @@ enum class PhantomReason : std::uint8_t {
   kInferred,     ///< A joint of the intact limb was guessed for too long.
   kNoSkeleton,   ///< No skeleton has been seen at all.
   kCalibration,  ///< The joints are beside the person's pixels, or of another height than these.
+  kStopped,      ///< The joints stand still while the person moves.
   kSides,        ///< The feet point backwards if left is left: joints or images are mirrored.
   kShaky,        ///< The plane of symmetry is not known well enough.
   kLeap,         ///< The phantom moved much farther than the intact limb did.

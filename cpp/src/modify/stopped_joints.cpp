@@ -1,0 +1,65 @@
+#include "modify/stopped_joints.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+
+namespace manip3d {
+namespace {
+
+constexpr double kLeastTime = 0.15;  // seconds: trackers of 10 Hz tell joints thrice
+constexpr double kMostMoved =
+    0.01;  // of the points: an arm has 6 to 8 %, a border that flickers none
+constexpr float kSamePlace = 0.03F;  // metres, and what breathing moves a chest by
+constexpr std::int64_t kReach = 2;   // pixels: borders flicker
+constexpr std::int64_t kEvery = 5;   // of the points one is asked
+
+bool are_same(const Skeleton& a, const Skeleton& b) {
+  return a.id == b.id && a.states == b.states && a.positions == b.positions;
+}
+
+}  // namespace
+
+void StoppedJoints::reset() { is_known_ = is_repeated_ = are_stopped_ = false; }
+
+void StoppedJoints::learn(const Skeleton& told, const PersonPoints& points, double time_s) {
+  if (!is_known_ || !are_same(told, told_)) {
+    told_ = told;
+    since_s_ = time_s;
+    is_known_ = true;
+    is_repeated_ = are_stopped_ = false;
+    return;
+  }
+  if (!is_repeated_) {
+    remember(points);
+    is_repeated_ = true;
+  } else if (!are_stopped_ && time_s - since_s_ > kLeastTime) {
+    are_stopped_ = moved_share(points) > kMostMoved;
+  }
+}
+
+void StoppedJoints::remember(const PersonPoints& points) {
+  std::ranges::fill(depth_, 0.0F);
+  for (std::int64_t i = 0; i < points.count; ++i) depth_[points.pixel[i]] = points.z[i];
+}
+
+/// Share of the points that lie where none was.
+double StoppedJoints::moved_share(const PersonPoints& points) const {
+  std::int64_t moved = 0, asked = 0;
+  for (std::int64_t i = 0; i < points.count; i += kEvery) {
+    const std::int64_t u = points.pixel[i] % points.cols, v = points.pixel[i] / points.cols;
+    bool was_there = false;
+    for (std::int64_t y = std::max<std::int64_t>(0, v - kReach);
+         y <= std::min(points.rows - 1, v + kReach) && !was_there; ++y) {
+      for (std::int64_t x = std::max<std::int64_t>(0, u - kReach);
+           x <= std::min(points.cols - 1, u + kReach) && !was_there; ++x) {
+        was_there = std::abs(depth_[y * points.cols + x] - points.z[i]) < kSamePlace;
+      }
+    }
+    moved += !was_there;
+    ++asked;
+  }
+  return asked > 0 ? static_cast<double>(moved) / static_cast<double>(asked) : 0.0;
+}
+
+}  // namespace manip3d
