@@ -32,7 +32,7 @@ class StoppedJoints {
   Skeleton told_;
   bool is_known_ = false, is_repeated_ = false, are_stopped_ = false;
   double since_s_ = 0.0;      ///< Time of the first frame with these joints.
-  std::vector<float> depth_;  ///< Of the person when its joints came again; 0 elsewhere.
+  std::vector<float> depth_;  ///< The person when its joints came again; 0 elsewhere.
 };
 
 }  // namespace manip3d
