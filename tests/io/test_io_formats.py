@@ -913,3 +913,41 @@ def test_a_format_that_is_not_read_is_not_taken_for_obj(
     (tmp_path / name).write_text(start)
     with pytest.raises(FormatError, match=r"unknown mesh format; manip3d reads \.obj \.ply"):
         manip3d.read_mesh(tmp_path / name)
+
+
+COMMAS = {
+    ".obj": "v -0,5 1,25e1 2\nv 1 0 0\nv 0 1 ,5\nvt 0,25 1\nvn 0 0 1,0\nf 1/1/1 2/1/1 3/1/1\n",
+    ".off": "OFF\n3 1 0\n-0,5 1,25e1 2\n1 0 0\n0 1 ,5\n3 0 1 2\n",
+    ".ply": (
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+        "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+        "-0,5 1,25e1 2\n1 0 0\n0 1 ,5\n3 0 1 2\n"
+    ),
+    ".stl": (
+        "solid a\nfacet normal 0,0 0,0 1,0\nouter loop\nvertex -0,5 1,25e1 2\nvertex 1 0 0\n"
+        "vertex 0 1 ,5\nendloop\nendfacet\nendsolid a\n"
+    ),
+}
+
+
+@pytest.mark.parametrize("extension", list(COMMAS))
+def test_decimal_commas_are_read(extension: str) -> None:
+    """Programs write them where the language of the system has them."""
+    mesh = read_mesh_bytes(COMMAS[extension].encode(), extension)
+    assert mesh.vertices.tolist() == [[-0.5, 12.5, 2.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.5]]
+    if extension == ".obj":
+        assert mesh.texcoords is not None
+        assert mesh.texcoords.tolist() == [[0.25, 1.0]]
+
+
+@pytest.mark.parametrize(
+    ("numbers", "got"),
+    [
+        ("1, 2, 3", "1,"), ("1,2,3", "1,2,3"), ("1,000.5 0 0", "1,000.5"), ("1,2,3 0 0", "1,2,3"),
+        ("1,5x 0 0", "1,5x"), (", 0 0", ","), ("1.5,2 0 0", "1.5,2"), ("1,1e999 0 0", "1,1e999"),
+    ],
+)  # fmt: skip
+def test_other_commas_are_refused(numbers: str, got: str) -> None:
+    text = f"v 0 0 0\nv {numbers}\nf 1 2 1\n"
+    with pytest.raises(FormatError, match=f"line 2: v: expected a finite number, got '{got}'"):
+        read_mesh_bytes(text.encode(), ".obj")

@@ -39,13 +39,14 @@ class LineCursor {
     return text;
   }
 
-  /// A finite number.
+  /// A finite number. As blanks stand between numbers, a comma within one is a decimal comma.
   double number(const char* what) {
     skip_blanks();
     const char* start = at_;
     if (start < end_ && *start == '+') ++start;
     double value = 0.0;
     const auto [stop, error] = std::from_chars(start, end_, value);
+    if (stop < end_ && *stop == ',') return with_decimal_comma(start, what);
     if (error == std::errc::result_out_of_range) return extreme(start, stop, what);
     if (error != std::errc() || (stop < end_ && !is_blank(*stop)) || !std::isfinite(value)) {
       fail(what, "a finite number");
@@ -92,6 +93,24 @@ class LineCursor {
  private:
   void skip_blanks() {
     while (at_ < end_ && is_blank(*at_)) ++at_;
+  }
+
+  double with_decimal_comma(const char* start, const char* what) {
+    const char* stop = start;
+    while (stop < end_ && !is_blank(*stop)) ++stop;
+    std::string digits(start, stop);
+    const std::size_t comma = digits.find(',');
+    // Not "1,000.5", and not a comma between numbers, as in "1, 2, 3" and "1,2,3".
+    if (digits.find('.') != std::string::npos || comma + 1 == digits.size()) {
+      fail(what, "a finite number");
+    }
+    digits[comma] = '.';
+    double value = 0.0;
+    const char* end = digits.data() + digits.size();
+    const auto [last, error] = std::from_chars(digits.data(), end, value);
+    if (error != std::errc() || last != end) fail(what, "a finite number");
+    at_ = stop;
+    return value;
   }
 
   // Too small for a double is zero; too large is an error.
