@@ -231,6 +231,7 @@ void bind_quality(py::module_& m) {
       .def_readwrite("boundary_weight", &QualityOptions::boundary_weight)
       .def_readwrite("seam_weight", &QualityOptions::seam_weight)
       .def_readwrite("texture_weight", &QualityOptions::texture_weight)
+      .def_readwrite("texture_seen", &QualityOptions::texture_seen)
       .def_readwrite("locked", &QualityOptions::locked)
       .def_readwrite("importance", &QualityOptions::importance);
   m.def(

@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from command_line import manip3d
-from gltf_files import glb
+from gltf_files import glb, scene_of
 from manip3d import InputError, Mesh, _core, io, metrics, read_mesh, simplify
 from manip3d.simplify import _memory
 from zoo import grid, sphere
@@ -501,3 +501,25 @@ def test_one_progress_over_all_runs(
     assert told == sorted(set(told))
     assert 0.0 < told[0] <= 0.5
     assert (told[-1] == 1.0) is not is_one_run  # its own end is not in `halfway`
+
+
+@pytest.mark.parametrize(("textures", "is_seen"), [([], False), ([{"source": 0}], True)])
+def test_a_texture_of_any_format_is_seen(
+    textures: list[Any], is_seen: bool, tmp_path: Path
+) -> None:
+    """Materials hold PNG and JPEG images alone: the file tells of others."""
+    scene = scene_of(Mesh(*grid(8, 8)))
+    assert not scene.has_textures
+    made = json.loads(scene._document)
+    scene = replace(scene, _document=json.dumps({**made, "textures": textures}).encode())
+    assert scene.has_textures is is_seen
+    told = []
+
+    def run(mesh: Mesh, **_: Any) -> Any:
+        told.append(any(material.textures for material in mesh.materials))
+        return simplify.quality(mesh, target_faces=20)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("manip3d.simplify._scene.runner", lambda _: run)
+        simplify.simplify_scene(scene, target_faces=20)
+    assert told == [is_seen]

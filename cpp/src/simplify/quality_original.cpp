@@ -190,7 +190,7 @@ void Original::add_borders(const CollapseMesh& mesh, std::int32_t v, Ring& ring)
 /// How far the texture of a face is apart from those of the others on its edge v t, from 0 to 1, by
 /// the length of the edge. Around the tip of a cone each face has a texture coordinate of its own,
 /// as if its edges were seams; they part it from its neighbours by hardly anything. Seams that are
-/// open at both ends count in full, and so do borders of materials.
+/// open at both ends count in full if a picture is shown, and borders of materials in any case.
 double Original::parted(const CollapseMesh& mesh, std::int32_t f, std::int32_t v,
                         std::int32_t t) const {
   if (!is_textured || !shows_texture(mesh, f) || !(texture_length > 0.0)) return 1.0;
@@ -205,9 +205,10 @@ double Original::parted(const CollapseMesh& mesh, std::int32_t f, std::int32_t v
     joins_v = joins_v && wedge_at(g, v) == wedge_at(f, v);
     joins_t = joins_t && wedge_at(g, t) == wedge_at(f, t);
   });
-  if (!is_same || !(joins_v || joins_t)) return 1.0;
+  if (!is_same) return 1.0;
+  if (!(joins_v || joins_t)) return seen();
   const double length = (mesh.position(t) - mesh.position(v)).norm();
-  return std::min(1.0, texture_jump(mesh, f, v, t) * texture_length / length);
+  return seen() * std::min(1.0, texture_jump(mesh, f, v, t) * texture_length / length);
 }
 
 bool Original::guard_rims(const CollapseMesh& mesh, std::int32_t v, const Ring& ring) {

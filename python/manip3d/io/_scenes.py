@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import os
 from collections.abc import Mapping, Sequence
@@ -147,6 +148,11 @@ class Scene:
     def num_stored_faces(self) -> int:
         """Faces that are stored: those of a mesh count once, however many nodes show it."""
         return int(self._face_counts()[self.num_uses > 0].sum())
+
+    @property
+    def has_textures(self) -> bool:
+        """Whether the file has textures, images of formats that are not read included."""
+        return bool(json.loads(self._document).get("textures"))
 
     @property
     def num_vertices(self) -> int:

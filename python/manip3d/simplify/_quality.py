@@ -114,6 +114,11 @@ def _importance(mesh: Mesh, importance: ArrayLike | None) -> NDArray[np.float64]
     return weights
 
 
+def _shows_texture(mesh: Mesh) -> bool:
+    """Whether its materials have pictures; without materials pictures may be anywhere."""
+    return not mesh.materials or any(material.textures for material in mesh.materials)
+
+
 @checked
 def quality(
     mesh: Mesh,
@@ -125,6 +130,7 @@ def quality(
     boundary_weight: float = 1.0,
     seam_weight: float = 3.0,
     texture_weight: float = 0.2,
+    texture_seen: bool | None = None,
     locked: NDArray[np.bool_] | None = None,
     importance: ArrayLike | None = None,
     progress: Progress = None,
@@ -154,6 +160,10 @@ def quality(
     texture_weight : float
         How much a shifted texture counts beside a shifted surface, each on average over the area
         that has one; 0: texture coordinates are carried along and cost nothing.
+    texture_seen : bool, optional
+        Whether a picture is shown. If not, textures and their seams within a material count a
+        tenth: texture coordinates stay for later, but the shape is what is seen. By default they
+        count in full, unless the mesh has materials and none of them a texture image.
     locked : (V,) bool, optional
         Vertices that stay where they are, with their texture coordinates; a piece with one of
         them does not vanish. Where several share a place, one locks all.
@@ -210,6 +220,7 @@ def quality(
     options.boundary_weight = boundary_weight
     options.seam_weight = seam_weight
     options.texture_weight = texture_weight
+    options.texture_seen = _shows_texture(mesh) if texture_seen is None else texture_seen
     chosen = locked_of(mesh, locked)
     weights = _importance(mesh, importance)
     cleaned = clean(mesh)

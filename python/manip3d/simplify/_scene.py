@@ -14,7 +14,7 @@ from manip3d._util.checked import checked
 from manip3d._util.options import shares, sharing
 from manip3d.errors import InputError
 from manip3d.io import Deformation, Scene
-from manip3d.mesh import Material, Mesh
+from manip3d.mesh import Material, Mesh, Texture
 from manip3d.simplify._collapse import (
     SimplifyResult,
     StopReason,
@@ -352,7 +352,9 @@ class _Placed:
         for table, corners in (("texcoords", "face_texcoords"), ("normals", "face_normals")):
             if table not in joined:
                 joined.pop(corners, None)
-        return Mesh(**joined, materials=[Material() for _ in self._pairs])
+        # All that the simplifier asks of a material is whether it has a picture, of any format.
+        pictures = {"base_color": Texture()} if self.scene.has_textures else {}
+        return Mesh(**joined, materials=[Material(textures=pictures) for _ in self._pairs])
 
     def _pair_rows(self, index: int, mesh: Mesh) -> NDArray[np.int32]:
         """Return for each face the row of its mesh and material in `_pairs`."""

@@ -23,6 +23,9 @@ struct QualityOptions {
   /// Price of a shifted texture, on average over the surface that shows one; a shifted surface
   /// has 1.
   double texture_weight = 0.2;
+  /// Whether a picture is shown. If not, shifted textures and the seams between charts of one
+  /// material count a tenth: texture coordinates are kept for later, but the shape is what is seen.
+  bool texture_seen = true;
   std::vector<bool> locked;  ///< Vertices that stay where they are; empty: none.
   /// The factor, > 0, of each vertex on the price of changing the surface there. Empty: all 1.
   std::vector<double> importance;
