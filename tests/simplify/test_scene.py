@@ -503,6 +503,45 @@ def test_one_progress_over_all_runs(
     assert (told[-1] == 1.0) is not is_one_run  # its own end is not in `halfway`
 
 
+def ball_with_buttons(path: Path, buttons: int = 3) -> Path:
+    """A ball, and small balls that lie half in it, each a mesh and a node of its own."""
+    vertices, faces = sphere(48, 32)
+    small, small_faces = sphere(12, 8)
+    meshes = [(vertices, faces)] + [(0.03 * small, small_faces)] * buttons
+    nodes: list[dict[str, Any]] = [{"mesh": 0}]
+    turns = np.linspace(0.0, 2.0, buttons)
+    for i, turn in enumerate(turns, start=1):
+        nodes.append({"mesh": i, "translation": [float(np.cos(turn)), float(np.sin(turn)), 0.0]})
+    return scene_file(path, meshes, nodes)
+
+
+@pytest.mark.parametrize("method", ["quality", "fast"])
+def test_small_meshes_keep_a_few_faces_while_there_is_room(method: str, tmp_path: Path) -> None:
+    """The buttons vanish first by their error alone; an animation of their nodes would show it."""
+    scene = io.read_scene(ball_with_buttons(tmp_path / "buttons.glb"))
+    done = simplify.simplify_scene(scene, target_faces=300, method=method)
+    assert done.scene.num_faces <= 300
+    assert done.stop == simplify.StopReason.TARGET_REACHED
+    for before, after in zip(scene.meshes, done.scene.meshes, strict=True):
+        assert 0 < after.num_faces < before.num_faces
+        far = metrics.metro(before, after, sampling="area", samples=5000)
+        assert max(far.max, far.backward.max / far.diagonal) < 0.35
+
+
+@pytest.mark.parametrize("method", ["quality", "fast"])
+def test_small_meshes_vanish_where_their_corners_would_take_a_tenth_of_the_faces(
+    method: str, tmp_path: Path
+) -> None:
+    """Of equal ones as many stay as there is room for, the first in the file."""
+    scene = io.read_scene(ball_with_buttons(tmp_path / "buttons.glb"))
+    done = simplify.simplify_scene(scene, target_faces=90, method=method)
+    counts = [mesh.num_faces for mesh in done.scene.meshes]
+    assert done.scene.num_faces <= 90
+    assert counts[1] > 0
+    assert counts[2] > 0
+    assert counts[3] == 0
+
+
 @pytest.mark.parametrize(("textures", "is_seen"), [([], False), ([{"source": 0}], True)])
 def test_a_texture_of_any_format_is_seen(
     textures: list[Any], is_seen: bool, tmp_path: Path

@@ -53,6 +53,11 @@ _SWAY = 0.002
 # differently, so that what happens to touch the first instance is not welded to all of them.
 _HAIR = 1e-9
 
+# A mesh that vanished gets as many corners back as a tetrahedron has, while those of all such
+# meshes together take no more than this share of the target.
+_CORNERS = 4
+_SHARE_OF_CORNERS = 0.1
+
 _TABLES = (
     "vertices",
     "faces",
@@ -249,6 +254,17 @@ def _with_surface(scene: Scene, groups: Sequence[_Placed]) -> tuple[list[_Placed
     return free, left
 
 
+def _far_apart(points: NDArray[np.float64], count: int) -> NDArray[np.int64]:
+    """Return rows of points, each the farthest from those before it; the first from the middle."""
+    nearest = ((points - 0.5 * (points.min(axis=0) + points.max(axis=0))) ** 2).sum(axis=1)
+    rows: list[int] = []
+    for number in range(min(count, len(points))):
+        rows.append(int(np.argmax(nearest)))
+        squares = ((points - points[rows[-1]]) ** 2).sum(axis=1)
+        nearest = squares if number == 0 else np.minimum(nearest, squares)
+    return np.array(rows)
+
+
 def _turned(normals: NDArray[Any], linear: NDArray[Any]) -> NDArray[np.float64]:
     """Unit normals of a surface after a linear map, but for the sign that a mirror gives."""
     turned = normals @ np.linalg.inv(linear)
@@ -356,6 +372,32 @@ class _Placed:
         pictures = {"base_color": Texture()} if self.scene.has_textures else {}
         return Mesh(**joined, materials=[Material(textures=pictures) for _ in self._pairs])
 
+    def corners_of_vanished(self, left: Mesh, drawn: int) -> NDArray[np.bool_] | None:
+        """Return corners of the largest meshes that have no face left, as one of each vertex.
+
+        They take no more than their share of so many drawn faces; None where there are none.
+        """
+        has_faces = set(self._owners()[self._rows_of(left)].tolist())
+        first, vanished = 0, []
+        for index in self.indices:
+            mesh = self.scene.meshes[index]
+            if index not in has_faces and has_surface(mesh):
+                vanished.append((-_diagonal(self._vertices(index)), first, index))
+            first += mesh.num_vertices
+        chosen = np.zeros(first, dtype=np.bool_)
+        budget = _SHARE_OF_CORNERS * drawn
+        for _, start, index in sorted(vanished):
+            budget -= _CORNERS * self._uses[index]
+            if budget < 0.0:
+                break
+            used = np.unique(self.scene.meshes[index].faces)
+            chosen[start + used[_far_apart(self._vertices(index)[used], _CORNERS)]] = True
+        return chosen if chosen.any() else None
+
+    def _owners(self) -> NDArray[np.int64]:
+        """Return the mesh of each row of `_pairs`."""
+        return np.array([i for i, _ in self._pairs])
+
     def _pair_rows(self, index: int, mesh: Mesh) -> NDArray[np.int32]:
         """Return for each face the row of its mesh and material in `_pairs`."""
         given = mesh.face_material
@@ -367,7 +409,7 @@ class _Placed:
 
     def split(self, mesh: Mesh, scene: Scene) -> Scene:
         """The scene with the parts of a simplified mesh."""
-        owner = np.array([i for i, _ in self._pairs])[self._rows_of(mesh)]
+        owner = self._owners()[self._rows_of(mesh)]
         parts = {i: self._part(mesh, np.flatnonzero(owner == i), i) for i in self.indices}
         moved: dict[int, Deformation] = {}
         for i, part in parts.items():
@@ -519,6 +561,10 @@ def simplify_scene(
     rest). Joints, weights and targets of a new vertex are those of the nearest point of the
     original.
 
+    Where a target makes whole meshes vanish, ``"quality"`` and ``"fast"`` run again with four
+    corners of each of them held, the largest first, as long as these corners are no more than a
+    tenth of the target's faces: a small part that moves by itself would be missed.
+
     Meshes whose instances are all flattened, or that no instance shows, are simplified each by
     itself, in their own coordinates, to the share of their faces that stays of the whole scene:
     they have no error that compares with that of the others.
@@ -562,7 +608,18 @@ def simplify_scene(
         def at(stored: int | None, own: Progress) -> _Result:
             return run(mesh, target_faces=stored, progress=own, **limits)
 
-        return at(None, progress) if drawn is None else _meet(placed, drawn, at, progress)
+        if drawn is None:
+            return at(None, progress)
+        result = _meet(placed, drawn, at, progress)
+        if method not in ("quality", "fast") or result.stop != StopReason.TARGET_REACHED:
+            return result
+        corners = placed.corners_of_vanished(result.mesh, drawn)
+        if corners is None:
+            return result
+        locked = limits.get("locked")
+        limits["locked"] = corners if locked is None else corners | locked
+        again = _meet(placed, drawn, at, None)
+        return again if again.stop == StopReason.TARGET_REACHED else result
 
     bounded = max_distance is not None
     sways = method in ("quality", "fast") and not bounded and box is None
