@@ -532,7 +532,7 @@ def test_small_meshes_keep_a_few_faces_while_there_is_room(method: str, tmp_path
 def test_small_meshes_vanish_where_their_corners_would_take_a_tenth_of_the_faces(
     method: str, tmp_path: Path
 ) -> None:
-    """Of equal ones as many stay as there is room for, the first in the file."""
+    """Equal ones stay in the order of the file while there is room."""
     scene = io.read_scene(ball_with_buttons(tmp_path / "buttons.glb"))
     done = simplify.simplify_scene(scene, target_faces=90, method=method)
     counts = [mesh.num_faces for mesh in done.scene.meshes]
