@@ -12,13 +12,13 @@ from manip3d._util.checked import checked
 from manip3d._util.options import reporting
 from manip3d._util.showing import Showable
 from manip3d.errors import InputError
+from manip3d.mesh import Material, Mesh
 from manip3d.simplify._collapse import StopReason, clean, expect_surface, stopping_rules
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from manip3d._util.options import Progress
-    from manip3d.mesh import Mesh
 
 __all__ = ["QualityResult", "fast", "quality"]
 
@@ -115,8 +115,12 @@ def _importance(mesh: Mesh, importance: ArrayLike | None) -> NDArray[np.float64]
 
 
 def _shows_texture(mesh: Mesh) -> bool:
-    """Whether its materials have pictures; without materials pictures may be anywhere."""
-    return not mesh.materials or any(material.textures for material in mesh.materials)
+    """Whether its materials have pictures. They may be anywhere without materials, and where only
+    the names of materials are known, as beside an MTL file that is missing."""
+    return not mesh.materials or any(
+        material.textures or (material.name and material == Material(material.name))
+        for material in mesh.materials
+    )
 
 
 @checked
@@ -163,7 +167,8 @@ def quality(
     texture_seen : bool, optional
         Whether a picture is shown. If not, textures and their seams within a material count a
         tenth: texture coordinates stay for later, but the shape is what is seen. By default they
-        count in full, unless the mesh has materials and none of them a texture image.
+        count in full, unless the mesh has materials, of which more than names is known, and none of
+        them has a texture image.
     locked : (V,) bool, optional
         Vertices that stay where they are, with their texture coordinates; a piece with one of
         them does not vanish. Where several share a place, one locks all.
