@@ -829,7 +829,7 @@ def test_few_values_are_clipped_where_many_end_below() -> None:
     usual = reflectances(street())
     usual = usual[usual <= 0.77]
     ends = np.repeat(np.float32([0.78, 0.79, 0.80, 0.99]), [90, 41, 40, 210])
-    values = np.concatenate([usual, ends])
+    values = np.random.default_rng(0).permutation(np.concatenate([usual, ends]))
     assert why_rewritten(values) is None
     told = why_rewritten(np.minimum(values, np.float32(0.792)))
     assert told == "reflectances end at 0.792, which 250 points have: they were clipped"

@@ -479,18 +479,6 @@ def test_what_rewrote_reflectances_is_named() -> None:
     assert str(why_rewritten(held)).endswith("% of the points have the reflectance of the next one")
 
 
-def test_shuffled_and_inverted_reflectances_are_named() -> None:
-    values = written_reflectances()
-    shuffled = np.random.default_rng(1).permutation(values)
-    assert str(why_rewritten(shuffled)).endswith("nothing in common: they were shuffled")
-    every_second = np.where(np.arange(len(values)) % 2 == 0, values, np.float32(0.0))
-    assert why_rewritten(every_second) is None  # as far from chance, on the other side
-    bright = np.clip(values + np.float32(0.35), 0.0, np.float32(0.99))
-    for inverted in (np.float32(1.0) - np.clip(values - np.float32(0.2), 0.0, 1.0), bright):
-        rounded = np.round(inverted, 2).astype(np.float32)
-        assert str(why_rewritten(rounded)).endswith("above 0.9, as when inverted")
-
-
 def test_other_scanners_steps_are_no_rewriting() -> None:
     """Bytes over 255 and whole bytes, as other makers write them."""
     bytes_ = np.round(255.0 * written_reflectances())
@@ -547,7 +535,8 @@ def test_a_fifth_of_the_values_off_the_hundredths_is_too_many(off: int) -> None:
 @pytest.mark.parametrize(("different", "is_judged"), [(15, False), (16, True)])
 def test_sixteen_values_are_enough(different: int, is_judged: bool) -> None:
     """Also where only those that are not looked at first differ."""
-    values = (0.3 + 0.01 * (np.arange(7000) % different)).astype(np.float32)
+    random = np.random.default_rng(0)
+    values = (0.3 + 0.01 * random.permutation(np.arange(7000) % different)).astype(np.float32)
     some = LidarFrame(np.ones((7000, 3), np.float32), values)
     assert (why_not_judged(some) is None) is is_judged
     values[::7] = np.resize(values[:7], 1000)

@@ -56,16 +56,6 @@ MOST_ALIKE = 0.2
 """Share of points with the reflectance of the next one in the file. Whole frames of KITTI have 0.08
 to 0.14, their mean over five points 0.3, their median over five 0.5, 20 levels 0.35."""
 
-LEAST_ALIKE_NEIGHBOURS = 0.3
-"""Correlation of the reflectances of points that follow each other in the file, without its sign:
-where every second row is 0 it is negative. Whole frames of KITTI have 0.66 and more, shuffled
-reflectances none."""
-
-BRIGHT, MOST_BRIGHT = 0.9, 0.05
-"""Reflectance and share of the points above it: things are dark, and lacquer, signs and plates few.
-Whole frames of KITTI have 0.014 at most; if reflectances are turned around (1 - r), 0.083 at
-least."""
-
 SATURATED, FEWEST_CLIPPED, TIMES_BEFORE = 0.985, 20, 2
 """Reflectance, points, a multiple: KITTI's scanner saturates at 0.99, which each of 53 whole frames
 has. So many points have the largest value where others were clipped to it, and more than have the
@@ -395,19 +385,7 @@ def why_rewritten(values: NDArray[np.float32]) -> str | None:
     alike = float(np.mean(first[noisy] == second[noisy]))
     if alike > MOST_ALIKE:
         return f"{alike:.0%} of the points have the reflectance of the next one"
-    if abs(_correlation(first, second)) < LEAST_ALIKE_NEIGHBOURS:
-        return "reflectances of neighbouring points have nothing in common: they were shuffled"
-    if in_hundredths and (bright := float(np.mean(values > BRIGHT))) > MOST_BRIGHT:
-        return f"{bright:.0%} of the points have a reflectance above {BRIGHT}, as when inverted"
     return None
-
-
-def _correlation(first: NDArray[np.float32], second: NDArray[np.float32]) -> float:
-    """Pearson's; 0 where one of them is constant."""
-    a = first - first.mean(dtype=np.float64)
-    b = second - second.mean(dtype=np.float64)
-    spread = float(np.sqrt((a * a).sum() * (b * b).sum()))
-    return float((a * b).sum()) / spread if spread > 0.0 else 0.0
 
 
 def _why_clipped(values: NDArray[np.float32]) -> str | None:
