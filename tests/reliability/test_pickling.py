@@ -17,6 +17,7 @@ import pytest
 
 import kernels
 import manip3d
+import posed_gltf
 import rgbd_frames
 from cave_scans import AHEAD, ball
 from manip3d import (
@@ -53,6 +54,8 @@ def scan() -> LidarFrame:
 def files(folder: Path) -> Iterator[object]:
     kernels.hill.write(folder / "a.ply")
     yield io.read_report(folder / "a.ply")
+    (folder / "arm.glb").write_bytes(posed_gltf.arm().glb())
+    yield io.read_scene(folder / "arm.glb").deformations[0]
     scan().write(folder / "a.pcd")
     yield io.read_scan(folder / "a.pcd")
     np.save(folder / "a.npy", kernels.DEPTH)

@@ -23,8 +23,6 @@ class JointOffset {
   [[nodiscard]] double metres() const;
   /// The offset from which the calibration is doubted: lower the more frames tell.
   [[nodiscard]] double limit() const;
-  /// From the bones to the middle of their flesh, across the viewing direction, metres.
-  [[nodiscard]] const Eigen::Vector3d& across() const { return across_; }
   void reset() { *this = {}; }
 
  private:
