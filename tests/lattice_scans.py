@@ -92,3 +92,11 @@ def scan(
     kept = rng.random(len(ring)) >= lost
     points = rounded(beam_points(sensor, ring[kept], count[kept], reach[kept]))
     return points[in_file_order(sensor, points)]
+
+
+def reflectances(points: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Whole hundredths with the scanner's noise, some of them 0."""
+    rng = np.random.default_rng(3)
+    values = 0.3 + 0.25 * np.sin(points[:, 0]) + rng.normal(0.0, 0.03, len(points))
+    values[rng.random(len(points)) < 0.03] = 0.0
+    return np.round(np.clip(values, 0.0, 0.99), 2).astype(np.float32)

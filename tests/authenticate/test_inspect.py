@@ -16,6 +16,7 @@ import pytest
 
 import lattice_scans as scans
 from cave_scans import AHEAD, CAVE, ball
+from lattice_scans import reflectances
 from manip3d import FormatError, InputError, LidarFrame, authenticate, io, report, simulate
 from manip3d.authenticate import (
     DetectorReport,
@@ -775,14 +776,6 @@ def test_files_that_were_sorted_by_group_are_no_edit(name: str) -> None:
     assert (suspected[:, None] == edited).all(axis=2).any(axis=1).mean() > 0.9
 
 
-def reflectances(points: np.ndarray) -> np.ndarray:
-    """Whole hundredths with the scanner's noise, some of them 0."""
-    rng = np.random.default_rng(3)
-    values = 0.3 + 0.25 * np.sin(points[:, 0]) + rng.normal(0.0, 0.03, len(points))
-    values[rng.random(len(points)) < 0.03] = 0.0
-    return np.round(np.clip(values, 0.0, 0.99), 2).astype(np.float32)
-
-
 REWRITINGS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "20 levels": lambda v: np.round(v * 20) / 20,
     "the root": lambda v: np.sqrt(v),
@@ -803,6 +796,31 @@ def test_reflectances_that_were_rewritten_everywhere_are_no_edit(name: str) -> N
     assert found.verdict == "processed"
     assert [step.kind for step in found.processing] == ["reflectances"]
     assert found.detectors[-1].verdict == "undecidable"
+
+
+OF_NO_SCENE: dict[str, tuple[Callable[[np.ndarray], np.ndarray], str]] = {
+    "permuted": (np.random.default_rng(0).permutation, "nothing in common: they were permuted"),
+    "inverted": (lambda v: 1.0 - v, "inverted"),
+    "inverted, from the largest": (lambda v: v.max() - v, "inverted"),
+    "inverted bytes": (lambda v: 255.0 - np.round(255.0 * v), "inverted"),
+    "all 0": (np.zeros_like, "all reflectances are 0"),
+    "all one value": (lambda v: np.full_like(v, 0.3), "all reflectances are 0.3"),
+}
+
+
+@pytest.mark.parametrize("name", OF_NO_SCENE)
+def test_reflectances_that_are_not_those_of_the_points_are_named(name: str) -> None:
+    change, said = OF_NO_SCENE[name]
+    points = street()
+    values = reflectances(points)
+    values[np.linspace(0, len(values) - 1, 500).astype(int)] = 0.99  # as all frames of KITTI have
+    found = authenticate.inspect(
+        LidarFrame(points, change(values).astype(np.float32), origin=(0.0, 0.0, 0.0)),
+        lattice=LATTICE,
+    )
+    assert found.verdict == "processed"
+    assert [step.kind for step in found.processing] == ["reflectances"]
+    assert said in found.reason
 
 
 @pytest.mark.parametrize("end", [0.3, 0.4, 0.43, 0.517])
@@ -898,7 +916,7 @@ def test_only_a_turn_is_called_one(name: str) -> None:
 def test_reflectances_of_the_scanner_are_not_called_rewritten() -> None:
     points = street()
     clean = reflectances(points)
-    for values in (clean, np.zeros_like(clean), np.round(clean * 255), np.round(clean * 255) / 255):
+    for values in (clean, np.round(clean * 255), np.round(clean * 255) / 255):
         frame = LidarFrame(points, values.astype(np.float32), origin=(0.0, 0.0, 0.0))
         found = authenticate.inspect(frame, lattice=LATTICE)
         assert (found.verdict, found.processing) == ("no_trace", ())
@@ -1090,6 +1108,19 @@ def test_a_file_that_ends_too_early_lacks_its_lowest_lasers(rings: int) -> None:
     details = [step.detail for step in found.processing]
     said = "the lowest laser has" if rings == 1 else f"the lowest {rings} lasers have"
     assert (f"{said} nearly no returns" in details) == (rings > 0)
+    assert found.verdict == ("processed" if rings else "no_trace")
+
+
+@pytest.mark.parametrize("rings", [0, 1, 7, 8])
+def test_a_file_that_begins_too_late_lacks_its_highest_lasers(rings: int) -> None:
+    """Without the highest eighth it is cropped: what stands above the horizon was taken away."""
+    points = closed_in()
+    ring = LATTICE.read(points).ring
+    found = authenticate.inspect(points[ring >= rings], lattice=LATTICE)
+    said = "the highest laser has" if rings == 1 else f"the highest {rings} lasers have"
+    details = [step.detail for step in found.processing]
+    assert (f"{said} nearly no returns" in details) == (rings in (1, 7))
+    assert ("the highest lasers have no returns" in details) == (rings == 8)
     assert found.verdict == ("processed" if rings else "no_trace")
 
 

@@ -22,6 +22,7 @@ from manip3d.authenticate._reflectance import (
     is_in_hundredths,
     reflectance_p_value,
     why_not_judged,
+    why_of_no_scene,
     why_rewritten,
 )
 from manip3d.report import write_evidence
@@ -508,6 +509,34 @@ def test_bytes_that_are_too_even_are_named() -> None:
 def test_reflectances_that_say_nothing_are_not_judged() -> None:
     for values in (np.zeros(5000), np.full(5000, 0.5), np.r_[np.zeros(4000), np.ones(1000)]):
         assert why_rewritten(values.astype(np.float32)) is None
+
+
+def test_permuted_reflectances_are_told_from_noisy_ones() -> None:
+    random = np.random.default_rng(2)
+    values = written_reflectances()
+    for noise in (0.0, 0.08):  # four times the variance of the shots, then
+        noisy = np.round(np.clip(values + random.normal(0.0, noise, len(values)), 0.0, 0.99), 2)
+        assert why_of_no_scene(noisy.astype(np.float32)) is None
+    assert str(why_of_no_scene(random.permutation(values))).endswith("they were permuted")
+    quarter = values.copy()
+    quarter[::4] = random.permutation(quarter[::4])
+    assert why_of_no_scene(quarter) is None
+    assert why_of_no_scene(random.permutation(values)[:6000]) is None  # too few to tell
+    holed = random.permutation(values)
+    holed[::2] = 0.0  # as a frame of KITTI has: no two neighbours were measured
+    assert why_of_no_scene(holed) is None
+
+
+@pytest.mark.parametrize(("smallest", "largest", "is_named"), [
+    (0, 240, False), (0, 260, True), (300, 260, False), (260, 300, True),
+])  # fmt: skip
+def test_many_have_the_largest_reflectance_where_it_was_the_smallest(
+    smallest: int, largest: int, is_named: bool
+) -> None:
+    values = np.clip(written_reflectances(10_000), 0.01, 0.98)
+    values[:smallest] = 0.0
+    values[-largest:] = 0.99
+    assert ("inverted" in str(why_of_no_scene(values))) is is_named
 
 
 def test_a_strength_is_as_rare_as_clean_frames_show_it() -> None:

@@ -193,7 +193,7 @@ def report_page(found: authenticate.Inspection, folder: Path) -> str:
     return (folder / "evidence.html").read_text()
 
 
-@pytest.mark.parametrize("lacking", [[63], [61, 62, 63], [20]])
+@pytest.mark.parametrize("lacking", [[63], [61, 62, 63], [20], [0, 1]])
 @pytest.mark.parametrize("is_whole_drive", [True, False])
 def test_what_was_removed_is_missed_in_the_lasers_that_a_file_has(
     turns: list[np.ndarray], lacking: list[int], is_whole_drive: bool

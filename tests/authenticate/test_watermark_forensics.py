@@ -13,7 +13,7 @@ from cave_scans import AHEAD, ball
 from manip3d import InputError, LidarFrame, authenticate, report
 from manip3d.authenticate import KeyFile, Watermarker, inspect
 from manip3d.authenticate._carriers import ALLOWED, allowance, find_carrier, without_bits
-from watermark_scans import grid_scan, key_file, reflectances
+from watermark_scans import grid_scan, key_file
 
 LATTICE = scans.lattice()
 EMBEDDINGS = ("lbm", "qim")
@@ -30,7 +30,7 @@ def street() -> LidarFrame:
     row = np.flatnonzero(reading.ring == 0)[100:101]  # something far
     beam = scans.beam_points(LATTICE, reading.ring[row], reading.count[row], np.full(1, 79.0))
     points[row] = scans.rounded(beam)
-    return LidarFrame(points, reflectances(len(points)), origin=(0.0, 0.0, 0.0))
+    return LidarFrame(points, scans.reflectances(points), origin=(0.0, 0.0, 0.0))
 
 
 def with_moved_object(frame: LidarFrame, by: tuple[float, float, float]) -> LidarFrame:

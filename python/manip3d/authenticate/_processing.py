@@ -19,7 +19,7 @@ from manip3d.authenticate._firings import (
 )
 from manip3d.authenticate._generic import generic_consistency
 from manip3d.authenticate._lattice import FIVE_DIGITS_TO, has_whole_millimetres
-from manip3d.authenticate._reflectance import is_in_hundredths, why_rewritten
+from manip3d.authenticate._reflectance import is_in_hundredths, why_of_no_scene, why_rewritten
 from manip3d.authenticate._sensors import HDL64E, is_hdl64e, kitti_lattice
 from manip3d.authenticate._verdict import Processing
 
@@ -268,7 +268,7 @@ def _processing_of_reflectance(
 ) -> list[Processing]:
     found = []
     in_hundredths = is_in_hundredths(values)
-    if (why := why_rewritten(values)) is not None:
+    if (why := why_rewritten(values) or why_of_no_scene(values)) is not None:
         found.append(Processing("reflectances", why))
     elif in_hundredths and values.min() > 0.0 and np.mean(values < DARK) > MOST_DARK:
         found.append(Processing("filtered", "no point has a reflectance of 0, as many have"))
@@ -633,11 +633,12 @@ def _processing_of_extent(
     if is_whole_turn and not thinned and narrow_gaps >= FEWEST_GAPS and _is_unit_of_kitti(lattice):
         detail = f"no points in {narrow_gaps} sectors of {NARROW_GAP:g} degrees of azimuth and more"
         found.append(Processing("cropped", detail))
-    silent = 0 if firings is None else _silent_at_the_bottom(firings, lattice)
-    if silent:
-        lasers = "laser has" if silent == 1 else f"{silent} lasers have"
-        found.append(Processing("lasers", f"the lowest {lasers} nearly no returns"))
-    elif not found and not thinned and _own_car_is_silent(reading, distance, lattice):
+    top, bottom = (0, 0) if firings is None else _silent_at_the_ends(firings, lattice)
+    for which, silent in (("highest", top), ("lowest", bottom)):
+        if silent:
+            lasers = "laser has" if silent == 1 else f"{silent} lasers have"
+            found.append(Processing("lasers", f"the {which} {lasers} nearly no returns"))
+    if not found and not thinned and _own_car_is_silent(reading, distance, lattice):
         found.append(Processing("cropped", "the scanner's own car does not answer"))
     found += _cropped_in_height(wide, firings) + thinned
     if is_whole_turn and is_in_order:
@@ -824,8 +825,9 @@ def silent_lasers(
     firings = firings_of(lattice.read(points) if reading is None else reading, rings)
     if firings is None:
         return np.empty(0, np.intp)
-    lowest = np.arange(rings - _silent_at_the_bottom(firings, lattice), rings)
-    return np.union1d(_silent_between(firings), lowest)
+    top, bottom = _silent_at_the_ends(firings, lattice)
+    ends = np.r_[:top, rings - bottom : rings]
+    return np.union1d(_silent_between(firings), ends)
 
 
 def _single_holes(
@@ -885,20 +887,24 @@ def _highest_are_silent(firings: Firings) -> bool:
     return bool(np.count_nonzero(highest) < LEAST_OF_HIGHEST * highest.size)
 
 
-def _silent_at_the_bottom(firings: Firings, lattice: SensorLattice) -> int:
-    """Lasers without returns below one with many: a file that ends too early, ring after ring.
+def _silent_at_the_ends(firings: Firings, lattice: SensorLattice) -> tuple[int, int]:
+    """Lasers without returns above and below one with many, as in a file that ends too early.
 
     How few returns are none was measured on the unit of KITTI. The lowest lasers of another
-    HDL-64E may mostly meet its own carrier, and those of other scanners may always do.
+    HDL-64E may mostly meet its own carrier, and those of other scanners may always do. Where the
+    highest eighth is silent, it is what stands that was taken away, not lasers.
     """
     if not is_hdl64e(lattice):
-        return 0
+        return 0, 0
     answered = firings.answered.mean(axis=1)
     is_heard = answered >= LEAST_ANSWERED if _is_unit_of_kitti(lattice) else answered > 0.0
-    lowest = int(np.flatnonzero(np.r_[True, is_heard])[-1])  # 0: none answers
-    if lowest == 0 or answered[lowest - 1] <= ANSWERED_BESIDE:
-        return 0
-    return len(answered) - lowest
+    heard = np.flatnonzero(is_heard)
+    if not len(heard):
+        return 0, 0
+    top, last = int(heard[0]), int(heard[-1])
+    bottom = len(answered) - 1 - last
+    is_top = answered[top] > ANSWERED_BESIDE and not _highest_are_silent(firings)
+    return top if is_top else 0, bottom if answered[last] > ANSWERED_BESIDE else 0
 
 
 def _is_unit_of_kitti(lattice: SensorLattice) -> bool:

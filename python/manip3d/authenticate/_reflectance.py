@@ -61,6 +61,17 @@ SATURATED, FEWEST_CLIPPED, TIMES_BEFORE = 0.985, 20, 2
 has. So many points have the largest value where others were clipped to it, and more than have the
 hundredth below it: of values that nobody clipped, the larger ones are rarer."""
 
+MOST_AT_LARGEST = 0.025
+"""Share of the points with the largest reflectance, where it is also more than have the smallest.
+Dark things answer with 0: 0.12 to 0.17 of the points in 17 frames of KITTI, 0.05 to 0.09 in 16 of
+simulated streets, of which 0.004 at most have the largest. In inverted ones it is the reverse."""
+
+MOST_UNLIKE, FEWEST_PAIRS = 0.75, 1000
+"""Half the mean squared difference of neighbours in the file, in variances of all of them, of
+reflectances that are neither the smallest nor the largest; pairs of such neighbours, at least. It
+is 1 where reflectances stand at points that they do not belong to: 0.98 to 1.02 in the frames
+above after they were permuted. Clean, these have 0.15 to 0.47."""
+
 LEVELS, MOST_SHIFTED = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9), 0.0125
 """Shares of the points, and by how much the reflectances that so many do not exceed differ from
 those of a turn beside, in the median over the shares, of all points or of those above 0. Of 157
@@ -386,6 +397,31 @@ def why_rewritten(values: NDArray[np.float32]) -> str | None:
     if alike > MOST_ALIKE:
         return f"{alike:.0%} of the points have the reflectance of the next one"
     return None
+
+
+def why_of_no_scene(values: NDArray[np.float32]) -> str | None:
+    """Say why reflectances are not of what the points are of: constant, inverted or permuted.
+
+    Parameters
+    ----------
+    values : (N,) float32
+        In the order of the scanner's file, one at least.
+    """
+    smallest, largest = float(values.min()), float(values.max())
+    if smallest == largest:
+        return f"all reflectances are {largest:.3g}"
+    at_end = float(np.mean(values == largest))
+    if at_end > max(MOST_AT_LARGEST, float(np.mean(values == smallest))):
+        return f"reflectances were inverted: {at_end:.0%} of the points have the largest"
+    first, second = values[:-1:SAMPLE].astype(np.float64), values[1::SAMPLE].astype(np.float64)
+    noisy = (np.minimum(first, second) > smallest) & (np.maximum(first, second) < largest)
+    if np.count_nonzero(noisy) < FEWEST_PAIRS:
+        return None
+    first, second = first[noisy], second[noisy]
+    variance = float(first.var() + second.var())
+    if float(np.mean((first - second) ** 2)) <= MOST_UNLIKE * variance:
+        return None
+    return "reflectances of neighbouring points have nothing in common: they were permuted"
 
 
 def _why_clipped(values: NDArray[np.float32]) -> str | None:
