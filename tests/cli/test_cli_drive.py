@@ -35,7 +35,7 @@ def street(seed: int) -> manip3d.LidarFrame:
     row = np.flatnonzero(reading.ring == 0)[100:101]  # something far
     beam = scans.beam_points(LATTICE, reading.ring[row], reading.count[row], np.full(1, 79.0))
     points[row] = scans.rounded(beam)
-    return manip3d.LidarFrame(points, np.zeros(len(points), np.float32))
+    return manip3d.LidarFrame(points, scans.reflectances(points))
 
 
 def with_moved_object(frame: manip3d.LidarFrame) -> manip3d.LidarFrame:
