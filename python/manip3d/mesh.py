@@ -13,6 +13,7 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.arrays import index_rows, rows
+from manip3d._util.checked import checked
 from manip3d._util.showing import Showable
 from manip3d.errors import InputError
 
@@ -298,6 +299,7 @@ class Mesh(Showable):
         mesh: Mesh = _interop().from_trimesh(source)
         return mesh
 
+    @checked
     def oriented(
         self, *, unit: Literal["m", "cm", "mm", "in", "ft"] = "m", up: Literal["y", "z"] = "y"
     ) -> Mesh:
@@ -321,10 +323,6 @@ class Mesh(Showable):
         >>> mesh.oriented(unit="mm", up="z").vertices[1].tolist()
         [0.0, 0.5, 0.0]
         """
-        if unit not in _METRES:
-            raise InputError(f"unit: expected one of {', '.join(_METRES)}, got {unit!r}")
-        if up not in ("y", "z"):
-            raise InputError(f"up: expected 'y' or 'z', got {up!r}")
         vertices = self.vertices * _METRES[unit]
         if up == "y":
             return self.replace(vertices=vertices)

@@ -98,7 +98,7 @@ def test_unknown_cleaning_is_refused() -> None:
     from manip3d import Mesh
 
     mesh = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
-    with pytest.raises(InputError, match="cleaning: expected one of stored"):
+    with pytest.raises(InputError, match="cleaning: expected 'stored', 'welded'"):
         datasets.clean(mesh, "washed")  # type: ignore[arg-type]
 
 

@@ -116,7 +116,7 @@ def test_answers_after_touch_and_felt_limbs_are_exported(diary: Diary, tmp_path:
     for wrong in ([3] * 5, [4, 0, 0, 0, 0, 0]):
         with pytest.raises(InputError, match="answers: expected 6 from -3 to 3"):
             diary.add_ownership("P01", "synchronous", wrong)
-    with pytest.raises(InputError, match="mode: expected synchronous or asynchronous"):
+    with pytest.raises(InputError, match="mode: expected 'synchronous' or 'asynchronous'"):
         diary.add_ownership("P01", "both", [0] * 6)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="bent: expected 0 to 150, got 151"):
         diary.add_felt("P01", length=60, telescoping=0, raised=0, bent=151)

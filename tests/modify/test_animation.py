@@ -173,13 +173,13 @@ def test_wrong_arguments_are_named() -> None:
     person = pose()
     bones = np.ones(1, np.uint8)
     point = np.zeros((1, 3), np.float32)
-    with pytest.raises(InputError, match="method: expected one of spherical, rigid, lbs"):
+    with pytest.raises(InputError, match="method: expected 'spherical', 'rigid' or 'lbs'"):
         modify.animate(point, bones, person, person, method="dual")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="labels: expected 1 to 24, got 0"):
         modify.animate(point, np.zeros(1, np.uint8), person, person)
     with pytest.raises(InputError, match=r"labels: expected shape \(1,\)"):
         modify.animate(point, np.ones(2, np.uint8), person, person)
-    with pytest.raises(InputError, match="seeds: expected line or middle"):
+    with pytest.raises(InputError, match="seeds: expected 'line' or 'middle'"):
         labels_of(person, seeds="none")
     with pytest.raises(InputError, match="reach"):
         labels_of(person, reach=-1.0)

@@ -821,7 +821,7 @@ def test_segmentation_refuses() -> None:
         segment_body(depth, SMALL, pose(), body_index=np.zeros((2, 2), np.uint8))
     with pytest.raises(InputError, match="near"):
         segment_body(depth, SMALL, pose(), near=float("nan"))
-    with pytest.raises(InputError, match="segmentation: expected one of skin, paper"):
+    with pytest.raises(InputError, match="segmentation: expected 'skin' or 'paper'"):
         segment_body(depth, SMALL, pose(), segmentation="bone")  # type: ignore[arg-type]
 
 

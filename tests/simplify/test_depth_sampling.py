@@ -143,7 +143,7 @@ def test_long_edges_are_dropped(person: tuple) -> None:
 
 def test_arguments_are_checked(person: tuple) -> None:
     depth, camera = person
-    with pytest.raises(InputError, match="method: expected one of 'uniform', 'poisson', 'ssa'"):
+    with pytest.raises(InputError, match="method: expected 'uniform', 'poisson' or 'ssa'"):
         sample_depth(depth, camera, 10, method="best")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="target_points: expected >= 1, got 0"):
         sample_depth(depth, camera, 0)

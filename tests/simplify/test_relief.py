@@ -657,7 +657,7 @@ def test_pieces_left_out() -> None:
     [
         ({"target_points": 2}, "target_points: expected at least 3, got 2"),
         ({"target_points": 2.5}, r"target_points: expected a whole number of 64 bits, got 2\.5"),
-        ({"effort": "most"}, "effort: expected one of live, fast, balanced, fine, best"),
+        ({"effort": "most"}, "effort: expected 'live', 'fast', 'balanced', 'fine' or 'best'"),
         ({"max_edge": 0.0}, "max_edge: expected > 0"),
         ({"max_edge": float("nan")}, "max_edge: expected > 0"),
         ({"threads": -1}, "threads"),

@@ -33,7 +33,7 @@ def test_what_cannot_be_timed_is_refused(quad: Mesh) -> None:
     for meshes in ([], [quad, nothing]):
         with pytest.raises(InputError, match="meshes: expected meshes with faces"):
             frame_times(meshes, "pyvista")
-    with pytest.raises(InputError, match="drawn_by: expected 'chromium' or 'pyvista'"):
+    with pytest.raises(InputError, match="drawn_by: expected 'pyvista' or 'chromium'"):
         frame_times([quad], "vulkan")  # type: ignore[arg-type]
     for name, value in {"frames": 0, "seconds": 0.0, "size": (0, 9)}.items():
         with pytest.raises(InputError, match=f"{name}: expected"):

@@ -11,7 +11,7 @@ import operator
 import os
 import sys
 from collections.abc import Callable, Mapping
-from typing import Any, Literal, TypeVar, cast
+from typing import Any, Literal, TypeVar, cast, get_args, get_origin
 
 import numpy as np
 
@@ -39,9 +39,10 @@ def checked(function: _Checked) -> _Checked:
 
     Notes
     -----
-    Annotations of numbers, texts, paths, containers and classes are understood, as are unions of
-    them, ``ArrayLike`` (an array of numbers) and aliases. An argument whose annotation has another
-    part is left to the function, which gets scalars of NumPy as Python's numbers.
+    Annotations of numbers, texts, choices (``Literal``), paths, containers and classes are
+    understood, as are unions of them, ``ArrayLike`` (an array of numbers) and aliases. An argument
+    whose annotation has another part is left to the function, which gets scalars of NumPy as
+    Python's numbers.
     """
     if isinstance(function, type):
         for name, member in tuple(vars(function).items()):
@@ -187,16 +188,26 @@ def _resolved(note: ast.expr, names: Mapping[str, Any]) -> Any:
 def _kind_of_class(found: Any) -> _Kind | None:
     if found in _SIMPLE and found is not None:
         return _SIMPLE[found]
-    if getattr(found, "__origin__", None) is Literal:
-        return _SIMPLE[str]  # the function knows which words, and says so
+    if get_origin(found) is Literal:
+        return _kind_of_choice(get_args(found))
     if isinstance(found, type) and found not in (object, Any):
         return _Kind(found.__name__, lambda value: isinstance(value, found))
     return None
 
 
+def _kind_of_choice(words: str | tuple[str, ...]) -> _Kind:
+    """The kind of what is one of the texts of a `Literal`."""
+    choices = (words,) if isinstance(words, str) else words
+    *others, last = map(repr, choices)
+    return _Kind(
+        f"{', '.join(others)} or {last}" if others else last,
+        lambda value: isinstance(value, str) and value in choices,
+    )
+
+
 def _kind_of_generic(origin: Any, inner: ast.expr, names: Mapping[str, Any]) -> _Kind | None:
     if origin is Literal:
-        return _SIMPLE[str]
+        return _kind_of_choice(ast.literal_eval(inner))
     if origin is os.PathLike:
         return _SIMPLE[os.PathLike]
     if origin is type or origin is None:

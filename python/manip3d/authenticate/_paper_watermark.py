@@ -128,7 +128,7 @@ def embed_paper(
     embedding: str = "lbm",
     key_2: int = 0,
     frame: int = 0,
-    merge: str = "adjacent",
+    merge: Literal["adjacent", "paper"] = "adjacent",
 ) -> PaperMarked:
     """Embed the printed watermark (dissertation section 7.3.1) into a scan.
 
@@ -189,7 +189,7 @@ def compare_paper(
     blocks: ArrayLike,
     metadata: PaperMetadata,
     *,
-    extraction: str = "compare_all",
+    extraction: Literal["compare_all", "paper_and"] = "compare_all",
 ) -> PaperComparison:
     """Compare the bits of a scan with the watermark that it should carry.
 
@@ -229,8 +229,6 @@ def compare_paper(
     >>> found.verdict, len(found.suspected) > 0
     ('inconsistent', True)
     """
-    if extraction not in ("compare_all", "paper_and"):
-        raise InputError(f"extraction: expected compare_all or paper_and, got {extraction!r}")
     given = to_scan(scan)
     image, options = _arguments(
         blocks, metadata.embedding, metadata.key_2, metadata.frame, "adjacent"
@@ -259,8 +257,6 @@ def _arguments(
     blocks: ArrayLike, embedding: str, key_2: int, frame: int, merge: str
 ) -> tuple[NDArray[np.uint8], _core.PaperSettings]:
     number = PAPER_EMBEDDINGS.index(_named(embedding))
-    if merge not in ("adjacent", "paper"):
-        raise InputError(f"merge: expected adjacent or paper, got {merge!r}")
     if not 0 <= key_2 < 2**63:
         raise InputError(f"key_2: expected 0 to 2**63 - 1, got {key_2}")
     if not 0 <= frame < 2**32:

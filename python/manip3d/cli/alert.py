@@ -198,7 +198,7 @@ def run(
         order="chain",
         carrier="picture" if picture else "sidecar",
     )
-    check_output(output, report.ALERT_KINDS, force=force)
+    check_output(output, report.EVIDENCE_KINDS, force=force)
     drive = _opened(
         _Files(source, frames, calibration, rigs, cameras, picture if key else None, shell.say)
     )

@@ -493,8 +493,6 @@ class Diary(DiaryReading):
         InputError
             No such participant, session or mode, or invalid answers.
         """
-        if mode not in ("synchronous", "asynchronous"):
-            raise InputError(f"mode: expected synchronous or asynchronous, got {mode!r}")
         given = tuple(int(one) for one in answers)
         if len(given) != 6 or not all(-3 <= one <= 3 for one in given):
             raise InputError(f"answers: expected 6 from -3 to 3, got {list(answers)}")
@@ -591,8 +589,6 @@ class Diary(DiaryReading):
             No such participant, session or kind, or a text that is too long or has control
             characters other than line feeds.
         """
-        if kind not in ("pain", "sickness", "other"):
-            raise InputError(f"kind: expected pain, sickness or other, got {kind!r}")
         if len(text) > 2000:
             raise InputError(f"text: expected at most 2000 characters, got {len(text)}")
         fields = {"at": aware(at, "at").isoformat(), "kind": kind, "text": text}

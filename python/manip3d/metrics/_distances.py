@@ -234,8 +234,6 @@ def metro(
     >>> found.forward.mean, found.diagonal
     (0.5, 1.4142135623730951)
     """
-    if sampling not in ("vertex", "area"):
-        raise InputError(f"sampling: expected 'vertex' or 'area', got {sampling!r}")
     if samples is not None and sampling == "vertex":
         raise InputError("samples: cannot be given with sampling='vertex', which takes each vertex")
     with reporting(progress, "metro") as report:

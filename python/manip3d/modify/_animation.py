@@ -196,11 +196,6 @@ def animate(
     >>> round(float(off), 2)
     0.04
     """
-    methods, scopes = _core.Skinning.__members__, _core.PoseScope.__members__
-    if method.upper() not in methods:
-        raise InputError(f"method: expected one of {', '.join(methods).lower()}, got {method!r}")
-    if scope.upper() not in scopes:
-        raise InputError(f"scope: expected one of {', '.join(scopes).lower()}, got {scope!r}")
     bones = np.ascontiguousarray(labels)
     if bones.dtype != np.uint8:
         raise InputError(f"labels: expected uint8, got {bones.dtype}")
@@ -209,7 +204,7 @@ def animate(
         bones,
         skeleton,
         pose,
-        scopes[scope.upper()],
-        methods[method.upper()],
+        _core.PoseScope.__members__[scope.upper()],
+        _core.Skinning.__members__[method.upper()],
     )
     return None if moved is None else Animated(moved[0], Skeleton(**moved[1]))

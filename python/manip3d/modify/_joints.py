@@ -138,10 +138,7 @@ def skeleton_from(
     >>> len(person.positions), int((person.states == 0).sum())  # joints, and those not known
     (25, 8)
     """
-    known = joint_layouts()
-    if layout not in known:
-        raise InputError(f"layout: expected one of {', '.join(known)}, got {layout!r}")
-    num_joints = len(known[layout])
+    num_joints = len(joint_layouts()[layout])
     given = rows(joints, 3, np.float64, "joints")
     if len(given) != num_joints:
         raise InputError(f"joints: expected {num_joints} rows for {layout}, got {len(given)}")
@@ -149,8 +146,6 @@ def skeleton_from(
     trust[~np.isfinite(given).all(axis=1)] = NOT_TRACKED
     if axes == "kinect":
         given = given * [-1.0, -1.0, 1.0]
-    elif axes != "camera":
-        raise InputError(f"axes: expected 'camera' or 'kinect', got {axes!r}")
 
     positions = np.zeros((len(JOINTS), 3))
     found = np.zeros(len(JOINTS), np.uint8)

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Literal
 
 from manip3d import _core
 from manip3d._util.checked import checked
-from manip3d.errors import InputError
 from manip3d.rgbd import RgbdFrame, Skeleton
 
 if TYPE_CHECKING:
@@ -15,12 +14,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 Side = Literal["left", "right"]
-
-
-def _is_left(side: str) -> bool:
-    if side not in ("left", "right"):
-        raise InputError(f"side: expected 'left' or 'right', got {side!r}")
-    return side == "left"
 
 
 @checked
@@ -72,15 +65,15 @@ class ShoeCoverTracker:
         frame : RgbdFrame
             With colour, in the depth image's pixels or registered.
         skeleton : Skeleton
-        side : str
-            The person's ``left`` or ``right`` foot.
+        side : {'left', 'right'}
+            Side of the foot.
 
         Raises
         ------
         InputError
             The frame has no colour; another side.
         """
-        fields = self._core.update(frame, skeleton, _is_left(side))
+        fields = self._core.update(frame, skeleton, side == "left")
         return None if fields is None else Skeleton(**fields)
 
     @property
@@ -168,7 +161,7 @@ class PlacementEstimator:
         InputError
             ``intact`` is not ``left`` or ``right``.
         """
-        fields = self._core.update(skeleton, _is_left(intact))
+        fields = self._core.update(skeleton, intact == "left")
         return None if fields is None else Placement(**fields)
 
     def reset(self) -> None:

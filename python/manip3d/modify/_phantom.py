@@ -358,33 +358,16 @@ class _Buffers:
 
 
 def _limb(limb: Limb) -> _core.Limb:
-    members = _core.Limb.__members__
-    if str(limb).upper() not in members:
-        raise InputError(f"affected: expected one of {', '.join(members).lower()}, got {limb!r}")
-    return members[str(limb).upper()]
-
-
-def _mode(mode: MirrorMode) -> _core.MirrorMode:
-    if mode not in _MODES:
-        raise InputError(f"mode: expected one of {', '.join(_MODES)}, got {mode!r}")
-    return _MODES[mode]
+    return _core.Limb.__members__[limb.upper()]
 
 
 def _plane_rule(plane: PlaneRule | None, smooths: bool) -> _core.PlaneRule:
-    members = _core.PlaneRule.__members__
-    if plane is None:
-        return members["TRUNK" if smooths else "JOINTS"]
-    if str(plane).upper() not in members:
-        raise InputError(f"plane: expected one of {', '.join(members).lower()}, got {plane!r}")
-    return members[plane.upper()]
+    name = plane or ("trunk" if smooths else "joints")
+    return _core.PlaneRule.__members__[name.upper()]
 
 
 def _bone_rule(segmentation: Segmentation) -> _core.BoneRule:
-    members = _core.BoneRule.__members__
-    if str(segmentation).upper() not in members:
-        names = ", ".join(members).lower()
-        raise InputError(f"segmentation: expected one of {names}, got {segmentation!r}")
-    return members[str(segmentation).upper()]
+    return _core.BoneRule.__members__[segmentation.upper()]
 
 
 def _mask(near: float, far: float, margin: float) -> _core.PersonMaskOptions:
@@ -484,7 +467,7 @@ class PhantomPipeline:
     ) -> None:
         options = _core.PhantomOptions()
         options.affected = _limb(affected)
-        options.mode = _mode(mode)
+        options.mode = _MODES[mode]
         options.smooths = smoothing is not None
         options.plane = _plane_rule(plane, options.smooths)
         if smoothing is not None:
@@ -499,8 +482,6 @@ class PhantomPipeline:
         options.hold_seconds, options.fade_seconds = hold_seconds, fade_seconds
         options.mesh = _core.PhantomMeshOptions()
         options.mesh.max_depth_step = max_depth_step
-        if str(texturing).upper() not in _core.Texturing.__members__:
-            raise InputError(f"texturing: expected source or calibration, got {texturing!r}")
         options.mesh.texturing = _core.Texturing.__members__[texturing.upper()]
         self._core = _core.PhantomPipeline(options)
         self._pool = _core.ArrayPool()
@@ -685,7 +666,7 @@ def body_mirror(
     >>> np.round(mirror.linear @ right + mirror.offset - left, 2).tolist()
     [0.0, 0.0, 0.0]
     """
-    fields = _core.body_mirror(skeleton, _limb(affected), _mode(mode))
+    fields = _core.body_mirror(skeleton, _limb(affected), _MODES[mode])
     if fields is None:
         return None
     return BodyMirror(**fields | {"skeleton": Skeleton(**fields["skeleton"])})
@@ -791,8 +772,6 @@ def segment_body(
         raise InputError(
             f"body_index: expected uint8 of shape {image.shape}, got {index.dtype} {index.shape}"
         )
-    if seeds not in ("line", "middle"):
-        raise InputError(f"seeds: expected line or middle, got {seeds!r}")
     mask = _mask(near, far, margin)
     if segmentation == "region":
         options = _core.RegionOptions()

@@ -34,8 +34,6 @@ def smoother_options(
         "default": _core.JointSmootherOptions,
         "seated": _core.JointSmootherOptions.seated,
     }
-    if preset not in presets:
-        raise InputError(f"preset: expected one of {', '.join(presets)}, got {preset!r}")
     options = presets[preset]()
     for name, value in (
         ("smoothing", smoothing),

@@ -6,21 +6,17 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from manip3d.report._alert import ALERT_KINDS, AlertTimeline
+    from manip3d.report._alert import AlertTimeline
     from manip3d.report._alert_overview import write_alert_overview
     from manip3d.report._case_log import append_log, read_log
     from manip3d.report._drive_evidence import write_drive_evidence
     from manip3d.report._evidence import write_evidence
+    from manip3d.report._evidence_files import EVIDENCE_KINDS
     from manip3d.report._results import write_report
     from manip3d.report._stream_evidence import write_stream_evidence
-    from manip3d.report._suspected import (
-        EVIDENCE_KINDS,
-        place_sentence,
-        write_suspected_rows,
-    )
+    from manip3d.report._suspected import place_sentence, write_suspected_rows
 
 __all__ = [
-    "ALERT_KINDS",
     "EVIDENCE_KINDS",
     "AlertTimeline",
     "append_log",
@@ -35,9 +31,8 @@ __all__ = [
 ]
 
 _HOMES = {
-    "ALERT_KINDS": "_alert",
     "AlertTimeline": "_alert",
-    "EVIDENCE_KINDS": "_suspected",
+    "EVIDENCE_KINDS": "_evidence_files",
     "append_log": "_case_log",
     "place_sentence": "_suspected",
     "read_log": "_case_log",

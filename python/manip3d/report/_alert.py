@@ -19,10 +19,7 @@ import numpy as np
 
 from manip3d import __version__
 from manip3d._util.checked import checked
-from manip3d._util.json import finite
-from manip3d._util.paths import path_of
-from manip3d.errors import InputError
-from manip3d.io._files import atomic_write
+from manip3d.report._evidence_files import write_page_or_record
 from manip3d.simulate._surfaces import png
 
 if TYPE_CHECKING:
@@ -38,9 +35,6 @@ if TYPE_CHECKING:
         SurroundResult,
     )
     from manip3d.lidar import LidarFrame
-
-ALERT_KINDS = (".html", ".json")
-"""Suffixes that `AlertTimeline.write` knows."""
 
 _MOST_SCENES = 12
 _MOST_ROWS = 200
@@ -190,17 +184,11 @@ class AlertTimeline:
         InputError
             The suffix is neither of the two.
         """
-        path = path_of(output, "output")
-        kind = path.suffix.lower()
-        if kind not in ALERT_KINDS:
-            raise InputError(
-                f"output: expected a name that ends in .html or .json, got {path.name}"
-            )
-        if kind == ".json":
-            text = json.dumps(finite(self.summary(verdict, reason, counts)), indent=1) + "\n"
-        else:
-            text = self._page(verdict, reason, counts)
-        atomic_write(path, text.encode())
+        write_page_or_record(
+            output,
+            page=lambda: self._page(verdict, reason, counts),
+            record=lambda: self.summary(verdict, reason, counts),
+        )
 
     def summary(self, verdict: str, reason: str, counts: AlertCounts) -> dict[str, Any]:
         """Return everything but the pictures, ready for JSON.

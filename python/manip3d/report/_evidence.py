@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import html
 import io
-import json
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -16,14 +15,11 @@ import numpy as np
 
 from manip3d import __version__, viewer
 from manip3d._util.checked import checked
-from manip3d._util.json import finite
-from manip3d._util.paths import path_of
 from manip3d.authenticate._power import EDIT_MEANINGS
 from manip3d.authenticate._verdict import FALSE_ALARM_RATE
 from manip3d.datasets import file_sha256
-from manip3d.errors import InputError
-from manip3d.io._files import atomic_write
-from manip3d.report._suspected import EVIDENCE_KINDS, place_sentence
+from manip3d.report._evidence_files import write_page_or_record
+from manip3d.report._suspected import place_sentence
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -76,16 +72,11 @@ def write_evidence(
     >>> record["source"], record["verdict"]
     ('scan.bin', 'undecidable')
     """
-    path = path_of(output, "output")
-    kind = path.suffix.lower()
-    if kind not in EVIDENCE_KINDS:
-        raise InputError(f"output: expected a name that ends in .html or .json, got {path.name}")
-    if kind == ".json":
-        record = {"source": source} | inspection.record()
-        text = json.dumps(finite(record), indent=1) + "\n"
-    else:
-        text = _page(inspection, source)
-    atomic_write(path, text.encode())
+    write_page_or_record(
+        output,
+        page=lambda: _page(inspection, source),
+        record=lambda: {"source": source} | inspection.record(),
+    )
 
 
 # --- pictures -------------------------------------------------------------------------------------

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import html
-import json
 import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -14,14 +13,11 @@ import numpy as np
 
 from manip3d import __version__
 from manip3d._util.checked import checked
-from manip3d._util.json import finite
-from manip3d._util.paths import path_of
 from manip3d.authenticate import depth_noise
 from manip3d.datasets import file_sha256
 from manip3d.errors import InputError
-from manip3d.io._files import atomic_write
 from manip3d.report._evidence import PAGE_STYLE
-from manip3d.report._suspected import EVIDENCE_KINDS
+from manip3d.report._evidence_files import write_page_or_record
 from manip3d.rgbd import RgbdFrame, check_frames, numbered
 from manip3d.viewer.people import depth_picture
 from manip3d.viewer.pictures import png_bytes
@@ -72,21 +68,21 @@ def write_stream_evidence(
     >>> found = authenticate.inspect_stream(frames)  # doctest: +SKIP
     >>> report.write_stream_evidence(found, frames, "walk.html")  # doctest: +SKIP
     """
-    path = path_of(output, "output")
-    kind = path.suffix.lower()
-    if kind not in EVIDENCE_KINDS:
-        raise InputError(f"output: expected a name that ends in .html or .json, got {path.name}")
-    if kind == ".json":
-        text = json.dumps(finite({"source": source} | inspection.record()), indent=1) + "\n"
-    else:
-        some = list(frames)
-        check_frames("frames", some)
-        by_number = {frame.number: frame for frame in numbered(some, range(len(some)))}
-        judged = [by_number[n] for n in inspection.numbers.tolist() if n in by_number]
-        if not judged:
-            raise InputError("frames: expected the frames that were judged, got none of them")
-        text = _page(inspection, judged, source)
-    atomic_write(path, text.encode())
+    write_page_or_record(
+        output,
+        page=lambda: _page(inspection, _judged(inspection, frames), source),
+        record=lambda: {"source": source} | inspection.record(),
+    )
+
+
+def _judged(inspection: StreamInspection, frames: Iterable[RgbdFrame]) -> list[RgbdFrame]:
+    some = list(frames)
+    check_frames("frames", some)
+    by_number = {frame.number: frame for frame in numbered(some, range(len(some)))}
+    judged = [by_number[n] for n in inspection.numbers.tolist() if n in by_number]
+    if not judged:
+        raise InputError("frames: expected the frames that were judged, got none of them")
+    return judged
 
 
 def _page(inspection: StreamInspection, frames: Sequence[RgbdFrame], source: str) -> str:

@@ -13,9 +13,6 @@ from manip3d.io._files import atomic_write
 if TYPE_CHECKING:
     from manip3d.authenticate import Inspection
 
-EVIDENCE_KINDS = (".html", ".json")
-"""Suffixes that `write_evidence` knows."""
-
 
 @checked
 def place_sentence(inspection: Inspection) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, TypeVar, get_args
+from typing import TYPE_CHECKING, Literal
 
 from manip3d import _core
 from manip3d._util.checked import checked
@@ -15,7 +15,7 @@ from manip3d.errors import InputError
 from manip3d.simplify._parts import blocks
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
 
     import numpy as np
     from numpy.typing import NDArray
@@ -44,7 +44,6 @@ SeamMode = Literal["planes", "paper", "lock"]
 ComplexVertices = Literal["keep", "freeze"]
 LinkCondition = Literal["manifold", "always", "never"]
 
-_Choice = TypeVar("_Choice")
 _BOUNDARIES = {"freeze": _core.BoundaryTerm.FREEZE, "weight": _core.BoundaryTerm.WEIGHT}
 _CURVATURES = {
     "turning": _core.BoundaryCurvature.TURNING,
@@ -146,8 +145,6 @@ def clean(mesh: Mesh, *, weld: bool = True, duplicates: Duplicates = "same") -> 
     >>> manip3d.simplify.clean(square).mesh.faces.tolist()
     [[0, 1, 2], [0, 2, 3]]
     """
-    if duplicates not in get_args(Duplicates):
-        raise InputError(f"duplicates: expected 'same', 'any' or 'keep', got {duplicates!r}")
     return CleanResult(**_core.clean(mesh, weld, getattr(_core.Duplicates, duplicates)))
 
 
@@ -311,13 +308,6 @@ def stopping_rules(
     )
 
 
-def _choice(name: str, value: str, choices: Mapping[str, _Choice]) -> _Choice:
-    if value not in choices:
-        expected = ", ".join(repr(choice) for choice in choices)
-        raise InputError(f"{name}: expected one of {expected}, got {value!r}")
-    return choices[value]
-
-
 def _simplify(
     mesh: Mesh,
     options: _core.QemOptions,
@@ -333,7 +323,7 @@ def _simplify(
         mesh, target_faces, ratio, max_error, max_distance
     )
     options.quality_threshold = quality_threshold
-    options.link_condition = _choice("link_condition", link_condition, _LINK_CONDITIONS)
+    options.link_condition = _LINK_CONDITIONS[link_condition]
     with reporting(progress, "simplify") as report:
         fields = _core.simplify_qem(mesh, options, report)
     expect_surface(mesh.num_faces - fields["dropped_faces"], mesh.num_faces)
@@ -437,10 +427,10 @@ def qem4vr(
     options = _core.QemOptions()
     options.boundary = _core.BoundaryTerm.CURVATURE
     options.boundary_weight = boundary_weight
-    options.curvature = _choice("curvature", curvature, _CURVATURES)
-    options.texture = _choice("seam_mode", seam_mode, _SEAM_MODES)
+    options.curvature = _CURVATURES[curvature]
+    options.texture = _SEAM_MODES[seam_mode]
     options.seam_weight = seam_weight
-    options.complex_vertices = _choice("complex_vertices", complex_vertices, _COMPLEX_VERTICES)
+    options.complex_vertices = _COMPLEX_VERTICES[complex_vertices]
     return _simplify(
         mesh,
         options,
@@ -576,7 +566,7 @@ def qem_bp(
     """
     return _baseline(
         mesh,
-        _choice("boundary", boundary, _BOUNDARIES),
+        _BOUNDARIES[boundary],
         _core.TextureTerm.NONE,
         target_faces,
         ratio,
@@ -681,7 +671,7 @@ def qem_btp(
     """
     return _baseline(
         mesh,
-        _choice("boundary", boundary, _BOUNDARIES),
+        _BOUNDARIES[boundary],
         _core.TextureTerm.QUADRIC5,
         target_faces,
         ratio,

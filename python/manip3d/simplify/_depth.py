@@ -497,8 +497,6 @@ def _options(
     threads: int,
     reading: dict[str, str | float] | None,
 ) -> _core.Cs3Options:
-    if variant not in _VARIANTS:
-        raise InputError(f"variant: expected one of {', '.join(_VARIANTS)}, got {variant!r}")
     options = _core.Cs3Options()
     options.target_points = count_of(target_points, "target_points")
     if options.target_points < 1:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal
 
 from manip3d._util.checked import checked
 from manip3d.errors import InputError
@@ -110,8 +110,6 @@ def simplify(
     """
     if mode is None:
         mode = default_mode(max_distance)
-    if mode not in get_args(Mode):
-        raise InputError(f"mode: expected 'quality', 'published' or 'fast', got {mode!r}")
     limits: dict[str, Any] = {
         "target_faces": target_faces,
         "ratio": ratio,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal, Self, get_args
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
@@ -152,8 +152,6 @@ def relief_options(
     focal: float = 0.0,
     levels: Sequence[int] = (),
 ) -> _core.ReliefOptions:
-    if effort not in get_args(Effort):
-        raise InputError(f"effort: expected one of {', '.join(get_args(Effort))}, got {effort!r}")
     options = _core.ReliefOptions()
     options.target_points = _whole("target_points", target_points)
     options.effort = getattr(_core.ReliefEffort, effort)

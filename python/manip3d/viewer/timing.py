@@ -14,13 +14,11 @@ from manip3d._util.checked import checked
 from manip3d.errors import InputError, RenderError
 from manip3d.mesh import Mesh
 from manip3d.viewer import _chromium, _pyvista
-from manip3d.viewer.renderers import check
+from manip3d.viewer.renderers import Renderer, check
 from manip3d.viewer.scene import OBLIQUE, Camera, Style, frame_points
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-    from manip3d.viewer.renderers import Renderer
 
 SPACING = 0.8  # from one model to the next, of unit diagonals: they stand close and do not overlap
 _PATIENCE = 240.0  # seconds; a program in the place of a graphics card draws slowly
@@ -97,8 +95,6 @@ def frame_times(
     >>> times.num_faces  # doctest: +SKIP
     5600
     """
-    if not isinstance(drawn_by, str) or drawn_by not in ("chromium", "pyvista"):
-        raise InputError(f"drawn_by: expected 'chromium' or 'pyvista', got {drawn_by!r}")
     if len(meshes) == 0 or any(mesh.num_faces == 0 for mesh in meshes):
         raise InputError(
             f"meshes: expected meshes with faces, got {[mesh.num_faces for mesh in meshes]} faces"

@@ -1,0 +1,30 @@
+"""Evidence as a page for people or as numbers for programs, by the suffix of the file."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from manip3d._util.json import finite
+from manip3d._util.paths import path_of
+from manip3d.errors import InputError
+from manip3d.io._files import atomic_write
+
+EVIDENCE_KINDS = (".html", ".json")
+"""Suffixes that `write_evidence`, `write_stream_evidence` and `AlertTimeline.write` know."""
+
+
+def write_page_or_record(
+    output: str | os.PathLike[str],
+    page: Callable[[], str],
+    record: Callable[[], Mapping[str, Any]],
+) -> None:
+    """Write what the suffix asks for; the other one is not made."""
+    path = path_of(output, "output")
+    kind = path.suffix.lower()
+    if kind not in EVIDENCE_KINDS:
+        raise InputError(f"output: expected a name that ends in .html or .json, got {path.name}")
+    text = page() if kind == ".html" else json.dumps(finite(record()), indent=1) + "\n"
+    atomic_write(path, text.encode())
