@@ -475,7 +475,7 @@ def test_scans_that_are_not_finite(name: str, value: float) -> None:
         (lambda s: forge.ctp(s, grid_plate(), position=(0, 0, 0), threads=-1), "threads"),
         (
             lambda s: forge.ctp(s, grid_plate(), position=(0, 0, 0), translation="odd"),
-            "translation: expected one of centroid, paper",
+            "translation: expected 'centroid' or 'paper'",
         ),
         (
             lambda s: forge.crtp(s, grid_plate(), position=(0, 90, 0)),

@@ -231,7 +231,7 @@ def test_wrong_arguments_are_named() -> None:
         ({"kind": 2}, "pose: expected a motion for type 2"),
         ({"kind": 1, "pose": [person()]}, "pose: expected none for type 1"),
         ({"kind": 1, "blend": 65}, "blend: expected 0 to 64"),
-        ({"kind": 1, "surface": "voxels"}, "surface: expected one of mesh, points"),
+        ({"kind": 1, "surface": "voxels"}, "surface: expected 'mesh' or 'points'"),
         ({"kind": 1, "move": (0.0, np.nan, 0.0)}, "move"),
     ):
         with pytest.raises(InputError, match=message):

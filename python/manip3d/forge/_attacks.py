@@ -85,7 +85,7 @@ def ctp(
     [[3.0, 0.0, 0.0]]
     """
     scene = to_scan(scan)
-    paper = _choice(translation, ("centroid", "paper"), "translation") == "paper"
+    paper = translation == "paper"
     return _paste(
         "ctp", scene, to_hoax(hoax, intensity, scene), position, rotation, scale, paper, threads
     )
@@ -145,14 +145,14 @@ def crtp(
     <manip3d.forge.Forgery: crtp; 2175 points, 79 added, 0 moved, 0 removed>
     """
     scene = to_scan(scan)
-    paper = _choice(translation, ("centroid", "paper"), "translation") == "paper"
+    paper = translation == "paper"
     where = place(position, "position")
     workers = threads_of(threads)
     if spacing is None:
         spacing = _core.local_spacing(scene.points, where, NEIGHBOURHOOD, workers)
     _check_scale(scale)
     whole = to_hoax(hoax, 0.0, scene)
-    uniform = _choice(resampling, ("poisson", "uniform"), "resampling") == "uniform"
+    uniform = resampling == "uniform"
     points = _core.resample(
         whole.points, whole.faces, spacing / scale, uniform, seed_of(rng), workers
     )
@@ -203,7 +203,7 @@ def resample(
     True
     """
     whole = to_hoax(hoax, 0.0, to_scan(np.empty((0, 3), np.float32)))
-    uniform = _choice(resampling, ("poisson", "uniform"), "resampling") == "uniform"
+    uniform = resampling == "uniform"
     return _core.resample(
         whole.points, whole.faces, spacing, uniform, seed_of(rng), threads_of(threads)
     )
@@ -346,7 +346,7 @@ def deform(
     <manip3d.forge.Forgery: deform; 2096 points, 0 added, 800 moved, 0 removed>
     """
     scene = to_scan(scan)
-    along_normal = _choice(direction, ("random", "normal"), "direction") == "normal"
+    along_normal = direction == "normal"
     parts = _core.deform(
         scene.points,
         scene.intensity,
@@ -487,7 +487,7 @@ def snap_to_lattice(
     >>> round(float(np.degrees(np.arctan2(z, np.hypot(x, y)))), 3)  # its elevation
     2.0
     """
-    along_ray = _choice(along, ("height", "ray"), "along") == "ray"
+    along_ray = along == "ray"
     touched = np.concatenate([forgery.added, forgery.moved])
     none = np.empty(0, np.float32)
     parts = _core.snap_to_lattice(
@@ -554,9 +554,3 @@ def _paste(
 def _check_scale(scale: float) -> None:
     if not (scale > 0.0 and np.isfinite(scale)):
         raise InputError(f"scale: expected > 0, got {scale}")
-
-
-def _choice(value: str, accepted: tuple[str, ...], name: str) -> str:
-    if value not in accepted:
-        raise InputError(f"{name}: expected one of {', '.join(accepted)}, got {value!r}")
-    return value

@@ -136,15 +136,6 @@ class StreamForger:
         if kind == 1 and pose is not None:
             raise InputError("pose: expected none for type 1, which keeps the recorded pose")
         _check_poses(pose)
-        for name, value, known in (
-            ("method", method, _core.Skinning.__members__),
-            ("scope", scope, _core.PoseScope.__members__),
-            ("surface", surface, _core.CompositeSurface.__members__),
-        ):
-            if value.upper() not in known:
-                raise InputError(
-                    f"{name}: expected one of {', '.join(known).lower()}, got {value!r}"
-                )
         if not 0 <= blend <= 64:
             raise InputError(f"blend: expected 0 to 64, got {blend}")
         self.kind = kind
