@@ -48,15 +48,32 @@ struct LimbBones {
   }
 };
 
+bool is_leg_bone(std::size_t bone) {
+  return is_limb_bone(Limb::kLeftLeg, bone) || is_limb_bone(Limb::kRightLeg, bone);
+}
+
 }  // namespace
 
+void JointOffset::Sum::add(const Sum& other) {
+  across += other.across;
+  behind += other.behind;
+  count += other.count;
+}
+
+void JointOffset::learn(const Sum& sum, Mean& mean) {
+  constexpr std::int64_t kLeast = 50;  // points
+  constexpr double kMemory = 60.0;     // frames
+  if (sum.count < kLeast) return;
+  const auto count = static_cast<double>(sum.count);
+  mean.frames = std::min(mean.frames + 1.0, kMemory);
+  mean.across += (sum.across / count - mean.across) / mean.frames;
+  mean.behind += (sum.behind / count - mean.behind) / mean.frames;
+}
+
 void JointOffset::learn(const Skeleton& person, Limb affected, const PersonPoints& points) {
-  constexpr std::int64_t kEvery = 5, kLeast = 50;  // points
-  constexpr double kMemory = 60.0;                 // frames
+  constexpr std::int64_t kEvery = 5;  // points
   const LimbBones bones(person, affected);
-  Eigen::Vector3d across = Eigen::Vector3d::Zero();
-  double behind = 0.0;
-  std::int64_t count = 0;
+  Sum arms, legs;
   for (std::int64_t i = 0; i < points.count; i += kEvery) {
     const std::size_t bone = points.label[i];
     if (!bones.tells[bone]) continue;
@@ -65,24 +82,35 @@ void JointOffset::learn(const Skeleton& person, Limb affected, const PersonPoint
     if (!(off.squaredNorm() < kFarthestFlesh * kFarthestFlesh)) continue;
     const Eigen::Vector3f ray = p.normalized();
     const float along_ray = off.dot(ray);
-    across += (off - along_ray * ray).cast<double>();
-    behind += static_cast<double>(along_ray);
-    ++count;
+    Sum& sum = is_leg_bone(bone) ? legs : arms;
+    sum.across += (off - along_ray * ray).cast<double>();
+    sum.behind += static_cast<double>(along_ray);
+    ++sum.count;
   }
-  if (count < kLeast) return;
-  frames_ = std::min(frames_ + 1.0, kMemory);
-  across_ += (across / static_cast<double>(count) - across_) / frames_;
-  behind_ += (behind / static_cast<double>(count) - behind_) / frames_;
+  learn(arms, arms_);
+  learn(legs, legs_);
+  arms.add(legs);
+  learn(arms, all_);
 }
 
 double JointOffset::metres() const {
-  if (!(frames_ > 0.0)) return 0.0;
-  const double along = std::max({0.0, behind_ - kMostBehind, kMostBefore - behind_});
-  return std::sqrt(across_.squaredNorm() + along * along);
+  if (!(all_.frames > 0.0)) return 0.0;
+  const double along = std::max({0.0, all_.behind - kMostBehind, kMostBefore - all_.behind});
+  return std::sqrt(all_.across.squaredNorm() + along * along);
+}
+
+Eigen::Vector3d JointOffset::shared() const {
+  // Flesh of an arm beside the trunk is given to the trunk: an arm tells a third of its offset.
+  constexpr double kMostTimes = 3.0;
+  const double length = all_.across.norm();
+  if (!(length > 0.0)) return Eigen::Vector3d::Zero();
+  const Eigen::Vector3d direction = all_.across / length;
+  const double told = std::min(arms_.across.dot(direction), legs_.across.dot(direction));
+  return std::clamp(kMostTimes * told, 0.0, length) * direction;
 }
 
 double JointOffset::limit() const {
-  return kMostAcross * (1.0 + kFewFrames / std::max(1.0, frames_));
+  return kMostAcross * (1.0 + kFewFrames / std::max(1.0, all_.frames));
 }
 
 }  // namespace manip3d

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstdint>
 
 #include "manip3d/geometry/skeleton.hpp"
 #include "manip3d/modify/limb.hpp"
@@ -23,12 +24,28 @@ class JointOffset {
   [[nodiscard]] double metres() const;
   /// The offset from which the calibration is doubted: lower the more frames tell.
   [[nodiscard]] double limit() const;
+  /// From the bones to the middle of their flesh, across the viewing direction, metres, as far as
+  /// arms and legs both tell it: joints of the legs alone may lie in the other leg.
+  [[nodiscard]] Eigen::Vector3d shared() const;
   void reset() { *this = {}; }
 
  private:
-  double frames_ = 0.0;
-  Eigen::Vector3d across_ = Eigen::Vector3d::Zero();  ///< To the viewing direction, metres.
-  double behind_ = 0.0;                               ///< Along it, metres.
+  /// Where the flesh of some limbs lies, as the mean over the frames.
+  struct Mean {
+    double frames = 0.0;
+    Eigen::Vector3d across = Eigen::Vector3d::Zero();  ///< To the viewing direction, metres.
+    double behind = 0.0;                               ///< Along it, metres.
+  };
+  /// The same of one frame, as sums over its points.
+  struct Sum {
+    Eigen::Vector3d across = Eigen::Vector3d::Zero();
+    double behind = 0.0;
+    std::int64_t count = 0;
+    void add(const Sum& other);
+  };
+  static void learn(const Sum& sum, Mean& mean);
+
+  Mean all_, arms_, legs_;
 };
 
 }  // namespace manip3d

@@ -429,6 +429,7 @@ class PhantomPipeline::Workspace {
   /// The axes of the body; those of the last frame where they cannot be told.
   void update_frame(const PatientFrame& now, const Skeleton& person, const PhantomInput& input) {
     const Skeleton* raw = now.is_here && !stopped_.are_stopped() ? &now.raw : nullptr;
+    trunk_.set_offset(offset_.shared());
     const auto frame = follows_trunk()
                            ? trunk_.update(raw, input.depth, rays_, input.camera, clock_.seconds())
                            : body_frame(person, options_.affected);

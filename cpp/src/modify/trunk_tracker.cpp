@@ -42,6 +42,8 @@ constexpr double kJointBias = 0.02;  // metres: error of a joint's mean that no 
 // Errors of joints from frame to frame, until they are measured: trackers filter.
 constexpr double kFirstCorrelation = 0.8, kMostCorrelation = 0.95;
 constexpr double kJointScale = 0.05;  // metres: of the Cauchy weight
+// Deviation of the trunk's offset from its joints, as a share of what that of the limbs says of it.
+constexpr double kUnknownOffset = 0.5;
 // Change of the trunk's motion in a frame: radians and metres of the Cauchy prior.
 constexpr double kTurnNoise = 0.010, kMoveNoise = 0.006;
 // The pelvis against the trunk: radians that it is usually turned by, and that this changes by in a
@@ -448,10 +450,15 @@ void TrunkTracker::measure_symmetry(const DepthView& depth, const PixelRays& ray
   }
   const PixelProjector projector(camera, rays);
   const Eigen::Matrix3d rotation = pose_->rotation.toRotationMatrix();
-  const Eigen::Vector3d prior = joint_plane_variance().cwiseInverse();
+  // A plane that is held at joints beside the flesh turns to fit the surface.
+  const double aside = offset_along(axes->n);
+  Eigen::Vector3d variance = joint_plane_variance();
+  variance[2] += kUnknownOffset * kUnknownOffset * aside * aside;
+  const Eigen::Vector3d prior = variance.cwiseInverse();
   Eigen::Vector3d moved = Eigen::Vector3d::Zero();
   std::size_t agreed = 0;
-  Eigen::Vector3d n = axes->n, o = axes->origin;
+  const Eigen::Vector3d origin = axes->origin + aside * axes->n;
+  Eigen::Vector3d n = axes->n, o = origin;
   Eigen::Matrix3d told;  // information of the surface alone
   // Later the last frames' planes are near; at first that of the joints may be far off.
   const int wider = plane_.weight < kFirstPlanes ? 4 : 0;
@@ -487,7 +494,7 @@ void TrunkTracker::measure_symmetry(const DepthView& depth, const PixelRays& ray
     const Eigen::Matrix3d information = told + Eigen::Matrix3d(prior.asDiagonal());
     moved += solve_symmetric(information, gradient);
     n = (axes->n + moved[0] * axes->y + moved[1] * axes->z).normalized();
-    o = axes->origin + moved[2] * axes->n;
+    o = origin + moved[2] * axes->n;
   }
   Eigen::Matrix3d known = prior.asDiagonal();
   if (agreed >= kLeastSurface) known += told / (kSharedNoise * kSharedNoise);
@@ -497,6 +504,14 @@ void TrunkTracker::measure_symmetry(const DepthView& depth, const PixelRays& ray
   const double gain = 1.0 / plane_.weight;
   plane_.normal += gain * (pose_->rotation.conjugate() * n - plane_.normal);
   plane_.offset += gain * (n.dot(o - pose_->translation) - plane_.offset);
+}
+
+/// How far the flesh of the trunk lies beside its joints in a direction, metres: as far as that of
+/// the limbs where this is beyond the errors that their own joints have. The weight's power of four
+/// was chosen on the tuning half of benchmarks/bench_people.py, whose limbs lie up to 3.2 cm aside.
+double TrunkTracker::offset_along(const Eigen::Vector3d& n) const {
+  const double off = offset_.dot(n), ratio = off * off / (kJointBias * kJointBias);
+  return off * ratio * ratio / (1.0 + ratio * ratio);
 }
 
 double TrunkTracker::deviation_deg() const {

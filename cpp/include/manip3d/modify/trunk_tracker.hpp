@@ -63,6 +63,10 @@ class TrunkTracker {
   /// Says which way is down from now on, as a unit vector: until then along the image's columns.
   void set_down(const Eigen::Vector3d& down) { down_ = down; }
 
+  /// Says how far the flesh of the limbs lies beside their joints from now on, metres: until then
+  /// it does not.
+  void set_offset(const Eigen::Vector3d& offset) { offset_ = offset; }
+
   /// The trunk in a new frame.
   /// @param joints  unfiltered; null while there are none: the surface alone is followed.
   /// @return  the axes of the body; none until the joints told them once.
@@ -177,11 +181,13 @@ class TrunkTracker {
   [[nodiscard]] double innovation(const JointMean& mean) const;
   [[nodiscard]] double mean_variance(const JointMean& mean) const;
   [[nodiscard]] JointTrust joint_trust() const;
+  [[nodiscard]] double offset_along(const Eigen::Vector3d& n) const;
   [[nodiscard]] double size_against_adult() const;
   [[nodiscard]] Eigen::Vector3d joint_plane_variance() const;
 
   Limb affected_;
   Eigen::Vector3d down_ = Eigen::Vector3d::UnitY();
+  Eigen::Vector3d offset_ = Eigen::Vector3d::Zero();  ///< Of limbs' flesh from their joints.
   std::optional<Pose> pose_;
   Vector6 velocity_ = Vector6::Zero();  ///< Rotation vector and translation, per second.
   double time_s_ = 0.0, joints_time_s_ = 0.0, contradicted_since_ = 0.0;
