@@ -12,6 +12,7 @@
 
 #include "depth.hpp"
 #include "exclusive.hpp"
+#include "interruptible.hpp"
 #include "manip3d/simplify/depth_smoother.hpp"
 #include "manip3d/simplify/edge_steps.hpp"
 #include "modules.hpp"
@@ -98,7 +99,7 @@ void bind_relief(py::module_& m) {
             ReliefResult result;
             self.with([&](Relief& relief) {
               const py::gil_scoped_release nogil;
-              relief.run(grid.view, options, result, shares);
+              relief.run(grid.view, options, result, shares, interruptible());
             });
             return to_fields(std::move(result));
           },
@@ -115,7 +116,7 @@ void bind_relief(py::module_& m) {
             ReliefResult result;
             self.with([&](Relief& relief) {
               const py::gil_scoped_release nogil;
-              relief.run(view, PixelRays(intrinsics), options, result, shares);
+              relief.run(view, PixelRays(intrinsics), options, result, shares, interruptible());
             });
             return to_fields(std::move(result));
           },

@@ -223,7 +223,7 @@ TEST(StartMesh, CoversWhatTheDenseMeshCoversByBlocksToo) {
       const std::span<const relief_detail::Keep> kept =
           keeps ? std::span<const relief_detail::Keep>(keep)
                 : std::span<const relief_detail::Keep>();
-      const auto faces = start.build(surface, 150, 1, kept, true);
+      const auto faces = start.build(surface, 150, 1, kept, true, {});
       EXPECT_EQ(contour_of(faces, surface.cols()), contour_of(dense, surface.cols())) << seed;
       std::set<std::int32_t> vertices;
       for (const relief_detail::Triangle& t : faces) {
@@ -237,7 +237,7 @@ TEST(StartMesh, CoversWhatTheDenseMeshCoversByBlocksToo) {
       if (!keeps) {
         relief_detail::StartMesh other;
         std::set<std::int32_t> more;
-        for (const auto& t : other.build(surface, 150, 1, {}, false)) {
+        for (const auto& t : other.build(surface, 150, 1, {}, false, {})) {
           more.insert(t.begin(), t.end());
         }
         EXPECT_LT(vertices.size(), more.size()) << seed;

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+import signal
+import time
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -1147,3 +1149,30 @@ def test_room_for_all_points_fills_nothing() -> None:
     valid[9, 9] = False
     assert simplify.relief_grid(points, valid, 399).filled_pixels == 0
     assert simplify.relief_grid(points, valid, 398).filled_pixels == 1
+
+
+def test_ctrl_c_stops_a_run_and_leaves_the_next_one_as_it_was() -> None:
+    """The whole run would end before Python looks at its signals, were the kernel not to ask."""
+    depth = np.ascontiguousarray(4.0 + 0.05 * bumps(360, 480)[..., 2])
+    camera = Intrinsics(480, 360, 450.0, 450.0, 239.5, 179.5)
+
+    def run() -> simplify.Relief:
+        return simplify.relief(depth, camera, 9_000, effort="best")
+
+    begin = time.perf_counter()
+    whole = run()
+    seconds = time.perf_counter() - begin
+    before = signal.signal(signal.SIGALRM, signal.default_int_handler)
+    try:
+        for share in (0.1, 0.4):
+            signal.setitimer(signal.ITIMER_REAL, share * seconds)
+            begin = time.perf_counter()
+            with pytest.raises(KeyboardInterrupt):
+                run()
+            assert time.perf_counter() - begin < (share + 0.4) * seconds
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+    again = run()
+    np.testing.assert_array_equal(again.vertices, whole.vertices)
+    np.testing.assert_array_equal(again.faces, whole.faces)

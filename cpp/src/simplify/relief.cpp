@@ -245,6 +245,7 @@ struct Relief::Memory {
   std::vector<Triangulation> levels;  ///< The smaller meshes, smallest first.
   bool has_specks = false;            ///< select() found small pieces, with few vertices.
   bool leaves_specks = false;         ///< It leaves them out first.
+  Progress progress;                  ///< Of the run.
   std::vector<Triangle> dense;        ///< All of them, where the target leaves room for all pixels.
 
   [[nodiscard]] bool takes_all(const ReliefOptions& options) const {
@@ -289,6 +290,8 @@ struct Relief::Memory {
   void keep_a_face(ReliefResult& result);
   void build_meshes(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
   void take_all(ReliefResult& result);
+  void run(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result,
+           std::span<const float> confidence);
   void fix_vertices();
   [[nodiscard]] bool holds(const Triangulation& smaller);
   void find_sight(const ReliefOptions& options);
@@ -303,6 +306,10 @@ struct Relief::Memory {
   }
   /// Gives back what is of no more use when the result is written.
   void release_meshes();
+  /// Lets the run be cancelled between two stages.
+  void check_cancelled() const {
+    if (progress) progress(0.0);
+  }
   void find_written(const Triangulation& of, std::vector<Written>& how);
   std::int32_t number_vertices(const Triangulation& of, std::span<const Written> how);
   void write(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
@@ -316,8 +323,10 @@ PointGridView Relief::Memory::take_surface(const PointGridView& grid, const Reli
   surface.assign(grid, options.dense, confidence, options.num_threads);
   pinholes.clear();
   if (surface.empty() || takes_all(options)) return grid;
+  check_cancelled();
   if (!pinholes.fill(grid, options.dense, confidence, surface)) return grid;
   std::swap(surface, measured);
+  check_cancelled();
   const PointGridView filled = pinholes.grid();
   // Building everything anew is quicker where many pixels are missing.
   if (pinholes.are_by_chance() ||
@@ -355,7 +364,7 @@ void Relief::Memory::move_boundary(int sweeps) {
   // Vertices of the frame before stay: they were moved then. With every second pixel it is not
   // known which vertices those are.
   const std::span<const Keep> kept = worked == &surface ? keep : std::span<const Keep>();
-  boundary.run(surface, mesh, kept, sweeps);
+  boundary.run(surface, mesh, kept, sweeps, progress);
 }
 
 void Relief::Memory::recall(const PointGridView& grid, const ReliefOptions& options) {
@@ -386,7 +395,9 @@ void Relief::Memory::select(const ReliefOptions& options, std::int64_t target, O
   if (used <= target) splits = used, finest = 1;
   bool by_blocks = budget.by_blocks && kDense * target < used;
   const auto triangulate = [&] {
-    const std::span<const Triangle> faces = start.build(*worked, splits, finest, keep, by_blocks);
+    const std::span<const Triangle> faces =
+        start.build(*worked, splits, finest, keep, by_blocks, progress);
+    check_cancelled();
     mesh.assign(*worked, budget.by_tile ? start.order_by_tile(*worked) : faces);
   };
   triangulate();
@@ -401,6 +412,7 @@ void Relief::Memory::select(const ReliefOptions& options, std::int64_t target, O
     mesh.release_scratch();
   }
   if (mesh.num_vertices() <= target) return;
+  check_cancelled();
   const std::int64_t area = worked == &surface ? 1 : 4;  // of a pixel
   // The surface does not end beside pixels that are missing at random.
   const float false_factor =
@@ -409,8 +421,10 @@ void Relief::Memory::select(const ReliefOptions& options, std::int64_t target, O
                    is_sparse ? kMissingFactor : budget.missing, false_factor);
   has_specks = target <= relief_detail::kFew && collapser.has_specks(used / kSpeck);
   if (leaves_specks) collapser.leave_out_specks(mesh, used / kSpeck);
-  if (budget.sweep_share > 0.0F) collapser.sweep(*worked, mesh, target, budget.sweep_share);
-  result.dropped_pixels = area * collapser.run(*worked, mesh, target, budget.round_share, off);
+  if (budget.sweep_share > 0.0F)
+    collapser.sweep(*worked, mesh, target, budget.sweep_share, progress);
+  result.dropped_pixels =
+      area * collapser.run(*worked, mesh, target, budget.round_share, off, progress);
   if (result.dropped_pixels > 0) result.stop = ReliefStop::kSmallPieces;
   if (has_many_pixels()) collapser = {};
   mesh.compact();  // what follows goes around its vertices several times
@@ -420,13 +434,14 @@ void Relief::Memory::refine(const Budget& budget) {
   refiner.assign(mesh);
   // Filled pixels weigh nothing: of twelve, too few would be left where many are.
   if (budget.by_sample && pinholes.num_filled() == 0) {
-    refiner.flip_sampled(*worked, mesh, budget.flip_sweeps, budget.flip_floor, before);
+    refiner.flip_sampled(*worked, mesh, budget.flip_sweeps, budget.flip_floor, before, progress);
     return;
   }
-  refiner.flip_edges(*worked, mesh, budget.flip_sweeps, budget.flip_floor, before);
+  refiner.flip_edges(*worked, mesh, budget.flip_sweeps, budget.flip_floor, before, progress);
   for (int round = 0; round < budget.move_rounds; ++round) {
-    const int moved = refiner.move_vertices(*worked, mesh, budget.radius, keep);
-    if (moved + refiner.flip_edges(*worked, mesh, budget.flip_sweeps, budget.flip_floor, before) ==
+    const int moved = refiner.move_vertices(*worked, mesh, budget.radius, keep, progress);
+    if (moved + refiner.flip_edges(*worked, mesh, budget.flip_sweeps, budget.flip_floor, before,
+                                   progress) ==
         0)
       break;
   }
@@ -557,7 +572,7 @@ void Relief::Memory::keep_a_face(ReliefResult& result) {
   for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
     if (mesh.is_face(t) && is_written(mesh, t)) return;
   }
-  mesh.assign(seen(), start.build(seen(), 0, 1, {}, false));
+  mesh.assign(seen(), start.build(seen(), 0, 1, {}, false, progress));
   std::vector<Triangle> kept = relief_detail::few_faces(seen(), mesh, 3).corners;
   for (Triangle& corners : kept) {
     for (std::int32_t& p : corners) p = surface.pixel_at(seen().input_u(p), seen().input_v(p));
@@ -772,50 +787,63 @@ void Relief::Memory::move_points(const PointGridView& grid, const ReliefOptions&
   if (out.vertices.rows() > 0) result.mean_move = sum / static_cast<double>(out.vertices.rows());
 }
 
+void Relief::Memory::run(const PointGridView& grid, const ReliefOptions& options,
+                         ReliefResult& result, std::span<const float> confidence) {
+  levels.clear();
+  const PointGridView taken = take_surface(grid, options, confidence);
+  check_cancelled();
+  result.filled_pixels = pinholes.num_filled();
+  if (surface.empty()) {
+    mesh.clear();
+    levels.assign(options.levels.size(), mesh);
+    result.stop = ReliefStop::kAllPoints;
+    result.dropped_pixels = 0;
+  } else if (takes_all(options)) {
+    take_all(result);
+    levels.assign(options.levels.size(), mesh);
+  } else {
+    build_meshes(taken, options, result);
+  }
+  check_cancelled();
+  write(taken, options, result);
+  if (has_many_pixels() && !(options.stability > 1.0)) release_meshes();
+  check_cancelled();
+  find_off(seen(), result.mesh.pixels, result.mesh.faces, result.off);
+  CutCoverage found;
+  if (options.measure_coverage) {
+    found = coverage_of(seen(), result.mesh.pixels, result.mesh.faces, result.off, coverage);
+  }
+  result.cover = found.whole;
+  result.cover_without_off = found.without_off;
+  if (options.stability > 1.0) before.assign(surface, mesh);
+}
+
 Relief::Relief() : memory_(std::make_unique<Memory>()) {}
 Relief::~Relief() = default;
 Relief::Relief(Relief&&) noexcept = default;
 Relief& Relief::operator=(Relief&&) noexcept = default;
 
 void Relief::run(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result,
-                 std::span<const float> confidence) {
+                 std::span<const float> confidence, const Progress& progress) {
   check_options(options);
   check_point_grid(grid);
   check_confidence(grid, confidence);
-  Memory& m = *memory_;
-  m.levels.clear();
-  const PointGridView taken = m.take_surface(grid, options, confidence);
-  result.filled_pixels = m.pinholes.num_filled();
-  if (m.surface.empty()) {
-    m.mesh.clear();
-    m.levels.assign(options.levels.size(), m.mesh);
-    result.stop = ReliefStop::kAllPoints;
-    result.dropped_pixels = 0;
-  } else if (m.takes_all(options)) {
-    m.take_all(result);
-    m.levels.assign(options.levels.size(), m.mesh);
-  } else {
-    m.build_meshes(taken, options, result);
+  memory_->progress = progress;
+  try {
+    memory_->run(grid, options, result, confidence);
+  } catch (...) {
+    reset();
+    memory_->leaves_specks = false;
+    throw;
   }
-  m.write(taken, options, result);
-  if (m.has_many_pixels() && !(options.stability > 1.0)) m.release_meshes();
-  const DepthMesh& mesh = result.mesh;
-  const Surface& measured = m.seen();
-  find_off(measured, mesh.pixels, mesh.faces, result.off);
-  CutCoverage found;
-  if (options.measure_coverage) {
-    found = coverage_of(measured, mesh.pixels, mesh.faces, result.off, m.coverage);
-  }
-  result.cover = found.whole;
-  result.cover_without_off = found.without_off;
-  if (options.stability > 1.0) m.before.assign(m.surface, m.mesh);
 }
 
 void Relief::run(const DepthView& depth, const PixelRays& rays, const ReliefOptions& options,
-                 ReliefResult& result, std::span<const float> confidence) {
+                 ReliefResult& result, std::span<const float> confidence,
+                 const Progress& progress) {
   PointGrid& points = memory_->points;
   unproject(depth, rays, options.num_threads, points);
-  run(points.view(), options, result, confidence);
+  run(points.view(), options, result, confidence, progress);
 }
 
 void Relief::reset() {
@@ -848,7 +876,7 @@ Rows<std::int32_t, 3> flip_edges(const PointGridView& grid,
   const Budget budget = budget_of(ReliefEffort::kBalanced);
   relief_detail::Refiner refiner;
   refiner.assign(mesh);
-  refiner.flip_edges(surface, mesh, budget.flip_sweeps, budget.flip_floor, EdgeMemory());
+  refiner.flip_edges(surface, mesh, budget.flip_sweeps, budget.flip_floor, EdgeMemory(), {});
   Rows<std::int32_t, 3> flipped(faces.rows(), 3);
   for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
     for (int i = 0; i < 3; ++i) {

@@ -221,13 +221,15 @@ bool BoundaryMover::move(const Surface& surface, Triangulation& mesh, std::int32
 }
 
 void BoundaryMover::run(const Surface& surface, Triangulation& mesh, std::span<const Keep> keep,
-                        int sweeps) {
+                        int sweeps, const Progress& progress) {
+  Ticker ticker(progress);
   make_room(is_settled_, mesh.num_slots());
   is_settled_.assign(mesh.num_slots(), 0);
   for (int sweep = 0; sweep < sweeps; ++sweep) {
     collect_edges(surface, mesh);
     bool moved = false;
     for (const Edge& edge : edges_) {
+      ticker.tick();
       if (is_settled_[edge.from] != 0) continue;
       if (!keep.empty() && keep[mesh.vertex(edge.from).pixel] != Keep::kFree) continue;
       moved = move(surface, mesh, edge.from) || moved;

@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+#include "manip3d/progress.hpp"
 #include "simplify/relief_triangulation.hpp"
 
 namespace manip3d::relief_detail {
@@ -17,7 +18,8 @@ class BoundaryMover {
   /// neighbours that covers most pixels more, one that is not surface (or across a cut) counting as
   /// minus ten. Nothing folds over, and no boundary meets another one.
   /// @param keep  by pixel, may be empty: vertices at pixels that are not free stay.
-  void run(const Surface& surface, Triangulation& mesh, std::span<const Keep> keep, int sweeps);
+  void run(const Surface& surface, Triangulation& mesh, std::span<const Keep> keep, int sweeps,
+           const Progress& progress);
 
  private:
   using Pixel = std::array<std::int32_t, 2>;  ///< Column and row.

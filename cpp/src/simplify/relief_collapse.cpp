@@ -300,11 +300,13 @@ float Collapser::price_of_piece(const Surface& surface, const Triangulation& mes
   return kThird * static_cast<float>(piece.area) * distance * kept;
 }
 
-void Collapser::find_moves(const Surface& surface, const Triangulation& mesh, float most) {
+void Collapser::find_moves(const Surface& surface, const Triangulation& mesh, float most,
+                           Ticker& ticker) {
   Fan fan;
   moves_.clear();
   const auto is_dear = [&](std::int32_t v) { return most < kStays && known_[v] > most; };
   for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
+    ticker.tick();
     const Triangulation::Vertex& vertex = mesh.vertex(v);
     if (!vertex.alive() || (is_dear(v) && !vertex.on_boundary) || !mesh.fan(v, fan)) continue;
     if (mesh.vertex(v).on_boundary) {
@@ -408,9 +410,10 @@ float Collapser::sampled_price(const Surface& surface, const Triangulation& mesh
 }
 
 void Collapser::sweep_below(const Surface& surface, Triangulation& mesh, std::int64_t target,
-                            float limit) {
+                            float limit, Ticker& ticker) {
   Fan fan;
   for (std::int32_t v = 0; v < mesh.num_slots() && mesh.num_vertices() > target; ++v) {
+    ticker.tick();
     if (known_[v] > limit || !may_sweep(mesh, v, fan)) continue;
     const int i = cheapest(surface, mesh, v, fan, false, kNoRound, known_[v]);
     if (i < 0 || !(known_[v] <= limit) || !may_collapse(surface, mesh, v, fan, i)) continue;
@@ -420,7 +423,8 @@ void Collapser::sweep_below(const Surface& surface, Triangulation& mesh, std::in
 }
 
 void Collapser::sweep(const Surface& surface, Triangulation& mesh, std::int64_t target,
-                      float sweep_share) {
+                      float sweep_share, const Progress& progress) {
+  Ticker ticker(progress);
   refuses_off_ = false;
   known_.assign(mesh.num_slots(), 0.0F);
   constexpr std::int64_t kLeast = 8 * kFew;
@@ -429,7 +433,7 @@ void Collapser::sweep(const Surface& surface, Triangulation& mesh, std::int64_t 
     const std::int64_t surplus = before - target;
     if (before < kLeast || 4 * surplus < before) break;
     const float wanted = sweep_share * static_cast<float>(surplus) / static_cast<float>(before);
-    sweep_below(surface, mesh, target, sampled_price(surface, mesh, wanted));
+    sweep_below(surface, mesh, target, sampled_price(surface, mesh, wanted), ticker);
     compact(mesh);  // the rest is near each other in memory again
     if (10 * (before - mesh.num_vertices()) < surplus) break;
   }
@@ -546,7 +550,8 @@ void Collapser::remember_few(const Surface& surface, const Triangulation& mesh,
 }
 
 std::int64_t Collapser::run(const Surface& surface, Triangulation& mesh, std::int64_t target,
-                            float round_share, OffFaces off) {
+                            float round_share, OffFaces off, const Progress& progress) {
+  Ticker ticker(progress);
   few_ = {};
   few_below_ = off == OffFaces::kNever ? kFewFrom * target : 0;
   bool all = false;     // the last round found none among the cheapest
@@ -562,13 +567,14 @@ std::int64_t Collapser::run(const Surface& surface, Triangulation& mesh, std::in
     // After sweep(), vertices that were far from the cheapest when last looked at are not looked
     // at.
     const bool few = all || before < 8 * kFew || known_.empty();
-    find_moves(surface, mesh, few ? kStays : known_price(mesh, 3 * share));
+    find_moves(surface, mesh, few ? kStays : known_price(mesh, 3 * share), ticker);
     // Half as many again, because some will not be legal or will have changed neighbours; as for
     // any lower target, so that lower targets continue where this one stops.
     if (!all) keep_cheapest(static_cast<std::size_t>(share + share / 2));
     bool made = false;
     std::size_t sorted = 0;  // in parts: what is left when enough are made needs no order
     for (std::size_t i = 0; i < moves_.size() && mesh.num_vertices() > least; ++i) {
+      ticker.tick();
       if (i == sorted) {
         const auto missing = static_cast<std::size_t>(mesh.num_vertices() - least);
         sorted = sort_more(sorted, missing + missing / 4 + moves_.size() / 8);

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "geometry/lanes.hpp"
+#include "manip3d/progress.hpp"
 #include "simplify/relief_few.hpp"
 #include "simplify/relief_triangulation.hpp"
 
@@ -67,13 +68,14 @@ class Collapser {
   /// Again and again until that is a small part of what is left to remove. A vertex whose price was
   /// above the limit when it was last looked at is not looked at again, here and in run(), unless
   /// another one has merged into it since. Leaves no slots of removed vertices.
-  void sweep(const Surface& surface, Triangulation& mesh, std::int64_t target, float sweep_share);
+  void sweep(const Surface& surface, Triangulation& mesh, std::int64_t target, float sweep_share,
+             const Progress& progress);
   /// Stops at `target` vertices, or with more where vertices that stay leave no other way. Best
   /// first in rounds, each of which removes at most the share `round_share` of the vertices.
   /// If no collapse leads down to `target`, few_faces() of the mesh at that point are the result.
   /// @return  pixels of the pieces left out.
   std::int64_t run(const Surface& surface, Triangulation& mesh, std::int64_t target,
-                   float round_share, OffFaces off);
+                   float round_share, OffFaces off, const Progress& progress);
   /// Are there pieces of fewer pixels than this that may be left out? Never the largest.
   [[nodiscard]] bool has_specks(std::int64_t least_pixels) const;
   /// Leaves these out, before run().
@@ -121,7 +123,7 @@ class Collapser {
   [[nodiscard]] bool may_collapse(const Surface& surface, const Triangulation& mesh, std::int32_t v,
                                   const Triangulation::Fan& fan, int i) const;
   /// @param most  vertices whose price is known to be above it are left out.
-  void find_moves(const Surface& surface, const Triangulation& mesh, float most);
+  void find_moves(const Surface& surface, const Triangulation& mesh, float most, Ticker& ticker);
   void keep_cheapest(std::size_t count);
   std::size_t sort_more(std::size_t sorted, std::size_t count);
   bool make(const Surface& surface, Triangulation& mesh, const Move& move, std::int32_t round,
@@ -132,7 +134,8 @@ class Collapser {
   [[nodiscard]] bool may_sweep(const Triangulation& mesh, std::int32_t v,
                                Triangulation::Fan& fan) const;
   float sampled_price(const Surface& surface, const Triangulation& mesh, float share);
-  void sweep_below(const Surface& surface, Triangulation& mesh, std::int64_t target, float limit);
+  void sweep_below(const Surface& surface, Triangulation& mesh, std::int64_t target, float limit,
+                   Ticker& ticker);
   [[nodiscard]] float known_price(const Triangulation& mesh, std::int64_t count);
   void compact(Triangulation& mesh);
   [[nodiscard]] bool is_speck(std::int32_t piece, std::int64_t least_pixels) const;

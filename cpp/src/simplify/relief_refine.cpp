@@ -16,6 +16,9 @@ namespace {
 // A vertex or an edge of the frame before gives way only for less than this part of its error.
 constexpr float kKeptGain = 0.5F;
 
+// Of an image of many pixels to few points a triangle has thousands of pixels.
+constexpr std::uint32_t kFacesPerTick = 16;
+
 struct SurfaceCorner {
   std::int32_t u, v;
   Vec3 point;
@@ -216,7 +219,8 @@ float Refiner::mean_error(const Surface& surface, const Triangulation& mesh) {
 }
 
 int Refiner::flip_edges(const Surface& surface, Triangulation& mesh, int sweeps, float floor,
-                        const EdgeMemory& before) {
+                        const EdgeMemory& before, const Progress& progress) {
+  Ticker ticker(progress, kFacesPerTick);
   constexpr float kGain = 0.999F;  // so that rounding does not flip back and forth
   const float negligible = floor * mean_error(surface, mesh);
   int total = 0;
@@ -224,6 +228,7 @@ int Refiner::flip_edges(const Surface& surface, Triangulation& mesh, int sweeps,
     int flips = 0;
     next_dirty_.assign(dirty_.size(), 0);
     for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
+      ticker.tick();
       if (!mesh.is_face(t)) continue;
       for (int i = 0; i < 3; ++i) {
         const std::int32_t o = mesh.neighbors(t)[i];
@@ -256,7 +261,8 @@ int Refiner::flip_edges(const Surface& surface, Triangulation& mesh, int sweeps,
 }
 
 void Refiner::flip_sampled(const Surface& surface, Triangulation& mesh, int sweeps, float floor,
-                           const EdgeMemory& before) {
+                           const EdgeMemory& before, const Progress& progress) {
+  Ticker ticker(progress, kFacesPerTick);
   constexpr float kGain = 0.999F;  // as in flip_edges()
   const float negligible = floor * mean_volume(mesh);
   auto* sampled = &sampled_errors;
@@ -267,6 +273,7 @@ void Refiner::flip_sampled(const Surface& surface, Triangulation& mesh, int swee
     bool flipped = false;
     next_dirty_.assign(dirty_.size(), 0);
     for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
+      ticker.tick();
       if (!mesh.is_face(t)) continue;
       for (int i = 0; i < 3; ++i) {
         const std::int32_t o = mesh.neighbors(t)[i];
@@ -397,11 +404,13 @@ std::int32_t Refiner::best_beside(const Surface& surface, const Triangulation& m
 }
 
 int Refiner::move_vertices(const Surface& surface, Triangulation& mesh, int radius,
-                           std::span<const Keep> keep) {
+                           std::span<const Keep> keep, const Progress& progress) {
+  Ticker ticker(progress, kFacesPerTick);
   Triangulation::Fan fan;
   int moved = 0;
   std::array<float, Triangulation::kMaxFan> best_errors{}, errors{};
   for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
+    ticker.tick();
     const Triangulation::Vertex& vertex = mesh.vertex(v);
     const Keep kept = keep.empty() ? Keep::kFree : keep[vertex.pixel];
     if (!vertex.alive() || vertex.on_boundary || kept == Keep::kFixed || !mesh.fan(v, fan))

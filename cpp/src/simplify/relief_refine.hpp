@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+#include "manip3d/progress.hpp"
 #include "simplify/relief_triangulation.hpp"
 
 namespace manip3d::relief_detail {
@@ -30,16 +31,16 @@ class Refiner {
   /// @param floor   pairs of triangles whose error is below so many means are not looked at.
   /// @param before  edges that stay, or come back, unless another one is far better.
   int flip_edges(const Surface& surface, Triangulation& mesh, int sweeps, float floor,
-                 const EdgeMemory& before);
+                 const EdgeMemory& before, const Progress& progress);
   /// flip_edges() in a fifth of the time, from twelve pixels of each pair instead of all.
   /// @param floor  pairs are not looked at where the two ways to cut them differ by less than so
   ///               many mean volumes.
   void flip_sampled(const Surface& surface, Triangulation& mesh, int sweeps, float floor,
-                    const EdgeMemory& before);
+                    const EdgeMemory& before, const Progress& progress);
   /// Moves interior vertices to a pixel nearby, over linked ones, where that lowers the error.
   /// @param keep  by pixel, may be empty: vertices there stay, or need a far better pixel to move.
   int move_vertices(const Surface& surface, Triangulation& mesh, int radius,
-                    std::span<const Keep> keep);
+                    std::span<const Keep> keep, const Progress& progress);
   /// Empties some pixels: an interior vertex there moves to the used pixel among the 24 around it
   /// that leaves the least error; one that has none, or is on the boundary, merges into a neighbour
   /// where that is legal. Else one on the boundary moves to the nearest such pixel that lies in its

@@ -16,6 +16,7 @@ constexpr int kTile = Surface::kTile;
 
 /// Errors are counted by their upper bits, which order as they do.
 constexpr int kErrorShift = 19;
+constexpr std::uint32_t kRowsPerTick = 16;
 
 std::size_t bucket_of(float error) { return std::bit_cast<std::uint32_t>(error) >> kErrorShift; }
 
@@ -134,10 +135,11 @@ void StartMesh::measure_row(const Surface& surface, std::span<const Keep> keep, 
 }
 
 void StartMesh::measure_sides(const Surface& surface, int finest, std::span<const Keep> keep,
-                              int step) {
+                              int step, Ticker& ticker) {
   const int cols = surface.cols(), rows = surface.rows();
   const int h = step / 2;
   for (int v = 0; v < rows; v += step) {
+    ticker.tick();
     const bool odd_row = is_odd(v / step);
     const std::int32_t away = odd_row ? step * cols : step;
     const bool below = v > 0, above = v + h < rows;
@@ -166,9 +168,10 @@ void StartMesh::measure_sides(const Surface& surface, int finest, std::span<cons
 }
 
 void StartMesh::measure_diagonals(const Surface& surface, int finest, std::span<const Keep> keep,
-                                  int step) {
+                                  int step, Ticker& ticker) {
   const int cols = surface.cols(), rows = surface.rows();
   for (int v = step; v < rows; v += 2 * step) {
+    ticker.tick();
     const auto part = [&](int u) {
       if (is_left_out(u, v, step)) return kNoTriangle;
       const std::int32_t p = v * cols + u;
@@ -180,7 +183,8 @@ void StartMesh::measure_diagonals(const Surface& surface, int finest, std::span<
   }
 }
 
-void StartMesh::measure(const Surface& surface, int finest, std::span<const Keep> keep) {
+void StartMesh::measure(const Surface& surface, int finest, std::span<const Keep> keep,
+                        Ticker& ticker) {
   errors_.resize(std::int64_t{surface.cols()} * surface.rows());
   if (by_blocks_) {
     blocks_.fill(surface.cols(), 0.0F, kNoTriangle, errors_);
@@ -189,8 +193,9 @@ void StartMesh::measure(const Surface& surface, int finest, std::span<const Keep
   }
   for (int step = 1; step < kTile; step *= 2) {
     // A pass that could only write what is there.
-    if (step > 1 || finest == 1 || !keep.empty()) measure_sides(surface, finest, keep, step);
-    measure_diagonals(surface, finest, keep, step);
+    if (step > 1 || finest == 1 || !keep.empty())
+      measure_sides(surface, finest, keep, step, ticker);
+    measure_diagonals(surface, finest, keep, step, ticker);
   }
   for (int v = 0; v < surface.rows(); v += kTile) {
     for (int u = 0; u < surface.cols(); u += kTile) errors_[v * surface.cols() + u] = kNoTriangle;
@@ -356,10 +361,13 @@ void StartMesh::emit(const Surface& surface, float threshold, std::span<const Ke
 }
 
 std::span<const Triangle> StartMesh::build(const Surface& surface, std::int64_t num_vertices,
-                                           int finest, std::span<const Keep> keep, bool by_blocks) {
+                                           int finest, std::span<const Keep> keep, bool by_blocks,
+                                           const Progress& progress) {
+  Ticker ticker(progress, kRowsPerTick);
   by_blocks_ = by_blocks;
   if (by_blocks) blocks_.assign(surface);
-  measure(surface, finest, keep);
+  measure(surface, finest, keep, ticker);
+  if (progress) progress(0.0);
   emit(surface, threshold_for(surface, num_vertices, finest), keep);
   return faces_;
 }

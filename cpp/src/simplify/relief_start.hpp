@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "geometry/lanes.hpp"
+#include "manip3d/progress.hpp"
 #include "simplify/relief_blocks.hpp"
 #include "simplify/relief_triangulation.hpp"
 
@@ -25,21 +26,24 @@ class StartMesh {
   /// @param by_blocks  the surface's ends are triangulated by ContourBlocks, and bisections
   ///                   weighed by the area around them instead of their pixels.
   std::span<const Triangle> build(const Surface& surface, std::int64_t num_vertices, int finest,
-                                  std::span<const Keep> keep, bool by_blocks);
+                                  std::span<const Keep> keep, bool by_blocks,
+                                  const Progress& progress);
   /// Orders the triangles tile by tile: neighbours are then near each other in memory, which is
   /// what loops around vertices wait for.
   std::span<const Triangle> order_by_tile(const Surface& surface);
 
  private:
-  void measure(const Surface& surface, int finest, std::span<const Keep> keep);
+  void measure(const Surface& surface, int finest, std::span<const Keep> keep, Ticker& ticker);
   void measure_pixels(const Surface& surface);
   [[nodiscard]] Float4 raised(const Surface& surface, Float4 errors, std::int32_t first, int stride,
                               const std::array<std::int32_t, 4>& away, float weight) const;
   template <typename Part, typename Away>
   void measure_row(const Surface& surface, std::span<const Keep> keep, int v, int first, int step,
                    bool is_measured, Part&& part, Away&& away);
-  void measure_sides(const Surface& surface, int finest, std::span<const Keep> keep, int step);
-  void measure_diagonals(const Surface& surface, int finest, std::span<const Keep> keep, int step);
+  void measure_sides(const Surface& surface, int finest, std::span<const Keep> keep, int step,
+                     Ticker& ticker);
+  void measure_diagonals(const Surface& surface, int finest, std::span<const Keep> keep, int step,
+                         Ticker& ticker);
   void count_errors(const Surface& surface, int step, float least);
   [[nodiscard]] float counted_threshold(std::int64_t num_vertices) const;
   [[nodiscard]] float threshold_for(const Surface& surface, std::int64_t num_vertices, int finest);

@@ -8,6 +8,7 @@
 
 #include "manip3d/geometry/depth_image.hpp"
 #include "manip3d/geometry/grid_mesh.hpp"
+#include "manip3d/progress.hpp"
 #include "manip3d/simplify/depth_coverage.hpp"
 
 namespace manip3d {
@@ -125,16 +126,19 @@ class Relief {
   /// @param confidence  by pixel, 0 to 1: how much its distance from the mesh counts, beside its
   ///                    area; may be empty: all are 1. What a pixel of confidence 0 shows is still
   ///                    a surface that is to be covered.
+  /// @param progress    may throw to cancel the run; the frame before is then forgotten. It is told
+  ///                    the fraction 0: how long the rest takes is not known.
   /// @throws InputError  as check_point_grid; target_points < 3; DenseRule::check();
   ///                     stability < 1; levels as above; num_threads < 0; another number of
   ///                     confidences than of pixels, or one that is not 0 to 1.
   void run(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result,
-           std::span<const float> confidence = {});
+           std::span<const float> confidence = {}, const Progress& progress = {});
 
   /// Overload for a depth image, whose points are kept in memory that is reused, too.
   /// @throws InputError  also as unproject().
   void run(const DepthView& depth, const PixelRays& rays, const ReliefOptions& options,
-           ReliefResult& result, std::span<const float> confidence = {});
+           ReliefResult& result, std::span<const float> confidence = {},
+           const Progress& progress = {});
 
   /// Forgets the frame before.
   void reset();
