@@ -506,6 +506,22 @@ def test_wrong_maps_are_one_line(frame: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "x.ply").exists()
 
 
+def test_it_says_of_which_pixels_too_few_are_covered(tmp_path: Path) -> None:
+    """The surface is covered, but more than a tenth of the measured pixels lie on none."""
+    depth = np.full((40, 40), 1500, np.uint16)
+    depth[:, 20:] = 0
+    depth[::2, 22::2] = 1500  # single pixels: 180 beside the 800 of the surface
+    image = tmp_path / "half.png"
+    Image.fromarray(depth).save(image)
+    done = manip3d("depth", image, "--points", "99", "--intrinsics", FOCAL, "--strict",
+                   "-o", tmp_path / "x.ply")  # fmt: skip
+    assert done.returncode == 4
+    assert (
+        "covers 100.0 % of the surface's pixels, 18.4 % of the measured pixels lie on no "
+        "surface (less than 90 % of them are covered)" in done.stderr
+    )
+
+
 def test_masks_of_many_frames(frames: Path, tmp_path: Path) -> None:
     masks = tmp_path / "masks"
     masks.mkdir()

@@ -549,10 +549,15 @@ def _made(result: DepthFileResult) -> str:
 def _covered(result: DepthFileResult) -> str:
     """Return words on what the mesh covers and bridges, beside what was asked for."""
     options = result.options
-    low = f", less than {100 * options.min_coverage:.0f} %" if result.coverage_missed else ""
+    limit = f"less than {100 * options.min_coverage:.0f} %"
+    # The limit is one on the measured pixels, of which some may lie on no surface.
+    is_low = result.coverage < options.min_coverage
+    low = f", {limit}" if is_low else ""
+    outside = f" ({limit} of them are covered)" if result.coverage_missed and not is_low else ""
     many = f", more than {100 * options.max_bridges:.2g} %" if result.bridges_missed else ""
     return (
-        f"covers {100 * result.coverage:.1f} % of the surface's pixels{low}{_not_covered(result)}, "
+        f"covers {100 * result.coverage:.1f} % of the surface's pixels{low}"
+        f"{_not_covered(result, outside)}, "
         f"{100 * result.bridges:.2f} % of its area bridges gaps{many}"
     )
 
@@ -567,11 +572,14 @@ def _missed(result: DepthFileResult) -> str:
     return words + _left_across_steps(result) + _sparse(result)
 
 
-def _not_covered(result: DepthFileResult) -> str:
-    """Return words on the pixels that the coverage of the surface does not count."""
+def _not_covered(result: DepthFileResult, so_few: str) -> str:
+    """Return words on the pixels that the coverage of the surface does not count.
+
+    ``so_few`` says that too few of the measured pixels are covered, if they are.
+    """
     words = ""
-    if round(100 * result.outside, 1) > 0:
-        words += f", {100 * result.outside:.1f} % of the measured pixels lie on no surface"
+    if round(100 * result.outside, 1) > 0 or so_few:
+        words += f", {100 * result.outside:.1f} % of the measured pixels lie on no surface{so_few}"
     if result.dropped_pixels:
         words += f", {counted(result.dropped_pixels, 'pixel')} of small pieces left out"
     if result.filled_pixels:
