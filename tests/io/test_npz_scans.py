@@ -73,6 +73,17 @@ def test_scans_of_other_formats_and_archives_of_one_array(tmp_path: Path) -> Non
     np.testing.assert_array_equal(read_scan(tmp_path / "rows.npz").points, POINTS)
 
 
+def test_points_with_named_columns(tmp_path: Path) -> None:
+    named = np.empty(30, [("x", "f4"), ("y", "f4"), ("z", "f4"), ("intensity", "f4")])
+    named["x"], named["y"], named["z"] = POINTS.T
+    named["intensity"] = SHARES[:, 0]
+    np.savez(tmp_path / "named.npz", points=named)  # as pyntcloud writes a cloud
+    assert kind_of(str(tmp_path / "named.npz")) == "scan"
+    frame = read_scan(tmp_path / "named.npz")
+    np.testing.assert_array_equal(frame.points, POINTS)
+    np.testing.assert_array_equal(frame.intensity, SHARES[:, 0].astype(np.float32))
+
+
 def test_depth_images_stay_depth_images(tmp_path: Path) -> None:
     for arrays in ({"depth": np.zeros((30, 40), np.float32)}, {"a": np.zeros((30, 40), np.uint16)}):
         path = saved(tmp_path, **arrays)

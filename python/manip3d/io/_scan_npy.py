@@ -56,6 +56,17 @@ def is_scan(head: bytes) -> bool:
     return dtype.names is not None or (is_narrow and dtype.kind == "f")
 
 
+def has_names(data: bytes) -> bool:
+    """Whether the columns of an array have names.
+
+    Raises
+    ------
+    FormatError
+        The bytes are no array.
+    """
+    return read_npy_header(data)[2].names is not None
+
+
 def read(path: Path, limit: int) -> LidarFrame:
     """Read a scan, as `manip3d.io.read_scan` does."""
     with open_regular(path) as file:

@@ -81,6 +81,8 @@ def read(path: Path, limit: int) -> LidarFrame:
         if key is None:
             names = ", ".join(sorted(members)[:20]) or "none"
             raise FormatError(f"expected an array named {' or '.join(_POINTS)}, got {names}")
+        if _scan_npy.has_names(members[key]):  # pyntcloud's: all columns in one array
+            return _scan_npy.frame_of(members[key], name)
         points = _array(members.pop(key))
         if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "iuf":
             raise FormatError(f"{key}: expected (N, 3) numbers, got {points.dtype} {points.shape}")
