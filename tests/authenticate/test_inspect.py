@@ -41,6 +41,7 @@ from manip3d.authenticate._power import MEASURED
 from manip3d.authenticate._processing import (
     _is_cut_on_both_sides,
     _least_of_rings,
+    edge_of_voxels,
     first_azimuth,
 )
 from manip3d.authenticate._reflectance import why_rewritten
@@ -555,6 +556,50 @@ def test_processed_scans_are_neither_accused_nor_cleared(name: str) -> None:
     assert found.reason == "; ".join(f"{s.kind}: {s.detail}" for s in found.processing)
 
 
+@pytest.mark.parametrize(("metres", "verdict"), [(3e-5, "no_trace"), (2e-4, "tampered")])
+def test_what_single_precision_adds_up_is_no_edit(metres: float, verdict: str) -> None:
+    def shift(points: np.ndarray) -> np.ndarray:  # of a group, as far points of a street are
+        shifted = points.astype(np.float64)
+        shifted[30_000:30_030] += metres
+        return shifted.astype(np.float32)
+
+    assert street_with(shift).verdict == verdict
+
+
+@pytest.mark.parametrize("name", ["from 0", "from the least coordinates"])
+def test_means_of_fine_voxels_are_no_edit(name: str) -> None:
+    points = simulated_street()
+    edge = 0.01
+    start = np.zeros(3) if name == "from 0" else points.min(axis=0).astype(float) - edge / 2
+    found = authenticate.inspect(voxel_means(points, edge, start), origin=(0, 0, 0))
+    assert found.verdict == "processed"
+    assert [step.kind for step in found.processing[:2]] == ["shuffled", "averaged"]
+    assert "10 mm" in found.reason
+
+
+def voxel_means(points: np.ndarray, edge: float, start: np.ndarray) -> np.ndarray:
+    own = np.float64 if start.any() else np.float32
+    cells = np.floor((points - start.astype(own)) * own(1 / edge)).astype(int)
+    _, cell, size = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+    sums = [np.bincount(cell.ravel(), axis.astype(float)) for axis in points.T]
+    return np.column_stack([(each / size).astype(np.float32) for each in sums])
+
+
+def test_voxels_are_told_by_the_cells_that_no_two_points_share() -> None:
+    points = np.random.default_rng(0).uniform(0, 0.5, (20_000, 3)).astype(np.float32)
+    assert edge_of_voxels(points) == 0.0
+    assert edge_of_voxels(voxel_means(points, 0.012, np.zeros(3))) == 0.012
+    assert edge_of_voxels(points[:100]) == 0.0  # none is near another one
+
+
+def test_a_quarter_turn_is_not_said_to_lack_the_scanners_own_car() -> None:
+    points = simulated_street()
+    turned = np.column_stack([-points[:, 1], points[:, 0], points[:, 2]])
+    found = authenticate.inspect(turned, origin=(0, 0, 0))
+    assert [step.kind for step in found.processing] == ["turned"]
+    assert "begin at 90 degrees" in found.reason
+
+
 @pytest.mark.parametrize("kind", ["reversed", "mirrored"])
 @pytest.mark.parametrize("is_forged", [False, True])
 def test_reversed_and_mirrored_scans_are_named(kind: str, is_forged: bool) -> None:
@@ -803,6 +848,7 @@ OF_NO_SCENE: dict[str, tuple[Callable[[np.ndarray], np.ndarray], str]] = {
     "inverted": (lambda v: 1.0 - v, "inverted"),
     "inverted, from the largest": (lambda v: v.max() - v, "inverted"),
     "inverted bytes": (lambda v: 255.0 - np.round(255.0 * v), "inverted"),
+    "inverted in 16 bits": (lambda v: 65535.0 - np.round(65535.0 * v), "inverted"),
     "all 0": (np.zeros_like, "all reflectances are 0"),
     "all one value": (lambda v: np.full_like(v, 0.3), "all reflectances are 0.3"),
 }
@@ -916,7 +962,14 @@ def test_only_a_turn_is_called_one(name: str) -> None:
 def test_reflectances_of_the_scanner_are_not_called_rewritten() -> None:
     points = street()
     clean = reflectances(points)
-    for values in (clean, np.round(clean * 255), np.round(clean * 255) / 255):
+    of_16_bits = clean.astype(np.float64) * 65535  # LAS has whole numbers, rounded or cut
+    for values in (
+        clean,
+        np.round(clean * 255),
+        np.round(clean * 255) / 255,
+        np.round(of_16_bits),
+        np.floor(of_16_bits),
+    ):
         frame = LidarFrame(points, values.astype(np.float32), origin=(0.0, 0.0, 0.0))
         found = authenticate.inspect(frame, lattice=LATTICE)
         assert (found.verdict, found.processing) == ("no_trace", ())
@@ -1361,7 +1414,7 @@ def test_a_scan_without_a_position_is_undecidable() -> None:
     assert found.origin is None
     assert found.density is None
     assert {report.verdict for report in found.detectors} == {"undecidable"}
-    assert found.detectors[0].reason == found.origin_from != ""
+    assert found.detectors[0].reason == found.origin_from == "the scan has no points"
 
 
 def test_a_bad_position_is_named() -> None:

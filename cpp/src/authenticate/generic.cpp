@@ -26,6 +26,11 @@ namespace {
 // Float32 holds a coordinate of 100 m to 4 micrometres.
 constexpr double kFloatRounding = 1e-5;  // metres
 
+// A rotation and a shift of some 100 m in single precision, and back, leave 33 micrometres at most
+// in a frame that they do not spoil as a whole. Of coordinates that are anything, one point in a
+// thousand is as near to its step in all three.
+constexpr double kFloatArithmetic = 5e-5;  // metres
+
 // A million windows of clean ranges reach this exponent in 2 % of the frames at most.
 constexpr double kWindowThreshold = 18.0;
 
@@ -133,16 +138,21 @@ class Examination {
   }
 
   void flag_points(Evidence evidence, const std::vector<std::int32_t>& found) {
+    if (is_dropped_by(evidence, found)) return;
+    for (const std::int32_t i : found) flag(i, evidence);
+  }
+
+  // Reports the share of the points that contradict `evidence`, which is dropped if they are
+  // everywhere.
+  bool is_dropped_by(Evidence evidence, const std::vector<std::int32_t>& found) {
     const auto total = static_cast<double>(std::max<std::int64_t>(num_read_, 1));
     report(evidence).share = static_cast<double>(found.size()) / total;
     SectorTally contradicting{};
     for (const std::int32_t i : found) ++contradicting[sector(i)];
     const double spoiled = evidence == Evidence::kPlace ? kSpoiledPlaces : kSpoiledShare;
-    if (is_everywhere(contradicting, spoiled)) {
-      report(evidence).dropped = Dropped::kContradicted;
-      return;
-    }
-    for (const std::int32_t i : found) flag(i, evidence);
+    const bool is_spoiled = is_everywhere(contradicting, spoiled);
+    if (is_spoiled) report(evidence).dropped = Dropped::kContradicted;
+    return is_spoiled;
   }
 
   // Whether the horizon holds a large share of such points, or more than half of its sectors hold
@@ -184,13 +194,22 @@ class Examination {
   void examine_coordinates() {
     const double step = lattice_.coordinate_step;
     if (!usable(Evidence::kGrid, step > 0.0, {})) return;
-    flag_points(Evidence::kGrid, [&](std::int32_t i) {
+    const auto off = [&](std::int32_t i) {
+      double most = 0.0;
       for (int axis = 0; axis < 3; ++axis) {
         const double value = points_.points(i, axis);
-        if (std::abs(value - std::floor(value / step + 0.5) * step) > kFloatRounding) return true;
+        most = std::max(most, std::abs(value - std::floor(value / step + 0.5) * step));
       }
-      return false;
-    });
+      return most;
+    };
+    std::vector<std::int32_t> found;
+    for (std::int32_t i = 0; i < points_.num_points(); ++i) {
+      if (reading_.ring(i) >= 0 && off(i) > kFloatRounding) found.push_back(i);
+    }
+    if (is_dropped_by(Evidence::kGrid, found)) return;
+    for (const std::int32_t i : found) {
+      if (off(i) > kFloatArithmetic) flag(i, Evidence::kGrid);
+    }
   }
 
   void examine_lines() {

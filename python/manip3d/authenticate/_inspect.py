@@ -911,7 +911,7 @@ def _apart_ns(scan: LidarFrame, other: LidarFrame) -> int:
 
 def _spoiled(generic: GenericResult, processing: Sequence[Processing]) -> Sequence[str]:
     """Kinds of evidence that say nothing of a scan that was processed as a whole."""
-    if generic.values_changed:
+    if generic.values_changed or any(step.kind == "averaged" for step in processing):
         return EVIDENCE
     is_fused = any(step.kind == "fused" for step in processing)
     return (*MISSING, "duplicate", "order") if is_fused else MISSING
@@ -1028,6 +1028,8 @@ def _scanner(
     """
     stated = origin if origin is not None else frame.origin
     if stated is None:
+        if frame.num_points == 0:
+            return None, "the scan has no points", None
         if (why := several_sources(frame)) is not None:
             return None, why, None
         if lattice is None and is_on_map(frame):  # a scanner's lattice stands around its own 0

@@ -157,6 +157,11 @@ at most 4.6, 3.6 and 3.9 times as many; filters that ask for one or two neighbou
 holds for whole frames of an HDL-64E only: it is 10 in the clean court of a Hesai QT64, up to 7.8 in
 frames that were cropped at 40 m and 6.2 in three quarters of a turn."""
 
+VOXELS, FEWEST_SHARED, TIMES_SHIFTED = (0.008, 0.01, 0.012, 0.015, 0.02), 40, 4
+"""Metres, points, a multiple: edges of voxels whose few means stand near the scanner, as an edit
+does. Coarser ones leave means all around, finer ones none. Where a filter left one point a voxel,
+hardly two share one of its cells, and many share one of a grid that is shifted by half a cell."""
+
 MOST_FIRED_TWICE = 0.02
 """Share of points that repeat the one of the firing before. A VLP-16 close to its surroundings has
 0.008, a VLP-32C 0.0006."""
@@ -435,6 +440,9 @@ def _processing_of_lattice(
         if rearranged is not None:
             return [rearranged]
         found.append(Processing("shuffled", "the points are not in the order of the scanner"))
+        if generic.verdict == "tampered" and (edge := edge_of_voxels(points)):
+            detail = f"points that shared a voxel of {1000.0 * edge:g} mm became their mean"
+            found.append(Processing("averaged", detail))
     if contradicted & {"grid", "step", "range"}:
         names = ", ".join(sorted(contradicted & {"grid", "step", "range"}))
         kind = "turned" if _is_turned_by_part_of_step(points, sensor, reading) else "moved"
@@ -458,6 +466,37 @@ def _processing_of_lattice(
     return found + _processing_of_extent(
         points, lattice, reading, is_in_order=generic.evidence["order"].used
     )
+
+
+def edge_of_voxels(points: NDArray[np.float32]) -> float:
+    """Return the edge, in metres, of voxels in which a filter left one point each; 0: none did.
+
+    Cells are counted from 0, or from half an edge below the least coordinates, as filters do.
+
+    Parameters
+    ----------
+    points : (N, 3) float32
+    """
+    for edge in VOXELS:
+        for start in (np.zeros(3), points.min(axis=0).astype(np.float64) - 0.5 * edge):
+            shared = _number_sharing_cells(points, edge, start)
+            shifted = _number_sharing_cells(points, edge, start + 0.5 * edge)
+            if shifted >= FEWEST_SHARED and TIMES_SHIFTED * shared < shifted:
+                return edge
+    return 0.0
+
+
+def _number_sharing_cells(
+    points: NDArray[np.float32], edge: float, start: NDArray[np.float64]
+) -> int:
+    """Number of points beside the first of each cell of a grid."""
+    # Filters whose cells begin at 0 compute in single precision: a point on a face is in one cell.
+    own = np.float32 if not start.any() else np.float64
+    cells = np.floor((points - start.astype(own)) * own(1.0 / edge)).astype(np.int64)
+    cells -= cells.min(axis=0)
+    sides = cells.max(axis=0) + 1
+    numbers = (cells[:, 0] * sides[1] + cells[:, 1]) * sides[2] + cells[:, 2]
+    return len(points) - len(np.unique(numbers))
 
 
 FAR_ENOUGH, LEAST_ALIKE, LEAST_TURN = 10.0, 0.5, 0.01
@@ -638,12 +677,11 @@ def _processing_of_extent(
         if silent:
             lasers = "laser has" if silent == 1 else f"{silent} lasers have"
             found.append(Processing("lasers", f"the {which} {lasers} nearly no returns"))
-    if not found and not thinned and _own_car_is_silent(reading, distance, lattice):
+    turned = _turned(reading) if is_whole_turn and is_in_order else []
+    is_as_mounted = not (found or thinned or turned)  # else the own car may be cut off or elsewhere
+    if is_as_mounted and _own_car_is_silent(reading, distance, lattice):
         found.append(Processing("cropped", "the scanner's own car does not answer"))
-    found += _cropped_in_height(wide, firings) + thinned
-    if is_whole_turn and is_in_order:
-        found += _turned(reading)
-    return found
+    return found + _cropped_in_height(wide, firings) + thinned + turned
 
 
 def _cuts_far_away(

@@ -44,6 +44,9 @@ FEWEST_VALUES = 16
 OTHER_STEPS = (1.0, 1.0 / 255.0)
 """Steps of other files of the scanner: its own unit of 0 to 255, and that divided by 255."""
 
+FULL_OF_16_BITS = 65535.0
+"""What files of whole numbers of 16 bits, such as LAS, have for a reflectance of 1."""
+
 SAMPLE = 7
 """One pair of rows in so many is looked at to tell rewritten reflectances: a prime, since files may
 have values that repeat in powers of two (in one of KITTI every eighth row has none)."""
@@ -385,9 +388,12 @@ def why_rewritten(values: NDArray[np.float32]) -> str | None:
     unit = 1.0
     if not in_hundredths:
         steps = [step for step in OTHER_STEPS if _share_off(some, step, most=255) < MOST_OFF_STEP]
-        if not steps:
+        if are_hundredths_of_16_bits(some):
+            unit = FULL_OF_16_BITS
+        elif steps:
+            unit = 255.0 * steps[0]
+        else:
             return "reflectances are no whole hundredths"
-        unit = 255.0 * steps[0]
     elif (why := _why_clipped(values)) is not None:
         return why
     unused = _share_unused(some / unit)
@@ -454,6 +460,21 @@ def is_in_hundredths(values: NDArray[np.float32]) -> bool:
     """
     some = values[::SAMPLE].astype(np.float64)
     return len(some) > 0 and _share_off(some, STEP, most=100) < MOST_OFF_STEP
+
+
+def are_hundredths_of_16_bits(values: NDArray[np.float64]) -> bool:
+    """Return whether reflectances are hundredths of 65535, rounded or cut to whole numbers.
+
+    Parameters
+    ----------
+    values : (N,) float64
+    """
+    hundredth = STEP * FULL_OF_16_BITS
+    hundredths = np.round(values / hundredth)
+    is_off = np.abs(values - hundredths * hundredth) > 1.0
+    is_off |= (values != np.round(values)) | (hundredths < 0.0) | (hundredths > 100.0)
+    # Small values, such as those of 0 to 255, are all as near to 0 or to the first hundredth.
+    return values.max(initial=0.0) > 255.0 and float(np.mean(is_off)) < MOST_OFF_STEP
 
 
 def _share_off(values: NDArray[np.float64], step: float, most: int) -> float:

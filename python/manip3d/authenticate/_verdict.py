@@ -322,10 +322,11 @@ class Processing:
         ``shuffled``, ``regrouped`` (some points stand elsewhere in the file than the scanner writes
         them), ``reversed``, ``mirrored``, ``rounded``, ``float16``, ``cropped``, ``thinned``,
         ``lasers`` (some were left out), ``filtered``, ``outliers`` (points far from others were
-        left out), ``turned``, ``scaled``, ``moved``, ``fused``, ``repeated``, ``padded`` (rows that
-        are no returns), ``reflectances`` or ``neighbours`` (what the turns beside the scan lack
-        hides what the scan lacks), ``foreign`` (they show one place, and the scan another); of
-        recordings also ``resampled`` and ``lossily coded``; of drives see `DriveInspection`.
+        left out), ``turned``, ``scaled``, ``moved``, ``averaged`` (the points of each voxel became
+        one), ``fused``, ``repeated``, ``padded`` (rows that are no returns), ``reflectances`` or
+        ``neighbours`` (what the turns beside the scan lack hides what the scan lacks), ``foreign``
+        (they show one place, and the scan another); of recordings also ``resampled`` and ``lossily
+        coded``; of drives see `DriveInspection`.
     detail : str
         In words, with numbers.
     """
