@@ -96,7 +96,7 @@ class PosedGltf:
     def accessor(self, index: int) -> NDArray[np.float64]:
         given = self.json["accessors"][index]
         dtype = {5121: "u1", 5123: "<u2", 5125: "<u4", 5126: "<f4"}[given["componentType"]]
-        columns = {"SCALAR": 1, "VEC3": 3, "VEC4": 4, "MAT4": 16}[given["type"]]
+        columns = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}[given["type"]]
         values = np.zeros((given["count"], columns))
         if "bufferView" in given:
             values[:] = self._rows(given["bufferView"], dtype, columns, given["count"])

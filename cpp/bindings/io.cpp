@@ -38,15 +38,16 @@ using Floats = py::array_t<float, py::array::c_style | py::array::forcecast>;
 /// Joints and weights (V, J), targets and what they add to normals (T, V, 3).
 using DeformationTables = py::typing::Tuple<Joints, Floats, Floats, Floats>;
 using SceneMeshes = py::typing::List<
-    py::typing::Tuple<py::str, PyMesh, py::str, py::typing::Optional<DeformationTables>>>;
+    py::typing::Tuple<py::str, PyMesh, py::str, py::typing::Optional<DeformationTables>,
+                      py::typing::Optional<Floats>>>;
 using SceneTables = py::typing::Tuple<SceneNodes, SceneMeshes, py::bytes, py::bytes, Strings>;
 using SurfaceTables =
     py::typing::Tuple<py::array_t<std::int32_t>, py::typing::List<Named<"manip3d.mesh.Material">>,
                       py::array_t<std::uint8_t>, py::str>;
 using PyDraco = Named<
     "collections.abc.Callable[[bytes], tuple[numpy.ndarray, dict[int, numpy.ndarray]] | str]">;
-using Level = py::typing::List<
-    py::typing::Optional<py::typing::Tuple<PyMesh, py::typing::Optional<DeformationTables>>>>;
+using Level = py::typing::List<py::typing::Optional<py::typing::Tuple<
+    PyMesh, py::typing::Optional<DeformationTables>, py::typing::Optional<Floats>>>>;
 
 Strings to_list(const std::vector<std::string>& strings) {
   Strings list;
@@ -130,6 +131,16 @@ py::object deformation_of(SceneMesh& mesh) {
   return py::make_tuple(joints, weights, targets, normals);
 }
 
+/// (V, S, 2), or None for a mesh with one set of texture coordinates at most.
+py::object more_texcoords_of(const SceneMesh& mesh) {
+  const MoreTexcoords& given = mesh.more_texcoords;
+  if (given.num_sets == 0) return py::none();
+  Floats rows(
+      {py::ssize_t{mesh.mesh.vertices.rows()}, py::ssize_t{given.num_sets}, py::ssize_t{2}});
+  std::copy(given.values.begin(), given.values.end(), rows.mutable_data());
+  return rows;
+}
+
 template <typename T>
 std::span<const T> span_of(const py::array_t<T, py::array::c_style | py::array::forcecast>& array) {
   return {array.data(), static_cast<std::size_t>(array.size())};
@@ -150,8 +161,17 @@ DeformationView borrow_deformation(const py::object& given, Borrowed& keep) {
           span_of(weights), span_of(targets), span_of(normals)};
 }
 
+MoreTexcoordsView borrow_more_texcoords(const py::object& given, Borrowed& keep) {
+  if (given.is_none()) return {};
+  const auto rows = py::cast<Floats>(given);
+  if (rows.ndim() != 3) throw InputError("more_texcoords: expected an array of three dimensions");
+  keep.arrays.push_back(rows);
+  return {rows.shape(1), span_of(rows)};
+}
+
 // (nodes, meshes, document, buffer, warnings); a node is (name, parent, mesh, transform, is drawn,
-// instances, joint, inverse bind matrix), a mesh (name, mesh, why it is fixed, deformation).
+// instances, joint, inverse bind matrix), a mesh (name, mesh, why it is fixed, deformation, more
+// texture coordinates).
 SceneTables to_tuple(Scene&& scene) {
   const py::list materials = materials_to_python(scene.materials);
   py::list nodes, meshes;
@@ -162,9 +182,10 @@ SceneTables to_tuple(Scene&& scene) {
   }
   for (SceneMesh& mesh : scene.meshes) {
     const py::object deformation = deformation_of(mesh);
+    const py::object more_texcoords = more_texcoords_of(mesh);
     meshes.append(py::make_tuple(readable(mesh.name),
                                  mesh_to_python(std::move(mesh.mesh), materials), mesh.fixed,
-                                 deformation));
+                                 deformation, more_texcoords));
   }
   return py::make_tuple(nodes, meshes, py::bytes(scene.document), py::bytes(scene.buffer),
                         to_list(scene.warnings));
@@ -178,10 +199,12 @@ SceneLevel borrow_level(const Level& meshes, Borrowed& keep) {
       level.emplace_back(std::nullopt);
       continue;
     }
-    const auto [triangles, deformation] = py::cast<std::pair<py::object, py::object>>(mesh);
+    const auto [triangles, deformation, more_texcoords] =
+        py::cast<std::tuple<py::object, py::object, py::object>>(mesh);
     keep.meshes.push_back(std::make_unique<BorrowedMesh>(triangles));
-    level.emplace_back(
-        SceneTriangles{keep.meshes.back()->view(), borrow_deformation(deformation, keep)});
+    level.emplace_back(SceneTriangles{keep.meshes.back()->view(),
+                                      borrow_deformation(deformation, keep),
+                                      borrow_more_texcoords(more_texcoords, keep)});
   }
   return level;
 }

@@ -2512,6 +2512,7 @@ def read_scene(
                 numpy.typing.NDArray[numpy.float32],
             ]
             | None,
+            numpy.typing.NDArray[numpy.float32] | None,
         ]
     ],
     bytes,
@@ -2788,6 +2789,7 @@ def write_scene(
                     typing.Annotated[numpy.typing.ArrayLike, numpy.float32],
                 ]
                 | None,
+                typing.Annotated[numpy.typing.ArrayLike, numpy.float32] | None,
             ]
             | None
         ]

@@ -76,6 +76,7 @@ struct Primitive {
   const GltfAccessor* texcoord = nullptr;
   const GltfAccessor* color = nullptr;
   const GltfAccessor* indices = nullptr;
+  std::vector<const GltfAccessor*> more_texcoords = {};  ///< TEXCOORD_1, ...; of scenes only.
   std::optional<JsonPlace> targets = std::nullopt;
   TextureTransform texture = {};
   std::int32_t material = -1;
@@ -585,7 +586,10 @@ class Reader {
     allocate();
     fill({});
     if (num_faces_ == 0) mesh.fixed = "it has no triangles";
-    if (mesh.fixed.empty()) mesh.deformation = deformation_of_draws();
+    if (mesh.fixed.empty()) {
+      mesh.deformation = deformation_of_draws();
+      mesh.more_texcoords = more_texcoords_of_draws();
+    }
     mesh.mesh = std::move(mesh_);
     return mesh;
   }
@@ -599,6 +603,31 @@ class Reader {
     return read_deformation(document_, placed, num_vertices_, budget_);
   }
 
+  MoreTexcoords more_texcoords_of_draws() {
+    MoreTexcoords more;
+    for (const Draw& draw : draws_) {
+      more.num_sets = std::max(more.num_sets, std::ssize(draw.primitive->more_texcoords));
+    }
+    if (more.num_sets == 0) return more;
+    const std::int64_t width = 2 * more.num_sets;
+    charge(num_vertices_, width * static_cast<std::int64_t>(sizeof(float)), "meshes");
+    more.values.assign(num_vertices_ * width, std::numeric_limits<float>::quiet_NaN());
+    for (const Draw& draw : draws_) {
+      if (!draw.owns_vertices) continue;
+      const auto& sets = draw.primitive->more_texcoords;
+      for (std::size_t set = 0; set < sets.size(); ++set) {
+        charge(sets[set]->count, 2 * sizeof(double), sets[set]->place.pointer());
+        std::vector<double> values(2 * sets[set]->count);
+        sets[set]->decode(values.data());
+        for (std::int64_t i = 0; i < std::ssize(values); ++i) {
+          more.values[(draw.first_vertex + i / 2) * width + 2 * set + i % 2] =
+              static_cast<float>(values[i]);
+        }
+      }
+    }
+    return more;
+  }
+
   /// Why a mesh must stay as it is in the file: a TriangleMesh in its place would lose something
   /// that the scene needs. Empty: it can be replaced.
   [[nodiscard]] std::string reason_to_keep(std::int64_t mesh, const MeshUse& use) const {
@@ -610,22 +639,8 @@ class Reader {
       if (!attributes.has("POSITION")) return "it has primitives without POSITION";
       const auto mode = place.find("mode");
       if (mode && mode->integer(0, kTriangleFan) < kTriangles) return "it has points or lines";
-      const auto material = place.find("material");
-      if (material && needs_more_texcoords(document_.object("materials", *material).value())) {
-        return "a texture needs TEXCOORD_1";
-      }
     }
     return reason_not_to_deform(list, use.has_skin);
-  }
-
-  /// Whether some texture is placed by another set of texture coordinates than the first.
-  static bool needs_more_texcoords(const JsonPlace::Json& value) {
-    if (!value.is_structured()) return false;
-    if (value.is_object()) {
-      const auto set = value.find("texCoord");
-      if (set != value.end() && set->is_number() && set->get<double>() != 0.0) return true;
-    }
-    return std::any_of(value.begin(), value.end(), needs_more_texcoords);
   }
 
   /// Names what a replaced mesh loses.
@@ -638,6 +653,7 @@ class Reader {
       const JsonPlace attributes = place.member("attributes");
       for (const auto& [name, accessor] : attributes.value().items()) {
         const bool is_held = name.starts_with("JOINTS_") || name.starts_with("WEIGHTS_") ||
+                             is_more_texcoords(attributes, name) ||
                              std::find(kHeld.begin(), kHeld.end(), name) != kHeld.end();
         if (!is_held) {
           warn(result_.warnings, name + " of meshes that are simplified is left out");
@@ -653,6 +669,14 @@ class Reader {
              std::string(member) + " of primitives that are simplified are left out");
       }
     }
+  }
+
+  /// Whether an attribute is one of TEXCOORD_1, TEXCOORD_2, ... up to the first that is missing.
+  static bool is_more_texcoords(const JsonPlace& attributes, const std::string& name) {
+    for (int set = 1; attributes.has(texcoords_in_set(set).c_str()); ++set) {
+      if (name == texcoords_in_set(set)) return true;
+    }
+    return false;
   }
 
   /// All materials of the file, by their index there; what they lack stays in the document.
@@ -700,10 +724,17 @@ class Reader {
       p.material = static_cast<std::int32_t>(material->integer(0, (std::int64_t{1} << 31) - 1));
       if (!is_scene_) p.texture = texture_transform(document_.object("materials", *material));
     }
-    const std::string set = "TEXCOORD_" + std::to_string(p.texture.set);
-    p.texcoord = attribute(attributes, set.c_str(), 2, 2);
+    p.texcoord = attribute(attributes, texcoords_in_set(p.texture.set).c_str(), 2, 2);
     p.color = attribute(attributes, "COLOR_0", 3, 4);
-    for (const GltfAccessor* other : {p.normal, p.texcoord, p.color}) {
+    std::vector<const GltfAccessor*> others = {p.normal, p.texcoord, p.color};
+    while (is_scene_) {
+      const std::string name = texcoords_in_set(std::ssize(p.more_texcoords) + 1);
+      const GltfAccessor* more = attribute(attributes, name.c_str(), 2, 2);
+      if (more == nullptr) break;
+      p.more_texcoords.push_back(more);
+      others.push_back(more);
+    }
+    for (const GltfAccessor* other : others) {
       if (other != nullptr && other->count != p.position->count) {
         other->place.fail("has " + std::to_string(other->count) + " elements, POSITION of " +
                           p.place.pointer() + " " + std::to_string(p.position->count));
@@ -717,6 +748,10 @@ class Reader {
       place.fail(std::to_string(p.num_corners()) + " corners do not make whole triangles");
     }
     return p;
+  }
+
+  static std::string texcoords_in_set(std::int64_t set) {
+    return "TEXCOORD_" + std::to_string(set);
   }
 
   /// The transform of a material's first texture. A TriangleMesh has no place for it, so it is
@@ -862,7 +897,8 @@ class Reader {
   }
 
   void plan_instance(const Instance& instance) {
-    using Key = std::tuple<const GltfAccessor*, const GltfAccessor*, Morph, const GltfAccessor*>;
+    using Key = std::tuple<const GltfAccessor*, const GltfAccessor*, Morph, const GltfAccessor*,
+                           std::vector<const GltfAccessor*>>;
     std::map<Key, std::int64_t> vertex_rows;
     std::map<std::tuple<const GltfAccessor*, Morph, const GltfAccessor*>, std::int64_t> normal_rows;
     const std::vector<double> weights = default_weights(instance);
@@ -890,7 +926,8 @@ class Reader {
       const std::int64_t size = p.position->count;
       std::tie(draw.first_vertex, draw.owns_vertices) =
           claim_rows(vertex_rows,
-                     Key(p.position, with_colors_ ? p.color : nullptr, draw.vertex_morph, moved_by),
+                     Key(p.position, with_colors_ ? p.color : nullptr, draw.vertex_morph, moved_by,
+                         p.more_texcoords),
                      num_vertices_, size, with_colors_ ? kVertexBytes + kColorBytes : kVertexBytes);
       if (p.texcoord != nullptr) {
         std::tie(draw.first_texcoord, draw.owns_texcoords) = claim_rows(

@@ -121,12 +121,15 @@ class PrimitiveWriter {
     }
   }
 
-  Json primitives(const MeshView& mesh, const DeformationView& deformation = {}) {
+  Json primitives(const MeshView& mesh, const DeformationView& deformation = {},
+                  const MoreTexcoordsView& more_texcoords = {}) {
     check_mesh(mesh);
     deformation.check(mesh.num_vertices());
+    more_texcoords.check(mesh.num_vertices());
     if (mesh.num_faces() == 0) throw InputError("mesh: glTF cannot hold a mesh without faces");
     mesh_ = &mesh;
     deformation_ = deformation;
+    more_texcoords_ = more_texcoords;
     chains_.assign(mesh.num_vertices(), -1);
     Json primitives = Json::array();
     for (const Group& group : group_faces(mesh, num_materials_)) {
@@ -145,6 +148,7 @@ class PrimitiveWriter {
     attributes["POSITION"] = write_positions();
     if (group.has_normals) attributes["NORMAL"] = write_normals();
     if (group.has_texcoords) attributes["TEXCOORD_0"] = write_texcoords();
+    write_more_texcoords(attributes);
     if (mesh_->colors.rows() > 0) attributes["COLOR_0"] = write_colors();
     write_joints(attributes);
     Json primitive = {{"attributes", std::move(attributes)}, {"indices", write_indices(indices)}};
@@ -327,6 +331,27 @@ class PrimitiveWriter {
     return write_accessor(bytes_of(values), GltfType::kFloat, splits_.size(), "VEC3");
   }
 
+  /// TEXCOORD_1, ... up to the first that no vertex of the primitive has.
+  void write_more_texcoords(Json& attributes) {
+    for (std::int64_t set = 0; set < more_texcoords_.num_sets; ++set) {
+      std::vector<float> values;
+      values.reserve(2 * splits_.size());
+      bool is_given = false;
+      for (const Split& split : splits_) {
+        const std::int64_t row = 2 * (split.vertex * more_texcoords_.num_sets + set);
+        for (std::int64_t i = row; i < row + 2; ++i) {
+          const float value = more_texcoords_.values[i];
+          is_given = is_given || !std::isnan(value);
+          values.push_back(std::isnan(value) ? 0.0F : value);
+        }
+      }
+      if (!is_given) return;
+      check_float32(values, "more_texcoords");
+      attributes["TEXCOORD_" + std::to_string(set + 1)] =
+          write_accessor(bytes_of(values), GltfType::kFloat, splits_.size(), "VEC2");
+    }
+  }
+
   /// JOINTS_n and WEIGHTS_n, four joints in each.
   void write_joints(Json& attributes) {
     for (std::int64_t first = 0; first < deformation_.num_influences; first += 4) {
@@ -406,8 +431,9 @@ class PrimitiveWriter {
   std::int64_t max_vertices_;
   std::size_t num_materials_;
   GltfMaterialOf material_of_;
-  const MeshView* mesh_ = nullptr;  ///< The one that is being written.
-  DeformationView deformation_;     ///< Its.
+  const MeshView* mesh_ = nullptr;    ///< The one that is being written.
+  DeformationView deformation_;       ///< Its.
+  MoreTexcoordsView more_texcoords_;  ///< Its.
   std::vector<Split> splits_;
   std::vector<std::int32_t> chains_;  ///< Per vertex of the mesh: its latest split, or -1.
 };
@@ -609,7 +635,7 @@ Json write_primitives(GltfScene& scene, const SceneTriangles& triangles, std::si
                       std::int64_t max_vertices, const PositionFrame& frame) {
   return PrimitiveWriter(scene, frame, max_vertices, num_materials,
                          [](std::int32_t material, bool) { return std::int64_t{material}; })
-      .primitives(triangles.mesh, triangles.deformation);
+      .primitives(triangles.mesh, triangles.deformation, triangles.more_texcoords);
 }
 
 GltfScene build_gltf(const MeshView& mesh, const std::vector<Material>& materials,

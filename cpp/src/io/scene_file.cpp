@@ -278,6 +278,12 @@ void DeformationView::check(std::int64_t num_vertices) const {
   }
 }
 
+void MoreTexcoordsView::check(std::int64_t num_vertices) const {
+  if (values.size() == static_cast<std::size_t>(2 * num_sets * num_vertices)) return;
+  throw InputError("more_texcoords: expected " + std::to_string(num_vertices) + " x " +
+                   std::to_string(num_sets) + " x 2 values, got " + std::to_string(values.size()));
+}
+
 Scene read_scene(const fs::path& path, const ReadOptions& options, const Progress& progress) {
   ReadOptions here = options;
   here.folder = path.parent_path().empty() ? "." : path.parent_path();

@@ -109,6 +109,9 @@ class Scene:
         lines"``; empty for a mesh that :meth:`with_meshes` may replace.
     deformations : tuple of Deformation or None
         For each mesh that may be replaced, what moves its vertices; None: nothing does.
+    more_texcoords : tuple of (V, S, 2) float32 or None
+        For each mesh that may be replaced, ``TEXCOORD_1`` and the S - 1 sets that follow, as the
+        file has them (v downwards); NaN where a vertex lacks a set, None where all do.
     warnings : tuple of str
         What reading left out.
     source : str or None
@@ -120,6 +123,7 @@ class Scene:
     names: tuple[str, ...]
     fixed: tuple[str, ...]
     deformations: tuple[Deformation | None, ...]
+    more_texcoords: tuple[NDArray[np.float32] | None, ...] = field(repr=False)
     warnings: tuple[str, ...]
     source: str | None
     _document: bytes = field(repr=False)
@@ -180,7 +184,10 @@ class Scene:
         return world
 
     def with_meshes(
-        self, meshes: Mapping[int, Mesh], deformations: Mapping[int, Deformation] | None = None
+        self,
+        meshes: Mapping[int, Mesh],
+        deformations: Mapping[int, Deformation] | None = None,
+        more_texcoords: Mapping[int, NDArray[np.float32]] | None = None,
     ) -> Scene:
         """Return the scene with other triangles for some of its meshes.
 
@@ -193,6 +200,9 @@ class Scene:
         deformations : mapping of int to Deformation, optional
             What moves the vertices of the new meshes; needed for each that replaces one with a
             skin or morph targets (``Scene.deformations``).
+        more_texcoords : mapping of int to (V, S, 2) float32, optional
+            Further texture coordinates of the new meshes; needed for each that replaces one with
+            several sets (``Scene.more_texcoords``).
 
         Returns
         -------
@@ -201,11 +211,12 @@ class Scene:
         Raises
         ------
         InputError
-            There is no such mesh, or it is fixed; a deformation is missing or has not one row for
-            each vertex.
+            There is no such mesh, or it is fixed; a deformation or texture coordinates are missing
+            or have not one row for each vertex.
         """
         changed = list(self.meshes)
         moved = list(self.deformations)
+        placed = list(self.more_texcoords)
         for index, mesh in meshes.items():
             if not 0 <= index < len(changed):
                 raise InputError(
@@ -217,7 +228,17 @@ class Scene:
             changed[index] = mesh
             if moved[index] is not None and mesh.num_faces > 0:
                 moved[index] = _fitting((deformations or {}).get(index), mesh, index)
-        return replace(self, meshes=tuple(changed), deformations=tuple(moved))
+            if (before := placed[index]) is not None:
+                given = (more_texcoords or {}).get(index)
+                placed[index] = (
+                    _fitting_texcoords(given, mesh, index) if mesh.num_faces > 0 else before[:0]
+                )
+        return replace(
+            self,
+            meshes=tuple(changed),
+            deformations=tuple(moved),
+            more_texcoords=tuple(placed),
+        )
 
     def write(
         self,
@@ -267,7 +288,7 @@ def read_scene(
     -----
     Nodes with their names, parents and transforms, materials, textures, cameras, lights,
     animations, skins and ``extras`` are written as they were read. So are meshes that are not plain
-    triangles (``Scene.fixed`` says why). Other meshes keep positions, normals, ``TEXCOORD_0``,
+    triangles (``Scene.fixed`` says why). Other meshes keep positions, normals, texture coordinates,
     ``COLOR_0``, joints, weights and morph targets; what else they have is named in ``warnings``.
 
     Examples
@@ -284,7 +305,7 @@ def read_scene(
         nodes, meshes, document, buffer, warnings = _core.read_scene(
             os.fsencode(local), bool(allow_outside), limit, decode_draco, look
         )
-    check_points(sum(mesh.num_vertices for _, mesh, _, _ in meshes), os.fspath(path))
+    check_points(sum(entry[1].num_vertices for entry in meshes), os.fspath(path))
     for text in warnings:
         _logger.warning("%s: %s", os.fspath(path), text)
     return Scene(
@@ -294,12 +315,13 @@ def read_scene(
             )
             for name, parent, mesh, transform, drawn, instances, joint, bind in nodes
         ),
-        meshes=tuple(mesh for _, mesh, _, _ in meshes),
-        names=tuple(name for name, _, _, _ in meshes),
-        fixed=tuple(reason for _, _, reason, _ in meshes),
+        meshes=tuple(mesh for _, mesh, _, _, _ in meshes),
+        names=tuple(name for name, _, _, _, _ in meshes),
+        fixed=tuple(reason for _, _, reason, _, _ in meshes),
         deformations=tuple(
-            None if tables is None else Deformation(*tables) for _, _, _, tables in meshes
+            None if tables is None else Deformation(*tables) for _, _, _, tables, _ in meshes
         ),
+        more_texcoords=tuple(more for _, _, _, _, more in meshes),
         warnings=tuple(warnings),
         source=os.fspath(path),
         _document=document,
@@ -322,6 +344,23 @@ def _fitting(deformation: Deformation | None, mesh: Mesh, index: int) -> Deforma
             f"{sorted(rows)}"
         )
     return deformation
+
+
+def _fitting_texcoords(
+    values: NDArray[np.float32] | None, mesh: Mesh, index: int
+) -> NDArray[np.float32]:
+    """Further texture coordinates of a new mesh, if they have one row for each vertex."""
+    if values is None:
+        raise InputError(
+            f"more_texcoords: expected those of mesh {index}, which has several sets, got none"
+        )
+    rows = np.asarray(values, dtype=np.float32)
+    if rows.ndim != 3 or rows.shape[0] != mesh.num_vertices or rows.shape[2] != 2:
+        raise InputError(
+            f"more_texcoords: expected shape ({mesh.num_vertices}, S, 2) (the vertices of mesh "
+            f"{index}), got {rows.shape}"
+        )
+    return rows
 
 
 @checked
@@ -389,11 +428,13 @@ def write_scene(
 _Tables = tuple["ArrayLike", "ArrayLike", "ArrayLike", "ArrayLike"]
 
 
-def _replaced(scene: Scene) -> list[tuple[Mesh, _Tables | None] | None]:
-    """The meshes that may have changed, with the tables of what moves them."""
+def _replaced(scene: Scene) -> list[tuple[Mesh, _Tables | None, ArrayLike | None] | None]:
+    """The meshes that may have changed, with what their vertices have besides."""
     return [
-        None if reason else (mesh, None if moves is None else _tables(moves))
-        for mesh, reason, moves in zip(scene.meshes, scene.fixed, scene.deformations, strict=True)
+        None if reason else (mesh, None if moves is None else _tables(moves), more)
+        for mesh, reason, moves, more in zip(
+            scene.meshes, scene.fixed, scene.deformations, scene.more_texcoords, strict=True
+        )
     ]
 
 

@@ -47,6 +47,16 @@ def deformation_of(deformation: Deformation, original: Mesh, simplified: Mesh) -
     )
 
 
+def rows_of(deformation: Deformation, rows: NDArray[np.int64]) -> Deformation:
+    """Return what moves the vertices of a mesh that has some of them in several rows."""
+    return Deformation(
+        deformation.joints[rows],
+        deformation.weights[rows],
+        deformation.targets[:, rows],
+        deformation.target_normals[:, rows],
+    )
+
+
 def sway(deformation: Deformation, size: float) -> NDArray[np.float64]:
     """Return (V, 3) a small movement of the vertices that shows where a surface bends.
 
@@ -125,7 +135,7 @@ def _feet(original: Mesh, simplified: Mesh) -> tuple[NDArray[np.int32], NDArray[
         chosen = np.flatnonzero(of_original == material)
         if len(chosen) == 0:
             chosen = np.arange(original.num_faces)
-        found[asked], points[asked] = _nearest(original, chosen, simplified.vertices[asked])
+        found[asked], points[asked] = nearest_faces(original, chosen, simplified.vertices[asked])
         facing = _dot(own_looks[found[asked]], looks[asked])
         behind = asked[facing < 0.0]
         axes = np.abs(looks[behind]).argmax(axis=1)
@@ -135,13 +145,13 @@ def _feet(original: Mesh, simplified: Mesh) -> tuple[NDArray[np.int32], NDArray[
                 turned = behind[(axes == axis) & (signs == sign)]
                 alike = chosen[sign * own_looks[chosen, axis] > 0.0]
                 if len(turned) > 0 and len(alike) > 0:
-                    nearest = _nearest(original, alike, simplified.vertices[turned])
+                    nearest = nearest_faces(original, alike, simplified.vertices[turned])
                     found[turned], points[turned] = nearest
     corners = original.faces[found]
-    return corners, _barycentric(original.vertices[corners], points)
+    return corners, barycentric(original.vertices[corners], points)
 
 
-def _nearest(
+def nearest_faces(
     mesh: Mesh, chosen: NDArray[np.int64], points: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """The nearest of some faces, and the nearest point on it."""
@@ -174,9 +184,7 @@ def _faces_of_vertices(mesh: Mesh) -> tuple[NDArray[np.int64], NDArray[np.float6
     return face, looks
 
 
-def _barycentric(
-    triangles: NDArray[np.float64], points: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def barycentric(triangles: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
     """(N, 3) shares of the corners of (N, 3, 3) triangles in points on them."""
     first, second = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     offset = points - triangles[:, 0]

@@ -22,11 +22,12 @@ from manip3d.simplify._collapse import (
     faces_of_ratio,
     has_surface,
 )
-from manip3d.simplify._deformation import deformation_of, sway
+from manip3d.simplify._deformation import deformation_of, rows_of, sway
 from manip3d.simplify._lod import check_options, lod_chain, runner, targets_of
 from manip3d.simplify._memory import simplify_within
 from manip3d.simplify._parts import compact_rows
 from manip3d.simplify._quality import QualityResult
+from manip3d.simplify._texcoords import charts, parted, texcoords_of
 
 if TYPE_CHECKING:
     import os
@@ -276,7 +277,8 @@ def _turned(normals: NDArray[Any], linear: NDArray[Any]) -> NDArray[np.float64]:
 class _Placed:
     """The meshes of a scene that may be simplified, each once, as one mesh.
 
-    A face's material tells its mesh, too: borders between meshes are like those of materials.
+    A face's material tells its mesh, too, and its chart in further sets of texture coordinates:
+    borders between meshes, and seams of these sets, are like borders between materials.
     """
 
     def __init__(
@@ -313,7 +315,12 @@ class _Placed:
         self.unit = self.stretch if is_aside else 1.0
         if not is_aside and self.stretch < 1.0 + 1e-9:
             self.stretch = 1.0
-        self._pairs: list[tuple[int, int]] = []
+        self._charts = {
+            i: charts(scene.meshes[i], more)
+            for i in self.indices
+            if (more := scene.more_texcoords[i]) is not None
+        }
+        self._looks: list[tuple[int, int, int]] = []  # mesh, material and chart
         self.mesh = self._merge()
 
     def _part_shared(self) -> None:
@@ -360,7 +367,7 @@ class _Placed:
             if has_colors:
                 white = np.full((mesh.num_vertices, 3), 255, dtype=np.uint8)
                 tables["colors"].append(white if mesh.colors is None else mesh.colors)
-            tables["face_material"].append(self._pair_rows(index, mesh))
+            tables["face_material"].append(self._look_rows(index, mesh))
             counts["vertices"] += mesh.num_vertices
         joined: dict[str, Any] = {
             name: np.concatenate(parts) for name, parts in tables.items() if parts
@@ -370,7 +377,7 @@ class _Placed:
                 joined.pop(corners, None)
         # All that the simplifier asks of a material is whether it has a picture, of any format.
         pictures = {"base_color": Texture()} if self.scene.has_textures else {}
-        return Mesh(**joined, materials=[Material(textures=pictures) for _ in self._pairs])
+        return Mesh(**joined, materials=[Material(textures=pictures) for _ in self._looks])
 
     def corners_of_vanished(self, left: Mesh, drawn: int) -> NDArray[np.bool_] | None:
         """Return corners of the largest meshes that have no face left, as one of each vertex.
@@ -395,16 +402,18 @@ class _Placed:
         return chosen if chosen.any() else None
 
     def _owners(self) -> NDArray[np.int64]:
-        """Return the mesh of each row of `_pairs`."""
-        return np.array([i for i, _ in self._pairs])
+        """Return the mesh of each row of `_looks`."""
+        return np.array([i for i, _, _ in self._looks])
 
-    def _pair_rows(self, index: int, mesh: Mesh) -> NDArray[np.int32]:
-        """Return for each face the row of its mesh and material in `_pairs`."""
+    def _look_rows(self, index: int, mesh: Mesh) -> NDArray[np.int32]:
+        """Return for each face the row of its mesh, material and chart in `_looks`."""
         given = mesh.face_material
         materials = np.full(mesh.num_faces, -1, dtype=np.int32) if given is None else given
-        values, rows = np.unique(materials, return_inverse=True)
-        first = len(self._pairs)
-        self._pairs += [(index, int(value)) for value in values]
+        own = self._charts.get(index, np.zeros(mesh.num_faces, dtype=np.int64))
+        pairs = np.column_stack([materials, own])
+        values, rows = np.unique(pairs, axis=0, return_inverse=True)
+        first = len(self._looks)
+        self._looks += [(index, int(material), int(chart)) for material, chart in values]
         return (rows.reshape(-1) + first).astype(np.int32)
 
     def split(self, mesh: Mesh, scene: Scene) -> Scene:
@@ -412,16 +421,26 @@ class _Placed:
         owner = self._owners()[self._rows_of(mesh)]
         parts = {i: self._part(mesh, np.flatnonzero(owner == i), i) for i in self.indices}
         moved: dict[int, Deformation] = {}
+        placed: dict[int, NDArray[np.float32]] = {}
+        of_looks = np.array([chart for _, _, chart in self._looks])
         for i, part in parts.items():
             deformation, original = self.scene.deformations[i], self.scene.meshes[i]
-            if deformation is None or part.num_faces == 0:
+            more = self.scene.more_texcoords[i]
+            if part.num_faces == 0 or (deformation is None and more is None):
                 continue
             shape = original.replace(vertices=self._shapes[i])
-            moved[i] = deformation_of(deformation, shape, part)
-            if self._sways:
-                rest = part.vertices - sway(moved[i], self._sway_of(i))
-                parts[i] = part.replace(vertices=rest)
-        return scene.with_meshes(parts, moved)
+            if deformation is not None:
+                moved[i] = deformation_of(deformation, shape, part)
+                if self._sways:
+                    rest = part.vertices - sway(moved[i], self._sway_of(i))
+                    parts[i] = part.replace(vertices=rest)
+            if more is not None:
+                of_faces = of_looks[self._rows_of(mesh)[owner == i]]
+                rows, faces, placed[i] = texcoords_of(more, shape, self._charts[i], part, of_faces)
+                parts[i] = parted(parts[i], rows, faces)
+                if deformation is not None:
+                    moved[i] = rows_of(moved[i], rows)
+        return scene.with_meshes(parts, moved, placed)
 
     def _part(self, mesh: Mesh, chosen: NDArray[np.int64], index: int) -> Mesh:
         original = self.scene.meshes[index]
@@ -442,7 +461,7 @@ class _Placed:
         normals, face_normals = compact_rows(mesh.normals, corners(mesh.face_normals))
         if normals is not None:
             normals = _turned(normals, np.linalg.inv(place[:3, :3]))
-        materials = np.array([m for _, m in self._pairs], dtype=np.int32)[
+        materials = np.array([m for _, m, _ in self._looks], dtype=np.int32)[
             mesh.face_material[chosen]
         ]
         has_colors = original.colors is not None and mesh.colors is not None
@@ -461,12 +480,12 @@ class _Placed:
 
     def num_drawn(self, mesh: Mesh) -> int:
         """Faces of these meshes that are drawn when a simplified mesh takes their place."""
-        each = np.array([self._uses[i] for i, _ in self._pairs])
+        each = np.array([self._uses[i] for i, _, _ in self._looks])
         return int(each[self._rows_of(mesh)].sum())
 
     @staticmethod
     def _rows_of(mesh: Mesh) -> NDArray[np.int32]:
-        """Return for each face of a simplified mesh the row in `_pairs`, if it has any faces."""
+        """Return for each face of a simplified mesh the row in `_looks`, if it has any faces."""
         if mesh.num_faces == 0:
             return np.zeros(0, dtype=np.int32)
         assert mesh.face_material is not None
@@ -559,7 +578,8 @@ def simplify_scene(
     0.2 % of the mesh's diagonal and each target by a tenth, so that what is straight there keeps
     the vertices with which it bends (not with ``max_distance`` or ``lock_box``, which count at
     rest). Joints, weights and targets of a new vertex are those of the nearest point of the
-    original.
+    original. So are further sets of texture coordinates (``TEXCOORD_1``, ...), whose seams are
+    kept like borders between materials.
 
     Where a target makes whole meshes vanish, ``"quality"`` and ``"fast"`` run again with four
     corners of each of them held, the largest first, as long as these corners are no more than a

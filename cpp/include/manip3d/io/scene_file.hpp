@@ -57,13 +57,30 @@ struct Deformation {
   [[nodiscard]] bool empty() const { return num_influences == 0 && num_targets == 0; }
 };
 
+/// Sets of texture coordinates besides the first, TEXCOORD_1 and so on. Borrowed.
+struct MoreTexcoordsView {
+  std::int64_t num_sets = 0;
+  /// (V, num_sets, 2), as glTF has them (v downwards); NaN where a vertex lacks a set.
+  std::span<const float> values;
+
+  /// @throws InputError  the values do not fit the number of vertices.
+  void check(std::int64_t num_vertices) const;
+};
+
+/// As MoreTexcoordsView, with values of its own.
+struct MoreTexcoords {
+  std::int64_t num_sets = 0;
+  std::vector<float> values;
+};
+
 struct SceneMesh {
   std::string name;
   /// In its own coordinates, without its morph targets (one that is fixed: in the shape of their
   /// default weights); its materials are those of the scene.
   TriangleMesh mesh;
   std::string fixed;  ///< Why it can only be written as it was read; empty: it may be replaced.
-  Deformation deformation = {};  ///< Moves its vertices; empty where it is fixed.
+  Deformation deformation = {};       ///< Moves its vertices; empty where it is fixed.
+  MoreTexcoords more_texcoords = {};  ///< Empty where it is fixed.
 };
 
 struct Scene {
@@ -80,17 +97,17 @@ struct Scene {
 /// Reads a .gltf or .glb file, compressed or not, as a scene.
 ///
 /// Nodes, cameras, lights, materials, textures, skins, animations and `extras` are kept as they
-/// are; so are meshes that are not plain triangles: ones with points or lines, ones whose textures
-/// need a second set of texture coordinates or whose morph targets change more than positions and
-/// normals.
+/// are; so are meshes that are not plain triangles: ones with points or lines, and ones whose morph
+/// targets change more than positions and normals.
 /// @throws FormatError  as read_mesh(); a file of another format.
 Scene read_scene(const std::filesystem::path& path, const ReadOptions& options = {},
                  const Progress& progress = {});
 
-/// The triangles of a mesh and what moves their vertices.
+/// The triangles of a mesh, and what their vertices have that a mesh has no place for.
 struct SceneTriangles {
   MeshView mesh;
   DeformationView deformation = {};
+  MoreTexcoordsView more_texcoords = {};
 };
 
 /// The meshes of one level of detail, one for each of Scene::meshes; none: as it was read. One

@@ -1,0 +1,159 @@
+"""Further sets of texture coordinates of simplified meshes, taken from the original's surface."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d.mesh import Mesh
+from manip3d.simplify._deformation import barycentric, nearest_faces
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_EDGES = ((0, 1), (1, 2), (2, 0))
+_MOST_CUTS = 6  # times that a chart is halved: 64 parts of one that is sewn to itself
+
+
+def charts(mesh: Mesh, values: NDArray[np.float32]) -> NDArray[np.int64]:
+    """Return (F,) the chart of each face: no set has a seam within a chart.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    values : (V, S, 2) float32
+        Texture coordinates of the vertices.
+
+    Returns
+    -------
+    (F,) int64
+        Faces that are joined by edges with the same values at both ends have the same number, but
+        a chart that is sewn to itself, such as that of an unrolled pipe, is cut until its seam
+        lies between two of them.
+    """
+    places = _numbered(_bits(mesh.vertices))
+    points = _numbered(np.column_stack([places, _bits(values.reshape(len(values), -1))]))
+    of_faces = _joined(points[mesh.faces], len(points))
+    first, second = _seams(places[mesh.faces], points[mesh.faces])
+    middles = values[mesh.faces].astype(np.float64).mean(axis=1).reshape(mesh.num_faces, -1)
+    middles = np.where(np.isfinite(middles), middles, 0.0)
+    for _ in range(_MOST_CUTS):
+        within = of_faces[first] == of_faces[second]
+        first, second = first[within], second[within]
+        if len(first) == 0:
+            break
+        of_faces = _halved(of_faces, first, second, middles)
+    return of_faces
+
+
+def texcoords_of(
+    values: NDArray[np.float32],
+    original: Mesh,
+    of_original: NDArray[np.int64],
+    simplified: Mesh,
+    of_simplified: NDArray[np.int64],
+) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32]]:
+    """Return texture coordinates of a simplified mesh, whose vertices are parted at seams.
+
+    Parameters
+    ----------
+    values : (V, S, 2) float32
+        Texture coordinates of the original's vertices.
+    original, simplified : Mesh
+        In the same coordinates.
+    of_original, of_simplified : (F,) int64
+        Chart of each face of either.
+
+    Returns
+    -------
+    rows : (N,) int64
+        For each new vertex the one of ``simplified`` that it was.
+    faces : (F, 3) int32
+        Faces of the new vertices.
+    values : (N, S, 2) float32
+        At each new vertex the original's at the nearest point of its chart.
+    """
+    keys = of_simplified[:, None] * simplified.num_vertices + simplified.faces
+    asked, which = np.unique(keys, return_inverse=True)
+    chart, vertex = np.divmod(asked, max(1, simplified.num_vertices))
+    found = np.zeros((len(asked), *values.shape[1:]), dtype=np.float32)
+    for number in np.unique(chart):
+        rows = np.flatnonzero(chart == number)
+        faces = np.flatnonzero(of_original == number)
+        face, points = nearest_faces(original, faces, simplified.vertices[vertex[rows]])
+        corners = original.faces[face]
+        shares = barycentric(original.vertices[corners], points)
+        found[rows] = np.einsum("nc,ncsd->nsd", shares, values[corners].astype(np.float64))
+    parted = np.column_stack([vertex, _bits(found.reshape(len(found), -1))])
+    _, kept, alike = np.unique(parted, axis=0, return_index=True, return_inverse=True)
+    faces = alike.reshape(-1)[which.reshape(-1)].reshape(-1, 3).astype(np.int32)
+    return vertex[kept], faces, found[kept]
+
+
+def parted(mesh: Mesh, rows: NDArray[np.int64], faces: NDArray[np.int32]) -> Mesh:
+    """Return the mesh with those rows of its vertices, and the faces of them."""
+    colors = None if mesh.colors is None else mesh.colors[rows]
+    return mesh.replace(vertices=mesh.vertices[rows], faces=faces, colors=colors)
+
+
+def _bits(rows: NDArray[Any]) -> NDArray[np.int64]:
+    """The bits of numbers, so that equal ones (-0 and 0, NaN and NaN) are equal integers."""
+    positive = rows + 0.0
+    positive = np.where(np.isnan(positive), np.nan, positive).astype(rows.dtype)
+    bits = np.int64 if rows.dtype == np.float64 else np.int32
+    return np.ascontiguousarray(positive).view(bits).astype(np.int64)
+
+
+def _numbered(rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The same number for equal rows."""
+    _, numbers = np.unique(rows, axis=0, return_inverse=True)
+    return numbers.reshape(-1).astype(np.int64)
+
+
+def _joined(corners: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """(F,) the least point of all that faces join to those of a face."""
+    least = np.arange(count)
+    while True:
+        before = least.copy()
+        lowest = least[corners].min(axis=1)
+        for corner in range(3):
+            np.minimum.at(least, corners[:, corner], lowest)
+        least = least[least]
+        if np.array_equal(least, before):
+            joined: NDArray[np.int64] = least[corners[:, 0]]
+            return joined
+
+
+def _seams(
+    places: NDArray[np.int64], points: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Pairs of faces that share an edge whose ends have other values in each."""
+    ends = np.concatenate([places[:, edge] for edge in _EDGES])
+    values = np.concatenate([points[:, edge] for edge in _EDGES])
+    face = np.tile(np.arange(len(places)), 3)
+    turned = ends[:, 0] > ends[:, 1]
+    ends[turned], values[turned] = ends[turned][:, ::-1], values[turned][:, ::-1]
+    order = np.lexsort((face, ends[:, 1], ends[:, 0]))
+    ends, values, face = ends[order], values[order], face[order]
+    is_seam = (ends[1:] == ends[:-1]).all(axis=1) & (values[1:] != values[:-1]).any(axis=1)
+    return face[:-1][is_seam], face[1:][is_seam]
+
+
+def _halved(
+    of_faces: NDArray[np.int64],
+    first: NDArray[np.int64],
+    second: NDArray[np.int64],
+    middles: NDArray[np.float64],
+) -> NDArray[np.int64]:
+    """Cut each chart that is sewn to itself, across the longest way from one side to the other."""
+    halves = 2 * of_faces
+    order = np.argsort(of_faces[first], kind="stable")
+    bounds = np.flatnonzero(np.diff(of_faces[first][order])) + 1
+    for rows in np.split(order, bounds):
+        sides = middles[first[rows]], middles[second[rows]]
+        axis = int(np.abs(sides[0] - sides[1]).sum(axis=0).argmax())
+        cut = np.median(0.5 * (sides[0][:, axis] + sides[1][:, axis]))
+        chosen = np.flatnonzero(of_faces == of_faces[first[rows[0]]])
+        halves[chosen] += middles[chosen, axis] > cut
+    return _numbered(halves[:, None])
