@@ -201,7 +201,8 @@ def test_what_is_lost_is_named(tmp_path: Path) -> None:
     used = ["KHR_lights_punctual", "EXT_strange"]
     source = written(tmp_path / "scene.glb", meshes=meshes, extensionsUsed=used)
     warnings = io.read_scene(source).warnings
-    assert "TANGENT of meshes that are simplified is left out" in warnings
+    tangent = "TANGENT of meshes that are simplified is left out: viewers compute it from the "
+    assert f"{tangent}texture coordinates" in warnings
     assert "extras of primitives that are simplified are left out" in warnings
     assert "extension EXT_strange is left out" in warnings
     io.read_scene(source).write(tmp_path / "out.glb")
@@ -344,3 +345,122 @@ def test_more_instances_than_the_file_can_mean_are_refused_before_they_are_made(
     for read in (read_mesh, io.read_scene):
         with pytest.raises(FormatError, match="max_bytes"):
             read(source)
+
+
+def with_outline(**changes: Any) -> dict[str, Any]:
+    """The square with its outline as lines of the same mesh."""
+    meshes = scene_document()["meshes"]
+    meshes[0]["primitives"].append({"attributes": {"POSITION": 0}, "mode": 2, "material": 0})
+    return scene_document(meshes=meshes, **changes)
+
+
+def test_lines_beside_triangles_of_a_mesh_stay_and_its_triangles_may_change(tmp_path: Path) -> None:
+    (tmp_path / "scene.glb").write_bytes(glb(with_outline(), SQUARE_BUFFER))
+    scene = io.read_scene(tmp_path / "scene.glb")
+    assert (scene.fixed, scene.warnings) == (("",), ())
+    half = scene.meshes[0].replace(faces=scene.meshes[0].faces[:1], face_material=None)
+    nothing = Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32))
+    for mesh, modes in ((half, [4, 2]), (nothing, [2])):
+        scene.with_meshes({0: mesh}).write(tmp_path / "out.glb")
+        found = json_of(tmp_path / "out.glb")
+        primitives = found["meshes"][0]["primitives"]
+        assert [primitive.get("mode", 4) for primitive in primitives] == modes
+        outline = found["accessors"][primitives[-1]["attributes"]["POSITION"]]
+        assert outline["count"] == 4
+        assert read_mesh(tmp_path / "out.glb").num_faces == 3 * mesh.num_faces
+
+
+def test_lines_of_a_quantised_scene_keep_their_place(tmp_path: Path) -> None:
+    (tmp_path / "scene.glb").write_bytes(glb(with_outline(), SQUARE_BUFFER))
+    io.read_scene(tmp_path / "scene.glb").write(tmp_path / "out.glb", quantize=True)
+    found = json_of(tmp_path / "out.glb")
+    assert len(found["nodes"]) == len(NODES)  # no child that would scale the lines, too
+    assert "extensionsRequired" not in found
+
+
+VARIANTS = "KHR_materials_variants"
+
+
+def variants_document(*mappings: list[dict[str, Any]] | None) -> dict[str, Any]:
+    """The square once for each of the mappings, all with material 0."""
+    meshes = scene_document()["meshes"]
+    (primitive,) = meshes[0]["primitives"]
+    meshes[0]["primitives"] = [
+        primitive | ({} if own is None else {"extensions": {VARIANTS: {"mappings": own}}})
+        for own in mappings
+    ]
+    paint = scene_document()["materials"]
+    return scene_document(
+        meshes=meshes,
+        materials=[*paint, {"name": "other"}],
+        extensions={VARIANTS: {"variants": [{"name": "red"}]}},
+        extensionsUsed=[VARIANTS],
+    )
+
+
+def test_variants_of_materials_follow_other_triangles(tmp_path: Path) -> None:
+    mappings = [{"material": 1, "variants": [0]}]
+    made = variants_document(mappings, mappings)
+    (tmp_path / "scene.glb").write_bytes(glb(made, SQUARE_BUFFER))
+    scene = io.read_scene(tmp_path / "scene.glb")
+    assert scene.warnings == ()
+    io.write_scene(scene, tmp_path / "out.glb", coarser=[scene])
+    found = json_of(tmp_path / "out.glb")
+    assert found["extensions"] == made["extensions"]
+    assert len(found["meshes"]) == 2
+    for mesh in found["meshes"]:
+        (primitive,) = mesh["primitives"]
+        assert primitive["extensions"] == {VARIANTS: {"mappings": mappings}}
+        assert sorted(mesh) == ["extras", "name", "primitives"]
+
+
+def test_variants_that_one_material_has_in_two_ways_are_named(tmp_path: Path) -> None:
+    made = variants_document([{"material": 1, "variants": [0]}], None)
+    (tmp_path / "scene.glb").write_bytes(glb(made, SQUARE_BUFFER))
+    scene = io.read_scene(tmp_path / "scene.glb")
+    (warning,) = scene.warnings
+    assert warning.startswith("KHR_materials_variants of primitives that share a material")
+    scene.write(tmp_path / "out.glb")
+    (primitive,) = json_of(tmp_path / "out.glb")["meshes"][0]["primitives"]
+    assert "extensions" not in primitive
+
+
+@pytest.mark.parametrize(
+    ("name", "mime", "content"),
+    [
+        ("EXT_texture_avif", "image/avif", b"\0\0\0\x1cftypavif\0\0\0\0"),
+        ("EXT_texture_webp", "image/webp", b"RIFF\x04\0\0\0WEBP"),
+        ("KHR_texture_basisu", "image/ktx2", b"\xabKTX 20\xbb\r\n\x1a\n"),
+        ("MSFT_texture_dds", "image/vnd-ms.dds", b"DDS \x7c\0\0\0"),
+    ],
+)
+def test_pictures_of_other_formats_are_kept(
+    name: str, mime: str, content: bytes, tmp_path: Path
+) -> None:
+    (tmp_path / "skin.picture").write_bytes(content)
+    textures = [{"extensions": {name: {"source": 0}}}]
+    images = [{"uri": "skin.picture", "mimeType": mime}]
+    made = {"textures": textures, "images": images, "extensionsUsed": [name]}
+    scene = io.read_scene(written(tmp_path / "scene.glb", **made))
+    assert scene.warnings == ()
+    scene.write(tmp_path / "out.glb")
+    found = json_of(tmp_path / "out.glb")
+    assert (found["textures"], found["extensionsUsed"]) == (textures, [name])
+    assert found["images"][0]["mimeType"] == mime
+    view = found["bufferViews"][found["images"][0]["bufferView"]]
+    assert content in (tmp_path / "out.glb").read_bytes()
+    assert view["byteLength"] == len(content)
+
+
+def test_pictures_are_found_behind_the_separators_of_windows(tmp_path: Path) -> None:
+    (tmp_path / "in" / "textures").mkdir(parents=True)
+    (tmp_path / "in" / "textures" / "skin.png").write_bytes(PNG)
+    (tmp_path / "secret.png").write_bytes(PNG)
+    images = [{"uri": "textures\\skin.png"}, {"uri": "..\\secret.png"}]
+    scene = io.read_scene(written(tmp_path / "in" / "scene.glb", images=images))
+    (warning,) = scene.warnings
+    assert "secret.png" in warning
+    scene.write(tmp_path / "out.glb")
+    found, outside = json_of(tmp_path / "out.glb")["images"]
+    assert found["mimeType"] == "image/png"
+    assert outside == {"uri": "..\\secret.png"}

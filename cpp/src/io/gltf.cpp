@@ -198,12 +198,14 @@ class Reader {
     const std::vector<bool> is_shown = shown_nodes();
     const std::vector<MeshUse> uses = uses_of_meshes(scene.nodes, is_shown);
     const std::int64_t num_meshes = document_.count("meshes");
-    GltfKept kept{std::vector<bool>(num_meshes, false), is_shown};
+    GltfKept kept{std::vector<bool>(num_meshes, false), std::vector<bool>(num_meshes, false),
+                  is_shown};
     for (std::int64_t m = 0; m < num_meshes; ++m) {
       scene.meshes.push_back(read_mesh_of_scene(m, reason_to_keep(m, uses[m])));
       SceneMesh& mesh = scene.meshes.back();
       if (mesh.fixed.empty()) warn_of_losses(m);
       kept.meshes[m] = !mesh.fixed.empty() && uses[m].is_shown;
+      kept.replaced[m] = mesh.fixed.empty();
       if (progress) progress(static_cast<double>(m + 1) / static_cast<double>(num_meshes));
     }
     scene.materials = scene_materials();
@@ -637,8 +639,6 @@ class Reader {
       const JsonPlace place = list.item(i);
       const JsonPlace attributes = place.member("attributes");
       if (!attributes.has("POSITION")) return "it has primitives without POSITION";
-      const auto mode = place.find("mode");
-      if (mode && mode->integer(0, kTriangleFan) < kTriangles) return "it has points or lines";
     }
     return reason_not_to_deform(list, use.has_skin);
   }
@@ -650,23 +650,30 @@ class Reader {
     const JsonPlace list = document_.root().member("meshes").item(mesh).member("primitives");
     for (std::int64_t i = 0; i < list.size(); ++i) {
       const JsonPlace place = list.item(i);
+      if (!has_triangles(place)) continue;
       const JsonPlace attributes = place.member("attributes");
       for (const auto& [name, accessor] : attributes.value().items()) {
         const bool is_held = name.starts_with("JOINTS_") || name.starts_with("WEIGHTS_") ||
                              is_more_texcoords(attributes, name) ||
                              std::find(kHeld.begin(), kHeld.end(), name) != kHeld.end();
         if (!is_held) {
-          warn(result_.warnings, name + " of meshes that are simplified is left out");
+          warn(result_.warnings,
+               name + " of meshes that are simplified is left out" +
+                   (name == "TANGENT" ? ": viewers compute it from the texture coordinates" : ""));
         }
       }
       const auto color = attributes.find("COLOR_0");
       if (color && document_.accessor(*color).num_components == 4) {
         warn(result_.warnings, "alpha of vertex colours of meshes that are simplified is left out");
       }
-      for (const char* member : {"extras", "extensions"}) {
-        if (!place.has(member)) continue;
-        warn(result_.warnings,
-             std::string(member) + " of primitives that are simplified are left out");
+      if (place.has("extras")) {
+        warn(result_.warnings, "extras of primitives that are simplified are left out");
+      }
+      const auto extensions = place.find("extensions");
+      if (!extensions) continue;
+      for (const auto& [name, content] : extensions->value().items()) {
+        if (name == kVariants) continue;
+        warn(result_.warnings, "extensions of primitives that are simplified are left out");
       }
     }
   }
@@ -1301,8 +1308,15 @@ Bytes read_beside(const ReadOptions& options, const std::string& uri, std::int64
   if (options.folder.empty()) {
     throw InputError("'" + uri + "' cannot be read: no folder to find it in");
   }
-  const std::filesystem::path path =
-      options.allow_outside ? options.folder / uri : resolve_inside(options.folder, uri);
+  const auto place_of = [&](const std::string& name) {
+    return options.allow_outside ? options.folder / name : resolve_inside(options.folder, name);
+  };
+  std::filesystem::path path = place_of(uri);
+  if (!std::filesystem::exists(path) && uri.find('\\') != std::string::npos) {
+    std::string slashed = uri;  // programs for Windows write its separators
+    std::replace(slashed.begin(), slashed.end(), '\\', '/');
+    path = place_of(slashed);
+  }
   if (std::filesystem::exists(path) && !std::filesystem::is_regular_file(path)) {
     throw InputError("'" + uri + "' is not a regular file");
   }

@@ -393,4 +393,10 @@ const GltfAccessor& GltfDocument::accessor(const JsonPlace& user) {
   return accessors_.emplace(place.pointer(), read_accessor(place)).first->second;
 }
 
+bool has_triangles(const JsonPlace& primitive) {
+  constexpr std::int64_t kTriangles = 4, kLast = 6;  // glTF 2.0, section 5.24.4
+  const auto mode = primitive.find("mode");
+  return !mode || mode->integer(0, kLast) >= kTriangles;
+}
+
 }  // namespace manip3d

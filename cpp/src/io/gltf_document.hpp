@@ -107,6 +107,8 @@ class GltfDocument {
   std::map<std::string, GltfAccessor> accessors_;  ///< By pointer.
 };
 
+/// Whether a primitive is neither points nor lines.
+bool has_triangles(const JsonPlace& primitive);
 /// Whether it is EXT_meshopt_compression or KHR_meshopt_compression, of which version 0 is the
 /// same.
 bool is_meshopt_extension(std::string_view name);

@@ -26,6 +26,8 @@ std::string image_type(std::string_view data) {
   if (data.starts_with("\xFF\xD8\xFF")) return "image/jpeg";
   if (data.starts_with("RIFF") && data.substr(8).starts_with("WEBP")) return "image/webp";
   if (data.starts_with("\xABKTX 20")) return "image/ktx2";
+  if (data.starts_with("DDS ")) return "image/vnd-ms.dds";
+  if (data.size() > 4 && data.substr(4).starts_with("ftypavif")) return "image/avif";
   return "";
 }
 
@@ -64,13 +66,13 @@ class ShellReader {
     for (const char* gone : {"buffers", "bufferViews", "accessors"}) json().erase(gone);
     json()["bufferViews"] = Json::array();
     json()["accessors"] = Json::array();
-    keep_meshes(kept.meshes);
+    const bool any_primitive = keep_meshes(kept);
     keep_nodes(kept.nodes);
     keep_skins();
     keep_animations();
     keep_images();
     drop_extensions(json());
-    drop_unused_extensions(kept.meshes);
+    drop_unused_extensions(any_primitive);
     return std::move(shell_);
   }
 
@@ -148,27 +150,57 @@ class ShellReader {
     return source_.root().member(array).item(static_cast<std::int64_t>(index));
   }
 
-  void keep_meshes(const std::vector<bool>& is_kept) {
-    for (std::size_t m = 0; m < is_kept.size(); ++m) {
+  /// @return whether any primitive is kept: points and lines of meshes that are replaced, too.
+  bool keep_meshes(const GltfKept& kept) {
+    bool any_primitive = false;
+    for (std::size_t m = 0; m < kept.meshes.size(); ++m) {
       Json& mesh = json()["meshes"][m];
-      if (!is_kept[m]) {
-        mesh["primitives"] = Json::array();
-        continue;
-      }
-      const JsonPlace primitives = item("meshes", m).member("primitives");
-      for (std::int64_t i = 0; i < primitives.size(); ++i) {
-        const JsonPlace place = primitives.item(i);
-        Json& primitive = mesh["primitives"][i];
-        keep_members(place.member("attributes"), primitive["attributes"]);
-        if (const auto indices = place.find("indices")) {
-          primitive["indices"] = keep_accessor(*indices);
-        }
-        const auto targets = place.find("targets");
-        for (std::int64_t t = 0; targets && t < targets->size(); ++t) {
-          keep_members(targets->item(t), primitive["targets"][t]);
+      Json primitives = Json::array();
+      const JsonPlace places = item("meshes", m).member("primitives");
+      for (std::int64_t i = 0; i < places.size(); ++i) {
+        const JsonPlace place = places.item(i);
+        if (kept.meshes[m] || (kept.replaced[m] && !has_triangles(place))) {
+          primitives.push_back(keep_primitive(place, std::move(mesh["primitives"][i])));
         }
       }
+      any_primitive = any_primitive || !primitives.empty();
+      mesh["primitives"] = std::move(primitives);
+      if (kept.replaced[m]) keep_variants(places, mesh);
     }
+    return any_primitive;
+  }
+
+  Json keep_primitive(const JsonPlace& place, Json primitive) {
+    keep_members(place.member("attributes"), primitive["attributes"]);
+    if (const auto indices = place.find("indices")) primitive["indices"] = keep_accessor(*indices);
+    const auto targets = place.find("targets");
+    for (std::int64_t t = 0; targets && t < targets->size(); ++t) {
+      keep_members(targets->item(t), primitive["targets"][t]);
+    }
+    return primitive;
+  }
+
+  /// Other triangles know only their material: what its primitives have alike is kept.
+  void keep_variants(const JsonPlace& primitives, Json& mesh) {
+    Json of_materials = Json::object();
+    for (std::int64_t i = 0; i < primitives.size(); ++i) {
+      const JsonPlace place = primitives.item(i);
+      const auto material = place.find("material");
+      if (!material || !has_triangles(place)) continue;
+      const auto extensions = place.find("extensions");
+      const auto variants = extensions ? extensions->find(kVariants) : std::nullopt;
+      const Json own = variants ? Json(variants->value()) : Json();
+      const std::string key = std::to_string(material->integer(0, kLargestOffset));
+      const auto known = of_materials.find(key);
+      if (known != of_materials.end() && *known != own) {
+        warn(warnings_, std::string(kVariants) +
+                            " of primitives that share a material, but not its variants, is left "
+                            "out");
+        return;
+      }
+      of_materials[key] = own;
+    }
+    mesh[kVariantsOfMaterials] = std::move(of_materials);
   }
 
   void keep_nodes(const std::vector<bool>& is_kept) {
@@ -283,15 +315,14 @@ class ShellReader {
   }
 
   /// A file must not require what it does not use.
-  void drop_unused_extensions(const std::vector<bool>& is_kept) {
-    const bool any_kept = std::find(is_kept.begin(), is_kept.end(), true) != is_kept.end();
+  void drop_unused_extensions(bool any_primitive) {
     for (const char* list : {"extensionsUsed", "extensionsRequired"}) {
       const auto found = json().find(list);
       if (found == json().end()) continue;
       Json kept = Json::array();
       for (const Json& name : *found) {
         const auto& text = name.get_ref<const std::string&>();
-        if (is_kept_extension(text) && (any_kept || text != "KHR_mesh_quantization")) {
+        if (is_kept_extension(text) && (any_primitive || text != "KHR_mesh_quantization")) {
           kept.push_back(name);
         }
       }
@@ -314,10 +345,11 @@ class ShellReader {
 }  // namespace
 
 bool is_kept_extension(const std::string& name) {
-  constexpr std::array<std::string_view, 8> kKept = {
-      "EXT_mesh_gpu_instancing", "EXT_texture_webp",     "KHR_animation_pointer",
-      "KHR_lights_punctual",     "KHR_node_visibility",  "KHR_mesh_quantization",
-      "KHR_texture_basisu",      "KHR_texture_transform"};
+  constexpr std::array<std::string_view, 11> kKept = {
+      "EXT_mesh_gpu_instancing", "EXT_texture_avif",    "EXT_texture_webp",
+      "KHR_animation_pointer",   "KHR_lights_punctual", "KHR_node_visibility",
+      "KHR_mesh_quantization",   "KHR_texture_basisu",  "KHR_texture_transform",
+      "KHR_xmp_json_ld",         "MSFT_texture_dds"};
   return name.starts_with("KHR_materials_") ||
          std::find(kKept.begin(), kKept.end(), name) != kKept.end();
 }

@@ -14,9 +14,15 @@ bool is_kept_extension(const std::string& name);
 
 /// The parts that the shell of a file keeps.
 struct GltfKept {
-  std::vector<bool> meshes;  ///< Whether a mesh keeps its primitives.
-  std::vector<bool> nodes;   ///< Whether a node keeps what it shows.
+  std::vector<bool> meshes;    ///< Whether a mesh keeps its primitives.
+  std::vector<bool> replaced;  ///< Whether other triangles take the place of its triangles.
+  std::vector<bool> nodes;     ///< Whether a node keeps what it shows.
 };
+
+/// Member of a replaced mesh in the shell: KHR_materials_variants of its primitives by the index of
+/// their material, for those that take their place.
+constexpr const char* kVariantsOfMaterials = "manip3d_variants";
+constexpr const char* kVariants = "KHR_materials_variants";
 
 /// All of a glTF file but the primitives that are not kept, with one buffer that holds what is
 /// still referred to, images included.

@@ -7,6 +7,7 @@
 
 #include "io/formats.hpp"
 #include "io/gltf_scene.hpp"
+#include "io/gltf_shell.hpp"
 #include "io/texture_files.hpp"
 #include "manip3d/error.hpp"
 
@@ -77,10 +78,13 @@ class SceneAssembler {
       for (std::size_t m = 0; m < before.size(); ++m) {
         Json mesh = before[m];
         if (const auto& given = (*level)[m]) {
-          mesh["primitives"] = given->mesh.num_faces() > 0
-                                   ? write_primitives(scene_, *given, num_materials_,
-                                                      options_.max_vertices, frames_[m])
-                                   : Json::array();
+          Json primitives = given->mesh.num_faces() > 0
+                                ? write_primitives(scene_, *given, num_materials_,
+                                                   options_.max_vertices, frames_[m])
+                                : Json::array();
+          give_variants(mesh, primitives);
+          for (Json& kept : mesh["primitives"]) primitives.push_back(std::move(kept));
+          mesh["primitives"] = std::move(primitives);
         } else if (!placed_.empty()) {
           indices[m] = placed_.front()[m];  // one for all levels
           continue;
@@ -94,6 +98,17 @@ class SceneAssembler {
     scene_.json["meshes"] = std::move(after);
   }
 
+  static void give_variants(Json& mesh, Json& primitives) {
+    const auto given = mesh.find(kVariantsOfMaterials);
+    if (given == mesh.end()) return;
+    for (Json& primitive : primitives) {
+      if (!primitive.contains("material")) continue;
+      const auto own = given->find(std::to_string(primitive["material"].get<std::int64_t>()));
+      if (own != given->end() && !own->is_null()) primitive["extensions"][kVariants] = *own;
+    }
+    mesh.erase(kVariantsOfMaterials);
+  }
+
   /// One frame for all levels of a mesh: they share a node's place. Instances of a node move the
   /// mesh itself, before any node that could undo the quantisation.
   void find_frames() {
@@ -105,7 +120,8 @@ class SceneAssembler {
       }
     }
     for (std::size_t m = 0; options_.quantize && m < frames_.size(); ++m) {
-      if (instanced.contains(m)) continue;
+      // Points and lines of the mesh stay as they are, in its own coordinates.
+      if (instanced.contains(m) || !scene_.json["meshes"][m]["primitives"].empty()) continue;
       std::vector<const MeshView*> shown;
       bool is_deformed = false;
       for (const SceneLevel* level : levels_) {

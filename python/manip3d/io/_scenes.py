@@ -105,8 +105,8 @@ class Scene:
     names : tuple of str
         Names of the meshes.
     fixed : tuple of str
-        For each mesh, why it is always written as it was read, such as ``"it has points or
-        lines"``; empty for a mesh that :meth:`with_meshes` may replace.
+        For each mesh, why it is always written as it was read, such as ``"it has no
+        triangles"``; empty for a mesh that :meth:`with_meshes` may replace.
     deformations : tuple of Deformation or None
         For each mesh that may be replaced, what moves its vertices; None: nothing does.
     more_texcoords : tuple of (V, S, 2) float32 or None

@@ -97,8 +97,8 @@ struct Scene {
 /// Reads a .gltf or .glb file, compressed or not, as a scene.
 ///
 /// Nodes, cameras, lights, materials, textures, skins, animations and `extras` are kept as they
-/// are; so are meshes that are not plain triangles: ones with points or lines, and ones whose morph
-/// targets change more than positions and normals.
+/// are; so are points and lines, and meshes whose morph targets change more than positions and
+/// normals.
 /// @throws FormatError  as read_mesh(); a file of another format.
 Scene read_scene(const std::filesystem::path& path, const ReadOptions& options = {},
                  const Progress& progress = {});
