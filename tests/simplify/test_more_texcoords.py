@@ -139,8 +139,12 @@ def _positions(made: Scene) -> NDArray[np.float32]:
     return rows.reshape(-1, 3)
 
 
-def small(tmp_path: Path) -> io.Scene:
+def small(tmp_path: Path, read: int = 2) -> io.Scene:
+    """A square whose texture reads a set of coordinates."""
     made = Scene()
+    made.json["images"] = [{"uri": data_uri(PNG, "image/png")}]
+    made.json["textures"] = [{"source": 0}]
+    made.json["materials"] = [{"emissiveTexture": {"index": 0, "texCoord": read}}]
     made.primitive(
         {
             "POSITION": made.accessor(SQUARE),
@@ -150,6 +154,7 @@ def small(tmp_path: Path) -> io.Scene:
             "TEXCOORD_4": made.accessor(SQUARE[:, 1:]),
         },
         indices=made.accessor(FACES.reshape(-1), "u2"),
+        material=0,
     )
     # Bytes in pairs: each element begins at a multiple of four.
     for view in made.json["accessors"]:
@@ -175,6 +180,33 @@ def test_all_sets_without_a_gap_are_read_and_written(tmp_path: Path) -> None:
     (again,) = io.read_scene(tmp_path / "copy.glb").more_texcoords
     assert again is not None
     np.testing.assert_array_equal(np.unique(again, axis=0), np.unique(more, axis=0))
+
+
+def test_sets_that_no_texture_reads_are_left_out(tmp_path: Path) -> None:
+    """Their seams would cost faces: light maps have hundreds of charts."""
+    scene = small(tmp_path, read=0)
+    assert scene.more_texcoords == (None,)
+    assert len(scene.warnings) == 3
+    assert scene.warnings[0] == (
+        "TEXCOORD_1 of meshes that are simplified is left out: no texture reads it"
+    )
+    scene.write(tmp_path / "copy.glb")
+    attributes = PosedGltf(tmp_path / "copy.glb").json["meshes"][0]["primitives"][0]["attributes"]
+    assert sorted(attributes) == ["POSITION", "TEXCOORD_0"]
+
+
+def test_a_set_that_only_a_variant_reads_comes_along(tmp_path: Path) -> None:
+    made = sheet(4, lambda u, v: (u, v, 0.0), two_charts)
+    made.json["materials"].insert(0, {})
+    made.json["extensionsUsed"] = ["KHR_materials_variants"]
+    made.json["extensions"] = {"KHR_materials_variants": {"variants": [{"name": "worn"}]}}
+    made.json["meshes"][0]["primitives"][0]["extensions"] = {
+        "KHR_materials_variants": {"mappings": [{"material": 1, "variants": [0]}]}
+    }
+    source = tmp_path / "variants.glb"
+    source.write_bytes(made.glb())
+    (more,) = io.read_scene(source).more_texcoords
+    assert more is not None
 
 
 def test_other_triangles_need_all_sets(tmp_path: Path) -> None:

@@ -76,7 +76,7 @@ struct Primitive {
   const GltfAccessor* texcoord = nullptr;
   const GltfAccessor* color = nullptr;
   const GltfAccessor* indices = nullptr;
-  std::vector<const GltfAccessor*> more_texcoords = {};  ///< TEXCOORD_1, ...; of scenes only.
+  std::vector<const GltfAccessor*> more_texcoords = {};  ///< TEXCOORD_1, ...; of scenes, if read.
   std::optional<JsonPlace> targets = std::nullopt;
   TextureTransform texture = {};
   std::int32_t material = -1;
@@ -652,15 +652,16 @@ class Reader {
       const JsonPlace place = list.item(i);
       if (!has_triangles(place)) continue;
       const JsonPlace attributes = place.member("attributes");
+      const bool keeps_more = reads_more_texcoords(place);
       for (const auto& [name, accessor] : attributes.value().items()) {
         const bool is_held = name.starts_with("JOINTS_") || name.starts_with("WEIGHTS_") ||
-                             is_more_texcoords(attributes, name) ||
+                             (keeps_more && is_more_texcoords(attributes, name)) ||
                              std::find(kHeld.begin(), kHeld.end(), name) != kHeld.end();
-        if (!is_held) {
-          warn(result_.warnings,
-               name + " of meshes that are simplified is left out" +
-                   (name == "TANGENT" ? ": viewers compute it from the texture coordinates" : ""));
-        }
+        if (is_held) continue;
+        std::string why;
+        if (name == "TANGENT") why = ": viewers compute it from the texture coordinates";
+        if (name.starts_with("TEXCOORD_") && !keeps_more) why = ": no texture reads it";
+        warn(result_.warnings, name + " of meshes that are simplified is left out" + why);
       }
       const auto color = attributes.find("COLOR_0");
       if (color && document_.accessor(*color).num_components == 4) {
@@ -676,6 +677,32 @@ class Reader {
         warn(result_.warnings, "extensions of primitives that are simplified are left out");
       }
     }
+  }
+
+  /// Whether a texture of a primitive is placed by another set of coordinates than the first, in
+  /// one of its materials. Sets that no texture reads are left out: their seams would cost faces.
+  [[nodiscard]] bool reads_more_texcoords(const JsonPlace& primitive) const {
+    const auto needs = [this](const std::optional<JsonPlace>& material) {
+      return material && needs_more_texcoords(document_.object("materials", *material).value());
+    };
+    if (needs(primitive.find("material"))) return true;
+    const auto extensions = primitive.find("extensions");
+    const auto variants = extensions ? extensions->find(kVariants) : std::nullopt;
+    const auto mappings = variants ? variants->find("mappings") : std::nullopt;
+    for (std::int64_t i = 0; mappings && i < mappings->size(); ++i) {
+      if (needs(mappings->item(i).find("material"))) return true;
+    }
+    return false;
+  }
+
+  /// Whether a material's texture is placed by another set of coordinates than the first.
+  static bool needs_more_texcoords(const JsonPlace::Json& value) {
+    if (!value.is_structured()) return false;
+    if (value.is_object()) {
+      const auto set = value.find("texCoord");
+      if (set != value.end() && set->is_number() && set->get<double>() != 0.0) return true;
+    }
+    return std::any_of(value.begin(), value.end(), needs_more_texcoords);
   }
 
   /// Whether an attribute is one of TEXCOORD_1, TEXCOORD_2, ... up to the first that is missing.
@@ -734,7 +761,8 @@ class Reader {
     p.texcoord = attribute(attributes, texcoords_in_set(p.texture.set).c_str(), 2, 2);
     p.color = attribute(attributes, "COLOR_0", 3, 4);
     std::vector<const GltfAccessor*> others = {p.normal, p.texcoord, p.color};
-    while (is_scene_) {
+    const bool keeps_more = is_scene_ && reads_more_texcoords(place);
+    while (keeps_more) {
       const std::string name = texcoords_in_set(std::ssize(p.more_texcoords) + 1);
       const GltfAccessor* more = attribute(attributes, name.c_str(), 2, 2);
       if (more == nullptr) break;

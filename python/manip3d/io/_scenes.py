@@ -111,7 +111,8 @@ class Scene:
         For each mesh that may be replaced, what moves its vertices; None: nothing does.
     more_texcoords : tuple of (V, S, 2) float32 or None
         For each mesh that may be replaced, ``TEXCOORD_1`` and the S - 1 sets that follow, as the
-        file has them (v downwards); NaN where a vertex lacks a set, None where all do.
+        file has them (v downwards); NaN where a vertex lacks a set, None where all do or no
+        texture reads them.
     warnings : tuple of str
         What reading left out.
     source : str or None

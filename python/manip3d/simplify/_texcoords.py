@@ -78,9 +78,9 @@ def texcoords_of(
     asked, which = np.unique(keys, return_inverse=True)
     chart, vertex = np.divmod(asked, max(1, simplified.num_vertices))
     found = np.zeros((len(asked), *values.shape[1:]), dtype=np.float32)
-    for number in np.unique(chart):
-        rows = np.flatnonzero(chart == number)
-        faces = np.flatnonzero(of_original == number)
+    faces_of = _rows_by_number(of_original)
+    for number, rows in _rows_by_number(chart).items():
+        faces = faces_of[number]
         face, points = nearest_faces(original, faces, simplified.vertices[vertex[rows]])
         corners = original.faces[face]
         shares = barycentric(original.vertices[corners], points)
@@ -109,6 +109,13 @@ def _numbered(rows: NDArray[np.int64]) -> NDArray[np.int64]:
     """The same number for equal rows."""
     _, numbers = np.unique(rows, axis=0, return_inverse=True)
     return numbers.reshape(-1).astype(np.int64)
+
+
+def _rows_by_number(numbers: NDArray[np.int64]) -> dict[int, NDArray[np.int64]]:
+    """The rows that have each number."""
+    order = np.argsort(numbers, kind="stable")
+    found, starts = np.unique(numbers[order], return_index=True)
+    return dict(zip(found.tolist(), np.split(order, starts[1:]), strict=True))
 
 
 def _joined(corners: NDArray[np.int64], count: int) -> NDArray[np.int64]:
@@ -148,12 +155,11 @@ def _halved(
 ) -> NDArray[np.int64]:
     """Cut each chart that is sewn to itself, across the longest way from one side to the other."""
     halves = 2 * of_faces
-    order = np.argsort(of_faces[first], kind="stable")
-    bounds = np.flatnonzero(np.diff(of_faces[first][order])) + 1
-    for rows in np.split(order, bounds):
+    faces_of = _rows_by_number(of_faces)
+    for number, rows in _rows_by_number(of_faces[first]).items():
         sides = middles[first[rows]], middles[second[rows]]
         axis = int(np.abs(sides[0] - sides[1]).sum(axis=0).argmax())
         cut = np.median(0.5 * (sides[0][:, axis] + sides[1][:, axis]))
-        chosen = np.flatnonzero(of_faces == of_faces[first[rows[0]]])
+        chosen = faces_of[number]
         halves[chosen] += middles[chosen, axis] > cut
     return _numbered(halves[:, None])
