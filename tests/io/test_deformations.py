@@ -299,3 +299,14 @@ def test_meshes_with_a_skin_are_not_quantized(tmp_path: Path) -> None:
     vertices, _ = PosedGltf(source).posed(1.0)
     again, _ = PosedGltf(tmp_path / "small.glb").posed(1.0)
     np.testing.assert_allclose(np.ptp(again, axis=0), np.ptp(vertices, axis=0), rtol=1e-5)
+
+
+def test_weights_that_were_rounded_add_up_to_1_again(tmp_path: Path) -> None:
+    scene = io.read_scene(written(tmp_path / "arm.glb", arm()))
+    (moves,) = scene.deformations
+    assert moves is not None
+    rounded = replace(moves, weights=moves.weights * np.float32(1.001))
+    scene.with_meshes({0: scene.meshes[0]}, {0: rounded}).write(tmp_path / "out.glb")
+    (again,) = io.read_scene(tmp_path / "out.glb").deformations
+    assert again is not None
+    np.testing.assert_allclose(again.weights.sum(axis=1, dtype=np.float64), 1.0, atol=2e-7)

@@ -440,4 +440,11 @@ def _replaced(scene: Scene) -> list[tuple[Mesh, _Tables | None, ArrayLike | None
 
 
 def _tables(moves: Deformation) -> _Tables:
-    return moves.joints, moves.weights, moves.targets, moves.target_normals
+    weights = np.asarray(moves.weights, dtype=np.float32)
+    sums = weights.sum(axis=-1, dtype=np.float64, keepdims=True)
+    # glTF asks for 1, and files that were quantised (Draco) miss it by the rounding of each weight,
+    # at most 8 times half of 1/255. Sums that are farther off are not a matter of rounding.
+    off = np.abs(sums - 1.0)
+    is_off = (off > 1e-6) & (off < 0.02)
+    weights = np.divide(weights, sums, out=weights.astype(np.float64), where=is_off)
+    return moves.joints, weights.astype(np.float32), moves.targets, moves.target_normals
