@@ -245,7 +245,7 @@ struct Relief::Memory {
   std::vector<Triangulation> levels;  ///< The smaller meshes, smallest first.
   bool has_specks = false;            ///< select() found small pieces, with few vertices.
   bool leaves_specks = false;         ///< It leaves them out first.
-  Progress progress;                  ///< Of the run.
+  Progress progress;                  ///< The run asks it whether it is cancelled.
   std::vector<Triangle> dense;        ///< All of them, where the target leaves room for all pixels.
 
   [[nodiscard]] bool takes_all(const ReliefOptions& options) const {

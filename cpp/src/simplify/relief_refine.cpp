@@ -16,7 +16,7 @@ namespace {
 // A vertex or an edge of the frame before gives way only for less than this part of its error.
 constexpr float kKeptGain = 0.5F;
 
-// Of an image of many pixels to few points a triangle has thousands of pixels.
+// With few points for many pixels a triangle has thousands of pixels.
 constexpr std::uint32_t kFacesPerTick = 16;
 
 struct SurfaceCorner {
