@@ -127,7 +127,7 @@ def test_the_kinect_s_axes_are_turned() -> None:
 @pytest.mark.parametrize(
     ("options", "match"),
     [
-        ({"layout": "openpose"}, "layout: expected one of kinect-v2.*got 'openpose'"),
+        ({"layout": "openpose"}, "layout: expected 'kinect-v2', .*got 'openpose'"),
         ({"layout": "coco"}, "joints: expected 17 rows for coco, got 20"),
         ({"layout": "kinect-v1", "states": np.ones(3)}, r"states: expected shape \(20,\)"),
         ({"layout": "kinect-v1", "states": np.full(20, 3)}, "states: expected 0, 1 or 2"),

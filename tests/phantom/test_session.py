@@ -548,7 +548,7 @@ def test_without_a_diary_ratings_are_not_kept() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"affected": "tail"}, "affected: expected one of"),
+        ({"affected": "tail"}, "affected: expected 'left_arm'"),
         ({"game": "chess"}, "game: expected one of bubbles"),
         ({"difficulty": 4}, "difficulty: expected 1 to 3, got 4"),
         ({"seed": -1}, "seed: expected 0 to"),

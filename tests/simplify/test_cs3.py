@@ -434,7 +434,7 @@ def test_a_stream_gives_what_single_calls_give() -> None:
         ({"target_points": 0}, "target_points: expected >= 1, got 0"),
         ({"target_points": -1}, "target_points: expected a whole number >= 0"),
         ({"target_points": 2.5}, "target_points: expected a whole number of 64 bits, got 2.5"),
-        ({"variant": "best"}, "variant: expected one of lnms, lios, cnms, cios, got 'best'"),
+        ({"variant": "best"}, "variant: expected 'lnms', 'lios', 'cnms' or 'cios', got 'best'"),
         ({"max_edge": 0.0}, "max_edge: expected > 0"),
         ({"max_edge": math.nan}, "max_edge: expected > 0"),
         ({"reading": {"stencil": "wide"}}, "stencil is one of gradient_of_gradient, compact"),

@@ -903,7 +903,7 @@ def test_modes() -> None:
 def test_wrong_options() -> None:
     hill = exact_models.hill(5)
     with pytest.raises(
-        InputError, match="mode: expected 'quality', 'published' or 'fast', got 'best'"
+        InputError, match="mode: expected 'quality', 'published' or 'fast' or None, got 'best'"
     ):
         simplify.simplify(hill, "best", ratio=0.5)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="expected at least one"):

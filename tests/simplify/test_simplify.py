@@ -471,9 +471,9 @@ def test_targets_combine_to_the_first_reached() -> None:
         ({"ratio": 0.5, "boundary_weight": -1.0}, "boundary_weight: expected a finite number"),
         ({"ratio": 0.5, "seam_weight": float("inf")}, "seam_weight: expected a finite number"),
         ({"ratio": 0.5, "quality_threshold": 2.0}, "quality_threshold: expected a number"),
-        ({"ratio": 0.5, "curvature": "round"}, "curvature: expected one of 'turning', 'paper'"),
-        ({"ratio": 0.5, "seam_mode": "x"}, "seam_mode: expected one of"),
-        ({"ratio": 0.5, "link_condition": "x"}, "link_condition: expected one of"),
+        ({"ratio": 0.5, "curvature": "round"}, "curvature: expected 'turning' or 'paper'"),
+        ({"ratio": 0.5, "seam_mode": "x"}, "seam_mode: expected 'planes', 'paper' or"),
+        ({"ratio": 0.5, "link_condition": "x"}, "link_condition: expected 'manifold'"),
     ],
 )
 def test_bad_options_are_refused(options: dict[str, object], message: str) -> None:
