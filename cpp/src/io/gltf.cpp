@@ -40,11 +40,6 @@ struct Transform {
   [[nodiscard]] bool mirrors() const { return linear.determinant() < 0.0; }
 };
 
-// Modes of a primitive, glTF 2.0, section 5.24.4; the smaller ones are points and lines.
-constexpr std::int64_t kTriangles = 4;
-constexpr std::int64_t kTriangleStrip = 5;
-constexpr std::int64_t kTriangleFan = 6;
-
 constexpr const char* kTextureTransform = "KHR_texture_transform";
 
 /// offset, rotation (radians) and scale of KHR_texture_transform: glTF's (u, v) becomes

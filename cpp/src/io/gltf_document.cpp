@@ -394,9 +394,8 @@ const GltfAccessor& GltfDocument::accessor(const JsonPlace& user) {
 }
 
 bool has_triangles(const JsonPlace& primitive) {
-  constexpr std::int64_t kTriangles = 4, kLast = 6;  // glTF 2.0, section 5.24.4
   const auto mode = primitive.find("mode");
-  return !mode || mode->integer(0, kLast) >= kTriangles;
+  return !mode || mode->integer(0, kTriangleFan) >= kTriangles;
 }
 
 }  // namespace manip3d
