@@ -75,13 +75,14 @@ struct Primitive {
   std::optional<JsonPlace> targets = std::nullopt;
   TextureTransform texture = {};
   std::int32_t material = -1;
-  std::int64_t mode = kTriangles;
+  std::int64_t mode = kModeTriangles;
 
   [[nodiscard]] std::int64_t num_corners() const {
     return indices != nullptr ? indices->count : position->count;
   }
   [[nodiscard]] std::int64_t num_faces() const {
-    return mode == kTriangles ? num_corners() / 3 : std::max<std::int64_t>(num_corners() - 2, 0);
+    return mode == kModeTriangles ? num_corners() / 3
+                                  : std::max<std::int64_t>(num_corners() - 2, 0);
   }
 };
 
@@ -734,8 +735,8 @@ class Reader {
 
   std::optional<Primitive> read_primitive(const JsonPlace& place) {
     Primitive p{.place = place};
-    if (const auto mode = place.find("mode")) p.mode = mode->integer(0, kTriangleFan);
-    if (p.mode < kTriangles) {
+    if (const auto mode = place.find("mode")) p.mode = mode->integer(0, kModeTriangleFan);
+    if (p.mode < kModeTriangles) {
       if (!is_scene_) warn(result_.warnings, "points and lines are left out");
       return std::nullopt;
     }
@@ -774,7 +775,7 @@ class Reader {
       p.indices = &document_.accessor(*indices);
       p.indices->check_indices();
     }
-    if (p.mode == kTriangles && p.num_corners() % 3 != 0) {
+    if (p.mode == kModeTriangles && p.num_corners() % 3 != 0) {
       place.fail(std::to_string(p.num_corners()) + " corners do not make whole triangles");
     }
     return p;
@@ -1129,8 +1130,8 @@ class Reader {
 
   /// The corners of face f in the list of corners: glTF 2.0, section 3.7.2.1.
   static std::array<std::int64_t, 3> face_corners(std::int64_t mode, std::int64_t f) {
-    if (mode == kTriangleStrip) return {f, f + 1 + f % 2, f + 2 - f % 2};
-    if (mode == kTriangleFan) return {f + 1, f + 2, 0};
+    if (mode == kModeTriangleStrip) return {f, f + 1 + f % 2, f + 2 - f % 2};
+    if (mode == kModeTriangleFan) return {f + 1, f + 2, 0};
     return {3 * f, 3 * f + 1, 3 * f + 2};
   }
 

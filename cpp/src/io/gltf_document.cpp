@@ -395,7 +395,7 @@ const GltfAccessor& GltfDocument::accessor(const JsonPlace& user) {
 
 bool has_triangles(const JsonPlace& primitive) {
   const auto mode = primitive.find("mode");
-  return !mode || mode->integer(0, kTriangleFan) >= kTriangles;
+  return !mode || mode->integer(0, kModeTriangleFan) >= kModeTriangles;
 }
 
 }  // namespace manip3d

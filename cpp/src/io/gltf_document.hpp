@@ -20,9 +20,9 @@ using ByteSpan = std::span<const std::byte>;
 inline constexpr const char* kDraco = "KHR_draco_mesh_compression";
 
 // Modes of a primitive, glTF 2.0, section 5.24.4; the smaller ones are points and lines.
-inline constexpr std::int64_t kTriangles = 4;
-inline constexpr std::int64_t kTriangleStrip = 5;
-inline constexpr std::int64_t kTriangleFan = 6;
+inline constexpr std::int64_t kModeTriangles = 4;
+inline constexpr std::int64_t kModeTriangleStrip = 5;
+inline constexpr std::int64_t kModeTriangleFan = 6;
 
 /// Component types of glTF accessors; the values are those of the file (OpenGL's).
 enum class GltfType : int {
