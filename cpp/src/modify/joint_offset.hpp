@@ -30,7 +30,7 @@ class JointOffset {
   void reset() { *this = {}; }
 
  private:
-  /// Where the flesh of some limbs lies, as the mean over the frames.
+  /// Place of the flesh of some limbs, as the mean over the frames.
   struct Mean {
     double frames = 0.0;
     Eigen::Vector3d across = Eigen::Vector3d::Zero();  ///< To the viewing direction, metres.

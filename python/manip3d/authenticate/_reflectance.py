@@ -45,7 +45,7 @@ OTHER_STEPS = (1.0, 1.0 / 255.0)
 """Steps of other files of the scanner: its own unit of 0 to 255, and that divided by 255."""
 
 FULL_OF_16_BITS = 65535.0
-"""What files of whole numbers of 16 bits, such as LAS, have for a reflectance of 1."""
+"""A reflectance of 1 in files of whole numbers of 16 bits, such as LAS."""
 
 SAMPLE = 7
 """One pair of rows in so many is looked at to tell rewritten reflectances: a prime, since files may
