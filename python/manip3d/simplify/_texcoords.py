@@ -85,8 +85,8 @@ def texcoords_of(
         corners = original.faces[face]
         shares = barycentric(original.vertices[corners], points)
         found[rows] = np.einsum("nc,ncsd->nsd", shares, values[corners].astype(np.float64))
-    parted = np.column_stack([vertex, _bits(found.reshape(len(found), -1))])
-    _, kept, alike = np.unique(parted, axis=0, return_index=True, return_inverse=True)
+    keys = np.column_stack([vertex, _bits(found.reshape(len(found), -1))])
+    _, kept, alike = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     faces = alike.reshape(-1)[which.reshape(-1)].reshape(-1, 3).astype(np.int32)
     return vertex[kept], faces, found[kept]
 

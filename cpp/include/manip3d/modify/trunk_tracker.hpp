@@ -187,7 +187,7 @@ class TrunkTracker {
 
   Limb affected_;
   Eigen::Vector3d down_ = Eigen::Vector3d::UnitY();
-  Eigen::Vector3d offset_ = Eigen::Vector3d::Zero();  ///< From joints to the limbs' flesh.
+  Eigen::Vector3d offset_ = Eigen::Vector3d::Zero();  ///< Metres, limbs' flesh from joints.
   std::optional<Pose> pose_;
   Vector6 velocity_ = Vector6::Zero();  ///< Rotation vector and translation, per second.
   double time_s_ = 0.0, joints_time_s_ = 0.0, contradicted_since_ = 0.0;
