@@ -43,6 +43,9 @@ class GltfBudget {
   }
   /// @throws FormatError  that is too much; names `who`.
   void charge(std::int64_t bytes, const std::string& who);
+  void charge(std::int64_t rows, std::int64_t bytes_per_row, const std::string& who) {
+    charge(rows * bytes_per_row, who);
+  }
 
  private:
   std::int64_t stored_bytes_;

@@ -393,6 +393,17 @@ const GltfAccessor& GltfDocument::accessor(const JsonPlace& user) {
   return accessors_.emplace(place.pointer(), read_accessor(place)).first->second;
 }
 
+const GltfAccessor* GltfDocument::attribute(const JsonPlace& attributes, const char* name,
+                                            int fewest, int most) {
+  const auto user = attributes.find(name);
+  if (!user) return nullptr;
+  const GltfAccessor& found = accessor(*user);
+  if (found.num_components < fewest || found.num_components > most) {
+    found.place.fail(std::string("the type does not suit ") + name);
+  }
+  return &found;
+}
+
 bool has_triangles(const JsonPlace& primitive) {
   const auto mode = primitive.find("mode");
   return !mode || mode->integer(0, kModeTriangleFan) >= kModeTriangles;

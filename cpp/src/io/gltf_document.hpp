@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <cstddef>
 #include <cstdint>
 #include <map>
@@ -79,6 +80,10 @@ class GltfDocument {
   [[nodiscard]] std::int64_t count(const char* array) const;
 
   const GltfAccessor& accessor(const JsonPlace& user);
+  /// The accessor of an attribute; null where there is none.
+  /// @throws FormatError  its elements have fewer or more components.
+  const GltfAccessor* attribute(const JsonPlace& attributes, const char* name, int fewest,
+                                int most);
   /// The bytes of a view, decoded where they are compressed (meshopt_extension()).
   ByteSpan buffer_view(const JsonPlace& user);
 
@@ -111,6 +116,15 @@ class GltfDocument {
   std::map<std::string, Bytes> buffers_;
   std::map<std::string, GltfAccessor> accessors_;  ///< By pointer.
 };
+
+/// An array of N numbers. @throws FormatError  it is not that.
+template <int N>
+Eigen::Vector<double, N> vector_of(const JsonPlace& place) {
+  if (place.size() != N) place.fail("expected " + std::to_string(N) + " numbers");
+  Eigen::Vector<double, N> values;
+  for (int i = 0; i < N; ++i) values[i] = place.item(i).number();
+  return values;
+}
 
 /// Whether a primitive is neither points nor lines.
 bool has_triangles(const JsonPlace& primitive);

@@ -1,0 +1,60 @@
+#include "io/gltf_asset.hpp"
+
+#include <algorithm>
+#include <array>
+#include <string_view>
+
+#include "io/gltf_materials.hpp"
+#include "io/gltf_nodes.hpp"
+#include "io/gltf_scene.hpp"
+#include "io/warnings.hpp"
+
+namespace manip3d {
+namespace {
+
+/// Extensions that change how a mesh looks, not where it is: it is read without them, even if the
+/// file requires them.
+bool changes_looks(const std::string& name) {
+  constexpr std::array<std::string_view, 7> kLooks = {
+      "EXT_texture_avif",     "EXT_texture_webp",   "KHR_lights_punctual", "KHR_technique_webgl",
+      "KHR_techniques_webgl", "KHR_texture_basisu", "MSFT_texture_dds"};
+  return name.starts_with("KHR_materials_") ||
+         std::find(kLooks.begin(), kLooks.end(), name) != kLooks.end();
+}
+
+bool is_read_extension(const std::string& name) {
+  return name == "KHR_mesh_quantization" || name == kTextureTransform || name == kInstancing ||
+         name == kEmissiveStrength || name == kDraco || is_meshopt_extension(name);
+}
+
+}  // namespace
+
+void check_gltf_asset(GltfDocument& document, const IsKeptExtension& is_kept,
+                      std::vector<std::string>& warnings) {
+  const JsonPlace version = document.root().member("asset").member("version");
+  if (!version.text().starts_with("2.")) {
+    version.fail("expected glTF 2.x, got version " + version.text());
+  }
+  const auto is_known = [&](const std::string& name) {
+    return is_read_extension(name) || (is_kept && is_kept(name));
+  };
+  if (const auto required = document.root().find("extensionsRequired")) {
+    for (std::int64_t i = 0; i < required->size(); ++i) {
+      const std::string& name = required->item(i).text();
+      if (!is_known(name) && !changes_looks(name)) {
+        required->item(i).fail("the file requires the extension " + name + ", which is not read");
+      }
+    }
+  }
+  if (const auto used = document.root().find("extensionsUsed")) {
+    for (std::int64_t i = 0; i < used->size(); ++i) {
+      const std::string& name = used->item(i).text();
+      if (!is_known(name)) warn(warnings, "extension " + name + " is left out");
+    }
+  }
+  if (document.place_meshes_without_nodes()) {
+    warn(warnings, "the file has no nodes: all its meshes are read, where their vertices are");
+  }
+}
+
+}  // namespace manip3d

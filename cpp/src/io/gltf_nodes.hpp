@@ -1,0 +1,81 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "io/gltf_document.hpp"
+#include "manip3d/io/scene_file.hpp"
+
+namespace manip3d {
+
+inline constexpr const char* kInstancing = "EXT_mesh_gpu_instancing";
+
+/// x -> linear x + translation.
+struct GltfTransform {
+  Eigen::Matrix3d linear = Eigen::Matrix3d::Identity();
+  Eigen::Vector3d translation = Eigen::Vector3d::Zero();
+
+  GltfTransform operator*(const GltfTransform& child) const {
+    return {linear * child.linear, linear * child.translation + translation};
+  }
+  [[nodiscard]] bool mirrors() const { return linear.determinant() < 0.0; }
+};
+
+/// A mesh as a node shows it.
+struct GltfInstance {
+  std::int64_t mesh;
+  GltfTransform transform = {};
+  /// Weights of the morph targets; null: all are zero.
+  std::optional<JsonPlace> weights = std::nullopt;
+  /// Places of the mesh by each joint of a skin; null: no skin.
+  const std::vector<GltfTransform>* joints = nullptr;
+};
+
+/// The nodes of a file, which are a forest, and their skins.
+class GltfNodes {
+ public:
+  /// @throws FormatError  a node that has two parents or is its own ancestor.
+  GltfNodes(GltfDocument& document, GltfBudget& budget);
+
+  /// What the default scene shows, in depth-first order of its nodes. What it returns refers to
+  /// this object.
+  [[nodiscard]] std::vector<GltfInstance> drawn_instances();
+  [[nodiscard]] std::vector<SceneNode> scene_nodes();
+  /// Whether a node is part of any scene.
+  [[nodiscard]] std::vector<bool> shown() const;
+
+ private:
+  using Indices = std::vector<std::int64_t>;
+
+  /// The joints of a skin, and what takes the coordinates of a mesh to those of each.
+  struct Skin {
+    Indices joints;
+    std::vector<GltfTransform> inverse_binds;
+  };
+
+  [[nodiscard]] JsonPlace node(std::int64_t index) const;
+  void check_acyclic() const;
+  [[nodiscard]] Indices drawn_roots() const;
+  [[nodiscard]] Indices roots_of(const JsonPlace& scene) const;
+  void mark_below(Indices roots, std::vector<bool>& marked) const;
+  void add_instances(const JsonPlace& place, const GltfTransform& world,
+                     std::vector<GltfInstance>& instances);
+  std::optional<std::vector<GltfTransform>> gpu_instances(const JsonPlace& place);
+  const Skin& skin(const JsonPlace& user);
+  const std::vector<GltfTransform>& places_of_joints(const JsonPlace& user);
+  const GltfTransform& world_of(std::int64_t index);
+
+  GltfDocument& document_;
+  GltfBudget& budget_;
+  std::vector<Indices> children_;
+  Indices parents_;                    ///< -1: none.
+  std::map<std::string, Skin> skins_;  ///< By pointer.
+  std::map<const Skin*, std::vector<GltfTransform>> places_of_joints_;
+  std::map<std::int64_t, GltfTransform> worlds_;  ///< Those that world_of() has looked at.
+};
+
+}  // namespace manip3d

@@ -1,0 +1,181 @@
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <string>
+#include <utility>
+
+#include "io/gltf.hpp"
+#include "io/gltf_asset.hpp"
+#include "io/gltf_deformation.hpp"
+#include "io/gltf_primitives.hpp"
+#include "io/gltf_shell.hpp"
+#include "io/gltf_triangles.hpp"
+#include "io/warnings.hpp"
+
+namespace manip3d {
+namespace {
+
+/// The nodes that refer to a mesh, taken together.
+struct MeshUse {
+  bool is_drawn = false;  ///< The default scene shows one of them.
+  bool is_shown = false;  ///< Some scene does.
+  bool has_skin = false;
+};
+
+JsonPlace mesh_place(const GltfDocument& document, std::int64_t mesh) {
+  return document.root().member("meshes").item(mesh);
+}
+
+/// By mesh. One pass over the nodes: there may be as many meshes as nodes.
+std::vector<MeshUse> uses_of_meshes(const GltfDocument& document,
+                                    const std::vector<SceneNode>& nodes,
+                                    const std::vector<bool>& is_shown) {
+  std::vector<MeshUse> uses(document.count("meshes"));
+  for (std::size_t n = 0; n < nodes.size(); ++n) {
+    if (nodes[n].mesh < 0) continue;
+    const JsonPlace place = document.root().member("nodes").item(static_cast<std::int64_t>(n));
+    MeshUse& use = uses[nodes[n].mesh];
+    use.is_drawn = use.is_drawn || nodes[n].is_drawn;
+    use.is_shown = use.is_shown || is_shown[n];
+    use.has_skin = use.has_skin || place.has("skin");
+  }
+  return uses;
+}
+
+/// Why a mesh must stay as it is in the file: a TriangleMesh in its place would lose something that
+/// the scene needs. Empty: it can be replaced.
+std::string reason_to_keep(const JsonPlace& mesh, const MeshUse& use) {
+  if (!use.is_drawn) return "the default scene does not show it";
+  const JsonPlace primitives = mesh.member("primitives");
+  for (std::int64_t i = 0; i < primitives.size(); ++i) {
+    if (!primitives.item(i).member("attributes").has("POSITION")) {
+      return "it has primitives without POSITION";
+    }
+  }
+  return reason_not_to_deform(primitives, use.has_skin);
+}
+
+/// Names what the triangles lose that take the place of a primitive's.
+void warn_of_losses(GltfDocument& document, const JsonPlace& primitive,
+                    std::vector<std::string>& warnings) {
+  const JsonPlace attributes = primitive.member("attributes");
+  std::set<std::string> held = {"POSITION", "NORMAL", "TEXCOORD_0", "COLOR_0"};
+  const std::int64_t num_more = std::ssize(more_texcoords_of(document, primitive));
+  for (std::int64_t set = 1; set <= num_more; ++set) held.insert(texcoords_in_set(set));
+  for (const auto& [name, accessor] : attributes.value().items()) {
+    if (name.starts_with("JOINTS_") || name.starts_with("WEIGHTS_") || held.contains(name)) {
+      continue;
+    }
+    std::string why;
+    if (name == "TANGENT") why = ": viewers compute it from the texture coordinates";
+    if (name.starts_with("TEXCOORD_") && !reads_more_texcoords(document, primitive)) {
+      why = ": no texture reads it";
+    }
+    warn(warnings, name + " of meshes that are simplified is left out" + why);
+  }
+  const auto color = attributes.find("COLOR_0");
+  if (color && document.accessor(*color).num_components == 4) {
+    warn(warnings, "alpha of vertex colours of meshes that are simplified is left out");
+  }
+  if (primitive.has("extras")) {
+    warn(warnings, "extras of primitives that are simplified are left out");
+  }
+  const auto extensions = primitive.find("extensions");
+  if (!extensions) return;
+  for (const auto& [name, content] : extensions->value().items()) {
+    if (name == kVariants) continue;
+    warn(warnings, "extensions of primitives that are simplified are left out");
+  }
+}
+
+/// TEXCOORD_1, TEXCOORD_2, ... of the vertices of a mesh.
+MoreTexcoords read_more_texcoords(GltfDocument& document,
+                                  const std::vector<PlacedPrimitive>& primitives,
+                                  std::int64_t num_vertices, GltfBudget& budget) {
+  MoreTexcoords more;
+  for (const PlacedPrimitive& primitive : primitives) {
+    more.num_sets =
+        std::max(more.num_sets, std::ssize(more_texcoords_of(document, primitive.place)));
+  }
+  if (more.num_sets == 0) return more;
+  const std::int64_t width = 2 * more.num_sets;
+  budget.charge(num_vertices, width * static_cast<std::int64_t>(sizeof(float)), "meshes");
+  more.values.assign(num_vertices * width, std::numeric_limits<float>::quiet_NaN());
+  for (const PlacedPrimitive& primitive : primitives) {
+    std::int64_t column = 0;
+    for (const GltfAccessor* set : more_texcoords_of(document, primitive.place)) {
+      budget.charge(set->count, 2 * sizeof(double), set->place.pointer());
+      std::vector<double> values(2 * set->count);
+      set->decode(values.data());
+      for (std::int64_t i = 0; i < set->count; ++i) {
+        float* row = more.values.data() + (primitive.first_vertex + i) * width + column;
+        row[0] = static_cast<float>(values[2 * i]);
+        row[1] = static_cast<float>(values[2 * i + 1]);
+      }
+      column += 2;
+    }
+  }
+  return more;
+}
+
+SceneMesh read_scene_mesh(GltfDocument& document, std::int64_t index, std::string fixed,
+                          GltfBudget& budget) {
+  const JsonPlace place = mesh_place(document, index);
+  SceneMesh read;
+  read.fixed = std::move(fixed);
+  if (const auto name = place.find("name")) read.name = name->text();
+  GltfInstance instance{.mesh = index};
+  // The morph targets of a mesh that may be replaced are added to it again when it is shown.
+  if (!read.fixed.empty()) instance.weights = place.find("weights");
+  std::vector<std::string> in_document;  // what these warn of is not lost
+  GltfTriangles triangles =
+      read_triangles(document, {instance}, GltfTexcoords::kStored, budget, in_document, {});
+  read.mesh = std::move(triangles.mesh);
+  if (read.mesh.faces.rows() == 0) read.fixed = "it has no triangles";
+  if (read.fixed.empty()) {
+    const std::int64_t num_vertices = read.mesh.vertices.rows();
+    read.deformation = read_deformation(document, triangles.owners, num_vertices, budget);
+    read.more_texcoords = read_more_texcoords(document, triangles.owners, num_vertices, budget);
+  }
+  return read;
+}
+
+}  // namespace
+
+Scene parse_gltf_scene(std::span<const std::byte> data, const GltfResource& resource,
+                       GltfBudget budget, const Progress& progress, const DracoDecoder& draco) {
+  GltfDocument document(data, resource, budget);
+  Scene scene;
+  check_gltf_asset(document, is_kept_extension, scene.warnings);
+  const std::int64_t num_meshes = document.count("meshes");
+  document.expand_draco(draco, std::vector<bool>(num_meshes, true));
+  GltfNodes nodes(document, budget);
+  scene.nodes = nodes.scene_nodes();
+  GltfKept kept{std::vector<bool>(num_meshes, false), std::vector<bool>(num_meshes, false),
+                nodes.shown()};
+  const std::vector<MeshUse> uses = uses_of_meshes(document, scene.nodes, kept.nodes);
+  for (std::int64_t m = 0; m < num_meshes; ++m) {
+    const JsonPlace place = mesh_place(document, m);
+    scene.meshes.push_back(read_scene_mesh(document, m, reason_to_keep(place, uses[m]), budget));
+    const bool is_replaced = scene.meshes.back().fixed.empty();
+    const JsonPlace primitives = place.member("primitives");
+    for (std::int64_t i = 0; is_replaced && i < primitives.size(); ++i) {
+      if (has_triangles(primitives.item(i))) {
+        warn_of_losses(document, primitives.item(i), scene.warnings);
+      }
+    }
+    kept.meshes[m] = !is_replaced && uses[m].is_shown;
+    kept.replaced[m] = is_replaced;
+    if (progress) progress(static_cast<double>(m + 1) / static_cast<double>(num_meshes));
+  }
+  scene.materials = read_scene_materials(document, budget);
+  GltfScene shell = read_gltf_shell(document, kept, resource, budget, scene.warnings);
+  constexpr auto kReplace = nlohmann::ordered_json::error_handler_t::replace;
+  scene.document = shell.json.dump(-1, ' ', false, kReplace);
+  scene.buffer = std::move(shell.buffer);
+  return scene;
+}
+
+}  // namespace manip3d
