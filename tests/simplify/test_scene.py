@@ -542,6 +542,16 @@ def test_small_meshes_vanish_where_their_corners_would_take_a_tenth_of_the_faces
     assert counts[3] == 0
 
 
+@pytest.mark.parametrize("method", ["quality", "fast"])
+def test_small_meshes_keep_a_few_faces_in_each_level(method: str, tmp_path: Path) -> None:
+    scene = io.read_scene(ball_with_buttons(tmp_path / "buttons.glb"))
+    chain = simplify.scene_lods(scene, [800, 300, 200], method=method)
+    for level, target in zip(chain.levels[1:], (800, 300, 200), strict=True):
+        assert level.num_faces <= target
+    for level in chain.levels:
+        assert all(mesh.num_faces > 0 for mesh in level.scene.meshes)
+
+
 @pytest.mark.parametrize(("textures", "is_seen"), [([], False), ([{"source": 0}], True)])
 def test_a_texture_of_any_format_is_seen(
     textures: list[Any], is_seen: bool, tmp_path: Path

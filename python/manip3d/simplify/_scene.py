@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from manip3d.simplify._collapse import (
     has_surface,
 )
 from manip3d.simplify._deformation import deformation_of, rows_of, sway
-from manip3d.simplify._lod import check_options, lod_chain, runner, targets_of
+from manip3d.simplify._lod import LodChain, check_options, lod_chain, runner, targets_of
 from manip3d.simplify._memory import simplify_within
 from manip3d.simplify._parts import compact_rows
 from manip3d.simplify._quality import QualityResult
@@ -636,14 +636,19 @@ def simplify_scene(
         corners = placed.corners_of_vanished(result.mesh, drawn)
         if corners is None:
             return result
-        locked = limits.get("locked")
-        limits["locked"] = corners if locked is None else corners | locked
+        limits = _with_locked(limits, corners)
         again = _meet(placed, drawn, at, None)
         return again if again.stop == StopReason.TARGET_REACHED else result
 
     bounded = max_distance is not None
     sways = method in ("quality", "fast") and not bounded and box is None
     return _simplified_groups(scene, target, simplified, progress, bounded=bounded, sways=sways)
+
+
+def _with_locked(limits: Mapping[str, Any], corners: NDArray[np.bool_]) -> dict[str, Any]:
+    """Return arguments of a method by which these vertices stay, too."""
+    locked = limits.get("locked")
+    return {**limits, "locked": corners if locked is None else corners | np.asarray(locked)}
 
 
 def _importance_of(
@@ -819,6 +824,9 @@ def scene_lods(
 ) -> SceneLods:
     """Make levels of detail of a scene, with its nodes and instances.
 
+    Where whole meshes vanish in a level, ``"quality"`` and ``"fast"`` keep four corners of each, as
+    :func:`simplify_scene` does.
+
     Parameters
     ----------
     scene : Scene
@@ -862,23 +870,44 @@ def scene_lods(
     if not isinstance(levels, int) and first < total:
         of_first = (max(1, level * first // total) for level in targets_of(total, levels, ratio))
         levels = list(dict.fromkeys(of_first))
+
+    def chain_of(placed: _Placed, mesh: Mesh, levels: Any, progress: Progress) -> LodChain:
+        chain = lod_chain(
+            mesh, levels, ratio=ratio, method=method, options=options, progress=progress
+        )
+        return _with_small_meshes(placed, chain, method, options)
+
     with sharing(progress, "lod") as part:
         parts = [part(*own) for own in shares([mesh.num_faces for mesh in meshes])]
-        chain = lod_chain(
-            meshes[0], levels, ratio=ratio, method=method, options=options, progress=parts[0]
-        )
+        chain = chain_of(free[0], meshes[0], levels, parts[0])
         found = [free[0].split(level.mesh, cleared) for level in chain.levels[1:]]
         errors = [level.max_error * free[0].unit for level in chain.levels[1:]]
         others = list(zip(free, meshes, parts, strict=True))[1:] if found else []
         for placed, mesh, own_part in others:
             # Each mesh keeps the share of its faces that the first group keeps.
             own = [max(1, lv.num_faces * mesh.num_faces // first) for lv in chain.levels[1:]]
-            coarser = lod_chain(
-                mesh, list(dict.fromkeys(own)), method=method, options=options, progress=own_part
-            ).levels
+            coarser = chain_of(placed, mesh, list(dict.fromkeys(own)), own_part).levels
             for i, target in enumerate(own):
                 level = next((lv for lv in coarser if lv.num_faces <= target), coarser[-1])
                 found[i] = placed.split(level.mesh, found[i])
                 errors[i] = max(errors[i], level.max_error * placed.unit)
     made = [SceneLevel(own, error) for own, error in zip(found, errors, strict=True)]
     return SceneLods((SceneLevel(scene, 0.0), *made), chain.result, chain.error_measure)
+
+
+def _with_small_meshes(
+    placed: _Placed, chain: LodChain, method: str, options: Mapping[str, Any] | None
+) -> LodChain:
+    """Make levels again in which whole meshes vanish, as `simplify_scene` does."""
+    if method not in ("quality", "fast"):
+        return chain
+    finest, *coarser = chain.levels
+    made = [finest]
+    for level in coarser:
+        corners = placed.corners_of_vanished(level.mesh, placed.num_drawn(level.mesh))
+        if corners is not None:
+            limits = _with_locked(options or {}, corners)
+            again = lod_chain(finest.mesh, [level.num_faces], method=method, options=limits)
+            level = again.levels[-1] if len(again.levels) > 1 else level
+        made.append(level)
+    return replace(chain, levels=tuple(made))
