@@ -322,12 +322,7 @@ def _charts(
 ) -> list[tuple[str, list[Point], float | None]]:
     """Title, points and upper end of the axis of each chart; None: as high as the points."""
     start = person.enrolled
-    games = [
-        game
-        for session in sessions
-        for game in session.games
-        if not game.is_simulated and game.ending not in ("stopped", "interrupted")
-    ]
+    games = [game for session in sessions for game in session.games if game.counts]
     kinds = sorted({(game.game, game.difficulty) for game in games})
     after = [
         Point.of(session.started, start, session.pain_after)

@@ -88,7 +88,7 @@ def adherence(
     start : datetime
         First day of the protocol.
     today : date
-        Last day that counts, at most the protocol's last one.
+        Last day that counts; days after the protocol's last one do not count either.
     protocol : Protocol, optional
 
     Returns
@@ -98,7 +98,7 @@ def adherence(
     Raises
     ------
     InputError
-        Today is before the start.
+        ``today`` is before the start.
 
     Examples
     --------
@@ -113,22 +113,26 @@ def adherence(
     complete, partial, played = Counter[int](), Counter[int](), set[int]()
     for session in sessions:
         day = (session.started.date() - start.date()).days
-        games = sum(
-            game.ending not in ("stopped", "interrupted") and not game.is_simulated
-            for game in session.games
-        )
+        games = sum(game.counts for game in session.games)
         if not 0 <= day < days or not games:
             continue
         played.add(day)
         (complete if games >= plan.games_a_session else partial)[day] += 1
-    done = sum(min(number, plan.sessions_a_day) for number in complete.values())
-    rest = sum(
+    num_complete = sum(min(number, plan.sessions_a_day) for number in complete.values())
+    num_partial = sum(
         min(number, plan.sessions_a_day - min(complete[day], plan.sessions_a_day))
         for day, number in partial.items()
     )
     expected = days * plan.sessions_a_day
-    simulated = sum(game.is_simulated for session in sessions for game in session.games)
-    return Adherence(days, expected, done, rest, len(played), done / expected, simulated)
+    return Adherence(
+        days=days,
+        expected=expected,
+        complete=num_complete,
+        partial=num_partial,
+        days_played=len(played),
+        share=num_complete / expected,
+        simulated=sum(game.is_simulated for session in sessions for game in session.games),
+    )
 
 
 @checked

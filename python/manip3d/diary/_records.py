@@ -125,6 +125,11 @@ class DiaryGame:
         """Whether nobody played: the person before the camera was a simulated one."""
         return self.source.startswith("sim:")
 
+    @property
+    def counts(self) -> bool:
+        """Whether it counts for the protocol and its trends: a person played it to its end."""
+        return self.ending not in ("stopped", "interrupted") and not self.is_simulated
+
 
 @dataclass(frozen=True)
 class ExportedFile:
