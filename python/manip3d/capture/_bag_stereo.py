@@ -237,7 +237,7 @@ class _Waiting(Generic[_Item]):
         while self._bytes > _MOST_KEPT or len(self.items) > _MOST_WAITING_PICTURES:
             self._bytes -= self.items.popleft()[1]
 
-    def taken(self, stamp_ns: int) -> _Item | None:
+    def take(self, stamp_ns: int) -> _Item | None:
         """Take out what has this stamp, to a millisecond; None: nothing has."""
         for number, (stamp, size, item) in enumerate(self.items):
             if abs(stamp - stamp_ns) <= _SAME_NS:
@@ -263,7 +263,7 @@ class _Pairs:
         """Join a picture with the other camera's of the same moment, or keep it for that."""
         side = self._topics.index(picture.header["picture"])
         stamp = picture.header["stamp_ns"]
-        other = self._single[1 - side].taken(stamp)
+        other = self._single[1 - side].take(stamp)
         if other is None:
             self._single[side].add(stamp, len(picture.data), picture)
             return
@@ -275,8 +275,11 @@ class _Pairs:
         """Whether a pair is there that is not older than the scan."""
         return any(stamp >= (scan.time_ns or 0) for stamp, _, _ in self._joined.items)
 
-    def taken(self, scan: LidarFrame, before: int | None, after: int | None) -> _Pair | None:
-        """The pair of the nearest stamp, within half the time to the scan before or after."""
+    def take_nearest(self, scan: LidarFrame, before: int | None, after: int | None) -> _Pair | None:
+        """Return the pair of the nearest stamp, and forget what is too old for any later scan.
+
+        The pair is within half the time to the scan before or after, else None.
+        """
         now = scan.time_ns or 0
         gaps = [abs(other - now) for other in (before, after) if other not in (None, now)]
         farthest = min(gaps, default=round(TURN_S * SECOND_NS)) / 2
@@ -293,7 +296,8 @@ def matched(
     """Each scan with the pair of the nearest stamp, within half the time to its nearer neighbour.
 
     A scan waits for the scan after it and for a pair that is not older than itself, but never for
-    more than ten further scans. An error of the messages is raised after the scans before it.
+    more than `_MOST_WAITING` further scans; without ``topics`` it does not wait. An error of the
+    messages is raised after the scans before it.
     """
     scans: deque[LidarFrame] = deque()
     pairs = _Pairs(topics)
@@ -312,7 +316,7 @@ def matched(
         ):
             scan = scans.popleft()
             after = scans[0].time_ns if scans else None
-            yield _moment(scan, pairs.taken(scan, before, after))
+            yield _moment(scan, pairs.take_nearest(scan, before, after))
             before = scan.time_ns
         if isinstance(message, Exception):
             raise message
