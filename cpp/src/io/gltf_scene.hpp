@@ -23,6 +23,9 @@ struct GltfImage {
   std::string path;       ///< Path of the texture; "" when only its bytes are known.
 };
 
+/// MIME type of an image by its first bytes, such as image/png; "" for what no bufferView may hold.
+std::string_view image_type(std::string_view data);
+
 /// A mesh in glTF's terms. `json` lacks what depends on where the bytes go: /buffers, and for each
 /// of `images`, in order, its uri or bufferView.
 struct GltfScene {
@@ -51,29 +54,8 @@ GltfScene build_gltf(const MeshView& mesh, const std::vector<Material>& material
                      const GltfTextureReader& read_texture, std::vector<std::string>& warnings,
                      const WriteOptions& options = {});
 
-/// How positions are stored: `origin + scale * stored`. Without a scale they are float32.
-struct PositionFrame {
-  Eigen::Vector3d origin = Eigen::Vector3d::Zero();
-  double scale = 0.0;
-
-  [[nodiscard]] bool is_quantized() const { return scale > 0.0; }
-};
-
-/// The frame in which 16-bit integers span the box of all levels; one scale for the
-/// three axes, so that normals need none.
-/// @throws InputError  values beyond float32.
-PositionFrame quantized_frame(const std::vector<const MeshView*>& levels);
-
 /// Names the extension of quantised attributes among those that readers must know.
 void require_quantization(nlohmann::ordered_json& document);
-
-/// The primitives of a mesh, with their accessors in `scene`: positions in `frame`, materials by
-/// their index. In a quantised frame normals and texture coordinates are integers, too. Joints and
-/// morph targets need a frame that is not.
-/// @throws InputError  as build_gltf, and a deformation that does not fit the mesh.
-nlohmann::ordered_json write_primitives(GltfScene& scene, const SceneTriangles& triangles,
-                                        std::size_t num_materials, std::int64_t max_vertices,
-                                        const PositionFrame& frame);
 
 /// Puts the images into the buffer and gives all bytes of a GLB file that precede the buffer.
 /// @throws InputError  more than 4 GiB.

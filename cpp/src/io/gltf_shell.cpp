@@ -20,17 +20,6 @@ using Json = nlohmann::ordered_json;
 constexpr std::int64_t kLargestImage = std::int64_t{1} << 31;
 constexpr std::int64_t kLargestOffset = std::int64_t{1} << 53;
 
-/// MIME type of an image that a bufferView may hold; "" for others.
-std::string image_type(std::string_view data) {
-  if (data.starts_with("\x89PNG\r\n\x1A\n")) return "image/png";
-  if (data.starts_with("\xFF\xD8\xFF")) return "image/jpeg";
-  if (data.starts_with("RIFF") && data.substr(8).starts_with("WEBP")) return "image/webp";
-  if (data.starts_with("\xABKTX 20")) return "image/ktx2";
-  if (data.starts_with("DDS ")) return "image/vnd-ms.dds";
-  if (data.size() > 4 && data.substr(4).starts_with("ftypavif")) return "image/avif";
-  return "";
-}
-
 /// Bytes of an element of an accessor: columns of matrices start at multiples of four bytes.
 std::int64_t element_bytes(const JsonPlace& accessor) {
   const std::int64_t code = accessor.member("componentType").integer(5120, 5126);
@@ -260,7 +249,7 @@ class ShellReader {
       const JsonPlace uri = place.member("uri");
       const std::optional<Bytes> bytes = image_file(uri);
       if (!bytes) continue;
-      const std::string type =
+      const std::string_view type =
           image_type({reinterpret_cast<const char*>(bytes->data()), bytes->size()});
       if (type.empty()) {
         warn(warnings_, place.pointer() + " is not a PNG or JPEG image; only its name is kept");

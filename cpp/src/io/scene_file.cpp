@@ -8,6 +8,7 @@
 #include "io/formats.hpp"
 #include "io/gltf_scene.hpp"
 #include "io/gltf_shell.hpp"
+#include "io/gltf_write_primitives.hpp"
 #include "io/texture_files.hpp"
 #include "manip3d/error.hpp"
 
@@ -78,10 +79,11 @@ class SceneAssembler {
       for (std::size_t m = 0; m < before.size(); ++m) {
         Json mesh = before[m];
         if (const auto& given = (*level)[m]) {
-          Json primitives = given->mesh.num_faces() > 0
-                                ? write_primitives(scene_, *given, num_materials_,
-                                                   options_.max_vertices, frames_[m])
-                                : Json::array();
+          Json primitives =
+              given->mesh.num_faces() > 0
+                  ? write_primitives(scene_, *given,
+                                     {frames_[m], options_.max_vertices, num_materials_})
+                  : Json::array();
           give_variants(mesh, primitives);
           for (Json& kept : mesh["primitives"]) primitives.push_back(std::move(kept));
           mesh["primitives"] = std::move(primitives);

@@ -1,0 +1,48 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <nlohmann/json.hpp>
+#include <vector>
+
+#include "io/gltf_scene.hpp"
+#include "manip3d/geometry/mesh.hpp"
+#include "manip3d/io/scene_file.hpp"
+
+namespace manip3d {
+
+/// How positions are stored: `origin + scale * stored`. Without a scale they are float32.
+struct PositionFrame {
+  Eigen::Vector3d origin = Eigen::Vector3d::Zero();
+  double scale = 0.0;
+
+  [[nodiscard]] bool is_quantized() const { return scale > 0.0; }
+};
+
+/// The frame in which 16-bit integers span the box of all levels; one scale for the
+/// three axes, so that normals need none.
+/// @throws InputError  values beyond float32.
+PositionFrame quantized_frame(const std::vector<const MeshView*>& levels);
+
+struct PrimitiveOptions {
+  /// Where positions are stored. In a quantised frame normals and texture coordinates are integers,
+  /// too. Joints and morph targets need a frame that is not quantised.
+  PositionFrame frame = {};
+  std::int64_t max_vertices = 0;  ///< Of a primitive; 0: no limit.
+  std::size_t num_materials = 0;  ///< Of the mesh.
+  /// Index in the document of a material, for faces with or without texture coordinates; by default
+  /// the index that the mesh has.
+  std::function<std::int64_t(std::int32_t material, bool has_texcoords)> material_of = {};
+
+  /// @throws InputError  a limit below the three vertices of a face.
+  void check() const;
+};
+
+/// Writes the triangles of a mesh: their bytes and accessors into `scene`. Returns the primitives.
+/// @throws InputError  as build_gltf, and a deformation that does not fit the mesh.
+nlohmann::ordered_json write_primitives(GltfScene& scene, const SceneTriangles& triangles,
+                                        const PrimitiveOptions& options);
+
+}  // namespace manip3d
