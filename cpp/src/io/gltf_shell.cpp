@@ -44,37 +44,42 @@ std::int64_t element_bytes(const JsonPlace& accessor) {
   type.fail("expected SCALAR, VEC2, VEC3, VEC4, MAT2, MAT3 or MAT4");
 }
 
-class ShellReader {
+/// Copies what is kept of a file's buffers into the buffer of its shell.
+class ShellBuffer {
  public:
-  ShellReader(GltfDocument& source, const GltfResource& resource, GltfBudget& budget,
-              std::vector<std::string>& warnings)
-      : source_(source), resource_(resource), budget_(budget), warnings_(warnings) {}
-
-  GltfScene read(const GltfKept& kept) {
-    json() = Json(source_.json());
-    for (const char* gone : {"buffers", "bufferViews", "accessors"}) json().erase(gone);
-    json()["bufferViews"] = Json::array();
-    json()["accessors"] = Json::array();
-    const bool any_primitive = keep_meshes(kept);
-    keep_nodes(kept.nodes);
-    keep_skins();
-    keep_animations();
-    keep_images();
-    drop_extensions(json());
-    drop_unused_extensions(any_primitive);
-    return std::move(shell_);
-  }
-
- private:
-  Json& json() { return shell_.json; }
-
-  // --- Bytes -----------------------------------------------------------------------------
+  ShellBuffer(GltfDocument& source, GltfBudget& budget, GltfScene& shell)
+      : source_(source), budget_(budget), shell_(shell) {}
 
   std::size_t copy_bytes(ByteSpan bytes, const JsonPlace& user) {
     budget_.charge(static_cast<std::int64_t>(bytes.size()), user.pointer());
     return shell_.add_buffer_view({reinterpret_cast<const char*>(bytes.data()), bytes.size()});
   }
 
+  /// The new index of the accessor that `user` names.
+  std::size_t keep(const JsonPlace& user) {
+    const JsonPlace place = source_.object("accessors", user);
+    const auto known = accessors_.find(place.pointer());
+    if (known != accessors_.end()) return known->second;
+    const std::int64_t count = place.member("count").integer(0, (std::int64_t{1} << 31) - 1);
+    const std::int64_t element = element_bytes(place);
+    Json accessor = Json(place.value());
+    accessor.erase("byteOffset");
+    if (place.has("bufferView")) accessor["bufferView"] = copy_elements(place, count, element);
+    if (const auto sparse = place.find("sparse")) {
+      copy_sparse(*sparse, count, element, accessor["sparse"]);
+    }
+    shell_.json["accessors"].push_back(std::move(accessor));
+    const std::size_t index = shell_.json["accessors"].size() - 1;
+    accessors_.emplace(place.pointer(), index);
+    return index;
+  }
+
+  /// Each member of an object that names accessors, such as the attributes of a primitive.
+  void keep_members(const JsonPlace& place, Json& copy) {
+    for (auto& [key, index] : copy.items()) index = keep(place.member(key.c_str()));
+  }
+
+ private:
   /// The elements that `owner` names, and no others that lie between them.
   std::size_t copy_elements(const JsonPlace& owner, std::int64_t count, std::int64_t element) {
     const JsonPlace user = owner.member("bufferView");
@@ -96,47 +101,105 @@ class ShellReader {
       std::copy(from, from + element, copy.begin() + i * packed);
     }
     const std::size_t index = shell_.add_buffer_view(copy);
-    if (stride_given) json()["bufferViews"][index]["byteStride"] = packed;
+    if (stride_given) shell_.json["bufferViews"][index]["byteStride"] = packed;
     if (const auto target = view.find("target")) {
-      json()["bufferViews"][index]["target"] = target->integer(0, 65535);
+      shell_.json["bufferViews"][index]["target"] = target->integer(0, 65535);
     }
     return index;
   }
 
-  /// The new index of the accessor that `user` names.
-  std::size_t keep_accessor(const JsonPlace& user) {
-    const JsonPlace place = source_.object("accessors", user);
-    const auto known = accessors_.find(place.pointer());
-    if (known != accessors_.end()) return known->second;
-    const std::int64_t count = place.member("count").integer(0, (std::int64_t{1} << 31) - 1);
-    const std::int64_t element = element_bytes(place);
-    Json accessor = Json(place.value());
-    accessor.erase("byteOffset");
-    if (place.has("bufferView")) accessor["bufferView"] = copy_elements(place, count, element);
-    if (const auto sparse = place.find("sparse")) {
-      const std::int64_t replaced = sparse->member("count").integer(0, count);
-      const JsonPlace indices = sparse->member("indices"), values = sparse->member("values");
-      const std::int64_t code = indices.member("componentType").integer(5121, 5125);
-      const std::int64_t index = code == 5121 ? 1 : code == 5123 ? 2 : 4;
-      accessor["sparse"]["indices"]["bufferView"] = copy_elements(indices, replaced, index);
-      accessor["sparse"]["values"]["bufferView"] = copy_elements(values, replaced, element);
-      for (const char* part : {"indices", "values"}) accessor["sparse"][part].erase("byteOffset");
+  /// The elements that a sparse accessor replaces, `count` at most, and what replaces them.
+  void copy_sparse(const JsonPlace& sparse, std::int64_t count, std::int64_t element, Json& copy) {
+    const std::int64_t replaced = sparse.member("count").integer(0, count);
+    const JsonPlace indices = sparse.member("indices"), values = sparse.member("values");
+    const std::int64_t code = indices.member("componentType").integer(5121, 5125);
+    const std::int64_t index = code == 5121 ? 1 : code == 5123 ? 2 : 4;
+    copy["indices"]["bufferView"] = copy_elements(indices, replaced, index);
+    copy["values"]["bufferView"] = copy_elements(values, replaced, element);
+    for (const char* part : {"indices", "values"}) copy[part].erase("byteOffset");
+  }
+
+  GltfDocument& source_;
+  GltfBudget& budget_;
+  GltfScene& shell_;
+  std::map<std::string, std::size_t> accessors_;  ///< New indices, by pointer.
+};
+
+/// Takes the extensions that are not kept away from a value and all that is in it: they would refer
+/// to what has moved.
+void drop_extensions(Json& value) {
+  if (value.is_array()) {
+    for (Json& member : value) drop_extensions(member);
+    return;
+  }
+  if (!value.is_object()) return;
+  const auto found = value.find("extensions");
+  if (found != value.end() && found->is_object()) {
+    Json kept = Json::object();
+    for (auto& [name, content] : found->items()) {
+      if (is_kept_extension(name)) kept[name] = std::move(content);
     }
-    json()["accessors"].push_back(std::move(accessor));
-    const std::size_t index = json()["accessors"].size() - 1;
-    accessors_.emplace(place.pointer(), index);
-    return index;
+    if (kept.empty()) {
+      value.erase("extensions");
+    } else {
+      *found = std::move(kept);
+    }
+  }
+  for (auto& [key, member] : value.items()) {
+    if (key != "extras") drop_extensions(member);
+  }
+}
+
+/// A file must not require what it does not use.
+void drop_unused_extensions(Json& document, bool any_primitive) {
+  for (const char* list : {"extensionsUsed", "extensionsRequired"}) {
+    const auto found = document.find(list);
+    if (found == document.end()) continue;
+    Json kept = Json::array();
+    for (const Json& name : *found) {
+      const auto& text = name.get_ref<const std::string&>();
+      if (is_kept_extension(text) && (any_primitive || text != "KHR_mesh_quantization")) {
+        kept.push_back(name);
+      }
+    }
+    if (kept.empty()) {
+      document.erase(list);
+    } else {
+      document[list] = std::move(kept);
+    }
+  }
+}
+
+class ShellReader {
+ public:
+  ShellReader(GltfDocument& source, const GltfResource& resource, GltfBudget& budget,
+              std::vector<std::string>& warnings)
+      : source_(source),
+        resource_(resource),
+        budget_(budget),
+        warnings_(warnings),
+        buffer_(source, budget, shell_) {}
+
+  GltfScene read(const GltfKept& kept) {
+    json() = Json(source_.json());
+    for (const char* gone : {"buffers", "bufferViews", "accessors"}) json().erase(gone);
+    json()["bufferViews"] = Json::array();
+    json()["accessors"] = Json::array();
+    const bool any_primitive = keep_meshes(kept);
+    keep_nodes(kept.nodes);
+    keep_skins();
+    keep_animations();
+    keep_images();
+    drop_extensions(json());
+    drop_unused_extensions(json(), any_primitive);
+    return std::move(shell_);
   }
 
-  /// Each member of an object that names accessors, such as the attributes of a primitive.
-  void keep_members(const JsonPlace& place, Json& copy) {
-    for (auto& [key, index] : copy.items()) index = keep_accessor(place.member(key.c_str()));
-  }
+ private:
+  Json& json() { return shell_.json; }
 
-  // --- What refers to it -----------------------------------------------------------------
-
-  [[nodiscard]] JsonPlace item(const char* array, std::size_t index) const {
-    return source_.root().member(array).item(static_cast<std::int64_t>(index));
+  [[nodiscard]] JsonPlace item(const char* array, std::int64_t index) const {
+    return source_.root().member(array).item(index);
   }
 
   /// @return whether any primitive is kept: points and lines of meshes that are replaced, too.
@@ -160,11 +223,11 @@ class ShellReader {
   }
 
   Json keep_primitive(const JsonPlace& place, Json primitive) {
-    keep_members(place.member("attributes"), primitive["attributes"]);
-    if (const auto indices = place.find("indices")) primitive["indices"] = keep_accessor(*indices);
+    buffer_.keep_members(place.member("attributes"), primitive["attributes"]);
+    if (const auto indices = place.find("indices")) primitive["indices"] = buffer_.keep(*indices);
     const auto targets = place.find("targets");
     for (std::int64_t t = 0; targets && t < targets->size(); ++t) {
-      keep_members(targets->item(t), primitive["targets"][t]);
+      buffer_.keep_members(targets->item(t), primitive["targets"][t]);
     }
     return primitive;
   }
@@ -207,8 +270,8 @@ class ShellReader {
       const auto instances =
           extensions ? extensions->find("EXT_mesh_gpu_instancing") : std::nullopt;
       if (instances) {
-        keep_members(instances->member("attributes"),
-                     node["extensions"]["EXT_mesh_gpu_instancing"]["attributes"]);
+        buffer_.keep_members(instances->member("attributes"),
+                             node["extensions"]["EXT_mesh_gpu_instancing"]["attributes"]);
       }
     }
     if (any_emptied) warn(warnings_, "what belongs to no scene is left out of its nodes");
@@ -216,34 +279,31 @@ class ShellReader {
 
   void keep_skins() {
     for (std::int64_t i = 0; i < source_.count("skins"); ++i) {
-      const std::size_t index = i;
-      if (const auto matrices = item("skins", index).find("inverseBindMatrices")) {
-        json()["skins"][index]["inverseBindMatrices"] = keep_accessor(*matrices);
+      if (const auto matrices = item("skins", i).find("inverseBindMatrices")) {
+        json()["skins"][i]["inverseBindMatrices"] = buffer_.keep(*matrices);
       }
     }
   }
 
   void keep_animations() {
     for (std::int64_t a = 0; a < source_.count("animations"); ++a) {
-      const std::size_t index = a;
-      const JsonPlace samplers = item("animations", index).member("samplers");
+      const JsonPlace samplers = item("animations", a).member("samplers");
       for (std::int64_t i = 0; i < samplers.size(); ++i) {
         const JsonPlace place = samplers.item(i);
-        Json& sampler = json()["animations"][index]["samplers"][i];
-        sampler["input"] = keep_accessor(place.member("input"));
-        sampler["output"] = keep_accessor(place.member("output"));
+        Json& sampler = json()["animations"][a]["samplers"][i];
+        sampler["input"] = buffer_.keep(place.member("input"));
+        sampler["output"] = buffer_.keep(place.member("output"));
       }
     }
   }
 
   void keep_images() {
     for (std::int64_t i = 0; i < source_.count("images"); ++i) {
-      const std::size_t index = i;
-      const JsonPlace place = item("images", index);
-      Json& image = json()["images"][index];
+      const JsonPlace place = item("images", i);
+      Json& image = json()["images"][i];
       if (place.has("bufferView")) {
         const JsonPlace user = place.member("bufferView");
-        image["bufferView"] = copy_bytes(source_.buffer_view(user), user);
+        image["bufferView"] = buffer_.copy_bytes(source_.buffer_view(user), user);
         continue;
       }
       const JsonPlace uri = place.member("uri");
@@ -257,7 +317,7 @@ class ShellReader {
       }
       image.erase("uri");
       image["mimeType"] = type;
-      image["bufferView"] = copy_bytes(*bytes, uri);
+      image["bufferView"] = buffer_.copy_bytes(*bytes, uri);
     }
   }
 
@@ -278,57 +338,12 @@ class ShellReader {
     return std::nullopt;
   }
 
-  // --- Extensions ------------------------------------------------------------------------
-
-  /// The rest of an extension that is not kept would refer to what has moved.
-  static void drop_extensions(Json& value) {
-    if (value.is_object()) {
-      const auto found = value.find("extensions");
-      if (found != value.end() && found->is_object()) {
-        Json kept = Json::object();
-        for (auto& [name, content] : found->items()) {
-          if (is_kept_extension(name)) kept[name] = std::move(content);
-        }
-        if (kept.empty()) {
-          value.erase("extensions");
-        } else {
-          *found = std::move(kept);
-        }
-      }
-      for (auto& [key, member] : value.items()) {
-        if (key != "extras") drop_extensions(member);
-      }
-    } else if (value.is_array()) {
-      for (Json& member : value) drop_extensions(member);
-    }
-  }
-
-  /// A file must not require what it does not use.
-  void drop_unused_extensions(bool any_primitive) {
-    for (const char* list : {"extensionsUsed", "extensionsRequired"}) {
-      const auto found = json().find(list);
-      if (found == json().end()) continue;
-      Json kept = Json::array();
-      for (const Json& name : *found) {
-        const auto& text = name.get_ref<const std::string&>();
-        if (is_kept_extension(text) && (any_primitive || text != "KHR_mesh_quantization")) {
-          kept.push_back(name);
-        }
-      }
-      if (kept.empty()) {
-        json().erase(list);
-      } else {
-        json()[list] = std::move(kept);
-      }
-    }
-  }
-
   GltfDocument& source_;
   const GltfResource& resource_;
   GltfBudget& budget_;
   std::vector<std::string>& warnings_;
   GltfScene shell_;
-  std::map<std::string, std::size_t> accessors_;  ///< New indices, by pointer.
+  ShellBuffer buffer_;
 };
 
 }  // namespace
