@@ -452,6 +452,16 @@ def test_pictures_of_other_formats_are_kept(
     assert view["byteLength"] == len(content)
 
 
+def test_a_picture_that_ends_early_keeps_only_its_name(tmp_path: Path) -> None:
+    (tmp_path / "skin.picture").write_bytes(b"RIFF\x04\0")
+    images = [{"uri": "skin.picture", "mimeType": "image/webp"}]
+    scene = io.read_scene(written(tmp_path / "scene.glb", images=images))
+    (warning,) = scene.warnings
+    assert warning.startswith("/images/0 is not a PNG or JPEG image")
+    scene.write(tmp_path / "out.glb")
+    assert json_of(tmp_path / "out.glb")["images"] == images
+
+
 def test_pictures_are_found_behind_the_separators_of_windows(tmp_path: Path) -> None:
     (tmp_path / "in" / "textures").mkdir(parents=True)
     (tmp_path / "in" / "textures" / "skin.png").write_bytes(PNG)

@@ -198,7 +198,8 @@ class SceneBuilder {
 std::string_view image_type(std::string_view data) {
   if (data.starts_with("\x89PNG\r\n\x1A\n")) return "image/png";
   if (data.starts_with("\xFF\xD8\xFF")) return "image/jpeg";
-  if (data.starts_with("RIFF") && data.substr(8).starts_with("WEBP")) return "image/webp";
+  if (data.size() > 8 && data.starts_with("RIFF") && data.substr(8).starts_with("WEBP"))
+    return "image/webp";
   if (data.starts_with("\xABKTX 20")) return "image/ktx2";
   if (data.starts_with("DDS ")) return "image/vnd-ms.dds";
   if (data.size() > 4 && data.substr(4).starts_with("ftypavif")) return "image/avif";
