@@ -27,6 +27,8 @@ namespace {
 
 using namespace ply;  // NOLINT(google-build-using-namespace): the header's own words
 
+constexpr std::int32_t kMostMaterials = 1 << 16;
+
 // One value of a type in host order, as a double: all types but 64-bit integers fit exactly.
 double load_scalar(const char* bytes, Type type, bool swap) {
   const auto get = [&]<typename T>(T value) {
@@ -183,10 +185,76 @@ class RowReader {
   std::int64_t start_ = 0;
 };
 
+// The materials of a mesh, from its header and from what its faces say of them.
+class MaterialTable {
+ public:
+  explicit MaterialTable(const Header& header) : header_(header) {}
+
+  // Whether faces have a property material_index; else their number is that of their texture.
+  bool has_index = false;
+
+  // What the first face of a material says holds.
+  void note_texture(std::int32_t material, std::int32_t texture) {
+    texture_of_.try_emplace(material, texture);
+  }
+  void note_color(std::int32_t material, std::int32_t rgb) { color_of_.try_emplace(material, rgb); }
+
+  // Gives the mesh its materials: those that it names, and those that its faces refer to.
+  void make(TriangleMesh& mesh) const {
+    if (!has_index && !header_.texture_files.empty()) make_of_textures(mesh);
+    const std::int32_t largest =
+        mesh.face_material.rows() > 0 ? mesh.face_material.maxCoeff() : MeshBuilder::kNone;
+    const std::int64_t named =
+        has_index && !header_.material_names.empty()
+            ? std::min<std::int64_t>(header_.material_names.rbegin()->first, kMostMaterials)
+            : -1;
+    const std::int64_t last = std::max<std::int64_t>(largest, named);
+    for (auto i = static_cast<std::int64_t>(mesh.materials.size()); i <= last; ++i) {
+      mesh.materials.push_back(numbered(i));
+    }
+  }
+
+ private:
+  void make_of_textures(TriangleMesh& mesh) const {
+    for (const std::string& file : header_.texture_files) {
+      mesh.materials.emplace_back().name = file;
+      mesh.materials.back().textures["base_color"].path = file;
+    }
+    // Without texnumber the one texture is everybody's.
+    if (mesh.face_material.rows() == 0) mesh.face_material.setZero(mesh.faces.rows());
+  }
+
+  [[nodiscard]] Material numbered(std::int64_t i) const {
+    Material material;
+    const auto name = header_.material_names.find(i);
+    material.name =
+        name != header_.material_names.end() ? name->second : "material_" + std::to_string(i);
+    const auto texture = texture_of_.find(static_cast<std::int32_t>(i));
+    if (texture != texture_of_.end()) {
+      const std::string file = texture_file(texture->second);
+      if (!file.empty()) material.textures["base_color"].path = file;
+    }
+    const auto color = color_of_.find(static_cast<std::int32_t>(i));
+    if (color != color_of_.end()) set_color(material, color->second);
+    return material;
+  }
+
+  [[nodiscard]] std::string texture_file(std::int64_t i) const {
+    const bool is_known = i >= 0 && i < static_cast<std::int64_t>(header_.texture_files.size());
+    return is_known ? header_.texture_files[i] : "";
+  }
+
+  const Header& header_;
+  std::map<std::int32_t, std::int32_t> texture_of_, color_of_;  // by material
+};
+
 class PlyReader {
  public:
   PlyReader(ByteSource& source, const Progress& progress)
-      : input_(source, progress), builder_(input_), header_(read_header(input_)) {
+      : input_(source, progress),
+        builder_(input_),
+        header_(read_header(input_)),
+        materials_(header_) {
     result_.num_skipped = header_.num_skipped;
     for (const Element& e : header_.elements) {
       if (e.name == "vertex") note_vertex_attributes(e);
@@ -199,7 +267,7 @@ class PlyReader {
     read_elements();
     if (!has_faces_) grid_to_faces();
     builder_.finish(result_);
-    make_materials();
+    materials_.make(result_.mesh);
     return std::move(result_);
   }
 
@@ -323,7 +391,7 @@ class PlyReader {
     builder_.reserve_faces(sure);
     const bool has_texnumber = e.has(kTexnumber);
     const bool has_flag = e.has(kHasTexcoord);
-    has_material_index_ = e.has(kMaterial);
+    materials_.has_index = e.has(kMaterial);
     const bool has_face_colors = has_color(e);
     const float face_color_scale = color_scale(e);
     for (std::int64_t i = 0; i < e.count; ++i) {
@@ -335,21 +403,21 @@ class PlyReader {
       if (!has_flag || row.scalars[kHasTexcoord] != 0.0) set_texcoords(row);
       const std::int32_t texture = has_texnumber ? number(row, kTexnumber) : MeshBuilder::kNone;
       std::int32_t material = texture;
-      if (has_material_index_) {
+      if (materials_.has_index) {
         material = number(row, kMaterial);
-        if (texture >= 0) texture_of_material_.try_emplace(material, texture);
+        if (texture >= 0) materials_.note_texture(material, texture);
       }
       builder_.add_polygon(corners_, material, row.position());
       if (!has_face_colors) continue;
       note_alpha(e, row, face_color_scale);
       const std::int32_t rgb = face_color(row, face_color_scale);
-      if (has_material_index_) {
-        if (material >= 0) color_of_material_.try_emplace(material, rgb);
+      if (materials_.has_index) {
+        if (material >= 0) materials_.note_color(material, rgb);
       } else if (header_.texture_files.empty()) {
         builder_.color_last_polygon(rgb);
       }
     }
-    if (has_face_colors && !has_material_index_ && !header_.texture_files.empty()) {
+    if (has_face_colors && !materials_.has_index && !header_.texture_files.empty()) {
       warn(result_.warnings, "colors of faces are left out: there is a texture");
     }
   }
@@ -366,7 +434,6 @@ class PlyReader {
     const double value = row.scalars[role];
     if (value < 0.0) return MeshBuilder::kNone;
     const std::int32_t index = row.index(value, role == kMaterial ? "material_index" : "texnumber");
-    constexpr std::int32_t kMostMaterials = 1 << 16;
     if (index >= kMostMaterials) row.fail("more than 65536 materials");
     return index;
   }
@@ -453,58 +520,19 @@ class PlyReader {
     }
   }
 
-  void make_materials() {
-    TriangleMesh& mesh = result_.mesh;
-    auto& materials = mesh.materials;
-    const auto texture = [&](std::int64_t i) -> std::string {
-      const bool known = i >= 0 && i < static_cast<std::int64_t>(header_.texture_files.size());
-      return known ? header_.texture_files[i] : "";
-    };
-    if (!has_material_index_ && !header_.texture_files.empty()) {
-      for (const std::string& file : header_.texture_files) {
-        materials.emplace_back().name = file;
-        materials.back().textures["base_color"].path = file;
-      }
-      // Without texnumber the one texture is everybody's.
-      if (mesh.face_material.rows() == 0) mesh.face_material.setZero(mesh.faces.rows());
-    }
-    const std::int32_t largest =
-        mesh.face_material.rows() > 0 ? mesh.face_material.maxCoeff() : MeshBuilder::kNone;
-    const std::int64_t named =
-        has_material_index_ && !header_.material_names.empty()
-            ? std::min<std::int64_t>(header_.material_names.rbegin()->first, 1 << 16)
-            : -1;
-    for (auto i = static_cast<std::int64_t>(materials.size());
-         i <= std::max<std::int64_t>(largest, named); ++i) {
-      const auto name = header_.material_names.find(i);
-      materials.emplace_back().name =
-          name != header_.material_names.end() ? name->second : "material_" + std::to_string(i);
-      const auto number = texture_of_material_.find(static_cast<std::int32_t>(i));
-      const std::string file = number != texture_of_material_.end() ? texture(number->second) : "";
-      if (!file.empty()) materials.back().textures["base_color"].path = file;
-      const auto color = color_of_material_.find(static_cast<std::int32_t>(i));
-      if (color != color_of_material_.end()) set_color(materials.back(), color->second);
-    }
-  }
-
   InputBuffer input_;
   MeshBuilder builder_;
   Header header_;
+  MaterialTable materials_;
   ReadResult result_;
   bool has_normals_ = false, has_colors_ = false, has_vertex_texcoords_ = false;
-  bool has_faces_ = false, has_grid_ = false, has_material_index_ = false;
+  bool has_faces_ = false, has_grid_ = false;
   bool warned_of_alpha_ = false;
   float color_scale_ = 1.0F;
   std::vector<Corner> corners_;
   UniqueRows<Texcoords> texcoords_{builder_.texcoords};  ///< Texture coordinates of corners.
-  std::map<std::int32_t, std::int32_t> texture_of_material_;
-  std::map<std::int32_t, std::int32_t> color_of_material_;  ///< The color of its first face.
   GrowingTable<Indices> grid_;
 };
-
-}  // namespace
-
-namespace {
 
 template <typename Table>
 bool fits_float(const Table& table) {
