@@ -109,9 +109,8 @@ class OffReader {
     if (header_.has_texcoords) {
       read_numbers(cursor, builder_.texcoords.append(input_), 2, "texture coordinate");
     }
-    // Plain OFF with colours is common; they are told by their number.
-    if (header_.num_vertices > 0 && !header_.has_colors && !header_.has_normals &&
-        !header_.has_texcoords && !cursor.at_end()) {
+    // Plain OFF with colours is common; what else is on the line shows that.
+    if (!header_.has_colors && !header_.has_normals && !header_.has_texcoords && !cursor.at_end()) {
       read_vertex_color(cursor);
     }
     expect_end(cursor);
@@ -126,7 +125,8 @@ class OffReader {
   static void read_color(LineCursor& cursor, Number* color) {
     bool whole = true;
     for (int k = 0; k < 3; ++k) {
-      const char* start = (cursor.at_end(), cursor.position());
+      cursor.at_end();  // skips blanks
+      const char* start = cursor.position();
       color[k] = static_cast<Number>(cursor.number("color"));
       whole = whole && std::all_of(start, cursor.position(),
                                    [](unsigned char c) { return std::isdigit(c) != 0; });
@@ -140,11 +140,7 @@ class OffReader {
     builder_.colors.fill(vertex, std::numeric_limits<float>::quiet_NaN(), input_);
     read_color(cursor, builder_.colors.append(input_));
     // The alpha, unless what is left are the two texture coordinates.
-    const char* rest = cursor.position();
-    int left = 0;
-    while (!cursor.at_end() && !cursor.word().empty()) ++left;
-    cursor.move_to(rest);
-    if (left == (header_.has_texcoords ? 3 : 1)) cursor.number("color");
+    if (words_left(cursor) == (header_.has_texcoords ? 3 : 1)) cursor.number("color");
   }
 
   // n i1 ... in [color: 0, 1, 3 or 4 numbers]
@@ -173,10 +169,7 @@ class OffReader {
 
   // Three or four numbers; one number is a place in a table of colours that the file does not hold.
   void read_face_color(LineCursor& cursor) {
-    const char* start = cursor.position();
-    int count = 0;
-    while (!cursor.at_end() && !cursor.word().empty()) ++count;
-    cursor.move_to(start);
+    const int count = words_left(cursor);
     if (count != 3 && count != 4) {
       if (result_.num_skipped++ == 0) {
         warn(result_.warnings, "colors of faces that are no 3 or 4 numbers are left out");
@@ -186,6 +179,15 @@ class OffReader {
     std::array<double, 3> color;
     read_color(cursor, color.data());
     builder_.color_last_polygon(packed_color(color.data()));
+  }
+
+  // Words up to the end of the line or a comment; the cursor stays.
+  static int words_left(LineCursor& cursor) {
+    const char* start = cursor.position();
+    int count = 0;
+    while (!cursor.at_end() && !cursor.word().empty()) ++count;
+    cursor.move_to(start);
+    return count;
   }
 
   static void expect_end(LineCursor& cursor) {
@@ -229,7 +231,7 @@ void write_off(Output& out, const WriteJob& job) {
       out.text(" ");
       out.number(int{mesh.colors(i, k)});
     }
-    out.text(has_colors ? " 255\n" : "\n");
+    out.text(has_colors ? " 255\n" : "\n");  // COFF has an alpha, too
   }
   for (Eigen::Index f = 0; f < mesh.faces.rows(); ++f) {
     out.text("3");
