@@ -297,7 +297,8 @@ TriangleBvh::Candidate TriangleBvh::closest_in(std::int32_t slot, const Vector3d
   Candidate candidate{
       normal_part.squaredNorm() + (x - foot_x) * (x - foot_x) + (y - foot_y) * (y - foot_y), foot_x,
       foot_y, face_of_slot_[slot], slot};
-  // Rounding must not hide that the query is a corner.
+  // Rounding must not hide that the query is a corner: distances up to 1e-14, ten times their
+  // rounding errors, are looked at again.
   if (candidate.squared_distance < 1e-28) {
     for (const Vector3d& corner : corners_of(candidate.face)) {
       if (corner == p) candidate.squared_distance = 0.0;

@@ -23,7 +23,7 @@ namespace {
 /// deviation of 3e-5 of the edge) makes short edges go first there and changes nothing elsewhere.
 constexpr double kShortEdgePreference = 1e-9;
 
-/// The best collapse of a hub is found again after changes at so large a part of its faces, or when
+/// The best collapse of a hub is found again when one in so many of its faces has changed, or when
 /// its turn comes.
 constexpr std::int32_t kHubChanges = 8;
 
@@ -351,7 +351,8 @@ class QemSimplifier {
     result.max_error = std::max(result.max_error, error);
   }
 
-  /// Asks the guard of max_distance; call after the legality check, which gathers the ring.
+  /// Asks the guard of max_distance, which remembers the collapse for commit(). Reads the ring that
+  /// the legality check has gathered, and must come after it.
   [[nodiscard]] bool keeps_distance(std::int32_t v, std::int32_t t) {
     touched_.clear();
     changed_.clear();
@@ -438,7 +439,7 @@ class QemSimplifier {
   Quadrics quadrics_;
   Legality legality_;
   CollapseQueue queue_;
-  std::vector<std::int32_t> changes_;  // of a hub: beside it, since its best collapse was found
+  std::vector<std::int32_t> changes_;  // by hub: collapses beside it since its best one was found
   Ring ring_;
   WedgeMap map_;
   std::vector<std::int32_t> neighbours_;
