@@ -6,6 +6,7 @@ import contextlib
 import hashlib
 import json
 import logging
+import math
 import threading
 import time
 import weakref
@@ -249,7 +250,7 @@ class Conductor:
     def __init__(self, study: Study, folder: StudyFolder, participant: str | None = None) -> None:
         self.study, self.folder, self.participant = study, folder, participant
         self._who: weakref.WeakKeyDictionary[StreamClient, Session] = weakref.WeakKeyDictionary()
-        self._shown: dict[tuple[str, str], float] = {}
+        self._shown_since: dict[tuple[str, str], float] = {}  # by participant and step
 
     def hear(self, client: StreamClient, text: str) -> None:
         """Take one message of a page, and tell it what comes next.
@@ -306,8 +307,10 @@ class Conductor:
         step: Step,
         values: Mapping[str, int | float | str],
     ) -> None:
-        shown = time.monotonic() - self._shown.get((session.participant, step.id), np.inf)
-        if shown < step.minimum_s:
+        key = session.participant, step.id
+        # What was never shown has no answer either.
+        shown_s = time.monotonic() - self._shown_since.get(key, math.inf)
+        if shown_s < step.minimum_s:
             raise FormatError(f"{step.id}: expected an answer after {step.minimum_s:g} s")
         given = {f.name: f.read(values[f"answer.{f.name}"]) for f in step.fields}
         answer = Answer(
@@ -323,7 +326,7 @@ class Conductor:
         except OSError as error:
             self._complain(client, error)
             return
-        self._shown.pop((session.participant, step.id), None)
+        self._shown_since.pop(key, None)
         self._tell(client, session)
 
     def _complain(self, client: StreamClient, error: OSError) -> None:
@@ -337,7 +340,7 @@ class Conductor:
             declined = agreed is not None and agreed.values["agree"] != "yes"
             client.say(_message("end", declined=declined, participant=session.participant))
             return
-        self._shown.setdefault((session.participant, step.id), time.monotonic())
+        self._shown_since.setdefault((session.participant, step.id), time.monotonic())
         message = step.message(px_per_degree=scale_of(session))
         progress = round(self.study.progress(session), 4)
         client.say(json.dumps(message | {"progress": progress, "participant": session.participant}))
