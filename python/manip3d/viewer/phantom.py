@@ -146,10 +146,7 @@ def render_phantom(
     limb = affected or (limb_of(source) if isinstance(source, str) else "right_arm")
     options: dict[str, Any] = {"affected": limb, "mode": mode, "segmentation": segmentation}
     pipeline = PhantomPipeline(smoothing=smoothing, plane=plane, **options)
-    states: Counter[str] = Counter()
-    messages: Counter[str] = Counter()
-    seconds: Counter[str] = Counter()
-    with_skeleton = with_color = 0
+    counted = _FrameCounts()
     path = Path(output)
     with (
         _opened(source) as stream,
@@ -165,37 +162,52 @@ def render_phantom(
             taken = (f if f is None or f.color is None else tracker.annotate(f) for f in taken)
         for frame, picture, phantom in _pictures(taken, pipeline, azimuth, threads):
             sink.add(picture, phantom)
-            if frame is None:
-                states["holding"] += 1
-                messages[_UNREAD] += 1
-                continue
-            with_skeleton += bool(frame.skeletons)
-            with_color += frame.color is not None
-            states[phantom.state.value] += 1
-            if phantom.state != "tracking":
-                messages[phantom.message] += 1
-            seconds.update(phantom.seconds)
-            if report is not None:
-                report(min(states.total() / total, 1.0) if total else 0.0)
-        if not states:
+            counted.add(frame, phantom)
+            if frame is not None and report is not None:
+                report(min(counted.total / total, 1.0) if total else 0.0)
+        if not counted.total:
             name = source if isinstance(source, str) else "source"
             raise InputError(f"{name}: expected frames, found none")
-    number = states.total()
-    stage_ms = {name: 1e3 * spent / number for name, spent in seconds.items()}
-    errors = dict(getattr(stream, "errors", {}))
-    counters = dict(getattr(stream, "counters", {}))
     return PhantomFilm(
         path=path,
         affected=limb,
-        frames=number,
-        frames_with_skeleton=with_skeleton,
-        frames_with_color=with_color,
-        states=dict(states),
-        stage_ms=stage_ms,
-        messages=dict(messages),
-        errors=errors,
-        counters=counters,
+        frames=counted.total,
+        frames_with_skeleton=counted.with_skeleton,
+        frames_with_color=counted.with_color,
+        states=dict(counted.states),
+        stage_ms={name: 1e3 * spent / counted.total for name, spent in counted.seconds.items()},
+        messages=dict(counted.messages),
+        errors=dict(getattr(stream, "errors", {})),
+        counters=dict(getattr(stream, "counters", {})),
     )
+
+
+class _FrameCounts:
+    """What the frames of a film were: their states, why not all were tracked, time by stage."""
+
+    def __init__(self) -> None:
+        self.states: Counter[str] = Counter()
+        self.messages: Counter[str] = Counter()
+        self.seconds: Counter[str] = Counter()
+        self.with_skeleton = 0
+        self.with_color = 0
+
+    @property
+    def total(self) -> int:
+        return self.states.total()
+
+    def add(self, frame: RgbdFrame | None, phantom: PhantomFrame) -> None:
+        """Count a frame; None is one that cannot be read."""
+        if frame is None:
+            self.states["holding"] += 1
+            self.messages[_UNREAD] += 1
+            return
+        self.with_skeleton += bool(frame.skeletons)
+        self.with_color += frame.color is not None
+        self.states[phantom.state.value] += 1
+        if phantom.state != "tracking":
+            self.messages[phantom.message] += 1
+        self.seconds.update(phantom.seconds)
 
 
 def _opened(source: str | Iterable[RgbdFrame]) -> Any:
